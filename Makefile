@@ -1,0 +1,43 @@
+# Two commands are the whole set-up: `make demo` and `make test`.
+PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do command -v $$p && break; done)
+V := .venv/bin
+
+.PHONY: demo test test-slow lint pins clean
+
+# `python -m venv` is missing on a bare Debian; virtualenv, when present, does the same.
+.venv/.ready: pyproject.toml constraints.txt
+	@test -x $(V)/python || $(PYTHON) -m venv .venv 2>/dev/null || $(PYTHON) -m virtualenv -q .venv \
+	  || virtualenv -q -p $(PYTHON) .venv \
+	  || { echo "make: no venv and no virtualenv for $(PYTHON); install one: apt-get install python3-venv"; exit 1; }
+	@$(V)/python -m pip --version >/dev/null 2>&1 || $(V)/python -m ensurepip -q
+	@$(V)/python -m pip install -q --disable-pip-version-check uv 2>/dev/null \
+	  || echo "make: uv is not to be had here, pip installs instead (slower)"
+	@echo "make: installing deltact-fab and its packages into .venv (about 2 GB)"
+	@if $(V)/python -m uv --version >/dev/null 2>&1; then \
+	  $(V)/python -m uv pip install -q --python $(V)/python -c constraints.txt -e '.[report,test]'; \
+	else \
+	  $(V)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[report,test]'; \
+	fi
+	@touch $@
+
+demo: .venv/.ready
+	$(V)/deltact-fab demo --out demo-out
+
+lint: .venv/.ready
+	$(V)/ruff check .
+	$(V)/ruff format --check .
+	$(V)/mypy
+	$(V)/lint-imports
+
+test: lint
+	$(V)/python -m pytest
+
+test-slow: .venv/.ready
+	$(V)/python -m pytest -m slow
+
+pins: .venv/.ready
+	$(V)/python -m uv pip compile --universal --all-extras --no-header --no-annotate \
+	  --no-emit-index-url --python-version 3.11 -o constraints.txt pyproject.toml
+
+clean:
+	rm -rf .venv demo-out .pytest_cache .mypy_cache .ruff_cache .import_linter_cache

@@ -1,0 +1,96 @@
+"""A name becomes a TOML file: a path, this folder's cad|patterns|protocols, else the shipped one.
+
+Whatever is read is validated strictly: an unknown key, a wrong type or a value out of range is
+one line that names file and key.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any, TypeVar
+
+from .errors import InputError, did_you_mean
+
+KINDS = ("cad", "patterns", "protocols", "protocols/rigs")
+T = TypeVar("T")
+
+
+def shipped_dir(kind: str) -> Path:
+    """Folder of the shipped files of a kind: inside the wheel, or the checkout's own folder."""
+    inside = Path(__file__).parent / "_shipped" / kind
+    return inside if inside.is_dir() else Path(__file__).parent.parent / kind
+
+
+def names(kind: str) -> list[str]:
+    """Names that `find` resolves for a kind, local ones first shadowing the shipped ones."""
+    found = {p.stem for folder in (Path(kind), shipped_dir(kind)) for p in folder.glob("*.toml")}
+    return sorted(found)
+
+
+def find(kind: str, name: str) -> Path:
+    """Resolve a catalogue name or a path to an existing TOML file.
+
+    Raises InputError naming the nearest catalogue entry when nothing matches.
+    """
+    if kind not in KINDS:
+        raise ValueError(f"unknown catalogue {kind!r}")
+    path = Path(name)
+    if path.suffix == ".toml" or path.parent != Path("."):
+        if path.is_file():
+            return path
+        raise InputError(f"{name}: no such file")
+    for folder in (Path(kind), shipped_dir(kind)):
+        candidate = folder / f"{name}.toml"
+        if candidate.is_file():
+            return candidate
+    raise InputError(f"{name}: not in the catalogue of {kind}; {did_you_mean(name, names(kind))}")
+
+
+def read(path: Path) -> dict[str, Any]:
+    """Parse a TOML file. Raises InputError with file and position when it is not TOML."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as why:
+        raise InputError(f"{path}: not valid TOML: {why}") from why
+    except OSError as why:
+        raise InputError(f"{path}: cannot be read: {why.strerror}") from why
+
+
+def validate(kind: type[T], data: object, source: str) -> T:
+    """Build a pydantic model or dataclass from plain data, strictly.
+
+    Raises InputError of one line: `source: key: what is wrong (got value)`; further faults follow
+    on the same line, separated by ' | '.
+    """
+    from pydantic import TypeAdapter, ValidationError
+
+    try:
+        return TypeAdapter(kind).validate_python(data)
+    except ValidationError as why:
+        raise InputError(" | ".join(_line(source, kind, e) for e in why.errors())) from why
+
+
+def _line(source: str, kind: type, fault: Any) -> str:
+    key = ".".join(str(part) for part in fault["loc"]) or "(whole file)"
+    if fault["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
+        known = _fields_at(kind, fault["loc"][:-1])
+        hint = did_you_mean(str(fault["loc"][-1]), known) if known else "remove it"
+        return f"{source}: {key}: unknown key; {hint}"
+    if fault["type"] in ("missing", "missing_argument"):
+        return f"{source}: {key}: missing key"
+    message = fault["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, ")
+    got = fault.get("input")
+    shown = "" if isinstance(got, dict) else f" (got {got!r})"
+    return f"{source}: {key}: {message}{shown}"
+
+
+def _fields_at(kind: Any, loc: tuple[Any, ...]) -> list[str]:
+    """Field names of the (nested) model at a location, for the spelling hint."""
+    for part in loc:
+        fields = getattr(kind, "model_fields", None) or getattr(kind, "__pydantic_fields__", None)
+        if fields is None or part not in fields:
+            return []
+        kind = fields[part].annotation
+    fields = getattr(kind, "model_fields", None) or getattr(kind, "__dataclass_fields__", None)
+    return list(fields or [])

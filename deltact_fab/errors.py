@@ -1,0 +1,48 @@
+"""Errors that a user reads: one clear line each, with the exit code the command line gives.
+
+A message names the place (file:key), the value that was found, and what would be right.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class DeltactFabError(Exception):
+    """Base of every error that the package raises on purpose. Its text is one line."""
+
+    exit_code = 1
+
+
+class InputError(DeltactFabError):
+    """What the user gave cannot be used: nothing was run, nothing was written."""
+
+    exit_code = 2
+
+
+class RunFailed(DeltactFabError):
+    """The input was fine, and a check, a solver or a run failed."""
+
+
+class SolverError(RunFailed):
+    """A numerical method did not reach its stated tolerance, or left its range of validity."""
+
+
+class StageError(RunFailed):
+    """The motion controller refused, alarmed, restarted or fell silent."""
+
+
+class SensorError(RunFailed):
+    """A camera or force sensor delivered nothing usable."""
+
+
+class MissingLibrary(RunFailed):
+    """A library of the system or an optional package is absent; the text says how to install it."""
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Return '; did you mean X?' for a near miss among `known`, else the list of what is valid."""
+    names = sorted(known)
+    near = difflib.get_close_matches(word, names, n=1)
+    return f"did you mean {near[0]!r}?" if near else f"valid: {', '.join(names)}"

@@ -1,0 +1,154 @@
+"""Frames: the only module that converts between image, sensor and stage.
+
+The camera at this level is a pinhole on the axis, looking along +z at the inside of the pattern:
+image x = +x, image y = +y, no flip. Its apparent distance is the paraxial one through air, acrylic
+and gel. One model draws and rectifies.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import InputError
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Pinhole:
+    """A pinhole at z = -eye_distance_mm, scaled so that the resting face has mm_per_px.
+
+    Pixel (0, 0) is the centre of the first pixel; the axis meets the image's centre.
+    """
+
+    mm_per_px: float
+    width_px: int
+    height_px: int
+    eye_distance_mm: float
+
+    @property
+    def centre_px(self) -> tuple[float, float]:
+        """Where the axis meets the image."""
+        return ((self.width_px - 1) / 2, (self.height_px - 1) / 2)
+
+    @property
+    def view_mm(self) -> tuple[float, float]:
+        """Size of the view on the resting face, (x, y)."""
+        return (self.width_px * self.mm_per_px, self.height_px * self.mm_per_px)
+
+    def project_px(self, xyz_mm: Array) -> Array:
+        """Sensor points (..., 3) in mm to image points (..., 2) in px.
+
+        A point at depth w (z = -w) is seen larger by eye / (eye - w). Raises InputError for points
+        at or behind the eye.
+        """
+        scale = self.eye_distance_mm + xyz_mm[..., 2]
+        if not np.all(scale > 0):
+            raise InputError("a surface point lies at or behind the camera's eye")
+        gain = (self.eye_distance_mm / self.mm_per_px) / scale
+        cx, cy = self.centre_px
+        return np.stack((xyz_mm[..., 0] * gain + cx, xyz_mm[..., 1] * gain + cy), axis=-1)
+
+    def rest_mm(self, px: Array) -> Array:
+        """Image points (..., 2) in px to the resting face (..., 2) in mm."""
+        return (px - np.asarray(self.centre_px)) * self.mm_per_px
+
+    def rest_px(self, xy_mm: Array) -> Array:
+        """Points of the resting face (..., 2) in mm to image points (..., 2) in px."""
+        return xy_mm / self.mm_per_px + np.asarray(self.centre_px)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data for the record."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class StageFrame:
+    """Rigid transform between the sensor frame and the stage's machine frame.
+
+    machine = rotation about z by angle_deg of the sensor point, then the origin added. The stage's
+    z points up along the sensor's +z.
+    """
+
+    origin_machine_mm: tuple[float, float, float]
+    angle_deg: float = 0.0
+
+    def to_machine_mm(self, sensor_mm: tuple[float, float, float]) -> tuple[float, float, float]:
+        """A tip position in the sensor frame to machine coordinates."""
+        c, s = self._cos_sin()
+        x, y, z = sensor_mm
+        ox, oy, oz = self.origin_machine_mm
+        return (ox + c * x - s * y, oy + s * x + c * y, oz + z)
+
+    def to_sensor_mm(self, machine_mm: tuple[float, float, float]) -> tuple[float, float, float]:
+        """Machine coordinates to a tip position in the sensor frame."""
+        c, s = self._cos_sin()
+        x, y, z = (m - o for m, o in zip(machine_mm, self.origin_machine_mm, strict=True))
+        return (c * x + s * y, -s * x + c * y, z)
+
+    def _cos_sin(self) -> tuple[float, float]:
+        angle = np.deg2rad(self.angle_deg)
+        return float(np.cos(angle)), float(np.sin(angle))
+
+
+@dataclass(frozen=True)
+class SurfaceLattice:
+    """A regular lattice of points on the resting face, on which displacements are stored.
+
+    x0_mm, y0_mm: first node; spacing_mm: between nodes; nx, ny: their number.
+    """
+
+    x0_mm: float
+    y0_mm: float
+    spacing_mm: float
+    nx: int
+    ny: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data for the record."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class LatticeSampler:
+    """Cubic B-spline interpolation from a lattice to the tensor grid xs x ys, as two matrices.
+
+    The drawing camera and the stored truth both go through it, so they agree to rounding.
+    """
+
+    along_x: NDArray[np.float64]  # (len(xs), nx)
+    along_y: NDArray[np.float64]  # (len(ys), ny)
+
+    @classmethod
+    def make(cls, lattice: SurfaceLattice, xs_mm: Array, ys_mm: Array) -> LatticeSampler:
+        """Build the matrices. Raises InputError when a point lies outside the lattice."""
+        return cls(
+            _spline_matrix(lattice.x0_mm, lattice.spacing_mm, lattice.nx, xs_mm),
+            _spline_matrix(lattice.y0_mm, lattice.spacing_mm, lattice.ny, ys_mm),
+        )
+
+    def __call__(self, values: Array) -> NDArray[np.float64]:
+        """(ny, nx, c) on the lattice to (len(ys), len(xs), c)."""
+        columns = [self.along_y @ values[..., c] @ self.along_x.T for c in range(values.shape[-1])]
+        return np.stack(columns, axis=-1)
+
+    def at_points(self, values: Array) -> NDArray[np.float64]:
+        """(ny, nx, c) on the lattice to (n, c) at the points (xs[i], ys[i]) taken in pairs."""
+        return np.einsum("py,yxc,px->pc", self.along_y, values, self.along_x, optimize=True)
+
+
+def _spline_matrix(x0: float, step: float, n: int, points: Array) -> NDArray[np.float64]:
+    """Matrix (len(points), n) of cubic B-spline interpolation with not-a-knot ends."""
+    from scipy.interpolate import make_interp_spline
+
+    nodes = x0 + step * np.arange(n)
+    if np.min(points) < nodes[0] - 1e-9 or np.max(points) > nodes[-1] + 1e-9:
+        raise InputError(
+            f"points from {np.min(points):.3f} to {np.max(points):.3f} mm leave the lattice "
+            f"{nodes[0]:.3f} to {nodes[-1]:.3f} mm"
+        )
+    return np.asarray(make_interp_spline(nodes, np.eye(n), k=3)(points))

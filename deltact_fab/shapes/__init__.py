@@ -1,0 +1,9 @@
+"""Shapes as numbers: the sensor's dimensions and the indenters, from numpy alone.
+
+The CAD solids, the gel's contact solver and the protocol's footprint checks all read these.
+"""
+
+from .indenter import Indenter, SphereTip
+from .sensor import SensorDimensions, SkinDimensions
+
+__all__ = ["Indenter", "SensorDimensions", "SkinDimensions", "SphereTip"]
