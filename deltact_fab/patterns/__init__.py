@@ -1,0 +1,23 @@
+"""Patterns: a recipe becomes patches, dots, a printer's file and a virtual sticker's colours."""
+
+from .dots import centres_csv, centres_mm, check_inside
+from .patches import draw_patches
+from .raster import Made, albedo, make, raster, read_recipe
+from .recipe import DotGrid, PatternRecipe, load_recipe, recipe_from, recipe_from_options
+
+__all__ = [
+    "DotGrid",
+    "Made",
+    "PatternRecipe",
+    "albedo",
+    "centres_csv",
+    "centres_mm",
+    "check_inside",
+    "draw_patches",
+    "load_recipe",
+    "make",
+    "raster",
+    "read_recipe",
+    "recipe_from",
+    "recipe_from_options",
+]

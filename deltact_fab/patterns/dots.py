@@ -1,0 +1,99 @@
+"""Dot markers: where the dots of a grid are, and their list for whoever tracks them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from .recipe import DotGrid
+
+Points = NDArray[np.float64]
+
+# A view is given as pixels times mm per pixel: a disc that touches its edge exactly is inside
+SLACK_MM = 1e-9
+
+
+def centres_mm(grid: DotGrid) -> Points:
+    """Dot centres in the sensor frame, (rows * columns, 2) mm, centred on the origin.
+
+    Row by row: index = row * columns + column; row 0 at -y, column 0 at -x.
+    """
+    x_mm = (np.arange(grid.columns) - (grid.columns - 1) / 2) * grid.pitch_x_mm
+    y_mm = (np.arange(grid.rows) - (grid.rows - 1) / 2) * grid.pitch_y_mm
+    return np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
+
+
+def check_inside(grid: DotGrid, view_mm: tuple[float, float]) -> None:
+    """Raise InputError unless every disc lies wholly in a centred view (x, y) of that size."""
+    for axis, half_mm, side_mm, count in zip(
+        "xy", grid.half_mm, view_mm, (grid.columns, grid.rows), strict=True
+    ):
+        if half_mm > side_mm / 2 + SLACK_MM:
+            room_mm = side_mm - grid.diameter_mm
+            largest = (
+                f"a pitch_{axis}_mm of at most {np.floor(room_mm / (count - 1) * 100) / 100:g}"
+                if count > 1 and room_mm > 0
+                else "fewer or smaller dots"
+            )
+            raise InputError(
+                f"dots: {count} along {axis} take {2 * half_mm:g} mm and the camera sees "
+                f"{side_mm:.2f} mm; {largest} keeps them in view"
+            )
+
+
+def centres_csv(grid: DotGrid) -> bytes:
+    """The dots as CSV, one row a dot in the order of `centres_mm`, positions to a nanometre."""
+    lines = ["index,row,col,x_mm,y_mm,diameter_mm"]
+    for index, (x_mm, y_mm) in enumerate(centres_mm(grid)):
+        row, column = divmod(index, grid.columns)
+        # + 0.0 turns -0.0 into 0.0
+        place = f"{round(x_mm, 6) + 0.0:.6f},{round(y_mm, 6) + 0.0:.6f}"
+        lines.append(f"{index},{row},{column},{place},{grid.diameter_mm:.6f}")
+    return ("\n".join(lines) + "\n").encode()
+
+
+def stamp(image: NDArray[Any], grid: DotGrid, mm_per_px: float) -> None:
+    """Draw the dots into a centred RGB uint8 image (h, w, 3), in place, as a printer would.
+
+    A printer dot is inked or not: it is where its centre lies in the disc. No blending.
+    """
+    colour = np.array(grid.rgb, np.uint8)
+    for centre in centres_mm(grid):
+        box, dx_mm, dy_mm = _box(image.shape, centre, grid.diameter_mm / 2, mm_per_px)
+        inked = dx_mm[None, :] ** 2 + dy_mm[:, None] ** 2 <= (grid.diameter_mm / 2) ** 2
+        image[box][inked] = colour
+
+
+def blend(image: NDArray[np.float32], grid: DotGrid, mm_per_px: float, colour: Points) -> None:
+    """Draw the dots into a centred float image (h, w, 3), in place, each pixel by covered area.
+
+    colour: (3,) in the image's units. Exact along x, by 16 chords a pixel along y.
+    """
+    radius_mm = grid.diameter_mm / 2
+    chords = (np.arange(16) + 0.5) / 16 - 0.5
+    for centre in centres_mm(grid):
+        box, dx_mm, dy_mm = _box(image.shape, centre, radius_mm, mm_per_px)
+        rise_mm = dy_mm[:, None] + chords * mm_per_px
+        half_mm = np.sqrt(np.maximum(radius_mm**2 - rise_mm**2, 0.0))[..., None]
+        right_mm = np.minimum(dx_mm + mm_per_px / 2, half_mm)
+        left_mm = np.maximum(dx_mm - mm_per_px / 2, -half_mm)
+        covered = np.maximum(right_mm - left_mm, 0.0).mean(axis=1)[..., None] / mm_per_px
+        image[box] = image[box] * (1 - covered) + colour * covered
+
+
+def _box(
+    shape: tuple[int, ...], centre: Points, radius_mm: float, mm_per_px: float
+) -> tuple[tuple[slice, slice], Points, Points]:
+    """The part of a centred image around a disc, and its pixels' x and y from the disc's centre."""
+    slices, offsets = [], []
+    for length, at_mm in zip((shape[1], shape[0]), centre, strict=True):
+        at_px = at_mm / mm_per_px + (length - 1) / 2
+        reach_px = radius_mm / mm_per_px + 1
+        first = max(0, int(np.floor(at_px - reach_px)))
+        stop = max(first, min(length, int(np.ceil(at_px + reach_px)) + 1))
+        slices.append(slice(first, stop))
+        offsets.append((np.arange(first, stop) - at_px) * mm_per_px)
+    return (slices[1], slices[0]), offsets[0], offsets[1]

@@ -1,0 +1,323 @@
+"""A recipe as pixels: the file for the printer, and the colours that a virtual sticker has.
+
+Image x is sensor +x and image y is sensor +y, as the camera sees the sticker from inside; row 0,
+column 0 is the corner at (-x, -y). Every image here is centred on the sensor's origin: the centre
+of pixel (row i, column j) of an h x w image is
+x = (j - (w - 1) / 2) mm_per_px, y = (i - (h - 1) / 2) mm_per_px.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import __version__
+from ..errors import InputError
+from ..shapes import SensorDimensions
+from . import dots
+from .patches import draw_patches
+from .recipe import PatternRecipe, recipe_from
+
+DEFAULT_DPI = 1200.0
+MM_PER_INCH = 25.4
+MAX_SIDE_PX = 8000
+"""Side of the largest raster: about 0.5 GB of memory while it is written."""
+
+ZLIB_LEVEL = 6
+
+
+@dataclass(frozen=True)
+class Made:
+    """What `make` wrote. `dpi` is None where one image pixel is one patch."""
+
+    recipe: PatternRecipe
+    image: Path
+    image_sha256: str
+    side_px: int
+    mm_per_px: float
+    dpi: float | None
+    dots_csv: Path | None
+    dots_sha256: str | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data, as `pattern make --json` prints it."""
+        r = self.recipe
+        return {
+            "law": r.law,
+            "d": r.patch_mm,
+            "r": r.r,
+            "n": r.n,
+            "seed": r.seed,
+            "size_mm": r.printed_mm,
+            "asked_size_mm": r.size_mm,
+            "dpi": self.dpi,
+            "mm_per_px": self.mm_per_px,
+            "side_px": self.side_px,
+            "dots": None if r.dots is None else r.dots.model_dump(),
+            "dots_sha256": self.dots_sha256,
+            "sha256": self.image_sha256,
+            "files": [str(p) for p in (self.image, self.dots_csv) if p is not None],
+        }
+
+    def lines(self) -> list[str]:
+        """The same for a person."""
+        r = self.recipe
+        said = [f"{self.image}: {r.law}, {r.printed_mm:g} x {r.printed_mm:g} mm"]
+        if r.patch_mm is not None:
+            asked = "" if r.printed_mm == r.size_mm else f" ({r.size_mm:g} mm were asked for)"
+            said[0] += asked
+            said.append(
+                f"  {r.n} x {r.n} whole patches, d {r.patch_mm:g} mm, r {r.r:g}, seed {r.seed}"
+            )
+        pixel = "a patch" if self.dpi is None else f"a printer dot at {self.dpi:g} dpi"
+        said.append(f"  {self.side_px} x {self.side_px} pixels, each {pixel}")
+        if r.dots is not None and self.dots_csv is not None:
+            count = r.dots.columns * r.dots.rows
+            said.append(f"  {count} dots of {r.dots.diameter_mm:g} mm: {self.dots_csv}")
+        said.append(f"  sha256 {self.image_sha256}")
+        return said
+
+
+def raster(recipe: PatternRecipe, dpi: float) -> NDArray[np.uint8]:
+    """The sticker in printer dots, (h, h, 3) uint8 RGB, h = printed side in dots.
+
+    Every patch edge lies at the printer dot nearest to its true place, so the error of an edge is
+    at most half a dot and does not grow across the sticker; patches differ by one dot in width.
+    Marker dots are binary: a printer dot belongs to a marker where its centre does.
+
+    Raises InputError for a resolution that loses the patches or makes too large an image.
+    """
+    mm_per_px = _checked_mm_per_px(recipe, dpi)
+    side_px = round(recipe.printed_mm / mm_per_px)
+    edges_px = np.floor(_edges_mm(recipe) / mm_per_px + side_px / 2 + 0.5).astype(np.int64)
+    widths_px = np.diff(edges_px)
+    image = draw_patches(recipe).repeat(widths_px, axis=1).repeat(widths_px, axis=0)
+    if recipe.dots is not None:
+        dots.stamp(image, recipe.dots, mm_per_px)
+    return image
+
+
+def albedo(
+    recipe: PatternRecipe,
+    mm_per_px: float,
+    size_px: tuple[int, int] | None = None,
+    base: tuple[float, float, float] = (1.0, 1.0, 1.0),
+) -> NDArray[np.float32]:
+    """Colour of the sticker as designed, (h, w, 3) float32 RGB in 0..1, linear in the file's value.
+
+    A file value v gives base v / 255: base is the layer behind, and beyond the sticker there is no
+    ink. No gamma is applied: that belongs to `imaging.Printer`, which takes these values. Each
+    pixel holds the mean over its area (patches exactly, marker dots to about 1e-3 of a pixel).
+    Printer dots, halftone and ink spread are not in it.
+
+    mm_per_px: side of a pixel. size_px: (h, w); by default the least square that covers the
+    sticker. The image is centred on the sensor's origin (see the module for pixel to mm).
+    Raises InputError when mm_per_px is not above zero.
+    """
+    if not (math.isfinite(mm_per_px) and mm_per_px > 0):
+        raise InputError(f"mm_per_px: {mm_per_px} must be finite and above 0")
+    if size_px is None:
+        side_px = math.ceil(recipe.printed_mm / mm_per_px - 1e-9)
+        size_px = (side_px, side_px)
+    ink = np.pad(draw_patches(recipe), ((1, 1), (1, 1), (0, 0)), constant_values=255) / 255.0
+    inner_mm = _edges_mm(recipe)
+    far_mm = max(*size_px) * mm_per_px + inner_mm[-1]
+    edges_mm = np.concatenate(([-far_mm], inner_mm, [far_mm]))
+    out = np.empty((*size_px, 3), np.float32)
+    rows_mm, columns_mm = (
+        np.linspace(-length / 2, length / 2, length + 1) * mm_per_px for length in size_px
+    )
+    layer = np.asarray(base, np.float64)
+    strip = 256  # rows at a time: float64 intermediates of a whole fine image would be gigabytes
+    for first in range(0, size_px[0], strip):
+        band = _cell_means(ink, edges_mm, rows_mm[first : first + strip + 1])
+        band = _cell_means(band.swapaxes(0, 1), edges_mm, columns_mm).swapaxes(0, 1)
+        out[first : first + strip] = band * layer
+    if recipe.dots is not None:
+        dots.blend(out, recipe.dots, mm_per_px, np.array(recipe.dots.rgb) / 255.0 * layer)
+    return out
+
+
+def make(
+    recipe: PatternRecipe,
+    path: Path,
+    dpi: float | None = None,
+    sensor: SensorDimensions | None = None,
+) -> Made:
+    """Write the sticker as PNG, and the centres of its dots beside it as NAME.dots.csv.
+
+    One image pixel is one patch, unless dpi is given or the sticker has dots or no patches: then
+    it is a raster, at DEFAULT_DPI unless told. The PNG's text holds the recipe (`read_recipe`) and
+    its pHYs chunk the size. Equal recipe, resolution and versions give equal bytes.
+
+    Raises InputError when the dots leave the sensor's view, or the file cannot be written; then
+    neither file is left.
+    """
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; name a file in it, as in out.png")
+    if path.suffix.lower() != ".png":
+        raise InputError(f"{path}: the pattern is a PNG: end the name in .png")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: there is no folder {path.parent}; create it first")
+    if recipe.dots is not None:
+        dots.check_inside(recipe.dots, (sensor or SensorDimensions()).optics.view_mm)
+    if dpi is None and (recipe.dots is not None or recipe.patch_mm is None):
+        dpi = DEFAULT_DPI
+    if dpi is None:
+        image, mm_per_px = draw_patches(recipe), recipe.patch_mm or recipe.printed_mm
+    else:
+        image, mm_per_px = raster(recipe, dpi), MM_PER_INCH / dpi
+    table = None if recipe.dots is None else dots.centres_csv(recipe.dots)
+    table_path = None if table is None else path.with_suffix(".dots.csv")
+    table_hash = None if table is None else hashlib.sha256(table).hexdigest()
+    content = _png(image, mm_per_px, _text(recipe, mm_per_px, dpi, table_hash))
+    wanted = {path: content}
+    if table is not None and table_path is not None:
+        wanted[table_path] = table
+    _write_together(wanted)
+    return Made(
+        recipe=recipe,
+        image=path,
+        image_sha256=hashlib.sha256(content).hexdigest(),
+        side_px=image.shape[0],
+        mm_per_px=mm_per_px,
+        dpi=dpi,
+        dots_csv=table_path,
+        dots_sha256=table_hash,
+    )
+
+
+def read_recipe(path: Path) -> PatternRecipe:
+    """The recipe that a PNG of `make` carries. Raises InputError when there is none."""
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with Image.open(path, formats=["PNG"]) as image:
+            text = dict(getattr(image, "text", {}))
+    except FileNotFoundError as why:
+        raise InputError(f"{path}: no such file") from why
+    except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as why:
+        raise InputError(f"{path}: not a readable PNG") from why
+    if "recipe" not in text:
+        raise InputError(f"{path}: carries no recipe; only files of 'pattern make' do")
+    try:
+        data = json.loads(text["recipe"])
+    except ValueError as why:
+        raise InputError(f"{path}: its recipe is not valid JSON: {why}") from why
+    return recipe_from(data, f"{path}: recipe")
+
+
+def _edges_mm(recipe: PatternRecipe) -> NDArray[np.float64]:
+    """The n + 1 patch edges along an axis, from -printed / 2 to printed / 2."""
+    return (np.arange(recipe.n + 1) / recipe.n - 0.5) * recipe.printed_mm
+
+
+def _checked_mm_per_px(recipe: PatternRecipe, dpi: float) -> float:
+    """Side of a printer dot; InputError when it is too coarse or too fine for the sticker."""
+    if not (math.isfinite(dpi) and dpi > 0):
+        raise InputError(f"dpi: {dpi:g} must be above 0, as in 1200")
+    # A marker of four printer dots is hardly round any more; a patch below one is lost
+    finest = [
+        (limit_mm, name)
+        for limit_mm, name in (
+            (recipe.patch_mm, "a patch"),
+            (recipe.dots and recipe.dots.diameter_mm / 4, "a quarter of a marker dot"),
+        )
+        if limit_mm
+    ]
+    largest = math.floor(MAX_SIDE_PX * MM_PER_INCH / recipe.printed_mm)
+    for limit_mm, name in finest:
+        if MM_PER_INCH / dpi > limit_mm * (1 + 1e-9):
+            raise InputError(
+                f"dpi: a printer dot at {dpi:g} dpi is {MM_PER_INCH / dpi:.4g} mm, larger than "
+                f"{name} ({limit_mm:g} mm); use {math.ceil(MM_PER_INCH / limit_mm)} to {largest}"
+            )
+    side_px = recipe.printed_mm * dpi / MM_PER_INCH
+    if not 1 <= side_px <= MAX_SIDE_PX:
+        raise InputError(
+            f"dpi: {recipe.printed_mm:g} mm at {dpi:g} dpi is {side_px:.4g} pixels a side; at most "
+            f"{MAX_SIDE_PX}, so {math.ceil(MM_PER_INCH / recipe.printed_mm)} to {largest} dpi"
+        )
+    return MM_PER_INCH / dpi
+
+
+def _cell_means(
+    values: NDArray[np.float64], edges_mm: NDArray[np.float64], cells_mm: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Mean of a step function over cells, along axis 0.
+
+    values: (k, m, 3) between edges_mm (k + 1); cells_mm: (c + 1) within the edges. (c, m, 3).
+    The integral of a step function is linear between its edges: read it at the cells' ends.
+    """
+    steps_mm = np.diff(edges_mm)[:, None, None]
+    integral = np.concatenate((np.zeros((1, *values.shape[1:])), np.cumsum(values * steps_mm, 0)))
+    inside = np.clip(np.searchsorted(edges_mm, cells_mm, "right") - 1, 0, len(values) - 1)
+    at = integral[inside] + values[inside] * (cells_mm - edges_mm[inside])[:, None, None]
+    means = np.diff(at, axis=0) / np.diff(cells_mm)[:, None, None]
+    return np.clip(means, 0.0, 1.0)  # the sums round in the 13th digit
+
+
+def _text(
+    recipe: PatternRecipe, mm_per_px: float, dpi: float | None, table_hash: str | None
+) -> dict[str, str]:
+    """What the PNG says about itself, for a person and for `read_recipe`."""
+    text = {
+        "Software": f"deltact-fab {__version__}",
+        "law": recipe.law,
+        "d_mm": repr(recipe.patch_mm),
+        "r": repr(recipe.r),
+        "n": str(recipe.n),
+        "seed": str(recipe.seed),
+        "size_mm": repr(recipe.printed_mm),
+        "mm_per_px": repr(mm_per_px),
+        "recipe": recipe.model_dump_json(exclude_none=True),
+    }
+    if recipe.patch_mm is None:
+        del text["d_mm"], text["r"], text["n"]
+    if dpi is not None:
+        text["dpi"] = repr(dpi)
+    if recipe.dots is not None and table_hash is not None:
+        grid = recipe.dots
+        text["dots"] = f"{grid.columns} x {grid.rows}, {grid.diameter_mm:g} mm, {grid.colour}"
+        text["dots_sha256"] = table_hash
+    return text
+
+
+def _png(image: NDArray[np.uint8], mm_per_px: float, text: dict[str, str]) -> bytes:
+    """PNG bytes. pHYs holds whole pixels per metre, so the size in it is right to 0.5 px/m."""
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
+    notes = PngInfo()
+    for key, value in text.items():
+        notes.add_text(key, value)
+    dpi = MM_PER_INCH / mm_per_px
+    file = io.BytesIO()
+    Image.fromarray(image).save(
+        file, "PNG", compress_level=ZLIB_LEVEL, optimize=False, dpi=(dpi, dpi), pnginfo=notes
+    )
+    return file.getvalue()
+
+
+def _write_together(wanted: dict[Path, bytes]) -> None:
+    """Write all files beside their places first, then rename: no half file is ever seen."""
+    parts = {path: path.with_name(f".{path.name}.{os.getpid()}.part") for path in wanted}
+    try:
+        for path, content in wanted.items():
+            parts[path].write_bytes(content)
+        for path, part in parts.items():
+            part.replace(path)
+    except OSError as why:
+        raise InputError(f"{path}: cannot be written: {why.strerror}") from why
+    finally:
+        for part in parts.values():
+            part.unlink(missing_ok=True)

@@ -1,0 +1,237 @@
+"""Files and images: size, edges, dots, orientation, bytes."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from deltact_fab.errors import InputError
+from deltact_fab.patterns import (
+    DotGrid,
+    albedo,
+    centres_csv,
+    centres_mm,
+    check_inside,
+    draw_patches,
+    load_recipe,
+    make,
+    raster,
+    read_recipe,
+    recipe_from,
+    recipe_from_options,
+)
+from deltact_fab.shapes import SensorDimensions
+
+PLAIN = recipe_from_options(None, 0.15, 0.1, size_mm=9.0)
+MARKED = load_recipe("dense-with-dots")
+
+
+def physical_mm(path):
+    """Side of a PNG in mm, from the raw pHYs chunk and the header."""
+    data = path.read_bytes()
+    at = data.index(b"pHYs") + 4
+    across, down = (int.from_bytes(data[at + k : at + k + 4], "big") for k in (0, 4))
+    assert (across, data[at + 8]) == (down, 1)  # 1: the unit is the metre
+    return int.from_bytes(data[16:20], "big") / across * 1000
+
+
+@pytest.mark.parametrize("dpi", [None, 600, 1200, 2400])
+def test_physical_size(tmp_path, dpi):
+    made = make(PLAIN, tmp_path / "p.png", dpi)
+    half_dot_mm = 0 if dpi is None else made.mm_per_px / 2
+    # pHYs counts whole pixels per metre
+    rounding_mm = 9.0 * 0.5 / (1000 / made.mm_per_px)
+    assert abs(physical_mm(made.image) - 9.0) <= half_dot_mm + rounding_mm
+
+
+def test_the_papers_pattern_is_34_95_mm_and_1200_dpi_is_exact(tmp_path):
+    made = make(load_recipe("dense"), tmp_path / "d.png")
+    assert (made.side_px, made.as_dict()["size_mm"]) == (466, 34.95)
+    assert abs(physical_mm(made.image) - 34.95) < 0.001
+    printed = make(load_recipe("dots"), tmp_path / "q.png")
+    with Image.open(printed.image) as image:
+        assert image.info["dpi"][0] == pytest.approx(1200, abs=0.01)
+
+
+@pytest.mark.parametrize(("patch_mm", "dpi"), [(0.075, 1200), (0.15, 600), (0.1, 1439.5)])
+def test_no_edge_drifts(patch_mm, dpi):
+    recipe = recipe_from_options(None, patch_mm, 0.6, size_mm=20.0)
+    image = raster(recipe, dpi).astype(int)
+    mm_per_px = 25.4 / dpi
+    side_px = image.shape[0]
+    # At r = 0.6 every neighbour differs, so the edges can be read off the first row
+    edges_px = np.flatnonzero(np.abs(np.diff(image[0, :, 0]))) + 1
+    found_mm = (edges_px - side_px / 2) * mm_per_px
+    true_mm = (np.arange(1, recipe.n) - recipe.n / 2) * patch_mm
+    assert len(found_mm) == recipe.n - 1
+    assert np.abs(found_mm - true_mm).max() <= mm_per_px / 2 + 1e-9
+
+
+def test_raster_holds_the_patches_in_their_places():
+    image, small = raster(PLAIN, 1200), draw_patches(PLAIN)
+    centre_px = ((np.arange(PLAIN.n) + 0.5) * 0.15 / (25.4 / 1200)).astype(int)
+    assert np.array_equal(image[np.ix_(centre_px, centre_px)], small)
+
+
+def test_row_0_column_0_is_the_corner_at_minus_x_minus_y():
+    seen = albedo(PLAIN, 0.15)
+    assert seen.shape == (60, 60, 3)
+    assert np.allclose(seen * 255, draw_patches(PLAIN), atol=1e-4)
+    # Two dots in one row lie along x, which is the image's columns
+    grid = {"columns": 2, "rows": 1, "colour": "#000000"}
+    lone = recipe_from({"law": "dot-matrix", "seed": 0, "dots": grid}, "x")
+    dark = np.argwhere(raster(lone, 300)[..., 0] == 0)
+    side = raster(lone, 300).shape[0]
+    x_mm = (dark[:, 1] - (side - 1) / 2) * 25.4 / 300
+    y_mm = (dark[:, 0] - (side - 1) / 2) * 25.4 / 300
+    assert np.abs(np.abs(x_mm) - 1.1).max() <= 0.3
+    assert np.abs(y_mm).max() <= 0.3
+
+
+def test_dots_are_where_the_table_says(tmp_path):
+    made = make(load_recipe("dots"), tmp_path / "q.png")
+    assert made.dots_csv == tmp_path / "q.dots.csv"
+    rows = list(csv.DictReader(io.StringIO(made.dots_csv.read_text())))
+    assert len(rows) == 169
+    with Image.open(made.image) as image:
+        dark = np.asarray(image)[..., 0] == 0
+    side = dark.shape[0]
+    row_px, column_px = np.nonzero(dark)
+    at_mm = (np.stack((column_px, row_px), -1) - (side - 1) / 2) * made.mm_per_px
+    listed_mm = np.array([(float(r["x_mm"]), float(r["y_mm"])) for r in rows])
+    nearest = np.argmin(((at_mm[:, None] - listed_mm) ** 2).sum(-1), axis=1)
+    for index, centre_mm in enumerate(listed_mm):
+        own = at_mm[nearest == index]
+        assert np.abs(own.mean(0) - centre_mm).max() < 0.003
+        area_mm2 = len(own) * made.mm_per_px**2
+        assert area_mm2 == pytest.approx(np.pi * 0.3**2, rel=0.02)
+    view_mm = np.array(SensorDimensions().optics.view_mm)
+    assert (np.abs(at_mm) < view_mm / 2).all()
+    assert [int(r["index"]) for r in rows] == list(range(169))
+    assert (rows[14]["row"], rows[14]["col"], rows[14]["x_mm"]) == ("1", "1", "-11.000000")
+
+
+def test_dots_that_leave_the_view_are_refused(tmp_path):
+    view_mm = SensorDimensions().optics.view_mm
+    check_inside(DotGrid(), view_mm)
+    for grid, said in (
+        (DotGrid(pitch_x_mm=2.5), "pitch_x_mm of at most 2.46"),
+        (DotGrid(pitch_y_mm=2.2), "pitch_y_mm of at most 1.79"),
+        (DotGrid(columns=1, rows=1, diameter_mm=25.0), "fewer or smaller dots"),
+    ):
+        with pytest.raises(InputError, match=said):
+            check_inside(grid, view_mm)
+    check_inside(DotGrid(pitch_x_mm=2.46), view_mm)
+    check_inside(DotGrid(pitch_y_mm=1.79), view_mm)
+    wide = recipe_from(
+        {"law": "dot-matrix", "seed": 0, "dots": {"pitch_x_mm": 2.6, "colour": "#000000"}}, "x"
+    )
+    with pytest.raises(InputError, match="keeps them in view"):
+        make(wide, tmp_path / "w.png")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_centres_are_centred_and_row_major():
+    xy_mm = centres_mm(DotGrid(columns=3, rows=2))
+    assert xy_mm.shape == (6, 2)
+    assert np.allclose(xy_mm.mean(0), 0)
+    assert np.allclose(xy_mm[1] - xy_mm[0], (2.2, 0))
+    assert np.allclose(xy_mm[3] - xy_mm[0], (0, 1.6))
+    assert b"-0.000000" not in centres_csv(DotGrid())
+
+
+def test_equal_recipe_gives_equal_bytes_and_the_recipe_comes_back(tmp_path):
+    one, two = (make(MARKED, tmp_path / f"{name}.png") for name in "ab")
+    assert one.image.read_bytes() == two.image.read_bytes()
+    assert one.image_sha256 == hashlib.sha256(one.image.read_bytes()).hexdigest()
+    assert one.dots_csv is not None
+    assert one.dots_sha256 == hashlib.sha256(one.dots_csv.read_bytes()).hexdigest()
+    assert read_recipe(one.image) == MARKED
+    again = make(read_recipe(one.image), tmp_path / "c.png")
+    assert again.image_sha256 == one.image_sha256
+    other = make(MARKED.model_copy(update={"seed": 8}), tmp_path / "d.png")
+    assert other.image_sha256 != one.image_sha256
+    with Image.open(one.image) as image:
+        assert image.text["dots_sha256"] == one.dots_sha256
+        assert float(image.text["mm_per_px"]) == 25.4 / 1200
+    assert sorted(p.suffix for p in tmp_path.iterdir()) == [".csv"] * 4 + [".png"] * 4
+
+
+def test_the_drawn_numbers_are_those_of_version_0_1():
+    """A seed names a sticker that was printed: another draw needs another law's name."""
+    drawn = draw_patches(recipe_from_options(None, 0.075, 0.6, seed=7))
+    assert hashlib.sha256(drawn.tobytes()).hexdigest().startswith("1ef08c35f591f120")
+
+
+def test_files_without_a_recipe_are_refused(tmp_path):
+    foreign = tmp_path / "f.png"
+    Image.new("RGB", (4, 4)).save(foreign)
+    with pytest.raises(InputError, match="carries no recipe"):
+        read_recipe(foreign)
+    foreign.write_bytes(b"not an image")
+    with pytest.raises(InputError, match="not a readable PNG"):
+        read_recipe(foreign)
+    with pytest.raises(InputError, match="no such file"):
+        read_recipe(tmp_path / "none.png")
+
+
+@pytest.mark.parametrize(
+    ("dpi", "said"),
+    [
+        (0, "must be above 0"),
+        (float("nan"), "must be above 0"),
+        (100, "larger than a patch"),
+        (1e7, "at most 8000"),
+    ],
+)
+def test_absurd_resolutions(dpi, said):
+    with pytest.raises(InputError, match=said):
+        raster(PLAIN, dpi)
+
+
+def test_the_limits_that_an_error_names_are_usable():
+    assert raster(PLAIN, 170).shape[0] == 60  # 25.4 / 0.15 = 169.3 dpi: one dot a patch
+    with pytest.raises(InputError, match="use 170 to"):
+        raster(PLAIN, 169)
+
+
+def test_albedo_is_exact_by_area():
+    """Coarse pixels of any size hold the means of the fine picture that they cover."""
+    fine = albedo(PLAIN, 0.015, (660, 660))  # ten pixels a patch, edges on pixel edges
+    coarse = albedo(PLAIN, 0.06, (165, 165))
+    means = fine.reshape(165, 4, 165, 4, 3).mean(axis=(1, 3), dtype=np.float64)
+    assert fine.dtype == coarse.dtype == np.float32
+    assert np.abs(coarse - means).max() < 1e-5
+    assert coarse.min() >= 0
+    assert coarse.max() <= 1
+
+
+def test_albedo_agrees_with_the_raster_where_no_edge_is():
+    """The picture as designed and the printer's raster differ on edges alone."""
+    printed = raster(MARKED, 1200) / 255.0
+    designed = albedo(MARKED, 25.4 / 1200, printed.shape[:2])
+    flat = np.ones(printed.shape[:2], bool)
+    for shift in ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1)):
+        flat &= (np.roll(printed, shift, (0, 1)) == printed).all(-1)
+    flat[[0, -1]] = flat[:, [0, -1]] = False
+    assert flat.mean() > 0.5
+    assert np.abs(designed - printed)[flat].max() < 1e-5
+
+
+def test_albedo_beyond_the_sticker_is_the_base_and_the_base_colours_all():
+    recipe = load_recipe("dots")
+    base = (0.9, 0.8, 0.7)
+    seen = albedo(recipe, 0.1, (400, 380), base)
+    assert np.allclose(seen[0, 0], base)
+    assert np.allclose(seen[200, 17 + 1], base)
+    assert np.allclose(seen.max((0, 1)), base)
+    # Covered area of 169 discs of 0.6 mm
+    missing_mm2 = (1 - seen[..., 0] / 0.9).sum(dtype=np.float64) * 0.1**2
+    assert missing_mm2 == pytest.approx(169 * np.pi * 0.3**2, rel=1e-3)
+    with pytest.raises(InputError, match="mm_per_px"):
+        albedo(recipe, 0.0)

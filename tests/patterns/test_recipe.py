@@ -1,0 +1,88 @@
+"""Recipes: the shipped ones, what they reject and in which words."""
+
+from __future__ import annotations
+
+import pytest
+
+from deltact_fab import catalog
+from deltact_fab.errors import InputError
+from deltact_fab.patterns import load_recipe, recipe_from, recipe_from_options
+
+GOOD = {"law": "algorithm1", "seed": 1, "patch_mm": 0.1, "r": 0.2}
+
+
+def test_shipped_recipes_load_and_one_is_the_papers():
+    recipes = {name: load_recipe(name) for name in catalog.names("patterns")}
+    assert {"dense", "dense-with-dots", "dots", "transparent"} <= set(recipes)
+    dense = recipes["dense"]
+    assert (dense.patch_mm, dense.r, dense.size_mm) == (0.075, 0.6, 35.0)
+    assert (dense.n, dense.printed_mm) == (466, 34.95)
+    marked = recipes["dense-with-dots"].dots
+    assert marked is not None
+    assert marked.columns * marked.rows == 169
+
+
+@pytest.mark.parametrize(
+    ("size_mm", "patch_mm", "n"),
+    [(35, 0.075, 466), (34.95, 0.075, 466), (35, 0.05, 700), (35, 0.15, 233), (35, 35, 1)],
+)
+def test_whole_patches(size_mm, patch_mm, n):
+    recipe = recipe_from(GOOD | {"size_mm": size_mm, "patch_mm": patch_mm}, "x")
+    assert recipe.n == n
+    assert recipe.printed_mm == pytest.approx(n * patch_mm, abs=1e-9)
+    assert recipe.printed_mm <= size_mm
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"r": 1.0}, "p.toml: r: the randomness factor must be 0 <= r < 1, as in 0.1 (got 1.0)"),
+        ({"r": -0.1}, "p.toml: r: "),
+        ({"r": float("nan")}, "p.toml: r: "),
+        ({"r": None}, "p.toml: r: law 'algorithm1' needs it"),
+        ({"patch_mm": 0.0}, "p.toml: patch_mm: the patch size d must be above 0 mm"),
+        ({"patch_mm": float("inf")}, "p.toml: patch_mm: "),
+        ({"patch_mm": 36.0}, "p.toml: patch_mm: the patch size d must be at most the side, 35 mm"),
+        ({"patch_mm": 0.001}, "p.toml: patch_mm: makes 3.5e+04 patches a side; at most 2000"),
+        ({"size_mm": float("nan")}, "p.toml: size_mm: the side must be 1 to 300 mm"),
+        ({"seed": -1}, "p.toml: seed: "),
+        ({"seed": 1.5}, "p.toml: seed: "),
+        ({"sede": 1}, "p.toml: sede: unknown key; did you mean 'seed'?"),
+        ({"law": "algoritm1"}, "p.toml: law: "),
+        ({"channels": 2}, "p.toml: channels: "),
+        ({"dots": {"rows": 0}}, "p.toml: dots.rows: "),
+        ({"dots": {"diameter_mm": 1.7}}, "p.toml: dots: diameter_mm must be below the pitch"),
+        ({"dots": {"colour": "red"}}, "p.toml: dots.colour: "),
+        ({"dots": {}, "size_mm": 20.0}, "p.toml: dots: the grid takes 27 x 19.8 mm"),
+    ],
+)
+def test_a_bad_recipe_is_one_line_with_file_and_key(change, said):
+    with pytest.raises(InputError) as caught:
+        recipe_from(GOOD | change, "p.toml")
+    assert str(caught.value).startswith(said)
+    assert "\n" not in str(caught.value)
+    assert " | " not in str(caught.value)  # one fault is reported once
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        ({"law": "dot-matrix", "seed": 1}, "x: dots: law 'dot-matrix' needs"),
+        ({"law": "dot-matrix", "seed": 1, "dots": {}}, "x: dots: white dots cannot be seen"),
+        ({"law": "transparent", "seed": 1, "dots": {}}, "x: dots: law 'transparent' has no dots"),
+        ({"law": "transparent"}, "x: seed: missing key"),
+        (GOOD | {"law": "transparent"}, "x: patch_mm: law 'transparent' has no patches: remove it"),
+    ],
+)
+def test_the_laws_without_patches(data, said):
+    with pytest.raises(InputError) as caught:
+        recipe_from(data, "x")
+    assert str(caught.value).startswith(said)
+
+
+def test_options_override_a_named_recipe():
+    recipe = recipe_from_options("dense", seed=99, size_mm=30.0, with_dots=True)
+    assert (recipe.seed, recipe.size_mm, recipe.patch_mm) == (99, 30.0, 0.075)
+    assert recipe.dots is not None
+    kept = recipe_from_options("dots", with_dots=True)
+    assert kept.dots == load_recipe("dots").dots
