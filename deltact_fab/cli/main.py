@@ -1,0 +1,75 @@
+"""The command `deltact-fab`: one file a noun, loaded only when it is called."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+
+import click
+
+from .. import __version__
+from ..errors import DeltactFabError
+
+# name: (module, attribute, line of help); a noun's module is imported only when it is used, so
+# that `--help` stays fast whatever the nouns need.
+COMMANDS = {
+    "cad": ("cad", "cad", "Parametric parts: list and export."),
+    "pattern": ("pattern", "pattern", "Pattern stickers: generate and inspect."),
+    "protocol": ("protocol", "protocol", "Indentation experiments: check, show, list."),
+    "rig": ("rig", "rig", "Benches: list and show."),
+    "gel": ("gel", "gel", "Gel mechanics: press an indenter."),
+    "analyze": ("analyze", "analyze", "Analyses of recorded runs."),
+    "report": ("report", "report", "One offline page of a run."),
+    "run": ("run", "run", "Carry out a protocol on a rig."),
+    "demo": ("demo", "demo", "The whole chain on the virtual rig, to a report."),
+}
+
+
+class LazyGroup(click.Group):
+    """A group that knows its commands' names and one-line helps without importing them."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
+            return None
+        module, attribute, _ = COMMANDS[cmd_name]
+        command = getattr(importlib.import_module(f"deltact_fab.cli.{module}"), attribute)
+        assert isinstance(command, click.Command)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, entry[2]) for name, entry in COMMANDS.items()])
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.option("--debug", is_flag=True, help="Show the traceback of an error.")
+@click.version_option(__version__, prog_name="deltact-fab")
+def main(debug: bool) -> None:
+    """Make DelTact tactile sensors, and design and run the experiments that qualify them."""
+
+
+def entry() -> None:
+    """Console entry: one line on stderr for an error, exit 1 (ran, failed) or 2 (bad input)."""
+    try:
+        status = main(standalone_mode=False)
+    except click.exceptions.Exit as done:
+        status = done.exit_code
+    except click.ClickException as why:
+        click.echo(f"deltact-fab: {why.format_message()}", err=True)
+        status = 2
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("deltact-fab: stopped", err=True)
+        status = 1
+    except DeltactFabError as why:
+        if "--debug" in sys.argv:
+            raise
+        click.echo(f"deltact-fab: {' '.join(str(why).split())}", err=True)
+        status = why.exit_code
+    sys.exit(status if isinstance(status, int) else 0)
+
+
+if __name__ == "__main__":
+    entry()

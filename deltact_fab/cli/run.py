@@ -1,0 +1,32 @@
+"""`deltact-fab run`: carry out a protocol on a rig."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+
+@click.command()
+@click.argument("protocol")
+@click.option("--rig", "rig_name", default="virtual", show_default=True, help="Rig file.")
+@click.option("--seed", default=0, show_default=True, help="Of everything that is drawn.")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="New run folder.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+def run(protocol: str, rig_name: str, seed: int, out: Path, as_json: bool) -> None:
+    """Run PROTOCOL on a rig and record it in a new folder."""
+    from .. import bench
+    from .output import echo_json, progress
+
+    with progress("run") as report:
+        summary = bench.run(protocol, rig_name, out, seed=seed, progress=report)
+    if as_json:
+        echo_json(summary)
+        return
+    click.echo(
+        f"{out}: {summary['frames']} frames of {summary['protocol']} on {summary['rig']}"
+        f"{' (simulated)' if summary['simulated'] else ''}, seed {seed}: "
+        f"{summary['rig_seconds']:.1f} s of rig time in {summary['wall_seconds']:.1f} s"
+    )
+    for line in summary["left_out"]:
+        click.echo(f"  left out: {line}")

@@ -1,0 +1,187 @@
+"""Static checks: everything that can be known wrong before anything moves.
+
+Each check is a row with the figure, its bound and the worst step, so that a lab sees the margin as
+well as the verdict.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from ..errors import InputError
+from ..optics import StageFrame
+from ..shapes import SensorDimensions
+from ..shapes.indenter import parse as parse_indenter
+from .plan import Point, Protocol, Step, expand
+
+PNG_BYTES_PER_PX = 2.2  # measured on rendered frames of a dense pattern: 1.9-2.3
+EPS_MM = 1e-9
+
+
+@dataclass(frozen=True)
+class StageBox:
+    """What a stage can do: machine travel (0 at the top, negative below), feeds, its frame."""
+
+    frame: StageFrame
+    travel_mm: Point
+    max_feed_mm_min: Point
+    acceleration_mm_s2: Point
+
+
+@dataclass(frozen=True)
+class Check:
+    """One row: `figure` must not exceed `bound` (both in the unit named by `what`)."""
+
+    name: str
+    ok: bool
+    what: str
+    figure: float
+    bound: float
+    where: str
+
+    def line(self) -> str:
+        """One line for a person."""
+        verdict = "pass" if self.ok else "FAIL"
+        return f"{verdict}  {self.name}: {self.what} {self.figure:g} (limit {self.bound:g})"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a run will take: planned motion and settling, without host overhead."""
+
+    steps: int
+    presses: int
+    frames: int
+    seconds: float
+    disk_mb: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        return asdict(self)
+
+
+def check(
+    protocol: Protocol,
+    sensor: SensorDimensions,
+    stage: StageBox,
+    steps: list[Step] | None = None,
+) -> list[Check]:
+    """All static checks of a protocol on a sensor and a stage, passed ones included."""
+    steps = expand(protocol) if steps is None else steps
+    rows = [*_travel(steps, stage), *_feeds(steps, stage), _depth(steps, protocol, sensor)]
+    rows += [_tip_reach(steps), *_opening(steps, sensor), _sideways(steps, protocol)]
+    return rows
+
+
+def require(rows: Iterable[Check], source: str) -> None:
+    """Raise InputError with every failed row on one line."""
+    failed = [r for r in rows if not r.ok]
+    if failed:
+        text = " | ".join(f"{r.name}: {r.what} {r.figure:g} > {r.bound:g} at {r.where}"
+                          for r in failed)  # fmt: skip
+        raise InputError(f"{source}: {text}")
+
+
+def estimate(protocol: Protocol, sensor: SensorDimensions, stage: StageBox) -> Estimate:
+    """Frames, time and disk of a whole run, from the steps and the stage's acceleration."""
+    steps = expand(protocol)
+    here: Point = (0.0, 0.0, protocol.motion.park_mm)
+    seconds = 0.0
+    for step in steps:
+        seconds += _move_s(here, step, stage) + step.settle_s
+        here = step.target_mm
+    frames = sum(s.frames for s in steps)
+    optics = sensor.optics
+    px = optics.image_width_px * optics.image_height_px if "image" in protocol.channels else 0
+    return Estimate(
+        steps=len(steps),
+        presses=len({s.press for s in steps if s.kind == "press"}),
+        frames=frames,
+        seconds=seconds,
+        disk_mb=frames * (px * PNG_BYTES_PER_PX + 2000) / 1e6,
+    )
+
+
+def _move_s(start: Point, step: Step, stage: StageBox) -> float:
+    delta = [abs(b - a) for a, b in zip(start, step.target_mm, strict=True)]
+    length_mm = sum(d * d for d in delta) ** 0.5
+    if length_mm == 0:
+        return 0.0
+    a = min(acc * length_mm / d for acc, d in zip(stage.acceleration_mm_s2, delta, strict=True)
+            if d > 0)  # fmt: skip
+    v = step.feed_mm_min / 60
+    if length_mm < v * v / a:
+        return float(2 * (length_mm / a) ** 0.5)
+    return length_mm / v + v / a
+
+
+def _worst(pairs: Iterable[tuple[float, str]]) -> tuple[float, str]:
+    return max(pairs, default=(0.0, "-"))
+
+
+def _travel(steps: list[Step], stage: StageBox) -> Iterable[Check]:
+    for axis, letter in enumerate("xyz"):
+        travel_mm = stage.travel_mm[axis]
+        high, at_high = _worst((stage.frame.to_machine_mm(s.target_mm)[axis], s.id) for s in steps)
+        low, at_low = _worst((-stage.frame.to_machine_mm(s.target_mm)[axis], s.id) for s in steps)
+        yield Check("travel", high <= EPS_MM, f"machine {letter} (mm)", high, 0.0, at_high)
+        yield Check(
+            "travel", low <= travel_mm + EPS_MM, f"machine -{letter} (mm)", low, travel_mm, at_low
+        )
+
+
+def _feeds(steps: list[Step], stage: StageBox) -> Iterable[Check]:
+    slowest = min(stage.max_feed_mm_min)
+    feed, at = _worst((s.feed_mm_min, s.id) for s in steps)
+    yield Check("feed", feed <= slowest, "feed (mm/min)", feed, slowest, at)
+
+
+def _depth(steps: list[Step], protocol: Protocol, sensor: SensorDimensions) -> Check:
+    bound = sensor.skin.thickness_mm - protocol.specimen.depth_margin_mm
+    depth, at = _worst((-s.target_mm[2], s.id) for s in steps)
+    return Check("depth against the gel", depth <= bound, "depth (mm)", depth, bound, at)
+
+
+def _tip_reach(steps: list[Step]) -> Check:
+    """The indenter's tips must be longer than they are pressed, or its plate would touch."""
+    over = [(-s.target_mm[2] / parse_indenter(s.indenter).reach_mm, s.id) for s in steps]
+    share, at = _worst(over)
+    return Check("depth against the tip", share <= 1.0, "depth / tip height", share, 1.0, at)
+
+
+def _opening(steps: list[Step], sensor: SensorDimensions) -> Iterable[Check]:
+    for axis, letter in enumerate("xy"):
+        bound = sensor.skin.opening_half_mm[axis]
+        reach, at = _worst(
+            (abs(s.target_mm[axis]) + parse_indenter(s.indenter).footprint_half_mm[axis], s.id)
+            for s in steps
+            if s.kind in ("press", "shear")
+        )
+        yield Check(
+            "footprint + shear inside the skin",
+            reach <= bound + EPS_MM,
+            f"reach in {letter} (mm)",
+            reach,
+            bound,
+            at,
+        )
+
+
+def _sideways(steps: list[Step], protocol: Protocol) -> Check:
+    """Sideways travel only at or above the clearance plane, unless it is declared shear."""
+    clearance_mm = protocol.motion.clearance_mm
+    worst, at = 0.0, "-"
+    for before, step in zip(steps, steps[1:], strict=False):
+        sideways = step.target_mm[:2] != before.target_mm[:2]
+        low_mm = min(before.target_mm[2], step.target_mm[2])
+        if sideways and step.kind != "shear" and clearance_mm - low_mm > worst:
+            worst, at = clearance_mm - low_mm, step.id
+    return Check(
+        "clearance plane", worst <= EPS_MM, "sideways below clearance by (mm)", worst, 0.0, at
+    )

@@ -1,0 +1,95 @@
+"""Static checks: each one passes at its bound, fails past it, and names the step."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from deltact_fab.errors import InputError
+from deltact_fab.optics import StageFrame
+from deltact_fab.protocols import limits, plan
+from deltact_fab.protocols.limits import Check, StageBox
+from deltact_fab.protocols.plan import Protocol, Step
+from deltact_fab.shapes import SensorDimensions
+
+SENSOR = SensorDimensions()
+BOX = StageBox(StageFrame((-60.0, -60.0, -40.0)), (120.0, 120.0, 60.0), (1500.0,) * 3, (50.0,) * 3)
+
+
+def protocol(**changes: object) -> Protocol:
+    smoke, _ = plan.load("smoke")
+    return Protocol.model_validate(smoke.model_dump() | changes)
+
+
+def row(rows: list[Check], what: str) -> Check:
+    return next(r for r in rows if what in r.what)
+
+
+def test_smoke_passes_everything() -> None:
+    assert all(r.ok for r in limits.check(protocol(), SENSOR, BOX))
+
+
+@pytest.mark.parametrize(("depth", "ok"), [(11.0, True), (11.001, False)])
+def test_depth_against_the_gel(depth: float, ok: bool) -> None:
+    rows = limits.check(protocol(depths_mm=[depth], indenters=["sphere:22"]), SENSOR, BOX)
+    found = row(rows, "depth (mm)")
+    assert found.ok is ok
+    assert found.bound == 11.0
+
+
+def test_depth_against_the_tip() -> None:
+    found = row(limits.check(protocol(depths_mm=[2.01]), SENSOR, BOX), "tip height")
+    assert not found.ok  # the dots of 4dots are 2 mm tall
+    assert found.where.startswith("4dots/")
+
+
+@pytest.mark.parametrize(("x", "ok"), [(10.0, True), (10.001, False)])
+def test_footprint_and_shear_stay_on_the_skin(x: float, ok: bool) -> None:
+    moved = protocol(positions_mm=[[x, 0.0]], indenters=["sphere:10"])
+    assert row(limits.check(moved, SENSOR, BOX), "reach in x").ok is ok  # 10 + 3 + 5 = 18
+
+
+def test_travel_in_the_machine_frame() -> None:
+    high = dataclasses.replace(BOX, frame=StageFrame((-60.0, -60.0, -19.0)))
+    found = row(limits.check(protocol(), SENSOR, high), "machine z")
+    assert not found.ok  # parked 20 mm above a face that is 19 mm below the top
+    low = dataclasses.replace(BOX, frame=StageFrame((-60.0, -60.0, -59.0)))
+    assert not row(limits.check(protocol(), SENSOR, low), "machine -z").ok
+
+
+def test_travel_sees_the_rotation_of_the_stage() -> None:
+    turned = dataclasses.replace(BOX, frame=StageFrame((-2.0, -60.0, -40.0), angle_deg=90.0))
+    rows = limits.check(protocol(), SENSOR, turned)
+    assert not row(rows, "machine x").ok  # shear in -y becomes +x there: 3 > 2
+
+
+def test_sideways_below_the_clearance_plane_is_refused() -> None:
+    smoke = protocol()
+    steps = plan.expand(smoke)
+    bad = Step("x/low", "x", "sphere:10", "travel", (5.0, 0.0, 1.0), 600.0)
+    found = row(limits.check(smoke, SENSOR, BOX, [steps[0], bad]), "sideways")
+    assert not found.ok
+    assert found.where == "x/low"
+    assert found.figure == pytest.approx(4.0)
+
+
+def test_feed() -> None:
+    fast = protocol(motion={"travel_feed_mm_min": 1501.0})
+    assert not row(limits.check(fast, SENSOR, BOX), "feed").ok
+
+
+def test_require_names_file_figure_bound_and_step() -> None:
+    rows = limits.check(protocol(depths_mm=[11.5], indenters=["sphere:22"]), SENSOR, BOX)
+    with pytest.raises(InputError, match=r"p\.toml: depth against the gel: .*11\.5 > 11 at sphere"):
+        limits.require(rows, "p.toml")
+
+
+def test_estimate_counts_frames_time_and_disk() -> None:
+    estimate = limits.estimate(protocol(), SENSOR, BOX)
+    steps = plan.expand(protocol())
+    assert estimate.frames == sum(s.frames for s in steps)
+    shear_s = 2 * 24 / (30 / 60)
+    assert shear_s < estimate.seconds < shear_s + 60
+    without = limits.estimate(protocol(channels=["force", "shear"]), SENSOR, BOX)
+    assert without.disk_mb < estimate.disk_mb / 100
