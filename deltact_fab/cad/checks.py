@@ -1,0 +1,95 @@
+"""The gate every solid passes: the kernel returns wrong shapes without an exception.
+
+Seen from it: an empty compound that calls itself valid, an untouched box in place of a shell, two
+solids where a hole split the part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError, RunFailed
+from .kernel import show
+
+Box = tuple[tuple[float, float, float], tuple[float, float, float]]
+BOX_TOLERANCE_MM = 1e-5
+VOLUME_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What a part must be, from closed forms.
+
+    volume_mm3: lowest and highest volume; equal where a closed form is exact.
+    box_mm: (minimum, maximum) corners of the bounding box.
+    parameters: the numbers the part was made from, for messages.
+    """
+
+    volume_mm3: tuple[float, float]
+    box_mm: Box
+    parameters: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What the kernel says of the solid before any mesh exists."""
+
+    volume_mm3: float
+    area_mm2: float
+    box_mm: Box
+
+
+def less(part: str, left: tuple[str, float], right: tuple[str, float]) -> None:
+    """Raise InputError stating `left < right` with its numbers unless it holds (NaN fails)."""
+    if not left[1] < right[1]:
+        raise InputError(f"{part}: {left[0]} < {right[0]}: {left[1]:g} < {right[1]:g} fails")
+
+
+def at_most(part: str, left: tuple[str, float], right: tuple[str, float]) -> None:
+    """Raise InputError stating `left <= right` unless it holds to rounding (1e-9 mm)."""
+    if not left[1] <= right[1] + 1e-9:
+        raise InputError(f"{part}: {left[0]} <= {right[0]}: {left[1]:g} <= {right[1]:g} fails")
+
+
+def gate(part: str, shape: Any, expected: Expected) -> tuple[Any, Measured]:
+    """Check a shape and return its one Solid with its measures.
+
+    Raises RunFailed naming part, finding and parameters unless the shape is exactly one valid
+    solid with one shell, and its volume (relative 1e-6) and box (1e-5 mm) are as computed.
+    """
+
+    def fail(found: str) -> RunFailed:
+        return RunFailed(f"{part}: {found}; parameters {show(expected.parameters)}")
+
+    solids = shape.Solids()
+    if len(solids) != 1:
+        raise fail(f"the CAD kernel returned {len(solids)} solids, one is right")
+    solid = solids[0]
+    if not solid.isValid():
+        raise fail("the CAD kernel returned an invalid solid")
+    if len(solid.Shells()) != 1:
+        raise fail(f"the solid has {len(solid.Shells())} shells, one is right")
+    found = Measured(float(solid.Volume()), float(solid.Area()), bounding_box(solid))
+    low, high = expected.volume_mm3
+    if not low * (1 - VOLUME_TOLERANCE) <= found.volume_mm3 <= high * (1 + VOLUME_TOLERANCE):
+        right = f"{low:.6f}" if low == high else f"{low:.6f} to {high:.6f}"
+        raise fail(f"volume {found.volume_mm3:.6f} mm3, {right} is right")
+    if not np.allclose(found.box_mm, expected.box_mm, rtol=0, atol=BOX_TOLERANCE_MM):
+        raise fail(f"bounding box {found.box_mm}, {expected.box_mm} is right")
+    return solid, found
+
+
+def bounding_box(solid: Any) -> Box:
+    """Tight box of the exact surfaces, without the mesh and without the shape's tolerance."""
+    from OCP.Bnd import Bnd_Box
+    from OCP.BRepBndLib import BRepBndLib
+
+    box = Bnd_Box()
+    BRepBndLib.AddOptimal_s(solid.wrapped, box, False, False)
+    box.SetGap(0.0)
+    x0, y0, z0, x1, y1, z1 = box.Get()
+    return (x0, y0, z0), (x1, y1, z1)

@@ -1,0 +1,52 @@
+"""The way to the CAD kernel: its import, and its exceptions turned into one line."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+from ..errors import DeltactFabError, MissingLibrary, RunFailed
+
+
+def require() -> Any:
+    """Import cadquery (4 to 6 s the first time) and return the module.
+
+    Raises MissingLibrary naming what to install when a system library or the package is absent.
+    """
+    try:
+        return importlib.import_module("cadquery")
+    except ImportError as why:
+        library = re.search(r"\blib[\w+-]+\.so[.\d]*", str(why))
+        if library:
+            raise MissingLibrary(
+                f"cadquery needs {library.group()}: apt-get install libgl1 libegl1 libx11-6"
+            ) from why
+        raise MissingLibrary(
+            f"cadquery cannot be imported ({why}): pip install --force-reinstall cadquery"
+        ) from why
+
+
+@contextmanager
+def guarded(part: str, parameters: Mapping[str, float]) -> Iterator[None]:
+    """Turn whatever the kernel raises inside into RunFailed naming part and parameters.
+
+    The kernel's exceptions (StdFail_NotDone, Standard_DomainError...) share no base below
+    Exception.
+    """
+    try:
+        yield
+    except DeltactFabError:
+        raise
+    except Exception as why:
+        first = (str(why).splitlines() or [""])[0]
+        raise RunFailed(
+            f"{part}: the CAD kernel failed ({type(why).__name__}: {first}) with {show(parameters)}"
+        ) from why
+
+
+def show(parameters: Mapping[str, float]) -> str:
+    """Parameters as `name=value, ...` for a message."""
+    return ", ".join(f"{name}={value:g}" for name, value in parameters.items())

@@ -1,0 +1,216 @@
+"""Solids: their closed forms, how they meet, and what a bad number or a bad kernel gives."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from deltact_fab.cad import checks, registry
+from deltact_fab.cad.design import (
+    IndenterBody,
+    IndenterDimensions,
+    IndenterList,
+    load_design,
+    load_indenters,
+)
+from deltact_fab.cad.export import build_part
+from deltact_fab.cad.kernel import guarded, require
+from deltact_fab.cad.parts import indenter as indenter_part
+from deltact_fab.cad.parts import skin, skin_frame
+from deltact_fab.errors import InputError, RunFailed
+from deltact_fab.shapes import Indenter, SensorDimensions, SkinDimensions, SphereTip
+from deltact_fab.shapes.indenter import parse
+from deltact_fab.shapes.sensor import FrameDimensions, OpticsDimensions
+
+DEFAULT = SensorDimensions()
+FRAME, SKIN = registry.SENSOR_PARTS
+
+
+@pytest.fixture(scope="session")
+def cq():
+    return require()
+
+
+@pytest.fixture(scope="session")
+def solids(cq):
+    """The default skin and frame, gated."""
+    return {part.name: build_part(part, DEFAULT)[0] for part in registry.SENSOR_PARTS}
+
+
+def test_the_shipped_design_is_the_paper_s():
+    dims = load_design()
+    assert dims == DEFAULT
+    assert dims.frame_outer_mm == (39.0, 40.0)
+    assert np.allclose(skin_frame.hole_centres_mm(dims)[-1], (16.3, 16.8))
+
+
+def test_a_design_file_with_a_wrong_key_is_one_line(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text("[frame]\npost = 6.0\n")
+    with pytest.raises(InputError, match=r"mine\.toml: frame\.post: unknown key"):
+        load_design(str(path))
+
+
+def test_an_indenter_list_names_its_file(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text('[[indenter]]\nname = "cube:3"\n')
+    with pytest.raises(InputError, match=r"mine\.toml: indenter 'cube:3': unknown"):
+        load_indenters(str(path))
+    path.write_text('[[indenter]]\nname = "sphere:10"\n[[indenter]]\nname = "sphere:10.0"\n')
+    with pytest.raises(InputError, match="listed twice"):
+        load_indenters(str(path))
+
+
+def test_skin_and_frame_share_no_volume_and_leave_no_gap(solids, cq):
+    a, b = solids["skin"], solids["skin-frame"]
+    assert a.intersect(b).Volume() < 1e-9
+    # Between the skin's back and the frame's top only the pilot holes stay empty.
+    outer_x, outer_y = DEFAULT.frame_outer_mm
+    low, high = -DEFAULT.skin.thickness_mm, -DEFAULT.skin.protrusion_mm
+    slab = cq.Solid.makeBox(
+        outer_x, outer_y, high - low, cq.Vector(-outer_x / 2, -outer_y / 2, low)
+    )
+    pilot_top = high - DEFAULT.frame.height_mm + DEFAULT.frame.pilot_depth_mm
+    holes = 4 * math.pi / 4 * DEFAULT.frame.pilot_diameter_mm**2 * (pilot_top - low)
+    assert slab.cut(a, b).Volume() == pytest.approx(holes, rel=1e-6)
+
+
+def test_pilot_holes_stand_on_the_posts_and_are_blind(solids, cq):
+    frame = solids["skin-frame"]
+    bottom = -DEFAULT.skin.protrusion_mm - DEFAULT.frame.height_mm
+    for x, y in skin_frame.hole_centres_mm(DEFAULT):
+        assert not frame.isInside(cq.Vector(x, y, bottom + DEFAULT.frame.pilot_depth_mm - 0.01))
+        assert frame.isInside(cq.Vector(x, y, bottom + DEFAULT.frame.pilot_depth_mm + 0.01))
+
+
+@pytest.mark.parametrize(
+    "dims",
+    [
+        SensorDimensions(frame=FrameDimensions(post_mm=2.5)),  # the y wall holds the post
+        SensorDimensions(skin=SkinDimensions(protrusion_mm=12.0)),  # nothing in the window
+        SensorDimensions(skin=SkinDimensions(20.0, 50.0, 15.0, 0.3, 7.0)),
+        SensorDimensions(
+            SkinDimensions(edge_fillet_mm=5.9),
+            FrameDimensions(wall_x_mm=4.0, wall_y_mm=1.0),
+            OpticsDimensions(acrylic_mm=1.5),
+        ),
+    ],
+    ids=["post in the wall", "all proud", "long", "large fillet"],
+)
+def test_other_dimensions_pass_the_gate(dims, cq):
+    if dims.skin.thickness_mm > 12:
+        dims = SensorDimensions(dims.skin, FrameDimensions(height_mm=10.0))
+    for part in registry.SENSOR_PARTS:
+        solid, found = build_part(part, dims)
+        assert solid.isValid()
+        assert found.volume_mm3 > 0
+
+
+@pytest.mark.parametrize(
+    ("dims", "part", "says"),
+    [
+        (
+            SensorDimensions(frame=FrameDimensions(post_mm=20.0)),
+            FRAME,
+            r"skin-frame: 2 \(post_mm - wall_x_mm\) < the window's side in x: 37 < 36 fails",
+        ),
+        (
+            SensorDimensions(frame=FrameDimensions(post_mm=20.0)),
+            SKIN,
+            r"skin: 2 notches along the width < width_mm: 37 < 36 fails",
+        ),
+        (
+            SensorDimensions(frame=FrameDimensions(pilot_diameter_mm=7.0)),
+            FRAME,
+            r"pilot_diameter_mm < post_mm: 7 < 6\.4 fails",
+        ),
+        (
+            SensorDimensions(frame=FrameDimensions(height_mm=7.0)),
+            FRAME,
+            r"thickness_mm - protrusion_mm \+ acrylic_mm <= height_mm: 8 <= 7 fails",
+        ),
+    ],
+)
+def test_a_broken_inequality_is_told_before_the_kernel_runs(dims, part, says):
+    with pytest.raises(InputError, match=says):
+        build_part(part, dims)
+
+
+def test_what_the_kernel_raises_becomes_one_line(cq):
+    box = cq.Solid.makeBox(10, 10, 10)
+
+    def too_round():
+        with guarded("skin", {"fillet_mm": 20.0}):
+            box.fillet(20.0, box.Edges())
+
+    with pytest.raises(RunFailed, match=r"^skin: the CAD kernel failed \(.+\) with fillet_mm=20$"):
+        too_round()
+
+
+def test_the_gate_stops_what_the_kernel_returns_in_silence(cq):
+    unit = ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+    right = checks.Expected((1.0, 1.0), unit, {"side_mm": 1.0})
+    box = cq.Solid.makeBox(1, 1, 1)
+    assert checks.gate("box", box, right)[1].volume_mm3 == pytest.approx(1.0)
+    wrong = {
+        "0 solids": box.cut(cq.Solid.makeBox(2, 2, 2)),
+        "2 solids": cq.Compound.makeCompound([box, box.moved(cq.Location((3, 0, 0)))]),
+        "volume 1.200000 mm3, 1.000000 is right; parameters side_mm=1": cq.Solid.makeBox(1, 1, 1.2),
+        "bounding box": box.moved(cq.Location((0.1, 0, 0))),
+        "2 shells": cq.Solid.makeBox(3, 3, 3).cut(cq.Solid.makeBox(1, 1, 1, cq.Vector(1, 1, 1))),
+    }
+    for says, shape in wrong.items():
+        with pytest.raises(RunFailed, match=f"^box: .*{says}"):
+            checks.gate("box", shape, right)
+
+
+def _underside_mm(solid, x_mm, y_mm):
+    """Lowest z at which a ray along +z from below meets the solid, inf for a miss."""
+    from OCP.gp import gp_Dir, gp_Lin, gp_Pnt
+    from OCP.IntCurvesFace import IntCurvesFace_ShapeIntersector
+
+    ray = IntCurvesFace_ShapeIntersector()
+    ray.Load(solid.wrapped, 1e-9)
+    low = np.full(len(x_mm), np.inf)
+    for i, (x, y) in enumerate(zip(x_mm, y_mm, strict=True)):
+        ray.Perform(gp_Lin(gp_Pnt(x, y, -10.0), gp_Dir(0, 0, 1)), 0.0, 200.0)
+        hits = [ray.Pnt(k).Z() for k in range(1, ray.NbPnt() + 1)]
+        low[i] = min(hits, default=np.inf)
+    return low
+
+
+UNEVEN = Indenter("uneven", (SphereTip(-3.0, 0.0, 2.0), SphereTip(0.5, 1.0, 3.0)))
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [parse("sphere:10"), parse("sphere:4"), parse("sphere:22"), parse("4dots"), UNEVEN],
+    ids=lambda shape: shape.name,
+)
+def test_the_underside_is_the_height_field(shape, cq):
+    dims = IndenterDimensions(shape, IndenterBody())
+    expected = indenter_part.expect(dims)
+    solid, _ = checks.gate(shape.slug, indenter_part.build(dims), expected)
+    rng = np.random.default_rng(11)
+    hx, hy = indenter_part.plate_half_mm(dims)
+    x, y = rng.uniform(-1.05 * hx, 1.05 * hx, 300), rng.uniform(-1.05 * hy, 1.05 * hy, 300)
+    field, found = shape.height_mm(x, y), _underside_mm(solid, x, y)
+    tips = np.isfinite(field)
+    assert 50 < tips.sum() < 300
+    assert np.abs(found[tips] - field[tips]).max() < 1e-6
+    assert found[~tips].min() > dims.plate_z_mm - 1e-9
+    assert dims.plate_z_mm > shape.reach_mm
+
+
+def test_the_body_s_numbers_reach_the_solid(cq):
+    known = IndenterList(IndenterBody(shank_mm=1.0, plate_mm=2.5))
+    _, found = build_part(registry.find("sphere:10", known), DEFAULT)
+    assert found.box_mm[1][2] == pytest.approx(5.0 + 1.0 + 2.5 + 20.0)
+
+
+def test_closed_form_of_the_fillet():
+    """Pinned: block 36 x 34 x 12 less the rounded edges and the four notches."""
+    low, high = skin.expect(DEFAULT).volume_mm3
+    assert low == high == pytest.approx(14171.0508, abs=1e-4)
