@@ -6,7 +6,9 @@ one line that names file and key.
 
 from __future__ import annotations
 
+import json
 import tomllib
+import typing
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -66,7 +68,8 @@ def validate(kind: type[T], data: object, source: str) -> T:
     from pydantic import TypeAdapter, ValidationError
 
     try:
-        return TypeAdapter(kind).validate_python(data)
+        # By way of JSON: strict on strings and booleans, while a list may still fill a tuple.
+        return TypeAdapter(kind).validate_json(json.dumps(data, default=str), strict=True)
     except ValidationError as why:
         raise InputError(" | ".join(_line(source, kind, e) for e in why.errors())) from why
 
@@ -88,9 +91,15 @@ def _line(source: str, kind: type, fault: Any) -> str:
 def _fields_at(kind: Any, loc: tuple[Any, ...]) -> list[str]:
     """Field names of the (nested) model at a location, for the spelling hint."""
     for part in loc:
-        fields = getattr(kind, "model_fields", None) or getattr(kind, "__pydantic_fields__", None)
-        if fields is None or part not in fields:
+        hints = typing.get_type_hints(kind) if isinstance(kind, type) else {}
+        if isinstance(part, int):  # an entry of a list: its type is the first argument
+            kind = (typing.get_args(kind) or (None,))[0]
+        elif part in hints:
+            # An optional table is a union with None.
+            options = [a for a in typing.get_args(hints[part]) if a is not type(None)]
+            union = hints[part] if not isinstance(hints[part], type) else None
+            kind = options[0] if union is not None and len(options) == 1 else hints[part]
+        else:
             return []
-        kind = fields[part].annotation
     fields = getattr(kind, "model_fields", None) or getattr(kind, "__dataclass_fields__", None)
     return list(fields or [])

@@ -1,0 +1,75 @@
+"""Names, paths, and validation in the user's words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+from pydantic import BaseModel, ConfigDict
+
+from deltact_fab import catalog
+from deltact_fab.errors import InputError
+from deltact_fab.shapes import SensorDimensions
+
+
+class Inner(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    depth_mm: float = 1.0
+
+
+class Outer(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    inner: Inner | None = None
+    many: tuple[Inner, ...] = ()
+    pair_mm: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Plain:
+    sensor: SensorDimensions = field(default_factory=SensorDimensions)
+    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012
+
+
+@pytest.mark.parametrize(
+    ("kind", "data", "says"),
+    [
+        (Outer, {"inner": {"dept_mm": 1}}, "f: inner.dept_mm: unknown key; did you mean 'depth_mm'"),
+        (Outer, {"many": [{"dept_mm": 1}]}, "f: many.0.dept_mm: unknown key; did you mean"),
+        (Outer, {"inner": {"depth_mm": "8"}}, "f: inner.depth_mm: "),
+        (Outer, {"inner": {"depth_mm": True}}, "f: inner.depth_mm: "),
+        (Outer, {"pair_mm": [1.0]}, "f: pair_mm"),
+        (Plain, {"sensor": {"frame": {"post": 6}}}, "unknown key; did you mean 'post_mm'?"),
+        (Plain, {"sensor": {"skin": {"width_mm": -1}}}, "width_mm > 0 and finite: -1.0 fails"),
+        (Plain, {"sensor": {"skin": {"width_mm": float("nan")}}}, "width_mm"),
+        (SensorDimensions, {"skin": {"edge_fillet_mm": 18}}, "18.0 < 17.0 fails"),
+    ],
+)
+def test_faults_name_file_and_key(kind: type, data: object, says: str) -> None:
+    with pytest.raises(InputError) as caught:
+        catalog.validate(kind, data, "f")
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_whole_numbers_and_lists_are_taken() -> None:
+    outer = catalog.validate(Outer, {"pair_mm": [1, 2], "many": [{"depth_mm": 3}]}, "f")
+    assert outer.pair_mm == (1.0, 2.0)
+    assert outer.many[0].depth_mm == 3.0
+
+
+def test_toml_faults_are_one_line(tmp_path: Path) -> None:
+    file = tmp_path / "x.toml"
+    file.write_text("a = = 1\n")
+    with pytest.raises(InputError, match=r"x\.toml: not valid TOML"):
+        catalog.read(file)
+    with pytest.raises(InputError, match="no such file"):
+        catalog.find("cad", str(tmp_path / "y.toml"))
+
+
+@pytest.mark.parametrize("kind", catalog.KINDS)
+def test_every_shipped_file_is_found_by_name(kind: str) -> None:
+    names = catalog.names(kind)
+    assert names
+    for name in names:
+        assert catalog.find(kind, name).is_file()
