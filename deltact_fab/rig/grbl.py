@@ -1,0 +1,559 @@
+"""A GRBL 1.1 motion stage over a serial port.
+
+One line is outstanding at a time and every line is answered before the next. Moves are jogs in
+machine coordinates: a jog outside of the travel is refused without an alarm, and one byte (0x85)
+stops it cleanly. The end of a move is read from the controller (`?` until Idle at the target), for
+an `ok` only says that a line was understood.
+
+After an alarm, a restart of the controller or silence nothing moves by itself: motion commands are
+refused until `home` succeeds, and `$X` is never sent. Pulling the cable does not stop a move; it
+runs to its target. This is no emergency stop.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NoReturn, TypeVar
+
+import serial
+
+from ..errors import InputError, StageError
+from ..optics import StageFrame
+from .interface import Clock, StageState
+
+Vec3 = tuple[float, float, float]
+T = TypeVar("T")
+
+AXES = "XYZ"
+ERRORS = {
+    1: "a letter is missing",
+    2: "bad number",
+    3: "unknown $ command",
+    4: "negative value",
+    5: "homing is off ($22=0)",
+    7: "settings memory was unreadable and was reset",
+    8: "only allowed when idle",
+    9: "locked in an alarm or a jog",
+    10: "soft limits need homing ($22=1)",
+    11: "line too long",
+    15: "target outside of the travel",
+    16: "not a jog command",
+    20: "unsupported command",
+    22: "no feed rate",
+}
+ALARMS = {
+    1: "hard limit: a switch was hit",
+    2: "soft limit: a move would leave the travel",
+    3: "reset while moving",
+    6: "reset while homing",
+    7: "door opened while homing",
+    8: "homing: pull-off did not clear the switch",
+    9: "homing: no switch found",
+}
+CRITICAL_ALARMS = ("1", "2")  # the controller hears nothing but a reset afterwards
+SLICE_S = 0.05  # one read; a longer wait is several
+BANNER_S = 2.5  # an Arduino's boot loader takes up to 2 s
+ANSWER_S = 1.0
+STATUS_S = 0.5  # a `?` is answered within milliseconds
+LISTEN_S = 2.0  # after silence: time for a restarting controller to say so
+POLL_S = 0.1  # while a move is under way; the firmware's documents ask for at most 10 a second
+POLL_END_S = 0.02
+MARGIN_S = 2.0
+HOMING_MARGIN_S = 10.0
+
+_BANNER = re.compile(r"Grbl(?:HAL)? (\d+)\.(\d+)\S*", re.IGNORECASE)
+_SETTING = re.compile(r"\$(\d+)=(-?\d+(?:\.\d*)?)")
+_STATUS = re.compile(r"<([A-Za-z]+(?::\d)?)\|(M|W)Pos:([-\d.]+),([-\d.]+),([-\d.]+)[^<>]*>")
+_RATE = re.compile(r"\|FS?:([\d.]+)")
+
+
+def move_duration_s(
+    delta_mm: Vec3, feed_mm_min: float, max_feed_mm_min: Vec3, acceleration_mm_s2: Vec3
+) -> float:
+    """Time of a straight move from rest to rest, with every axis within its own limits.
+
+    A ramp, a cruise and a ramp; a triangle when the line is too short to reach the feed.
+    """
+    length = math.hypot(*delta_mm)
+    if length == 0:
+        return 0.0
+    share = [abs(d) / length for d in delta_mm]
+    accel = min(a / s for a, s in zip(acceleration_mm_s2, share, strict=True) if s > 0)
+    top = min(f / s for f, s in zip(max_feed_mm_min, share, strict=True) if s > 0)
+    speed = min(feed_mm_min, top) / 60
+    if speed * speed >= length * accel:
+        return 2 * math.sqrt(length / accel)
+    return length / speed + speed / accel
+
+
+@dataclass(frozen=True)
+class _Move:
+    """A jog that was sent: machine target (mm), start (ns of the clock), planned time (s)."""
+
+    target_mm: Vec3
+    start_ns: int
+    planned_s: float
+
+
+class GrblStage:
+    """A `Stage` on a GRBL 1.1 or grblHAL controller.
+
+    url: a serial device or a pyserial URL. frame: sensor frame to machine frame. The controller's
+    own settings give travel ($130-$132), feeds ($110-$112) and accelerations ($120-$122);
+    `connect` refuses a controller with less than require_travel_mm or require_feed_mm_min.
+    Machine coordinates are 0 at the homed end and negative below.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        clock: Clock,
+        frame: StageFrame,
+        *,
+        baud: int = 115200,
+        require_travel_mm: Vec3 | None = None,
+        require_feed_mm_min: Vec3 | None = None,
+    ) -> None:
+        self._url = url
+        self._clock = clock
+        self._frame = frame
+        self._baud = baud
+        self._require_travel_mm = require_travel_mm
+        self._require_feed_mm_min = require_feed_mm_min
+        self._port: Any = None
+        self._partial = b""
+        self._banner = ""
+        self._info: list[str] = []
+        self._settings: dict[int, float] = {}
+        self._at_mm: Vec3 = (0.0, 0.0, 0.0)
+        self._move: _Move | None = None
+        self._homed = False
+        self._homing = False
+        self._awaiting_ok = False
+        self._trouble = ""
+        self._critical = False  # an alarm after which the controller hears nothing but a reset
+
+    # ---- the Stage interface ------------------------------------------------------------------
+
+    def connect(self) -> None:
+        """Open the port, wait for the controller, read and check its settings. Nothing moves.
+
+        A controller that does not restart on opening is asked for its status instead; it is never
+        reset. Raises InputError for an unknown kind of URL, StageError for all else.
+        """
+        self.close()
+        self._open()
+        self._homed, self._homing, self._awaiting_ok, self._critical = False, False, False, False
+        self._trouble, self._move, self._partial = "", None, b""
+        self._banner = self._await_banner(BANNER_S)
+        if self._banner:
+            self._check_version()
+            while self._line(self._deadline(0.2)) is not None:
+                pass
+        else:
+            state = self._first_status()
+            if state not in ("Idle", "Alarm"):
+                self._fail(f"the controller is in {state}; wait until it is Idle, or reset it")
+        self._info = [d for d in self._command("$I") if d.startswith("[")]
+        found = (_SETTING.match(d) for d in self._command("$$"))
+        self._settings = {int(m[1]): float(m[2]) for m in found if m}
+        self._check_settings()
+
+    def home(self) -> None:
+        """Run the homing cycle; positions are known afterwards. Raises StageError."""
+        self._require_port()
+        if not self._settings:
+            self._fail("not connected: connect before homing")
+        if self._critical:
+            self._fail(f"{self._trouble}; it hears nothing but a reset")
+        self._homed, self._trouble, self._move = False, "", None
+        self._homing = True
+        try:
+            self._command("$H", self._homing_limit_s())
+        except StageError:
+            self._homing = False
+            raise
+        self._homing = False
+        state = self._query()
+        if state.state != "Idle":
+            self._fail(f"{state.state} after homing, expected Idle")
+        self._at_mm = state.machine_mm
+        self._homed = True
+
+    def start_move(self, target_mm: Vec3, feed_mm_min: float) -> float:
+        """Send one straight move to a tip position (sensor frame, mm); return its planned time (s).
+
+        Raises InputError, with nothing sent, for a target outside of the controller's travel or a
+        feed above one of its axes' limits; StageError when the stage is not fit to move.
+        """
+        self._require_ready()
+        if self._move is not None:
+            self._fail("a move is under way: wait for it or stop it first")
+        machine = self._checked_target(target_mm)
+        delta = _minus(machine, self._at_mm)
+        self._check_feed(delta, feed_mm_min)
+        planned_s = move_duration_s(delta, feed_mm_min, self._axes(110), self._axes(120))
+        words = "".join(f"{axis}{p:.4f}" for axis, p in zip(AXES, machine, strict=True))
+        self._move = _Move(machine, self._now_ns(), planned_s)
+        try:
+            self._command(f"$J=G90G21G53{words}F{feed_mm_min:.3f}")
+        except StageError:
+            if not self._trouble:
+                self._move = None
+            raise
+        return planned_s
+
+    def wait(self) -> StageState:
+        """Wait until the last move is at its target, polling the controller.
+
+        Raises StageError when it stops short, takes much longer than planned, or fails.
+        """
+        self._require_ready()
+        move = self._move
+        if move is None:
+            return self.poll()
+        limit_s = move.planned_s * 1.1 + MARGIN_S
+        idle_short = 0
+        while True:
+            left_s = move.planned_s - self._since_s(move.start_ns)
+            if left_s > 0 or idle_short:
+                self._clock.sleep_s(min(POLL_S, max(left_s + 0.002, POLL_END_S)))
+            state = self.poll()
+            if state.state == "Idle":
+                if self._is_at(move.target_mm, state.machine_mm):
+                    self._move = None
+                    # The next move starts from what was commanded, not from its rounding.
+                    self._at_mm = move.target_mm
+                    return state
+                idle_short += 1
+                if idle_short == 2:
+                    self._move = None
+                    self._fail(f"stopped at {_mm(state.machine_mm)} short of {_mm(move.target_mm)}")
+            elif state.state != "Jog":
+                self._fail(f"{state.state} during a move to {_mm(move.target_mm)}, expected Jog")
+            if self._since_s(move.start_ns) > limit_s:
+                self._fail(
+                    f"still {state.state} at {_mm(state.machine_mm)} after {limit_s:.1f} s; the "
+                    f"move to {_mm(move.target_mm)} was planned to take {move.planned_s:.1f} s"
+                )
+            if left_s <= 0 and not idle_short:
+                self._clock.sleep_s(POLL_END_S)
+
+    def position_mm(self) -> Vec3:
+        """Tip position in the sensor frame (mm) as the controller reports it now."""
+        self._require_ready()
+        return self._frame.to_sensor_mm(self.poll().machine_mm)
+
+    def stop(self) -> None:
+        """Halt motion with the controller's own deceleration and wait for Idle.
+
+        The position is kept and the next move may start, unless it was homing, which only a reset
+        ends. Raises StageError when it does not come to rest.
+        """
+        if self._homing:
+            self.abort()
+            return
+        self.cancel_now()
+        if self._trouble:
+            self._fail(self._trouble)
+        slowest = min((v for k, v in self._settings.items() if k in (120, 121, 122)), default=1.0)
+        fastest = max((v for k, v in self._settings.items() if k in (110, 111, 112)), default=0.0)
+        deadline = self._deadline(fastest / 60 / slowest + MARGIN_S)
+        while (state := self.poll()).state != "Idle":
+            if state.state != "Jog":
+                self._write(b"!")
+                self._fail(f"{state.state} after a jog cancel, expected Idle")
+            if self._now_ns() > deadline:
+                self._fail(f"still {state.state} at {_mm(state.machine_mm)} after a jog cancel")
+            self._clock.sleep_s(POLL_END_S)
+        self._move = None
+
+    def identity(self) -> dict[str, Any]:
+        """Banner, version, options and settings as the controller gave them, and the frame."""
+        return {
+            "kind": "grbl",
+            "port": self._url,
+            "banner": self._banner,
+            "info": list(self._info),
+            "settings": {f"${n}": v for n, v in sorted(self._settings.items())},
+            "origin_machine_mm": list(self._frame.origin_machine_mm),
+            "angle_deg": self._frame.angle_deg,
+        }
+
+    def close(self) -> None:
+        """Close the port. A move under way goes on to its target."""
+        port, self._port = self._port, None
+        if port is not None:
+            port.close()
+
+    # ---- beyond the interface -----------------------------------------------------------------
+
+    def poll(self) -> StageState:
+        """Ask the controller once. Raises StageError for an alarm, a restart or silence."""
+        self._require_port()
+        state = self._query()
+        self._at_mm = state.machine_mm
+        if state.state in ("Alarm", "Sleep"):
+            self._break(f"the controller is in {state.state}: its position is lost, home again")
+        return state
+
+    def cancel_now(self) -> None:
+        """Write the jog cancel byte and nothing else: for a guard that cannot wait its turn."""
+        self._write(b"\x85")
+
+    def abort(self) -> None:
+        """Reset the controller at once (0x18). The position is lost; `home` comes next."""
+        self._homed, self._homing, self._move, self._awaiting_ok = False, False, None, False
+        self._trouble = "the controller was reset: home again"
+        self._write(b"\x18")
+        if not self._await_banner(LISTEN_S):
+            self._break("no banner after a reset (0x18)")
+        self._critical = False
+        while self._line(self._deadline(0.2)) is not None:
+            pass
+
+    # ---- checks before anything is sent -------------------------------------------------------
+
+    def _check_version(self) -> None:
+        version = _BANNER.search(self._banner)
+        if version is not None and (int(version[1]), int(version[2])) < (1, 1):
+            self._fail(f"found {version[0]!r}; jogging needs GRBL 1.1 or later")
+
+    def _check_settings(self) -> None:
+        wanted = (10, 13, 20, 22, *(k + a for k in (100, 110, 120, 130) for a in range(3)))
+        missing = [f"${n}" for n in wanted if n not in self._settings]
+        if missing:
+            self._fail(f"the answer to $$ lacks {', '.join(missing)}")
+        rules = (
+            (10, 1, "status reports give the work position", "$10=1 or $10=3"),
+            (13, 0, "status reports are in inches", "$13=0"),
+            (20, 1, "soft limits are off", "$20=1"),
+            (22, 1, "homing is off", "$22=1"),
+        )
+        for n, bit, what, needed in rules:
+            if int(self._settings[n]) & 1 != bit:
+                self._fail(f"${n}={self._settings[n]:g} ({what}); set {needed} and connect again")
+        for first, unit in ((100, "steps/mm"), (110, "mm/min"), (120, "mm/s2"), (130, "mm")):
+            for axis in range(3):
+                if not self._settings[first + axis] > 0:
+                    self._fail(f"${first + axis}={self._settings[first + axis]:g} {unit}; not > 0")
+        for first, need, what in (
+            (130, self._require_travel_mm, "mm of travel"),
+            (110, self._require_feed_mm_min, "mm/min"),
+        ):
+            for axis, needed_value in enumerate(need or ()):
+                found = self._settings[first + axis]
+                if found < needed_value:
+                    self._fail(
+                        f"{AXES[axis]} has {found:g} {what} (${first + axis}); "
+                        f"{needed_value:g} needed"
+                    )
+
+    def _checked_target(self, target_mm: Vec3) -> Vec3:
+        if not all(math.isfinite(p) for p in target_mm):
+            raise InputError(f"{self._url}: target {target_mm} mm is not finite")
+        x, y, z = (round(p, 4) + 0.0 for p in self._frame.to_machine_mm(target_mm))
+        for axis, p, travel in zip(AXES, (x, y, z), self._axes(130), strict=True):
+            if not -travel <= p <= 0:
+                raise InputError(
+                    f"{self._url}: target {axis} {p:.3f} mm (machine) is outside of "
+                    f"-{travel:g} .. 0, the controller's travel"
+                )
+        return x, y, z
+
+    def _check_feed(self, delta_mm: Vec3, feed_mm_min: float) -> None:
+        """GRBL clips a feed silently; here it is an error."""
+        if not (math.isfinite(feed_mm_min) and feed_mm_min >= 0.001):
+            raise InputError(f"{self._url}: feed {feed_mm_min} mm/min; at least 0.001 is needed")
+        length = math.hypot(*delta_mm)
+        for axis, d, limit in zip(AXES, delta_mm, self._axes(110), strict=True):
+            if abs(d) * feed_mm_min > limit * length * (1 + 1e-9):
+                raise InputError(
+                    f"{self._url}: feed {feed_mm_min:g} mm/min moves {axis} at "
+                    f"{feed_mm_min * abs(d) / length:g}; its limit is {limit:g}"
+                )
+
+    def _is_at(self, target_mm: Vec3, machine_mm: Vec3) -> bool:
+        """Within half a step, and the rounding of the line sent and of the report."""
+        return all(
+            abs(p - t) <= 0.5 / steps + 0.0006
+            for p, t, steps in zip(machine_mm, target_mm, self._axes(100), strict=True)
+        )
+
+    def _axes(self, first: int) -> Vec3:
+        s = self._settings
+        return (s[first], s[first + 1], s[first + 2])
+
+    def _homing_limit_s(self) -> float:
+        """Longest that the firmware searches: 1.5 travels and back for Z, then X and Y together."""
+        s = self._settings
+        seek, feed, pull = (max(s.get(n, 0.0), 1e-3) for n in (25, 24, 27))
+        travel = 1.5 * (s[132] + max(s[130], s[131]))
+        pause_s = 8 * s.get(26, 0.0) / 1000
+        slow = 2 * 5 * pull / feed + 4 * pull / seek
+        ramps = 16 * seek / 60 / min(self._axes(120))
+        return 60 * (travel / seek + slow) + pause_s + ramps + HOMING_MARGIN_S
+
+    # ---- talking ------------------------------------------------------------------------------
+
+    def _open(self) -> None:
+        own = {} if "://" in self._url else {"exclusive": True}
+        try:
+            self._port = serial.serial_for_url(
+                self._url, baudrate=self._baud, timeout=SLICE_S, write_timeout=ANSWER_S, **own
+            )
+        except ValueError as why:
+            raise InputError(f"{self._url}: not a serial port: {why}") from why
+        except OSError as why:
+            raise StageError(f"{self._url}: cannot be opened: {why}") from why
+
+    def _await_banner(self, limit_s: float) -> str:
+        """Wait for the banner; whatever a first boot prints before it is no concern of ours."""
+        deadline = self._deadline(limit_s)
+        while (text := self._line(deadline)) is not None:
+            if found := _BANNER.search(text):
+                return text[found.start() :]
+        return ""
+
+    def _first_status(self) -> str:
+        self._write(b"?")
+        deadline = self._deadline(ANSWER_S)
+        while (text := self._line(deadline)) is not None:
+            if found := _STATUS.search(text):
+                return found[1].partition(":")[0]
+        return self._fail(
+            f"no banner within {BANNER_S:g} s and no answer to '?' at {self._baud} baud; expected "
+            "a GRBL 1.1 controller (after ALARM:1 or 2 it needs a reset or power off and on)"
+        )
+
+    def _command(self, line: str, limit_s: float = ANSWER_S) -> list[str]:
+        """Send a line, wait for its ok, return what came before it."""
+        self._drain()
+        self._awaiting_ok = True
+        self._write(line.encode("ascii") + b"\n")
+        deadline = self._deadline(limit_s)
+        data: list[str] = []
+        while (text := self._line(deadline)) is not None:
+            if text == "ok":
+                self._awaiting_ok = False
+                return data
+            if text.startswith("error:"):
+                self._awaiting_ok = False
+                self._fail(f"{line} was refused: {_explain(text, ERRORS)}")
+            self._watch(text)
+            data.append(text)
+        return self._break(f"no answer to {line} within {limit_s:.1f} s; motion may be going on")
+
+    def _query(self) -> StageState:
+        """One status report. Silence is borne once, then a restarting controller gets its say."""
+        self._drain()
+        for limit_s in (STATUS_S, LISTEN_S):
+            self._write(b"?")
+            deadline = self._deadline(limit_s)
+            while (text := self._line(deadline)) is not None:
+                found = _STATUS.search(text)
+                if found is None:
+                    self._watch(text)
+                elif found[2] == "W":
+                    self._fail("status reports give the work position; set $10=1 or $10=3")
+                else:
+                    rate = _RATE.search(text)
+                    return StageState(
+                        (float(found[3]), float(found[4]), float(found[5])),
+                        found[1],
+                        float(rate[1]) if rate else 0.0,
+                        self._clock.now_s(),
+                    )
+        going = f"; the move to {_mm(self._move.target_mm)} goes on" if self._move else ""
+        return self._break(f"no answer to '?' within {STATUS_S + LISTEN_S:g} s{going}")
+
+    def _watch(self, text: str) -> None:
+        """Raise for what nobody asked to hear: an alarm, or the banner of a restart."""
+        if text.startswith("ALARM:"):
+            why = _explain(text, ALARMS)
+            self._critical = text[6:] in CRITICAL_ALARMS
+            self._break(f"{why}; {'reset, then home' if self._critical else 'home'} again")
+        if found := _BANNER.search(text):
+            self._break(f"the controller restarted ({found[0]}): its position is lost, home again")
+        if text == "ok" and self._awaiting_ok:
+            self._awaiting_ok = False
+
+    def _drain(self) -> None:
+        """Hear what has come since the last exchange, so that it is not taken for an answer."""
+        while self._io(lambda: self._port.in_waiting):
+            text = self._line(self._deadline(SLICE_S))
+            if text is not None:
+                self._watch(text)
+
+    def _line(self, deadline_ns: int) -> str | None:
+        """The next line that is not empty, None at the deadline (what came of it is kept)."""
+        while True:
+            self._partial += self._io(lambda: self._port.read_until(b"\n"))
+            if self._partial.endswith(b"\n"):
+                raw, self._partial = self._partial, b""
+                text = raw.decode("ascii", "replace").strip()
+                if text:
+                    return text
+            elif self._now_ns() >= deadline_ns:
+                return None
+
+    def _write(self, data: bytes) -> None:
+        self._io(lambda: self._port.write(data))
+
+    def _io(self, what: Callable[[], T]) -> T:
+        self._require_port()
+        try:
+            return what()
+        except OSError as why:
+            self.close()
+            going = f"; the move to {_mm(self._move.target_mm)} goes on" if self._move else ""
+            self._break(f"the link is lost ({why}){going}")
+
+    # ---- state --------------------------------------------------------------------------------
+
+    def _require_port(self) -> None:
+        if self._port is None:
+            self._fail(self._trouble or "not connected")
+
+    def _require_ready(self) -> None:
+        if self._trouble:
+            self._fail(f"no motion after a fault ({self._trouble})")
+        self._require_port()
+        if not self._homed:
+            self._fail("its position is not known: home first")
+
+    def _break(self, why: str) -> NoReturn:
+        """A fault that leaves the position in doubt: nothing moves until it is homed."""
+        self._trouble = why
+        self._homed = self._homing = self._awaiting_ok = False
+        self._fail(why)
+
+    def _fail(self, why: str) -> NoReturn:
+        raise StageError(f"{self._url}: {why}")
+
+    def _now_ns(self) -> int:
+        # Whole nanoseconds: sums and differences do not depend on how far the clock has come.
+        return round(self._clock.now_s() * 1e9)
+
+    def _since_s(self, start_ns: int) -> float:
+        return (self._now_ns() - start_ns) / 1e9
+
+    def _deadline(self, seconds: float) -> int:
+        return self._now_ns() + round(seconds * 1e9)
+
+
+def _explain(text: str, meanings: dict[int, str]) -> str:
+    number = text.partition(":")[2]
+    known = meanings.get(int(number)) if number.isdigit() else None
+    return f"{text} ({known})" if known else text
+
+
+def _minus(a: Vec3, b: Vec3) -> Vec3:
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def _mm(p: Vec3) -> str:
+    return f"({p[0]:.3f}, {p[1]:.3f}, {p[2]:.3f}) mm"

@@ -1,0 +1,102 @@
+"""The few small interfaces a run is written against. The runner does not know which rig it drives.
+
+Positions are tip positions in the sensor frame (mm): x along the width, y along the length, z out
+of the sensor, z = 0 at the resting face; a depth d is z = -d. Times are seconds of one `Clock`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Image = NDArray[np.uint8]
+
+
+class Clock(Protocol):
+    """The one time base of host, runner, controller, camera and force sensor."""
+
+    def now_s(self) -> float:
+        """Seconds since an arbitrary, fixed origin; never goes back."""
+
+    def sleep_s(self, seconds: float) -> None:
+        """Let that much time pass (wall time, or virtual time in lockstep)."""
+
+
+@dataclass(frozen=True)
+class StageState:
+    """What the controller last said: position in its own machine frame and what it is doing."""
+
+    machine_mm: tuple[float, float, float]
+    state: str
+    feed_mm_min: float
+    t_s: float
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One image with the host's monotonic time of its exposure."""
+
+    image: Image  # (h, w, 3) BGR uint8
+    t_s: float
+
+
+@dataclass(frozen=True)
+class ForceReading:
+    """Force on the sensor about the centre of the resting face (n: newtons, nmm: N mm)."""
+
+    force_n: tuple[float, float, float]
+    torque_nmm: tuple[float, float, float]
+    t_s: float
+    saturated: bool
+
+
+class Stage(Protocol):
+    """A motion stage in sensor coordinates; it knows its own limits."""
+
+    def connect(self) -> None: ...
+    def home(self) -> None: ...
+    def start_move(self, target_mm: tuple[float, float, float], feed_mm_min: float) -> float:
+        """Send one straight move, return the planned duration (s) without waiting for its end."""
+
+    def wait(self) -> StageState:
+        """Wait until the last move is at its target. Raises StageError otherwise."""
+
+    def position_mm(self) -> tuple[float, float, float]:
+        """Tip position in the sensor frame as the controller reports it now."""
+
+    def stop(self) -> None:
+        """Halt motion now, keep the position, leave the controller able to move again."""
+
+    def identity(self) -> dict[str, Any]:
+        """What the record keeps of the device: firmware, options, settings."""
+
+    def close(self) -> None: ...
+
+
+class Camera(Protocol):
+    """A source of images with times."""
+
+    def begin(self, stream: str) -> None:
+        """A new stream of frames (one press) starts: flush buffers; simulated noise re-seeds."""
+
+    def capture(self) -> Frame:
+        """One frame exposed now, never one from a buffer. Raises SensorError."""
+
+    def identity(self) -> dict[str, Any]: ...
+    def close(self) -> None: ...
+
+
+class ForceSensor(Protocol):
+    """A six-axis force sensor read at the host's pace."""
+
+    def begin(self, stream: str) -> None:
+        """Tare with nothing touching, at the start of a press."""
+
+    def read(self) -> ForceReading:
+        """Newest sample. Raises SensorError when silent, saturated beyond use or faulted."""
+
+    def identity(self) -> dict[str, Any]: ...
+    def close(self) -> None: ...

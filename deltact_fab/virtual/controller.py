@@ -1,0 +1,933 @@
+"""A GRBL 1.1f motion controller as a pure state machine: bytes in, bytes out, a carriage in time.
+
+What it does follows the firmware's documents and behaviour: send-response lines, realtime bytes,
+the planner's queue, jogging, homing, soft limits, alarms, status reports with WCO and Ov now and
+then. It has no thread and no time of its own: each call first catches up with the clock.
+
+Where it is simpler than the firmware:
+- every block is a trapezoid from rest to rest; there is no junction look-ahead, so a chain of
+  blocks takes longer than on a real board (a host with one line outstanding sees no difference);
+- homing comes to rest at the switches instead of running into them;
+- arcs, probing, G28/G30, G93, check mode, startup lines, overrides and the safety door are not
+  modelled: the commands answer error:20 or error:3, the realtime bytes are ignored.
+
+Two positions are kept apart: the step count, which is all that a controller knows and reports, and
+the carriage, which is where the tip really is. They agree after homing. A reset in motion stops the
+count at once while the carriage coasts on (at most v^2/2a), which is how a position gets lost.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import deque
+from collections.abc import Generator, Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from .clock import NS_PER_S, NsClock, to_ns
+from .motion import Path, Segment, Vec3, along_line, brake, trapezoid
+
+BANNER = "Grbl 1.1f ['$' for help]"
+SETTINGS: dict[int, float] = {
+    0: 10, 1: 25, 2: 0, 3: 0, 4: 0, 5: 0, 6: 0,
+    10: 3, 11: 0.01, 12: 0.002, 13: 0,
+    20: 1, 21: 1, 22: 1, 23: 0, 24: 100, 25: 600, 26: 250, 27: 1,
+    30: 1000, 31: 0, 32: 0,
+    100: 800, 101: 800, 102: 800, 110: 1500, 111: 1500, 112: 1200,
+    120: 50, 121: 50, 122: 50, 130: 120, 131: 120, 132: 60,
+}  # fmt: skip
+_WHOLE = frozenset((0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 32))
+_PLANNER_BLOCKS, _RX_BYTES, _LINE_CHARS = 15, 128, 79
+_MM_PER_INCH = 25.4
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)")
+
+State = Literal["Idle", "Run", "Jog", "Hold", "Home", "Alarm", "Sleep"]
+Fault = Literal["reboot", "silence", "limit"]
+# What a line that cannot finish yet waits for: a free planner slot, an empty planner, a carriage at
+# rest, or a moment (ns).
+Wait = Literal["slot", "sync", "still"] | int
+Task = Generator[Wait, None, int]
+
+
+def settings_for(
+    travel_mm: Vec3, max_feed_mm_min: Vec3, acceleration_mm_s2: Vec3
+) -> dict[int, float]:
+    """The `$` settings of a stage with these limits; the rest are a bench's usual ones."""
+    own = dict(SETTINGS)
+    for axis in range(3):
+        own[110 + axis] = max_feed_mm_min[axis]
+        own[120 + axis] = acceleration_mm_s2[axis]
+        own[130 + axis] = travel_mm[axis]
+    return own
+
+
+@dataclass
+class _Modal:
+    """What a G-code line leaves behind for the next one (cleared by a reset)."""
+
+    motion: int = 0
+    plane: int = 17
+    inches: bool = False
+    relative: bool = False
+    system: int = 54
+    spindle: int = 5
+    coolant: int = 9
+    feed_mm_min: float = 0.0
+    spindle_rpm: float = 0.0
+    tool: int = 0
+    g92_mm: Vec3 = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class _Block:
+    """A line in the planner: its end in steps, its programmed feed (None: as fast as allowed)."""
+
+    number: int
+    target_steps: tuple[int, int, int]
+    feed_mm_min: float | None
+
+
+@dataclass
+class _Words:
+    """A parsed line: commands per modal group, values per letter."""
+
+    groups: dict[str, float] = field(default_factory=dict)
+    values: dict[str, float] = field(default_factory=dict)
+
+
+class _Refused(Exception):
+    """A line that answers error:N."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(code)
+        self.code = code
+
+
+class GrblController:
+    """One simulated board with its three axes.
+
+    settings: `$` numbers to values, over `SETTINGS`. start_mm: where the carriage stands at
+    power-on, in the true machine frame (the switches are at 0, or at -travel where $23 says so).
+    boot_s: time from power-on or a hardware reset to the banner. blank_eeprom: the first boot
+    prints error:7 and its settings before the banner.
+    """
+
+    _state: State
+    _boot_ns: int | None
+    _wait_ns: int | None
+    _waiting: Wait | None
+    _moving: Segment | None
+    _task: Task | None
+    _rx: deque[int]
+    _queue: deque[_Block]
+    _deferred: list[int]
+
+    def __init__(
+        self,
+        settings: Mapping[int, float] | None,
+        clock: NsClock,
+        *,
+        start_mm: Vec3 = (-20.0, -20.0, -10.0),
+        boot_s: float = 1.0,
+        banner: str = BANNER,
+        blank_eeprom: bool = False,
+    ) -> None:
+        self.settings = {**SETTINGS, **(settings or {})}
+        unknown = sorted(set(self.settings) - set(SETTINGS))
+        if unknown:
+            raise ValueError(f"no such GRBL setting: ${unknown[0]}")
+        self.banner = banner
+        self._clock = clock
+        self._t = clock.now_ns()
+        self._boot = to_ns(boot_s)
+        self._blank = blank_eeprom
+        self._path = Path(start_mm, self._t)
+        self._systems: dict[int, Vec3] = dict.fromkeys(range(54, 60), (0.0, 0.0, 0.0))
+        self._out: list[tuple[int, bytes]] = []
+        self._faults: list[tuple[int, Fault]] = []
+        self._mute = False
+        self._blocks_made = 0
+        self._power_on()
+
+    # ---- the wire -----------------------------------------------------------------------------
+
+    def write(self, data: bytes) -> None:
+        """Bytes from the host, all received now."""
+        self._advance()
+        for byte in data:
+            if self._mute or self._boot_ns is not None:
+                continue
+            if byte in b"?!~\x18" or byte >= 0x80:
+                self._realtime(byte)
+            elif len(self._rx) < _RX_BYTES:
+                self._rx.append(byte)
+                if byte in b"\r\n":
+                    self._pump()
+
+    def read_available(self) -> bytes:
+        """Everything said up to now and not yet read."""
+        return b"".join(data for _, data in self.take_output())
+
+    def take_output(self) -> list[tuple[int, bytes]]:
+        """The same, in pieces with the time (ns) at which each was said."""
+        self._advance()
+        out, self._out = self._out, []
+        return out
+
+    def next_event_ns(self) -> int | None:
+        """When something next happens by itself (and the controller may speak), None: never."""
+        self._advance()
+        return self._next_ns()
+
+    def hard_reset(self) -> None:
+        """The reset pin (opening the port of an Arduino pulls it), or power off and on."""
+        self._advance()
+        self._stop_dead()
+        self._power_on()
+
+    def fault(self, kind: Fault, at_s: float | None = None) -> None:
+        """Make something go wrong, now or at a later time of the clock.
+
+        reboot: a brown-out. silence: the cable is pulled, motion goes on. limit: a hard limit.
+        """
+        self._advance()
+        self._faults.append((self._t if at_s is None else to_ns(at_s), kind))
+        self._faults.sort()
+        self._advance()
+
+    # ---- the truth, for the scene -------------------------------------------------------------
+
+    @property
+    def state(self) -> str:
+        """What it is doing: Idle, Run, Jog, Hold, Home, Alarm or Sleep."""
+        self._advance()
+        return self._state
+
+    @property
+    def segments(self) -> list[Segment]:
+        """Every straight piece of the carriage's path, the planned one last."""
+        self._advance()
+        return self._path.segments
+
+    def position_mm(self, t_s: float | None = None) -> Vec3:
+        """Where the carriage is, machine mm, now or at a past time.
+
+        Raises ValueError for a time that has not come: what will be is not decided yet.
+        """
+        self._advance()
+        t_ns = self._t if t_s is None else to_ns(t_s)
+        if t_ns > self._t:
+            raise ValueError(f"{t_s} s has not come yet: it is {self._t / NS_PER_S} s")
+        return self._path.position_mm(t_ns)
+
+    def path_since(self, t0_s: float) -> list[Vec3]:
+        """The way of the carriage since t0, machine mm: from there, every corner, to here."""
+        self._advance()
+        return self._path.since(to_ns(t0_s), self._t)
+
+    def planned_segment(self) -> tuple[Vec3, Vec3, float, float] | None:
+        """The straight piece under way (start mm, end mm, start s, end s), None at rest.
+
+        It can still be cut short by a hold, a jog cancel or a reset.
+        """
+        self._advance()
+        s = self._path.moving(self._t)
+        if s is None:
+            return None
+        return s.start_mm, s.end_mm, s.start_ns / NS_PER_S, s.end_ns / NS_PER_S
+
+    # ---- time ---------------------------------------------------------------------------------
+
+    def _next_ns(self) -> int | None:
+        times = [t for t in (self._boot_ns, self._wait_ns) if t is not None]
+        if self._moving is not None:
+            times.append(self._moving.end_ns)
+        if self._faults:
+            times.append(self._faults[0][0])
+        return min(times, default=None)
+
+    def _advance(self) -> None:
+        now = self._clock.now_ns()
+        while (t := self._next_ns()) is not None and t <= now:
+            self._t = max(t, self._t)
+            if self._faults and self._faults[0][0] <= t:
+                self._strike(self._faults.pop(0)[1])
+                continue
+            if self._boot_ns is not None and self._boot_ns <= t:
+                self._boot_ns = None
+                if self._blank:
+                    self._blank = False
+                    self._say("error:7")
+                    self._print_settings()
+                self._greet()
+            if self._moving is not None and self._moving.end_ns <= t:
+                self._segment_done()
+            if self._wait_ns is not None and self._wait_ns <= t:
+                self._wait_ns = None
+            self._pump()
+        self._t = now
+
+    def _power_on(self) -> None:
+        """Only the settings are remembered: the count starts at 0 wherever the carriage is."""
+        self._state = "Alarm" if self.settings[22] else "Idle"
+        self._count = (0, 0, 0)
+        self._slip_mm = self._path.end_mm
+        self._boot_ns = self._t + self._boot
+        self._clear()
+
+    def _strike(self, kind: Fault) -> None:
+        if kind == "silence":
+            self._mute = True
+        elif kind == "reboot":
+            self._stop_dead()
+            self._power_on()
+        elif self._boot_ns is None and not self._locked:
+            self._stop_dead()
+            self._lock(1)
+
+    # ---- lines --------------------------------------------------------------------------------
+
+    def _say(self, text: str) -> None:
+        if not self._mute:
+            self._out.append((self._t, text.encode("ascii") + b"\r\n"))
+
+    def _greet(self) -> None:
+        if not self._mute:
+            self._out.append((self._t, b"\r\n"))
+        self._say(self.banner)
+        if self._state == "Alarm":
+            self._say("[MSG:'$H'|'$X' to unlock]")
+
+    def _clear(self) -> None:
+        """What every kind of reset forgets."""
+        self._rx = deque()
+        self._line = ""
+        self._overflow = False
+        self._comment = ""
+        self._task = None
+        self._waiting = None
+        self._wait_ns = None
+        self._queue = deque()
+        self._moving = None
+        self._holding = False  # braking for a hold or a jog cancel
+        self._soft_limited = False  # braking because the next line leaves the travel
+        self._locked = False  # a critical alarm: only a reset is heard
+        self._deferred = []
+        self._modal = _Modal()
+        self._wco_in = self._ov_in = 0
+        self._programmed_mm = _divide(self._count, self._steps_per_mm)
+
+    def _pump(self) -> None:
+        """Run lines until one has to wait, or there is none."""
+        while not (
+            self._locked
+            or self._boot_ns is not None
+            or self._state == "Sleep"
+            or (self._state == "Hold" and not self._soft_limited)
+        ):
+            if self._task is None:
+                if not self._next_line():
+                    return
+            elif not self._may_go_on():
+                return
+            assert self._task is not None
+            try:
+                self._waiting = next(self._task)
+                if isinstance(self._waiting, int):
+                    self._wait_ns = self._waiting
+            except StopIteration as end:
+                self._task = self._waiting = None
+                self._say(f"error:{end.value}" if end.value else "ok")
+                deferred, self._deferred = self._deferred, []
+                for byte in deferred:
+                    self._realtime(byte)
+
+    def _may_go_on(self) -> bool:
+        if self._waiting == "slot":
+            return len(self._queue) < _PLANNER_BLOCKS
+        if self._waiting == "sync":
+            return not self._queue and self._moving is None
+        if self._waiting == "still":
+            return self._moving is None
+        return self._wait_ns is None
+
+    def _next_line(self) -> bool:
+        while self._rx:
+            c = chr(self._rx.popleft())
+            if c in "\r\n":
+                self._task = self._run(self._line, self._overflow)
+                self._line, self._overflow, self._comment = "", False, ""
+                return True
+            if self._comment or self._overflow:
+                if c == ")" and self._comment == "(":
+                    self._comment = ""
+            elif c in "(;":
+                self._comment = c
+            elif c > " " and c != "/":
+                if len(self._line) >= _LINE_CHARS:
+                    self._overflow = True
+                else:
+                    self._line += c.upper()
+        return False
+
+    def _run(self, line: str, overflow: bool) -> Task:
+        try:
+            if overflow:
+                return 11
+            if not line:
+                return 0
+            if line[0] == "$":
+                return (yield from self._system(line))
+            if self._state in ("Alarm", "Jog"):
+                return 9
+            return (yield from self._gcode(line, jog=False))
+        except _Refused as why:
+            return why.code
+
+    # ---- realtime bytes -----------------------------------------------------------------------
+
+    def _realtime(self, byte: int) -> None:
+        if byte == 0x18:
+            self._soft_reset()
+        elif self._locked or self._state == "Sleep":
+            return
+        elif self._state == "Home":
+            if byte in b"?!" and byte not in self._deferred:
+                self._deferred.append(byte)
+        elif byte == ord("?"):
+            self._report()
+        elif byte == ord("!") or (byte == 0x85 and self._state == "Jog"):
+            self._hold()
+        elif byte == ord("~") and self._state == "Hold" and not self._holding:
+            self._state = "Run" if self._queue else "Idle"
+            self._begin()
+            self._pump()
+
+    def _hold(self) -> None:
+        if self._state == "Idle":
+            self._state = "Hold"
+        if self._state not in ("Run", "Jog") or self._holding:
+            return
+        if self._state == "Run":
+            self._state = "Hold"
+        self._holding = True
+        assert self._moving is not None
+        ramp = brake(self._moving, self._t)
+        self._path.replace_last(self._t)
+        self._moving = self._path.add(ramp)
+        if ramp.end_ns == ramp.start_ns:
+            self._segment_done()
+
+    def _soft_reset(self) -> None:
+        stale = self._task is not None and self._state != "Sleep"
+        if not self._locked:
+            if self._state == "Home":
+                self._stop_dead()
+                self._say("ALARM:6")
+                self._state = "Alarm"
+            elif self._moving is not None:
+                self._stop_dead()
+                self._say("ALARM:3")
+                self._state = "Alarm"
+        # The line that was under way still gets its answer, just before the banner.
+        if stale:
+            self._say("ok")
+        self._state = "Alarm" if self._state in ("Alarm", "Sleep") else "Idle"
+        self._clear()
+        self._greet()
+
+    def _lock(self, alarm: int) -> None:
+        self._state = "Alarm"
+        self._say(f"ALARM:{alarm}")
+        self._say("[MSG:Reset to continue]")
+        self._locked = True
+        self._queue.clear()
+
+    # ---- motion -------------------------------------------------------------------------------
+
+    @property
+    def _steps_per_mm(self) -> Vec3:
+        return self._axes(100)
+
+    def _axes(self, first: int) -> Vec3:
+        return (self.settings[first], self.settings[first + 1], self.settings[first + 2])
+
+    def _count_mm(self) -> Vec3:
+        """The controller's own idea of its position."""
+        count = self._counted(self._t) if self._moving is not None else self._count
+        return _divide(count, self._steps_per_mm)
+
+    def _counted(self, t_ns: int) -> tuple[int, int, int]:
+        return _steps(_minus(self._path.position_mm(t_ns), self._slip_mm), self._steps_per_mm)
+
+    def _plan(self, target_mm: Vec3, feed_mm_min: float | None) -> None:
+        self._blocks_made += 1
+        target = _steps(target_mm, self._steps_per_mm)
+        before = self._queue[-1].target_steps if self._queue else self._count
+        self._programmed_mm = target_mm
+        if target != before:
+            self._queue.append(_Block(self._blocks_made, target, feed_mm_min))
+
+    def _begin(self) -> None:
+        """Start the next block of the queue, if the state is one that moves."""
+        self._catch()
+        while self._queue and self._state in ("Run", "Jog"):
+            block = self._queue[0]
+            end = _plus(_divide(block.target_steps, self._steps_per_mm), self._slip_mm)
+            segment = self._line_to(end, block.feed_mm_min, block.number)
+            if segment.end_ns > self._t:
+                self._moving = segment
+                return
+            self._count = block.target_steps
+            self._queue.popleft()
+        if self._state in ("Run", "Jog") and not self._queue:
+            self._state = "Idle"
+
+    def _catch(self) -> None:
+        """Motors that are driven again hold a carriage that still coasts from a reset."""
+        if self._moving is None and self._path.moving(self._t) is not None:
+            self._path.replace_last(self._t)
+            self._slip_mm = _minus(self._path.end_mm, _divide(self._count, self._steps_per_mm))
+
+    def _line_to(self, end_mm: Vec3, feed_mm_min: float | None, number: int) -> Segment:
+        start = self._path.end_mm
+        delta = _minus(end_mm, start)
+        if not any(delta):
+            return trapezoid(start, end_mm, 1.0, 1.0, self._t, number)
+        rate = along_line(delta, self._axes(110))
+        feed = rate if feed_mm_min is None else min(feed_mm_min, rate)
+        accel = along_line(delta, self._axes(120))
+        return self._path.add(trapezoid(start, end_mm, feed / 60, accel, self._t, number))
+
+    def _segment_done(self) -> None:
+        assert self._moving is not None
+        self._count = self._counted(self._moving.end_ns)
+        self._moving = None
+        if self._state == "Home":
+            return
+        if self._holding:
+            self._holding = False
+            if self._state == "Jog":
+                self._queue.clear()
+                self._programmed_mm = _divide(self._count, self._steps_per_mm)
+                self._state = "Idle"
+            return
+        self._count = self._queue.popleft().target_steps
+        self._begin()
+
+    def _stop_dead(self) -> None:
+        """Pulses end now: the count freezes, the carriage coasts to rest."""
+        moving = self._path.moving(self._t)
+        if moving is not None and self._moving is not None:
+            self._count = self._counted(self._t)
+            coast = brake(moving, self._t)
+            self._path.replace_last(self._t)
+            self._path.add(coast)
+            self._slip_mm = _minus(self._path.end_mm, _divide(self._count, self._steps_per_mm))
+        self._moving = None
+        self._holding = False
+        self._queue.clear()
+
+    def _outside(self, target_mm: Vec3) -> bool:
+        travel = self._axes(130)
+        return any(not -m <= p <= 0 for p, m in zip(target_mm, travel, strict=True))
+
+    def _home(self) -> Task:
+        self._state = "Home"
+        self._catch()
+        far = int(self.settings[23])
+        pull = self.settings[27]
+        seek, feed = self.settings[25], self.settings[24]
+        for axes in ((2,), (0, 1)):
+            switch = {a: -self.settings[130 + a] if far >> a & 1 else 0.0 for a in axes}
+            clear = {a: s + pull if far >> a & 1 else s - pull for a, s in switch.items()}
+            for goal, rate in ((switch, seek), (clear, seek), (switch, feed), (clear, seek)):
+                yield from self._home_leg(goal, rate)
+                yield self._t + to_ns(self.settings[26] / 1000)
+        self._count = _steps(self._path.end_mm, self._steps_per_mm)
+        self._slip_mm = (0.0, 0.0, 0.0)
+        self._programmed_mm = _divide(self._count, self._steps_per_mm)
+        self._state = "Idle"
+        return 0
+
+    def _home_leg(self, goal: dict[int, float], rate_mm_min: float) -> Task:
+        """Axes start together at the same rate; each stops at its goal."""
+        while True:
+            here = self._path.end_mm
+            left = {a: g - here[a] for a, g in goal.items() if g != here[a]}
+            if not left:
+                return 0
+            way = min(abs(d) for d in left.values())
+            end = list(here)
+            for a, d in left.items():
+                end[a] = goal[a] if abs(d) == way else here[a] + math.copysign(way, d)
+            self._blocks_made += 1
+            rate = rate_mm_min * math.sqrt(len(left))
+            self._moving = self._line_to((end[0], end[1], end[2]), rate, self._blocks_made)
+            yield "still"
+
+    # ---- $ commands ---------------------------------------------------------------------------
+
+    def _system(self, line: str) -> Task:
+        what = line[1:]
+        if what.startswith("J"):
+            if self._state not in ("Idle", "Jog"):
+                return 8
+            if not what.startswith("J="):
+                return 3
+            return (yield from self._gcode(what[2:], jog=True))
+        if what == "":
+            self._say("[HLP:$$ $# $G $I $N $x=val $J=line $SLP $X $H ~ ! ? ctrl-x]")
+            return 0
+        if what[0] in "$GX":
+            return self._print_or_unlock(what)
+        if self._state not in ("Idle", "Alarm"):
+            return 8
+        if what == "H":
+            if not self.settings[22]:
+                return 5
+            return (yield from self._home())
+        if what == "SLP":
+            self._state = "Sleep"
+            # Asleep it answers nothing at all, not even this line: a task that never goes on.
+            yield "still"
+        elif what == "#":
+            self._print_parameters()
+        elif what == "I":
+            self._say("[VER:1.1f.20170801:]")
+            self._say(f"[OPT:V,{_PLANNER_BLOCKS},{_RX_BYTES}]")
+        elif what == "N":
+            self._say("$N0=")
+            self._say("$N1=")
+        elif what[0] in "#HISRNC":
+            return 3
+        else:
+            self._set(what)
+        return 0
+
+    def _print_or_unlock(self, what: str) -> int:
+        if len(what) > 1:
+            return 3
+        if what == "$":
+            if self._state in ("Run", "Hold"):
+                return 8
+            self._print_settings()
+        elif what == "G":
+            self._print_modal()
+        elif self._state == "Alarm":
+            self._say("[MSG:Caution: Unlocked]")
+            self._state = "Idle"
+        return 0
+
+    def _set(self, what: str) -> None:
+        """`N=value`: numbers first, then the rules of the setting."""
+        key = _NUMBER.match(what)
+        if key is None:
+            raise _Refused(2)
+        rest = what[key.end() :]
+        if not rest.startswith("="):
+            raise _Refused(3)
+        number = _NUMBER.match(rest, 1)
+        if number is None:
+            raise _Refused(2)
+        if number.end() != len(rest):
+            raise _Refused(3)
+        n, value = int(float(key[0])), float(number[0])
+        if value < 0:
+            raise _Refused(4)
+        if n not in SETTINGS:
+            raise _Refused(3)
+        if n == 0 and value < 3:
+            raise _Refused(6)
+        if n == 20 and value and not self.settings[22]:
+            raise _Refused(10)
+        self.settings[n] = float(int(value)) if n in _WHOLE else value
+        if n == 22 and not value:
+            self.settings[20] = 0
+        self._wco_in = 0
+
+    def _print_settings(self) -> None:
+        for n, value in self.settings.items():
+            self._say(f"${n}={value:.0f}" if n in _WHOLE or n in (30, 31) else f"${n}={value:.3f}")
+
+    def _print_modal(self) -> None:
+        m = self._modal
+        self._say(
+            f"[GC:G{m.motion} G{m.system} G{m.plane} G{20 if m.inches else 21} "
+            f"G{91 if m.relative else 90} G94 M{m.spindle} M{m.coolant} T{m.tool} "
+            f"F{m.feed_mm_min:.0f} S{m.spindle_rpm:.0f}]"
+        )
+
+    def _print_parameters(self) -> None:
+        for system, offset in self._systems.items():
+            self._say(f"[G{system}:{self._coordinates(offset)}]")
+        zero = self._coordinates((0.0, 0.0, 0.0))
+        self._say(f"[G28:{zero}]")
+        self._say(f"[G30:{zero}]")
+        self._say(f"[G92:{self._coordinates(self._modal.g92_mm)}]")
+        self._say(f"[TLO:{zero.split(',', 1)[0]}]")
+        self._say(f"[PRB:{zero}:0]")
+
+    def _coordinates(self, mm: Vec3) -> str:
+        """Three numbers as reported: 3 decimals of a millimetre, or 4 of an inch."""
+        if self.settings[13]:
+            return ",".join(f"{p / _MM_PER_INCH + 0.0:.4f}" for p in mm)
+        return ",".join(f"{p + 0.0:.3f}" for p in mm)
+
+    def _offset_mm(self) -> Vec3:
+        """Work coordinate offset: machine = work + this."""
+        return _plus(self._systems[self._modal.system], self._modal.g92_mm)
+
+    def _report(self) -> None:
+        name = f"Hold:{int(self._holding)}" if self._state == "Hold" else self._state
+        mm = self._count_mm()
+        mask = int(self.settings[10])
+        if mask & 1:
+            parts = [name, f"MPos:{self._coordinates(mm)}"]
+        else:
+            parts = [name, f"WPos:{self._coordinates(_minus(mm, self._offset_mm()))}"]
+        if mask & 2:
+            free = _PLANNER_BLOCKS - len(self._queue), _RX_BYTES - len(self._rx)
+            parts.append(f"Bf:{free[0]},{free[1]}")
+        speed = self._moving.speed_mm_s(self._t) * 60 if self._moving is not None else 0.0
+        rate = f"{speed / _MM_PER_INCH:.1f}" if self.settings[13] else f"{speed:.0f}"
+        spindle = 0.0 if self._modal.spindle == 5 else self._modal.spindle_rpm
+        parts.append(f"FS:{rate},{spindle:.0f}")
+        busy = self._state in ("Run", "Jog", "Hold")
+        if self._wco_in:
+            self._wco_in -= 1
+        else:
+            self._wco_in = 29 if busy else 9
+            self._ov_in = self._ov_in or 1
+            parts.append(f"WCO:{self._coordinates(self._offset_mm())}")
+        if self._ov_in:
+            self._ov_in -= 1
+        else:
+            self._ov_in = 19 if busy else 9
+            parts.append("Ov:100,100,100")
+        self._say(f"<{'|'.join(parts)}>")
+
+    # ---- G-code -------------------------------------------------------------------------------
+
+    def _gcode(self, line: str, *, jog: bool) -> Task:
+        words = _parse(line)
+        groups, values, modal = words.groups, words.values, self._modal
+        inches = groups.get("units", 20 if modal.inches else 21) == 20
+        relative = groups.get("distance", 91 if modal.relative else 90) == 91
+        system = int(groups.get("system", modal.system))
+        motion = 1 if jog else int(groups.get("motion", modal.motion))
+        action = groups.get("action")
+        axes = {a: values[c] for a, c in enumerate("XYZ") if c in values}
+        if inches:
+            axes = {a: v * _MM_PER_INCH for a, v in axes.items()}
+        moves = action not in (10, 92) and (bool(axes) or "motion" in groups)
+        if jog and "F" not in values:
+            raise _Refused(22)
+        feed = values["F"] * (_MM_PER_INCH if inches else 1) if "F" in values else modal.feed_mm_min
+        used = {"F", "N", "S", "T", "X", "Y", "Z"}
+        if action == 4:
+            if "P" not in values:
+                raise _Refused(28)
+            used.add("P")
+        coordinates: tuple[int, Vec3] | None = None
+        g92 = modal.g92_mm
+        if action == 10:
+            coordinates = self._g10(values, axes, system)
+            used |= {"L", "P"}
+        elif action == 92:
+            if not axes:
+                raise _Refused(26)
+            base = _minus(self._programmed_mm, self._systems[system])
+            g92 = _replace(g92, {a: base[a] - v for a, v in axes.items()})
+        elif action == 92.1:
+            g92 = (0.0, 0.0, 0.0)
+        if action == 53 and motion not in (0, 1):
+            raise _Refused(30)
+        if moves and motion == 80 and axes:
+            raise _Refused(31)
+        if moves and motion == 1 and feed == 0:
+            raise _Refused(22)
+        if jog:
+            used = {"F", "N", "X", "Y", "Z"}
+        if set(values) - used:
+            raise _Refused(36)
+        target = self._target(axes, system, absolute=action == 53, relative=relative)
+        if jog:
+            if set(groups) - {"distance", "units", "action"} or action not in (None, 53):
+                raise _Refused(16)
+            return (yield from self._jog(target, feed))
+
+        if "spindle" in groups or "S" in values or "system" in groups or coordinates is not None:
+            yield "sync"
+        modal.inches, modal.relative, modal.system = inches, relative, system
+        modal.plane = int(groups.get("plane", modal.plane))
+        modal.coolant = int(groups.get("coolant", modal.coolant))
+        modal.spindle = int(groups.get("spindle", modal.spindle))
+        modal.spindle_rpm = values.get("S", modal.spindle_rpm)
+        modal.tool = int(values.get("T", modal.tool))
+        modal.feed_mm_min, modal.motion = feed, motion
+        if "system" in groups or coordinates is not None or g92 != modal.g92_mm:
+            self._wco_in = 0
+        modal.g92_mm = g92
+        if coordinates is not None:
+            self._systems[coordinates[0]] = coordinates[1]
+        if action == 4:
+            yield "sync"
+            yield self._t + to_ns(values["P"])
+        if moves and axes:
+            yield from self._move(target, None if motion == 0 else feed)
+        yield from self._program_flow(groups.get("flow"))
+        return 0
+
+    def _g10(
+        self, values: dict[str, float], axes: dict[int, float], system: int
+    ) -> tuple[int, Vec3]:
+        """G10 L2 sets a coordinate system, G10 L20 makes the present position read as given."""
+        if not axes:
+            raise _Refused(26)
+        if "P" not in values or "L" not in values:
+            raise _Refused(28)
+        if values["P"] >= 7:
+            raise _Refused(29)
+        if values["L"] not in (2, 20):
+            raise _Refused(20)
+        chosen = 53 + int(values["P"]) if values["P"] >= 1 else system
+        if values["L"] == 20:
+            base = _minus(self._programmed_mm, self._modal.g92_mm)
+            axes = {a: base[a] - v for a, v in axes.items()}
+        return chosen, _replace(self._systems[chosen], axes)
+
+    def _target(
+        self, axes: dict[int, float], system: int, *, absolute: bool, relative: bool
+    ) -> Vec3:
+        at = self._programmed_mm
+        if absolute:
+            base: Vec3 = (0.0, 0.0, 0.0)
+        else:
+            base = at if relative else _plus(self._systems[system], self._modal.g92_mm)
+        return _replace(at, {a: base[a] + v for a, v in axes.items()})
+
+    def _jog(self, target_mm: Vec3, feed_mm_min: float) -> Task:
+        if feed_mm_min == 0:
+            raise _Refused(22)
+        if self.settings[20] and self._outside(target_mm):
+            return 15
+        yield "slot"
+        self._plan(target_mm, feed_mm_min)
+        if self._state == "Idle" and self._queue:
+            self._state = "Jog"
+            self._begin()
+        return 0
+
+    def _move(self, target_mm: Vec3, feed_mm_min: float | None) -> Task:
+        if self.settings[20] and self._outside(target_mm):
+            if self._state == "Run":
+                self._soft_limited = True
+                self._hold()
+                yield "still"
+            self._lock(2)
+            yield "still"
+        yield "slot"
+        self._plan(target_mm, feed_mm_min)
+        if self._state == "Idle" and self._queue:
+            self._state = "Run"
+            self._begin()
+        return 0
+
+    def _program_flow(self, flow: float | None) -> Task:
+        if flow is None or flow == 1:
+            return 0
+        yield "sync"
+        if flow == 0:
+            self._state = "Hold"
+            yield "sync"
+        else:
+            m = self._modal
+            m.motion, m.plane, m.system, m.relative, m.spindle, m.coolant = 1, 17, 54, False, 5, 9
+            self._say("[MSG:Pgm End]")
+        return 0
+
+
+_GROUPS: dict[str, dict[str, tuple[float, ...]]] = {
+    "G": {
+        "action": (4, 10, 53, 92, 92.1),
+        "motion": (0, 1, 80),
+        "plane": (17, 18, 19),
+        "distance": (90, 91),
+        "arc": (91.1,),
+        "rate": (94,),
+        "units": (20, 21),
+        "cutter": (40,),
+        "length": (49,),
+        "system": (54, 55, 56, 57, 58, 59),
+        "control": (61,),
+    },
+    "M": {"flow": (0, 1, 2, 30), "spindle": (3, 4, 5), "coolant": (8, 9)},
+}
+_GROUP_OF = {(c, v): g for c, groups in _GROUPS.items() for g, vs in groups.items() for v in vs}
+
+
+def _parse(line: str) -> _Words:
+    """Split a line into words; raises _Refused with the firmware's codes."""
+    words = _Words()
+    at = 0
+    axis_command = False
+    while at < len(line):
+        letter = line[at]
+        if not ("A" <= letter <= "Z"):
+            raise _Refused(1)
+        number = _NUMBER.match(line, at + 1)
+        if number is None:
+            raise _Refused(2)
+        at, value = number.end(), float(number[0])
+        if letter in "GM":
+            value = round(value, 2)
+            group = _GROUP_OF.get((letter, value))
+            if group is None:
+                whole = int(value) not in (90, 91, 92) and (letter, int(value)) in _GROUP_OF
+                raise _Refused(23 if whole else 20)
+            if letter == "G" and value in (0, 1, 10, 92):
+                if axis_command:
+                    raise _Refused(24)
+                axis_command = True
+            if group in words.groups:
+                raise _Refused(21)
+            words.groups[group] = value
+            continue
+        if letter not in "FIJKLNPRSTXYZ":
+            raise _Refused(20)
+        if letter in words.values:
+            raise _Refused(25)
+        if letter in "FNPTS" and value < 0:
+            raise _Refused(4)
+        if letter == "T" and value > 255:
+            raise _Refused(38)
+        words.values[letter] = value
+    if words.values.get("N", 0) > 10_000_000:
+        raise _Refused(27)
+    return words
+
+
+def _steps(mm: Vec3, per_mm: Vec3) -> tuple[int, int, int]:
+    """Whole steps, halves away from zero as the firmware rounds."""
+    x, y, z = (
+        int(math.copysign(math.floor(abs(p * k) + 0.5), p)) for p, k in zip(mm, per_mm, strict=True)
+    )
+    return x, y, z
+
+
+def _divide(steps: tuple[int, int, int], per_mm: Vec3) -> Vec3:
+    return (steps[0] / per_mm[0], steps[1] / per_mm[1], steps[2] / per_mm[2])
+
+
+def _plus(a: Vec3, b: Vec3) -> Vec3:
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def _minus(a: Vec3, b: Vec3) -> Vec3:
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def _replace(mm: Vec3, axes: dict[int, float]) -> Vec3:
+    return (axes.get(0, mm[0]), axes.get(1, mm[1]), axes.get(2, mm[2]))

@@ -1,0 +1,210 @@
+"""The lockstep wire: a pyserial port whose other end is a simulated controller.
+
+`connect` puts a controller behind the URL `simgrbl://NAME`, which `serial.serial_for_url` then
+opens like any port, so the real host runs unchanged. Virtual time moves only while the host sleeps
+or exchanges bytes: a byte takes 10 bits at the baud rate, what the controller says travels while
+the host does other things, and a read with nothing to come lasts its time-out or until the
+controller next speaks. No threads.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Literal
+from weakref import WeakValueDictionary
+
+import serial
+
+from .clock import NS_PER_S, VirtualClock, to_ns
+from .controller import GrblController
+
+SCHEME = "simgrbl"
+_BITS_PER_BYTE = 10
+Exchange = tuple[int, Literal["host", "controller"], bytes]
+
+
+@dataclass
+class _Chunk:
+    """Bytes that arrive one after the other from start_ns on; those before `taken` are read."""
+
+    start_ns: int
+    data: bytes
+    taken: int = 0
+
+
+class Link:
+    """The cable between a host and one controller. Keep it alive as long as the URL is used."""
+
+    def __init__(
+        self,
+        controller: GrblController,
+        clock: VirtualClock,
+        name: str,
+        *,
+        baud: int = 115200,
+        resets_on_open: bool = True,
+        trace: list[Exchange] | None = None,
+    ) -> None:
+        self.controller = controller
+        self.name = name
+        self._clock = clock
+        self._baud = baud
+        self._resets_on_open = resets_on_open
+        self._trace = trace
+        self._arriving: deque[_Chunk] = deque()
+        self._free_ns = clock.now_ns()
+        self._plugged = True
+
+    @property
+    def url(self) -> str:
+        """What the host opens."""
+        return f"{SCHEME}://{self.name}"
+
+    def unplug(self) -> None:
+        """Pull the cable: the host's reads and writes fail, the controller's motion goes on."""
+        self._plugged = False
+
+    def plug(self) -> None:
+        """Put the cable back. What was said meanwhile is lost."""
+        self._plugged = True
+        self.discard()
+
+    def opened(self) -> None:
+        """The host opened the port: an Arduino restarts, other boards do not notice."""
+        self._require_cable()
+        self.discard()
+        if self._resets_on_open:
+            self.controller.hard_reset()
+
+    def discard(self) -> None:
+        """Forget what has arrived and was not read."""
+        self.controller.take_output()
+        self._arriving.clear()
+
+    def send(self, data: bytes) -> None:
+        """Host to controller; returns when the last bit is through."""
+        self._require_cable()
+        self._clock.advance_to_ns(self._clock.now_ns() + self._duration_ns(len(data)))
+        if self._trace is not None:
+            self._trace.append((self._clock.now_ns(), "host", data))
+        self.controller.write(data)
+
+    def waiting(self) -> int:
+        """Bytes that have arrived and can be read without any wait."""
+        self._require_cable()
+        self._collect()
+        now = self._clock.now_ns()
+        return sum(self._arrived(chunk, now) for chunk in self._arriving)
+
+    def receive(self, size: int, timeout_s: float | None, until: bytes = b"") -> bytes:
+        """Up to `size` bytes, ended by the byte `until` if given, or less at the time-out.
+
+        Raises SerialException when it would wait for ever.
+        """
+        self._require_cable()
+        deadline = None if timeout_s is None else self._clock.now_ns() + to_ns(timeout_s)
+        got = bytearray()
+        while len(got) < size:
+            self._collect()
+            if self._arriving:
+                complete = self._take(got, size, deadline, until)
+            else:
+                complete = self._wait_for_speech(deadline)
+            if complete:
+                break
+        if got and self._trace is not None:
+            self._trace.append((self._clock.now_ns(), "controller", bytes(got)))
+        return bytes(got)
+
+    def _take(self, got: bytearray, size: int, deadline: int | None, until: bytes) -> bool:
+        """Move bytes of the first chunk to `got`; True when the read is over."""
+        chunk = self._arriving[0]
+        end = min(len(chunk.data), chunk.taken + size - len(got))
+        over = False
+        if until:
+            at = chunk.data.find(until, chunk.taken, end)
+            if at >= 0:
+                end, over = at + 1, True
+        if deadline is not None:
+            in_time = chunk.taken + self._arrived(chunk, max(deadline, self._clock.now_ns()))
+            if in_time < end:
+                end, over = in_time, True
+                self._clock.advance_to_ns(deadline)
+        if end > chunk.taken:
+            self._clock.advance_to_ns(chunk.start_ns + self._duration_ns(end))
+            got += chunk.data[chunk.taken : end]
+            chunk.taken = end
+        if end == len(chunk.data):
+            self._arriving.popleft()
+        return over
+
+    def _wait_for_speech(self, deadline: int | None) -> bool:
+        """Let time pass to the controller's next event or the deadline; True at the deadline."""
+        event = self.controller.next_event_ns()
+        if event is None and deadline is None:
+            raise serial.SerialException(f"{self.url}: nothing will ever come")
+        if deadline is not None and (event is None or event > deadline):
+            self._clock.advance_to_ns(deadline)
+            return True
+        assert event is not None
+        self._clock.advance_to_ns(event)
+        return False
+
+    def _collect(self) -> None:
+        """Put what the controller said on the wire, one byte after the other."""
+        for t_ns, data in self.controller.take_output():
+            if self._plugged:
+                start = max(t_ns, self._free_ns)
+                self._arriving.append(_Chunk(start, data))
+                self._free_ns = start + self._duration_ns(len(data))
+
+    def _arrived(self, chunk: _Chunk, t_ns: int) -> int:
+        """Unread bytes of a chunk that are through at a time."""
+        through = (t_ns - chunk.start_ns) * self._baud // (_BITS_PER_BYTE * NS_PER_S)
+        # The byte whose end was rounded up to a whole nanosecond is through at that nanosecond.
+        if through < len(chunk.data) and chunk.start_ns + self._duration_ns(through + 1) <= t_ns:
+            through += 1
+        return max(min(through, len(chunk.data)) - chunk.taken, 0)
+
+    def _duration_ns(self, n: int) -> int:
+        return n * _BITS_PER_BYTE * NS_PER_S // self._baud
+
+    def _require_cable(self) -> None:
+        if not self._plugged:
+            raise serial.SerialException(f"{self.url}: device disconnected")
+
+
+_LINKS: WeakValueDictionary[str, Link] = WeakValueDictionary()
+
+
+def connect(
+    controller: GrblController,
+    clock: VirtualClock,
+    name: str = "stage",
+    *,
+    baud: int = 115200,
+    resets_on_open: bool = True,
+    trace: list[Exchange] | None = None,
+) -> Link:
+    """Put a controller behind `simgrbl://NAME` and return the cable; it lives while you hold it.
+
+    resets_on_open: opening the port restarts the controller, as an Arduino does. trace: a list that
+    gets every exchange as (virtual ns, who, bytes). A name in use goes to the newest controller.
+    """
+    package = __package__ or "deltact_fab.virtual"
+    if package not in serial.protocol_handler_packages:
+        serial.protocol_handler_packages.append(package)
+    link = Link(controller, clock, name, baud=baud, resets_on_open=resets_on_open, trace=trace)
+    _LINKS[name] = link
+    return link
+
+
+def find(url: str) -> Link:
+    """The cable that a URL names. Raises SerialException listing the live ones."""
+    name = url.partition("://")[2]
+    link = _LINKS.get(name)
+    if link is None:
+        live = ", ".join(sorted(_LINKS)) or "none"
+        raise serial.SerialException(f"{url}: no such simulated controller (live: {live})")
+    return link

@@ -1,0 +1,252 @@
+"""The GRBL host against exact expected exchanges, and once over a real terminal device."""
+
+from __future__ import annotations
+
+import os
+import select
+import threading
+import time
+import tty
+
+import pytest
+import serial
+
+from deltact_fab.errors import StageError
+from deltact_fab.optics import StageFrame
+from deltact_fab.rig.clock import WallClock
+from deltact_fab.rig.grbl import GrblStage
+from deltact_fab.virtual.clock import VirtualClock
+from deltact_fab.virtual.controller import GrblController
+
+FRAME = StageFrame((-50.0, -50.0, -20.0))
+SETTINGS = b"".join(
+    b"$%d=%b\r\n" % (n, v)
+    for n, v in {
+        10: b"1 (status report, mask:00000001)",
+        13: b"0",
+        20: b"1",
+        22: b"1",
+        24: b"100.000",
+        25: b"1000.000",
+        26: b"250",
+        27: b"1.000",
+        **dict.fromkeys((100, 101, 102), b"250.000 (x, step/mm)"),
+        **dict.fromkeys((110, 111, 112), b"1000.000"),
+        **dict.fromkeys((120, 121, 122), b"25.000"),
+        **dict.fromkeys((130, 131, 132), b"100.000"),
+    }.items()
+)
+GREETING = b"\r\nGrbl 1.1h ['$' for help]\r\n[MSG:'$H'|'$X' to unlock]\r\n"
+INFO = b"[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n"
+IDLE = b"<Idle|MPos:%b|FS:0,0>\r\n"
+CONNECT = [(b"$I\n", INFO), (b"$$\n", SETTINGS + b"ok\r\n")]
+HOME = [(b"$H\n", b"ok\r\n"), (b"?", IDLE % b"-1.000,-1.000,-1.000")]
+JOG = b"$J=G90G21G53X-50.0000Y-50.0000Z-15.0000F600.000\n"
+
+
+class Script:
+    """A port that insists on an order of exchanges: (what must be sent, what comes back).
+
+    A read of nothing costs its time-out of the clock, as a port does.
+    """
+
+    def __init__(self, clock: VirtualClock, greeting: bytes, exchanges: list[tuple[bytes, bytes]]):
+        self._clock = clock
+        self._coming = greeting
+        self.left = list(exchanges)
+
+    @property
+    def in_waiting(self) -> int:
+        return len(self._coming)
+
+    def write(self, data: bytes) -> int:
+        assert self.left, f"sent {data!r}, expected nothing more"
+        expected, answer = self.left.pop(0)
+        assert data == expected
+        self._coming += answer
+        return len(data)
+
+    def read_until(self, end: bytes) -> bytes:
+        at = self._coming.find(end)
+        if at < 0:
+            got, self._coming = self._coming, b""
+            self._clock.sleep_s(0.05)
+        else:
+            got, self._coming = self._coming[: at + 1], self._coming[at + 1 :]
+        return got
+
+    def close(self) -> None:
+        pass
+
+
+def scripted(
+    monkeypatch: pytest.MonkeyPatch,
+    exchanges: list[tuple[bytes, bytes]],
+    greeting: bytes = GREETING,
+) -> tuple[GrblStage, Script]:
+    clock = VirtualClock()
+    port = Script(clock, greeting, exchanges)
+
+    def opened(url: str, **options: object) -> Script:
+        assert options["exclusive"] is True
+        return port
+
+    monkeypatch.setattr(serial, "serial_for_url", opened)
+    return GrblStage("/dev/ttyFAKE", clock, FRAME), port
+
+
+def test_connect_home_move(monkeypatch: pytest.MonkeyPatch) -> None:
+    stage, port = scripted(
+        monkeypatch,
+        [
+            *CONNECT,
+            *HOME,
+            (JOG, b"ok\r\n"),
+            *[(b"?", b"<Jog|MPos:-20.000,-20.000,-5.000|FS:600,0|Ov:100,100,100>\r\n")] * 73,
+            (b"?", IDLE % b"-50.000,-50.000,-15.000"),
+        ],
+    )
+    stage.connect()
+    stage.home()
+    planned = stage.start_move((0.0, 0.0, 5.0), 600.0)
+    # L/v + v/a, where X and Y take 49/L each of the line and accelerate at 25 mm/s2 at most.
+    length = (49**2 + 49**2 + 14**2) ** 0.5
+    assert planned == pytest.approx(length / 10 + 10 / (25 * length / 49), rel=1e-12)
+    assert stage.wait().machine_mm == (-50.0, -50.0, -15.0)
+    assert port.left == []
+    assert stage.identity()["settings"]["$100"] == 250.0
+
+
+@pytest.mark.parametrize(
+    "greeting",
+    [
+        b"\xff\x00\xfeGrbl 1.1f ['$' for help]\r\n",
+        b"error:7\r\n$0=10\r\n$1=25\r\n\r\nGrbl 1.1h ['$' for help]\r\n",
+        b"ALARM:3\r\nok\r\n\r\nGrblHAL 1.1f ['$' or '$HELP' for help]\r\n",
+        b"<Idle|MPos:0.0\r\nGrbl 1.1f ['$' for help]\r\n[MSG:Check Limits]\r\n",
+    ],
+)
+def test_noise_before_the_banner(monkeypatch: pytest.MonkeyPatch, greeting: bytes) -> None:
+    stage, port = scripted(monkeypatch, CONNECT, greeting)
+    stage.connect()
+    assert port.left == []
+
+
+def test_no_banner_but_a_status(monkeypatch: pytest.MonkeyPatch) -> None:
+    stage, port = scripted(
+        monkeypatch, [(b"?", b"<Alarm|MPos:0.000,0.000,0.000|FS:0,0>\r\n"), *CONNECT], b""
+    )
+    stage.connect()
+    assert port.left == []
+
+
+def test_messages_between_command_and_ok_are_not_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    late = b"<Jog|MPos:-1.000,-1.000,-1.000|FS:0,0>\r\n[MSG:Pgm End]\r\n"
+    stage, _ = scripted(monkeypatch, [*CONNECT, *HOME, (JOG, late + b"ok\r\n")])
+    stage.connect()
+    stage.home()
+    stage.start_move((0.0, 0.0, 5.0), 600.0)
+
+
+@pytest.mark.parametrize(
+    ("answer", "said"),
+    [
+        (b"error:9\r\n", r"error:9 \(locked in an alarm or a jog\)"),
+        (b"error:77\r\n", "was refused: error:77$"),
+        (b"ALARM:2\r\n[MSG:Reset to continue]\r\n", r"ALARM:2 \(soft limit.*reset, then home"),
+        (b"ALARM:9\r\n", r"ALARM:9 \(homing: no switch found\); home again"),
+        (b"", "no answer to .J=.* within 1.0 s; motion may be going on"),
+        (b"\r\nGrbl 1.1h ['$' for help]\r\n", r"the controller restarted \(Grbl 1.1h\)"),
+    ],
+)
+def test_bad_answers_to_a_move(monkeypatch: pytest.MonkeyPatch, answer: bytes, said: str) -> None:
+    stage, port = scripted(monkeypatch, [*CONNECT, *HOME, (JOG, answer)])
+    stage.connect()
+    stage.home()
+    with pytest.raises(StageError, match=said):
+        stage.start_move((0.0, 0.0, 5.0), 600.0)
+    assert port.left == []
+
+
+def test_a_status_that_is_lost_once_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    stage, port = scripted(
+        monkeypatch,
+        [
+            *CONNECT,
+            *HOME,
+            (b"?", b"<Idle|MPos:-1.0"),
+            (b"?", b"\r\n" + IDLE % b"-1.000,-1.000,-1.000"),
+        ],
+    )
+    stage.connect()
+    stage.home()
+    assert stage.position_mm() == (49.0, 49.0, 19.0)
+    assert port.left == []
+
+
+@pytest.mark.parametrize("state", [b"Hold:0", b"Door:1", b"Run"])
+def test_a_state_that_no_jog_has_is_a_fault(monkeypatch: pytest.MonkeyPatch, state: bytes) -> None:
+    status = b"<%b|MPos:-1.000,-1.000,-1.000|FS:0,0>\r\n" % state
+    stage, _ = scripted(monkeypatch, [*CONNECT, *HOME, (JOG, b"ok\r\n"), (b"?", status)])
+    stage.connect()
+    stage.home()
+    stage.start_move((0.0, 0.0, 5.0), 600.0)
+    with pytest.raises(StageError, match=f"{state.decode()} during a move .*expected Jog"):
+        stage.wait()
+
+
+def test_settings_that_are_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    partly = SETTINGS.replace(b"$132=100.000\r\n", b"") + b"ok\r\n"
+    stage, _ = scripted(monkeypatch, [CONNECT[0], (b"$$\n", partly)])
+    with pytest.raises(StageError, match=r"the answer to \$\$ lacks \$132"):
+        stage.connect()
+
+
+def test_wall_clock() -> None:
+    clock = WallClock()
+    before = clock.now_s()
+    clock.sleep_s(0.01)
+    assert 0.01 <= clock.now_s() - before < 1
+    assert abs(time.monotonic_ns() - clock.now_ns()) < 10**9
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")
+def test_over_a_real_terminal_in_real_time() -> None:
+    """The same host and controller with pyserial's own port between them, on the wall clock."""
+    ours, theirs = os.openpty()
+    tty.setraw(theirs)
+    quick = {24: 1200, 25: 1200, 26: 5, 27: 0.2, 120: 2000, 121: 2000, 122: 2000}
+    clock = WallClock()
+    grbl = GrblController(quick, clock, start_mm=(-1, -1, -1), boot_s=0.3)
+    done = threading.Event()
+
+    def pump() -> None:
+        while not done.is_set():
+            if select.select([ours], [], [], 0.002)[0]:
+                grbl.write(os.read(ours, 4096))
+            if said := grbl.read_available():
+                os.write(ours, said)
+
+    board = threading.Thread(target=pump)
+    board.start()
+    stage = GrblStage(os.ttyname(theirs), clock, FRAME)
+    try:
+        stage.connect()
+        stage.home()
+        planned = stage.start_move((49.0, 48.0, 18.0), 1200.0)
+        begin = clock.now_s()
+        state = stage.wait()
+        assert state.machine_mm == (-1.0, -2.0, -2.0)
+        assert planned <= clock.now_s() - begin < planned + 1.0
+        stage.start_move((0.0, 48.0, 18.0), 600.0)
+        clock.sleep_s(0.2)
+        stage.stop()
+        assert -49 < stage.position_mm()[0] - 49 < -0.5
+        with pytest.raises(StageError, match="cannot be opened"):
+            GrblStage(os.ttyname(theirs), clock, FRAME).connect()  # exclusive
+    finally:
+        stage.close()
+        done.set()
+        board.join()
+        os.close(ours)
+        os.close(theirs)

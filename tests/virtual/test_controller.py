@@ -1,0 +1,400 @@
+"""The simulated controller answers as GRBL 1.1 does."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import pytest
+
+from deltact_fab.virtual.clock import VirtualClock
+from deltact_fab.virtual.controller import GrblController, settings_for
+
+LOCK = "[MSG:'$H'|'$X' to unlock]"
+BANNER = ["", "Grbl 1.1f ['$' for help]"]
+
+
+class Bench:
+    """A controller and the clock, talked to without a wire."""
+
+    def __init__(self, settings: dict[int, float] | None = None, **options: object) -> None:
+        self.clock = VirtualClock()
+        self.grbl = GrblController(settings, self.clock, **options)  # type: ignore[arg-type]
+        self.clock.sleep_s(1.0)
+
+    def heard(self) -> list[str]:
+        text = self.grbl.read_available().decode()
+        assert text == "" or text.endswith("\r\n")
+        return text.split("\r\n")[:-1]
+
+    def say(self, data: str | bytes, wait_s: float = 0.0) -> list[str]:
+        self.grbl.write(data.encode() if isinstance(data, str) else data)
+        self.clock.sleep_s(wait_s)
+        return self.heard()
+
+    def homed(self) -> Bench:
+        self.heard()
+        assert self.say("$H\n", 60) == ["ok"]
+        return self
+
+    def mpos(self) -> tuple[float, ...]:
+        (line,) = self.say("?")
+        return tuple(float(p) for p in line.split("MPos:")[1].split("|")[0].split(","))
+
+
+def test_power_on_is_locked_when_homing_is_on() -> None:
+    assert Bench().heard() == [*BANNER, LOCK]
+    assert Bench({22: 0, 20: 0}).heard() == BANNER
+
+
+def test_nothing_is_said_before_the_boot_is_over() -> None:
+    clock = VirtualClock()
+    grbl = GrblController(None, clock, boot_s=1.5)
+    clock.sleep_s(1.499)
+    grbl.write(b"?")
+    assert grbl.read_available() == b""
+    clock.sleep_s(0.001)
+    assert grbl.read_available().startswith(b"\r\nGrbl 1.1f")
+
+
+def test_first_boot_prints_an_error_and_its_settings_before_the_banner() -> None:
+    lines = Bench(blank_eeprom=True).heard()
+    assert lines[0] == "error:7"
+    assert lines[1] == "$0=10"
+    assert lines[-3:] == [*BANNER, LOCK]
+
+
+def test_status_gives_wco_and_overrides_only_now_and_then() -> None:
+    bench = Bench()
+    bench.heard()
+    first, second, third = (bench.say("?")[0] for _ in range(3))
+    assert first == "<Alarm|MPos:0.000,0.000,0.000|Bf:15,128|FS:0,0|WCO:0.000,0.000,0.000>"
+    assert second == "<Alarm|MPos:0.000,0.000,0.000|Bf:15,128|FS:0,0|Ov:100,100,100>"
+    assert third == "<Alarm|MPos:0.000,0.000,0.000|Bf:15,128|FS:0,0>"
+    rest = [bench.say("?")[0] for _ in range(27)]
+    assert [k + 4 for k, line in enumerate(rest) if "WCO" in line] == [11, 21]
+
+
+@pytest.mark.parametrize(
+    ("settings", "wanted"),
+    [
+        ({10: 1}, "<Idle|MPos:-1.000,-1.000,-1.000|FS:0,0|WCO:-1.000,0.000,0.000>"),
+        ({10: 0}, "<Idle|WPos:0.000,-1.000,-1.000|FS:0,0|WCO:-1.000,0.000,0.000>"),
+        ({13: 1, 10: 1}, "<Idle|MPos:-0.0394,-0.0394,-0.0394|FS:0.0,0|WCO:-0.0394,0.0000,0.0000>"),
+    ],
+)
+def test_status_position_follows_settings_10_and_13(
+    settings: dict[int, float], wanted: str
+) -> None:
+    bench = Bench(settings).homed()
+    assert bench.say("G10L20P1X0\n") == ["ok"]
+    assert bench.say("?") == [wanted]
+
+
+def test_homing_takes_time_and_ends_at_the_pull_off() -> None:
+    bench = Bench(start_mm=(-20, -25, -10))
+    bench.heard()
+    assert bench.say("$H\n?", 1) == []  # no status is given while homing
+    assert bench.grbl.state == "Home"
+    lines = bench.say("", 60)
+    assert lines[0] == "ok"
+    assert lines[1].startswith("<Idle|MPos:-1.000,-1.000,-1.000|")
+    assert bench.grbl.position_mm() == (-1.0, -1.0, -1.0)
+    # Z first and alone; then X and Y, each at the seek rate: 10/600, 25/600 min and the rest.
+    (z, *_), last = bench.grbl.segments, bench.grbl.segments[-1]
+    assert z.end_mm == (-20, -25, 0)
+    assert z.end_ns - z.start_ns == math.ceil((10 / 10 + 10 / 50) * 1e9)
+    assert 4.5 < last.end_ns / 1e9 < 10
+
+
+def test_homing_end_can_be_the_far_one() -> None:
+    bench = Bench({23: 1})
+    bench.heard()
+    bench.say("$H\n", 60)
+    assert bench.grbl.position_mm() == (-119.0, -1.0, -1.0)
+    assert bench.mpos() == (-119.0, -1.0, -1.0)
+
+
+@pytest.mark.parametrize(
+    ("line", "code"),
+    [
+        ("12", 1),
+        ("G1X", 2),
+        ("$Z=1", 2),
+        ("$10", 3),
+        ("$HX", 3),
+        ("$99=1", 3),
+        ("$J1", 3),
+        ("G1X-2F-5", 4),
+        ("$110=-1", 4),
+        ("$0=2", 6),
+        ("$J=X1F100", 15),
+        ("$J=X-1000F100", 15),
+        ("$J=G1X-2F100", 16),
+        ("$J=G54X-2F100", 16),
+        ("G5X1", 20),
+        ("G2X1I1", 20),
+        ("M6", 20),
+        ("A1", 20),
+        ("G0G1X-2F10", 24),
+        ("G20G21", 21),
+        ("M3M5", 21),
+        ("G1X-2", 22),
+        ("$J=X-2", 22),
+        ("$J=X-2F0", 22),
+        ("G54.5", 23),
+        ("G10G1X1", 24),
+        ("G1X-2X-3F10", 25),
+        ("G10L2P1", 26),
+        ("N10000001", 27),
+        ("G4", 28),
+        ("G10L2X1", 28),
+        ("G10L2P9X1", 29),
+        ("G80G53X-1", 30),
+        ("G80X-1", 31),
+        ("G1X-2F10P1", 36),
+        ("$J=X-2F10S1", 36),
+        ("T300", 38),
+        ("X" * 80, 11),
+    ],
+)
+def test_errors_have_the_firmware_s_codes(line: str, code: int) -> None:
+    bench = Bench().homed()
+    assert bench.say(line + "\n", 1) == [f"error:{code}"]
+    assert bench.grbl.position_mm() == (-1.0, -1.0, -1.0)
+
+
+def test_longest_line_comments_and_line_ends() -> None:
+    bench = Bench().homed()
+    assert bench.say("G1X-1.0" + "0" * 68 + "F10\n") == ["ok"]  # 78 characters
+    assert bench.say("g21 (millimetres) g90 ; absolute\n") == ["ok"]
+    assert bench.say("G21\r\n") == ["ok", "ok"]  # carriage return and line feed are two ends
+
+
+def test_homing_needs_setting_22() -> None:
+    bench = Bench({22: 0, 20: 0})
+    bench.heard()
+    assert bench.say("$H\n") == ["error:5"]
+    assert bench.say("$20=1\n") == ["error:10"]
+    assert bench.say("$22=1\n$20=1\n") == ["ok", "ok"]
+    assert bench.say("$22=0\n$$\n")[:13][-1] == "$20=0"  # soft limits go with homing
+
+
+def test_the_lock_refuses_motion_until_unlocked() -> None:
+    bench = Bench()
+    bench.heard()
+    assert bench.say("G1X-1F10\n$J=X-1F10\n$I\n") == [
+        "error:9",
+        "error:8",
+        "[VER:1.1f.20170801:]",
+        "[OPT:V,15,128]",
+        "ok",
+    ]
+    assert bench.say("$X\n") == ["[MSG:Caution: Unlocked]", "ok"]
+    assert bench.say("$J=G91X-1F100\n") == ["ok"]
+
+
+def test_a_jog_blocks_g_code_and_most_dollar_commands() -> None:
+    bench = Bench().homed()
+    assert bench.say("$J=X-50F600\n", 0.5) == ["ok"]
+    assert bench.say("G4P0.1\n$H\n$110=1\n$#\n") == ["error:9", "error:8", "error:8", "error:8"]
+    assert bench.say("$J=X-51F600\n") == ["ok"]  # a second jog queues
+    assert "Bf:13,128" in bench.say("?")[0]
+
+
+def test_jogs_reach_their_targets_in_all_their_dialects() -> None:
+    bench = Bench().homed()
+    assert bench.say("G10L20P1X0Y0Z0\n") == ["ok"]
+    bench.say("$J=G90G21X-4F600\n", 5)
+    assert bench.mpos() == (-5.0, -1.0, -1.0)
+    bench.say("$J=G91G20Y-1F20\n", 30)
+    assert bench.mpos() == (-5.0, -26.4, -1.0)
+    bench.say("$J=G90G21G53X-2Y-2Z-2F600\n", 30)
+    assert bench.mpos() == (-2.0, -2.0, -2.0)
+    assert "G90 G94" in bench.say("$G\n")[0]  # a jog leaves the modes alone
+
+
+def test_incremental_moves_do_not_lose_what_is_less_than_a_step() -> None:
+    bench = Bench({100: 10}).homed()
+    for _ in range(10):
+        bench.say("$J=G91X-0.04F600\n", 1)
+    assert bench.mpos()[0] == -1.4
+
+
+def test_jog_cancel_stops_at_the_deceleration_and_keeps_the_position() -> None:
+    bench = Bench().homed()
+    bench.say("$J=X-50F600\n", 1)
+    before = bench.grbl.position_mm()[0]
+    assert bench.say(b"\x85") == []
+    assert bench.say("?")[0].startswith("<Jog|")
+    bench.clock.sleep_s(0.2)  # 10 mm/s at 50 mm/s2
+    after = bench.grbl.position_mm()[0]
+    assert before - after == pytest.approx(10**2 / (2 * 50), abs=1e-9)
+    assert bench.grbl.state == "Idle"
+    assert bench.mpos()[0] == pytest.approx(after, abs=0.5 / 800 + 0.0005)
+    assert bench.say("$J=X-20F600\n", 20) == ["ok"]
+    assert bench.grbl.position_mm()[0] == pytest.approx(-20, abs=1e-12)
+
+
+def test_jog_cancel_drops_the_queue_and_is_harmless_at_rest() -> None:
+    bench = Bench().homed()
+    bench.say("$J=X-3F600\n$J=X-9F600\n", 0.1)
+    bench.say(b"\x85", 5)
+    assert bench.grbl.position_mm()[0] > -3
+    (status,) = bench.say(b"\x85?")
+    assert status.startswith("<Idle|")
+    assert "|Bf:15,128|" in status
+
+
+def test_feed_hold_resumes_and_a_reset_in_hold_keeps_the_position() -> None:
+    bench = Bench().homed()
+    bench.say("G1X-50F600\n", 1)
+    bench.say("!")
+    assert bench.say("?")[0].startswith("<Hold:1|")
+    bench.clock.sleep_s(1)
+    assert bench.say("?")[0].startswith("<Hold:0|")
+    assert bench.say("$G\n") == []  # suspended: lines wait
+    held = bench.mpos()
+    assert bench.say("~")[0].startswith("[GC:G1 ")
+    bench.clock.sleep_s(0.5)
+    assert bench.mpos()[0] < held[0]
+    bench.say("!", 1)
+    held = bench.mpos()
+    assert bench.say(b"\x18") == BANNER  # no alarm, no lock
+    assert bench.mpos() == held
+    assert bench.say("G90\n") == ["ok"]
+
+
+def test_reset_while_moving_loses_the_position() -> None:
+    bench = Bench().homed()
+    bench.say("$J=X-50F600\n", 1)
+    assert bench.say(b"\x18") == ["ALARM:3", *BANNER, LOCK]
+    bench.clock.sleep_s(1)
+    assert bench.say("?")[0].startswith("<Alarm|")
+    bench.say("$X\n")
+    lost = bench.mpos()[0] - bench.grbl.position_mm()[0]
+    assert lost == pytest.approx(1.0, abs=0.002)  # it coasted v^2/2a further than it knows
+    bench.say("$J=X-60F600\n", 20)
+    assert bench.mpos()[0] == -60.0
+    assert bench.grbl.position_mm()[0] == pytest.approx(-61, abs=0.002)
+    bench.say("$H\n", 60)
+    assert bench.grbl.position_mm() == (-1.0, -1.0, -1.0)
+    assert bench.mpos() == (-1.0, -1.0, -1.0)
+
+
+def test_a_move_right_after_a_reset_starts_where_the_carriage_is() -> None:
+    bench = Bench().homed()
+    bench.say("$J=X-50F1500\n", 2)
+    bench.say(b"\x18", 0.05)
+    bench.say("$X\n$J=X-60F600\n", 20)
+    path = bench.grbl.segments
+    assert all(a.end_mm == b.start_mm for a, b in itertools.pairwise(path))
+    assert all(a.end_ns <= b.start_ns for a, b in itertools.pairwise(path))
+
+
+def test_reset_while_homing_is_alarm_6() -> None:
+    bench = Bench()
+    bench.heard()
+    bench.say("$H\n", 1)
+    assert bench.say(b"\x18") == ["ALARM:6", "ok", *BANNER, LOCK]
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_a_line_past_a_soft_limit_locks_up_until_a_reset(moving: bool) -> None:
+    bench = Bench().homed()
+    if moving:
+        assert bench.say("G1X-50F600\n", 1) == ["ok"]
+    assert bench.say("G1X5F600\n", 1) == ["ALARM:2", "[MSG:Reset to continue]"]
+    stopped = bench.grbl.position_mm()
+    assert bench.say("?$X\n$H\n", 5) == []
+    assert bench.grbl.position_mm() == stopped
+    # The stale ok of the line comes before the banner.
+    assert bench.say(b"\x18") == ["ok", *BANNER, LOCK]
+    assert bench.mpos() == pytest.approx(stopped, abs=0.0012)  # it was held, not lost
+
+
+def test_travel_limits_themselves_are_inside() -> None:
+    bench = Bench().homed()
+    assert bench.say("$J=X-120Y0Z-60F1000\n", 20) == ["ok"]
+    assert bench.mpos() == (-120.0, 0.0, -60.0)
+
+
+def test_sleep_is_silent_until_a_reset() -> None:
+    bench = Bench().homed()
+    assert bench.say("$SLP\n?$$\n", 1) == []
+    assert bench.say(b"\x18") == [*BANNER, LOCK]
+
+
+def test_dwell_waits_for_the_motion_and_then_its_time() -> None:
+    bench = Bench().homed()
+    assert bench.say("G1X-2F600\nG4P0.5\n") == ["ok"]
+    move_s = 2 * math.sqrt(1 / 50)
+    assert bench.say("", move_s + 0.49) == []
+    assert bench.say("", 0.02) == ["ok"]
+
+
+def test_the_planner_holds_15_blocks_and_then_lines_wait() -> None:
+    bench = Bench().homed()
+    lines = "".join(f"G1X{-2 - k}F600\n" for k in range(16))
+    assert bench.say(lines) == ["ok"] * 15
+    assert "Bf:0," in bench.say("?")[0]
+    assert bench.say("", 1) == ["ok"]
+    bench.clock.sleep_s(30)
+    assert bench.mpos()[0] == -17.0
+
+
+def test_bytes_beyond_the_receive_buffer_are_lost() -> None:
+    bench = Bench().homed()
+    bench.say("G4P1\n")
+    assert "|Bf:15,0|" in bench.say("G21\n" * 40 + "?")[0]
+    assert bench.say("", 2) == ["ok"] * 33
+
+
+def test_work_coordinates_and_program_end() -> None:
+    bench = Bench().homed()
+    bench.say("G10L2P2X-10Y-10Z-10\nG55\nG1X1F600\n", 5)
+    assert bench.mpos() == (-9.0, -1.0, -1.0)
+    bench.say("G92X0\nG0X-1\n", 5)
+    assert bench.mpos() == (-10.0, -1.0, -1.0)
+    assert "[G55:-10.000,-10.000,-10.000]" in bench.say("$#\n")
+    assert bench.say("M3S100\nM30\n") == ["ok", "[MSG:Pgm End]", "ok"]
+    assert bench.say("$G\n")[0] == "[GC:G1 G54 G17 G21 G90 G94 M5 M9 T0 F600 S100]"
+
+
+def test_settings_are_read_back_and_take_effect() -> None:
+    bench = Bench(settings_for((100, 90, 50), (1000, 1000, 500), (20, 20, 10))).homed()
+    lines = bench.say("$$\n")
+    assert lines[0] == "$0=10"
+    assert {"$110=1000.000", "$122=10.000", "$131=90.000"} < set(lines)
+    assert bench.say("$J=Y-95F100\n") == ["error:15"]
+    assert bench.say("$131=96\n$J=Y-95F100\n") == ["ok", "ok"]
+    with pytest.raises(ValueError, match=r"no such GRBL setting: \$7"):
+        Bench({7: 1})
+
+
+def test_faults_come_at_their_time() -> None:
+    bench = Bench().homed()
+    bench.say("$J=X-50F600\n")
+    bench.grbl.fault("limit", at_s=bench.clock.now_s() + 1)
+    assert bench.say("?", 0.9)[-1].startswith("<Jog|")
+    assert bench.say("", 0.2) == ["ALARM:1", "[MSG:Reset to continue]"]
+    assert bench.say(b"\x18") == [*BANNER, LOCK]
+
+    bench = Bench().homed()
+    bench.say("$J=X-50F600\n", 1)
+    bench.grbl.fault("silence")
+    assert bench.say("?", 60) == []
+    assert bench.grbl.position_mm()[0] == -50.0  # the cable is out, the jog ran on
+
+    bench = Bench().homed()
+    bench.say("$J=X-50F600\n", 1)
+    bench.grbl.fault("reboot")
+    assert bench.say("?", 2) == [*BANNER, LOCK]
+    assert bench.mpos() == (0.0, 0.0, 0.0)
+    assert bench.grbl.position_mm()[0] < -9
+
+
+def test_the_future_is_not_told() -> None:
+    bench = Bench()
+    with pytest.raises(ValueError, match="has not come yet"):
+        bench.grbl.position_mm(1.5)

@@ -1,0 +1,484 @@
+"""The real host on the simulated controller: real drivers, virtual time, no threads."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import pytest
+import serial
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deltact_fab.errors import InputError, StageError
+from deltact_fab.optics import StageFrame
+from deltact_fab.rig.grbl import GrblStage, move_duration_s
+from deltact_fab.virtual import wire
+from deltact_fab.virtual.clock import VirtualClock, to_ns
+from deltact_fab.virtual.controller import GrblController
+
+FRAME = StageFrame((-60.0, -50.0, -40.0), angle_deg=90.0)
+BYTE_NS = 10 * 10**9 / 115200
+
+
+class Bench:
+    """Clock, controller, cable and the real host."""
+
+    def __init__(
+        self,
+        settings: dict[int, float] | None = None,
+        *,
+        start_s: float = 0.0,
+        resets_on_open: bool = True,
+        name: str = "stage",
+        boot_s: float = 1.0,
+        banner: str = "Grbl 1.1f ['$' for help]",
+        blank_eeprom: bool = False,
+    ) -> None:
+        self.clock = VirtualClock(start_s)
+        self.start_s = start_s
+        self.trace: list[wire.Exchange] = []
+        self.grbl = GrblController(
+            settings, self.clock, boot_s=boot_s, banner=banner, blank_eeprom=blank_eeprom
+        )
+        self.link = wire.connect(
+            self.grbl, self.clock, name, resets_on_open=resets_on_open, trace=self.trace
+        )
+        self.stage = GrblStage(
+            self.link.url, self.clock, FRAME, require_travel_mm=(120.0, 120.0, 60.0)
+        )
+
+    def homed(self) -> Bench:
+        self.stage.connect()
+        self.stage.home()
+        return self
+
+    def sent(self) -> list[bytes]:
+        return [data for _, who, data in self.trace if who == "host" and data != b"?"]
+
+
+def test_connect_home_move_in_sensor_coordinates() -> None:
+    bench = Bench().homed()
+    stage, clock = bench.stage, bench.clock
+    assert bench.sent() == [b"$I\n", b"$$\n", b"$H\n"]
+    planned = stage.start_move((3.0, -2.0, 5.0), 600.0)
+    assert bench.sent()[-1] == b"$J=G90G21G53X-58.0000Y-47.0000Z-35.0000F600.000\n"
+    begin = clock.now_s()
+    state = stage.wait()
+    assert state.state == "Idle"
+    assert state.machine_mm == (-58.0, -47.0, -35.0)
+    assert planned <= clock.now_s() - begin <= planned + 0.02
+    assert stage.position_mm() == pytest.approx((3.0, -2.0, 5.0), abs=1e-12)
+    assert bench.grbl.position_mm() == pytest.approx((-58.0, -47.0, -35.0), abs=1e-12)
+    who = stage.identity()
+    assert who["banner"] == "Grbl 1.1f ['$' for help]"
+    assert who["info"] == ["[VER:1.1f.20170801:]", "[OPT:V,15,128]"]
+    assert who["settings"]["$130"] == 120.0
+    stage.close()
+
+
+@pytest.mark.parametrize("delta", [0.00125, 0.01, 0.5, 2.0, 7.0, 40.0])
+def test_planned_time_is_the_controller_s(delta: float) -> None:
+    bench = Bench().homed()
+    bench.stage.start_move((0.0, 0.0, 0.0), 900.0)
+    bench.stage.wait()
+    planned = bench.stage.start_move((delta, 0.0, delta / 4), 900.0)
+    bench.stage.wait()
+    last = bench.grbl.segments[-1]
+    assert planned == pytest.approx((last.end_ns - last.start_ns) / 1e9, abs=1e-3)
+
+
+def test_duration_formula() -> None:
+    limits = ((1500.0, 1500.0, 1200.0), (50.0, 50.0, 10.0))
+    assert move_duration_s((0, 0, 0), 600, *limits) == 0
+    assert move_duration_s((100, 0, 0), 600, *limits) == pytest.approx(10.2)
+    assert move_duration_s((0.5, 0, 0), 600, *limits) == pytest.approx(2 * math.sqrt(0.01))
+    assert move_duration_s((0, 0, 0.4), 1200, *limits) == pytest.approx(0.4)
+    assert move_duration_s((0, 30, 40), 6000, *limits) == pytest.approx(50 / 25 + 25 / 12.5)
+
+
+def test_stop_in_mid_move_keeps_the_position_and_the_stage_usable() -> None:
+    bench = Bench().homed()
+    stage = bench.stage
+    stage.start_move((0.0, 0.0, 5.0), 900.0)
+    bench.clock.sleep_s(1.0)
+    stage.stop()
+    assert bench.grbl.state == "Idle"
+    stopped = stage.position_mm()
+    assert stopped == pytest.approx(FRAME.to_sensor_mm(bench.grbl.position_mm()), abs=0.0013)
+    assert math.dist(stopped, (0, 0, 5)) > 10
+    stage.start_move((1.0, 1.0, 5.0), 900.0)
+    stage.wait()
+    assert stage.position_mm() == pytest.approx((1.0, 1.0, 5.0), abs=1e-9)
+
+
+def test_a_guard_s_cancel_is_seen_by_the_waiting_host() -> None:
+    bench = Bench().homed()
+    stage = bench.stage
+    stage.start_move((0.0, 0.0, 5.0), 900.0)
+    bench.clock.sleep_s(0.5)
+    stage.cancel_now()
+    with pytest.raises(StageError, match=r"stopped at .* short of \(-60.000, -50.000, -35.000\)"):
+        stage.wait()
+    stage.start_move((0.0, 0.0, 5.0), 900.0)  # nothing is lost
+    stage.wait()
+
+
+def test_an_interrupt_between_line_and_answer_leaves_no_stale_ok() -> None:
+    bench = Bench().homed()
+    stage = bench.stage
+    original = bench.link.receive
+
+    def interrupted(*args: object) -> bytes:
+        bench.link.receive = original  # type: ignore[method-assign]
+        raise KeyboardInterrupt
+
+    bench.link.receive = interrupted  # type: ignore[method-assign,assignment]
+    with pytest.raises(KeyboardInterrupt):
+        stage.start_move((0.0, 0.0, 5.0), 900.0)
+    stage.stop()
+    stage.start_move((1.0, 0.0, 5.0), 900.0)
+    assert stage.wait().machine_mm == (-60.0, -49.0, -35.0)
+
+
+def test_interrupted_homing_is_stopped_by_a_reset() -> None:
+    bench = Bench()
+    stage = bench.stage
+    stage.connect()
+    original = bench.clock.advance_to_ns
+
+    def interrupted(t_ns: int) -> None:
+        original(t_ns)
+        if bench.grbl.state == "Home" and bench.clock.now_s() > 4:
+            bench.clock.advance_to_ns = original  # type: ignore[method-assign]
+            raise KeyboardInterrupt
+
+    bench.clock.advance_to_ns = interrupted  # type: ignore[method-assign]
+    with pytest.raises(KeyboardInterrupt):
+        stage.home()
+    stage.stop()
+    assert bench.sent()[-1] == b"\x18"
+    with pytest.raises(StageError, match="the controller was reset: home again"):
+        stage.start_move((0.0, 0.0, 5.0), 900.0)
+    stage.home()
+    assert bench.grbl.position_mm() == (-1.0, -1.0, -1.0)
+
+
+@pytest.mark.parametrize(
+    ("target", "feed", "said"),
+    [
+        ((0.0, 0.0, 40.5), 600.0, r"target Z 0.500 mm \(machine\) is outside of -60 .. 0"),
+        ((0.0, 60.5, 0.0), 600.0, r"target X -120.500 mm .* -120 .. 0"),
+        ((0.0, math.nan, 0.0), 600.0, "is not finite"),
+        ((0.0, 0.0, 5.0), 0.0, "feed 0.0 mm/min"),
+        ((0.0, 0.0, 5.0), -5.0, "feed -5.0 mm/min"),
+        ((0.0, 0.0, 5.0), math.inf, "feed inf mm/min"),
+        ((0.0, 0.0, 5.0), 3000.0, r"feed 3000 mm/min moves X at 2\d+\.?\d*; its limit is 1500"),
+    ],
+)
+def test_bad_moves_are_refused_before_a_byte_is_sent(
+    target: tuple[float, float, float], feed: float, said: str
+) -> None:
+    bench = Bench().homed()
+    before = len(bench.trace), bench.clock.now_s()
+    with pytest.raises(InputError, match=said):
+        bench.stage.start_move(target, feed)
+    assert (len(bench.trace), bench.clock.now_s()) == before
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({10: 2}, r"\$10=2 \(status reports give the work position\); set \$10=1 or \$10=3"),
+        ({13: 1}, r"\$13=1 \(status reports are in inches\); set \$13=0"),
+        ({20: 0}, r"\$20=0 \(soft limits are off\); set \$20=1"),
+        ({22: 0, 20: 1}, r"\$22=0 \(homing is off\); set \$22=1"),
+        ({132: 45}, r"Z has 45 mm of travel \(\$132\); 60 needed"),
+        ({121: 0}, r"\$121=0 mm/s2; not > 0"),
+    ],
+)
+def test_a_controller_set_up_wrongly_is_refused(settings: dict[int, float], said: str) -> None:
+    bench = Bench(settings)
+    with pytest.raises(StageError, match=said):
+        bench.stage.connect()
+    assert bench.sent() == [b"$I\n", b"$$\n"]  # nothing was changed, nothing moved
+
+
+def test_feed_requirement() -> None:
+    bench = Bench()
+    stage = GrblStage(
+        bench.link.url, bench.clock, FRAME, require_feed_mm_min=(1500.0, 1500.0, 1500.0)
+    )
+    with pytest.raises(StageError, match=r"Z has 1200 mm/min \(\$112\); 1500 needed"):
+        stage.connect()
+
+
+def test_no_motion_before_homing() -> None:
+    bench = Bench()
+    with pytest.raises(StageError, match="not connected"):
+        bench.stage.start_move((0.0, 0.0, 5.0), 600.0)
+    bench.stage.connect()
+    with pytest.raises(StageError, match="home first"):
+        bench.stage.start_move((0.0, 0.0, 5.0), 600.0)
+    with pytest.raises(StageError, match="home first"):
+        bench.stage.position_mm()
+
+
+def test_one_move_at_a_time() -> None:
+    bench = Bench().homed()
+    bench.stage.start_move((0.0, 0.0, 5.0), 600.0)
+    with pytest.raises(StageError, match="a move is under way"):
+        bench.stage.start_move((0.0, 0.0, 6.0), 600.0)
+    bench.stage.wait()
+
+
+@pytest.mark.parametrize("boot_s", [0.3, 1.0, 2.4])
+def test_slow_and_talkative_boots(boot_s: float) -> None:
+    bench = Bench(boot_s=boot_s, blank_eeprom=True)
+    bench.stage.connect()
+    assert bench.stage.identity()["banner"].startswith("Grbl 1.1f")
+
+
+def test_grblhal_is_known_by_its_banner() -> None:
+    bench = Bench(banner="GrblHAL 1.1f ['$' or '$HELP' for help]").homed()
+    assert bench.stage.identity()["banner"] == "GrblHAL 1.1f ['$' or '$HELP' for help]"
+
+
+def test_an_old_firmware_is_refused() -> None:
+    bench = Bench(banner="Grbl 0.9j ['$' for help]")
+    with pytest.raises(StageError, match=r"found 'Grbl 0\.9j'; jogging needs GRBL 1\.1"):
+        bench.stage.connect()
+
+
+def test_a_board_that_does_not_restart_on_opening_is_not_reset() -> None:
+    bench = Bench(resets_on_open=False)
+    bench.clock.sleep_s(3)
+    bench.homed()
+    assert b"\x18" not in b"".join(bench.sent())
+    bench.stage.start_move((0.0, 0.0, 5.0), 300.0)
+    bench.stage.close()
+    with pytest.raises(StageError, match="the controller is in Jog; wait until it is Idle"):
+        bench.stage.connect()
+
+
+def test_nobody_there() -> None:
+    bench = Bench()
+    bench.grbl.fault("silence")
+    with pytest.raises(StageError, match=r"no banner within 2.5 s and no answer to '\?' at 115200"):
+        bench.stage.connect()
+    with pytest.raises(StageError, match=r"cannot be opened: .*no such simulated controller"):
+        GrblStage("simgrbl://elsewhere", bench.clock, FRAME).connect()
+    with pytest.raises(InputError, match="not a serial port: invalid URL"):
+        GrblStage("nonsense://x", bench.clock, FRAME).connect()
+
+
+def test_a_restart_in_mid_move_ends_all_motion_until_homed() -> None:
+    bench = Bench().homed()
+    stage = bench.stage
+    stage.start_move((0.0, 0.0, 5.0), 600.0)
+    bench.grbl.fault("reboot", at_s=bench.clock.now_s() + 2.0)
+    with pytest.raises(StageError, match=r"the controller restarted \(Grbl 1.1f\)"):
+        stage.wait()
+    sent = len(bench.sent())
+    for attempt in (lambda: stage.start_move((0.0, 0.0, 5.0), 600.0), stage.position_mm):
+        with pytest.raises(StageError, match=r"no motion after a fault .*restarted"):
+            attempt()
+    assert len(bench.sent()) == sent
+    assert b"$X\n" not in bench.sent()
+    stage.home()
+    stage.start_move((0.0, 0.0, 5.0), 600.0)
+    assert stage.wait().machine_mm == (-60.0, -50.0, -35.0)
+    assert bench.grbl.position_mm() == pytest.approx((-60.0, -50.0, -35.0), abs=1e-12)
+
+
+def test_a_restart_between_moves_is_noticed_before_the_next() -> None:
+    bench = Bench().homed()
+    bench.grbl.fault("reboot")
+    bench.clock.sleep_s(5)
+    with pytest.raises(StageError, match="restarted"):
+        bench.stage.start_move((0.0, 0.0, 5.0), 600.0)
+    assert bench.sent()[-1] == b"$H\n"  # the jog was not sent
+
+
+def test_a_hard_limit_needs_a_reset_and_homing() -> None:
+    bench = Bench().homed()
+    stage = bench.stage
+    stage.start_move((0.0, 0.0, 5.0), 600.0)
+    bench.grbl.fault("limit", at_s=bench.clock.now_s() + 1.0)
+    with pytest.raises(StageError, match=r"ALARM:1 \(hard limit.*\); reset, then home again"):
+        stage.wait()
+    before = bench.clock.now_s()
+    with pytest.raises(StageError, match="hears nothing but a reset"):
+        stage.home()
+    assert bench.clock.now_s() == before
+    stage.abort()
+    stage.home()
+    assert bench.grbl.position_mm() == (-1.0, -1.0, -1.0)
+
+
+def test_silence_in_mid_move() -> None:
+    bench = Bench().homed()
+    bench.stage.start_move((0.0, 0.0, 5.0), 600.0)
+    bench.clock.sleep_s(1.0)
+    bench.grbl.fault("silence")
+    begin = bench.clock.now_s()
+    with pytest.raises(StageError, match=r"no answer to '\?' within 2.5 s; the move to .* goes on"):
+        bench.stage.wait()
+    assert bench.clock.now_s() - begin < 2.8
+
+
+def test_an_unplugged_cable() -> None:
+    bench = Bench().homed()
+    bench.stage.start_move((0.0, 0.0, 5.0), 600.0)
+    bench.link.unplug()
+    with pytest.raises(StageError, match=r"the link is lost .*; the move to .* goes on"):
+        bench.stage.wait()
+    with pytest.raises(StageError, match="no motion after a fault"):
+        bench.stage.start_move((0.0, 0.0, 5.0), 600.0)
+    bench.clock.sleep_s(30)
+    assert bench.grbl.position_mm() == pytest.approx((-60.0, -50.0, -35.0), abs=1e-12)
+    bench.link.plug()
+    bench.homed()
+
+
+def test_a_move_much_longer_than_planned_times_out() -> None:
+    bench = Bench().homed()
+    bench.grbl.settings[110] = bench.grbl.settings[111] = 60.0  # slower than it said
+    planned = bench.stage.start_move((0.0, 0.0, 5.0), 900.0)
+    begin = bench.clock.now_s()
+    with pytest.raises(StageError, match=r"still Jog at .* planned to take"):
+        bench.stage.wait()
+    assert bench.clock.now_s() - begin == pytest.approx(planned * 1.1 + 2, abs=0.2)
+    bench.stage.stop()
+    assert bench.grbl.state == "Idle"
+
+
+def test_a_refused_jog_leaves_the_stage_usable() -> None:
+    bench = Bench().homed()
+    bench.grbl.settings[130] = 50.0  # less than it said
+    with pytest.raises(StageError, match=r"error:15 \(target outside of the travel\)"):
+        bench.stage.start_move((0.0, 0.0, 5.0), 900.0)
+    bench.stage.start_move((0.0, -20.0, 5.0), 900.0)
+    bench.stage.wait()
+
+
+def script(bench: Bench) -> list[tuple[float, ...]]:
+    stage, clock = bench.homed().stage, bench.clock
+    seen = []
+    for target, feed in (((0.0, 0.0, 5.0), 900.0), ((0.3, 0.1, -0.7), 61.7), ((4.0, 0, 5), 777.7)):
+        stage.start_move(target, feed)
+        clock.sleep_s(0.0137)
+        seen.append(bench.grbl.position_mm())
+        stage.position_mm()
+        seen.append(bench.grbl.position_mm())
+        stage.wait()
+        seen.append(bench.grbl.position_mm())
+    stage.start_move((0.0, 5.0, 5.0), 300.0)
+    clock.sleep_s(0.5)
+    stage.stop()
+    seen.append(stage.position_mm())
+    return seen
+
+
+def relative(bench: Bench) -> list[tuple[int, str, bytes]]:
+    start_ns = round(bench.start_s * 1e9)
+    return [(t - start_ns, who, data) for t, who, data in bench.trace]
+
+
+def test_the_same_script_gives_the_same_bytes_at_the_same_times() -> None:
+    a, b = Bench(name="a"), Bench(name="b")
+    assert script(a) == script(b)
+    assert a.trace == b.trace
+    assert len(a.trace) > 100
+    assert a.clock.now_ns() == b.clock.now_ns()
+
+
+@pytest.mark.parametrize("start_s", [12.1, 45.1, 12345.678901234, 2_000_000.3])
+def test_the_time_of_day_changes_nothing(start_s: float) -> None:
+    a, b = Bench(name="a"), Bench(name="b", start_s=start_s)
+    assert script(a) == script(b)
+    assert relative(a) == relative(b)
+
+
+@given(st.integers(0, 2**51))
+def test_seconds_give_back_the_nanoseconds(t_ns: int) -> None:
+    clock = VirtualClock()
+    clock.advance_to_ns(t_ns)
+    assert to_ns(clock.now_s()) == clock.now_ns() == t_ns
+    clock.advance_to_ns(0)
+    assert clock.now_ns() == t_ns
+
+
+@pytest.mark.parametrize("seconds", [-1e-9, math.nan, math.inf])
+def test_time_does_not_go_back(seconds: float) -> None:
+    with pytest.raises(ValueError, match="cannot sleep"):
+        VirtualClock().sleep_s(seconds)
+
+
+def test_time_moves_only_with_bytes_and_sleeps() -> None:
+    bench = Bench(resets_on_open=False)
+    bench.clock.sleep_s(2)
+    bench.grbl.read_available()
+    port = serial.serial_for_url(bench.link.url, timeout=0.25)
+    t0 = bench.clock.now_ns()
+    port.write(b"$G\n")
+    t1 = bench.clock.now_ns()
+    assert t1 - t0 == int(3 * BYTE_NS)
+    line = port.read_until(b"\n")
+    assert line.endswith(b"]\r\n")
+    assert bench.clock.now_ns() - t1 == int(len(line) * BYTE_NS)
+    # What arrived while the host slept is read in no time, byte by byte or not.
+    bench.clock.sleep_s(0.1)
+    t2 = bench.clock.now_ns()
+    assert port.in_waiting == 4
+    assert port.read(1) + port.read(10)[:0] == b"o"
+    assert bench.clock.now_ns() == t2 + 250_000_000  # read(10) had only 3 to read
+    # Nothing comes: the time-out passes, no more and no less.
+    t3 = bench.clock.now_ns()
+    assert port.read(1) == b""
+    assert bench.clock.now_ns() - t3 == 250_000_000
+    for _ in range(1000):
+        assert port.in_waiting == 0
+        assert bench.grbl.state == "Alarm"
+    assert bench.clock.now_ns() - t3 == 250_000_000
+    port.close()
+    with pytest.raises(serial.SerialException):
+        port.read(1)
+
+
+def test_a_read_ends_when_the_controller_speaks() -> None:
+    bench = Bench()
+    port = serial.serial_for_url(bench.link.url, timeout=10)
+    t0 = bench.clock.now_ns()
+    assert port.read_until(b"\n") == b"\r\n"
+    assert bench.clock.now_ns() - t0 == 1_000_000_000 + int(2 * BYTE_NS)  # boot_s and two bytes
+    port.timeout = 0.0003  # three bytes' time: 3.4 bytes
+    assert port.read(100) == b"Grb"
+    port.timeout = None
+    assert port.read_until(b"help]\r\n") == b"l 1.1f ['$' for help]\r\n"
+    unlock = b"[MSG:'$H'|'$X' to unlock]\r\n"
+    assert port.read(len(unlock)) == unlock
+    with pytest.raises(serial.SerialException, match="nothing will ever come"):
+        port.read(1)
+
+
+def test_a_name_without_a_living_cable_is_unknown() -> None:
+    bench = Bench(name="gone")
+    url = bench.link.url
+    del bench
+    with pytest.raises(serial.SerialException, match="no such simulated controller"):
+        serial.serial_for_url(url)
+
+
+def test_three_virtual_minutes_cost_less_than_a_second() -> None:
+    bench = Bench().homed()
+    bench.trace.clear()
+    begin_s, begin_cpu_s = bench.clock.now_s(), time.process_time()
+    moves = 0
+    while bench.clock.now_s() < begin_s + 180:
+        bench.stage.start_move((5.0 * (moves % 2), 0.0, 5.0), 300.0)
+        bench.stage.wait()
+        bench.stage.position_mm()
+        moves += 1
+    assert moves > 100
+    assert time.process_time() - begin_cpu_s < 1.0
