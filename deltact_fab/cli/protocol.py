@@ -35,10 +35,10 @@ def list_(as_json: bool) -> None:
 @JSON
 def check(name: str, rig_name: str, as_json: bool) -> None:
     """Every static check of a protocol on a rig; exit 1 when one fails."""
-    from .. import bench
+    from ..bench import checks
     from .output import echo_json
 
-    rows = bench.checks(name, rig_name)
+    rows = checks(name, rig_name)
     if as_json:
         echo_json([r.as_dict() for r in rows])
     else:
@@ -55,10 +55,10 @@ def show(name: str, rig_name: str, as_json: bool) -> None:
     """Steps, frames, time and disk of a protocol."""
     from dataclasses import asdict
 
-    from .. import bench
+    from ..bench import show as expand
     from .output import echo_json, echo_table
 
-    steps, estimate = bench.show(name, rig_name)
+    steps, estimate = expand(name, rig_name)
     if as_json:
         echo_json({"steps": [asdict(s) for s in steps], "estimate": estimate.as_dict()})
         return

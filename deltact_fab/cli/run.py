@@ -15,11 +15,11 @@ import click
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def run(protocol: str, rig_name: str, seed: int, out: Path, as_json: bool) -> None:
     """Run PROTOCOL on a rig and record it in a new folder."""
-    from .. import bench
+    from ..bench import run as carry_out
     from .output import echo_json, progress
 
     with progress("run") as report:
-        summary = bench.run(protocol, rig_name, out, seed=seed, progress=report)
+        summary = carry_out(protocol, rig_name, out, seed=seed, progress=report)
     if as_json:
         echo_json(summary)
         return

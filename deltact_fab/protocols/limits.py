@@ -6,6 +6,7 @@ well as the verdict.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -177,7 +178,7 @@ def _sideways(steps: list[Step], protocol: Protocol) -> Check:
     """Sideways travel only at or above the clearance plane, unless it is declared shear."""
     clearance_mm = protocol.motion.clearance_mm
     worst, at = 0.0, "-"
-    for before, step in zip(steps, steps[1:], strict=False):
+    for before, step in itertools.pairwise(steps):
         sideways = step.target_mm[:2] != before.target_mm[:2]
         low_mm = min(before.target_mm[2], step.target_mm[2])
         if sideways and step.kind != "shear" and clearance_mm - low_mm > worst:

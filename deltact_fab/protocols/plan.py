@@ -30,7 +30,7 @@ class _Strict(BaseModel):
 
 
 class Shear(_Strict):
-    """Sideways motion at each depth: out to +amplitude, through to -amplitude, back to the centre."""
+    """Sideways motion at each depth: to +amplitude, through to -amplitude, back to the centre."""
 
     amplitude_mm: Positive
     axes: tuple[Literal["x", "y"], ...] = ("x", "y")

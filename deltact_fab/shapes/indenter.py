@@ -19,7 +19,7 @@ Field = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SphereTip:
-    """One spherical cap of the indenter's face, centred at (x, y), with its lowest point at z = 0."""
+    """One spherical cap of the indenter's face at (x, y), with its lowest point at z = 0."""
 
     x_mm: float
     y_mm: float

@@ -1,0 +1,143 @@
+"""What the camera sees: the printed pattern carried by the deformed surface, drawn by inverse map.
+
+For every image pixel the material point that projects there is found by iteration on the same
+displacement field that the truth stores; the texture is sampled four times a pixel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import SolverError
+from ..imaging import Float, Sensor
+from ..optics import LatticeSampler, Pinhole, SurfaceLattice
+
+MARGIN_PX = 64
+TOLERANCE_PX = 2e-3
+FIXED_POINT_ITERATIONS = 6
+NEWTON_ITERATIONS = 40
+MAX_STEP_PX = 8.0
+
+
+@dataclass(frozen=True)
+class Texture:
+    """Linear reflectance (h, w, 3 RGB) of the printed sticker, centred on the sensor's origin."""
+
+    values: Float
+    mm_per_texel: float
+
+
+class Picture:
+    """Draws frames of one pattern through one camera."""
+
+    def __init__(
+        self, camera: Pinhole, lattice: SurfaceLattice, texture: Texture, sensor: Sensor
+    ) -> None:
+        self._camera = camera
+        self._texture = texture
+        self._sensor = sensor
+        self._shade = sensor.shade(camera.height_px, camera.width_px)
+        cols = np.arange(-MARGIN_PX, camera.width_px + MARGIN_PX)
+        rows = np.arange(-MARGIN_PX, camera.height_px + MARGIN_PX)
+        self._xs_mm = camera.rest_mm(np.stack([cols, cols], -1).astype(float))[:, 0]
+        self._ys_mm = camera.rest_mm(np.stack([rows, rows], -1).astype(float))[:, 1]
+        self._sampler = LatticeSampler.make(lattice, self._xs_mm, self._ys_mm)
+        # One pixel of border, so that the halved grid below is interpolated at the edge too.
+        self._target = np.stack(
+            np.meshgrid(
+                np.arange(-1, camera.width_px + 1, dtype=np.float32),
+                np.arange(-1, camera.height_px + 1, dtype=np.float32),
+            ),
+            axis=-1,
+        )
+
+    def render(
+        self, displacement_mm: NDArray[np.float64] | None, rng: np.random.Generator
+    ) -> NDArray[np.uint8]:
+        """Image (h, w, 3) BGR of a surface displacement (ny, nx, 3) on the lattice, None at rest.
+
+        Raises SolverError when the inverse map does not converge (the surface folds in the view).
+        """
+        at = self._target if displacement_mm is None else self.material_px(displacement_mm)
+        fine = cv2.resize(at, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)[2:-2, 2:-2]
+        cx, cy = self._camera.centre_px
+        texels = self._camera.mm_per_px / self._texture.mm_per_texel
+        h, w = self._texture.values.shape[:2]
+        map_x = (fine[..., 0] - np.float32(cx)) * np.float32(texels) + np.float32((w - 1) / 2)
+        map_y = (fine[..., 1] - np.float32(cy)) * np.float32(texels) + np.float32((h - 1) / 2)
+        seen = cv2.remap(
+            self._texture.values, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        radiance = cv2.resize(
+            seen,
+            (self._camera.width_px, self._camera.height_px),
+            interpolation=cv2.INTER_AREA,
+        )
+        return self._sensor.expose(np.asarray(radiance, np.float32), self._shade, rng)
+
+    def forward_px(self, displacement_mm: NDArray[np.float64]) -> Float:
+        """Projected displacement of the rest pixels and their margin, (h + 2m, w + 2m, 2)."""
+        u = self._sampler(displacement_mm)
+        x, y = np.meshgrid(self._xs_mm, self._ys_mm)
+        rest = np.stack((x, y, np.zeros_like(x)), axis=-1)
+        moved = self._camera.project_px(rest + u) - self._camera.rest_px(rest[..., :2])
+        return np.asarray(moved, np.float32)
+
+    def material_px(self, displacement_mm: NDArray[np.float64]) -> Float:
+        """Rest position (px) of the material point seen by each pixel, with a border of one pixel.
+
+        Solves X + g(X) = p for X with g the projected displacement; shape (h + 2, w + 2, 2).
+        """
+        field = self.forward_px(displacement_mm)
+        at = self._target.copy()
+        for _ in range(FIXED_POINT_ITERATIONS):
+            moved = cv2.remap(
+                field,
+                at[..., 0] + np.float32(MARGIN_PX),
+                at[..., 1] + np.float32(MARGIN_PX),
+                cv2.INTER_LINEAR,
+                borderMode=cv2.BORDER_REPLICATE,
+            )
+            new = self._target - moved
+            open_ = np.max(np.abs(new - at), axis=-1) >= TOLERANCE_PX
+            at = new
+        # Fixed point needs a gradient below 1; the stretched skin behind a sliding tip has more.
+        at[open_] = _newton(field, self._target[open_], at[open_])
+        return at
+
+
+def _newton(field: Float, target: Float, start: Float) -> Float:
+    """Solve X + g(X) = p for points (n, 2) px, g bilinear on the field with its margin."""
+    height, width = field.shape[:2]
+    p, at = target.astype(float), start.astype(float)
+    left = np.arange(len(at))
+    for _ in range(NEWTON_ITERATIONS):
+        if not len(left):
+            return at.astype(np.float32)
+        x = np.clip(at[left, 0] + MARGIN_PX, 0, width - 1.001)
+        y = np.clip(at[left, 1] + MARGIN_PX, 0, height - 1.001)
+        j, i = x.astype(int), y.astype(int)
+        a, b = (x - j)[:, None], (y - i)[:, None]
+        q00, q01 = field[i, j], field[i, j + 1]
+        q10, q11 = field[i + 1, j], field[i + 1, j + 1]
+        along_x = (q01 - q00) * (1 - b) + (q11 - q10) * b
+        along_y = (q10 - q00) * (1 - a) + (q11 - q01) * a
+        value = q00 * (1 - b) + q10 * b + along_x * a
+        miss = at[left] + value - p[left]
+        xx, yx = 1 + along_x[:, 0], along_x[:, 1]
+        xy, yy = along_y[:, 0], 1 + along_y[:, 1]
+        det = xx * yy - xy * yx
+        det = np.where(np.abs(det) < 0.05, np.copysign(0.05, det), det)
+        step = np.stack((yy * miss[:, 0] - xy * miss[:, 1], xx * miss[:, 1] - yx * miss[:, 0]), -1)
+        at[left] -= np.clip(step / det[:, None], -MAX_STEP_PX, MAX_STEP_PX)
+        left = left[np.max(np.abs(miss), axis=-1) >= TOLERANCE_PX]
+    if not len(left):
+        return at.astype(np.float32)
+    raise SolverError(
+        f"the drawn surface folds: {len(left)} pixels see no single point of it after "
+        f"{NEWTON_ITERATIONS} Newton steps (tolerance {TOLERANCE_PX} px)"
+    )

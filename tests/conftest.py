@@ -1,0 +1,55 @@
+"""One short run on the virtual rig, shared by the tests that need a recorded run."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+# Small arrays: threads of the linear algebra cost more than they give, and results must repeat.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+MINI_PROTOCOL = """
+name = "mini"
+indenters = ["sphere:10", "4dots"]
+positions_mm = [[0.5, -0.5]]
+depths_mm = [1.0]
+channels = ["image", "dots", "force", "shear"]
+[shear]
+amplitude_mm = 1.5
+axes = ["x"]
+[capture]
+mode = "sweep"
+rate_hz = 0.5
+"""
+MINI_RIG = """
+kind = "virtual"
+[stage]
+origin_machine_mm = [-60.0, -60.0, -40.0]
+travel_mm = [120.0, 120.0, 60.0]
+max_feed_mm_min = [1500.0, 1500.0, 1200.0]
+acceleration_mm_s2 = [50.0, 50.0, 50.0]
+[gel]
+spacing_mm = 0.25
+"""
+
+
+@pytest.fixture(scope="session")
+def mini(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Paths of a short protocol and of a rig file."""
+    folder = tmp_path_factory.mktemp("mini")
+    protocol, rig = folder / "mini.toml", folder / "bench.toml"
+    protocol.write_text(MINI_PROTOCOL)
+    rig.write_text(MINI_RIG)
+    return protocol, rig
+
+
+@pytest.fixture(scope="session")
+def mini_run(mini: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a recorded run of the short protocol."""
+    from deltact_fab import bench
+
+    out = tmp_path_factory.mktemp("runs") / "mini"
+    bench.run(str(mini[0]), str(mini[1]), out, seed=3)
+    return out

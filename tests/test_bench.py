@@ -1,0 +1,153 @@
+"""A whole run on the virtual rig: repeatable, labelled, stopped safely, leaving out what it can."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import signal
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from deltact_fab import bench, record
+from deltact_fab.errors import InputError, RunFailed
+from deltact_fab.protocols import plan
+from deltact_fab.record import WALL_COLUMNS
+
+
+def test_every_planned_frame_is_there_once_and_matches_its_hash(
+    mini: tuple[Path, Path], mini_run: Path
+) -> None:
+    protocol, _ = plan.load(str(mini[0]))
+    steps = plan.expand(protocol)
+    run = record.open(mini_run)
+    frames = run.frames()
+    wanted = [f"{s.id}#{k:03d}" for s in steps for k in range(1, s.frames + 1)]
+    assert list(frames["frame_id"]) == wanted
+    assert list(run.steps()["step_id"]) == [s.id for s in steps]
+    for row in frames.itertuples():
+        data = (mini_run / str(row.file)).read_bytes()
+        assert hashlib.sha256(data).hexdigest() == row.sha256
+
+
+def test_the_stage_was_where_the_plan_says(mini: tuple[Path, Path], mini_run: Path) -> None:
+    protocol, _ = plan.load(str(mini[0]))
+    targets = {s.id: s.target_mm for s in plan.expand(protocol)}
+    last = record.open(mini_run).frames().groupby("step_id").tail(1)
+    for row in last.itertuples():
+        assert (row.x_mm, row.y_mm, row.z_mm) == pytest.approx(targets[str(row.step_id)], abs=2e-3)
+
+
+def test_signs_a_press_pushes_down_and_shear_to_plus_x_pulls_to_plus_x(mini_run: Path) -> None:
+    run = record.open(mini_run)
+    frames = run.frames().set_index("frame_id")
+    pressed = frames[frames["step_id"] == "sphere-10/p1/d1.00/press"].iloc[-1]
+    sheared = frames[frames["step_id"] == "sphere-10/p1/d1.00/shear-x+"].iloc[-1]
+    assert pressed["fz_n"] < -1.0
+    assert sheared["fx_n"] > 0.3
+    truth = run.truth()
+    assert truth is not None
+    flow = truth.flow_px(str(sheared.name))
+    at = run.camera.rest_px(np.array([0.5 + 0.7, -0.5])).astype(int)  # under the moving tip
+    assert flow[at[1], at[0], 0] > 5
+
+
+def test_the_record_says_it_is_simulated_with_its_seed(mini_run: Path) -> None:
+    run = record.open(mini_run)
+    assert run.simulated
+    assert run.meta["seed"] == 3
+    assert run.meta["versions"]["deltact-fab"]
+    assert run.summary()["rig_seconds"] > run.summary()["wall_seconds"]  # faster than real time
+
+
+def test_two_runs_are_the_same_but_for_wall_time(
+    mini: tuple[Path, Path], mini_run: Path, tmp_path: Path
+) -> None:
+    bench.run(str(mini[0]), str(mini[1]), tmp_path / "again", seed=3)
+    for table in ("frames", "steps"):
+        rows = []
+        for folder in (mini_run, tmp_path / "again"):
+            with sqlite3.connect(folder / "journal.sqlite") as db:
+                names = [c[1] for c in db.execute(f"PRAGMA table_info({table})")]
+                keep = ",".join(n for n in names if n not in WALL_COLUMNS)
+                rows.append(db.execute(f"SELECT {keep} FROM {table} ORDER BY seq").fetchall())
+        assert rows[0] == rows[1]  # the images' hashes are among the columns
+        assert rows[0]
+
+
+def test_another_seed_gives_other_images(mini: tuple[Path, Path], tmp_path: Path) -> None:
+    text = mini[0].read_text().replace('"sphere:10", "4dots"', '"sphere:10"')
+    short = tmp_path / "short.toml"
+    short.write_text(text.replace("amplitude_mm = 1.5", "amplitude_mm = 0.25"))
+    hashes = []
+    for seed in (1, 2):
+        bench.run(str(short), str(mini[1]), tmp_path / f"s{seed}", seed=seed)
+        hashes.append(list(record.open(tmp_path / f"s{seed}").frames()["sha256"]))
+    assert not set(hashes[0]) & set(hashes[1])
+
+
+def test_ctrl_c_stops_lifts_the_tip_and_keeps_the_frames(
+    mini: tuple[Path, Path], tmp_path: Path
+) -> None:
+    def press_ctrl_c(done: int, total: int, what: str) -> None:
+        if what.endswith("shear-x+"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(RunFailed, match=r"shear-x\+; the tip was lifted"):
+        bench.run(str(mini[0]), str(mini[1]), tmp_path / "r", progress=press_ctrl_c)
+    frames = record.open(tmp_path / "r").frames()
+    assert list(frames["kind"])[-1] == "shear"
+    assert record.open(tmp_path / "r").summary() == {}
+
+
+def test_sigterm_does_the_same(mini: tuple[Path, Path], tmp_path: Path) -> None:
+    def kill(done: int, total: int, what: str) -> None:
+        if what.endswith("press"):
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(RunFailed, match="the tip was lifted"):
+        bench.run(str(mini[0]), str(mini[1]), tmp_path / "r", progress=kill)
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_an_overloaded_force_sensor_stops_and_lifts(
+    mini: tuple[Path, Path], tmp_path: Path
+) -> None:
+    weak = tmp_path / "weak.toml"
+    weak.write_text(mini[1].read_text() + "\n[force]\nrange_n = [25.0, 25.0, 0.5]\n")
+    with pytest.raises(RunFailed, match=r"saturated .*the tip was lifted"):
+        bench.run(str(mini[0]), str(weak), tmp_path / "r")
+
+
+def test_a_force_only_scene_has_no_images_and_no_truth(
+    mini: tuple[Path, Path], tmp_path: Path
+) -> None:
+    text = mini[0].read_text().replace('["image", "dots", "force", "shear"]', '["force", "shear"]')
+    quiet = tmp_path / "quiet.toml"
+    quiet.write_text(text)
+    summary = bench.run(str(quiet), str(mini[1]), tmp_path / "r", seed=3)
+    frames = record.open(tmp_path / "r").frames()
+    assert frames["file"].isna().all()
+    assert frames["fz_n"].min() < -1.0
+    assert not (tmp_path / "r" / "truth").exists()
+    assert any("camera" in line for line in summary["left_out"])
+
+
+def test_without_shear_no_friction_is_solved(mini: tuple[Path, Path], tmp_path: Path) -> None:
+    text = mini[0].read_text().replace('["image", "dots", "force", "shear"]', '["force"]')
+    text = text.replace('[shear]\namplitude_mm = 1.5\naxes = ["x"]\n', "")
+    plain = tmp_path / "plain.toml"
+    plain.write_text(text)
+    summary = bench.run(str(plain), str(mini[1]), tmp_path / "r", seed=3)
+    assert any("friction" in line for line in summary["left_out"])
+
+
+def test_nothing_is_made_when_a_check_fails(mini: tuple[Path, Path], tmp_path: Path) -> None:
+    bad = tmp_path / "bad.toml"
+    bad.write_text(mini[0].read_text().replace("[[0.5, -0.5]]", "[[15.0, 0.0]]"))
+    with pytest.raises(InputError, match="footprint"):
+        bench.run(str(bad), str(mini[1]), tmp_path / "r")
+    assert not (tmp_path / "r").exists()

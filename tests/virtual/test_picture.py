@@ -1,0 +1,91 @@
+"""The drawn image and the stored truth are one displacement field."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from deltact_fab.errors import SolverError
+from deltact_fab.imaging import Sensor
+from deltact_fab.optics import LatticeSampler, Pinhole, SurfaceLattice
+from deltact_fab.virtual.picture import Picture, Texture
+
+CAMERA = Pinhole(0.0378, 160, 120, 12.85)
+LATTICE = SurfaceLattice(-7.0, -6.0, 0.25, 57, 49)
+NOISELESS = Sensor(blur_px=0.4, shading=0.0, full_well_electrons=1e9, read_noise_electrons=0.0)
+
+
+def nodes() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    x = LATTICE.x0_mm + LATTICE.spacing_mm * np.arange(LATTICE.nx)
+    y = LATTICE.y0_mm + LATTICE.spacing_mm * np.arange(LATTICE.ny)
+    return x, y
+
+
+def bump(amplitude_mm: float) -> NDArray[np.float64]:
+    """A bump that moves to +x and in, (ny, nx, 3)."""
+    x, y = np.meshgrid(*nodes())
+    g = np.exp(-(x**2 + y**2) / (2 * 0.8**2))
+    return np.stack((amplitude_mm * g, 0.3 * amplitude_mm * g, -0.5 * amplitude_mm * g), axis=-1)
+
+
+def ramp_texture() -> Texture:
+    """Reflectance linear in x (red) and y (green), so a pixel's colour tells where it came from."""
+    y, x = np.mgrid[:700, :700] / 699
+    return Texture(np.stack((x, y, 0.5 * np.ones_like(x)), -1).astype(np.float32), 0.02)
+
+
+def test_every_pixel_sees_the_point_that_projects_there() -> None:
+    picture = Picture(CAMERA, LATTICE, ramp_texture(), NOISELESS)
+    u = bump(0.9)
+    at = picture.material_px(u)[1:-1, 1:-1].astype(float)
+    xy = CAMERA.rest_mm(at).reshape(-1, 2)[::37]
+    moved = LatticeSampler.make(LATTICE, xy[:, 0], xy[:, 1]).at_points(u)
+    landed = CAMERA.project_px(np.column_stack((xy, np.zeros(len(xy)))) + moved)
+    rows, columns = np.mgrid[: CAMERA.height_px, : CAMERA.width_px]
+    wanted = np.stack((columns, rows), -1).reshape(-1, 2)[::37]
+    # What is left is the linear interpolation of the field between pixels.
+    assert np.max(np.abs(landed - wanted)) < 0.02
+
+
+def test_image_axes_are_sensor_axes() -> None:
+    image = Picture(CAMERA, LATTICE, ramp_texture(), NOISELESS).render(
+        None, np.random.default_rng(0)
+    )
+    blue, green, red = (image[..., c].astype(int) for c in range(3))
+    assert red[60, 120] > red[60, 40] + 20  # +x to the right
+    assert green[90, 80] > green[30, 80] + 20  # +y down
+    assert abs(int(blue[60, 40]) - int(blue[60, 120])) <= 3
+
+
+def test_a_push_to_plus_x_moves_the_picture_to_plus_x() -> None:
+    picture = Picture(CAMERA, LATTICE, ramp_texture(), NOISELESS)
+    still = np.zeros((LATTICE.ny, LATTICE.nx, 3))
+    still[..., 0] = 0.4
+    rng = np.random.default_rng(0)
+    before, after = picture.render(None, rng), picture.render(still, rng)
+    # The centre now shows what was 0.4 mm to its left, where red is darker.
+    assert int(after[60, 80, 2]) < int(before[60, 80, 2]) - 2
+
+
+def test_the_press_is_seen_larger() -> None:
+    """A point at depth w projects at x eye / (eye - w): pressed in, nearer to the camera."""
+    rest = CAMERA.project_px(np.array([2.0, 0.0, 0.0]))
+    pressed = CAMERA.project_px(np.array([2.0, 0.0, -1.2]))
+    cx = CAMERA.centre_px[0]
+    assert (pressed[0] - cx) / (rest[0] - cx) == pytest.approx(12.85 / (12.85 - 1.2))
+
+
+def test_noise_repeats_with_its_seed_and_not_with_another() -> None:
+    picture = Picture(CAMERA, LATTICE, ramp_texture(), Sensor())
+    first, again, other = (
+        picture.render(bump(0.5), np.random.default_rng(seed)) for seed in (1, 1, 2)
+    )
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)
+
+
+def test_a_fold_is_refused_not_drawn() -> None:
+    picture = Picture(CAMERA, LATTICE, ramp_texture(), NOISELESS)
+    with pytest.raises(SolverError, match="folds"):
+        picture.render(bump(3.5), np.random.default_rng(0))

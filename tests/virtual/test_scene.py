@@ -1,0 +1,163 @@
+"""The gel follows the path that the controller drives, and solves only what is observed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from deltact_fab.gel.contact import ContactState, LayerContact
+from deltact_fab.gel.layer import BondedLayer
+from deltact_fab.gel.material import GelMaterial
+from deltact_fab.optics import StageFrame
+from deltact_fab.rig.config import GelConfig
+from deltact_fab.shapes import SkinDimensions
+from deltact_fab.shapes.indenter import parse
+from deltact_fab.virtual.clock import VirtualClock
+from deltact_fab.virtual.controller import GrblController
+from deltact_fab.virtual.scene import GelScene, LatticeCrop
+
+FRAME = StageFrame((-60.0, -60.0, -40.0))
+LAYER = BondedLayer.for_skin(SkinDimensions(), GelMaterial(), spacing_mm=0.5, padding=2.0)
+
+
+class Bench:
+    """A homed controller, driven by raw lines, and the scene that watches it."""
+
+    def __init__(self, press_mm: float = 0.1, shear_mm: float = 0.25, drawn: bool = True) -> None:
+        self.clock = VirtualClock()
+        self.controller = GrblController(None, self.clock)
+        self.clock.sleep_s(2.0)
+        self.line("$H")
+        self.clock.sleep_s(60.0)
+        crop = LatticeCrop(LAYER.x_mm, LAYER.y_mm, (12.0, 10.0)) if drawn else None
+        config = GelConfig(press_increment_mm=press_mm, shear_increment_mm=shear_mm)
+        self.scene = GelScene(self.controller, self.clock, FRAME, config, crop)
+        self.contact = LayerContact(LAYER, parse("sphere:10"), friction=0.5)
+        self.scene.mount(self.contact)
+        self.scene.begin()
+
+    def line(self, text: str) -> None:
+        self.controller.write(text.encode() + b"\n")
+
+    def jog(self, x: float, y: float, z: float, feed: float) -> None:
+        mx, my, mz = FRAME.to_machine_mm((x, y, z))
+        self.line(f"$J=G90G53G21X{mx:.4f}Y{my:.4f}Z{mz:.4f}F{feed:g}")
+
+    def go(self, x: float, y: float, z: float, feed: float = 1200.0) -> None:
+        """Jog and let it arrive."""
+        self.jog(x, y, z, feed)
+        while self.controller.state != "Idle":
+            self.clock.sleep_s(0.5)
+
+
+def last(
+    contact: LayerContact, state: ContactState, tip: tuple[float, float, float], step_mm: float
+) -> ContactState:
+    """The state at the end of the solver's own path."""
+    return list(contact.path(state, tip, step_mm))[-1]
+
+
+def test_at_the_end_of_a_press_the_scene_is_the_solver_s_own_path() -> None:
+    bench = Bench()
+    bench.go(0.0, 0.0, 1.0)
+    bench.go(0.0, 0.0, -0.8, 60.0)
+    seen = bench.scene.observe()
+    state = last(bench.contact, bench.contact.rest(), (0.0, 0.0, 0.8), 0.1)
+    assert seen.wrench()[0] == pytest.approx(state.force_n, rel=1e-5, abs=1e-6)
+    assert seen.wrench()[0][2] < 0
+
+
+def test_no_solve_for_what_nobody_saw() -> None:
+    bench = Bench()
+    bench.go(0.0, 0.0, 1.0)
+    bench.go(0.0, 0.0, -0.8, 60.0)
+    bench.go(0.0, 0.0, 1.0, 60.0)  # out of contact again, unobserved
+    assert bench.scene.observe().displacement_mm() is None
+    assert bench.scene.solves == 0
+
+
+def test_only_the_knots_around_the_present_are_solved() -> None:
+    bench = Bench()
+    bench.go(0.0, 0.0, 0.0)
+    bench.jog(0.0, 0.0, -1.0, 60.0)  # 1 s, ten knots
+    bench.clock.sleep_s(0.25)
+    bench.scene.observe()
+    assert bench.scene.solves in (2, 3)
+    at_quarter = bench.scene.solves
+    bench.scene.observe()
+    assert bench.scene.solves == at_quarter
+
+
+def test_between_knots_the_force_is_close_to_the_solver_s() -> None:
+    """The stated bound of the interpolation at the default increments: 1 % of the peak force."""
+    wide, fine = Bench(0.1), Bench(0.025)
+    worst, peak = 0.0, 0.0
+    for bench in (wide, fine):
+        bench.go(0.0, 0.0, 0.0)
+        bench.jog(0.0, 0.0, -1.2, 30.0)
+    for _ in range(12):
+        forces = []
+        for bench in (wide, fine):
+            bench.clock.sleep_s(0.19)
+            forces.append(bench.scene.observe().wrench()[0][2])
+        worst = max(worst, abs(forces[0] - forces[1]))
+        peak = max(peak, abs(forces[1]))
+    assert worst < 0.01 * peak
+
+
+def test_a_jog_that_is_cancelled_keeps_the_true_path() -> None:
+    """Stopped between two knots, the gel is where the tip is, not where the plan led."""
+    bench = Bench()
+    bench.go(0.0, 0.0, 0.0)
+    bench.go(0.0, 0.0, -0.8, 60.0)
+    bench.jog(2.0, 0.0, -0.8, 60.0)
+    bench.clock.sleep_s(0.9)
+    bench.scene.observe()  # looks ahead one knot
+    bench.controller.write(b"\x85")
+    bench.clock.sleep_s(1.0)
+    stopped = FRAME.to_sensor_mm(bench.controller.position_mm())
+    assert 0.7 < stopped[0] < 1.1
+    seen = bench.scene.observe()
+    state = last(bench.contact, bench.contact.rest(), (0.0, 0.0, 0.8), 0.1)
+    state = last(bench.contact, state, (stopped[0], 0.0, 0.8), 0.25)
+    assert seen.wrench()[0] == pytest.approx(state.force_n, rel=0.01, abs=5e-3)
+    ahead = seen.displacement_mm()
+    assert ahead is not None
+    peak = float(np.abs(ahead[..., 0]).max())
+    assert peak == pytest.approx(float(np.abs(state.displacement_mm[..., 0]).max()), rel=0.01)
+
+
+def test_history_is_gone_after_the_tip_left() -> None:
+    bench = Bench()
+    bench.go(0.0, 0.0, 0.0)
+    bench.go(0.0, 0.0, -0.5, 60.0)
+    bench.go(1.0, 0.0, -0.5, 60.0)
+    assert bench.scene.observe().wrench()[0][0] > 0.1
+    bench.go(1.0, 0.0, 1.0)
+    bench.go(0.0, 0.0, 1.0)
+    bench.go(0.0, 0.0, -0.5, 60.0)
+    force = bench.scene.observe().wrench()[0]
+    assert abs(force[0]) < 1e-3 * abs(force[2])
+
+
+def test_a_scene_without_a_camera_keeps_no_fields() -> None:
+    bench = Bench(drawn=False)
+    bench.go(0.0, 0.0, 0.0)
+    bench.go(0.0, 0.0, -0.5, 60.0)
+    bench.scene.observe()
+    assert all(k.displacement_mm is None for k in bench.scene.knots)
+
+
+def test_the_same_motion_later_gives_the_same_bits() -> None:
+    """Everything counts from the start of a line, in whole nanoseconds."""
+    seen = []
+    for offset_s in (0.0, 12345.678901234):
+        bench = Bench()
+        bench.clock.sleep_s(offset_s)
+        bench.go(0.0, 0.0, 0.0)
+        bench.jog(0.0, 0.0, -1.0, 60.0)
+        bench.clock.sleep_s(0.4321)
+        displacement = bench.scene.observe().displacement_mm()
+        assert displacement is not None
+        seen.append(displacement)
+    assert np.array_equal(seen[0], seen[1])
