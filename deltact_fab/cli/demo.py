@@ -1,0 +1,18 @@
+"""`deltact-fab demo`: everything once, on the virtual rig."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+
+@click.command()
+@click.option("--out", type=click.Path(path_type=Path), default=Path("demo-out"), show_default=True)
+@click.option("--seed", default=3, show_default=True, help="Of everything that is drawn.")
+def demo(out: Path, seed: int) -> None:
+    """Export parts, make the pattern, run `smoke` on the virtual rig, analyse, write a report."""
+    from .. import demo as chain
+    from .output import progress
+
+    chain.run(out, seed, progress, click.echo)

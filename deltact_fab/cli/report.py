@@ -1,0 +1,26 @@
+"""`deltact-fab report`: one offline page of a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+
+@click.command()
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="Default RUN/report.html.")
+def report(run: Path, output: Path | None) -> None:
+    """Write the report of RUN; the tracking analysis is made first where it is missing."""
+    from ..analysis.tracking_error import TrackingResult, analyse
+    from ..report.page import write
+    from .output import progress
+
+    folder = run / "analysis"
+    if (folder / "tracking.json").is_file():
+        result = TrackingResult.load(folder)
+    else:
+        with progress("tracking error") as bar:
+            result = analyse(run, progress=bar)
+        result.save(folder)
+    click.echo(str(write(run, output or run / "report.html", result)))

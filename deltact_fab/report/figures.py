@@ -1,0 +1,218 @@
+"""Figures of the report, drawn by matplotlib as SVG text that needs no other file."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import MissingLibrary
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Okabe and Ito's palette: told apart by people who see colours differently.
+COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#000000")
+PAPER_COLOUR = "#666666"
+ARROW_BGR = (90, 235, 255)
+
+
+def _figure(width: float, height: float, panels: int = 1, share_y: bool = True) -> Any:
+    """A figure and its axes side by side, drawn without a display."""
+    try:
+        import matplotlib
+    except ImportError as why:
+        raise MissingLibrary("figures need matplotlib: pip install 'deltact-fab[report]'") from why
+    matplotlib.rcParams.update(
+        {
+            "svg.hashsalt": "deltact-fab",  # same figure, same bytes
+            "svg.fonttype": "none",
+            "font.family": "sans-serif",
+            "font.size": 9.5,
+            "axes.spines.top": False,
+            "axes.spines.right": False,
+            "axes.grid": True,
+            "grid.color": "#dddddd",
+            "grid.linewidth": 0.6,
+            "axes.axisbelow": True,
+            "legend.frameon": False,
+        }
+    )
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.subplots(1, panels, sharey=share_y, squeeze=False)[0]
+    return figure, list(axes)
+
+
+def to_svg(figure: Figure) -> str:
+    """The figure as an <svg> element, without the prologue and without a date."""
+    out = io.StringIO()
+    figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
+    text = out.getvalue()
+    svg = text[text.index("<svg") :]
+    # Several figures share one page: an id must not meet its namesake in another figure.
+    salt = f"f{abs(hash_text(svg)):x}"
+    svg = re.sub(r'\bid="', f'id="{salt}-', svg)
+    svg = re.sub(r"url\(#", f"url(#{salt}-", svg)
+    return re.sub(r'href="#', f'href="#{salt}-', svg)
+
+
+def hash_text(text: str) -> int:
+    """A hash that does not change between processes."""
+    import zlib
+
+    return zlib.crc32(text.encode())
+
+
+def _label(name: str) -> str:
+    method, _, reference = name.partition("/")
+    words = {"farneback": "Farneback", "dis-medium": "DIS medium", "dis-fast": "DIS fast"}
+    shown = words.get(method, method)
+    notes = {
+        "static": "static reference",
+        "summed-every": "summed, every frame",
+        "composed-every": "composed, every frame",
+    }
+    return f"{shown}, {notes.get(reference, reference)}" if reference else shown
+
+
+def error_by_step(frames: pd.DataFrame, methods: Sequence[str]) -> Figure:
+    """Mean error off the dots (at them on a real rig) against the frame, a panel an indenter."""
+    column = "mean_off_dots_mm" if "mean_off_dots_mm" in frames else "mean_at_dots_mm"
+    indenters = list(dict.fromkeys(frames["indenter"]))
+    figure, axes = _figure(9.6, 3.6, len(indenters))
+    for axis, indenter in zip(axes, indenters, strict=True):
+        part = frames[frames["indenter"] == indenter]
+        for colour, name in zip(COLOURS, methods, strict=False):
+            rows = part[part["method"] == name].sort_values("seq")
+            index = np.arange(1, len(rows) + 1)
+            axis.plot(index, rows[column], color=colour, lw=1.4, label=_label(name),
+                      ls="-" if "/" not in name else "--")  # fmt: skip
+        _mark_legs(axis, part[part["method"] == methods[0]].sort_values("seq"))
+        _log_ticks(axis, "y")
+        axis.set_xlabel("frame")
+        axis.set_title(indenter, loc="left", fontweight="bold")
+    axes[0].set_ylabel("mean error, mm" + (" (off the dots)" if "off" in column else " (at dots)"))
+    axes[-1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8.5)
+    return figure
+
+
+def _log_ticks(axis: Axes, which: str) -> None:
+    """Logarithmic axes that are labelled 0.01, 0.02, 0.05 and not by powers."""
+    from matplotlib.ticker import FuncFormatter, LogLocator
+
+    for letter in which:
+        (axis.set_xscale if letter == "x" else axis.set_yscale)("log")
+        side = axis.xaxis if letter == "x" else axis.yaxis
+        side.set_major_locator(LogLocator(base=10, subs=(1.0, 2.0, 5.0)))
+        side.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
+        side.set_minor_locator(LogLocator(base=10, subs=()))
+
+
+def _mark_legs(axis: Axes, rows: pd.DataFrame) -> None:
+    """Name the legs of the path above the curve, where they begin."""
+    legs = [step.rsplit("/", 1)[-1] for step in rows["step_id"]]
+    for i, leg in enumerate(legs):
+        if i == 0 or leg != legs[i - 1]:
+            axis.axvline(i + 0.5, color="#bbbbbb", lw=0.7)
+            axis.text(i + 0.8, 1.0, leg.replace("shear-", ""), transform=axis.get_xaxis_transform(),
+                      fontsize=7.5, color="#666666", va="top", rotation=90)  # fmt: skip
+
+
+def error_by_time(methods: Sequence[dict[str, Any]], paper_mm: float, simulated: bool) -> Figure:
+    """Error against milliseconds a frame, one mark a method: at the dots and off the dots."""
+    figure, (axis,) = _figure(9.6, 4.0)
+    for colour, row in zip(COLOURS, methods, strict=False):
+        for key, marker, face in (
+            ("mean_off_dots_mm", "o", colour),
+            ("mean_at_dots_mm", "s", "none"),
+        ):
+            if row.get(key) is not None:
+                axis.plot(
+                    row["ms_per_frame"], row[key], marker, color=colour, ms=8, mfc=face, mew=1.6
+                )
+        top = row.get("mean_off_dots_mm") or row["mean_at_dots_mm"]
+        axis.annotate(_label(row["name"]), (row["ms_per_frame"], top), xytext=(8, 5),
+                      textcoords="offset points", fontsize=8.5, color=colour)  # fmt: skip
+    axis.axhline(paper_mm, color=PAPER_COLOUR, lw=1.2, ls=":")
+    axis.text(0.01, paper_mm, f"paper, at the dots, real sensor: {paper_mm} mm", va="bottom",
+              transform=axis.get_yaxis_transform(), fontsize=8.5, color=PAPER_COLOUR)  # fmt: skip
+    _log_ticks(axis, "xy")
+    times = [row["ms_per_frame"] for row in methods if row["ms_per_frame"]]
+    axis.set_xlim(min(times) / 1.6, max(times) * 2.2)
+    axis.set_xlabel("milliseconds a frame, one thread")
+    axis.set_ylabel("mean error, mm" + (", simulated" if simulated else ""))
+    axis.plot([], [], "o", color="#444444", label="off the dots, moving pixels")
+    axis.plot([], [], "s", color="#444444", mfc="none", label="at the dots")
+    axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8.5)
+    return figure
+
+
+def error_by_indenter(rows: Sequence[dict[str, Any]], paper_mm: float) -> Figure:
+    """Bars a method, grouped by indenter: mean error off the dots, or at the dots without truth."""
+    indenters = list(dict.fromkeys(r["indenter"] for r in rows))
+    names = list(dict.fromkeys(r["name"] for r in rows))
+    with_truth = any(r["mean_off_dots_mm"] is not None for r in rows)
+    key = "mean_off_dots_mm" if with_truth else "mean_at_dots_mm"
+    figure, (axis,) = _figure(9.6, 3.6)
+    width = 0.8 / len(names)
+    for i, (name, colour) in enumerate(zip(names, COLOURS, strict=False)):
+        values = [next(r[key] for r in rows if r["name"] == name and r["indenter"] == n) or 0.0
+                  for n in indenters]  # fmt: skip
+        at = np.arange(len(indenters)) + (i - (len(names) - 1) / 2) * width
+        axis.bar(at, values, width * 0.9, color=colour, label=_label(name))
+        for x, value in zip(at, values, strict=True):
+            axis.text(x, value, f"{value:.3f}", ha="center", va="bottom", fontsize=7.5)
+    axis.axhline(
+        paper_mm, color=PAPER_COLOUR, lw=1.2, ls=":", label=f"paper: {paper_mm} mm, at dots"
+    )
+    axis.set_xticks(np.arange(len(indenters)), indenters)
+    axis.set_ylabel("mean error, mm" + (" (off the dots)" if with_truth else " (at the dots)"))
+    axis.grid(axis="x", visible=False)
+    axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8.5)
+    return figure
+
+
+def force_by_frame(frames: pd.DataFrame) -> Figure:
+    """Measured force on the sensor against the frame, a panel an indenter."""
+    indenters = list(dict.fromkeys(frames["indenter"]))
+    figure, axes = _figure(9.6, 3.0, len(indenters))
+    for axis, indenter in zip(axes, indenters, strict=True):
+        part = frames[frames["indenter"] == indenter].reset_index(drop=True)
+        index = np.arange(len(part))
+        for colour, column, label in zip(
+            COLOURS, ("fx_n", "fy_n", "fz_n"), ("$F_x$", "$F_y$", "$F_z$"), strict=False
+        ):
+            axis.plot(index, part[column], color=colour, lw=1.4, label=label)
+        _mark_legs(axis, part)
+        axis.set_title(indenter, loc="left", fontweight="bold")
+        axis.set_xlabel("frame")
+    axes[0].set_ylabel("force on the sensor, N")
+    axes[-1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return figure
+
+
+def flow_picture(
+    image: NDArray[np.uint8], arrows: NDArray[np.float32], step_px: int, gain: float
+) -> NDArray[np.uint8]:
+    """(h, w, 3) BGR with the flow drawn as arrows, `gain` times as long as the motion."""
+    import cv2
+
+    out = (image * 0.5).astype(np.uint8)
+    half = step_px // 2
+    for i in range(arrows.shape[0]):
+        for j in range(arrows.shape[1]):
+            u, v = (float(c) for c in arrows[i, j])
+            if u * u + v * v < 0.25:
+                continue
+            x, y = half + j * step_px, half + i * step_px
+            tip = (round((x + gain * u) * 8), round((y + gain * v) * 8))
+            cv2.arrowedLine(out, (x * 8, y * 8), tip, ARROW_BGR, 2, cv2.LINE_AA, 3, 0.3)
+    return out

@@ -1,0 +1,132 @@
+"""One offline HTML page of a run: what was made, moved, seen and measured, with its figures."""
+
+from __future__ import annotations
+
+import base64
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import record
+from ..analysis.tracking_error import ARROW_STEP_PX, PAPER_BEST_MM, TrackingResult
+from ..errors import MissingLibrary
+from . import figures
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+ARROW_GAIN = 2.0
+STRIP_FRAMES = 4
+
+
+def write(
+    run_folder: str | Path,
+    out: Path,
+    tracking: TrackingResult,
+    parts: dict[str, Any] | None = None,
+) -> Path:
+    """Write the report of a run and its tracking analysis to one self-contained file.
+
+    parts: `files` (rows of the CAD manifest) and `note` (why there are none), from the demo.
+    Raises MissingLibrary without the extra `report`, RunFailed when the disk refuses.
+    """
+    try:
+        import jinja2
+    except ImportError as why:
+        raise MissingLibrary("reports need jinja2: pip install 'deltact-fab[report]'") from why
+    run = record.open(run_folder)
+    frames = run.frames()
+    names = [m["name"] for m in tracking.methods]
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent / "templates"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["fig"] = _fig
+    drawn = {
+        "by_step": figures.error_by_step(tracking.frames, names),
+        "by_time": figures.error_by_time(tracking.methods, PAPER_BEST_MM, run.simulated),
+        "by_indenter": figures.error_by_indenter(tracking.by_indenter, PAPER_BEST_MM),
+    }
+    if frames["fz_n"].notna().any():
+        drawn["force"] = figures.force_by_frame(frames)
+    page = environment.get_template("run.html").render(
+        meta=run.meta,
+        summary=run.summary(),
+        pattern=run.pattern,
+        simulated=run.simulated,
+        tracking=tracking.as_dict(),
+        default=tracking.methods[0],
+        paper_mm=PAPER_BEST_MM,
+        figures={name: figures.to_svg(figure) for name, figure in drawn.items()},
+        pattern_png=_png(run.image(str(frames["file"].iloc[0]))),
+        strips=_strips(run, frames, tracking),
+        arrow_gain=ARROW_GAIN,
+        parts=parts,
+        counts=_counts(frames),
+    )
+    out.parent.mkdir(parents=True, exist_ok=True)
+    record.write_whole(out, page.encode())
+    return out
+
+
+def _fig(value: Any, digits: int = 4) -> str:
+    """A number as a person reads it; a dash where nothing was measured."""
+    if value is None:
+        return "–"
+    if isinstance(value, int):
+        return f"{value:,}".replace(",", " ")
+    return f"{value:.{digits}f}" if isinstance(value, float) else str(value)
+
+
+def _counts(frames: pd.DataFrame) -> dict[str, Any]:
+    counts: dict[str, Any] = {"frames": len(frames), "presses": frames["press"].nunique()}
+    if frames["fz_n"].notna().any():
+        counts["peak_normal_n"] = float((-frames["fz_n"]).max())
+        counts["peak_shear_n"] = float(frames[["fx_n", "fy_n"]].abs().to_numpy().max())
+    return counts
+
+
+def _strips(
+    run: record.Run, frames: pd.DataFrame, tracking: TrackingResult
+) -> list[dict[str, Any]]:
+    """A strip an indenter: the end of the press and the extremes of shear, with flow arrows."""
+    strips = []
+    for indenter in dict.fromkeys(frames["indenter"]):
+        part = frames[frames["indenter"] == indenter]
+        ends = part.groupby("step_id", sort=False).tail(1)
+        ends = ends[ends["kind"].isin(["press", "shear"])]
+        chosen = ends.head(1 + 3 * (STRIP_FRAMES - 1))
+        keep = [i for i, s in enumerate(chosen["step_id"]) if not str(s).endswith("0")]
+        pictures = []
+        for row in chosen.iloc[keep[:STRIP_FRAMES]].itertuples():
+            image = run.image(str(row.file))
+            arrows = tracking.arrows.get(str(row.frame_id))
+            if arrows is not None:
+                image = figures.flow_picture(image, arrows, ARROW_STEP_PX, ARROW_GAIN)
+            pictures.append(
+                {
+                    "src": _png(_smaller(image)),
+                    "caption": str(row.step_id).rsplit("/", 1)[-1],
+                    "pose": f"x {row.x_mm:+.2f}, y {row.y_mm:+.2f}, z {row.z_mm:+.2f} mm",
+                }
+            )
+        strips.append({"indenter": indenter, "pictures": pictures})
+    return strips
+
+
+def _smaller(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Six tenths of the size: a strip shows four pictures side by side."""
+    import cv2
+
+    small = cv2.resize(image, None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA)
+    return np.asarray(small, np.uint8)
+
+
+def _png(image: NDArray[np.uint8]) -> str:
+    """A data URL; JPEG would smear the pattern."""
+    return "data:image/png;base64," + base64.b64encode(record.encode_png(image)).decode()

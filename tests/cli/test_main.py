@@ -1,0 +1,140 @@
+"""The command line as a user meets it: quick help, one line for an error, exit codes."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from deltact_fab.cli.main import COMMANDS
+
+HEAVY = ("cadquery", "OCP", "scipy.sparse", "plotly", "matplotlib", "pandas", "cv2", "numpy",
+         "serial", "pydantic")  # fmt: skip
+ASK = """
+import sys
+sys.argv = ["deltact-fab", *{words!r}]
+from deltact_fab.cli.main import entry
+try:
+    entry()
+except SystemExit as end:
+    code = end.code
+loaded = sorted(m for m in {heavy!r} if m in sys.modules)
+print("@@", code, ",".join(loaded))
+"""
+SUBCOMMANDS = [
+    ["cad", "list"], ["cad", "export"], ["pattern", "make"], ["protocol", "check"],
+    ["protocol", "show"], ["rig", "show"], ["gel", "press"], ["analyze", "tracking"],
+]  # fmt: skip
+
+
+def call(*words: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "deltact_fab.cli.main", *words],
+        capture_output=True, text=True, cwd=cwd, check=False, timeout=120,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "words", [[], *([name] for name in COMMANDS), *SUBCOMMANDS], ids=lambda w: "-".join(w) or "top"
+)
+def test_help_loads_nothing_heavy(words: list[str]) -> None:
+    script = ASK.format(words=[*words, "--help"], heavy=HEAVY)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert "Usage: deltact-fab" in done.stdout
+    assert done.stdout.rsplit("@@", 1)[1].strip() == "0"
+
+
+def test_every_command_stands_in_the_readme() -> None:
+    readme = (Path(__file__).parents[2] / "README.md").read_text()
+    for name in COMMANDS:
+        assert f"deltact-fab {name}" in readme, name
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["protocol", "check", "smok"], "did you mean 'smoke'?"),
+        (["protocol", "show", "missing.toml"], "missing.toml: no such file"),
+        (["run", "smoke", "--rig", "vurtual", "--out", "x"], "did you mean 'virtual'?"),
+        (["gel", "press", "--indenter", "cube", "--depth", "1"], "valid: sphere:DIAMETER_MM"),
+        (["gel", "press", "--depth", "nan"], "--depth nan"),
+        (["gel", "press", "--depth", "1", "--poisson", "0.6"], "poisson"),
+        (["gel", "press", "--depth", "1", "--at", "3"], "two numbers"),
+        (["analyze", "tracking", "."], "not a run folder"),
+        (["report", "nowhere"], "nowhere: not a run folder"),
+        (["analyse"], "No such command"),
+        (["run", "smoke"], "--out"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_2(words: list[str], says: str, tmp_path: Path) -> None:
+    done = call(*words, cwd=tmp_path)
+    assert done.returncode == 2
+    assert says in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert "Traceback" not in done.stderr
+    assert done.stdout == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_debug_shows_the_traceback(tmp_path: Path) -> None:
+    done = call("--debug", "protocol", "check", "smok", cwd=tmp_path)
+    assert "Traceback" in done.stderr
+
+
+def test_an_unknown_key_names_file_key_and_the_right_one(tmp_path: Path) -> None:
+    text = (Path(__file__).parents[2] / "protocols" / "smoke.toml").read_text()
+    (tmp_path / "p.toml").write_text(text.replace("depths_mm", "depth_mm"))
+    done = call("protocol", "check", "p.toml", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "p.toml: depth_mm: unknown key; did you mean 'depths_mm'?" in done.stderr
+
+
+def test_a_local_file_shadows_the_shipped_one(tmp_path: Path) -> None:
+    text = (Path(__file__).parents[2] / "protocols" / "smoke.toml").read_text()
+    (tmp_path / "protocols").mkdir()
+    (tmp_path / "protocols" / "smoke.toml").write_text(text.replace("[1.2]", "[0.7]"))
+    done = call("protocol", "show", "smoke", "--json", cwd=tmp_path)
+    steps = json.loads(done.stdout)["steps"]
+    assert min(s["target_mm"][2] for s in steps) == -0.7
+
+
+def test_a_check_that_fails_is_exit_1(tmp_path: Path) -> None:
+    text = (Path(__file__).parents[2] / "protocols" / "smoke.toml").read_text()
+    (tmp_path / "p.toml").write_text(text.replace("[1.2]", "[11.5]"))
+    done = call("protocol", "check", "p.toml", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "FAIL  depth against the gel: depth (mm) 11.5 (limit 11)" in done.stdout
+
+
+def test_the_layer_refuses_a_depth_and_names_the_level_that_would_do(tmp_path: Path) -> None:
+    text = (Path(__file__).parents[2] / "protocols" / "smoke.toml").read_text()
+    text = text.replace("[1.2]", "[3.5]").replace('"sphere:10", "4dots"', '"sphere:10"')
+    (tmp_path / "p.toml").write_text(text)
+    done = call("run", "p.toml", "--out", "r", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "hyperelastic" in done.stderr
+    assert not (tmp_path / "r").exists()
+
+
+def test_gel_press_prints_what_the_json_says(tmp_path: Path) -> None:
+    words = ["gel", "press", "--depth", "0.6", "--spacing", "0.4"]
+    data = json.loads(call(*words, "--json", cwd=tmp_path).stdout)
+    assert data["converged"] is True
+    assert data["force_n"][2] < 0
+    assert f"{data['force_n'][2]:+.3f} N (simulated" in call(*words, cwd=tmp_path).stdout
+
+
+def test_gel_press_refused_has_the_same_keys_and_exit_1(tmp_path: Path) -> None:
+    done = call("gel", "press", "--depth", "4", "--json", cwd=tmp_path)
+    data = json.loads(done.stdout)
+    assert done.returncode == 1
+    assert data["converged"] is False
+    assert data["force_n"] is None
+    assert "25 %" in data["reason"]
+    assert {"depth_mm", "contact_area_mm2", "max_stretch", "model", "error_estimate",
+            "seconds"} <= set(data)  # fmt: skip

@@ -1,0 +1,79 @@
+"""The report is one file that needs nothing else, and says what it is."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from deltact_fab.analysis.tracking_error import TrackingResult, analyse
+from deltact_fab.report import figures
+from deltact_fab.report.page import write
+
+
+@pytest.fixture(scope="module")
+def result(mini_run: Path) -> TrackingResult:
+    return analyse(mini_run, ["dis-fast", "dis-fast/static"])
+
+
+@pytest.fixture(scope="module")
+def page(mini_run: Path, result: TrackingResult, tmp_path_factory: pytest.TempPathFactory) -> str:
+    out = tmp_path_factory.mktemp("report") / "report.html"
+    note = "The parts were left out: no libGL"
+    return write(mini_run, out, result, {"files": [], "note": note}).read_text()
+
+
+class Attributes(HTMLParser):
+    """Collects ids and everything a browser would fetch."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.ids: list[str] = []
+        self.fetched: list[str] = []
+        self.tags: set[str] = set()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.add(tag)
+        for name, value in attrs:
+            if name == "id" and value:
+                self.ids.append(value)
+            if name in ("src", "href", "xlink:href", "srcset") and value:
+                self.fetched.append(value)
+
+
+def test_it_fetches_nothing(page: str) -> None:
+    seen = Attributes()
+    seen.feed(page)
+    assert all(link.startswith(("data:", "#")) for link in seen.fetched)
+    assert "script" not in seen.tags
+    assert "@import" not in page
+    assert not re.search(r"url\((?!#)", page)
+
+
+def test_the_figures_ids_do_not_meet(page: str) -> None:
+    seen = Attributes()
+    seen.feed(page)
+    assert len(seen.ids) > 20
+    assert len(seen.ids) == len(set(seen.ids))
+
+
+def test_it_says_simulated_seed_versions_paper_and_what_was_left_out(page: str) -> None:
+    for words in (
+        "simulated", "seed 3", "0.08 mm", "left out: finite-strain gel", "Grbl 1.1f",
+        "opencv-contrib-python-headless", "The parts were left out: no libGL",
+        "Why ours differs",
+    ):  # fmt: skip
+        assert words in page, words
+
+
+def test_the_table_holds_the_computed_figures(page: str, result: TrackingResult) -> None:
+    for row in result.methods:
+        assert f"<td>{row['mean_off_dots_mm']:.4f}</td>" in page
+
+
+def test_figures_are_the_same_bytes_each_time(result: TrackingResult) -> None:
+    drawn = [figures.to_svg(figures.error_by_indenter(result.by_indenter, 0.08)) for _ in range(2)]
+    assert drawn[0] == drawn[1]
+    assert "<dc:date>" not in drawn[0]
