@@ -1,0 +1,581 @@
+"""A rigid indenter pressed into and dragged over the bonded layer: pressure, friction, history.
+
+The nodes are points of the skin and the indenter moves over them. The layer is linear, but a node
+is held against the indenter's surface above where it has moved to, not above where it rested:
+else a point that sticks to the indenter would leave the contact when both move together. The
+textbook condition, at the resting place, is kept as `kinematics="reference"`.
+
+Normal contact is the complementarity problem of Polonsky and Keer (Wear 231, 1999) at a given
+depth. Coulomb friction is one incremental potential per step: with the slip increment
+s = u - u_before - (movement of the indenter) it minimises 1/2 q.C q + q.(C_tn p - u_before -
+movement) over |q| <= friction x pressure at every node, so that s = 0 in stick and q opposes s in
+slip. The two are alternated (Panagiotopoulos), the heights following the in-plane displacement,
+until all hold together.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from ..errors import InputError, SolverError
+from ..shapes import Indenter
+from .layer import BondedLayer, Field, WindowOperator
+
+Point = tuple[float, float, float]
+Mask = NDArray[np.bool_]
+Kinematics = Literal["deformed", "reference"]
+
+DEPTH_LIMIT = 0.25  # of the thickness: force is still within some per cent of finite strain there
+SMALL_STRAIN = 0.10  # of the thickness: beyond, the in-plane field is no longer to be trusted
+_POWER_STEPS = 12  # to the largest eigenvalue: the uniform start is already close to it
+FOLD_LIMIT = 0.2  # least det(I + grad u) of the face; at 0 the printed pattern folds over
+
+
+@dataclass(frozen=True, eq=False)
+class ContactState:
+    """One solved position of the indenter; also the whole history that the next one needs.
+
+    tip_mm: (x, y, depth) of the indenter's lowest point, depth positive into the gel.
+    pressure_mpa: (ny, nx). shear_mpa: (ny, nx, 2), on the sensor.
+    displacement_mm: (ny, nx, 3) of the face, z out of the sensor, so pressed is negative.
+    force_n, torque_nmm: on the sensor, about the centre of the resting face; the torque takes each
+    traction where it acts, on the displaced face (on the resting one with reference kinematics).
+    contact_area_mm2: area of the nodes under pressure. contact_nodes: their number.
+    residual: worst violation of the contact conditions, as a length over the depth.
+    iterations: operator applications over both problems. converged: always True from `solve`.
+    beyond_small_strain: depth over 10 % of the thickness.
+    least_det: smallest det(I + grad u_xy) on the face, below 1 where it is squeezed.
+    """
+
+    tip_mm: Point
+    pressure_mpa: Field
+    shear_mpa: Field
+    displacement_mm: Field
+    force_n: Point
+    torque_nmm: Point
+    contact_area_mm2: float
+    contact_nodes: int
+    residual: float
+    iterations: int
+    converged: bool
+    beyond_small_strain: bool
+    least_det: float
+
+    def __post_init__(self) -> None:
+        # A state is handed on as history; a caller that wrote into it would rewrite the past.
+        for array in (self.pressure_mpa, self.shear_mpa, self.displacement_mm):
+            array.setflags(write=False)
+
+
+@dataclass
+class _Patch:
+    """The part of the grid that a solve works on, and the height field above it."""
+
+    rows: slice
+    columns: slice
+    x_mm: Field  # (my, mx), node positions relative to the tip
+    y_mm: Field
+    indenter: Indenter
+    operator: WindowOperator
+
+    def height_mm(self, shift_mm: Field | None) -> Field:
+        """Height above the nodes where they are after an in-plane shift (2, my, mx)."""
+        if shift_mm is None:
+            return self.indenter.height_mm(self.x_mm, self.y_mm)
+        return self.indenter.height_mm(self.x_mm + shift_mm[0], self.y_mm + shift_mm[1])
+
+
+class _Mixer:
+    """Anderson's mixing of a fixed-point iteration, type II, over the last few iterates.
+
+    On a steep flank friction and height feed back on each other, with a factor near -1 in front of
+    the indenter and +1 behind it: plain alternation crawls or swings there.
+    """
+
+    def __init__(self, memory: int = 6) -> None:
+        self._memory = memory
+        self._trials: list[Field] = []
+        self._errors: list[Field] = []
+
+    def next(self, trial: Field, found: Field) -> Field:
+        """The next trial, after `trial` gave `found`; arrays of any one shape."""
+        self._trials.append(found.ravel())
+        self._errors.append((found - trial).ravel())
+        del self._trials[: -self._memory], self._errors[: -self._memory]
+        if len(self._errors) < 2:
+            return found
+        steps = np.stack([e - self._errors[-1] for e in self._errors[:-1]], axis=1)
+        weights, *_ = np.linalg.lstsq(steps, -self._errors[-1], rcond=1e-8)
+        moves = np.stack([t - self._trials[-1] for t in self._trials[:-1]], axis=1)
+        return (self._trials[-1] + moves @ weights).reshape(found.shape)
+
+
+class LayerContact:
+    """Contact of one indenter with one layer. Holds no history: `solve` maps state to state.
+
+    friction: Coulomb coefficient; None takes the material's.
+    observe_shear: False drops the tangential problem, that is, it solves without friction.
+    kinematics: where a node meets the indenter, see the module's text.
+    tolerance: allowed `ContactState.residual`. tangential_solves: calls made so far.
+    """
+
+    def __init__(
+        self,
+        layer: BondedLayer,
+        indenter: Indenter,
+        friction: float | None = None,
+        observe_shear: bool = True,
+        kinematics: Kinematics = "deformed",
+        tolerance: float = 1e-6,
+        max_alternations: int = 60,
+        max_iterations: int = 4000,
+    ) -> None:
+        friction = layer.material.friction if friction is None else friction
+        if not (math.isfinite(friction) and friction >= 0):
+            raise InputError(f"contact: friction >= 0 and finite: {friction} fails")
+        if kinematics not in ("deformed", "reference"):
+            raise InputError(f"contact: kinematics {kinematics!r}: valid: deformed, reference")
+        if not 1e-12 <= tolerance <= 1e-2:
+            raise InputError(f"contact: tolerance must be 1e-12 to 1e-2: {tolerance} fails")
+        self.layer = layer
+        self.indenter = indenter
+        self.friction = friction
+        self.observe_shear = observe_shear
+        self.kinematics = kinematics
+        self.tolerance = tolerance
+        self.max_alternations = max_alternations
+        self.max_iterations = max_iterations
+        self.tangential_solves = 0
+        self._applications = 0
+
+    @property
+    def least_depth_mm(self) -> float:
+        """Depth from which every tip meets a node wherever it stands; below, `solve` may refuse."""
+        dx, dy = self.layer.spacing_mm
+        radius = min(t.radius_mm for t in self.indenter.tips)
+        reach2 = (dx**2 + dy**2) / 4
+        return radius - math.sqrt(radius**2 - reach2) if reach2 < radius**2 else math.inf
+
+    def rest(self, tip_mm: Point = (0.0, 0.0, 0.0)) -> ContactState:
+        """The state without contact: nothing displaced, nothing remembered."""
+        ny, nx = self.layer.shape
+        return ContactState(
+            tip_mm=tip_mm,
+            pressure_mpa=np.zeros((ny, nx)),
+            shear_mpa=np.zeros((ny, nx, 2)),
+            displacement_mm=np.zeros((ny, nx, 3)),
+            force_n=(0.0, 0.0, 0.0),
+            torque_nmm=(0.0, 0.0, 0.0),
+            contact_area_mm2=0.0,
+            contact_nodes=0,
+            residual=0.0,
+            iterations=0,
+            converged=True,
+            beyond_small_strain=False,
+            least_det=1.0,
+        )
+
+    def path(
+        self, previous: ContactState, tip_mm: Point, max_step_mm: float = 0.1
+    ) -> Iterator[ContactState]:
+        """Solve along the straight way from `previous` to `tip_mm` in equal increments.
+
+        The way above the face is skipped, so the first increment starts at first touch; a move
+        that ends without contact gives the one state of rest.
+        """
+        if not (math.isfinite(max_step_mm) and max_step_mm > 0):
+            raise InputError(f"contact: max_step_mm > 0 and finite: {max_step_mm} fails")
+        tip = _point(tip_mm)
+        if tip[2] <= 0:
+            yield self.solve(previous, tip)
+            return
+        start, end = np.array(previous.tip_mm), np.array(tip)
+        if start[2] < 0:
+            start = start + (end - start) * (-start[2] / (end[2] - start[2]))
+        n = max(1, math.ceil(float(np.linalg.norm(end - start)) / max_step_mm - 1e-9))
+        state = previous
+        for i in range(1, n + 1):
+            at = start + (end - start) * (i / n) if i < n else end
+            state = self.solve(state, (float(at[0]), float(at[1]), float(at[2])))
+            yield state
+
+    def solve(self, previous: ContactState, tip_mm: Point) -> ContactState:
+        """One increment: the state with the tip at (x, y, depth), coming straight from `previous`.
+
+        Friction depends on the path, so a long move wants several increments (`path`).
+        Raises InputError when the tip is not on the face or deeper than this level reaches,
+        SolverError when the contact is not resolved by the grid, runs off the face or the
+        indenter, folds the face, or does not converge.
+        """
+        tip = _point(tip_mm)
+        if previous.pressure_mpa.shape != self.layer.shape:
+            raise InputError(
+                f"contact: the previous state has {previous.pressure_mpa.shape} nodes, "
+                f"the layer {self.layer.shape}"
+            )
+        if tip[2] <= 0:
+            return self.rest(tip)
+        self._refuse_out_of_range(tip)
+        self._applications = 0
+        for grow_mm in tip[2] * np.array([0.0, 2.0, 8.0, 32.0, np.inf]):
+            patch = self._patch(tip, grow_mm, previous)
+            p, q, residual = self._solve_patch(patch, previous, tip)
+            state, outside = self._state(patch, p, q, residual, tip)
+            # The patch is a guess at where contact can be; the whole grid decides.
+            if outside <= self.tolerance * tip[2]:
+                return state
+        raise SolverError(
+            f"contact: {self.indenter.name} at depth {tip[2]:g} mm still penetrates by "
+            f"{outside:.1e} mm outside the window that was solved"
+        )
+
+    # -- geometry ------------------------------------------------------------------------------
+
+    def _refuse_out_of_range(self, tip: Point) -> None:
+        x, y, depth = tip
+        limit = DEPTH_LIMIT * self.layer.thickness_mm
+        if depth > limit * (1 + 1e-12):
+            raise InputError(
+                f"contact: depth {depth:g} mm is over {limit:g} mm, 25 % of the gel's thickness: "
+                "the linear layer stops there and a finite-strain level is needed"
+            )
+        if depth >= self.indenter.reach_mm:
+            raise InputError(
+                f"contact: depth {depth:g} mm presses {self.indenter.name} to its equator; "
+                f"it reaches below {self.indenter.reach_mm:g} mm"
+            )
+        half_x, half_y = self.layer.face_half_mm
+        if abs(x) > half_x or abs(y) > half_y:
+            raise InputError(
+                f"contact: tip at ({x:g}, {y:g}) mm is off the face of "
+                f"+-{half_x:g} x +-{half_y:g} mm"
+            )
+
+    def _patch(self, tip: Point, grow_mm: float, previous: ContactState) -> _Patch:
+        """Nodes that can come into contact: those below the indenter's underside, and a margin."""
+        layer, (x, y, depth) = self.layer, tip
+        rows, columns, xx, yy = self._footprint(previous.displacement_mm, tip)
+        height = self.indenter.height_mm(xx, yy)
+        for t in self.indenter.tips:
+            if not np.any((np.hypot(xx - t.x_mm, yy - t.y_mm) <= t.radius_mm) & (height < depth)):
+                raise SolverError(
+                    f"contact: {self.indenter.name} at depth {depth:g} mm touches no grid node; "
+                    f"a spacing below {layer.spacing_mm[0]:g} mm or more depth is needed"
+                )
+        near: Mask = height < depth + grow_mm
+        margin = 3
+        rows = _widened(rows, np.logical_or.reduce(near, axis=1), margin, layer.shape[0])
+        columns = _widened(columns, np.logical_or.reduce(near, axis=0), margin, layer.shape[1])
+        xx, yy = np.meshgrid(layer.x_mm[columns] - x, layer.y_mm[rows] - y)
+        operator = layer.window(rows.stop - rows.start, columns.stop - columns.start)
+        return _Patch(rows, columns, xx, yy, self.indenter, operator)
+
+    def _footprint(self, u: Field, tip: Point) -> tuple[slice, slice, Field, Field]:
+        """Rows and columns below the whole indenter, and their positions (my, mx) from the tip."""
+        layer = self.layer
+        moves = self.kinematics == "deformed"
+        slack = float(np.abs(u[..., :2]).max()) if moves else 0.0
+        half_x, half_y = self.indenter.footprint_half_mm
+        columns = _span(np.abs(layer.x_mm - tip[0]) <= half_x + slack)
+        rows = _span(np.abs(layer.y_mm - tip[1]) <= half_y + slack)
+        xx, yy = np.meshgrid(layer.x_mm[columns] - tip[0], layer.y_mm[rows] - tip[1])
+        if moves:
+            xx, yy = xx + u[rows, columns, 0], yy + u[rows, columns, 1]
+        return rows, columns, xx, yy
+
+    # -- the coupled problem ---------------------------------------------------------------------
+
+    def _solve_patch(
+        self, patch: _Patch, previous: ContactState, tip: Point
+    ) -> tuple[Field, Field, float]:
+        """Pressure (my, mx), shear (2, my, mx) and residual on a patch."""
+        op, depth = patch.operator, tip[2]
+        at = (patch.rows, patch.columns)
+        goal = self.tolerance * depth
+        rubs = self.observe_shear and self.friction > 0
+        moves = self.kinematics == "deformed"
+        before = np.moveaxis(previous.displacement_mm[at], -1, 0)[:2]
+        target = before + _drag(previous.tip_mm, tip)[:, None, None]
+        p = previous.pressure_mpa[at]
+        q = np.zeros((2, *op.shape))
+        # What pressure and friction tell each other: in-plane shift (2) and lift by shear (1).
+        trial = np.concatenate([before, np.zeros((1, *op.shape))])
+        if rubs:
+            q[:] = np.moveaxis(previous.shear_mpa[at], -1, 0)
+            trial[2] = op.normal_of_shear(q)
+        mixer = _Mixer()
+        once = not rubs and not moves
+        inner = goal / 4 if once else 1e-3 * depth
+        slip_worst = 0.0
+        for _ in range(self.max_alternations):
+            gap = patch.height_mm(trial[:2] if moves else None) - depth + trial[2]
+            p, worst, used = normal_contact(
+                op, np.where(np.isfinite(gap), p, 0.0), gap, inner, self.max_iterations
+            )
+            self._applications += used
+            if once:
+                return p, q, worst / depth
+            found = np.concatenate([op.shear_of_pressure(p), np.zeros((1, *op.shape))])
+            if rubs:
+                q, slip, slip_worst, used = friction_contact(
+                    op, q, found[:2] - target, self.friction * p, inner, self.max_iterations
+                )
+                self.tangential_solves += 1
+                self._applications += used
+                found[:2] = target + slip
+                found[2] = op.normal_of_shear(q)
+            gap = patch.height_mm(found[:2] if moves else None) - depth + found[2]
+            gap = gap + op.normal_of_pressure(p)
+            self._applications += 3
+            worst = max(_normal_violation(gap, p), slip_worst)
+            if worst <= goal:
+                return p, q, worst / depth
+            inner = max(goal / 4, min(0.02 * worst, inner))
+            trial = mixer.next(trial, found)
+        raise SolverError(
+            f"contact: pressure and friction do not agree after {self.max_alternations} "
+            f"alternations at depth {depth:g} mm: {worst / depth:.1e} of the depth, "
+            f"{self.tolerance:.0e} is asked; shorter increments, less depth or less friction "
+            "help (steep flanks under high friction lock, and have no solution at this level)"
+        )
+
+    # -- the result ------------------------------------------------------------------------------
+
+    def _state(
+        self, patch: _Patch, p: Field, q: Field, residual: float, tip: Point
+    ) -> tuple[ContactState, float]:
+        """The state on the whole grid, and the worst penetration (mm) outside the patch."""
+        layer = self.layer
+        traction = np.concatenate([q, -p[None]])
+        u = layer.apply_patch(traction, patch.rows.start, patch.columns.start)
+        rows, columns, xx, yy = self._footprint(u, tip)
+        gap = self.indenter.height_mm(xx, yy) - tip[2] - u[rows, columns, 2]
+        inside = np.zeros(layer.shape, dtype=bool)
+        inside[patch.rows, patch.columns] = True
+        outside = -float(np.min(gap, where=~inside[rows, columns], initial=0.0))
+
+        contact = p > 0
+        x, y = layer.x_mm[patch.columns], layer.y_mm[patch.rows]
+        at = u[patch.rows, patch.columns]
+        arm = np.stack([*np.meshgrid(x, y), np.zeros(p.shape)])
+        if self.kinematics == "deformed":
+            arm += np.moveaxis(at, -1, 0)
+        height = self.indenter.height_mm(arm[0] - tip[0], arm[1] - tip[1])
+        self._refuse_bad_contact(height, contact, x, y, tip)
+        det = self._least_det(u)
+        if det < FOLD_LIMIT:
+            raise SolverError(
+                f"contact: the face is squeezed to det(I + grad u) = {det:.2f} at depth "
+                f"{tip[2]:g} mm, below {FOLD_LIMIT}: a finite-strain level is needed"
+            )
+        force = traction.sum(axis=(1, 2)) * layer.cell_mm2
+        torque = np.cross(arm, traction, axis=0).sum(axis=(1, 2)) * layer.cell_mm2
+        pressure, shear = np.zeros(layer.shape), np.zeros((*layer.shape, 2))
+        pressure[patch.rows, patch.columns] = p
+        shear[patch.rows, patch.columns] = np.moveaxis(q, 0, -1)
+        nodes = int(contact.sum())
+        state = ContactState(
+            tip_mm=tip,
+            pressure_mpa=pressure,
+            shear_mpa=shear,
+            displacement_mm=u,
+            force_n=(float(force[0]), float(force[1]), float(force[2])),
+            torque_nmm=(float(torque[0]), float(torque[1]), float(torque[2])),
+            contact_area_mm2=nodes * layer.cell_mm2,
+            contact_nodes=nodes,
+            residual=residual,
+            iterations=self._applications,
+            converged=True,
+            beyond_small_strain=tip[2] > SMALL_STRAIN * layer.thickness_mm * (1 + 1e-9),
+            least_det=det,
+        )
+        return state, outside
+
+    def _refuse_bad_contact(
+        self, height: Field, contact: Mask, x: Field, y: Field, tip: Point
+    ) -> None:
+        if not contact.any():
+            raise SolverError(
+                f"contact: {self.indenter.name} at depth {tip[2]:g} mm found no node under pressure"
+            )
+        beside = ndimage.binary_dilation(contact) & ~np.isfinite(height)
+        if beside.any():
+            raise SolverError(
+                f"contact: at depth {tip[2]:g} mm the contact reaches the edge of "
+                f"{self.indenter.name}, where its height field ends; less depth is needed"
+            )
+        reach = (
+            float(np.abs(x[contact.any(axis=0)]).max()),
+            float(np.abs(y[contact.any(axis=1)]).max()),
+        )
+        half = self.layer.face_half_mm
+        if reach[0] > half[0] or reach[1] > half[1]:
+            raise SolverError(
+                f"contact: it runs to ({reach[0]:.2f}, {reach[1]:.2f}) mm from the centre, over "
+                f"the face of +-{half[0]:g} x +-{half[1]:g} mm"
+            )
+
+    def _least_det(self, u: Field) -> float:
+        """Smallest in-plane det(I + grad u) on the face."""
+        half = self.layer.face_half_mm
+        rows, columns = (
+            _span(np.abs(self.layer.y_mm) <= half[1]),
+            _span(np.abs(self.layer.x_mm) <= half[0]),
+        )
+        dx, dy = self.layer.spacing_mm
+        ux, uy = u[rows, columns, 0], u[rows, columns, 1]
+        xy, xx = np.gradient(ux, dy, dx)
+        yy, yx = np.gradient(uy, dy, dx)
+        return float(((1 + xx) * (1 + yy) - xy * yx).min())
+
+
+def normal_contact(
+    operator: WindowOperator,
+    pressure_mpa: Field,
+    rest_gap_mm: Field,
+    goal_mm: float,
+    max_iterations: int = 4000,
+) -> tuple[Field, float, int]:
+    """Polonsky-Keer conjugate gradients: p >= 0, gap >= 0, p gap = 0 at a given depth.
+
+    pressure_mpa: first guess, (my, mx). rest_gap_mm: gap without pressure, (my, mx), inf where the
+    indenter does not reach. Returns pressure, worst violation (mm) and operator applications.
+    Raises SolverError when `goal_mm` is not reached.
+    """
+    p = pressure_mpa
+    gap = rest_gap_mm + operator.normal_of_pressure(p)
+    applications = 1
+    direction = np.zeros_like(p)
+    old = 0.0
+    for _ in range(max_iterations):
+        worst = _normal_violation(gap, p)
+        if worst <= goal_mm:
+            return p, worst, applications
+        # Penetrating nodes enter with the residual that is already there.
+        active = (p > 0) | (gap < 0)
+        residual = np.where(active, gap, 0.0)
+        new = float(np.vdot(residual, residual))
+        direction = np.where(active, residual + (new / old if old else 0.0) * direction, 0.0)
+        image = operator.normal_of_pressure(direction)
+        applications += 1
+        step = float(np.vdot(residual, direction)) / float(np.vdot(direction, image))
+        moved = p - step * direction
+        clipped = bool(np.any(moved < 0))
+        if clipped:
+            p = np.maximum(moved, 0.0)
+            gap = rest_gap_mm + operator.normal_of_pressure(p)
+            applications += 1
+        else:
+            p = moved
+            gap = gap - step * image
+        # A changed set of active nodes ends the conjugacy.
+        changed = clipped or bool(np.any((p == 0) & (gap < 0)))
+        old = 0.0 if changed else new
+    raise SolverError(
+        f"contact: pressure not converged after {max_iterations} iterations: "
+        f"violation {worst:.1e} mm, {goal_mm:.1e} mm is asked"
+    )
+
+
+def friction_contact(
+    operator: WindowOperator,
+    shear_mpa: Field,
+    free_slip_mm: Field,
+    bound_mpa: Field,
+    goal_mm: float,
+    max_iterations: int = 4000,
+) -> tuple[Field, Field, float, int]:
+    """Minimise 1/2 q.C q + q.free_slip over |q| <= bound: accelerated gradient with restart.
+
+    shear_mpa: first guess, (2, my, mx). free_slip_mm: slip without shear traction, (2, my, mx).
+    bound_mpa: friction x pressure, (my, mx). Restart after O'Donoghue and Candes (Found. Comput.
+    Math. 15, 2015). Returns shear, slip, worst violation (mm: slip in stick, or the part of the
+    slip that friction does not oppose) and operator applications. Raises SolverError when
+    `goal_mm` is not reached.
+    """
+    step = 1 / _largest_eigenvalue(operator, bound_mpa > 0)
+    q = _on_disc(shear_mpa, bound_mpa)
+    slip = operator.shear_of_shear(q) + free_slip_mm
+    applications = _POWER_STEPS + 1
+    ahead, ahead_slip, momentum = q, slip, 1.0
+    for _ in range(max_iterations):
+        worst = float(np.abs(q - _on_disc(q - step * slip, bound_mpa)).max()) / step
+        if worst <= goal_mm:
+            return q, slip, worst, applications
+        q_new = _on_disc(ahead - step * ahead_slip, bound_mpa)
+        slip_new = operator.shear_of_shear(q_new) + free_slip_mm
+        applications += 1
+        if np.vdot(ahead - q_new, q_new - q) > 0:
+            momentum, weight = 1.0, 0.0
+        else:
+            longer = (1 + math.sqrt(1 + 4 * momentum**2)) / 2
+            weight = (momentum - 1) / longer
+            momentum = longer
+        # The operator is linear, so the extrapolated slip costs no application.
+        ahead = q_new + weight * (q_new - q)
+        ahead_slip = slip_new + weight * (slip_new - slip)
+        q, slip = q_new, slip_new
+    raise SolverError(
+        f"contact: friction not converged after {max_iterations} iterations: "
+        f"violation {worst:.1e} mm, {goal_mm:.1e} mm is asked"
+    )
+
+
+def _drag(before: Point, now: Point) -> Field:
+    """In-plane movement (2,) of the indenter while it touched: what lies above the face is free."""
+    share = 1.0 if before[2] >= 0 else now[2] / (now[2] - before[2])
+    return share * np.array([now[0] - before[0], now[1] - before[1]])
+
+
+def _normal_violation(gap: Field, p: Field) -> float:
+    """Worst gap under pressure or penetration anywhere (mm)."""
+    return float(np.abs(np.where(p > 0, gap, np.minimum(gap, 0.0))).max())
+
+
+def _on_disc(q: Field, bound: Field) -> Field:
+    """Nearest traction (2, ...) with |q| <= bound at every node."""
+    size = np.hypot(q[0], q[1])
+    return q * np.where(size > bound, bound / np.where(size > 0, size, 1.0), 1.0)
+
+
+def _largest_eigenvalue(op: WindowOperator, active: Mask) -> float:
+    """Upper estimate of the largest eigenvalue of the shear compliance on the active nodes."""
+    # The kernel is positive and long-ranged, so the uniform vector is close to the extreme one.
+    v = np.stack([active, active]).astype(np.float64)
+    value = 1.0
+    for _ in range(_POWER_STEPS):
+        v = op.shear_of_shear(v / np.linalg.norm(v)) * active
+        value = float(np.linalg.norm(v))
+    return 1.02 * value
+
+
+def _point(tip_mm: Point) -> Point:
+    x, y, depth = (float(c) for c in tip_mm)
+    if not all(math.isfinite(c) for c in (x, y, depth)):
+        raise InputError(f"contact: tip (x, y, depth) must be finite: {(x, y, depth)} fails")
+    return x, y, depth
+
+
+def _span(which: Mask) -> slice:
+    """The slice from the first to the last True."""
+    found = np.flatnonzero(which)
+    return slice(int(found[0]), int(found[-1]) + 1) if found.size else slice(0, 0)
+
+
+def _widened(within: slice, which: Mask, margin: int, n: int) -> slice:
+    """The span of `which` inside `within`, with a margin and a size rounded up to 8 nodes.
+
+    Rounded sizes let a sliding contact reuse one window operator.
+    """
+    span = _span(which)
+    start, stop = within.start + span.start - margin, within.start + span.stop + margin
+    size = min(n, 8 * math.ceil((stop - start) / 8))
+    start = min(max(0, start - (size - (stop - start)) // 2), n - size)
+    return slice(start, start + size)

@@ -1,0 +1,282 @@
+"""A linear elastic layer bonded to a rigid base: surface tractions in, surface displacement out.
+
+The operator is a convolution, diagonal in wave number, with a closed form that holds up to
+Poisson's ratio .5. The surface is periodic: the skin sits in the middle and the padding around it
+keeps its images away. The free sides of the real block are ignored at this level: the layer
+continues past the edge of the skin, which makes it stiffer there than the block is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from typing import NamedTuple
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..shapes import SkinDimensions
+from .material import GelMaterial
+
+Field = NDArray[np.float64]
+Spectrum = NDArray[np.complex128]
+
+
+class Compliance(NamedTuple):
+    """Surface compliance (mm/MPa) of one wave number k, for a wave along the first in-plane axis.
+
+    With tractions t acting on the surface and u ~ exp(i k x):
+    u_z = normal t_z + i coupling t_x,  u_x = longitudinal t_x - i coupling t_z,
+    u_y = transverse t_y.
+    """
+
+    normal: Field
+    longitudinal: Field
+    transverse: Field
+    coupling: Field
+
+
+def surface_compliance(k_per_mm: Field, thickness_mm: float, material: GelMaterial) -> Compliance:
+    """Closed-form compliance of a bonded layer at wave numbers k >= 0; any shape, kept.
+
+    Every ratio is multiplied through by 2 exp(-2 k h), so a large k h gives the half-space and
+    does not overflow. Source: the plane-strain layer solution, checked in the tests against the
+    layer's differential equation.
+    """
+    nu, g = material.poisson, material.shear_modulus_mpa
+    k = np.asarray(k_per_mm, dtype=np.float64)
+    a = k * thickness_mm
+    kappa = 3 - 4 * nu
+    e = np.exp(-2 * a)
+    # Twice exp(-2a) times (sinh 2a - 2a): the closed form loses digits as a -> 0, the series none.
+    s = 2 * np.minimum(a, 0.5)
+    series = s**3 / 6 * (1 + s**2 / 20 * (1 + s**2 / 42 * (1 + s**2 / 72 * (1 + s**2 / 110))))
+    excess = np.where(a < 0.5, 2 * e * series, 1 - e**2 - 4 * a * e)
+    denominator = kappa * (1 + e**2) + 2 * e * (2 * a**2 + 5 - 12 * nu + 8 * nu**2)
+    normal = kappa * excess + (kappa - 1) * 4 * a * e
+    longitudinal = -kappa * np.expm1(-4 * a) + 4 * a * e
+    coupling = (1 - 2 * nu) * kappa * np.expm1(-2 * a) ** 2 / 2 - 2 * e * a**2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scale = 1 / (g * k)
+        full = Compliance(
+            (1 - nu) * normal / denominator * scale,
+            (1 - nu) * longitudinal / denominator * scale,
+            np.tanh(a) * scale,
+            coupling / denominator * scale,
+        )
+    uniform = (
+        thickness_mm * (1 - 2 * nu) / (2 * g * (1 - nu)),
+        thickness_mm / g,
+        thickness_mm / g,
+        0.0,
+    )
+    return Compliance(*(np.where(k == 0, u, f) for f, u in zip(full, uniform, strict=True)))
+
+
+class BondedLayer:
+    """The periodic bonded layer on a grid of ny x nx nodes, symmetric about the origin.
+
+    material: elastic constants. thickness_mm: from the rigid base to the resting face.
+    period_mm: (x, y) period. shape: (ny, nx) nodes, both even.
+    face_half_mm: half sides (x, y) of the face that may be touched; None: the whole grid.
+    x_mm (nx,), y_mm (ny,): node coordinates in the sensor frame.
+
+    Raises InputError for sizes that are not positive or shapes that are not even.
+    """
+
+    def __init__(
+        self,
+        material: GelMaterial,
+        thickness_mm: float,
+        period_mm: tuple[float, float],
+        shape: tuple[int, int],
+        face_half_mm: tuple[float, float] | None = None,
+    ) -> None:
+        ny, nx = shape
+        if not (math.isfinite(thickness_mm) and thickness_mm > 0):
+            raise InputError(f"layer: thickness_mm > 0 and finite: {thickness_mm} fails")
+        if not all(math.isfinite(p) and p > 0 for p in period_mm):
+            raise InputError(f"layer: period_mm > 0 and finite: {period_mm} fails")
+        if any(n < 4 or n % 2 for n in shape):
+            raise InputError(f"layer: shape must be even and at least 4 each way: {shape} fails")
+        self.material = material
+        self.thickness_mm = float(thickness_mm)
+        self.period_mm = (float(period_mm[0]), float(period_mm[1]))
+        self.shape = (int(ny), int(nx))
+        self.spacing_mm = (self.period_mm[0] / nx, self.period_mm[1] / ny)
+        self.cell_mm2 = self.spacing_mm[0] * self.spacing_mm[1]
+        self.x_mm: Field = (np.arange(nx, dtype=np.float64) - (nx - 1) / 2) * self.spacing_mm[0]
+        self.y_mm: Field = (np.arange(ny, dtype=np.float64) - (ny - 1) / 2) * self.spacing_mm[1]
+        self.face_half_mm = face_half_mm or (
+            float(self.x_mm[-1]),
+            float(self.y_mm[-1]),
+        )
+        self._symbols = self._build_symbols()
+        self._kernels: Field | None = None
+        self._windows: OrderedDict[tuple[int, int], WindowOperator] = OrderedDict()
+
+    @classmethod
+    def for_skin(
+        cls,
+        skin: SkinDimensions,
+        material: GelMaterial,
+        spacing_mm: float = 0.25,
+        padding: float = 3.0,
+    ) -> BondedLayer:
+        """The layer of a skin: nodes every `spacing_mm`, period at least `padding` skins each way.
+
+        Raises InputError when the padding is below 1.5 or the spacing is not a usable length.
+        """
+        if not (math.isfinite(padding) and 1.5 <= padding <= 16):
+            raise InputError(f"layer: padding must be 1.5 to 16 skins: {padding} fails")
+        if not (math.isfinite(spacing_mm) and 0.02 <= spacing_mm <= skin.length_mm / 16):
+            raise InputError(
+                f"layer: spacing_mm must be 0.02 to {skin.length_mm / 16:g} mm: {spacing_mm} fails"
+            )
+        nx, ny = (
+            _even_fast_length(padding * side / spacing_mm)
+            for side in (skin.width_mm, skin.length_mm)
+        )
+        return cls(
+            material,
+            skin.thickness_mm,
+            (nx * spacing_mm, ny * spacing_mm),
+            (ny, nx),
+            skin.opening_half_mm,
+        )
+
+    def apply(self, tractions_mpa: Field) -> Field:
+        """Surface displacement (ny, nx, 3) in mm of tractions (ny, nx, 3) in MPa, all (x, y, z).
+
+        Tractions act on the sensor's surface: a pressure p is t_z = -p and gives u_z < 0 below it.
+        """
+        if tractions_mpa.shape != (*self.shape, 3):
+            raise ValueError(f"tractions: shape {(*self.shape, 3)} expected: {tractions_mpa.shape}")
+        first = np.ascontiguousarray(np.moveaxis(tractions_mpa, -1, 0))
+        return np.moveaxis(self._apply_first(first, slice(None)), 0, -1)
+
+    def apply_patch(self, tractions_mpa: Field, row: int, column: int) -> Field:
+        """Displacement (ny, nx, 3) in mm of tractions (3, my, mx) that are zero outside a patch.
+
+        row, column: grid index of the patch's first node. The same operator as `apply`; the
+        transform skips the rows that hold nothing.
+        """
+        _, my, mx = tractions_mpa.shape
+        wide = np.zeros((3, my, self.shape[1]))
+        wide[:, :, column : column + mx] = tractions_mpa
+        return np.moveaxis(self._apply_first(wide, slice(row, row + my)), 0, -1)
+
+    def _apply_first(self, wide: Field, rows: slice) -> Field:
+        """Displacement (3, ny, nx) of tractions given on some rows only, (3, rows, nx)."""
+        ny, nx = self.shape
+        half = np.zeros((3, ny, nx // 2 + 1), dtype=np.complex128)
+        half[:, rows] = scipy.fft.rfft(wide, axis=2, workers=1)
+        tx, ty, tz = scipy.fft.fft(half, axis=1, workers=1, overwrite_x=True)
+        xx, yy, xy, zz, xz, yz = self._symbols
+        u = np.empty_like(half)
+        u[0] = xx * tx + xy * ty - 1j * xz * tz
+        u[1] = xy * tx + yy * ty - 1j * yz * tz
+        u[2] = zz * tz + 1j * (xz * tx + yz * ty)
+        return scipy.fft.irfft2(u, s=(ny, nx), axes=(1, 2), workers=1, overwrite_x=True)
+
+    def window(self, my: int, mx: int) -> WindowOperator:
+        """The operator between tractions and displacements of one my x mx patch, cached."""
+        key = (my, mx)
+        if key not in self._windows:
+            if len(self._windows) >= 8:
+                self._windows.popitem(last=False)
+            self._windows[key] = WindowOperator(self._kernel_stack(), my, mx)
+        self._windows.move_to_end(key)
+        return self._windows[key]
+
+    def _build_symbols(self) -> Field:
+        """Real symbols (6, ny, nx/2 + 1): xx, yy, xy, zz and the odd xz, yz without their -i."""
+        ny, nx = self.shape
+        dx, dy = self.spacing_mm
+        kx = 2 * np.pi * scipy.fft.rfftfreq(nx, dx)[None, :]
+        ky = 2 * np.pi * scipy.fft.fftfreq(ny, dy)[:, None]
+        k = np.hypot(kx, ky)
+        c = surface_compliance(k, self.thickness_mm, self.material)
+        safe = np.where(k == 0, 1.0, k)
+        # A wave at the Nyquist number has no sign, so whatever is odd in it must vanish there.
+        odd_x = np.where(np.arange(nx // 2 + 1)[None, :] == nx // 2, 0.0, kx) / safe
+        odd_y = np.where(np.arange(ny)[:, None] == ny // 2, 0.0, ky) / safe
+        x2 = np.where(k == 0, 0.5, (kx / safe) ** 2)
+        return np.stack(
+            [
+                x2 * c.longitudinal + (1 - x2) * c.transverse,
+                (1 - x2) * c.longitudinal + x2 * c.transverse,
+                odd_x * odd_y * (c.longitudinal - c.transverse),
+                c.normal,
+                odd_x * c.coupling,
+                odd_y * c.coupling,
+            ]
+        )
+
+    def _kernel_stack(self) -> Field:
+        """Point responses (6, ny, nx), offset 0 first: xx, yy, xy, zz, xz (u_x of t_z), yz."""
+        if self._kernels is None:
+            spectra = self._symbols.astype(np.complex128)
+            spectra[4:] *= -1j
+            self._kernels = scipy.fft.irfft2(spectra, s=self.shape, axes=(1, 2), workers=1)
+        return self._kernels
+
+
+class WindowOperator:
+    """The layer's own convolution restricted to a patch of my x mx nodes.
+
+    The kernel is the periodic layer's, cut to the offsets that the patch has and embedded in a
+    transform of about twice the patch, so a contact of a few millimetres costs a small transform
+    and still sees the whole layer. Fields are (my, mx), in-plane vectors (2, my, mx).
+    """
+
+    def __init__(self, kernels: Field, my: int, mx: int) -> None:
+        ny, nx = kernels.shape[1:]
+        if 2 * my > ny or 2 * mx > nx:
+            raise InputError(
+                f"layer: a contact window of {my} x {mx} nodes is over half the period of "
+                f"{ny} x {nx}; more padding is needed"
+            )
+        self.shape = (my, mx)
+        self._size = (_even_fast_length(2 * my), _even_fast_length(2 * mx))
+        small = np.zeros((6, *self._size))
+        iy, ix = np.r_[0:my, 1 - my : 0], np.r_[0:mx, 1 - mx : 0]
+        small[:, iy[:, None], ix[None, :]] = kernels[:, iy[:, None], ix[None, :]]
+        spectra = scipy.fft.rfft2(small, axes=(1, 2), workers=1)
+        # Even kernels have real spectra, odd ones imaginary; keeping only that halves the work.
+        self._xx, self._yy, self._xy, self._zz = spectra[:4].real.copy()
+        self._xz, self._yz = spectra[4:].imag.copy()
+
+    def _forward(self, field: Field) -> Spectrum:
+        return scipy.fft.rfft2(field, s=self._size, axes=(-2, -1), workers=1)
+
+    def _back(self, spectrum: Spectrum) -> Field:
+        my, mx = self.shape
+        out = scipy.fft.irfft2(spectrum, s=self._size, axes=(-2, -1), workers=1, overwrite_x=True)
+        return out[..., :my, :mx]
+
+    def normal_of_pressure(self, pressure: Field) -> Field:
+        """Depth (mm, into the gel) that a pressure (MPa) gives: symmetric, positive definite."""
+        return self._back(self._zz * self._forward(pressure))
+
+    def shear_of_pressure(self, pressure: Field) -> Field:
+        """In-plane displacement (2, my, mx) that a pressure gives."""
+        f = -1j * self._forward(pressure)
+        return self._back(np.stack([self._xz * f, self._yz * f]))
+
+    def shear_of_shear(self, traction: Field) -> Field:
+        """In-plane displacement of in-plane traction: symmetric, positive definite."""
+        fx, fy = self._forward(traction)
+        return self._back(np.stack([self._xx * fx + self._xy * fy, self._xy * fx + self._yy * fy]))
+
+    def normal_of_shear(self, traction: Field) -> Field:
+        """Depth (mm, into the gel) that an in-plane traction gives."""
+        fx, fy = self._forward(traction)
+        return self._back(1j * (self._xz * fx + self._yz * fy))
+
+
+def _even_fast_length(least: float) -> int:
+    """Smallest even length from `least` that the real transform handles quickly."""
+    return 2 * int(scipy.fft.next_fast_len(math.ceil(least / 2 - 1e-9), real=True))

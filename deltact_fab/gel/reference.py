@@ -1,0 +1,171 @@
+"""Closed forms and a quadrature solution that the contact solver is measured against.
+
+Axisymmetric frictionless contact on a bonded layer is a Fredholm equation of the second kind
+(after Lebedev and Ufliand, J. Appl. Math. Mech. 22, 1958): with the layer's compliance written as
+(1 - nu)/(G k) M(k h), and the pressure's transform p(k) = G/(1 - nu) int_0^a phi(t) cos(k t) dt,
+
+    phi(t) - 2/pi int_0^a phi(s) int_0^inf (1 - M(k h)) cos(k s) cos(k t) dk ds = g(t),
+    g(t) = 2/pi d/dt int_0^t r f(r)/sqrt(t^2 - r^2) dr,   F = 2 pi G/(1 - nu) int_0^a phi dt,
+
+where f(r) is the depth of the indenter's underside and phi(a) = 0 where the contact ends smoothly.
+Half-space limit: Sneddon. Everything here is axisymmetric; lengths in mm, G in MPa, forces in N.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from .layer import surface_compliance
+from .material import GelMaterial
+
+Field = NDArray[np.float64]
+Profile = Literal["sphere", "paraboloid"]
+
+
+class LayerPunch:
+    """The discretised integral equation for one contact radius over thickness ratio.
+
+    radius_mm: contact radius. nodes: Gauss points on the radius; the kernel is smooth, so 48 give
+    ten digits up to a/h = 2.
+    """
+
+    def __init__(
+        self, radius_mm: float, thickness_mm: float, material: GelMaterial, nodes: int = 48
+    ) -> None:
+        self.radius_mm = radius_mm
+        self.material = material
+        t, w = np.polynomial.legendre.leggauss(nodes)
+        self._t, self._w = radius_mm * (t + 1) / 2, radius_mm * w / 2
+        # 1 - M falls off as (k h)^2 exp(-2 k h): at k h = 24 nothing is left.
+        ratio = radius_mm / thickness_mm
+        k, wk = np.polynomial.legendre.leggauss(max(96, int(24 * ratio * 2) + 64))
+        k, wk = 12 * (k + 1) / thickness_mm, 12 * wk / thickness_mm
+        normal = surface_compliance(k, thickness_mm, material).normal
+        self._k = k
+        lost = 1 - normal * material.shear_modulus_mpa * k / (1 - material.poisson)
+        self._wk = 2 / math.pi * wk * lost
+        self._matrix = np.eye(nodes) - self._kernel(self._t) * self._w
+
+    def _kernel(self, t: Field) -> Field:
+        return (np.cos(np.outer(t, self._k)) * self._wk) @ np.cos(np.outer(self._k, self._t))
+
+    def density(self, g: Callable[[Field], Field]) -> tuple[Field, float]:
+        """phi at the Gauss points and at the contact's edge, for a right-hand side g(t)."""
+        phi = np.asarray(np.linalg.solve(self._matrix, g(self._t)), dtype=np.float64)
+        edge = np.array([self.radius_mm])
+        return phi, float((g(edge) + self._kernel(edge) @ (self._w * phi))[0])
+
+    def force_n(self, phi: Field) -> float:
+        """F = 2 pi G/(1 - nu) int_0^a phi dt."""
+        stiffness = self.material.shear_modulus_mpa / (1 - self.material.poisson)
+        return float(2 * math.pi * stiffness * (self._w @ phi))
+
+
+def flat_punch_factor(radius_over_thickness: float, poisson: float) -> float:
+    """kappa in F = 4 G a depth kappa/(1 - nu): 1 for a half-space, more for a thin layer."""
+    material = GelMaterial(modulus_mpa=2 * (1 + poisson), poisson=poisson)
+    punch = LayerPunch(radius_over_thickness, 1.0, material)
+    phi, _ = punch.density(lambda t: np.full_like(t, 2 / math.pi))
+    return punch.force_n(phi) * (1 - poisson) / (4 * radius_over_thickness)
+
+
+def sphere_on_layer(
+    radius_mm: float,
+    depth_mm: float,
+    thickness_mm: float,
+    material: GelMaterial,
+    profile: Profile = "sphere",
+) -> tuple[float, float]:
+    """Force (N) and contact radius (mm) of a frictionless rigid sphere on a bonded layer.
+
+    profile: the true sphere, or the paraboloid r^2/2R of Hertz. Raises InputError when the contact
+    would reach the sphere's equator.
+    """
+    from scipy.optimize import brentq
+
+    if not (depth_mm > 0 and radius_mm > 0 and thickness_mm > 0):
+        raise InputError("reference: radius, depth and thickness must be above 0")
+
+    def shape(t: Field) -> Field:
+        if profile == "paraboloid":
+            return 2 / math.pi * t**2 / radius_mm
+        return 2 / math.pi * t * np.arctanh(t / radius_mm)
+
+    def solve(a: float) -> tuple[float, float]:
+        """Depth that ends smoothly at a, and its force: the equation is linear in both."""
+        punch = LayerPunch(a, thickness_mm, material)
+        flat, flat_edge = punch.density(lambda t: np.full_like(t, 2 / math.pi))
+        curved, curved_edge = punch.density(shape)
+        depth = curved_edge / flat_edge
+        return depth, punch.force_n(depth * flat - curved)
+
+    low = 1e-6 * radius_mm
+    high = radius_mm * (1 - 1e-6) if profile == "sphere" else 4 * math.sqrt(radius_mm * depth_mm)
+    if solve(high)[0] < depth_mm:
+        raise InputError(f"reference: depth {depth_mm:g} mm presses the sphere past its equator")
+    a = float(brentq(lambda r: solve(r)[0] - depth_mm, low, high, xtol=1e-13, rtol=1e-13))
+    return solve(a)[1], a
+
+
+def hertz_force_n(radius_mm: float, depth_mm: float, material: GelMaterial) -> float:
+    """Rigid paraboloid on a half-space: F = 4/3 E/(1 - nu^2) sqrt(R d^3), a = sqrt(R d)."""
+    modulus = material.modulus_mpa / (1 - material.poisson**2)
+    return 4 / 3 * modulus * math.sqrt(radius_mm * depth_mm**3)
+
+
+def hertz_pressure_mpa(
+    r_mm: Field, radius_mm: float, depth_mm: float, material: GelMaterial
+) -> Field:
+    """p = 2 E/(pi (1 - nu^2)) sqrt(d/R) sqrt(1 - r^2/a^2), 0 outside; shape of r_mm."""
+    peak = (
+        2
+        * material.modulus_mpa
+        / (math.pi * (1 - material.poisson**2))
+        * math.sqrt(depth_mm / radius_mm)
+    )
+    return peak * np.sqrt(np.maximum(0.0, 1 - r_mm**2 / (radius_mm * depth_mm)))
+
+
+def cattaneo_shift_mm(
+    shear_n: float,
+    normal_n: float,
+    contact_radius_mm: float,
+    material: GelMaterial,
+    friction: float,
+) -> float:
+    """Tangential shift of a rigid sphere on a half-space under Q <= mu N (Cattaneo, Mindlin).
+
+    3 mu N (2 - nu)/(16 G a) (1 - (1 - Q/(mu N))^(2/3)) (Johnson, Contact Mechanics, 7.2). It
+    neglects the slip across the load and, unless nu = .5, the coupling of normal and tangential.
+    """
+    limit = friction * normal_n
+    if not 0 <= shear_n <= limit:
+        raise InputError(f"reference: 0 <= shear <= friction x normal: {shear_n} <= {limit} fails")
+    full = (
+        3 * limit * (2 - material.poisson) / (16 * material.shear_modulus_mpa * contact_radius_mm)
+    )
+    return full * (1 - (1 - shear_n / limit) ** (2 / 3))
+
+
+def cattaneo_stick_radius_mm(
+    shear_n: float, normal_n: float, contact_radius_mm: float, friction: float
+) -> float:
+    """Radius of the stick zone, a (1 - Q/(mu N))^(1/3)."""
+    return contact_radius_mm * (1 - shear_n / (friction * normal_n)) ** (1 / 3)
+
+
+def cattaneo_traction_mpa(
+    r_mm: Field, contact_radius_mm: float, stick_radius_mm: float, normal_n: float, friction: float
+) -> Field:
+    """Shear traction along the load: mu p(a) less its copy on the stick zone; shape of r_mm."""
+    a, c = contact_radius_mm, stick_radius_mm
+    peak = friction * 3 * normal_n / (2 * math.pi * a**2)
+    outer = np.sqrt(np.maximum(0.0, 1 - r_mm**2 / a**2))
+    inner = c / a * np.sqrt(np.maximum(0.0, 1 - r_mm**2 / c**2)) if c > 0 else 0.0
+    return peak * (outer - inner)

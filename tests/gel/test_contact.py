@@ -1,0 +1,352 @@
+"""Contact with the layer: against references, by symmetry, by Coulomb's law, and in refusals."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from deltact_fab.errors import InputError, SolverError
+from deltact_fab.gel import reference
+from deltact_fab.gel.contact import ContactState, LayerContact, normal_contact
+from deltact_fab.gel.layer import BondedLayer
+from deltact_fab.gel.material import GelMaterial
+from deltact_fab.shapes import SkinDimensions
+from deltact_fab.shapes.indenter import Indenter, SphereTip, parse
+
+SPHERE = parse("sphere:10")
+DEPTH_MM = 1.2
+
+
+@pytest.fixture(scope="module")
+def layer() -> BondedLayer:
+    return BondedLayer.for_skin(SkinDimensions(), GelMaterial(), spacing_mm=0.4)
+
+
+def along(
+    contact: LayerContact,
+    *tips: tuple[float, float, float],
+    step_mm: float = 0.2,
+    start: ContactState | None = None,
+) -> ContactState:
+    state = start or contact.rest()
+    for tip in tips:
+        *_, state = contact.path(state, tip, step_mm)
+    return state
+
+
+@pytest.fixture(scope="module")
+def sheared(layer: BondedLayer) -> ContactState:
+    return along(LayerContact(layer, SPHERE), (0, 0, DEPTH_MM), (0.4, 0, DEPTH_MM))
+
+
+# -- against references ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("nu", [0.3, 0.49, 0.5])
+def test_sphere_force_and_radius_against_the_integral_equation(nu: float) -> None:
+    material = GelMaterial(poisson=nu)
+    layer = BondedLayer.for_skin(SkinDimensions(), material, spacing_mm=0.125, padding=3)
+    contact = LayerContact(layer, SPHERE, observe_shear=False, kinematics="reference")
+    state = contact.solve(contact.rest(), (0.03, 0.05, DEPTH_MM))
+    force, a = reference.sphere_on_layer(5.0, DEPTH_MM, 12.0, material)
+    assert -state.force_n[2] == pytest.approx(force, rel=5e-4)
+    assert math.sqrt(state.contact_area_mm2 / math.pi) == pytest.approx(a, abs=0.05)
+
+
+def test_padding_error_falls() -> None:
+    material = GelMaterial(poisson=0.5)
+    force, _ = reference.sphere_on_layer(5.0, DEPTH_MM, 12.0, material)
+    errors = []
+    for padding in (1.5, 2.0, 3.0):
+        layer = BondedLayer.for_skin(SkinDimensions(), material, 0.2, padding)
+        contact = LayerContact(layer, SPHERE, observe_shear=False, kinematics="reference")
+        at = [(x, y, DEPTH_MM) for x in (0.0, 0.05, 0.1) for y in (0.02, 0.07)]
+        found = np.mean([contact.solve(contact.rest(), tip).force_n[2] for tip in at])
+        errors.append(abs(-found / force - 1))
+    assert errors[0] > 3 * errors[1]
+    assert errors[1] > 3 * errors[2]
+    assert errors[2] < 5e-4
+
+
+def test_thick_layer_gives_hertz_pressure() -> None:
+    """A contact far smaller than layer and period is Hertz's, up to a shift of the whole face."""
+    material, radius, depth, n = GelMaterial(poisson=0.3), 8.0, 0.05, 512
+    layer = BondedLayer(material, 40.0, (20.0, 20.0), (n, n))
+    tip = Indenter("cap", (SphereTip(0.0, 0.0, radius),))
+    contact = LayerContact(layer, tip, friction=0, kinematics="reference")
+    state = contact.solve(contact.rest(), (0.0, 0.0, depth))
+    r = np.hypot(*np.meshgrid(layer.x_mm, layer.y_mm))
+    # What the layer and its images add to a half-space: a known pressure shows how much, as on a
+    # half-space its centre sinks by pi p0 a/(2 E*).
+    trial = reference.hertz_pressure_mpa(r, radius, depth, material)
+    a, modulus = math.sqrt(radius * depth), material.modulus_mpa / 0.91
+    centre = slice(n // 2 - 1, n // 2 + 1)
+    sunk = -layer.apply(np.stack([0 * trial, 0 * trial, -trial], axis=-1))[centre, centre, 2].mean()
+    extra = (sunk - math.pi * trial.max() * a / (2 * modulus)) / (trial.sum() * layer.cell_mm2)
+    own_depth = depth + extra * state.force_n[2]
+    assert -state.force_n[2] == pytest.approx(
+        reference.hertz_force_n(radius, own_depth, material), rel=5e-3
+    )
+    p = reference.hertz_pressure_mpa(r, radius, own_depth, material)
+    assert np.linalg.norm(state.pressure_mpa - p) < 0.02 * np.linalg.norm(p)
+
+
+def test_flat_punch_converges_at_first_order() -> None:
+    """A sharp contact edge is off by about a tenth of a cell in radius; two grids cancel that."""
+    material, h, a, period = GelMaterial(poisson=0.3), 5.0, 3.0, 30.0
+    exact = 4 * material.shear_modulus_mpa * a * 0.1 / 0.7 * reference.flat_punch_factor(a / h, 0.3)
+    rng = np.random.default_rng(0)
+    offsets = rng.uniform(-0.5, 0.5, (8, 2))
+    errors = []
+    for n in (128, 256):
+        layer = BondedLayer(material, h, (period, period), (n, n))
+        m = 2 * math.ceil(a / layer.spacing_mm[0] + 3)
+        i = (n - m) // 2
+        window, axis = layer.window(m, m), layer.x_mm[i : i + m]
+        forces = []
+        for x, y in offsets * layer.spacing_mm[0]:
+            r = np.hypot(*np.meshgrid(axis - x, axis - y))
+            p, worst, _ = normal_contact(
+                window, np.zeros((m, m)), np.where(r <= a, -0.1, np.inf), 1e-7
+            )
+            assert worst <= 1e-7
+            forces.append(p.sum() * layer.cell_mm2)
+        errors.append(np.mean(forces) / exact - 1)
+    assert abs(errors[1]) < 0.01
+    assert 1.5 < errors[0] / errors[1] < 2.5
+    assert abs(2 * errors[1] - errors[0]) < 0.005
+
+
+def test_partial_slip_against_cattaneo_and_mindlin() -> None:
+    """nu = .5 uncouples press and shear; small friction keeps the shift far below the radius."""
+    material, mu, depth, n = GelMaterial(poisson=0.5), 0.01, 0.2, 256
+    layer = BondedLayer(material, 40.0, (20.0, 20.0), (n, n))
+    contact = LayerContact(layer, SPHERE, friction=mu, kinematics="reference", tolerance=1e-8)
+    state = contact.solve(contact.rest(), (0.0, 0.0, depth))
+    normal = -state.force_n[2]
+    a = math.sqrt(state.contact_area_mm2 / math.pi)
+    r = np.hypot(*np.meshgrid(layer.x_mm, layer.y_mm))
+    # The layer and its images move the contact as a whole; a known traction shows by how much:
+    # on a half-space its centre moves by pi a (2 - nu)/(8 G) (Johnson, Contact Mechanics, 7.1).
+    traction = np.zeros((n, n, 3))
+    traction[..., 0] = np.sqrt(np.maximum(0, 1 - r**2 / a**2))
+    moved = layer.apply(traction)[n // 2 - 1 : n // 2 + 1, n // 2 - 1 : n // 2 + 1, 0].mean()
+    half_space = math.pi * a * 1.5 / (8 * material.shear_modulus_mpa)
+    extra = (moved - half_space) / (traction[..., 0].sum() * layer.cell_mm2)
+    full = reference.cattaneo_shift_mm(mu * normal, normal, a, material, mu) + extra * mu * normal
+    for share in (0.2, 0.4, 0.6, 0.8):
+        state = contact.solve(state, (share * full, 0.0, depth))
+        shear = state.force_n[0]
+        expected = reference.cattaneo_shift_mm(shear, normal, a, material, mu) + extra * shear
+        assert share * full == pytest.approx(expected, rel=0.01)
+        size = np.hypot(state.shear_mpa[..., 0], state.shear_mpa[..., 1])
+        stick = size < mu * state.pressure_mpa * (1 - 1e-6)
+        found = math.sqrt(stick.sum() * layer.cell_mm2 / math.pi)
+        radius = reference.cattaneo_stick_radius_mm(shear, normal, a, mu)
+        assert found == pytest.approx(radius, abs=layer.spacing_mm[0] / 2)
+        q = reference.cattaneo_traction_mpa(r, a, radius, normal, mu)
+        assert np.linalg.norm(state.shear_mpa[..., 0] - q) < 0.05 * np.linalg.norm(q)
+
+
+# -- the conditions of contact -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["sphere:10", "4dots"])
+def test_every_condition_holds_at_every_node(layer: BondedLayer, name: str) -> None:
+    indenter = parse(name)
+    contact = LayerContact(layer, indenter)
+    before = along(contact, (0, 0, 1.0), (0.2, 0.1, 1.0))
+    tip = (0.3, 0.15, 1.0)
+    state = contact.solve(before, tip)
+    tractions = np.concatenate([state.shear_mpa, -state.pressure_mpa[..., None]], axis=-1)
+    u = layer.apply(tractions)
+    assert np.allclose(u, state.displacement_mm, atol=1e-12)
+    xx, yy = np.meshgrid(layer.x_mm, layer.y_mm)
+    gap = indenter.height_mm(xx + u[..., 0] - tip[0], yy + u[..., 1] - tip[1]) - tip[2] - u[..., 2]
+    touching = state.pressure_mpa > 0
+    assert state.pressure_mpa.min() == 0
+    assert gap.min() >= -2e-6
+    assert np.abs(gap[touching]).max() <= 2e-6
+    q, bound = state.shear_mpa, 0.5 * state.pressure_mpa
+    size = np.hypot(q[..., 0], q[..., 1])
+    assert np.all(size <= bound * (1 + 1e-12))
+    slip = u[..., :2] - before.displacement_mm[..., :2] - [0.1, 0.05]
+    stick = touching & (size < bound * (1 - 1e-3))
+    slides = touching & (size > bound * (1 - 1e-9))
+    assert stick.sum() > 10
+    assert slides.sum() > 10
+    assert np.abs(slip[stick]).max() < 1e-5
+    fast = slides & (np.hypot(slip[..., 0], slip[..., 1]) > 1e-4)
+    cosine = (q * slip).sum(-1)[fast] / (size * np.hypot(slip[..., 0], slip[..., 1]))[fast]
+    assert cosine.max() < -0.999
+
+
+def test_force_signs_and_mirror(layer: BondedLayer, sheared: ContactState) -> None:
+    """A press pushes the sensor down; +x drags it to +x; -x is the mirror image."""
+    contact = LayerContact(layer, SPHERE)
+    press = along(contact, (0, 0, DEPTH_MM))
+    assert press.force_n[2] < -1
+    assert np.abs(press.force_n[:2]).max() < 1e-6
+    assert np.abs(press.torque_nmm).max() < 1e-5
+    assert sheared.force_n[0] > 0.5
+    assert abs(sheared.force_n[1]) < 1e-6
+    back = along(contact, (0, 0, DEPTH_MM), (-0.4, 0, DEPTH_MM))
+    assert back.force_n[0] == pytest.approx(-sheared.force_n[0], rel=1e-5)
+    assert back.force_n[2] == pytest.approx(sheared.force_n[2], rel=1e-5)
+    flip = sheared.displacement_mm[:, ::-1] * [-1, 1, 1]
+    assert np.abs(back.displacement_mm - flip).max() < 1e-5
+
+
+def test_torque_is_the_lever_of_the_press(layer: BondedLayer) -> None:
+    contact = LayerContact(layer, SPHERE, observe_shear=False)
+    state = along(contact, (4.0, -3.0, DEPTH_MM))
+    fz = state.force_n[2]
+    assert state.torque_nmm == pytest.approx((-3.0 * fz, -4.0 * fz, 0.0), abs=2e-3 * abs(fz))
+
+
+def test_gross_sliding_is_friction_times_normal(layer: BondedLayer) -> None:
+    contact = LayerContact(layer, SPHERE, friction=0.3)
+    state = along(contact, (0, 0, DEPTH_MM), (1.5, 0, DEPTH_MM))
+    assert state.force_n[0] == pytest.approx(-0.3 * state.force_n[2], rel=1e-3)
+
+
+def test_unloading_leaves_nothing_and_forgets(layer: BondedLayer) -> None:
+    contact = LayerContact(layer, SPHERE)
+    state = along(contact, (0, 0, 1.0), (0.3, 0, 1.0), (0.3, 0, 0.0))
+    assert state.force_n == (0.0, 0.0, 0.0)
+    assert not state.displacement_mm.any()
+    again = contact.solve(state, (0.3, 0, 0.5))
+    fresh = contact.solve(contact.rest((0.3, 0, 0.0)), (0.3, 0, 0.5))
+    assert again.force_n == fresh.force_n
+
+
+def test_history_matters_and_the_way_in_the_air_does_not(layer: BondedLayer) -> None:
+    contact = LayerContact(layer, SPHERE)
+    dragged = along(contact, (0, 0, 0.8), (0.3, 0, 0.8))
+    pressed = along(contact, (0.3, 0, 0.0), (0.3, 0, 0.8))
+    assert dragged.force_n[0] > 0.5
+    assert abs(pressed.force_n[0]) < 1e-2
+    over = contact.solve(contact.rest((-5.0, 2.0, -1.0)), (0.3, 0.0, -0.5))
+    down = along(contact, (0.3, 0, 0.8), start=over)
+    assert down.force_n == pytest.approx(pressed.force_n, abs=1e-5)
+
+
+def test_increments_converge(layer: BondedLayer) -> None:
+    contact = LayerContact(layer, SPHERE)
+    tips = (0, 0, 0.8), (0.3, 0.0, 0.8)
+    force = [along(contact, *tips, step_mm=s).force_n[0] for s in (0.3, 0.15, 0.05)]
+    assert abs(force[1] - force[2]) < abs(force[0] - force[2])
+    assert force[1] == pytest.approx(force[2], rel=2e-3)
+
+
+def test_states_are_values(layer: BondedLayer, sheared: ContactState) -> None:
+    contact = LayerContact(layer, SPHERE)
+    tip = (0.5, 0, DEPTH_MM)
+    first, second = contact.solve(sheared, tip), contact.solve(sheared, tip)
+    assert np.array_equal(first.displacement_mm, second.displacement_mm)
+    assert first.force_n == second.force_n
+    with pytest.raises(ValueError, match="read-only"):
+        sheared.displacement_mm[0, 0, 0] = 1.0
+
+
+def test_stuck_nodes_stay_in_contact(layer: BondedLayer) -> None:
+    """What sticks moves with the indenter, so a small shear must not change which nodes touch."""
+    contact = LayerContact(layer, SPHERE, friction=5.0)
+    press = along(contact, (0, 0, 0.8))
+    shear = along(contact, (0.15, 0, 0.8), start=press)
+    changed = (shear.pressure_mpa > 0) != (press.pressure_mpa > 0)
+    assert changed.sum() <= 0.05 * press.contact_nodes
+    textbook = LayerContact(layer, SPHERE, friction=5.0, kinematics="reference")
+    press = along(textbook, (0, 0, 0.8))
+    moved = along(textbook, (0.15, 0, 0.8), start=press)
+    changed = (moved.pressure_mpa > 0) != (press.pressure_mpa > 0)
+    assert changed.sum() > 0.05 * press.contact_nodes
+
+
+# -- what is not asked, and what is refused ----------------------------------------------------
+
+
+def test_unobserved_shear_is_never_solved(layer: BondedLayer) -> None:
+    contact = LayerContact(layer, SPHERE, observe_shear=False)
+    state = along(contact, (0, 0, 1.0), (1.0, 0, 1.0))
+    assert contact.tangential_solves == 0
+    assert not state.shear_mpa.any()
+    assert state.force_n[:2] == (0.0, 0.0)
+    observed = LayerContact(layer, SPHERE)
+    along(observed, (0, 0, 0.4))
+    assert observed.tangential_solves > 0
+
+
+def test_small_strain_is_flagged_beyond_a_tenth(layer: BondedLayer) -> None:
+    contact = LayerContact(layer, SPHERE, observe_shear=False)
+    assert not contact.solve(contact.rest(), (0, 0, 1.2)).beyond_small_strain
+    assert contact.solve(contact.rest(), (0, 0, 1.21)).beyond_small_strain
+
+
+@pytest.mark.parametrize(
+    ("name", "tip", "error", "words"),
+    [
+        ("sphere:10", (0.0, 0.0, 3.01), InputError, "25 %.*finite-strain"),
+        ("sphere:10", (19.0, 0.0, 1.0), InputError, "off the face"),
+        ("sphere:10", (17.5, 0.0, 1.0), SolverError, "over the face"),
+        ("sphere:3", (0.0, 0.0, 1.6), InputError, "equator"),
+        ("sphere:10", (0.0, 0.0, 0.001), SolverError, "no grid node"),
+        ("sphere:10", (0.0, math.nan, 1.0), InputError, "finite"),
+    ],
+)
+def test_refusals(
+    layer: BondedLayer,
+    name: str,
+    tip: tuple[float, float, float],
+    error: type[Exception],
+    words: str,
+) -> None:
+    contact = LayerContact(layer, parse(name), observe_shear=False)
+    with pytest.raises(error, match=words) as caught:
+        contact.solve(contact.rest(), tip)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_contact_at_the_rim_of_the_tip_is_refused() -> None:
+    """A grid that puts the contact within one node of the equator cannot tell where it ends."""
+    skin = SkinDimensions(10, 10, 3, edge_fillet_mm=0.1, protrusion_mm=2)
+    layer = BondedLayer.for_skin(skin, GelMaterial(poisson=0.5), spacing_mm=0.1)
+    contact = LayerContact(layer, Indenter("bead", (SphereTip(0, 0, 0.7),)), observe_shear=False)
+    with pytest.raises(SolverError, match="reaches the edge of bead"):
+        contact.solve(contact.rest(), (0.0, 0.0, 0.69))
+
+
+def test_from_the_least_depth_on_every_place_is_resolved(layer: BondedLayer) -> None:
+    contact = LayerContact(layer, SPHERE, observe_shear=False)
+    rng = np.random.default_rng(3)
+    depth = contact.least_depth_mm * 1.001
+    for x, y in np.vstack([rng.uniform(-1, 1, (8, 2)), [[0.0, 0.0]]]):
+        assert contact.solve(contact.rest(), (x, y, depth)).force_n[2] < 0
+
+
+def test_a_folding_face_is_refused(layer: BondedLayer) -> None:
+    contact = LayerContact(layer, SPHERE, friction=30.0)
+    with pytest.raises(SolverError, match=r"det\(I \+ grad u\)|do not agree"):
+        along(contact, (0, 0, 2.0), (4.0, 0, 2.0))
+
+
+def test_too_few_iterations_is_an_error_not_a_number(layer: BondedLayer) -> None:
+    contact = LayerContact(layer, SPHERE, max_iterations=3)
+    with pytest.raises(SolverError, match="not converged after 3"):
+        contact.solve(contact.rest(), (0, 0, 1.0))
+    contact = LayerContact(layer, SPHERE, max_alternations=1)
+    with pytest.raises(SolverError, match="do not agree after 1 "):
+        contact.solve(contact.rest(), (0, 0, 1.0))
+
+
+def test_constructor_and_history_are_checked(layer: BondedLayer) -> None:
+    with pytest.raises(InputError, match="friction"):
+        LayerContact(layer, SPHERE, friction=-1.0)
+    with pytest.raises(InputError, match="kinematics"):
+        LayerContact(layer, SPHERE, kinematics="wrong")  # type: ignore[arg-type]
+    other = BondedLayer.for_skin(SkinDimensions(), GelMaterial(), spacing_mm=1.0)
+    contact = LayerContact(layer, SPHERE)
+    with pytest.raises(InputError, match="previous state"):
+        contact.solve(LayerContact(other, SPHERE).rest(), (0, 0, 1.0))
