@@ -34,7 +34,11 @@ class Plain:
 @pytest.mark.parametrize(
     ("kind", "data", "says"),
     [
-        (Outer, {"inner": {"dept_mm": 1}}, "f: inner.dept_mm: unknown key; did you mean 'depth_mm'"),
+        (
+            Outer,
+            {"inner": {"dept_mm": 1}},
+            "f: inner.dept_mm: unknown key; did you mean 'depth_mm'",
+        ),
         (Outer, {"many": [{"dept_mm": 1}]}, "f: many.0.dept_mm: unknown key; did you mean"),
         (Outer, {"inner": {"depth_mm": "8"}}, "f: inner.depth_mm: "),
         (Outer, {"inner": {"depth_mm": True}}, "f: inner.depth_mm: "),

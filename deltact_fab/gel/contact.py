@@ -196,6 +196,7 @@ class LayerContact:
         if tip[2] <= 0:
             yield self.solve(previous, tip)
             return
+        self._refuse_out_of_range(tip)  # before any of the way is solved
         start, end = np.array(previous.tip_mm), np.array(tip)
         if start[2] < 0:
             start = start + (end - start) * (-start[2] / (end[2] - start[2]))

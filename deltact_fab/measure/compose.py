@@ -1,0 +1,137 @@
+"""Putting flows together: sampling, composition, inverse warping and the block NCC.
+
+A flow F is (h, w, 2) float32 in px: the material at pixel x of its first image lies at x + F(x) in
+its second. All flows of one sequence share the image size.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+_NO_MAP2: Any = None  # cv2's type stubs do not know that remap takes one map of two channels
+
+
+@lru_cache(maxsize=4)
+def pixel_grid(height_px: int, width_px: int) -> Array:
+    """Pixel centres (h, w, 2) float32 as (x, y), read-only."""
+    x, y = np.meshgrid(
+        np.arange(width_px, dtype=np.float32), np.arange(height_px, dtype=np.float32)
+    )
+    grid = np.ascontiguousarray(np.stack((x, y), axis=-1))
+    grid.setflags(write=False)
+    return grid
+
+
+def landing_px(flow: Array) -> Array:
+    """x + F(x), (h, w, 2) float32: where each pixel of the first image went."""
+    landed: Array = pixel_grid(*flow.shape[:2]) + flow
+    return landed
+
+
+def inside(points_px: Array, height_px: int, width_px: int) -> Array:
+    """Which points (..., 2) lie within the image, edges of the outer pixels' centres included."""
+    x, y = points_px[..., 0], points_px[..., 1]
+    within: Array = (x >= 0) & (x <= width_px - 1) & (y >= 0) & (y <= height_px - 1)
+    return within
+
+
+def sample(field: Array, points_px: Array) -> Array:
+    """Bilinear samples of an image or a float32 field (h, w[, c]) at (a, b, 2) float32 points.
+
+    Points outside read the nearest pixel of the border.
+    """
+    return cv2.remap(field, points_px, _NO_MAP2, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+
+
+def blocks_to_pixels(blocks: Array, shape: tuple[int, int], block_px: int) -> Array:
+    """A bool per block, as `block_ncc` lays them out, to a bool per pixel of `shape` (h, w).
+
+    The rim that holds no whole block takes the value of the nearest one.
+    """
+    h, w = shape
+    rows, cols = blocks.shape
+    full = cv2.resize(
+        blocks.astype(np.uint8),
+        (cols * block_px, rows * block_px),
+        interpolation=cv2.INTER_NEAREST,
+    )
+    down, right = h - rows * block_px, w - cols * block_px
+    top, left = down // 2, right // 2
+    padded = cv2.copyMakeBorder(
+        full, top, down - top, left, right - left, borderType=cv2.BORDER_REPLICATE
+    )
+    return padded.astype(bool)
+
+
+def sample_mask(mask: Array, points_px: Array) -> Array:
+    """Nearest samples of a bool mask (h, w) at (a, b, 2) float32 points."""
+    seen = cv2.remap(
+        mask.astype(np.uint8),
+        points_px,
+        _NO_MAP2,
+        cv2.INTER_NEAREST,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    return seen.astype(bool)
+
+
+def compose(first: Array, second: Array) -> Array:
+    """F(x) = first(x) + second(x + first(x)): the second flow is read where the first one lands.
+
+    first: flow from image 0 to image k; second: from image k to image n; both (h, w, 2) float32.
+    Returns the flow from 0 to n, at pixels of image 0. Where the first flow leaves the image the
+    second is continued from the border: mask those pixels.
+    """
+    return np.add(first, sample(second, landing_px(first)))
+
+
+def block_ncc(
+    reference: Array,
+    current: Array,
+    flow: Array,
+    *,
+    block_px: int = 32,
+    stride_px: int = 2,
+    min_std: float = 4.0,
+) -> Array:
+    """Normalised cross-correlation of the reference and the inverse-warped current image by block.
+
+    reference, current: (h, w) uint8; flow: (h, w, 2) from the reference to the current image.
+    Every stride_px-th pixel each way is compared (both images at the same points, so the stride
+    costs samples, not truth). Returns (h // block_px, w // block_px) float32 in -1..1; NaN where
+    the reference has less texture than min_std grey levels, or where less than half of the block
+    still lies in the current image. The criterion is the paper's photometric one (Dense Optical
+    Flow and Adaptive Reference), made free of gain and offset.
+    """
+    h, w = reference.shape
+    rows, cols = h // block_px, w // block_px
+    top, left = (h - rows * block_px) // 2, (w - cols * block_px) // 2
+    cut = (
+        slice(top, top + rows * block_px, stride_px),
+        slice(left, left + cols * block_px, stride_px),
+    )
+    points = pixel_grid(h, w)[cut] + flow[cut]
+    mask = inside(points, h, w).astype(np.float32)
+    # Offsets of 128 keep the float32 sums of squares small against their difference.
+    ref = (reference[cut].astype(np.float32) - 128.0) * mask
+    cur = (sample(current, points).astype(np.float32) - 128.0) * mask
+
+    def mean(values: Array) -> Array:
+        return cv2.resize(values, (cols, rows), interpolation=cv2.INTER_AREA)
+
+    share = mean(mask)
+    n = np.maximum(share, 1e-6)
+    m_ref, m_cur = mean(ref) / n, mean(cur) / n
+    var_ref = mean(ref * ref) / n - m_ref**2
+    var_cur = mean(cur * cur) / n - m_cur**2
+    cov = mean(ref * cur) / n - m_ref * m_cur
+    # A covered (flat) current block has no variance: it counts as no match, not as no evidence.
+    ncc = cov / np.sqrt(np.maximum(var_ref, 1e-3) * np.maximum(var_cur, 1e-3))
+    known = (share >= 0.5) & (var_ref >= min_std**2)
+    return np.where(known, np.clip(ncc, -1.0, 1.0), np.nan).astype(np.float32)

@@ -1,0 +1,240 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from deltact_fab.errors import InputError, SensorError
+from deltact_fab.measure.dots import DotTracker
+
+MM_PER_PX = 0.0378
+DIAMETER_PX = 0.6 / MM_PER_PX
+W, H = 798, 586
+
+
+def error_mm(seen: Any, scene: Any, bump: Any) -> Any:
+    """Displacement errors of the dots that were found."""
+    truth = bump.displacement_px(scene.rest_px)
+    return np.hypot(*(seen.displacement_px - truth)[seen.found].T) * MM_PER_PX
+
+
+def in_view(scene: Any, bump: Any, border: float = 11.0) -> Any:
+    position = scene.rest_px + bump.displacement_px(scene.rest_px)
+    return ((position > border) & (position < [scene.width - border, scene.height - border])).all(1)
+
+
+@pytest.mark.parametrize(
+    ("patch_mm", "noise", "blur_px"),
+    [(0.075, 2.0, 0.6), (0.1, 6.0, 0.6), (0.15, 2.0, 1.2), (0.2, 2.0, 0.6)],
+)
+def test_169_dots_are_within_10_um_under_noise_shading_and_blur(
+    patch_mm, noise, blur_px, make_scene, make_bump
+):
+    scene = make_scene(W, H, patch_mm=patch_mm, dots=True, noise=noise, blur_px=blur_px)
+    assert len(scene.rest_px) == 169
+    bump = make_bump((430, 290), 140, shear_px=(35, 20), press_px=30)
+    # The recipe's positions are a few px off, together and each for itself.
+    offset = np.random.default_rng(5).uniform((1.5, -3.5), (4.5, -0.5), (169, 2))
+    tracker = DotTracker(scene.rest_px + offset, DIAMETER_PX)
+    first = tracker.update(scene.picture())
+    assert first.found.all()
+    assert not first.displacement_px.any()
+    n = 6
+    for k in range(1, n + 1):
+        now = bump.scaled(k / n)
+        seen = tracker.update(scene.picture(now, k))
+        error = error_mm(seen, scene, now)
+        assert seen.found.all()
+        assert error.mean() <= 0.01
+        # A tenth of a dot: no identity is exchanged.
+        assert error.max() <= 0.06
+    print(
+        f"d {patch_mm}: mean {error.mean():.4f} 95 % {np.percentile(error, 95):.4f} "
+        f"max {error.max():.4f} mm, {seen.cpu_ms:.1f} ms"
+    )
+
+
+def test_dots_under_8_mm_of_shear_are_right_or_flagged(make_scene, make_bump):
+    scene = make_scene(W, H, dots=True, margin=120)
+    bump = make_bump((430, 290), 185, shear_px=(200, 97))
+    tracker = DotTracker(scene.rest_px, DIAMETER_PX)
+    tracker.update(scene.picture())
+    for k in range(1, 13):
+        now = bump.scaled(k / 12)
+        seen = tracker.update(scene.picture(now, k))
+        error = error_mm(seen, scene, now)
+        assert error.max() <= 0.06
+        assert error.mean() <= 0.01
+        assert (in_view(scene, now) & ~seen.found).sum() <= 8
+    print(f"mean {error.mean():.4f} max {error.max():.4f} mm, {seen.found.sum()} found")
+
+
+@pytest.fixture(scope="module")
+def small(make_scene):
+    scene = make_scene(400, 320, dots=True, margin=150)
+    assert len(scene.rest_px) == 49
+    return scene
+
+
+def test_dots_that_leave_the_view_are_lost_and_found_again(small, make_bump):
+    tracker = DotTracker(small.rest_px, DIAMETER_PX)
+    tracker.update(small.picture())
+    shift = make_bump((0, 0), 100, shift_px=(264.6, 0.0))  # 10 mm
+    steps = [*np.linspace(0, 1, 21)[1:], *np.linspace(1, 0, 21)[1:]]
+    fewest = 49
+    for k, s in enumerate(steps):
+        now = shift.scaled(float(s))
+        seen = tracker.update(small.picture(now, k + 1))
+        assert error_mm(seen, small, now).max() <= 0.06
+        assert not (seen.found & ~in_view(small, now, 6.0)).any()
+        assert not (in_view(small, now) & ~seen.found).any()
+        assert np.isnan(seen.position_px[~seen.found]).all()
+        fewest = min(fewest, int(seen.found.sum()))
+    assert fewest <= 20
+    assert seen.found.all()
+
+
+@pytest.mark.parametrize("jump_px", [(58.2, 0.0), (0.0, -42.3), (116.4, 42.3), (150.0, 10.0)])
+def test_a_jump_by_whole_pitches_keeps_the_identities(jump_px, small, make_bump):
+    tracker = DotTracker(small.rest_px, DIAMETER_PX)
+    tracker.update(small.picture())
+    jump = make_bump((0, 0), 100, shift_px=jump_px)
+    seen = tracker.update(small.picture(jump, 1))
+    assert error_mm(seen, small, jump).max() <= 0.06
+    assert not (in_view(small, jump) & ~seen.found).any()
+
+
+def test_covered_dots_are_flagged_not_guessed_and_come_back(small, make_bump):
+    bump = make_bump((200, 160), 80, shear_px=(20, 8))
+    tracker = DotTracker(small.rest_px, DIAMETER_PX)
+    tracker.update(small.picture())
+    for k, s in enumerate((0.25, 0.5, 0.75, 1.0)):
+        now = bump.scaled(s)
+        image = small.picture(now, k + 1)
+        where = small.rest_px + now.displacement_px(small.rest_px)
+        hidden = np.zeros(49, bool)
+        if s in (0.5, 0.75):
+            x, y = (int(v) for v in where[24])
+            image[y - 60 : y + 60, x - 70 : x + 70] = 60
+            hidden = (np.abs(where - [x, y]) < [62, 52]).all(1)
+            assert hidden.sum() >= 5
+            # And one only half covered: its centroid would be off by a fifth of a dot.
+            left, top = (int(v) for v in where[0])
+            image[top - 14 : top + 14, left : left + 14] = 0
+            hidden[0] = True
+        seen = tracker.update(image)
+        assert not seen.found[hidden].any()
+        assert seen.found[:7][1:].all()
+        assert error_mm(seen, small, now).max() <= 0.06
+    assert seen.found.all()
+
+
+def test_a_blank_or_unrelated_image_finds_nothing_and_the_next_one_recovers(small, make_scene):
+    tracker = DotTracker(small.rest_px, DIAMETER_PX)
+    tracker.update(small.picture())
+    other = make_scene(400, 320, dots=True, seed=9).picture()
+    noise = np.random.default_rng(1).integers(0, 256, (320, 400, 3), np.uint8)
+    for image in (np.zeros((320, 400, 3), np.uint8), np.full((320, 400, 3), 255, np.uint8), noise):
+        assert not tracker.update(image).found.any()
+    # The same grid of dots in other colours: every dot is where it should be, and none is ours.
+    strange = tracker.update(other)
+    assert strange.n_blobs >= 49
+    assert not strange.found.any()
+    assert tracker.update(small.picture(None, 7)).found.all()
+
+
+def plain(positions: Any) -> Any:
+    """White dots on grey: no colours to identify them by."""
+    image = np.full((320, 400), 90.0)
+    for px, py in positions:
+        left, top = int(px) - 10, int(py) - 10
+        y, x = np.mgrid[top : top + 22, left : left + 22]
+        cover = np.clip(DIAMETER_PX / 2 + 0.5 - np.hypot(x - px, y - py), 0, 1)
+        image[top : top + 22, left : left + 22] += (240 - 90) * cover
+    return np.repeat(np.round(image).astype(np.uint8)[..., None], 3, axis=2)
+
+
+def test_without_colours_the_order_of_the_neighbours_is_kept(small):
+    rest = small.rest_px
+    tracker = DotTracker(rest, DIAMETER_PX)
+    first = tracker.update(plain(rest))
+    assert first.found.all()
+    assert np.isnan(first.identity_ncc).all()
+    moved = tracker.update(plain(rest + np.array([6.0, -4.0])))
+    assert moved.found.all()
+    assert moved.displacement_px == pytest.approx(np.tile([6.0, -4.0], (49, 1)), abs=0.05)
+    # Two neighbours walk around each other, which no skin can do: following each by nearness
+    # would report an exchange as a motion of one pitch.
+    tracker = DotTracker(rest, DIAMETER_PX)
+    tracker.update(plain(rest))
+    a, b = 24, 31
+    middle, half = (rest[a] + rest[b]) / 2, (rest[a] - rest[b]) / 2
+    for angle in np.linspace(0, np.pi, 19)[1:]:
+        c, s = np.cos(angle), np.sin(angle)
+        arm = np.array([c * half[0] - s * half[1], s * half[0] + c * half[1]])
+        now = rest.copy()
+        now[a], now[b] = middle + arm, middle - arm
+        seen = tracker.update(plain(now))
+    for dot in (a, b):
+        assert not seen.found[dot] or np.hypot(*seen.displacement_px[dot]) < 2.0
+    others = np.delete(np.arange(49), [a, b])
+    assert np.hypot(*seen.displacement_px[others][seen.found[others]].T).max() < 1.0
+
+
+def test_the_same_images_give_the_same_bytes(small, make_bump):
+    bump = make_bump((200, 160), 80, shear_px=(10, 5))
+    images = [small.picture(), small.picture(bump, 1)]
+    results = []
+    for _ in range(2):
+        tracker = DotTracker(small.rest_px, DIAMETER_PX)
+        results.append([tracker.update(image).position_px.tobytes() for image in images])
+    assert results[0] == results[1]
+    tracker.reset()
+    assert not tracker.update(images[0]).displacement_px.any()
+
+
+def test_a_first_image_without_the_dots_is_an_error(small, make_scene):
+    without = make_scene(400, 320, dots=False).picture()
+    for image in (without, np.zeros((320, 400, 3), np.uint8)):
+        tracker = DotTracker(small.rest_px, DIAMETER_PX)
+        with pytest.raises(SensorError, match="of 49 white dots found in the first image"):
+            tracker.update(image)
+        assert tracker.update(small.picture()).found.all()
+    with pytest.raises(SensorError, match="shifted by more than 8 px"):
+        DotTracker(small.rest_px + 20.0, DIAMETER_PX).update(small.picture())
+
+
+def test_a_dot_hidden_in_the_first_image_is_never_reported(small, make_bump):
+    image = small.picture()
+    x, y = (int(v) for v in small.rest_px[10])
+    image[y - 15 : y + 15, x - 15 : x + 15] = 40
+    tracker = DotTracker(small.rest_px, DIAMETER_PX)
+    assert np.flatnonzero(~tracker.update(image).found).tolist() == [10]
+    bump = make_bump((200, 160), 80, shear_px=(8, 5))
+    seen = tracker.update(small.picture(bump, 1))
+    assert np.flatnonzero(~seen.found).tolist() == [10]
+    assert np.isnan(tracker.first_px[10]).all()
+    assert error_mm(seen, small, bump).max() <= 0.06
+
+
+def test_input_is_checked(small):
+    rest = small.rest_px
+    with pytest.raises(InputError, match="n >= 4 dots"):
+        DotTracker(rest[:3], DIAMETER_PX)
+    with pytest.raises(InputError, match="n >= 4 dots"):
+        DotTracker(np.full((5, 2), np.nan), DIAMETER_PX)
+    with pytest.raises(InputError, match="diameter_px is 2"):
+        DotTracker(rest, 2.0)
+    with pytest.raises(InputError, match="on one line"):
+        DotTracker(rest[:7], DIAMETER_PX)
+    with pytest.raises(InputError, match="two rest positions are"):
+        DotTracker(rest * 0.4, DIAMETER_PX)
+    tracker = DotTracker(rest, DIAMETER_PX)
+    with pytest.raises(InputError, match="BGR uint8"):
+        tracker.update(np.zeros((320, 400), np.uint8))
+    tracker.update(small.picture())
+    with pytest.raises(InputError, match="the first one was"):
+        tracker.update(np.zeros((300, 400, 3), np.uint8))
+    with pytest.raises(InputError, match="no expected position"):
+        DotTracker(rest + 5000, DIAMETER_PX).update(small.picture())

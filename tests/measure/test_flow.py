@@ -1,0 +1,393 @@
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from deltact_fab.errors import InputError, SensorError
+from deltact_fab.measure.compose import block_ncc, compose, landing_px, sample
+from deltact_fab.measure.flow import (
+    FLOW_METHODS,
+    FlowMethod,
+    FlowTracker,
+    RenewalRule,
+    to_gray,
+)
+
+MM_PER_PX = 0.0378
+W, H = 798, 586
+BORDER = 8
+
+
+def error_mm(flow: Any, truth: Any, visible: Any = True) -> Any:
+    """Endpoint errors of the pixels that are in view before and after, BORDER px from the edge."""
+    h, w = flow.shape[:2]
+    mask = np.zeros((h, w), bool)
+    mask[BORDER:-BORDER, BORDER:-BORDER] = True
+    mask &= visible
+    x, y = np.moveaxis(landing_px(truth), -1, 0)
+    mask &= (x > BORDER) & (x < w - 1 - BORDER) & (y > BORDER) & (y < h - 1 - BORDER)
+    return np.hypot(*np.moveaxis(flow - truth, -1, 0))[mask] * MM_PER_PX
+
+
+# Bookkeeping over a long motion
+
+
+@pytest.fixture(scope="module")
+def extreme(make_scene, make_bump):
+    """40 frames up to a shear of 8.4 mm (222 px)."""
+    bump = make_bump((430, 290), 185, shear_px=(200.1, 96.2))
+    scene = make_scene(W, H, patch_mm=0.1, margin=120)
+    images = [scene.picture()]
+    images += [scene.picture(bump.scaled(k / 40), k) for k in range(1, 41)]
+    return bump, images
+
+
+def run(images: Any, *args: Any, **kwargs: Any) -> Any:
+    tracker = FlowTracker(*args, **kwargs)
+    return [tracker.update(image) for image in images]
+
+
+def bookkeeping(method: str, extreme: Any) -> dict[str, float]:
+    bump, images = extreme
+    truth = bump.flow_px(H, W)
+    assert np.hypot(*np.moveaxis(truth, -1, 0)).max() * MM_PER_PX == pytest.approx(8.39, abs=0.02)
+    assert bump.det_f(H, W).min() > 0.25
+    means = {}
+    for reference, renew in (
+        ("composed", "every-frame"),
+        ("summed", "every-frame"),
+        ("static", "adaptive"),
+        ("composed", "adaptive"),
+        ("summed", "adaptive"),
+    ):
+        seen = run(images, method, reference, renew)
+        last = seen[-1]
+        error = error_mm(last.flow_px, truth, last.visible)
+        means[f"{reference} {renew}"] = float(error.mean())
+        ms = np.mean([o.diagnostics.cpu_ms for o in seen[1:]])
+        print(
+            f"{method} {reference} {renew}: mean {error.mean():.4f} max {error.max():.3f} mm, "
+            f"{last.diagnostics.n_reference_switches} switches, {ms:.1f} ms a frame"
+        )
+    return means
+
+
+def assert_composition_wins(mean: dict[str, float]) -> None:
+    assert mean["composed every-frame"] <= 0.5 * mean["summed every-frame"]
+    assert mean["composed adaptive"] <= 0.5 * mean["summed adaptive"]
+    assert mean["composed adaptive"] < mean["static adaptive"]
+    assert mean["composed adaptive"] < mean["composed every-frame"]
+
+
+def test_composition_beats_the_sum_over_8_mm(extreme):
+    assert_composition_wins(bookkeeping("dis-fast", extreme))
+
+
+@pytest.mark.slow
+def test_composition_beats_the_sum_with_the_default_method(extreme):
+    mean = bookkeeping("dis-medium", extreme)
+    assert_composition_wins(mean)
+    assert mean["composed adaptive"] <= 0.03
+
+
+def test_adaptive_reference_switches_rarely_and_only_to_good_frames(extreme):
+    _, images = extreme
+    seen = run(images[::4], "dis-fast")
+    switches = seen[-1].diagnostics.n_reference_switches
+    assert 1 <= switches < 8
+    for earlier, later in pairwise(seen):
+        assert later.diagnostics.reference_frame < later.diagnostics.frame
+        assert later.diagnostics.n_reference_switches >= earlier.diagnostics.n_reference_switches
+    assert all(o.diagnostics.trusted for o in seen)
+    still = run(images[:1] * 3, "dis-fast")
+    assert still[-1].diagnostics.n_reference_switches == 0
+
+
+# One flow
+
+
+@pytest.fixture(scope="module")
+def pressed(make_scene, make_bump):
+    """Two images of a press with shear, 2.3 mm at the peak."""
+    bump = make_bump((430, 290), 140, shear_px=(50, 20), press_px=30)
+    scene = make_scene(W, H, patch_mm=0.1)
+    return scene.picture(), scene.picture(bump, 1), bump.flow_px(H, W)
+
+
+@pytest.mark.parametrize("name", FLOW_METHODS)
+def test_every_method_tracks_a_press_cold_and_warm(name, pressed):
+    first, second, truth = pressed
+    method = FlowMethod(name)
+    cold = method.between(to_gray(first), to_gray(second))
+    start = (0.9 * truth).astype(np.float32)
+    kept = start.copy()
+    warm = method.between(to_gray(first), to_gray(second), start)
+    print(name, error_mm(cold, truth).mean(), error_mm(warm, truth).mean())
+    assert cold.dtype == warm.dtype == np.float32
+    assert error_mm(cold, truth).mean() <= 0.03
+    assert error_mm(warm, truth).mean() <= 0.03
+    assert np.array_equal(start, kept)
+
+
+@pytest.mark.parametrize(("shear", "press"), [((25, 12), 15), ((70, -35), 25)])
+def test_dis_medium_is_within_30_um_at_1_to_3_mm(shear, press, make_scene, make_bump):
+    bump = make_bump((380, 300), 140, shear_px=shear, press_px=press)
+    truth = bump.flow_px(H, W)
+    peak_mm = np.hypot(*np.moveaxis(truth, -1, 0)).max() * MM_PER_PX
+    assert 1.0 <= peak_mm <= 3.1
+    scene = make_scene(W, H, patch_mm=0.15, seed=4, noise=3.0)
+    flow = FlowMethod("dis-medium").between(
+        to_gray(scene.picture()), to_gray(scene.picture(bump, 1))
+    )
+    error = error_mm(flow, truth)
+    print(f"peak {peak_mm:.2f} mm: mean {error.mean():.4f} 95 % {np.percentile(error, 95):.4f}")
+    assert error.mean() <= 0.03
+
+
+@pytest.mark.parametrize("name", FLOW_METHODS)
+def test_a_pure_translation_is_found_with_its_sign(name, make_scene, make_bump):
+    scene = make_scene(320, 256)
+    shift = make_bump((0, 0), 100, shift_px=(7.3, -4.6))
+    flow = FlowMethod(name).between(to_gray(scene.picture()), to_gray(scene.picture(shift, 1)))
+    middle = flow[32:-32, 32:-32]
+    assert np.median(middle, axis=(0, 1)) == pytest.approx([7.3, -4.6], abs=0.1)
+    assert np.hypot(*(middle - [7.3, -4.6]).reshape(-1, 2).T).mean() < 0.3
+
+
+def test_a_warm_start_reaches_where_a_cold_one_does_not(make_scene, make_bump):
+    scene = make_scene(320, 256, margin=160)
+    shift = make_bump((0, 0), 100, shift_px=(130, 0))
+    first, second = to_gray(scene.picture()), to_gray(scene.picture(shift, 1))
+    near = np.full((256, 320, 2), (127, 1), np.float32)
+    for name in ("farneback", "dis-medium"):
+        method = FlowMethod(name)
+        # Columns below 190 - 60 are still in the second image.
+        cold = method.between(first, second)[40:-40, 40:130]
+        warm = method.between(first, second, near)[40:-40, 40:130]
+        assert np.abs(np.median(warm, axis=(0, 1)) - [130, 0]).max() < 0.2
+        assert np.abs(np.median(cold, axis=(0, 1)) - [130, 0]).max() > 10
+
+
+# Confidence
+
+
+@pytest.fixture(scope="module")
+def small(make_scene, make_bump):
+    scene = make_scene(320, 256)
+    bump = make_bump((150, 130), 70, shear_px=(24, -10))
+    return scene, bump
+
+
+@pytest.mark.parametrize("name", FLOW_METHODS)
+@pytest.mark.parametrize("what", ["noise", "other pattern", "black"])
+def test_an_unrelated_image_is_flagged(name, what, small, make_scene):
+    scene, _ = small
+    rng = np.random.default_rng(3)
+    image = {
+        "noise": rng.integers(0, 256, (256, 320, 3), np.uint8),
+        "other pattern": make_scene(320, 256, seed=77).picture(),
+        "black": np.zeros((256, 320, 3), np.uint8),
+    }[what]
+    tracker = FlowTracker(name)
+    tracker.update(scene.picture())
+    odd = tracker.update(image)
+    assert odd.diagnostics.bad_share > 0.9
+    assert not odd.diagnostics.trusted
+
+
+@pytest.mark.parametrize("renew", ["adaptive", "every-frame"])
+def test_one_unrelated_image_does_no_harm_to_the_next(renew, small):
+    scene, bump = small
+    images = [scene.picture(bump.scaled(k / 6), k) for k in range(7)]
+    clean = run(images, "dis-medium", renew=renew)
+    noise = np.random.default_rng(3).integers(0, 256, (256, 320, 3), np.uint8)
+    seen = run([*images[:4], noise, *images[4:]], "dis-medium", renew=renew)
+    assert [o.diagnostics.trusted for o in seen] == [True] * 4 + [False] + [True] * 3
+    assert all(o.diagnostics.reference_frame != 4 for o in seen)
+    truth = bump.flow_px(256, 320)
+    before = error_mm(clean[-1].flow_px, truth).mean()
+    assert error_mm(seen[-1].flow_px, truth).mean() <= 1.2 * before
+
+
+def test_a_pattern_of_low_contrast_lowers_the_limit_once(small, make_scene):
+    _, bump = small
+    faint = make_scene(320, 256, contrast=0.25, noise=8.0, shading=0.0)
+    seen = run([faint.picture(bump.scaled(k / 5), k) for k in range(5)], "dis-medium")
+    assert 0.5 <= seen[1].diagnostics.ncc_min < 0.7
+    assert len({o.diagnostics.ncc_min for o in seen[1:]}) == 1
+    assert all(o.diagnostics.trusted for o in seen)
+    strict = run(
+        [faint.picture(bump.scaled(k / 5), k) for k in range(5)],
+        "dis-medium",
+        rule=RenewalRule(calibrate=False),
+    )
+    assert strict[1].diagnostics.bad_share > seen[1].diagnostics.bad_share
+
+
+def test_block_ncc_ignores_gain_and_offset_and_sees_a_covered_block(small):
+    scene, _ = small
+    gray = to_gray(scene.picture())
+    zero = np.zeros((*gray.shape, 2), np.float32)
+    dim = np.round(gray * 0.5 + 40).astype(np.uint8)
+    assert block_ncc(gray, gray, zero).shape == (8, 10)
+    assert block_ncc(gray, dim, zero).min() > 0.99
+    covered = gray.copy()
+    covered[64:96, 32:64] = 90
+    ncc = block_ncc(gray, covered, zero)
+    assert ncc[2, 1] < 0.1
+    assert np.delete(ncc.ravel(), 21).min() > 0.99
+    # Without texture in the reference there is no evidence either way.
+    assert np.isnan(block_ncc(covered, gray, zero)[2, 1])
+    gone = zero + np.float32((0, 150))
+    assert np.isnan(block_ncc(gray, gray, gone)[-1]).all()
+
+
+# Composition and visibility
+
+
+@settings(max_examples=25, deadline=None)
+@given(*[st.floats(-0.1, 0.1) for _ in range(6)], *[st.floats(-4, 4) for _ in range(2)])
+def test_composition_of_affine_flows_is_exact(a, b, c, d, e, f, tx, ty):
+    y, x = np.mgrid[0:48, 0:64].astype(np.float32)
+    first = np.stack((a * x + b * y + tx, c * x + d * y + ty), -1).astype(np.float32)
+    second = np.stack((e * x - f * y, f * x + e * y), -1).astype(np.float32)
+    where = landing_px(first)
+    u, v = where[..., 0], where[..., 1]
+    truth = first + np.stack((e * u - f * v, f * u + e * v), -1)
+    inside = (u >= 0) & (u <= 63) & (v >= 0) & (v <= 47)
+    # cv2 may round sampling points to 1/32 px: half of that times a gradient of 0.15.
+    assert np.abs(compose(first, second) - truth)[inside].max(initial=0.0) < 0.005
+    assert sample(second, where).shape == second.shape
+
+
+def test_a_path_that_left_the_image_stays_invisible_when_followed_by_composition(
+    make_scene, make_bump
+):
+    scene = make_scene(320, 256, patch_mm=0.2, margin=90)
+    way = [0, 15, 30, 45, 60, 45, 30, 15, 0]
+    images = [
+        scene.picture(make_bump((0, 0), 100, shift_px=(float(s), 0.0)), k)
+        for k, s in enumerate(way)
+    ]
+    out = run(images, "dis-medium", renew="every-frame")
+    static = run(images, "dis-medium", reference="static")
+    columns = out[4].visible[40:-40].mean(axis=0)
+    assert columns[: 320 - 63].min() == 1.0
+    assert columns[320 - 57 :].max() == 0.0
+    assert out[-1].visible[40:-40, 320 - 42 :].mean() < 0.05
+    assert static[-1].visible[40:-40, 4:-4].mean() > 0.95
+
+
+@pytest.mark.parametrize("reference", ["composed", "summed"])
+def test_a_wrong_match_stays_marked_in_what_is_composed_from_it(reference, make_scene, make_bump):
+    # 15 px at once from a cold start is more than DIS fast can do on this small, fine pattern.
+    scene = make_scene(320, 256, margin=90)
+    shifts = [make_bump((0, 0), 100, shift_px=(15.0 + 4 * k, 0.0)) for k in range(5)]
+    images = [scene.picture(), *(scene.picture(s, k + 1) for k, s in enumerate(shifts))]
+    # With such a rule even a frame with a third of bad blocks is a reference for the next.
+    rule = RenewalRule(renew_share=0.5, trust_share=0.5)
+    last = run(images, "dis-fast", reference, "every-frame", rule=rule)[-1]
+    wrong = np.hypot(*np.moveaxis(last.flow_px - [31.0, 0.0], -1, 0)) > 2
+    view = last.visible.copy()
+    view[:, 280:] = False
+    assert last.diagnostics.bad_share < 0.05
+    assert wrong[view].mean() > 0.05
+    assert wrong[view & last.confident].mean() < 0.01
+    assert last.diagnostics.confident_share < 0.95
+
+
+def test_a_lasting_speck_does_not_stop_the_renewal(extreme):
+    bump, clean = extreme
+    images = [image.copy() for image in clean[::2]]
+    for image in images[1:]:
+        image[60:160, 60:160] = 30
+    seen = run(images, "dis-fast")
+    last = seen[-1]
+    assert last.diagnostics.n_reference_switches >= 1
+    assert all(o.diagnostics.trusted for o in seen)
+    truth = bump.flow_px(H, W)
+    x, y = np.moveaxis(landing_px(truth), -1, 0)
+    clear = (np.abs(x - 110) > 100) | (np.abs(y - 110) > 100)
+    assert error_mm(last.flow_px, truth, last.visible & last.confident & clear).mean() <= 0.06
+
+
+# Contract
+
+
+def test_the_first_image_is_the_origin_and_reset_forgets(small):
+    scene, bump = small
+    tracker = FlowTracker("dis-fast")
+    first = tracker.update(scene.picture())
+    assert not first.flow_px.any()
+    assert first.visible.all()
+    assert first.diagnostics.n_flows == 0
+    moved = tracker.update(scene.picture(bump, 1))
+    assert np.abs(moved.flow_px).max() > 10
+    tracker.reset()
+    again = tracker.update(scene.picture(bump, 2))
+    assert again.diagnostics.frame == 0
+    assert not again.flow_px.any()
+
+
+def test_the_same_images_give_the_same_bytes(small):
+    scene, bump = small
+    images = [scene.picture(bump.scaled(k / 4), k) for k in range(5)]
+    a, b = (run(images, "dis-medium") for _ in range(2))
+    assert all(x.flow_px.tobytes() == y.flow_px.tobytes() for x, y in zip(a, b, strict=True))
+
+
+def test_a_camera_that_reuses_its_buffer_does_not_disturb(small):
+    scene, bump = small
+    frames = [to_gray(scene.picture(bump.scaled(k / 3), k)) for k in range(4)]
+    separate = run(frames, "dis-fast")
+    buffer = np.empty_like(frames[0])
+    tracker = FlowTracker("dis-fast")
+    for frame in frames:
+        buffer[:] = frame
+        last = tracker.update(buffer)
+    assert np.array_equal(last.flow_px, separate[-1].flow_px)
+
+
+def test_names_are_checked():
+    with pytest.raises(InputError, match="flow method 'dis-medum': unknown; did you mean"):
+        FlowMethod("dis-medum")
+    with pytest.raises(InputError, match="'lucas': unknown; valid: dis-fast, dis-medium"):
+        FlowTracker("lucas")
+    with pytest.raises(InputError, match="flow reference 'compose': unknown; did you mean"):
+        FlowTracker(reference="compose")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="flow renew 'never': unknown"):
+        FlowTracker(renew="never")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="ncc_floor <= ncc_min"):
+        RenewalRule(ncc_min=0.3)
+    with pytest.raises(InputError, match="renew_share <= trust_share"):
+        RenewalRule(renew_share=0.5)
+    with pytest.raises(InputError, match="multiple of stride_px"):
+        RenewalRule(stride_px=3)
+
+
+def test_images_are_checked(small):
+    scene, bump = small
+    image = scene.picture()
+    tracker = FlowTracker("dis-fast")
+    with pytest.raises(SensorError, match="texture"):
+        tracker.update(np.zeros((256, 320, 3), np.uint8))
+    with pytest.raises(InputError, match="float64"):
+        tracker.update(image.astype(float))
+    with pytest.raises(InputError, match="64 px or more"):
+        tracker.update(image[:40])
+    tracker.update(image)
+    with pytest.raises(InputError, match=r"\(200, 320\), the first one was \(256, 320\)"):
+        tracker.update(image[:200])
+    assert tracker.update(scene.picture(bump, 1)).diagnostics.frame == 1
+    method, gray = FlowMethod("dis-fast"), to_gray(image)
+    with pytest.raises(InputError, match="one size"):
+        method.between(gray, gray[:200])
+    with pytest.raises(InputError, match="grey image"):
+        method.between(gray, image)
+    with pytest.raises(InputError, match="initial flow"):
+        method.between(gray, gray, np.zeros((8, 8, 2), np.float32))
