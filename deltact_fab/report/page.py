@@ -79,7 +79,7 @@ def _fig(value: Any, digits: int = 4) -> str:
     if value is None:
         return "–"
     if isinstance(value, int):
-        return f"{value:,}".replace(",", " ")
+        return f"{value:,}".replace(",", "\u202f")  # a thin space that does not break
     return f"{value:.{digits}f}" if isinstance(value, float) else str(value)
 
 
