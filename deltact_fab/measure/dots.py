@@ -47,7 +47,7 @@ class DotRule:
     ncc_min: float = 0.5
     ncc_found: float = 0.65
     ring_d: tuple[float, float] = (0.75, 1.5)
-    min_texture: float = 6.0
+    min_texture: float = 2.0
     min_found_share: float = 0.5
 
 
@@ -76,7 +76,8 @@ class DotTracker:
 
     rest_px: (n, 2) expected positions (x, y) in the first image, right to within `offset_px` after
     a common shift of as much; diameter_px: the dots' diameter. n >= 4 dots, not on a line.
-    Raises InputError for anything else.
+    On a pattern without colours around the dots, dots that are all lost at once stay lost: nothing
+    tells the grid from itself one pitch on. Raises InputError for anything else.
     """
 
     def __init__(
@@ -125,6 +126,8 @@ class DotTracker:
                 for a in [np.arange(int(np.pi * r)) * (2 * np.pi / int(np.pi * r))]
             ]
         )
+        # Orthonormal basis of 1, x, y on the ring.
+        self._plane = np.linalg.qr(np.column_stack((np.ones(len(self._ring)), self._ring)))[0]
         self.reset()
 
     def reset(self) -> None:
@@ -348,9 +351,10 @@ class DotTracker:
     # Colours
 
     def _sample_rings(self, centre: Array, affine: Array, colours: Array) -> Array:
-        """(n, k, 3) colours on each dot's deformed ring."""
+        """(n, k, 3) colours on each dot's deformed ring, less their plane: shading has no say."""
         points = centre[:, None, :] + self._ring @ affine.transpose(0, 2, 1)
-        return sample(colours, points.astype(np.float32)).astype(np.float64)
+        rings = sample(colours, points.astype(np.float32)).astype(np.float64)
+        return rings - self._plane @ (self._plane.T @ rings)
 
     def _identity(self, position: Array, colours: Array) -> Array:
         """(n,) correlation of each dot's ring with that of the first image; NaN where lost."""
@@ -476,8 +480,8 @@ def _mutual(expected: Array, blobs: Array, gate: Array) -> tuple[Array, Array]:
 
 
 def _normalised(rings: Array) -> Array:
-    """(n, k, 3) to (n, 3 k): no mean per channel, unit length overall."""
-    flat = (rings - rings.mean(axis=1, keepdims=True)).reshape(len(rings), -1)
+    """(n, k, 3) to (n, 3 k) of unit length."""
+    flat = rings.reshape(len(rings), -1)
     return flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-9)
 
 

@@ -145,13 +145,14 @@ def test_a_blank_or_unrelated_image_finds_nothing_and_the_next_one_recovers(smal
 
 
 def plain(positions: Any) -> Any:
-    """White dots on grey: no colours to identify them by."""
+    """White dots on grey, in uneven light: no colours to identify them by."""
     image = np.full((320, 400), 90.0)
     for px, py in positions:
         left, top = int(px) - 10, int(py) - 10
         y, x = np.mgrid[top : top + 22, left : left + 22]
         cover = np.clip(DIAMETER_PX / 2 + 0.5 - np.hypot(x - px, y - py), 0, 1)
         image[top : top + 22, left : left + 22] += (240 - 90) * cover
+    image *= np.linspace(1.0, 0.6, 400)
     return np.repeat(np.round(image).astype(np.uint8)[..., None], 3, axis=2)
 
 
@@ -238,3 +239,16 @@ def test_input_is_checked(small):
         tracker.update(np.zeros((300, 400, 3), np.uint8))
     with pytest.raises(InputError, match="no expected position"):
         DotTracker(rest + 5000, DIAMETER_PX).update(small.picture())
+
+
+def test_a_half_covered_dot_is_flagged_by_its_area(small):
+    rest = small.rest_px
+    tracker = DotTracker(rest, DIAMETER_PX)
+    tracker.update(plain(rest))
+    image = plain(rest + 2.0)
+    x, y = (round(v) for v in rest[24] + 2.0)
+    image[y - 12 : y + 12, x : x + 12] = image[y - 14, x]
+    seen = tracker.update(image)
+    # Its centroid alone would look like a motion of 3 px, well within reach.
+    assert np.flatnonzero(~seen.found).tolist() == [24]
+    assert tracker.update(plain(rest + 4.0)).found.all()
