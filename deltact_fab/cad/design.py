@@ -13,17 +13,15 @@ from ..shapes.indenter import parse
 
 @dataclass(frozen=True)
 class IndenterBody:
-    """What holds the tips: a shank above each tip's equator, then one back plate."""
+    """What holds the tips and their shanks: one back plate."""
 
-    shank_mm: float = 3.0
     plate_mm: float = 4.0
 
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by catalog.validate
 
     def __post_init__(self) -> None:
-        for name, value in (("shank_mm", self.shank_mm), ("plate_mm", self.plate_mm)):
-            if not (math.isfinite(value) and value > 0):
-                raise ValueError(f"{name} > 0 and finite: {value} fails")
+        if not (math.isfinite(self.plate_mm) and self.plate_mm > 0):
+            raise ValueError(f"plate_mm > 0 and finite: {self.plate_mm} fails")
 
 
 @dataclass(frozen=True)
@@ -60,8 +58,11 @@ class IndenterDimensions:
 
     @property
     def plate_z_mm(self) -> float:
-        """Underside of the back plate above the lowest point: largest tip radius + shank."""
-        return max(t.radius_mm for t in self.indenter.tips) + self.body.shank_mm
+        """Underside of the back plate above the lowest point: the free length of the tips.
+
+        It is the shape's own number, for the protocol's checks count on it.
+        """
+        return self.indenter.reach_mm
 
 
 def load_design(name: str = "deltact") -> SensorDimensions:

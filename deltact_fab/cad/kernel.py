@@ -10,23 +10,35 @@ from typing import Any
 
 from ..errors import DeltactFabError, MissingLibrary, RunFailed
 
+SYSTEM_PACKAGES = "libgl1 libegl1 libx11-6"
+
 
 def require() -> Any:
     """Import cadquery (4 to 6 s the first time) and return the module.
 
-    Raises MissingLibrary naming what to install when a system library or the package is absent.
+    Raises MissingLibrary naming what to install when a system library or the package is absent
+    or broken.
     """
     try:
         return importlib.import_module("cadquery")
     except ImportError as why:
-        library = re.search(r"\blib[\w+-]+\.so[.\d]*", str(why))
-        if library:
-            raise MissingLibrary(
-                f"cadquery needs {library.group()}: apt-get install libgl1 libegl1 libx11-6"
-            ) from why
-        raise MissingLibrary(
-            f"cadquery cannot be imported ({why}): pip install --force-reinstall cadquery"
-        ) from why
+        raise MissingLibrary(_advice(str(why))) from why
+
+
+def _advice(reason: str) -> str:
+    """What to install, from what the loader said of the import."""
+    named = re.search(r"\blib[\w+-]+\.so[.\d]*", reason)
+    broken = re.search(r"file too short|invalid ELF header", reason)
+    # A library inside the package is the package's own: the system cannot bring it.
+    if named and "site-packages" not in reason:
+        if "No such file" in reason:
+            return f"cadquery needs {named.group()}: apt-get install {SYSTEM_PACKAGES}"
+        if broken:
+            return (
+                f"cadquery needs {named.group()}, and the one here is broken ({broken.group()}): "
+                f"apt-get install --reinstall {SYSTEM_PACKAGES}"
+            )
+    return f"cadquery cannot be imported ({reason}): pip install --force-reinstall cadquery"
 
 
 @contextmanager

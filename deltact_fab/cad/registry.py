@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ..errors import InputError, did_you_mean
-from ..shapes.indenter import parse
+from ..shapes.indenter import KINDS, parse
 from .design import IndenterDimensions, IndenterList, load_indenters
 
 RESIN = "Formlabs tough epoxy resin"
@@ -54,23 +54,22 @@ def listed(indenters: IndenterList | None = None) -> list[Part]:
 
 
 def find(name: str, indenters: IndenterList | None = None) -> Part:
-    """One part by name; any `indenter-sphere-DIAMETER`, `sphere:DIAMETER` or `4dots` exists too.
+    """One part by name; an indenter also by its name in a protocol, and in any size.
 
-    Raises InputError with the nearest known name, or stating the diameters that are valid.
+    `indenter-sphere-12p5`, `sphere:12.5`, `star`, `star:8` and `indenter-star-8` all exist.
+    Raises InputError with the nearest known name, or stating the sizes that are valid.
     """
     known = load_indenters() if indenters is None else indenters
     parts = {part.name: part for part in listed(known)}
     if name in parts:
         return parts[name]
     # `indenter-sphere-12p5` and `indenter-sphere-12.5` are what `sphere:12.5` is called as a file.
-    short = name.removeprefix("indenter-").replace("sphere-", "sphere:")
-    kind, _, size = short.partition(":")
-    if kind == "sphere" and size:
-        part = _indenter(f"{kind}:{size.replace('p', '.')}", known)
-    elif short == "4dots":
-        part = _indenter(short, known)
-    else:
-        raise InputError(f"part {name!r}: unknown; {did_you_mean(name, parts)}")
+    short = name.removeprefix("indenter-").replace("-", ":", 1)
+    kind, colon, size = short.partition(":")
+    if kind not in KINDS or (colon and not size) or (kind == "sphere" and not size):
+        names = [*parts, *KINDS]
+        raise InputError(f"part {name!r}: unknown; {did_you_mean(name, names)}")
+    part = _indenter(f"{kind}{colon}{size.replace('p', '.')}", known)
     return parts.get(part.name, part)
 
 

@@ -28,7 +28,7 @@ def list_(as_json: bool) -> None:
         echo_json([dict(zip(columns, row, strict=True)) for row in rows])
         return
     echo_table(columns, [(*row[:4], "yes" if row[4] else "no") for row in rows])
-    click.echo("\nAny sphere:DIAMETER_MM is a part too.")
+    click.echo("\nAny indenter is a part too: sphere:DIAMETER_MM, star:SIZE_MM and so on.")
 
 
 @cad.command()

@@ -247,10 +247,10 @@ class LayerContact:
                 f"contact: depth {depth:g} mm is over {limit:g} mm, 25 % of the gel's thickness: "
                 "the linear layer stops there and a finite-strain level is needed"
             )
-        if depth >= self.indenter.reach_mm:
+        if depth >= self.indenter.equator_mm:
             raise InputError(
                 f"contact: depth {depth:g} mm presses {self.indenter.name} to its equator; "
-                f"it reaches below {self.indenter.reach_mm:g} mm"
+                f"it reaches below {self.indenter.equator_mm:g} mm"
             )
         half_x, half_y = self.layer.face_half_mm
         if abs(x) > half_x or abs(y) > half_y:

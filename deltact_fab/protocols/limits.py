@@ -150,10 +150,12 @@ def _depth(steps: list[Step], protocol: Protocol, sensor: SensorDimensions) -> C
 
 
 def _tip_reach(steps: list[Step]) -> Check:
-    """The indenter's tips must be longer than they are pressed, or its plate would touch."""
+    """Tips and shanks must be as long as they are pressed, or the back plate would touch."""
     over = [(-s.target_mm[2] / parse_indenter(s.indenter).reach_mm, s.id) for s in steps]
     share, at = _worst(over)
-    return Check("depth against the tip", share <= 1.0, "depth / tip height", share, 1.0, at)
+    return Check(
+        "depth against the tip", share <= 1.0, "depth / free length of the tip", share, 1.0, at
+    )
 
 
 def _opening(steps: list[Step], sensor: SensorDimensions) -> Iterable[Check]:

@@ -3,7 +3,17 @@
 The CAD solids, the gel's contact solver and the protocol's footprint checks all read these.
 """
 
-from .indenter import Indenter, SphereTip
+from .indenter import Indenter
 from .sensor import SensorDimensions, SkinDimensions
+from .tips import EllipsoidTip, PrismTip, RidgeTip, SphereTip, Tip
 
-__all__ = ["Indenter", "SensorDimensions", "SkinDimensions", "SphereTip"]
+__all__ = [
+    "EllipsoidTip",
+    "Indenter",
+    "PrismTip",
+    "RidgeTip",
+    "SensorDimensions",
+    "SkinDimensions",
+    "SphereTip",
+    "Tip",
+]

@@ -7,6 +7,7 @@ import io
 import json
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -103,6 +104,21 @@ def test_stl_is_watertight_as_written(exported, name):
     assert 0 < written.mesh_deviation_mm <= 0.01
 
 
+def test_every_listed_indenter_is_exported_watertight_in_half_a_minute(tmp_path):
+    parts = [part for part in registry.listed() if part.indenter is not None]
+    assert len(parts) == 11
+    started = time.perf_counter()
+    files = export_parts(DIMS, parts, FORMATS, 0.01, tmp_path)
+    assert time.perf_counter() - started < 30
+    for written in files:
+        if written.file.endswith(".stl"):
+            data = io.BytesIO((tmp_path / written.file).read_bytes())
+            mesh = trimesh.load(data, file_type="stl")
+            assert mesh.is_watertight, written.part
+            assert mesh.body_count == 1
+            assert 0 < written.mesh_deviation_mm <= 0.01
+
+
 def test_the_deviation_is_that_of_the_sphere():
     """Against distances in closed form on 231 points of every triangle of sphere and cylinders."""
     solid, _ = build_part(registry.find("sphere:10"), DIMS)
@@ -195,6 +211,12 @@ def test_a_file_in_the_folder_s_place_is_refused(tmp_path):
         ("sphere:12.5", "indenter-sphere-12p5"),
         ("indenter-sphere-12p5", "indenter-sphere-12p5"),
         ("indenter-sphere-12.50", "indenter-sphere-12p5"),
+        ("star", "indenter-star"),
+        ("indenter-star", "indenter-star"),
+        ("star:9", "indenter-star"),
+        ("edges:7.5", "indenter-edges-7p5"),
+        ("indenter-edges-7p5", "indenter-edges-7p5"),
+        ("2dots", "indenter-2dots"),
     ],
 )
 def test_indenters_go_by_the_protocol_s_name_or_the_file_s(typed, part):
@@ -205,8 +227,12 @@ def test_indenters_go_by_the_protocol_s_name_or_the_file_s(typed, part):
     ("typed", "says"),
     [
         ("skinframe", "part 'skinframe': unknown; did you mean 'skin-frame'?"),
-        ("lens", "part 'lens': unknown; valid: indenter-4dots, "),
+        ("lens", "part 'lens': unknown; valid: 2dots, 4dots, edges, "),
+        ("indenter-sta", "part 'indenter-sta': unknown; did you mean 'indenter-star'?"),
+        ("elipsoid", "did you mean 'ellipsoid'?"),
         ("indenter-sphere-99", "diameter of 0.5 to 30 mm"),
+        ("star:99", "5 to 20 mm"),
+        ("star:", "part 'star:': unknown"),
         ("sphere:", "part 'sphere:': unknown"),
     ],
 )
@@ -227,6 +253,8 @@ def test_list_prints_every_part_as_json():
     parts = json.loads(result.stdout)
     assert [p["part"] for p in parts if p["default"]] == DEFAULT_PARTS
     assert {p["part"] for p in parts} >= {f"indenter-sphere-{d}" for d in (10, 12, 15, 18, 22)}
+    paper = ("4dots", "2dots", "edges", "ellipsoid", "hexprism", "star")
+    assert {p["part"] for p in parts} >= {f"indenter-{name}" for name in paper}
     assert all(p["material"] and p["process"] for p in parts)
 
 

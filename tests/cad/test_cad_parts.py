@@ -20,7 +20,15 @@ from deltact_fab.cad.kernel import guarded, require
 from deltact_fab.cad.parts import indenter as indenter_part
 from deltact_fab.cad.parts import skin, skin_frame
 from deltact_fab.errors import InputError, RunFailed
-from deltact_fab.shapes import Indenter, SensorDimensions, SkinDimensions, SphereTip
+from deltact_fab.shapes import (
+    EllipsoidTip,
+    Indenter,
+    PrismTip,
+    RidgeTip,
+    SensorDimensions,
+    SkinDimensions,
+    SphereTip,
+)
 from deltact_fab.shapes.indenter import parse
 from deltact_fab.shapes.sensor import FrameDimensions, OpticsDimensions
 
@@ -58,8 +66,12 @@ def test_an_indenter_list_names_its_file(tmp_path):
     path.write_text('[[indenter]]\nname = "cube:3"\n')
     with pytest.raises(InputError, match=r"mine\.toml: indenter 'cube:3': unknown"):
         load_indenters(str(path))
-    path.write_text('[[indenter]]\nname = "sphere:10"\n[[indenter]]\nname = "sphere:10.0"\n')
-    with pytest.raises(InputError, match="listed twice"):
+    for once, again in (("sphere:10", "sphere:10.0"), ("star", "star:9")):
+        path.write_text(f'[[indenter]]\nname = "{once}"\n[[indenter]]\nname = "{again}"\n')
+        with pytest.raises(InputError, match=f"'{once}': listed twice"):
+            load_indenters(str(path))
+    path.write_text("[body]\nshank_mm = 3.0\n")
+    with pytest.raises(InputError, match=r"mine\.toml: body\.shank_mm: unknown key"):
         load_indenters(str(path))
 
 
@@ -182,32 +194,63 @@ def _underside_mm(solid, x_mm, y_mm):
 
 
 UNEVEN = Indenter("uneven", (SphereTip(-3.0, 0.0, 2.0), SphereTip(0.5, 1.0, 3.0)))
-
-
-@pytest.mark.parametrize(
-    "shape",
-    [parse("sphere:10"), parse("sphere:4"), parse("sphere:22"), parse("4dots"), UNEVEN],
-    ids=lambda shape: shape.name,
+# Off the axis, and not of the default proportions.
+MIXED = Indenter(
+    "mixed",
+    (
+        RidgeTip(-4.0, 1.0, 0.5, 0.8, 3.0, flank_deg=50.0),
+        EllipsoidTip(0.0, -2.5, 2.0, 2.4),
+        PrismTip(4.8, 2.0, 3, 2.5, 1.1, 0.4, 0.9, 0.35),
+    ),
 )
+NAMES = (
+    *("sphere:10", "sphere:4", "sphere:22", "4dots", "2dots", "edges", "ellipsoid", "hexprism"),
+    *("star", "4dots:5", "edges:5", "edges:20", "ellipsoid:20", "hexprism:5", "star:5", "star:20"),
+)
+
+
+@pytest.mark.parametrize("shape", [*map(parse, NAMES), UNEVEN, MIXED], ids=lambda shape: shape.name)
 def test_the_underside_is_the_height_field(shape, cq):
     dims = IndenterDimensions(shape, IndenterBody())
     expected = indenter_part.expect(dims)
     solid, _ = checks.gate(shape.slug, indenter_part.build(dims), expected)
     rng = np.random.default_rng(11)
     hx, hy = indenter_part.plate_half_mm(dims)
-    x, y = rng.uniform(-1.05 * hx, 1.05 * hx, 300), rng.uniform(-1.05 * hy, 1.05 * hy, 300)
+    x, y = rng.uniform(-1.05 * hx, 1.05 * hx, 600), rng.uniform(-1.05 * hy, 1.05 * hy, 600)
     field, found = shape.height_mm(x, y), _underside_mm(solid, x, y)
     tips = np.isfinite(field)
-    assert 50 < tips.sum() < 300
+    assert 50 < tips.sum() < 600
     assert np.abs(found[tips] - field[tips]).max() < 1e-6
     assert found[~tips].min() > dims.plate_z_mm - 1e-9
-    assert dims.plate_z_mm > shape.reach_mm
+    assert dims.plate_z_mm == shape.reach_mm
+    assert shape is UNEVEN or expected.volume_mm3[0] == expected.volume_mm3[1]
 
 
 def test_the_body_s_numbers_reach_the_solid(cq):
-    known = IndenterList(IndenterBody(shank_mm=1.0, plate_mm=2.5))
+    known = IndenterList(IndenterBody(plate_mm=2.5))
     _, found = build_part(registry.find("sphere:10", known), DEFAULT)
-    assert found.box_mm[1][2] == pytest.approx(5.0 + 1.0 + 2.5 + 20.0)
+    assert found.box_mm[1][2] == pytest.approx(12.0 + 2.5 + 20.0)
+
+
+def test_a_tip_longer_than_its_free_length_is_told_before_the_kernel_runs():
+    short = IndenterDimensions(Indenter("short", (SphereTip(0, 0, 13.0),)), IndenterBody())
+    with pytest.raises(InputError, match=r"indenter-short: equator_mm < reach_mm: 13 < 12 fails"):
+        indenter_part.expect(short)
+
+
+@pytest.mark.parametrize("name", ["4dots", "2dots", "edges", "ellipsoid", "hexprism", "star"])
+def test_the_plate_covers_the_tips(name, cq):
+    dims = IndenterDimensions(parse(name), IndenterBody())
+    solid = indenter_part.build(dims)
+    hx, hy = dims.indenter.footprint_half_mm
+    x, y = (v.ravel() for v in np.meshgrid(np.linspace(-hx, hx, 21), np.linspace(-hy, hy, 21)))
+    below = np.isfinite(dims.indenter.height_mm(x, y))
+    middle = dims.plate_z_mm + dims.body.plate_mm / 2
+    assert all(
+        solid.isInside(cq.Vector(a, b, middle), 1e-6)
+        for a, b in zip(x[below], y[below], strict=True)
+        if abs(a) < hx and abs(b) < hy
+    )
 
 
 def test_closed_form_of_the_fillet():

@@ -11,7 +11,7 @@ from deltact_fab.optics import StageFrame
 from deltact_fab.protocols import limits, plan
 from deltact_fab.protocols.limits import Check, StageBox
 from deltact_fab.protocols.plan import Protocol, Step
-from deltact_fab.shapes import SensorDimensions
+from deltact_fab.shapes import SensorDimensions, SkinDimensions
 
 SENSOR = SensorDimensions()
 BOX = StageBox(StageFrame((-60.0, -60.0, -40.0)), (120.0, 120.0, 60.0), (1500.0,) * 3, (50.0,) * 3)
@@ -38,10 +38,21 @@ def test_depth_against_the_gel(depth: float, ok: bool) -> None:
     assert found.bound == 11.0
 
 
-def test_depth_against_the_tip() -> None:
-    found = row(limits.check(protocol(depths_mm=[2.01]), SENSOR, BOX), "tip height")
-    assert not found.ok  # the dots of 4dots are 2 mm tall
-    assert found.where.startswith("4dots/")
+@pytest.mark.parametrize(("depth", "ok"), [(12.0, True), (12.001, False)])
+def test_depth_against_the_tip(depth: float, ok: bool) -> None:
+    """Tips and shanks are 12 mm long; a thicker gel would let them be pressed further."""
+    thick = SensorDimensions(SkinDimensions(thickness_mm=20.0))
+    rows = limits.check(protocol(depths_mm=[depth]), thick, BOX)
+    assert row(rows, "depth (mm)").ok
+    found = row(rows, "free length")
+    assert found.ok is ok
+    assert found.where.startswith("sphere-10/")  # all are equally long: the first
+
+
+@pytest.mark.parametrize("name", ["4dots", "2dots", "edges", "ellipsoid", "hexprism", "star"])
+def test_every_indenter_of_the_paper_can_be_pressed_10_mm(name: str) -> None:
+    deep = protocol(depths_mm=[5.0, 10.0], indenters=[name])
+    assert all(r.ok for r in limits.check(deep, SENSOR, BOX))
 
 
 @pytest.mark.parametrize(("x", "ok"), [(10.0, True), (10.001, False)])

@@ -1,24 +1,26 @@
-"""An indenter: the spherical tips of shapes.Indenter, a back plate and a stem for the tool holder.
+"""An indenter: the tips of shapes.Indenter on their shanks, a back plate, a stem for the holder.
 
     4dots                      sphere:10
 
         | |  stem                  | |
       +-----+                    +-----+
       |plate|  plate_mm          |     |
-      ++-+-++                    |     |
-       | | |   shank_mm          |     |
-       u u u   tips    z = 0      \\___/
+      ++-+-++                    ++---++
+       | | |   shanks             |   |
+       u u u   tips    z = 0       \\_/
 
 The lowest point is at z = 0, on the axis x = y = 0 of the stem; the body lies above. Under a tip
-the underside is `Indenter.height_mm`; elsewhere nothing lies lower than the plate.
+the underside is `Indenter.height_mm`; elsewhere nothing lies lower than the plate, at
+`Indenter.reach_mm`.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from ...shapes import EllipsoidTip, PrismTip, RidgeTip, SphereTip, Tip
 from ..checks import Expected, less
 from ..design import IndenterDimensions
 from ..kernel import require
@@ -35,9 +37,9 @@ def plate_half_mm(dims: IndenterDimensions) -> tuple[float, float]:
 
 
 def _round_plate_mm(dims: IndenterDimensions) -> float:
-    """Radius of the plate of a single tip on the axis, else 0: the plate is then rectangular."""
+    """Radius of the plate of a single sphere on the axis, else 0: the plate is rectangular."""
     tips = dims.indenter.tips
-    if len(tips) == 1 and tips[0].x_mm == tips[0].y_mm == 0:
+    if len(tips) == 1 and isinstance(tips[0], SphereTip) and tips[0].x_mm == tips[0].y_mm == 0:
         return plate_half_mm(dims)[0]
     return 0.0
 
@@ -45,14 +47,15 @@ def _round_plate_mm(dims: IndenterDimensions) -> float:
 def expect(dims: IndenterDimensions) -> Expected:
     """Closed forms of the indenter. Raises InputError stating the inequality that fails.
 
-    Where tips overlap the volume is bounded by one tip and by the sum of all.
+    Where the boxes around two tips overlap the tips may, and the volume is bounded by one tip and
+    by the sum of all.
     """
     indenter, body = dims.indenter, dims.body
     name = f"indenter-{indenter.slug}"
     for tip in indenter.tips:
         less(name, ("0", 0.0), ("radius_mm", tip.radius_mm))
+        less(name, ("equator_mm", tip.equator_mm), ("reach_mm", indenter.reach_mm))
     for label, value in (
-        ("shank_mm", body.shank_mm),
         ("plate_mm", body.plate_mm),
         ("stem_diameter_mm", indenter.stem_diameter_mm),
         ("stem_length_mm", indenter.stem_length_mm),
@@ -66,29 +69,35 @@ def expect(dims: IndenterDimensions) -> Expected:
         corner = _corner_mm(dims)
         plate_mm2 = 4 * x * y - (4 - math.pi) * corner**2
     stem_mm3 = math.pi / 4 * indenter.stem_diameter_mm**2 * indenter.stem_length_mm
-    # half a sphere, then a cylinder from the equator to the plate
-    tips_mm3 = [
-        math.pi * t.radius_mm**2 * (2 / 3 * t.radius_mm + plate_z - t.radius_mm)
-        for t in indenter.tips
-    ]
+    tips_mm3 = [t.volume_mm3(plate_z) for t in indenter.tips]
     solid_mm3 = plate_mm2 * body.plate_mm + stem_mm3
-    disjoint = all(
-        math.hypot(a.x_mm - b.x_mm, a.y_mm - b.y_mm) >= a.radius_mm + b.radius_mm
-        for a, b in itertools.combinations(indenter.tips, 2)
-    )
+    disjoint = all(_apart(a, b) for a, b in itertools.combinations(indenter.tips, 2))
     high = solid_mm3 + sum(tips_mm3)
     top = plate_z + body.plate_mm + indenter.stem_length_mm
     return Expected(
         (high if disjoint else solid_mm3 + max(tips_mm3), high),
         ((-x, -y, 0.0), (x, y, top)),
         {
-            **{f"radius_{i}_mm": t.radius_mm for i, t in enumerate(indenter.tips)},
-            "shank_mm": body.shank_mm,
+            **{
+                f"tip_{i}_{label}": value
+                for i, tip in enumerate(indenter.tips)
+                for label, value in vars(tip).items()
+                if isinstance(value, int | float)
+            },
+            "reach_mm": indenter.reach_mm,
             "plate_mm": body.plate_mm,
             "stem_diameter_mm": indenter.stem_diameter_mm,
             "stem_length_mm": indenter.stem_length_mm,
         },
     )
+
+
+def _apart(a: Tip, b: Tip) -> bool:
+    """Whether two tips surely share no volume; spheres by their distance, others by their boxes."""
+    dx, dy = abs(a.x_mm - b.x_mm), abs(a.y_mm - b.y_mm)
+    if isinstance(a, SphereTip) and isinstance(b, SphereTip):
+        return math.hypot(dx, dy) >= a.radius_mm + b.radius_mm
+    return dx >= a.half_mm[0] + b.half_mm[0] or dy >= a.half_mm[1] + b.half_mm[1]
 
 
 def build(dims: IndenterDimensions) -> Shape:
@@ -110,21 +119,92 @@ def build(dims: IndenterDimensions) -> Shape:
     )
     body = plate.union(stem)
     for tip in indenter.tips:
-        r = tip.radius_mm
-        profile = (
-            cq.Workplane("XZ")
-            .moveTo(0, 0)
-            .threePointArc((r * math.sin(math.pi / 4), r - r * math.cos(math.pi / 4)), (r, r))
-            .lineTo(r, plate_z)
-            .lineTo(0, plate_z)
-            .close()
-            .revolve(360, (0, 0, 0), (0, 1, 0))
-        )
-        body = body.union(profile.translate((tip.x_mm, tip.y_mm, 0)))
+        body = body.union(_tip(cq, tip, plate_z).translate((tip.x_mm, tip.y_mm, 0)))
     return body.val()
 
 
+def _tip(cq: Any, tip: Tip, top_mm: float) -> Any:
+    """A workplane with the solid of one tip and its shank up to top_mm, about its own axis."""
+    match tip:
+        case SphereTip():
+            return _ball(cq, tip.radius_mm, top_mm)
+        case RidgeTip():
+            return _ridge(cq, tip, top_mm)
+        case EllipsoidTip():
+            return _ellipsoid(cq, tip, top_mm)
+        case PrismTip():
+            return _prism(cq, tip, top_mm)
+
+
+def _ball(cq: Any, r: float, top_mm: float) -> Any:
+    """Half a ball of radius r and a cylinder above its equator."""
+    return (
+        cq.Workplane("XZ")
+        .moveTo(0, 0)
+        .threePointArc((r * math.sin(math.pi / 4), r - r * math.cos(math.pi / 4)), (r, r))
+        .lineTo(r, top_mm)
+        .lineTo(0, top_mm)
+        .close()
+        .revolve(360, (0, 0, 0), (0, 1, 0))
+    )
+
+
+def _ridge(cq: Any, tip: RidgeTip, top_mm: float) -> Any:
+    """Half the profile turned about its middle at both ends, and the whole of it between them."""
+    n, z, w = tip.nose_half_mm, tip.nose_height_mm, tip.half_width_mm
+    half_angle = math.radians(90 - tip.flank_deg) / 2
+    r = tip.radius_mm
+    nose = (r * math.sin(half_angle), r - r * math.cos(half_angle))
+    whole = (
+        cq.Workplane("XZ", origin=(0, tip.length_mm / 2, 0))
+        .moveTo(-w, top_mm)
+        .lineTo(-w, tip.equator_mm)
+        .lineTo(-n, z)
+        .threePointArc((0, 0), (n, z))
+        .lineTo(w, tip.equator_mm)
+        .lineTo(w, top_mm)
+        .close()
+        .extrude(tip.length_mm)
+    )
+    for sign in (-1, 1):
+        end = (
+            cq.Workplane("XZ")
+            .moveTo(0, 0)
+            .threePointArc(nose, (n, z))
+            .lineTo(w, tip.equator_mm)
+            .lineTo(w, top_mm)
+            .lineTo(0, top_mm)
+            .close()
+            .revolve(180, (0, 0, 0), (0, sign, 0))
+        )
+        whole = whole.union(end.translate((0, sign * tip.length_mm / 2, 0)))
+    return whole
+
+
+def _ellipsoid(cq: Any, tip: EllipsoidTip, top_mm: float) -> Any:
+    """Half an ellipse turned by half a turn about its long axis, and an elliptic shank."""
+    a, b = tip.a_mm, tip.b_mm
+    half = (
+        cq.Workplane()
+        .moveTo(a, 0)
+        .ellipseArc(a, b, 0, 180)
+        .close()
+        .revolve(180, (0, 0, 0), (-1, 0, 0))
+    )
+    shank = cq.Workplane(origin=(0, 0, b)).ellipse(a, b).extrude(top_mm - b)
+    return shank.union(half.translate((0, 0, b)))
+
+
+def _prism(cq: Any, tip: PrismTip, top_mm: float) -> Any:
+    """The outline extruded, the edge of its face rounded."""
+    start, drawn = tip.outline()
+    plan = cq.Workplane().moveTo(*start)
+    for kind, points in drawn:
+        plan = plan.lineTo(*points[0]) if kind == "line" else plan.threePointArc(*points)
+    return plan.close().extrude(top_mm).faces("<Z").edges().fillet(tip.edge_mm)
+
+
 def _corner_mm(dims: IndenterDimensions) -> float:
-    """Corner radius of a rectangular plate: the smallest tip's, and less than half a side."""
-    smallest = min(t.radius_mm for t in dims.indenter.tips)
+    """Corner radius of a rectangular plate, small enough that it covers every tip."""
+    smallest = min(t.corner_mm for t in dims.indenter.tips)
     return min(smallest, 0.9 * min(plate_half_mm(dims)))

@@ -1,0 +1,131 @@
+"""The paper's pattern selection: declared as printed, checked, estimated, refused by the layer."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from deltact_fab import bench
+from deltact_fab.cad.design import load_design
+from deltact_fab.cli.protocol import protocol as command
+from deltact_fab.errors import InputError
+from deltact_fab.protocols import plan
+from deltact_fab.protocols.plan import Protocol, Step
+from deltact_fab.shapes import SensorDimensions
+from deltact_fab.virtual.rig import require_gel_level
+
+NAME = "pattern-selection"
+
+
+@pytest.fixture(scope="module")
+def declared() -> Protocol:
+    return plan.load(NAME)[0]
+
+
+@pytest.fixture(scope="module")
+def steps(declared: Protocol) -> list[Step]:
+    return plan.expand(declared)
+
+
+def test_it_is_declared_as_the_paper_has_it(declared: Protocol) -> None:
+    assert declared.indenters == ("4dots", "edges", "ellipsoid", "hexprism", "star")
+    assert len(set(declared.positions_mm)) == 4
+    assert declared.depths_mm == (5.0, 10.0)
+    assert declared.shear is not None
+    assert declared.shear.amplitude_mm == 10.0
+    assert declared.shear.axes == ("x", "y")
+    assert {"image", "dots", "shear"} <= declared.channels
+
+
+def test_each_indenter_gets_3600_frames(declared: Protocol, steps: list[Step]) -> None:
+    frames: Counter[str] = Counter()
+    for step in steps:
+        frames[step.indenter] += step.frames
+    assert frames == dict.fromkeys(declared.indenters, 3600)
+
+
+def test_the_frames_of_a_leg_lie_evenly_along_its_axis(steps: list[Step]) -> None:
+    """Rounding moves the spacing by less than a per cent, so no side of the shear has more."""
+    pairs = [(a, b) for a, b in itertools.pairwise(steps) if b.kind == "shear"]
+    assert len(pairs) == 5 * 4 * 2 * 6
+    gaps = [
+        sum((v - u) ** 2 for u, v in zip(a.target_mm, b.target_mm, strict=True)) ** 0.5 / b.frames
+        for a, b in pairs
+    ]
+    assert max(gaps) / min(gaps) < 1.01
+
+
+def test_every_check_passes_on_the_virtual_rig() -> None:
+    rows = bench.checks(NAME, "virtual")
+    assert [r.line() for r in rows if not r.ok] == []
+    reach = {r.what: r.figure for r in rows if r.name.startswith("footprint")}
+    assert reach == pytest.approx({"reach in x (mm)": 17.5, "reach in y (mm)": 16.5})
+
+
+def test_time_and_disk_are_estimated_and_shown(steps: list[Step]) -> None:
+    result = CliRunner().invoke(command, ["show", NAME, "--json"])
+    assert result.exit_code == 0
+    shown = json.loads(result.stdout)
+    assert [s["id"] for s in shown["steps"]] == [s.id for s in steps]
+    estimate = shown["estimate"]
+    assert estimate["frames"] == 5 * 3600
+    assert estimate["presses"] == 5 * 4
+    # At least the time of the straight lines: 20 presses of 10.5 mm down and 320 mm of shear.
+    motion_s = 20 * (10.5 / (60 / 60) + 2 * 80 / (36 / 60))
+    assert motion_s < estimate["seconds"] < 1.1 * motion_s
+    picture_mb = estimate["disk_mb"] / estimate["frames"]
+    assert 0.5 < picture_mb < 1.5
+    text = CliRunner().invoke(command, ["show", NAME]).stdout
+    assert "18000 frames" in text
+    assert "MB" in text
+
+
+def test_a_run_is_refused_before_anything_moves(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    with pytest.raises(
+        InputError, match=r"10 mm is over 3 mm.*needs the level 'hyperelastic'"
+    ) as e:
+        bench.run(NAME, "virtual", out)
+    assert "\n" not in str(e.value)
+    assert "pattern-selection.toml" in str(e.value)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "depth_mm", "needs"),
+    [
+        ("4dots", 2.0, "presses 4dots to where its sides turn vertical, at 2 mm"),
+        ("sphere:3", 1.6, "presses sphere:3 to where"),
+        ("hexprism", 0.3, "at 0.3 mm"),
+        ("star", 1.2, "at 0.3 mm"),
+        ("edges", 1.7, "at 1.625"),
+        ("4dots", 1.999, ""),
+        ("hexprism", 0.299, ""),
+        ("edges", 1.6, ""),
+        ("ellipsoid", 2.9, ""),
+        ("sphere:10", 3.0, ""),
+        ("sphere:10", 3.001, "25 % of the gel"),
+    ],
+)
+def test_the_layer_is_asked_only_what_a_height_field_can_answer(
+    declared: Protocol, name: str, depth_mm: float, needs: str
+) -> None:
+    other = Protocol.model_validate(
+        declared.model_dump() | {"indenters": (name,), "depths_mm": (depth_mm,)}
+    )
+    if not needs:
+        require_gel_level(other, SensorDimensions(), "p.toml")
+        return
+    with pytest.raises(InputError, match=r"^p\.toml: depths_mm: .*'hyperelastic'$") as caught:
+        require_gel_level(other, SensorDimensions(), "p.toml")
+    assert needs in str(caught.value)
+
+
+def test_smoke_is_within_the_layer_s_reach() -> None:
+    smoke, source = plan.load("smoke")
+    require_gel_level(smoke, load_design(smoke.specimen.design), str(source))

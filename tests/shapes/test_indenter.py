@@ -1,0 +1,294 @@
+"""Indenters as numbers: names, height fields, footprints, volumes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from deltact_fab.errors import InputError
+from deltact_fab.shapes import EllipsoidTip, Indenter, PrismTip, RidgeTip, SphereTip, Tip
+from deltact_fab.shapes.indenter import KINDS, SIZE_MM, parse
+from deltact_fab.shapes.sensor import ShapeError
+
+PAPER = ("4dots", "edges", "ellipsoid", "hexprism", "star")
+SCALED = (*PAPER, "2dots")
+TIPS: tuple[Tip, ...] = (
+    SphereTip(0.5, -1.0, 2.0),
+    RidgeTip(-1.0, 0.3, 0.4, 1.2, 5.0, flank_deg=40.0),
+    EllipsoidTip(0.2, 0.1, 4.5, 3.0),
+    EllipsoidTip(0.0, 0.0, 2.0, 3.0),
+    PrismTip.polygon(6, 4.5),
+    PrismTip.polygon(4, 3.0, 0.8, 0.1),
+    PrismTip(0.3, -0.2, 5, 4.5, 2.25),
+    PrismTip(0.0, 0.0, 3, 4.0, 1.2, 0.4, 1.5, 0.39),
+)
+Field = NDArray[np.float64]
+
+
+def grid(half_x: float, half_y: float, spacing: float) -> tuple[Field, Field]:
+    """Cell centres that cover +-half and one cell more."""
+    x = np.arange(-half_x - spacing / 2, half_x + spacing, spacing)
+    y = np.arange(-half_y - spacing / 2, half_y + spacing, spacing)
+    xx, yy = np.meshgrid(x, y)
+    return xx, yy
+
+
+# -- names ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("typed", "name", "slug"),
+    [
+        ("sphere:10", "sphere:10", "sphere-10"),
+        (" sphere:12.50 ", "sphere:12.5", "sphere-12p5"),
+        ("star", "star", "star"),
+        ("star:9.0", "star", "star"),
+        ("hexprism:7.5", "hexprism:7.5", "hexprism-7p5"),
+        ("2dots", "2dots", "2dots"),
+    ],
+)
+def test_a_name_is_normalised(typed: str, name: str, slug: str) -> None:
+    assert parse(typed).name == name
+    assert parse(typed).slug == slug
+    assert parse(name) == parse(typed)
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(KINDS), st.floats(5.0, 20.0).map(lambda v: round(v, 7)) | st.none()
+        ),
+        min_size=2,
+        max_size=8,
+    )
+)
+def test_a_slug_stands_for_one_shape(chosen: list[tuple[str, float | None]]) -> None:
+    shapes = [
+        parse(kind if size is None else f"{kind}:{size!r}")
+        for kind, size in chosen
+        if kind != "sphere" or size is not None
+    ]
+    assert len({s.slug for s in shapes}) == len(set(shapes))
+    assert all(parse(s.name) == s for s in shapes)
+
+
+@pytest.mark.parametrize(
+    ("typed", "says"),
+    [
+        ("elipsoid", "indenter 'elipsoid': unknown; did you mean 'ellipsoid'?"),
+        ("hex-prism", "did you mean 'hexprism'?"),
+        ("spere:10", "did you mean 'sphere'?"),
+        ("cube:3", "valid: sphere:DIAMETER_MM, and with or without :SIZE_MM 4dots, 2dots, edges, "),
+        ("", "indenter '': unknown"),
+        ("sphere", "a diameter of 0.5 to 30 mm, as in 'sphere:10'"),
+        ("sphere:nan", "a diameter of 0.5 to 30 mm"),
+        ("star:", "5 to 20 mm, as in 'star:9'"),
+        ("star:big", "5 to 20 mm"),
+        ("4dots:inf", "5 to 20 mm"),
+        ("edges:4.9", "5 to 20 mm"),
+        ("edges:20.1", "5 to 20 mm"),
+    ],
+)
+def test_a_wrong_name_says_what_is_right(typed: str, says: str) -> None:
+    with pytest.raises(InputError) as caught:
+        parse(typed)
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+# -- height fields -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["sphere:10", "4dots"])
+def test_spheres_keep_their_bits(name: str) -> None:
+    """Recorded runs repeat byte for byte only while these sums are done in this order."""
+    shape = parse(name)
+    rng = np.random.default_rng(5)
+    x, y = rng.uniform(-6, 6, (2, 20000))
+    expected = np.full(x.shape, np.inf)
+    h, r = (0.0, 5.0) if name == "sphere:10" else (2.5, 2.0)
+    for cy in sorted({-h, h}):
+        for cx in sorted({-h, h}):
+            r2 = (x - cx) ** 2 + (y - cy) ** 2
+            inside = r2 <= r**2
+            cap = r - np.sqrt(np.where(inside, r**2 - r2, 0.0))
+            expected = np.where(inside, np.minimum(expected, cap), expected)
+    assert np.isfinite(expected).sum() > 4000
+    assert shape.height_mm(x, y).tobytes() == expected.tobytes()
+
+
+@pytest.mark.parametrize(
+    "name", ["sphere:10", *SCALED, *(f"{n}:{s}" for n in SCALED for s in (5, 20))]
+)
+def test_field_and_footprint(name: str) -> None:
+    shape = parse(name)
+    hx, hy = shape.footprint_half_mm
+    assert 2 * max(hx, hy) == pytest.approx(float(name.partition(":")[2] or SIZE_MM))
+    spacing = max(hx, hy) / 400
+    x, y = grid(hx, hy, spacing)
+    height = shape.height_mm(x, y)
+    assert height.shape == x.shape
+    assert height.dtype == np.float64
+    inside = np.isfinite(height)
+    # The field ends where the footprint says, and the box is no larger than it must be.
+    assert hx - 3 * spacing < np.abs(x[inside]).max() <= hx
+    assert hy - 3 * spacing < np.abs(y[inside]).max() <= hy
+    assert height.min() >= 0
+    for tip in shape.tips:
+        assert shape.height_mm(np.array([tip.x_mm]), np.array([tip.y_mm]))[0] == 0.0
+        own = tip.height_mm(x, y)
+        assert own[np.isfinite(own)].max() <= tip.equator_mm + 1e-12
+        # Up to the equator, but for the last cell, where a ball is steep.
+        steep = tip.equator_mm - math.sqrt(4 * spacing * max(tip.equator_mm, tip.radius_mm))
+        assert own[np.isfinite(own)].max() > steep
+    assert shape.equator_mm == min(t.equator_mm for t in shape.tips)
+
+
+@pytest.mark.parametrize("name", PAPER)
+def test_the_paper_s_indenters_fit_its_protocol(name: str) -> None:
+    """10 mm deep, dragged 10 mm each way on a face of 36 x 34 mm, from a place off its middle."""
+    shape = parse(name)
+    assert shape.reach_mm > 11
+    hx, hy = shape.footprint_half_mm
+    assert hx + 3 + 10 <= 18
+    assert hy + 2 + 10 <= 17
+    assert shape.equator_mm < shape.reach_mm
+
+
+def test_a_large_sphere_has_a_shank_too() -> None:
+    assert parse("sphere:10").reach_mm == 12.0
+    assert parse("sphere:22").reach_mm == 14.0
+
+
+@pytest.mark.parametrize(
+    ("name", "turn_deg"), [("hexprism", 60), ("star", 72), ("4dots", 90), ("edges", 180)]
+)
+def test_symmetry(name: str, turn_deg: float) -> None:
+    shape, a = parse(name), math.radians(turn_deg)
+    x, y = np.random.default_rng(2).uniform(-4.6, 4.6, (2, 5000))
+    height = shape.height_mm(x, y)
+    turned = shape.height_mm(math.cos(a) * x - math.sin(a) * y, math.sin(a) * x + math.cos(a) * y)
+    mirrored = shape.height_mm(x, -y)
+    known = np.isfinite(height)
+    assert known.sum() > 1000
+    for other in (turned, mirrored):
+        assert np.array_equal(np.isfinite(other), known)
+        assert np.abs(other[known] - height[known]).max() < 1e-9
+
+
+@pytest.mark.parametrize("tip", TIPS, ids=lambda t: type(t).__name__)
+def test_a_ball_of_radius_mm_fits_inside_and_touches_the_lowest_point(tip: Tip) -> None:
+    """What the contact solver's test of the grid relies on; and a ball of twice it does not fit."""
+    r = tip.radius_mm
+    d = r * np.sqrt(np.linspace(0, 1 - 1e-12, 300))[:, None]
+    angle = np.linspace(0, 2 * np.pi, 241)[None]
+    height = tip.height_mm(tip.x_mm + d * np.cos(angle), tip.y_mm + d * np.sin(angle))
+    assert np.all(height <= r - np.sqrt(r**2 - d**2) + 1e-9)
+    wide = tip.height_mm(tip.x_mm + 2 * d * np.cos(angle), tip.y_mm + 2 * d * np.sin(angle))
+    assert np.any(wide > 2 * r - np.sqrt((2 * r) ** 2 - (2 * d) ** 2) + 1e-9)
+
+
+@pytest.mark.parametrize("tip", TIPS, ids=lambda t: type(t).__name__)
+def test_the_volume_is_the_integral_of_the_field(tip: Tip) -> None:
+    hx, hy = tip.half_mm
+    spacing = min(hx, hy) / 250
+    x, y = grid(hx, hy, spacing)
+    for length_mm in (tip.equator_mm, 12.0):
+        height = tip.height_mm(tip.x_mm + x, tip.y_mm + y)
+        found = np.where(np.isfinite(height), length_mm - height, 0.0).sum() * spacing**2
+        assert tip.volume_mm3(length_mm) == pytest.approx(found, rel=1e-3)
+
+
+def test_the_ridge_s_nose_runs_into_its_flank_without_a_kink() -> None:
+    ridge = RidgeTip(0.0, 0.0, 0.3, 1.0, 7.0, flank_deg=30.0)
+    at, step = ridge.nose_half_mm, 1e-6
+    x = np.array([at - step, at, at + step])
+    low, middle, high = ridge.height_mm(x, np.zeros(3))
+    assert middle - low == pytest.approx(high - middle, rel=1e-3)
+    assert (high - middle) / step == pytest.approx(1 / math.tan(math.radians(30)), rel=1e-3)
+
+
+def _sampled(tip: PrismTip, n: int = 4000) -> Field:
+    """Points (m, 2) on the outline, drawn as the CAD does: lines, and arcs through three points."""
+    here, drawn = tip.outline()
+    points = []
+    for kind, goals in drawn:
+        t = np.linspace(0, 1, n)[:, None]
+        a, b = np.array(here), np.array(goals[-1])
+        if kind == "line":
+            points.append(a + t * (b - a))
+        else:
+            m = np.array(goals[0])
+            centre = np.linalg.solve(2 * np.array([m - a, b - a]), [m @ m - a @ a, b @ b - a @ a])
+            start, middle, end = (math.atan2(*(p - centre)[::-1]) for p in (a, m, b))
+            way = (end - start) % (2 * math.pi)
+            if (middle - start) % (2 * math.pi) > way:
+                way -= 2 * math.pi
+            angle = start + t * way
+            radius = np.linalg.norm(a - centre)
+            points.append(centre + radius * np.hstack([np.cos(angle), np.sin(angle)]))
+        here = goals[-1]
+    return np.vstack(points)
+
+
+@pytest.mark.parametrize(
+    "tip", [t for t in TIPS if isinstance(t, PrismTip)], ids=lambda t: t.points
+)
+def test_the_inset_is_the_distance_to_the_drawn_outline(tip: PrismTip) -> None:
+    from scipy.spatial import cKDTree
+
+    outline = _sampled(tip)
+    on = tip.inset_mm(tip.x_mm + outline[:, 0], tip.y_mm + outline[:, 1])
+    assert np.abs(on).max() < 1e-9
+    assert np.abs(outline).max(axis=0) == pytest.approx(tip.half_mm, abs=1e-6)
+    rng = np.random.default_rng(8)
+    x, y = rng.uniform(-tip.outer_mm, tip.outer_mm, (2, 4000))
+    inset = tip.inset_mm(tip.x_mm + x, tip.y_mm + y)
+    near = (inset > 0) & (inset < tip.corner_mm)
+    assert near.sum() > 200
+    found, _ = cKDTree(outline).query(np.stack([x[near], y[near]], axis=1))
+    # The nearest point lies at most half a sample from one of them; the arcs bend a little more.
+    half = np.linalg.norm(np.diff(outline, axis=0), axis=1).max() / 2
+    assert half < 1e-3
+    assert np.all(found > inset[near] - 1e-9)
+    assert np.all(found <= np.sqrt(inset[near] ** 2 + half**2) * (1 + 1e-3) + 1e-9)
+    # Further in, the face is flat, whatever the distance is.
+    deep = inset >= tip.corner_mm
+    found, _ = cKDTree(outline).query(np.stack([x[deep], y[deep]], axis=1))
+    assert found.min() > tip.edge_mm
+    # The outline itself closes.
+    assert np.linalg.norm(outline[0] - outline[-1]) < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: PrismTip(0, 0, 5, 4.5, 2.25, edge_mm=0.5), r"edge_mm < corner_mm: 0\.5 < 0\.5"),
+        (lambda: PrismTip(0, 0, 2, 4.5, 2.25), "points >= 3: 2 fails"),
+        (lambda: PrismTip(0, 0, 5, 4.5, 4.2), r"inner_mm <= that of a polygon: 4\.2 <= 3\.7"),
+        (lambda: PrismTip(0, 0, 5, 4.5, 0.4), r"corner_mm < inner_mm: 0\.5 < 0\.4"),
+        (lambda: PrismTip(0, 0, 5, 4.5, 2.25, notch_mm=9.0), "length of a straight side"),
+        (lambda: PrismTip(0, 0, 5, 4.5, math.nan), "inner_mm > 0 and finite: nan fails"),
+        (lambda: RidgeTip(0, 0, 1.0, 0.5, 7.0), r"radius_mm cos\(flank_deg\) < half_width_mm"),
+        (lambda: RidgeTip(0, 0, 0.3, 1.0, 7.0, flank_deg=90.0), "flank_deg < 90"),
+        (lambda: RidgeTip(0, 0, 0.3, 1.0, 0.0), "length_mm > 0 and finite"),
+        (lambda: EllipsoidTip(0, 0, -1.0, 3.0), "a_mm > 0 and finite: -1"),
+    ],
+)
+def test_dimensions_that_make_no_tip_state_the_inequality(make: object, says: str) -> None:
+    assert callable(make)
+    with pytest.raises(ShapeError, match=says):
+        make()
+
+
+def test_an_indenter_is_as_low_as_its_lowest_tip() -> None:
+    mixed = Indenter("mixed", (SphereTip(0, 0, 5.0), SphereTip(1.0, 0, 1.0)))
+    x, y = np.array([0.0, 1.0, 2.5, 9.0]), np.zeros(4)
+    assert mixed.height_mm(x, y) == pytest.approx([0.0, 0.0, 5 - math.sqrt(18.75), math.inf])
+    assert mixed.equator_mm == 1.0
+    assert mixed.footprint_half_mm == (5.0, 5.0)
