@@ -39,6 +39,7 @@ def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
     )
 
     from .analysis.tracking_error import analyse
+    from .numerics.scenes import costs
     from .report.page import write
 
     with bar("tracking error") as tick:
@@ -49,7 +50,8 @@ def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
         f"tracking error, simulated: {best['name']} {best['mean_at_dots_mm']:.3f} mm at the dots, "
         f"{best['mean_off_dots_mm']:.3f} mm off them (paper, real sensor: 0.08 mm at the dots)"
     )
-    page = write(run_folder, out / "report.html", result, parts)
+    layer_costs = [cost.as_dict() for cost in costs()]
+    page = write(run_folder, out / "report.html", result, parts, layer_costs)
     seconds = time.monotonic() - started
     (out / MARKER).write_text(json.dumps({"seed": seed, "finished": True}) + "\n")
     say(f"report: {page} ({seconds:.0f} s in all)")

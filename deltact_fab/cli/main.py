@@ -21,6 +21,7 @@ COMMANDS = {
     "analyze": ("analyze", "analyze", "Analyses of recorded runs."),
     "report": ("report", "report", "One offline page of a run."),
     "run": ("run", "run", "Carry out a protocol on a rig."),
+    "numerics": ("numerics", "numerics", "Error against run time, and stability, of the engines."),
     "demo": ("demo", "demo", "The whole chain on the virtual rig, to a report."),
 }
 

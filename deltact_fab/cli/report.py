@@ -13,6 +13,7 @@ import click
 def report(run: Path, output: Path | None) -> None:
     """Write the report of RUN; the tracking analysis is made first where it is missing."""
     from ..analysis.tracking_error import TrackingResult, analyse
+    from ..numerics.scenes import costs as layer_costs
     from ..report.page import write
     from .output import progress
 
@@ -23,4 +24,5 @@ def report(run: Path, output: Path | None) -> None:
         with progress("tracking error") as bar:
             result = analyse(run, progress=bar)
         result.save(folder)
-    click.echo(str(write(run, output or run / "report.html", result)))
+    costs = [cost.as_dict() for cost in layer_costs()]
+    click.echo(str(write(run, output or run / "report.html", result, layer_costs=costs)))

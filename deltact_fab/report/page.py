@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,10 +27,12 @@ def write(
     out: Path,
     tracking: TrackingResult,
     parts: dict[str, Any] | None = None,
+    layer_costs: Sequence[dict[str, Any]] = (),
 ) -> Path:
     """Write the report of a run and its tracking analysis to one self-contained file.
 
     parts: `files` (rows of the CAD manifest) and `note` (why there are none), from the demo.
+    layer_costs: what each layer costs that a scene may leave out, as `numerics` measured it.
     Raises MissingLibrary without the extra `report`, RunFailed when the disk refuses.
     """
     try:
@@ -67,6 +70,7 @@ def write(
         strips=_strips(run, frames, tracking),
         arrow_gain=ARROW_GAIN,
         parts=parts,
+        layer_costs=layer_costs,
         counts=_counts(frames),
     )
     out.parent.mkdir(parents=True, exist_ok=True)

@@ -66,7 +66,7 @@ def test_every_command_stands_in_the_readme() -> None:
         (["gel", "press", "--depth", "1", "--poisson", "0.6"], "poisson"),
         (["gel", "press", "--depth", "1", "--at", "3"], "two numbers"),
         (["analyze", "tracking", "."], "not a run folder"),
-        (["report", "nowhere"], "nowhere: not a run folder"),
+        (["report", "nowhere"], "nowhere: no such folder"),
         (["analyse"], "No such command"),
         (["run", "smoke"], "--out"),
     ],

@@ -1,0 +1,7 @@
+"""One harness for three questions about every numerical engine.
+
+`work_precision`: error against run time. `stability`: stiff and extreme cases, each right within
+its bound or refused. `scenes`: what a layer costs that a scene may leave out.
+
+An engine is a module in `engines` with a frozen `ENGINE`, and one line in `engines.REGISTRY`.
+"""

@@ -1,0 +1,31 @@
+"""The registered engines. One line here and a module with `ENGINE` is all that a new one needs."""
+
+from __future__ import annotations
+
+import importlib
+
+from ...errors import InputError, did_you_mean
+from ..engine import Engine
+
+# A module, imported only when it is asked for: an engine needs libraries that another does not.
+REGISTRY = {
+    "pattern": "deltact_fab.numerics.engines.pattern",
+    "flow": "deltact_fab.numerics.engines.flow",
+    "layer": "deltact_fab.numerics.engines.layer",
+}
+
+
+def check_names(names: tuple[str, ...]) -> tuple[str, ...]:
+    """The engines asked for, all when none is named. Raises InputError for an unknown one."""
+    for name in names:
+        if name not in REGISTRY:
+            raise InputError(f"engine {name!r}: unknown; {did_you_mean(name, REGISTRY)}")
+    return tuple(dict.fromkeys(names)) or tuple(REGISTRY)
+
+
+def load(module: str) -> Engine:
+    """The engine of a module. Raises TypeError when the module has none."""
+    engine = importlib.import_module(module).ENGINE
+    if not isinstance(engine, Engine):
+        raise TypeError(f"{module}.ENGINE is no Engine")
+    return engine

@@ -1,0 +1,292 @@
+"""The patch sampler: how near its draws are to the law of Algorithm 1, and at what cost.
+
+Given its left and upper neighbours a value is uniform on what they allow. So the share of the
+allowed range that lies below it is uniform on 0..1, independently for every patch and channel: the
+Kolmogorov-Smirnov distance of these shares to the uniform law is the distance of a sampler to
+Algorithm 1, for any sampler. A perfect sampler shows 1.36/sqrt(N) in one sample of twenty.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import RunFailed
+from ...patterns import patches
+from ...patterns.recipe import recipe_from_options
+from ..engine import Case, Engine, Setting, Table, Work
+
+Field = NDArray[np.float64]
+SEED = 20210
+MAX_TRIES = 20_000
+CURVE_TRIES = 10**7  # the tail is heavy even where it ends: 58 tries on average at r = .1
+PAPER_N = 466
+
+
+def distance_to_law(values: NDArray[Any], r: float, levels: int | None) -> float:
+    """Kolmogorov-Smirnov distance of drawn patches (rows, columns, channels) to Algorithm 1.
+
+    levels: of the file; None for the real numbers of the printed algorithm.
+    """
+    v = values.astype(np.float64)
+    # A level is a cell [v, v + 1); a forbidden run of levels is then an interval like any other.
+    if levels is None:
+        below, above, top, width = math.sqrt(r), math.sqrt(r), 1.0, 0.0
+    else:
+        step = patches.step_levels(r, levels)
+        below, above, top, width = step - 1.0, float(step), float(levels), 1.0
+        if step == 0:
+            below = above = 0.0
+    left, up = np.full_like(v, np.nan), np.full_like(v, np.nan)
+    left[:, 1:], up[1:] = v[:, :-1], v[:-1]
+    edges = []
+    for neighbour in (left, up):
+        edges += [
+            np.where(np.isnan(neighbour), 0.0, np.clip(neighbour - below, 0, top)),
+            np.where(np.isnan(neighbour), 0.0, np.clip(neighbour + above, 0, top)),
+        ]
+    if levels is not None and 2 * step > levels:
+        # The first patch: levels that no neighbour could answer are left out.
+        edges[0][0, 0], edges[1][0, 0] = levels - step, step
+
+    def allowed_below(t: Field) -> Field:
+        a, b, c, d = (np.minimum(e, t) for e in edges)
+        both = np.maximum(np.minimum(b, d) - np.maximum(a, c), 0.0)
+        return t - (b - a) - (d - c) + both
+
+    # Another seed than the draws': the place within the cell must not know of the value.
+    inside = np.random.default_rng(SEED + 1).random(v.shape) * width
+    total = allowed_below(np.full_like(v, top))
+    # Where the neighbours already break the law nothing is allowed: counted as a share of 1.
+    share = np.where(total > 0, (allowed_below(v) + inside) / np.where(total > 0, total, 1), 1.0)
+    ordered = np.sort(share.ravel())
+    step_up = np.arange(ordered.size + 1) / ordered.size
+    return float(max((step_up[1:] - ordered).max(), (ordered - step_up[:-1]).max()))
+
+
+def violations(values: NDArray[Any], r: float, levels: int = patches.FILE_LEVELS) -> int:
+    """Neighbour pairs and channels whose squared difference is below r, in exact integers."""
+    signed = values.astype(np.int64)
+    step = patches.step_levels(r, levels)
+    return sum(int((np.abs(np.diff(signed, axis=axis)) < step).sum()) for axis in (0, 1))
+
+
+def _uniforms(n: int) -> Field:
+    return np.random.default_rng(SEED).random((n, n, 3))
+
+
+def _by_levels(fill: Callable[..., Any], n: int, r: float, scratch: Path) -> Work:
+    uniforms = _uniforms(n)
+    return Work(
+        lambda: fill(uniforms, r), lambda values: distance_to_law(values, r, patches.FILE_LEVELS)
+    )
+
+
+def _by_rejection(n: int, r: float, scratch: Path) -> Work:
+    def run() -> patches.Rejection:
+        return patches.fill_by_rejection(np.random.default_rng(SEED), n, n, r, CURVE_TRIES)
+
+    def error(found: patches.Rejection) -> float:
+        return math.nan if found.hung else distance_to_law(found.values, r, None)
+
+    return Work(run, error)
+
+
+def curves(quick: bool) -> Sequence[Setting]:
+    """Exact, patch by patch, and the printed algorithm where it ends (r <= 1/4)."""
+    out = []
+    for r in (0.1,) if quick else (0.1, 0.6):
+        kinds: list[tuple[str, Callable[[int, float, Path], Work], tuple[int, ...]]] = [
+            ("exact, by anti-diagonals", partial(_by_levels, patches.fill), (30, 100, 466, 1000)),
+            ("exact, patch by patch", partial(_by_levels, patches.fill_row_major), (10, 30, 100)),
+        ]
+        if r <= 0.25:
+            kinds.append(("as printed (rejection)", _by_rejection, (10, 30, 100)))
+        for series, build, sizes in kinds:
+            for n in sizes[1:2] if quick else sizes:
+                out.append(
+                    Setting(
+                        case=f"law of Algorithm 1 at r = {r:g}, n x n patches",
+                        series=series,
+                        name=f"n = {n}",
+                        unit="K-S distance",
+                        reference="uniform conditional shares (the law itself)",
+                        reference_error=1.36 / math.sqrt(3 * n * n),
+                        build=partial(build, n, r),
+                    )
+                )
+    return out
+
+
+def _broken(rows: int, columns: int, r: float, scratch: Path) -> tuple[float, str]:
+    uniforms = np.random.default_rng(SEED).random((rows, columns, 3))
+    drawn = patches.fill(uniforms, r)
+    note = f"least difference {patches.least_difference(drawn)} levels" if drawn.size > 3 else ""
+    bad = violations(drawn, r) + int((drawn < 0).sum()) + int((drawn > 255).sum())
+    return bad, note
+
+
+def _at_the_ends(r: float, scratch: Path) -> float:
+    ends = np.array([0.0, np.nextafter(1.0, 0.0)])
+    uniforms = np.random.default_rng(SEED).choice(ends, (60, 60, 3))
+    drawn = patches.fill(uniforms, r)
+    return violations(drawn, r) + int((drawn < 0).sum()) + int((drawn > 255).sum())
+
+
+def _differing(r: float, scratch: Path) -> float:
+    uniforms = np.random.default_rng(SEED).random((40, 33, 3))
+    return int((patches.fill(uniforms, r) != patches.fill_row_major(uniforms, r)).sum())
+
+
+def _law(r: float, scratch: Path) -> float:
+    n = 200
+    found = distance_to_law(patches.fill(_uniforms(n), r), r, patches.FILE_LEVELS)
+    return found * math.sqrt(3 * n * n)
+
+
+def _recipe(scratch: Path, **options: float) -> float:
+    recipe = recipe_from_options(None, options["d"], options["r"], options.get("size_mm"))
+    return float(violations(patches.draw_patches(recipe), options["r"]))
+
+
+def _papers_size(scratch: Path) -> float:
+    uniforms = _uniforms(PAPER_N)
+    best_s = math.inf
+    for _ in range(5):
+        start_s = time.process_time()
+        patches.fill(uniforms, 0.6)
+        best_s = min(best_s, time.process_time() - start_s)
+    return best_s
+
+
+def _hang_share(r: float, repeats: int, scratch: Path) -> tuple[float, str]:
+    stuck = _stuck(r, repeats)
+    p = patches.hang_probability(r)
+    deviation = math.sqrt(p * (1 - p) / repeats)
+    note = f"measured {stuck / repeats:.3f} of {repeats} draws, P = {p:.3f}"
+    return (stuck / repeats - p) / deviation, note
+
+
+def _as_printed(r: float, scratch: Path) -> float:
+    found = patches.fill_by_rejection(np.random.default_rng(4), 6, 6, r, MAX_TRIES)
+    if found.hung_at is not None:
+        raise RunFailed(f"no colour after {MAX_TRIES} tries at patch {found.hung_at}")
+    return float(found.hung)
+
+
+def cases(quick: bool) -> Sequence[Case]:
+    """Ends of r, of the uniforms and of the sizes; what must be refused; the hang of the paper."""
+    side = 100 if quick else PAPER_N
+    out = [
+        Case(f"r = {r!r}, {side} x {side}", "right", partial(_broken, side, side, r), 0,
+             "broken pairs")
+        for r in (0.0, 1e-12, 0.25, 0.2500001, 0.6, 0.9, 0.9999)
+    ]  # fmt: skip
+    out += [
+        Case(f"{rows} x {columns} patches, r = 0.6", "right", partial(_broken, rows, columns, 0.6),
+             0, "broken pairs")
+        for rows, columns in ((1, 1), (1, 500), (500, 1))
+    ]  # fmt: skip
+    out += [
+        Case(f"uniforms of 0 and 1 - 2^-53 only, r = {r:g}", "right", partial(_at_the_ends, r), 0,
+             "broken pairs")
+        for r in (0.1, 0.6)
+    ]  # fmt: skip
+    out += [
+        Case(f"anti-diagonals against patch by patch, r = {r:g}", "right", partial(_differing, r),
+             0, "values")
+        for r in (0.1, 0.6)
+    ]  # fmt: skip
+    # sqrt(N) D of a perfect sampler is over 1.95 once in a thousand samples; the seed is fixed.
+    out += [
+        Case(f"law at r = {r!r}, 200 x 200", "right", partial(_law, r), 1.95, "sqrt(N) D")
+        for r in (0.0, 0.1, 0.2500001, 0.6, 0.9)
+    ]
+    out += [
+        Case("r = 1", "refused", partial(_recipe, d=0.5, r=1.0), says="0 <= r < 1"),
+        Case("r = NaN", "refused", partial(_recipe, d=0.5, r=math.nan), says="r"),
+        Case("r = -0.1", "refused", partial(_recipe, d=0.5, r=-0.1), says="0 <= r < 1"),
+        Case("d = 0", "refused", partial(_recipe, d=0.0, r=0.1), says="above 0"),
+        Case("2001 x 2001 patches", "refused", partial(_recipe, d=35 / 2001, r=0.1), says="2000"),
+        Case(f"printed algorithm, r = 0.6, {MAX_TRIES} tries a patch", "refused",
+             partial(_as_printed, 0.6), says="no colour"),
+        Case("466 x 466 patches, r = 0.6", "right", _papers_size, 0.2, "CPU s"),
+    ]  # fmt: skip
+    repeats = 2000 if quick else 20_000
+    out += [
+        Case(f"hang share of the printed algorithm against P, r = {r:g}", "right",
+             partial(_hang_share, r, repeats), 4.0, "deviations")
+        for r in (0.3, 0.5, 0.6, 0.8)
+    ]  # fmt: skip
+    if not quick:
+        out.append(
+            Case("2000 x 2000 patches, r = 0.6", "right",
+                 partial(_recipe, d=35 / 2000, r=0.6, size_mm=35.0), 0, "broken pairs")
+        )  # fmt: skip
+    return out
+
+
+def _stuck(r: float, repeats: int) -> int:
+    """First draws of the printed algorithm that no second patch can answer.
+
+    Counted on the draw itself (a channel within (1 - s, s)): a bound on the tries could not tell a
+    hang from bad luck.
+    """
+    first, s = np.random.default_rng(SEED).random((repeats, 3)), math.sqrt(r)
+    return int(((first > 1 - s) & (first < s)).any(axis=1).sum())
+
+
+def wilson(hits: int, n: int) -> tuple[float, float]:
+    """95 % interval of a share (Wilson, J. Am. Stat. Assoc. 22, 1927)."""
+    z, p = 1.96, hits / n
+    middle = (p + z * z / (2 * n)) / (1 + z * z / n)
+    half = z / (1 + z * z / n) * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    return max(0.0, middle - half), min(1.0, middle + half)
+
+
+def tables() -> Sequence[Table]:
+    """The printed algorithm, bounded: how often it hangs, and what it costs where it does not."""
+    patterns = 120
+    rows = []
+    for r in (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8):
+        rng = np.random.default_rng(SEED)
+        hung, tries, placed = 0, 0, 0
+        for _ in range(patterns):
+            found = patches.fill_by_rejection(rng, 4, 4, r, MAX_TRIES)
+            hung += found.hung
+            if not found.hung:
+                tries, placed = tries + int(found.tries.sum()), placed + found.tries.size
+        low, high = wilson(hung, patterns)
+        rows.append(
+            (r, round(patches.hang_probability(r), 4), round(hung / patterns, 4), round(low, 4),
+             round(high, 4), round(tries / placed, 1) if placed else None, placed)
+        )  # fmt: skip
+    return (
+        Table(
+            "Algorithm 1 as printed",
+            f"{patterns} patterns of 4 x 4 patches, at most {MAX_TRIES} tries a patch; a pattern "
+            "that uses them up counts as hung, so from r = 0.7 on bad luck is in the share too. "
+            "Tries are of the patterns that were finished. P is the chance that the second patch "
+            "can never be found.",
+            ("r", "P = 1 - (2(1 - sqrt r))^3", "hung, measured", "95 % from", "95 % to",
+             "tries a patch", "patches"),
+            tuple(rows),
+        ),
+    )  # fmt: skip
+
+
+ENGINE = Engine(
+    "pattern",
+    "Pattern sampler",
+    "Algorithm 1: exact sampling by anti-diagonals and patch by patch, and rejection as printed.",
+    curves,
+    cases,
+    tables,
+)

@@ -1,0 +1,183 @@
+"""What the layers cost that a scene may leave out: CPU seconds, megabytes, modules.
+
+CPU time, for what is measured once and kept must not depend on who else was at work. Each cost is
+the difference of two fresh processes, with and without the layer, on one reference press
+(sphere:10, 1 mm deep, 1 mm of shear). It is measured once a version and machine and kept in the
+user's cache folder: a report quotes the figure, and never runs a stage to say what leaving it out
+saved.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from .. import cache
+
+REPEATS = 3
+SILENCE_S = 120.0
+KIND = "scene-costs"
+
+# layer: (what it is, the process with it, the process without)
+LAYERS = {
+    "camera, picture, printer": ("draws every frame", "all", "no image"),
+    "force box": ("Net F/T box and its client", "all", "no force"),
+    "friction": ("tangential contact, on a press without shear", "press", "press, no friction"),
+    "cadquery": ("the CAD kernel's import", "cadquery", "empty"),
+    "report libraries": ("imports of matplotlib, jinja2 and pandas", "report", "empty"),
+}
+NOT_BUILT = {"finite-strain gel": "not built yet"}
+
+_CHANNELS = {
+    "all": ("image", "dots", "force", "shear"),
+    "no image": ("force", "shear"),
+    "no force": ("image", "dots", "shear"),
+    "press": ("force", "shear"),
+    "press, no friction": ("force",),
+}
+_IMPORTS = {
+    "empty": (),
+    "cadquery": ("cadquery",),
+    "report": ("matplotlib.figure", "matplotlib.backends.backend_svg", "jinja2", "pandas"),
+}
+
+
+@dataclass(frozen=True)
+class LayerCost:
+    """What leaving a layer out saves; None where it was not measured, and note says why.
+
+    seconds: of the processor, one thread.
+    """
+
+    layer: str
+    seconds: float | None
+    megabytes: float | None
+    modules: int | None
+    about: str
+    note: str
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        return asdict(self)
+
+
+def costs(
+    measure: bool = False, progress: Callable[[int, int, str], None] | None = None
+) -> list[LayerCost]:
+    """One row a layer, from the cache; `measure` fills the cache where this machine has none.
+
+    Raises RunFailed when a measuring process fails.
+    """
+    key = _key()
+    held = cache.get(KIND, key)
+    if held is None and measure:
+        held = _measured(progress or (lambda done, total, what: None))
+        cache.put(KIND, key, held)
+    if held is None:
+        missing = "not measured on this machine; `deltact-fab numerics` does"
+        rows = [
+            LayerCost(name, None, None, None, about, missing)
+            for name, (about, _, _) in LAYERS.items()
+        ]
+    else:
+        rows = [LayerCost(**row) for row in held]
+    return rows + [LayerCost(name, None, None, None, "", why) for name, why in NOT_BUILT.items()]
+
+
+def probe(name: str) -> dict[str, float]:
+    """Run one process's part, in that process: its cost from the start of the process on."""
+    import importlib
+
+    from .worker import peak_resident_mb
+
+    start_s, start_cpu_s = time.perf_counter(), time.process_time()
+    if name in _IMPORTS:
+        for module in _IMPORTS[name]:
+            importlib.import_module(module)
+    else:
+        _press(name)
+    return {
+        "wall_s": time.perf_counter() - start_s,
+        "seconds": time.process_time() - start_cpu_s,
+        "megabytes": peak_resident_mb(),
+        "modules": len(sys.modules),
+    }
+
+
+def _press(name: str) -> None:
+    from .. import bench
+
+    lines = [
+        'name = "reference-scene"',
+        'indenters = ["sphere:10"]',
+        "positions_mm = [[0.0, 0.0]]",
+        "depths_mm = [1.0]",
+        f"channels = {list(_CHANNELS[name])}",
+    ]
+    if not name.startswith("press"):
+        lines += ["[shear]", "amplitude_mm = 1.0", 'axes = ["x"]']
+    lines += ["[capture]", 'mode = "sweep"', "rate_hz = 0.5"]
+    with tempfile.TemporaryDirectory() as folder:
+        protocol = Path(folder) / "scene.toml"
+        protocol.write_text("\n".join(lines) + "\n")
+        bench.run(str(protocol), "virtual", Path(folder) / "run", seed=0)
+
+
+def _measured(progress: Callable[[int, int, str], None]) -> list[dict[str, Any]]:
+    from .process import answers
+
+    names = [*_CHANNELS, *_IMPORTS]
+    runs: dict[str, list[dict[str, float]]] = {name: [] for name in names}
+    for i in range(REPEATS):
+        for j, name in enumerate(names):
+            progress(i * len(names) + j, REPEATS * len(names), f"scene: {name}")
+            job = {"kind": "scene", "probe": name, "threads": 1}
+            runs[name] += list(answers(job, SILENCE_S))
+    found = {
+        name: {k: statistics.median(r[k] for r in rows) for k in rows[0]}
+        for name, rows in runs.items()
+    }
+    rows = []
+    for layer, (about, with_it, without) in LAYERS.items():
+        a, b = found[with_it], found[without]
+        cost = LayerCost(
+            layer,
+            a["seconds"] - b["seconds"],
+            a["megabytes"] - b["megabytes"],
+            int(a["modules"] - b["modules"]),
+            about,
+            f"wall {a['wall_s']:.2f} s with, {b['wall_s']:.2f} s without; median of {REPEATS}",
+        )
+        rows.append(cost.as_dict())
+    return rows
+
+
+def _key() -> dict[str, Any]:
+    """Everything that could change a cost: this package's own text, its libraries, the machine."""
+    from ..bench import versions
+
+    text = hashlib.sha256()
+    package = Path(__file__).parent.parent
+    for path in sorted(package.rglob("*.py")):
+        text.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes())
+    return {"source": text.hexdigest(), "machine": machine(), **versions()}
+
+
+def machine() -> dict[str, Any]:
+    """What the times were measured on: processor, cores, system."""
+    model = platform.processor() or platform.machine()
+    if Path("/proc/cpuinfo").exists():
+        for line in Path("/proc/cpuinfo").read_text(errors="replace").splitlines():
+            if line.startswith("model name"):
+                model = line.partition(":")[2].strip()
+                break
+    return {"processor": model, "cores": os.cpu_count(), "system": platform.system()}

@@ -1,0 +1,91 @@
+"""Error against run time: every setting of an engine in a process of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from ..errors import RunFailed
+from .engine import Engine, Setting
+from .process import WorkerDied, answers
+
+SILENCE_S = 180.0
+
+
+@dataclass(frozen=True)
+class CurveRow:
+    """One point. wall_s, cpu_s: median of `repeats` after one warm-up call.
+
+    compile_s: what the warm-up took beyond the median (compiling, plans, caches). peak_mb: memory
+    above what libraries and inputs hold. error, reference_error: in `unit`. pareto: no setting of
+    the case is both faster and nearer.
+    """
+
+    engine: str
+    case: str
+    series: str
+    setting: str
+    threads: int
+    wall_s: float
+    cpu_s: float
+    compile_s: float
+    peak_mb: float
+    error: float | None
+    unit: str
+    reference: str
+    reference_error: float
+    repeats: int
+    pareto: bool = False
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data, in the order of the CSV."""
+        return asdict(self)
+
+
+def measure(
+    engine: Engine, module: str, settings: list[Setting], scratch: Path, quick: bool
+) -> Iterator[CurveRow]:
+    """Time settings one after the other. Raises RunFailed naming a setting that failed."""
+    for setting in settings:
+        job = {
+            "kind": "curve",
+            "module": module,
+            "key": setting.key,
+            "threads": setting.threads,
+            "scratch": str(scratch),
+            "quick": quick,
+        }
+        try:
+            (found,) = answers(job, SILENCE_S)
+        except WorkerDied as why:
+            raise RunFailed(f"numerics: {engine.name}: {setting.key}: {why}") from why
+        yield CurveRow(
+            engine=engine.name,
+            case=setting.case,
+            series=setting.series,
+            setting=setting.name,
+            threads=setting.threads,
+            unit=setting.unit,
+            reference=setting.reference,
+            reference_error=setting.reference_error,
+            **found,
+        )
+
+
+def with_pareto(rows: list[CurveRow]) -> list[CurveRow]:
+    """The rows with their front marked, case by case."""
+    return [CurveRow(**{**r.as_dict(), "pareto": not _dominated(r, rows)}) for r in rows]
+
+
+def _dominated(row: CurveRow, rows: list[CurveRow]) -> bool:
+    if row.error is None:
+        return True
+    for other in rows:
+        if (other.engine, other.case) != (row.engine, row.case) or other.error is None:
+            continue
+        no_worse = other.wall_s <= row.wall_s and other.error <= row.error
+        if no_worse and (other.wall_s, other.error) != (row.wall_s, row.error):
+            return True
+    return False

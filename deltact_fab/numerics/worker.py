@@ -1,0 +1,180 @@
+"""The fresh process in which one setting, or the cases of one engine, are run.
+
+`python -m deltact_fab.numerics.worker JOB`, JOB a JSON object; answers in JSON, a line each. At its
+top only the standard library: threads and cores are pinned before any library is loaded, and what
+a library costs to load is not yet paid.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import statistics
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .engine import Case, Setting
+
+THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMEXPR_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+)
+REPEATS = 5
+MAX_REPEATS = 25
+LONG_ENOUGH_S = 0.3  # with five repeats done, no more are added past this
+
+
+def main(job: dict[str, Any]) -> None:
+    """Run one job; every answer is a line on stdout, after a mark that no library prints."""
+    _pin(job["threads"])
+    # What an engine prints must not stand between the answers.
+    with os.fdopen(os.dup(1), "w") as answers:
+        os.dup2(2, 1)
+        for answer in _answers(job):
+            answers.write(json.dumps(answer, allow_nan=False) + "\n")
+            answers.flush()
+
+
+def _answers(job: dict[str, Any]) -> Any:
+    if job["kind"] == "scene":
+        from .scenes import probe
+
+        yield probe(job["probe"])
+        return
+    from .engines import load
+
+    engine = load(job["module"])
+    scratch, quick = Path(job["scratch"]), job["quick"]
+    if job["kind"] == "curve":
+        setting = next(s for s in engine.curves(quick) if s.key == job["key"])
+        yield time_setting(setting, scratch)
+    elif job["kind"] == "cases":
+        _limit_threads(job["threads"])
+        for case in list(engine.cases(quick))[job["first"] :]:
+            yield judge(case, scratch)
+    elif job["kind"] == "tables":
+        _limit_threads(job["threads"])
+        for table in engine.tables():
+            yield {
+                "title": table.title,
+                "note": table.note,
+                "columns": list(table.columns),
+                "rows": [[_plain(v) for v in row] for row in table.rows],
+            }
+
+
+def time_setting(setting: Setting, scratch: Path) -> dict[str, Any]:
+    """Times, memory and error of one setting; the warm-up is apart."""
+    work = setting.build(scratch)
+    _limit_threads(setting.threads)  # after build: only then is it known which libraries are in
+    before_mb = reset_peak_mb()
+    start_s = time.perf_counter()
+    result = work.run()
+    first_s = time.perf_counter() - start_s
+    wall_s: list[float] = []
+    cpu_s: list[float] = []
+    while len(wall_s) < REPEATS or (sum(wall_s) < LONG_ENOUGH_S and len(wall_s) < MAX_REPEATS):
+        start_s, start_cpu_s = time.perf_counter(), time.process_time()
+        result = work.run()
+        wall_s.append(time.perf_counter() - start_s)
+        cpu_s.append(time.process_time() - start_cpu_s)
+    peak_mb = peak_resident_mb() - before_mb
+    median_s = statistics.median(wall_s)
+    return {
+        "wall_s": median_s,
+        "cpu_s": statistics.median(cpu_s),
+        "compile_s": max(0.0, first_s - median_s),
+        "peak_mb": max(0.0, peak_mb),
+        "error": _plain(float(work.error(result))),
+        "repeats": len(wall_s),
+    }
+
+
+def judge(case: Case, scratch: Path) -> dict[str, Any]:
+    """One row of the stability table: what was expected, what came, and the verdict."""
+    from ..errors import DeltactFabError
+
+    start_s = time.perf_counter()
+    figure: float | None = None
+    note = ""
+    try:
+        found = case.check(scratch)
+        figure, note = found if isinstance(found, tuple) else (found, "")
+        figure = float(figure)
+    except DeltactFabError as why:
+        note = " ".join(str(why).split())
+        came = "refused"
+    except Exception as why:  # a crash is a verdict of its own
+        note = f"{type(why).__name__}: {' '.join(str(why).split())}"[:300]
+        came = "crashed"
+    else:
+        within = case.bound is not None and math.isfinite(figure) and abs(figure) <= case.bound
+        came = "right" if within else "off"
+    if came == "refused" and case.says not in note:
+        came, note = "off", f"refused for another reason: {note}"
+    wanted = case.expectation.split(" or ")
+    return {
+        "case": case.name,
+        "expectation": case.expectation,
+        "bound": case.bound,
+        "unit": case.unit,
+        "figure": _plain(figure),
+        "outcome": came if came in wanted else "wrong",
+        "note": note,
+        "seconds": time.perf_counter() - start_s,
+    }
+
+
+def reset_peak_mb() -> float:
+    """Start the record of the peak anew where the system can, and return the memory held now."""
+    with contextlib.suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
+        for line in Path("/proc/self/status").read_text().splitlines():
+            if line.startswith("VmRSS:"):
+                return int(line.split()[1]) / 1024
+    return peak_resident_mb()
+
+
+def peak_resident_mb() -> float:
+    """Largest resident memory since `reset_peak_mb`; since the start where that cannot be reset."""
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/self/status").read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) / 1024
+    import resource
+
+    unit = 1024 * 1024 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
+
+
+def _pin(threads: int) -> None:
+    """Keep the process on as many cores as it has threads, where the system can."""
+    if hasattr(os, "sched_setaffinity"):
+        cores = sorted(os.sched_getaffinity(0))
+        os.sched_setaffinity(0, cores[-threads:])
+
+
+def _limit_threads(threads: int) -> None:
+    """OpenCV reads no variable of the environment."""
+    if "cv2" in sys.modules:
+        sys.modules["cv2"].setNumThreads(threads)
+
+
+def _plain(value: Any) -> Any:
+    """JSON knows no NaN: a figure that is none is null."""
+    if hasattr(value, "item"):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+if __name__ == "__main__":
+    main(json.loads(sys.argv[1]))

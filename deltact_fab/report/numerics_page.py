@@ -1,0 +1,163 @@
+"""One offline HTML page of the engines: error against run time, stability, cost of layers."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import MissingLibrary
+from ..record import write_whole
+from . import figures
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+MARKERS = "osD^vP*"
+
+
+def write(data: dict[str, Any], out: Path) -> Path:
+    """Write the page of `Numerics.as_dict()` to one self-contained file.
+
+    Raises MissingLibrary without the extra `report`, RunFailed when the disk refuses.
+    """
+    try:
+        import jinja2
+    except ImportError as why:
+        raise MissingLibrary("reports need jinja2: pip install 'deltact-fab[report]'") from why
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent / "templates"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["num"] = _number
+    drawn = []
+    for engine in data["engines"]:
+        rows = [r for r in data["curves"] if r["engine"] == engine["name"]]
+        panels = [
+            figures.to_svg(error_against_time([r for r in rows if r["case"] == case]))
+            for case in dict.fromkeys(r["case"] for r in rows)
+        ]
+        cases = [r for r in data["stability"] if r["engine"] == engine["name"]]
+        drawn.append(
+            {
+                **engine,
+                "panels": panels,
+                "curves": rows,
+                "stability": cases,
+                "counts": {
+                    name: sum(r["outcome"] == name for r in cases)
+                    for name in ("right", "refused", "wrong")
+                },
+                "tables": [t for t in data["tables"] if t["engine"] == engine["name"]],
+            }
+        )
+    page = environment.get_template("numerics.html").render(
+        engines=drawn, scenes=data["scenes"], meta=data["meta"], wrong=data["wrong"]
+    )
+    write_whole(out, page.encode())
+    return out
+
+
+def error_against_time(rows: Sequence[dict[str, Any]]) -> Figure:
+    """One case: error against wall time, both logarithmic, a line a series, the front ringed."""
+    figure, (axis,) = figures._figure(5.2, 4.3)
+    known = [r for r in rows if r["error"] is not None and r["error"] > 0]
+    series = list(dict.fromkeys(r["series"] for r in rows))
+    for i, name in enumerate(series):
+        part = sorted((r for r in known if r["series"] == name), key=lambda r: r["wall_s"])
+        axis.plot(
+            [r["wall_s"] * 1e3 for r in part],
+            [r["error"] for r in part],
+            marker=MARKERS[i % len(MARKERS)],
+            color=figures.COLOURS[i % len(figures.COLOURS)],
+            ms=6,
+            lw=1.0,
+            ls="-" if _is_ladder(part) else "none",
+            label=name,
+        )
+    front = sorted((r for r in known if r["pareto"]), key=lambda r: r["wall_s"])
+    axis.plot(
+        [r["wall_s"] * 1e3 for r in front],
+        [r["error"] for r in front],
+        color="#444444",
+        lw=0.9,
+        ls=":",
+        marker="o",
+        ms=12,
+        mfc="none",
+        mew=1.1,
+        label="Pareto front",
+        zorder=1,
+    )
+    figures._log_ticks(axis, "xy")
+    _widen(axis, [r["wall_s"] * 1e3 for r in known], [r["error"] for r in known])
+    _label(axis, known, series)
+    axis.set_xlabel("milliseconds (wall, median)")
+    axis.set_ylabel(f"error, {rows[0]['unit']}")
+    title = textwrap.fill(rows[0]["case"], 56)
+    axis.set_title(title, loc="left", fontweight="bold", fontsize=9.5)
+    figure.legend(loc="outside lower left", fontsize=8, ncols=2)
+    return figure
+
+
+def _is_ladder(part: Sequence[dict[str, Any]]) -> bool:
+    """Names with a number in them are steps of one knob and are joined; methods are not."""
+    return all(any(c.isdigit() for c in r["setting"]) for r in part)
+
+
+def _label(axis: Axes, rows: Sequence[dict[str, Any]], series: Sequence[str]) -> None:
+    """Name the points where there is room: a name that would cover another is left to the table."""
+    width, height = 340.0, 230.0  # of the axes in points, about
+    (x0, x1), (y0, y1) = axis.get_xlim(), axis.get_ylim()
+    taken: list[tuple[float, float, float, float]] = []
+    marks = [
+        (
+            width * math.log(r["wall_s"] * 1e3 / x0) / math.log(x1 / x0),
+            height * math.log(r["error"] / y0) / math.log(y1 / y0),
+        )
+        for r in rows
+    ]
+    taken += [(x - 4, y - 4, x + 4, y + 4) for x, y in marks]
+    for r, (x, y) in zip(rows, marks, strict=True):
+        long = 4.2 * len(r["setting"])
+        for dx, dy in ((7, 3), (7, -10), (-7 - long, 3), (-7 - long, -10)):
+            box = (x + dx, y + dy, x + dx + long, y + dy + 8)
+            if any(
+                box[0] < b[2] and b[0] < box[2] and box[1] < b[3] and b[1] < box[3] for b in taken
+            ):
+                continue
+            taken.append(box)
+            axis.annotate(
+                r["setting"],
+                (r["wall_s"] * 1e3, r["error"]),
+                xytext=(dx, dy),
+                textcoords="offset points",
+                fontsize=7.5,
+                color=figures.COLOURS[series.index(r["series"]) % len(figures.COLOURS)],
+            )
+            break
+
+
+def _widen(axis: Axes, times: Sequence[float], errors: Sequence[float]) -> None:
+    """Room for the labels, and at least one tick on each axis."""
+    if not times:
+        return
+    axis.set_xlim(min(times) / 1.6, max(times) * 2.8)
+    axis.set_ylim(min(errors) / 1.8, max(errors) * 2.2)
+
+
+def _number(value: Any) -> str:
+    """Four digits at most; a dash where nothing was measured."""
+    if value is None:
+        return "–"
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return str(value)
+    if isinstance(value, int) or 1e3 <= abs(value) < 1e6:
+        return f"{value:,.0f}".replace(",", " ")
+    return f"{value:.3g}" if value == 0 or 1e-3 <= abs(value) < 1e3 else f"{value:.1e}"

@@ -1,0 +1,221 @@
+"""The harness itself, on a toy engine whose answers are known, and end to end on the real ones."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from deltact_fab.cli.numerics import numerics
+from deltact_fab.errors import InputError, RunFailed
+from deltact_fab.numerics import engines, harness, scenes, stability, work_precision
+from deltact_fab.numerics.work_precision import CurveRow
+
+TOY = """
+import os, time
+from deltact_fab.errors import RunFailed
+from deltact_fab.numerics.engine import Case, Engine, Flagged, Setting, Work
+
+def build(n, scratch):
+    calls = []
+    def run():
+        if not calls:
+            time.sleep(0.15)
+        calls.append(1)
+        print("noise on stdout")
+        block = b"x" * (40_000_000 if n == 2 else 1)
+        return len(block), os.environ["OMP_NUM_THREADS"], len(os.sched_getaffinity(0))
+    return Work(run, lambda result: 1.0 / n if result[1:] == ("1", 1) else float("nan"))
+
+def curves(quick):
+    return [Setting("toy", "s", f"n = {n}", "mm", "the truth", 1e-9,
+                    lambda scratch, n=n: build(n, scratch)) for n in (1, 2)]
+
+def refuse(words, kind=RunFailed):
+    raise kind(words)
+
+def cases(quick):
+    out = [
+        Case("good", "right", lambda s: (-0.5, "a note"), 1.0, "mm"),
+        Case("off", "right", lambda s: 2.0, 1.0, "mm"),
+        Case("nan", "right", lambda s: float("nan"), 1.0, "mm"),
+        Case("refuses", "refused", lambda s: refuse("too deep"), says="deep"),
+        Case("flags", "right or refused", lambda s: refuse("flagged", Flagged), 1.0, says="flag"),
+        Case("refuses for another reason", "refused", lambda s: refuse("no disk"), says="deep"),
+        Case("answers what it should refuse", "refused", lambda s: 0.0, says="deep"),
+        Case("refuses what it should answer", "right", lambda s: refuse("too deep"), 1.0),
+        Case("crashes", "right or refused", lambda s: 1 / 0, 1.0),
+    ]
+    if not quick:
+        out[1:] = [
+            Case("takes the process down", "right", lambda s: os._exit(9), 1.0),
+            Case("hangs", "right", lambda s: time.sleep(60), 1.0),
+            Case("comes after", "right", lambda s: 0.0, 1.0),
+        ]
+    return out
+
+ENGINE = Engine("toy", "Toy", "for the test", curves, cases)
+"""
+
+
+@pytest.fixture
+def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    (tmp_path / "toy_engine.py").write_text(TOY)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "toy_engine", raising=False)
+    for registry in (engines.REGISTRY, harness.REGISTRY):
+        monkeypatch.setitem(registry, "toy", "toy_engine")
+    monkeypatch.setenv("DELTACT_FAB_CACHE", str(tmp_path / "cache"))
+    return "toy_engine"
+
+
+def test_verdicts(toy: str, tmp_path: Path) -> None:
+    engine = engines.load(toy)
+    rows = list(stability.run(engine, toy, list(engine.cases(True)), tmp_path, True))
+    assert {r.case: r.outcome for r in rows} == {
+        "good": "right",
+        "off": "wrong",
+        "nan": "wrong",
+        "refuses": "refused",
+        "flags": "refused",
+        "refuses for another reason": "wrong",
+        "answers what it should refuse": "wrong",
+        "refuses what it should answer": "wrong",
+        "crashes": "wrong",
+    }
+    by_name = {r.case: r for r in rows}
+    assert by_name["good"].figure == -0.5
+    assert by_name["good"].note == "a note"
+    assert by_name["nan"].figure is None
+    assert "ZeroDivisionError" in by_name["crashes"].note
+
+
+def test_a_case_that_kills_or_hangs_is_wrong_and_the_rest_go_on(toy: str, tmp_path: Path) -> None:
+    engine = engines.load(toy)
+    cases = list(engine.cases(False))
+    rows = list(stability.run(engine, toy, cases, tmp_path, False, silence_s=2.0))
+    assert [r.case for r in rows] == [c.name for c in cases]
+    assert [r.outcome for r in rows] == ["right", "wrong", "wrong", "right"]
+    assert "exit 9" in rows[1].note
+    assert "no answer for 2 s" in rows[2].note
+
+
+def test_times_memory_and_threads_of_a_setting(toy: str, tmp_path: Path) -> None:
+    engine = engines.load(toy)
+    rows = list(work_precision.measure(engine, toy, list(engine.curves(True)), tmp_path, True))
+    small, large = rows
+    # The error is 1/n only where one thread on one core was given.
+    assert (small.error, large.error) == (1.0, 0.5)
+    for row in rows:
+        assert row.repeats >= 5
+        assert row.compile_s > 0.12
+        assert row.wall_s < 0.1
+    assert large.peak_mb > 35 > small.peak_mb
+
+
+def test_a_setting_that_fails_is_named(toy: str, tmp_path: Path) -> None:
+    engine = engines.load(toy)
+    (setting, _) = engine.curves(True)
+    wrong = type(setting)(**{**setting.__dict__, "name": "n = 0"})
+    with pytest.raises(RunFailed, match=r"toy: toy \| s \| n = 0"):
+        list(work_precision.measure(engine, toy, [wrong], tmp_path, True))
+
+
+def test_pareto_front() -> None:
+    def row(case: str, wall_s: float, error: float | None) -> CurveRow:
+        return CurveRow("e", case, "s", "n", 1, wall_s, 0, 0, 0, error, "mm", "truth", 0, 5)
+
+    rows = [row("a", 1, 4), row("a", 2, 2), row("a", 3, 3), row("a", 4, 1), row("a", 0.5, None),
+            row("b", 9, 9)]  # fmt: skip
+    marks = [r.pareto for r in work_precision.with_pareto(rows)]
+    assert marks == [True, True, False, True, False, True]
+
+
+def test_a_wrong_row_fails_the_command_and_stays_in_every_file(toy: str, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    done = CliRunner().invoke(numerics, ["toy", "--quick", "--out", str(out)])
+    assert done.exit_code == 1
+    assert "wrong: toy: off: 2.0 over 1.0 mm" in done.stderr
+    data = json.loads((out / "numerics.json").read_text())
+    assert data["wrong"] == 6
+    assert {r["outcome"] for r in data["stability"]} == {"right", "refused", "wrong"}
+    assert [r["pareto"] for r in data["curves"]].count(True) >= 1
+    page = (out / "numerics.html").read_text()
+    assert page.count('<tr class="bad">') == 6
+    assert page.count("<svg") == 1
+    assert not re.search(r"""(src|href)=["'](http|//)|url\(http|@import""", page)
+    header, *lines = (out / "curves.csv").read_text().splitlines()
+    assert len(lines) == 2
+    for column in ("wall_s", "cpu_s", "compile_s", "peak_mb", "error", "unit", "reference",
+                   "reference_error", "repeats", "threads"):  # fmt: skip
+        assert column in header.split(",")
+
+
+def test_an_unknown_engine_is_exit_2() -> None:
+    with pytest.raises(InputError, match="did you mean 'layer'"):
+        harness.run(["layr"])
+
+
+def test_quick_pattern_end_to_end(tmp_path: Path) -> None:
+    environment = {**os.environ, "DELTACT_FAB_CACHE": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-m", "deltact_fab.cli.main", "numerics", "pattern", "--quick", "--json"],
+        capture_output=True, text=True, env=environment, check=False, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    data = json.loads(done.stdout)
+    assert [e["name"] for e in data["engines"]] == ["pattern"]
+    assert data["wrong"] == 0
+    assert all(r["error"] > 0 for r in data["curves"])
+
+
+@pytest.mark.slow
+def test_everything_end_to_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DELTACT_FAB_CACHE", str(tmp_path))
+    found = harness.run()
+    assert [f"{r.engine}: {r.case}: {r.note or r.figure}" for r in found.wrong] == []
+    costs = {c.layer: c for c in found.scenes}
+    assert costs["camera, picture, printer"].seconds > 0
+    assert costs["camera, picture, printer"].megabytes > 50
+    assert costs["cadquery"].modules > 100
+    assert costs["finite-strain gel"].note == "not built yet"
+
+
+# -- scenes ------------------------------------------------------------------------------------
+
+
+def test_costs_are_measured_once_and_never_without_being_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DELTACT_FAB_CACHE", str(tmp_path))
+    layer = {"report libraries": scenes.LAYERS["report libraries"]}
+    monkeypatch.setattr(scenes, "LAYERS", layer)
+    monkeypatch.setattr(scenes, "_CHANNELS", {})
+    imports = {name: scenes._IMPORTS[name] for name in ("empty", "report")}
+    monkeypatch.setattr(scenes, "_IMPORTS", imports)
+    monkeypatch.setattr(scenes, "REPEATS", 1)
+
+    before, unbuilt = scenes.costs()
+    assert before.seconds is None
+    assert "not measured on this machine" in before.note
+    assert unbuilt.note == "not built yet"
+    measured, _ = scenes.costs(measure=True)
+    assert measured.seconds is not None
+    assert measured.seconds > 0
+    assert measured.modules is not None
+    assert measured.modules > 200
+    assert measured.megabytes is not None
+    assert measured.megabytes > 10
+
+    monkeypatch.setattr(scenes, "_measured", lambda progress: pytest.fail("measured again"))
+    assert scenes.costs()[0] == measured
+    assert scenes.costs(measure=True)[0] == measured
+    monkeypatch.setattr(scenes, "machine", lambda: {"processor": "another"})
+    assert scenes.costs()[0].seconds is None
