@@ -5,12 +5,13 @@ from __future__ import annotations
 import platform
 import time
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from . import __version__
+from . import __version__, record
 from .cad.design import load_design
-from .errors import RunFailed
+from .errors import InputError, RunFailed
 from .patterns.dots import centres_mm
 from .patterns.recipe import PatternRecipe, load_recipe
 from .protocols import limits, plan
@@ -46,8 +47,14 @@ def run(
     out: Path,
     seed: int = 0,
     progress: Progress | None = None,
+    resume: bool = False,
 ) -> dict[str, Any]:
-    """Check everything, run every step, return the summary. Raises InputError or RunFailed."""
+    """Check everything, run every step, return the summary.
+
+    resume: continue the unfinished run in `out`, or start it when there is none; a finished one is
+    left as it is, and its summary comes with "already_finished" true. The summary's times, notes
+    and devices are those of the last session. Raises InputError or RunFailed.
+    """
     started = time.monotonic()
     protocol, source = plan.load(protocol_name)
     rig, _ = rig_config.load(rig_name)
@@ -59,19 +66,22 @@ def run(
     from .virtual.rig import VirtualRig, identity, require_gel_level
 
     require_gel_level(protocol, sensor, str(source))
-    writer = RunWriter(
-        out,
-        _meta(protocol, rig, rig_name, sensor, seed, out.name),
-        source.read_bytes(),
-        _pattern(recipe),
-    )
+    text = source.read_bytes()
+    meta = _meta(protocol, rig, rig_name, sensor, seed, out.name)
+    pattern = _pattern(recipe)
+    if out.exists() and resume:
+        found = open_run(out)
+        record.require_same(found, meta, text, pattern, with_versions=not found.finished)
+        if found.finished:
+            return {**found.summary(), "already_finished": True}
+        writer = RunWriter.resume(out, steps, progress)
+    else:
+        _require_new(out, text)
+        writer = RunWriter.create(out, meta, text, pattern, steps)
     try:
         bench = VirtualRig(rig, protocol, sensor, recipe, seed, out)
-        frames = Runner(bench.devices(), writer, progress).run(steps)
-        by_press: dict[str, list[str]] = {}
-        for row in open_run(out).frames().itertuples():
-            by_press.setdefault(str(row.press), []).append(str(row.frame_id))
-        bench.finish(by_press)
+        taken = Runner(bench.devices(), writer, progress).run(steps)
+        frames = sum(step.frames for step in steps)
         summary = {
             "protocol": protocol.name,
             "rig": rig_name,
@@ -79,17 +89,43 @@ def run(
             "seed": seed,
             "steps": len(steps),
             "frames": frames,
+            "sessions": writer.session,
+            "kept_frames": frames - taken,
+            "redone": writer.redone,
             "rig_seconds": bench.clock.now_s(),
             "wall_seconds": time.monotonic() - started,
             "left_out": bench.left_out(),
-            "notes": bench.notes(),
+            "notes": [*bench.notes(), *_resumed(writer.session, frames - taken)],
             "devices": identity(bench),
         }
         writer.close(summary)
     except BaseException:
-        writer.close()
+        writer.abandon()
         raise
-    return summary
+    return {**summary, "already_finished": False}
+
+
+def _require_new(out: Path, protocol: bytes) -> None:
+    """Raise InputError when the folder is there, with what can be done about it."""
+    if not out.exists():
+        return
+    hint = "name a new --out folder"
+    try:
+        found = open_run(out)
+        if not found.finished and (out / "protocol.toml").read_bytes() == protocol:
+            hint = "an unfinished run of this protocol: go on with --resume, or " + hint
+    except (OSError, InputError):
+        pass
+    raise InputError(f"{out}: already there; {hint}")
+
+
+def _resumed(sessions: int, kept_frames: int) -> list[str]:
+    if sessions == 1:
+        return []
+    return [
+        f"resumed: session {sessions} kept {kept_frames} frames of those before it; seconds and "
+        "solved problems count this session only"
+    ]
 
 
 def _meta(
@@ -109,6 +145,7 @@ def _meta(
         "protocol": dumped,
         "rig_name": rig_name,
         "rig": rig.model_dump(mode="json"),
+        "sensor": asdict(sensor),
         "camera": pinhole(sensor).as_dict(),
         "simulated": rig.kind == "virtual",
         "seed": seed,

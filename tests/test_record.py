@@ -28,7 +28,7 @@ def image(seed: int = 0) -> np.ndarray:
 
 
 def writer(folder: Path) -> RunWriter:
-    return RunWriter(folder, META, b"name = 't'\n", PATTERN)
+    return RunWriter.create(folder, META, b"name = 't'\n", PATTERN, [STEP])
 
 
 def test_frames_come_back_as_they_went_in(tmp_path: Path) -> None:
@@ -56,14 +56,14 @@ def test_every_frame_is_committed_before_the_next(tmp_path: Path) -> None:
     run = writer(tmp_path / "r")
     run.frame(STEP, 1, image(), 3.0, 0.5, (0.0, 0.0, -1.0), None, None)
     assert len(record.open(tmp_path / "r").frames()) == 1  # read while the writer is still open
-    run.close()
+    run.abandon()
 
 
 def test_the_journal_is_durable(tmp_path: Path) -> None:
     run = writer(tmp_path / "r")
     assert run._db.execute("PRAGMA journal_mode").fetchone() == ("wal",)
     assert run._db.execute("PRAGMA synchronous").fetchone() == (2,)  # FULL
-    run.close()
+    run.abandon()
 
 
 def test_a_frame_is_stored_once(tmp_path: Path) -> None:
@@ -71,7 +71,7 @@ def test_a_frame_is_stored_once(tmp_path: Path) -> None:
     run.frame(STEP, 1, None, 3.0, 0.5, (0.0, 0.0, -1.0), None, None)
     with pytest.raises(RunFailed, match="UNIQUE"):
         run.frame(STEP, 1, None, 3.0, 0.5, (0.0, 0.0, -1.0), None, None)
-    run.close()
+    run.abandon()
 
 
 def test_a_folder_that_is_there_is_never_written_into(tmp_path: Path) -> None:
@@ -94,11 +94,11 @@ def test_faults_of_a_folder_are_named(tmp_path: Path) -> None:
         record.open(tmp_path)
     run = writer(tmp_path / "r")
     run.frame(STEP, 1, image(), 3.0, 0.5, (0.0, 0.0, -1.0), None, None)
-    run.close()
+    run.abandon()
     opened = record.open(tmp_path / "r")
     file = tmp_path / "r" / str(opened.frames().loc[0, "file"])
     file.write_bytes(file.read_bytes()[:40])
-    with pytest.raises(RunFailed, match="does not decode"):
+    with pytest.raises(RunFailed, match="damaged: 40 bytes that differ"):
         opened.image(f"images/{file.name}")
     file.unlink()
     with pytest.raises(RunFailed, match="cannot be read"):

@@ -158,7 +158,10 @@ class TrackingResult:
 
     def save(self, folder: Path) -> list[Path]:
         """Write tracking.json, tracking.csv (one row a frame and method) and the arrows."""
-        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as why:
+            raise RunFailed(f"{folder}: cannot be made: {why.strerror}; name --out") from why
         packed = io.BytesIO()
         arrows: dict[str, Any] = {k.replace("/", "|"): v for k, v in self.arrows.items()}
         np.savez_compressed(packed, **arrows)
@@ -229,6 +232,8 @@ def analyse(
     for name in methods:
         split_name(name)
     run = record.open(folder)
+    if not run.finished:
+        raise InputError(f"{folder}: the run is not finished; go on with `run --resume`")
     frames = run.frames()
     if frames.empty or frames["file"].isna().any():
         raise InputError(f"{folder}: no images were recorded; tracking needs the channel 'image'")

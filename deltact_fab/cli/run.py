@@ -12,17 +12,29 @@ import click
 @click.option("--rig", "rig_name", default="virtual", show_default=True, help="Rig file.")
 @click.option("--seed", default=0, show_default=True, help="Of everything that is drawn.")
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="New run folder.")
+@click.option("--resume", is_flag=True, help="Go on with the unfinished run in --out.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
-def run(protocol: str, rig_name: str, seed: int, out: Path, as_json: bool) -> None:
-    """Run PROTOCOL on a rig and record it in a new folder."""
+def run(protocol: str, rig_name: str, seed: int, out: Path, resume: bool, as_json: bool) -> None:
+    """Run PROTOCOL on a rig and record it in a new folder.
+
+    With --resume an interrupted run goes on: complete presses are kept, the interrupted one is
+    done again whole. Where there is no folder yet the run starts; a finished one stays as it is.
+    """
     from ..bench import run as carry_out
     from .output import echo_json, progress
 
     with progress("run") as report:
-        summary = carry_out(protocol, rig_name, out, seed=seed, progress=report)
+        summary = carry_out(protocol, rig_name, out, seed=seed, progress=report, resume=resume)
     if as_json:
         echo_json(summary)
         return
+    if summary["already_finished"]:
+        click.echo(f"{out}: finished before, {summary['frames']} frames; nothing was changed")
+        return
+    if summary["sessions"] > 1:
+        click.echo(f"{out}: resumed, {summary['kept_frames']} frames kept")
+        for press, why in summary["redone"].items():
+            click.echo(f"  done again: {press}: {why}")
     click.echo(
         f"{out}: {summary['frames']} frames of {summary['protocol']} on {summary['rig']}"
         f"{' (simulated)' if summary['simulated'] else ''}, seed {seed}: "

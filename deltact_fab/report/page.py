@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .. import record
 from ..analysis.tracking_error import ARROW_STEP_PX, PAPER_BEST_MM, TrackingResult
-from ..errors import MissingLibrary
+from ..errors import InputError, MissingLibrary
 from . import figures
 
 if TYPE_CHECKING:
@@ -33,13 +33,16 @@ def write(
 
     parts: `files` (rows of the CAD manifest) and `note` (why there are none), from the demo.
     layer_costs: what each layer costs that a scene may leave out, as `numerics` measured it.
-    Raises MissingLibrary without the extra `report`, RunFailed when the disk refuses.
+    Raises InputError for a run that is not finished, MissingLibrary without the extra `report`,
+    RunFailed when the disk refuses.
     """
     try:
         import jinja2
     except ImportError as why:
         raise MissingLibrary("reports need jinja2: pip install 'deltact-fab[report]'") from why
     run = record.open(run_folder)
+    if not run.finished:
+        raise InputError(f"{run_folder}: the run is not finished; go on with `run --resume`")
     frames = run.frames()
     names = [m["name"] for m in tracking.methods]
     environment = jinja2.Environment(
@@ -73,7 +76,10 @@ def write(
         layer_costs=layer_costs,
         counts=_counts(frames),
     )
-    out.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as why:
+        raise InputError(f"{out.parent}: cannot be made: {why.strerror}") from why
     record.write_whole(out, page.encode())
     return out
 

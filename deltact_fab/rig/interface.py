@@ -6,6 +6,7 @@ of the sensor, z = 0 at the resting face; a depth d is z = -d. Times are seconds
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -84,6 +85,13 @@ class Camera(Protocol):
 
     def capture(self) -> Frame:
         """One frame exposed now, never one from a buffer. Raises SensorError."""
+
+    def end(self, frame_ids: Sequence[str]) -> None:
+        """The stream is over: ids under which its frames were recorded, in order of capture.
+
+        Whatever a camera keeps of a stream is on the disk on return; the press counts as complete
+        only after that. Raises RunFailed.
+        """
 
     def identity(self) -> dict[str, Any]: ...
     def close(self) -> None: ...

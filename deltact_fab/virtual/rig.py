@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import itertools
+import zlib
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import InputError
-from ..gel.contact import DEPTH_LIMIT, LayerContact
+from ..gel.contact import DEPTH_LIMIT, SMALL_STRAIN, LayerContact
 from ..gel.layer import BondedLayer
 from ..gel.material import GelMaterial
 from ..optics import Pinhole
@@ -24,10 +25,12 @@ from ..shapes import SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
 from .clock import VirtualClock
 from .controller import GrblController, settings_for
-from .devices import Truth, VirtualCamera, stream_number
 from .netft import NetFTBox
 from .scene import GelScene, LatticeCrop
 from .wire import connect
+
+if TYPE_CHECKING:
+    from .devices import VirtualCamera
 
 _NUMBER = itertools.count(1)
 PADDING = 3.0  # periods of the skin; the layer's own error is below .05 % there
@@ -50,6 +53,13 @@ def require_gel_level(protocol: Protocol, sensor: SensorDimensions, source: str)
             f"{source}: depths_mm: {deepest:g} mm is over {limit_mm:g} mm, 25 % of the gel: the "
             "linear level 'layer' stops there; this protocol needs the level 'hyperelastic'"
         )
+    for indenter in map(parse_indenter, protocol.indenters):
+        if deepest >= indenter.equator_mm:
+            raise InputError(
+                f"{source}: depths_mm: {deepest:g} mm presses {indenter.name} to where its sides "
+                f"turn vertical, at {indenter.equator_mm:g} mm: the level 'layer' reaches below "
+                "that; this protocol needs the level 'hyperelastic'"
+            )
 
 
 class VirtualForce(NetFTSensor):
@@ -63,7 +73,8 @@ class VirtualForce(NetFTSensor):
 
     def begin(self, stream: str) -> None:
         """Re-seed, then tare as the real client does."""
-        self._box.reseed(stream_number(stream))
+        # Not devices.stream_number: that module brings OpenCV, which a force-only scene leaves out.
+        self._box.reseed(zlib.crc32(stream.encode()))
         if self._scene is not None:
             self._scene.begin()
         super().begin(stream)
@@ -84,6 +95,7 @@ class VirtualRig:
         """folder: the run folder, where the truth goes."""
         self._protocol = protocol
         self._folder = folder
+        self._deepest_mm = max(protocol.depths_mm)
         self._friction_solved = "shear" in protocol.channels
         self.clock = VirtualClock()
         stage = config.stage
@@ -139,12 +151,6 @@ class VirtualRig:
             change_indenter=self._mount,
         )
 
-    def finish(self, frame_ids: dict[str, list[str]]) -> None:
-        """Write the truth's index; frame_ids: ids of the recorded frames by press, in order."""
-        if self.camera is not None:
-            self.camera.finish()
-            self.camera.truth.write_index(self._folder / "truth", frame_ids)
-
     def left_out(self) -> list[str]:
         """What this scene did not build or solve, and why."""
         lines = []
@@ -167,7 +173,8 @@ class VirtualRig:
             "the layer level ignores the free sides of the block and large strain: its in-plane "
             "motion is off by some tenths of a millimetre from 2 mm of depth on",
         ]
-        if self.scene.beyond_small_strain:
+        # From the plan, for the presses that a resumed run kept are not solved again.
+        if self._deepest_mm > SMALL_STRAIN * self._layer.thickness_mm * (1 + 1e-9):
             lines.append("WARNING: pressed beyond 10 % of the thickness, past small strain")
         return lines
 
@@ -190,6 +197,7 @@ class VirtualRig:
     ) -> VirtualCamera:
         from ..imaging import Printer, Sensor
         from ..patterns.raster import albedo
+        from .devices import VirtualCamera
         from .picture import Picture, Texture
 
         printer = Printer(**config.printer.model_dump())
@@ -205,9 +213,7 @@ class VirtualRig:
         picture = Picture(
             pinhole(sensor), crop.lattice, Texture(printed, printer.mm_per_dot), sensor_model
         )
-        return VirtualCamera(
-            picture, self.scene, self.clock, seed, Truth(crop.lattice), self._folder
-        )
+        return VirtualCamera(picture, self.scene, self.clock, seed, crop.lattice, self._folder)
 
 
 def identity(rig: VirtualRig) -> dict[str, Any]:

@@ -128,7 +128,6 @@ class GelScene:
         self._here = self._rest
         self.knots: list[Knot] = [self._rest]
         self.solves = 0
-        self.beyond_small_strain = False
 
     def mount(self, contact: LayerContact) -> None:
         """Another indenter, in the air."""
@@ -244,7 +243,6 @@ class GelScene:
         previous = self._states.get(before.index) or self._contact.rest((x, y, 0.0))
         state = self._contact.solve(previous, (x, y, -z))
         self.solves += 1
-        self.beyond_small_strain |= state.beyond_small_strain
         field = self._crop(state.displacement_mm) if self._crop is not None else None
         knot = Knot(len(self.knots), field, state.force_n, state.torque_nmm)
         self.knots.append(knot)

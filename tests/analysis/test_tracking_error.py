@@ -130,3 +130,10 @@ def test_a_run_without_images_is_refused(mini_run: Path, tmp_path: Path) -> None
         db.execute("UPDATE frames SET file = NULL")
     with pytest.raises(InputError, match="no images were recorded"):
         te.analyse(tmp_path / "r", ["dis-fast"])
+
+
+def test_an_unfinished_run_is_not_analysed(mini_run: Path, tmp_path: Path) -> None:
+    ignore = shutil.ignore_patterns("images", "truth", "summary.json")
+    shutil.copytree(mini_run, tmp_path / "r", ignore=ignore)
+    with pytest.raises(InputError, match=r"not finished; go on with `run --resume`"):
+        te.analyse(tmp_path / "r")

@@ -1,0 +1,325 @@
+"""Faults of disk, files and input, met by the command line: one line, its exit code, no debris."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import resource
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from deltact_fab import bench, record
+from deltact_fab.errors import InputError
+
+DESIGN = """
+[optics]
+image_width_px = 160
+image_height_px = 120
+"""
+Cli = Callable[..., "subprocess.CompletedProcess[str]"]
+
+
+class Short:
+    """A protocol of one indenter and ten frames, its rig, and its finished run."""
+
+    def __init__(self, folder: Path, mini: tuple[Path, Path]) -> None:
+        design = folder / "design.toml"
+        design.write_text(DESIGN)
+        self.text = mini[0].read_text().replace('"sphere:10", "4dots"', '"sphere:6"')
+        self.text = self.text.replace("amplitude_mm = 1.5", "amplitude_mm = 0.5")
+        self.text = self.text.replace("depths_mm = [1.0]", "depths_mm = [0.4]")
+        self.text += f'[specimen]\ndesign = "{design}"\n'
+        self.protocol, self.rig = folder / "short.toml", folder / "bench.toml"
+        self.protocol.write_text(self.text)
+        self.rig.write_text(
+            mini[1]
+            .read_text()
+            .replace(
+                "spacing_mm = 0.25",
+                "spacing_mm = 0.5\npress_increment_mm = 0.4\nshear_increment_mm = 0.5",
+            )
+        )
+        self.finished = folder / "finished"
+        bench.run(str(self.protocol), str(self.rig), self.finished, seed=3)
+
+    def arguments(self, out: Path, *more: str) -> list[str]:
+        return [
+            "run", str(self.protocol), "--rig", str(self.rig), "--seed", "3", "--out", str(out),
+            *more,
+        ]  # fmt: skip
+
+    def unfinished(self, out: Path) -> Path:
+        """A copy of the run as if it had been cut off just before its summary."""
+        shutil.copytree(self.finished, out)
+        (out / "summary.json").unlink()
+        return out
+
+
+@pytest.fixture(scope="module")
+def short(mini: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Short:
+    return Short(tmp_path_factory.mktemp("short"), mini)
+
+
+@pytest.fixture(scope="module")
+def cli(tmp_path_factory: pytest.TempPathFactory) -> Cli:
+    """The command line in a process of its own; file_limit: bytes that it may put in one file."""
+    env = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+    cache = tmp_path_factory.getbasetemp().parent / "deltact-fab-compiled"
+    env |= {"PYTHONPYCACHEPREFIX": str(cache), "OMP_NUM_THREADS": "1"}
+
+    def run(*arguments: str, file_limit: int = -1) -> subprocess.CompletedProcess[str]:
+        def limit() -> None:
+            if file_limit >= 0:
+                resource.setrlimit(resource.RLIMIT_FSIZE, (file_limit, file_limit))
+
+        # No compiled modules are written under a limit: they would be what fails.
+        more = {"PYTHONDONTWRITEBYTECODE": "1"} if file_limit >= 0 else {}
+        return subprocess.run(
+            [sys.executable, "-m", "deltact_fab.cli.main", *arguments],
+            env=env | more, capture_output=True, text=True, check=False, preexec_fn=limit,
+        )  # fmt: skip
+
+    return run
+
+
+@pytest.fixture
+def disk(tmp_path: Path) -> Iterator[Callable[[str], Path]]:
+    """Call with mount options to get a file system in memory; call again to change them."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    mounted = False
+
+    def mount(options: str) -> Path:
+        nonlocal mounted
+        verb = f"remount,{options}" if mounted else options
+        done = subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", verb, "tmpfs", str(place)],
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        if done.returncode:
+            pytest.skip(f"a tmpfs cannot be mounted here: {done.stderr.strip() or 'needs root'}")
+        mounted = True
+        return place
+
+    yield mount
+    if mounted:
+        subprocess.run(["umount", str(place)], check=True)
+
+
+def assert_one_line(done: subprocess.CompletedProcess[str], code: int, *words: str) -> None:
+    """Exactly one line on stderr, with these words in it, nothing on stdout, this exit code."""
+    assert done.returncode == code, done.stderr
+    assert done.stdout == ""
+    lines = done.stderr.splitlines()
+    assert len(lines) == 1, done.stderr
+    assert lines[0].startswith("deltact-fab: ")
+    for word in words:
+        assert word in lines[0]
+
+
+def assert_nothing_half_written(out: Path) -> None:
+    """No temporary file; every file under images/ is journalled and has its hash."""
+    assert not list(out.parent.rglob(".*.part"))
+    rows = record.open(out).frames()
+    assert {f"images/{p.name}" for p in (out / "images").iterdir()} >= set(rows["file"])
+    for row in rows.itertuples():
+        data = (out / str(row.file)).read_bytes()
+        assert hashlib.sha256(data).hexdigest() == row.sha256
+    truth = record.open(out).truth()  # None, or every press that is there loads whole
+    for frame_id in truth.frames if truth is not None else ():
+        assert truth.displacement_mm(frame_id).ndim == 3
+
+
+def assert_completes(short: Short, out: Path) -> None:
+    """The run that failed goes on to the same images as the undisturbed one."""
+    bench.run(str(short.protocol), str(short.rig), out, seed=3, resume=True)
+    wanted, found = (record.open(p).frames()["sha256"] for p in (short.finished, out))
+    assert list(found) == list(wanted)
+
+
+# ---- the disk ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "kib", [300, *(pytest.param(k, marks=pytest.mark.slow) for k in range(60, 441, 20))]
+)
+def test_a_disk_that_fills_up(
+    short: Short, cli: Cli, disk: Callable[[str], Path], kib: int
+) -> None:
+    out = disk(f"size={kib}k") / "r"
+    done = cli(*short.arguments(out))
+    assert_one_line(done, 1, str(out))
+    assert "No space left" in done.stderr or "disk is full" in done.stderr
+    if out.exists():
+        assert_nothing_half_written(out)
+    else:
+        assert list(out.parent.iterdir()) == []
+    disk("size=64m")
+    assert_completes(short, out)
+
+
+def test_a_disk_without_room_for_the_folder(
+    short: Short, cli: Cli, disk: Callable[[str], Path]
+) -> None:
+    out = disk("size=16k") / "r"
+    assert_one_line(cli(*short.arguments(out)), 1, str(out.parent))
+    assert list(out.parent.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("limit", "culprit"),
+    [
+        pytest.param(20_000, "journal.sqlite", marks=pytest.mark.slow),  # as the folder is made
+        (45_000, ".png"),
+        pytest.param(60_000, "journal.sqlite", marks=pytest.mark.slow),  # in the middle of the run
+    ],
+)
+def test_a_file_that_may_not_grow(
+    short: Short, cli: Cli, tmp_path: Path, limit: int, culprit: str
+) -> None:
+    out = tmp_path / "r"
+    assert_one_line(cli(*short.arguments(out), file_limit=limit), 1, culprit)
+    if out.exists():
+        assert_nothing_half_written(out)
+    assert not list(tmp_path.rglob("*.part"))
+    assert_completes(short, out)
+
+
+@pytest.fixture
+def locked(
+    tmp_path: Path, request: pytest.FixtureRequest
+) -> Iterator[tuple[Path, Callable[[], None]]]:
+    """A folder and what makes it read only: its permissions, or for root a mount of its own."""
+    if os.geteuid() == 0:
+        mount = request.getfixturevalue("disk")
+        yield mount("size=64m"), lambda: mount("ro")
+        return
+    place = tmp_path / "locked"
+    place.mkdir()
+    yield place, lambda: place.chmod(0o555)
+    for path in (place, *place.rglob("*")):
+        path.chmod(0o755 if path.is_dir() else 0o644)
+
+
+def test_a_folder_that_may_not_be_written(
+    short: Short, cli: Cli, locked: tuple[Path, Callable[[], None]]
+) -> None:
+    place, lock = locked
+    cut = short.unfinished(place / "cut")
+    shutil.copytree(short.finished, place / "finished")
+    for folder in (cut, place / "finished") if os.geteuid() else ():
+        folder.chmod(0o555)
+    lock()
+    assert_one_line(cli(*short.arguments(place / "r")), 2, f"{place / 'r'}: cannot be made")
+    assert_one_line(cli(*short.arguments(cut, "--resume")), 2, f"{cut}: cannot be written")
+    # What is finished needs no writing, neither to be told so nor to be read.
+    assert cli(*short.arguments(place / "finished", "--resume")).returncode == 0
+    assert len(record.open(place / "finished").frames()) == len(
+        record.open(short.finished).frames()
+    )
+    assert sorted(p.name for p in place.iterdir()) == ["cut", "finished"]
+
+
+# ---- the record -------------------------------------------------------------------------------
+
+
+def test_a_truncated_image(short: Short, cli: Cli, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(short.finished, run)
+    image = run / str(record.open(run).frames()["file"].iloc[0])
+    image.write_bytes(image.read_bytes()[:-100])
+    done = cli("analyze", "tracking", str(run), "--method", "dis-fast")
+    assert_one_line(done, 1, str(image), "damaged")
+    assert not (run / "analysis").exists()
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"not a database at all" * 50, "not a database"),
+        pytest.param(b"", "no such table", marks=pytest.mark.slow),
+        pytest.param(None, "unable to open", marks=pytest.mark.slow),
+    ],
+)
+def test_a_corrupted_journal(
+    short: Short, cli: Cli, tmp_path: Path, content: bytes | None, words: str
+) -> None:
+    run = short.unfinished(tmp_path / "run")
+    journal = run / "journal.sqlite"
+    if content is None:
+        journal.unlink()
+    else:
+        journal.write_bytes(content)
+    images = sorted((run / "images").iterdir())
+    assert_one_line(cli(*short.arguments(run, "--resume")), 1, str(journal), words)
+    assert_one_line(cli("analyze", "tracking", str(run)), 1, str(journal), words)
+    assert sorted((run / "images").iterdir()) == images
+    assert journal.exists() == (content is not None)
+
+
+def test_a_page_of_the_journal_overwritten(short: Short, cli: Cli, tmp_path: Path) -> None:
+    run = short.unfinished(tmp_path / "run")
+    journal = run / "journal.sqlite"
+    data = bytearray(journal.read_bytes())
+    for page in range(1, len(data) // 4096):
+        data[page * 4096 : page * 4096 + 64] = bytes(range(64))
+    journal.write_bytes(bytes(data))
+    images = sorted((run / "images").iterdir())
+    assert_one_line(cli(*short.arguments(run, "--resume")), 1, str(journal), "the journal failed")
+    assert sorted((run / "images").iterdir()) == images
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"format": 1}'])
+def test_a_folder_that_is_no_run(short: Short, tmp_path: Path, text: str) -> None:
+    run = short.unfinished(tmp_path / "run")
+    (run / "run.json").write_text(text)
+    with pytest.raises(InputError, match=r"run\.json"):
+        bench.run(str(short.protocol), str(short.rig), run, seed=3, resume=True)
+
+
+# ---- the input --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("was", "now", "words"),
+    [
+        ("positions_mm", "position_mm", "position_mm: unknown key; did you mean 'positions_mm'?"),
+        ("depths_mm = [0.4]", "depths_mm = [11.5]", "depth against the gel: depth (mm) 11.5 > 11"),
+        ("amplitude_mm = 0.5", "amplitude_mm = 15.0", "footprint + shear inside the skin"),
+    ],
+)
+def test_a_protocol_that_cannot_be_run(
+    short: Short, cli: Cli, tmp_path: Path, was: str, now: str, words: str
+) -> None:
+    assert was in short.text
+    bad, out = tmp_path / "bad.toml", tmp_path / "r"
+    bad.write_text(short.text.replace(was, now))
+    done = cli("run", str(bad), "--rig", str(short.rig), "--out", str(out))
+    assert_one_line(done, 2, str(bad), words)
+    assert list(tmp_path.iterdir()) == [bad]
+
+
+def test_a_missing_file(short: Short, cli: Cli, tmp_path: Path) -> None:
+    out = tmp_path / "r"
+    done = cli("run", str(tmp_path / "none.toml"), "--out", str(out))
+    assert_one_line(done, 2, f"{tmp_path / 'none.toml'}: no such file")
+    assert not out.exists()
+
+
+def test_a_run_folder_that_is_already_there(short: Short, cli: Cli, tmp_path: Path) -> None:
+    done = cli(*short.arguments(short.finished))
+    assert_one_line(done, 2, f"{short.finished}: already there; name a new --out folder")
+    cut = short.unfinished(tmp_path / "cut")
+    before = sorted(p.name for p in cut.rglob("*"))
+    assert_one_line(cli(*short.arguments(cut)), 2, f"{cut}: already there", "--resume")
+    assert sorted(p.name for p in cut.rglob("*")) == before
+    other = tmp_path / "other"
+    other.mkdir()
+    done = cli(*short.arguments(other, "--resume"))
+    assert_one_line(done, 2, f"{other}: not a run folder")
+    assert list(other.iterdir()) == []
