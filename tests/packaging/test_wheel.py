@@ -1,0 +1,239 @@
+"""sdist -> wheel -> an environment that holds the wheel and no checkout, used from elsewhere."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import json
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tarfile
+import venv
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from deltact_fab import record
+from deltact_fab.patterns import load_recipe
+from deltact_fab.patterns import make as make_pattern
+
+ROOT = Path(__file__).parents[2]
+CATALOGUE = ("cad", "patterns", "protocols")
+# Whatever else lies in a checkout (environments, run folders, caches) stays there.
+TRAVELS = {
+    *CATALOGUE, "deltact_fab", "tests", "docs", ".ci", ".gitignore", "Makefile", "README.md",
+    "CHANGELOG.md", "CONTRIBUTING.md", "PKG-INFO", "constraints.txt", "pyproject.toml",
+}  # fmt: skip
+SHORT = """
+name = "short"
+indenters = ["sphere:10"]
+positions_mm = [[0.0, 0.0]]
+depths_mm = [0.6]
+channels = ["image", "dots", "force"]
+[capture]
+mode = "sweep"
+rate_hz = 0.5
+"""
+WHERE = """
+import json, sys, deltact_fab
+from importlib.metadata import distribution
+from deltact_fab import catalog
+print(json.dumps({
+    "package": deltact_fab.__file__,
+    "shipped": [str(catalog.shipped_dir(kind)) for kind in catalog.KINDS],
+    "distribution": str(distribution("deltact-fab").locate_file("")),
+    "path": sys.path,
+}))
+"""
+
+
+def call(*words: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """Run a program as a stranger would: nothing in the environment points to the checkout."""
+    drop = {"PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV"}
+    env = {k: v for k, v in os.environ.items() if k not in drop}
+    done = subprocess.run(
+        [str(w) for w in words],
+        capture_output=True, text=True, cwd=cwd, env=env, timeout=1200, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, f"{words}: {done.stdout}{done.stderr}"
+    return done
+
+
+@dataclass(frozen=True)
+class Installed:
+    """An environment with the wheel in it, and a folder elsewhere to work in."""
+
+    environment: Path
+    folder: Path
+
+    @property
+    def bin(self) -> Path:
+        return self.environment / "bin"
+
+    def __call__(self, *words: str) -> str:
+        return call(self.bin / "deltact-fab", *words, cwd=self.folder).stdout
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the sdist of this checkout and the wheel made from that sdist."""
+    dist = tmp_path_factory.mktemp("dist")
+    build = (sys.executable, "-m", "hatchling", "build", "-d", str(dist), "-t")
+    call(*build, "sdist", cwd=ROOT)
+    unpacked = tmp_path_factory.mktemp("sdist")
+    with tarfile.open(next(dist.glob("*.tar.gz"))) as archive:
+        archive.extractall(unpacked, filter="data")
+    (source,) = unpacked.iterdir()
+    call(*build, "wheel", cwd=source)
+    return dist
+
+
+@pytest.fixture(scope="module")
+def wheel(built: Path) -> Path:
+    (made,) = built.glob("*.whl")
+    return made
+
+
+@pytest.fixture(scope="module")
+def borrowed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Installed:
+    """The wheel in a fresh environment that borrows the dependencies installed here.
+
+    A .pth names this environment's packages; .pth files in there are not read in turn, and one
+    of those is what makes an editable checkout importable.
+    """
+    folder = tmp_path_factory.mktemp("borrowed")
+    environment = folder / "env"
+    venv.EnvBuilder(with_pip=False, symlinks=True).create(environment)
+    call(
+        sys.executable, "-m", "pip", "-q", "--disable-pip-version-check",
+        "--python", environment / "bin" / "python",
+        "install", "--no-deps", "--no-index", "--no-compile", wheel,
+        cwd=folder,
+    )  # fmt: skip
+    (packages,) = environment.glob("lib/python*/site-packages")
+    (packages / "borrowed.pth").write_text(sysconfig.get_paths()["purelib"] + "\n")
+    elsewhere = folder / "elsewhere"
+    elsewhere.mkdir()
+    return Installed(environment, elsewhere)
+
+
+def of_the_checkout(*folders: str) -> dict[str, bytes]:
+    """What a person put under those folders, by path."""
+    found = (p for folder in folders for p in (ROOT / folder).rglob("*"))
+    return {
+        p.relative_to(ROOT).as_posix(): p.read_bytes()
+        for p in found
+        if p.is_file() and "__pycache__" not in p.parts
+    }
+
+
+def test_the_sdist_holds_what_builds_tests_and_reads_and_nothing_else(built: Path) -> None:
+    with tarfile.open(next(built.glob("*.tar.gz"))) as archive:
+        names = {name.split("/", 1)[1] for name in archive.getnames()}
+    assert {name.split("/")[0] for name in names} == TRAVELS
+    assert names >= set(of_the_checkout("deltact_fab", *CATALOGUE, "tests", ".ci"))
+    assert not [name for name in names if "__pycache__" in name or name.endswith(".pyc")]
+
+
+def test_the_wheel_holds_the_package_the_catalogue_and_no_more(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        held = {name: archive.read(name) for name in archive.namelist()}
+    info = next(name for name in held if name.endswith("/METADATA")).split("/")[0]
+    wanted = of_the_checkout("deltact_fab")
+    wanted |= {f"deltact_fab/_shipped/{k}": v for k, v in of_the_checkout(*CATALOGUE).items()}
+    assert {k: v for k, v in held.items() if not k.startswith(info)} == wanted
+    assert "deltact_fab/py.typed" in wanted
+    assert "deltact_fab/report/templates/run.html" in wanted
+    assert "deltact_fab/_shipped/protocols/rigs/virtual.toml" in wanted
+    assert b"deltact-fab = deltact_fab.cli.main:entry" in held[f"{info}/entry_points.txt"]
+    assert b"://" not in b"".join(
+        line for line in held[f"{info}/METADATA"].splitlines() if line.startswith(b"Requires-Dist")
+    )
+
+
+def test_the_environment_knows_the_wheel_and_not_the_checkout(borrowed: Installed) -> None:
+    seen = json.loads(call(borrowed.bin / "python", "-c", WHERE, cwd=borrowed.folder).stdout)
+    inside = str(borrowed.environment)
+    assert seen["package"].startswith(inside)
+    assert seen["distribution"].startswith(inside)
+    assert len(seen["shipped"]) == 4
+    assert all(folder.startswith(inside) and "_shipped" in folder for folder in seen["shipped"])
+    assert str(ROOT) not in seen["path"]
+    assert list(borrowed.folder.iterdir()) == []
+
+
+def test_the_parts_and_protocols_are_listed(borrowed: Installed) -> None:
+    parts = [row["part"] for row in json.loads(borrowed("cad", "list", "--json"))]
+    assert {"skin", "skin-frame"} <= set(parts)
+    shown = json.loads(borrowed("protocol", "show", "smoke", "--json"))
+    assert len(shown["steps"]) > 10
+    for kind in ("patterns", "protocols"):
+        command = kind.removesuffix("s")
+        assert set(json.loads(borrowed(command, "list", "--json"))) >= {
+            p.stem for p in (ROOT / kind).glob("*.toml")
+        }
+
+
+def test_a_pattern_has_the_bytes_that_the_checkout_makes(
+    borrowed: Installed, tmp_path: Path
+) -> None:
+    borrowed("pattern", "make", "dense", "-o", "x.png")
+    make_pattern(load_recipe(str(ROOT / "patterns" / "dense.toml")), tmp_path / "x.png")
+    assert (borrowed.folder / "x.png").read_bytes() == (tmp_path / "x.png").read_bytes()
+
+
+def test_a_short_run(borrowed: Installed) -> None:
+    (borrowed.folder / "short.toml").write_text(SHORT)
+    summary = json.loads(borrowed("run", "short.toml", "--seed", "3", "--out", "r", "--json"))
+    check_run(borrowed.folder / "r", summary["frames"])
+
+
+def check_run(folder: Path, frames: int) -> None:
+    """As many images as the summary says, each with the hash of its row."""
+    rows = record.open(folder).frames()
+    assert len(rows) == frames >= 3
+    for row in rows.itertuples():
+        data = (folder / str(row.file)).read_bytes()
+        assert hashlib.sha256(data).hexdigest() == row.sha256
+    assert rows["fz_n"].min() < -0.1
+
+
+@pytest.mark.slow
+def test_a_full_install_from_the_index_runs_smoke(
+    wheel: Path, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    """Every dependency installed anew, at the versions of constraints.txt."""
+    environment, elsewhere = tmp_path / "env", tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    # 2 GB; pytest would keep the last three.
+    request.addfinalizer(lambda: shutil.rmtree(environment, ignore_errors=True))
+    constraints = ("-c", str(ROOT / "constraints.txt"), f"{wheel}[report]")
+    if importlib.util.find_spec("uv"):
+        uv = (sys.executable, "-m", "uv", "-q")
+        call(*uv, "venv", "--no-project", "--python", sys.executable, environment, cwd=tmp_path)
+        python = environment / "bin" / "python"
+        call(*uv, "pip", "install", "--python", python, *constraints, cwd=tmp_path)
+    else:
+        call(sys.executable, "-m", "venv", environment, cwd=tmp_path)
+        pip = (environment / "bin" / "python", "-m", "pip", "-q", "--disable-pip-version-check")
+        call(*pip, "install", *constraints, cwd=tmp_path)
+    full = Installed(environment, elsewhere)
+    borrowed_path = sysconfig.get_paths()["purelib"]
+    seen = json.loads(call(full.bin / "python", "-c", WHERE, cwd=elsewhere).stdout)
+    assert seen["package"].startswith(str(environment))
+    assert not {str(ROOT), borrowed_path} & set(seen["path"])
+
+    full("cad", "export", "sphere:10", "--out", "parts")
+    assert (elsewhere / "parts" / "manifest.json").is_file()
+    full("pattern", "make", "dense", "-o", "x.png")
+    planned = json.loads(full("protocol", "show", "smoke", "--json"))
+    summary = json.loads(full("run", "smoke", "--seed", "3", "--out", "smoke-run", "--json"))
+    assert summary["frames"] == sum(step["frames"] for step in planned["steps"])
+    check_run(elsewhere / "smoke-run", summary["frames"])
+    full("report", "smoke-run", "-o", "smoke.html")
+    assert "simulated" in (elsewhere / "smoke.html").read_text()

@@ -1,0 +1,165 @@
+"""The demo as a newcomer meets it, its figures, its repeatability, and without the CAD kernel."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import shutil
+import sqlite3
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from deltact_fab.record import WALL_COLUMNS
+
+pytestmark = pytest.mark.slow
+
+PROGRAM = (sys.executable, "-m", "deltact_fab.cli.main")
+# Both in a mount namespace of their own, which ends with the process: nothing else sees it.
+# A file of no bytes stands for a broken library; a layer without it, for a missing one.
+HIDE = {
+    "broken": 'mount --bind /dev/null "$file"',
+    "missing": """
+mount -t tmpfs none "$1" && mkdir "$1/upper" "$1/work" &&
+mount -t overlay -o "lowerdir=${file%/*},upperdir=$1/upper,workdir=$1/work" none "${file%/*}" &&
+rm "$file"
+""",
+}
+NOT_PERMITTED = 77
+HIDDEN = """
+file=$(realpath "$0")
+{{ {hide}
+}} || exit {not_permitted}
+shift
+exec "$@"
+"""
+
+
+def call(*words: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*PROGRAM, *map(str, words)],
+        capture_output=True, text=True, cwd=cwd, timeout=900, check=False,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("demo")
+    done = call("demo", "--out", folder / "out", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert f"report: {folder / 'out' / 'report.html'}" in done.stdout
+    return folder / "out"
+
+
+def test_the_demo_makes_parts_pattern_run_and_report(demo: Path) -> None:
+    made = {f["file"] for f in json.loads((demo / "cad" / "manifest.json").read_text())["files"]}
+    assert {"skin.step", "skin.stl"} <= made
+    assert all((demo / "cad" / name).stat().st_size > 1000 for name in made)
+    assert (demo / "pattern" / "dense-with-dots.png").stat().st_size > 10_000
+    page = (demo / "report.html").read_text()
+    assert "simulated" in page
+    assert json.loads((demo / "demo.json").read_text())["finished"] is True
+
+
+def test_the_demo_measures_what_it_claims(demo: Path) -> None:
+    tracking = json.loads((demo / "run" / "analysis" / "tracking.json").read_text())
+    methods = {row["name"]: row for row in tracking["methods"]}
+    assert methods["dis-medium"]["mean_off_dots_mm"] <= 0.03
+    assert tracking["dots"]["mean_vs_truth_mm"] <= 0.01
+    rows = [row for row in tracking["by_indenter"] if row["name"] == "dis-medium"]
+    assert {row["indenter"] for row in rows} == {"sphere:10", "4dots"}
+    for row in rows:  # something moved far enough for an error to mean anything
+        assert row["peak_true_mm"] >= 0.9, row["indenter"]
+
+
+def test_the_demo_is_faster_than_the_bench_it_simulates(demo: Path) -> None:
+    summary = json.loads((demo / "run" / "summary.json").read_text())
+    assert summary["wall_seconds"] < summary["rig_seconds"]
+
+
+def images(run: Path) -> dict[str, str]:
+    """SHA-256 of every image of a run."""
+    return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in run.glob("images/*")}
+
+
+def rows(run: Path) -> dict[str, list[tuple[Any, ...]]]:
+    """Every table of a run's journal, without the columns of wall time."""
+    found = {}
+    with sqlite3.connect(f"file:{run / 'journal.sqlite'}?mode=ro", uri=True) as journal:
+        tables = journal.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
+        for (table,) in tables:
+            names = [column[1] for column in journal.execute(f"PRAGMA table_info({table})")]
+            keep = ", ".join(name for name in names if name not in WALL_COLUMNS)
+            found[table] = journal.execute(f"SELECT {keep} FROM {table} ORDER BY seq").fetchall()
+    return found
+
+
+def test_two_smoke_runs_of_one_seed_are_the_same(tmp_path: Path) -> None:
+    folders = [tmp_path / "one", tmp_path / "two"]
+    for folder in folders:
+        done = call("run", "smoke", "--seed", "3", "--out", folder, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+    one, two = (images(folder) for folder in folders)
+    assert len(one) > 50
+    assert len(set(one.values())) == len(one)
+    assert one == two
+    first, second = (rows(folder) for folder in folders)
+    assert len(first["frames"]) == len(one)
+    assert len(first["steps"]) > 10
+    assert first == second
+
+
+def without_libgl(how: str, *words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """Run the program where the loader finds no usable libGL.so.1; skips where that is barred."""
+    if os.name != "posix" or shutil.which("unshare") is None:
+        pytest.skip("libGL cannot be hidden here: no `unshare`")
+    listed = subprocess.run(
+        ["ldconfig", "-p"], capture_output=True, text=True, check=False,
+        env={**os.environ, "PATH": f"{os.environ['PATH']}:/sbin:/usr/sbin"},
+    )  # fmt: skip
+    library = re.search(r"libGL\.so\.1 .*=> (\S+)", listed.stdout)
+    if library is None:
+        pytest.skip("libGL.so.1 is not on this machine, so it cannot be hidden")
+    script = HIDDEN.format(hide=HIDE[how], not_permitted=NOT_PERMITTED)
+    scratch = cwd / "layer"
+    scratch.mkdir()
+    done = subprocess.run(
+        ["unshare", "--mount", "bash", "-c", script, library.group(1), str(scratch), *PROGRAM,
+         *words],
+        capture_output=True, text=True, cwd=cwd, timeout=900, check=False,
+    )  # fmt: skip
+    # unshare itself exits 1 when the kernel refuses, before the program runs.
+    if done.returncode == NOT_PERMITTED or "unshare failed" in done.stderr:
+        pytest.skip(f"libGL cannot be hidden here: {done.stderr.strip()}")
+    return done
+
+
+def test_the_demo_leaves_cad_out_where_libgl_is_broken(tmp_path: Path) -> None:
+    done = without_libgl("broken", "demo", "--out", "out", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    (line,) = [line for line in done.stdout.splitlines() if "apt-get" in line]
+    assert line == (
+        "cad: left out: cadquery needs libGL.so.1, and the one here is broken (file too short): "
+        "apt-get install --reinstall libgl1 libegl1 libx11-6"
+    )
+    assert "Traceback" not in done.stderr
+    assert not list((tmp_path / "out").glob("cad/*"))
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert f"The parts were {line.removeprefix('cad: ')}" in page
+    tracking = json.loads((tmp_path / "out/run/analysis/tracking.json").read_text())
+    assert tracking["methods"][0]["mean_off_dots_mm"] <= 0.03
+
+
+def test_an_export_says_what_to_install_where_libgl_is_missing(tmp_path: Path) -> None:
+    done = without_libgl("missing", "cad", "export", "sphere:10", "--out", "parts", cwd=tmp_path)
+    assert done.returncode == 1
+    assert done.stdout == ""
+    assert done.stderr == (
+        "deltact-fab: cadquery needs libGL.so.1: apt-get install libgl1 libegl1 libx11-6\n"
+    )
+    assert not (tmp_path / "parts").exists()

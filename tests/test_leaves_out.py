@@ -1,0 +1,262 @@
+"""What no one asks for is not built, not solved, not opened and not imported.
+
+Calls are counted on the real functions, in this process; imports are read in a process of their
+own. Every "never" stands beside a scene that does call or import the thing.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import pty
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+PROTOCOL = """
+name = "short"
+indenters = ["sphere:10"]
+positions_mm = [[0.0, 0.0]]
+depths_mm = [1.2]
+channels = {channels}
+{shear}
+[capture]
+mode = "sweep"
+rate_hz = 0.5
+"""
+SHEAR = """
+[shear]
+amplitude_mm = 0.5
+axes = ["x"]
+"""
+RIG = """
+kind = "virtual"
+[stage]
+origin_machine_mm = [-60.0, -60.0, -40.0]
+travel_mm = [120.0, 120.0, 60.0]
+max_feed_mm_min = [1500.0, 1500.0, 1200.0]
+acceleration_mm_s2 = [50.0, 50.0, 50.0]
+[gel]
+spacing_mm = 0.5
+"""
+SCENES = {
+    "force": ('["force"]', ""),
+    "force and shear": ('["force", "shear"]', SHEAR),
+    "tracking": ('["image", "dots"]', ""),
+    "full": ('["image", "dots", "force", "shear"]', SHEAR),
+}
+CAD = ("cadquery", "OCP")
+PAGES = ("matplotlib", "jinja2", "plotly")
+WATCHED = ("cv2", "scipy.interpolate", *CAD, *PAGES)
+LOADED = """
+print("@@" + json.dumps([name for name in {watched!r} if name in sys.modules]))
+"""
+RUN = """
+from pathlib import Path
+from deltact_fab import bench
+bench.run({protocol!r}, {rig!r}, Path("run"), seed=3)
+"""
+COMMAND = """
+sys.argv = ["deltact-fab", *{words!r}]
+from deltact_fab.cli.main import entry
+try:
+    entry()
+except SystemExit as end:
+    assert end.code == {code}, end.code
+"""
+
+
+def scene(name: str, folder: Path) -> tuple[str, str]:
+    """Paths of the scene's protocol and rig file."""
+    channels, shear = SCENES[name]
+    protocol, rig = folder / "short.toml", folder / "bench.toml"
+    protocol.write_text(PROTOCOL.format(channels=channels, shear=shear))
+    rig.write_text(RIG)
+    return str(protocol), str(rig)
+
+
+def loaded_by(*bodies: str, cwd: Path) -> list[set[str]]:
+    """Which of the watched modules a fresh process holds after each of the bodies."""
+    look = LOADED.format(watched=WATCHED)
+    done = subprocess.run(
+        [sys.executable, "-c", "import json, sys\n" + "".join(body + look for body in bodies)],
+        capture_output=True, text=True, cwd=cwd, timeout=300, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    found = [line[2:] for line in done.stdout.splitlines() if line.startswith("@@")]
+    return [set(json.loads(line)) for line in found]
+
+
+def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
+    """Counts the calls of whatever a scene may leave out; the real function still runs."""
+    import serial
+
+    from deltact_fab import imaging
+    from deltact_fab.gel import contact
+    from deltact_fab.rig import force
+    from deltact_fab.virtual import netft, picture
+
+    calls: Counter[str] = Counter()
+
+    def count(owner: Any, name: str, label: str) -> None:
+        real: Callable[..., Any] = getattr(owner, name)
+
+        @wraps(real)
+        def call(*args: Any, **kwargs: Any) -> Any:
+            calls[label] += 1
+            return real(*args, **kwargs)
+
+        monkeypatch.setattr(owner, name, call)
+
+    count(picture.Picture, "render", "render")
+    count(picture.Picture, "__init__", "picture")
+    count(imaging.Printer, "print_", "print")
+    count(imaging.Sensor, "expose", "expose")
+    count(contact, "friction_contact", "friction")
+    count(contact, "normal_contact", "normal")
+    count(netft.NetFTBox, "send", "force box")
+    count(force.NetFTSensor, "read", "force")
+    count(serial.Serial, "open", "port")
+    return calls
+
+
+def calls_of(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
+    from deltact_fab import bench
+
+    calls = counted(monkeypatch)
+    summary = bench.run(*scene(name, folder), folder / "run", seed=3)
+    calls["frames"] = summary["frames"]
+    assert calls["frames"] >= 3
+    return calls
+
+
+def test_the_full_scene_calls_everything_but_a_real_port(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = calls_of("full", tmp_path, monkeypatch)
+    assert calls["render"] == calls["expose"] == calls["frames"]
+    assert calls["picture"] == calls["print"] == 1
+    assert calls["friction"] >= 3
+    assert calls["normal"] >= 3
+    assert calls["force"] >= calls["frames"]
+    assert calls["force box"] > calls["force"]
+    assert calls["port"] == 0
+
+
+@pytest.mark.parametrize("name", ["force", "force and shear"])
+def test_a_force_only_scene_never_draws(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = calls_of(name, tmp_path, monkeypatch)
+    assert calls["render"] == calls["picture"] == calls["print"] == calls["expose"] == 0
+    assert calls["port"] == 0
+    assert calls["normal"] >= 3
+    assert calls["force"] >= calls["frames"]
+    assert (calls["friction"] > 0) == (name == "force and shear")
+
+
+def test_a_tracking_scene_without_shear_solves_no_friction_and_asks_no_force(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = calls_of("tracking", tmp_path, monkeypatch)
+    assert calls["friction"] == calls["force"] == calls["force box"] == calls["port"] == 0
+    assert calls["render"] == calls["frames"]
+    assert calls["normal"] >= 3
+
+
+def test_a_real_port_is_seen_by_the_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    import serial
+
+    calls = counted(monkeypatch)
+    ours, theirs = pty.openpty()
+    try:
+        serial.serial_for_url(os.ttyname(theirs)).close()
+    finally:
+        os.close(ours)
+        os.close(theirs)
+    assert calls["port"] == 1
+
+
+def test_a_force_only_run_imports_nothing_that_draws(tmp_path: Path) -> None:
+    protocol, rig = scene("force and shear", tmp_path)
+    assert loaded_by(RUN.format(protocol=protocol, rig=rig), cwd=tmp_path) == [set()]
+
+
+def test_a_tracking_run_draws_and_only_the_report_loads_the_makers_of_pages(tmp_path: Path) -> None:
+    protocol, rig = scene("tracking", tmp_path)
+    run, analysed, reported = loaded_by(
+        RUN.format(protocol=protocol, rig=rig),
+        """
+from deltact_fab.analysis.tracking_error import analyse
+result = analyse("run", ["dis-fast/static"])
+""",
+        """
+from deltact_fab.report.page import write
+write("run", Path("page.html"), result)
+""",
+        cwd=tmp_path,
+    )
+    assert run == {"cv2", "scipy.interpolate"}
+    assert not analysed & {*CAD, *PAGES}
+    assert {"matplotlib", "jinja2"} <= reported
+    assert not reported & {*CAD, "plotly"}
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["cad", "list"],
+        ["protocol", "show", "smoke"],
+        ["pattern", "make", "-d", "0.3", "-r", "0.1", "--size", "6", "-o", "x.png"],
+        ["gel", "press", "--depth", "0.6", "--spacing", "0.5"],
+    ],
+    ids=lambda w: "-".join(w[:2]),
+)
+def test_a_command_of_numbers_loads_no_kernel_no_pages_and_no_opencv(
+    words: list[str], tmp_path: Path
+) -> None:
+    assert loaded_by(COMMAND.format(words=words, code=0), cwd=tmp_path) == [set()]
+
+
+def test_the_parts_are_listed_where_cadquery_is_absent_and_export_says_so(tmp_path: Path) -> None:
+    # None in sys.modules is an import that fails: the list must not even try.
+    absent = "".join(f"sys.modules[{name!r}] = None\n" for name in CAD)
+    listed = COMMAND.format(words=["cad", "list"], code=0)
+    export = COMMAND.format(words=["cad", "export", "sphere:10"], code=1)
+    loaded_by(absent + listed, export, cwd=tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("library", "content", "says"),
+    [
+        ("libGL.so.1", None, "cadquery needs libGL.so.1: apt-get install libgl1"),
+        ("libGL.so.1", b"", "the one here is broken (file too short): apt-get install --reinst"),
+        ("libX11.so.6", b"text" * 99, "the one here is broken (invalid ELF header): apt-get inst"),
+        ("site-packages/libTK.so.7.9", b"", "pip install --force-reinstall cadquery"),
+    ],
+)
+def test_the_advice_on_a_library_follows_what_the_loader_says(
+    library: str, content: bytes | None, says: str, tmp_path: Path
+) -> None:
+    from deltact_fab.cad.kernel import _advice
+
+    path = tmp_path / library
+    path.parent.mkdir(exist_ok=True)
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(OSError, match="lib") as why:
+        ctypes.CDLL(str(path))
+    assert says in _advice(str(why.value))
+
+
+@pytest.mark.slow
+def test_an_export_loads_the_kernel(tmp_path: Path) -> None:
+    body = COMMAND.format(words=["cad", "export", "sphere:10"], code=0)
+    assert set(CAD) <= loaded_by(body, cwd=tmp_path)[0]
