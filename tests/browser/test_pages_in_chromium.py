@@ -17,6 +17,7 @@ import pytest
 from numpy.typing import NDArray
 
 from deltact_fab.analysis.tracking_error import analyse
+from deltact_fab.numerics import harness
 from deltact_fab.report.page import write
 
 if TYPE_CHECKING:
@@ -129,3 +130,12 @@ def test_a_bad_page_is_caught(browser: Browser, tmp_path: Path) -> None:
     assert outside(seen, page) == ["http://127.0.0.1:9/x.png"]
     assert seen.shown["images"] == [0]
     assert min(seen.ink()) == 0
+
+
+def test_the_numerics_page_opens_the_same_way(browser: Browser, tmp_path: Path) -> None:
+    page = harness.run(["pattern"], quick=True).save(tmp_path)[-1]
+    seen = visit(browser, page)
+    assert seen.said == []
+    assert outside(seen, page) == []
+    assert len(seen.shown["figures"]) >= 1
+    assert min(seen.shown["figures"]) > 100

@@ -77,3 +77,19 @@ def test_figures_are_the_same_bytes_each_time(result: TrackingResult) -> None:
     drawn = [figures.to_svg(figures.error_by_indenter(result.by_indenter, 0.08)) for _ in range(2)]
     assert drawn[0] == drawn[1]
     assert "<dc:date>" not in drawn[0]
+
+
+def test_a_run_in_which_nothing_moved_enough_still_has_a_report(
+    mini: tuple[Path, Path], tmp_path: Path
+) -> None:
+    """A touch of 0.3 mm moves no pixel by 0.1 mm: the errors off the dots are empty."""
+    from deltact_fab import bench
+
+    text = mini[0].read_text().replace('"sphere:10", "4dots"', '"sphere:10"')
+    text = text.replace('[shear]\namplitude_mm = 1.5\naxes = ["x"]\n', "").replace(', "shear"', "")
+    (tmp_path / "touch.toml").write_text(text.replace("[1.0]", "[0.3]"))
+    bench.run(str(tmp_path / "touch.toml"), str(mini[1]), tmp_path / "r", seed=3)
+    touched = analyse(tmp_path / "r", ["dis-fast"])
+    assert touched.methods[0]["mean_off_dots_mm"] is None
+    page = write(tmp_path / "r", tmp_path / "r.html", touched).read_text()
+    assert "(at dots)" in page
