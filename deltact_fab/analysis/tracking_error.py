@@ -232,9 +232,9 @@ def analyse(
     for name in methods:
         split_name(name)
     run = record.open(folder)
+    frames = run.frames()
     if not run.finished:
         raise InputError(f"{folder}: the run is not finished; go on with `run --resume`")
-    frames = run.frames()
     if frames.empty or frames["file"].isna().any():
         raise InputError(f"{folder}: no images were recorded; tracking needs the channel 'image'")
     presses = list(dict.fromkeys(frames["press"]))

@@ -1,0 +1,108 @@
+"""Files of a run folder: their places, and writing them whole or not at all."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError, RunFailed
+
+FORMAT = 2
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file so that it is there whole or not at all: temporary, fsync, rename, fsync.
+
+    Raises RunFailed naming the file when the disk refuses.
+    """
+    temporary = path.with_name(f".{path.name}.part")
+    try:
+        with temporary.open("wb") as out:
+            out.write(data)
+            out.flush()
+            os.fsync(out.fileno())
+        temporary.replace(path)
+        sync_folder(path.parent)
+    except BaseException as why:
+        # Where nothing may be written, nothing can be removed either, and nothing is there.
+        with suppress(OSError):
+            temporary.unlink()
+        if isinstance(why, OSError):
+            raise RunFailed(f"{path}: cannot be written: {why.strerror}") from why
+        raise
+
+
+def sync_folder(folder: Path) -> None:
+    """Make a rename survive a power cut; file systems that cannot say so are let pass."""
+    if os.name != "posix":
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    except OSError as why:
+        if why.errno not in (errno.EINVAL, errno.ENOTSUP):
+            raise
+    finally:
+        os.close(handle)
+
+
+def image_file(frame_id: str) -> str:
+    """Path of a frame's image inside the run folder."""
+    return f"images/{frame_id.replace('/', '_').replace('#', '_')}.png"
+
+
+def truth_file(folder: Path, press: str) -> Path:
+    """Where a virtual rig keeps the truth of one press of the run in `folder`.
+
+    An npz of displacement_mm (n, ny, nx, 3), one a solved knot, and for each frame of the press,
+    in order of capture: frame_id, knots (m, 2) it lies between, fraction (m,) of the way.
+    """
+    return folder / "truth" / f"{press.replace('/', '_')}.npz"
+
+
+def lattice_file(folder: Path) -> Path:
+    """Where a virtual rig keeps the lattice that its truth stands on."""
+    return folder / "truth" / "lattice.json"
+
+
+def encode_png(image: NDArray[np.uint8]) -> bytes:
+    """(h, w, 3) BGR to PNG bytes, tuned for noisy frames (fast filter, Huffman only)."""
+    import cv2
+
+    done, data = cv2.imencode(
+        ".png",
+        image,
+        [
+            cv2.IMWRITE_PNG_COMPRESSION,
+            1,
+            cv2.IMWRITE_PNG_STRATEGY,
+            cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY,
+            cv2.IMWRITE_PNG_FILTER,
+            cv2.IMWRITE_PNG_FILTER_AVG,
+        ],
+    )
+    if not done:
+        raise RunFailed("an image could not be encoded as PNG")
+    return bytes(data)
+
+
+@contextmanager
+def refusing(folder: Path) -> Iterator[None]:
+    """An OSError while the folder is made: a full or broken disk failed, all else is bad input."""
+    try:
+        yield
+    except OSError as why:
+        kind = RunFailed if why.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO) else InputError
+        raise kind(f"{folder}: cannot be made: {why.strerror}") from why
+
+
+def json_bytes(data: dict[str, Any]) -> bytes:
+    return (json.dumps(data, indent=1, sort_keys=True) + "\n").encode()

@@ -1,0 +1,89 @@
+"""The journal of a run: SQLite tables, its connection, and the right to write it."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from ..errors import InputError, RunFailed
+
+SCHEMA = """
+CREATE TABLE steps (
+  seq INTEGER PRIMARY KEY, step_id TEXT NOT NULL UNIQUE, press TEXT NOT NULL,
+  indenter TEXT NOT NULL, kind TEXT NOT NULL,
+  x_mm REAL NOT NULL, y_mm REAL NOT NULL, z_mm REAL NOT NULL, feed_mm_min REAL NOT NULL,
+  planned_s REAL NOT NULL, t_start_s REAL NOT NULL, t_end_s REAL NOT NULL, wall_s REAL NOT NULL
+);
+CREATE TABLE frames (
+  frame_id TEXT PRIMARY KEY, seq INTEGER NOT NULL UNIQUE, step_id TEXT NOT NULL,
+  press TEXT NOT NULL, indenter TEXT NOT NULL, kind TEXT NOT NULL, k INTEGER NOT NULL,
+  file TEXT, sha256 TEXT, t_s REAL NOT NULL, t_step_s REAL NOT NULL,
+  x_mm REAL NOT NULL, y_mm REAL NOT NULL, z_mm REAL NOT NULL,
+  fx_n REAL, fy_n REAL, fz_n REAL, tx_nmm REAL, ty_nmm REAL, tz_nmm REAL,
+  wall_s REAL NOT NULL
+);
+CREATE TABLE sessions (
+  seq INTEGER PRIMARY KEY, wall_s REAL NOT NULL, kept_frames INTEGER NOT NULL, redone TEXT NOT NULL
+);
+"""
+WALL_COLUMNS = ("wall_s",)  # the only columns in which two equal runs may differ
+# A resumed run may also differ in the rig's clock, which starts anew with each session.
+CLOCK_COLUMNS = (*WALL_COLUMNS, "t_s", "t_start_s", "t_end_s")
+
+
+class Claim:
+    """The right to write into a run folder; it ends with the process, however that dies."""
+
+    def __init__(self, handle: int | None) -> None:
+        self._handle = handle
+
+    def close(self) -> None:
+        """Give it back."""
+        handle, self._handle = self._handle, None
+        if handle is not None:
+            os.close(handle)
+
+
+def claim(folder: Path) -> Claim:
+    """Claim a run folder. Raises InputError when another process has it."""
+    if os.name != "posix":
+        return Claim(None)
+    import fcntl
+
+    # On run.json, for a lock on the journal would disturb the locks of SQLite itself.
+    handle = os.open(folder / "run.json", os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as why:
+        os.close(handle)
+        raise InputError(f"{folder}: another process is writing this run") from why
+    except OSError:  # a file system without locks
+        os.close(handle)
+        return Claim(None)
+    return Claim(handle)
+
+
+def connect(folder: Path, new: bool = False) -> sqlite3.Connection:
+    """The journal for writing. Raises RunFailed when it is not there or is no journal."""
+    path = (folder / "journal.sqlite").absolute()
+    with journal_errors(folder):
+        db = sqlite3.connect(f"{path.as_uri()}?mode={'rwc' if new else 'rw'}", uri=True)
+        try:
+            db.execute("PRAGMA journal_mode=WAL")
+            db.execute("PRAGMA synchronous=FULL")
+        except BaseException:
+            db.close()
+            raise
+        return db
+
+
+@contextmanager
+def journal_errors(folder: Path) -> Iterator[None]:
+    """An error of SQLite becomes a RunFailed that names the journal."""
+    try:
+        yield
+    except sqlite3.Error as why:
+        raise RunFailed(f"{folder / 'journal.sqlite'}: the journal failed: {why}") from why

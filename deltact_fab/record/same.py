@@ -1,0 +1,73 @@
+"""Whether a run may be continued: under the conditions it was begun with, or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import Any
+
+from ..errors import InputError
+from .files import json_bytes
+from .run import Run
+
+# What a run may be continued with although it differs: it changes no number and no byte.
+_MAY_DIFFER = ("format", "name", "rig_name", "versions.python", "versions.cadquery")
+_ABSENT = object()
+
+
+def require_same(
+    run: Run,
+    meta: dict[str, Any],
+    protocol: bytes,
+    pattern: dict[str, Any],
+    with_versions: bool = True,
+) -> None:
+    """Refuse to go on with a run under other conditions than it was begun with.
+
+    meta, protocol, pattern: as for `RunWriter.create`. Raises InputError naming the first thing
+    that differs, its value in the folder and its value now.
+    """
+    given = json.loads(json_bytes({**meta, "pattern": pattern}))
+    stored = {**run.meta, "pattern": run.pattern}
+    # What a user gave comes before what follows from it.
+    for part in dict.fromkeys(("protocol", "seed", "rig", "sensor", "pattern", *given, *stored)):
+        if part == "versions" and not with_versions:
+            continue
+        found = _difference(stored.get(part, _ABSENT), given.get(part, _ABSENT), part)
+        if found is not None:
+            key, was, now = found
+            raise InputError(
+                f"{run.folder}: cannot be resumed: {key}: {_short(was)} in the folder, "
+                f"{_short(now)} now; a run ends under the conditions it was begun with"
+            )
+    kept = run.folder / "protocol.toml"
+    try:
+        before = kept.read_bytes()
+    except OSError as why:
+        raise InputError(f"{kept}: cannot be read: {why.strerror}") from why
+    if before != protocol:
+        was, now = (hashlib.sha256(text).hexdigest()[:12] for text in (before, protocol))
+        raise InputError(
+            f"{run.folder}: cannot be resumed: protocol.toml: SHA-256 {was} in the folder, {now} "
+            f"now: the same values in another text; resume with {kept}"
+        )
+
+
+def _difference(a: Any, b: Any, at: str) -> tuple[str, Any, Any] | None:
+    """The first place where two trees of plain data differ: its key and both values."""
+    if at in _MAY_DIFFER:
+        return None
+    if isinstance(a, dict) and isinstance(b, dict):
+        for key in sorted(a.keys() | b.keys()):
+            found = _difference(a.get(key, _ABSENT), b.get(key, _ABSENT), f"{at}.{key}")
+            if found is not None:
+                return found
+        return None
+    return None if a == b else (at, a, b)
+
+
+def _short(value: Any) -> str:
+    if value is _ABSENT:
+        return "nothing"
+    text = json.dumps(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,0 +1,294 @@
+"""Writing a run, frame by frame, and taking an interrupted one up again."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import sqlite3
+import time
+import zipfile
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import closing, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError, RunFailed
+from ..protocols.plan import Step
+from .files import (
+    FORMAT,
+    encode_png,
+    image_file,
+    json_bytes,
+    lattice_file,
+    refusing,
+    sync_folder,
+    truth_file,
+    write_whole,
+)
+from .journal import SCHEMA, claim, connect, journal_errors
+from .run import Run
+
+Progress = Callable[[int, int, str], None]
+
+
+class RunWriter:
+    """Writes one run. Every frame and every step is committed before the next one starts.
+
+    Rows are numbered by their place in the plan, so a press that is redone gets its old numbers.
+    """
+
+    def __init__(self, folder: Path, steps: Sequence[Step]) -> None:
+        """For `create` and `resume` only."""
+        self.folder = folder
+        self.kept: frozenset[str] = frozenset()
+        """Presses that are complete and are not carried out again."""
+        self.redone: dict[str, str] = {}
+        """Presses found begun or damaged, and why they are carried out again."""
+        self.session = 1
+        self._step_seq = {step.id: n for n, step in enumerate(steps, start=1)}
+        self._frames_before = {}
+        frames = 0
+        for step in steps:
+            self._frames_before[step.id] = frames
+            frames += step.frames
+        self._claim = claim(folder)
+        try:
+            self._db = connect(folder)
+        except BaseException:
+            self._claim.close()
+            raise
+
+    @classmethod
+    def create(
+        cls,
+        folder: Path,
+        meta: dict[str, Any],
+        protocol: bytes,
+        pattern: dict[str, Any],
+        steps: Sequence[Step],
+    ) -> RunWriter:
+        """Start a run in a new folder, which appears whole or not at all.
+
+        Raises InputError when it is there or cannot be made there, RunFailed on a bad disk.
+        """
+        if folder.exists():
+            raise InputError(f"{folder}: already there; name a new --out folder")
+        made = folder.with_name(f".{folder.name}.part")
+        try:
+            with refusing(folder):
+                folder.parent.mkdir(parents=True, exist_ok=True)
+                if made.exists():
+                    shutil.rmtree(made)  # a start that was cut off
+                (made / "images").mkdir(parents=True)
+            write_whole(made / "protocol.toml", protocol)
+            write_whole(made / "pattern.json", json_bytes(pattern))
+            with journal_errors(made), closing(connect(made, new=True)) as db:
+                db.executescript(SCHEMA)
+                with db:
+                    db.execute("INSERT INTO sessions VALUES (1, ?, 0, '')", (time.time(),))
+            write_whole(made / "run.json", json_bytes({"format": FORMAT, **meta}))
+            with refusing(folder):
+                made.rename(folder)
+                sync_folder(folder.parent)
+        except BaseException as why:
+            shutil.rmtree(made, ignore_errors=True)
+            if isinstance(why, RunFailed):  # in words of the folder that was asked for
+                raise RunFailed(str(why).replace(str(made), str(folder))) from why
+            raise
+        return cls(folder, steps)
+
+    @classmethod
+    def resume(
+        cls, folder: Path, steps: Sequence[Step], progress: Progress | None = None
+    ) -> RunWriter:
+        """Continue an unfinished run: keep complete presses, clear away all else.
+
+        A press is kept when all its steps and frames are journalled, every image has its hash and
+        its truth is whole. Raises InputError for no run folder, one that is being written or one
+        that cannot be written; RunFailed for a damaged journal.
+        """
+        run = Run(folder)
+        if not os.access(folder, os.W_OK):
+            raise InputError(f"{folder}: cannot be written; a run is continued where it stands")
+        writer = cls(folder, steps)
+        try:
+            with journal_errors(folder):
+                writer._find_kept(run, steps, progress)
+                writer._clear()
+        except BaseException:
+            writer.abandon()
+            raise
+        return writer
+
+    def frame(
+        self,
+        step: Step,
+        k: int,
+        image: NDArray[np.uint8] | None,
+        t_s: float,
+        t_step_s: float,
+        position_mm: tuple[float, float, float],
+        force_n: tuple[float, float, float] | None,
+        torque_nmm: tuple[float, float, float] | None,
+    ) -> str:
+        """Store one frame (image may be left out by the scene) and return its id."""
+        frame_id = _frame_id(step, k)
+        file = digest = None
+        if image is not None:
+            data = encode_png(image)
+            file = image_file(frame_id)
+            write_whole(self.folder / file, data)
+            digest = hashlib.sha256(data).hexdigest()
+        row = (
+            frame_id, self._frames_before[step.id] + k, step.id, step.press, step.indenter,
+            step.kind, k, file, digest, t_s, t_step_s, *position_mm, *(force_n or (None,) * 3),
+            *(torque_nmm or (None,) * 3), time.time(),
+        )  # fmt: skip
+        self._insert("frames", row)
+        return frame_id
+
+    def step(self, step: Step, planned_s: float, t_start_s: float, t_end_s: float) -> None:
+        """Journal a finished step. The last step of a press completes the press."""
+        self._insert(
+            "steps",
+            (
+                self._step_seq[step.id], step.id, step.press, step.indenter, step.kind,
+                *step.target_mm, step.feed_mm_min, planned_s, t_start_s, t_end_s, time.time(),
+            ),
+        )  # fmt: skip
+
+    def close(self, summary: dict[str, Any]) -> None:
+        """Finish the run: fold the journal into one plain file, then write the summary.
+
+        Raises RunFailed when the disk refuses; the run then stays unfinished.
+        """
+        try:
+            with journal_errors(self.folder):
+                self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+                # A finished record is read from anywhere, write-protected folders included; a
+                # reader that has it open just now keeps the log in being.
+                with suppress(sqlite3.OperationalError):
+                    self._db.execute("PRAGMA journal_mode=DELETE")
+                self._db.close()
+            write_whole(self.folder / "summary.json", json_bytes(summary))
+        finally:
+            self.abandon()
+
+    def abandon(self) -> None:
+        """Let go of the folder as it is; never raises, so that it masks no other error."""
+        with suppress(sqlite3.Error):
+            self._db.close()
+        self._claim.close()
+
+    def _insert(self, table: str, row: tuple[Any, ...]) -> None:
+        marks = ",".join("?" * len(row))
+        with journal_errors(self.folder), self._db:
+            self._db.execute(f"INSERT INTO {table} VALUES ({marks})", row)
+
+    def _find_kept(self, run: Run, steps: Sequence[Step], progress: Progress | None) -> None:
+        """Judge every press by what the journal and the disk hold of it."""
+        verdict = self._db.execute("PRAGMA quick_check(1)").fetchone()[0]
+        if verdict != "ok":
+            raise sqlite3.DatabaseError(verdict)
+        done = {row[0] for row in self._db.execute("SELECT step_id FROM steps")}
+        found = {
+            frame_id: (file, digest)
+            for frame_id, file, digest in self._db.execute(
+                "SELECT frame_id, file, sha256 FROM frames"
+            )
+        }
+        plan: dict[str, list[Step]] = {}
+        for step in steps:
+            plan.setdefault(step.press, []).append(step)
+        checked = 0
+        kept = set()
+        for press, part in plan.items():
+            ids = [_frame_id(step, k) for step in part for k in range(1, step.frames + 1)]
+            have = [i for i in ids if i in found]
+            if not have and not any(step.id in done for step in part):
+                continue
+            if len(have) < len(ids) or any(step.id not in done for step in part):
+                self.redone[press] = f"cut off after {len(have)} of {len(ids)} frames"
+                continue
+            why = self._damage(run, press, {i: found[i] for i in ids})
+            checked += len(ids)
+            if progress is not None and ids:
+                progress(checked, len(found), f"checking {press}")
+            if why:
+                self.redone[press] = why
+            else:
+                kept.add(press)
+        self.kept = frozenset(kept)
+
+    def _damage(
+        self, run: Run, press: str, frames: dict[str, tuple[str | None, str | None]]
+    ) -> str:
+        """What is wrong with the files of a press whose rows are all there; empty when nothing."""
+        drawn = False
+        for file, digest in frames.values():
+            if file is None:
+                continue
+            drawn = True
+            try:
+                data = (self.folder / file).read_bytes()
+            except OSError as why:
+                return f"{file}: {why.strerror}"
+            if hashlib.sha256(data).hexdigest() != digest:
+                return f"{file}: differs from its hash in the journal"
+        if drawn and run.simulated:
+            if not lattice_file(self.folder).is_file():
+                return "its truth is missing"
+            path = truth_file(self.folder, press)
+            try:
+                with zipfile.ZipFile(path) as packed:
+                    bad = packed.testzip()
+                with np.load(path) as data:
+                    ids = data["frame_id"].tolist()
+            except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+                return "its truth is missing or damaged"
+            if bad is not None or ids != list(frames):
+                return "its truth is damaged"
+        return ""
+
+    def _clear(self) -> None:
+        """Remove all but the kept presses: rows first, for a file without a row is cleared again.
+
+        Raises RunFailed when a file cannot be removed.
+        """
+        with self._db:
+            rows = self._db.execute(
+                "SELECT DISTINCT press FROM frames UNION SELECT press FROM steps"
+            )
+            gone = [(press,) for (press,) in rows.fetchall() if press not in self.kept]
+            self._db.executemany("DELETE FROM frames WHERE press = ?", gone)
+            self._db.executemany("DELETE FROM steps WHERE press = ?", gone)
+            kept_frames = self._db.execute("SELECT count(*) FROM frames").fetchone()[0]
+            why = "; ".join(f"{press}: {text}" for press, text in self.redone.items())
+            self.session = 1 + self._db.execute("SELECT max(seq) FROM sessions").fetchone()[0]
+            self._db.execute(
+                "INSERT INTO sessions VALUES (?, ?, ?, ?)",
+                (self.session, time.time(), kept_frames, why),
+            )
+        files = self._db.execute("SELECT file FROM frames WHERE file IS NOT NULL")
+        keep = {self.folder / file for (file,) in files}
+        keep |= {truth_file(self.folder, press) for press in self.kept}
+        for path in _written(self.folder):
+            if path not in keep:
+                try:
+                    path.unlink()
+                except OSError as why_not:
+                    raise RunFailed(f"{path}: cannot be removed: {why_not.strerror}") from why_not
+
+
+def _frame_id(step: Step, k: int) -> str:
+    return f"{step.id}#{k:03d}"
+
+
+def _written(folder: Path) -> Iterable[Path]:
+    """Images, truths of presses and cut-off writes of a run: what a resume may remove."""
+    for pattern in (".*.part", "images/*.png", "images/.*.part", "truth/*.npz", "truth/.*.part"):
+        yield from folder.glob(pattern)
