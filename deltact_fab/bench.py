@@ -11,7 +11,7 @@ from typing import Any
 
 from . import __version__, record
 from .cad.design import load_design
-from .errors import InputError, RunFailed
+from .errors import InputError
 from .patterns.dots import centres_mm
 from .patterns.recipe import PatternRecipe, load_recipe
 from .protocols import limits, plan
@@ -174,6 +174,3 @@ def _pattern(recipe: PatternRecipe) -> dict[str, Any]:
         "dots_mm": centres_mm(dots).tolist() if dots is not None else [],
         "dot_diameter_mm": dots.diameter_mm if dots is not None else 0.0,
     }
-
-
-__all__ = ["RunFailed", "checks", "run", "show", "versions"]

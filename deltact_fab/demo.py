@@ -38,7 +38,7 @@ def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
         f"{summary['wall_seconds']:.0f} s"
     )
 
-    from .analysis.tracking_error import analyse
+    from .analysis.tracking_error import PAPER_BEST_MM, analyse
     from .numerics.scenes import costs
     from .report.page import write
 
@@ -48,7 +48,8 @@ def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
     best = result.methods[0]
     say(
         f"tracking error, simulated: {best['name']} {best['mean_at_dots_mm']:.3f} mm at the dots, "
-        f"{best['mean_off_dots_mm']:.3f} mm off them (paper, real sensor: 0.08 mm at the dots)"
+        f"{best['mean_off_dots_mm']:.3f} mm off them "
+        f"(paper, real sensor: {PAPER_BEST_MM} mm at the dots)"
     )
     layer_costs = [cost.as_dict() for cost in costs()]
     page = write(run_folder, out / "report.html", result, parts, layer_costs)

@@ -24,7 +24,7 @@ def analyze() -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def tracking(run: Path, methods: tuple[str, ...], out: Path | None, as_json: bool) -> None:
     """Tracking error of dense flow at the dots (the paper's) and off the dots against truth."""
-    from ..analysis.tracking_error import DEFAULT_METHODS, analyse
+    from ..analysis.tracking_error import DEFAULT_METHODS, PAPER_BEST_MM, analyse
     from ..errors import MissingLibrary
     from .output import echo_json, echo_table, progress
 
@@ -40,7 +40,7 @@ def tracking(run: Path, methods: tuple[str, ...], out: Path | None, as_json: boo
     rows += [(m["name"], m["indenter"], *(m[k] for k in keys)) for m in result.by_indenter]
     echo_table(("method", "indenter", *keys), rows)
     origin = f"simulated, seed {result.seed}" if result.simulated else "measured"
-    click.echo(f"\n{origin}; the paper's best at the dots, on a real sensor: 0.08 mm")
+    click.echo(f"\n{origin}; the paper's best at the dots, on a real sensor: {PAPER_BEST_MM} mm")
     dots = result.dots
     if dots["mean_vs_truth_mm"] is not None:
         click.echo(
@@ -52,7 +52,7 @@ def tracking(run: Path, methods: tuple[str, ...], out: Path | None, as_json: boo
         from ..report.figures import error_by_indenter, to_svg
 
         figure = (out or run / "analysis") / "tracking.svg"
-        write_whole(figure, to_svg(error_by_indenter(result.by_indenter, 0.08)).encode())
+        write_whole(figure, to_svg(error_by_indenter(result.by_indenter, PAPER_BEST_MM)).encode())
         files.append(figure)
     except MissingLibrary as why:
         click.echo(f"no figure: {why}", err=True)

@@ -54,18 +54,14 @@ class Truth:
 
     def flow_px(self, frame_id: str) -> NDArray[np.float64]:
         """Projected displacement of every rest pixel, (h, w, 2) px."""
-        camera = self.camera
-        xs = camera.rest_mm(np.stack([np.arange(camera.width_px)] * 2, -1))[:, 0]
-        ys = camera.rest_mm(np.stack([np.arange(camera.height_px)] * 2, -1))[:, 1]
+        xs, ys = self._pixels_mm()
         return self._project(
             self._grid(xs, ys)(self.displacement_mm(frame_id)), *np.meshgrid(xs, ys)
         )
 
     def in_plane_mm(self, frame_id: str) -> NDArray[np.float64]:
         """In-plane displacement of every rest pixel, (h, w, 2) mm: not what is projected."""
-        camera = self.camera
-        xs = camera.rest_mm(np.stack([np.arange(camera.width_px)] * 2, -1))[:, 0]
-        ys = camera.rest_mm(np.stack([np.arange(camera.height_px)] * 2, -1))[:, 1]
+        xs, ys = self._pixels_mm()
         return self._grid(xs, ys)(self.displacement_mm(frame_id)[..., :2])
 
     def points_px(self, frame_id: str, xy_mm: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -73,6 +69,13 @@ class Truth:
         sampler = LatticeSampler.make(self.lattice, xy_mm[:, 0], xy_mm[:, 1])
         moved = sampler.at_points(self.displacement_mm(frame_id))
         return self._project(moved, xy_mm[:, 0], xy_mm[:, 1])
+
+    def _pixels_mm(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Columns and rows of the image on the resting face: x (w,) and y (h,) mm."""
+        camera = self.camera
+        xs = camera.rest_mm(np.stack([np.arange(camera.width_px)] * 2, -1))[:, 0]
+        ys = camera.rest_mm(np.stack([np.arange(camera.height_px)] * 2, -1))[:, 1]
+        return xs, ys
 
     def _project(self, u_mm: NDArray[Any], x_mm: NDArray[Any], y_mm: NDArray[Any]) -> NDArray[Any]:
         rest = np.stack((x_mm, y_mm, np.zeros_like(x_mm)), axis=-1)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import zlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -17,11 +16,7 @@ from ..record import lattice_file, truth_file, write_whole
 from ..rig.interface import Clock, Frame
 from .picture import Picture
 from .scene import GelScene
-
-
-def stream_number(stream: str) -> int:
-    """A number for a stream's name that is the same in every process."""
-    return zlib.crc32(stream.encode())
+from .streams import stream_number
 
 
 class VirtualCamera:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import zlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +26,7 @@ from .clock import VirtualClock
 from .controller import GrblController, settings_for
 from .netft import NetFTBox
 from .scene import GelScene, LatticeCrop
+from .streams import stream_number
 from .wire import connect
 
 if TYPE_CHECKING:
@@ -73,8 +73,7 @@ class VirtualForce(NetFTSensor):
 
     def begin(self, stream: str) -> None:
         """Re-seed, then tare as the real client does."""
-        # Not devices.stream_number: that module brings OpenCV, which a force-only scene leaves out.
-        self._box.reseed(zlib.crc32(stream.encode()))
+        self._box.reseed(stream_number(stream))
         if self._scene is not None:
             self._scene.begin()
         super().begin(stream)
