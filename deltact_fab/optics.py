@@ -7,6 +7,7 @@ and gel. One model draws and rectifies.
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError
+from .shapes.sensor import N_ACRYLIC, N_SILICONE
 
 Array = NDArray[Any]
 
@@ -64,6 +66,38 @@ class Pinhole:
     def as_dict(self) -> dict[str, Any]:
         """Plain data for the record."""
         return asdict(self)
+
+
+def reached_mm(
+    half_angle_rad: float, air_gap_mm: float, acrylic_mm: float, gel_mm: float
+) -> float:
+    """Radius on the gel's face that a ray leaving the lens at half_angle_rad reaches.
+
+    Snell at plane faces: r = g tan t + sum of d sin t / sqrt(n^2 - sin^2 t) over acrylic and gel.
+    """
+    s = math.sin(half_angle_rad)
+    layers = ((acrylic_mm, N_ACRYLIC), (gel_mm, N_SILICONE))
+    behind = sum(d * s / math.sqrt(n**2 - s**2) for d, n in layers)
+    return air_gap_mm * math.tan(half_angle_rad) + behind
+
+
+def half_angle_rad(
+    radius_mm: float, air_gap_mm: float, acrylic_mm: float, gel_mm: float
+) -> float:
+    """Half angle at the lens under which a point of the face is seen; inf when none reaches it.
+
+    Inverse of reached_mm by bisection, to 1e-12 rad; it grows with the angle. radius_mm >= 0.
+    """
+    low, high = 0.0, math.pi / 2 - 1e-9
+    if reached_mm(high, air_gap_mm, acrylic_mm, gel_mm) < radius_mm:
+        return math.inf
+    while high - low > 1e-12:
+        middle = (low + high) / 2
+        if reached_mm(middle, air_gap_mm, acrylic_mm, gel_mm) < radius_mm:
+            low = middle
+        else:
+            high = middle
+    return high
 
 
 @dataclass(frozen=True)

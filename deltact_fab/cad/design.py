@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
+import tomllib
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 from .. import catalog
 from ..errors import InputError
-from ..shapes import Indenter, SensorDimensions
+from ..shapes import Indenter
 from ..shapes.indenter import parse
+from .dimensions import Design
 
 
 @dataclass(frozen=True)
@@ -26,11 +31,10 @@ class IndenterBody:
 
 @dataclass(frozen=True)
 class ListedIndenter:
-    """One indenter of the list; `export` puts it into an export that names no parts."""
+    """One indenter of the list."""
 
     name: str
     quantity: int = 1
-    export: bool = False
 
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012
 
@@ -65,13 +69,54 @@ class IndenterDimensions:
         return self.indenter.reach_mm
 
 
-def load_design(name: str = "deltact") -> SensorDimensions:
+def load_design(name: str = "deltact", changes: Iterable[str] = ()) -> Design:
     """Dimensions of a design of the `cad` catalogue (a name or a path to a TOML file).
 
-    Raises InputError naming file and key.
+    changes: `section.key=value`, as typed after `--set`; they win over the file. A design that
+    names another one as `base` takes from it what it does not give itself. Raises InputError
+    naming file and key; the inequalities between dimensions are rules.enforce's.
     """
     path = catalog.find("cad", name)
-    return catalog.validate(SensorDimensions, catalog.read(path), str(path))
+    data = _with_base(path, ())
+    for change in changes:
+        _change(data, change)
+    return catalog.validate(Design, data, str(path))
+
+
+def _with_base(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
+    """The file's tables over those of its base."""
+    if path.resolve() in seen:
+        raise InputError(f"{path}: base: a design cannot be its own base")
+    own = catalog.read(path)
+    base = own.pop("base", None)
+    if base is None:
+        return own
+    if not isinstance(base, str):
+        raise InputError(f"{path}: base: the name of a design is right (got {base!r})")
+    data = _with_base(catalog.find("cad", base), (*seen, path.resolve()))
+    for section, table in own.items():
+        inherited = data.get(section)
+        if isinstance(table, dict) and isinstance(inherited, dict):
+            data[section] = {**inherited, **table}
+        else:
+            data[section] = table
+    return data
+
+
+def _change(data: dict[str, Any], change: str) -> None:
+    """Set one key, its value read as TOML reads it; a bare word is a string."""
+    key, equals, text = change.partition("=")
+    section, dot, name = key.strip().partition(".")
+    if not (equals and dot and section and name and text.strip()):
+        raise InputError(f"--set {change!r}: section.key=value is right, as in skin.width_mm=44")
+    try:
+        value = tomllib.loads(f"value = {text.strip()}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text.strip()
+    table = data.setdefault(section, {})
+    if not isinstance(table, dict):
+        raise InputError(f"--set {change!r}: {section} is no table")
+    table[name] = value
 
 
 def load_indenters(name: str = "indenters") -> IndenterList:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib
 import json
 import math
 import os
@@ -17,8 +16,9 @@ import numpy as np
 
 from .. import __version__
 from ..errors import InputError, RunFailed, did_you_mean
-from ..shapes import SensorDimensions
-from .checks import Expected, Measured, gate
+from .build import build_part, expected
+from .checks import Measured
+from .dimensions import Design
 from .kernel import guarded, require
 from .mesh import Mesh, mesh_solid
 from .registry import Part
@@ -46,27 +46,8 @@ class PartFile:
     sha256: str
 
 
-def build_part(part: Part, dims: SensorDimensions) -> tuple[Any, Measured]:
-    """Build one part and gate it: a cadquery Solid and its measures.
-
-    Raises InputError when a dimension breaks an inequality, before the kernel runs; RunFailed
-    naming part and parameters when the kernel fails or returns something else.
-    """
-    module, function, source = _maker(part, dims)
-    expected: Expected = module.expect(source)
-    with guarded(part.name, expected.parameters):
-        return gate(part.name, getattr(module, function)(source), expected)
-
-
-def _maker(part: Part, dims: SensorDimensions) -> tuple[Any, str, Any]:
-    """Module, name of its builder, and the dimensions that it takes."""
-    module_name, _, function = part.builder.partition(":")
-    source = dims if part.indenter is None else part.indenter
-    return importlib.import_module(module_name), function, source
-
-
 def export_parts(
-    dims: SensorDimensions,
+    dims: Design,
     parts: Sequence[Part],
     formats: Sequence[str],
     tolerance_mm: float,
@@ -89,8 +70,7 @@ def export_parts(
     tell = progress or (lambda done, total, what: None)
     out_dir = Path(out_dir)
     for part in parts:
-        module, _, source = _maker(part, dims)
-        module.expect(source)
+        expected(part, dims)
     require()
     try:
         out_dir.mkdir(parents=True, exist_ok=True)
@@ -128,7 +108,7 @@ def _checked_formats(formats: Sequence[str]) -> tuple[str, ...]:
 
 def _write_part(
     part: Part,
-    dims: SensorDimensions,
+    dims: Design,
     formats: Sequence[str],
     tolerance_mm: float,
     folder: Path,

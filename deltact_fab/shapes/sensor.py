@@ -6,31 +6,28 @@ the length (34 mm), z out of the sensor. All lengths in millimetres.
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
+
+from .bounded import ShapeError, check_limits, number
 
 N_SILICONE = 1.41
 N_ACRYLIC = 1.49
-
-
-class ShapeError(ValueError):
-    """A dimension breaks an inequality; the text states the inequality with its numbers."""
 
 
 @dataclass(frozen=True)
 class SkinDimensions:
     """The clear silicone block behind the pattern (paper: 36 x 34 x 12, edges filleted)."""
 
-    width_mm: float = 36.0
-    length_mm: float = 34.0
-    thickness_mm: float = 12.0
-    edge_fillet_mm: float = 2.0
-    protrusion_mm: float = 6.0  # height that stands proud of the frame and can be touched
+    width_mm: float = number(36.0, "side along x", 5, 200)
+    length_mm: float = number(34.0, "side along y", 5, 200)
+    thickness_mm: float = number(12.0, "outer face to acrylic", 0.5, 60)
+    edge_fillet_mm: float = number(2.0, "rounding of the touched face's edges", 0.05, 50)
+    protrusion_mm: float = number(6.0, "height that stands proud of the frame", 0.1, 60)
 
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by catalog.validate
 
     def __post_init__(self) -> None:
-        _positive(self)
+        check_limits(self)
         limit_mm = min(self.width_mm, self.length_mm) / 2
         if not self.edge_fillet_mm < limit_mm:
             raise ShapeError(
@@ -52,48 +49,40 @@ class SkinDimensions:
 class FrameDimensions:
     """The black tactile skin base that holds the skin: an outer box with a window."""
 
-    height_mm: float = 8.0
-    wall_x_mm: float = 1.5  # (39 - 36) / 2: the frame sits flush on the shell
-    wall_y_mm: float = 3.0  # (40 - 34) / 2
-    pilot_diameter_mm: float = 1.35  # the M1.6 screws cut their thread here
-    pilot_depth_mm: float = 4.6  # = screw engagement
-    post_mm: float = 6.4  # square corner posts: 2 x (bore / 2 + wall)
+    wall_x_mm: float = number(1.5, "wall beside the skin in x; (39 - 36) / 2", 0.5, 50)
+    wall_y_mm: float = number(3.0, "wall beside the skin in y; (40 - 34) / 2", 0.5, 50)
+    seat_y_mm: float = number(1.5, "ledge in y that the acrylic rests on", 0.2, 20)
 
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012
 
     def __post_init__(self) -> None:
-        _positive(self)
-        if not self.pilot_depth_mm < self.height_mm:
-            raise ShapeError(
-                "pilot_depth_mm < height_mm (a blind hole): "
-                f"{self.pilot_depth_mm} < {self.height_mm} fails"
-            )
+        check_limits(self)
 
 
 @dataclass(frozen=True)
 class OpticsDimensions:
     """What the camera looks through, and how much of the face it sees."""
 
-    air_gap_mm: float = 3.0
-    acrylic_mm: float = 2.0
-    mm_per_px: float = 0.0378  # at rest, on the outer face
-    image_width_px: int = 798
-    image_height_px: int = 586
+    air_gap_mm: float = number(3.0, "lens to acrylic", 0.1, 50)
+    acrylic_mm: float = number(2.0, "thickness of the acrylic plate", 0.5, 20)
+    mm_per_px: float = number(0.0378, "scale of the resting face", 1e-3, 1)  # about 675 mm2
+    image_width_px: int = number(798, "image's side along x, rectified", 8, 10_000)
+    image_height_px: int = number(586, "image's side along y, rectified", 8, 10_000)
 
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012
 
     def __post_init__(self) -> None:
-        _positive(self)
+        check_limits(self)
 
     @property
     def view_mm(self) -> tuple[float, float]:
-        """Size of the field of view on the resting face, (x, y)."""
+        """Size of the field of view on the resting face, (x, y) = image in px x mm_per_px."""
         return (self.image_width_px * self.mm_per_px, self.image_height_px * self.mm_per_px)
 
 
 @dataclass(frozen=True)
 class SensorDimensions:
-    """The whole sensor; derived lengths are properties with their equation."""
+    """The optical half of the sensor; derived lengths are properties with their equation."""
 
     skin: SkinDimensions = field(default_factory=SkinDimensions)
     frame: FrameDimensions = field(default_factory=FrameDimensions)
@@ -110,6 +99,11 @@ class SensorDimensions:
         )
 
     @property
+    def frame_height_mm(self) -> float:
+        """Height of the frame = skin below the protrusion + acrylic: 12 - 6 + 2 = 8."""
+        return self.skin.thickness_mm - self.skin.protrusion_mm + self.optics.acrylic_mm
+
+    @property
     def eye_distance_mm(self) -> float:
         """Apparent distance of the face from the lens: g + t_acrylic / n + t_silicone / n.
 
@@ -120,11 +114,3 @@ class SensorDimensions:
             + self.optics.acrylic_mm / N_ACRYLIC
             + self.skin.thickness_mm / N_SILICONE
         )
-
-
-def _positive(record: object) -> None:
-    """Every number of a dimension record is finite and above zero; NaN included."""
-    for f in fields(record):  # type: ignore[arg-type]
-        value = getattr(record, f.name)
-        if not (math.isfinite(value) and value > 0):
-            raise ShapeError(f"{f.name} > 0 and finite: {value} fails")

@@ -1,30 +1,31 @@
 """Part 1, the tactile skin base: the black frame that the skin is cast into.
 
-Seen along -z (from the touched side):            Section at y = 0:
+Seen along -z (from the touched side):            Section at x = 0:
 
     +--------------------------------+               z = -protrusion
-    |  o  +--------------------+  o  |  y        +--+      +--+
-    |     |                    |     |  ^        |  |      |  |   height
-    +-----+                    +-----+  |        |  |      |  |
-      |           window           |    +-> x    +--+      +--+
-    +-----+  width x length    +-----+           <-> wall_x
+    |  o  +--------------------+  o  |  y        +---+     +---+
+    |     |                    |     |  ^        |   |     |   |  frame height
+    +-----+                    +-----+  |        |  _|     |_  |  z = -thickness: the ledge
+      |           window           |    +-> x    +-+         +-+
+    +-----+  width x length    +-----+             <-> seat_y
     |     |  less the posts    |     |
-    |  o  +--------------------+  o  |        o: blind pilot from below, pilot_depth deep, on the
+    |  o  +--------------------+  o  |        o: blind pilot from below, pilot depth deep, on the
     +--------------------------------+           axis of the square corner post (side post)
 
 The paper gives no drawing. A 3 mm wall cannot hold an M1.6 screw, so a square post stands in each
-corner and takes a corner of the window; the skin is notched there below the protrusion. Frame and
-skin share faces and no volume.
+corner and takes a corner of the window; the skin is notched there below the protrusion. Behind the
+skin the window is wider in y, so that the acrylic plate rests on a ledge. Frame and skin share
+faces and no volume.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from ...shapes import SensorDimensions
-from ..checks import Expected, at_most, less
+from ..checks import Expected
+from ..dimensions import Design, Point2
 from ..kernel import require
 
 if TYPE_CHECKING:
@@ -33,93 +34,74 @@ if TYPE_CHECKING:
 NAME = "skin-frame"
 
 
-def post_in_window_mm(dims: SensorDimensions) -> tuple[float, float]:
-    """Sides (x, y) by which a corner post reaches into the window; (0, 0) when the walls hold it.
-
-    x = post - wall_x, y = post - wall_y.
-    """
-    frame = dims.frame
-    x_mm, y_mm = frame.post_mm - frame.wall_x_mm, frame.post_mm - frame.wall_y_mm
-    return (x_mm, y_mm) if min(x_mm, y_mm) > 0 else (0.0, 0.0)
+def window_area_mm2(design: Design) -> float:
+    """Area of the window in front of the ledge = width x length - 4 post corners."""
+    x_mm, y_mm = design.post_in_window_mm
+    return design.skin.width_mm * design.skin.length_mm - 4 * x_mm * y_mm
 
 
-def hole_centres_mm(dims: SensorDimensions) -> list[tuple[float, float]]:
-    """Axes (x, y) of the four screws = outer / 2 - post / 2: (+-16.3, +-16.8) by default."""
-    x_mm, y_mm = (side / 2 - dims.frame.post_mm / 2 for side in dims.frame_outer_mm)
-    return [(sx * x_mm, sy * y_mm) for sy in (-1, 1) for sx in (-1, 1)]
+def pocket_area_mm2(design: Design) -> float:
+    """Area of the acrylic's pocket behind the ledge = its rectangle - what the posts take."""
+    x, y = design.seat_half_mm
+    px, py = design.post_edge_mm
+    corner = max(x - px, 0.0) * max(y - py, 0.0)
+    return 4 * (x * y - corner)
 
 
-def window_area_mm2(dims: SensorDimensions) -> float:
-    """Area of the window = width x length - 4 post corners."""
-    x_mm, y_mm = post_in_window_mm(dims)
-    return dims.skin.width_mm * dims.skin.length_mm - 4 * x_mm * y_mm
-
-
-def expect(dims: SensorDimensions) -> Expected:
-    """Closed forms of the frame. Raises InputError stating the inequality that fails."""
-    skin, frame = dims.skin, dims.frame
-    outer_x, outer_y = dims.frame_outer_mm
-    less(NAME, ("pilot_diameter_mm", frame.pilot_diameter_mm), ("post_mm", frame.post_mm))
-    less(NAME, ("pilot_depth_mm", frame.pilot_depth_mm), ("height_mm", frame.height_mm))
-    for side, wall, window in (
-        ("x", frame.wall_x_mm, skin.width_mm),
-        ("y", frame.wall_y_mm, skin.length_mm),
-    ):
-        less(
-            NAME,
-            (f"2 (post_mm - wall_{side}_mm)", 2 * (frame.post_mm - wall)),
-            (f"the window's side in {side}", window),
-        )
-    # The frame holds the acrylic as well; a shorter one would leave it standing out behind.
-    behind_mm = skin.thickness_mm - skin.protrusion_mm + dims.optics.acrylic_mm
-    at_most(
-        NAME,
-        ("thickness_mm - protrusion_mm + acrylic_mm", behind_mm),
-        ("height_mm", frame.height_mm),
-    )
-    hole_mm3 = math.pi / 4 * frame.pilot_diameter_mm**2 * frame.pilot_depth_mm
-    volume_mm3 = (outer_x * outer_y - window_area_mm2(dims)) * frame.height_mm - 4 * hole_mm3
-    top_mm = -skin.protrusion_mm
+def expect(design: Design) -> Expected:
+    """Closed forms of the frame."""
+    skin, screw = design.skin, design.screw
+    outer_x, outer_y = design.frame_outer_mm
+    hole_mm3 = math.pi / 4 * screw.row.pilot_mm**2 * screw.pilot_depth_mm
+    behind_mm = skin.thickness_mm - skin.protrusion_mm
+    acrylic_mm = design.optics.acrylic_mm
+    volume_mm3 = outer_x * outer_y * design.frame_height_mm - 4 * hole_mm3
+    volume_mm3 -= window_area_mm2(design) * behind_mm + pocket_area_mm2(design) * acrylic_mm
+    half = (outer_x / 2, outer_y / 2)
     return Expected(
         (volume_mm3, volume_mm3),
-        (
-            (-outer_x / 2, -outer_y / 2, top_mm - frame.height_mm),
-            (outer_x / 2, outer_y / 2, top_mm),
-        ),
-        {"width_mm": skin.width_mm, "length_mm": skin.length_mm, **asdict(frame)},
+        ((-half[0], -half[1], design.z_joint_mm), (half[0], half[1], design.z_front_mm)),
+        {
+            "width_mm": skin.width_mm,
+            "length_mm": skin.length_mm,
+            **asdict(design.frame),
+            "post_mm": design.post_mm,
+            "frame_height_mm": design.frame_height_mm,
+            "pilot_depth_mm": screw.pilot_depth_mm,
+        },
     )
 
 
-def build(dims: SensorDimensions) -> Shape:
-    """The frame as one solid in the sensor frame, z from -protrusion - height to -protrusion."""
+def build(design: Design) -> Shape:
+    """The frame as one solid in the sensor frame, z from the joint to -protrusion."""
     cq = require()
-    frame = dims.frame
-    outer_x, outer_y = dims.frame_outer_mm
-    bottom_mm = -dims.skin.protrusion_mm - frame.height_mm
-    outer = cq.Workplane().workplane(offset=bottom_mm).rect(outer_x, outer_y)
-    # The cutter stands out at both ends: faces that coincide are where booleans go wrong.
-    window = (
-        cq.Workplane()
-        .workplane(offset=bottom_mm - 1)
-        .polyline(_window_outline_mm(dims))
-        .close()
-        .extrude(frame.height_mm + 2)
-    )
+    screw = design.screw
+    bottom_mm = design.z_joint_mm
+    outer = cq.Workplane().workplane(offset=bottom_mm).rect(*design.frame_outer_mm)
+    body = outer.extrude(design.frame_height_mm)
+    # Cutters stand out at the ends: faces that coincide are where booleans go wrong.
+    window = (design.skin.width_mm / 2, design.skin.length_mm / 2)
+    if design.skin.thickness_mm > design.skin.protrusion_mm:
+        body = body.cut(_prism(cq, design, window, bottom_mm - 1, design.z_front_mm + 1))
+    body = body.cut(_prism(cq, design, design.seat_half_mm, bottom_mm - 1, design.z_ledge_mm))
     pilots = (
         cq.Workplane()
         .workplane(offset=bottom_mm - 1)
-        .pushPoints(hole_centres_mm(dims))
-        .circle(frame.pilot_diameter_mm / 2)
-        .extrude(frame.pilot_depth_mm + 1)
+        .pushPoints(design.screw_centres_mm)
+        .circle(screw.row.pilot_mm / 2)
+        .extrude(screw.pilot_depth_mm + 1)
     )
-    return outer.extrude(frame.height_mm).cut(window).cut(pilots).val()
+    return body.cut(pilots).val()
 
 
-def _window_outline_mm(dims: SensorDimensions) -> list[tuple[float, float]]:
-    """Corners (x, y) of the window, counter-clockwise: 4, or 12 where posts cut its corners."""
-    w, h = dims.skin.width_mm / 2, dims.skin.length_mm / 2
-    x, y = post_in_window_mm(dims)
-    if x == 0:
-        return [(-w, -h), (w, -h), (w, h), (-w, h)]
-    upper = [(w, h - y), (w - x, h - y), (w - x, h), (x - w, h), (x - w, h - y), (-w, h - y)]
-    return upper + [(-px, -py) for px, py in upper]
+def _prism(cq: Any, design: Design, half: Point2, low_mm: float, high_mm: float) -> Any:
+    """A prism of the rectangle +-half without the corners in which the posts stand."""
+    w, h = half
+    px, py = design.post_edge_mm
+    if px >= w or py >= h:
+        outline = [(-w, -h), (w, -h), (w, h), (-w, h)]
+    else:
+        upper = [(w, py), (px, py), (px, h), (-px, h), (-px, py), (-w, py)]
+        outline = upper + [(-x, -y) for x, y in upper]
+    plan = cq.Workplane().workplane(offset=low_mm).polyline(outline).close()
+    return plan.extrude(high_mm - low_mm)

@@ -1,0 +1,46 @@
+"""Standard hardware as tables: a name selects a row, and an unknown name lists the valid ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class CapScrew:
+    """A hexagon socket head cap screw (ISO 4762) and the holes that go with it.
+
+    thread_mm: nominal diameter. head_mm, head_height_mm: largest head (knurled). socket_mm: key
+    width. clearance_mm: through hole (ISO 273 medium). pilot_mm: hole in which the screw cuts its
+    own thread in resin. bore_mm: hole for the head. stock_mm: lengths that are sold.
+    """
+
+    thread_mm: float
+    head_mm: float
+    head_height_mm: float
+    socket_mm: float
+    clearance_mm: float
+    pilot_mm: float
+    bore_mm: float
+    stock_mm: tuple[float, ...]
+
+
+CAP_SCREWS = {
+    "M1.6": CapScrew(1.6, 3.14, 1.6, 1.5, 1.8, 1.35, 3.4, (2.5, 3, 4, 5, 6, 8, 10, 12, 16)),
+    "M2": CapScrew(2.0, 3.98, 2.0, 1.5, 2.4, 1.65, 4.3, (3, 4, 5, 6, 8, 10, 12, 16, 20)),
+}
+
+
+@dataclass(frozen=True)
+class CheeseScrew:
+    """A slotted cheese head screw (ISO 1207): its head is the lowest with a full thread below."""
+
+    thread_mm: float
+    head_mm: float
+    head_height_mm: float
+    pilot_mm: float
+
+
+CHEESE_SCREWS = {"M2": CheeseScrew(2.0, 3.8, 1.3, 1.65)}
+
+# Through holes for what fixes the sensor (ISO 273, medium).
+CLEARANCE_MM = {"M2": 2.4, "M2.5": 2.9, "M3": 3.4, "M4": 4.5, "M5": 5.5, "M6": 6.6}

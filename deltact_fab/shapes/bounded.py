@@ -1,0 +1,41 @@
+"""Dimensions that carry their meaning and their limits, so that both are checked and shown."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import field, fields
+from typing import Any
+
+
+class ShapeError(ValueError):
+    """A dimension breaks an inequality; the text states the inequality with its numbers."""
+
+
+def number(
+    default: float,
+    meaning: str,
+    low: float,
+    high: float,
+    *,
+    unverified: bool = False,
+) -> Any:
+    """A field of a frozen dimension record.
+
+    meaning: one line for whoever reads it on a screen. low, high: what the record accepts, both
+    ends included. unverified: the default was assumed and not measured; every check that rests on
+    it says so.
+    """
+    return field(
+        default=default,
+        metadata={"meaning": meaning, "low": low, "high": high, "unverified": unverified},
+    )
+
+
+def check_limits(record: object) -> None:
+    """Raise ShapeError unless every number of the record lies within its limits (NaN fails)."""
+    for f in fields(record):  # type: ignore[arg-type]
+        if "low" not in f.metadata:
+            continue
+        value, low, high = getattr(record, f.name), f.metadata["low"], f.metadata["high"]
+        if not (math.isfinite(value) and low <= value <= high):
+            raise ShapeError(f"{low:g} <= {f.name} <= {high:g}: {value:g} fails")
