@@ -21,7 +21,7 @@ from typing import Any, Literal
 
 from ..shapes.bounded import ShapeError, check_limits, number
 from ..shapes.sensor import SensorDimensions
-from .standards import CAP_SCREWS, CHEESE_SCREWS, CLEARANCE_MM, CapScrew, CheeseScrew
+from .standards import CAP_SCREWS, CHEESE_SCREWS, CLEARANCE_MM, WASHER_MM, CapScrew, CheeseScrew
 
 Point2 = tuple[float, float]
 
@@ -97,6 +97,7 @@ class MountDimensions(_Record):
     flange_pitch_mm: float = number(
         13.0, "franka: between the two holes along z", 3, 100, unverified=True
     )
+    arm_mm: float = number(6.0, "franka: height of the arm, between the two screws", 1, 60)
 
     def __post_init__(self) -> None:
         check_limits(self)
@@ -106,6 +107,11 @@ class MountDimensions(_Record):
     def hole_mm(self) -> float:
         """Through hole of the mount's screws (ISO 273 medium)."""
         return CLEARANCE_MM[self.screw]
+
+    @property
+    def washer_mm(self) -> float:
+        """Washer of the mount's screws (ISO 7089): what a head or a nut needs around its hole."""
+        return WASHER_MM[self.screw]
 
 
 @dataclass(frozen=True)
@@ -224,6 +230,7 @@ class HolderDimensions(_Record):
     wall_mm: float = number(1.5, "least wall beside a hole", 0.5, 10)
     screw: str = field(default="M2", metadata={"meaning": "ISO 1207 thread"})
     screw_length_mm: float = number(4.0, "below the head", 2, 20)
+    head_clearance_mm: float = number(0.3, "around the heads, below the light holder", 0.02, 2)
 
     def __post_init__(self) -> None:
         check_limits(self)
@@ -426,6 +433,22 @@ class Design(SensorDimensions):
         nx, ny = x - px + ACRYLIC_FIT_MM, y - py + ACRYLIC_FIT_MM
         return (nx, ny) if min(nx, ny) > 0 else (0.0, 0.0)
 
+    @property
+    def boss_room_mm(self) -> float:
+        """Side of the corners that the shell leaves to the cover's bosses = post + fit: 6.5."""
+        return self.post_mm + self.cover.fit_mm
+
+    @property
+    def shell_depth_mm(self) -> float:
+        """Height of the shell = joint - floor: 14.5."""
+        return self.z_joint_mm - self.z_floor_mm
+
+    @property
+    def flange_arm_z_mm(self) -> Point2:
+        """Back and front of the arm of a flanged mount, in the flange's middle: (-21.5, -15.5)."""
+        middle = self.z_floor_mm + self.mount.flange_height_mm / 2
+        return middle - self.mount.arm_mm / 2, middle + self.mount.arm_mm / 2
+
     # Light holder.
 
     @property
@@ -444,7 +467,29 @@ class Design(SensorDimensions):
         """Inner radius of the light holder = strip radius - channel - diffuser: 11.6."""
         return self.strip_radius_mm - self.light.channel_mm - self.light.diffuser_mm
 
+    @property
+    def channel_inner_mm(self) -> float:
+        """Inner radius of the strip's channel = strip radius - channel: 13.1."""
+        return self.strip_radius_mm - self.light.channel_mm
+
+    @property
+    def head_relief_mm(self) -> float:
+        """Radius of the light holder's reliefs = camera screw's head / 2 + clearance: 2.2."""
+        return self.holder.row.head_mm / 2 + self.holder.head_clearance_mm
+
     # Camera holder and pegs.
+
+    @property
+    def camera_screw_centres_mm(self) -> list[Point2]:
+        """The two axes of the camera's screws, in the board's upper holes: (+-10.5, 12.33)."""
+        x, y = self.camera.hole_pitch_x_mm / 2, self.camera.hole_rows_mm[0]
+        return [(-x, y), (x, y)]
+
+    @property
+    def peg_centres_mm(self) -> list[Point2]:
+        """The four axes of the pegs, row by row."""
+        x, y = self.peg_at_mm
+        return [(sx * x, sy * y) for sy in (-1, 1) for sx in (-1, 1)]
 
     @property
     def holder_half_x_mm(self) -> float:
@@ -506,6 +551,16 @@ class Design(SensorDimensions):
             mold.columns * x + (mold.columns + 1) * mold.web_mm,
             mold.rows * y + (mold.rows + 1) * mold.web_mm,
             mold.base_mm + self.skin.protrusion_mm + mold.seat_mm,
+        )
+
+    @property
+    def coupon_outer_mm(self) -> tuple[float, float, float]:
+        """Size of the coupon mold = n wells + (n + 1) walls; base + depth: 75 x 21 x 6."""
+        coupon = self.coupon
+        return (
+            coupon.wells * coupon.diameter_mm + (coupon.wells + 1) * coupon.wall_mm,
+            coupon.diameter_mm + 2 * coupon.wall_mm,
+            coupon.base_mm + coupon.depth_mm,
         )
 
     @property

@@ -17,6 +17,7 @@ from .standards import CAP_SCREWS
 
 Side = tuple[str, float]
 SLACK = 1e-9  # sums of decimal fractions
+GRAZING_DEG = 80.0  # there the first face of the acrylic alone reflects 39 % (Fresnel)
 SHOWN = 4  # one line has room for no more
 
 
@@ -154,6 +155,49 @@ def _shell(d: Design) -> Iterator[Rule]:
         ("depth of the shell", d.z_joint_mm - d.z_floor_mm),
     )
     yield Rule(part, ("mount.width_mm", mount.width_mm), "<=", ("outer x", d.frame_outer_mm[0]))
+    yield Rule(
+        part,
+        (
+            "cable_width_mm + 2 (cover.fit_mm + wall_mm)",
+            shell.cable_width_mm + 2 * (d.cover.fit_mm + shell.wall_mm),
+        ),
+        "<=",
+        ("room between the posts", room_x),
+    )
+    yield Rule(
+        part,
+        (
+            "cable_height_mm + ledge_height_mm + wall_mm",
+            shell.cable_height_mm + shell.ledge_height_mm + shell.wall_mm,
+        ),
+        "<=",
+        ("depth of the shell", d.shell_depth_mm),
+    )
+    # The ledge ends on the posts, in both directions.
+    yield Rule(
+        part,
+        ("ledge_height_mm", shell.ledge_height_mm),
+        "<=",
+        ("height of the posts", d.z_joint_mm - d.z_boss_mm),
+    )
+    yield Rule(
+        part,
+        ("ledge_mm", shell.ledge_mm),
+        "<=",
+        ("posts beyond the wall", d.post_mm - shell.wall_mm),
+    )
+    # Where the mount stands over the cover's bosses it keeps their fit.
+    solid = {
+        "block": (mount.length_mm - mount.hole_pitch_mm - mount.hole_mm) / 2,
+        "franka": mount.length_mm - mount.flange_mm,
+        "plate": mount.length_mm,
+    }
+    yield Rule(
+        part,
+        ("cover.fit_mm", d.cover.fit_mm),
+        "<",
+        ("solid length of the mount", solid[mount.kind]),
+    )
     wall = 1.5
     if mount.kind == "plate":
         return
@@ -194,6 +238,51 @@ def _shell(d: Design) -> Iterator[Rule]:
             ("height of the sensor", -d.z_floor_mm),
             ("mount.flange_height_mm",),
         )
+        yield Rule(
+            part,
+            ("mount.flange_width_mm", mount.flange_width_mm),
+            "<=",
+            ("outer x", d.frame_outer_mm[0]),
+            ("mount.flange_width_mm",),
+        )
+        # A head or a nut behind the flange has its place above and below the arm.
+        yield Rule(
+            part,
+            (f"mount.arm_mm + washer {mount.screw}", mount.arm_mm + mount.washer_mm),
+            "<=",
+            ("mount.flange_pitch_mm", mount.flange_pitch_mm),
+            rests_on,
+        )
+        yield Rule(
+            part,
+            (
+                f"mount.flange_mm + 2.5 x {mount.screw}",
+                mount.flange_mm + 2.5 * float(mount.screw.removeprefix("M")),
+            ),
+            "<=",
+            ("gap between shell and flange", mount.length_mm - mount.flange_mm),
+        )
+        yield Rule(
+            part,
+            ("front of the mount's arm", d.flange_arm_z_mm[1]),
+            "<=",
+            ("joint", d.z_joint_mm),
+            ("mount.flange_height_mm",),
+        )
+        return
+    # A head or a washer beside the shell, and two of them side by side.
+    yield Rule(
+        part,
+        (f"mount.hole_pitch_mm + washer {mount.screw}", mount.hole_pitch_mm + mount.washer_mm),
+        "<=",
+        ("mount.length_mm", mount.length_mm),
+    )
+    yield Rule(
+        part,
+        (f"mount: washer {mount.screw}", mount.washer_mm),
+        "<=",
+        ("mount.hole_pitch_mm", mount.hole_pitch_mm),
+    )
 
 
 def _light(d: Design) -> Iterator[Rule]:
@@ -291,6 +380,29 @@ def _camera(d: Design) -> Iterator[Rule]:
             (f"lens axis to the board's {name} edge", edge),
             ("camera.lens_diameter_mm",),
         )
+    # The heads stand on the board's front, beside the posts and the cover's bosses.
+    head = d.holder.row.head_mm / 2
+    beside = max(
+        d.post_edge_mm[0] - cam.hole_pitch_x_mm / 2 - head, d.post_edge_mm[1] - abs(upper) - head
+    )
+    yield Rule(
+        "camera-screw",
+        ("holder.fit_mm", fit),
+        "<=",
+        ("room between the heads and the corner posts", beside),
+    )
+    yield Rule(
+        "camera-screw",
+        ("upper holes + head / 2 + fit", abs(upper) + head + fit),
+        "<=",
+        ("half the shell's cavity in y", d.cavity_half_mm[1]),
+    )
+    yield Rule(
+        "camera-screw",
+        ("head + 2 holder.head_clearance_mm", 2 * d.head_relief_mm),
+        "<=",
+        ("camera.hole_pitch_x_mm", cam.hole_pitch_x_mm),
+    )
 
 
 def _holder(d: Design) -> Iterator[Rule]:
@@ -342,6 +454,23 @@ def _holder(d: Design) -> Iterator[Rule]:
         ("screw_length_mm - board", grip),
     )
     yield Rule(part, ("screw_length_mm - board", grip), "<=", ("clearance_mm", holder.clearance_mm))
+    (px, py), (sx, sy) = d.peg_at_mm, d.camera_screw_centres_mm[1]
+    apart = min(math.hypot(px - sx, py - sy), math.hypot(px - sx, py + sy))
+    yield Rule(
+        part,
+        (
+            "half a peg's hole + half a pilot + wall_mm",
+            (d.cover.hole_mm + holder.row.pilot_mm) / 2 + holder.wall_mm,
+        ),
+        "<=",
+        ("peg axis to screw axis", apart),
+    )
+    yield Rule(
+        part,
+        ("hole of a peg + wall_mm", d.cover.hole_mm + holder.wall_mm),
+        "<=",
+        ("2 cover.peg_y_mm", 2 * d.cover.peg_y_mm),
+    )
 
 
 def _cover(d: Design) -> Iterator[Rule]:
@@ -385,6 +514,14 @@ def _view(d: Design) -> Iterator[Rule]:
         yield Rule(
             part, (f"{name} (mm on the chip)", seen), "<=", ("half the crop", room), rests_on
         )
+    degrees = math.degrees(min(angle["corner"], math.pi))
+    yield Rule(
+        part,
+        ("half angle to the corner in degrees", degrees),
+        "<=",
+        ("what enters the acrylic well", GRAZING_DEG),
+        ("camera.lens_height_mm",),
+    )
     widest = d.optics.air_gap_mm * math.tan(min(angle["corner"], math.pi / 2 - 1e-6))
     yield Rule(
         "light-holder",
@@ -430,7 +567,20 @@ def _tools(d: Design) -> Iterator[Rule]:
         "<=",
         ("table.height_mm", table.height_mm),
     )
+    yield Rule(
+        "testing-shell",
+        ("table.height_mm", table.height_mm),
+        "<=",
+        ("cover and shell", d.z_joint_mm - d.z_back_mm),
+    )
     yield Rule("coupon-mold", ("2", 2.0), "<=", ("diameter_mm", coupon.diameter_mm))
+    # Two notches face each other across a web; half a wall of 1.5 stays on either side.
+    yield Rule(
+        "mold",
+        ("fit_mm + pry_mm + 0.75", mold.fit_mm + mold.pry_mm + 0.75),
+        "<=",
+        ("web_mm / 2", mold.web_mm / 2),
+    )
 
 
 def stock_note(d: Design) -> str:
@@ -439,6 +589,4 @@ def stock_note(d: Design) -> str:
     if d.screw.length_mm in row.stock_mm:
         return ""
     longest = row.stock_mm[-1]
-    return (
-        f"{d.screw.thread} x {d.screw.length_mm:g} is not stocked; the longest sold is {longest:g}"
-    )
+    return f"{d.screw.thread} x {d.screw.length_mm:g} is not stocked; the longest sold is {longest:g} mm"

@@ -32,15 +32,22 @@ CAP_SCREWS = {
 
 @dataclass(frozen=True)
 class CheeseScrew:
-    """A slotted cheese head screw (ISO 1207): its head is the lowest with a full thread below."""
+    """A slotted cheese head screw (ISO 1207): its head is the lowest with a full thread below.
+
+    slot_mm: nominal width of the slot. slot_depth_mm: its least depth.
+    """
 
     thread_mm: float
     head_mm: float
     head_height_mm: float
     pilot_mm: float
+    slot_mm: float
+    slot_depth_mm: float
 
 
-CHEESE_SCREWS = {"M2": CheeseScrew(2.0, 3.8, 1.3, 1.65)}
+CHEESE_SCREWS = {"M2": CheeseScrew(2.0, 3.8, 1.3, 1.65, 0.5, 0.6)}
 
 # Through holes for what fixes the sensor (ISO 273, medium).
 CLEARANCE_MM = {"M2": 2.4, "M2.5": 2.9, "M3": 3.4, "M4": 4.5, "M5": 5.5, "M6": 6.6}
+# Plain washers (ISO 7089): a little more than a head or a nut across its corners.
+WASHER_MM = {"M2": 5.0, "M2.5": 6.0, "M3": 7.0, "M4": 9.0, "M5": 10.0, "M6": 12.0}

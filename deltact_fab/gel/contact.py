@@ -265,7 +265,8 @@ class LayerContact:
         rows, columns, xx, yy = self._footprint(previous.displacement_mm, tip)
         height = self.indenter.height_mm(xx, yy)
         for t in self.indenter.tips:
-            if not np.any((np.hypot(xx - t.x_mm, yy - t.y_mm) <= t.radius_mm) & (height < depth)):
+            at_x, at_y = t.lowest_mm
+            if not np.any((np.hypot(xx - at_x, yy - at_y) <= t.radius_mm) & (height < depth)):
                 raise SolverError(
                     f"contact: {self.indenter.name} at depth {depth:g} mm touches no grid node; "
                     f"a spacing below {layer.spacing_mm[0]:g} mm or more depth is needed"

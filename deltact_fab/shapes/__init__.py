@@ -3,9 +3,10 @@
 The CAD solids, the gel's contact solver and the protocol's footprint checks all read these.
 """
 
-from .indenter import Indenter
+from .indenter import Indenter, Tip
 from .sensor import SensorDimensions, SkinDimensions
-from .tips import EllipsoidTip, PrismTip, RidgeTip, SphereTip, Tip
+from .tips import EllipsoidTip, PrismTip, RidgeTip, SphereTip
+from .turned import TurnedTip
 
 __all__ = [
     "EllipsoidTip",
@@ -16,4 +17,5 @@ __all__ = [
     "SkinDimensions",
     "SphereTip",
     "Tip",
+    "TurnedTip",
 ]

@@ -6,8 +6,9 @@ star. The tip's lowest point is at z = 0 in the indenter's frame; the body lies 
 The paper draws five indenters for the pattern selection (Fig. 4c: 4 dots, edges, ellipsoid,
 hexagonal prism, star) without a dimension. The defaults here keep the longest side of the
 footprint at 9 mm, so that a shear of 10 mm each way stays on the skin of 36 x 34 mm, and give
-sharp edges the small radius of a real print. `NAME:SIZE` scales an indenter to another longest
-side; radii that the printer sets (edges, corners, noses) stay.
+sharp edges the small radius of a real print. Nor does it give one of the shapes it reconstructs
+(sphere, cylinder, ring, toy hat): they take the same 9 mm. `NAME:SIZE` scales an indenter to
+another longest side; radii that the printer sets (edges, corners, noses) stay.
 """
 
 from __future__ import annotations
@@ -21,9 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .tips import EllipsoidTip, PrismTip, RidgeTip, SphereTip, Tip
+from .tips import EllipsoidTip, PrismTip, RidgeTip, SphereTip
+from .turned import TurnedTip
 
 Field = NDArray[np.float64]
+Tip = SphereTip | RidgeTip | EllipsoidTip | PrismTip | TurnedTip
 
 REACH_MM = 12.0  # as long as the standard gel is thick
 SHANK_MM = 3.0  # least length above the equator, for the gel that bulges
@@ -143,6 +146,28 @@ def star(
     return Indenter("star", (tip,))
 
 
+def cylinder(radius_mm: float = 4.5, edge_mm: float = 0.3) -> Indenter:
+    """An upright cylinder with a flat end, its edge rounded."""
+    return Indenter("cylinder", (TurnedTip.cylinder(radius_mm, edge_mm),))
+
+
+def ring(radius_mm: float = 4.5, tube_mm: float = 1.5) -> Indenter:
+    """A ring lying flat, half its round section out of a tube; radius_mm is the outer one."""
+    return Indenter("ring", (TurnedTip.ring(radius_mm, tube_mm),))
+
+
+def hat(
+    radius_mm: float = 4.5,
+    crown_radius_mm: float = 2.475,
+    crown_mm: float = 2.7,
+    flank_deg: float = 60.0,
+    edge_mm: float = 0.3,
+) -> Indenter:
+    """A toy hat, crown first; see TurnedTip.hat for its dimensions."""
+    tip = TurnedTip.hat(radius_mm, crown_radius_mm, crown_mm, flank_deg, edge_mm)
+    return Indenter("hat", (tip,))
+
+
 # Each takes the factor by which the default of SIZE_MM is scaled.
 _SCALED: dict[str, Callable[[float], Indenter]] = {
     "4dots": lambda s: four_dots(2.0 * s, 5.0 * s),
@@ -151,6 +176,9 @@ _SCALED: dict[str, Callable[[float], Indenter]] = {
     "ellipsoid": lambda s: ellipsoid(4.5 * s, 3.0 * s),
     "hexprism": lambda s: hexprism(4.5 * s),
     "star": lambda s: star(4.5 * s, 2.25 * s),
+    "cylinder": lambda s: cylinder(4.5 * s),
+    "ring": lambda s: ring(4.5 * s, 1.5 * s),
+    "hat": lambda s: hat(4.5 * s, 2.475 * s, 2.7 * s),
 }
 KINDS = ("sphere", *_SCALED)
 

@@ -6,7 +6,8 @@ solid is made from the same numbers, and `volume_mm3` is what that solid must ho
 
 Every tip states:
 x_mm, y_mm: where it stands in the indenter's frame.
-radius_mm: a ball of this radius fits inside the tip and touches its lowest point at (x_mm, y_mm).
+lowest_mm: (x, y) of a lowest point in the same frame; of a ring it is not the middle.
+radius_mm: a ball of this radius fits inside the tip and touches it at its lowest point.
     A grid node within d of that point is met from the depth radius - sqrt(radius^2 - d^2) on.
 equator_mm: height at which the height field ends.
 half_mm: half sides (x, y) of the box around the tip, seen along z.
@@ -22,14 +23,26 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from .sensor import ShapeError
+from .bounded import ShapeError
 
 Field = NDArray[np.float64]
 Point2 = tuple[float, float]
 
 
+class _LowestInTheMiddle:
+    """A tip whose lowest point is where it stands."""
+
+    x_mm: float
+    y_mm: float
+
+    @property
+    def lowest_mm(self) -> Point2:
+        """(x, y) of the lowest point."""
+        return self.x_mm, self.y_mm
+
+
 @dataclass(frozen=True)
-class SphereTip:
+class SphereTip(_LowestInTheMiddle):
     """One spherical cap of the indenter's face at (x, y), with its lowest point at z = 0."""
 
     x_mm: float
@@ -65,7 +78,7 @@ class SphereTip:
 
 
 @dataclass(frozen=True)
-class RidgeTip:
+class RidgeTip(_LowestInTheMiddle):
     """A straight ridge along y: a wedge with a rounded nose, and ends turned about its last points.
 
         seen along y             seen along z
@@ -87,9 +100,9 @@ class RidgeTip:
 
     def __post_init__(self) -> None:
         _positive(self, "radius_mm", "half_width_mm", "length_mm")
-        _less("0", 0.0, "flank_deg", self.flank_deg)
-        _less("flank_deg", self.flank_deg, "90", 90.0)
-        _less("radius_mm cos(flank_deg)", self.nose_half_mm, "half_width_mm", self.half_width_mm)
+        less("0", 0.0, "flank_deg", self.flank_deg)
+        less("flank_deg", self.flank_deg, "90", 90.0)
+        less("radius_mm cos(flank_deg)", self.nose_half_mm, "half_width_mm", self.half_width_mm)
 
     @property
     def nose_half_mm(self) -> float:
@@ -146,7 +159,7 @@ class RidgeTip:
 
 
 @dataclass(frozen=True)
-class EllipsoidTip:
+class EllipsoidTip(_LowestInTheMiddle):
     """Half an ellipsoid with its round axis along x: semi-axes a along x, b along y and z.
 
     A spheroid, for the kernel turns it exactly; of a free ellipsoid it has splines only, and its
@@ -195,7 +208,7 @@ class EllipsoidTip:
 
 
 @dataclass(frozen=True)
-class PrismTip:
+class PrismTip(_LowestInTheMiddle):
     """A flat face with n equal points, the first on +x: a star, or a regular polygon.
 
     The outline is smooth: points rounded with corner_mm, notches with notch_mm, straight sides
@@ -228,16 +241,16 @@ class PrismTip:
         if self.points < 3:
             raise ShapeError(f"points >= 3: {self.points} fails")
         # Else the rounded edges of a point's two sides would meet, and it would not be flat there.
-        _less("edge_mm", self.edge_mm, "corner_mm", self.corner_mm)
-        _less("corner_mm", self.corner_mm, "outer_mm", self.outer_mm)
+        less("edge_mm", self.edge_mm, "corner_mm", self.corner_mm)
+        less("corner_mm", self.corner_mm, "outer_mm", self.outer_mm)
         straight = (self.outer_mm - self.corner_mm) * math.cos(self._half_angle) + self.corner_mm
         if self.inner_mm > straight + 1e-12:
             raise ShapeError(
                 f"inner_mm <= that of a polygon: {self.inner_mm:g} <= {straight:g} fails"
             )
-        _less("corner_mm", self.corner_mm, "inner_mm", self.inner_mm)
-        _less("0", 0.0, "length of a straight side", self._side.length_mm)
-        _less("edge_mm", self.edge_mm, "radius_mm", self.radius_mm)
+        less("corner_mm", self.corner_mm, "inner_mm", self.inner_mm)
+        less("0", 0.0, "length of a straight side", self._side.length_mm)
+        less("edge_mm", self.edge_mm, "radius_mm", self.radius_mm)
 
     @property
     def _half_angle(self) -> float:
@@ -364,7 +377,7 @@ def _side(tip: PrismTip) -> _Side:
     corner_x = tip.outer_mm - c
     dx, dy = tip.inner_mm * math.cos(half) - corner_x, tip.inner_mm * math.sin(half)
     d2 = dx**2 + dy**2
-    _less("corner_mm", c, "from the point's arc centre to the notch", math.sqrt(d2))
+    less("corner_mm", c, "from the point's arc centre to the notch", math.sqrt(d2))
     t = math.sqrt(d2 - c**2)
     normal = (c * dx + t * dy) / d2, (c * dy - t * dx) / d2
     along = (t * dx - c * dy) / d2, (t * dy + c * dx) / d2
@@ -372,9 +385,6 @@ def _side(tip: PrismTip) -> _Side:
     notch_r = (c + q + normal[0] * corner_x) / cosine
     length = (notch_r * math.cos(half) - corner_x) * along[0] + notch_r * math.sin(half) * along[1]
     return _Side(along, normal, corner_x, notch_r, length)
-
-
-Tip = SphereTip | RidgeTip | EllipsoidTip | PrismTip
 
 
 def _cross(a: Point2, b: Point2) -> float:
@@ -397,7 +407,7 @@ def _positive(record: object, *names: str) -> None:
             raise ShapeError(f"{name} > 0 and finite: {value} fails")
 
 
-def _less(small: str, a: float, large: str, b: float) -> None:
+def less(small: str, a: float, large: str, b: float) -> None:
     """Raise ShapeError stating `a < b` with its numbers unless it holds (NaN fails)."""
     if not a < b:
         raise ShapeError(f"{small} < {large}: {a:g} < {b:g} fails")

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
 
-from deltact_fab.cad import checks, registry
+from deltact_fab.cad import checks, registry, rules
+from deltact_fab.cad.build import build_part, expected
 from deltact_fab.cad.design import (
     IndenterBody,
     IndenterDimensions,
@@ -15,25 +17,22 @@ from deltact_fab.cad.design import (
     load_design,
     load_indenters,
 )
-from deltact_fab.cad.export import build_part
+from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.kernel import guarded, require
 from deltact_fab.cad.parts import indenter as indenter_part
-from deltact_fab.cad.parts import skin, skin_frame
+from deltact_fab.cad.parts import skin_frame
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.shapes import (
     EllipsoidTip,
     Indenter,
     PrismTip,
     RidgeTip,
-    SensorDimensions,
-    SkinDimensions,
     SphereTip,
 )
 from deltact_fab.shapes.indenter import parse
-from deltact_fab.shapes.sensor import FrameDimensions, OpticsDimensions
 
-DEFAULT = SensorDimensions()
-FRAME, SKIN = registry.SENSOR_PARTS
+DEFAULT = Design()
+PAIR = tuple(registry.find(name) for name in ("skin", "skin-frame"))
 
 
 @pytest.fixture(scope="session")
@@ -44,14 +43,14 @@ def cq():
 @pytest.fixture(scope="session")
 def solids(cq):
     """The default skin and frame, gated."""
-    return {part.name: build_part(part, DEFAULT)[0] for part in registry.SENSOR_PARTS}
+    return {part.name: build_part(part, DEFAULT)[0] for part in PAIR}
 
 
 def test_the_shipped_design_is_the_paper_s():
     dims = load_design()
     assert dims == DEFAULT
     assert dims.frame_outer_mm == (39.0, 40.0)
-    assert np.allclose(skin_frame.hole_centres_mm(dims)[-1], (16.3, 16.8))
+    assert np.allclose(dims.screw_centres_mm[-1], (16.3, 16.8))
 
 
 def test_a_design_file_with_a_wrong_key_is_one_line(tmp_path):
@@ -79,74 +78,80 @@ def test_skin_and_frame_share_no_volume_and_leave_no_gap(solids, cq):
     a, b = solids["skin"], solids["skin-frame"]
     assert a.intersect(b).Volume() < 1e-9
     # Between the skin's back and the frame's top only the pilot holes stay empty.
-    outer_x, outer_y = DEFAULT.frame_outer_mm
-    low, high = -DEFAULT.skin.thickness_mm, -DEFAULT.skin.protrusion_mm
-    slab = cq.Solid.makeBox(
-        outer_x, outer_y, high - low, cq.Vector(-outer_x / 2, -outer_y / 2, low)
-    )
-    pilot_top = high - DEFAULT.frame.height_mm + DEFAULT.frame.pilot_depth_mm
-    holes = 4 * math.pi / 4 * DEFAULT.frame.pilot_diameter_mm**2 * (pilot_top - low)
+    (x, y), low, high = DEFAULT.frame_outer_mm, DEFAULT.z_ledge_mm, DEFAULT.z_front_mm
+    slab = cq.Solid.makeBox(x, y, high - low, cq.Vector(-x / 2, -y / 2, low))
+    pilot_top = DEFAULT.z_joint_mm + DEFAULT.screw.pilot_depth_mm
+    holes = 4 * math.pi / 4 * DEFAULT.screw.row.pilot_mm**2 * (pilot_top - low)
     assert slab.cut(a, b).Volume() == pytest.approx(holes, rel=1e-6)
 
 
 def test_pilot_holes_stand_on_the_posts_and_are_blind(solids, cq):
     frame = solids["skin-frame"]
-    bottom = -DEFAULT.skin.protrusion_mm - DEFAULT.frame.height_mm
-    for x, y in skin_frame.hole_centres_mm(DEFAULT):
-        assert not frame.isInside(cq.Vector(x, y, bottom + DEFAULT.frame.pilot_depth_mm - 0.01))
-        assert frame.isInside(cq.Vector(x, y, bottom + DEFAULT.frame.pilot_depth_mm + 0.01))
+    end = DEFAULT.z_joint_mm + DEFAULT.screw.pilot_depth_mm
+    for x, y in DEFAULT.screw_centres_mm:
+        assert not frame.isInside(cq.Vector(x, y, end - 0.01))
+        assert frame.isInside(cq.Vector(x, y, end + 0.01))
+        # A wall stands all around the hole, as thick as the shell's.
+        beside = DEFAULT.screw.row.pilot_mm / 2 + DEFAULT.shell.wall_mm
+        for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+            assert frame.isInside(cq.Vector(x + dx * beside, y + dy * beside, end - 0.01))
+
+
+def test_the_acrylic_s_pocket_is_open_behind_and_ends_at_the_ledge(solids, cq):
+    frame, z = solids["skin-frame"], DEFAULT.z_ledge_mm
+    on_ledge = DEFAULT.skin.length_mm / 2 + DEFAULT.frame.seat_y_mm / 2
+    for y in (on_ledge, -on_ledge):
+        assert frame.isInside(cq.Vector(0, y, z + 0.01))
+        assert not frame.isInside(cq.Vector(0, y, z - 0.01))
+
+
+WIDE = ["envelope.width_mm=90", "envelope.length_mm=90", "envelope.height_mm=60"]
 
 
 @pytest.mark.parametrize(
-    "dims",
+    "changes",
     [
-        SensorDimensions(frame=FrameDimensions(post_mm=2.5)),  # the y wall holds the post
-        SensorDimensions(skin=SkinDimensions(protrusion_mm=12.0)),  # nothing in the window
-        SensorDimensions(skin=SkinDimensions(20.0, 50.0, 15.0, 0.3, 7.0)),
-        SensorDimensions(
-            SkinDimensions(edge_fillet_mm=5.9),
-            FrameDimensions(wall_x_mm=4.0, wall_y_mm=1.0),
-            OpticsDimensions(acrylic_mm=1.5),
-        ),
+        ["frame.wall_x_mm=7"],  # the x wall holds the post
+        ["skin.edge_fillet_mm=5.9", "optics.acrylic_mm=2.5"],
+        ["skin.protrusion_mm=12", "optics.acrylic_mm=8"],  # nothing in the window
+        ["skin.length_mm=60", "skin.edge_fillet_mm=0.3"],
+        ["skin.thickness_mm=15", "frame.wall_y_mm=4", "frame.seat_y_mm=2.5"],
     ],
-    ids=["post in the wall", "all proud", "long", "large fillet"],
+    ids=["post in the wall", "large fillet", "all proud", "long", "thick"],
 )
-def test_other_dimensions_pass_the_gate(dims, cq):
-    if dims.skin.thickness_mm > 12:
-        dims = SensorDimensions(dims.skin, FrameDimensions(height_mm=10.0))
-    for part in registry.SENSOR_PARTS:
+def test_other_dimensions_pass_the_gate(changes, cq):
+    dims = load_design("deltact", [*WIDE, *changes])
+    for part in PAIR:
         solid, found = build_part(part, dims)
         assert solid.isValid()
         assert found.volume_mm3 > 0
 
 
 @pytest.mark.parametrize(
-    ("dims", "part", "says"),
+    ("changes", "says"),
     [
+        (["shell.wall_mm=9"], r"room between the posts in x: 0 < -3\.8 fails"),
         (
-            SensorDimensions(frame=FrameDimensions(post_mm=20.0)),
-            FRAME,
-            r"skin-frame: 2 \(post_mm - wall_x_mm\) < the window's side in x: 37 < 36 fails",
+            ["frame.seat_y_mm=2"],
+            r"seat_y_mm \+ shell\.wall_mm <= frame\.wall_y_mm: 3\.5 <= 3 fails",
         ),
+        (["frame.seat_y_mm=0.2", "shell.ledge_mm=3"], r"acrylic: 0\.5 <= .*: 0\.5 <= 0\.1 fails"),
         (
-            SensorDimensions(frame=FrameDimensions(post_mm=20.0)),
-            SKIN,
-            r"skin: 2 notches along the width < width_mm: 37 < 36 fails",
-        ),
-        (
-            SensorDimensions(frame=FrameDimensions(pilot_diameter_mm=7.0)),
-            FRAME,
-            r"pilot_diameter_mm < post_mm: 7 < 6\.4 fails",
-        ),
-        (
-            SensorDimensions(frame=FrameDimensions(height_mm=7.0)),
-            FRAME,
-            r"thickness_mm - protrusion_mm \+ acrylic_mm <= height_mm: 8 <= 7 fails",
+            ["screw.engagement_mm=6"],
+            r"engagement_mm \+ screw\.tip_clearance_mm <= frame height - .*: 7 <= 6\.5 fails",
         ),
     ],
 )
-def test_a_broken_inequality_is_told_before_the_kernel_runs(dims, part, says):
-    with pytest.raises(InputError, match=says):
+@pytest.mark.parametrize("part", PAIR, ids=lambda part: part.name)
+def test_a_broken_inequality_is_told_before_the_kernel_runs(changes, says, part, monkeypatch):
+    def no_kernel(*_):
+        raise AssertionError("the kernel ran")
+
+    monkeypatch.setattr(f"{part.builder.partition(':')[0]}.require", no_kernel)
+    dims = load_design("deltact", changes)
+    told = [f"{r.part}: {r.text} fails" for r in rules.of_design(dims) if not r.holds]
+    assert any(re.search(says, line) for line in told), told
+    with pytest.raises(InputError, match=re.escape(told[0])):
         build_part(part, dims)
 
 
@@ -253,7 +258,15 @@ def test_the_plate_covers_the_tips(name, cq):
     )
 
 
-def test_closed_form_of_the_fillet():
-    """Pinned: block 36 x 34 x 12 less the rounded edges and the four notches."""
-    low, high = skin.expect(DEFAULT).volume_mm3
-    assert low == high == pytest.approx(14171.0508, abs=1e-4)
+def test_closed_forms_of_skin_and_frame_pinned():
+    """Block 36 x 34 x 12 less rounded edges and notches; box 39 x 40 x 8 less window and pocket."""
+
+    def volume_mm3(part):
+        low, high = expected(part, DEFAULT).volume_mm3
+        assert low == high
+        return low
+
+    assert volume_mm3(PAIR[0]) == pytest.approx(14171.0508, abs=1e-4)
+    frame = 39 * 40 * 8 - (36 * 34 - 4 * 4.9 * 3.4) * 6 - (36 * 37 - 4 * 4.9**2) * 2
+    assert volume_mm3(PAIR[1]) == pytest.approx(frame - math.pi * 1.35**2 * 5.6, rel=1e-12)
+    assert skin_frame.window_area_mm2(DEFAULT) == pytest.approx(36 * 34 - 4 * 4.9 * 3.4)

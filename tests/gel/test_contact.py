@@ -350,3 +350,16 @@ def test_constructor_and_history_are_checked(layer: BondedLayer) -> None:
     contact = LayerContact(layer, SPHERE)
     with pytest.raises(InputError, match="previous state"):
         contact.solve(LayerContact(other, SPHERE).rest(), (0, 0, 1.0))
+
+
+def test_a_ring_presses_along_its_circle_and_not_in_its_hole(layer: BondedLayer) -> None:
+    contact = LayerContact(layer, parse("ring:9"), observe_shear=False)
+    state = contact.solve(contact.rest(), (0.0, 0.0, 1.0))
+    x, y = np.meshgrid(layer.x_mm, layer.y_mm)
+    r = np.hypot(x, y)
+    pressed = state.pressure_mpa > 0
+    assert pressed.any()
+    # Tube radius D / 6 about a circle of D / 3.
+    assert r[pressed].min() > 1.5
+    assert r[pressed].max() < 4.5
+    assert state.force_n[2] == pytest.approx(-7.08, rel=0.03)

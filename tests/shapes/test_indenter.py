@@ -11,12 +11,34 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from deltact_fab.errors import InputError
-from deltact_fab.shapes import EllipsoidTip, Indenter, PrismTip, RidgeTip, SphereTip, Tip
+from deltact_fab.shapes import (
+    EllipsoidTip,
+    Indenter,
+    PrismTip,
+    RidgeTip,
+    SphereTip,
+    Tip,
+    TurnedTip,
+)
 from deltact_fab.shapes.indenter import KINDS, SIZE_MM, parse
 from deltact_fab.shapes.sensor import ShapeError
+from deltact_fab.shapes.turned import Piece
 
 PAPER = ("4dots", "edges", "ellipsoid", "hexprism", "star")
-SCALED = (*PAPER, "2dots")
+RECONSTRUCTED = ("cylinder", "ring", "hat")
+SCALED = (*PAPER, "2dots", *RECONSTRUCTED)
+
+
+def dimpled() -> TurnedTip:
+    """Off the axis: an arc that bulges upwards in the middle, then one downwards, tangent to it."""
+    low, dip = 0.5, 1.5
+    middle = (low + dip) * math.sin(math.pi / 6)
+    sunk = low - (low + dip) * math.cos(math.pi / 6)
+    joint = dip * math.sin(math.pi / 6), sunk + dip * math.cos(math.pi / 6)
+    pieces = (Piece(joint, (0.0, sunk)), Piece((middle + low, low), (middle, low)))
+    return TurnedTip(0.3, -0.7, low, (0.0, sunk + dip), pieces)
+
+
 TIPS: tuple[Tip, ...] = (
     SphereTip(0.5, -1.0, 2.0),
     RidgeTip(-1.0, 0.3, 0.4, 1.2, 5.0, flank_deg=40.0),
@@ -26,7 +48,13 @@ TIPS: tuple[Tip, ...] = (
     PrismTip.polygon(4, 3.0, 0.8, 0.1),
     PrismTip(0.3, -0.2, 5, 4.5, 2.25),
     PrismTip(0.0, 0.0, 3, 4.0, 1.2, 0.4, 1.5, 0.39),
+    TurnedTip.cylinder(4.5, 0.3),
+    TurnedTip.ring(4.5, 1.5),
+    TurnedTip.ring(3.0, 0.4),
+    TurnedTip.hat(4.5, 2.475, 2.7, 60.0, 0.3),
+    dimpled(),
 )
+TURNED = tuple(t for t in TIPS if isinstance(t, TurnedTip))
 Field = NDArray[np.float64]
 
 
@@ -50,6 +78,9 @@ def grid(half_x: float, half_y: float, spacing: float) -> tuple[Field, Field]:
         ("star:9.0", "star", "star"),
         ("hexprism:7.5", "hexprism:7.5", "hexprism-7p5"),
         ("2dots", "2dots", "2dots"),
+        ("ring:9", "ring", "ring"),
+        ("hat:12.5", "hat:12.5", "hat-12p5"),
+        ("cylinder:6", "cylinder:6", "cylinder-6"),
     ],
 )
 def test_a_name_is_normalised(typed: str, name: str, slug: str) -> None:
@@ -83,6 +114,8 @@ def test_a_slug_stands_for_one_shape(chosen: list[tuple[str, float | None]]) -> 
         ("elipsoid", "indenter 'elipsoid': unknown; did you mean 'ellipsoid'?"),
         ("hex-prism", "did you mean 'hexprism'?"),
         ("spere:10", "did you mean 'sphere'?"),
+        ("cilinder", "did you mean 'cylinder'?"),
+        ("ring:4", "5 to 20 mm, as in 'ring:9'"),
         ("cube:3", "valid: sphere:DIAMETER_MM, and with or without :SIZE_MM 4dots, 2dots, edges, "),
         ("", "indenter '': unknown"),
         ("sphere", "a diameter of 0.5 to 30 mm, as in 'sphere:10'"),
@@ -140,7 +173,8 @@ def test_field_and_footprint(name: str) -> None:
     assert hy - 3 * spacing < np.abs(y[inside]).max() <= hy
     assert height.min() >= 0
     for tip in shape.tips:
-        assert shape.height_mm(np.array([tip.x_mm]), np.array([tip.y_mm]))[0] == 0.0
+        x0, y0 = tip.lowest_mm
+        assert shape.height_mm(np.array([x0]), np.array([y0]))[0] == 0.0
         own = tip.height_mm(x, y)
         assert own[np.isfinite(own)].max() <= tip.equator_mm + 1e-12
         # Up to the equator, but for the last cell, where a ball is steep.
@@ -166,7 +200,11 @@ def test_a_large_sphere_has_a_shank_too() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "turn_deg"), [("hexprism", 60), ("star", 72), ("4dots", 90), ("edges", 180)]
+    ("name", "turn_deg"),
+    [
+        *[("hexprism", 60), ("star", 72), ("4dots", 90), ("edges", 180)],
+        *[("cylinder", 17), ("ring", 31), ("hat", 143)],
+    ],
 )
 def test_symmetry(name: str, turn_deg: float) -> None:
     shape, a = parse(name), math.radians(turn_deg)
@@ -187,9 +225,10 @@ def test_a_ball_of_radius_mm_fits_inside_and_touches_the_lowest_point(tip: Tip) 
     r = tip.radius_mm
     d = r * np.sqrt(np.linspace(0, 1 - 1e-12, 300))[:, None]
     angle = np.linspace(0, 2 * np.pi, 241)[None]
-    height = tip.height_mm(tip.x_mm + d * np.cos(angle), tip.y_mm + d * np.sin(angle))
+    x, y = tip.lowest_mm
+    height = tip.height_mm(x + d * np.cos(angle), y + d * np.sin(angle))
     assert np.all(height <= r - np.sqrt(r**2 - d**2) + 1e-9)
-    wide = tip.height_mm(tip.x_mm + 2 * d * np.cos(angle), tip.y_mm + 2 * d * np.sin(angle))
+    wide = tip.height_mm(x + 2 * d * np.cos(angle), y + 2 * d * np.sin(angle))
     assert np.any(wide > 2 * r - np.sqrt((2 * r) ** 2 - (2 * d) ** 2) + 1e-9)
 
 
@@ -213,9 +252,12 @@ def test_the_ridge_s_nose_runs_into_its_flank_without_a_kink() -> None:
     assert (high - middle) / step == pytest.approx(1 / math.tan(math.radians(30)), rel=1e-3)
 
 
-def _sampled(tip: PrismTip, n: int = 4000) -> Field:
-    """Points (m, 2) on the outline, drawn as the CAD does: lines, and arcs through three points."""
-    here, drawn = tip.outline()
+Drawn = tuple[tuple[float, float], list[tuple[str, tuple[tuple[float, float], ...]]]]
+
+
+def _sampled(outline: Drawn, n: int = 4000) -> Field:
+    """Points (m, 2) on what is drawn, as the CAD does: lines, and arcs through three points."""
+    here, drawn = outline
     points = []
     for kind, goals in drawn:
         t = np.linspace(0, 1, n)[:, None]
@@ -242,7 +284,7 @@ def _sampled(tip: PrismTip, n: int = 4000) -> Field:
 def test_the_inset_is_the_distance_to_the_drawn_outline(tip: PrismTip) -> None:
     from scipy.spatial import cKDTree
 
-    outline = _sampled(tip)
+    outline = _sampled(tip.outline())
     on = tip.inset_mm(tip.x_mm + outline[:, 0], tip.y_mm + outline[:, 1])
     assert np.abs(on).max() < 1e-9
     assert np.abs(outline).max(axis=0) == pytest.approx(tip.half_mm, abs=1e-6)
@@ -265,6 +307,109 @@ def test_the_inset_is_the_distance_to_the_drawn_outline(tip: PrismTip) -> None:
     assert np.linalg.norm(outline[0] - outline[-1]) < 1e-12
 
 
+@pytest.mark.parametrize("tip", TURNED, ids=lambda t: f"{t.rim_mm:.3g}-{t.radius_mm:.3g}")
+def test_the_drawn_profile_is_the_height_field(tip: TurnedTip) -> None:
+    drawn = _sampled(tip.profile(), 500)
+    d, z = drawn.T
+    assert np.all(np.diff(d) >= -1e-12)
+    # At the rims the sides are upright and rounding decides; a hair inside, it must agree.
+    clear = (d > tip.start_mm[0] + 1e-9) & (d < tip.rim_mm - 1e-9)
+    angle = np.random.default_rng(4).uniform(0, 2 * np.pi, d.shape)
+    found = tip.height_mm(tip.x_mm + d * np.cos(angle), tip.y_mm + d * np.sin(angle))
+    assert np.abs(found[clear] - z[clear]).max() < 1e-9
+    outside = np.array([tip.rim_mm + 1e-9, tip.start_mm[0] - 1e-9])
+    at = tip.height_mm(tip.x_mm + outside, np.full(2, tip.y_mm))
+    assert at[0] == math.inf
+    assert math.isinf(at[1]) == (tip.start_mm[0] > 0)
+
+
+@pytest.mark.parametrize("tip", TURNED, ids=lambda t: f"{t.rim_mm:.3g}-{t.radius_mm:.3g}")
+@pytest.mark.parametrize("length_mm", [3.1, 12.0])
+def test_the_turned_volume_is_the_integral_of_its_shells(tip: TurnedTip, length_mm: float) -> None:
+    """By Gauss over each piece; v = sin takes the upright tangent out of the arcs."""
+    node, weight = np.polynomial.legendre.leggauss(60)
+    found, d0 = 0.0, tip.start_mm[0]
+    for piece in tip.pieces:
+        d1, z1 = piece.end_mm
+        if piece.centre_mm is None:
+            d, rate = (d0 + d1 + (d1 - d0) * node) / 2, np.full(node.shape, (d1 - d0) / 2)
+            z = tip.height_mm(tip.x_mm + d, np.full(d.shape, tip.y_mm))
+        else:
+            (m, n), r = piece.centre_mm, math.dist(piece.centre_mm, piece.end_mm)
+            low, high = (math.asin(min(max((v - m) / r, -1.0), 1.0)) for v in (d0, d1))
+            t = (low + high + (high - low) * node) / 2
+            d, rate = m + r * np.sin(t), r * np.cos(t) * (high - low) / 2
+            z = n + (1 if z1 > n else -1) * r * np.cos(t)
+        found += float(np.sum(weight * rate * 2 * np.pi * d * (length_mm - z)))
+        d0 = d1
+    assert tip.volume_mm3(length_mm) == pytest.approx(found, rel=1e-12)
+
+
+def test_known_volumes() -> None:
+    """Half a torus (Pappus) with a tube on it, and a cylinder with nothing rounded."""
+    ring = TurnedTip.ring(4.5, 1.5)
+    torus = math.pi**2 * 3.0 * 1.5**2
+    assert ring.volume_mm3(1.5) == pytest.approx(torus, rel=1e-13)
+    tube = math.pi * (4.5**2 - 1.5**2) * 10.5
+    assert ring.volume_mm3(12.0) == pytest.approx(torus + tube, rel=1e-13)
+    sharp = TurnedTip.cylinder(4.5, 1e-9)
+    assert sharp.volume_mm3(12.0) == pytest.approx(math.pi * 4.5**2 * 12, rel=1e-12)
+
+
+def test_the_ring_s_hole_stays_open() -> None:
+    ring = parse("ring")
+    assert ring.tips[0].lowest_mm == (3.0, 0.0)
+    d = np.array([0.0, 1.49, 1.51, 3.0, 4.49, 4.51])
+    height = ring.height_mm(d, np.zeros(6))
+    assert np.isinf(height).tolist() == [True, True, False, False, False, True]
+    assert height[3] == 0.0
+    assert ring.equator_mm == 1.5
+
+
+@pytest.mark.parametrize("name", ["hat", "hat:5", "hat:20"])
+def test_the_hat_is_a_dome_a_flank_and_a_brim(name: str) -> None:
+    hat = parse(name)
+    tip, size_mm = hat.tips[0], float(name.partition(":")[2] or SIZE_MM)
+    assert isinstance(tip, TurnedTip)
+    d = np.linspace(0, size_mm / 2 - 1e-9, 20001)
+    z = hat.height_mm(np.zeros(20001), d)
+    slope = np.gradient(z, d)
+    crown = d < 0.275 * size_mm - 1e-3
+    # No step on the way, and nothing steeper than 60 degrees before the brim's edge.
+    assert np.abs(np.diff(z[:-40])).max() < 1e-3 * size_mm
+    assert slope[crown].max() == pytest.approx(math.tan(math.radians(60)), rel=1e-3)
+    assert np.all(np.diff(slope[crown]) > -1e-6)  # the dome runs into the flank without a kink
+    brim = (d > 0.275 * size_mm + 1e-3) & (d < size_mm / 2 - 0.3)
+    assert np.ptp(z[brim]) == 0.0
+    assert z[brim][0] == pytest.approx(0.3 * size_mm)
+    assert hat.equator_mm == pytest.approx(0.3 * size_mm + 0.3)
+
+
+@given(
+    st.sampled_from(["cylinder", "ring", "hat"]),
+    st.lists(st.floats(-1.0, 12.0), min_size=3, max_size=3),
+    st.floats(-10.0, 100.0),
+)
+def test_any_dimensions_make_a_tip_or_state_the_inequality(
+    kind: str, sizes: list[float], flank_deg: float
+) -> None:
+    a, b, c = sizes
+    try:
+        if kind == "hat":
+            tip = TurnedTip.hat(a, b, c, flank_deg, 0.3)
+        else:
+            tip = TurnedTip.cylinder(a, b) if kind == "cylinder" else TurnedTip.ring(a, b)
+    except ShapeError:
+        return
+    d = np.linspace(tip.start_mm[0], tip.rim_mm, 400)
+    z = tip.height_mm(d, np.zeros(400))
+    assert np.all(np.isfinite(z[1:-1]))
+    assert -1e-9 < z.min() < 1e-2 * tip.rim_mm
+    assert z.max() <= tip.equator_mm * (1 + 1e-9)
+    full = math.pi * (tip.rim_mm**2 - tip.start_mm[0] ** 2) * tip.equator_mm
+    assert 0 < tip.volume_mm3(tip.equator_mm) < full * (1 + 1e-9)
+
+
 @pytest.mark.parametrize(
     ("make", "says"),
     [
@@ -278,12 +423,42 @@ def test_the_inset_is_the_distance_to_the_drawn_outline(tip: PrismTip) -> None:
         (lambda: RidgeTip(0, 0, 0.3, 1.0, 7.0, flank_deg=90.0), "flank_deg < 90"),
         (lambda: RidgeTip(0, 0, 0.3, 1.0, 0.0), "length_mm > 0 and finite"),
         (lambda: EllipsoidTip(0, 0, -1.0, 3.0), "a_mm > 0 and finite: -1"),
+        (lambda: TurnedTip.cylinder(2.0, 2.0), "edge_mm < radius_mm: 2 < 2 fails"),
+        (lambda: TurnedTip.cylinder(math.nan, 0.3), "edge_mm < radius_mm: 0.3 < nan fails"),
+        (lambda: TurnedTip.ring(3.0, 1.5), "2 tube_mm < radius_mm: 3 < 3 fails"),
+        (lambda: TurnedTip.ring(3.0, 0.0), "0 < tube_mm"),
+        (lambda: TurnedTip.hat(4.5, 2.5, 2.7, 90.0, 0.3), "flank_deg < 90"),
+        (
+            lambda: TurnedTip.hat(4.5, 4.3, 2.7, 60.0, 0.3),
+            r"crown_radius_mm \+ edge_mm < radius_mm",
+        ),
+        (lambda: TurnedTip.hat(4.5, 2.0, 3.6, 60.0, 0.3), "crown_mm < crown_radius_mm tan"),
+        (lambda: TurnedTip.hat(4.5, 2.0, 0.5, 60.0, 0.3), "edge of the dome < crown_radius_mm"),
+        (
+            lambda: turned((0, 0), Piece((2, 0), None), radius=2.1),
+            "ball that fits inside: 2.1 <= 2",
+        ),
+        (lambda: turned((0, 0), Piece((2, 1))), r"ball that fits inside: 0.1 <= \S+ fails"),
+        (lambda: turned((0, 1), Piece((2, 1))), r"lowest z of the profile = 0: 1 fails"),
+        (lambda: turned((0, 0.1), Piece((2, 0.1), (1, 0.5))), "lowest z .* = 0: -0.577"),
+        (lambda: turned((0, -1), Piece((2, 0))), r"z >= 0 along the profile: \(0, -1\) fails"),
+        (lambda: turned((0, 0)), "pieces of the profile >= 1: 0 fails"),
+        (lambda: turned((1, 0), Piece((1, 1))), "d of a point < d of the next: 1 < 1"),
+        (lambda: turned((0, 0), Piece((1, 1), (0, 2))), "as far from its centre: 2 = 1.41421"),
+        (
+            lambda: turned((0.6, 0.2), Piece((0.8, 1.6), (0.0, 1.0))),
+            "below its centre or above it: 0.2 and 1.6 about 1 fails",
+        ),
     ],
 )
 def test_dimensions_that_make_no_tip_state_the_inequality(make: object, says: str) -> None:
     assert callable(make)
     with pytest.raises(ShapeError, match=says):
         make()
+
+
+def turned(start: tuple[float, float], *pieces: Piece, radius: float = 0.1) -> TurnedTip:
+    return TurnedTip(0.0, 0.0, radius, start, pieces)
 
 
 def test_an_indenter_is_as_low_as_its_lowest_tip() -> None:

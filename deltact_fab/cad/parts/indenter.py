@@ -20,7 +20,7 @@ import itertools
 import math
 from typing import TYPE_CHECKING, Any
 
-from ...shapes import EllipsoidTip, PrismTip, RidgeTip, SphereTip, Tip
+from ...shapes import EllipsoidTip, PrismTip, RidgeTip, SphereTip, Tip, TurnedTip
 from ..checks import Expected, less
 from ..design import IndenterDimensions
 from ..kernel import require
@@ -37,11 +37,10 @@ def plate_half_mm(dims: IndenterDimensions) -> tuple[float, float]:
 
 
 def _round_plate_mm(dims: IndenterDimensions) -> float:
-    """Radius of the plate of a single sphere on the axis, else 0: the plate is rectangular."""
-    tips = dims.indenter.tips
-    if len(tips) == 1 and isinstance(tips[0], SphereTip) and tips[0].x_mm == tips[0].y_mm == 0:
-        return plate_half_mm(dims)[0]
-    return 0.0
+    """Radius of the plate of a single round tip on the axis, else 0: the plate is rectangular."""
+    first, *others = dims.indenter.tips
+    round_ = isinstance(first, SphereTip | TurnedTip) and first.x_mm == first.y_mm == 0
+    return plate_half_mm(dims)[0] if round_ and not others else 0.0
 
 
 def expect(dims: IndenterDimensions) -> Expected:
@@ -134,6 +133,8 @@ def _tip(cq: Any, tip: Tip, top_mm: float) -> Any:
             return _ellipsoid(cq, tip, top_mm)
         case PrismTip():
             return _prism(cq, tip, top_mm)
+        case TurnedTip():
+            return _turned(cq, tip, top_mm)
 
 
 def _ball(cq: Any, r: float, top_mm: float) -> Any:
@@ -202,6 +203,16 @@ def _prism(cq: Any, tip: PrismTip, top_mm: float) -> Any:
     for kind, points in drawn:
         plan = plan.lineTo(*points[0]) if kind == "line" else plan.threePointArc(*points)
     return plan.close().extrude(top_mm).faces("<Z").edges().fillet(tip.edge_mm)
+
+
+def _turned(cq: Any, tip: TurnedTip, top_mm: float) -> Any:
+    """The profile and the shank above it, turned; a profile with a hole gives a tube."""
+    start, drawn = tip.profile()
+    half = cq.Workplane("XZ").moveTo(*start)
+    for kind, points in drawn:
+        half = half.lineTo(*points[0]) if kind == "line" else half.threePointArc(*points)
+    half = half.lineTo(tip.rim_mm, top_mm).lineTo(start[0], top_mm).close()
+    return half.revolve(360, (0, 0, 0), (0, 1, 0))
 
 
 def _corner_mm(dims: IndenterDimensions) -> float:

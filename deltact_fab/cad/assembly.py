@@ -1,0 +1,134 @@
+"""The sensor put together: every piece in its place, and what pieces share.
+
+Importing this does not import the CAD kernel.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+from ..errors import RunFailed
+from .build import build_part
+from .checks import VOLUME_TOLERANCE, Box, bounding_box
+from .dimensions import Design
+from .kernel import guarded, require
+from .registry import SENSOR_PARTS, Part
+
+Shift = tuple[float, float, float]
+# Boxes that meet by less share a face at most; what they could share stays below 0.001 mm3.
+TOUCH_MM = 1e-6
+
+
+@dataclass(frozen=True)
+class Placed:
+    """One piece in its place.
+
+    index: counts the pieces of the part from 0. solid: a cadquery Solid, moved already.
+    shift_mm: by how much it was moved from where its builder made it, exploding included.
+    """
+
+    part: Part
+    index: int
+    solid: Any
+    shift_mm: Shift
+
+
+def places(part: Part, design: Design) -> list[Shift]:
+    """Where the pieces of a part go: translations in mm from where its builder makes it."""
+    if part.name == "screw":
+        centres = design.screw_centres_mm
+    elif part.name == "camera-screw":
+        centres = design.camera_screw_centres_mm
+    else:
+        return [(0.0, 0.0, 0.0)]
+    return [(x, y, 0.0) for x, y in centres]
+
+
+def assemble(
+    design: Design,
+    explode: float = 0.0,
+    parts: Sequence[Part] = SENSOR_PARTS,
+    solids: Mapping[str, Any] | None = None,
+) -> list[Placed]:
+    """Every piece of the parts in its place, in the order of the parts.
+
+    explode: 0 as assembled, 1 as in the exploded view (times the part's explode_mm along z).
+    solids: ready solids by part name, not moved yet, to use instead of building; they are not
+    gated. Raises what build_part raises for the others.
+    """
+    cq = require()
+    ready = dict(solids or {})
+    placed = []
+    for part in parts:
+        if part.name not in ready:
+            ready[part.name] = build_part(part, design)[0]
+        for index, (x, y, z) in enumerate(places(part, design)):
+            shift = (x, y, z + explode * part.explode_mm)
+            placed.append(Placed(part, index, ready[part.name].moved(cq.Location(shift)), shift))
+    return placed
+
+
+def overlaps(placed: Sequence[Placed]) -> list[tuple[str, str, float]]:
+    """Volume in mm3 that two pieces share, for each pair of pieces whose boxes meet; 0 is kept.
+
+    A row holds the two part names in alphabetical order; a part with several pieces has a row for
+    each. Raises RunFailed naming the pair when the kernel cannot intersect it.
+    """
+    boxes = [bounding_box(piece.solid) for piece in placed]
+    found = []
+    for (a, box_a), (b, box_b) in combinations(zip(placed, boxes, strict=True), 2):
+        if _meet(box_a, box_b):
+            first, second = sorted((a.part.name, b.part.name))
+            found.append((first, second, _common_mm3(a, b)))
+    return found
+
+
+def thread_overlap_mm3(design: Design) -> dict[tuple[str, str], float]:
+    """Volume in mm3 that one screw shares with its pilot on purpose, by the names of `overlaps`.
+
+    The ring between nominal diameter and pilot over the length that grips.
+    """
+    screw, holder = design.screw.row, design.holder.row
+    grip_mm = design.holder.screw_length_mm - design.camera.board_mm
+    return {
+        ("screw", "skin-frame"): _ring_mm2(screw.thread_mm, screw.pilot_mm)
+        * design.screw.engagement_mm,
+        ("camera-holder", "camera-screw"): _ring_mm2(holder.thread_mm, holder.pilot_mm) * grip_mm,
+    }
+
+
+def _ring_mm2(outer_mm: float, inner_mm: float) -> float:
+    """Area between two circles, by their diameters."""
+    return math.pi / 4 * (outer_mm**2 - inner_mm**2)
+
+
+def _meet(a: Box, b: Box) -> bool:
+    """Whether two boxes share more than a face."""
+    return all(
+        max(a[0][axis], b[0][axis]) + TOUCH_MM < min(a[1][axis], b[1][axis]) for axis in range(3)
+    )
+
+
+def _common_mm3(a: Placed, b: Placed) -> float:
+    """The volume of a and b, held against what b leaves of a."""
+    from cadquery import Shape
+    from OCP.BRepAlgoAPI import BRepAlgoAPI_Common, BRepAlgoAPI_Cut
+
+    pair = f"{a.part.name} {a.index + 1} and {b.part.name} {b.index + 1}"
+    # A boolean that fails returns an empty shape without an exception: that would read as 0.
+    with guarded(pair, {"z_mm": a.shift_mm[2]}):
+        both = float(
+            Shape.cast(BRepAlgoAPI_Common(a.solid.wrapped, b.solid.wrapped).Shape()).Volume()
+        )
+        left = float(Shape.cast(BRepAlgoAPI_Cut(a.solid.wrapped, b.solid.wrapped).Shape()).Volume())
+        whole = float(a.solid.Volume())
+    if not abs(both + left - whole) <= VOLUME_TOLERANCE * whole:
+        raise RunFailed(
+            f"{pair}: the CAD kernel cannot say what they share: "
+            f"{both:.6f} of {whole:.6f} mm3 in common, {left:.6f} left"
+        )
+    return both

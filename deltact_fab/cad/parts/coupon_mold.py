@@ -1,0 +1,59 @@
+"""A row of open wells of the molds' own resin, to see whether it lets the silicone cure.
+
+Section along x:
+
+    z = base + depth   +-+    +-+    +-+    +-+    +-+
+                       | |    | |    | |    | |    | |   wells of diameter_mm, wall_mm between
+    z = base           | +----+ +----+ +----+ +----+ |   and around them
+    z = 0              +-----------------------------+
+
+Frame: z = 0 is the underside, z up; x along the row, from its middle. Platinum-cure silicone stays
+tacky on a resin that inhibits it: each well takes another post-cure or barrier coat, and one mix.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from ..checks import Expected
+from ..dimensions import Design
+from ..kernel import require
+
+if TYPE_CHECKING:
+    from cadquery import Shape
+
+NAME = "coupon-mold"
+
+
+def well_volume_mm3(design: Design) -> float:
+    """Volume of one well, filled to the brim."""
+    return math.pi / 4 * design.coupon.diameter_mm**2 * design.coupon.depth_mm
+
+
+def expect(design: Design) -> Expected:
+    """Closed forms of the coupon mold."""
+    x, y, z = design.coupon_outer_mm
+    volume_mm3 = x * y * z - design.coupon.wells * well_volume_mm3(design)
+    return Expected(
+        (volume_mm3, volume_mm3),
+        ((-x / 2, -y / 2, 0.0), (x / 2, y / 2, z)),
+        asdict(design.coupon),
+    )
+
+
+def build(design: Design) -> Shape:
+    """The coupon mold as one solid in its own frame, z from 0 to its top."""
+    cq = require()
+    coupon, (x, y, z) = design.coupon, design.coupon_outer_mm
+    pitch_mm = coupon.diameter_mm + coupon.wall_mm
+    first_mm = -pitch_mm * (coupon.wells - 1) / 2
+    wells = (
+        cq.Workplane()
+        .workplane(offset=coupon.base_mm)
+        .pushPoints([(first_mm + i * pitch_mm, 0.0) for i in range(coupon.wells)])
+        .circle(coupon.diameter_mm / 2)
+        .extrude(coupon.depth_mm + 1)
+    )
+    return cq.Workplane().rect(x, y).extrude(z).cut(wells).val()

@@ -1,0 +1,343 @@
+"""Light holder, camera, camera holder, cover and screws: their shapes, and how they mate."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from deltact_fab.cad import registry, rules
+from deltact_fab.cad.build import build_part, expected
+from deltact_fab.cad.design import load_design
+from deltact_fab.cad.kernel import require
+from deltact_fab.cad.parts import planes
+from deltact_fab.errors import InputError
+
+INNER = ("light-holder", "camera", "camera-screw", "camera-holder", "cover", "screw")
+VARIANTS = ("deltact", "screws-16mm", "skin-30x34", "skin-44x40", "franka")
+
+
+@pytest.fixture(scope="module")
+def cq():
+    return require()
+
+
+@pytest.fixture(scope="module")
+def design():
+    return load_design()
+
+
+@pytest.fixture(scope="module")
+def solids(cq, design):
+    """The inner parts of the default design, gated."""
+    return {name: build_part(registry.find(name), design)[0] for name in INNER}
+
+
+def cylinder(cq, radius_mm, low_mm, high_mm, at=(0.0, 0.0)):
+    return cq.Solid.makeCylinder(
+        radius_mm, high_mm - low_mm, cq.Vector(*at, low_mm), cq.Vector(0, 0, 1)
+    )
+
+
+def common_mm3(a, b):
+    return a.intersect(b).Volume()
+
+
+def section_mm2(cq, solid, z_mm, thin_mm=1e-3):
+    """Area of the solid at a height, by a thin slab."""
+    box = cq.Solid.makeBox(200, 200, thin_mm, cq.Vector(-100, -100, z_mm - thin_mm / 2))
+    return common_mm3(solid, box) / thin_mm
+
+
+# Plane figures, against a count of points on a grid.
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "apart"),
+    [(2.2, 16.8, 16.195), (2.2, 11.6, 16.195), (2.2, 14.6, 16.195), (3.0, 2.0, 0.5), (3, 3, 1.0),
+     (3.0, 2.0, 2.5), (2.0, 3.0, 1.6), (2.0, 2.0, 4.0)],
+)  # fmt: skip
+def test_common_area_of_two_circles(a, b, apart):
+    step = 0.005
+    x, y = np.meshgrid(np.arange(-a, a, step) + step / 2, np.arange(-a, a, step) + step / 2)
+    inside = (x**2 + y**2 < a**2) & ((x - apart) ** 2 + y**2 < b**2)
+    assert planes.common_circles_mm2(a, b, apart) == pytest.approx(
+        np.count_nonzero(inside) * step**2, abs=4 * math.pi * a * step**1.5
+    )
+
+
+def test_band_and_segments_make_up_a_disc():
+    for half in (0.1, 1.0, 1.9):
+        whole = planes.band_mm2(half, 2.0) + 2 * planes.segment_mm2(half, 2.0)
+        assert whole == pytest.approx(4 * math.pi, rel=1e-12)
+    assert planes.band_mm2(5.0, 2.0) == pytest.approx(4 * math.pi, rel=1e-12)
+
+
+def test_part_of_a_cone_is_the_integral_of_its_segments():
+    r = np.linspace(1.6, 1.38, 20001)
+    area = np.array([planes.segment_mm2(0.18, radius) for radius in r])
+    assert planes.cone_segment_mm3(0.18, 1.6, 1.38, 0.3) == pytest.approx(
+        0.3 * np.trapezoid(area, dx=1 / 20000), rel=1e-9
+    )
+
+
+# Every part.
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_every_part_has_an_exact_volume(name):
+    design = load_design(name)
+    for part in INNER:
+        low, high = expected(registry.find(part), design).volume_mm3
+        assert low == high > 0
+
+
+RANGES = {
+    "skin.width_mm": (34, 50),
+    "skin.length_mm": (32, 46),
+    "shell.wall_mm": (1, 2.5),
+    "screw.length_mm": (15, 20),
+    "light.channel_mm": (1, 3),
+    "light.floor_mm": (1.4, 2.5),
+    "light.slot_mm": (0.5, 10),
+    "camera.hole_pitch_x_mm": (8, 22),
+    "camera.hole_edge_mm": (1.5, 4),
+    "camera.board_mm": (0.7, 1.6),
+    "holder.head_clearance_mm": (0.05, 1.5),
+    "holder.clearance_mm": (2.8, 4),
+    "cover.peg_mm": (2.5, 3.5),
+    "cover.peg_y_mm": (3, 9),
+    "cover.slot_mm": (0.4, 1),
+    "cover.lip_mm": (0.05, 0.15),
+    "cover.floor_mm": (1, 2),
+}
+
+
+@st.composite
+def changes(draw):
+    """One to three dimensions, to a tenth: round numbers are where faces meet by chance."""
+    keys = draw(st.lists(st.sampled_from(sorted(RANGES)), min_size=1, max_size=3, unique=True))
+    return [f"{key}={round(draw(st.floats(*RANGES[key])), DIGITS.get(key, 1))!r}" for key in keys]
+
+
+DIGITS = {"holder.head_clearance_mm": 2, "cover.lip_mm": 2}
+
+
+def gated_or_refused(changes):
+    """Whether the rules accept the design; every inner part then passes the gate."""
+    design = load_design("deltact", changes)
+    if not all(rule.holds for rule in rules.of_design(design)):
+        with pytest.raises(InputError, match="fails"):
+            build_part(registry.find(INNER[0]), design)
+        return False
+    for name in INNER:
+        build_part(registry.find(name), design)
+    return True
+
+
+@settings(max_examples=8, deadline=None, derandomize=True, database=None)
+@given(changes())
+def test_a_changed_dimension_gives_a_gated_solid_or_a_refusal(cq, changes):
+    gated_or_refused(changes)
+
+
+@pytest.mark.slow
+@settings(max_examples=200, deadline=None, derandomize=True, database=None)
+@given(changes())
+def test_two_hundred_changed_designs(cq, changes):
+    gated_or_refused(changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        (
+            ["holder.head_clearance_mm=2", "camera.hole_pitch_x_mm=7"],
+            "camera-screw: head + 2 holder.head_clearance_mm <= camera.hole_pitch_x_mm: 7.8 <= 7",
+        ),
+        (
+            ["camera.hole_pitch_x_mm=22.5"],
+            "camera-screw: holder.fit_mm <= room between the heads and the corner posts: "
+            "0.2 <= -0.05",
+        ),
+        (
+            ["camera.lens_offset_mm=6.5"],
+            "camera-screw: upper holes + head / 2 + fit <= half the shell's cavity in y: "
+            "18.53 <= 18.5",
+        ),
+        (
+            ["cover.peg_y_mm=2"],
+            "camera-holder: hole of a peg + wall_mm <= 2 cover.peg_y_mm: 4.7 <= 4",
+        ),
+        (
+            ["cover.peg_y_mm=12", "camera.hole_pitch_x_mm=21.8"],
+            "camera-holder: half a peg's hole + half a pilot + wall_mm <= peg axis to screw axis: "
+            "3.925 <= 3.814",
+        ),
+    ],
+)
+def test_what_cannot_be_mounted_is_refused_with_its_inequality(changes, says):
+    of_design = rules.of_design(load_design("deltact", changes))
+    assert says in [f"{rule.part}: {rule.text}" for rule in of_design if not rule.holds]
+
+
+# Light holder.
+
+
+def test_the_channel_is_open_in_front_and_the_slot_at_minus_y(cq, design, solids):
+    ring, floor = solids["light-holder"], design.z_board_front_mm + design.light.floor_mm
+    radius, strip = design.light_radius_mm, design.strip_radius_mm
+    walls_mm2 = math.pi * (radius**2 - strip**2)
+    walls_mm2 += math.pi * (design.channel_inner_mm**2 - design.light_bore_mm**2)
+    for z in (floor + 0.1, design.z_joint_mm - 0.1):
+        slot_mm2 = walls_mm2 - section_mm2(cq, ring, z)
+        # The wall is 1.5 thick and a slot of 3 mm barely sees its curve.
+        assert slot_mm2 == pytest.approx(design.light.slot_mm * design.light.wall_mm, rel=0.01)
+    between = -(radius + strip) / 2
+    half = design.light.slot_mm / 2
+    for x, z, solid in (
+        (0.0, floor + 0.01, False),
+        (half - 0.01, design.z_joint_mm - 0.01, False),
+        (half + 0.01, floor + 0.01, True),
+        (0.0, floor - 0.01, True),
+    ):
+        assert ring.isInside(cq.Vector(x, between, z)) is solid
+    assert ring.isInside(cq.Vector(0, -design.channel_inner_mm + 0.01, floor + 1))
+    assert ring.isInside(cq.Vector(0, -between, floor + 1))
+
+
+def test_the_heads_stand_free_in_the_floor(cq, design, solids):
+    ring, low = solids["light-holder"], design.z_board_front_mm
+    row, clearance = design.holder.row, design.holder.head_clearance_mm
+    for at in design.camera_screw_centres_mm:
+        free = cylinder(
+            cq, row.head_mm / 2 + clearance - 1e-3, low, low + design.light.floor_mm - 1e-3, at
+        )
+        wider = cylinder(cq, row.head_mm / 2 + clearance + 0.01, low, low + 0.1, at)
+        higher = cylinder(cq, row.head_mm / 2, low, low + design.light.floor_mm + 0.1, at)
+        assert common_mm3(ring, free) < 1e-9
+        assert common_mm3(ring, wider) > 1e-4
+        assert common_mm3(ring, higher) > 1e-2
+
+
+def test_heads_that_miss_the_ring_leave_its_floor_whole(cq):
+    large = load_design("deltact", ["skin.width_mm=60", "skin.length_mm=60"])
+    away = max(math.hypot(x, y) for x, y in large.camera_screw_centres_mm)
+    assert away + large.head_relief_mm < large.light_bore_mm
+    ring = build_part(registry.find("light-holder"), large)[0]
+    floor_mm2 = math.pi * (large.light_radius_mm**2 - large.light_bore_mm**2)
+    assert section_mm2(cq, ring, large.z_board_front_mm + 0.5) == pytest.approx(floor_mm2)
+
+
+# Camera and its holder.
+
+
+def test_screws_find_the_holes_of_board_and_holder(cq, design, solids):
+    hole, pilot = design.camera.hole_mm / 2, design.holder.row.pilot_mm / 2
+    front, back = design.z_board_front_mm, design.z_board_back_mm
+    for at in design.camera_screw_centres_mm:
+        through = cylinder(cq, hole - 1e-3, back, front, at)
+        assert common_mm3(solids["camera"], through) < 1e-9
+        grip = cylinder(cq, pilot - 1e-3, design.z_floor_mm, back, at)
+        assert common_mm3(solids["camera-holder"], grip) < 1e-9
+        wall = cylinder(cq, pilot + design.holder.wall_mm, design.z_floor_mm, back, at)
+        ring_mm2 = math.pi * ((pilot + design.holder.wall_mm) ** 2 - pilot**2)
+        assert common_mm3(solids["camera-holder"], wall) == pytest.approx(
+            ring_mm2 * design.holder.clearance_mm, rel=1e-6
+        )
+
+
+def test_the_lens_stands_on_the_axis_and_the_connector_at_the_cable_s_edge(cq, design, solids):
+    cam, camera = design.camera, solids["camera"]
+    lens = section_mm2(cq, camera, design.z_lens_mm - 1)
+    assert lens == pytest.approx(math.pi / 4 * cam.lens_diameter_mm**2, rel=1e-6)
+    assert camera.isInside(cq.Vector(cam.lens_diameter_mm / 2 - 0.01, 0, design.z_lens_mm - 0.01))
+    deep = design.z_board_back_mm - cam.connector_height_mm + 0.01
+    assert camera.isInside(cq.Vector(0, cam.board_bottom_mm + 0.01, deep))
+    assert not camera.isInside(
+        cq.Vector(0, cam.board_bottom_mm + cam.connector_length_mm + 0.01, deep)
+    )
+
+
+def test_the_cable_leaves_the_holder_towards_minus_y(cq, design, solids):
+    half, top = design.holder_window_half_mm, design.holder_window_top_mm
+    path = cq.Solid.makeBox(
+        2 * half - 0.01, top + 100, design.holder.clearance_mm,
+        cq.Vector(-half + 0.005, -100.005, design.z_floor_mm),
+    )  # fmt: skip
+    assert common_mm3(solids["camera-holder"], path) < 1e-9
+
+
+# Cover: the snap fit.
+
+
+@pytest.fixture(scope="module")
+def legs(cq, design, solids):
+    """The two legs of the peg at +x, +y, cut off at the floor: at -x and at +x of the slot."""
+    (x, y), reach = design.peg_at_mm, design.cover.hole_mm
+    box = cq.Solid.makeBox(
+        2 * reach, 2 * reach, 2 * design.peg_length_mm,
+        cq.Vector(x - reach, y - reach, design.z_floor_mm),
+    )  # fmt: skip
+    found = sorted(solids["cover"].intersect(box).Solids(), key=lambda leg: leg.Center().x)
+    assert len(found) == 2
+    return found
+
+
+def test_a_leg_bent_by_the_lip_passes_its_hole_and_misses_the_other(cq, design, legs):
+    cover = design.cover
+    left, right = (
+        leg.moved(cq.Location((side * cover.lip_mm, 0, 0)))
+        for leg, side in zip(legs, (1, -1), strict=True)
+    )
+    hole = cylinder(cq, cover.hole_mm / 2 + 1e-6, -60, 0, design.peg_at_mm)
+    for leg in (left, right):
+        assert leg.cut(hole).Volume() < 1e-9
+    assert common_mm3(left, right) < 1e-9
+    tight = cylinder(cq, cover.hole_mm / 2 - 0.01, -60, 0, design.peg_at_mm)
+    assert left.cut(tight).Volume() > 1e-4
+
+
+def test_the_pegs_hold_at_rest_without_play(cq, design, solids):
+    cover, holder = solids["cover"], solids["camera-holder"]
+    assert common_mm3(cover, holder) < 1e-9
+    lifted = holder.moved(cq.Location((0, 0, 0.05)))
+    # Eight crescents, at most lip_mm wide, catch it.
+    assert common_mm3(cover, lifted) > 8 * 0.05 * design.cover.lip_mm
+    top = design.z_floor_mm + design.peg_length_mm
+    assert section_mm2(cq, cover, top - 0.01) < section_mm2(cq, cover, top - 0.2)
+
+
+def test_heads_sink_into_the_bosses_and_bear_on_a_full_wall(cq, design, solids):
+    cover, row = solids["cover"], design.screw.row
+    for at in design.screw_centres_mm:
+        bore = cylinder(cq, row.bore_mm / 2 - 1e-3, design.z_back_mm - 1, design.z_head_mm, at)
+        shank = cylinder(cq, row.clearance_mm / 2 - 1e-3, design.z_back_mm, 0, at)
+        assert common_mm3(cover, bore) < 1e-9
+        assert common_mm3(cover, shank) < 1e-9
+        seat = cylinder(cq, row.head_mm / 2, design.z_head_mm, design.z_boss_mm, at)
+        ring_mm2 = math.pi / 4 * (row.head_mm**2 - row.clearance_mm**2)
+        assert common_mm3(cover, seat) == pytest.approx(ring_mm2 * design.shell.wall_mm, rel=1e-6)
+
+
+# Screws.
+
+
+def test_a_key_fits_the_socket_and_a_blade_the_slot(cq, design, solids):
+    row, back = design.screw.row, design.z_head_mm - design.screw.row.head_height_mm
+    across, depth = row.socket_mm - 2e-3, row.head_height_mm / 2
+    key = cq.Workplane().workplane(offset=back - 5).polygon(6, across, circumscribed=True)
+    key = key.extrude(5 + depth - 1e-3).val()
+    assert common_mm3(solids["screw"], key) < 1e-9
+    assert common_mm3(solids["screw"], key.moved(cq.Location((0, 0, 0.1)))) > 0.1
+    row, top = design.holder.row, design.z_board_front_mm + design.holder.row.head_height_mm
+    blade = cq.Solid.makeBox(
+        row.slot_mm - 2e-3, 10, 5,
+        cq.Vector(-row.slot_mm / 2 + 1e-3, -5, top - row.slot_depth_mm + 1e-3),
+    )  # fmt: skip
+    assert common_mm3(solids["camera-screw"], blade) < 1e-9
+    turned = blade.rotate(cq.Vector(), cq.Vector(0, 0, 1), 10)
+    assert common_mm3(solids["camera-screw"], turned) > 1e-3

@@ -1,0 +1,185 @@
+"""Dimensions, their limits and their inequalities: what a lab edits, and what it hears of it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import pytest
+
+from deltact_fab.cad import rules
+from deltact_fab.cad.design import load_design
+from deltact_fab.cad.dimensions import CameraDimensions, Design, ScrewDimensions
+from deltact_fab.errors import InputError
+from deltact_fab.shapes.bounded import ShapeError
+
+VARIANTS = ("deltact", "screws-16mm", "skin-30x34", "skin-44x40", "franka")
+
+
+def broken(*changes: str) -> list[str]:
+    """Rules that fail for the default design with changes."""
+    design = load_design("deltact", changes)
+    return [f"{r.part}: {r.text}" for r in rules.of_design(design) if not r.holds]
+
+
+def test_the_shipped_design_closes_as_the_paper_s():
+    design = load_design()
+    assert design == Design()
+    assert design.outer_mm == pytest.approx((39, 60, 30))
+    assert design.frame_height_mm == pytest.approx(16 + 2 + 12 - 30 + 8)
+    assert design.screw_at_mm == pytest.approx((16.3, 16.8))
+    assert design.z_back_mm == pytest.approx(-30)
+    # 30 = 16 (electronics) + 2 (acrylic) + 12 (silicone)
+    assert design.z_joint_mm - design.z_back_mm == pytest.approx(16)
+    assert [2 * s for s in design.acrylic_half_mm] == pytest.approx([35.8, 36.8])
+    assert design.mold_outer_mm == pytest.approx((102, 104, 12))
+    assert design.snap_strain == pytest.approx(0.0167, abs=5e-5)
+    assert design.skin_volume_mm3 == pytest.approx(14171.05, abs=0.01)
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_every_rule_holds_for_what_is_shipped(name):
+    design = load_design(name)
+    assert [r.text for r in rules.of_design(design) if not r.holds] == []
+    assert design.outer_mm[0] <= design.envelope.width_mm
+    assert design.outer_mm[1] <= design.envelope.length_mm
+
+
+def test_a_variant_takes_from_its_base_what_it_leaves_out(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "cad").mkdir()
+    (tmp_path / "cad" / "deltact.toml").write_text("[skin]\nwidth_mm = 40.0\nlength_mm = 35.0\n")
+    mine = tmp_path / "mine.toml"
+    mine.write_text('base = "deltact"\n[skin]\nlength_mm = 33.0\n')
+    design = load_design(str(mine))
+    assert (design.skin.width_mm, design.skin.length_mm) == (40.0, 33.0)
+
+
+def test_a_design_that_is_its_own_base_is_refused(tmp_path):
+    mine, other = tmp_path / "mine.toml", tmp_path / "other.toml"
+    mine.write_text(f'base = "{other}"\n')
+    other.write_text(f'base = "{mine}"\n')
+    with pytest.raises(InputError, match=r"mine\.toml: base: .* own base"):
+        load_design(str(mine))
+    mine.write_text("base = 3\n")
+    with pytest.raises(InputError, match=r"mine\.toml: base: the name of a design .*got 3"):
+        load_design(str(mine))
+
+
+def test_set_changes_numbers_words_and_lists():
+    design = load_design(
+        "deltact",
+        ["skin.width_mm=44", "mount.kind=plate", 'camera.measured=["focal_length_mm"]'],
+    )
+    assert design.skin.width_mm == 44
+    assert design.mount.kind == "plate"
+    assert "camera.focal_length_mm" not in design.unverified()
+    assert "camera.lens_height_mm" in design.unverified()
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ("skin.width_mm", "section.key=value is right"),
+        ("width_mm=3", "section.key=value is right"),
+        ("skin.width_mm=", "section.key=value is right"),
+        ("skin.widht_mm=44", "skin.widht_mm: unknown key; did you mean 'width_mm'"),
+        ("skn.width_mm=44", "skn: unknown key; did you mean 'skin'"),
+        ("skin.width_mm=wide", "skin.width_mm: Input should be a valid number"),
+        ("skin.width_mm=nan", "skin"),
+        ("skin.width_mm=0", "5 <= width_mm <= 200: 0 fails"),
+        ("skin.edge_fillet_mm=6", "edge_fillet_mm < protrusion_mm"),
+        ("screw.thread=M3", "thread: one of M1.6, M2 is right: 'M3' fails"),
+        ("mount.kind=hook", "mount.kind"),
+        ("mount.screw=M7", "one of M2, M2.5, M3"),
+        ('camera.measured=["board_mm"]', "measured: of lens_diameter_mm"),
+        ("light.led_count=2.5", "light.led_count"),
+    ],
+)
+def test_a_wrong_value_is_one_line_with_what_would_be_right(change, says):
+    with pytest.raises(InputError) as caught:
+        load_design("deltact", [change])
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_skin_of_24_x_24_is_refused_naming_board_and_posts():
+    design = load_design("deltact", ["skin.width_mm=24", "skin.length_mm=24"])
+    with pytest.raises(InputError) as caught:
+        rules.enforce(rules.of_design(design), "deltact")
+    line = str(caught.value)
+    assert line.startswith("deltact: camera: ")
+    assert "room between the camera's board and the corner posts: 0.2 <= -5.4 fails" in line
+    assert "and " in line
+    assert line.endswith("more")
+
+
+@pytest.mark.parametrize(
+    ("changes", "part"),
+    [
+        (["screw.engagement_mm=7"], "skin-frame: screw.engagement_mm + screw.tip_clearance_mm"),
+        (["screw.engagement_mm=3"], "screw: 2 x thread M1.6 <= screw.engagement_mm: 3.2 <= 3"),
+        (["screw.length_mm=20"], "screw: back of the sensor <= back of the screw heads"),
+        (["screw.length_mm=4"], "screw: screw.engagement_mm < length_mm"),
+        (["frame.seat_y_mm=2"], "skin-frame: frame.seat_y_mm + shell.wall_mm <= frame.wall_y_mm"),
+        (["shell.ledge_mm=0.3"], "shell: 0.5 <= acrylic's edge on the ledge"),
+        (["shell.cable_width_mm=30"], "shell: cable_width_mm < room between the posts"),
+        (["mount.height_mm=20"], "shell: mount.height_mm <= depth of the shell"),
+        (["mount.hole_pitch_mm=16"], "shell: mount.hole_pitch_mm + hole"),
+        (["mount.kind=franka", "mount.flange_pitch_mm=19"], "shell: mount.flange_pitch_mm + hole"),
+        (["light.led_count=6"], "light-holder: led_count x pitch <= 2 pi strip radius: 100"),
+        (["light.strip_width_mm=10"], "light-holder: strip_width_mm <= depth of the channel: 10"),
+        (["camera.lens_diameter_mm=24"], "light-holder: lens radius + 0.3 <= bore radius"),
+        (["camera.connector_height_mm=3.2"], "camera: connector_height_mm <= holder.clearance_mm"),
+        (["cover.lip_mm=0.15"], "cover: strain of a peg <= strain_limit: 0.02083 <= 0.02"),
+        (["cover.slot_mm=2.0"], "cover: 0.6 <= leg of a peg"),
+        (["cover.lip_height_mm=1.2"], "cover: lip_height_mm <= camera.board_mm"),
+        (["holder.screw_length_mm=5"], "camera-holder: screw_length_mm - board <= clearance_mm"),
+        (["camera.focal_length_mm=1.31"], "camera: focal length x half angle in y"),
+        (["optics.air_gap_mm=0.5"], "camera: focal length x half angle in y"),
+        (["mold.web_mm=4"], "mold: fit_mm + 2 <= web_mm / 2"),
+        (["table.hole_pitch_mm=25"], "testing-shell: table: pitch"),
+    ],
+)  # fmt: skip
+def test_each_inequality_can_fail_and_states_its_numbers(changes, part):
+    assert any(text.startswith(part) for text in broken(*changes)), broken(*changes)
+
+
+def test_a_view_under_grazing_rays_fails():
+    assert any("half angle to the corner in degrees" in t for t in broken("optics.air_gap_mm=0.1"))
+
+
+def test_a_rule_that_rests_on_an_unverified_value_says_so_until_it_is_measured():
+    def rests_on(design):
+        return {key for rule in rules.of_design(design) for key in rule.rests_on}
+
+    assert rests_on(Design()) == {
+        "camera.focal_length_mm",
+        "camera.lens_height_mm",
+        "camera.lens_diameter_mm",
+    }
+    keys = ("focal_length_mm", "lens_height_mm", "lens_diameter_mm")
+    assert rests_on(dataclasses.replace(Design(), camera=CameraDimensions(measured=keys))) == set()
+
+
+def test_nan_is_no_dimension_and_no_rule_holds_for_it():
+    with pytest.raises(ShapeError, match="length_mm"):
+        ScrewDimensions(length_mm=math.nan)
+    for relation in ("<", "<="):
+        assert not rules.Rule("p", ("a", math.nan), relation, ("b", 1.0)).holds
+        assert not rules.Rule("p", ("a", 0.0), relation, ("b", math.nan)).holds
+
+
+def test_every_dimension_has_a_meaning_and_a_default_within_its_limits():
+    design = Design()
+    for section in dataclasses.fields(design):
+        record = getattr(design, section.name)
+        for f in dataclasses.fields(record):
+            assert f.metadata["meaning"], f.name
+            if "low" in f.metadata:
+                assert f.metadata["low"] <= getattr(record, f.name) <= f.metadata["high"]
+
+
+def test_screws_that_no_shop_stocks_are_told():
+    assert "19 is not stocked; the longest sold is 16 mm" in rules.stock_note(Design())
+    assert rules.stock_note(load_design("screws-16mm")) == ""

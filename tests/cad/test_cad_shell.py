@@ -1,0 +1,225 @@
+"""Acrylic, shell, mounts and testing shell: closed forms, what they leave free, what is refused."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+
+import pytest
+
+from deltact_fab.cad import registry, rules
+from deltact_fab.cad.build import build_part, expected
+from deltact_fab.cad.checks import gate
+from deltact_fab.cad.design import load_design
+from deltact_fab.cad.dimensions import Design
+from deltact_fab.cad.kernel import require
+from deltact_fab.cad.parts import acrylic, mount
+from deltact_fab.errors import InputError
+
+SHELLS = ("shell", "testing-shell")
+DESIGNS = {
+    "deltact": load_design(),
+    "screws-16mm": load_design("screws-16mm"),
+    "skin-30x34": load_design("skin-30x34"),
+    "skin-44x40": load_design("skin-44x40"),
+    "franka": load_design("franka"),
+    "plate": load_design("deltact", ["mount.kind=plate"]),
+    # Mount and tabs stand over the bosses, which are high here.
+    "wide": load_design("screws-16mm", ["mount.width_mm=39", "table.width_mm=40"]),
+    "wide franka": load_design("franka", ["screw.length_mm=12", "mount.width_mm=39"]),
+}  # fmt: skip
+DEFAULT = DESIGNS["deltact"]
+
+
+@pytest.fixture(scope="module")
+def cq():
+    return require()
+
+
+@pytest.fixture(scope="module")
+def built(cq):
+    """A gated solid of a design by name, built once."""
+    made = {}
+
+    def solid(design: str, part: str):
+        if (design, part) not in made:
+            made[design, part] = build_part(registry.find(part), DESIGNS[design])[0]
+        return made[design, part]
+
+    return solid
+
+
+def box(cq, low, high):
+    return cq.Solid.makeBox(*(b - a for a, b in zip(low, high, strict=True)), cq.Vector(*low))
+
+
+def cylinder(cq, diameter_mm, start, end):
+    axis = cq.Vector(*end) - cq.Vector(*start)
+    return cq.Solid.makeCylinder(diameter_mm / 2, axis.Length, cq.Vector(*start), axis.normalized())
+
+
+@pytest.mark.parametrize("design", DESIGNS)
+def test_every_variant_passes_the_gate_and_overlaps_nothing(design, built):
+    names = ("skin", "skin-frame", "acrylic", *SHELLS)
+    for a, b in itertools.combinations(names, 2):
+        if (a, b) != SHELLS:
+            common_mm3 = built(design, a).intersect(built(design, b)).Volume()
+            assert common_mm3 < 1e-9, (a, b)
+
+
+@pytest.mark.parametrize("design", DESIGNS)
+def test_the_mount_alone_has_its_closed_form(design, cq):
+    dims = DESIGNS[design]
+    gate("mount", mount.build(dims).val(), mount.expect(dims))
+
+
+def test_volumes_of_the_default_pinned_by_hand():
+    def volume_mm3(part):
+        low, high = expected(registry.find(part), DEFAULT).volume_mm3
+        assert low == high
+        return low
+
+    # Tube 39 x 40 x 14.5 of wall 1.5; posts 6.4 above bosses of 1.6; ledges; cable notch.
+    bare = (39 * 40 - 36 * 37) * 14.5 + 4 * (4.9**2 - math.pi * 0.9**2) * 12.9
+    bare += -4 * (6.5**2 - 5.0**2) * 1.6 + 2 * 26.2 * 1.5 * 2 - 17 * 2 * 1.5
+    block = 20 * 20 * 10 - 2 * math.pi * 1.7**2 * 10
+    tab = 14 * 30 * 6 - 2 * math.pi * 2.25**2 * 6 - 0.1 * 30 * 1.5 - 0.1 * 2 * 1.5 * 1.6
+    assert volume_mm3("shell") == pytest.approx(bare + block, rel=1e-12)
+    assert volume_mm3("testing-shell") == pytest.approx(bare + 2 * tab, rel=1e-12)
+    assert volume_mm3("acrylic") == pytest.approx((35.8 * 36.8 - 4 * 4.9**2) * 2, rel=1e-12)
+
+
+def test_acrylic_is_the_paper_s_rectangle_where_the_walls_hold_the_posts(cq):
+    thick = load_design("deltact", ["frame.wall_x_mm=7", "envelope.width_mm=50"])
+    assert thick.acrylic_notch_mm == (0.0, 0.0)
+    solid, found = build_part(registry.find("acrylic"), thick)
+    assert len(solid.Faces()) == 6
+    assert found.volume_mm3 == pytest.approx(35.8 * 36.8 * 2)
+
+
+def test_acrylic_keeps_its_fit_from_the_posts_and_lies_on_both_ledges(built, cq):
+    plate = built("deltact", "acrylic")
+    x, y = DEFAULT.post_edge_mm
+    outer_x, outer_y = DEFAULT.frame_outer_mm
+    post = box(cq, (x, y, DEFAULT.z_joint_mm), (outer_x / 2, outer_y / 2, DEFAULT.z_ledge_mm))
+    assert plate.distance(post) == pytest.approx(0.1)
+    down = plate.moved(cq.Location((0, 0, -0.1)))
+    up = plate.moved(cq.Location((0, 0, 0.1)))
+    edge = 2 * DEFAULT.post_edge_mm[0] - 0.2
+    for moved, part, overlap in ((down, "shell", 1.4), (up, "skin-frame", 1.4)):
+        common_mm3 = moved.intersect(built("deltact", part)).Volume()
+        assert common_mm3 == pytest.approx(2 * edge * overlap * 0.1, rel=1e-6)
+
+
+def test_notched_without_a_notch_is_the_rectangle():
+    assert acrylic.notched((2.0, 1.0), (0.0, 0.0)) == [(-2, -1), (2, -1), (2, 1), (-2, 1)]
+    assert len(acrylic.notched((2.0, 1.0), (0.5, 0.25))) == 12
+
+
+@pytest.mark.parametrize("part", SHELLS)
+@pytest.mark.parametrize("design", DESIGNS)
+def test_bosses_of_the_cover_have_their_fit_all_around(design, part, built, cq):
+    dims, shell = DESIGNS[design], built(design, part)
+    x, y = (side / 2 for side in dims.frame_outer_mm)
+    for sx, sy in itertools.product((-1, 1), repeat=2):
+        for slack, clash in ((dims.cover.fit_mm - 1e-4, False), (dims.cover.fit_mm + 1e-2, True)):
+            inner = dims.post_mm + slack
+            corners = [(sx * (x + slack), sy * (y + slack)), (sx * (x - inner), sy * (y - inner))]
+            low, high = (tuple(map(f, *corners)) for f in (min, max))
+            boss = box(cq, (*low, dims.z_floor_mm), (*high, dims.z_boss_mm))
+            assert (boss.intersect(shell).Volume() > 1e-9) == clash
+
+
+@pytest.mark.parametrize("part", SHELLS)
+def test_screws_pass_the_posts_and_grip_beyond_them(part, built, cq):
+    row = DEFAULT.screw.row
+    for x, y in DEFAULT.screw_centres_mm:
+        ends = (x, y, DEFAULT.z_boss_mm - 0.5), (x, y, DEFAULT.z_joint_mm + 0.5)
+        free = cylinder(cq, row.clearance_mm - 1e-3, *ends)
+        assert free.intersect(built("deltact", part)).Volume() < 1e-9
+        wall = cylinder(cq, row.clearance_mm + 2 * DEFAULT.shell.wall_mm, *ends)
+        area_mm2 = math.pi / 4 * ((row.clearance_mm + 3) ** 2 - row.clearance_mm**2)
+        found_mm3 = wall.intersect(built("deltact", part)).Volume()
+        assert found_mm3 == pytest.approx(area_mm2 * 12.9, rel=1e-6)
+
+
+def test_the_cover_s_floor_is_clear_of_the_tabs_and_the_back_is_one_plane(built, cq):
+    for name in ("deltact", "wide"):
+        dims, shell = DESIGNS[name], built(name, "testing-shell")
+        x, y = (side / 2 for side in dims.frame_outer_mm)
+        floor = box(cq, (-x, -y, dims.z_back_mm), (x, y, dims.z_floor_mm))
+        assert floor.distance(shell) == 0  # the shell stands on it
+        below = shell.intersect(
+            box(cq, (-90, -90, dims.z_back_mm), (90, 90, dims.z_floor_mm - 1e-3))
+        )
+        assert floor.distance(below) == pytest.approx(dims.cover.fit_mm)
+        assert shell.BoundingBox().zmin == pytest.approx(dims.z_back_mm, abs=1e-6)
+
+
+def test_every_hole_of_mount_and_tabs_is_open_and_takes_a_washer(built, cq):
+    """A cylinder on the axis meets nothing; so does a washer's from either end of the hole."""
+    for name in ("deltact", "franka", "wide franka", "skin-44x40"):
+        dims, shell = DESIGNS[name], built(name, "shell")
+        axes = mount.hole_axes(dims)
+        assert len(axes) == 2
+        gap_mm = dims.mount.length_mm - dims.mount.flange_mm
+        for start, end in axes:
+            assert (
+                cylinder(cq, dims.mount.hole_mm - 1e-3, start, end).intersect(shell).Volume() < 1e-9
+            )
+            for at, other in ((start, end), (end, start)):
+                out = (cq.Vector(*at) - cq.Vector(*other)).normalized() * (gap_mm - 1e-3)
+                tip = (cq.Vector(*at) + out).toTuple()
+                head = cylinder(cq, dims.mount.washer_mm, at, tip)
+                assert head.intersect(shell).Volume() < 1e-9
+    table = DEFAULT.table
+    for sx, sy in itertools.product((-1, 1), repeat=2):
+        x, y = sx * (39 / 2 + table.tab_mm / 2), sy * table.hole_pitch_mm / 2
+        hole = cylinder(cq, table.hole_mm - 1e-3, (x, y, -31.0), (x, y, 0.0))
+        assert hole.intersect(built("deltact", "testing-shell")).Volume() < 1e-9
+
+
+def test_the_sensor_ends_where_the_design_says(built):
+    for name in ("deltact", "franka", "plate", "skin-44x40"):
+        dims = DESIGNS[name]
+        found = built(name, "shell").BoundingBox()
+        assert found.ymax - found.ymin == pytest.approx(dims.outer_mm[1], abs=1e-5)
+        assert found.xmax - found.xmin == pytest.approx(dims.outer_mm[0], abs=1e-5)
+        assert found.zmax < dims.z_front_mm
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        (("shell.cable_width_mm=24",), r"2 \(cover.fit_mm \+ wall_mm\) <= room.*: 27.2 <= 26.2"),
+        (("shell.cable_height_mm=3", "shell.ledge_height_mm=11"), "cable_height_mm .*15.5 <= 14.5"),
+        (
+            ("screw.length_mm=16", "shell.ledge_height_mm=10"),
+            "ledge_height_mm <= height.*10 <= 9.9",
+        ),
+        (("shell.ledge_mm=5",), "ledge_mm <= posts beyond the wall: 5 <= 4.9"),
+        (("mount.kind=franka", "mount.arm_mm=7"), r"arm_mm \+ washer M3 <= .*: 14 <= 13"),
+        (("mount.kind=franka", "mount.flange_mm=7"), r"flange_mm \+ 2.5 x M3 <= gap.*: 14.5 <= 13"),
+        (("mount.kind=franka", "mount.flange_width_mm=40"), "flange_width_mm <= outer x: 40 <= 39"),
+        (("mount.kind=franka", "mount.flange_height_mm=26"), "front of the mount's arm <= joint"),
+        (("mount.hole_pitch_mm=13.5",), r"hole_pitch_mm \+ washer M3 <= .*: 20.5 <= 20"),
+        (("mount.hole_pitch_mm=6",), "washer M3 <= mount.hole_pitch_mm: 7 <= 6"),
+        (("table.height_mm=17",), "table.height_mm <= cover and shell: 17 <= 16"),
+        (("mount.kind=plate", "mount.length_mm=2", "cover.fit_mm=2"), "cover.fit_mm < solid"),
+    ],
+)
+def test_a_broken_inequality_is_told_before_the_kernel_runs(changes, says):
+    broken = [
+        rule.text for rule in rules.of_design(load_design("deltact", changes)) if not rule.holds
+    ]
+    assert broken
+    with pytest.raises(InputError, match="fails"):
+        expected(registry.find("shell"), load_design("deltact", changes))
+    assert any(re.search(says, text) for text in broken), broken
+
+
+def test_the_mount_is_replaced_and_not_added_to():
+    kinds = [Design(mount=type(DEFAULT.mount)(kind=kind)) for kind in ("block", "franka", "plate")]
+    assert [len(mount.bars(design)) for design in kinds] == [1, 2, 1]
+    assert [len(mount.hole_axes(design)) for design in kinds] == [2, 2, 0]

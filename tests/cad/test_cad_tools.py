@@ -1,0 +1,200 @@
+"""The mold and the coupon mold: their closed forms, what the mold casts, and what it lets go."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+from deltact_fab.cad import registry
+from deltact_fab.cad.build import build_part
+from deltact_fab.cad.design import load_design
+from deltact_fab.cad.dimensions import Design
+from deltact_fab.cad.kernel import require
+from deltact_fab.cad.mesh import mesh_solid
+from deltact_fab.cad.parts import coupon_mold, mold, skin, skin_frame
+from deltact_fab.errors import InputError, RunFailed
+
+DEFAULT = Design()
+MOLD, COUPON = registry.TOOL_PARTS
+
+
+def changed(*changes: str) -> Design:
+    return load_design("deltact", changes)
+
+
+VARIANTS = {
+    "default": DEFAULT,
+    "one": changed("mold.columns=1", "mold.rows=1"),
+    "uneven": changed("mold.columns=3", "mold.rows=1", "mold.web_mm=12", "mold.pry_mm=4"),
+    "shallow": changed("mold.seat_mm=0.6", "mold.fit_mm=0.3", "mold.pry_width_mm=38"),
+    "large fillet": changed("skin.edge_fillet_mm=5.9"),
+    "44 x 40": load_design("skin-44x40"),
+    "30 x 34": load_design("skin-30x34"),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def cq() -> Any:
+    return require()
+
+
+@pytest.mark.parametrize("name", ["one", "uneven", "shallow", "large fillet", "44 x 40", "30 x 34"])
+def test_other_molds_pass_the_gate(name: str, cq: Any) -> None:
+    design = VARIANTS[name]
+    solid, found = build_part(MOLD, design)
+    assert solid.isValid()
+    low, high = mold.expect(design).volume_mm3
+    assert low == high == pytest.approx(found.volume_mm3, rel=1e-9)
+
+
+def cast(cq: Any, design: Design, at: tuple[float, float]) -> tuple[Any, Any]:
+    """What fills one cavity with its frame in place up to the ledge, and the skin put there.
+
+    The frame's blind holes open away from the silicone and are plugged here.
+    """
+
+    def put(solid: Any) -> Any:
+        """Touched face down onto the cavity's floor."""
+        turned = solid.rotate(cq.Vector(0, 0, 0), cq.Vector(1, 0, 0), 180)
+        return turned.moved(cq.Location((*at, design.mold.base_mm)))
+
+    w, h, t = design.skin.width_mm, design.skin.length_mm, design.skin.thickness_mm
+    corner = cq.Vector(at[0] - w / 2, at[1] - h / 2, design.mold.base_mm)
+    block = cq.Solid.makeBox(w, h, t, corner)
+    frame = put(skin_frame.build(design))
+    row, depth_mm = design.screw.row, design.screw.pilot_depth_mm
+    plugs = [
+        put(cq.Solid.makeCylinder(row.pilot_mm / 2, depth_mm, cq.Vector(x, y, design.z_joint_mm)))
+        for x, y in design.screw_centres_mm
+    ]
+    return block.cut(mold.build(design), frame, *plugs), put(skin.build(design))
+
+
+@pytest.mark.parametrize("name", ["default", "uneven", "large fillet"])
+def test_the_mold_with_its_frame_casts_the_skin(name: str, cq: Any) -> None:
+    """V(cavity) + V(frame window) = V(skin), on the solids and with their shapes."""
+    design = VARIANTS[name]
+    for at in (mold.centres_mm(design)[0], mold.centres_mm(design)[-1]):
+        filled, wanted = cast(cq, design, at)
+        assert filled.isValid()
+        assert filled.Volume() == pytest.approx(wanted.Volume(), rel=1e-9)
+        assert filled.cut(wanted).Volume() < 1e-6
+        assert wanted.cut(filled).Volume() < 1e-6
+
+
+def test_the_volumes_close(cq: Any) -> None:
+    """The cavity alone, measured between two planes of the mold's solid, and by its closed form."""
+    for design in (DEFAULT, VARIANTS["30 x 34"]):
+        deep = design.skin.thickness_mm - design.skin.protrusion_mm
+        window_mm3 = skin_frame.window_area_mm2(design) * deep
+        cavity_mm3 = mold.cavity_volume_mm3(design)
+        assert cavity_mm3 + window_mm3 == pytest.approx(design.skin_volume_mm3, rel=1e-12)
+        x, y, _ = design.mold_outer_mm
+        base, high = design.mold.base_mm, design.skin.protrusion_mm
+        slab = cq.Solid.makeBox(x, y, high, cq.Vector(-x / 2, -y / 2, base))
+        left_mm3 = slab.intersect(mold.build(design)).Volume()
+        cells = design.mold.columns * design.mold.rows
+        assert (x * y * high - left_mm3) / cells == pytest.approx(cavity_mm3, rel=1e-9)
+
+
+def test_a_frame_fits_its_seat_with_clearance_and_clears_the_rest(cq: Any) -> None:
+    solid = mold.build(DEFAULT)
+    base, proud, fit = DEFAULT.mold.base_mm, DEFAULT.skin.protrusion_mm, DEFAULT.mold.fit_mm
+    frame = skin_frame.build(DEFAULT).rotate(cq.Vector(0, 0, 0), cq.Vector(1, 0, 0), 180)
+    for at in mold.centres_mm(DEFAULT):
+        placed = frame.moved(cq.Location((*at, base)))
+        assert placed.BoundingBox().zmin == pytest.approx(base + proud)
+        assert solid.intersect(placed).Volume() < 1e-9
+        for shift in (0.9 * fit, -0.9 * fit):
+            both = placed.moved(cq.Location((shift, shift, 0)))
+            assert solid.intersect(both).Volume() < 1e-9
+        assert solid.intersect(placed.moved(cq.Location((1.1 * fit, 0, 0)))).Volume() > 0.1
+        assert solid.intersect(placed.moved(cq.Location((0, 0, -0.1)))).Volume() > 0.1
+
+
+def test_notches_leave_a_wall_between_two_seats(cq: Any) -> None:
+    """The thinnest wall across a web, where two notches face each other."""
+    design = changed("mold.pry_mm=3.15")
+    solid, _ = build_part(MOLD, design)
+    z = design.mold_outer_mm[2] - design.mold.seat_mm / 2
+    x, _ = mold.centres_mm(design)[0]
+    half = design.mold.web_mm / 2 - design.mold.fit_mm - design.mold.pry_mm
+    assert half == pytest.approx(0.75)
+    assert solid.isInside(cq.Vector(x, half - 0.01, z))
+    assert not solid.isInside(cq.Vector(x, half + 0.01, z))
+    with pytest.raises(
+        InputError, match=r"mold: fit_mm \+ pry_mm \+ 0\.75 <= web_mm / 2: 4\.01 <="
+    ):
+        build_part(MOLD, changed("mold.pry_mm=3.16"))
+
+
+def looks_down(solid: Any) -> list[float]:
+    """Heights of the triangles that look downwards."""
+    corners = mesh_solid(solid, 0.05, "mold").corners_mm
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    return sorted(set(corners[normal[:, 2] < -1e-6][:, :, 2].ravel().round(9).tolist()))
+
+
+def test_nothing_but_the_underside_looks_down(cq: Any) -> None:
+    for design in (DEFAULT, VARIANTS["large fillet"]):
+        assert looks_down(mold.build(design)) == [0.0]
+    # A groove in the wall of the cavity whose wall stands at x = 5.5.
+    undercut = mold.build(DEFAULT).cut(cq.Solid.makeBox(3, 3, 1, cq.Vector(4, 20, 6)))
+    assert looks_down(undercut) == [0.0, 7.0]
+    assert looks_down(coupon_mold.build(DEFAULT)) == [0.0]
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ("mold.web_mm=4", r"mold: fit_mm \+ 2 <= web_mm / 2: 2\.1 <= 2 fails"),
+        ("mold.seat_mm=8", r"mold: seat_mm < frame height: 8 < 8 fails"),
+        ("mold.pry_width_mm=39", r"mold: pry_width_mm < outer x: 39 < 39 fails"),
+        ("mold.columns=0", "mold: 1 <= columns <= 8: 0 fails"),
+        ("coupon.wells=13", "coupon: 1 <= wells <= 12: 13 fails"),
+    ],
+)
+def test_a_broken_inequality_is_told_before_the_kernel_runs(change: str, says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        build_part(MOLD, changed(change))
+
+
+def test_a_mold_of_other_numbers_is_stopped_by_the_gate(
+    cq: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sharp = dataclasses.replace(
+        DEFAULT, skin=dataclasses.replace(DEFAULT.skin, edge_fillet_mm=1.99)
+    )
+    build = mold.build
+    monkeypatch.setattr(mold, "build", lambda design: build(sharp))
+    with pytest.raises(RunFailed, match=r"^mold: volume .* is right; parameters width_mm=36"):
+        build_part(MOLD, DEFAULT)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        (),
+        ("coupon.wells=1",),
+        ("coupon.wells=12", "coupon.wall_mm=0.5", "coupon.depth_mm=50"),
+        ("coupon.diameter_mm=3", "coupon.base_mm=0.5"),
+    ],
+)
+def test_the_coupon_mold_holds_its_wells(changes: tuple[str, ...], cq: Any) -> None:
+    design = changed(*changes)
+    solid, found = build_part(COUPON, design)
+    x, y, z = design.coupon_outer_mm
+    wells_mm3 = x * y * z - found.volume_mm3
+    per_well = wells_mm3 / design.coupon.wells
+    assert per_well == pytest.approx(coupon_mold.well_volume_mm3(design), rel=1e-6)
+    floors = [f for f in solid.Faces() if abs(f.Center().z - design.coupon.base_mm) < 1e-9]
+    assert len(floors) == design.coupon.wells
+    ends = sorted(f.Center().x for f in floors)
+    assert ends[0] == pytest.approx(-ends[-1])
+    # The outermost wells keep the wall.
+    edge = x / 2 - ends[-1] - design.coupon.diameter_mm / 2
+    assert edge == pytest.approx(design.coupon.wall_mm)
