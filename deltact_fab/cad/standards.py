@@ -45,7 +45,7 @@ class CheeseScrew:
     slot_depth_mm: float
 
 
-CHEESE_SCREWS = {"M2": CheeseScrew(2.0, 3.8, 1.3, 1.65, 0.5, 0.6)}
+CHEESE_SCREWS = {"M2": CheeseScrew(2.0, 3.8, 1.4, 1.65, 0.5, 0.6)}
 
 # Through holes for what fixes the sensor (ISO 273, medium).
 CLEARANCE_MM = {"M2": 2.4, "M2.5": 2.9, "M3": 3.4, "M4": 4.5, "M5": 5.5, "M6": 6.6}

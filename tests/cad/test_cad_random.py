@@ -1,0 +1,92 @@
+"""Random dimensions: each set gives gated solids or one line, and never anything else."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from deltact_fab.cad import rules
+from deltact_fab.cad.build import build_part
+from deltact_fab.cad.design import load_design
+from deltact_fab.cad.dimensions import Design
+from deltact_fab.cad.registry import BENCH_PARTS, SENSOR_PARTS, TOOL_PARTS
+from deltact_fab.errors import InputError
+
+PARTS = (*SENSOR_PARTS, *TOOL_PARTS, *BENCH_PARTS)
+
+
+def _numbers() -> list[tuple[str, float, float, float, bool]]:
+    """(key, default, low, high, whole) of every number of a design."""
+    design, found = Design(), []
+    for section in dataclasses.fields(design):
+        record = getattr(design, section.name)
+        for f in dataclasses.fields(record):
+            if "low" in f.metadata:
+                default = getattr(record, f.name)
+                ends = f.metadata["low"], f.metadata["high"]
+                key = f"{section.name}.{f.name}"
+                found.append((key, default, *ends, isinstance(default, int)))
+    return found
+
+
+@st.composite
+def changes(draw: st.DrawFn) -> list[str]:
+    """One to five keys: near their default, or at and past an end of their limits."""
+    drawn = []
+    chosen = draw(st.lists(st.sampled_from(_numbers()), min_size=1, max_size=5, unique=True))
+    for key, default, low, high, whole in chosen:
+        value = draw(
+            st.one_of(
+                st.floats(0.8, 1.25).map(lambda factor, d=default: factor * d),
+                st.floats(0.97, 1.05).map(lambda factor, d=default: factor * d),
+                st.sampled_from([low, high, 0.0, -default, low * 0.999, high * 1.001]),
+            )
+        )
+        drawn.append(f"{key}={round(value) if whole else repr(float(value))}")
+    kind = draw(st.sampled_from(["block", "franka", "plate"]))
+    return [*drawn, f"mount.kind={kind}"]
+
+
+def outcome(change: list[str], parts: tuple) -> str:
+    """'built' with every part gated, or 'refused'; whatever else is raised fails the test."""
+    try:
+        design = load_design("deltact", change)
+        rules.enforce(rules.of_design(design))
+    except InputError as why:
+        return "refused" if "\n" not in str(why) else f"more than one line: {why}"
+    for part in parts:
+        solid, found = build_part(part, design)
+        assert solid.isValid()
+        assert found.volume_mm3 > 0
+    return "built"
+
+
+@settings(
+    max_examples=40, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
+)
+@given(changes(), st.sampled_from(PARTS))
+def test_random_dimensions_give_one_gated_part_or_one_line(change, part):
+    assert outcome(change, (part,)) in ("built", "refused")
+
+
+@pytest.mark.slow
+def test_two_hundred_random_designs_give_gated_solids_or_one_line():
+    seen = {"built": 0, "refused": 0}
+
+    @settings(
+        max_examples=220,
+        deadline=None,
+        derandomize=True,
+        suppress_health_check=[HealthCheck.too_slow],
+    )
+    @given(changes())
+    def each(change):
+        seen[outcome(change, PARTS)] += 1
+
+    each()
+    print(f"\n{seen['built']} sets built whole, {seen['refused']} refused")
+    assert sum(seen.values()) >= 200
+    assert seen["built"] >= 40, "most sets are refused: the draw tests little"
