@@ -311,6 +311,15 @@ def _light(d: Design) -> Iterator[Rule]:
     )
     head = d.holder.row.head_height_mm + 0.1
     yield Rule(part, (f"{d.holder.screw} head + 0.1", head), "<=", ("floor_mm", light.floor_mm))
+    # A relief that does not reach the ring's edge leaves a strip of floor, and that is a wall.
+    away = math.hypot(*d.camera_screw_centres_mm[0])
+    for name, rest in (
+        ("outside", d.light_radius_mm - away - d.head_relief_mm),
+        ("inside", away - d.head_relief_mm - d.light_bore_mm),
+    ):
+        if rest > 0:
+            left = ("wall_mm", light.wall_mm)
+            yield Rule(part, left, "<=", (f"floor {name} the reliefs", rest))
     corner = math.hypot(*d.post_edge_mm)
     yield Rule(
         part,

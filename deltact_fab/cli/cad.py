@@ -1,41 +1,123 @@
-"""`deltact-fab cad`: list the parts, write them as STEP and STL."""
+"""`deltact-fab cad`: parts to look up, check, write, buy and put together."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
+
+if TYPE_CHECKING:
+    from ..cad.dimensions import Design
+
+F = TypeVar("F", bound=Callable[..., Any])
 
 
 @click.group()
 def cad() -> None:
-    """Parametric parts: list and export."""
+    """Parametric parts: list, show, check, export, bill of materials, fabrication guide."""
 
 
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 
+def of_design(command: F) -> F:
+    """Options that name a design and change it."""
+    command = click.option(
+        "--set",
+        "changes",
+        multiple=True,
+        metavar="SECTION.KEY=VALUE",
+        help="Change a dimension, as in skin.width_mm=44; may be repeated.",
+    )(command)
+    return click.option(
+        "--design", default="deltact", show_default=True, help="Design: a path or a name."
+    )(command)
+
+
+def load(design: str, changes: tuple[str, ...]) -> Design:
+    """The design with its changes, every inequality enforced."""
+    from ..cad import rules
+    from ..cad.design import load_design
+
+    loaded = load_design(design, changes)
+    rules.enforce(rules.of_design(loaded), design)
+    return loaded
+
+
 @cad.command("list")
 @JSON
 def list_(as_json: bool) -> None:
-    """Parts that can be exported, with material, process and quantity."""
+    """Parts that can be exported, with group, material, process and quantity."""
     from ..cad.registry import listed
     from .output import echo_json, echo_table
 
-    columns = ("part", "material", "process", "quantity", "default")
-    rows = [(p.name, p.material, p.process, p.quantity, p.default) for p in listed()]
+    columns = ("part", "group", "material", "process", "quantity")
+    rows = [(p.name, p.group, p.material, p.process, p.quantity) for p in listed()]
     if as_json:
         echo_json([dict(zip(columns, row, strict=True)) for row in rows])
         return
-    echo_table(columns, [(*row[:4], "yes" if row[4] else "no") for row in rows])
+    echo_table(columns, rows)
     click.echo("\nAny indenter is a part too: sphere:DIAMETER_MM, star:SIZE_MM and so on.")
 
 
 @cad.command()
+@click.argument("part")
+@of_design
+@JSON
+def show(part: str, design: str, changes: tuple[str, ...], as_json: bool) -> None:
+    """Dimensions of PART with meaning and limits, what follows from them, and its inequalities."""
+    from dataclasses import asdict
+
+    from ..cad.design import load_design
+    from ..cad.registry import find
+    from ..cad.show import describe
+    from .output import echo_json, echo_table
+
+    told = describe(find(part), load_design(design, changes))
+    if as_json:
+        echo_json(asdict(told))
+        return
+    for title, columns, rows in told.tables():
+        click.echo(f"\n{title}" if title else "")
+        echo_table(columns, rows)
+
+
+@cad.command()
+@of_design
+@JSON
+def check(design: str, changes: tuple[str, ...], as_json: bool) -> None:
+    """Check the whole design on its solids: one table, pass or fail; exit 1 when one fails."""
+    from dataclasses import asdict
+
+    from ..cad.check import run
+    from ..cad.design import load_design
+    from ..errors import RunFailed
+    from .output import echo_json, echo_table, progress
+
+    with progress("cad check") as tell:
+        rows = run(load_design(design, changes), tell)
+    if as_json:
+        echo_json([{**asdict(row), "verdict": row.verdict} for row in rows])
+    else:
+        columns = ("check", "part", "found", "limit", "verdict")
+        echo_table(columns, [(r.check, r.part, r.found, r.limit, r.verdict) for r in rows])
+    failed = [row for row in rows if not row.passed]
+    if failed:
+        named = ", ".join(dict.fromkeys(f"{row.check} ({row.part})" for row in failed))
+        raise RunFailed(f"{design}: {len(failed)} of {len(rows)} checks failed: {named}")
+
+
+@cad.command()
 @click.argument("parts", nargs=-1, metavar="[PART]...")
-@click.option("--design", default="deltact", show_default=True, help="Design: a path or a name.")
+@of_design
 @click.option(
-    "--format", "formats", default="step,stl", show_default=True, help="Formats, by commas."
+    "--format",
+    "formats",
+    default="step,stl,3mf,dxf,glb,svg",
+    show_default=True,
+    help="Formats, by commas; each is written where it makes sense.",
 )
 @click.option(
     "--tolerance",
@@ -43,7 +125,7 @@ def list_(as_json: bool) -> None:
     type=float,
     default=0.01,
     show_default=True,
-    help="Largest distance in mm of an STL from the surface.",
+    help="Largest distance in mm of a mesh from the surface.",
 )
 @click.option(
     "--out",
@@ -52,29 +134,35 @@ def list_(as_json: bool) -> None:
     show_default=True,
     help="Folder to write.",
 )
+@click.option("--cache/--no-cache", default=True, show_default=True, help="Reuse earlier exports.")
 @JSON
 def export(
     parts: tuple[str, ...],
     design: str,
+    changes: tuple[str, ...],
     formats: str,
     tolerance_mm: float,
     out: Path,
+    cache: bool,
     as_json: bool,
 ) -> None:
-    """Write each PART as STEP and STL, with a manifest.json; without PART, the default ones.
+    """Write each PART and the assembly, with a manifest.json; without PART, everything.
 
-    A PART is a name of `cad list`, or an indenter as a protocol names it: sphere:10, 4dots.
+    A PART is a name of `cad list`, a group (sensor, tools, bench, indenters), or an indenter as a
+    protocol names it: sphere:10, 4dots. The assembly is written with the whole sensor. STEP for
+    the machine shop, STL or 3MF for the printer, DXF for the laser, GLB to look at, SVG drawings.
     """
     from dataclasses import asdict
 
-    from ..cad.design import load_design
     from ..cad.export import export_parts
     from ..cad.registry import select
     from .output import echo_json, echo_table, progress
 
-    dims, chosen = load_design(design), select(parts)
+    dims, chosen = load(design, changes), select(parts)
     with progress("cad export") as tell:
-        files = export_parts(dims, chosen, formats.split(","), tolerance_mm, out, tell)
+        files = export_parts(
+            dims, chosen, formats.split(","), tolerance_mm, out, tell, cached=cache
+        )
     if as_json:
         echo_json([asdict(f) for f in files])
         return
@@ -82,3 +170,61 @@ def export(
         ("file", "volume_mm3", "mesh_deviation_mm", "process"),
         [(str(out / f.file), f.volume_mm3, f.mesh_deviation_mm, f.process) for f in files],
     )
+
+
+@cad.command()
+@of_design
+@click.option("--sensors", type=int, default=1, show_default=True, help="Sensors to make.")
+@click.option(
+    "--format",
+    "kind",
+    type=click.Choice(("table", "csv", "json")),
+    default="table",
+    show_default=True,
+    help="How to print it.",
+)
+@click.option(
+    "-o", "out", type=click.Path(path_type=Path), help="File to write instead of printing."
+)
+def bom(design: str, changes: tuple[str, ...], sensors: int, kind: str, out: Path | None) -> None:
+    """Bill of materials: parts, silicone, screws, electronics, for a number of sensors."""
+    import json
+    from dataclasses import asdict
+
+    from ..cad.bom import csv_text, lines
+    from ..record import write_whole
+    from .output import echo_table
+
+    listed = lines(load(design, changes), sensors)
+    text = csv_text(listed) if kind == "csv" else None
+    if kind == "json":
+        text = json.dumps([asdict(line) for line in listed], indent=1) + "\n"
+    if out is not None:
+        write_whole(out, (text if text is not None else csv_text(listed)).encode())
+        click.echo(str(out))
+    elif text is not None:
+        click.echo(text, nl=False)
+    else:
+        columns = ("item", "part", "material", "process", "quantity", "unit", "note")
+        echo_table(columns, [tuple(asdict(line)[c] for c in columns) for line in listed])
+
+
+@cad.command()
+@of_design
+@click.option("--sensors", type=int, default=1, show_default=True, help="Sensors to make.")
+@click.option(
+    "-o",
+    "out",
+    type=click.Path(path_type=Path),
+    default=Path("guide.html"),
+    show_default=True,
+    help="Page to write.",
+)
+def guide(design: str, changes: tuple[str, ...], sensors: int, out: Path) -> None:
+    """Fabrication guide as one offline page, from the same parts: print, cast, wire, assemble."""
+    from ..report.guide import write
+    from .output import progress
+
+    dims = load(design, changes)
+    with progress("cad guide") as tell:
+        click.echo(str(write(dims, out, sensors, tell)))

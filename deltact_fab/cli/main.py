@@ -13,7 +13,7 @@ from ..errors import DeltactFabError
 # name: (module, attribute, line of help); a noun's module is imported only when it is used, so
 # that `--help` stays fast whatever the nouns need.
 COMMANDS = {
-    "cad": ("cad", "cad", "Parametric parts: list and export."),
+    "cad": ("cad", "cad", "Parametric parts: check, export, bill of materials, guide."),
     "pattern": ("pattern", "pattern", "Pattern stickers: generate and inspect."),
     "protocol": ("protocol", "protocol", "Indentation experiments: check, show, list."),
     "rig": ("rig", "rig", "Benches: list and show."),

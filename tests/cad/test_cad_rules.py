@@ -129,6 +129,7 @@ def test_a_skin_of_24_x_24_is_refused_naming_board_and_posts():
         (["mount.kind=franka", "mount.flange_pitch_mm=19"], "shell: mount.flange_pitch_mm + hole"),
         (["light.led_count=6"], "light-holder: led_count x pitch <= 2 pi strip radius: 100"),
         (["light.strip_width_mm=10"], "light-holder: strip_width_mm <= depth of the channel: 10"),
+        (["skin.width_mm=44", "skin.length_mm=40"], "light-holder: wall_mm <= floor outside the"),
         (["camera.lens_diameter_mm=24"], "light-holder: lens radius + 0.3 <= bore radius"),
         (["camera.connector_height_mm=3.2"], "camera: connector_height_mm <= holder.clearance_mm"),
         (["cover.lip_mm=0.15"], "cover: strain of a peg <= strain_limit: 0.02083 <= 0.02"),

@@ -1,0 +1,121 @@
+"""The mold: what it holds with a frame in it is one skin, and that skin comes out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from ..checks import VOLUME_TOLERANCE, bounding_box
+from ..kernel import require
+from ..parts.mold import centres_mm
+from .built import Built
+from .rays import ExactRays, first_hit, normals, samples
+from .row import Row
+from .space import TOUCH_MM3
+
+DOWN = -1e-4  # z of a normal; single-precision corners tilt upright walls by 1e-6
+OFF_MM = 1e-3  # from the surface, to where a ray starts
+
+
+def closure(built: Built) -> Iterator[Row]:
+    """V(cavity) + V(the frame's window in front of the ledge) = V(skin), by filling the mold."""
+    skin_mm3 = float(built.solid("skin").Volume())
+    held = [_held_mm3(built, frame, at) for frame, at in _seated(built)]
+    worst = max(held, key=lambda v: abs(v - skin_mm3))
+    yield Row(
+        "mold volume closure",
+        "mold, skin-frame, skin",
+        f"{worst:.3f} mm3, the skin {skin_mm3:.3f} ({len(held)} cavities)",
+        f"within {VOLUME_TOLERANCE:g} of the skin",
+        abs(worst - skin_mm3) <= VOLUME_TOLERANCE * skin_mm3,
+    )
+
+
+def _seated(built: Built) -> list[tuple[Any, tuple[float, float]]]:
+    """The frame, turned half about x, in each of the mold's seats."""
+    cq = require()
+    turned = built.solid("skin-frame").rotate(cq.Vector(), cq.Vector(1, 0, 0), 180)
+    base_mm = built.design.mold.base_mm
+    return [
+        (turned.moved(cq.Location((x, y, base_mm))), (x, y)) for x, y in centres_mm(built.design)
+    ]
+
+
+def _held_mm3(built: Built, frame: Any, at_mm: tuple[float, float]) -> float:
+    """What silicone takes when one cavity and the frame above it are filled to the ledge."""
+    cq = require()
+    design, mold = built.design, built.solid("mold")
+    low, high = np.array(built.box("skin"))
+    # The block ends inside mold and frame: beside the frame is the play of its seat.
+    x = high[0] + design.frame.wall_x_mm / 2
+    y = high[1] + design.frame.wall_y_mm / 2
+    bottom = design.mold.base_mm / 2
+    top = design.mold.base_mm + (high[2] - low[2])
+    corner = cq.Vector(at_mm[0] - x, at_mm[1] - y, bottom)
+    block = cq.Solid.makeBox(2 * x, 2 * y, top - bottom, corner)
+    # The frame's pilot holes stay empty: silicone takes what hangs together with the cavity.
+    front = bounding_box(frame)[0][2]
+    free = block.cut(mold, frame).Solids()
+    return float(sum(s.Volume() for s in free if bounding_box(s)[0][2] < front - OFF_MM))
+
+
+def undercut(built: Built) -> Iterator[Row]:
+    """Nothing but the underside looks down, and every point of a cavity sees the sky."""
+    mesh = built.mesh("mold")
+    corners = mesh.corners_mm
+    outward = normals(corners)
+    area = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    underside = corners[:, :, 2].max(axis=1) < corners[:, :, 2].min() + 1e-4
+    down_mm2 = float(area[(outward[:, 2] < DOWN) & ~underside].sum()) / 2
+    points, triangle = samples(corners)
+    free = ~underside[triangle]
+    points, away = points[free], outward[triangle[free]]
+    up = np.broadcast_to(np.array((0.0, 0.0, 1.0)), points.shape)
+    far, _ = first_hit(points + OFF_MM * away, up, corners)
+    blocked = int(np.isfinite(far).sum())
+    yield Row(
+        "no undercut",
+        "mold",
+        f"{down_mm2:.3g} mm2 look down, {blocked} of {len(points)} rays up are blocked",
+        "0 mm2, 0 rays",
+        down_mm2 == 0.0 and blocked == 0,
+    )
+
+
+def seat(built: Built) -> Iterator[Row]:
+    """The frame goes into each seat with the play it was given."""
+    rays = ExactRays(built.solid("mold"))
+    fit_mm = built.design.mold.fit_mm
+    gap_mm, common_mm3 = np.inf, 0.0
+    for frame, _ in _seated(built):
+        common_mm3 = max(common_mm3, float(frame.intersect(built.solid("mold")).Volume()))
+        gap_mm = min(gap_mm, _gap_mm(rays, frame, built.design.mold.seat_mm))
+    yield Row(
+        "frame fits its seat",
+        "mold, skin-frame",
+        f"play {gap_mm:.3f} mm a side, {common_mm3:.3g} mm3 common",
+        f">= {fit_mm:g} mm, <= {TOUCH_MM3:g} mm3",
+        gap_mm >= fit_mm - 1e-6 and common_mm3 <= TOUCH_MM3,
+    )
+
+
+def _gap_mm(rays: ExactRays, frame: Any, seat_mm: float) -> float:
+    """Least distance from the four sides of a seated frame to the mold, near its corners."""
+    low, high = np.array(bounding_box(frame))
+    middle, half = ((high + low) / 2)[:2], ((high - low) / 2)[:2]
+    least = np.inf
+    for axis in (0, 1):
+        for side in (-1.0, 1.0):
+            way = np.zeros(3)
+            way[axis] = side
+            for along in (-0.95, 0.95):
+                plan = middle.copy()
+                plan[1 - axis] += along * half[1 - axis]
+                start = np.array((*plan, low[2] + seat_mm / 2))
+                # From the middle of the frame outwards: a wall that reaches into it is met early.
+                least = min(least, rays.first(start, way) - half[axis])
+    return float(least)

@@ -1,0 +1,35 @@
+"""The inequalities between dimensions, one row for each part that they belong to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ..dimensions import Design
+from ..rules import SHOWN, Rule, of_design
+from .row import Row
+
+NAME = "inequalities"
+
+
+def rows(design: Design) -> Iterator[Row]:
+    """A part's rules: how many hold, and the tightest one or those that fail."""
+    groups: dict[str, list[Rule]] = {}
+    for rule in of_design(design):
+        groups.setdefault(rule.part, []).append(rule)
+    for part, rules in groups.items():
+        broken = [rule for rule in rules if not rule.holds]
+        if broken:
+            more = len(broken) - SHOWN
+            told = [rule.text for rule in broken[:SHOWN]]
+            told += [f"and {more} more"] if more > 0 else []
+            found = f"{len(broken)} of {len(rules)} fail: " + "; ".join(told)
+        else:
+            found = f"{len(rules)} of {len(rules)} hold, closest: {min(rules, key=_margin).text}"
+        rests_on = tuple(dict.fromkeys(key for rule in rules for key in rule.rests_on))
+        yield Row(NAME, part, found, "all hold", not broken, rests_on)
+
+
+def _margin(rule: Rule) -> float:
+    """What is left between both sides, as a share of the larger one."""
+    left, right = rule.left[1], rule.right[1]
+    return (right - left) / max(abs(left), abs(right), 1e-9)

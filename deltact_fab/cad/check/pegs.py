@@ -1,0 +1,63 @@
+"""Snap strain of the cover's pegs, from the legs, lips and holes as built."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ...errors import RunFailed
+from .built import Built
+from .cylinders import near
+from .row import Row
+
+
+def rows(built: Built) -> Iterator[Row]:
+    """A leg is a cantilever that gives way by the lip: strain = 1.5 leg lip / length^2."""
+    strains = [_strain(built, x, y) for x, y in built.design.peg_centres_mm]
+    worst = max(strains, key=lambda found: found[0])
+    strain, leg_mm, lip_mm, length_mm = worst
+    limit = built.design.cover.strain_limit
+    yield Row(
+        "snap strain",
+        "cover, camera-holder",
+        f"{100 * strain:.2f} % (leg {leg_mm:.2f}, lip {lip_mm:.2f}, length {length_mm:.2f} mm)",
+        f"<= {100 * limit:.2g} %",
+        strain <= limit + 1e-9,
+    )
+
+
+def _strain(built: Built, x: float, y: float) -> tuple[float, float, float, float]:
+    """Strain, leg, lip and length of the peg at (x, y)."""
+    reach = built.design.screw.row.thread_mm
+    outer = [c for c in near(built.cylinders("cover"), x, y, reach) if not c.hole]
+    holes = [c for c in near(built.cylinders("camera-holder"), x, y, reach) if c.hole]
+    if not outer or not holes:
+        missing = "cover has no peg" if not outer else "camera-holder has no hole"
+        raise RunFailed(f"{missing} at ({x:.2f}, {y:.2f})")
+    shaft = min(outer, key=lambda c: c.low_mm[2])
+    root_mm = shaft.low_mm[2]
+    # The widest place of a lip: its own axis may lie beside the peg's.
+    wide = max(c.radius_mm + c.offset_mm(*shaft.low_mm[:2]) for c in outer)
+    lip_mm = max(wide - holes[0].radius_mm, 0.0)
+    tips = [
+        vertex.Z
+        for vertex in built.solid("cover").Vertices()
+        if np.hypot(vertex.X - x, vertex.Y - y) <= wide + 0.01
+    ]
+    length_mm = max(tips) - root_mm
+    leg_mm = shaft.radius_mm - _half_slot_mm(built, x, y, shaft.radius_mm, root_mm)
+    return 1.5 * leg_mm * lip_mm / length_mm**2, leg_mm, lip_mm, length_mm
+
+
+def _half_slot_mm(built: Built, x: float, y: float, radius_mm: float, root_mm: float) -> float:
+    """Distance from a peg's axis to the flat of its slot; 0 for a peg without one."""
+    flats = []
+    for face in built.solid("cover").Faces():
+        if face.geomType() != "PLANE":
+            continue
+        centre, normal = face.Center(), face.normalAt()
+        beside = np.hypot(centre.x - x, centre.y - y) < radius_mm
+        if beside and centre.z > root_mm + 1e-6 and abs(normal.z) < 1e-6:
+            flats.append(abs((centre.x - x) * normal.x + (centre.y - y) * normal.y))
+    return min(flats, default=0.0)

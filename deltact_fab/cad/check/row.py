@@ -1,0 +1,49 @@
+"""One line of the table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Row:
+    """What was checked, of which part, what was found, what would be right.
+
+    rests_on: keys (`camera.focal_length_mm`) of unverified values that the finding rests on.
+    """
+
+    check: str
+    part: str
+    found: str
+    limit: str
+    passed: bool
+    rests_on: tuple[str, ...] = ()
+
+    @property
+    def verdict(self) -> str:
+        """`pass`, `FAIL`, or `pass (unverified: focal length, lens height)`."""
+        if not self.passed:
+            return "FAIL"
+        if not self.rests_on:
+            return "pass"
+        return f"pass (unverified: {', '.join(plain(key) for key in self.rests_on)})"
+
+
+def plain(key: str) -> str:
+    """A key as it is read: `camera.focal_length_mm` is `focal length`."""
+    return key.rpartition(".")[2].removesuffix("_mm").replace("_", " ")
+
+
+def open_keys(unverified: Iterable[str], *keys: str) -> tuple[str, ...]:
+    """Those of the keys that nobody has measured; a key that ends in `.` stands for its section."""
+    known = list(unverified)
+    named: list[str] = []
+    for key in keys:
+        named += [k for k in known if k == key or (key.endswith(".") and k.startswith(key))]
+    return tuple(dict.fromkeys(named))
+
+
+def at(point_mm: Iterable[float]) -> str:
+    """A place as `(16.30, -2.00, -14.00)`; no minus before a zero."""
+    return "(" + ", ".join(f"{round(float(v), 2) + 0.0:.2f}" for v in point_mm) + ")"

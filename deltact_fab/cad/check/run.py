@@ -1,0 +1,89 @@
+"""Every check in the order of the table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from ...errors import MissingLibrary, RunFailed
+from ..design import IndenterList
+from ..dimensions import Design
+from ..kernel import guarded, require
+from . import casting, indenters, inequalities, pegs, screws, sight, soundness, space, thickness
+from .built import Built
+from .row import Row
+from .table import Check
+
+Progress = Callable[[int, int, str], None]
+
+CHECKS = (
+    Check(soundness.NAME, "every part", soundness.LIMIT, soundness.rows),
+    Check("envelope", "assembly", "design.envelope", space.envelope),
+    Check("interference", "assembly", f"<= {space.TOUCH_MM3:g} mm3 a pair", space.interference),
+    Check("axes coaxial", "screws, pegs", f"<= {screws.AXIS_MM:g} mm", screws.axes),
+    Check("engagement", "screws", f">= {screws.ENGAGEMENT_D:g} d", screws.engagement),
+    Check(thickness.NAME, "printed parts", "each part's wall", thickness.rows),
+    Check("snap strain", "cover, camera-holder", "cover.strain_limit", pegs.rows),
+    Check("view cone", "camera", "the crop's half angle", sight.view),
+    Check("light cone", "light-holder", "all rays reach the face", sight.light_cone),
+    Check("LED strip length", "light-holder", "round the channel", sight.strip),
+    Check("mold volume closure", "mold, skin-frame, skin", "V(skin)", casting.closure),
+    Check("no undercut", "mold", "0 mm2, 0 rays", casting.undercut),
+    Check("frame fits its seat", "mold, skin-frame", "mold.fit_mm", casting.seat),
+    Check("indenters", "indenters", "stem and height field", indenters.rows),
+)
+
+
+def run(
+    design: Design,
+    progress: Progress | None = None,
+    solids: Mapping[str, Any] | None = None,
+    indenters: IndenterList | None = None,
+) -> list[Row]:
+    """Check a design: inequalities first, then every part and the whole as built.
+
+    progress: called with (done, total, what) before each part and each check. solids: by part name,
+    to be checked in place of what would be built; they are not held against their closed forms.
+    indenters: cad/indenters.toml when None.
+
+    What fails is a row, a broken inequality and a part that cannot be built among them; then the
+    checks that need the solids say "not run". Raises MissingLibrary without the CAD kernel, and
+    InputError when the list of indenters is unusable.
+    """
+    rows = list(inequalities.rows(design))
+    if not all(row.passed for row in rows):
+        return rows + [check.not_run("an inequality is broken") for check in CHECKS]
+    require()
+    from ..registry import listed
+
+    total = len(listed(indenters)) + len(CHECKS)
+    done = 0
+
+    def tell(what: str) -> None:
+        nonlocal done
+        if progress is not None:
+            progress(done, total, what)
+        done += 1
+
+    rows += of_built(Built.make(design, solids, indenters, tell), tell)
+    if progress is not None:
+        progress(total, total, "done")
+    return rows
+
+
+def of_built(
+    built: Built, tell: Callable[[str], None] | None = None, checks: Sequence[Check] = CHECKS
+) -> list[Row]:
+    """The checks that need solids; a check that cannot be made is a failing row."""
+    rows: list[Row] = []
+    for check in checks:
+        if tell is not None:
+            tell(check.name)
+        try:
+            with guarded(check.name, {}):
+                rows += list(check.rows(built))
+        except MissingLibrary:
+            raise
+        except RunFailed as why:
+            rows.append(check.not_run(str(why)))
+    return rows

@@ -1,0 +1,23 @@
+"""The checks by name: what runs, what it looks at, and what it promises when it cannot run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from .built import Built
+from .row import Row
+
+
+@dataclass(frozen=True)
+class Check:
+    """One kind of check; `part` and `limit` stand in the row that says it was not run."""
+
+    name: str
+    part: str
+    limit: str
+    rows: Callable[[Built], Iterator[Row]]
+
+    def not_run(self, why: str) -> Row:
+        """The failing row of a check that could not be made."""
+        return Row(self.name, self.part, f"not run: {why}", self.limit, False)

@@ -1,0 +1,70 @@
+"""Wall thickness by rays: each printed part against the thinnest wall it may have."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..dimensions import Design
+from .built import Built
+from .rays import OPPOSITE_DEG, Thickness
+from .row import Row, at
+
+NAME = "wall thickness"
+SLACK_MM = 1e-6
+
+
+def limits_mm(design: Design) -> dict[str, float]:
+    """The thinnest wall of each printed part; what has no wall of its own is held to the shell's.
+
+    The tools are of the shell's resin.
+    """
+    light = design.light
+    wall_mm = design.shell.wall_mm
+    housing = ("skin-frame", "shell", "cover", "mold", "coupon-mold", "testing-shell")
+    return {
+        **dict.fromkeys(housing, wall_mm),
+        "transparent-base": wall_mm,
+        "light-holder": min(light.wall_mm, light.diffuser_mm, light.floor_mm),
+        "camera-holder": design.holder.wall_mm,
+    }
+
+
+def leg_limit_mm(design: Design) -> float:
+    """Leg of a peg where its round side leans by OPPOSITE_DEG: peg / 2 cos - slot / 2.
+
+    cover.leg_mm is the thickness in the middle, and the sides of the round taper off.
+    """
+    cover = design.cover
+    return cover.peg_mm / 2 * math.cos(math.radians(OPPOSITE_DEG)) - cover.slot_mm / 2
+
+
+def rows(built: Built) -> Iterator[Row]:
+    """The thinnest wall of each part with its place."""
+    for part, limit_mm in limits_mm(built.design).items():
+        walls = built.walls(part)
+        if part != "cover":
+            yield _row(part, walls.thinnest(), limit_mm)
+            continue
+        legs = _of_legs(built.design, walls.points_mm)
+        yield _row(part, walls.thinnest(~legs), limit_mm)
+        # They must bend: no wall of theirs is as thick as the housing's.
+        yield _row("cover, legs of the pegs", walls.thinnest(legs), leg_limit_mm(built.design))
+
+
+def _row(part: str, found: Thickness | None, limit_mm: float) -> Row:
+    limit = f">= {limit_mm:.3g} mm"
+    if found is None:
+        return Row(NAME, part, "no wall found", limit, False)
+    passed = found.thickness_mm >= limit_mm - SLACK_MM
+    return Row(NAME, part, f"{found.thickness_mm:.3f} mm at {at(found.at_mm)}", limit, passed)
+
+
+def _of_legs(design: Design, points_mm: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which points (n, 3) lie on a peg above the cover's floor."""
+    reach = design.cover.hole_mm / 2 + design.cover.lip_mm + 0.01
+    away = [np.hypot(points_mm[:, 0] - x, points_mm[:, 1] - y) for x, y in design.peg_centres_mm]
+    return (np.min(away, axis=0) < reach) & (points_mm[:, 2] > design.z_floor_mm + 1e-3)

@@ -1,0 +1,296 @@
+"""What a part is made from: its dimensions, what follows from them, its rules. No CAD kernel."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, fields, is_dataclass
+from typing import Any
+
+from .design import IndenterDimensions
+from .dimensions import Design
+from .registry import Part
+from .rules import Rule, of_design
+
+# Derived lengths of a Design that a part's shape is made from. A test holds every property of
+# Design against this table, so that a new one is shown somewhere.
+DERIVED: dict[str, tuple[str, ...]] = {
+    "skin": ("post_in_window_mm", "z_front_mm", "z_ledge_mm", "skin_volume_mm3"),
+    "skin-frame": (
+        "frame_outer_mm", "frame_height_mm", "post_mm", "post_edge_mm", "post_in_window_mm",
+        "screw_at_mm", "screw_centres_mm", "seat_half_mm", "z_front_mm", "z_ledge_mm", "z_joint_mm",
+    ),
+    "acrylic": (
+        "acrylic_half_mm", "acrylic_notch_mm", "seat_half_mm", "post_edge_mm", "z_ledge_mm",
+        "z_joint_mm",
+    ),
+    "shell": (
+        "outer_mm", "frame_outer_mm", "cavity_half_mm", "post_mm", "post_edge_mm", "boss_room_mm",
+        "screw_at_mm", "shell_depth_mm", "flange_arm_z_mm", "z_joint_mm", "z_boss_mm", "z_floor_mm",
+    ),
+    "light-holder": (
+        "light_radius_mm", "strip_radius_mm", "channel_inner_mm", "light_bore_mm",
+        "head_relief_mm", "camera_screw_centres_mm", "z_joint_mm", "z_board_front_mm",
+    ),
+    "camera": ("z_lens_mm", "z_board_front_mm", "z_board_back_mm", "eye_distance_mm"),
+    "camera-screw": ("camera_screw_centres_mm", "z_board_front_mm"),
+    "camera-holder": (
+        "holder_half_x_mm", "holder_window_half_mm", "holder_window_top_mm", "holder_arm_mm",
+        "holder_tongue_mm", "peg_centres_mm", "camera_screw_centres_mm", "z_board_back_mm",
+        "z_floor_mm",
+    ),
+    "cover": (
+        "post_mm", "screw_at_mm", "peg_at_mm", "peg_length_mm", "snap_strain", "z_floor_mm",
+        "z_back_mm", "z_head_mm", "z_boss_mm",
+    ),
+    "screw": ("z_head_mm", "screw_at_mm"),
+    "mold": ("mold_outer_mm", "frame_outer_mm", "skin_volume_mm3"),
+    "coupon-mold": ("coupon_outer_mm",),
+    "testing-shell": (
+        "frame_outer_mm", "cavity_half_mm", "post_mm", "post_edge_mm", "boss_room_mm",
+        "screw_at_mm", "shell_depth_mm", "z_joint_mm", "z_boss_mm", "z_floor_mm", "z_back_mm",
+    ),
+}  # fmt: skip
+SAME_AS = {"transparent-base": "skin-frame"}
+# Parts whose rules hold for this one as well.
+RULES_OF = {
+    "camera-screw": ("camera-holder",),
+    "testing-shell": ("shell",),
+    "transparent-base": ("skin-frame",),
+    "skin": ("skin-frame",),
+}
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """One independent value. low, high: what it accepts; None where it is no bounded number."""
+
+    key: str
+    value: Any
+    meaning: str
+    low: float | None = None
+    high: float | None = None
+    unverified: bool = False
+
+
+@dataclass(frozen=True)
+class Derived:
+    """One derived value with its equation in words."""
+
+    key: str
+    value: Any
+    equation: str
+
+
+@dataclass(frozen=True)
+class RuleLine:
+    """One inequality with its numbers. margin: right less left, None where that is no number."""
+
+    text: str
+    holds: bool
+    margin: float | None
+    rests_on: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Description:
+    """A part as `cad show` prints it."""
+
+    name: str
+    group: str
+    number: int
+    material: str
+    process: str
+    quantity: int
+    dimensions: tuple[Dimension, ...]
+    derived: tuple[Derived, ...]
+    rules: tuple[RuleLine, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return asdict(self)
+
+    def tables(self) -> list[tuple[str, tuple[str, ...], list[tuple[Any, ...]]]]:
+        """What `cad show` prints: (title, columns, rows) of each table that is not empty."""
+        about = [(self.name, self.material, self.process, self.quantity)]
+        given = [
+            (
+                d.key + (" (unverified)" if d.unverified else ""),
+                shown(d.value),
+                "" if d.low is None else f"{d.low:g} to {d.high:g}",
+                d.meaning,
+            )
+            for d in self.dimensions
+        ]
+        derived = [(d.key, shown(d.value), d.equation) for d in self.derived]
+        rules = [(r.text, "holds" if r.holds else "FAILS", r.margin) for r in self.rules]
+        every: list[tuple[str, tuple[str, ...], list[tuple[Any, ...]]]] = [
+            ("", ("part", "material", "process", "quantity"), list(about)),
+            ("Dimensions", ("key", "value", "limits", "meaning"), list(given)),
+            ("Derived", ("key", "value", "equation"), list(derived)),
+            ("Rules", ("inequality", "verdict", "margin"), list(rules)),
+        ]
+        return [table for table in every if table[2]]
+
+
+def describe(part: Part, design: Design) -> Description:
+    """Everything that decides the part, also where a rule is broken: that is when one looks."""
+    if part.indenter is not None:
+        dimensions, derived, rules = _of_indenter(part.name, part.indenter)
+    else:
+        dimensions = list(_sections(part, design))
+        derived = list(_derived(part, design))
+        names = (part.name, *RULES_OF.get(part.name, ()))
+        rules = [rule for rule in of_design(design) if rule.part in names]
+    return Description(
+        part.name,
+        part.group,
+        part.number,
+        part.material,
+        part.process,
+        part.quantity,
+        tuple(dimensions),
+        tuple(derived),
+        tuple(_line(rule) for rule in rules),
+    )
+
+
+def _line(rule: Rule) -> RuleLine:
+    margin = rule.right[1] - rule.left[1]
+    return RuleLine(rule.text, rule.holds, margin if math.isfinite(margin) else None, rule.rests_on)
+
+
+def shown(value: Any) -> str:
+    """A value for a table: numbers with six digits, pairs in brackets."""
+    if isinstance(value, tuple | list):
+        return f"({', '.join(shown(v) for v in value)})"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _sections(part: Part, design: Design) -> Iterator[Dimension]:
+    unverified = set(design.unverified())
+    for section in part.sections:
+        record = getattr(design, section)
+        for f in fields(record):
+            key, meta = f"{section}.{f.name}", f.metadata
+            yield Dimension(
+                key,
+                getattr(record, f.name),
+                meta.get("meaning", ""),
+                meta.get("low"),
+                meta.get("high"),
+                key in unverified,
+            )
+
+
+def _derived(part: Part, design: Design) -> Iterator[Derived]:
+    for section in part.sections:
+        record = getattr(design, section)
+        for name, equation in properties(type(record)):
+            value = getattr(record, name)
+            if is_dataclass(value):
+                for f in fields(value):
+                    shown = f"{section}.{name}.{f.name}"
+                    yield Derived(shown, getattr(value, f.name), "table of standards")
+            else:
+                yield Derived(f"{section}.{name}", value, equation)
+    known = dict(properties(type(design)))
+    for name in DERIVED[SAME_AS.get(part.name, part.name)]:
+        yield Derived(name, getattr(design, name), known[name])
+
+
+def properties(record: type) -> list[tuple[str, str]]:
+    """Properties of a class with their equations: base classes first, in the source's order."""
+    found: dict[str, str] = {}
+    for kind in reversed(record.__mro__):
+        for name, member in vars(kind).items():
+            if isinstance(member, property) and not name.startswith("_"):
+                found[name] = equation(inspect.getdoc(member) or "")
+    return list(found.items())
+
+
+def equation(docstring: str) -> str:
+    """The first line of a docstring without the values it has by default.
+
+    `Length of strip = count x pitch: 83.3.` is `Length of strip = count x pitch`.
+    """
+    line = docstring.split("\n", 1)[0].strip()
+    line = re.sub(r": [-+(]*\d[^:]*$", "", line)
+    return re.sub(r" = -?[\d.]+(?=,|\.?$)", "", line).rstrip(".")
+
+
+def _of_indenter(
+    name: str, dims: IndenterDimensions
+) -> tuple[list[Dimension], list[Derived], list[Rule]]:
+    indenter = dims.indenter
+    lengths = (
+        ("plate_mm", dims.body.plate_mm, "back plate"),
+        ("stem_diameter_mm", indenter.stem_diameter_mm, "stem, for the stage's tool holder"),
+        ("stem_length_mm", indenter.stem_length_mm, "stem above the plate"),
+        ("reach_mm", indenter.reach_mm, "free length of the tips below the plate"),
+    )
+    given = [Dimension(*length) for length in lengths]
+    rules = [Rule(name, ("0", 0.0), "<", (key, value)) for key, value, _ in lengths]
+    derived: list[Derived] = []
+    for i, tip in enumerate(indenter.tips, 1):
+        label = f"tip{i}" if len(indenter.tips) > 1 else "tip"
+        told = f"{type(tip).__name__.removesuffix('Tip').lower()}: "
+        for f in fields(tip):
+            meaning = _attribute(tip, f.name)
+            given.append(
+                Dimension(f"{label}.{f.name}", _flat(getattr(tip, f.name)), told + meaning)
+            )
+        for key, text in properties(type(tip)):
+            if key not in {f.name for f in fields(tip)} and not is_dataclass(getattr(tip, key)):
+                derived.append(Derived(f"{label}.{key}", getattr(tip, key), text))
+        equator, reach = (f"{label}.equator_mm", tip.equator_mm), ("reach_mm", indenter.reach_mm)
+        rules.append(Rule(name, equator, "<", reach))
+    for key, text in properties(type(indenter)):
+        if key != "slug":
+            derived.append(Derived(key, getattr(indenter, key), text))
+    whole = dims.plate_z_mm + dims.body.plate_mm + indenter.stem_length_mm
+    derived.append(Derived("plate_z_mm", dims.plate_z_mm, "Underside of the plate = reach"))
+    derived.append(Derived("height_mm", whole, "Whole height = reach + plate + stem"))
+    return given, derived, rules
+
+
+def _flat(value: Any) -> Any:
+    """The pieces of a turned profile as (end, centre of the arc), everything else as it is."""
+    if isinstance(value, tuple):
+        return tuple(tuple(vars(v).values()) if is_dataclass(v) else v for v in value)
+    return value
+
+
+# Numbers of a tip that its docstring tells within a sentence.
+_TOLD = {
+    "corner_mm": "rounding of its points",
+    "notch_mm": "rounding of its notches",
+    "edge_mm": "rounding of its face",
+    "a_mm": "semi-axis along x",
+    "b_mm": "semi-axis along y and z",
+    "half_width_mm": "half the width, where the sides turn vertical",
+    "length_mm": "straight part along y",
+    "pieces": "the profile from there: (end, centre of an arc)",
+}
+
+
+def _attribute(record: object, name: str) -> str:
+    """What the class's docstring, or else its module's, says after `name:` or `name, other:`."""
+    texts = [inspect.getdoc(type(record)), *_module_doc(record)]
+    if name in _TOLD:
+        return _TOLD[name]
+    for text in texts:
+        found = re.search(rf"\b{name}(?:, \w+)*: (.+?)(?:[.;]\s|\.$|\Z)", text or "", re.S)
+        if found:
+            return " ".join(found[1].split())
+    return ""
+
+
+def _module_doc(record: object) -> list[str]:
+    # What every tip states stands at the head of `tips`, also for tips of other modules.
+    from ..shapes import tips
+
+    module = inspect.getmodule(type(record))
+    return [m.__doc__ or "" for m in (module, tips) if m is not None]

@@ -1,0 +1,261 @@
+"""One offline HTML page by which a sensor is made: print, cast, coat, wire, assemble."""
+
+from __future__ import annotations
+
+import base64
+import importlib.metadata
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from .. import record
+from ..cad import bom, fabrication, rules
+from ..cad.design import load_indenters
+from ..cad.dimensions import Design
+from ..cad.fabrication import DEFAULT
+from ..cad.paper_gaps import gaps
+from ..cad.registry import SENSOR_PARTS, Part, listed
+from ..errors import InputError, MissingLibrary
+
+Progress = Callable[[int, int, str], None]
+
+VIEWER_PACKAGE = "dash-model-viewer"
+VIEWER_FILE = "model-viewer-umd.min.js"
+VIEWER_LICENCE = "model-viewer-LICENSE"
+VIEW_TOLERANCE_MM = 0.05  # the view is looked at, not measured
+LAYER_MM = 0.05
+CUP_ML = 50  # cups are sold in steps of it
+
+# How a part is made, a printed one by how it lies on the platform; what to look at afterwards.
+ADVICE: dict[str, tuple[str, str]] = {
+    "skin": ("cast in its frame, step D", "clear, dry, bonded to the acrylic"),
+    "acrylic": ("cut by the DXF, step C", "the edges are clear; no cracks at the notches"),
+    "camera": ("bought", "measure lens and board: see what nobody has verified"),
+    "camera-screw": ("bought", "the head is no higher than the light holder's floor"),
+    "screw": ("bought", "measure the length below the head"),
+    "skin-frame": (
+        "front down, tilted by 30°, supports on the front only",
+        "the acrylic's pocket is free of support marks; a drill of the pilot's size turns freely",
+    ),
+    "shell": (
+        "joint face up, tilted by 20°, supports outside",
+        "the light holder slides in by hand; the four holes pass a screw without cutting",
+    ),
+    "light-holder": (
+        "floor down, flat, supports below the floor",
+        "no resin left in the channel: blow it out before the post-cure",
+    ),
+    "camera-holder": ("flat, supports on the back", "flat to 0.1 mm on a glass plate"),
+    "cover": (
+        "outer face down, flat, no support near the pegs",
+        "every peg has its slot open: a folded paper passes",
+    ),
+    "mold": (
+        "underside down, straight on the platform, no supports",
+        "cavity floors glossy: what is there is on every skin",
+    ),
+    "coupon-mold": ("underside down, same job and same wash as the mold", "as the mold"),
+    "testing-shell": ("as the shell, tabs upright", "as the shell; tabs flat on the table"),
+    "transparent-base": ("as the skin frame", "as the skin frame"),
+}
+INDENTER_ADVICE = (
+    "stem down, supports on plate and stem only",
+    "no mark on the tip; stem diameter fits the tool holder",
+)
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """What the kernel adds to the page; empty without it, and `note` says why.
+
+    Data URLs all: exploded and parts (by name) are SVG, models (by title) GLB.
+    """
+
+    exploded: str = ""
+    parts: dict[str, str] = field(default_factory=dict)
+    models: dict[str, str] = field(default_factory=dict)
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Viewer:
+    """The script that turns the model, and its licence; empty where it is not installed."""
+
+    script: str = ""
+    licence: str = ""
+    note: str = ""
+
+
+def write(
+    design: Design,
+    out: Path,
+    sensors: int = 1,
+    progress: Progress | None = None,
+    *,
+    pictures: Pictures | None = None,
+) -> Path:
+    """Write the guide of a design to one self-contained file; no part of it is fetched.
+
+    progress: called with (done, total, what). pictures: ready ones, instead of drawing them.
+    Without the CAD kernel or the viewer the page is written without pictures or 3D view and says
+    what to install. Raises InputError for a broken rule or a count below 1, MissingLibrary without
+    the extra `report`, RunFailed when a part cannot be built or the disk refuses.
+    """
+    try:
+        import jinja2
+    except ImportError as why:
+        raise MissingLibrary("the guide needs jinja2: pip install 'deltact-fab[report]'") from why
+    tell = progress or (lambda done, total, what: None)
+    lines = bom.lines(design, sensors)
+    parts = listed()
+    if pictures is None:
+        try:
+            pictures = draw(design, parts, tell)
+        except MissingLibrary as why:
+            pictures = Pictures(note=f"No pictures and no 3D view: {why}")
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent / "templates"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["fig"] = _fig
+    page = environment.get_template("guide.html").render(
+        d=design,
+        sensors=sensors,
+        parts=parts,
+        advice={part.name: ADVICE.get(part.name, ("", "")) for part in parts},
+        indenter_advice=INDENTER_ADVICE,
+        layer_mm=LAYER_MM,
+        pictures=pictures,
+        viewer=viewer() if pictures.models else Viewer(),
+        bom=lines,
+        stock_note=rules.stock_note(design),
+        f=_figures(design, sensors),
+        p=DEFAULT,
+        facts=DEFAULT.rows(),
+        gaps=gaps(design),
+        unverified=[(key, _value(design, key)) for key in design.unverified()],
+        indenters=len(load_indenters().indenter),
+    )
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as why:
+        raise InputError(f"{out.parent}: cannot be made: {why.strerror}") from why
+    record.write_whole(out, page.encode())
+    return out
+
+
+def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
+    """Build every part once and draw it; the sensor as a whole twice, together and exploded.
+
+    Raises MissingLibrary without the CAD kernel, RunFailed when a part cannot be built.
+    """
+    from ..cad.assembly import places
+    from ..cad.build import build_part
+    from ..cad.formats.glb import drawn, glb_bytes
+    from ..cad.kernel import require
+    from ..cad.mesh import mesh_solid
+    from ..cad.picture import exploded_svg, part_svg
+
+    require()
+    total = len(parts) + 2
+    solids: dict[str, Any] = {}
+    images: dict[str, str] = {}
+    for done, part in enumerate(parts):
+        tell(done, total, part.name)
+        solids[part.name] = build_part(part, design)[0]
+        images[part.name] = _data_url(
+            "image/svg+xml", part_svg(part, design, solids[part.name]).encode()
+        )
+    tell(len(parts), total, "exploded view")
+    exploded = exploded_svg(design, solids)
+    tell(len(parts) + 1, total, "3D view")
+    meshes = {
+        part.name: drawn(
+            mesh_solid(solids[part.name], VIEW_TOLERANCE_MM, part.name), part.name, part.colour
+        )
+        for part in SENSOR_PARTS
+    }
+    models = {}
+    for title, explode in (("exploded", 1.0), ("assembled", 0.0)):
+        placed = []
+        for part in SENSOR_PARTS:
+            shift_mm = explode * part.explode_mm
+            at = tuple((x, y, z + shift_mm) for x, y, z in places(part, design))
+            placed.append(replace(meshes[part.name], places_mm=at))
+        models[title] = _data_url("model/gltf-binary", glb_bytes(placed, "deltact"))
+    tell(total, total, "done")
+    return Pictures(_data_url("image/svg+xml", exploded.encode()), images, models)
+
+
+def viewer() -> Viewer:
+    """The bundle of `<model-viewer>` out of its package, which is read and never imported."""
+    texts: dict[str, str] = {}
+    try:
+        files = importlib.metadata.files(VIEWER_PACKAGE) or []
+    except importlib.metadata.PackageNotFoundError:
+        files = []
+    for file in files:
+        if file.name in (VIEWER_FILE, VIEWER_LICENCE):
+            path = Path(str(file.locate()))
+            if path.is_file():
+                texts[file.name] = path.read_text(encoding="utf-8")
+    if VIEWER_FILE not in texts:
+        return Viewer(
+            note=f"No 3D view: {VIEWER_PACKAGE} is not installed; pip install 'deltact-fab[report]'"
+        )
+    # What would end or hide the rest of the page; in a string of the script it means the same.
+    script = texts[VIEWER_FILE].replace("</script", "<\\/script").replace("<!--", "<\\!--")
+    return Viewer(script, texts.get(VIEWER_LICENCE, ""))
+
+
+def _figures(d: Design, sensors: int) -> dict[str, Any]:
+    """What the steps name, worked out for this design and number of sensors."""
+    cast = sensors + 1
+    cells = fabrication.cavities(d)
+    full = fabrication.skins_batch(d, cells)
+    coat = fabrication.coat_batch(d, 1, 0.0)
+    coupon_g = d.coupon.wells * fabrication.coupon_mm3(d) / 1000 * DEFAULT.density_g_cm3
+    lit = d.light.resistor_ohm > 0
+    possible = lit and d.light.supply_v > DEFAULT.led_v
+    return {
+        "cast": cast,
+        "cavities": cells,
+        "pours": fabrication.pours(d, cast),
+        "batches": [(n, fabrication.skins_batch(d, n)) for n in range(1, cells + 1)],
+        "full": full,
+        "skin_cm3": d.skin_volume_mm3 / 1000,
+        "coat_g": coat.total_g,
+        "cup_ml": CUP_ML * math.ceil(full.volume_cm3 * DEFAULT.foam_factor / CUP_ML),
+        # Half as much again: two drops, and what stays in the cup.
+        "coupon_g": max(1.5 * coupon_g, DEFAULT.coat_batch_g),
+        "coat_batch": fabrication.least_coat_batch(fabrication.coat_batch(d, sensors)),
+        "film_mm": fabrication.film_mm(d),
+        "primer_ml": fabrication.primer_ml(d, cast),
+        "shrinkage_mm": fabrication.shrinkage_mm(d),
+        "acrylic_mm": [2 * s for s in d.acrylic_half_mm],
+        "pour_mm": d.mold.base_mm + d.skin.thickness_mm,
+        "wirings": fabrication.wirings(d.light) if lit else [],
+        "current_ma": fabrication.current_range_ma(d.light) if lit else (0.0, 0.0),
+        "brighter": fabrication.resistor_for_ohm(20.0, d.light) if possible else None,
+        "over_resistor_v": max(d.light.supply_v - DEFAULT.led_v, 0.0),
+    }
+
+
+def _value(design: Design, key: str) -> str:
+    section, _, name = key.partition(".")
+    return f"{getattr(getattr(design, section), name):g}"
+
+
+def _data_url(kind: str, data: bytes) -> str:
+    return f"data:{kind};base64,{base64.b64encode(data).decode()}"
+
+
+def _fig(value: float, digits: int = 1) -> str:
+    """A number as it is read off a balance or a rule: fixed digits, no trailing zeros."""
+    text = f"{value:.{digits}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text

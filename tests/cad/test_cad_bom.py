@@ -1,0 +1,205 @@
+"""What to order and to weigh: figures by hand, and no CAD kernel."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import subprocess
+import sys
+from dataclasses import fields, replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deltact_fab.cad import bom, fabrication
+from deltact_fab.cad.design import load_design
+from deltact_fab.cad.dimensions import Design, LightDimensions, MoldDimensions
+from deltact_fab.cad.fabrication import Process
+from deltact_fab.cad.paper_gaps import gaps
+from deltact_fab.cad.registry import SENSOR_PARTS, listed
+from deltact_fab.errors import InputError
+
+DEFAULT = Design()
+
+
+def of(lines, name):
+    """The line of this part, or else the one that begins like this."""
+    exact = [line for line in lines if line.part == name]
+    (found,) = exact or [line for line in lines if line.part.startswith(name)]
+    return found
+
+
+def test_every_part_of_the_registry_is_in_it_and_items_count_up():
+    lines = bom.lines(DEFAULT)
+    assert [line.item for line in lines] == list(range(1, len(lines) + 1))
+    assert [line.part for line in lines][: len(listed())] == [part.name for part in listed()]
+
+
+def test_sensor_parts_are_counted_by_the_sensor_and_tools_once():
+    lines = bom.lines(DEFAULT, sensors=5)
+    for part in SENSOR_PARTS:
+        assert of(lines, part.name).quantity == 5 * part.quantity
+    assert of(lines, "screw").quantity == 20
+    assert of(lines, "mold").quantity == 1
+    assert of(lines, "LED strip").quantity == 25
+
+
+def test_silicone_of_a_full_mold_is_the_facts_57_ml_and_a_tenth():
+    a, b = (of(bom.lines(DEFAULT), f"Solaris part {part}") for part in "AB")
+    assert a.quantity == b.quantity
+    # Density 1: grams are millilitres. 14.17 cm3 a skin was integrated by hand.
+    assert a.quantity + b.quantity == pytest.approx(4 * 14.171 * 1.1, rel=1e-3)
+    assert "one skin takes 7.8 g" in a.note
+    denser = bom.lines(DEFAULT, process=Process(density_g_cm3=1.07))
+    assert of(denser, "Solaris part A").quantity == pytest.approx(1.07 * a.quantity)
+
+
+@pytest.mark.parametrize(("sensors", "fills"), [(1, 1), (3, 1), (4, 2), (7, 2), (8, 3)])
+def test_the_transparent_base_takes_a_cavity_too(sensors, fills):
+    full = of(bom.lines(DEFAULT), "Solaris part A").quantity
+    assert of(bom.lines(DEFAULT, sensors), "Solaris part A").quantity == pytest.approx(fills * full)
+    assert of(bom.lines(DEFAULT, sensors), "acrylic blank").quantity == sensors + 1
+
+
+def test_another_mold_and_no_waste():
+    six = replace(DEFAULT, mold=MoldDimensions(columns=3))
+    batch = fabrication.skins_batch(six, fabrication.cavities(six), waste=0.0)
+    assert batch.volume_cm3 == pytest.approx(6 * six.skin_volume_mm3 / 1000)
+    assert batch.total_g == pytest.approx(batch.volume_cm3)
+
+
+def test_a_coat_is_what_adheres_and_at_least_what_can_be_weighed():
+    coat = fabrication.coat_batch(DEFAULT, 1, waste=0.0)
+    # Face 36 x 34 and sides 6 high, 0.3 mm of 1.07 g/cm3, 3 % of pigment.
+    assert coat.a_g + coat.b_g == pytest.approx((36 * 34 + 140 * 6) * 0.3e-3 * 1.07)
+    assert coat.pigment_g == pytest.approx(0.03 * (coat.a_g + coat.b_g))
+    least = fabrication.least_coat_batch(coat)
+    assert least.a_g + least.b_g == pytest.approx(10)
+    assert least.pigment_g == pytest.approx(0.3)
+    many = fabrication.coat_batch(DEFAULT, 30)
+    assert fabrication.least_coat_batch(many) == many
+
+
+def test_the_paper_s_resistor_gives_what_the_facts_say():
+    taken, each, series, twelve = fabrication.wirings(DEFAULT.light)
+    assert taken.total_ma == pytest.approx(2.7, abs=0.05)
+    assert taken.led_ma == pytest.approx(taken.total_ma / 5)
+    assert each.total_ma == pytest.approx(5 * taken.total_ma)
+    assert each.resistor_mw == pytest.approx(taken.resistor_mw)
+    # P = U I, by another way than the code's I2 R.
+    assert taken.resistor_mw == pytest.approx(taken.total_ma * (5 - 2.95))
+    assert series.total_ma == twelve.total_ma == 0
+    assert "dark" in series.note
+    low, high = fabrication.current_range_ma(DEFAULT.light)
+    assert low < taken.total_ma < high
+
+
+def test_a_higher_supply_lights_a_chain():
+    chain = fabrication.wirings(LightDimensions(supply_v=24.0))[2]
+    assert chain.total_ma == pytest.approx((24 - 5 * 2.95) / 750 * 1000)
+    assert "dark" not in chain.note
+
+
+@given(total_ma=st.floats(0.05, 2000), supply_v=st.floats(3.0, 60.0), led_v=st.floats(1.5, 2.9))
+def test_the_resistor_that_is_sold_never_gives_more(total_ma, supply_v, led_v):
+    process = Process(led_v=led_v)
+    light = LightDimensions(supply_v=supply_v)
+    exact, sold = fabrication.resistor_for_ohm(total_ma, light, process)
+    assert (supply_v - led_v) / exact * 1000 == pytest.approx(total_ma)
+    assert exact * (1 - 1e-6) <= sold <= exact * 1.25
+    mantissa = sold / 10 ** len(str(int(sold))) * 100 if sold >= 1 else None
+    if mantissa is not None:
+        assert min(abs(mantissa - step) for step in fabrication.E12) < 1e-6
+
+
+def test_20_ma_in_all():
+    exact, sold = fabrication.resistor_for_ohm(20, DEFAULT.light)
+    assert exact == pytest.approx(102.5)
+    assert sold == 120
+
+
+def test_the_stock_note_goes_with_stock_screws():
+    def told(design):
+        return of(bom.lines(design), "screw").note
+
+    assert "not stocked" in told(load_design())
+    assert "not stocked" not in told(load_design("screws-16mm"))
+    assert "M1.6 x 16" in told(load_design("screws-16mm"))
+
+
+def test_without_a_resistor_there_is_no_line_for_one():
+    design = load_design(changes=["light.resistor_ohm=0"])
+    assert not [line for line in bom.lines(design) if line.part.startswith("resistor")]
+    with pytest.raises(InputError, match="resistor_ohm > 0: 0 fails"):
+        fabrication.wirings(design.light)
+
+
+def test_csv_and_json_say_the_same():
+    lines = bom.lines(DEFAULT)
+    rows = list(csv.DictReader(io.StringIO(bom.csv_text(lines))))
+    assert list(rows[0]) == [f.name for f in fields(bom.Line)]
+    for row, line, plain in zip(
+        rows, lines, json.loads(json.dumps(bom.as_dicts(lines))), strict=True
+    ):
+        assert row["part"] == line.part == plain["part"]
+        assert row["note"] == line.note == plain["note"]
+        assert float(row["quantity"]) == pytest.approx(line.quantity, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("given_", "told"),
+    [
+        ({"sensors": 0}, "sensors 0: 1 or more"),
+        ({"waste": 1.5}, "waste 1.5: a share"),
+        ({"waste": float("nan")}, "waste nan: a share"),
+    ],
+)
+def test_what_cannot_be_ordered_is_refused(given_, told):
+    with pytest.raises(InputError, match=told):
+        bom.lines(DEFAULT, **given_)
+
+
+def test_a_broken_rule_is_refused():
+    with pytest.raises(InputError, match="fails"):
+        bom.lines(load_design(changes=["skin.width_mm=24", "skin.length_mm=24"]))
+
+
+def test_a_process_figure_is_positive_and_has_a_basis():
+    with pytest.raises(InputError, match="led_v: a finite number"):
+        Process(led_v=0)
+    rows = fabrication.DEFAULT.rows()
+    assert {row["basis"] for row in rows} == {"paper", "maker", "assumed"}
+    assert all(row["meaning"] for row in rows)
+
+
+def test_the_gaps_carry_the_figures_of_the_design():
+    text = " ".join(f"{g.said} {g.found} {g.chosen}" for g in gaps(DEFAULT))
+    for figure in ("-59 %", "640 mm²", "0.0380", "2.7 mA", "83 %", "120 ohm", "39 x 60 x 30 mm"):
+        assert figure in text
+    stock = gaps(load_design("screws-16mm"))[0]
+    assert "M1.6 x 16 is stocked" in stock.chosen
+    thin = gaps(load_design(changes=["light.resistor_ohm=0"]))
+    assert any("no resistor: the strip's own decides" in g.chosen for g in thin)
+    bright = gaps(load_design(changes=["light.resistor_ohm=120"]))
+    assert any("2.7 mA" in g.found and "120 ohm: 17 mA" in g.chosen for g in bright)
+    keys = '["lens_diameter_mm", "lens_height_mm", "focal_length_mm"]'
+    measured = gaps(load_design(changes=[f"camera.measured={keys}"]))
+    assert any("0.87 mm, measured" in g.chosen for g in measured)
+    wide = gaps(load_design("skin-44x40"))
+    assert any("within the 40 mm side" in g.found for g in wide)
+
+
+def test_no_cad_kernel_is_imported():
+    code = (
+        "import sys; from deltact_fab.cad import bom, paper_gaps, registry, show;"
+        "from deltact_fab.cad.design import load_design; d = load_design();"
+        "bom.lines(d); paper_gaps.gaps(d);"
+        "[show.describe(p, d) for p in registry.listed()];"
+        "print(sorted(m for m in sys.modules if m in ('cadquery', 'OCP', 'jinja2', 'scipy')))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout.strip() == "[]"

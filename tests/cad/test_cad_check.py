@@ -1,0 +1,302 @@
+"""`cad check` without a fault: rays, axes and rows on solids whose figures are known."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from deltact_fab.cad import check
+from deltact_fab.cad.check import inequalities, pegs, rays, sight
+from deltact_fab.cad.check.built import MESH_MM, Built
+from deltact_fab.cad.check.cylinders import along_z, near
+from deltact_fab.cad.check.row import Row, at, open_keys
+from deltact_fab.cad.check.run import CHECKS
+from deltact_fab.cad.design import load_design
+from deltact_fab.cad.kernel import require
+from deltact_fab.cad.mesh import mesh_solid
+
+VARIANTS = ("deltact", "screws-16mm", "skin-30x34", "skin-44x40", "franka")
+
+
+@pytest.fixture(scope="module")
+def cq():
+    return require()
+
+
+def _walls(solid):
+    return rays.Walls(solid, mesh_solid(solid, MESH_MM, "test"))
+
+
+def _box(cq, size, corner=(0, 0, 0)):
+    return cq.Solid.makeBox(*size, cq.Vector(*corner))
+
+
+def _rod(cq, radius, height, at_mm=(0, 0, 0), way=(0, 0, 1)):
+    return cq.Solid.makeCylinder(radius, height, cq.Vector(*at_mm), cq.Vector(*way))
+
+
+# Rays against triangles.
+
+
+def test_a_ray_meets_a_triangle_where_its_plane_is():
+    rng = np.random.default_rng(3)
+    corners = rng.uniform(-1, 1, (1, 3, 3))
+    weights = rng.dirichlet((1, 1, 1), 200)
+    points = weights @ corners[0]
+    origins = rng.uniform(-5, 5, (200, 3))
+    way = points - origins
+    far, hit = rays.first_hit(origins, way, corners)
+    # A direction of full length: the hit is at 1.
+    assert np.allclose(far, 1.0, atol=1e-9)
+    assert (hit == 0).all()
+    outside = corners[0, 0] + 1.1 * (corners[0, 1] - corners[0, 0])
+    miss, none = rays.first_hit(origins, outside - origins, corners)
+    assert np.isinf(miss).all()
+    assert (none == -1).all()
+    behind, _ = rays.first_hit(origins, -way, corners)
+    assert np.isinf(behind).all()
+
+
+def test_rays_from_the_middle_of_a_sphere_go_its_radius_in_every_chunk(cq, monkeypatch):
+    mesh = mesh_solid(cq.Solid.makeSphere(7.0, angleDegrees1=-90), 0.01, "ball")
+    way = np.random.default_rng(5).normal(size=(500, 3))
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    far, hit = rays.first_hit(np.zeros((500, 3)), way, mesh.corners_mm)
+    assert np.abs(far - 7.0).max() < 0.011
+    assert (hit >= 0).all()
+    monkeypatch.setattr(rays, "_PAIRS", 7 * len(mesh.triangles))
+    again, _ = rays.first_hit(np.zeros((500, 3)), way, mesh.corners_mm)
+    assert np.allclose(again, far, rtol=1e-12)
+
+
+def test_the_nearest_of_several_surfaces_counts_and_the_own_one_does_not(cq):
+    corners = mesh_solid(_box(cq, (4, 4, 4)), 0.1, "box").corners_mm
+    start = np.array([[1.3, 1.1, 4.0], [1.3, 1.1, 9.0]])
+    down = np.tile((0.0, 0.0, -1.0), (2, 1))
+    far, _ = rays.first_hit(start, down, corners)
+    assert far == pytest.approx([4.0, 5.0])
+
+
+def test_samples_lie_on_their_triangles_and_spread_by_area(cq):
+    corners = mesh_solid(_box(cq, (40, 20, 3)), 0.1, "box").corners_mm
+    points, owner = rays.samples(corners)
+    again, _ = rays.samples(corners)
+    assert np.array_equal(points, again)
+    normal = rays.normals(corners)[owner]
+    assert np.abs(np.einsum("ij,ij->i", points - corners[owner, 0], normal)).max() < 1e-9
+    top = points[points[:, 2] > 2.999]
+    counts, _, _ = np.histogram2d(top[:, 0], top[:, 1], bins=(4, 2), range=((0, 40), (0, 20)))
+    # 800 mm2 at a point for each 2.25 mm2, in eight fields of 44.
+    assert 320 < len(top) < 400
+    assert counts.min() > 30
+
+
+# Walls.
+
+
+@pytest.mark.parametrize("wall", [0.4, 1.5, 2.0])
+def test_the_wall_of_a_box_is_what_it_was_made_with(cq, wall):
+    hollow = _box(cq, (30, 20, 10)).cut(
+        _box(cq, (30 - 2 * wall, 20 - 2 * wall, 10), (wall, wall, 3.0))
+    )
+    found = _walls(hollow).thinnest()
+    assert found is not None
+    assert found.thickness_mm == pytest.approx(wall, abs=1e-9)
+
+
+def test_the_wall_beside_an_eccentric_hole(cq):
+    """Between circles of 5 and 3 whose axes are 1.2 apart the wall is 0.8 at the thinnest."""
+    tube = _rod(cq, 5, 8).cut(_rod(cq, 3, 10, (1.2, 0, -1)))
+    found = _walls(tube).thinnest()
+    assert found is not None
+    # Never thinner than the truth, and no facet further off than 0.2 rad.
+    assert 0.8 - 1e-9 <= found.thickness_mm < 0.8 * 1.01
+    assert abs(found.at_mm[1]) < 1.0
+    assert found.at_mm[0] > 4.0
+
+
+def test_a_sharp_edge_is_no_wall_and_a_thin_plate_is(cq):
+    wedge = cq.Workplane("XZ").polyline([(0, 0), (20, 0), (20, 12)]).close().extrude(9).val()
+    assert _walls(wedge).thinnest().thickness_mm == pytest.approx(9.0)
+    lean = math.radians(rays.OPPOSITE_DEG - 5)
+    slim = [(0, 0), (20, 0), (20, 1 + 20 * math.tan(lean)), (0, 1)]
+    found = _walls(cq.Workplane("XZ").polyline(slim).close().extrude(9).val()).thinnest()
+    assert 1.0 * math.cos(lean) - 0.3 < found.thickness_mm < 1.5
+
+
+def test_a_mask_leaves_out_what_is_not_asked_for(cq):
+    step = _box(cq, (20, 10, 5)).fuse(_box(cq, (10, 10, 0.7), (20, 0, 0))).clean()
+    walls = _walls(step)
+    assert walls.thinnest().thickness_mm == pytest.approx(0.7)
+    thick = walls.points_mm[:, 0] < 19.0
+    assert walls.thinnest(thick).thickness_mm == pytest.approx(5.0)
+    assert walls.thinnest(np.zeros_like(thick)) is None
+
+
+def test_a_thin_place_far_from_any_corner_is_found(cq):
+    plate = _box(cq, (60, 60, 6)).cut(_rod(cq, 2.0, 5.6, (33, 27, 0.4)))
+    found = _walls(plate).thinnest()
+    assert found.thickness_mm == pytest.approx(0.4)
+    assert np.hypot(found.at_mm[0] - 33, found.at_mm[1] - 27) <= 2.0
+
+
+# Axes.
+
+
+def test_holes_and_shanks_are_told_apart_with_their_ends(cq):
+    part = _box(cq, (20, 20, 6)).cut(_rod(cq, 1.5, 5, (5, 5, -1))).fuse(_rod(cq, 2, 9, (14, 14, 0)))
+    holes = [c for c in along_z(part) if c.hole]
+    shanks = [c for c in along_z(part) if not c.hole]
+    assert [(c.radius_mm, c.low_mm[2], c.high_mm[2]) for c in holes] == [
+        (1.5, pytest.approx(0.0), pytest.approx(4.0))
+    ]
+    assert [(c.radius_mm, c.low_mm[2], c.high_mm[2]) for c in shanks] == [
+        (2.0, pytest.approx(6.0), pytest.approx(9.0))
+    ]
+    assert near(holes, 5.3, 5.4, 0.6) == holes
+    assert near(holes, 5.3, 5.4, 0.4) == []
+
+
+def test_a_hole_that_leans_shows_at_its_ends_and_one_across_is_none(cq):
+    lean = math.radians(3)
+    tilted = _rod(cq, 1, 30, (10 - 5 * math.sin(lean), 10, -5), (math.sin(lean), 0, math.cos(lean)))
+    part = _box(cq, (20, 20, 10)).cut(tilted).cut(_rod(cq, 1, 30, (-1, 3, 5), (1, 0, 0)))
+    (hole,) = along_z(part)
+    assert hole.hole
+    assert hole.offset_mm(10, 10) > 10 * math.sin(lean) * 0.95
+
+
+# Rows.
+
+
+def test_a_verdict_names_what_nobody_measured():
+    keys = ("camera.focal_length_mm", "camera.lens_height_mm")
+    row = Row("view cone", "camera", "58 deg", "<= 90 deg", True, keys)
+    assert row.verdict == "pass (unverified: focal length, lens height)"
+    assert replace(row, passed=False).verdict == "FAIL"
+    assert replace(row, rests_on=()).verdict == "pass"
+    assert open_keys(["a.b_mm", "mount.c_mm"], "mount.", "x.y", "a.b_mm") == (
+        "mount.c_mm",
+        "a.b_mm",
+    )
+    assert at((-0.001, 2.0, -3.456)) == "(0.00, 2.00, -3.46)"
+
+
+def test_measured_keys_are_no_longer_named():
+    keys = "lens_diameter_mm", "lens_height_mm", "focal_length_mm"
+    design = load_design("deltact", [f"camera.measured={list(keys)}"])
+    assert all(row.verdict == "pass" for row in inequalities.rows(design))
+    open_rows = {row.part: row.verdict for row in inequalities.rows(load_design())}
+    assert "focal length" in open_rows["camera"]
+    assert open_rows["mold"] == "pass"
+
+
+def test_a_skin_of_24_is_refused_naming_the_board_and_the_posts_without_the_kernel():
+    rows = check.run(load_design("deltact", ["skin.width_mm=24", "skin.length_mm=24"]))
+    camera = next(row for row in rows if row.part == "camera")
+    assert not camera.passed
+    assert "room between the camera's board and the corner posts: 0.2 <= -5.4" in camera.found
+    not_run = [row for row in rows if row.found == "not run: an inequality is broken"]
+    assert [row.check for row in not_run] == [c.name for c in CHECKS]
+    assert all(row.verdict == "FAIL" for row in not_run)
+
+
+def test_a_part_s_inequalities_are_one_row_with_the_closest():
+    rows = {row.part: row for row in inequalities.rows(load_design())}
+    assert rows["skin-frame"].found.endswith(
+        "closest: frame.seat_y_mm + shell.wall_mm <= frame.wall_y_mm: 3 <= 3"
+    )
+    assert len(rows) == len(list(inequalities.rows(load_design())))
+
+
+# What rests on numbers besides the solids: the same solids, another lens, strip or resin.
+
+
+@pytest.fixture(scope="module")
+def inner(cq):
+    """The parts that camera and light are checked on."""
+    from deltact_fab.cad.build import build_part
+    from deltact_fab.cad.registry import find
+
+    design = load_design()
+    names = ("skin", "acrylic", "camera", "light-holder", "camera-holder", "cover", "shell")
+    solids = {name: build_part(find(name), design)[0] for name in (*names, "skin-frame")}
+    return Built(design, (), solids)
+
+
+def _on(built, **sections):
+    """The same solids under a design that differs."""
+    changed = {
+        name: replace(getattr(built.design, name), **values) for name, values in sections.items()
+    }
+    return Built(replace(built.design, **changed), built.parts, dict(built.solids))
+
+
+def test_the_view_cone_by_snell(inner):
+    x, y, corner = sight.view(inner)
+    # The facts give 58, 45 and 67 degrees for a gap of 3 and the paper's 675 mm2.
+    assert [row.found.split()[2] for row in (x, y, corner)] == ["57.6", "45.1", "66.4"]
+    assert x.limit.startswith("<= 94.4 deg at the 1280 x 720 crop")
+    assert all(row.passed for row in (x, y, corner))
+    assert y.verdict == "pass (unverified: focal length, lens height)"
+
+
+def test_a_longer_lens_does_not_see_the_skin_s_y(inner):
+    rows = {row.check: row for row in sight.view(_on(inner, camera={"focal_length_mm": 1.31}))}
+    assert rows["view cone, x"].passed
+    assert rows["view cone, y"].verdict == "FAIL"
+    assert rows["view cone, y"].limit.startswith("<= 35.3 deg")
+
+
+def test_what_no_ray_reaches_is_told(inner, cq):
+    """Without air the silicone alone bends rays to 12.1 mm at most (facts, optics)."""
+    low, joint = inner.box("camera")[0][2], inner.box("acrylic")[0][2]
+    lens = _rod(cq, 2.0, joint - low - 1e-9, (0, 0, low))
+    close = inner.replaced({"camera": lens})
+    rows = {row.check: row for row in sight.view(close)}
+    assert rows["view cone, corner"].found == "18.71 mm off the axis cannot be seen at any angle"
+    assert not rows["view cone, corner"].passed
+    (cone,) = sight.light_cone(close)
+    assert "bent away" in cone.found
+    assert not cone.passed
+
+
+def test_the_light_cone_goes_through_the_holder_s_bore(inner):
+    (row,) = sight.light_cone(inner)
+    assert row.found == "96 of 96 reach it; radius 6.88 mm at the acrylic, bore 11.60 mm"
+    assert row.passed
+
+
+def test_the_strip_must_go_round(inner):
+    length, width = sight.strip(inner)
+    assert (length.found, length.limit) == (
+        "5 x 16.67 = 83.3 mm",
+        "<= 96.1 mm round the channel",
+    )
+    assert length.passed
+    assert width.passed
+    assert not next(sight.strip(_on(inner, light={"led_count": 6}))).passed
+    assert not list(sight.strip(_on(inner, light={"strip_width_mm": 10.0})))[1].passed
+
+
+def test_the_strain_of_a_peg_as_built(inner):
+    (row,) = pegs.rows(inner)
+    # 1.5 x 1.2 x 0.12 / 3.6^2
+    assert row.found == "1.67 % (leg 1.20, lip 0.12, length 3.60 mm)"
+    assert row.passed
+    (brittle,) = pegs.rows(_on(inner, cover={"strain_limit": 0.015}))
+    assert brittle.verdict == "FAIL"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", VARIANTS)
+def test_the_shipped_designs_pass(name):
+    told = []
+    rows = check.run(load_design(name), lambda *what: told.append(what))
+    assert {(row.check, row.part): row.found for row in rows if not row.passed} == {}
+    assert [done for done, _, _ in told] == list(range(len(told)))
+    assert told[-1] == (told[-1][1], told[-1][1], "done")
+    assert any(row.verdict.startswith("pass (unverified: ") for row in rows)

@@ -1,0 +1,114 @@
+"""What `cad show` tells of a part."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import pytest
+
+from deltact_fab.cad import show
+from deltact_fab.cad.design import load_design
+from deltact_fab.cad.dimensions import Design
+from deltact_fab.cad.registry import find, listed
+from deltact_fab.cad.rules import of_design
+from deltact_fab.cad.show import describe, equation, properties
+
+DEFAULT = load_design()
+
+
+def test_every_derived_length_is_shown_with_some_part():
+    known = {name for name, _ in properties(Design)}
+    told = {name for names in show.DERIVED.values() for name in names}
+    assert told == known, "list a new property of Design in show.DERIVED"
+
+
+def test_every_rule_is_told_with_some_part():
+    told = {rule.text for part in listed() for rule in describe(part, DEFAULT).rules}
+    assert {rule.text for rule in of_design(DEFAULT)} <= told
+
+
+@pytest.mark.parametrize("part", listed(), ids=lambda part: part.name)
+def test_every_part_is_described_in_full(part):
+    told = describe(part, DEFAULT)
+    json.dumps(told.as_dict(), allow_nan=False)
+    assert told.dimensions
+    assert all(d.meaning for d in told.dimensions), [
+        d.key for d in told.dimensions if not d.meaning
+    ]
+    assert all(d.equation for d in told.derived)
+    assert all(rule.holds for rule in told.rules)
+    assert [title for title, _, _ in told.tables()][:2] == ["", "Dimensions"]
+    for _, columns, rows in told.tables():
+        assert all(len(row) == len(columns) for row in rows)
+
+
+def test_values_and_limits_are_the_design_s():
+    told = {d.key: d for d in describe(find("shell"), load_design("skin-44x40")).dimensions}
+    assert told["skin.width_mm"].value == 44
+    assert (told["skin.width_mm"].low, told["skin.width_mm"].high) == (5, 200)
+    derived = {d.key: d for d in describe(find("shell"), load_design("skin-44x40")).derived}
+    assert derived["frame_outer_mm"].value == (47, 46)
+    assert derived["frame_outer_mm"].equation == "Outer sides of the frame = skin + 2 walls"
+
+
+def test_unverified_until_measured():
+    def keys(design):
+        return {d.key for d in describe(find("camera"), design).dimensions if d.unverified}
+
+    assert keys(DEFAULT) == {
+        "camera.lens_diameter_mm", "camera.lens_height_mm", "camera.focal_length_mm",
+    }  # fmt: skip
+    measured = load_design(changes=['camera.measured=["lens_height_mm"]'])
+    assert "camera.lens_height_mm" not in keys(measured)
+    rests = {key for rule in describe(find("camera"), measured).rules for key in rule.rests_on}
+    assert "camera.focal_length_mm" in rests
+    assert "camera.lens_height_mm" not in rests
+
+
+def test_a_broken_rule_is_shown_and_not_raised():
+    small = load_design(changes=["skin.width_mm=24", "skin.length_mm=24"])
+    broken = [rule for rule in describe(find("camera"), small).rules if not rule.holds]
+    assert any("camera's board" in rule.text for rule in broken)
+    assert all(rule.margin is None or rule.margin <= 0 for rule in broken)
+    rows = {title: rows for title, _, rows in describe(find("camera"), small).tables()}["Rules"]
+    assert "FAILS" in [verdict for _, verdict, _ in rows]
+
+
+def test_parts_that_share_a_shape_share_its_rules():
+    frame, base = (describe(find(n), DEFAULT) for n in ("skin-frame", "transparent-base"))
+    assert frame.rules == base.rules
+    assert frame.derived == base.derived
+    assert len(describe(find("testing-shell"), DEFAULT).rules) > len(
+        describe(find("shell"), DEFAULT).rules
+    )
+
+
+def test_an_indenter_of_any_size():
+    told = {d.key: d.value for d in describe(find("sphere:12.5"), DEFAULT).dimensions}
+    assert told["tip.radius_mm"] == 6.25
+    derived = {d.key: d.value for d in describe(find("sphere:12.5"), DEFAULT).derived}
+    assert derived["footprint_half_mm"] == (6.25, 6.25)
+    assert derived["height_mm"] == told["reach_mm"] + told["plate_mm"] + told["stem_length_mm"]
+    dots = {d.key for d in describe(find("4dots"), DEFAULT).dimensions}
+    assert {"tip1.x_mm", "tip4.radius_mm"} <= dots
+
+
+@pytest.mark.parametrize(
+    ("docstring", "left"),
+    [
+        ("Length of strip = count x pitch: 83.3.", "Length of strip = count x pitch"),
+        ("Pitch = 1000 / LEDs per metre: 16.67.", "Pitch = 1000 / LEDs per metre"),
+        ("Half width = half the connector + 0.1: 11.6.", "Half width = half the connector + 0.1"),
+        ("Rows: top = 12.33, and a pitch less = -0.17.", "Rows: top, and a pitch less"),
+        ("Axis = (outer - post) / 2: (16.3, 16.8).", "Axis = (outer - post) / 2"),
+        ("Volume of one skin: block - edges.\n\nMore.", "Volume of one skin: block - edges"),
+    ],
+)  # fmt: skip
+def test_an_equation_carries_no_default_value(docstring, left):
+    assert equation(docstring) == left
+
+
+def test_no_equation_of_the_design_ends_in_a_default():
+    for name, text in properties(Design):
+        assert not re.search(r": [-(]?\d[\d., x()-]*$", text), name

@@ -1,0 +1,180 @@
+"""The fabrication guide is one file, is right for its design, and says what it lacks."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from deltact_fab.cad import kernel
+from deltact_fab.cad.design import load_design
+from deltact_fab.cad.registry import listed
+from deltact_fab.errors import InputError, MissingLibrary
+from deltact_fab.report import guide
+from deltact_fab.report.guide import Pictures, write
+
+SVG = "data:image/svg+xml;base64,PHN2Zy8+"
+DRAWN = Pictures(
+    SVG, {part.name: SVG for part in listed()}, {"exploded": "data:a,1", "assembled": "data:a,2"}
+)
+
+
+class Seen(HTMLParser):
+    """Ids, anchors, everything a browser would fetch, and the text outside scripts."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.ids: list[str] = []
+        self.fetched: list[str] = []
+        self.tags: list[str] = []
+        self.text = ""
+        self.feed(page)
+        self.text = " ".join(self.text.split())
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        for name, value in attrs:
+            if name == "id" and value:
+                self.ids.append(value)
+            if name in ("src", "href", "srcset", "data-other") and value:
+                self.fetched.append(value)
+
+    def handle_data(self, data: str) -> None:
+        if self.tags[-1:] not in (["script"], ["style"]):
+            self.text += data
+
+
+def page(out: Path, *changes: str, design: str = "deltact", sensors: int = 1) -> Seen:
+    return Seen(write(load_design(design, changes), out, sensors, pictures=DRAWN).read_text())
+
+
+@pytest.fixture(scope="module")
+def default(tmp_path_factory: pytest.TempPathFactory) -> Seen:
+    return page(tmp_path_factory.mktemp("guide") / "guide.html")
+
+
+def test_it_fetches_nothing_and_its_anchors_lead_somewhere(default: Seen) -> None:
+    assert all(link.startswith(("data:", "#")) for link in default.fetched)
+    anchors = {link[1:] for link in default.fetched if link.startswith("#")}
+    assert anchors <= set(default.ids)
+    assert len(default.ids) == len(set(default.ids))
+    assert default.tags.count("img") == 1 + len(listed())
+    assert default.tags.count("model-viewer") == 1
+
+
+def test_it_tells_the_steps_in_their_order(default: Seen) -> None:
+    at = [
+        default.text.index(words)
+        for words in (
+            "A. Print, wash", "B. Coupon test", "Primer.", "Mix.", "Degas", "Pour", "Acrylic. Peel",
+            "Cure level", "Demold.", "E. Pattern by water transfer", "first white", "then black",
+            "G. Light", "Camera to holder.", "Cover to holder.", "Into the shell.", "Skin on.",
+            "Four screws",
+        )
+    ]  # fmt: skip
+    assert at == sorted(at)
+
+
+@pytest.mark.parametrize(
+    "figure",
+    ["31.2", "14.17 cm³", "16 h", "8–10 h", "65 °C", "2.73", "120 Ω", "56 × 54 mm", "35.8 × 36.8",
+     "M1.6 × 19", "4.6 mm", "102.5 Ω", "0.68 g", "0.15 mm", "15 mm above", "83 %"],
+)  # fmt: skip
+def test_it_names_the_figures(default: Seen, figure: str) -> None:
+    assert figure in default.text
+
+
+def test_it_is_the_guide_of_its_design(default: Seen, tmp_path: Path) -> None:
+    assert "not stocked" in default.text
+    other = page(tmp_path / "a.html", design="screws-16mm", sensors=4)
+    assert "not stocked" not in other.text
+    assert "M1.6 × 16" in other.text
+    assert "how to make 4" in other.text
+    assert "5 skins (the transparent base included), in 2 fillings" in other.text
+    wide = page(tmp_path / "b.html", design="skin-44x40")
+    assert "64 × 60 mm" in wide.text
+    assert "56 × 54 mm" not in wide.text
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [("light.resistor_ohm=0",), ("mount.kind=plate",), ("light.supply_v=2",), ("mold.columns=1",)],
+)
+def test_unusual_designs_have_a_guide(tmp_path: Path, changes: tuple[str, ...]) -> None:
+    assert "H. Assembly" in page(tmp_path / "guide.html", *changes).text
+
+
+def test_what_is_measured_is_no_longer_unverified(default: Seen, tmp_path: Path) -> None:
+    assert "3 dimensions unverified" in default.text
+    keys = '["lens_diameter_mm", "lens_height_mm", "focal_length_mm"]'
+    done = page(tmp_path / "guide.html", f"camera.measured={keys}")
+    assert "dimensions unverified" not in done.text
+    assert "Every dimension is marked as measured." in done.text
+    assert "6 dimensions unverified" in page(tmp_path / "f.html", design="franka").text
+
+
+def test_without_the_kernel_it_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing() -> None:
+        raise MissingLibrary("the CAD kernel cannot load: libGL.so.1; apt-get install libgl1")
+
+    monkeypatch.setattr(kernel, "require", missing)
+    seen = Seen(write(load_design(), tmp_path / "guide.html").read_text())
+    assert "No pictures and no 3D view: the CAD kernel cannot load: libGL.so.1" in seen.text
+    assert "img" not in seen.tags
+    assert "model-viewer" not in seen.tags
+    assert "H. Assembly" in seen.text
+
+
+def test_without_the_viewer_it_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def absent(name: str) -> list[importlib.metadata.PackagePath]:
+        raise importlib.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(importlib.metadata, "files", absent)
+    seen = page(tmp_path / "guide.html")
+    assert "No 3D view: dash-model-viewer is not installed" in seen.text
+    assert "model-viewer" not in seen.tags
+    assert "script" not in seen.tags
+    assert seen.tags.count("img") == 1 + len(listed())
+
+
+def test_the_viewer_cannot_end_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bundle = tmp_path / guide.VIEWER_FILE
+    bundle.write_text("var a = '</script><!--<script>', b = 1;")
+
+    class File:
+        name = guide.VIEWER_FILE
+
+        def locate(self) -> Path:
+            return bundle
+
+    monkeypatch.setattr(importlib.metadata, "files", lambda name: [File()])
+    text = write(load_design(), tmp_path / "guide.html", pictures=DRAWN).read_text()
+    assert "var a = '<\\/script><\\!--<script>', b = 1;" in text
+    assert Seen(text).tags.count("script") == 2
+
+
+def test_the_installed_viewer_is_found_with_its_licence() -> None:
+    found = guide.viewer()
+    if found.note:
+        pytest.skip(found.note)
+    assert "customElements.define" in found.script
+    assert "Apache License" in found.licence
+    assert not re.search(r"</script|<!--", found.script)
+
+
+def test_the_same_design_gives_the_same_bytes(tmp_path: Path) -> None:
+    a, b = (write(load_design(), tmp_path / n, pictures=DRAWN) for n in ("a.html", "b.html"))
+    assert a.read_bytes() == b.read_bytes()
+
+
+def test_where_it_cannot_be_written_it_says_so(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="file: cannot be made"):
+        write(load_design(), tmp_path / "file" / "guide.html", pictures=DRAWN)
+    with pytest.raises(InputError, match="sensors 0"):
+        write(load_design(), tmp_path / "guide.html", 0, pictures=DRAWN)
