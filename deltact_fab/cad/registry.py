@@ -71,7 +71,7 @@ SENSOR_PARTS = (
     Part("cover", f"{PARTS}.cover:build", f"{RESIN}, black", PRINT, number=7,
          sections=("cover", "screw", "shell"), explode_mm=-78, colour=BLACK),
     Part("screw", f"{PARTS}.screw:build", "steel, ISO 4762", BOUGHT, 4, number=8,
-         sections=("screw",), explode_mm=-98, colour=STEEL),
+         sections=("screw",), explode_mm=-104, colour=STEEL),
 )  # fmt: skip
 
 TOOL_PARTS = (

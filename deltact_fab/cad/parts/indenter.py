@@ -65,7 +65,7 @@ def expect(dims: IndenterDimensions) -> Expected:
     if radius := _round_plate_mm(dims):
         plate_mm2 = math.pi * radius**2
     else:
-        corner = _corner_mm(dims)
+        corner = corner_mm(dims)
         plate_mm2 = 4 * x * y - (4 - math.pi) * corner**2
     stem_mm3 = math.pi / 4 * indenter.stem_diameter_mm**2 * indenter.stem_length_mm
     tips_mm3 = [t.volume_mm3(plate_z) for t in indenter.tips]
@@ -109,7 +109,7 @@ def build(dims: IndenterDimensions) -> Shape:
     if radius := _round_plate_mm(dims):
         plate = base.circle(radius).extrude(plate_mm)
     else:
-        plate = base.rect(2 * x, 2 * y).extrude(plate_mm).edges("|Z").fillet(_corner_mm(dims))
+        plate = base.rect(2 * x, 2 * y).extrude(plate_mm).edges("|Z").fillet(corner_mm(dims))
     stem = (
         cq.Workplane()
         .workplane(offset=plate_z + plate_mm)
@@ -215,7 +215,7 @@ def _turned(cq: Any, tip: TurnedTip, top_mm: float) -> Any:
     return half.revolve(360, (0, 0, 0), (0, 1, 0))
 
 
-def _corner_mm(dims: IndenterDimensions) -> float:
+def corner_mm(dims: IndenterDimensions) -> float:
     """Corner radius of a rectangular plate, small enough that it covers every tip."""
     smallest = min(t.corner_mm for t in dims.indenter.tips)
     return min(smallest, 0.9 * min(plate_half_mm(dims)))

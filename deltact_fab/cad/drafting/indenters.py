@@ -1,0 +1,144 @@
+"""Callouts of an indenter, drawn with its tips up."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from ...shapes import EllipsoidTip, PrismTip, RidgeTip, SphereTip
+from ...shapes.turned import TurnedTip
+from ..design import IndenterDimensions
+from ..parts.indenter import corner_mm, expect, plate_half_mm
+from .dimensioning import Axis, Centres, Circle, Item, Leader, Linear, shown
+from .items import Callouts, x_of, y_of, z_of
+
+
+def indenter(dims: IndenterDimensions) -> Callouts:
+    """Stem, plate, and what its kind of tips is made from."""
+    indenter, plate = dims.indenter, dims.body.plate_mm
+    box = expect(dims).box_mm
+    half_x, half_y = plate_half_mm(dims)
+    reach, total = dims.plate_z_mm, box[1][2]
+    stem = indenter.stem_diameter_mm / 2
+    tip_x = max(tip.lowest_mm[0] for tip in indenter.tips)
+    round_plate = _is_round(dims)
+    items: list[Item] = [
+        Linear("front", (-tip_x, 0, 0), (-stem, 0, total), "left"),
+        Linear("front", (tip_x, 0, 0), (half_x, 0, reach), "right"),
+        z_of("front", reach, reach + plate, "right", half_x),
+        z_of("front", reach + plate, total, "right", stem),
+        x_of("front", -stem, stem, "bottom", 0, total, before="Ø"),
+        Axis("front", (0, 0, 0), (0, 0, total)),
+        Axis("left", (0, 0, 0), (0, 0, total)),
+        Centres("top", ((0, 0, 0),), max(half_x, half_y) if round_plate else stem),
+    ]
+    if round_plate:
+        items.append(x_of("top", -half_x, half_x, "bottom", before="Ø"))
+    else:
+        r = corner_mm(dims)
+        inset = r * (1 - math.sqrt(0.5))
+        items += [
+            x_of("top", -half_x, half_x, "bottom", half_y),
+            y_of("top", -half_y, half_y, "left", -half_x),
+            Leader("top", (half_x - inset, inset - half_y, 0), 0, f"R{shown(r)} (4×, plate)"),
+        ]
+    items += _tips(dims)
+    level = "Tips level with one another" if len(indenter.tips) > 1 else "Tip square to the stem"
+    notes = (f"{level}. Contact faces smooth, without support marks.",)
+    return Callouts(tuple(items), notes, flipped=True)
+
+
+def _is_round(dims: IndenterDimensions) -> bool:
+    tips = dims.indenter.tips
+    return len(tips) == 1 and not isinstance(tips[0], EllipsoidTip | PrismTip | RidgeTip)
+
+
+def _tips(dims: IndenterDimensions) -> Iterator[Item]:
+    """What the tips of one kind are made from; they are alike."""
+    tips = dims.indenter.tips
+    tip = max(tips, key=lambda t: (t.x_mm, t.y_mm))
+    count = f"{len(tips)}× " if len(tips) > 1 else ""
+    xs = sorted({t.x_mm for t in tips})
+    ys = sorted({t.y_mm for t in tips})
+    if len(xs) > 1:
+        yield x_of("top", xs[0], xs[-1], "top", ys[-1])
+    if len(ys) > 1:
+        yield y_of("top", ys[0], ys[-1], "right", xs[-1])
+    x, y = tip.x_mm, tip.y_mm
+    if isinstance(tip, SphereTip):
+        r = tip.radius_mm
+        if len(tips) > 1:
+            yield Centres("top", tuple((t.x_mm, t.y_mm, 0.0) for t in tips), r)
+        yield Leader("front", (x, y, r), r, f"{count}SR{shown(r)}, shank Ø{shown(2 * r)}")
+    elif isinstance(tip, RidgeTip):
+        w, n = tip.half_width_mm, tip.length_mm / 2
+        yield x_of("front", x - w, x + w, "top", y, tip.equator_mm, after=f" ({len(tips)}×)")
+        yield y_of("left", -n, n, "top", x, 0)
+        yield z_of("front", 0, tip.equator_mm, "right", x + w, y)
+        yield Leader("top", (x, n, 0), w, f"{count}R{shown(w)}, both ends")
+        yield Leader(
+            "front", (x, y, tip.radius_mm), tip.radius_mm,
+            f"{count}R{shown(tip.radius_mm)}, flanks at {shown(tip.flank_deg)}° to the axis",
+        )  # fmt: skip
+    elif isinstance(tip, EllipsoidTip):
+        a, b = tip.a_mm, tip.b_mm
+        yield z_of("left", 0, b, "right", x, y + b)
+        yield Leader(
+            "front", (x, y, 0), 0,
+            f"half an ellipsoid, semi-axes {shown(a)} (x), {shown(b)} (y), {shown(b)} (z)",
+        )  # fmt: skip
+    elif isinstance(tip, PrismTip):
+        yield from _prism(tip)
+    else:
+        yield from _turned(tip)
+
+
+def _prism(tip: PrismTip) -> Iterator[Item]:
+    """A polygon's or a star's outline, and the edge of its face."""
+    x, y, outer = tip.x_mm, tip.y_mm, tip.outer_mm
+    core = outer - tip.corner_mm
+    straight = core * math.cos(math.pi / tip.points) + tip.corner_mm
+    yield Circle("top", (x, y, 0), outer)
+    yield Leader("top", (x, y, 0), outer, f"Ø{shown(2 * outer)} around {tip.points} corners")
+    yield Leader("top", (x + outer, y, 0), 0, f"R{shown(tip.corner_mm)} ({tip.points}×)")
+    if tip.inner_mm < straight - 1e-9:
+        turn = math.pi / tip.points
+        notch = (x + tip.inner_mm * math.cos(turn), y - tip.inner_mm * math.sin(turn), 0.0)
+        words = f"sides meet on Ø{shown(2 * tip.inner_mm)}, rounded R{shown(tip.notch_mm)}"
+        yield Leader("top", notch, 0, words)
+    elif tip.points % 4 == 2:
+        # The flats of a hexagon lie at +-y; a square's lie between the axes.
+        yield y_of("top", y - tip.inner_mm, y + tip.inner_mm, "right", x)
+    edge = tip.edge_mm * (1 - math.sqrt(0.5))
+    at = (x + outer - edge, y, edge)
+    yield Leader("front", at, 0, f"R{shown(tip.edge_mm)} around the face")
+
+
+def _turned(tip: TurnedTip) -> Iterator[Item]:
+    """A turned profile: diameters and heights of its corners, its radii, its flanks."""
+    x, y = tip.x_mm, tip.y_mm
+    start, drawn = tip.profile()
+    rim = (tip.rim_mm, drawn[-1][1][-1][1])
+    corners = [rim]
+    before = start
+    for (kind, points), after in zip(drawn, [*drawn[1:], ("", ())], strict=True):
+        end = points[-1]
+        if kind == "line" and after[0] == "line":
+            corners.append(end)
+        if kind == "arc":
+            centre = next(p.centre_mm for p in tip.pieces if p.end_mm == end)
+            assert centre is not None
+            sort = "SR" if centre[0] == 0 else "R"
+            at = (x + points[0][0], y, points[0][1])
+            yield Leader("front", at, 0, f"{sort}{shown(math.dist(centre, end))}")
+        elif before[1] != end[1]:
+            slope = math.degrees(math.atan2(end[1] - before[1], end[0] - before[0]))
+            at = (x + (before[0] + end[0]) / 2, y, (before[1] + end[1]) / 2)
+            yield Leader("front", at, 0, f"{shown(slope)}° to the face")
+        before = end
+    for d, z in corners:
+        yield x_of("front", x - d, x + d, "top", y, z, before="Ø")
+        if (d, z) != rim:
+            yield Linear("left", (x, y, 0), (x, y + d, z), "right")
+    if start[0] > 0:
+        yield x_of("front", x - start[0], x + start[0], "top", y, start[1], before="Ø")

@@ -1,0 +1,340 @@
+"""Drawings: what they say is the design's, and what they show is the solid, at the stated scale."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from deltact_fab.cad import registry
+from deltact_fab.cad.build import build_part
+from deltact_fab.cad.design import load_design
+from deltact_fab.cad.drafting import callouts
+from deltact_fab.cad.drafting.dimensioning import Leader, Linear, shown
+from deltact_fab.cad.drafting.sheet import (
+    BORDER_MM,
+    CAP,
+    SHEETS,
+    block_rect,
+    meet,
+    text_width_mm,
+    wrapped,
+)
+from deltact_fab.cad.drawing import FLIPPED, SCALES, VIEWS, drawing_svg, has_drawing
+from deltact_fab.cad.kernel import require
+from deltact_fab.cad.mesh import mesh_solid
+from deltact_fab.cad.parts import mold
+from deltact_fab.cad.projection import View, project
+from deltact_fab.errors import InputError
+
+SVG = "{http://www.w3.org/2000/svg}"
+PARTS = (
+    "acrylic", "skin-frame", "transparent-base", "shell", "testing-shell", "light-holder",
+    "camera-holder", "cover", "mold", "coupon-mold", "indenter-sphere-22", "indenter-4dots",
+    "indenter-edges", "indenter-ellipsoid", "indenter-hexprism", "indenter-star", "indenter-ring",
+    "indenter-hat",
+)  # fmt: skip
+FRONT = VIEWS["front"]
+
+
+@pytest.fixture(scope="module")
+def cq():
+    return require()
+
+
+@pytest.fixture(scope="module")
+def made(cq):
+    """A maker that keeps what it made: part and design -> (solid, box, drawing's root)."""
+    kept = {}
+
+    def make(name, design="deltact", *changes):
+        key = (name, design, changes)
+        if key not in kept:
+            part, dims = registry.find(name), load_design(design, changes)
+            solid, measured = build_part(part, dims)
+            svg = drawing_svg(part, dims, solid)
+            kept[key] = part, dims, solid, np.array(measured.box_mm), ET.fromstring(svg)
+        return kept[key]
+
+    return make
+
+
+def texts(root):
+    return [e.text for e in root.iter(f"{SVG}text")]
+
+
+def text_boxes(root):
+    """(words, left, top, right, bottom) of every text, from what the file says."""
+    found = []
+    for e in root.iter(f"{SVG}text"):
+        x, y, height = float(e.get("x")), float(e.get("y")), float(e.get("font-size")) * CAP
+        width = text_width_mm(e.text, height)
+        left = {"start": 0.0, "middle": -width / 2, "end": -width}[e.get("text-anchor")]
+        if e.get("transform"):
+            assert e.get("transform").startswith("rotate(-90")
+            found.append((e.text, (x - height, y - left - width, x, y - left)))
+        else:
+            found.append((e.text, (x + left, y - height, x + left + width, y)))
+    return found
+
+
+def extent(group, *styles):
+    """Width and height of the lines of a group."""
+    data = " ".join(p.get("d") for p in group.iter(f"{SVG}path") if p.get("class") in styles)
+    points = np.array(re.findall(r"(-?[\d.]+) (-?[\d.]+)", data), float)
+    return np.ptp(points, axis=0)
+
+
+def view(root, name):
+    return next(g for g in root.iter(f"{SVG}g") if g.get("id") == f"view-{name}")
+
+
+# Projection
+
+
+def test_a_box_shows_its_outline_and_hides_nothing_else(cq):
+    box = cq.Solid.makeBox(10, 20, 30)
+    (lines,) = project([box], FRONT.direction, FRONT.up)
+    low, high = lines.box_mm
+    assert np.allclose(low, (0, 0), atol=1e-9)
+    assert np.allclose(high, (10, 30), atol=1e-9)
+    # The back edges lie under the front ones.
+    assert lines.hidden == ()
+    assert len(lines.visible) == 1
+
+
+def test_a_hole_is_hidden_from_the_side_and_round_from_above(cq):
+    box = cq.Workplane().box(10, 20, 30).faces(">Z").workplane().hole(4, 12).val()
+    (side,) = project([box], FRONT.direction, FRONT.up)
+    hidden = np.concatenate(side.hidden)
+    assert np.allclose(hidden.min(axis=0), (-2, 3), atol=1e-6)
+    assert np.allclose(hidden.max(axis=0), (2, 15), atol=1e-6)
+    chord_mm = 0.01
+    (above,) = project([box], (0, 0, -1), (0, 1, 0), chord_mm)
+    circle = next(line for line in above.visible if abs(np.ptp(line[:, 0]) - 4) < 0.1)
+    radius = np.hypot(*circle.T)
+    middles = np.hypot(*((circle[1:] + circle[:-1]) / 2).T)
+    assert np.allclose(radius, 2, atol=1e-9)
+    assert middles.min() > 2 - chord_mm
+
+
+def test_a_solid_behind_another_keeps_its_own_hidden_lines(cq):
+    near = cq.Solid.makeBox(10, 2, 10)
+    far = cq.Solid.makeBox(4, 2, 4, cq.Vector(3, 5, 3))
+    half = cq.Solid.makeBox(4, 2, 4, cq.Vector(8, 9, 3))
+    front, behind, aside = project([near, far, half], FRONT.direction, FRONT.up)
+    assert len(front.visible) == 1
+    assert behind.visible == ()
+    assert np.allclose(behind.box_mm, ((3, 3), (7, 7)), atol=1e-6)
+    assert np.allclose(np.concatenate(aside.visible)[:, 0].min(), 10, atol=1e-6)
+    assert np.allclose(np.concatenate(aside.hidden)[:, 0].max(), 10, atol=1e-6)
+
+
+def test_one_solid_in_two_places_is_two(cq):
+    box = cq.Solid.makeBox(2, 2, 2)
+    moved = box.moved(cq.Location((5, 0, 0)))
+    a, b = project([box, moved], FRONT.direction, FRONT.up)
+    assert np.allclose(b.box_mm[0] - a.box_mm[0], (5, 0), atol=1e-9)
+
+
+def test_a_view_needs_an_up_of_its_own():
+    with pytest.raises(ValueError, match="parallel"):
+        View((0, 0, 1), (0, 0, -2)).flat((1, 2, 3))
+
+
+@pytest.mark.parametrize("views", [VIEWS, FLIPPED])
+def test_the_views_belong_to_one_first_angle_drawing(views):
+    """Front and top share x to the right; front and left share the upward axis; what the left view
+    has on its right is what the top view has at its bottom, the side towards the reader."""
+    front, top, left = (views[name].axes for name in ("front", "top", "left"))
+    assert np.allclose(front[0], top[0])
+    assert np.allclose(front[1], left[1])
+    assert np.allclose(front[1], top[2])
+    assert np.allclose(left[2], -front[0])
+    assert np.allclose(left[0], -top[1])
+
+
+# Drawings
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_the_lines_are_the_solid_at_the_stated_scale(made, name):
+    _, _, _, box, root = made(name)
+    size = box[1] - box[0]
+    scale = SCALES[next(t for t in texts(root) if t in SCALES)]
+    for which, want in (("front", size[[0, 2]]), ("top", size[:2]), ("left", size[1:])):
+        drawn = extent(view(root, which), "visible", "hidden")
+        # 0.005 mm of chord on the model, 0.001 of rounding on the sheet.
+        assert np.allclose(drawn, want * scale, atol=0.01 * scale + 0.002), which
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_width_length_and_height_are_dimensioned(made, name):
+    _, _, _, box, root = made(name)
+    said = {t.removeprefix("Ø") for t in texts(root)}
+    for size in box[1] - box[0]:
+        assert shown(size) in said
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_texts_lie_on_the_sheet_and_on_no_other(made, name):
+    *_, root = made(name)
+    found = text_boxes(root)
+    for (a, box_a), (b, box_b) in combinations(found, 2):
+        assert not meet(box_a, box_b), f"{a!r} over {b!r}"
+    width, height = float(root.get("width")[:-2]), float(root.get("height")[:-2])
+    assert (width, height) in SHEETS.values()
+    assert root.get("viewBox") == f"0 0 {width:g} {height:g}"
+    for words, (left, top, right, bottom) in found:
+        assert min(left, top) > BORDER_MM, words
+        assert max(right - width, bottom - height) < -BORDER_MM, words
+
+
+@pytest.mark.parametrize(
+    "name", [*PARTS, "indenter-2dots", "indenter-cylinder", "indenter-sphere-10"]
+)
+def test_dimensions_end_where_the_solid_has_something(made, name):
+    """An end lies on an edge's end, on an outline's extreme, or on the centre of a round edge."""
+    part, design, solid, _, _ = made(name)
+    said = callouts.of(part, design)
+    round_edges = [e for e in solid.Edges() if e.geomType() == "CIRCLE"]
+    points = [v.toTuple() for v in solid.Vertices()]
+    points += [e.arcCenter().toTuple() for e in round_edges]
+    # Diameters end on the whole circle, also where a slot takes that end of it.
+    points += [
+        (x + dx * e.radius(), y + dy * e.radius(), z)
+        for e in round_edges
+        for x, y, z in [e.arcCenter().toTuple()]
+        for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1))
+        if abs(e.normal().z) > 1 - 1e-9
+    ]
+    # Axes of the part, and of its tips.
+    points.append((0.0, 0.0, 0.0))
+    if part.indenter is not None:
+        points += [(t.x_mm, t.y_mm, 0.0) for t in part.indenter.indenter.tips]
+    if name == "mold":
+        points += [(x, y, 0.0) for x, y in mold.centres_mm(design)]
+    views = FLIPPED if said.flipped else VIEWS
+    lines = {n: project([solid], v.direction, v.up)[0] for n, v in views.items()}
+    for item in said.items:
+        where = views[item.view]
+        if isinstance(item, Linear):
+            along = 0 if item.side in ("top", "bottom") else 1
+            drawn = [*lines[item.view].visible, *lines[item.view].hidden]
+            known = [*where.flat(points)[:, along]]
+            for p in drawn:
+                known += [p[0, along], p[-1, along], p[:, along].min(), p[:, along].max()]
+            for end in (item.a, item.b):
+                gap = np.abs(np.array(known) - where.flat(end)[along]).min()
+                assert gap < 2e-3, f"{item}: nothing at {end}"
+        elif isinstance(item, Leader) and item.radius_mm and "around" not in item.words:
+            radii = [
+                e.radius() for e in round_edges
+                if np.allclose(where.flat(e.arcCenter().toTuple()), where.flat(item.at), atol=1e-6)
+            ]  # fmt: skip
+            ball = item.words.removeprefix("4× ").removeprefix("2× ").startswith(("SR", "R"))
+            peg = "peg" in item.words
+            assert ball or peg or any(abs(r - item.radius_mm) < 1e-6 for r in radii), item
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "before", "after"),
+    [
+        ("skin-frame", "skin.width_mm=37", {"39", "36"}, {"40", "37"}),
+        ("skin-frame", "screw.tip_clearance_mm=0.6", {"5.6", "4× Ø1.35 depth 5.6"},
+         {"5.2", "4× Ø1.35 depth 5.2"}),
+        ("acrylic", "optics.acrylic_mm=1.5", {"2"}, {"1.5"}),
+        ("shell", "mount.hole_pitch_mm=12", {"10"}, {"12"}),
+        ("shell", "mount.screw=M4", {"2× Ø3.4 through"}, {"2× Ø4.5 through"}),
+        ("cover", "cover.peg_y_mm=7", {"16"}, {"14"}),
+        ("camera-holder", "cover.peg_clearance_mm=0.05", {"4× Ø3.2 through"}, {"4× Ø3.1 through"}),
+        ("light-holder", "light.diffuser_mm=1.2", {"Ø23.2"}, {"Ø23.8"}),
+        ("mold", "mold.web_mm=9", {"47", "102"}, {"48", "105"}),
+        ("mold", "skin.edge_fillet_mm=1.5", {"R2 all around the floor"},
+         {"R1.5 all around the floor"}),
+        ("coupon-mold", "coupon.depth_mm=5", {"4× Ø15 depth 4"}, {"4× Ø15 depth 5"}),
+        ("testing-shell", "table.tab_mm=16", {"67", "53"}, {"71", "55"}),
+    ],
+)  # fmt: skip
+def test_what_is_printed_follows_the_design(made, name, change, before, after):
+    old, new = set(texts(made(name)[-1])), set(texts(made(name, "deltact", change)[-1]))
+    assert before <= old
+    assert after <= new
+
+
+def test_the_title_block_names_the_part(made):
+    part, *_, root = made("light-holder")
+    said = texts(root)
+    for words in (part.name, part.material, part.process, "ISO 2768-m", "mm", "2:1", "A3",
+                  "DelTact sensor, part 4", "A–A"):  # fmt: skip
+        assert words in said
+    assert any(words.startswith("deltact-fab ") for words in said)
+
+
+def test_what_nobody_measured_is_named_on_the_drawing(made):
+    *_, root = made("light-holder")
+    note = next(t for t in texts(root) if t.startswith("Rests on unverified"))
+    assert "camera.lens_height_mm" in note
+    *_, root = made(
+        "light-holder", "deltact",
+        'camera.measured=["lens_height_mm", "lens_diameter_mm"]',
+    )  # fmt: skip
+    assert not any("unverified" in t for t in texts(root))
+
+
+@pytest.mark.parametrize("design", ["franka", "screws-16mm", "skin-30x34", "skin-44x40"])
+@pytest.mark.parametrize("name", ["shell", "cover"])
+def test_the_shipped_variants_are_drawn_without_overlaps(made, design, name):
+    *_, root = made(name, design)
+    for (a, box_a), (b, box_b) in combinations(text_boxes(root), 2):
+        assert not meet(box_a, box_b), f"{a!r} over {b!r}"
+
+
+def test_nothing_lies_on_the_title_block(made):
+    for name in PARTS:
+        *_, root = made(name)
+        sheet = next(t for t in texts(root) if t in SHEETS)
+        for group in root.iter(f"{SVG}g"):
+            if group.get("id", "").startswith(("view", "dimensions", "picture")):
+                data = " ".join(p.get("d") for p in group.iter(f"{SVG}path"))
+                points = np.array(re.findall(r"(-?[\d.]+) (-?[\d.]+)", data), float)
+                if len(points):
+                    left, top, _, _ = block_rect(sheet)
+                    assert not ((points > (left, top)).all(axis=1)).any(), (name, group.get("id"))
+
+
+def test_a_mesh_left_on_the_solid_changes_no_byte(made):
+    part, design, solid, *_ = made("cover")
+    before = drawing_svg(part, design, solid)
+    mesh_solid(solid, 0.1, part.name)
+    assert drawing_svg(part, design, solid) == before
+
+
+@pytest.mark.parametrize("name", ["skin", "camera", "screw", "camera-screw"])
+def test_what_is_cast_or_bought_has_no_drawing(name):
+    part = registry.find(name)
+    assert not has_drawing(part)
+    with pytest.raises(InputError, match=f"part '{name}': has no drawing"):
+        drawing_svg(part, load_design(), None)
+
+
+def test_a_part_that_fits_no_sheet_is_told(cq):
+    with pytest.raises(InputError, match=r"acrylic: its drawing fits no A3 sheet at 1:5 \(4000 x"):
+        drawing_svg(registry.find("acrylic"), load_design(), cq.Solid.makeBox(4000, 4000, 2))
+
+
+def test_lengths_are_printed_as_a_machinist_writes_them():
+    assert [shown(v) for v in (36, 1.35, 10.0062, 0.1 + 0.2, -0.0, 16.666)] == [
+        "36", "1.35", "10.01", "0.3", "0", "16.67",
+    ]  # fmt: skip
+
+
+def test_notes_are_wrapped_at_their_width():
+    words = "one two three four five six seven eight nine ten"
+    lines = wrapped(words, 30)
+    assert " ".join(lines) == words
+    assert len(lines) > 1
+    assert all(text_width_mm(line) <= 30 for line in lines)
