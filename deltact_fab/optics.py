@@ -68,9 +68,7 @@ class Pinhole:
         return asdict(self)
 
 
-def reached_mm(
-    half_angle_rad: float, air_gap_mm: float, acrylic_mm: float, gel_mm: float
-) -> float:
+def reached_mm(half_angle_rad: float, air_gap_mm: float, acrylic_mm: float, gel_mm: float) -> float:
     """Radius on the gel's face that a ray leaving the lens at half_angle_rad reaches.
 
     Snell at plane faces: r = g tan t + sum of d sin t / sqrt(n^2 - sin^2 t) over acrylic and gel.
@@ -81,9 +79,7 @@ def reached_mm(
     return air_gap_mm * math.tan(half_angle_rad) + behind
 
 
-def half_angle_rad(
-    radius_mm: float, air_gap_mm: float, acrylic_mm: float, gel_mm: float
-) -> float:
+def half_angle_rad(radius_mm: float, air_gap_mm: float, acrylic_mm: float, gel_mm: float) -> float:
     """Half angle at the lens under which a point of the face is seen; inf when none reaches it.
 
     Inverse of reached_mm by bisection, to 1e-12 rad; it grows with the angle. radius_mm >= 0.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -33,6 +34,14 @@ acceleration_mm_s2 = [50.0, 50.0, 50.0]
 [gel]
 spacing_mm = 0.25
 """
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """No test reads or fills the cache of whoever runs it; commands started by tests share one."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("DELTACT_FAB_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
 
 
 @pytest.fixture(scope="session")

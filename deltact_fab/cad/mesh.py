@@ -51,7 +51,7 @@ def mesh_solid(solid: Any, tolerance_mm: float, part: str) -> Mesh:
     """
     request_mm = tolerance_mm
     for _ in range(HALVINGS + 1):
-        mesh = _mesh(solid, request_mm)
+        mesh = mesh_once(solid, request_mm)
         if not is_closed(mesh.triangles):
             raise RunFailed(f"{part}: the mesh at {request_mm:g} mm is not closed")
         if mesh.deviation_mm <= tolerance_mm:
@@ -71,7 +71,8 @@ def is_closed(triangles: NDArray[np.int64]) -> bool:
     return len(triangles) > 0 and len(forward) == len(edges) and np.array_equal(forward, backward)
 
 
-def _mesh(solid: Any, request_mm: float) -> Mesh:
+def mesh_once(solid: Any, request_mm: float) -> Mesh:
+    """Ask the kernel once for a deflection, and measure what came; it may overstep, or be open."""
     from OCP.BRep import BRep_Tool
     from OCP.BRepMesh import BRepMesh_IncrementalMesh
     from OCP.BRepTools import BRepTools

@@ -319,7 +319,9 @@ def _light(d: Design) -> Iterator[Rule]:
     ):
         if rest > 0:
             left = ("wall_mm", light.wall_mm)
-            yield Rule(part, left, "<=", (f"floor {name} the reliefs", rest))
+            yield Rule(
+                part, left, "<=", (f"floor {name} the reliefs (holder.head_clearance_mm)", rest)
+            )
     corner = math.hypot(*d.post_edge_mm)
     yield Rule(
         part,
@@ -598,4 +600,5 @@ def stock_note(d: Design) -> str:
     if d.screw.length_mm in row.stock_mm:
         return ""
     longest = row.stock_mm[-1]
-    return f"{d.screw.thread} x {d.screw.length_mm:g} is not stocked; the longest sold is {longest:g} mm"
+    name = f"{d.screw.thread} x {d.screw.length_mm:g}"
+    return f"{name} is not stocked; the longest sold is {longest:g} mm"

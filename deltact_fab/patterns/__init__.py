@@ -1,12 +1,14 @@
 """Patterns: a recipe becomes patches, dots, a printer's file and a virtual sticker's colours."""
 
 from .dots import centres_csv, centres_mm, check_inside
+from .metadata import Dots, read_dots, read_recipe
 from .patches import draw_patches
-from .raster import Made, albedo, make, raster, read_recipe
+from .raster import Made, albedo, make, raster
 from .recipe import DotGrid, PatternRecipe, load_recipe, recipe_from, recipe_from_options
 
 __all__ = [
     "DotGrid",
+    "Dots",
     "Made",
     "PatternRecipe",
     "albedo",
@@ -17,6 +19,7 @@ __all__ = [
     "load_recipe",
     "make",
     "raster",
+    "read_dots",
     "read_recipe",
     "recipe_from",
     "recipe_from_options",

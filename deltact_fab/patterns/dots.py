@@ -17,21 +17,34 @@ SLACK_MM = 1e-9
 
 
 def centres_mm(grid: DotGrid) -> Points:
-    """Dot centres in the sensor frame, (rows * columns, 2) mm, centred on the origin.
+    """Dot centres in the sensor frame, (rows * columns, 2) mm, about the grid's offset.
 
     Row by row: index = row * columns + column; row 0 at -y, column 0 at -x.
     """
     x_mm = (np.arange(grid.columns) - (grid.columns - 1) / 2) * grid.pitch_x_mm
     y_mm = (np.arange(grid.rows) - (grid.rows - 1) / 2) * grid.pitch_y_mm
-    return np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
+    centred_mm = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
+    return centred_mm + np.array(grid.offset_mm)
+
+
+def to_px(xy_mm: Points, mm_per_px: float, size_px: tuple[int, int]) -> Points:
+    """Places (..., 2) mm in a centred image of size_px (h, w): (x, y) px, 0 a pixel's centre."""
+    height_px, width_px = size_px
+    return xy_mm / mm_per_px + np.array([(width_px - 1) / 2, (height_px - 1) / 2])
 
 
 def check_inside(grid: DotGrid, view_mm: tuple[float, float]) -> None:
     """Raise InputError unless every disc lies wholly in a centred view (x, y) of that size."""
-    for axis, half_mm, side_mm, count in zip(
-        "xy", grid.half_mm, view_mm, (grid.columns, grid.rows), strict=True
+    for axis, half_mm, offset_mm, side_mm, count in zip(
+        "xy", grid.half_mm, grid.offset_mm, view_mm, (grid.columns, grid.rows), strict=True
     ):
-        if half_mm > side_mm / 2 + SLACK_MM:
+        if half_mm + abs(offset_mm) > side_mm / 2 + SLACK_MM:
+            free_mm = side_mm / 2 - half_mm
+            if free_mm >= 0:
+                raise InputError(
+                    f"dots: offset_{axis}_mm: {offset_mm:g} takes them out of the camera's "
+                    f"{side_mm:.2f} mm; at most {np.floor(free_mm * 100) / 100:g} either way"
+                )
             room_mm = side_mm - grid.diameter_mm
             largest = (
                 f"a pitch_{axis}_mm of at most {np.floor(room_mm / (count - 1) * 100) / 100:g}"
@@ -44,14 +57,26 @@ def check_inside(grid: DotGrid, view_mm: tuple[float, float]) -> None:
             )
 
 
-def centres_csv(grid: DotGrid) -> bytes:
-    """The dots as CSV, one row a dot in the order of `centres_mm`, positions to a nanometre."""
-    lines = ["index,row,col,x_mm,y_mm,diameter_mm"]
-    for index, (x_mm, y_mm) in enumerate(centres_mm(grid)):
+def centres_csv(
+    grid: DotGrid, mm_per_px: float | None = None, size_px: tuple[int, int] | None = None
+) -> bytes:
+    """The dots as CSV, one row a dot in the order of `centres_mm`, positions to a nanometre.
+
+    With an image's mm_per_px and size_px (h, w) two more columns hold the centres in it, in px.
+    """
+    columns = ["index", "row", "col", "x_mm", "y_mm", "diameter_mm"]
+    xy_mm = centres_mm(grid)
+    places = xy_mm
+    if mm_per_px is not None and size_px is not None:
+        columns += ["x_px", "y_px"]
+        places = np.hstack((xy_mm, to_px(xy_mm, mm_per_px, size_px)))
+    lines = [",".join(columns)]
+    for index, place in enumerate(places):
         row, column = divmod(index, grid.columns)
         # + 0.0 turns -0.0 into 0.0
-        place = f"{round(x_mm, 6) + 0.0:.6f},{round(y_mm, 6) + 0.0:.6f}"
-        lines.append(f"{index},{row},{column},{place},{grid.diameter_mm:.6f}")
+        x_mm, y_mm, *px = (f"{round(value, 6) + 0.0:.6f}" for value in place)
+        fields = [str(index), str(row), str(column), x_mm, y_mm, f"{grid.diameter_mm:.6f}", *px]
+        lines.append(",".join(fields))
     return ("\n".join(lines) + "\n").encode()
 
 

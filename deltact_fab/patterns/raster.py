@@ -9,8 +9,6 @@ x = (j - (w - 1) / 2) mm_per_px, y = (i - (h - 1) / 2) mm_per_px.
 from __future__ import annotations
 
 import hashlib
-import io
-import json
 import math
 import os
 from dataclasses import dataclass
@@ -20,19 +18,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import __version__
 from ..errors import InputError
 from ..shapes import SensorDimensions
-from . import dots
+from . import chessboard, dots, metadata
 from .patches import draw_patches
-from .recipe import PatternRecipe, recipe_from
+from .recipe import PatternRecipe
 
 DEFAULT_DPI = 1200.0
 MM_PER_INCH = 25.4
 MAX_SIDE_PX = 8000
 """Side of the largest raster: about 0.5 GB of memory while it is written."""
-
-ZLIB_LEVEL = 6
 
 
 @dataclass(frozen=True)
@@ -47,6 +42,8 @@ class Made:
     dpi: float | None
     dots_csv: Path | None
     dots_sha256: str | None
+    inner_corners: tuple[int, int] | None = None
+    """Of a chessboard, in the camera's view, along x and y."""
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data, as `pattern make --json` prints it."""
@@ -55,6 +52,9 @@ class Made:
             "law": r.law,
             "d": r.patch_mm,
             "r": r.r,
+            "channels": r.channels,
+            "scales_mm": r.scales_mm,
+            "weights": r.weights,
             "n": r.n,
             "seed": r.seed,
             "size_mm": r.printed_mm,
@@ -64,6 +64,7 @@ class Made:
             "side_px": self.side_px,
             "dots": None if r.dots is None else r.dots.model_dump(),
             "dots_sha256": self.dots_sha256,
+            "inner_corners": self.inner_corners,
             "sha256": self.image_sha256,
             "files": [str(p) for p in (self.image, self.dots_csv) if p is not None],
         }
@@ -75,9 +76,15 @@ class Made:
         if r.patch_mm is not None:
             asked = "" if r.printed_mm == r.size_mm else f" ({r.size_mm:g} mm were asked for)"
             said[0] += asked
-            said.append(
-                f"  {r.n} x {r.n} whole patches, d {r.patch_mm:g} mm, r {r.r:g}, seed {r.seed}"
-            )
+            what = [f"{r.n} x {r.n} whole patches", f"d {r.patch_mm:g} mm"]
+            if r.r is not None:
+                what.append(f"r {r.r:g}")
+            if r.scales_mm is not None:
+                what.append(f"scales {', '.join(f'{scale_mm:g}' for scale_mm in r.scales_mm)} mm")
+            said.append("  " + ", ".join([*what, f"seed {r.seed}"]))
+        if self.inner_corners is not None:
+            columns, rows = self.inner_corners
+            said.append(f"  {columns} x {rows} inner corners in the camera's view")
         pixel = "a patch" if self.dpi is None else f"a printer dot at {self.dpi:g} dpi"
         said.append(f"  {self.side_px} x {self.side_px} pixels, each {pixel}")
         if r.dots is not None and self.dots_csv is not None:
@@ -96,14 +103,29 @@ def raster(recipe: PatternRecipe, dpi: float) -> NDArray[np.uint8]:
 
     Raises InputError for a resolution that loses the patches or makes too large an image.
     """
-    mm_per_px = _checked_mm_per_px(recipe, dpi)
-    side_px = round(recipe.printed_mm / mm_per_px)
-    edges_px = np.floor(_edges_mm(recipe) / mm_per_px + side_px / 2 + 0.5).astype(np.int64)
-    widths_px = np.diff(edges_px)
+    return raster_window(recipe, dpi, _side_px(recipe, checked_mm_per_px(recipe, dpi)))
+
+
+def raster_window(recipe: PatternRecipe, dpi: float, side_px: int) -> NDArray[np.uint8]:
+    """The middle of `raster`, (side_px, side_px, 3); one dot more or less keeps it centred.
+
+    For stickers of any size: only the whole raster is limited. Raises InputError when dpi loses
+    the patches.
+    """
+    mm_per_px = checked_mm_per_px(recipe, dpi, whole=False)
+    whole_px = _side_px(recipe, mm_per_px)
+    margin_px = max(0, (whole_px - side_px) // 2)
+    edges_px = np.floor(_edges_mm(recipe) / mm_per_px + whole_px / 2 + 0.5).astype(np.int64)
+    edges_px = np.clip(edges_px, margin_px, whole_px - margin_px)
+    widths_px = edges_px[1:] - edges_px[:-1]
     image = draw_patches(recipe).repeat(widths_px, axis=1).repeat(widths_px, axis=0)
     if recipe.dots is not None:
         dots.stamp(image, recipe.dots, mm_per_px)
     return image
+
+
+def _side_px(recipe: PatternRecipe, mm_per_px: float) -> int:
+    return round(recipe.printed_mm / mm_per_px)
 
 
 def albedo(
@@ -139,8 +161,8 @@ def albedo(
     layer = np.asarray(base, np.float64)
     strip = 256  # rows at a time: float64 intermediates of a whole fine image would be gigabytes
     for first in range(0, size_px[0], strip):
-        band = _cell_means(ink, edges_mm, rows_mm[first : first + strip + 1])
-        band = _cell_means(band.swapaxes(0, 1), edges_mm, columns_mm).swapaxes(0, 1)
+        band = cell_means(ink, edges_mm, rows_mm[first : first + strip + 1])
+        band = cell_means(band.swapaxes(0, 1), edges_mm, columns_mm).swapaxes(0, 1)
         out[first : first + strip] = band * layer
     if recipe.dots is not None:
         dots.blend(out, recipe.dots, mm_per_px, np.array(recipe.dots.rgb) / 255.0 * layer)
@@ -156,11 +178,11 @@ def make(
     """Write the sticker as PNG, and the centres of its dots beside it as NAME.dots.csv.
 
     One image pixel is one patch, unless dpi is given or the sticker has dots or no patches: then
-    it is a raster, at DEFAULT_DPI unless told. The PNG's text holds the recipe (`read_recipe`) and
-    its pHYs chunk the size. Equal recipe, resolution and versions give equal bytes.
+    it is a raster, at DEFAULT_DPI unless told. The PNG's text holds the recipe and the dots
+    (`metadata`), its pHYs chunk the size. Equal recipe, resolution and versions give equal bytes.
 
-    Raises InputError when the dots leave the sensor's view, or the file cannot be written; then
-    neither file is left.
+    Raises InputError when the dots leave the sensor's view or a chessboard does not fill it, or
+    the file cannot be written; then neither file is left.
     """
     if path.is_dir():
         raise InputError(f"{path}: is a folder; name a file in it, as in out.png")
@@ -168,18 +190,24 @@ def make(
         raise InputError(f"{path}: the pattern is a PNG: end the name in .png")
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no folder {path.parent}; create it first")
+    view_mm = (sensor or SensorDimensions()).optics.view_mm
+    corners = None
     if recipe.dots is not None:
-        dots.check_inside(recipe.dots, (sensor or SensorDimensions()).optics.view_mm)
+        dots.check_inside(recipe.dots, view_mm)
+    if recipe.law == "chessboard":
+        chessboard.check_covers(recipe, view_mm)
+        corners = chessboard.inner_corners(recipe, view_mm)
     if dpi is None and (recipe.dots is not None or recipe.patch_mm is None):
         dpi = DEFAULT_DPI
     if dpi is None:
         image, mm_per_px = draw_patches(recipe), recipe.patch_mm or recipe.printed_mm
     else:
         image, mm_per_px = raster(recipe, dpi), MM_PER_INCH / dpi
-    table = None if recipe.dots is None else dots.centres_csv(recipe.dots)
+    size_px = (image.shape[0], image.shape[1])
+    table = None if recipe.dots is None else dots.centres_csv(recipe.dots, mm_per_px, size_px)
     table_path = None if table is None else path.with_suffix(".dots.csv")
     table_hash = None if table is None else hashlib.sha256(table).hexdigest()
-    content = _png(image, mm_per_px, _text(recipe, mm_per_px, dpi, table_hash))
+    content = metadata.png(image, recipe, mm_per_px, dpi, table)
     wanted = {path: content}
     if table is not None and table_path is not None:
         wanted[table_path] = table
@@ -193,27 +221,8 @@ def make(
         dpi=dpi,
         dots_csv=table_path,
         dots_sha256=table_hash,
+        inner_corners=corners,
     )
-
-
-def read_recipe(path: Path) -> PatternRecipe:
-    """The recipe that a PNG of `make` carries. Raises InputError when there is none."""
-    from PIL import Image, UnidentifiedImageError
-
-    try:
-        with Image.open(path, formats=["PNG"]) as image:
-            text = dict(getattr(image, "text", {}))
-    except FileNotFoundError as why:
-        raise InputError(f"{path}: no such file") from why
-    except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as why:
-        raise InputError(f"{path}: not a readable PNG") from why
-    if "recipe" not in text:
-        raise InputError(f"{path}: carries no recipe; only files of 'pattern make' do")
-    try:
-        data = json.loads(text["recipe"])
-    except ValueError as why:
-        raise InputError(f"{path}: its recipe is not valid JSON: {why}") from why
-    return recipe_from(data, f"{path}: recipe")
 
 
 def _edges_mm(recipe: PatternRecipe) -> NDArray[np.float64]:
@@ -221,8 +230,8 @@ def _edges_mm(recipe: PatternRecipe) -> NDArray[np.float64]:
     return (np.arange(recipe.n + 1) / recipe.n - 0.5) * recipe.printed_mm
 
 
-def _checked_mm_per_px(recipe: PatternRecipe, dpi: float) -> float:
-    """Side of a printer dot; InputError when it is too coarse or too fine for the sticker."""
+def checked_mm_per_px(recipe: PatternRecipe, dpi: float, whole: bool = True) -> float:
+    """Side of a printer dot; InputError when it is too coarse, or the whole sticker too large."""
     if not (math.isfinite(dpi) and dpi > 0):
         raise InputError(f"dpi: {dpi:g} must be above 0, as in 1200")
     # A marker of four printer dots is hardly round any more; a patch below one is lost
@@ -242,7 +251,7 @@ def _checked_mm_per_px(recipe: PatternRecipe, dpi: float) -> float:
                 f"{name} ({limit_mm:g} mm); use {math.ceil(MM_PER_INCH / limit_mm)} to {largest}"
             )
     side_px = recipe.printed_mm * dpi / MM_PER_INCH
-    if not 1 <= side_px <= MAX_SIDE_PX:
+    if not 1 <= side_px <= (MAX_SIDE_PX if whole else math.inf):
         raise InputError(
             f"dpi: {recipe.printed_mm:g} mm at {dpi:g} dpi is {side_px:.4g} pixels a side; at most "
             f"{MAX_SIDE_PX}, so {math.ceil(MM_PER_INCH / recipe.printed_mm)} to {largest} dpi"
@@ -250,8 +259,8 @@ def _checked_mm_per_px(recipe: PatternRecipe, dpi: float) -> float:
     return MM_PER_INCH / dpi
 
 
-def _cell_means(
-    values: NDArray[np.float64], edges_mm: NDArray[np.float64], cells_mm: NDArray[np.float64]
+def cell_means(
+    values: NDArray[Any], edges_mm: NDArray[np.float64], cells_mm: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Mean of a step function over cells, along axis 0.
 
@@ -264,48 +273,6 @@ def _cell_means(
     at = integral[inside] + values[inside] * (cells_mm - edges_mm[inside])[:, None, None]
     means = np.diff(at, axis=0) / np.diff(cells_mm)[:, None, None]
     return np.clip(means, 0.0, 1.0)  # the sums round in the 13th digit
-
-
-def _text(
-    recipe: PatternRecipe, mm_per_px: float, dpi: float | None, table_hash: str | None
-) -> dict[str, str]:
-    """What the PNG says about itself, for a person and for `read_recipe`."""
-    text = {
-        "Software": f"deltact-fab {__version__}",
-        "law": recipe.law,
-        "d_mm": repr(recipe.patch_mm),
-        "r": repr(recipe.r),
-        "n": str(recipe.n),
-        "seed": str(recipe.seed),
-        "size_mm": repr(recipe.printed_mm),
-        "mm_per_px": repr(mm_per_px),
-        "recipe": recipe.model_dump_json(exclude_none=True),
-    }
-    if recipe.patch_mm is None:
-        del text["d_mm"], text["r"], text["n"]
-    if dpi is not None:
-        text["dpi"] = repr(dpi)
-    if recipe.dots is not None and table_hash is not None:
-        grid = recipe.dots
-        text["dots"] = f"{grid.columns} x {grid.rows}, {grid.diameter_mm:g} mm, {grid.colour}"
-        text["dots_sha256"] = table_hash
-    return text
-
-
-def _png(image: NDArray[np.uint8], mm_per_px: float, text: dict[str, str]) -> bytes:
-    """PNG bytes. pHYs holds whole pixels per metre, so the size in it is right to 0.5 px/m."""
-    from PIL import Image
-    from PIL.PngImagePlugin import PngInfo
-
-    notes = PngInfo()
-    for key, value in text.items():
-        notes.add_text(key, value)
-    dpi = MM_PER_INCH / mm_per_px
-    file = io.BytesIO()
-    Image.fromarray(image).save(
-        file, "PNG", compress_level=ZLIB_LEVEL, optimize=False, dpi=(dpi, dpi), pnginfo=notes
-    )
-    return file.getvalue()
 
 
 def _write_together(wanted: dict[Path, bytes]) -> None:

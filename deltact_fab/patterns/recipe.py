@@ -5,6 +5,7 @@ A recipe is a value: frozen, validated once, written into every file made from i
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Annotated, Any, Literal
 
@@ -12,11 +13,14 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validat
 
 from .. import catalog
 from ..errors import InputError
+from . import octave
+from .laws import LAWS, check_key, check_law
 
 MAX_PATCHES = 2000
 """Patches along a side: the uniforms of a larger sticker would need more than 100 MB."""
 
 Length = Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
+Offset = Annotated[float, Field(ge=-150, le=150, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=1, le=200)]
 
 
@@ -25,7 +29,7 @@ class _Strict(BaseModel):
 
 
 class DotGrid(_Strict):
-    """A centred grid of round dots (paper, Pattern Selection: 169 white dots).
+    """A grid of round dots, centred or set off (paper, Pattern Selection: 169 white dots).
 
     The pitches keep all 13 x 13 dots inside the camera's 30.2 x 22.2 mm view; spread over 35 mm
     the outer ones would leave it.
@@ -38,6 +42,9 @@ class DotGrid(_Strict):
     pitch_x_mm: Length = 2.2
     pitch_y_mm: Length = 1.6
     diameter_mm: Length = 0.6
+    offset_x_mm: Offset = 0.0
+    """Centre of the grid in the sensor frame."""
+    offset_y_mm: Offset = 0.0
     colour: Annotated[str, Field(pattern=r"^#[0-9a-f]{6}$")] = "#ffffff"
     """`#rrggbb` as sent to the printer. White is no ink: the white layer behind shows through."""
 
@@ -62,8 +69,13 @@ class DotGrid(_Strict):
         return red, green, blue
 
     @property
+    def offset_mm(self) -> tuple[float, float]:
+        """Centre of the grid in the sensor frame (x, y)."""
+        return (self.offset_x_mm, self.offset_y_mm)
+
+    @property
     def half_mm(self) -> tuple[float, float]:
-        """Half sides (x, y) of the box around all discs."""
+        """Half sides (x, y) of the box around all discs, which `offset_mm` is the centre of."""
         return (
             ((self.columns - 1) * self.pitch_x_mm + self.diameter_mm) / 2,
             ((self.rows - 1) * self.pitch_y_mm + self.diameter_mm) / 2,
@@ -71,13 +83,10 @@ class DotGrid(_Strict):
 
 
 class PatternRecipe(_Strict):
-    """A square sticker.
+    """A square sticker. Only what its law uses may be given (`laws` has the table)."""
 
-    law `algorithm1` (paper, Algorithm 1) takes patch_mm (d) and r; `dot-matrix` is dots on clear
-    film; `transparent` is clear film. Only what a law uses may be given.
-    """
-
-    law: Literal["algorithm1", "dot-matrix", "transparent"]
+    law: str
+    """Name of an entry of `laws.LAWS`."""
     seed: Annotated[int, Field(ge=0, lt=2**63)]
     size_mm: float = 35.0
     """The side that is asked for; `printed_mm` is the side that whole patches make."""
@@ -87,9 +96,18 @@ class PatternRecipe(_Strict):
     """Randomness regulation factor of the paper: least squared difference, values in 0..1."""
     channels: Literal[1, 3] = 3
     """3 draws red, green and blue independently; 1 draws a grey."""
+    scales_mm: Annotated[tuple[float, ...] | None, Field(validate_default=True)] = None
+    """Sides of the blocks that law `octave` adds, whole multiples of patch_mm, rising."""
+    weights: Annotated[tuple[float, ...] | None, Field(validate_default=True)] = None
+    """Weight of each scale; equal when left out."""
     dots: Annotated[DotGrid | None, Field(validate_default=True)] = None
 
     # A field sees those above it in info.data, less any that failed: each fault names its own key
+
+    @field_validator("law")
+    @classmethod
+    def _law(cls, law: str) -> str:
+        return check_law(law)
 
     @field_validator("size_mm")
     @classmethod
@@ -101,7 +119,8 @@ class PatternRecipe(_Strict):
     @field_validator("patch_mm")
     @classmethod
     def _patch(cls, patch_mm: float | None, info: ValidationInfo) -> float | None:
-        if not _law_uses(patch_mm, info) or patch_mm is None:
+        _check_key("patch_mm", patch_mm is not None, info)
+        if patch_mm is None:
             return None
         if not (math.isfinite(patch_mm) and patch_mm > 0):
             raise ValueError("the patch size d must be above 0 mm, as in 0.15")
@@ -118,31 +137,83 @@ class PatternRecipe(_Strict):
     @field_validator("r")
     @classmethod
     def _r(cls, r: float | None, info: ValidationInfo) -> float | None:
-        if not _law_uses(r, info) or r is None:
+        _check_key("r", r is not None, info)
+        if r is None:
             return None
         if not 0 <= r < 1:
             raise ValueError("the randomness factor must be 0 <= r < 1, as in 0.1")
         return r
 
+    @field_validator("channels")
+    @classmethod
+    def _channels(cls, channels: int, info: ValidationInfo) -> int:
+        # Every recipe has the default in its files: it is refused only where it would mislead
+        _check_key("channels", channels != 3, info)
+        return channels
+
+    @field_validator("scales_mm")
+    @classmethod
+    def _scales(
+        cls, scales_mm: tuple[float, ...] | None, info: ValidationInfo
+    ) -> tuple[float, ...] | None:
+        _check_key("scales_mm", scales_mm is not None, info)
+        patch_mm, size_mm = info.data.get("patch_mm"), info.data.get("size_mm")
+        if scales_mm is None or patch_mm is None or size_mm is None:
+            return scales_mm
+        if not 1 <= len(scales_mm) <= octave.MAX_SCALES:
+            raise ValueError(f"{len(scales_mm)} scales; give 1 to {octave.MAX_SCALES}")
+        for scale_mm in scales_mm:
+            if not patch_mm <= scale_mm * (1 + 1e-9) <= size_mm * (1 + 1e-9):  # NaN fails too
+                raise ValueError(
+                    f"{scale_mm:g} mm must lie between the patch size, {patch_mm:g} mm, and the "
+                    f"side, {size_mm:g} mm"
+                )
+            blocks = round(scale_mm / patch_mm)
+            if abs(scale_mm / patch_mm - blocks) > 1e-6:
+                raise ValueError(
+                    f"{scale_mm:g} mm is {scale_mm / patch_mm:.4g} patches; a whole number is "
+                    f"needed, as in {blocks * patch_mm:g}"
+                )
+        if any(b <= a for a, b in itertools.pairwise(scales_mm)):
+            raise ValueError("the scales must rise, as in [0.1, 0.2, 0.4]")
+        return scales_mm
+
+    @field_validator("weights")
+    @classmethod
+    def _weights(
+        cls, weights: tuple[float, ...] | None, info: ValidationInfo
+    ) -> tuple[float, ...] | None:
+        _check_key("weights", weights is not None, info)
+        scales_mm = info.data.get("scales_mm")
+        if weights is None or scales_mm is None:
+            return weights
+        if len(weights) != len(scales_mm):
+            raise ValueError(f"one weight a scale: {len(weights)} for {len(scales_mm)} scales")
+        low, high = octave.WEIGHTS
+        for weight in weights:
+            if not low <= weight <= high:
+                raise ValueError(f"a weight must be {low:g} to {high:g}: {weight:g} fails")
+        return weights
+
     @field_validator("dots")
     @classmethod
     def _dots(cls, dots: DotGrid | None, info: ValidationInfo) -> DotGrid | None:
-        law = info.data.get("law")
+        _check_key("dots", dots is not None, info)
         if dots is None:
-            if law == "dot-matrix":
-                raise ValueError("law 'dot-matrix' needs a [dots] table")
             return None
-        if law == "transparent":
-            raise ValueError("law 'transparent' has no dots: remove them, or use law 'dot-matrix'")
-        if law == "dot-matrix" and dots.colour == "#ffffff":
+        law = info.data.get("law")
+        if law in LAWS and not LAWS[law].has_patches and dots.colour == "#ffffff":
             raise ValueError("white dots cannot be seen on a clear sticker: give another colour")
         if "size_mm" in info.data and "patch_mm" in info.data:
             printed_mm = _printed_mm(info.data["size_mm"], info.data["patch_mm"])
             wide_mm, high_mm = (2 * half_mm for half_mm in dots.half_mm)
-            if max(wide_mm, high_mm) > printed_mm:
+            reach_mm = max(h + abs(o) for h, o in zip(dots.half_mm, dots.offset_mm, strict=True))
+            if 2 * reach_mm > printed_mm + 1e-9:
+                x_mm, y_mm = dots.offset_mm
+                centre = f" about ({x_mm:g}, {y_mm:g}) mm" if x_mm or y_mm else ""
                 raise ValueError(
-                    f"the grid takes {wide_mm:g} x {high_mm:g} mm and must fit on the printed "
-                    f"{printed_mm:g} mm"
+                    f"the grid takes {wide_mm:g} x {high_mm:g} mm{centre} and must fit on the "
+                    f"printed {printed_mm:g} mm"
                 )
         return dots
 
@@ -157,16 +228,10 @@ class PatternRecipe(_Strict):
         return _printed_mm(self.size_mm, self.patch_mm)
 
 
-def _law_uses(value: float | None, info: ValidationInfo) -> bool:
-    """Whether the law has patches; ValueError when value (d or r) lacks or is one too many."""
-    if "law" not in info.data:
-        return False
-    law = info.data["law"]
-    if law == "algorithm1" and value is None:
-        raise ValueError("law 'algorithm1' needs it")
-    if law != "algorithm1" and value is not None:
-        raise ValueError(f"law {law!r} has no patches: remove it")
-    return bool(law == "algorithm1")
+def _check_key(key: str, is_given: bool, info: ValidationInfo) -> None:
+    """`laws.check_key`, unless the law itself is at fault."""
+    if "law" in info.data:
+        check_key(info.data["law"], key, is_given)
 
 
 def _whole_patches(size_mm: float, patch_mm: float) -> int:

@@ -67,26 +67,40 @@ def test_wavefront_and_row_major_agree_in_every_bit(uniforms, r):
     assert fast.max() <= 255
 
 
-@pytest.mark.parametrize("r", [0.1, 0.2])
-def test_same_law_as_drawing_again_and_again(r):
-    """Kolmogorov-Smirnov on independent small patterns; 2^16 levels stand for the continuum."""
-    rng, repeats = np.random.default_rng(11), 700
-    naive = np.array(
-        [patches.fill_by_rejection(rng, 3, 3, r, 10**6).values for _ in range(repeats)]
-    )
+@pytest.mark.parametrize(
+    ("r", "repeats"),
+    # Towards 1/4 the tries grow without bound: a first value near 1/2 leaves next to no second one
+    [(0.0, 700), (0.02, 700), (0.1, 700), (0.2, 500), (0.24, 300)],
+)
+def test_same_law_as_drawing_again_and_again(r, repeats):
+    """Kolmogorov-Smirnov, two samples, on independent small patterns; 2^16 levels: the continuum.
+
+    Patches with no, one and two neighbours, and the differences to every neighbour, which show the
+    joint law; a channel is a sample of its own.
+    """
+    rng = np.random.default_rng(11)
+    naive = [patches.fill_by_rejection(rng, 3, 3, r, 10**7) for _ in range(repeats)]
+    assert not any(found.hung for found in naive)
+    printed = np.array([found.values for found in naive])
     levels = 2**16
     exact = np.array(
         [patches.fill(rng.random((3, 3, 3)), r, levels) / (levels - 1) for _ in range(repeats)]
     )
-    # The last patch has two neighbours; its difference to the left one shows the joint law
-    for quantity in (
-        lambda v: v[:, 2, 2].ravel(),
-        lambda v: (v[:, 2, 2] - v[:, 2, 1]).ravel(),
-        lambda v: (v[:, 2, 2] - v[:, 1, 1]).ravel(),
-    ):
-        test = stats.ks_2samp(quantity(naive), quantity(exact))
-        assert test.pvalue > 0.01, test
-        assert test.statistic < 0.05
+    places = {
+        "first": lambda v: v[:, 0, 0],
+        "one neighbour": lambda v: v[:, 0, 2],
+        "two neighbours": lambda v: v[:, 2, 2],
+        "left": lambda v: v[:, 2, 2] - v[:, 2, 1],
+        "up": lambda v: v[:, 2, 2] - v[:, 1, 2],
+        "diagonal": lambda v: v[:, 2, 2] - v[:, 1, 1],
+        "other diagonal": lambda v: v[:, 1, 2] - v[:, 2, 1],
+        "first row": lambda v: v[:, 0, 1] - v[:, 0, 0],
+        "first column": lambda v: v[:, 1, 0] - v[:, 0, 0],
+    }
+    for name, quantity in places.items():
+        test = stats.ks_2samp(quantity(printed).ravel(), quantity(exact).ravel())
+        # 45 tests in all: one of them falls below 0.001 once in twenty draws of a right sampler
+        assert test.pvalue > 0.001, (name, test)
 
 
 def test_the_comparison_can_tell_another_law():

@@ -53,6 +53,11 @@ def test_whole_patches(size_mm, patch_mm, n):
         ({"dots": {"rows": 0}}, "p.toml: dots.rows: "),
         ({"dots": {"diameter_mm": 1.7}}, "p.toml: dots: diameter_mm must be below the pitch"),
         ({"dots": {"colour": "red"}}, "p.toml: dots.colour: "),
+        ({"dots": {"offset_x_mm": float("inf")}}, "p.toml: dots.offset_x_mm: "),
+        (
+            {"dots": {"offset_x_mm": -4.01}},
+            "p.toml: dots: the grid takes 27 x 19.8 mm about (-4.01, 0) mm and must fit",
+        ),
         ({"dots": {}, "size_mm": 20.0}, "p.toml: dots: the grid takes 27 x 19.8 mm"),
     ],
 )

@@ -24,6 +24,7 @@ from ...shapes import EllipsoidTip, PrismTip, RidgeTip, SphereTip, Tip, TurnedTi
 from ..checks import Expected, less
 from ..design import IndenterDimensions
 from ..kernel import require
+from .outline import closed
 
 if TYPE_CHECKING:
     from cadquery import Shape
@@ -139,15 +140,14 @@ def _tip(cq: Any, tip: Tip, top_mm: float) -> Any:
 
 def _ball(cq: Any, r: float, top_mm: float) -> Any:
     """Half a ball of radius r and a cylinder above its equator."""
-    return (
+    half = (
         cq.Workplane("XZ")
         .moveTo(0, 0)
         .threePointArc((r * math.sin(math.pi / 4), r - r * math.cos(math.pi / 4)), (r, r))
         .lineTo(r, top_mm)
         .lineTo(0, top_mm)
-        .close()
-        .revolve(360, (0, 0, 0), (0, 1, 0))
     )
+    return closed(half).revolve(360, (0, 0, 0), (0, 1, 0))
 
 
 def _ridge(cq: Any, tip: RidgeTip, top_mm: float) -> Any:
@@ -156,7 +156,7 @@ def _ridge(cq: Any, tip: RidgeTip, top_mm: float) -> Any:
     half_angle = math.radians(90 - tip.flank_deg) / 2
     r = tip.radius_mm
     nose = (r * math.sin(half_angle), r - r * math.cos(half_angle))
-    whole = (
+    profile = (
         cq.Workplane("XZ", origin=(0, tip.length_mm / 2, 0))
         .moveTo(-w, top_mm)
         .lineTo(-w, tip.equator_mm)
@@ -164,20 +164,18 @@ def _ridge(cq: Any, tip: RidgeTip, top_mm: float) -> Any:
         .threePointArc((0, 0), (n, z))
         .lineTo(w, tip.equator_mm)
         .lineTo(w, top_mm)
-        .close()
-        .extrude(tip.length_mm)
     )
+    whole = closed(profile).extrude(tip.length_mm)
     for sign in (-1, 1):
-        end = (
+        half = (
             cq.Workplane("XZ")
             .moveTo(0, 0)
             .threePointArc(nose, (n, z))
             .lineTo(w, tip.equator_mm)
             .lineTo(w, top_mm)
             .lineTo(0, top_mm)
-            .close()
-            .revolve(180, (0, 0, 0), (0, sign, 0))
         )
+        end = closed(half).revolve(180, (0, 0, 0), (0, sign, 0))
         whole = whole.union(end.translate((0, sign * tip.length_mm / 2, 0)))
     return whole
 
@@ -185,13 +183,8 @@ def _ridge(cq: Any, tip: RidgeTip, top_mm: float) -> Any:
 def _ellipsoid(cq: Any, tip: EllipsoidTip, top_mm: float) -> Any:
     """Half an ellipse turned by half a turn about its long axis, and an elliptic shank."""
     a, b = tip.a_mm, tip.b_mm
-    half = (
-        cq.Workplane()
-        .moveTo(a, 0)
-        .ellipseArc(a, b, 0, 180)
-        .close()
-        .revolve(180, (0, 0, 0), (-1, 0, 0))
-    )
+    plan = cq.Workplane().moveTo(a, 0).ellipseArc(a, b, 0, 180)
+    half = closed(plan).revolve(180, (0, 0, 0), (-1, 0, 0))
     shank = cq.Workplane(origin=(0, 0, b)).ellipse(a, b).extrude(top_mm - b)
     return shank.union(half.translate((0, 0, b)))
 
@@ -202,7 +195,7 @@ def _prism(cq: Any, tip: PrismTip, top_mm: float) -> Any:
     plan = cq.Workplane().moveTo(*start)
     for kind, points in drawn:
         plan = plan.lineTo(*points[0]) if kind == "line" else plan.threePointArc(*points)
-    return plan.close().extrude(top_mm).faces("<Z").edges().fillet(tip.edge_mm)
+    return closed(plan).extrude(top_mm).faces("<Z").edges().fillet(tip.edge_mm)
 
 
 def _turned(cq: Any, tip: TurnedTip, top_mm: float) -> Any:
@@ -211,8 +204,8 @@ def _turned(cq: Any, tip: TurnedTip, top_mm: float) -> Any:
     half = cq.Workplane("XZ").moveTo(*start)
     for kind, points in drawn:
         half = half.lineTo(*points[0]) if kind == "line" else half.threePointArc(*points)
-    half = half.lineTo(tip.rim_mm, top_mm).lineTo(start[0], top_mm).close()
-    return half.revolve(360, (0, 0, 0), (0, 1, 0))
+    half = half.lineTo(tip.rim_mm, top_mm).lineTo(start[0], top_mm)
+    return closed(half).revolve(360, (0, 0, 0), (0, 1, 0))
 
 
 def corner_mm(dims: IndenterDimensions) -> float:

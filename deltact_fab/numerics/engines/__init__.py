@@ -12,6 +12,8 @@ REGISTRY = {
     "pattern": "deltact_fab.numerics.engines.pattern",
     "flow": "deltact_fab.numerics.engines.flow",
     "layer": "deltact_fab.numerics.engines.layer",
+    "cad": "deltact_fab.numerics.engines.cad",
+    "sheet": "deltact_fab.numerics.engines.sheet",
 }
 
 

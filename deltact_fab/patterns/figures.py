@@ -1,0 +1,232 @@
+"""Figures of one image of a pattern: how much there is to track, and what could be mistaken.
+
+Of grey, as the trackers see it (ITU-R BT.601 luma), but for the checkerboard share.
+Mean intensity gradient: Pan, Lu, Xie, Opt. Lasers Eng. 48 (2010) 469. SSSIG: Pan, Xie, Wang, Qian,
+Asundi, Opt. Express 16 (2008) 7037. Both predict how noise of the image becomes noise of a small
+motion; contrast on coarse levels of the pyramid tells whether a large motion is found at all.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Image = NDArray[Any]
+Field = NDArray[np.float64]
+
+LUMA = (0.299, 0.587, 0.114)
+SUBSET_PX = 15
+"""Side of a subset: radius 7, as of the DIC methods that this toolchain is compared with."""
+LEVELS = 6
+LOBE = 0.1
+"""Autocorrelation that ends the main lobe: a peak counts once it is separated by a lower value."""
+PEAK_SHARE = 0.9
+"""A regular pattern has a lattice of like peaks: the nearest is the one that is mistaken first."""
+PEAK_WITHIN = 0.25
+"""Lags up to this share of the shorter side: longer ones have little overlap and much noise."""
+STREAK_PATCHES = 8
+"""One patch on, the streaks of r = .15 do not stand out yet; they are many patches long."""
+SHIFT_PX = 2.0
+"""Misplaced ink moves a colour by less."""
+
+
+@dataclass(frozen=True)
+class Figures:
+    """One image in numbers; grey levels are of 0..255."""
+
+    mean_gradient: float
+    """Mean intensity gradient, grey levels a pixel."""
+    sssig: float
+    """Sum of squares of the gradient in a subset of 15 x 15 px, mean of x and y and of subsets."""
+    sssig_least: float
+    """The same of the poorest subset: 0 where there is nothing to track."""
+    contrast: tuple[float, ...]
+    """Standard deviation at pyramid levels 0..5, each half the one before (2 x 2 means)."""
+    checkerboard: tuple[float, float, float] | None
+    """Share of the variance of R, G, B that a pure patch checkerboard explains; None: no patches"""
+    anisotropy: float
+    """Of the gradient's structure tensor: 0 alike in all directions, 1 stripes."""
+    streaks: float | None
+    """Autocorrelation 1..8 patches along one diagonal less that along the other; None: as above.
+    Algorithm 1 at r of about .05 to .2 makes diagonal streaks: its scan runs one way."""
+    peak: float
+    """Secondary peak of the autocorrelation, the nearest of nine tenths of the highest: 1 is an
+    exact copy; 0: there is none."""
+    peak_mm: float | None
+    """How far away: a motion near it can be mistaken for none. None: there is no peak."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        return asdict(self)
+
+
+def figures(
+    image: Image, mm_per_px: float, patch_mm: float | None, checkerboard: Image | None
+) -> Figures:
+    """All figures of an image (h, w, 3) RGB in 0..255; h, w at least 64.
+
+    checkerboard: (h, w) image of the pure patch checkerboard, for a pattern of patches.
+    """
+    shade = grey(image)
+    gx, gy = gradient(shade)
+    rho = autocorrelation(shade)
+    height, peak_px = secondary_peak(rho)
+    least, mean = sssig(gx, gy)
+    return Figures(
+        mean_gradient=float(np.hypot(gx, gy).mean()),
+        sssig=mean,
+        sssig_least=least,
+        contrast=contrast(shade),
+        checkerboard=None if checkerboard is None else checkerboard_share(image, checkerboard),
+        anisotropy=anisotropy(gx, gy),
+        streaks=None if patch_mm is None else streaks(rho, patch_mm / mm_per_px),
+        peak=height,
+        peak_mm=None if peak_px is None else peak_px * mm_per_px,
+    )
+
+
+def grey(image: Image) -> Field:
+    """Luma of an RGB image (h, w, 3), float64."""
+    red, green, blue = (image[..., c].astype(np.float64) for c in range(3))
+    return LUMA[0] * red + LUMA[1] * green + LUMA[2] * blue
+
+
+def gradient(shade: Field) -> tuple[Field, Field]:
+    """Central differences (x, y) of an image (h, w), where both exist: (h - 2, w - 2)."""
+    return (
+        (shade[1:-1, 2:] - shade[1:-1, :-2]) / 2,
+        (shade[2:, 1:-1] - shade[:-2, 1:-1]) / 2,
+    )
+
+
+def sssig(gx: Field, gy: Field, side_px: int = SUBSET_PX) -> tuple[float, float]:
+    """(least, mean) over all subsets of the sum of squared gradients, mean of x and y."""
+    sums = np.pad((gx**2 + gy**2) / 2, ((1, 0), (1, 0))).cumsum(0).cumsum(1)
+    boxes = sums[side_px:, side_px:] - sums[:-side_px, side_px:]
+    boxes -= sums[side_px:, :-side_px] - sums[:-side_px, :-side_px]
+    return max(0.0, float(boxes.min())), float(boxes.mean())  # the sums round
+
+
+def contrast(shade: Field) -> tuple[float, ...]:
+    """Standard deviation at each level of the pyramid of 2 x 2 means."""
+    out = []
+    for level in range(LEVELS):
+        if level:
+            rows, columns = (length // 2 * 2 for length in shade.shape)
+            even = shade[:rows, :columns]
+            shade = even.reshape(rows // 2, 2, columns // 2, 2).mean(axis=(1, 3))
+        out.append(float(shade.std()))
+    return tuple(out)
+
+
+def anisotropy(gx: Field, gy: Field) -> float:
+    """(l1 - l2) / (l1 + l2), l the eigenvalues of the mean structure tensor; 0 without gradient."""
+    xx, yy, xy = (gx * gx).mean(), (gy * gy).mean(), (gx * gy).mean()
+    total = xx + yy
+    return 0.0 if total == 0 else float(np.hypot(xx - yy, 2 * xy) / total)
+
+
+def autocorrelation(shade: Field) -> Field:
+    """Normalised autocorrelation, (2k + 1, 2k + 1), lags -k..k, k a quarter of the shorter side.
+
+    Each lag is divided by its own overlap. All zero for an image of one value but at lag 0, 1.
+    """
+    from scipy import fft
+
+    reach = int(min(shade.shape) * PEAK_WITHIN)
+    centred = shade - shade.mean()
+    shape = [fft.next_fast_len(length + reach, real=True) for length in shade.shape]
+    power = np.abs(fft.rfft2(centred, shape)) ** 2
+    sums = np.roll(fft.irfft2(power, shape), (reach, reach), (0, 1))
+    lags = np.abs(np.arange(-reach, reach + 1))
+    overlap = np.outer(shade.shape[0] - lags, shade.shape[1] - lags)
+    rho = sums[: 2 * reach + 1, : 2 * reach + 1] / overlap
+    at_rest = float((centred**2).mean())
+    if at_rest < 1e-12:
+        rho = np.zeros_like(rho)
+        rho[reach, reach] = 1.0
+        return rho
+    return np.asarray(rho / at_rest)
+
+
+def secondary_peak(rho: Field) -> tuple[float, float | None]:
+    """Height and distance (px) of the secondary peak; (0, None) when there is none.
+
+    The nearest local maximum outside the main lobe that has PEAK_SHARE of the highest one. The main
+    lobe is what hangs together with lag 0 above LOBE. The place is refined by a parabola.
+    """
+    from scipy import ndimage
+
+    reach = len(rho) // 2
+    lobes, _ = ndimage.label(rho > LOBE)
+    # The outermost lags have no neighbours: a slope would pass for a maximum there
+    inside = np.zeros(rho.shape, bool)
+    inside[1:-1, 1:-1] = True
+    inside &= lobes != lobes[reach, reach]
+    inside &= (rho == ndimage.maximum_filter(rho, 3)) & (rho > 0)
+    if not inside.any():
+        return 0.0, None
+    tops = np.argwhere(inside)
+    heights = rho[tops[:, 0], tops[:, 1]]
+    tops = tops[heights >= PEAK_SHARE * heights.max()]
+    row, column = min(tops.tolist(), key=lambda top: math.dist(top, (reach, reach)))
+    at = (_vertex(rho[row - 1 : row + 2, column]), _vertex(rho[row, column - 1 : column + 2]))
+    distance = math.hypot(row + at[0] - reach, column + at[1] - reach)
+    return float(min(rho[row, column], 1.0)), distance
+
+
+def _vertex(three: Field) -> float:
+    """Place of the top of a parabola through three values at -1, 0, 1; 0 for a plateau."""
+    left, middle, right = (float(v) for v in three)
+    bend = left - 2 * middle + right
+    return 0.0 if abs(bend) < 1e-9 else max(-0.5, min(0.5, (left - right) / (2 * bend)))
+
+
+def streaks(rho: Field, patch_px: float) -> float:
+    """Mean of rho(+k d, +k d) - rho(+k d, -k d), d a patch, k = 1..8 as far as the lags go."""
+    reach = len(rho) // 2
+    lags = [k * patch_px for k in range(1, STREAK_PATCHES + 1) if k * patch_px <= reach]
+    return math.fsum(
+        _between(rho, reach + lag, reach + lag) - _between(rho, reach + lag, reach - lag)
+        for lag in lags or [float(reach)]
+    ) / max(len(lags), 1)
+
+
+def _between(values: Field, row: float, column: float) -> float:
+    i, j = min(int(row), len(values) - 2), min(int(column), len(values) - 2)
+    a, b = row - i, column - j
+    upper = values[i, j] * (1 - b) + values[i, j + 1] * b
+    lower = values[i + 1, j] * (1 - b) + values[i + 1, j + 1] * b
+    return float(upper * (1 - a) + lower * a)
+
+
+def checkerboard_share(image: Image, checkerboard: Image) -> tuple[float, float, float]:
+    """Share of each channel's variance that the checkerboard explains (squared correlation)."""
+    red, green, blue = (agreement(image[..., c], checkerboard) ** 2 for c in range(3))
+    return red, green, blue
+
+
+def agreement(image: Image, template: Image) -> float:
+    """Correlation of two images (h, w) at the shift of at most SHIFT_PX with the largest one.
+
+    Signed; 0 when either has one value. The shifts are 1/8 px apart, by Fourier interpolation: a
+    misplaced colour is no less contrast.
+    """
+    from scipy import fft
+
+    a, b = (np.asarray(v, np.float64) - np.mean(v, dtype=np.float64) for v in (image, template))
+    spread = math.sqrt(float((a * a).mean() * (b * b).mean()))
+    if spread < 1e-9:
+        return 0.0
+    rows, columns = a.shape
+    cross = fft.fft2(a) * np.conj(fft.fft2(b))
+    shifts = np.arange(-SHIFT_PX, SHIFT_PX + 1e-9, 1 / 8)
+    down = np.exp(2j * np.pi * np.outer(shifts, np.fft.fftfreq(rows)))
+    across = np.exp(2j * np.pi * np.outer(np.fft.fftfreq(columns), shifts))
+    found = (down @ cross @ across).real / (rows * columns) ** 2
+    best = float(found.flat[np.abs(found).argmax()])
+    return max(-1.0, min(1.0, best / spread))

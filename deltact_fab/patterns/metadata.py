@@ -1,0 +1,161 @@
+"""What a pattern's PNG says about itself: the recipe, the scale, and where every dot is.
+
+The image alone is enough: nobody has to find the grid's corner or guess its pitch.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import __version__
+from ..errors import InputError
+from . import dots
+from .recipe import PatternRecipe, recipe_from
+
+ZLIB_LEVEL = 6
+FRAME = (
+    "x_px = x_mm / mm_per_px + (width - 1) / 2, y_px = y_mm / mm_per_px + (height - 1) / 2; "
+    "pixel (0, 0) has its centre at 0, 0 and is the corner at -x, -y as the camera sees it"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Dots:
+    """The dots of an image. centres_mm, centres_px: (n, 2) x and y, in the order of the CSV."""
+
+    centres_mm: NDArray[np.float64]
+    centres_px: NDArray[np.float64]
+    diameter_mm: float
+    diameter_px: float
+    colour: str
+
+
+def png(
+    image: NDArray[np.uint8],
+    recipe: PatternRecipe,
+    mm_per_px: float,
+    dpi: float | None,
+    table: bytes | None,
+) -> bytes:
+    """A pattern's PNG; table: the CSV of its dots.
+
+    pHYs holds whole pixels per metre, so the size in it is right to 0.5 px/m; the text is exact.
+    """
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
+    notes = PngInfo()
+    for key, value in _text(recipe, mm_per_px, dpi, image.shape[:2]).items():
+        notes.add_text(key, value)
+    if table is not None:
+        notes.add_text("dots_sha256", hashlib.sha256(table).hexdigest())
+        notes.add_text("dots_csv", table.decode(), zip=True)
+    per_inch = 25.4 / mm_per_px
+    file = io.BytesIO()
+    Image.fromarray(image).save(
+        file,
+        "PNG",
+        compress_level=ZLIB_LEVEL,
+        optimize=False,
+        dpi=(per_inch, per_inch),
+        pnginfo=notes,
+    )
+    return file.getvalue()
+
+
+def read_recipe(path: Path) -> PatternRecipe:
+    """The recipe that a PNG of `make` carries. Raises InputError when there is none."""
+    return _recipe(path, _read(path)[0])
+
+
+def read_dots(path: Path) -> Dots:
+    """Where the dots are that a PNG of `make` carries, in mm and in px of that image.
+
+    Raises InputError when it has none, was resized or cropped, or its table is another's.
+    """
+    text, size_px = _read(path)
+    recipe = _recipe(path, text)
+    if recipe.dots is None:
+        raise InputError(f"{path}: its pattern has no dots")
+    try:
+        mm_per_px, width_px, height_px = (
+            float(text[key]) for key in ("mm_per_px", "width_px", "height_px")
+        )
+    except (KeyError, ValueError) as why:
+        raise InputError(f"{path}: does not say its scale and size: {why}") from why
+    if (height_px, width_px) != size_px:
+        raise InputError(
+            f"{path}: was made {width_px:g} x {height_px:g} px and is {size_px[1]} x {size_px[0]}: "
+            "it was resized or cropped; use the original"
+        )
+    table = dots.centres_csv(recipe.dots, mm_per_px, size_px)
+    if text.get("dots_csv", "").encode() != table:
+        raise InputError(f"{path}: its table of dots is not that of its recipe; make it again")
+    xy_mm = dots.centres_mm(recipe.dots)
+    return Dots(
+        centres_mm=xy_mm,
+        centres_px=dots.to_px(xy_mm, mm_per_px, size_px),
+        diameter_mm=recipe.dots.diameter_mm,
+        diameter_px=recipe.dots.diameter_mm / mm_per_px,
+        colour=recipe.dots.colour,
+    )
+
+
+def _read(path: Path) -> tuple[dict[str, str], tuple[int, int]]:
+    """Text and (height, width) of a PNG."""
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with Image.open(path, formats=["PNG"]) as image:
+            return dict(getattr(image, "text", {})), (image.height, image.width)
+    except FileNotFoundError as why:
+        raise InputError(f"{path}: no such file") from why
+    except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as why:
+        raise InputError(f"{path}: not a readable PNG") from why
+
+
+def _recipe(path: Path, text: dict[str, str]) -> PatternRecipe:
+    if "recipe" not in text:
+        raise InputError(f"{path}: carries no recipe; only files of 'pattern make' do")
+    try:
+        data = json.loads(text["recipe"])
+    except ValueError as why:
+        raise InputError(f"{path}: its recipe is not valid JSON: {why}") from why
+    return recipe_from(data, f"{path}: recipe")
+
+
+def _text(
+    recipe: PatternRecipe, mm_per_px: float, dpi: float | None, size_px: tuple[int, ...]
+) -> dict[str, str]:
+    """For a person, and for `read_recipe` and `read_dots`."""
+    values = {
+        "Software": f"deltact-fab {__version__}",
+        "law": recipe.law,
+        "d_mm": recipe.patch_mm,
+        "r": recipe.r,
+        "n": None if recipe.patch_mm is None else recipe.n,
+        "seed": recipe.seed,
+        "size_mm": recipe.printed_mm,
+        "mm_per_px": mm_per_px,
+        "width_px": size_px[1],
+        "height_px": size_px[0],
+        "recipe": recipe.model_dump_json(exclude_none=True),
+        "dpi": dpi,
+    }
+    text = {
+        key: value if isinstance(value, str) else repr(value)
+        for key, value in values.items()
+        if value is not None
+    }
+    if recipe.dots is not None:
+        grid = recipe.dots
+        text["dots"] = f"{grid.columns} x {grid.rows}, {grid.diameter_mm:g} mm, {grid.colour}"
+        text["frame"] = FRAME
+    return text

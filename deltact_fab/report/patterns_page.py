@@ -1,0 +1,126 @@
+"""One offline HTML page of a pattern series: what each looks like, its figures, the paper's."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError, MissingLibrary
+from ..patterns import series
+from ..record import write_whole
+from . import figures
+
+
+def ready() -> Callable[[Path], Path]:
+    """`write`, once it is known that its libraries are there: before a series is made, not after.
+
+    Raises MissingLibrary without the extra `report`.
+    """
+    _jinja2()
+    figures._figure(1, 1)
+    return write
+
+
+def write(folder: Path) -> Path:
+    """Write patterns.html into the folder of a series, from its quality.json and contact sheet.
+
+    Raises InputError for a folder that holds no series, MissingLibrary without the extra `report`,
+    RunFailed when the disk refuses.
+    """
+    from . import pattern_figures
+
+    jinja2 = _jinja2()
+    data, picture = _read(folder)
+    rows = data["patterns"]
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent / "templates"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["num"] = _number
+    charts = [
+        figures.to_svg(draw(rows))
+        for draw in (
+            pattern_figures.gradient_by_patch,
+            pattern_figures.coarse_contrast_by_patch,
+        )
+    ]
+    width_px, height_px = _size_px(picture)
+    page = environment.get_template("patterns.html").render(
+        s=data,
+        rows=rows,
+        charts=charts,
+        contact="data:image/png;base64," + base64.b64encode(picture).decode(),
+        # Half size: a camera pixel is two of the sheet's, and one of the screen's
+        contact_px=(width_px // 2, height_px // 2),
+        rounds=series.GRIDS,
+        field_mm=rows[0]["quality"]["field_mm"],
+        most_gradient=max(rows, key=lambda row: _seen(row)["mean_gradient"]),
+        most_coarse=max(rows, key=lambda row: sum(_coarse(row))),
+        chosen=min(
+            (row for row in rows if row["paper_error_mm"] is not None),
+            key=lambda row: row["paper_error_mm"],
+            default=None,
+        ),
+        coarse=_coarse,
+    )
+    out = folder / series.PAGE
+    write_whole(out, page.encode())
+    return out
+
+
+def _jinja2() -> Any:
+    try:
+        import jinja2
+    except ImportError as why:
+        raise MissingLibrary("the page needs jinja2: pip install 'deltact-fab[report]'") from why
+    return jinja2
+
+
+def _read(folder: Path) -> tuple[dict[str, Any], bytes]:
+    """Figures and contact sheet of a series."""
+    try:
+        data = json.loads((folder / series.FIGURES).read_bytes())
+        picture = (folder / series.CONTACT).read_bytes()
+    except FileNotFoundError as why:
+        raise InputError(
+            f"{folder}: no series: {Path(why.filename).name} is missing; name a folder that "
+            "`pattern series` wrote"
+        ) from why
+    except (OSError, ValueError) as why:
+        raise InputError(f"{folder / series.FIGURES}: cannot be read: {why}") from why
+    found = data.get("format") if isinstance(data, dict) else None
+    if found != series.FORMAT:
+        raise InputError(
+            f"{folder / series.FIGURES}: format {found!r}; this version reads {series.FORMAT!r}"
+        )
+    return data, picture
+
+
+def _size_px(picture: bytes) -> tuple[int, int]:
+    """Width and height of a PNG, from its first chunk (ISO/IEC 15948, 11.2.2)."""
+    return int.from_bytes(picture[16:20], "big"), int.from_bytes(picture[20:24], "big")
+
+
+def _seen(row: dict[str, Any]) -> dict[str, Any]:
+    return dict(row["quality"]["photographed"])
+
+
+def _coarse(row: dict[str, Any]) -> tuple[float, float]:
+    """Contrast at pyramid levels 3 and 4 as photographed."""
+    levels = _seen(row)["contrast"]
+    return levels[3], levels[4]
+
+
+def _number(value: Any, digits: int = 1, factor: float = 1.0) -> str:
+    """Fixed digits; a dash where there is none; three channels as their mean."""
+    if value is None:
+        return "–"
+    if isinstance(value, list):
+        value = sum(value) / len(value)
+    return f"{value * factor:.{digits}f}"

@@ -1,0 +1,342 @@
+"""Everything at 0.01 mm: once from the kernel, once from the cache; then read by other programs."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import lib3mf
+import manifold3d
+import numpy as np
+import pytest
+import trimesh
+
+from deltact_fab import cache
+from deltact_fab.cad import registry
+from deltact_fab.cad.design import load_design
+
+pytestmark = pytest.mark.slow
+
+SCRIPT = """
+import sys, time
+started = time.perf_counter()
+from pathlib import Path
+from deltact_fab.cad import registry
+from deltact_fab.cad.design import load_design
+from deltact_fab.cad.export import export_parts
+from deltact_fab.cad.part_files import FORMATS
+
+if __name__ == "__main__":
+    out, jobs = Path(sys.argv[1]), int(sys.argv[2])
+    parts = registry.listed()
+    if "reversed" in sys.argv:
+        parts.reverse()
+    cached = "fresh" not in sys.argv
+    export_parts(load_design(), parts, FORMATS, 0.01, out, jobs=jobs or None, cached=cached)
+    print(time.perf_counter() - started, "cadquery" in sys.modules or "OCP" in sys.modules)
+"""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """Export everything in a process of its own: (seconds, whether it loaded the kernel)."""
+    script = tmp_path_factory.mktemp("script") / "everything.py"
+    script.write_text(SCRIPT)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(cache.FOLDER_VARIABLE, str(tmp_path_factory.mktemp("store")))
+
+        def export(*arguments):
+            done = subprocess.run(
+                [sys.executable, str(script), *map(str, arguments)],
+                capture_output=True,
+                text=True,
+                timeout=600,
+                check=False,
+            )
+            assert done.returncode == 0, done.stderr
+            seconds, loaded = done.stdout.split()
+            return float(seconds), loaded == "True"
+
+        yield export
+
+
+@pytest.fixture(scope="module")
+def exported(run, tmp_path_factory):
+    """Folder, manifest entries and seconds of a first export in one process."""
+    folder = tmp_path_factory.mktemp("everything")
+    seconds, loaded = run(folder, 1)
+    assert loaded
+    return folder, json.loads((folder / "manifest.json").read_text())["files"], seconds
+
+
+def _same(folder, other):
+    names = {path.name for path in folder.iterdir()}
+    assert names == {path.name for path in other.iterdir()}
+    assert len(names) > 100
+    for name in names:
+        assert (folder / name).read_bytes() == (other / name).read_bytes(), name
+
+
+def test_the_second_time_comes_from_the_cache_ten_times_faster(exported, run, tmp_path, capsys):
+    folder, entries, first_s = exported
+    # The best of three, for the machine may be busy with something else.
+    seconds, loaded = zip(*(run(tmp_path, 1) for _ in range(3)), strict=True)
+    _same(folder, tmp_path)
+    assert not any(loaded)
+    with capsys.disabled():
+        used_mb = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+        print(
+            f"\n{len(entries)} files: {first_s:.1f} s and {used_mb:.0f} MB, "
+            f"from the cache {min(seconds):.2f} s: {first_s / min(seconds):.0f} times faster"
+        )
+    assert first_s / min(seconds) >= 10
+
+
+def test_workers_write_the_same_bytes(exported, run, tmp_path):
+    run(tmp_path, 2, "reversed", "fresh")
+    _same(exported[0], tmp_path)
+
+
+@pytest.mark.skipif(shutil.which("ps") is None, reason="ps is not installed (procps)")
+@pytest.mark.parametrize(
+    ("end", "says"),
+    [
+        # As a terminal does it, to the whole group; as the kernel does it when memory runs out.
+        ("group", "deltact-fab: export stopped"),
+        ("worker", "deltact-fab: a worker process died (out of memory, or killed)"),
+    ],
+)
+def test_a_stopped_export_is_one_line_and_leaves_nothing(tmp_path, end, says):
+    script = f"""
+import sys
+from pathlib import Path
+from deltact_fab.cad import export
+export.SHARED_FROM_S = 0.0
+export.parallel.processors = lambda: 2
+from deltact_fab.cli.main import entry
+sys.argv = ["deltact-fab", "cad", "export", "--no-cache", "--out", {str(tmp_path / "o")!r}]
+entry()
+"""
+    with subprocess.Popen(
+        [sys.executable, "-c", script], stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
+        try:
+            started = time.monotonic()
+            while len(workers := _workers(process.pid)) < 2:
+                assert time.monotonic() - started < 60
+                time.sleep(0.1)
+            time.sleep(2)
+            assert list((tmp_path / "o").glob(".export-*"))
+            if end == "group":
+                os.killpg(process.pid, signal.SIGINT)
+            else:
+                os.kill(workers[0], signal.SIGKILL)
+            _, errors = process.communicate(timeout=60)
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+    assert errors.startswith(says)
+    assert errors.count("\n") == 1
+    assert process.returncode == 1
+    assert not (tmp_path / "o").exists()
+    assert not _workers(process.pid)
+
+
+def _workers(group):
+    """Living worker processes of a process group."""
+    listed = subprocess.run(
+        ["ps", "-ww", "-eo", "pid=,pgid=,stat=,args="], capture_output=True, text=True, check=True
+    ).stdout
+    rows = [line.split(maxsplit=3) for line in listed.splitlines()]
+    return [
+        int(pid)
+        for pid, pgid, state, command in rows
+        if int(pgid) == group and state[0] != "Z" and "spawn_main" in command
+    ]
+
+
+def test_a_few_formats_at_a_time_write_the_same_bytes(exported, tmp_path):
+    """A part's STEP must not depend on whether it was meshed or drawn before."""
+    from deltact_fab.cad.export import export_parts
+    from deltact_fab.cad.part_files import FORMATS
+
+    for kinds in (FORMATS[:1], FORMATS[4:], FORMATS[1:4]):
+        export_parts(load_design(), registry.listed(), kinds, 0.01, tmp_path, cached=False, jobs=1)
+    manifest = (exported[0] / "manifest.json").read_bytes()
+    (tmp_path / "manifest.json").write_bytes(manifest)
+    _same(exported[0], tmp_path)
+
+
+def test_a_part_built_again_is_the_same_to_the_last_bit():
+    """The kernel may choose by memory address which of two ends that meet it keeps."""
+    from OCP.BRepTools import BRepTools
+
+    from deltact_fab.cad.build import build_part
+
+    varied = []
+    for part in registry.listed():
+        written = set()
+        for _ in range(8):
+            stream = io.BytesIO()
+            BRepTools.Write_s(build_part(part, load_design())[0].wrapped, stream)
+            written.add(stream.getvalue())
+        if len(written) > 1:
+            varied.append(part.name)
+    assert varied == []
+
+
+def test_every_step_comes_back_as_one_solid_of_its_volume(exported):
+    import cadquery as cq
+
+    folder, entries, _ = exported
+    read = [entry for entry in entries if entry["file"].endswith(".step")]
+    assert len(read) == len(registry.listed()) + 1
+    for entry in read:
+        solids = cq.importers.importStep(str(folder / entry["file"])).solids().vals()
+        copies = 1
+        if entry["part"] == "assembly":
+            copies = sum(part.quantity for part in registry.SENSOR_PARTS)
+        assert len(solids) == copies, entry["file"]
+        assert all(solid.isValid() for solid in solids)
+        volume_mm3 = sum(solid.Volume() for solid in solids)
+        assert volume_mm3 == pytest.approx(entry["volume_mm3"], rel=1e-6), entry["file"]
+
+
+def test_every_mesh_is_closed_for_trimesh_and_manifold(exported):
+    folder, entries, _ = exported
+    read = 0
+    for entry in entries:
+        data = (folder / entry["file"]).read_bytes()
+        if entry["file"].endswith(".stl"):
+            mesh = trimesh.load(io.BytesIO(data), file_type="stl")
+            vertices, triangles = mesh.vertices, mesh.faces
+        elif entry["file"].endswith(".3mf"):
+            vertices, triangles = _of_3mf(data)
+            mesh = trimesh.Trimesh(vertices, triangles, process=False)
+        else:
+            continue
+        read += 1
+        assert mesh.is_watertight, entry["file"]
+        assert mesh.is_winding_consistent
+        assert mesh.body_count == 1
+        slack_mm3 = mesh.area * entry["mesh_deviation_mm"] + 1e-6 * entry["volume_mm3"]
+        assert mesh.volume == pytest.approx(entry["volume_mm3"], abs=slack_mm3), entry["file"]
+        body = manifold3d.Manifold(
+            manifold3d.Mesh(
+                vert_properties=np.asarray(vertices, np.float32),
+                tri_verts=np.asarray(triangles, np.uint32),
+            )
+        )
+        assert body.status() == manifold3d.Error.NoError, entry["file"]
+        assert body.volume() == pytest.approx(mesh.volume, rel=1e-4)
+        assert 0 <= entry["mesh_deviation_mm"] <= 0.01
+    printed = [part for part in registry.listed() if part.process != registry.BOUGHT]
+    assert read == 2 * len(printed)
+
+
+def _of_3mf(data):
+    model = lib3mf.get_wrapper().CreateModel()
+    reader = model.QueryReader("3mf")
+    reader.SetStrictModeActive(True)
+    reader.ReadFromBuffer(data)
+    assert reader.GetWarningCount() == 0
+    objects = model.GetMeshObjects()
+    assert objects.MoveNext()
+    body = objects.GetCurrentMeshObject()
+    assert body.IsManifoldAndOriented()
+    vertices = np.array([list(v.Coordinates) for v in body.GetVertices()], float)
+    return vertices, np.array([list(t.Indices) for t in body.GetTriangleIndices()])
+
+
+def _program(name):
+    found = shutil.which(name)
+    if found is None:
+        pytest.skip(f"{name} is not installed (apt-get install {name})")
+    return found
+
+
+def _said(*command, cwd):
+    done = subprocess.run(
+        command, cwd=cwd, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout + done.stderr
+
+
+def _written(entries, suffix):
+    chosen = [entry for entry in entries if entry["file"].endswith(suffix)]
+    assert chosen
+    return chosen
+
+
+def test_admesh_finds_nothing_to_repair(exported, tmp_path):
+    program = _program("admesh")
+    folder, entries, _ = exported
+    for entry in _written(entries, ".stl"):
+        said = _said(program, str(folder / entry["file"]), cwd=tmp_path)
+        counted = {
+            label.strip(): int(number.split()[0])
+            for line in said.splitlines()
+            for label, colon, number in [line.partition(":")]
+            if colon and number.split() and number.split()[0].isdigit()
+        }
+        assert counted["Number of parts"] == 1, entry["file"]
+        for fault in (
+            "Total disconnected facets",
+            "Degenerate facets",
+            "Edges fixed",
+            "Facets removed",
+            "Facets added",
+            "Facets reversed",
+            "Backwards edges",
+        ):
+            assert counted[fault] == 0, (entry["file"], said)
+
+
+def test_gmsh_reads_the_solids_and_their_volumes(exported, tmp_path):
+    program = _program("gmsh")
+    folder, entries, _ = exported
+    for entry in _written(entries, ".step"):
+        script = tmp_path / "volume.geo"
+        script.write_text(
+            'SetFactory("OpenCASCADE");\n'
+            f'Geometry.OCCTargetUnit = "MM";\nMerge "{folder / entry["file"]}";\n'
+            'v() = Volume{:};\nPrintf("solids %g", #v());\n'
+            'For i In {0 : #v() - 1}\n  Printf("mass %.12g", Mass Volume{v(i)});\nEndFor\n'
+        )
+        said = _said(program, "-parse_and_exit", str(script), cwd=tmp_path)
+        masses = [float(line.split("mass ")[1]) for line in said.splitlines() if "mass " in line]
+        copies = 1
+        if entry["part"] == "assembly":
+            copies = sum(part.quantity for part in registry.SENSOR_PARTS)
+        assert len(masses) == copies, said
+        assert sum(masses) == pytest.approx(entry["volume_mm3"], rel=1e-6), entry["file"]
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".3mf"])
+def test_prusa_slicer_reads_closed_bodies_of_the_right_size(exported, tmp_path, suffix):
+    program = _program("prusa-slicer")
+    folder, entries, _ = exported
+    for entry in _written(entries, suffix):
+        said = _said(program, "--info", str(folder / entry["file"]), cwd=tmp_path)
+        told = {
+            label.strip(): value.strip()
+            for line in said.splitlines()
+            for label, equals, value in [line.partition("=")]
+            if equals
+        }
+        assert told["manifold"] == "yes", (entry["file"], said)
+        assert told["number_of_parts"] == "1"
+        low, high = entry["bounding_box_mm"]
+        for axis, a, b in zip("xyz", low, high, strict=True):
+            assert float(told[f"size_{axis}"]) == pytest.approx(b - a, abs=0.02), entry["file"]
+        slack = 0.02 * entry["volume_mm3"]
+        assert float(told["volume"]) == pytest.approx(entry["volume_mm3"], abs=slack)

@@ -1,0 +1,353 @@
+"""Each format as its own reader sees it: trimesh, manifold3d, lib3mf, ezdxf, the kernel itself."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import struct
+import zipfile
+
+import ezdxf
+import lib3mf
+import manifold3d
+import numpy as np
+import pytest
+import trimesh
+
+from deltact_fab.cad import registry
+from deltact_fab.cad.build import build_part
+from deltact_fab.cad.design import load_design
+from deltact_fab.cad.formats import dxf, glb, step, stl, threemf
+from deltact_fab.cad.kernel import require
+from deltact_fab.cad.mesh import mesh_solid
+from deltact_fab.errors import RunFailed
+
+DESIGN = load_design()
+TOLERANCE_MM = 0.02
+NAMES = ("skin", "acrylic", "indenter-sphere-10")
+PLACES = ((1.0, 2.0, 3.0), (-4.0, 0.0, 0.0))
+
+
+@pytest.fixture(scope="module")
+def parts():
+    """name: (part, solid, measured, mesh)."""
+    made = {}
+    for name in NAMES:
+        part = registry.find(name)
+        solid, measured = build_part(part, DESIGN)
+        made[name] = (part, solid, measured, mesh_solid(solid, TOLERANCE_MM, name))
+    return made
+
+
+def _closed(vertices, triangles):
+    """Volume as manifold3d sees it, which takes only a closed, oriented mesh."""
+    mesh = manifold3d.Mesh(
+        vert_properties=np.asarray(vertices, np.float32), tri_verts=np.asarray(triangles, np.uint32)
+    )
+    body = manifold3d.Manifold(mesh)
+    assert body.status() == manifold3d.Error.NoError
+    return body.volume()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_stl_is_closed_for_trimesh_and_manifold(parts, name):
+    part, _, measured, mesh = parts[name]
+    data = stl.stl_bytes(mesh, part.name)
+    assert data[:80].rstrip() == f"deltact-fab {name}, millimetres".encode()
+    read = trimesh.load(io.BytesIO(data), file_type="stl")
+    assert read.is_watertight
+    assert read.is_winding_consistent
+    assert len(read.faces) == len(mesh.triangles)
+    slack_mm3 = measured.area_mm2 * mesh.deviation_mm + 1e-6 * measured.volume_mm3
+    assert read.volume == pytest.approx(measured.volume_mm3, abs=slack_mm3)
+    assert _closed(read.vertices, read.faces) == pytest.approx(read.volume, rel=1e-5)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_3mf_is_read_by_lib3mf_in_strict_mode_without_a_warning(parts, name):
+    part, _, measured, mesh = parts[name]
+    data = threemf.threemf_bytes(mesh, part.name, part.material, part.colour)
+    model = lib3mf.get_wrapper().CreateModel()
+    reader = model.QueryReader("3mf")
+    reader.SetStrictModeActive(True)
+    reader.ReadFromBuffer(data)
+    assert reader.GetWarningCount() == 0
+    assert model.GetUnit() == lib3mf.ModelUnit.MilliMeter
+    title = model.GetMetaDataGroup().GetMetaDataByKey("", "Title")
+    assert title.GetValue() == name
+    objects = model.GetMeshObjects()
+    assert objects.MoveNext()
+    body = objects.GetCurrentMeshObject()
+    assert body.GetName() == name
+    assert body.IsManifoldAndOriented()
+    assert body.GetTriangleCount() == len(mesh.triangles)
+    vertices = np.array([list(v.Coordinates) for v in body.GetVertices()], np.float32)
+    assert np.array_equal(vertices, mesh.vertices_mm)
+    assert not objects.MoveNext()
+    triangles = [list(t.Indices) for t in body.GetTriangleIndices()]
+    assert trimesh.Trimesh(vertices, triangles, process=False).is_watertight
+    assert _closed(vertices, triangles) == pytest.approx(mesh.volume_mm3, rel=1e-5)
+    # As it stands on the printer: in the positive octant, touching its sides.
+    items = model.GetBuildItems()
+    assert items.MoveNext()
+    move = np.array(items.GetCurrent().GetObjectTransform().Fields, float).reshape(4, 3)
+    assert np.array_equal(move[:3], np.eye(3))
+    assert np.allclose(vertices.min(axis=0) + move[3], 0, atol=1e-6)
+    assert np.allclose(np.ptp(vertices, axis=0), np.subtract(*measured.box_mm[::-1]), atol=0.02)
+
+
+def test_3mf_says_a_strange_material_and_carries_no_date(parts):
+    mesh = parts["acrylic"][3]
+    data = threemf.threemf_bytes(mesh, "a<b", 'PMMA "clear" & <hard>', (1.0, 0.5, 0.0, 0.25))
+    model = lib3mf.get_wrapper().CreateModel()
+    reader = model.QueryReader("3mf")
+    reader.SetStrictModeActive(True)
+    reader.ReadFromBuffer(data)
+    groups = model.GetBaseMaterialGroups()
+    assert groups.MoveNext()
+    group = groups.GetCurrentBaseMaterialGroup()
+    assert group.GetName(1) == 'PMMA "clear" & <hard>'
+    shown = group.GetDisplayColor(1)
+    assert (shown.Red, shown.Green, shown.Blue, shown.Alpha) == (255, 128, 0, 64)
+    with zipfile.ZipFile(io.BytesIO(data)) as zipped:
+        assert [entry.filename for entry in zipped.infolist()] == [
+            "[Content_Types].xml",
+            "_rels/.rels",
+            "3D/3dmodel.model",
+        ]
+        assert {entry.date_time for entry in zipped.infolist()} == {(1980, 1, 1, 0, 0, 0)}
+
+
+def test_glb_is_in_metres_with_y_up(parts):
+    part, _, measured, mesh = parts["skin"]
+    data = glb.glb_bytes([glb.drawn(mesh, part.name, part.colour)], part.name)
+    scene = trimesh.load(io.BytesIO(data), file_type="glb")
+    (x0, y0, z0), (x1, y1, z1) = (np.array(corner) / 1000 for corner in measured.box_mm)
+    # z of the CAD frame is y here, y is -z.
+    assert np.allclose(scene.bounds, [(x0, z0, -y1), (x1, z1, -y0)], atol=1e-8)
+    assert scene.to_mesh().volume == pytest.approx(mesh.volume_mm3 * 1e-9, rel=1e-4)
+
+
+def test_glb_assembly_names_and_places_every_copy(parts):
+    alone = {
+        name: glb.glb_bytes([glb.drawn(mesh, name, part.colour)], name)
+        for name, (part, _, _, mesh) in parts.items()
+    }
+    whole = glb.glb_bytes(
+        [
+            glb.read_part(alone["acrylic"], [(0.0, 0.0, 0.0)]),
+            glb.read_part(alone["indenter-sphere-10"], PLACES),
+        ],
+        "assembly",
+    )
+    scene = trimesh.load(io.BytesIO(whole), file_type="glb")
+    names = {"acrylic", "indenter-sphere-10-1", "indenter-sphere-10-2"}
+    assert set(scene.graph.nodes_geometry) == names
+    tip = parts["indenter-sphere-10"][3]
+    lowest = tip.vertices_mm[tip.vertices_mm[:, 2].argmin()]
+    for copy, place in enumerate(PLACES, start=1):
+        transform, geometry = scene.graph[f"indenter-sphere-10-{copy}"]
+        points = trimesh.transform_points(scene.geometry[geometry].vertices, transform) * 1000
+        x, y, z = np.add(lowest, place)
+        assert np.isclose(points, (x, z, -y), atol=1e-4).all(axis=1).any()
+    assert len(scene.geometry) == 2
+
+
+def test_glb_is_as_the_standard_has_it(parts):
+    """Chunks, alignment, limits of positions, normals of unit length, linear colour, blending."""
+    part, _, _, mesh = parts["skin"]
+    data = glb.glb_bytes([glb.drawn(mesh, part.name, part.colour)], part.name)
+    magic, version, length = struct.unpack_from("<4sII", data)
+    assert (magic, version, length) == (b"glTF", 2, len(data))
+    size, kind = struct.unpack_from("<I4s", data, 12)
+    assert (kind, size % 4) == (b"JSON", 0)
+    document = json.loads(data[20 : 20 + size])
+    rest, kind = struct.unpack_from("<I4s", data, 20 + size)
+    assert (kind, rest) == (b"BIN\0", document["buffers"][0]["byteLength"])
+    assert 28 + size + rest == len(data)
+    assert all(view["byteOffset"] % 4 == 0 for view in document["bufferViews"])
+    read = glb.read_part(data, [(0.0, 0.0, 0.0)])
+    accessor = document["accessors"][0]
+    assert accessor["min"] == read.points_mm.min(axis=0).tolist()
+    assert accessor["max"] == read.points_mm.max(axis=0).tolist()
+    assert np.allclose(np.linalg.norm(read.normals, axis=1), 1, atol=1e-6)
+    assert read.triangles.max() == len(read.points_mm) - 1
+    (material,) = document["materials"]
+    assert material["alphaMode"] == "BLEND"
+    red, green, blue, opacity = material["pbrMetallicRoughness"]["baseColorFactor"]
+    assert (red, green, blue) == pytest.approx((0.3424, 0.6038, 0.8276), abs=1e-3)
+    assert opacity == part.colour[3]
+    # The same closed mesh as in the other formats, once points are joined by place again.
+    joined, index = np.unique(read.points_mm, axis=0, return_inverse=True)
+    assert len(joined) == len(mesh.vertices_mm)
+    assert _closed(joined, index.reshape(-1)[read.triangles]) == pytest.approx(
+        mesh.volume_mm3, rel=1e-5
+    )
+
+
+def test_glb_shades_a_sphere_smoothly_and_an_edge_sharply(parts):
+    mesh = parts["indenter-sphere-10"][3]
+    read = glb.drawn(mesh, "x", (1, 1, 1, 1))
+    points, normals = read.points_mm.astype(float), read.normals.astype(float)
+    ball = (points[:, 2] < 4.9) & (np.linalg.norm(points - (0, 0, 5), axis=1) < 5.01)
+    assert ball.sum() > 100
+    radial = (points[ball] - (0, 0, 5)) / 5
+    assert np.abs(normals[ball] - radial).max() < 0.05
+    top = np.isclose(points[:, 2], points[:, 2].max())
+    assert {tuple(n) for n in normals[top & (normals[:, 2] > 0.5)].round(6)} == {(0.0, 0.0, 1.0)}
+    rim = normals[top & (normals[:, 2] < 0.5)]
+    assert len(rim) > 10
+    assert np.abs(rim[:, 2]).max() < 1e-3
+
+
+def test_dxf_holds_the_outline_in_millimetres_on_its_layer(parts):
+    _, solid, measured, _ = parts["acrylic"]
+    document = ezdxf.read(io.StringIO(dxf.dxf_bytes(solid, "acrylic").decode()))
+    assert document.header["$INSUNITS"] == 4
+    assert not document.audit().errors
+    entities = list(document.modelspace())
+    assert {entity.dxf.layer for entity in entities} == {"CUT"}
+    assert {entity.dxftype() for entity in entities} == {"LINE"}
+    assert len(entities) == 12
+    loops = _loops(entities)
+    assert len(loops) == 1
+    thickness_mm = measured.box_mm[1][2] - measured.box_mm[0][2]
+    assert _area_mm2(loops[0]) * thickness_mm == pytest.approx(measured.volume_mm3, rel=1e-9)
+    points = np.array([start for start, _, _ in loops[0]])
+    assert np.allclose(points.max(axis=0), DESIGN.acrylic_half_mm, atol=1e-9)
+    assert np.allclose(points.min(axis=0), np.negative(DESIGN.acrylic_half_mm), atol=1e-9)
+
+
+def test_dxf_turns_arcs_the_right_way():
+    cq = require()
+    plate = (
+        cq.Workplane()
+        .workplane(offset=7)
+        .rect(30, 20)
+        .extrude(3)
+        .edges("|Z")
+        .fillet(4)
+        .faces(">Z")
+        .workplane()
+        .pushPoints([(5, 0)])
+        .hole(6)
+        .faces(">Z")
+        .workplane()
+        .moveTo(-8, 0)
+        .slot2D(10, 4, 90)
+        .cutThruAll()
+    )
+    document = ezdxf.read(io.StringIO(dxf.dxf_bytes(plate.val(), "plate").decode()))
+    entities = list(document.modelspace())
+    kinds = [entity.dxftype() for entity in entities]
+    assert (kinds.count("CIRCLE"), kinds.count("ARC"), kinds.count("LINE")) == (1, 6, 6)
+    (hole,) = [entity for entity in entities if entity.dxftype() == "CIRCLE"]
+    assert (hole.dxf.center.x, hole.dxf.center.y, hole.dxf.radius) == pytest.approx((5, 0, 3))
+    areas = sorted(_area_mm2(loop) for loop in _loops([e for e in entities if e is not hole]))
+    slot_mm2 = 4 * 6 + math.pi * 4
+    outline_mm2 = 30 * 20 - (4 - math.pi) * 16
+    assert areas == pytest.approx([slot_mm2, outline_mm2], rel=1e-9)
+
+
+def _loops(entities):
+    """Closed chains of (start, end, bulge) from lines and arcs in the order they were drawn."""
+    loops, chain = [], []
+    for entity in entities:
+        if entity.dxftype() == "LINE":
+            ends = [(p.x, p.y) for p in (entity.dxf.start, entity.dxf.end)]
+            bulge = 0.0
+        else:
+            ends = [(p.x, p.y) for p in (entity.start_point, entity.end_point)]
+            sweep = (entity.dxf.end_angle - entity.dxf.start_angle) % 360
+            bulge = math.tan(math.radians(sweep) / 4)
+        if chain and math.dist(chain[-1][1], ends[0]) > 1e-9:
+            # An arc is always drawn counter-clockwise; the chain may run the other way.
+            assert math.dist(chain[-1][1], ends[1]) < 1e-9 or len(chain) == 1
+            if math.dist(chain[-1][1], ends[1]) > 1e-9:
+                start, end, first = chain[-1]
+                chain[-1] = (end, start, -first)
+            if math.dist(chain[-1][1], ends[0]) > 1e-9:
+                ends.reverse()
+                bulge = -bulge
+        chain.append((*ends, bulge))
+        if len(chain) > 1 and math.dist(chain[-1][1], chain[0][0]) < 1e-9:
+            loops.append(chain)
+            chain = []
+    assert not chain
+    return loops
+
+
+def _area_mm2(loop):
+    """Shoelace and the segments between chords and arcs."""
+    total = 0.0
+    for (x0, y0), (x1, y1), bulge in loop:
+        total += (x0 * y1 - x1 * y0) / 2
+        if bulge:
+            sweep = 4 * math.atan(abs(bulge))
+            radius = math.dist((x0, y0), (x1, y1)) / (2 * math.sin(sweep / 2))
+            total += math.copysign(radius**2 * (sweep - math.sin(sweep)) / 2, bulge)
+    return abs(total)
+
+
+def test_dxf_refuses_what_a_laser_cannot_cut(parts):
+    cq = require()
+    bevelled = cq.Workplane().box(20, 10, 4).faces(">Z").chamfer(1).val()
+    with pytest.raises(RunFailed, match=r"bevelled: no plate to cut: its outline holds 576"):
+        dxf.dxf_bytes(bevelled, "bevelled")
+    with pytest.raises(RunFailed, match="flat faces look up; a plate has one"):
+        dxf.dxf_bytes(parts["indenter-sphere-10"][1], "ball")
+    oval = cq.Workplane().ellipse(9, 5).extrude(2).val()
+    with pytest.raises(RunFailed, match="oval: an edge is a ELLIPSE; lines and arcs can be cut"):
+        dxf.dxf_bytes(oval, "oval")
+
+
+def test_step_assembly_has_one_named_solid_a_copy(parts, tmp_path):
+    cq = require()
+    data = step.assembly_bytes(
+        [
+            ("acrylic", parts["acrylic"][1], [(0.0, 0.0, 0.0)]),
+            ("ball", parts["indenter-sphere-10"][1], PLACES),
+        ],
+        "assembly",
+    )
+    (tmp_path / "a.step").write_bytes(data)
+    solids = cq.importers.importStep(str(tmp_path / "a.step")).solids().vals()
+    ball = parts["indenter-sphere-10"][2]
+    assert sorted(s.Volume() for s in solids) == pytest.approx(
+        sorted([parts["acrylic"][2].volume_mm3] + 2 * [ball.volume_mm3]), rel=1e-6
+    )
+    lowest = sorted(s.BoundingBox().zmin for s in solids if s.Volume() < 2000)
+    assert lowest == pytest.approx([0.0, 3.0], abs=1e-6)
+    text = data.decode()
+    for name in ("assembly", "acrylic", "ball"):
+        assert text.count(f"PRODUCT('{name}','{name}'") == 1
+    for number, use in enumerate(("acrylic-1", "ball-1", "ball-2"), start=1):
+        assert f"NEXT_ASSEMBLY_USAGE_OCCURRENCE('{number}','{use}'" in text
+
+
+def test_the_second_time_in_a_process_gives_the_same_bytes(parts):
+    """The kernel counts products, uses and files over the life of the process."""
+    _, solid, _, mesh = parts["acrylic"]
+    for write in (
+        lambda: step.part_bytes(solid, "acrylic"),
+        lambda: step.assembly_bytes([("acrylic", solid, PLACES)], "assembly"),
+        lambda: dxf.dxf_bytes(solid, "acrylic"),
+        lambda: threemf.threemf_bytes(mesh, "acrylic", "PMMA", (1, 1, 1, 1)),
+        lambda: glb.glb_bytes([glb.drawn(mesh, "acrylic", (1, 1, 1, 1))], "acrylic"),
+        lambda: stl.stl_bytes(mesh, "acrylic"),
+    ):
+        assert write() == write()
+
+
+def test_foreign_settings_of_the_kernel_do_not_reach_a_step_file(parts):
+    from OCP.Interface import Interface_Static
+
+    solid = parts["skin"][1]
+    before = step.part_bytes(solid, "skin"), step.assembly_bytes([("skin", solid, PLACES)], "a")
+    Interface_Static.SetIVal_s("write.surfacecurve.mode", 0)
+    Interface_Static.SetIVal_s("write.precision.mode", 1)
+    Interface_Static.SetIVal_s("write.stepcaf.subshapes.name", 1)
+    Interface_Static.SetCVal_s("write.step.unit", "INCH")
+    after = step.part_bytes(solid, "skin"), step.assembly_bytes([("skin", solid, PLACES)], "a")
+    assert before == after

@@ -1,0 +1,298 @@
+"""The laws: same bytes for a seed, the distributions they promise, and what each one refuses."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import time
+from fractions import Fraction
+from itertools import product
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from deltact_fab import catalog
+from deltact_fab.errors import InputError
+from deltact_fab.patterns import (
+    albedo,
+    centres_mm,
+    draw_patches,
+    load_recipe,
+    make,
+    recipe_from,
+)
+from deltact_fab.patterns.chessboard import check_covers, corners_mm, inner_corners
+from deltact_fab.patterns.laws import LAWS
+from deltact_fab.patterns.octave import SumOfUniforms, block_sums
+from deltact_fab.shapes import SensorDimensions
+
+EXTRA = {"algorithm1": {"r": 0.3}, "octave": {"scales_mm": [0.1, 0.2, 0.4]}}
+VIEW_MM = SensorDimensions().optics.view_mm
+
+
+def recipe(law, **more):
+    data = {"law": law, "seed": 5}
+    if LAWS[law].has_patches:
+        data |= {"patch_mm": 0.1, "size_mm": 4.0}
+    if "dots" in LAWS[law].needs:
+        data |= {"dots": {"colour": "#000000"}}
+    return recipe_from(data | EXTRA.get(law, {}) | more, "here")
+
+
+def named(law, n, **more):
+    """A recipe of n x n patches of 0.05 mm; the scales are 1, 2, 4 and 8 patches."""
+    scales = {"scales_mm": [0.05, 0.1, 0.2, 0.4]} if law == "octave" else {}
+    return recipe(law, **({"patch_mm": 0.05, "size_mm": n * 0.05} | scales | more))
+
+
+@pytest.mark.parametrize(
+    ("law", "more", "digits"),
+    [
+        ("algorithm1", {}, "e52bc0479b7f9000"),
+        ("algorithm1", {"channels": 1}, "e635871f963db6d4"),
+        ("iid", {}, "307f2921adac4bbd"),
+        ("iid", {"channels": 1}, "d476452811686d05"),
+        ("binary", {}, "cf23f4d8a6883491"),
+        ("binary", {"channels": 1}, "0c1918519f77ec11"),
+        ("octave", {}, "f354428fa0e03397"),
+        ("octave", {"channels": 1, "weights": [1, 2, 0.3]}, "e8774d7669c64535"),
+        ("chessboard", {}, "d03199c3d481e4a6"),
+        ("dot-matrix", {}, "5ae7e6a42304dc6e"),
+        ("transparent", {}, "5ae7e6a42304dc6e"),
+    ],
+)
+def test_the_bytes_of_a_seed(law, more, digits):
+    """A seed names a sticker that was printed: another draw needs another law's name."""
+    drawn = draw_patches(recipe(law, **more))
+    assert drawn.dtype == np.uint8
+    assert hashlib.sha256(drawn.tobytes()).hexdigest().startswith(digits)
+
+
+@pytest.mark.parametrize("law", [name for name, law in LAWS.items() if law.has_patches])
+def test_the_papers_size_takes_under_a_second(law):
+    big = named(law, 700)
+    start_s = time.process_time()
+    drawn = draw_patches(big)
+    assert time.process_time() - start_s < 1
+    assert drawn.shape == (700, 700, 3)
+
+
+@pytest.mark.parametrize("law", ["algorithm1", "iid", "binary", "octave"])
+def test_seed_and_channels(law):
+    grey = draw_patches(recipe(law, channels=1))
+    assert (grey == grey[..., :1]).all()
+    colour = draw_patches(recipe(law))
+    assert (colour[..., 0] != colour[..., 1]).any()
+    assert not np.array_equal(colour, draw_patches(recipe(law, seed=6)))
+
+
+def test_iid_is_algorithm_1_at_r_0_bit_by_bit():
+    assert np.array_equal(draw_patches(recipe("iid")), draw_patches(recipe("algorithm1", r=0.0)))
+
+
+def dependence(drawn):
+    """Largest correlation with any of four neighbours or another channel, in deviations."""
+    v = drawn.astype(float)
+    v = (v - v.mean((0, 1))) / v.std((0, 1))
+    pairs = [
+        (v[:, 1:], v[:, :-1]),
+        (v[1:], v[:-1]),
+        (v[1:, 1:], v[:-1, :-1]),
+        (v[1:, :-1], v[:-1, 1:]),
+        (v, np.roll(v, 1, -1)),
+    ]
+    return max(float(np.abs((a * b).mean((0, 1))).max()) for a, b in pairs) * math.sqrt(
+        v[..., 0].size
+    )
+
+
+@pytest.mark.parametrize("law", ["iid", "binary"])
+def test_patches_and_channels_are_independent(law):
+    # 15 correlations of normal deviates: the largest passes 4 once in a thousand draws
+    assert dependence(draw_patches(named(law, 700))) < 4
+
+
+def test_the_independence_test_sees_the_smallest_rule():
+    assert dependence(draw_patches(named("algorithm1", 700, r=1e-4))) > 4
+
+
+def test_iid_is_uniform_on_all_levels_and_pairs_too():
+    drawn = draw_patches(named("iid", 700))
+    assert stats.chisquare(np.bincount(drawn.ravel(), minlength=256)).pvalue > 0.001
+    coarse = drawn // 32
+    pairs = np.bincount((coarse[:, ::2] * 8 + coarse[:, 1::2]).ravel(), minlength=64)
+    assert stats.chisquare(pairs).pvalue > 0.001
+
+
+def test_binary_is_a_fair_coin():
+    drawn = draw_patches(named("binary", 700))
+    assert set(np.unique(drawn)) == {0, 255}
+    share = (drawn == 255).mean((0, 1))
+    assert (np.abs(share - 0.5) < 4 * 0.5 / 700).all()
+
+
+def test_octave_uses_all_levels_equally():
+    """One value of each largest block is independent of the next: 40 stickers of 25 x 25 x 3."""
+    weights = [1.0, 0.5, 2.0, 0.25]
+    for more in ({}, {"weights": weights}):
+        values = np.concatenate(
+            [
+                draw_patches(named("octave", 200, seed=s, **more))[3::8, 3::8].ravel()
+                for s in range(40)
+            ]
+        )
+        assert stats.chisquare(np.bincount(values, minlength=256)).pvalue > 0.001
+    drawn = draw_patches(named("octave", 700))
+    assert drawn.std() == pytest.approx(255 / math.sqrt(12), rel=0.02)  # the contrast of iid
+
+
+def test_octaves_correlate_as_their_blocks_do():
+    """Before the mapping: share of places in one block, 1 - lag / side, weighted by variance."""
+    n, blocks, weights = 640, [1, 2, 4, 8], [1.0, 0.5, 2.0, 1.5]
+    rng = np.random.default_rng(3)
+    layers = [rng.random((-(-n // side), -(-n // side), 3)) for side in blocks]
+    sums = block_sums(layers, blocks, weights, np.arange(n), n)
+    v = sums - sums.mean((0, 1))
+    variance = sum(w * w for w in weights) / 12
+    for lag in (0, 1, 2, 3, 4, 6, 8, 12):
+        theory = sum(
+            w * w / 12 * max(0.0, 1 - lag / side) for w, side in zip(weights, blocks, strict=True)
+        )
+        for moved in (v[:, lag:] * v[:, : n - lag], v[lag:] * v[: n - lag]):
+            # 3 x 80^2 largest blocks: their mean product deviates by about 1 / 140
+            assert moved.mean() == pytest.approx(theory, abs=4 * variance / 140)
+
+
+def test_the_mapping_keeps_scales_apart():
+    """After the mapping the correlations are those of the sums to 0.02 (a monotone change)."""
+    v = draw_patches(named("octave", 640)).astype(float)
+    v -= v.mean((0, 1))
+    found = [(v[:, lag:] * v[:, : 640 - lag]).mean() / v.var() for lag in (1, 2, 4, 8)]
+    theory = [sum(max(0.0, 1 - lag / side) for side in (1, 2, 4, 8)) / 4 for lag in (1, 2, 4, 8)]
+    assert found == pytest.approx(theory, abs=0.02 + 4 / 140)
+
+
+def test_known_sums_of_uniforms():
+    x = np.linspace(-0.5, 4.5, 21)
+    assert np.allclose(SumOfUniforms((1.0,))(x), np.clip(x, 0, 1), atol=1e-15)
+    triangle = np.where(x < 1, np.clip(x, 0, 1) ** 2 / 2, 1 - np.clip(2 - x, 0, 1) ** 2 / 2)
+    assert np.allclose(SumOfUniforms((1.0, 1.0))(x), triangle, atol=1e-15)
+    four = SumOfUniforms((1.0,) * 4)
+    assert four(np.array([1.0, 2.0, 3.0])) == pytest.approx([1 / 24, 1 / 2, 23 / 24], abs=1e-15)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    weights=st.lists(st.integers(1, 10_000).map(lambda k: k / 100), min_size=1, max_size=6),
+    shares=st.lists(st.integers(0, 1000), min_size=1, max_size=5),
+)
+def test_sums_of_uniforms_against_exact_fractions(weights, shares):
+    """Inclusion and exclusion in fractions, for weights as unequal as the recipe allows."""
+    exact = [Fraction(repr(w)) for w in weights]
+    found = SumOfUniforms(tuple(weights))
+    for share in shares:
+        x = sum(exact) * Fraction(share, 1000)
+        total = Fraction(0)
+        for subset in product((0, 1), repeat=len(exact)):
+            at = sum((w for w, s in zip(exact, subset, strict=True) if s), Fraction(0))
+            total += (-1) ** sum(subset) * max(x - at, Fraction(0)) ** len(exact)
+        total /= math.factorial(len(exact)) * math.prod(exact)
+        assert float(found(np.array([float(x)]))[0]) == pytest.approx(float(total), abs=1e-9)
+
+
+def test_the_chessboard_covers_the_view_and_opencv_finds_every_corner(tmp_path):
+    board = load_recipe("chessboard")
+    squares = draw_patches(board)
+    assert (squares[1:] != squares[:-1]).all()
+    assert (squares[:, 1:] != squares[:, :-1]).all()
+    check_covers(board, VIEW_MM)
+    columns, rows = inner_corners(board, VIEW_MM)
+    assert (columns, rows) == (20, 14)
+    seen = cv2.GaussianBlur(
+        (albedo(board, 0.0378, (586, 798))[..., 0] * 255).astype(np.uint8), (0, 0), 0.8
+    )
+    found, at_px = cv2.findChessboardCorners(seen, (columns, rows))
+    assert found
+    at_mm = (at_px.reshape(-1, 2) - (np.array([798, 586]) - 1) / 2) * 0.0378
+    true_mm = corners_mm(board, VIEW_MM).reshape(-1, 2)
+    nearest = np.hypot(*(at_mm[:, None] - true_mm[None]).transpose(2, 0, 1)).argmin(0)
+    assert len(set(nearest.tolist())) == 280
+    assert np.abs(at_mm[nearest] - true_mm).max() < 0.01
+    assert "20 x 14 inner corners" in "\n".join(make(board, tmp_path / "c.png").lines())
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ({"size_mm": 25.0, "patch_mm": 1.0}, "do not fill the camera's view of 30.16 x 22.15 mm"),
+        ({"size_mm": 40.0, "patch_mm": 8.0}, "at least 3 x 3, so at most 5.54 mm"),
+    ],
+)
+def test_a_chessboard_of_no_use_is_refused(tmp_path, more, said):
+    with pytest.raises(InputError, match=said):
+        make(recipe("chessboard", **more), tmp_path / "c.png")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_largest_square_that_is_named_is_usable():
+    check_covers(recipe("chessboard", size_mm=44.0, patch_mm=5.5), VIEW_MM)
+
+
+def test_every_law_is_shipped_and_says_what_it_is():
+    shipped = {load_recipe(name).law for name in catalog.names("patterns")}
+    assert shipped == set(LAWS)
+    assert {"octave", "chessboard", "iid", "iid-grey", "binary"} <= set(catalog.names("patterns"))
+    assert all(law.about for law in LAWS.values())
+
+
+@pytest.mark.parametrize("law", list(LAWS))
+def test_any_law_carries_dots_but_clear_film(law):
+    grid = {"columns": 2, "rows": 3, "pitch_x_mm": 1, "pitch_y_mm": 0.9, "colour": "#00ff00"}
+    if law == "transparent":
+        with pytest.raises(InputError, match="has no dots: remove them, or use law 'dot-matrix'"):
+            recipe(law, dots=grid)
+        return
+    marked = recipe(law, dots=grid, size_mm=4.0)
+    assert marked.dots is not None
+    assert len(centres_mm(marked.dots)) == 6
+    seen = albedo(marked, 0.05, (80, 80))
+    for x_mm, y_mm in centres_mm(marked.dots):
+        assert np.allclose(seen[round(y_mm / 0.05 + 39.5), round(x_mm / 0.05 + 39.5)], (0, 1, 0))
+
+
+@pytest.mark.parametrize(
+    ("law", "more", "said"),
+    [
+        ("octav", {}, "law: no such law; did you mean 'octave'? (got 'octav')"),
+        ("noise", {}, "law: no such law; valid: algorithm1, binary, chessboard, dot-matrix, iid,"),
+        ("iid", {"r": 0.1}, "r: law 'iid' does not use it: remove it (it takes patch_mm, channels"),
+        ("iid", {"patch_mm": None}, "patch_mm: law 'iid' needs it"),
+        ("binary", {"scales_mm": [0.1]}, "scales_mm: law 'binary' does not use it: remove it"),
+        ("chessboard", {"channels": 1}, "channels: law 'chessboard' does not use it: remove it"),
+        ("transparent", {"channels": 1}, "channels: law 'transparent' has no patches: remove it"),
+        ("octave", {"scales_mm": None}, "scales_mm: law 'octave' needs it"),
+        ("octave", {"scales_mm": []}, "scales_mm: 0 scales; give 1 to 6"),
+        ("octave", {"scales_mm": [0.1] * 7}, "scales_mm: 7 scales; give 1 to 6"),
+        ("octave", {"scales_mm": [0.1, 0.25]}, "scales_mm: 0.25 mm is 2.5 patches; a whole number"),
+        ("octave", {"scales_mm": [0.05, 0.1]}, "scales_mm: 0.05 mm must lie between the patch"),
+        ("octave", {"scales_mm": [0.1, 5.0]}, "scales_mm: 5 mm must lie between the patch size"),
+        ("octave", {"scales_mm": [0.1, float("nan")]}, "scales_mm"),
+        ("octave", {"scales_mm": [0.2, 0.1]}, "scales_mm: the scales must rise"),
+        ("octave", {"scales_mm": [0.1, 0.1]}, "scales_mm: the scales must rise"),
+        ("octave", {"weights": [1, 1]}, "weights: one weight a scale: 2 for 3 scales"),
+        ("octave", {"weights": [1, 1, 0]}, "weights: a weight must be 0.01 to 100: 0 fails"),
+        ("octave", {"scales_mm": ["a"]}, "scales_mm.0: "),
+        ("iid", {"dots": {"offset_x_mm": 2.0, "columns": 1, "rows": 1}},
+         "dots: the grid takes 0.6 x 0.6 mm about (2, 0) mm and must fit on the printed 4 mm"),
+    ],
+)  # fmt: skip
+def test_what_a_law_refuses(law, more, said):
+    base = {"law": law, "seed": 5} if law not in LAWS else recipe(law).model_dump(exclude_none=True)
+    with pytest.raises(InputError) as caught:
+        recipe_from(base | more, "p.toml")
+    assert str(caught.value).startswith(f"p.toml: {said}")
+    assert "\n" not in str(caught.value)

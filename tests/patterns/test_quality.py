@@ -1,0 +1,325 @@
+"""Quality figures: closed forms, the facts they must show, and what is refused."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import cv2
+import numpy as np
+import pytest
+from scipy import stats
+
+from deltact_fab.errors import InputError
+from deltact_fab.imaging import Printer, Sensor
+from deltact_fab.patterns import centres_mm, load_recipe, recipe_from, recipe_from_options
+from deltact_fab.patterns.dots import to_px
+from deltact_fab.patterns.figures import (
+    SUBSET_PX,
+    agreement,
+    anisotropy,
+    autocorrelation,
+    checkerboard_share,
+    contrast,
+    figures,
+    gradient,
+    grey,
+    secondary_peak,
+    sssig,
+    streaks,
+)
+from deltact_fab.patterns.photo import photograph, sent
+from deltact_fab.patterns.quality import MAX_DOTS, MAX_PX, field_px, kept, measure
+
+RNG_SEED = 4
+VIEW_MM = (320 * 0.0378,) * 2
+WHOLE_PX_MM = 0.1512  # four camera pixels, edge on edge
+
+
+def noise(*shape):
+    return np.random.default_rng(RNG_SEED).normal(128, 20, shape)
+
+
+def coloured(shade):
+    return np.repeat(shade[..., None], 3, axis=-1)
+
+
+def dense(d, r):
+    return recipe_from_options(None, d, r)
+
+
+@pytest.mark.parametrize("period_px", [8, 15, 20])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_sine_grating(period_px, axis):
+    """Central differences are A sin(2 pi / P) cos: mean |cos| of the P phases, mean square 1/2."""
+    amplitude = 60.0
+    wave = 128 + amplitude * np.sin(2 * np.pi * np.arange(240) / period_px)
+    shade = np.tile(wave, (240, 1)) if axis == 1 else np.tile(wave[:, None], (1, 240))
+    slope = amplitude * math.sin(2 * math.pi / period_px)
+    found = figures(coloured(shade), 0.05, None, None)
+    mean_cos = np.abs(np.cos(2 * np.pi * np.arange(period_px) / period_px)).mean()
+    # 238 px are not whole periods
+    assert found.mean_gradient == pytest.approx(mean_cos * slope, rel=0.02)
+    # Half of it, for the other axis has none
+    assert found.sssig == pytest.approx(SUBSET_PX**2 * slope**2 / 4, rel=0.02)
+    assert found.anisotropy == pytest.approx(1)
+    assert found.peak == pytest.approx(1, abs=0.02)
+    assert found.peak_mm == pytest.approx(period_px * 0.05, rel=0.01)
+    assert found.contrast[0] == pytest.approx(amplitude / math.sqrt(2), rel=0.01)
+    # Means of two neighbours: cos(pi / P)
+    assert found.contrast[1] == pytest.approx(
+        found.contrast[0] * math.cos(math.pi / period_px), rel=0.01
+    )
+    assert (found.checkerboard, found.streaks) == (None, None)
+
+
+def test_an_oblique_grating_is_as_directed_as_an_upright_one():
+    i, j = np.mgrid[:200, :200]
+    gx, gy = gradient(np.sin((i + j) / 3.0))
+    assert anisotropy(gx, gy) == pytest.approx(1)
+
+
+def test_white_noise():
+    found = figures(coloured(noise(512, 640)), 0.05, 0.2, None)
+    for level, contrast_ in enumerate(found.contrast):
+        pixels = 512 * 640 / 4**level
+        assert contrast_ == pytest.approx(20 / 2**level, rel=4 / math.sqrt(2 * pixels))
+    # Central differences of unit noise: each component has variance 1/2; Rayleigh's mean
+    assert found.mean_gradient == pytest.approx(20 * math.sqrt(math.pi) / 2, rel=0.01)
+    assert found.sssig == pytest.approx(SUBSET_PX**2 * 20**2 / 2, rel=0.01)
+    assert found.sssig_least < found.sssig
+    assert found.anisotropy < 0.01
+    assert found.streaks == pytest.approx(0, abs=0.02)
+    assert found.peak < 0.02
+
+
+def test_an_image_of_one_value():
+    found = figures(np.full((80, 90, 3), 77.0), 0.05, 0.2, np.zeros((80, 90)))
+    assert found.contrast == pytest.approx((0,) * 6)
+    assert (found.mean_gradient, found.sssig, found.sssig_least) == (0, 0, 0)
+    assert (found.anisotropy, found.streaks, found.checkerboard) == (0, 0, (0, 0, 0))
+    assert (found.peak, found.peak_mm) == (0, None)
+
+
+def test_the_poorest_subset_is_found():
+    shade = noise(200, 200)
+    shade[60:77, 100:117] = 128
+    assert sssig(*gradient(shade))[0] == pytest.approx(0, abs=1e-6)
+    shade[60:77, 100:116] = 0  # one pixel less: the differences reach in
+    assert sssig(*gradient(shade))[0] > 1
+
+
+def test_diagonal_streaks_have_a_sign():
+    i, j = np.mgrid[:256, :256]
+    line = noise(512) - 128
+    down, up = line[i - j + 255], line[i + j]
+    assert streaks(autocorrelation(down), 4.0) == pytest.approx(1, abs=0.15)
+    assert streaks(autocorrelation(up), 4.0) == pytest.approx(-1, abs=0.15)
+    across = noise(256, 256)
+    assert streaks(autocorrelation(across), 4.0) == pytest.approx(0, abs=0.02)
+    # The same picture turned by 90 degrees
+    assert streaks(autocorrelation(np.rot90(down)), 4.0) == pytest.approx(
+        -streaks(autocorrelation(down), 4.0)
+    )
+
+
+def test_the_secondary_peak_of_a_repeated_tile():
+    tile = noise(30, 40)
+    rho = autocorrelation(np.tile(tile, (10, 8)))
+    height, distance_px = secondary_peak(rho)
+    assert height == pytest.approx(1, abs=0.01)
+    assert distance_px == pytest.approx(30, abs=0.05)
+
+
+def test_pyramid_of_odd_sides_drops_the_odd_row():
+    shade = noise(65, 67)
+    assert contrast(shade)[1] == pytest.approx(
+        shade[:64, :66].reshape(32, 2, 33, 2).mean(axis=(1, 3)).std()
+    )
+
+
+def test_agreement_survives_a_part_of_a_pixel_and_no_more():
+    """A smooth field, sampled again 0.375 px away; then one that has nothing in common."""
+    i, j = np.mgrid[:128, :128] * 2 * np.pi / 128
+
+    def field(shift_px):
+        a, b = i + shift_px * 2 * np.pi / 128, j - shift_px * 2 * np.pi / 128
+        return np.sin(9 * a) * np.cos(11 * b) + np.sin(20 * a - 13 * b)
+
+    assert agreement(field(0.375), field(0)) == pytest.approx(1, abs=1e-9)
+    assert agreement(-field(0.375), field(0)) == pytest.approx(-1, abs=1e-9)
+    assert abs(agreement(field(5.0), field(0))) < 0.9
+    assert abs(agreement(noise(128, 128), field(0))) < 0.1
+    assert agreement(np.ones((9, 9)), noise(9, 9)) == 0
+
+
+def test_contrast_that_is_kept_is_the_patterns_own():
+    original = coloured(noise(300, 300))
+    rest = np.random.default_rng(9).normal(0, 30, original.shape)
+    assert kept(0.3 * original + rest, original, original) == pytest.approx(0.3, abs=0.02)
+    assert kept(rest, original, original) < 0.03
+    assert kept(original, original, np.ones((5, 5, 3))) is None
+
+
+def test_a_chessboard_is_all_checkerboard():
+    board = recipe_from({"law": "chessboard", "seed": 0, "patch_mm": 0.3, "size_mm": 12.0}, "x")
+    found = measure(board, view_mm=VIEW_MM)
+    assert found.designed.checkerboard == pytest.approx((1, 1, 1), abs=1e-6)
+    assert found.designed.peak == pytest.approx(1, abs=0.03)
+    assert found.designed.peak_mm == pytest.approx(0.3 * math.sqrt(2), rel=0.02)
+    assert found.photographed.checkerboard is not None
+    assert min(found.photographed.checkerboard) > 0.8
+
+
+@pytest.mark.parametrize(("r", "share"), [(0.3, 0.94), (0.6, 0.989)])
+def test_a_large_r_is_a_checkerboard(r, share):
+    """Measured beforehand on the patches: 94 % at r = .3 and 98.9 % at .6."""
+    found = measure(dense(WHOLE_PX_MM, r), view_mm=VIEW_MM)
+    assert found.designed.checkerboard == pytest.approx((share,) * 3, abs=0.01)
+    assert found.designed.peak > 0.95
+
+
+def test_the_scan_of_algorithm_1_streaks_between_r_05_and_24():
+    by_r = {r: measure(dense(WHOLE_PX_MM, r), view_mm=VIEW_MM) for r in (0, 0.05, 0.1, 0.15, 0.3)}
+    for r, found in by_r.items():
+        for seen in (found.designed.streaks, found.photographed.streaks):
+            if r in (0, 0.3):
+                assert abs(seen) < 0.03
+            else:
+                assert seen > 0.1
+
+
+def test_fine_patches_lose_their_contrast_on_the_way():
+    """d = .05 at 1200 dpi is 2.4 printer dots and 1.3 camera pixels a patch."""
+    by_d = {d: measure(dense(d, 0.3), view_mm=VIEW_MM) for d in (0.05, 0.075, 0.1, 0.15, 0.2)}
+    fine, coarse = by_d[0.05], by_d[0.15]
+    assert fine.dots_a_patch == pytest.approx(0.05 / 25.4 * 1200)
+    assert fine.px_a_patch == pytest.approx(0.05 / 0.0378)
+    assert (fine.printable, fine.seen) == (False, False)
+    assert (coarse.printable, coarse.seen) == (True, True)
+    for share in ("print_contrast", "camera_contrast"):
+        values = [getattr(found, share) for found in by_d.values()]
+        assert values == sorted(values)
+    gradients = [found.photographed.mean_gradient for found in by_d.values()]
+    assert gradients == sorted(gradients)  # the rank that the camera gives the five
+    assert fine.photographed.contrast[0] < 0.25 * fine.designed.contrast[0]
+
+
+def test_the_photographed_gradient_ranks_the_error_of_a_small_motion():
+    """Farneback's flow of a motion of half a printer dot: the steeper the picture, the better.
+
+    As designed the gradient does not rank them: printer and camera take from each its own share.
+    """
+    printer, sensor, mm_per_px, size_px = Printer(), Sensor(), 0.0378, (240, 240)
+    true_px = -printer.mm_per_dot / 2 / mm_per_px
+    errors, after, before = [], [], []
+    for d in (0.05, 0.075, 0.1, 0.2):
+        for r in (0.0, 0.3, 0.6):
+            recipe = recipe_from_options(None, d, r, size_mm=11.0)
+            rng = np.random.default_rng(1)
+            image = sent(recipe, printer.dpi, (size_px[0] * mm_per_px,) * 2)
+            printed = printer.print_(image.astype(np.float32) / 255, rng)
+            # Without its first column the print's middle is half a dot further on
+            first, second = (
+                grey(photograph(part, printer.mm_per_dot, sensor, mm_per_px, size_px, rng))
+                for part in (printed, printed[:, 1:])
+            )
+            flow = cv2.calcOpticalFlowFarneback(
+                *(np.rint(v).astype(np.uint8) for v in (first, second)),
+                None, 0.5, 5, 13, 3, 5, 1.1, 0,
+            )[30:-30, 30:-30]  # fmt: skip
+            errors.append(np.hypot(flow[..., 0] - true_px, flow[..., 1]).mean())
+            found = measure(recipe, view_mm=(size_px[0] * mm_per_px,) * 2)
+            after.append(found.photographed.mean_gradient)
+            before.append(found.designed.mean_gradient)
+    assert max(errors) < 0.3  # px: the motion was found
+    assert stats.spearmanr(after, errors).statistic < -0.85
+    assert abs(stats.spearmanr(before, errors).statistic) < 0.6
+
+
+def test_octaves_keep_contrast_on_coarse_levels():
+    octave, checker = (measure(r) for r in (load_recipe("octave"), dense(0.1, 0.6)))
+    for level in (3, 4, 5):
+        assert octave.photographed.contrast[level] > 5 * checker.photographed.contrast[level]
+    assert octave.photographed.peak < 0.1 < checker.photographed.peak
+
+
+def test_equal_arguments_give_equal_numbers_and_plain_data():
+    marked = load_recipe("dense-with-dots")
+    one, two, other = (measure(marked, view_mm=VIEW_MM, seed=s) for s in (1, 1, 2))
+    assert one == two
+    assert one.photographed != other.photographed
+    assert one.designed == other.designed
+    data = json.loads(json.dumps(one.as_dict()))
+    assert data["field_px"] == [320, 320]
+    assert len(data["photographed"]["contrast"]) == 6
+
+
+def test_the_photograph_shows_the_dots_where_they_are():
+    """Centroids of 169 dots, printed and photographed without noise, against their places."""
+    recipe = load_recipe("dots")
+    printer = Printer(misregistration_um=0.0)
+    sensor = Sensor(shading=0.0, full_well_electrons=1e9, read_noise_electrons=0.0)
+    size_px, mm_per_px = (586, 798), 0.0378
+    rng = np.random.default_rng(0)
+    image = sent(recipe, printer.dpi, (size_px[1] * mm_per_px, size_px[0] * mm_per_px))
+    printed = printer.print_(image.astype(np.float32) / 255, rng)
+    ink = 255 - grey(photograph(printed, printer.mm_per_dot, sensor, mm_per_px, size_px, rng))
+    ink -= np.median(ink)
+    assert recipe.dots is not None
+    for x_px, y_px in to_px(centres_mm(recipe.dots), mm_per_px, size_px):
+        left, top = round(x_px) - 14, round(y_px) - 14
+        part = ink[top : top + 29, left : left + 29]
+        rows, columns = np.mgrid[top : top + part.shape[0], left : left + part.shape[1]]
+        assert (columns * part).sum() / part.sum() == pytest.approx(x_px, abs=0.1)
+        assert (rows * part).sum() / part.sum() == pytest.approx(y_px, abs=0.1)
+
+
+def test_extremes_are_measured_and_not_refused():
+    tiny = measure(recipe_from_options(None, 0.02, 0.1, size_mm=6.0))  # below a printer dot
+    assert tiny.dots_a_patch < 1
+    assert not tiny.printable
+    assert tiny.print_contrast < 0.4
+    film = measure(load_recipe("transparent"), view_mm=VIEW_MM)
+    assert (film.print_contrast, film.camera_contrast, film.dots_a_patch) == (None, None, None)
+    assert (film.printable, film.seen) == (True, False)
+    assert film.photographed.contrast[0] < 2
+    small = recipe_from_options(None, 0.15, 0.1, size_mm=3.0)
+    assert measure(small).field_mm == pytest.approx((3.0, 3.0), abs=0.0378)
+
+
+def test_the_field_is_the_view_as_far_as_memory_goes():
+    recipe = dense(0.1, 0.1)
+    assert field_px(recipe, 25.4 / 1200, 0.0378, None) == (586, 798)
+    assert field_px(recipe, 25.4 / 2400, 0.0378, None) == (586, 798)
+    rows, columns = field_px(recipe, 25.4 / 9600, 0.0378, None)
+    dots = rows * columns * (0.0378 * 9600 / 25.4) ** 2
+    assert 0.9 * MAX_DOTS < dots <= MAX_DOTS
+    assert columns / rows == pytest.approx(798 / 586, rel=0.01)
+    rows, columns = field_px(recipe, 25.4 / 1200, 0.005, None)
+    assert 0.9 * MAX_PX < rows * columns <= MAX_PX
+    assert field_px(recipe, 25.4 / 1200, 0.0378, (100.0, 5.0)) == (132, 925)  # 35 mm wide
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ({"mm_per_px": 0.0}, "mm_per_px: 0 must be above 0"),
+        ({"mm_per_px": math.nan}, "mm_per_px: nan must be above 0"),
+        ({"printer": Printer(dpi=0)}, "dpi: 0 must be above 0"),
+        ({"mm_per_px": 0.5}, "field is 60 x 44 px of 0.5 mm; at least 64 px a side"),
+    ],
+)
+def test_bad_scales_are_one_line(more, said):
+    with pytest.raises(InputError, match=said):
+        measure(dense(0.15, 0.1), **more)
+
+
+def test_share_of_a_known_mixture():
+    """Checkerboard of amplitude a in noise of deviation s: a^2 / (a^2 + s^2)."""
+    board = np.where(np.add.outer(np.arange(256), np.arange(256)) % 2, 1.0, -1.0)
+    image = np.stack([10 * board + (noise(256, 256) - 128), -30 * board, noise(256, 256)], -1)
+    red, green, blue = checkerboard_share(image, board)
+    assert red == pytest.approx(100 / 500, abs=0.02)
+    assert green == pytest.approx(1)
+    assert blue < 0.001

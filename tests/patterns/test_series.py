@@ -1,0 +1,299 @@
+"""The paper's series: which patterns, the folder that is whole or not there, the contact sheet."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from PIL import Image
+
+from deltact_fab import catalog
+from deltact_fab.cli.main import main
+from deltact_fab.errors import InputError
+from deltact_fab.imaging import Printer
+from deltact_fab.patterns import contact, load_recipe, read_recipe, recipe_from, series
+from deltact_fab.patterns.code import decode
+from deltact_fab.patterns.quality import measure
+from deltact_fab.patterns.recipe_file import toml
+
+SIDE_MM = 9.0
+
+
+def small(*keys: tuple[float, float]) -> list[series.SeriesEntry]:
+    """Entries of the paper on stickers of a few millimetres, with one marker dot."""
+    dots = {"columns": 1, "rows": 1}
+    out = []
+    for entry in series.recipes(seed=3):
+        if (entry.recipe.patch_mm, entry.recipe.r) in keys:
+            data = entry.recipe.model_dump(exclude_none=True) | {"size_mm": SIDE_MM, "dots": dots}
+            out.append(replace(entry, recipe=recipe_from(data, "small")))
+    return out
+
+
+@pytest.fixture(scope="module")
+def entries() -> list[series.SeriesEntry]:
+    return small((0.1, 0.5), (0.2, 0.1))
+
+
+@pytest.fixture(scope="module")
+def written(
+    entries: list[series.SeriesEntry], tmp_path_factory: pytest.TempPathFactory
+) -> series.SeriesReport:
+    out = tmp_path_factory.mktemp("series") / "new" / "small"
+    return series.write(out, seed=3, entries=entries)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def test_the_papers_17_patterns():
+    found = {(e.recipe.patch_mm, e.recipe.r): e for e in series.recipes(seed=5)}
+    first = {(d, r) for d in (0.1, 0.15, 0.2) for r in (0.1, 0.3, 0.5)}
+    second = {(d, r) for d in (0.05, 0.075, 0.1) for r in (0.4, 0.5, 0.6)}
+    assert set(found) == first | second
+    assert len(series.recipes()) == 17 == len({e.name for e in series.recipes()})
+    for key, entry in found.items():
+        assert entry.rounds == tuple(k for k, grid in ((1, first), (2, second)) if key in grid)
+        assert (entry.recipe.seed, entry.recipe.law, entry.recipe.size_mm) == (5, "algorithm1", 35)
+        assert entry.recipe.dots is not None
+        assert entry.recipe.dots.columns * entry.recipe.dots.rows == 169
+    assert found[0.075, 0.6].name == "d0p075-r0p6"
+    assert all(e.recipe.dots is None for e in series.recipes(with_dots=False))
+
+
+def test_the_papers_errors_stand_where_the_paper_gives_them():
+    said = {e.name: (e.paper_error_mm, e.paper_about) for e in series.recipes() if e.paper_says}
+    assert said == {
+        "d0p1-r0p5": (0.11, False),
+        "d0p075-r0p6": (0.08, False),
+        "d0p05-r0p4": (0.5, True),
+        "d0p05-r0p5": (0.5, True),
+        "d0p05-r0p6": (0.5, True),
+    }
+
+
+@pytest.mark.parametrize("name", catalog.names("patterns"))
+def test_a_recipe_comes_back_from_its_toml(name):
+    recipe = load_recipe(name)
+    text = toml(recipe, ["two lines", "of comment"])
+    assert recipe_from(tomllib.loads(text), name) == recipe
+    assert text.startswith("# two lines\n# of comment\n")
+    assert toml(recipe_from(tomllib.loads(text), name)) == toml(recipe)
+
+
+def test_what_is_in_the_folder(written, entries):
+    found = set(contents(written.out))
+    assert found == {
+        "recipes/d0p1-r0p5.toml",
+        "recipes/d0p2-r0p1.toml",
+        "series.pdf",
+        "contact-sheet.png",
+        "quality.json",
+        "quality.csv",
+    }
+    assert {str(p.relative_to(written.out)) for p in written.files} == found
+    assert [p.name for p in written.out.parent.iterdir()] == ["small"]  # nothing is left beside it
+    assert (written.out / "series.pdf").read_bytes().startswith(b"%PDF")
+    json.dumps(written.as_dict(), allow_nan=False)
+    assert written.lines()[0] == f"{written.out}: 2 patterns, 1 page to print"
+    for entry, row in zip(entries, written.figures["patterns"], strict=True):
+        assert decode(row["code"]) == entry.recipe
+
+
+def test_the_figures_are_the_patterns_own_without_dots(written, entries):
+    data = json.loads((written.out / "quality.json").read_bytes())
+    assert data == written.figures
+    for entry, row in zip(entries, data["patterns"], strict=True):
+        bare = entry.recipe.model_copy(update={"dots": None})
+        expected = measure(bare, Printer(dpi=1200), seed=3)
+        assert (row["quality"]["seed"], row["quality"]["dpi"]) == (3, 1200)
+        for side in ("designed", "photographed"):
+            for key, value in getattr(expected, side).as_dict().items():
+                assert row["quality"][side][key] == pytest.approx(value, rel=1e-8), key
+        with_dots = measure(entry.recipe, Printer(dpi=1200), seed=3).designed.contrast
+        assert row["quality"]["designed"]["contrast"] != pytest.approx(with_dots, rel=1e-2)
+
+
+def test_the_table_holds_every_figure_of_the_json(written):
+    table = list(csv.DictReader(io.StringIO((written.out / "quality.csv").read_text())))
+    for line, row in zip(table, written.figures["patterns"], strict=True):
+        assert line["name"] == row["name"]
+        assert line["rounds"] == " ".join(str(k) for k in row["rounds"])
+        for side in ("designed", "photographed"):
+            for key, value in row["quality"][side].items():
+                if isinstance(value, list):
+                    read = [float(line[f"{side}.{key}.{k}"]) for k in range(len(value))]
+                    assert read == value
+                else:
+                    assert float(line[f"{side}.{key}"]) == value
+                    assert math.isfinite(value)
+        assert None not in line.values()
+
+
+def test_every_command_takes_its_recipes(written, entries, tmp_path):
+    for entry in entries:
+        file = written.out / "recipes" / f"{entry.name}.toml"
+        assert load_recipe(str(file)) == entry.recipe
+        out = tmp_path / f"{entry.name}.png"
+        done = CliRunner().invoke(main, ["pattern", "make", str(file), "-o", str(out)])
+        assert done.exit_code == 0, done.output
+        assert read_recipe(out) == entry.recipe
+    text = (written.out / "recipes" / "d0p1-r0p5.toml").read_text()
+    assert "rounds 1 and 2" in text
+    assert "0.11 mm" in text
+
+
+def test_the_same_again_in_the_same_bytes_and_in_its_own_place(written, entries):
+    before = contents(written.out)
+    again = series.write(written.out, seed=3, entries=entries)
+    assert contents(again.out) == before
+    assert [p.name for p in again.out.parent.iterdir()] == ["small"]
+
+
+def test_another_seed_is_another_series(written, entries, tmp_path):
+    other = series.write(tmp_path / "o", seed=4, entries=entries)
+    ours = written.figures["patterns"][0]["quality"]
+    theirs = other.figures["patterns"][0]["quality"]
+    assert ours["designed"] == theirs["designed"]  # the recipes keep their seed
+    assert ours["photographed"] != theirs["photographed"]
+
+
+@pytest.mark.parametrize("error", [InputError("no page"), KeyboardInterrupt("no page")])
+def test_a_page_that_fails_leaves_what_was_there(written, entries, tmp_path, error):
+    before = contents(written.out)
+
+    def broken(folder: Path) -> None:
+        assert (folder / "quality.json").is_file()
+        (folder / "patterns.html").write_text("half")
+        raise error
+
+    for out in (written.out, tmp_path / "deep" / "new"):
+        with pytest.raises(type(error), match="no page"):
+            series.write(out, seed=3, entries=entries[:1], page=broken)
+    assert contents(written.out) == before
+    assert [p.name for p in written.out.parent.iterdir()] == ["small"]
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("file", "text"),
+    [
+        ("notes.txt", "mine"),
+        ("recipes/deep/d.toml", ""),
+        ("quality.json", '{"format": "something else"}'),
+        ("quality.json", "no JSON"),
+        ("series.pdf", "of mine"),
+    ],
+)
+def test_a_folder_of_someone_else_is_refused_and_kept(entries, tmp_path, file, text):
+    path = tmp_path / "theirs" / file
+    path.parent.mkdir(parents=True)
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        series.write(tmp_path / "theirs", entries=entries)
+    assert f"holds {file}, which" in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert contents(tmp_path / "theirs") == {file: text.encode()}
+
+
+def test_a_series_with_a_strangers_file_in_it_is_kept(written, entries):
+    note = written.out / "recipes" / "notes.txt"
+    note.write_text("mine")
+    try:
+        with pytest.raises(InputError, match=r"holds recipes/notes\.txt"):
+            series.write(written.out, entries=entries)
+    finally:
+        note.unlink()
+
+
+def test_other_places_that_cannot_be_used(entries, tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="is a file"):
+        series.write(tmp_path / "file", entries=entries)
+    with pytest.raises(InputError, match="cannot be a folder"):
+        series.write(tmp_path / "file" / "below", entries=entries)
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    with pytest.raises(InputError, match="you are in it"):
+        series.write(Path("."), entries=entries)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"), [({"paper": "A44"}, "paper"), ({"dpi": 90}, "dpi"), ({"dpi": 200}, "dpi")]
+)
+def test_what_cannot_be_printed_is_refused_before_the_long_part(entries, tmp_path, change, said):
+    with pytest.raises(InputError, match=said):
+        series.write(tmp_path / "s", entries=entries, **change)
+    assert not (tmp_path / "s").exists()
+
+
+def test_the_contact_sheet_holds_the_views_unchanged():
+    rng = np.random.default_rng(1)
+    pictures = rng.integers(0, 256, (2, 120, 120, 3), np.uint8)
+    views = [
+        contact.View(0.1, 0.5, pictures[0]),
+        contact.View(0.2, 0.1, pictures[1], "paper: 1 mm"),
+    ]
+    data = contact.png(views, 0.05, "Title", ["a note"])
+    assert data == contact.png(views, 0.05, "Title", ["a note"])
+    with Image.open(io.BytesIO(data)) as image:
+        sheet = np.asarray(image)
+    step = 120 * contact.ZOOM + contact.GAP_PX
+    for picture, row, column in ((pictures[0], 0, 1), (pictures[1], 1, 0)):
+        top, left = contact.TOP_PX + row * step, contact.LEFT_PX + column * step
+        shown = sheet[top : top + 240, left : left + 240]
+        whole = picture.repeat(contact.ZOOM, axis=0).repeat(contact.ZOOM, axis=1)
+        assert np.array_equal(shown[:180], whole[:180])  # the mark is below
+        assert np.array_equal(shown, whole) == (row == 0)
+    empty = sheet[contact.TOP_PX + step + 3, contact.LEFT_PX + step + 3]
+    assert "#" + bytes(empty.tolist()).hex() == contact.EMPTY
+
+
+def test_the_scale_bar_is_as_long_as_it_says():
+    view = contact.View(0.1, 0.1, np.full((300, 300, 3), 255, np.uint8))
+    with Image.open(io.BytesIO(contact.png([view], 0.0378, "t", []))) as image:
+        sheet = np.asarray(image.convert("L"))
+    below = sheet[contact.TOP_PX + 300 * contact.ZOOM + contact.GAP_PX :]
+    dark = (below < 60).sum(axis=1).argmax()
+    run = np.flatnonzero(below[dark, : contact.LEFT_PX + 58] < 60)
+    # A millimetre of the print is 1 / 0.0378 camera pixels, each ZOOM pixels wide
+    assert run[-1] - run[0] + 1 == pytest.approx(contact.ZOOM / 0.0378, abs=0.5)
+    assert (np.diff(run) == 1).all()
+
+
+def test_views_of_two_sizes_are_refused():
+    views = [contact.View(0.1, 0.1, np.zeros((n, n, 3), np.uint8)) for n in (8, 10)]
+    with pytest.raises(ValueError, match="one size"):
+        contact.png(views, 0.05, "t", [])
+
+
+@pytest.mark.slow
+def test_the_whole_series_says_what_the_facts_say(tmp_path):
+    steps = []
+    report = series.write(tmp_path / "s", progress=lambda *step: steps.append(step))
+    rows = {(r["d_mm"], r["r"]): r["quality"] for r in report.figures["patterns"]}
+    assert len(rows) == 17
+    assert [s[0] for s in steps] == list(range(20))
+    assert steps[-1][:2] == (19, 19)
+    # A pure checkerboard explains 98.9 % at r = .6 and 94 % at r = .3 of the patches' variance;
+    # meaned over camera pixels, as here, a little less.
+    assert min(rows[0.1, 0.6]["designed"]["checkerboard"]) > 0.97
+    assert min(rows[0.2, 0.3]["designed"]["checkerboard"]) > 0.90
+    assert max(rows[0.2, 0.1]["designed"]["checkerboard"]) < 0.2
+    # The paper: at d = 0.05 the printer makes a grey area of it
+    assert not any(q["printable"] for (d, _), q in rows.items() if d == 0.05)
+    assert all(q["printable"] and q["seen"] for (d, _), q in rows.items() if d >= 0.1)
+    for r in (0.1, 0.3, 0.4, 0.5, 0.6):
+        left = [rows[key]["camera_contrast"] for key in sorted(rows) if key[1] == r]
+        assert left == sorted(left)
+    # The causal scan's streaks, at r = .1 and not at r = .5
+    assert rows[0.1, 0.1]["designed"]["streaks"] > 0.1 > abs(rows[0.1, 0.5]["designed"]["streaks"])

@@ -1,0 +1,383 @@
+"""Sheets: places, sizes, orientation, scale, images, refusals."""
+
+from __future__ import annotations
+
+import math
+import re
+import tracemalloc
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from deltact_fab.errors import InputError
+from deltact_fab.patterns import (
+    draw_patches,
+    load_recipe,
+    raster,
+    recipe_from,
+    recipe_from_options,
+    sheet,
+)
+from deltact_fab.patterns.layout import Sheet
+from deltact_fab.patterns.marks import WIDTHS, Picture, width_mm, wrapped
+from deltact_fab.patterns.pixels import NONE, SUB, packed, unfiltered
+
+PLAIN = recipe_from_options(None, 0.2, 0.3, size_mm=6.0)
+MARKED = recipe_from(
+    {
+        **PLAIN.model_dump(exclude_none=True),
+        "dots": {
+            "columns": 3,
+            "rows": 2,
+            "pitch_x_mm": 1.3,
+            "pitch_y_mm": 1.7,
+            "diameter_mm": 0.61,
+            "colour": "#ff0000",
+        },
+    },
+    "test",
+)
+
+
+def picture(recipe, dpi, mirrored=False, scale=(1.0, 1.0)):
+    return Picture(
+        key="",
+        x_px=0,
+        y_px=0,
+        cells=draw_patches(recipe),
+        size_mm=(recipe.printed_mm, recipe.printed_mm),
+        pitch_mm=(25.4 / dpi / scale[0], 25.4 / dpi / scale[1]),
+        mirrored=mirrored,
+        grid=recipe.dots,
+    )
+
+
+def page_image(path):
+    with Image.open(path) as image:
+        return np.asarray(image.convert("RGB"))
+
+
+def crop(page, sticker, dpi, scale=(1.0, 1.0)):
+    """The sticker's pixels, by the report's place."""
+    x, y = (
+        round(at * s * dpi / 25.4)
+        for at, s in zip((sticker.x_mm, sticker.y_mm), scale, strict=True)
+    )
+    w, h = (round(sticker.side_mm * s * dpi / 25.4) for s in scale)
+    return page[y : y + h, x : x + w]
+
+
+@pytest.mark.parametrize("recipe", [PLAIN, MARKED, load_recipe("dots")])
+@pytest.mark.parametrize("dpi", [600, 1200, 1439.5])
+def test_bands_are_the_raster_bit_for_bit(recipe, dpi):
+    whole = raster(recipe, dpi)
+    assert np.array_equal(np.concatenate(list(picture(recipe, dpi).bands())), whole)
+    turned = np.concatenate(list(picture(recipe, dpi, mirrored=True).bands()))
+    assert np.array_equal(turned, whole[:, ::-1])
+
+
+def test_a_scaled_raster_has_its_own_dots_each_way():
+    made = picture(PLAIN, 1200, scale=(1.05, 0.95))
+    assert (made.width_px, made.height_px) == (
+        round(6.0 * 1.05 * 1200 / 25.4),
+        round(6.0 * 0.95 * 1200 / 25.4),
+    )
+    assert made.snap_error_mm <= 0.5 * 25.4 / 1200 / 0.95 + 1e-12
+
+
+@pytest.mark.parametrize("fresh", [NONE, SUB])
+def test_packing_is_lossless(fresh):
+    import zlib
+
+    rng = np.random.default_rng(3)
+    image = rng.integers(0, 256, (40, 7, 3), dtype=np.uint8).repeat(3, axis=0)
+    data = b"".join(packed([image[:50], image[50:51], image[51:]], fresh))
+    assert np.array_equal(unfiltered(zlib.decompress(data), 7, 3), image)
+
+
+@pytest.mark.parametrize("transfer", ["face-down", "slide"])
+def test_the_camera_sees_the_recipe_as_designed(tmp_path, transfer):
+    """The film is laid on the gel by a rotation, and the camera looks at it from inside."""
+    dpi = 600
+    made = sheet.write([MARKED], tmp_path / "s.png", dpi=dpi, transfer=transfer, paper="A5")
+    page = page_image(made.out)
+    s = made.stickers[0]
+    # On the page u is right, v down and w = u x v away from the reader; the ink is on the
+    # reader's side. Face-down the ink looks into the sensor (-z), so w = z; slid, w = -z.
+    turn = np.diag([1, 1, 1]) if transfer == "face-down" else np.diag([-1, 1, -1])
+    assert np.linalg.det(turn) == pytest.approx(1)  # a film cannot be reflected
+    margin_px = round(4.5 * dpi / 25.4)
+    x, y = round(s.x_mm * dpi / 25.4) - margin_px, round(s.y_mm * dpi / 25.4) - margin_px
+    side = round(s.side_mm * dpi / 25.4) + 2 * margin_px
+    around = page[y : y + side, x : x + side]
+    u, v = np.meshgrid(np.arange(side), np.arange(side))
+    centre = (side - 1) / 2
+    xyz = turn @ np.stack([u - centre, v - centre, 0 * u]).reshape(3, -1)
+    seen = np.empty_like(around)  # image x = +x, image y = +y
+    seen[np.rint(xyz[1] + centre).astype(int), np.rint(xyz[0] + centre).astype(int)] = (
+        around.reshape(-1, 3)
+    )
+    inner = seen[margin_px : side - margin_px, margin_px : side - margin_px]
+    assert np.array_equal(inner, raster(MARKED, dpi))
+    # The F reads right, at (-x, -y), outside both cut lines: a stem on the left, two bars
+    mark = seen[: margin_px - 20, : margin_px - 22, 0] < 128
+    rows, columns = (np.flatnonzero(mark.any(axis=axis)) for axis in (1, 0))
+    letter = mark[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    h, w = letter.shape
+    assert letter[:, : w // 5].all()
+    assert letter[: h // 8].all()
+    assert not letter[-h // 4 :, w // 3 :].any()
+    assert not letter[:, -w // 8 :].all()
+
+
+def test_images_hold_the_same_page_and_their_size(tmp_path):
+    made = [
+        sheet.write([PLAIN, MARKED], tmp_path / name, dpi=400, paper="A5")
+        for name in ("s.png", "s.tif")
+    ]
+    png, tif = (page_image(m.out) for m in made)
+    assert np.array_equal(png, tif)
+    assert png.shape == (round(210 * 400 / 25.4), round(148 * 400 / 25.4), 3)
+    for m in made:
+        with Image.open(m.out) as image:
+            assert [float(v) for v in image.info["dpi"]] == pytest.approx([400, 400], abs=0.01)
+    for recipe, s in zip([PLAIN, MARKED], made[0].stickers, strict=True):
+        assert np.array_equal(crop(png, s, 400), raster(recipe, 400))
+
+
+def test_a_scale_stretches_the_sticker_and_the_rulers(tmp_path):
+    dpi, scale = 300, (1.02, 0.97)
+    made = sheet.write([PLAIN], tmp_path / "s.png", dpi=dpi, paper="A4", scale=scale)
+    page = page_image(made.out)
+    s = made.stickers[0]
+    inner = crop(page, s, dpi, scale)
+    assert inner.shape[:2] == (round(6 * 0.97 * dpi / 25.4), round(6 * 1.02 * dpi / 25.4))
+    assert (inner != 255).any(axis=2).mean() > 0.99
+    ticks = {}
+    for axis in (0, 1):
+        # The longest straight black line of the page along the axis is the ruler's
+        dark = (page.max(axis=2) < 128) if axis else (page.max(axis=2) < 128).T
+        row = int(np.argmax([longest(line) for line in dark]))
+        start, stop = run_of(dark[row])
+        ticks[axis] = (stop - start) * 25.4 / dpi
+    # A ruler's line ends with its last tick's left edge, give or take the tick's width
+    assert ticks[1] == pytest.approx(102.0, abs=0.15)
+    assert ticks[0] == pytest.approx(97.0, abs=0.15)
+
+
+def run_of(line):
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], line.astype(np.int8), [0]))))
+    runs = list(zip(edges[::2], edges[1::2], strict=True))
+    return max(runs, key=lambda run: run[1] - run[0]) if runs else (0, 0)
+
+
+def longest(line):
+    start, stop = run_of(line)
+    return stop - start
+
+
+def test_many_stickers_do_not_touch_and_stay_on_the_page(tmp_path):
+    recipes = [PLAIN, MARKED, load_recipe("dots"), recipe_from_options(None, 1.0, 0.1, 60.0)]
+    made = sheet.write(recipes, tmp_path / "s.pdf", copies=9, dpi=600)
+    assert len(made.stickers) == 36
+    assert made.pages == max(s.page for s in made.stickers) > 1
+    gap_mm = 2 * 4.0  # both their cut marks
+    for k, a in enumerate(made.stickers):
+        assert a.x_mm - 4 >= 8
+        assert a.x_mm + a.side_mm + 4 <= 210 - 8
+        assert a.y_mm - 4 >= 8
+        assert a.y_mm + a.side_mm + 4 <= 297 - 8
+        for b in made.stickers[:k]:
+            if a.page == b.page:
+                apart = max(
+                    abs(a.x_mm - b.x_mm) - (a.side_mm if a.x_mm < b.x_mm else b.side_mm),
+                    abs(a.y_mm - b.y_mm) - (a.side_mm if a.y_mm < b.y_mm else b.side_mm),
+                )
+                assert apart >= gap_mm
+
+
+def test_nothing_is_drawn_over_anything_else(tmp_path, monkeypatch):
+    """Words, codes, stickers and marks of a crowded page, by their boxes."""
+    from deltact_fab.patterns import page_image as writer
+    from deltact_fab.patterns.marks import Box, Words
+
+    pages = []
+    real = writer.png
+    monkeypatch.setattr(writer, "png", lambda *a: (pages.append(a), real(*a))[1])
+    recipes = [PLAIN, MARKED, load_recipe("dense"), recipe_from_options(None, 1.0, 0.1, 1.0)]
+    sheet.write(recipes, tmp_path / "s.png", dpi=400, copies=2, transfer="slide")
+    page_px, dpi, marks, _ = pages[0]
+    boxes = []
+    for m in marks:
+        if isinstance(m, Words):
+            wide, high = width_mm(m.text, m.size_pt) * dpi / 25.4, m.size_pt * dpi / 72
+            boxes.append((m.x_px, m.y_px - 0.72 * high, m.x_px + wide, m.y_px, "words"))
+        else:
+            kind = "box" if isinstance(m, Box) else "picture"
+            boxes.append((m.x_px, m.y_px, m.x_px + m.width_px, m.y_px + m.height_px, kind))
+    for k, a in enumerate(boxes):
+        assert a[0] >= 0
+        assert a[1] >= 0
+        assert a[2] <= page_px[0]
+        assert a[3] <= page_px[1]
+        for b in boxes[:k]:
+            if a[4] == b[4] == "box":
+                continue  # a ruler's ticks stand on its line
+            assert a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1], (a, b)
+
+
+def test_whole_dots_change_d_openly(tmp_path):
+    asked = load_recipe("dense")
+    made = sheet.write([asked], tmp_path / "s.pdf", whole_dots=True)
+    s = made.stickers[0]
+    assert s.asked_patch_mm == 0.075
+    assert s.patch_mm == pytest.approx(4 * 25.4 / 1200, abs=1e-9)
+    assert s.dots_per_patch == pytest.approx(4, abs=1e-6)
+    assert s.print_error_mm < 1e-6
+    assert s.side_mm <= asked.size_mm
+    assert "whole printer dots: d is 0.08467 mm, not 0.075" in "\n".join(made.lines())
+    from deltact_fab.patterns.code import decode
+
+    assert decode(s.code).patch_mm == s.patch_mm
+    octave = load_recipe("octave")
+    made = sheet.write([octave], tmp_path / "o.pdf", whole_dots=True)
+    changed = decode(made.codes[0])
+    assert np.divide(changed.scales_mm, changed.patch_mm) == pytest.approx(
+        np.divide(octave.scales_mm, octave.patch_mm)
+    )
+
+
+@pytest.mark.parametrize("name", ["s.pdf", "s.png", "s.tif"])
+def test_equal_sheets_are_equal_bytes(tmp_path, name):
+    first = sheet.write([MARKED], tmp_path / name, dpi=400, paper="A5")
+    content = first.out.read_bytes()
+    assert sheet.write([MARKED], tmp_path / name, dpi=400, paper="A5").sha256 == first.sha256
+    assert first.out.read_bytes() == content
+    assert len(content) == first.bytes
+    assert list(tmp_path.iterdir()) == [first.out]
+
+
+D = recipe_from_options
+
+
+@pytest.mark.parametrize(
+    ("recipe", "options", "says"),
+    [
+        (
+            D(None, 0.02, 0.1, 20.0),
+            {},
+            "larger than a patch (0.02 mm), and cannot show it; use 1270",
+        ),
+        (D(None, 0.02, 0.1, 20.0), {"whole_dots": True}, "use 1270 dpi or more"),
+        (load_recipe("dots"), {"dpi": 100}, "a quarter of a marker dot"),
+        (D(None, 1, 0.1, 300.0), {}, "do not fit on the paper"),
+        (PLAIN, {"scale": (1.2, 1.0)}, "scale x: 1.2 must be 0.9 to 1.1"),
+        (PLAIN, {"scale": (1.0, math.nan)}, "scale y: nan"),
+        (PLAIN, {"scale": (1.01, 1.0), "whole_dots": True}, "use one scale"),
+        (PLAIN, {"dpi": 0}, "dpi: 0"),
+        (PLAIN, {"dpi": -1200}, "dpi: -1200"),
+        (PLAIN, {"dpi": math.nan}, "dpi: nan"),
+        (PLAIN, {"dpi": math.inf}, "dpi: inf"),
+        (PLAIN, {"dpi": 1e6}, "100 to 9600"),
+        (load_recipe("dots"), {"dpi": 9600}, "use at most 7950 dpi"),
+        (PLAIN, {"paper": "A44"}, "did you mean 'A4'?"),
+        (PLAIN, {"transfer": "facedown"}, "did you mean 'face-down'?"),
+        (PLAIN, {"copies": 0}, "copies: 0"),
+        (PLAIN, {"copies": 3000}, "at most 2000"),
+        (PLAIN, {"margin_mm": -1}, "margin_mm: -1"),
+        (PLAIN, {"margin_mm": 40, "paper": "A5"}, "no room for the rulers"),
+        (PLAIN, {"out": "s.svg"}, ".pdf, .png or .tif"),
+        (PLAIN, {"out": "no/s.pdf"}, "there is no folder"),
+        (PLAIN, {"out": "s.png", "dpi": 2400}, "write a .pdf, or use at most 1245 dpi"),
+        (PLAIN, {"out": "s.png", "dpi": 200, "copies": 100}, "an image holds one; write a .pdf"),
+    ],
+)
+def test_what_cannot_be_printed_is_one_line_and_no_file(tmp_path, recipe, options, says):
+    options = dict(options)
+    out = tmp_path / options.pop("out", "s.pdf")
+    with pytest.raises(InputError, match=re.escape(says)) as why:
+        sheet.write([recipe], out, **options)
+    assert "\n" not in str(why.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_too_many_patches_in_all_are_one_line(tmp_path):
+    recipes = [D(None, 35 / 2000, 0.1, seed=k) for k in range(26)]
+    with pytest.raises(InputError, match="104 million patches; at most 100 million"):
+        sheet.write(recipes, tmp_path / "s.pdf", dpi=2400)
+
+
+def test_no_recipe_is_one_line(tmp_path):
+    with pytest.raises(InputError, match="at least one recipe"):
+        sheet.write([], tmp_path / "s.pdf")
+
+
+def test_the_largest_image_at_most_dpi_is_accepted():
+    page = Sheet((210.0, 297.0), 1245, (1.0, 1.0), 8.0).page_px
+    from deltact_fab.patterns import page_image as writer
+
+    writer.check_size(page, 1245)
+
+
+@pytest.mark.parametrize("r", [0, 0.25, 0.2500001, 0.9, 0.9999])
+def test_every_r_prints(tmp_path, r):
+    recipe = D(None, 0.1, r, 10.0)
+    made = sheet.write([recipe], tmp_path / "s.png", dpi=400, paper="A5")
+    found = crop(page_image(made.out), made.stickers[0], 400)
+    assert np.array_equal(found, raster(recipe, 400))
+
+
+def test_one_patch_prints(tmp_path):
+    recipe = D(None, 35.0, 0.1, 35.0)
+    made = sheet.write([recipe], tmp_path / "s.png", dpi=300)
+    found = crop(page_image(made.out), made.stickers[0], 300)
+    assert (found == draw_patches(recipe)[0, 0]).all()
+
+
+def test_the_report_is_plain_data(tmp_path):
+    import json
+
+    steps = []
+    made = sheet.write(
+        [PLAIN, MARKED], tmp_path / "s.pdf", progress=lambda done, total, what: steps.append(done)
+    )
+    data = json.loads(json.dumps(made.as_dict()))
+    assert data["stickers"][0]["side_mm"] == 6.0
+    assert len(data["codes"]) == 2
+    assert steps == sorted(steps)
+    assert any("not mirrored" in line for line in made.lines())
+
+
+def test_widths_are_helveticas():
+    pytest.importorskip("matplotlib", reason="brings the font metrics that this compares with")
+    from pathlib import Path
+
+    import matplotlib
+
+    file = Path(matplotlib.get_data_path(), "fonts/pdfcorefonts/Helvetica.afm")
+    found = dict(re.findall(r"C (\d+) ; WX (\d+)", file.read_text(encoding="latin-1")))
+    assert tuple(int(found[str(code)]) for code in range(32, 127)) == WIDTHS
+
+
+def test_lines_fit_their_room():
+    words = ["neighbours", "differ", "by", "at", "least", "the", "square", "root", "of", "r"]
+    lines = wrapped(words, 30.0, 6.0, " ")
+    assert " ".join(lines).split() == words
+    assert len(lines) > 1
+    assert all(width_mm(line, 6.0) <= 30.0 for line in lines)
+
+
+@pytest.mark.slow
+def test_the_largest_sticker_is_bounded(tmp_path):
+    recipe = D(None, 0.05, 0.6, 100.0)
+    assert recipe.n == 2000
+    draw_patches(recipe)
+    tracemalloc.start()
+    made = sheet.write([recipe], tmp_path / "s.pdf", dpi=2400)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert made.stickers[0].embedding == "dots"
+    # The raster alone would be 268 MB; drawing the patches takes 150 of the peak
+    assert peak < 220e6
+    assert made.bytes < 20e6

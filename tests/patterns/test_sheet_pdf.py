@@ -1,0 +1,277 @@
+"""The sheet's PDF: its structure by a reader of its own, its pixels by poppler."""
+
+from __future__ import annotations
+
+import itertools
+import re
+import shutil
+import subprocess
+import zlib
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from deltact_fab.numerics.engines.sheet import edge_error_mm, read_back
+from deltact_fab.patterns import (
+    draw_patches,
+    load_recipe,
+    raster,
+    recipe_from,
+    recipe_from_options,
+    sheet,
+)
+from deltact_fab.patterns.code import decode
+from deltact_fab.patterns.furniture import COLOURS
+
+needs_poppler = pytest.mark.skipif(
+    shutil.which("pdftoppm") is None, reason="pdftoppm (poppler-utils) is not installed"
+)
+FINE = recipe_from_options(None, 0.075, 0.6, size_mm=12.0)
+COARSE = recipe_from_options(None, 0.2, 0.3, size_mm=12.0)
+
+
+def objects(data):
+    """Body of every object, by number, found through the cross-reference table."""
+    start = int(re.search(rb"startxref\n(\d+)\n%%EOF\n$", data)[1])
+    assert data[start : start + 5] == b"xref\n"
+    count = int(re.match(rb"xref\n0 (\d+)\n", data[start:])[1])
+    entries = re.findall(rb"(\d{10}) (\d{5}) ([nf]) \n", data[start:])
+    assert len(entries) == count
+    offsets = [int(e[0]) for e in entries[1:]] + [start]
+    found = {}
+    for number, (at, end) in enumerate(itertools.pairwise(offsets), 1):
+        body = data[at:end]
+        head = b"%d 0 obj\n" % number
+        assert body.startswith(head)
+        assert body.endswith(b"\nendobj\n")
+        found[number] = body[len(head) : -len(b"\nendobj\n")]
+    return found
+
+
+def stream(body):
+    """Dictionary and inflated content of a stream object."""
+    head, _, rest = body.partition(b" >>\nstream\n")
+    length = int(re.search(rb"/Length (\d+)", head)[1])
+    assert rest[length:] == b"\nendstream"
+    return head.decode(), zlib.decompress(rest[:length])
+
+
+def placed_images(data):
+    """(page, matrix, width, height, opening) of every image drawn, in order."""
+    every = objects(data)
+    out = []
+    pages = [b for b in every.values() if b"/Type /Page " in b]
+    for k, page in enumerate(pages):
+        content = stream(every[int(re.search(rb"/Contents (\d+)", page)[1])])[1].decode()
+        for matrix, name in re.findall(r"q ([-0-9. ]+) cm /I(\d+) Do Q", content):
+            head, raw = stream(every[int(name)])
+            width, height = (int(re.search(rf"/{k} (\d+)", head)[1]) for k in ("Width", "Height"))
+            colours = 3 if "DeviceRGB" in head else 1
+            assert len(raw) == height * (width * colours + 1)
+            out.append((k, [float(v) for v in matrix.split()], width, height, head))
+    return out
+
+
+def media_mm(data):
+    box = re.search(rb"/MediaBox \[0 0 ([0-9.]+) ([0-9.]+)\]", data)
+    return [float(v) * 25.4 / 72 for v in box.groups()]
+
+
+def rendered(pdf, dpi, sticker=None, pad=0, scale=(1.0, 1.0)):
+    """The page, or a sticker with `pad` dots around it, by poppler: (h, w, 3) RGB."""
+    window = []
+    if sticker is not None:
+        x, y = (
+            round(at * s * dpi / 25.4)
+            for at, s in zip((sticker.x_mm, sticker.y_mm), scale, strict=True)
+        )
+        side = int(np.ceil(sticker.side_mm * max(scale) * dpi / 25.4)) + 2 * pad
+        window = ["-x", x - pad, "-y", y - pad, "-W", side, "-H", side]
+    root = pdf.with_suffix("")
+    page = ["-f", sticker.page, "-l", sticker.page] if sticker is not None else ["-l", 1]
+    command = ["pdftoppm", "-r", dpi, *page, *window, "-singlefile", pdf, root]
+    done = subprocess.run([str(c) for c in command], capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+    image = cv2.imread(str(root.with_suffix(".ppm")))
+    assert image is not None
+    return image[..., ::-1]
+
+
+@pytest.mark.parametrize("transfer", ["face-down", "slide"])
+@pytest.mark.parametrize("dpi", [1200, 2400])
+def test_the_matrix_is_exact_to_a_micrometre(tmp_path, dpi, transfer):
+    made = sheet.write([FINE, COARSE], tmp_path / "s.pdf", dpi=dpi, transfer=transfer, copies=2)
+    data = made.out.read_bytes()
+    high_mm = media_mm(data)[1]
+    found = [i for i in placed_images(data) if "/DeviceRGB" in i[4]]
+    assert len(found) == 4
+    for s, (_, matrix, width, height, head) in zip(made.stickers, found, strict=True):
+        a, b, c, d, e, f = (v * 25.4 / 72 for v in matrix)
+        assert b == c == 0
+        if s.embedding == "patches":
+            want_mm = s.side_mm
+            assert width == height == (COARSE.n if s.patch_mm == 0.2 else FINE.n)
+        else:
+            # The raster's own size: a whole number of dots, the nearest to the side
+            want_mm = width * 25.4 / dpi
+            assert width == height == round(s.side_mm * dpi / 25.4)
+            assert s.print_error_mm <= 25.4 / dpi / 2 + 1e-12
+        assert a == pytest.approx(want_mm, abs=1e-3)
+        assert d == pytest.approx(want_mm, abs=1e-3)
+        # The corner lies on the dot grid, counted from the page's top left
+        assert e == pytest.approx(s.x_mm, abs=1e-3)
+        assert high_mm - f - d == pytest.approx(s.y_mm, abs=1e-3)
+        for at_mm in (s.x_mm, s.y_mm):
+            assert abs(at_mm * dpi / 25.4 - round(at_mm * dpi / 25.4)) < 1e-3
+        assert "/Interpolate false" in head
+        assert "/FlateDecode" in head
+
+
+@pytest.mark.parametrize("embed", ["patches", "dots"])
+@pytest.mark.parametrize("scale", [(1.0, 1.0), (0.99, 0.99)])
+def test_the_edges_in_the_file_are_as_good_as_reported(tmp_path, embed, scale):
+    recipe = recipe_from_options(None, 0.13, 0.6, size_mm=20.0)
+    made = sheet.write([recipe], tmp_path / "s.pdf", embed=embed, scale=scale)
+    found = read_back(made.out)
+    size_mm = tuple(v / k for v, k in zip(found.size_mm, scale, strict=True))
+    measured_mm = edge_error_mm(recipe, replace(found, size_mm=size_mm))
+    assert made.edge_error_mm / 2 < measured_mm <= made.edge_error_mm + 1e-6
+    # The measure itself: a file of another pattern, and one of another size
+    assert edge_error_mm(recipe_from_options(None, 0.26, 0.6, size_mm=20.0), found) == np.inf
+    larger = replace(found, size_mm=tuple(v + 0.1 for v in size_mm))
+    assert edge_error_mm(recipe, larger) == pytest.approx(0.05, abs=0.012)
+
+
+def test_five_dots_a_patch_divide_the_two_ways(tmp_path):
+    below = recipe_from_options(None, 25.4 / 1200 * 4.99, 0.1, size_mm=5.0)
+    above = recipe_from_options(None, 25.4 / 1200 * 5.01, 0.1, size_mm=5.0)
+    made = sheet.write([below, above, load_recipe("dots")], tmp_path / "s.pdf")
+    assert [s.embedding for s in made.stickers] == ["dots", "patches", "dots"]
+
+
+def test_the_page_is_whole_dots_and_within_half_a_dot_of_the_paper(tmp_path):
+    for paper, size_mm in (("A4", (210, 297)), ("letter", (215.9, 279.4))):
+        made = sheet.write([COARSE], tmp_path / "s.pdf", paper=paper)
+        for side_mm, want_mm in zip(media_mm(made.out.read_bytes()), size_mm, strict=True):
+            assert side_mm == pytest.approx(want_mm, abs=25.4 / 1200 / 2 + 1e-4)
+            assert abs(side_mm * 1200 / 25.4 - round(side_mm * 1200 / 25.4)) < 1e-3
+
+
+def test_what_a_print_shop_must_find(tmp_path):
+    made = sheet.write([COARSE], tmp_path / "s.pdf")
+    data = made.out.read_bytes()
+    every = objects(data)
+    assert data.startswith(b"%PDF-1.7\n")
+    assert b"/PrintScaling /None" in every[1]
+    assert b"Date" not in b"".join(b for b in every.values() if b"stream" not in b)
+    assert made.codes[0].encode() in data
+
+
+def test_copies_share_one_image(tmp_path):
+    once = sheet.write([FINE], tmp_path / "a.pdf").bytes
+    many = sheet.write([FINE], tmp_path / "b.pdf", copies=40)
+    assert many.pages > 1
+    assert many.bytes < once + 40_000
+
+
+CASES = [
+    (d, dpi, transfer)
+    for dpi in (1200, 2400)
+    for d in (0.05, 0.075, 0.1, 0.12, 0.15, 0.2)
+    for transfer in (("face-down", "slide") if d in (0.075, 0.2) else ("face-down",))
+]
+
+
+@needs_poppler
+@pytest.mark.parametrize(("d", "dpi", "transfer"), CASES)
+def test_every_patch_centre_is_exact(tmp_path, d, dpi, transfer):
+    recipe = recipe_from_options(None, d, 0.3, size_mm=9.0)
+    made = sheet.write([recipe], tmp_path / "s.pdf", dpi=dpi, transfer=transfer, paper="A5")
+    s, pad = made.stickers[0], 6
+    image = rendered(made.out, dpi, s, pad)
+    want = draw_patches(recipe)
+    if transfer == "slide":
+        want = want[:, ::-1]
+    at = np.floor(pad + (np.arange(recipe.n) + 0.5) * d * dpi / 25.4).astype(int)
+    assert np.array_equal(image[np.ix_(at, at)], want)
+    inked = (image != 255).any(axis=2)
+    for axis in (0, 1):
+        line = np.flatnonzero(inked.mean(axis=axis) > 0.8)
+        assert line[0] == pad
+        assert abs(len(line) - s.side_mm * dpi / 25.4) <= 1
+    # Every edge, read off the picture: within what the report says, from the true place
+    step = np.abs(np.diff(image[pad:-pad, pad:-pad].astype(int), axis=1)).sum(axis=(0, 2))
+    edges_mm = (np.flatnonzero(step) + 1)[: recipe.n - 1] * 25.4 / dpi
+    true_mm = np.arange(1, recipe.n) * d
+    side_dots = s.side_mm * dpi / 25.4
+    # A raster is right about its centre: its corner is off by half of what its side is
+    shift_mm = abs(round(side_dots) - side_dots) / 2 * 25.4 / dpi if s.embedding == "dots" else 0
+    assert np.abs(edges_mm - true_mm).max() <= s.print_error_mm + shift_mm + 1e-9
+
+
+@needs_poppler
+@pytest.mark.parametrize("scale", [(1.0, 1.0), (1.013, 0.991)])
+def test_a_raster_is_not_resampled(tmp_path, scale):
+    made = sheet.write([FINE], tmp_path / "s.pdf", scale=scale, paper="A5")
+    s = made.stickers[0]
+    image = rendered(made.out, 1200, s, scale=scale)
+    h, w = (round(s.side_mm * k * 1200 / 25.4) for k in (scale[1], scale[0]))
+    found = image[:h, :w]
+    if scale == (1.0, 1.0):
+        assert np.array_equal(found, raster(FINE, 1200))
+    patch_px = np.array(scale) * 0.075 * 1200 / 25.4
+    at_x, at_y = (np.floor((np.arange(FINE.n) + 0.5) * p).astype(int) for p in patch_px)
+    assert np.array_equal(found[np.ix_(at_y, at_x)], draw_patches(FINE))
+
+
+@needs_poppler
+def test_markers_are_printed_as_designed(tmp_path):
+    recipe = load_recipe("dense-with-dots")
+    made = sheet.write([recipe], tmp_path / "s.pdf", dpi=600)
+    s = made.stickers[0]
+    h = round(s.side_mm * 600 / 25.4)
+    assert np.array_equal(rendered(made.out, 600, s)[:h, :h], raster(recipe, 600))
+
+
+@needs_poppler
+@pytest.mark.parametrize(("dpi", "transfer"), [(300, "face-down"), (600, "slide")])
+def test_the_codes_are_read_from_the_page(tmp_path, dpi, transfer):
+    octave = recipe_from(
+        {"law": "octave", "seed": 5, "size_mm": 20.0, "patch_mm": 0.1, "scales_mm": [0.1, 0.4]},
+        "test",
+    )
+    recipes = [recipe_from_options(None, 0.1, 0.6), load_recipe("dense-with-dots"), octave]
+    made = sheet.write(recipes, tmp_path / "s.pdf", dpi=dpi, transfer=transfer)
+    page = rendered(made.out, dpi)
+    for recipe, s in zip(recipes, made.stickers, strict=True):
+        # Below the sticker, left of the label
+        x, y = (round(v * dpi / 25.4) for v in (s.x_mm - 4.5, s.y_mm + s.side_mm + 4.1))
+        part = np.ascontiguousarray(page[y : y + dpi * 20 // 25, x : x + dpi * 20 // 25, ::-1])
+        text, _, _ = cv2.QRCodeDetector().detectAndDecode(part)
+        assert text == s.code
+        again = decode(text)
+        assert again == recipe
+        assert np.array_equal(draw_patches(again), draw_patches(recipe))
+
+
+@needs_poppler
+def test_rulers_and_colours_are_on_the_page(tmp_path):
+    made = sheet.write([COARSE], tmp_path / "s.pdf", dpi=600, paper="A5")
+    page = rendered(made.out, 600)
+    seen = {tuple(c) for c in np.unique(page[::9, ::9].reshape(-1, 3), axis=0)}
+    for _, ink in COLOURS:
+        assert (ink if isinstance(ink, tuple) else (ink,) * 3) in seen
+    dark = page.max(axis=2) < 128
+    for lines in (dark, dark.T):
+        # Ticks of the ruler, just below (right of) its line: 101, a millimetre apart
+        runs = [np.flatnonzero(np.diff(np.concatenate(([0], line, [0])))) for line in lines]
+        lengths = [int(np.max(np.diff(run)[::2], initial=0)) for run in runs]
+        k = int(np.argmax(lengths))
+        below = lines[k + round(0.8 * 600 / 25.4)]
+        starts = np.flatnonzero(np.diff(below.astype(int)) == 1) + 1
+        first = runs[k][::2][int(np.argmax(np.diff(runs[k])[::2]))]
+        ticks = starts[(starts >= first) & (starts <= first + 100.5 * 600 / 25.4)]
+        assert len(ticks) == 101
+        assert np.abs((ticks - first) * 25.4 / 600 - np.arange(101)).max() <= 25.4 / 600
