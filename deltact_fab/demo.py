@@ -73,11 +73,12 @@ def _clear(out: Path) -> None:
 def _parts(folder: Path, bar: Bar, say: Callable[[str], None]) -> dict[str, Any]:
     from .cad.design import load_design
     from .cad.export import export_parts
+    from .cad.part_files import FORMATS
     from .cad.registry import select
 
     try:
         with bar("cad export") as tick:
-            files = export_parts(load_design(), select(()), ("step", "stl"), 0.01, folder, tick)
+            files = export_parts(load_design(), select(["sensor"]), FORMATS, 0.01, folder, tick)
     except MissingLibrary as why:
         say(f"cad: left out: {why}")
         return {"files": [], "note": f"The parts were left out: {why}"}

@@ -25,7 +25,9 @@ loaded = sorted(m for m in {heavy!r} if m in sys.modules)
 print("@@", code, ",".join(loaded))
 """
 SUBCOMMANDS = [
-    ["cad", "list"], ["cad", "export"], ["pattern", "make"], ["protocol", "check"],
+    *(["cad", name] for name in ("list", "show", "check", "export", "bom", "guide")),
+    *(["pattern", name] for name in ("make", "quality", "sheet", "from", "series")),
+    ["protocol", "check"],
     ["protocol", "show"], ["rig", "show"], ["gel", "press"], ["analyze", "tracking"],
 ]  # fmt: skip
 
@@ -49,6 +51,16 @@ def test_help_loads_nothing_heavy(words: list[str]) -> None:
     assert done.stdout.rsplit("@@", 1)[1].strip() == "0"
 
 
+def test_every_part_command_and_pattern_command_stands_in_the_readme() -> None:
+    from deltact_fab.cli.cad import cad
+    from deltact_fab.cli.pattern import pattern
+
+    readme = (Path(__file__).parents[2] / "README.md").read_text()
+    for group in (cad, pattern):
+        for name in group.commands:
+            assert f"{group.name} {name}" in readme or f"`{name}`" in readme, name
+
+
 def test_every_command_stands_in_the_readme() -> None:
     readme = (Path(__file__).parents[2] / "README.md").read_text()
     for name in COMMANDS:
@@ -68,6 +80,21 @@ def test_every_command_stands_in_the_readme() -> None:
         (["analyze", "tracking", "."], "not a run folder"),
         (["report", "nowhere"], "nowhere: no such folder"),
         (["analyse"], "No such command"),
+        (["cad", "show", "shel"], "did you mean 'shell'?"),
+        (["cad", "check", "--set", "skin.widht_mm=3"], "did you mean 'width_mm'?"),
+        (
+            ["cad", "export", "--set", "skin.width_mm=24", "--set", "skin.length_mm=24"],
+            "the camera's board and the corner posts",
+        ),
+        (["cad", "export", "--format", "obj"], "format 'obj': unknown"),
+        (["cad", "export", "skin", "--tolerance", "nan"], "0.001 to 1 mm is right"),
+        (["cad", "bom", "--sensors", "0"], "sensors"),
+        (["cad", "guide", "--design", "deltakt"], "did you mean 'deltact'?"),
+        (["pattern", "quality", "dens"], "did you mean 'dense'?"),
+        (["pattern", "sheet", "dense", "-o", "x.jpg"], "end the name in .pdf, .png or .tif"),
+        (["pattern", "sheet", "dense", "--scale-x", "1.5", "-o", "x.pdf"], "scale x: 1.5"),
+        (["pattern", "from", "DELTACT1/NONSENSE", "-o", "x.png"], "code"),
+        (["pattern", "series", "--out", "."], "folder"),
         (["run", "smoke"], "--out"),
     ],
 )
