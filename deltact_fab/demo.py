@@ -72,8 +72,7 @@ def _clear(out: Path) -> None:
 
 def _parts(folder: Path, bar: Bar, say: Callable[[str], None]) -> dict[str, Any]:
     from .cad.design import load_design
-    from .cad.export import export_parts
-    from .cad.part_files import FORMATS
+    from .cad.export import FORMATS, export_parts
     from .cad.registry import select
 
     try:

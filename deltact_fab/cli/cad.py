@@ -191,7 +191,7 @@ def bom(design: str, changes: tuple[str, ...], sensors: int, kind: str, out: Pat
     import json
     from dataclasses import asdict
 
-    from ..cad.bom import csv_text, lines
+    from ..cad.making.bom import csv_text, lines
     from ..record import write_whole
     from .output import echo_table
 

@@ -1,8 +1,8 @@
 """Patterns: a recipe becomes patches, dots, a printer's file and a virtual sticker's colours."""
 
 from .dots import centres_csv, centres_mm, check_inside
+from .laws.patches import draw_patches
 from .metadata import Dots, read_dots, read_recipe
-from .patches import draw_patches
 from .raster import Made, albedo, make, raster
 from .recipe import DotGrid, PatternRecipe, load_recipe, recipe_from, recipe_from_options
 

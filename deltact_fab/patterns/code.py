@@ -18,7 +18,7 @@ import re
 from typing import Any
 
 from ..errors import InputError
-from .patches import draw_patches
+from .laws.patches import draw_patches
 from .recipe import PatternRecipe, recipe_from
 
 PREFIX = "DELTACT1"

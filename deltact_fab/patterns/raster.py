@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..shapes import SensorDimensions
-from . import chessboard, dots, metadata
-from .patches import draw_patches
+from . import dots, metadata
+from .laws import chessboard
+from .laws.patches import draw_patches
 from .recipe import PatternRecipe
 
 DEFAULT_DPI = 1200.0

@@ -13,8 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validat
 
 from .. import catalog
 from ..errors import InputError
-from . import octave
-from .laws import LAWS, check_key, check_law
+from .laws import LAWS, check_key, check_law, octave
 
 MAX_PATCHES = 2000
 """Patches along a side: the uniforms of a larger sticker would need more than 100 MB."""

@@ -14,14 +14,7 @@ else it leaves (images, truth) is on the disk before that. See docs/decisions/00
 
 from __future__ import annotations
 
-from .files import (
-    FORMAT,
-    encode_png,
-    image_file,
-    lattice_file,
-    truth_file,
-    write_whole,
-)
+from .files import FORMAT, encode_png, image_file, lattice_file, truth_file, write_whole
 from .journal import CLOCK_COLUMNS, WALL_COLUMNS
 from .run import Run, Truth, open
 from .same import require_same

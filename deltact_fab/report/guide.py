@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from .. import record
-from ..cad import bom, fabrication, rules
+from ..cad import rules
 from ..cad.design import load_indenters
 from ..cad.dimensions import Design
-from ..cad.fabrication import DEFAULT
-from ..cad.paper_gaps import gaps
+from ..cad.making import bom, fabrication
+from ..cad.making.fabrication import DEFAULT
+from ..cad.making.paper_gaps import gaps
 from ..cad.registry import SENSOR_PARTS, Part, listed
 from ..errors import InputError, MissingLibrary
 
@@ -156,10 +157,10 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     """
     from ..cad.assembly import places
     from ..cad.build import build_part
-    from ..cad.formats.glb import drawn, glb_bytes
+    from ..cad.drafting.picture import exploded_svg, part_svg
+    from ..cad.export.formats.glb import drawn, glb_bytes
     from ..cad.kernel import require
     from ..cad.mesh import mesh_solid
-    from ..cad.picture import exploded_svg, part_svg
 
     require()
     total = len(parts) + 2

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, MissingLibrary
-from ..patterns import series
+from ..patterns.series import job as series
 from ..record import write_whole
 from . import figures
 

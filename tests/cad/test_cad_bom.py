@@ -13,11 +13,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltact_fab.cad import bom, fabrication
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design, LightDimensions, MoldDimensions
-from deltact_fab.cad.fabrication import Process
-from deltact_fab.cad.paper_gaps import gaps
+from deltact_fab.cad.making import bom, fabrication
+from deltact_fab.cad.making.fabrication import Process
+from deltact_fab.cad.making.paper_gaps import gaps
 from deltact_fab.cad.registry import SENSOR_PARTS, listed
 from deltact_fab.errors import InputError
 
@@ -193,7 +193,7 @@ def test_the_gaps_carry_the_figures_of_the_design():
 
 def test_no_cad_kernel_is_imported():
     code = (
-        "import sys; from deltact_fab.cad import bom, paper_gaps, registry, show;"
+        "import sys; from deltact_fab.cad import registry, show;from deltact_fab.cad.making import bom, paper_gaps;"
         "from deltact_fab.cad.design import load_design; d = load_design();"
         "bom.lines(d); paper_gaps.gaps(d);"
         "[show.describe(p, d) for p in registry.listed()];"

@@ -14,6 +14,8 @@ from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.drafting import callouts
 from deltact_fab.cad.drafting.dimensioning import Leader, Linear, shown
+from deltact_fab.cad.drafting.drawing import FLIPPED, SCALES, VIEWS, drawing_svg, has_drawing
+from deltact_fab.cad.drafting.projection import View, project
 from deltact_fab.cad.drafting.sheet import (
     BORDER_MM,
     CAP,
@@ -23,11 +25,9 @@ from deltact_fab.cad.drafting.sheet import (
     text_width_mm,
     wrapped,
 )
-from deltact_fab.cad.drawing import FLIPPED, SCALES, VIEWS, drawing_svg, has_drawing
 from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import mesh_solid
 from deltact_fab.cad.parts import mold
-from deltact_fab.cad.projection import View, project
 from deltact_fab.errors import InputError
 
 SVG = "{http://www.w3.org/2000/svg}"

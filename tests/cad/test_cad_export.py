@@ -12,13 +12,14 @@ import pytest
 from click.testing import CliRunner
 
 from deltact_fab import cache
-from deltact_fab.cad import export, registry
+from deltact_fab.cad import registry
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
-from deltact_fab.cad.export import export_parts
-from deltact_fab.cad.part_files import FORMATS, Made, applicable
+from deltact_fab.cad.export import batch as export
+from deltact_fab.cad.export.batch import export_parts
+from deltact_fab.cad.export.part_files import FORMATS, Made, applicable
+from deltact_fab.cad.export.stored import Store, sources_sha256
 from deltact_fab.cad.parts import skin_frame
-from deltact_fab.cad.stored import Store, sources_sha256
 from deltact_fab.cli.cad import cad
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.shapes.sensor import FrameDimensions, SkinDimensions
@@ -168,7 +169,7 @@ FROM_CACHE = """
 from pathlib import Path
 from deltact_fab.cad import registry
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.export import export_parts
+from deltact_fab.cad.export.batch import export_parts
 out, changes, *names = sys.argv[1:]
 kinds = ("step", "stl", "3mf", "dxf", "glb")
 calls = []

@@ -31,8 +31,8 @@ started = time.perf_counter()
 from pathlib import Path
 from deltact_fab.cad import registry
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.export import export_parts
-from deltact_fab.cad.part_files import FORMATS
+from deltact_fab.cad.export.batch import export_parts
+from deltact_fab.cad.export.part_files import FORMATS
 
 if __name__ == "__main__":
     out, jobs = Path(sys.argv[1]), int(sys.argv[2])
@@ -118,7 +118,7 @@ def test_a_stopped_export_is_one_line_and_leaves_nothing(tmp_path, end, says):
     script = f"""
 import sys
 from pathlib import Path
-from deltact_fab.cad import export
+from deltact_fab.cad.export import batch as export
 export.SHARED_FROM_S = 0.0
 export.parallel.processors = lambda: 2
 from deltact_fab.cli.main import entry
@@ -165,8 +165,8 @@ def _workers(group):
 
 def test_a_few_formats_at_a_time_write_the_same_bytes(exported, tmp_path):
     """A part's STEP must not depend on whether it was meshed or drawn before."""
-    from deltact_fab.cad.export import export_parts
-    from deltact_fab.cad.part_files import FORMATS
+    from deltact_fab.cad.export.batch import export_parts
+    from deltact_fab.cad.export.part_files import FORMATS
 
     for kinds in (FORMATS[:1], FORMATS[4:], FORMATS[1:4]):
         export_parts(load_design(), registry.listed(), kinds, 0.01, tmp_path, cached=False, jobs=1)

@@ -18,7 +18,7 @@ import trimesh
 from deltact_fab.cad import registry
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.formats import dxf, glb, step, stl, threemf
+from deltact_fab.cad.export.formats import dxf, glb, step, stl, threemf
 from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import mesh_solid
 from deltact_fab.errors import RunFailed

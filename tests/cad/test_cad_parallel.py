@@ -14,7 +14,7 @@ import time
 
 import pytest
 
-from deltact_fab.cad import parallel
+from deltact_fab.cad.export import parallel
 from deltact_fab.errors import RunFailed
 
 LISTED = pytest.mark.skipif(shutil.which("ps") is None, reason="ps is not installed (procps)")
@@ -53,7 +53,7 @@ def test_a_worker_that_dies_is_one_line():
 @pytest.mark.parametrize("way", ["file", "stdin"])
 def test_a_script_without_a_guard_runs_once(tmp_path, way):
     text = (
-        "import math\nfrom deltact_fab.cad import parallel\nprint('here')\n"
+        "import math\nfrom deltact_fab.cad.export import parallel\nprint('here')\n"
         "parallel.run(math.sqrt, [4, 9], 2, lambda index, answer: print(answer))\n"
     )
     script = tmp_path / "script.py"
@@ -73,7 +73,7 @@ def test_a_script_without_a_guard_runs_once(tmp_path, way):
 @LISTED
 def test_workers_die_with_their_parent():
     script = (
-        "import time\nfrom deltact_fab.cad import parallel\n"
+        "import time\nfrom deltact_fab.cad.export import parallel\n"
         "print('on', flush=True)\n"
         "parallel.run(time.sleep, [60, 60, 60], 2, print)\n"
     )
@@ -87,7 +87,7 @@ def test_workers_die_with_their_parent():
 @LISTED
 def test_ctrl_c_ends_the_workers_and_keeps_the_exception():
     script = (
-        "import time\nfrom deltact_fab.cad import parallel\n"
+        "import time\nfrom deltact_fab.cad.export import parallel\n"
         "try:\n    parallel.run(time.sleep, [60, 60, 60], 2, print)\n"
         "except KeyboardInterrupt:\n    print('stopped')\n"
     )

@@ -22,13 +22,7 @@ from deltact_fab.cad.kernel import guarded, require
 from deltact_fab.cad.parts import indenter as indenter_part
 from deltact_fab.cad.parts import skin_frame
 from deltact_fab.errors import InputError, RunFailed
-from deltact_fab.shapes import (
-    EllipsoidTip,
-    Indenter,
-    PrismTip,
-    RidgeTip,
-    SphereTip,
-)
+from deltact_fab.shapes import EllipsoidTip, Indenter, PrismTip, RidgeTip, SphereTip
 from deltact_fab.shapes.indenter import parse
 
 DEFAULT = Design()

@@ -15,11 +15,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltact_fab.cad import picture, registry
+from deltact_fab.cad import registry
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
+from deltact_fab.cad.drafting import picture
 from deltact_fab.cad.drafting.balloons import BETWEEN_MM, RADIUS_MM, arranged, spread
-from deltact_fab.cad.drawing import drawing_svg
+from deltact_fab.cad.drafting.drawing import drawing_svg
 from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import mesh_solid
 
@@ -251,10 +252,11 @@ def test_a_mesh_left_on_the_solid_changes_no_byte(cq):
 
 SCRIPT = """
 import hashlib
-from deltact_fab.cad import picture, registry
+from deltact_fab.cad.drafting import picture
+from deltact_fab.cad import registry
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.drawing import drawing_svg
+from deltact_fab.cad.drafting.drawing import drawing_svg
 
 design = load_design()
 solids = {p.name: build_part(p, design)[0] for p in reversed(registry.SENSOR_PARTS)}

@@ -10,13 +10,7 @@ from hypothesis import strategies as st
 
 from deltact_fab.errors import InputError, SensorError
 from deltact_fab.measure.compose import block_ncc, compose, landing_px, sample
-from deltact_fab.measure.flow import (
-    FLOW_METHODS,
-    FlowMethod,
-    FlowTracker,
-    RenewalRule,
-    to_gray,
-)
+from deltact_fab.measure.flow import FLOW_METHODS, FlowMethod, FlowTracker, RenewalRule, to_gray
 
 MM_PER_PX = 0.0378
 W, H = 798, 586

@@ -17,17 +17,10 @@ from scipy import stats
 
 from deltact_fab import catalog
 from deltact_fab.errors import InputError
-from deltact_fab.patterns import (
-    albedo,
-    centres_mm,
-    draw_patches,
-    load_recipe,
-    make,
-    recipe_from,
-)
-from deltact_fab.patterns.chessboard import check_covers, corners_mm, inner_corners
-from deltact_fab.patterns.laws import LAWS
-from deltact_fab.patterns.octave import SumOfUniforms, block_sums
+from deltact_fab.patterns import albedo, centres_mm, draw_patches, load_recipe, make, recipe_from
+from deltact_fab.patterns.laws.chessboard import check_covers, corners_mm, inner_corners
+from deltact_fab.patterns.laws.octave import SumOfUniforms, block_sums
+from deltact_fab.patterns.laws.table import LAWS
 from deltact_fab.shapes import SensorDimensions
 
 EXTRA = {"algorithm1": {"r": 0.3}, "octave": {"scales_mm": [0.1, 0.2, 0.4]}}

@@ -12,7 +12,8 @@ from hypothesis.extra import numpy as arrays
 from PIL import Image
 from scipy import stats
 
-from deltact_fab.patterns import make, patches, recipe_from, recipe_from_options
+from deltact_fab.patterns import make, recipe_from, recipe_from_options
+from deltact_fab.patterns.laws import patches
 
 
 @pytest.mark.parametrize("r", [0.0, 0.2, 0.26, 0.6, 0.97, 0.9999])

@@ -14,7 +14,7 @@ from deltact_fab.errors import InputError
 from deltact_fab.imaging import Printer, Sensor
 from deltact_fab.patterns import centres_mm, load_recipe, recipe_from, recipe_from_options
 from deltact_fab.patterns.dots import to_px
-from deltact_fab.patterns.figures import (
+from deltact_fab.patterns.quality.figures import (
     SUBSET_PX,
     agreement,
     anisotropy,
@@ -28,8 +28,8 @@ from deltact_fab.patterns.figures import (
     sssig,
     streaks,
 )
-from deltact_fab.patterns.photo import photograph, sent
-from deltact_fab.patterns.quality import MAX_DOTS, MAX_PX, field_px, kept, measure
+from deltact_fab.patterns.quality.measure import MAX_DOTS, MAX_PX, field_px, kept, measure
+from deltact_fab.patterns.quality.photo import photograph, sent
 
 RNG_SEED = 4
 VIEW_MM = (320 * 0.0378,) * 2

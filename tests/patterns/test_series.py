@@ -19,10 +19,12 @@ from deltact_fab import catalog
 from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError
 from deltact_fab.imaging import Printer
-from deltact_fab.patterns import contact, load_recipe, read_recipe, recipe_from, series
+from deltact_fab.patterns import load_recipe, read_recipe, recipe_from
 from deltact_fab.patterns.code import decode
-from deltact_fab.patterns.quality import measure
+from deltact_fab.patterns.quality.measure import measure
 from deltact_fab.patterns.recipe_file import toml
+from deltact_fab.patterns.series import contact
+from deltact_fab.patterns.series import job as series
 
 SIDE_MM = 9.0
 

@@ -11,17 +11,11 @@ import pytest
 from PIL import Image
 
 from deltact_fab.errors import InputError
-from deltact_fab.patterns import (
-    draw_patches,
-    load_recipe,
-    raster,
-    recipe_from,
-    recipe_from_options,
-    sheet,
-)
-from deltact_fab.patterns.layout import Sheet
-from deltact_fab.patterns.marks import WIDTHS, Picture, width_mm, wrapped
-from deltact_fab.patterns.pixels import NONE, SUB, packed, unfiltered
+from deltact_fab.patterns import draw_patches, load_recipe, raster, recipe_from, recipe_from_options
+from deltact_fab.patterns.sheet import job as sheet
+from deltact_fab.patterns.sheet.layout import Sheet
+from deltact_fab.patterns.sheet.marks import WIDTHS, Picture, width_mm, wrapped
+from deltact_fab.patterns.sheet.pixels import NONE, SUB, packed, unfiltered
 
 PLAIN = recipe_from_options(None, 0.2, 0.3, size_mm=6.0)
 MARKED = recipe_from(
@@ -199,8 +193,8 @@ def test_many_stickers_do_not_touch_and_stay_on_the_page(tmp_path):
 
 def test_nothing_is_drawn_over_anything_else(tmp_path, monkeypatch):
     """Words, codes, stickers and marks of a crowded page, by their boxes."""
-    from deltact_fab.patterns import page_image as writer
-    from deltact_fab.patterns.marks import Box, Words
+    from deltact_fab.patterns.sheet import page_image as writer
+    from deltact_fab.patterns.sheet.marks import Box, Words
 
     pages = []
     real = writer.png
@@ -315,7 +309,7 @@ def test_no_recipe_is_one_line(tmp_path):
 
 def test_the_largest_image_at_most_dpi_is_accepted():
     page = Sheet((210.0, 297.0), 1245, (1.0, 1.0), 8.0).page_px
-    from deltact_fab.patterns import page_image as writer
+    from deltact_fab.patterns.sheet import page_image as writer
 
     writer.check_size(page, 1245)
 

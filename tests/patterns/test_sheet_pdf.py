@@ -14,16 +14,10 @@ import numpy as np
 import pytest
 
 from deltact_fab.numerics.engines.sheet import edge_error_mm, read_back
-from deltact_fab.patterns import (
-    draw_patches,
-    load_recipe,
-    raster,
-    recipe_from,
-    recipe_from_options,
-    sheet,
-)
+from deltact_fab.patterns import draw_patches, load_recipe, raster, recipe_from, recipe_from_options
 from deltact_fab.patterns.code import decode
-from deltact_fab.patterns.furniture import COLOURS
+from deltact_fab.patterns.sheet import job as sheet
+from deltact_fab.patterns.sheet.furniture import COLOURS
 
 needs_poppler = pytest.mark.skipif(
     shutil.which("pdftoppm") is None, reason="pdftoppm (poppler-utils) is not installed"

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from deltact_fab.errors import InputError
-from deltact_fab.patterns import series
+from deltact_fab.patterns.series import job as series
 from deltact_fab.report import figures, pattern_figures, patterns_page
 
 

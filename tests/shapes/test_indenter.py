@@ -11,15 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from deltact_fab.errors import InputError
-from deltact_fab.shapes import (
-    EllipsoidTip,
-    Indenter,
-    PrismTip,
-    RidgeTip,
-    SphereTip,
-    Tip,
-    TurnedTip,
-)
+from deltact_fab.shapes import EllipsoidTip, Indenter, PrismTip, RidgeTip, SphereTip, Tip, TurnedTip
 from deltact_fab.shapes.indenter import KINDS, SIZE_MM, parse
 from deltact_fab.shapes.sensor import ShapeError
 from deltact_fab.shapes.turned import Piece

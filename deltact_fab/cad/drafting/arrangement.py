@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from ..projection import Vector, View
 from .dimensioning import Axis, Centres, Circle, Item, Leader, Linear, Side
+from .projection import Vector, View
 from .sheet import ARROW_MM, LINE_MM, SMALL_MM, Page, Point2, Rect, meet, text_width_mm
 
 SIDES: tuple[Side, ...] = ("left", "right", "top", "bottom")

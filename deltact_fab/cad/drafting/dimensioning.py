@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from ..projection import Vector, View
+from .projection import Vector, View
 
 Side = Literal["left", "right", "top", "bottom"]
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from ..dimensions import Design
-from ..projection import Vector
 from .dimensioning import Axis, Cut, Item, Leader, Linear, shown
 from .items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
+from .projection import Vector
 
 
 def acrylic(d: Design) -> Callouts:

@@ -190,7 +190,7 @@ def _box_after_meshing(scratch: Path) -> float:
 
 def _same_stl(scratch: Path) -> float:
     """Bytes in which two STL files of one part differ, the second after other work."""
-    from ...cad.formats.stl import stl_bytes
+    from ...cad.export.formats.stl import stl_bytes
 
     def write() -> bytes:
         solid, _ = build_part(find("sphere:10"), load_design())

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import RunFailed
-from ...patterns import patches
+from ...patterns.laws import patches
 from ...patterns.recipe import recipe_from_options
 from ..engine import Case, Engine, Setting, Table, Work
 

@@ -22,12 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError, RunFailed
-from ...patterns import sheet
 from ...patterns.code import decode, encode
-from ...patterns.patches import draw_patches
-from ...patterns.pixels import unfiltered
+from ...patterns.laws.patches import draw_patches
 from ...patterns.raster import raster
 from ...patterns.recipe import PatternRecipe, recipe_from_options
+from ...patterns.sheet import job as sheet
+from ...patterns.sheet.pixels import unfiltered
 from ..engine import Case, Engine, Setting, Table, Work
 
 MM_PER_POINT = 25.4 / 72

@@ -1,0 +1,303 @@
+"""Line pictures by hidden-line removal, lightly tinted: one part, and the sensor taken apart.
+
+Every length on paper is in millimetres. Colours and widths are attributes, not a style sheet, so
+that several pictures can stand in one page.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..assembly import Placed, assemble
+from ..build import build_part
+from ..dimensions import Design
+from ..kernel import guarded
+from ..registry import SENSOR_PARTS, Part
+from .balloons import RADIUS_MM, Balloon, arranged
+from .projection import Points, Projected, View, project
+from .sheet import FONT, LARGE_MM, SMALL_MM, number, path_data, text_width_mm
+
+CORNER = View((1, 1, -0.9), (0, 0, 1))
+TIPS_UP = View((1, -1, 0.9), (0, 0, -1))
+# The sensor lies on its side: the axis runs across the page, the touched face looks at the reader.
+APART = View((-0.62, -0.42, -0.66), (0, 1, 0))
+
+PART_MM = (84.0, 64.0)  # room of a part's picture
+APART_MM = 180.0  # width of the exploded view
+MARGIN_MM = 3.0
+CHORD_MM = 0.02
+MESH_MM, MESH_RAD = 0.05, 0.2
+LINE, THIN, CONTOUR = 0.25, 0.13, 0.5  # widths in mm
+STEP_MM = 0.25  # along an axis, between the points that are asked whether they are seen
+
+
+def part_svg(part: Part, design: Design, solid: Any = None) -> str:
+    """One part seen from a corner; an indenter stands on its stem.
+
+    solid: as built from the design; built here when it is not given. Raises what build_part raises.
+    """
+    if solid is None:
+        solid, _ = build_part(part, design)
+    view = TIPS_UP if part.indenter is not None else CORNER
+    with guarded(part.name, {}):
+        lines = project([solid], view.direction, view.up, CHORD_MM)[0]
+        body = Body(part, 0, lines, mesh(solid), view)
+    low, high = lines.box_mm
+    size = high - low
+    room = np.array(PART_MM) - 2 * MARGIN_MM
+    scale = float(min(room / size))
+    paper = _Paper(scale, (low[0], high[1]), MARGIN_MM, MARGIN_MM)
+    width, height = (size * scale + 2 * MARGIN_MM).tolist()
+    return _document(width, height, part.name, _drawn([body], paper))
+
+
+def exploded_svg(design: Design, solids: Mapping[str, Any] | None = None) -> str:
+    """The sensor taken apart along its axis, with numbers: the paper's where it has one.
+
+    solids: ready solids by part name, for those that need not be built. The axes of the four
+    screws are drawn where nothing hides them.
+    """
+    placed = assemble(design, 1.0, SENSOR_PARTS, solids)
+    with guarded("exploded view", {}):
+        found = project([p.solid for p in placed], APART.direction, APART.up, CHORD_MM)
+        bodies = [
+            Body(p.part, p.index, lines, mesh(p.solid), APART)
+            for p, lines in zip(placed, found, strict=True)
+        ]
+    # Of the meshes, for a piece may be hidden altogether.
+    corners = np.concatenate([APART.flat(body.triangles).reshape(-1, 2) for body in bodies])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    scale = float((APART_MM - 2 * MARGIN_MM) / (high - low)[0])
+    labels = _labels(SENSOR_PARTS)
+    pieces = [(b.part, [line * scale for line in b.lines.visible]) for b in bodies]
+    balloons = arranged(pieces, APART.flat((0, 0, -1)))
+    # Everything in the paper's millimetres, y upwards, to see how large the page must be.
+    reach = np.concatenate([np.array([low, high]) * scale, *(b.reach for b in balloons)])
+    low, high = reach.min(axis=0), reach.max(axis=0)
+    paper = _Paper(1.0, (low[0], high[1]), MARGIN_MM, MARGIN_MM)
+    model = _Paper(scale, (low[0] / scale, high[1] / scale), MARGIN_MM, MARGIN_MM)
+    items = _drawn(sorted(bodies, key=lambda b: b.middle_mm), model)
+    items.append(_axes(placed, bodies, design, model))
+    for balloon in balloons:
+        items += _balloon(balloon, labels[balloon.part.name], paper)
+    width, height = (high - low + 2 * MARGIN_MM).tolist()
+    legend, legend_mm = _legend(labels, width, height)
+    return _document(width, height + legend_mm, "exploded view", [*items, *legend])
+
+
+@dataclass(frozen=True)
+class Body:
+    """One piece: its lines, and its mesh as corners of triangles (n, 3, 3), outwards."""
+
+    part: Part
+    index: int
+    lines: Projected
+    triangles: Points
+    view: View
+
+    @property
+    def middle_mm(self) -> float:
+        """z of its middle: taken apart along z, what lies behind in z is behind on paper."""
+        z = self.triangles[..., 2]
+        return float(z.min() + z.max()) / 2
+
+
+@dataclass(frozen=True)
+class _Paper:
+    """From the model's plane to the page: scale, and where the upper left corner goes."""
+
+    scale: float
+    corner_mm: tuple[float, float]
+    left_mm: float
+    top_mm: float
+
+    def of(self, points: Any) -> Points:
+        """Points (n, 2) on the page, y downwards."""
+        p = np.asarray(points, float)
+        x = self.left_mm + (p[..., 0] - self.corner_mm[0]) * self.scale
+        y = self.top_mm + (self.corner_mm[1] - p[..., 1]) * self.scale
+        return np.stack([x, y], axis=-1)
+
+
+def mesh(solid: Any) -> Points:
+    """Corners of the solid's triangles, (n, 3, 3); of a copy, for a mesh stays with a shape."""
+    from cadquery import Solid
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_Copy
+
+    copy = Solid(BRepBuilderAPI_Copy(solid.wrapped, True, False).Shape())
+    vertices, triangles = copy.tessellate(MESH_MM, MESH_RAD)
+    return np.array([v.toTuple() for v in vertices])[np.array(triangles)]
+
+
+def silhouette(triangles: Points, view: View) -> list[Points]:
+    """Loops whose non-zero winding is what the solid covers on paper.
+
+    The triangles that face the viewer all turn the same way, so only their common border counts.
+    """
+    flat = view.flat(triangles)
+    a, b = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
+    front = triangles[a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] > 1e-9]
+    points, index = np.unique(front.reshape(-1, 3).round(5), axis=0, return_inverse=True)
+    index = index.reshape(-1, 3)
+    edges = np.concatenate([index[:, [0, 1]], index[:, [1, 2]], index[:, [2, 0]]])
+    pairs: dict[tuple[int, int], int] = {}
+    for i, j in edges.tolist():
+        if pairs.get((j, i), 0):
+            pairs[j, i] -= 1
+        else:
+            pairs[i, j] = pairs.get((i, j), 0) + 1
+    onward: dict[int, list[int]] = {}
+    for (i, j), count in sorted(pairs.items()):
+        onward.setdefault(i, []).extend([j] * count)
+    places = view.flat(points)
+    loops = []
+    for start in sorted(onward):
+        while onward[start]:
+            loop, here = [start], onward[start].pop()
+            while here != start:
+                loop.append(here)
+                here = onward[here].pop()
+            loops.append(_thinned(places[loop]))
+    return [loop for loop in loops if len(loop) > 2]
+
+
+def _thinned(loop: Points) -> Points:
+    """A loop without the points that lie between their neighbours."""
+    before, after = np.roll(loop, 1, axis=0), np.roll(loop, -1, axis=0)
+    u, v = loop - before, after - loop
+    bend = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+    keep = (bend > 1e-6) | ((u * v).sum(axis=1) < 0)
+    return np.asarray(loop[keep])
+
+
+def _tint(part: Part) -> str:
+    """The part's colour, light enough that black lines stand out on it."""
+    mixed = [1 - (1 - c) * 0.35 * (0.5 + part.colour[3] / 2) for c in part.colour[:3]]
+    return "#" + "".join(f"{round(255 * c):02x}" for c in mixed)
+
+
+def _drawn(bodies: Sequence[Body], paper: _Paper) -> list[str]:
+    """The bodies from the farthest to the nearest: contour, tint, lines."""
+    items = []
+    for body in bodies:
+        shape = path_data([paper.of(p) for p in silhouette(body.triangles, body.view)], True)
+        items.append(f'<g data-part="{escape(body.part.name)}" data-piece="{body.index}">')
+        # Half of the stroke lies outside; the tint covers the other half and the inner borders.
+        items.append(
+            f'<path d="{shape}" fill="none" stroke="#000" stroke-width="{2 * CONTOUR}" '
+            'stroke-linejoin="round"/>'
+        )
+        items.append(f'<path d="{shape}" fill="{_tint(body.part)}" stroke="none"/>')
+        for lines, width in ((body.lines.smooth, THIN), (body.lines.visible, LINE)):
+            if lines:
+                data = path_data([paper.of(line) for line in lines])
+                items.append(
+                    f'<path d="{data}" fill="none" stroke="#000" stroke-width="{width}" '
+                    'stroke-linecap="round" stroke-linejoin="round"/>'
+                )
+        items.append("</g>")
+    return items
+
+
+def _labels(parts: Sequence[Part]) -> dict[str, str]:
+    """The paper's number of each part, letters for what it does not number."""
+    letters = iter("ABCDEFGHIJKLMNOPQRSTUVWXYZ")
+    return {p.name: str(p.number) if p.number else next(letters) for p in parts}
+
+
+def _balloon(balloon: Balloon, label: str, paper: _Paper) -> list[str]:
+    (cx, cy), (ax, ay) = paper.of(balloon.centre), paper.of(balloon.anchor)
+    away = np.array([ax - cx, ay - cy])
+    sx, sy = np.array([cx, cy]) + away / np.hypot(*away) * RADIUS_MM
+    name = escape(balloon.part.name)
+    return [
+        f'<path data-leader="{name}" d="M{number(sx)} {number(sy)}L{number(ax)} {number(ay)}" '
+        'fill="none" stroke="#000" stroke-width="0.18"/>',
+        f'<circle cx="{number(ax)}" cy="{number(ay)}" r="0.5"/>',
+        f'<circle data-balloon="{name}" cx="{number(cx)}" cy="{number(cy)}" '
+        f'r="{number(RADIUS_MM)}" fill="#fff" stroke="#000" stroke-width="0.25"/>',
+        _text(cx, cy + LARGE_MM * 0.42, label, LARGE_MM * 0.85, "middle"),
+    ]
+
+
+def _text(x: float, y: float, words: str, height_mm: float, anchor: str = "start") -> str:
+    return (
+        f'<text x="{number(x)}" y="{number(y)}" font-size="{number(height_mm / 0.716)}" '
+        f'font-family="{FONT}" text-anchor="{anchor}">{escape(words)}</text>'
+    )
+
+
+def _legend(labels: Mapping[str, str], width: float, top: float) -> tuple[list[str], float]:
+    """Numbers and names in columns below the picture, and the height that they take."""
+    entries = sorted(labels.items(), key=lambda e: (not e[1].isdigit(), len(e[1]), e[1]))
+    pieces = {part.name: part.quantity for part in SENSOR_PARTS}
+    column = max(text_width_mm(name) for name in labels) + 18
+    columns = max(1, min(len(entries), int((width - 2 * MARGIN_MM) / column)))
+    rows = -(-len(entries) // columns)
+    items = []
+    for i, (name, label) in enumerate(entries):
+        x = MARGIN_MM + (i // rows) * (width - 2 * MARGIN_MM) / columns
+        y = top + 2 + (i % rows) * 5.0 + SMALL_MM
+        items.append(_text(x + 4, y, label, SMALL_MM, "end"))
+        items.append(_text(x + 6, y, f"{name}, {pieces[name]}×" if pieces[name] > 1 else name,
+                           SMALL_MM))  # fmt: skip
+    return items, rows * 5.0 + 2 + MARGIN_MM
+
+
+def _axes(placed: Sequence[Placed], bodies: Sequence[Body], design: Design, paper: _Paper) -> str:
+    """The screws' axes from their tips to the frame, where nothing stands in front of them."""
+    explode = {p.part.name: p.part.explode_mm for p in placed}
+    low = design.z_head_mm + design.screw.length_mm + explode["screw"]
+    high = design.z_joint_mm + explode["skin-frame"]
+    z = np.linspace(low, high, max(2, round(abs(high - low) / STEP_MM)))
+    lines = []
+    for x, y in design.screw_centres_mm:
+        points = np.column_stack([np.full_like(z, x), np.full_like(z, y), z])
+        seen = ~hidden(points, bodies)
+        ends = np.flatnonzero(np.diff(np.concatenate([[False], seen, [False]]).astype(int)))
+        for first, last in ends.reshape(-1, 2):
+            if last - first > 1:
+                lines.append(paper.of(APART.flat(points[[first, last - 1]])))
+    return (
+        f'<path data-axes="screws" d="{path_data(lines)}" fill="none" stroke="#000" '
+        'stroke-width="0.15" stroke-dasharray="4 0.8 0.6 0.8"/>'
+    )
+
+
+def hidden(points: Points, bodies: Sequence[Body]) -> NDArray[np.bool_]:
+    """Whether a triangle lies between each point (n, 3) and the viewer."""
+    at, deep = APART.flat(points), APART.depth(points)
+    hidden = np.zeros(len(points), bool)
+    for body in bodies:
+        corners, depth = APART.flat(body.triangles), APART.depth(body.triangles)
+        low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+        near = np.flatnonzero(((at >= low) & (at <= high)).all(axis=1) & ~hidden)
+        if not len(near):
+            continue
+        a, u, v = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+        flat = np.abs(area) > 1e-12
+        a, u, v, area, depth = a[flat], u[flat], v[flat], area[flat], depth[flat]
+        d = at[near, None] - a[None]
+        s = (d[..., 0] * v[:, 1] - d[..., 1] * v[:, 0]) / area
+        t = (u[:, 0] * d[..., 1] - u[:, 1] * d[..., 0]) / area
+        inside = (s >= 0) & (t >= 0) & (s + t <= 1)
+        over = depth[:, 0] + s * (depth[:, 1] - depth[:, 0]) + t * (depth[:, 2] - depth[:, 0])
+        hidden[near] = (inside & (over > deep[near, None] + 1e-3)).any(axis=1)
+    return hidden
+
+
+def _document(width: float, height: float, title: str, items: Sequence[str]) -> str:
+    return "\n".join([
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{number(width)}mm" '
+        f'height="{number(height)}mm" viewBox="0 0 {number(width)} {number(height)}">',
+        f"<title>{escape(title)}</title>",
+        *items,
+        "</svg>",
+    ]) + "\n"  # fmt: skip

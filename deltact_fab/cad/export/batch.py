@@ -1,0 +1,256 @@
+"""Parts to files: the same dimensions give the same bytes, in any process and any order."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+from ...errors import InputError, RunFailed
+from ..build import expected
+from ..dimensions import Design
+from ..registry import SENSOR_PARTS, Part
+from . import parallel
+from .formats import glb
+from .part_files import ASSEMBLY, FORMATS, Made, Task, applicable, checked_formats, make, whole
+from .stored import Store
+
+TOLERANCE_MM = (0.001, 1.0)
+MANIFEST = "manifest.json"
+MAX_JOBS = 4
+# A part takes about this long at 0.01 mm and coarser, and more the finer the mesh.
+PART_S, PART_TOLERANCE_MM, PART_POWER = 0.25, 0.01, 0.6
+# Work worth sharing: a worker loads the kernel first, 4 s and 500 MB, which another process need
+# not do when the kernel is here already.
+SHARED_FROM_S, SHARED_FROM_LOADED_S = 4.0, 12.0
+_DIGITS = 6
+
+Progress = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True)
+class PartFile:
+    """One written file. volume and box are the exact solid's, also for a mesh."""
+
+    part: str
+    file: str
+    material: str
+    process: str
+    quantity: int
+    volume_mm3: float
+    bounding_box_mm: tuple[tuple[float, ...], tuple[float, ...]]
+    mesh_deviation_mm: float | None
+    sha256: str
+
+
+def export_parts(
+    design: Design,
+    parts: Sequence[Part],
+    formats: Sequence[str],
+    tolerance_mm: float,
+    out_dir: Path,
+    progress: Progress | None = None,
+    *,
+    cached: bool = True,
+    jobs: int | None = None,
+    assembly: bool = True,
+) -> list[PartFile]:
+    """Write every part in every format that applies to it, and manifest.json, into out_dir.
+
+    tolerance_mm: largest distance of a mesh from the surface; measured, not only asked for.
+    progress: called with (done, total, what) at the start, after each part, and at the end.
+    cached: files made before from the same dimensions, sources and kernel are taken from the
+        user's cache, and new ones put there; when none is missing the kernel is not loaded.
+    jobs: processes; None decides by the work that is left.
+    assembly: write assembly.step and assembly.glb when all of the sensor's parts are among parts.
+
+    Returns what was written: the assembly first, then by part. Nothing appears under its name
+    before every file is made, checked and on the disk; the manifest comes last. Raises InputError
+    for unusable arguments or dimensions, RunFailed when a part cannot be made, the folder cannot
+    be written, a worker dies, or on Ctrl-C.
+    """
+    kinds = checked_formats(formats)
+    low, high = TOLERANCE_MM
+    if not (math.isfinite(tolerance_mm) and low <= tolerance_mm <= high):
+        raise InputError(f"tolerance {tolerance_mm:g} mm: {low:g} to {high:g} mm is right")
+    if jobs is not None and jobs < 1:
+        raise InputError(f"jobs {jobs}: 1 or more is right")
+    named = {part.name: part for part in parts}
+    units: list[tuple[Part | None, tuple[str, ...]]] = [
+        (part, applicable(part, kinds)) for part in named.values()
+    ]
+    if not any(own for _, own in units):
+        raise InputError(f"format {', '.join(kinds)}: applies to none of {', '.join(named)}")
+    for part in named.values():
+        expected(part, design)
+    sensor = _sensor(named) if assembly else ()
+    if sensor and "step" in kinds:
+        units.insert(0, (None, ("step",)))
+    tell = progress or (lambda done, total, what: None)
+    store = Store(design, tolerance_mm, cached)
+    with _stopped_in_one_line(), _folder(Path(out_dir)) as folder:
+        batch = _Batch(folder, store, sensor)
+        _make(batch, units, (design, tolerance_mm), jobs, tell)
+        if sensor and "glb" in kinds:
+            batch.keep(None, _assembly_glb(batch, design))
+        files = batch.files()
+        (folder / MANIFEST).write_text(manifest(files), encoding="utf-8", newline="\n")
+        for name in (*(f.file for f in files), MANIFEST):
+            os.replace(folder / name, Path(out_dir) / name)
+    store.trim()
+    tell(len(units), len(units), "done")
+    return files
+
+
+def manifest(files: Sequence[PartFile]) -> str:
+    """The manifest's text: one entry a file, no times and no paths."""
+    return json.dumps({"files": [asdict(f) for f in files]}, indent=2) + "\n"
+
+
+def _sensor(named: dict[str, Part]) -> tuple[Part, ...]:
+    """The sensor's parts in the registry's order, or none when one of them was not chosen."""
+    names = [part.name for part in SENSOR_PARTS]
+    return tuple(named[name] for name in names) if set(names) <= set(named) else ()
+
+
+class _Batch:
+    """What is in the temporary folder so far, without its bytes."""
+
+    def __init__(self, folder: Path, store: Store, sensor: tuple[Part, ...]) -> None:
+        self.folder, self.store, self.sensor = folder, store, sensor
+        self.held: dict[tuple[str, str], Made] = {}
+        self._entries: list[PartFile] = []
+
+    def missing(self, part: Part | None, kinds: Sequence[str]) -> tuple[str, ...]:
+        """Take from the cache what it has, and return the formats that it has not."""
+        absent = []
+        for kind in kinds:
+            made = self.store.get((part,) if part else self.sensor, kind)
+            if made is None:
+                absent.append(kind)
+            else:
+                self.keep(part, made)
+        return tuple(absent)
+
+    def add(self, part: Part | None, made: Made) -> None:
+        """Keep a file that was made now, also for the next time."""
+        self.keep(part, made)
+        self.store.put((part,) if part else self.sensor, made)
+
+    def keep(self, part: Part | None, made: Made) -> None:
+        """Write one file and note what it is."""
+        name = part.name if part else ASSEMBLY
+        path = self.folder / f"{name}.{made.format}"
+        path.write_bytes(made.data)
+        self.held[name, made.format] = replace(made, data=b"")
+        low, high = (tuple(round(v, _DIGITS) + 0.0 for v in corner) for corner in made.box_mm)
+        deviation_mm = made.deviation_mm
+        self._entries.append(
+            PartFile(
+                part=name,
+                file=path.name,
+                material=part.material if part else "",
+                process=part.process if part else "assembled",
+                quantity=part.quantity if part else 1,
+                volume_mm3=round(made.volume_mm3, _DIGITS),
+                bounding_box_mm=(low, high),
+                mesh_deviation_mm=None if deviation_mm is None else round(deviation_mm, _DIGITS),
+                sha256=hashlib.sha256(made.data).hexdigest(),
+            )
+        )
+
+    def files(self) -> list[PartFile]:
+        """Entries in an order of their own: that of asking or making does not count."""
+
+        def rank(entry: PartFile) -> tuple[bool, str, int]:
+            kind = entry.file.removeprefix(f"{entry.part}.")
+            return entry.part != ASSEMBLY, entry.part, FORMATS.index(kind)
+
+        return sorted(self._entries, key=rank)
+
+
+def _make(
+    batch: _Batch,
+    units: Sequence[tuple[Part | None, tuple[str, ...]]],
+    dimensions: tuple[Design, float],
+    jobs: int | None,
+    tell: Progress,
+) -> None:
+    """Everything but assembly.glb, from the cache or from the kernel, into the folder."""
+    tasks = [
+        Task(part, absent, *dimensions, () if part else batch.sensor)
+        for part, kinds in units
+        if (absent := batch.missing(part, kinds))
+    ]
+    names = [task.part.name if task.part else ASSEMBLY for task in tasks]
+    done = len(units) - len(tasks)
+    tell(done, len(units), names[0] if names else "cache")
+
+    def arrived(index: int, made: list[Made]) -> None:
+        nonlocal done
+        for one in made:
+            batch.add(tasks[index].part, one)
+        done += 1
+        tell(done, len(units), names[index])
+
+    parallel.run(make, tasks, _jobs(jobs, len(tasks), dimensions[1]), arrived)
+
+
+def _jobs(asked: int | None, tasks: int, tolerance_mm: float) -> int:
+    """Processes: as many as asked for, else several when the work is worth it."""
+    if asked is not None:
+        return asked
+    work_s = tasks * PART_S * max(1.0, PART_TOLERANCE_MM / tolerance_mm) ** PART_POWER
+    least_s = SHARED_FROM_LOADED_S if "cadquery" in sys.modules else SHARED_FROM_S
+    return min(parallel.processors(), MAX_JOBS) if work_s >= least_s else 1
+
+
+def _assembly_glb(batch: _Batch, design: Design) -> Made:
+    """The parts' own GLB files put in their places."""
+    from ..assembly import places
+
+    drawn, sizes, deviations_mm = [], [], []
+    for part in batch.sensor:
+        where = places(part, design)
+        drawn.append(glb.read_part((batch.folder / f"{part.name}.glb").read_bytes(), where))
+        held = batch.held[part.name, "glb"]
+        sizes.append((held.volume_mm3, held.box_mm, where))
+        deviations_mm.append(held.deviation_mm or 0.0)
+    data = glb.glb_bytes(drawn, ASSEMBLY)
+    return Made("glb", data, *whole(sizes), max(deviations_mm))
+
+
+@contextmanager
+def _folder(out_dir: Path) -> Iterator[Path]:
+    """A temporary folder inside out_dir. On failure nothing is left of what was created."""
+    created = [path for path in (out_dir, *out_dir.parents) if not path.exists()]
+    try:
+        try:
+            out_dir.mkdir(parents=True, exist_ok=True)
+        except OSError as why:
+            raise InputError(f"{out_dir}: cannot be a folder to write: {why.strerror}") from why
+        try:
+            with tempfile.TemporaryDirectory(prefix=".export-", dir=out_dir) as folder:
+                yield Path(folder)
+        except OSError as why:
+            raise RunFailed(f"{out_dir}: cannot be written: {why.strerror or why}") from why
+    except BaseException:
+        for path in created:
+            with suppress(OSError):
+                path.rmdir()
+        raise
+
+
+@contextmanager
+def _stopped_in_one_line() -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt as why:
+        raise RunFailed("export stopped") from why

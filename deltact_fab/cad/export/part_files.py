@@ -1,0 +1,157 @@
+"""One part, or the assembly, to the bytes of its files: what runs in a worker."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ...errors import InputError, RunFailed, did_you_mean
+from ..build import build_part
+from ..checks import Box, Measured
+from ..dimensions import Design
+from ..kernel import guarded
+from ..mesh import Mesh, mesh_solid
+from ..registry import BOUGHT, Part
+from .formats import dxf, glb, step, stl, threemf
+
+ASSEMBLY = "assembly"
+FORMATS = ("step", "stl", "3mf", "dxf", "glb", "svg")
+MESHED = ("stl", "3mf", "glb")
+LASER_CUT = "laser cut"
+
+Point3 = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Made:
+    """The bytes of one file. volume and box are the exact solid's, also for a mesh.
+
+    deviation_mm: measured distance of the mesh from the surface; None where there is no mesh.
+    """
+
+    format: str
+    data: bytes
+    volume_mm3: float
+    box_mm: Box
+    deviation_mm: float | None
+
+
+@dataclass(frozen=True)
+class Task:
+    """What one worker makes at a time: a part in some formats, or (part None) the STEP assembly.
+
+    sensor: the parts of the assembly.
+    """
+
+    part: Part | None
+    formats: tuple[str, ...]
+    design: Design
+    tolerance_mm: float
+    sensor: tuple[Part, ...] = ()
+
+
+def checked_formats(formats: Sequence[str]) -> tuple[str, ...]:
+    """Each known format once, in the order of FORMATS. Raises InputError naming what is unknown."""
+    named = [f.strip().lower() for f in formats if f.strip()]
+    if not named:
+        raise InputError(f"format: none given; valid: {', '.join(FORMATS)}")
+    for name in named:
+        if name not in FORMATS:
+            raise InputError(f"format {name!r}: unknown; {did_you_mean(name, FORMATS)}")
+    return tuple(f for f in FORMATS if f in named)
+
+
+def applicable(part: Part, formats: Sequence[str]) -> tuple[str, ...]:
+    """The formats that make sense for a part: none to print what is bought, dxf to be cut."""
+    return tuple(f for f in formats if _applies(part, f))
+
+
+def _applies(part: Part, kind: str) -> bool:
+    if kind == "dxf":
+        return part.process == LASER_CUT
+    if kind == "svg":
+        from ..drafting.drawing import has_drawing
+
+        return has_drawing(part)
+    return part.process != BOUGHT or kind not in ("stl", "3mf")
+
+
+def make(task: Task) -> list[Made]:
+    """Build, gate and write to memory. Raises RunFailed naming the part."""
+    if task.part is None:
+        return [_assembly_step(task.design, task.sensor)]
+    part = task.part
+    solid, measured = build_part(part, task.design)
+    made = []
+    mesh: Mesh | None = None
+    # Meshes last: they leave triangles on the solid.
+    for kind in sorted(task.formats, key=lambda f: (f in MESHED, FORMATS.index(f))):
+        with guarded(part.name, {"tolerance_mm": task.tolerance_mm}):
+            if kind in MESHED:
+                mesh = mesh or _mesh(solid, measured, task)
+                data = _mesh_bytes(mesh, part, kind)
+            else:
+                data = _solid_bytes(solid, part, task.design, kind)
+        deviation_mm = mesh.deviation_mm if mesh and kind in MESHED else None
+        made.append(Made(kind, data, measured.volume_mm3, measured.box_mm, deviation_mm))
+    return made
+
+
+def whole(parts: Sequence[tuple[float, Box, Sequence[Point3]]]) -> tuple[float, Box]:
+    """Volume and box of an assembly of (volume, box, places), one place a copy."""
+    boxes = [
+        tuple(tuple(c + p for c, p in zip(corner, place, strict=True)) for corner in box)
+        for _, box, places in parts
+        for place in places
+    ]
+    low = tuple(min(box[0][axis] for box in boxes) for axis in range(3))
+    high = tuple(max(box[1][axis] for box in boxes) for axis in range(3))
+    volume_mm3 = sum(volume * len(places) for volume, _, places in parts)
+    return volume_mm3, ((low[0], low[1], low[2]), (high[0], high[1], high[2]))
+
+
+def _assembly_step(design: Design, parts: Sequence[Part]) -> Made:
+    from ..assembly import places
+
+    products = []
+    sizes = []
+    for part in parts:
+        solid, measured = build_part(part, design)
+        where = places(part, design)
+        products.append((part.name, solid, where))
+        sizes.append((measured.volume_mm3, measured.box_mm, where))
+    with guarded(ASSEMBLY, {"parts": len(parts)}):
+        data = step.assembly_bytes(products, ASSEMBLY)
+    return Made("step", data, *whole(sizes), None)
+
+
+def _solid_bytes(solid: Any, part: Part, design: Design, kind: str) -> bytes:
+    if kind == "step":
+        return step.part_bytes(solid, part.name)
+    if kind == "dxf":
+        return dxf.dxf_bytes(solid, part.name)
+    from ..drafting.drawing import drawing_svg
+
+    return drawing_svg(part, design, solid).encode("utf-8")
+
+
+def _mesh_bytes(mesh: Mesh, part: Part, kind: str) -> bytes:
+    if kind == "stl":
+        return stl.stl_bytes(mesh, part.name)
+    if kind == "3mf":
+        return threemf.threemf_bytes(mesh, part.name, part.material, part.colour)
+    return glb.glb_bytes([glb.drawn(mesh, part.name, part.colour)], part.name)
+
+
+def _mesh(solid: Any, measured: Measured, task: Task) -> Mesh:
+    """A mesh within d of a surface of area A holds the volume to A d, if it looks outwards."""
+    assert task.part is not None
+    mesh = mesh_solid(solid, task.tolerance_mm, task.part.name)
+    slack_mm3 = measured.area_mm2 * mesh.deviation_mm + 1e-6 * measured.volume_mm3
+    if not abs(mesh.volume_mm3 - measured.volume_mm3) <= slack_mm3:
+        raise RunFailed(
+            f"{task.part.name}: the mesh encloses {mesh.volume_mm3:.3f} mm3, "
+            f"the solid {measured.volume_mm3:.3f}"
+        )
+    return mesh

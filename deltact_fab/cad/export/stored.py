@@ -1,0 +1,115 @@
+"""Files made before, found again in the user's cache by everything they were made from."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import platform
+import zlib
+from collections.abc import Sequence
+from dataclasses import fields, is_dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from ... import __version__, cache
+from ..dimensions import Design
+from ..registry import Part
+from .part_files import MESHED, Made
+
+KIND = "cad"
+# About ten designs at 0.01 mm; the longest unused go first.
+LIMIT_BYTES = 512 * 2**20
+_SOURCES = ("cad/**/*.py", "shapes/*.py", "catalog.py")
+_PACKAGES = ("cadquery", "cadquery-ocp", "ezdxf", "numpy", "scipy")
+
+
+class Store:
+    """The cache as one export sees it. A folder that refuses is tried once and then left alone."""
+
+    def __init__(self, design: Design, tolerance_mm: float, in_use: bool) -> None:
+        self._design = design
+        self._tolerance_mm = tolerance_mm
+        self._reading = self._writing = in_use
+        self._grown = False
+
+    def get(self, parts: Sequence[Part], kind: str) -> Made | None:
+        """The file of a part, or of an assembly of several, as it was made before; else None."""
+        if not self._reading:
+            return None
+        held = cache.get_file(KIND, self._key(parts, kind))
+        if held is None:
+            return None
+        data, note = held
+        low, high = (tuple(corner) for corner in note["box_mm"])
+        return Made(kind, data, note["volume_mm3"], (low, high), note["deviation_mm"])
+
+    def put(self, parts: Sequence[Part], made: Made) -> None:
+        """Keep a file for the next time."""
+        if self._writing:
+            note = {
+                "volume_mm3": made.volume_mm3,
+                "box_mm": made.box_mm,
+                "deviation_mm": made.deviation_mm,
+            }
+            self._writing = cache.put_file(KIND, self._key(parts, made.format), made.data, note)
+            self._grown = True
+
+    def trim(self) -> None:
+        """Keep the folder within LIMIT_BYTES, if this export made it grow."""
+        if self._grown:
+            cache.trim(KIND, LIMIT_BYTES)
+
+    def _key(self, parts: Sequence[Part], kind: str) -> dict[str, Any]:
+        # An indenter is made from its own numbers; its drawing may quote the design's.
+        alone = kind != "svg" and all(part.indenter is not None for part in parts)
+        return {
+            "parts": [plain(part) for part in parts],
+            "design": None if alone else plain(self._design),
+            "format": kind,
+            "tolerance_mm": self._tolerance_mm if kind in MESHED else None,
+            "made_by": made_by(),
+        }
+
+
+def plain(value: Any) -> Any:
+    """Nested dataclasses as JSON holds them, each with the name of its class."""
+    if is_dataclass(value) and not isinstance(value, type):
+        inside = {f.name: plain(getattr(value, f.name)) for f in fields(value)}
+        return {"class": type(value).__name__, **inside}
+    if isinstance(value, tuple | list):
+        return [plain(item) for item in value]
+    return value
+
+
+@lru_cache(maxsize=1)
+def made_by() -> dict[str, str]:
+    """What else decides the bytes: sources of this package by content, and the libraries.
+
+    Once a process, for a source that changes later is not what this process runs.
+    """
+    versions = {name: _version(name) for name in _PACKAGES}
+    return {
+        "deltact-fab": __version__,
+        "sources": sources_sha256(Path(__file__).resolve().parents[2]),
+        "machine": platform.machine(),
+        "zlib": zlib.ZLIB_RUNTIME_VERSION,
+        **versions,
+    }
+
+
+def sources_sha256(package: Path) -> str:
+    """One digest of names and contents of the sources that make solids and files."""
+    digest = hashlib.sha256()
+    for pattern in _SOURCES:
+        for path in sorted(package.glob(pattern)):
+            content = hashlib.sha256(path.read_bytes()).hexdigest()
+            digest.update(f"{path.relative_to(package).as_posix()} {content}\n".encode())
+    return digest.hexdigest()
+
+
+def _version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return "absent"

@@ -1,0 +1,219 @@
+"""The bill of materials, from the registry and the dimensions. Imports no CAD kernel."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, astuple, dataclass, fields
+
+from .. import rules
+from ..design import IndenterList
+from ..dimensions import Design
+from ..registry import Part, listed
+from . import fabrication
+from .fabrication import DEFAULT, Process
+
+CONSUMABLES, WORKSHOP = "consumables", "workshop"
+PIECES = "pcs"
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line. item counts from 1. group: of the registry, `consumables` or `workshop`.
+
+    quantity is what the order takes, in `unit`: pcs, g, ml, mm.
+    """
+
+    item: int
+    group: str
+    part: str
+    material: str
+    process: str
+    quantity: float
+    unit: str
+    note: str
+
+
+Row = tuple[str, str, str, str, float, str, str]
+
+
+def lines(
+    design: Design,
+    sensors: int = 1,
+    waste: float = 0.1,
+    indenters: IndenterList | None = None,
+    process: Process = DEFAULT,
+) -> list[Line]:
+    """Everything to order for a number of sensors, one mold, one test bench and the indenters.
+
+    waste: share of silicone on top of what fills the mold. indenters: cad/indenters.toml unless
+    given. Raises InputError for a count below 1, a waste that is no share, a broken rule.
+    """
+    fabrication.checked(sensors, waste)
+    rules.enforce(rules.of_design(design))
+    rows: list[Row] = [
+        *(_part(part, design, sensors) for part in listed(indenters)),
+        *((CONSUMABLES, *row) for row in _silicone(design, sensors, waste, process)),
+        *((CONSUMABLES, *row) for row in _light(design, sensors, process)),
+        *((CONSUMABLES, *row) for row in _camera(sensors)),
+        *((WORKSHOP, *row) for row in _workshop(design)),
+    ]
+    return [Line(i, *row) for i, row in enumerate(rows, 1)]
+
+
+def csv_text(bom: Sequence[Line]) -> str:
+    """The lines as CSV with a header; numbers without rounding noise."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow([f.name for f in fields(Line)])
+    for line in bom:
+        writer.writerow([_plain(value) for value in astuple(line)])
+    return out.getvalue()
+
+
+def as_dicts(bom: Sequence[Line]) -> list[dict[str, object]]:
+    """The lines as plain data for JSON."""
+    return [asdict(line) for line in bom]
+
+
+def _plain(value: object) -> object:
+    return f"{value:.6g}" if isinstance(value, float) else value
+
+
+def _part(part: Part, design: Design, sensors: int) -> Row:
+    """A part of the registry: sensor parts a sensor, tools, bench and indenters once."""
+    count = part.quantity * (sensors if part.group == "sensor" else 1)
+    note = NOTES[part.name](design) if part.name in NOTES else ""
+    return part.group, part.name, part.material, part.process, count, PIECES, note
+
+
+def _screw(d: Design) -> str:
+    size = f"{d.screw.thread} x {d.screw.length_mm:g}, key {d.screw.row.socket_mm:g} mm"
+    stock = rules.stock_note(d)
+    if not stock:
+        return size
+    return f"{size}; {stock}: cut down a longer one, or the design screws-16mm"
+
+
+def _acrylic(d: Design) -> str:
+    x, y = d.acrylic_half_mm
+    return f"{2 * x:g} x {2 * y:g} x {d.optics.acrylic_mm:g} mm, notched corners"
+
+
+NOTES: dict[str, Callable[[Design], str]] = {
+    "skin": lambda d: f"{d.skin_volume_mm3 / 1000:.2f} cm³ each; see Solaris",
+    "acrylic": _acrylic,
+    "screw": _screw,
+    "camera": lambda d: (
+        f"Waveshare IMX219-200 or alike; {d.camera.crop_width_px} x {d.camera.crop_height_px}"
+    ),
+    "camera-screw": lambda d: f"{d.holder.screw} x {d.holder.screw_length_mm:g}, slotted",
+    "mold": lambda d: f"casts {fabrication.cavities(d)} skins at a time",
+    "coupon-mold": lambda d: "to test whether the resin inhibits the cure",
+    "transparent-base": lambda d: "for the chessboard; cast with a clear skin, no film, no coats",
+    "testing-shell": lambda d: f"in place of the shell; {d.table.screw} screws into the table",
+}
+
+
+Consumable = tuple[str, str, str, float, str, str]
+
+
+def _silicone(d: Design, sensors: int, waste: float, process: Process) -> Iterator[Consumable]:
+    cast = sensors + 1  # the transparent base is cast with the others
+    cells, fills = fabrication.cavities(d), fabrication.pours(d, cast)
+    skins = fabrication.skins_batch(d, fills * cells, waste, process)
+    one = fabrication.skins_batch(d, 1, waste, process)
+    told = (
+        f"mold filled {fills} x ({cells} cavities), {100 * waste:g} % waste; one skin takes "
+        f"{one.a_g:.1f} g; 1:1"
+    )
+    for part, mass_g in (("A", skins.a_g), ("B", skins.b_g)):
+        yield (f"Solaris part {part}", "platinum silicone, clear, 15A", "weigh", mass_g, "g", told)
+    x, y = d.acrylic_half_mm
+    gap_mm = 5.0  # laser kerf and clamping, in the blank
+    blank = f"{2 * x + 2 * gap_mm:.0f} x {2 * y + 2 * gap_mm:.0f} mm a plate"
+    yield (
+        "acrylic blank", f"cast PMMA, {d.optics.acrylic_mm:g} mm, clear, both faces masked",
+        "laser cut", cast, PIECES, f"{blank}; one for the transparent base",
+    )  # fmt: skip
+    yield (
+        "DOWSIL PR-1200 RTV prime coat", "primer", "wipe on",
+        fabrication.primer_ml(d, cast, process), "ml", f"{cast} plates, one face; flammable",
+    )  # fmt: skip
+    fx, fy = fabrication.film_mm(d, process)
+    yield (
+        "water transfer film", "printable", "print, soak", sensors, PIECES,
+        f"{fx:g} x {fy:g} mm each; print spares on the sheet",
+    )  # fmt: skip
+    coat = fabrication.coat_batch(d, sensors, waste, process)
+    least = fabrication.least_coat_batch(coat, process)
+    for part, mass_g in (("A", 2 * least.a_g), ("B", 2 * least.b_g)):
+        yield (
+            f"Dragon Skin 10 FAST part {part}", "platinum silicone, 10A", "weigh", mass_g, "g",
+            f"two layers of {process.coat_mm:g} mm; {2 * coat.a_g:.2g} g adheres, the rest is the "
+            "least batch that can be weighed",
+        )  # fmt: skip
+    for colour, layer in (("white", "inner"), ("black", "outer")):
+        yield (
+            f"silicone pigment, {colour}", "for platinum silicone", "weigh", least.pigment_g, "g",
+            f"{layer} layer, {100 * process.coat_pigment:g} % by weight",
+        )  # fmt: skip
+
+
+def _light(d: Design, sensors: int, process: Process) -> Iterator[Consumable]:
+    light = d.light
+    yield (
+        f"LED strip {light.supply_v:g} V, 5050 white", "cut at every LED", "solder",
+        sensors * light.led_count, PIECES,
+        f"single LEDs of {light.pitch_mm:.1f} x {light.strip_width_mm:g} mm, "
+        f"{light.strip_mm:.1f} mm of strip a sensor; no strip for another voltage",
+    )  # fmt: skip
+    if light.resistor_ohm > 0:
+        wiring = fabrication.wirings(light, process)[0]
+        low, high = fabrication.current_range_ma(light, process)
+        needed_w = 2 * wiring.resistor_mw / 1000  # half of its rating keeps it cool
+        watt = next((w for w in (0.125, 0.25, 0.5, 1.0, 2.0) if w >= needed_w), needed_w)
+        yield (
+            f"resistor {light.resistor_ohm:g} ohm", f"1 %, {watt:.3g} W", "solder", sensors, PIECES,
+            f"{wiring.total_ma:.2f} mA in all ({low:.2f} to {high:.2f}) at {light.supply_v:g} V "
+            f"and {process.led_v:g} ± {process.led_spread_v:g} V forward (assumed)",
+        )  # fmt: skip
+    yield (
+        f"supply {light.supply_v:g} V DC", "plug, 0.5 A or more", "bought", 1, PIECES,
+        "or a 5 V pin of the Jetson" if light.supply_v == 5 else "",
+    )  # fmt: skip
+    yield (
+        "wire 0.08 mm²",
+        "red and black, silicone",
+        "solder",
+        sensors * 1000,
+        "mm",
+        "two of 500 mm",
+    )
+
+
+def _camera(sensors: int) -> Iterator[Consumable]:
+    yield (
+        "camera cable", "flat, 15 way, 1.0 mm pitch, 16 mm wide", "bought", sensors, PIECES,
+        "contacts on one side as your camera's; length as your arm needs",
+    )  # fmt: skip
+    yield (
+        "Nvidia Jetson Nano B01", "", "bought", math.ceil(sensors / 2), PIECES,
+        "two camera ports each",
+    )  # fmt: skip
+
+
+def _workshop(d: Design) -> Iterator[Consumable]:
+    for name, note in (
+        ("vacuum chamber and pump", "50 mbar absolute or lower"),
+        ("balance", "0.1 g or finer"),
+        ("nitrile or vinyl gloves", "latex inhibits the cure"),
+        ("isopropanol, 99 %", "washing prints, degreasing plates"),
+        ("clear acrylic lacquer, spray", "barrier coat, if the coupon stays tacky"),
+        ("adhesive tape, silicone free", "over the frames' screw holes"),
+        (f"hexagon key {d.screw.row.socket_mm:g} mm", f"for {d.screw.thread}"),
+        ("multimeter", "current of the LEDs"),
+    ):
+        yield name, "", "bought", 1, PIECES, note

@@ -1,0 +1,256 @@
+"""Figures of the fabrication: silicone to weigh, coats, cure, light. No CAD kernel.
+
+Every figure says on what it rests: `paper` (Fabrication Process, Hardware Design), `maker` (what
+the maker states) or `assumed` (ours: check it before relying on it).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, Literal
+
+from ...errors import InputError
+from ..dimensions import Design, LightDimensions
+
+Basis = Literal["paper", "maker", "assumed"]
+
+
+def _figure(value: float, unit: str, meaning: str, basis: Basis) -> Any:
+    return field(default=value, metadata={"unit": unit, "meaning": meaning, "basis": basis})
+
+
+@dataclass(frozen=True)
+class Process:
+    """What chemistry and electricity add to the dimensions. All of it finite and positive."""
+
+    density_g_cm3: float = _figure(
+        1.0, "g/cm³", "density of Solaris, both parts; read the label", "assumed"
+    )
+    cure_room_h: float = _figure(16, "h", "cure of Solaris at 23 °C", "paper")
+    cure_warm_low_h: float = _figure(8, "h", "cure of Solaris at 65 °C, shortest", "paper")
+    cure_warm_h: float = _figure(10, "h", "cure of Solaris at 65 °C, longest", "paper")
+    cure_room_c: float = _figure(23, "°C", "room temperature", "paper")
+    cure_warm_c: float = _figure(65, "°C", "cabinet", "paper")
+    work_min: float = _figure(
+        30, "min", "Solaris, first stir to last plate; read the pot life", "assumed"
+    )
+    stir_min: float = _figure(3, "min", "stirring, walls and bottom scraped", "assumed")
+    degas_min: float = _figure(5, "min", "under vacuum after the foam has collapsed", "assumed")
+    degas_mbar: float = _figure(50, "mbar", "absolute pressure for degassing, or lower", "assumed")
+    foam_factor: float = _figure(4, "×", "volume of the cup over that of the mixture", "assumed")
+    expansion_per_k: float = _figure(3e-4, "1/K", "linear expansion of silicone", "assumed")
+    primer_dry_min: float = _figure(
+        60, "min", "PR-1200 in open air before silicone meets it; read its sheet", "assumed"
+    )
+    primer_ml_per_cm2: float = _figure(0.005, "ml/cm²", "PR-1200, a wet film of 0.05 mm", "assumed")
+    film_dry_h: float = _figure(12, "h", "water transfer film, drying", "assumed")
+    film_margin_mm: float = _figure(10, "mm", "film beyond the face, on each side", "assumed")
+    coat_mm: float = _figure(0.3, "mm", "each of the two Dragon Skin layers", "assumed")
+    coat_density_g_cm3: float = _figure(1.07, "g/cm³", "density of Dragon Skin 10", "assumed")
+    coat_pigment: float = _figure(0.03, "g/g", "pigment in Dragon Skin, by weight", "assumed")
+    coat_work_min: float = _figure(8, "min", "pot life of Dragon Skin 10 FAST", "maker")
+    coat_cure_min: float = _figure(75, "min", "cure of Dragon Skin 10 FAST at 23 °C", "maker")
+    coat_batch_g: float = _figure(
+        10, "g", "least batch that a 0.1 g balance divides to 2 %", "assumed"
+    )
+    led_v: float = _figure(2.95, "V", "white chip at a few mA", "assumed")
+    led_spread_v: float = _figure(0.2, "V", "that voltage may be so much off", "assumed")
+    led_chips: float = _figure(3, "", "chips of a 5050, in parallel on a 5 V strip", "assumed")
+    screw_torque_nm: float = _figure(
+        0.05, "N m", "M1.6 cutting its own thread in resin, at most", "assumed"
+    )
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if not (math.isfinite(value) and value > 0):
+                raise InputError(f"{f.name}: a finite number > 0 is right: {value}")
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Every figure with unit, meaning and basis, as a table shows it."""
+        values = asdict(self)
+        return [{"key": f.name, "value": values[f.name], **f.metadata} for f in fields(self)]
+
+
+DEFAULT = Process()
+
+
+@dataclass(frozen=True)
+class Batch:
+    """One mixture of two parts, 1:1 by weight. pigment_g is 0 for clear silicone."""
+
+    volume_cm3: float
+    a_g: float
+    b_g: float
+    pigment_g: float = 0.0
+
+    @property
+    def total_g(self) -> float:
+        """Mass in the cup."""
+        return self.a_g + self.b_g + self.pigment_g
+
+
+def cavities(design: Design) -> int:
+    """Skins of one mold = columns x rows."""
+    return design.mold.columns * design.mold.rows
+
+
+def pours(design: Design, sensors: int) -> int:
+    """Fillings of the mold for so many sensors, the last one perhaps not full."""
+    return math.ceil(sensors / cavities(design))
+
+
+def skins_batch(
+    design: Design, skins: int, waste: float = 0.1, process: Process = DEFAULT
+) -> Batch:
+    """Solaris for a number of skins. waste: share on top that stays in cup and on spatula.
+
+    The paper says 1:1 and not by what: both parts are taken to be equally dense, so that equal
+    masses are equal volumes. Raises InputError for a waste that is no share from 0 to 1.
+    """
+    checked(skins, waste)
+    volume_cm3 = skins * design.skin_volume_mm3 / 1000 * (1 + waste)
+    half_g = volume_cm3 * process.density_g_cm3 / 2
+    return Batch(volume_cm3, half_g, half_g)
+
+
+def coated_mm2(design: Design) -> float:
+    """Area under the two coats: the face and the sides that stand proud; fillets count as edges."""
+    skin = design.skin
+    face = skin.width_mm * skin.length_mm
+    return face + 2 * (skin.width_mm + skin.length_mm) * skin.protrusion_mm
+
+
+def coat_batch(
+    design: Design, sensors: int, waste: float = 0.1, process: Process = DEFAULT
+) -> Batch:
+    """Dragon Skin 10 FAST for one layer on so many sensors, what adheres and `waste` of it."""
+    checked(sensors, waste)
+    volume_cm3 = sensors * coated_mm2(design) * process.coat_mm / 1000 * (1 + waste)
+    half_g = volume_cm3 * process.coat_density_g_cm3 / 2
+    return Batch(volume_cm3, half_g, half_g, 2 * half_g * process.coat_pigment)
+
+
+def least_coat_batch(batch: Batch, process: Process = DEFAULT) -> Batch:
+    """The same mixture, enlarged to what can be weighed."""
+    scale = max(1.0, process.coat_batch_g / (batch.a_g + batch.b_g))
+    return Batch(*(scale * v for v in asdict(batch).values()))
+
+
+def primer_ml(design: Design, sensors: int, process: Process = DEFAULT) -> float:
+    """Primer for one face of so many acrylic plates."""
+    x, y = design.acrylic_half_mm
+    return sensors * 4 * x * y / 100 * process.primer_ml_per_cm2
+
+
+def film_mm(design: Design, process: Process = DEFAULT) -> tuple[float, float]:
+    """Sides of one piece of film (x, y): the face, and the margin all around."""
+    margin = 2 * process.film_margin_mm
+    return design.skin.width_mm + margin, design.skin.length_mm + margin
+
+
+def coupon_mm3(design: Design) -> float:
+    """Volume of one well of the coupon mold."""
+    return math.pi / 4 * design.coupon.diameter_mm**2 * design.coupon.depth_mm
+
+
+def shrinkage_mm(design: Design, process: Process = DEFAULT) -> float:
+    """What the skin's thickness loses from the cabinet to the room, when it is cured warm."""
+    cooled = process.cure_warm_c - process.cure_room_c
+    return design.skin.thickness_mm * process.expansion_per_k * cooled
+
+
+# Light.
+
+
+@dataclass(frozen=True)
+class Wiring:
+    """One way to wire the LEDs. Currents in mA at the stated forward voltage; 0 is dark.
+
+    resistor_mw: heat in the one resistor, or in each where every LED has its own.
+    """
+
+    name: str
+    resistor_ohm: float
+    total_ma: float
+    led_ma: float
+    chip_ma: float
+    resistor_mw: float
+    note: str
+
+
+E12 = (10, 12, 15, 18, 22, 27, 33, 39, 47, 56, 68, 82, 100)
+
+
+def wirings(light: LightDimensions, process: Process = DEFAULT) -> list[Wiring]:
+    """The readings of the paper's "a resistor of 750 ohm in series", the first one taken here.
+
+    I = (supply - forward voltage) / resistance, the strip's own resistors left out: on a strip cut
+    at every LED they are tens of ohms, in parallel, beside hundreds. Without a resistor the strip's
+    own would decide, so that 0 ohm is refused. Raises InputError.
+    """
+    ohm, count = light.resistor_ohm, light.led_count
+    if not ohm > 0:
+        raise InputError(f"light.resistor_ohm > 0: {ohm:g} fails; the strip alone would set it")
+    room_v = max(light.supply_v - process.led_v, 0.0)
+    one_ma = room_v / ohm * 1000
+    series_v = max(light.supply_v - count * process.led_v, 0.0)
+    strip_v = max(light.supply_v - 3 * process.led_v, 0.0)
+
+    def way(name: str, total_ma: float, branches: int, leds: int, note: str) -> Wiring:
+        heat_mw = (total_ma / branches) ** 2 * ohm / 1000
+        led_ma = total_ma / leds
+        return Wiring(name, ohm, total_ma, led_ma, led_ma / process.led_chips, heat_mw, note)
+
+    return [
+        way(f"one resistor, {count} LEDs in parallel", one_ma, 1, count,
+            f"taken: {light.supply_v:g} V strip cut at every LED"),
+        way("a resistor for each LED", count * one_ma, count, count,
+            f"{count} times brighter; {count} resistors"),
+        Wiring(f"{count} LEDs in series", ohm, series_v / ohm * 1000, series_v / ohm * 1000,
+               series_v / ohm * 1000 / process.led_chips, series_v**2 / ohm * 1000,
+               _series_note(count * process.led_v, light.supply_v)),
+        Wiring("12 V strip, three LEDs in series", ohm, strip_v / ohm * 1000,
+               strip_v / ohm * 1000, strip_v / ohm * 1000, strip_v**2 / ohm * 1000,
+               _series_note(3 * process.led_v, light.supply_v)),
+    ]  # fmt: skip
+
+
+def _series_note(needed_v: float, supply_v: float) -> str:
+    if needed_v >= supply_v:
+        return f"dark: needs {needed_v:.1f} V of {supply_v:g} V"
+    return f"needs {needed_v:.1f} V of {supply_v:g} V"
+
+
+def current_range_ma(light: LightDimensions, process: Process = DEFAULT) -> tuple[float, float]:
+    """Lowest and highest current of the wiring that is taken, over the spread of the voltage."""
+    volts = (process.led_v + process.led_spread_v, process.led_v - process.led_spread_v)
+    low, high = (max(light.supply_v - v, 0.0) / light.resistor_ohm * 1000 for v in volts)
+    return low, high
+
+
+def resistor_for_ohm(
+    total_ma: float, light: LightDimensions, process: Process = DEFAULT
+) -> tuple[float, float]:
+    """The resistor that gives this current in all, and the next of E12 that gives no more.
+
+    Raises InputError where the supply is below the LEDs' voltage.
+    """
+    room_v = light.supply_v - process.led_v
+    if not (room_v > 0 and total_ma > 0):
+        raise InputError(
+            f"light.supply_v > {process.led_v:g} V and a current > 0: "
+            f"{light.supply_v:g} V and {total_ma:g} mA fails"
+        )
+    exact = room_v / total_ma * 1000
+    decade = 10.0 ** (math.floor(math.log10(exact)) - 1)
+    return exact, next(step * decade for step in E12 if step * decade >= exact * (1 - 1e-9))
+
+
+def checked(count: int, waste: float) -> None:
+    """Raise InputError unless there is something to make, with a share of waste from 0 to 1."""
+    if count < 1:
+        raise InputError(f"sensors {count}: 1 or more is right")
+    if not 0 <= waste <= 1:
+        raise InputError(f"waste {waste:g}: a share from 0 to 1 is right, as in 0.1")

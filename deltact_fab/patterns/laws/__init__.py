@@ -1,0 +1,5 @@
+"""The laws that colour the patches: table.py lists them, patches.py draws, a file each law."""
+
+from .table import LAWS, check_key, check_law
+
+__all__ = ["LAWS", "check_key", "check_law"]

@@ -1,0 +1,48 @@
+"""A chessboard to calibrate the camera: which of its inner corners are seen, and where."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ..recipe import PatternRecipe
+
+SLACK_MM = 1e-9
+
+
+def corners_mm(recipe: PatternRecipe, view_mm: tuple[float, float]) -> NDArray[np.float64]:
+    """Inner corners in a centred view (x, y), (rows, columns, 2) mm in the sensor frame.
+
+    A corner is where four squares meet. Row 0 is at -y, column 0 at -x.
+    """
+    assert recipe.patch_mm is not None  # the law's own check
+    inner_mm = (np.arange(1, recipe.n) - recipe.n / 2) * recipe.patch_mm
+    x_mm, y_mm = (inner_mm[np.abs(inner_mm) < side / 2 - SLACK_MM] for side in view_mm)
+    return np.stack(np.meshgrid(x_mm, y_mm), axis=-1)
+
+
+def inner_corners(recipe: PatternRecipe, view_mm: tuple[float, float]) -> tuple[int, int]:
+    """How many inner corners a centred view holds, along x and along y."""
+    rows, columns = corners_mm(recipe, view_mm).shape[:2]
+    return columns, rows
+
+
+def check_covers(recipe: PatternRecipe, view_mm: tuple[float, float]) -> None:
+    """Raise InputError unless the board fills the view and shows three corners each way.
+
+    A lens is worst at the edge of its view: corners must reach there. Three is what OpenCV's
+    finder asks for.
+    """
+    if recipe.printed_mm < max(view_mm) - SLACK_MM:
+        raise InputError(
+            f"chessboard: size_mm: {recipe.printed_mm:g} mm of whole squares do not fill the "
+            f"camera's view of {view_mm[0]:.2f} x {view_mm[1]:.2f} mm; at least "
+            f"{np.ceil(max(view_mm) * 100) / 100:g} mm"
+        )
+    columns, rows = inner_corners(recipe, view_mm)
+    if min(columns, rows) < 3:
+        raise InputError(
+            f"chessboard: patch_mm: {recipe.patch_mm:g} mm leaves {columns} x {rows} inner corners "
+            f"in the camera's view; at least 3 x 3, so at most {min(view_mm) / 4:.2f} mm"
+        )

@@ -1,0 +1,182 @@
+"""How good a pattern is to track, before and after it is printed and photographed.
+
+Before: the colours as designed, meaned over camera pixels. After: sent to the printer's dots,
+printed, meaned over camera pixels and exposed, by the model of `imaging` (its values are assumed).
+Both over the middle of the sticker: the camera's view, or what the sticker or the printer's dots
+allow of it (`field_mm` says how much).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ...shapes import SensorDimensions
+from ..laws.patches import draw_patches
+from ..raster import albedo
+from ..recipe import PatternRecipe
+from .figures import Figures, agreement, figures
+from .photo import has_raster, photograph, sent
+
+if TYPE_CHECKING:
+    from ...imaging import Printer, Sensor
+
+Image = NDArray[Any]
+
+MM_PER_PX = 0.0378
+MIN_SIDE_PX = 64
+"""Shorter side of the smallest field: level 5 of its pyramid has 2 pixels."""
+PRINTED_SHARE = 0.5
+"""Contrast of a print that counts as sharp: the MTF50 of camera tests (ISO 12233)."""
+SEEN_SHARE = 0.1
+"""Contrast at which detail counts as resolved: the MTF10 of the same. Below, what is left to track
+is the coarse remainder of the pattern and no longer its patches."""
+MAX_PX = 1_000_000
+MAX_DOTS = 6_000_000
+"""The whole view at 2400 dpi; about 0.5 GB of memory while it is printed."""
+
+
+@dataclass(frozen=True)
+class Quality:
+    """A pattern's figures as designed and as photographed, and what became of its contrast."""
+
+    field_mm: tuple[float, float]
+    """Field of view that was measured (x, y)."""
+    field_px: tuple[int, int]
+    dpi: float
+    mm_per_px: float
+    seed: int
+    """Of halftone, misregistration and noise."""
+    dots_a_patch: float | None
+    """Printer dots along a patch; along a marker where there are no patches; None on clear film."""
+    px_a_patch: float | None
+    """Camera pixels along the same."""
+    print_contrast: float | None
+    """Share of the designed contrast that is on the print; None: it has none."""
+    camera_contrast: float | None
+    """Share of the designed contrast that is in the camera's image; None: as above."""
+    printable: bool
+    """The print keeps half of the contrast, and `raster` takes patches and markers of this size."""
+    seen: bool
+    """The camera's image keeps a tenth of the contrast."""
+    designed: Figures
+    photographed: Figures
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data, as `pattern quality --json` prints it."""
+        return asdict(self)
+
+
+def measure(
+    recipe: PatternRecipe,
+    printer: Printer | None = None,
+    sensor: Sensor | None = None,
+    mm_per_px: float = MM_PER_PX,
+    seed: int = 0,
+    view_mm: tuple[float, float] | None = None,
+) -> Quality:
+    """Measure a pattern. The same arguments give the same numbers.
+
+    view_mm: (x, y) to measure, by default the standard sensor's view. Raises InputError for a
+    scale or resolution that is no number above 0, and for a field of fewer than 64 px a side.
+    """
+    from ... import imaging
+
+    printer, sensor = printer or imaging.Printer(), sensor or imaging.Sensor()
+    for name, value in (("mm_per_px", mm_per_px), ("dpi", printer.dpi)):
+        if not (math.isfinite(value) and value > 0):
+            raise InputError(f"{name}: {value:g} must be above 0")
+    size_px = field_px(recipe, printer.mm_per_dot, mm_per_px, view_mm)
+    field_mm = (size_px[1] * mm_per_px, size_px[0] * mm_per_px)
+    designed = albedo(recipe, mm_per_px, size_px) * np.float32(255)
+    image = sent(recipe, printer.dpi, field_mm)
+    rng = np.random.default_rng([seed, 5])
+    printed = printer.print_(image.astype(np.float32) / np.float32(255), rng)
+    photo = photograph(printed, printer.mm_per_dot, sensor, mm_per_px, size_px, rng)
+    rastered = has_raster(recipe, printer.dpi)
+    # Where dots have averaged patches the sent values are already poorer than the pattern
+    patches = None if rastered else draw_patches(recipe)
+    coded = np.power(printed, np.float32(1 / imaging.GAMMA)) * np.float32(255)
+    at, coded = _middle(image), _middle(coded)
+    print_contrast = kept(coded, at, at if patches is None else patches)
+    camera_contrast = kept(photo, designed, image if patches is None else patches)
+    board = None if recipe.patch_mm is None else _checkerboard(recipe, mm_per_px, size_px)
+    feature_mm = recipe.patch_mm
+    if feature_mm is None and recipe.dots is not None:
+        feature_mm = recipe.dots.diameter_mm
+    return Quality(
+        field_mm=field_mm,
+        field_px=(size_px[1], size_px[0]),
+        dpi=printer.dpi,
+        mm_per_px=mm_per_px,
+        seed=seed,
+        dots_a_patch=None if feature_mm is None else feature_mm / printer.mm_per_dot,
+        px_a_patch=None if feature_mm is None else feature_mm / mm_per_px,
+        print_contrast=print_contrast,
+        camera_contrast=camera_contrast,
+        printable=rastered and (print_contrast is None or print_contrast >= PRINTED_SHARE),
+        seen=camera_contrast is not None and camera_contrast >= SEEN_SHARE,
+        designed=figures(designed, mm_per_px, recipe.patch_mm, board),
+        photographed=figures(photo, mm_per_px, recipe.patch_mm, board),
+    )
+
+
+def field_px(
+    recipe: PatternRecipe,
+    mm_per_dot: float,
+    mm_per_px: float,
+    view_mm: tuple[float, float] | None,
+) -> tuple[int, int]:
+    """(h, w) of the field in camera pixels."""
+    view_mm = view_mm or SensorDimensions().optics.view_mm
+    width_mm, height_mm = (min(side_mm, recipe.printed_mm) for side_mm in view_mm)
+    finest = max(
+        width_mm * height_mm / mm_per_px**2 / MAX_PX,
+        width_mm * height_mm / mm_per_dot**2 / MAX_DOTS,
+    )
+    shrink = 1 / math.sqrt(max(1.0, finest))
+    width_px, height_px = (
+        math.floor(side_mm * shrink / mm_per_px + 1e-9) for side_mm in (width_mm, height_mm)
+    )
+    if min(width_px, height_px) < MIN_SIDE_PX:
+        raise InputError(
+            f"quality: the field is {width_px} x {height_px} px of {mm_per_px:g} mm; at least "
+            f"{MIN_SIDE_PX} px a side, so a sticker of {MIN_SIDE_PX * mm_per_px:.3g} mm"
+        )
+    return height_px, width_px
+
+
+def _checkerboard(
+    recipe: PatternRecipe, mm_per_px: float, size_px: tuple[int, int]
+) -> NDArray[np.float32]:
+    """The pure patch checkerboard of a recipe's patches in camera pixels, (h, w)."""
+    board = PatternRecipe(
+        law="chessboard", seed=0, size_mm=recipe.size_mm, patch_mm=recipe.patch_mm
+    )
+    return albedo(board, mm_per_px, size_px)[..., 0]
+
+
+def _middle(image: Image) -> Image:
+    """At most 512 x 512 of it: the print's share of contrast needs no more."""
+    top, left = (max(0, (length - 512) // 2) for length in image.shape[:2])
+    return image[top : top + 512, left : left + 512]
+
+
+def kept(image: Image, original: Image, whole: Image) -> float | None:
+    """Contrast in an image that is the pattern's own, as a share of the pattern's; mean of R, G, B.
+
+    image, original: (h, w, 3) alike; whole: any image of the undiminished file values. Halftone and
+    noise have contrast too, but none in common with the original. None where there is none to keep.
+    """
+    shares = []
+    for c in range(3):
+        designed = float(whole[..., c].std(dtype=np.float64))
+        if designed > 0:
+            own = agreement(image[..., c], original[..., c]) * float(image[..., c].std(dtype=float))
+            shares.append(max(0.0, own) / designed)
+    return float(np.mean(shares)) if shares else None

@@ -1,0 +1,88 @@
+"""A sticker photographed at rest: raster, print, camera pixels, exposure, modelled by `imaging`.
+
+No lens distortion and no falloff of light towards the corners: both belong to the camera and not
+to the pattern. The mean falloff stays, as it sets the noise.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ..raster import albedo, cell_means, checked_mm_per_px, raster_window
+from ..recipe import PatternRecipe
+
+if TYPE_CHECKING:
+    from ...imaging import Float, Sensor
+
+MARGIN_MM = 0.3
+"""Printed around the field: misplaced ink (15 um) and its spread (20 um) come from there too."""
+MARGIN_PX = 4
+"""Camera pixels around the field, for the lens' blur and the mosaic; even, to keep its phase."""
+STRIP = 256
+
+
+def sent(recipe: PatternRecipe, dpi: float, field_mm: tuple[float, float]) -> NDArray[np.uint8]:
+    """The middle of a sticker in printer dots, (h, w, 3) file values: field_mm (x, y) and a margin.
+
+    A patch or marker below a printer dot has no raster: then a dot gets the mean of what it
+    covers, as from a driver that scales down. The outside of a sticker is not in it.
+    """
+    mm_per_dot = 25.4 / dpi
+    whole_px = round(recipe.printed_mm / mm_per_dot)
+    width_px, height_px = (
+        _centred(round((side_mm + 2 * MARGIN_MM) / mm_per_dot), whole_px) for side_mm in field_mm
+    )
+    if has_raster(recipe, dpi):
+        image = raster_window(recipe, dpi, max(width_px, height_px))
+        top, left = (len(image) - height_px) // 2, (len(image) - width_px) // 2
+        return image[top : top + height_px, left : left + width_px]
+    means = albedo(recipe, mm_per_dot, (height_px, width_px))
+    return np.rint(means * 255).astype(np.uint8)
+
+
+def has_raster(recipe: PatternRecipe, dpi: float) -> bool:
+    """Whether patches and markers are as large as `raster` asks for."""
+    try:
+        checked_mm_per_px(recipe, dpi, whole=False)
+    except InputError:
+        return False
+    return True
+
+
+def photograph(
+    printed: Float,
+    mm_per_dot: float,
+    sensor: Sensor,
+    mm_per_px: float,
+    size_px: tuple[int, int],
+    rng: np.random.Generator,
+) -> NDArray[np.uint8]:
+    """A centred print (rows, columns, 3) as the camera's image of size_px (h, w), (h, w, 3) RGB."""
+    height_px, width_px = (length + 2 * MARGIN_PX for length in size_px)
+    edges_mm, ends_mm = _edges(printed.shape[0], mm_per_dot), _edges(height_px, mm_per_px)
+    # Columns by strips: the float64 intermediates of a fine print would be gigabytes
+    band = np.concatenate(
+        [
+            cell_means(printed[:, first : first + STRIP], edges_mm, ends_mm)
+            for first in range(0, printed.shape[1], STRIP)
+        ],
+        axis=1,
+    ).swapaxes(0, 1)
+    edges_mm, ends_mm = _edges(printed.shape[1], mm_per_dot), _edges(width_px, mm_per_px)
+    radiance = cell_means(band, edges_mm, ends_mm).swapaxes(0, 1).astype(np.float32)
+    falloff = np.full((height_px, width_px, 1), sensor.shade(*size_px).mean(), np.float32)
+    bgr = sensor.expose(radiance, falloff, rng)
+    return np.ascontiguousarray(bgr[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX, ::-1])
+
+
+def _centred(wanted_px: int, whole_px: int) -> int:
+    """A length near the wanted one that leaves as much on both sides of the whole."""
+    return whole_px if wanted_px >= whole_px else wanted_px + (whole_px - wanted_px) % 2
+
+
+def _edges(length: int, pitch_mm: float) -> NDArray[np.float64]:
+    return np.asarray((np.arange(length + 1) - length / 2) * pitch_mm, np.float64)

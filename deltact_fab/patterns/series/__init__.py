@@ -1,0 +1,5 @@
+"""The paper's two selections as recipes, one print job, figures and a contact sheet."""
+
+from .job import SeriesEntry, SeriesReport, recipes, write
+
+__all__ = ["SeriesEntry", "SeriesReport", "recipes", "write"]

@@ -1,0 +1,310 @@
+"""The paper's pattern series as one folder: recipes, one print job, contact sheet, figures.
+
+DIR/
+  recipes/d0p075-r0p6.toml ...   what every command takes as a RECIPE
+  series.pdf                     one sticker of each
+  contact-sheet.png              each as the camera would see it
+  quality.csv  quality.json      every figure, as designed and as seen
+  patterns.html                  where a page is asked for
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ... import __version__
+from ..code import encode
+from ..quality.measure import MM_PER_PX, measure
+from ..recipe import DEFAULT_SEED, PatternRecipe, recipe_from
+from ..recipe_file import toml
+from ..sheet import job as sheet
+from . import contact
+from .folder import replaced
+
+Progress = Callable[[int, int, str], None]
+
+GRIDS = (
+    ((0.1, 0.15, 0.2), (0.1, 0.3, 0.5)),
+    ((0.05, 0.075, 0.1), (0.4, 0.5, 0.6)),
+)
+"""(d in mm, r) of the two rounds of the paper's Pattern Selection.
+
+The second is printed as d in {0.5, 0.75, 0.1}. Taken: 0.05 and 0.075, for the text that follows
+names d = 0.075 as the best of that round and d = 0.05 as too small, both "near" the first round's
+0.1; 0.5 and 0.75 mm would be neither.
+"""
+
+PAPER_ERROR_MM = {(0.1, 0.5): 0.11, (0.075, 0.6): 0.08}
+"""Mean tracking error at the dots, by (d, r): least of its round. On the authors' real sensor."""
+PAPER_ABOUT_MM = {0.05: 0.5}
+"""By d, of whichever r: "around 0.5 mm". The paper gives the others as columns of a chart only."""
+
+FORMAT = "deltact-fab pattern series 1"
+RECIPES = "recipes"
+SHEET = "series.pdf"
+CONTACT = "contact-sheet.png"
+FIGURES = "quality.json"
+TABLE = "quality.csv"
+PAGE = "patterns.html"
+FILES = (f"{RECIPES}/*.toml", SHEET, CONTACT, FIGURES, TABLE, PAGE)
+
+
+@dataclass(frozen=True)
+class SeriesEntry:
+    """One pattern. rounds: 1, 2 or both, the rounds of the paper that it stands in.
+
+    paper_error_mm: the paper's, on a real sensor, None where it gives none; paper_about: it is
+    said of all patterns of this d, as "around".
+    """
+
+    name: str
+    rounds: tuple[int, ...]
+    recipe: PatternRecipe
+    paper_error_mm: float | None = None
+    paper_about: bool = False
+
+    @property
+    def paper_says(self) -> str:
+        """The paper's error in words, empty where it gives none."""
+        if self.paper_error_mm is None:
+            return ""
+        return f"{'about ' if self.paper_about else ''}{self.paper_error_mm:g} mm"
+
+
+@dataclass(frozen=True)
+class SeriesReport:
+    """What `write` wrote. figures: the contents of quality.json."""
+
+    out: Path
+    files: tuple[Path, ...]
+    pages: int
+    figures: dict[str, Any]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data, as `pattern series --json` prints it."""
+        return {**self.figures, "out": str(self.out), "files": [str(f) for f in self.files]}
+
+    def lines(self) -> list[str]:
+        """The same for a person."""
+        count = len(self.figures["patterns"])
+        pages = "1 page" if self.pages == 1 else f"{self.pages} pages"
+        return [
+            f"{self.out}: {count} patterns, {pages} to print",
+            *(f"  {path.relative_to(self.out)}" for path in self.files),
+        ]
+
+
+def recipes(seed: int = DEFAULT_SEED, with_dots: bool = True) -> list[SeriesEntry]:
+    """The 17 patterns of the paper's Pattern Selection, by d, then r; (0.1, 0.5) is in both rounds.
+
+    with_dots: 13 x 13 white dots on top, as the paper's. Raises InputError for an unusable seed.
+    """
+    places: dict[tuple[float, float], list[int]] = {}
+    for number, (sizes_mm, factors) in enumerate(GRIDS, 1):
+        for d_mm in sizes_mm:
+            for r in factors:
+                places.setdefault((d_mm, r), []).append(number)
+    entries = []
+    for (d_mm, r), numbers in sorted(places.items()):
+        data: dict[str, Any] = {"law": "algorithm1", "seed": seed, "patch_mm": d_mm, "r": r}
+        if with_dots:
+            data["dots"] = {}
+        exact = PAPER_ERROR_MM.get((d_mm, r))
+        entries.append(
+            SeriesEntry(
+                name=f"d{d_mm:g}-r{r:g}".replace(".", "p"),
+                rounds=tuple(numbers),
+                recipe=recipe_from(data, "series"),
+                paper_error_mm=PAPER_ABOUT_MM.get(d_mm) if exact is None else exact,
+                paper_about=exact is None and d_mm in PAPER_ABOUT_MM,
+            )
+        )
+    return entries
+
+
+def write(
+    out: Path,
+    *,
+    seed: int = DEFAULT_SEED,
+    dpi: int = 1200,
+    paper: str = "A4",
+    transfer: sheet.Transfer = "face-down",
+    with_dots: bool = True,
+    entries: Sequence[SeriesEntry] | None = None,
+    page: Callable[[Path], object] | None = None,
+    progress: Progress | None = None,
+) -> SeriesReport:
+    """Write the series into the folder `out`, which is whole afterwards or not there.
+
+    seed: of every draw, of the printer's and the camera's too. dpi: of the print job and of the
+    printer model. entries: other Algorithm 1 patterns than the paper's. page: called with the
+    folder when all else is in it, to add `patterns.html`. A series written there before is
+    replaced. Equal arguments and versions give equal bytes.
+
+    Raises InputError for a folder that holds anything else and for what `sheet.write` refuses,
+    RunFailed when the disk refuses, MissingLibrary without segno, and whatever `page` raises.
+    """
+    from ...imaging import Printer, Sensor
+
+    chosen = recipes(seed, with_dots) if entries is None else list(entries)
+    tell = progress or (lambda done, total, what: None)
+    total = len(chosen) + 2
+    with replaced(out, FILES, _is_series) as folder:
+        _write_recipes(folder / RECIPES, chosen)
+        tell(0, total, SHEET)
+        # First, for it refuses an unusable paper, dpi or transfer before the long part.
+        job = sheet.write(
+            [e.recipe for e in chosen], folder / SHEET, paper=paper, dpi=dpi, transfer=transfer
+        )
+        judged = []
+        for k, entry in enumerate(chosen, 1):
+            tell(k, total, entry.name)
+            judged.append(_judge(entry, dpi, seed))
+        tell(total - 1, total, CONTACT)
+        (folder / CONTACT).write_bytes(_contact(chosen, [view for _, view in judged], dpi, seed))
+        rows = [_row(e, job, figures) for e, (figures, _) in zip(chosen, judged, strict=True)]
+        data = {
+            "format": FORMAT,
+            "version": __version__,
+            "seed": seed,
+            "dpi": dpi,
+            "paper": paper,
+            "transfer": transfer,
+            "pages": job.pages,
+            "mm_per_px": MM_PER_PX,
+            "printer": asdict(Printer(dpi=dpi)),
+            "sensor": asdict(Sensor()),
+            "patterns": rows,
+        }
+        (folder / FIGURES).write_bytes(_json(data))
+        (folder / TABLE).write_bytes(_csv(rows))
+        if page is not None:
+            page(folder)
+        written = sorted(p.relative_to(folder) for p in folder.rglob("*") if p.is_file())
+    tell(total, total, "done")
+    return SeriesReport(out, tuple(out / name for name in written), job.pages, data)
+
+
+def _judge(entry: SeriesEntry, dpi: int, seed: int) -> tuple[dict[str, Any], NDArray[np.uint8]]:
+    """A pattern's figures and its view for the contact sheet."""
+    from ...imaging import Printer, Sensor
+
+    printer, sensor = Printer(dpi=dpi), Sensor()
+    # Dots are the same on every pattern, and on coarse levels their contrast would hide its own.
+    bare = entry.recipe.model_copy(update={"dots": None})
+    figures = measure(bare, printer, sensor, MM_PER_PX, seed).as_dict()
+    return _rounded(figures), contact.view(entry.recipe, printer, sensor, seed)
+
+
+def _rounded(value: Any) -> Any:
+    """Nine digits of every float: the last ones change with the number of threads."""
+    if isinstance(value, dict):
+        return {key: _rounded(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_rounded(inner) for inner in value]
+    return float(f"{value:.9g}") if isinstance(value, float) else value
+
+
+def _row(entry: SeriesEntry, job: sheet.SheetReport, figures: dict[str, Any]) -> dict[str, Any]:
+    """All that is known of a pattern, as quality.json holds it."""
+    recipe = entry.recipe
+    code = encode(recipe)
+    sticker = next(s for s in job.stickers if s.code == code)
+    return {
+        "name": entry.name,
+        "d_mm": recipe.patch_mm,
+        "r": recipe.r,
+        "rounds": list(entry.rounds),
+        "paper_error_mm": entry.paper_error_mm,
+        "paper_about": entry.paper_about,
+        "n": recipe.n,
+        "printed_mm": recipe.printed_mm,
+        "page": sticker.page,
+        "print_error_mm": _rounded(sticker.print_error_mm),
+        "code": code,
+        "quality": figures,
+    }
+
+
+def _contact(
+    entries: Sequence[SeriesEntry], pictures: Sequence[NDArray[np.uint8]], dpi: int, seed: int
+) -> bytes:
+    views = [
+        contact.View(
+            entry.recipe.patch_mm or 0.0,
+            entry.recipe.r or 0.0,
+            picture,
+            entry.paper_says and f"paper: {entry.paper_says}",
+        )
+        for entry, picture in zip(entries, pictures, strict=True)
+    ]
+    return contact.png(
+        views,
+        MM_PER_PX,
+        "Pattern series as the camera would see it, simulated",
+        (
+            f"Seed {seed}. Printer ({dpi} dpi) and camera are models with assumed values; "
+            "nothing here was measured.",
+            "paper: mean tracking error of that pattern in the paper, on a real sensor.",
+        ),
+    )
+
+
+def _is_series(folder: Path) -> bool:
+    try:
+        return bool(json.loads((folder / FIGURES).read_bytes())["format"] == FORMAT)
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+
+
+def _write_recipes(folder: Path, entries: Sequence[SeriesEntry]) -> None:
+    folder.mkdir()
+    for entry in entries:
+        rounds = " and ".join(str(k) for k in entry.rounds)
+        many = "s" if len(entry.rounds) > 1 else ""
+        about = [f"Pattern Selection of the paper, round{many} {rounds}."]
+        if entry.paper_says:
+            about.append(f"Tracking error there, on a real sensor: {entry.paper_says}.")
+        path = folder / f"{entry.name}.toml"
+        path.write_bytes(toml(entry.recipe, about).encode())
+
+
+def _json(data: dict[str, Any]) -> bytes:
+    return (json.dumps(data, indent=1, allow_nan=False) + "\n").encode()
+
+
+def _csv(rows: Sequence[dict[str, Any]]) -> bytes:
+    """One row a pattern; a figure's column is its path inside `quality`, joined by dots."""
+    import csv
+
+    flat = []
+    for row in rows:
+        about = {key: value for key, value in row.items() if key != "quality"}
+        flat.append(dict(_leaves("", about | row["quality"])))
+    columns = list(dict.fromkeys(key for row in flat for key in row))
+    text = io.StringIO()
+    table = csv.DictWriter(text, columns, lineterminator="\n")
+    table.writeheader()
+    table.writerows(flat)
+    return text.getvalue().encode()
+
+
+def _leaves(path: str, value: Any) -> Iterator[tuple[str, Any]]:
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _leaves(f"{path}.{key}" if path else key, inner)
+    elif isinstance(value, list | tuple) and path != "rounds":
+        for k, inner in enumerate(value):
+            yield from _leaves(f"{path}.{k}", inner)
+    elif path == "rounds":
+        yield path, " ".join(str(k) for k in value)
+    else:
+        yield path, value

@@ -1,0 +1,6 @@
+"""Print jobs: job.py is the way in; stickers and furniture are marks on a page, pdf and page_image
+write them."""
+
+from .job import SheetReport, Sticker, write
+
+__all__ = ["SheetReport", "Sticker", "write"]

@@ -1,0 +1,192 @@
+"""What every page has besides stickers: how to print it, and what tells whether it was.
+
+Registration marks, rulers, colour patches, cut marks and the mark of a sticker's corner.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ... import __version__
+from ...errors import InputError
+from .layout import HEAD_PT, LEFT_BAND_MM, REGISTER_MM, Sheet, line_mm
+from .marks import Box, Mark, width_mm, wrapped
+
+RULER_MM = 100.0
+LINE_MM = 0.1
+CUT_MM = 3.0
+CUT_GAP_MM = 1.0
+SMALL_PT = 6.0
+STICKERS_MM = 60.0
+"""Least height left below the header."""
+
+
+def instructions(sheet: Sheet, paper: str, transfer: str) -> list[str]:
+    """The header's lines."""
+    how = {
+        "face-down": "Transfer face-down: ink towards the gel. Printed as the camera sees it, not "
+        "mirrored.",
+        "slide": "Transfer slide: film towards the gel, ink away from it. Stickers are printed "
+        "mirrored.",
+    }[transfer]
+    scale_x, scale_y = sheet.scale
+    if sheet.scale == (1.0, 1.0):
+        ruler = "if one measures L mm, print again with that axis' scale at 100 / L."
+    else:
+        ruler = (
+            f"scale x {scale_x:g}, y {scale_y:g} is applied to all of the sheet, rulers too. If "
+            "one still measures L mm, multiply its scale by 100 / L."
+        )
+    return [
+        f"Pattern stickers, {paper}, {sheet.dpi:g} dpi. Print at 100 % (actual size, no fitting), "
+        f"at {sheet.dpi:g} dpi, with no smoothing, sharpening or toner saving.",
+        how,
+        "Test: looked at from the side that will lie on the gel, every F reads right and stands at "
+        "the corner (-x, -y). Leave the F on for a trial; else cut along the ticks.",
+        f"Rulers, left or upper edge of the lines: 100 mm in x and in y; {ruler}",
+    ]
+
+
+def signature(page: int, pages: int) -> str:
+    """The footer."""
+    return (
+        f"deltact-fab {__version__}, page {page + 1} of {pages}. The text of a QR code regenerates "
+        "its pattern: deltact-fab pattern from CODE -o FILE"
+    )
+
+
+def header(sheet: Sheet, lines: Sequence[str]) -> tuple[list[Mark], float]:
+    """Registration marks, header, rulers, colour patches; and where the stickers begin (y, mm).
+
+    Raises InputError when the paper is too small for them.
+    """
+    width, height = sheet.size_mm
+    margin = sheet.margin_mm
+    left = margin + LEFT_BAND_MM
+    room_mm = width - margin - REGISTER_MM - 2 - left
+    if room_mm < RULER_MM or height - 2 * margin < RULER_MM + STICKERS_MM:
+        raise InputError(
+            f"paper: {width:.4g} x {height:.4g} mm less margins of {margin:g} mm has no room for "
+            f"the rulers of {RULER_MM:g} mm; use smaller margins or a larger paper"
+        )
+    marks: list[Mark] = []
+    for x_mm in (margin, width - margin - REGISTER_MM):
+        for y_mm in (margin, height - margin - REGISTER_MM):
+            marks += _register(sheet, x_mm, y_mm)
+    y_mm = margin
+    for line in lines:
+        for part in wrapped(line.split(" "), room_mm, HEAD_PT, " "):
+            y_mm += line_mm(HEAD_PT)
+            marks.append(sheet.words(left, y_mm, part, HEAD_PT))
+    y_mm += 3.0
+    marks += _ruler_x(sheet, left, y_mm)
+    y_mm += 8.5
+    marks += _colours(sheet, left, y_mm)
+    y_mm += 9.0
+    marks += _ruler_y(sheet, margin, y_mm + 2.0)
+    return marks, y_mm
+
+
+def footer(sheet: Sheet, text: str) -> list[Mark]:
+    """A line between the lower registration marks."""
+    y_mm = sheet.size_mm[1] - sheet.margin_mm - 1.0
+    return [sheet.words(sheet.margin_mm + LEFT_BAND_MM, y_mm, text)]
+
+
+def corner_mark(sheet: Sheet, x_px: int, y_px: int, mirrored: bool) -> list[Mark]:
+    """An F in the corner's own quadrant, outside both cut lines: the corner (-x, -y) of the sensor.
+
+    x_px, y_px: that corner of the sticker as printed. Mirrored with the sticker, so it reads right
+    from the side that comes to lie on the gel, and only then.
+    """
+    strokes_mm = ((0.0, 0.0, 0.5, 3.0), (0.5, 0.0, 1.5, 0.5), (0.5, 1.25, 1.0, 0.5))
+    pitch_x_mm, pitch_y_mm = sheet.pitch_mm
+    out: list[Mark] = []
+    for x_mm, y_mm, w_mm, h_mm in strokes_mm:
+        # From the corner outwards: 3.6 to 1.6 mm to the left and 4.2 to 1.2 mm up
+        near, far = round((3.6 - x_mm - w_mm) / pitch_x_mm), round((3.6 - x_mm) / pitch_x_mm)
+        top, end = round((4.2 - y_mm) / pitch_y_mm), round((4.2 - y_mm - h_mm) / pitch_y_mm)
+        left = x_px + near if mirrored else x_px - far
+        out.append(Box(left, y_px - top, max(1, far - near), max(1, top - end)))
+    return out
+
+
+def cut_marks(sheet: Sheet, x_px: int, y_px: int, width_px: int, height_px: int) -> list[Mark]:
+    """Eight ticks that point along the sticker's edges and stop short of them."""
+    pitch_x_mm, pitch_y_mm = sheet.pitch_mm
+    gap_x, gap_y = round(CUT_GAP_MM / pitch_x_mm), round(CUT_GAP_MM / pitch_y_mm)
+    long_x, long_y = round(CUT_MM / pitch_x_mm), round(CUT_MM / pitch_y_mm)
+    thick_x = max(1, round(LINE_MM / pitch_x_mm))
+    thick_y = max(1, round(LINE_MM / pitch_y_mm))
+    out: list[Mark] = []
+    for x in (x_px, x_px + width_px):
+        for y in (y_px - gap_y - long_y, y_px + height_px + gap_y):
+            out.append(Box(x - thick_x // 2, y, thick_x, long_y))
+    for y in (y_px, y_px + height_px):
+        for x in (x_px - gap_x - long_x, x_px + width_px + gap_x):
+            out.append(Box(x, y - thick_y // 2, long_x, thick_y))
+    return out
+
+
+def _register(sheet: Sheet, x_mm: float, y_mm: float) -> list[Mark]:
+    """A cross with two black quarters: its centre is found to a fraction of a line's width."""
+    half = REGISTER_MM / 2
+    quarter = REGISTER_MM / 4
+    x, y = x_mm + half, y_mm + half
+    return [
+        sheet.box(x_mm, y - LINE_MM / 2, REGISTER_MM, LINE_MM),
+        sheet.box(x - LINE_MM / 2, y_mm, LINE_MM, REGISTER_MM),
+        sheet.box(x - quarter, y - quarter, quarter, quarter),
+        sheet.box(x, y, quarter, quarter),
+    ]
+
+
+def _ruler_x(sheet: Sheet, x_mm: float, y_mm: float) -> list[Mark]:
+    """100 mm from the left edge of the first line to the left edge of the last."""
+    thick = max(1, sheet.x_px(LINE_MM))
+    marks: list[Mark] = [sheet.box(x_mm, y_mm, RULER_MM, LINE_MM)]
+    for k in range(101):
+        long_mm = 4.0 if k % 10 == 0 else 2.8 if k % 5 == 0 else 1.8
+        tick = sheet.box(x_mm + k, y_mm, LINE_MM, long_mm)
+        marks.append(Box(tick.x_px, tick.y_px, thick, tick.height_px))
+        if k % 10 == 0:
+            text = f"{k}" if k < 100 else "100 mm x"
+            marks.append(sheet.words(x_mm + k + 0.4, y_mm + 5.2, text, SMALL_PT))
+    return marks
+
+
+def _ruler_y(sheet: Sheet, x_mm: float, y_mm: float) -> list[Mark]:
+    """100 mm from the upper edge of the first line to the upper edge of the last."""
+    thick = max(1, sheet.y_px(LINE_MM))
+    marks: list[Mark] = [sheet.box(x_mm, y_mm, LINE_MM, RULER_MM)]
+    for k in range(101):
+        long_mm = 4.0 if k % 10 == 0 else 2.8 if k % 5 == 0 else 1.8
+        tick = sheet.box(x_mm, y_mm + k, long_mm, LINE_MM)
+        marks.append(Box(tick.x_px, tick.y_px, tick.width_px, thick))
+        if k % 10 == 0:
+            marks.append(sheet.words(x_mm + 2.4, y_mm + k + 2.3, f"{k}", SMALL_PT))
+    marks.append(sheet.words(x_mm + 2.4, y_mm + RULER_MM + 4.6, "mm y", SMALL_PT))
+    return marks
+
+
+COLOURS: tuple[tuple[str, int | tuple[int, int, int]], ...] = (
+    ("K", 0),
+    ("C", (0, 255, 255)),
+    ("M", (255, 0, 255)),
+    ("Y", (255, 255, 0)),
+    ("MY", (255, 0, 0)),
+    ("CY", (0, 255, 0)),
+    ("CM", (0, 0, 255)),
+    ("CMY", (0, 0, 0)),
+    *((f"{v}", (v, v, v)) for v in (32, 64, 96, 128, 160, 192, 224)),
+)
+"""Each ink, pairs, all three, and grey steps, as the RGB that stickers are sent in; K is grey 0."""
+
+
+def _colours(sheet: Sheet, x_mm: float, y_mm: float) -> list[Mark]:
+    marks: list[Mark] = []
+    for k, (name, ink) in enumerate(COLOURS):
+        marks.append(sheet.box(x_mm + 6 * k, y_mm, 5.0, 4.0, ink))
+        middle_mm = (5.0 - width_mm(name, SMALL_PT)) / 2
+        marks.append(sheet.words(x_mm + 6 * k + middle_mm, y_mm + 6.4, name, SMALL_PT))
+    return marks

@@ -1,0 +1,329 @@
+"""A print job: many stickers on pages of exact millimetres, and what tells them apart.
+
+Which way round a sticker is printed follows from where the ink comes to lie (paper, Fabrication
+Process; frames as in `optics`). The camera is inside, looks out along +z, and sees a recipe as
+designed, row 0, column 0 at (-x, -y), when it looks at it from the side from which the array reads
+right.
+
+- `face-down`: the printed side is laid on the gel. The ink touches the gel, and the camera looks
+  at the ink's printed side: the side that a person sees on the sheet. So the sheet shows the array
+  as it is.
+- `slide`: the film slides off its backing onto the gel, film first. The camera looks through gel
+  and film at the ink's back: it sees what the sheet shows, left and right exchanged. So the sheet
+  shows the array with its columns reversed.
+
+In both cases an F stands outside the cut marks at the corner (-x, -y), mirrored with the sticker.
+It reads right when it is looked at from the side that lies on the gel, which is where the camera
+is; if it does not, the film is the wrong way round. Labels and QR codes are never mirrored.
+
+A scale correction stretches everything, the rulers too: a corrected sheet is right when its own
+rulers measure 100 mm, and what they lack multiplies the correction.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from ... import __version__
+from ...errors import InputError, did_you_mean
+from ..code import encode
+from ..recipe import PatternRecipe
+from . import furniture, layout, page_image, stickers
+from .layout import Cell, Sheet
+from .marks import Mark, Picture
+from .pdf import INSET_MM, LEAST_DOTS, Pdf
+
+Progress = Callable[[int, int, str], None]
+Transfer = Literal["face-down", "slide"]
+Embedding = Literal["auto", "patches", "dots"]
+
+TRANSFERS = ("face-down", "slide")
+KINDS = {".pdf": "pdf", ".png": "png", ".tif": "tiff", ".tiff": "tiff"}
+DPI_RANGE = (100.0, 9600.0)
+SCALE_RANGE = (0.9, 1.1)
+MARGIN_RANGE_MM = (0.0, 50.0)
+MAX_STICKERS = 2000
+MAX_PATCHES_IN_ALL = 100_000_000
+"""Of different recipes; three bytes each are in memory while a job is written."""
+
+
+@dataclass(frozen=True)
+class Sticker:
+    """A printed sticker. x_mm, y_mm: its top left corner from the page's, on the real print.
+
+    embedding: `patches`, one pixel a patch at exact millimetres, or `dots`, one pixel a printer
+    dot. edge_error_mm: the worst patch edge in the file, from its true place. print_error_mm: the
+    worst one on the printer's dots; with `patches` the printer rounds, by at most a dot.
+    """
+
+    page: int
+    x_mm: float
+    y_mm: float
+    side_mm: float
+    embedding: str
+    dots_per_patch: float | None
+    edge_error_mm: float
+    print_error_mm: float
+    asked_patch_mm: float | None
+    patch_mm: float | None
+    code: str
+
+
+@dataclass(frozen=True)
+class SheetReport:
+    """What `write` wrote. edge_error_mm, print_error_mm: the worst of all stickers."""
+
+    out: Path
+    paper: str
+    dpi: float
+    transfer: str
+    scale: tuple[float, float]
+    pages: int
+    stickers: tuple[Sticker, ...]
+    edge_error_mm: float
+    print_error_mm: float
+    bytes: int
+    sha256: str
+    codes: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data, as `pattern sheet --json` prints it."""
+        data = asdict(self)
+        data["out"] = str(self.out)
+        data["stickers"] = [asdict(s) for s in self.stickers]
+        return data
+
+    def lines(self) -> list[str]:
+        """The same for a person."""
+        mirrored = "mirrored" if self.transfer == "slide" else "not mirrored"
+        pages = "1 page" if self.pages == 1 else f"{self.pages} pages"
+        count = "1 sticker" if len(self.stickers) == 1 else f"{len(self.stickers)} stickers"
+        said = [
+            f"{self.out}: {pages} of {self.paper} at {self.dpi:g} dpi, {count}, "
+            f"{self.bytes / 1e6:.2f} MB",
+            f"  transfer {self.transfer}: {mirrored}; the F's corner is (-x, -y)",
+        ]
+        if self.scale != (1.0, 1.0):
+            said.append(f"  stretched by {self.scale[0]:g} in x and {self.scale[1]:g} in y")
+        shown = set()
+        for s in self.stickers:
+            if s.code in shown:
+                continue
+            shown.add(s.code)
+            said.append(f"  {s.code}")
+            if s.asked_patch_mm != s.patch_mm:
+                said.append(
+                    f"    whole printer dots: d is {s.patch_mm:.4g} mm, not {s.asked_patch_mm:g}; "
+                    f"the sticker is {s.side_mm:.5g} mm"
+                )
+            patch = "" if s.dots_per_patch is None else f"{s.dots_per_patch:.3g} dots a patch, "
+            how = "a pixel a patch" if s.embedding == "patches" else "a pixel a printer dot"
+            said.append(
+                f"    {patch}{how}: edges within {1000 * s.edge_error_mm:.2g} um in the file, "
+                f"{1000 * s.print_error_mm:.3g} um in print"
+            )
+        said.append(f"  sha256 {self.sha256}")
+        return said
+
+
+def write(
+    recipes: Sequence[PatternRecipe],
+    out: Path,
+    *,
+    paper: str = "A4",
+    dpi: float = 1200.0,
+    transfer: Transfer = "face-down",
+    copies: int = 1,
+    whole_dots: bool = False,
+    scale: tuple[float, float] = (1.0, 1.0),
+    margin_mm: float = 8.0,
+    embed: Embedding = "auto",
+    progress: Progress | None = None,
+) -> SheetReport:
+    """Write the stickers as .pdf (any number of pages), .png or .tif (one page) by out's ending.
+
+    whole_dots: d becomes the nearest whole number of printer dots, and the sheet says so; n follows
+    from the asked side. scale: 100 / what the ruler in (x, y) measures, times the scale of the
+    sheet it is on. embed: `auto` takes one pixel a patch from 5 printer dots a patch on.
+    Memory is bounded by the compressed file; equal arguments and versions give equal bytes.
+
+    Raises InputError for anything that cannot be printed as asked: nothing is written then.
+    Raises MissingLibrary without segno.
+    """
+    kind = _checked_out(out)
+    paper = _paper(paper)
+    sheet = _checked_sheet(paper, dpi, transfer, scale, margin_mm)
+    if embed not in ("auto", "patches", "dots"):
+        raise InputError(f"embed: {embed!r}; {did_you_mean(embed, ('auto', 'patches', 'dots'))}")
+    if not recipes:
+        raise InputError("a sheet needs at least one recipe")
+    if not 1 <= copies <= MAX_STICKERS or len(recipes) * copies > MAX_STICKERS:
+        raise InputError(
+            f"copies: {copies} of {len(recipes)} recipes; at least 1, and at most {MAX_STICKERS} "
+            "stickers in all"
+        )
+    patches = sum(recipe.n**2 for recipe in dict.fromkeys(recipes))
+    if patches > MAX_PATCHES_IN_ALL:
+        raise InputError(
+            f"{len(recipes)} recipes have {patches / 1e6:.0f} million patches; at most "
+            f"{MAX_PATCHES_IN_ALL // 10**6} million on one job: split it"
+        )
+    if kind != "pdf":
+        page_image.check_size(sheet.page_px, dpi)
+    least = {"auto": LEAST_DOTS, "patches": 0.0, "dots": math.inf}[embed]
+    if kind != "pdf":
+        least = math.inf  # a page's image is in printer dots
+    tell = progress or (lambda done, total, what: None)
+    total = len(recipes) + 1
+    cells: list[Cell] = []
+    codes: list[str] = []
+    printed: list[PatternRecipe] = []
+    for k, asked in enumerate(recipes):
+        tell(k, total, f"sticker {k + 1}")
+        recipe = stickers.whole_dots(asked, sheet) if whole_dots else asked
+        codes.append(encode(recipe))
+        printed.append(recipe)
+        same = recipes.index(asked)
+        cells.append(
+            cells[same]
+            if same < k
+            else stickers.cell(recipe, asked, codes[-1], sheet, transfer == "slide", least)
+        )
+    order = [k for k in range(len(recipes)) for _ in range(copies)]
+    names = [stickers.name(printed[k]) for k in order]
+    head, top_mm = furniture.header(sheet, furniture.instructions(sheet, paper, transfer))
+    places = layout.placed(sheet, [cells[k] for k in order], names, top_mm)
+    pages = places[-1].page + 1
+    if kind != "pdf" and pages > 1:
+        raise InputError(
+            f"{out}: {len(order)} stickers take {pages} pages of {paper}, and an image holds one; "
+            "write a .pdf"
+        )
+    tell(len(recipes), total, "file")
+    inset_mm = INSET_MM if kind == "pdf" else 0.0
+    pdf = Pdf(sheet.page_px, dpi, least)
+    found: list[Sticker] = []
+    for page in range(pages):
+        marks: list[Mark] = list(head)
+        for place in (p for p in places if p.page == page):
+            k = order[place.cell]
+            on_page, picture = stickers.put(sheet, cells[k], place.x_mm, place.y_mm)
+            marks += on_page
+            by_cells = picture.by_cells(least)
+            found.append(
+                _sticker(page, picture, by_cells, inset_mm, printed[k], recipes[k], codes[k])
+            )
+        marks += furniture.footer(sheet, furniture.signature(page, pages))
+        if kind == "pdf":
+            pdf.page(marks)
+    software = f"deltact-fab {__version__}"
+    unique = tuple(dict.fromkeys(codes))
+    if kind == "pdf":
+        content = pdf.finish("Pattern stickers", software, unique)
+    elif kind == "png":
+        text = {"Software": software, "codes": "\n".join(unique)}
+        content = page_image.png(sheet.page_px, dpi, marks, text)
+    else:
+        content = page_image.tiff(sheet.page_px, dpi, marks, software)
+    _write_whole(out, content)
+    tell(total, total, "file")
+    return SheetReport(
+        out=out,
+        paper=paper,
+        dpi=dpi,
+        transfer=transfer,
+        scale=scale,
+        pages=pages,
+        stickers=tuple(found),
+        edge_error_mm=max(s.edge_error_mm for s in found),
+        print_error_mm=max(s.print_error_mm for s in found),
+        bytes=len(content),
+        sha256=hashlib.sha256(content).hexdigest(),
+        codes=unique,
+    )
+
+
+def _checked_out(out: Path) -> str:
+    kind = KINDS.get(out.suffix.lower())
+    if out.is_dir():
+        raise InputError(f"{out}: is a folder; name a file in it, as in sheet.pdf")
+    if kind is None:
+        raise InputError(
+            f"{out}: a sheet is a PDF, PNG or TIFF: end the name in .pdf, .png or .tif"
+        )
+    if not out.parent.is_dir():
+        raise InputError(f"{out}: there is no folder {out.parent}; create it first")
+    return kind
+
+
+def _paper(name: str) -> str:
+    """The paper as the table writes it; upper and lower case are the same."""
+    for paper in layout.PAPERS:
+        if paper.lower() == name.lower():
+            return paper
+    raise InputError(f"paper: {name!r}; {did_you_mean(name, layout.PAPERS)}")
+
+
+def _checked_sheet(
+    paper: str, dpi: float, transfer: str, scale: tuple[float, float], margin_mm: float
+) -> Sheet:
+    if transfer not in TRANSFERS:
+        raise InputError(f"transfer: {transfer!r}; {did_you_mean(transfer, TRANSFERS)}")
+    low, high = DPI_RANGE
+    if not low <= dpi <= high:  # NaN fails too
+        raise InputError(f"dpi: {dpi:g}; a printer has {low:g} to {high:g}, as in 1200")
+    low, high = SCALE_RANGE
+    for axis, value in zip("xy", scale, strict=True):
+        if not low <= value <= high:
+            raise InputError(
+                f"scale {axis}: {value:g} must be {low:g} to {high:g}: 100 / what the ruler in "
+                f"{axis} measures in mm"
+            )
+    low, high = MARGIN_RANGE_MM
+    if not low <= margin_mm <= high:
+        raise InputError(f"margin_mm: {margin_mm:g} must be {low:g} to {high:g}")
+    return Sheet(layout.PAPERS[paper], dpi, scale, margin_mm)
+
+
+def _sticker(
+    page: int,
+    picture: Picture,
+    by_cells: bool,
+    inset_mm: float,
+    recipe: PatternRecipe,
+    asked: PatternRecipe,
+    code: str,
+) -> Sticker:
+    snap_mm = picture.snap_error_mm
+    pitch_x_mm, pitch_y_mm = picture.pitch_mm
+    return Sticker(
+        page=page + 1,
+        x_mm=round(picture.x_px * pitch_x_mm, 6),
+        y_mm=round(picture.y_px * pitch_y_mm, 6),
+        side_mm=recipe.printed_mm,
+        embedding="patches" if by_cells else "dots",
+        dots_per_patch=None if recipe.patch_mm is None else picture.dots_per_cell,
+        edge_error_mm=inset_mm if by_cells else snap_mm + inset_mm,
+        print_error_mm=picture.rounding_mm if by_cells else snap_mm,
+        asked_patch_mm=asked.patch_mm,
+        patch_mm=recipe.patch_mm,
+        code=code,
+    )
+
+
+def _write_whole(path: Path, content: bytes) -> None:
+    """Write beside the place and rename: no half file is ever seen."""
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        part.write_bytes(content)
+        part.replace(path)
+    except OSError as why:
+        raise InputError(f"{path}: cannot be written: {why.strerror}") from why
+    finally:
+        part.unlink(missing_ok=True)

@@ -1,0 +1,180 @@
+"""Where things stand on a page, in millimetres of the real print.
+
+A page, as it is read:
+
+    (+)  header: how to print, which transfer                      (+)   registration marks
+         |....|....| ruler in x, 100 mm
+         [K][C][M][Y][R]...   inks, pairs, greys
+     _   F                                     F: mark of the corner (-x, -y), outside the cut
+     |    '-----'   '-----'                    sticker, with cut marks
+     |    |     |   |     |
+     |    '-----'   '-----'
+     _    [QR] law, d, r ...                   never mirrored
+    (+)  footer                                                    (+)
+
+Everything is placed at whole printer dots. With a scale correction the lengths here are those that
+the paper will have; the file's are longer by the scale.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ...errors import InputError
+from .marks import MM_PER_INCH, Box, Picture, Words, width_mm
+
+PAPERS = {
+    "A5": (148.0, 210.0),
+    "A4": (210.0, 297.0),
+    "A3": (297.0, 420.0),
+    "A2": (420.0, 594.0),
+    "SRA3": (320.0, 450.0),
+    "Letter": (215.9, 279.4),
+    "Legal": (215.9, 355.6),
+    "Tabloid": (279.4, 431.8),
+}
+"""Width and height in mm (ISO 216, ISO 217, ANSI/ASME Y14.1)."""
+
+TEXT_PT = 6.0
+HEAD_PT = 7.0
+LEADING = 1.2
+REGISTER_MM = 6.0
+LEFT_BAND_MM = 10.0
+PAD_MM = 4.5
+LABEL_GAP_MM = 1.0
+QUIET_MM = 1.6
+"""Clear space around a QR code: four modules of 0.4 mm (ISO/IEC 18004, 9.1)."""
+MODULE_MM = 0.33
+LABEL_MM = 28.5
+"""Width of a label's text beside its QR code."""
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """The paper, the printer's dots and the correction: turns millimetres into dots.
+
+    paper_mm: (width, height); scale: (x, y) by which the file is stretched; margin_mm: left blank.
+    """
+
+    paper_mm: tuple[float, float]
+    dpi: float
+    scale: tuple[float, float]
+    margin_mm: float
+
+    @property
+    def pitch_mm(self) -> tuple[float, float]:
+        """A printer dot's size (x, y) on the real print."""
+        return (MM_PER_INCH / self.dpi / self.scale[0], MM_PER_INCH / self.dpi / self.scale[1])
+
+    @property
+    def page_px(self) -> tuple[int, int]:
+        """The page in whole dots: both its corners lie on the grid, whichever a printer counts
+        from; less than half a dot from the paper's size."""
+        width_mm, height_mm = self.paper_mm
+        return (round(width_mm * self.dpi / MM_PER_INCH), round(height_mm * self.dpi / MM_PER_INCH))
+
+    @property
+    def size_mm(self) -> tuple[float, float]:
+        """The page in millimetres of the real print."""
+        return (self.page_px[0] * self.pitch_mm[0], self.page_px[1] * self.pitch_mm[1])
+
+    def x_px(self, x_mm: float) -> int:
+        """The nearest dot to a place along x."""
+        return round(x_mm / self.pitch_mm[0])
+
+    def y_px(self, y_mm: float) -> int:
+        """The nearest dot to a place along y."""
+        return round(y_mm / self.pitch_mm[1])
+
+    def box(
+        self,
+        x_mm: float,
+        y_mm: float,
+        w_mm: float,
+        h_mm: float,
+        ink: int | tuple[int, int, int] = 0,
+    ) -> Box:
+        """A box with every edge at its nearest dot, at least a dot wide."""
+        x_px, y_px = self.x_px(x_mm), self.y_px(y_mm)
+        width_px = max(1, self.x_px(x_mm + w_mm) - x_px)
+        return Box(x_px, y_px, width_px, max(1, self.y_px(y_mm + h_mm) - y_px), ink)
+
+    def words(self, x_mm: float, y_mm: float, text: str, size_pt: float = TEXT_PT) -> Words:
+        """A line of text with its baseline's left end at a place."""
+        return Words(self.x_px(x_mm), self.y_px(y_mm), size_pt, text)
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """A sticker with all that belongs to it, before it has a place.
+
+    side_mm: of the printed square. sticker, code: at the page's corner. label: lines of text.
+    """
+
+    side_mm: float
+    sticker: Picture
+    code: Picture
+    label: tuple[str, ...]
+    mirrored: bool
+
+    @property
+    def code_mm(self) -> float:
+        """Side of the QR code with no clear space."""
+        return self.code.size_mm[0]
+
+    @property
+    def size_mm(self) -> tuple[float, float]:
+        """Width and height of the cell, marks and label included."""
+        label_mm = max(self.code_mm, len(self.label) * line_mm(TEXT_PT))
+        beside_mm = self.code_mm + QUIET_MM
+        widest_mm = max(width_mm(line, TEXT_PT) for line in self.label)
+        return (
+            max(self.side_mm + 2 * PAD_MM, beside_mm + widest_mm + 2 * QUIET_MM),
+            self.side_mm + 2 * PAD_MM + LABEL_GAP_MM + label_mm + QUIET_MM,
+        )
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a cell stands: page from 0, and the cell's top left corner in mm."""
+
+    cell: int
+    page: int
+    x_mm: float
+    y_mm: float
+
+
+def line_mm(size_pt: float) -> float:
+    """From one baseline to the next."""
+    return size_pt * LEADING * MM_PER_INCH / 72
+
+
+def placed(sheet: Sheet, cells: Sequence[Cell], names: Sequence[str], top_mm: float) -> list[Place]:
+    """Cells row by row on as many pages as they take, in the order given.
+
+    Raises InputError for a cell that no page can hold.
+    """
+    width, height = sheet.size_mm
+    left = sheet.margin_mm + LEFT_BAND_MM
+    right, bottom = width - sheet.margin_mm, height - sheet.margin_mm - REGISTER_MM
+    places: list[Place] = []
+    page, x_mm, y_mm, row_mm = 0, left, top_mm, 0.0
+    for i, cell in enumerate(cells):
+        wide_mm, high_mm = cell.size_mm
+        if wide_mm > right - left or high_mm > bottom - top_mm:
+            side_mm = min(
+                right - left - (wide_mm - cell.side_mm), bottom - top_mm - (high_mm - cell.side_mm)
+            )
+            raise InputError(
+                f"{names[i]}: {cell.side_mm:g} mm do not fit on the paper with marks and label; "
+                f"it has room for {max(0, math.floor(side_mm))} mm: take a larger --paper"
+            )
+        if x_mm + wide_mm > right + 1e-9:
+            x_mm, y_mm, row_mm = left, y_mm + row_mm, 0.0
+        if y_mm + high_mm > bottom + 1e-9:
+            page, x_mm, y_mm, row_mm = page + 1, left, top_mm, 0.0
+        places.append(Place(i, page, x_mm, y_mm))
+        x_mm, row_mm = x_mm + wide_mm, max(row_mm, high_mm)
+    return places

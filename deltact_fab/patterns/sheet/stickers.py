@@ -1,0 +1,179 @@
+"""A recipe as a sticker on a sheet: its picture, its label and its QR code."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from ...errors import InputError, MissingLibrary
+from ..laws.patches import draw_patches
+from ..recipe import PatternRecipe, recipe_from
+from . import furniture, layout
+from .layout import Cell, Sheet
+from .marks import Mark, Picture, printable, wrapped
+
+MAX_STICKER_PX = 120_000_000
+"""Largest raster of a sticker: some seconds; bands keep its memory small at any size."""
+
+WORTH_SAYING_MM = 5e-5
+
+
+def whole_dots(recipe: PatternRecipe, sheet: Sheet) -> PatternRecipe:
+    """The recipe with d, and every length that is counted in d, at whole printer dots.
+
+    Raises InputError for a printer dot that is oblong, or too coarse.
+    """
+    if recipe.patch_mm is None:
+        return recipe
+    pitch_x_mm, pitch_y_mm = sheet.pitch_mm
+    if pitch_x_mm != pitch_y_mm:
+        raise InputError(
+            f"whole dots: the scales {sheet.scale[0]:g} and {sheet.scale[1]:g} make a printer dot "
+            "oblong, and a square patch cannot be whole dots both ways; use one scale"
+        )
+    check_dots(recipe, sheet)
+    # A nanometre is far below what 2000 patches add up to
+    patch_mm = round(round(recipe.patch_mm / pitch_x_mm) * pitch_x_mm, 9)
+    data = recipe.model_dump(mode="json", exclude_none=True)
+    data["patch_mm"] = patch_mm
+    if "scales_mm" in data:
+        gain = patch_mm / recipe.patch_mm
+        data["scales_mm"] = [round(v * gain, 9) for v in data["scales_mm"]]
+    return recipe_from(data, "whole dots")
+
+
+def check_dots(recipe: PatternRecipe, sheet: Sheet) -> None:
+    """Raise InputError where the printer's dots are too coarse for the recipe, or too many."""
+    pitch_mm = max(sheet.pitch_mm)
+    limits = [(recipe.patch_mm, "a patch")]
+    if recipe.dots is not None:
+        limits.append((recipe.dots.diameter_mm / 4, "a quarter of a marker dot"))
+    for limit_mm, what in limits:
+        if limit_mm is not None and pitch_mm > limit_mm * (1 + 1e-9):
+            least = math.ceil(sheet.dpi * pitch_mm / limit_mm - 1e-9)
+            raise InputError(
+                f"{name(recipe)}: a printer dot at {sheet.dpi:g} dpi is {pitch_mm:.4g} mm, larger "
+                f"than {what} ({limit_mm:g} mm), and cannot show it; use {least} dpi or more"
+            )
+
+
+def cell(
+    recipe: PatternRecipe,
+    asked: PatternRecipe,
+    code: str,
+    sheet: Sheet,
+    mirrored: bool,
+    least_dots: float,
+) -> Cell:
+    """The sticker without a place. Raises InputError when the printer cannot show it."""
+    check_dots(recipe, sheet)
+    side_mm = recipe.printed_mm
+    sticker = Picture(
+        key=code,
+        x_px=0,
+        y_px=0,
+        cells=draw_patches(recipe),
+        size_mm=(side_mm, side_mm),
+        pitch_mm=sheet.pitch_mm,
+        mirrored=mirrored,
+        grid=recipe.dots,
+    )
+    area_px = sticker.width_px * sticker.height_px
+    if area_px > MAX_STICKER_PX and not sticker.by_cells(least_dots):
+        most = math.floor(sheet.dpi * math.sqrt(MAX_STICKER_PX / area_px))
+        raise InputError(
+            f"{name(recipe)}: {side_mm:g} mm at {sheet.dpi:g} dpi are {sticker.width_px} x "
+            f"{sticker.height_px} printer dots, more than {MAX_STICKER_PX // 10**6} million; use "
+            f"at most {most} dpi"
+        )
+    facts = _facts(recipe, asked, code, sticker, least_dots)
+    label = wrapped(facts, layout.LABEL_MM, layout.TEXT_PT)
+    return Cell(side_mm, sticker, _qr(code, sheet), tuple(label), mirrored)
+
+
+def _facts(
+    recipe: PatternRecipe, asked: PatternRecipe, code: str, sticker: Picture, least_dots: float
+) -> list[str]:
+    """What the label says, in pieces that stay together."""
+    data = recipe.model_dump(mode="json", exclude_none=True)
+    facts = [data.pop("law")]
+    patch_mm = data.pop("patch_mm", None)
+    if patch_mm is not None:
+        facts.append(f"d {patch_mm:.6g} mm")
+    if "r" in data:
+        facts.append(f"r {data.pop('r'):g}")
+    if data.pop("channels", 3) == 1:
+        facts.append("grey")
+    if patch_mm is not None:
+        facts.append(f"n {recipe.n} x {recipe.n}")
+    facts.append(f"seed {data.pop('seed')}")
+    del data["size_mm"]
+    facts.append(f"{recipe.printed_mm:.6g} mm")
+    if recipe.dots is not None:
+        grid = recipe.dots
+        del data["dots"]
+        facts += [f"{grid.columns} x {grid.rows} dots", f"{grid.diameter_mm:g} mm {grid.colour}"]
+    for key, value in data.items():
+        shown = [f"{v:.4g}" for v in value] if isinstance(value, list) else [str(value)]
+        facts += [f"{key} {shown[0]}", *shown[1:]]
+    if asked != recipe:
+        facts.append(f"whole dots: d asked {asked.patch_mm:g}")
+    if patch_mm is not None:
+        facts.append(f"{sticker.dots_per_cell:.3g} dots a patch")
+        if not sticker.by_cells(least_dots) and sticker.snap_error_mm >= WORTH_SAYING_MM:
+            facts.append(f"edges to {1000 * sticker.snap_error_mm:.1f} um")
+    facts.append(f"sha256 {code.rsplit('/', 1)[1].split('-')[0].lower()}")
+    return [printable(fact) for fact in facts]
+
+
+def _qr(code: str, sheet: Sheet) -> Picture:
+    """The code as a QR symbol, level M, modules of whole printer dots."""
+    try:
+        import segno
+    except ImportError as why:
+        raise MissingLibrary("segno draws the QR codes and is missing: pip install segno") from why
+    symbol = segno.make(code, error="m", micro=False, boost_error=False)
+    dark = np.array([list(row) for row in symbol.matrix], bool)
+    modules = len(dark)
+    size_mm = tuple(
+        modules * max(1, math.ceil(layout.MODULE_MM / pitch_mm - 1e-9)) * pitch_mm
+        for pitch_mm in sheet.pitch_mm
+    )
+    return Picture(
+        key=f"qr {code}",
+        x_px=0,
+        y_px=0,
+        cells=np.where(dark, 0, 255).astype(np.uint8),
+        size_mm=(size_mm[0], size_mm[1]),
+        pitch_mm=sheet.pitch_mm,
+    )
+
+
+def put(sheet: Sheet, cell: Cell, x_mm: float, y_mm: float) -> tuple[list[Mark], Picture]:
+    """A cell's marks at its place, and its sticker among them."""
+    sticker = replace(
+        cell.sticker,
+        x_px=sheet.x_px(x_mm + layout.PAD_MM),
+        y_px=sheet.y_px(y_mm + layout.PAD_MM),
+    )
+    width_px, height_px = sticker.width_px, sticker.height_px
+    corner_px = sticker.x_px + (width_px if cell.mirrored else 0)
+    marks: list[Mark] = [sticker]
+    marks += furniture.cut_marks(sheet, sticker.x_px, sticker.y_px, width_px, height_px)
+    marks += furniture.corner_mark(sheet, corner_px, sticker.y_px, cell.mirrored)
+    label_y_mm = y_mm + cell.side_mm + 2 * layout.PAD_MM + layout.LABEL_GAP_MM
+    code_x_mm = x_mm + layout.QUIET_MM
+    marks.append(replace(cell.code, x_px=sheet.x_px(code_x_mm), y_px=sheet.y_px(label_y_mm)))
+    text_x_mm = code_x_mm + cell.code_mm + layout.QUIET_MM
+    for k, line in enumerate(cell.label):
+        baseline_mm = label_y_mm + 1.8 + k * layout.line_mm(layout.TEXT_PT)
+        marks.append(sheet.words(text_x_mm, baseline_mm, line))
+    return marks, sticker
+
+
+def name(recipe: PatternRecipe) -> str:
+    """A recipe in a few words, for messages."""
+    patch = "" if recipe.patch_mm is None else f", d {recipe.patch_mm:g} mm"
+    return f"sticker ({recipe.law}{patch}, {recipe.printed_mm:g} mm)"
