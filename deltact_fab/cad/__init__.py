@@ -1,5 +1,7 @@
-"""Parts as solids: the skin, its frame and the indenters, checked and written as STEP and STL.
+"""Parts as solids: sensor, mold, bench and indenters, checked, drawn and written to files.
 
-design.py reads the tables, registry.py names the parts, parts/ builds one each, checks.py gates
-what the kernel returned, mesh.py and export.py write it. cadquery is imported on the first build.
+dimensions/ and rules/ say what may be built, registry.py names the parts, parts/ builds one each,
+build.py gates what the kernel returned, assembly.py puts the sensor together. check/ holds the
+solids against what the sensor needs; export/ writes them, drafting/ draws them, making/ says what
+to buy, weigh and wait for. cadquery is imported on the first build.
 """

@@ -193,7 +193,8 @@ def test_the_gaps_carry_the_figures_of_the_design():
 
 def test_no_cad_kernel_is_imported():
     code = (
-        "import sys; from deltact_fab.cad import registry, show;from deltact_fab.cad.making import bom, paper_gaps;"
+        "import sys; from deltact_fab.cad import registry, show;"
+        "from deltact_fab.cad.making import bom, paper_gaps;"
         "from deltact_fab.cad.design import load_design; d = load_design();"
         "bom.lines(d); paper_gaps.gaps(d);"
         "[show.describe(p, d) for p in registry.listed()];"

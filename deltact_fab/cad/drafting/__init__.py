@@ -1,1 +1,3 @@
-"""Technical drawing: the sheet, dimensions around a view, and what is dimensioned on each part."""
+"""Drawings and pictures by hidden-line removal: drawing.py makes a sheet, picture.py the guide's
+pictures; the rest lays out dimensions, says what is dimensioned on each part, and projects.
+"""
