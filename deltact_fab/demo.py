@@ -80,19 +80,23 @@ def _parts(folder: Path, bar: Bar, say: Callable[[str], None]) -> dict[str, Any]
             files = export_parts(load_design(), select(["sensor"]), FORMATS, 0.01, folder, tick)
     except MissingLibrary as why:
         say(f"cad: left out: {why}")
-        return {"files": [], "note": f"The parts were left out: {why}"}
+        return {"parts": [], "note": f"The parts were left out: {why}"}
     say(f"cad: {len(files)} files in {folder}")
-    rows = [
-        {
-            "part": f.part,
-            "file": f.file,
-            "material": f.material,
-            "volume_mm3": f.volume_mm3,
-            "mesh_deviation_mm": f.mesh_deviation_mm,
-        }
-        for f in files
-    ]
-    return {"files": rows, "note": ""}
+    rows = []
+    for part in dict.fromkeys(f.part for f in files):
+        own = [f for f in files if f.part == part]
+        rows.append(
+            {
+                "part": part,
+                "formats": ", ".join(f.file.removeprefix(f"{part}.") for f in own),
+                "material": own[0].material,
+                "process": own[0].process,
+                "quantity": own[0].quantity,
+                "volume_mm3": own[0].volume_mm3,
+                "mesh_deviation_mm": max((f.mesh_deviation_mm or 0.0 for f in own), default=None),
+            }
+        )
+    return {"parts": rows, "note": ""}
 
 
 def _pattern(folder: Path) -> str:

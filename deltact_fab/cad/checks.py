@@ -49,12 +49,6 @@ def less(part: str, left: tuple[str, float], right: tuple[str, float]) -> None:
         raise InputError(f"{part}: {left[0]} < {right[0]}: {left[1]:g} < {right[1]:g} fails")
 
 
-def at_most(part: str, left: tuple[str, float], right: tuple[str, float]) -> None:
-    """Raise InputError stating `left <= right` unless it holds to rounding (1e-9 mm)."""
-    if not left[1] <= right[1] + 1e-9:
-        raise InputError(f"{part}: {left[0]} <= {right[0]}: {left[1]:g} <= {right[1]:g} fails")
-
-
 def gate(part: str, shape: Any, expected: Expected) -> tuple[Any, Measured]:
     """Check a shape and return its one Solid with its measures.
 

@@ -19,6 +19,7 @@ from ..cad.making.fabrication import DEFAULT
 from ..cad.making.paper_gaps import gaps
 from ..cad.registry import SENSOR_PARTS, Part, listed
 from ..errors import InputError, MissingLibrary
+from .templating import environment
 
 Progress = Callable[[int, int, str], None]
 
@@ -104,10 +105,7 @@ def write(
     what to install. Raises InputError for a broken rule or a count below 1, MissingLibrary without
     the extra `report`, RunFailed when a part cannot be built or the disk refuses.
     """
-    try:
-        import jinja2
-    except ImportError as why:
-        raise MissingLibrary("the guide needs jinja2: pip install 'deltact-fab[report]'") from why
+    pages = environment(fig=_fig)
     tell = progress or (lambda done, total, what: None)
     lines = bom.lines(design, sensors)
     parts = listed()
@@ -116,15 +114,7 @@ def write(
             pictures = draw(design, parts, tell)
         except MissingLibrary as why:
             pictures = Pictures(note=f"No pictures and no 3D view: {why}")
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["fig"] = _fig
-    page = environment.get_template("guide.html").render(
+    page = pages.get_template("guide.html").render(
         d=design,
         sensors=sensors,
         parts=parts,

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import MissingLibrary
 from ..record import write_whole
 from . import figures
+from .templating import environment
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,18 +24,7 @@ def write(data: dict[str, Any], out: Path) -> Path:
 
     Raises MissingLibrary without the extra `report`, RunFailed when the disk refuses.
     """
-    try:
-        import jinja2
-    except ImportError as why:
-        raise MissingLibrary("reports need jinja2: pip install 'deltact-fab[report]'") from why
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["num"] = _number
+    pages = environment(num=_number)
     drawn = []
     for engine in data["engines"]:
         rows = [r for r in data["curves"] if r["engine"] == engine["name"]]
@@ -57,7 +46,7 @@ def write(data: dict[str, Any], out: Path) -> Path:
                 "tables": [t for t in data["tables"] if t["engine"] == engine["name"]],
             }
         )
-    page = environment.get_template("numerics.html").render(
+    page = pages.get_template("numerics.html").render(
         engines=drawn, scenes=data["scenes"], meta=data["meta"], wrong=data["wrong"]
     )
     write_whole(out, page.encode())

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from .. import record
 from ..analysis.tracking_error import ARROW_STEP_PX, PAPER_BEST_MM, TrackingResult
-from ..errors import InputError, MissingLibrary
+from ..errors import InputError
 from . import figures
+from .templating import environment
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,28 +32,17 @@ def write(
 ) -> Path:
     """Write the report of a run and its tracking analysis to one self-contained file.
 
-    parts: `files` (rows of the CAD manifest) and `note` (why there are none), from the demo.
+    parts: `parts` (a row a part, with its formats) and `note` (why there are none), from the demo.
     layer_costs: what each layer costs that a scene may leave out, as `numerics` measured it.
     Raises InputError for a run that is not finished, MissingLibrary without the extra `report`,
     RunFailed when the disk refuses.
     """
-    try:
-        import jinja2
-    except ImportError as why:
-        raise MissingLibrary("reports need jinja2: pip install 'deltact-fab[report]'") from why
+    pages = environment(fig=_fig)
     run = record.open(run_folder)
     if not run.finished:
         raise InputError(f"{run_folder}: the run is not finished; go on with `run --resume`")
     frames = run.frames()
     names = [m["name"] for m in tracking.methods]
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["fig"] = _fig
     drawn = {
         "by_step": figures.error_by_step(tracking.frames, names),
         "by_time": figures.error_by_time(tracking.methods, PAPER_BEST_MM, run.simulated),
@@ -60,7 +50,7 @@ def write(
     }
     if frames["fz_n"].notna().any():
         drawn["force"] = figures.force_by_frame(frames)
-    page = environment.get_template("run.html").render(
+    page = pages.get_template("run.html").render(
         meta=run.meta,
         summary=run.summary(),
         pattern=run.pattern,

@@ -8,10 +8,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError, MissingLibrary
+from ..errors import InputError
 from ..patterns.series import job as series
 from ..record import write_whole
 from . import figures
+from .templating import environment
 
 
 def ready() -> Callable[[Path], Path]:
@@ -19,7 +20,7 @@ def ready() -> Callable[[Path], Path]:
 
     Raises MissingLibrary without the extra `report`.
     """
-    _jinja2()
+    environment()
     figures._figure(1, 1)
     return write
 
@@ -32,17 +33,9 @@ def write(folder: Path) -> Path:
     """
     from . import pattern_figures
 
-    jinja2 = _jinja2()
+    pages = environment(num=_number)
     data, picture = _read(folder)
     rows = data["patterns"]
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["num"] = _number
     charts = [
         figures.to_svg(draw(rows))
         for draw in (
@@ -51,7 +44,7 @@ def write(folder: Path) -> Path:
         )
     ]
     width_px, height_px = _size_px(picture)
-    page = environment.get_template("patterns.html").render(
+    page = pages.get_template("patterns.html").render(
         s=data,
         rows=rows,
         charts=charts,
@@ -72,14 +65,6 @@ def write(folder: Path) -> Path:
     out = folder / series.PAGE
     write_whole(out, page.encode())
     return out
-
-
-def _jinja2() -> Any:
-    try:
-        import jinja2
-    except ImportError as why:
-        raise MissingLibrary("the page needs jinja2: pip install 'deltact-fab[report]'") from why
-    return jinja2
 
 
 def _read(folder: Path) -> tuple[dict[str, Any], bytes]:

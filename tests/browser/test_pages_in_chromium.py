@@ -99,7 +99,7 @@ def report(mini_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("browser") / "report.html"
     result = analyse(mini_run, ["dis-fast", "dis-fast/static"])
     note = "The parts were left out: no libGL"
-    return write(mini_run, out, result, {"files": [], "note": note})
+    return write(mini_run, out, result, {"parts": [], "note": note})
 
 
 def test_the_report_opens_without_error_fetches_nothing_and_is_drawn(

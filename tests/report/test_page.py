@@ -22,7 +22,7 @@ def result(mini_run: Path) -> TrackingResult:
 def page(mini_run: Path, result: TrackingResult, tmp_path_factory: pytest.TempPathFactory) -> str:
     out = tmp_path_factory.mktemp("report") / "report.html"
     note = "The parts were left out: no libGL"
-    return write(mini_run, out, result, {"files": [], "note": note}).read_text()
+    return write(mini_run, out, result, {"parts": [], "note": note}).read_text()
 
 
 class Attributes(HTMLParser):

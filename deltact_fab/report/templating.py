@@ -1,0 +1,29 @@
+"""The one way from a template to a page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from ..errors import MissingLibrary
+
+
+def environment(**filters: Callable[..., str]) -> Any:
+    """A jinja2 environment over this package's templates, with the filters given.
+
+    A name that a template does not find is an error. Raises MissingLibrary without jinja2.
+    """
+    try:
+        import jinja2
+    except ImportError as why:
+        raise MissingLibrary("pages need jinja2: pip install 'deltact-fab[report]'") from why
+    made = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent / "templates"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.filters.update(filters)
+    return made
