@@ -166,10 +166,16 @@ def export(
     if as_json:
         echo_json([asdict(f) for f in files])
         return
-    echo_table(
-        ("file", "volume_mm3", "mesh_deviation_mm", "process"),
-        [(str(out / f.file), f.volume_mm3, f.mesh_deviation_mm, f.process) for f in files],
-    )
+    rows = []
+    for part in dict.fromkeys(f.part for f in files):
+        own = [f for f in files if f.part == part]
+        deviations = [f.mesh_deviation_mm for f in own if f.mesh_deviation_mm is not None]
+        kinds = " ".join(f.file.removeprefix(f"{part}.") for f in own)
+        worst = max(deviations, default=None)
+        rows.append((part, own[0].quantity, kinds, own[0].volume_mm3, worst, own[0].process))
+    columns = ("part", "pieces", "files", "volume_mm3", "mesh_deviation_mm", "process")
+    echo_table(columns, rows)
+    click.echo(f"\n{len(files)} files and manifest.json in {out}")
 
 
 @cad.command()
