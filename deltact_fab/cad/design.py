@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -12,6 +11,7 @@ from typing import Any
 from .. import catalog
 from ..errors import InputError
 from ..shapes import Indenter
+from ..shapes.bounded import check_limits, number
 from ..shapes.indenter import parse
 from .dimensions import Design
 
@@ -20,13 +20,12 @@ from .dimensions import Design
 class IndenterBody:
     """What holds the tips and their shanks: one back plate."""
 
-    plate_mm: float = 4.0
+    plate_mm: float = number(4.0, "back plate", 1.0, 50.0)
 
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by catalog.validate
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.plate_mm) and self.plate_mm > 0):
-            raise ValueError(f"plate_mm > 0 and finite: {self.plate_mm} fails")
+        check_limits(self)
 
 
 @dataclass(frozen=True)

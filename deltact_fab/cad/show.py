@@ -32,7 +32,8 @@ DERIVED: dict[str, tuple[str, ...]] = {
     ),
     "light-holder": (
         "light_radius_mm", "strip_radius_mm", "channel_inner_mm", "light_bore_mm",
-        "head_relief_mm", "camera_screw_centres_mm", "z_joint_mm", "z_board_front_mm",
+        "head_relief_mm", "camera_screw_centres_mm", "z_light_mm", "z_joint_mm",
+        "z_board_front_mm",
     ),
     "camera": ("z_lens_mm", "z_board_front_mm", "z_board_back_mm", "eye_distance_mm"),
     "camera-screw": ("camera_screw_centres_mm", "z_board_front_mm"),

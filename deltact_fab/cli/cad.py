@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -44,6 +45,30 @@ def load(design: str, changes: tuple[str, ...]) -> Design:
     loaded = load_design(design, changes)
     rules.enforce(rules.of_design(loaded), design)
     return loaded
+
+
+@contextmanager
+def file_to_write(out: Path) -> Iterator[None]:
+    """Refuse a folder and make the parent before the work inside, which writes the file.
+
+    On failure the folders that were made go again. Raises InputError.
+    """
+    from ..errors import InputError
+
+    if out.is_dir():
+        raise InputError(f"-o {out}: a folder; the name of a file is right")
+    made = [path for path in out.parents if not path.exists()]
+    try:
+        try:
+            out.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as why:
+            raise InputError(f"-o {out}: its folder cannot be made: {why.strerror}") from why
+        yield
+    except BaseException:
+        for path in made:
+            with suppress(OSError):
+                path.rmdir()
+        raise
 
 
 @cad.command("list")
@@ -151,6 +176,7 @@ def export(
     A PART is a name of `cad list`, a group (sensor, tools, bench, indenters), or an indenter as a
     protocol names it: sphere:10, 4dots. The assembly is written with the whole sensor. STEP for
     the machine shop, STL or 3MF for the printer, DXF for the laser, GLB to look at, SVG drawings.
+    Unchanged files of an earlier export that are not written again are removed; others stay.
     """
     from dataclasses import asdict
 
@@ -206,7 +232,8 @@ def bom(design: str, changes: tuple[str, ...], sensors: int, kind: str, out: Pat
     if kind == "json":
         text = json.dumps([asdict(line) for line in listed], indent=1) + "\n"
     if out is not None:
-        write_whole(out, (text if text is not None else csv_text(listed)).encode())
+        with file_to_write(out):
+            write_whole(out, (text if text is not None else csv_text(listed)).encode())
         click.echo(str(out))
     elif text is not None:
         click.echo(text, nl=False)
@@ -232,5 +259,5 @@ def guide(design: str, changes: tuple[str, ...], sensors: int, out: Path) -> Non
     from .output import progress
 
     dims = load(design, changes)
-    with progress("cad guide") as tell:
+    with file_to_write(out), progress("cad guide") as tell:
         click.echo(str(write(dims, out, sensors, tell)))

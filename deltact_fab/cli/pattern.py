@@ -56,7 +56,7 @@ def list_(as_json: bool) -> None:
 @click.option("--size", "size_mm", type=float, help="Side of the sticker in mm.  [default: 35]")
 @click.option("--seed", type=int, help="Seed of the draw.  [default: the recipe's, or 7]")
 @click.option("--dots", "with_dots", is_flag=True, help="Add the 13 x 13 white marker dots.")
-@click.option("--dpi", type=float, help="Printer's resolution.  [default: 1200 with dots]")
+@click.option("--dpi", type=float, help="Printer's resolution.  [default: near 1200 with dots]")
 @click.option(
     "-o", "out", required=True, type=click.Path(path_type=Path), help="PNG file to write."
 )
@@ -111,7 +111,7 @@ def show(file: Path, as_json: bool) -> None:
 
 @pattern.command("from")
 @click.argument("code")
-@click.option("--dpi", type=float, help="Printer's resolution.  [default: 1200 with dots]")
+@click.option("--dpi", type=float, help="Printer's resolution.  [default: near 1200 with dots]")
 @click.option(
     "-o", "out", required=True, type=click.Path(path_type=Path), help="PNG file to write."
 )
@@ -125,7 +125,7 @@ def from_(code: str, dpi: float | None, out: Path, as_json: bool) -> None:
     from ..patterns.code import decode
     from .output import echo_json
 
-    made = make_file(decode(code), out, dpi)
+    made = make_file(decode(code), out, dpi, check_view=False)
     if as_json:
         echo_json(made.as_dict())
         return
@@ -205,9 +205,6 @@ def of_sheet(command: F) -> F:
             show_default=True,
             help="Ink towards the gel, or film towards the gel (mirrored).",
         ),
-        click.option(
-            "--dpi", type=float, default=1200.0, show_default=True, help="Printer's resolution."
-        ),
         click.option("--paper", default="A4", show_default=True, help="A5 to A2, Letter..."),
     ):
         command = option(command)
@@ -217,6 +214,7 @@ def of_sheet(command: F) -> F:
 @pattern.command()
 @click.argument("recipes", nargs=-1, required=True, metavar="RECIPE...")
 @of_sheet
+@click.option("--dpi", type=float, default=1200.0, show_default=True, help="Printer's resolution.")
 @click.option("--copies", type=int, default=1, show_default=True, help="Of each sticker.")
 @click.option("--whole-dots", is_flag=True, help="Make d a whole number of printer dots.")
 @click.option("--scale-x", type=float, default=1.0, help="100 / what the ruler in x measures.")
@@ -272,13 +270,14 @@ def sheet(
 )
 @click.option("--seed", type=int, default=7, show_default=True, help="Seed of every pattern.")
 @of_sheet
+@click.option("--dpi", type=int, default=1200, show_default=True, help="Printer's resolution.")
 @click.option("--dots/--no-dots", "with_dots", default=True, help="With the marker dots, or bare.")
 @JSON
 def series(
     out: Path,
     seed: int,
     paper: str,
-    dpi: float,
+    dpi: int,
     transfer: Literal["face-down", "slide"],
     with_dots: bool,
     as_json: bool,
@@ -298,7 +297,7 @@ def series(
         done = write(
             out,
             seed=seed,
-            dpi=round(dpi),
+            dpi=dpi,
             paper=paper,
             transfer=transfer,
             with_dots=with_dots,

@@ -53,8 +53,13 @@ def decode(text: str) -> PatternRecipe:
     Raises InputError of one line for anything else: no code, a damaged one, or one whose patches
     this version draws otherwise.
     """
+    shown = ascii(text if len(text) <= 40 else text[:37] + "...")
+    strange = next((c for c in text if not c.isascii()), None)
+    if strange is not None:
+        raise InputError(
+            f"code {shown}: holds {strange!a}; a code has 0-9, A-Z and $ % * + - . / : alone"
+        )
     clean = "".join(text.split()).lower()
-    shown = repr(text if len(text) <= 40 else text[:37] + "...")
     if len(clean) > MAX_CHARACTERS:
         raise InputError(f"code {shown}: {len(clean)} characters; a code has a few hundred")
     if not clean.startswith(PREFIX.lower() + "/"):
@@ -103,7 +108,7 @@ def _written(value: Any) -> str:
     return str(value).replace("#", "%")
 
 
-def _table(entries: list[str]) -> dict[str, Any]:
+def _table(entries: list[str], inner: bool = False) -> dict[str, Any]:
     data: dict[str, Any] = {}
     for entry in entries:
         key, colon, value = entry.partition(":")
@@ -112,7 +117,9 @@ def _table(entries: list[str]) -> dict[str, Any]:
         name = key.replace("-", "_")
         if name in data:
             raise ValueError(f"{key.upper()} stands in it twice")
-        data[name] = _table(value.split("+")) if ":" in value else _value(value)
+        if ":" in value and inner:
+            raise ValueError(f"{key.upper()} is a table within a table")
+        data[name] = _table(value.split("+"), inner=True) if ":" in value else _value(value)
     return data
 
 

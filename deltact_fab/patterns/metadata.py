@@ -20,6 +20,8 @@ from . import dots
 from .recipe import PatternRecipe, recipe_from
 
 ZLIB_LEVEL = 6
+MAX_TABLE_BYTES = 1_000_000
+"""Of dots within a PNG: readers refuse texts of more than 1 MiB (Pillow, MAX_TEXT_CHUNK)."""
 FRAME = (
     "x_px = x_mm / mm_per_px + (width - 1) / 2, y_px = y_mm / mm_per_px + (height - 1) / 2; "
     "pixel (0, 0) has its centre at 0, 0 and is the corner at -x, -y as the camera sees it"
@@ -46,6 +48,8 @@ def png(
 ) -> bytes:
     """A pattern's PNG; table: the CSV of its dots.
 
+    A table beyond MAX_TABLE_BYTES is left out: the recipe gives it again, and its hash proves it.
+
     pHYs holds whole pixels per metre, so the size in it is right to 0.5 px/m; the text is exact.
     """
     from PIL import Image
@@ -56,7 +60,8 @@ def png(
         notes.add_text(key, value)
     if table is not None:
         notes.add_text("dots_sha256", hashlib.sha256(table).hexdigest())
-        notes.add_text("dots_csv", table.decode(), zip=True)
+        if len(table) <= MAX_TABLE_BYTES:
+            notes.add_text("dots_csv", table.decode(), zip=True)
     per_inch = 25.4 / mm_per_px
     file = io.BytesIO()
     Image.fromarray(image).save(
@@ -96,7 +101,9 @@ def read_dots(path: Path) -> Dots:
             "it was resized or cropped; use the original"
         )
     table = dots.centres_csv(recipe.dots, mm_per_px, size_px)
-    if text.get("dots_csv", "").encode() != table:
+    left_out = "dots_csv" not in text and len(table) > MAX_TABLE_BYTES
+    same_hash = text.get("dots_sha256") == hashlib.sha256(table).hexdigest()
+    if not (same_hash if left_out else text.get("dots_csv", "").encode() == table):
         raise InputError(f"{path}: its table of dots is not that of its recipe; make it again")
     xy_mm = dots.centres_mm(recipe.dots)
     return Dots(
@@ -110,11 +117,18 @@ def read_dots(path: Path) -> Dots:
 
 def _read(path: Path) -> tuple[dict[str, str], tuple[int, int]]:
     """Text and (height, width) of a PNG."""
+    import warnings
+
     from PIL import Image, UnidentifiedImageError
 
     try:
-        with Image.open(path, formats=["PNG"]) as image:
-            return dict(getattr(image, "text", {})), (image.height, image.width)
+        with warnings.catch_warnings():
+            # Large sheets are ours; what is beyond a sheet's size raises the error below
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            with Image.open(path, formats=["PNG"]) as image:
+                return dict(getattr(image, "text", {})), (image.height, image.width)
+    except Image.DecompressionBombError as why:
+        raise InputError(f"{path}: has more pixels than any file of 'pattern'") from why
     except FileNotFoundError as why:
         raise InputError(f"{path}: no such file") from why
     except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as why:

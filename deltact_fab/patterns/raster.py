@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,8 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..shapes import SensorDimensions
 from . import dots, metadata
+from .code import patches_hash
+from .files import check_place, write_together
 from .laws import chessboard
 from .laws.patches import draw_patches
 from .recipe import PatternRecipe
@@ -29,6 +30,8 @@ DEFAULT_DPI = 1200.0
 MM_PER_INCH = 25.4
 MAX_SIDE_PX = 8000
 """Side of the largest raster: about 0.5 GB of memory while it is written."""
+MAX_PRINTED_SIDE_PX = 11_000
+"""The same for a sticker that a sheet printed: a sheet writes up to 120 million printer dots."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,8 @@ class Made:
     recipe: PatternRecipe
     image: Path
     image_sha256: str
+    patches_sha256: str
+    """First digits, of the patches without dots; a sheet's label shows them too."""
     side_px: int
     mm_per_px: float
     dpi: float | None
@@ -66,6 +71,7 @@ class Made:
             "dots": None if r.dots is None else r.dots.model_dump(),
             "dots_sha256": self.dots_sha256,
             "inner_corners": self.inner_corners,
+            "patches_sha256": self.patches_sha256,
             "sha256": self.image_sha256,
             "files": [str(p) for p in (self.image, self.dots_csv) if p is not None],
         }
@@ -79,7 +85,7 @@ class Made:
             said[0] += asked
             what = [f"{r.n} x {r.n} whole patches", f"d {r.patch_mm:g} mm"]
             if r.r is not None:
-                what.append(f"r {r.r:g}")
+                what.append(f"r {r.r!r}".removesuffix(".0"))
             if r.scales_mm is not None:
                 what.append(f"scales {', '.join(f'{scale_mm:g}' for scale_mm in r.scales_mm)} mm")
             said.append("  " + ", ".join([*what, f"seed {r.seed}"]))
@@ -91,6 +97,7 @@ class Made:
         if r.dots is not None and self.dots_csv is not None:
             count = r.dots.columns * r.dots.rows
             said.append(f"  {count} dots of {r.dots.diameter_mm:g} mm: {self.dots_csv}")
+        said.append(f"  patches {self.patches_sha256}")
         said.append(f"  sha256 {self.image_sha256}")
         return said
 
@@ -175,48 +182,53 @@ def make(
     path: Path,
     dpi: float | None = None,
     sensor: SensorDimensions | None = None,
+    check_view: bool = True,
 ) -> Made:
     """Write the sticker as PNG, and the centres of its dots beside it as NAME.dots.csv.
 
     One image pixel is one patch, unless dpi is given or the sticker has dots or no patches: then
-    it is a raster, at DEFAULT_DPI unless told. The PNG's text holds the recipe and the dots
-    (`metadata`), its pHYs chunk the size. Equal recipe, resolution and versions give equal bytes.
+    it is a raster, at DEFAULT_DPI unless told, or the nearest dpi that shows it. The PNG's text
+    holds the recipe and the dots (`metadata`), its pHYs chunk the size. Equal recipe, resolution
+    and versions give equal bytes.
 
-    Raises InputError when the dots leave the sensor's view or a chessboard does not fill it, or
-    the file cannot be written; then neither file is left.
+    check_view: False for a sticker that exists, whatever this sensor sees of it; then the raster
+    may also be as large as a sheet's.
+
+    Raises InputError when the dots leave the sensor's view or a chessboard does not fill it, or a
+    file cannot be written; then both places are as they were.
     """
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; name a file in it, as in out.png")
+    check_place(path, "name a file in it, as in out.png")
     if path.suffix.lower() != ".png":
         raise InputError(f"{path}: the pattern is a PNG: end the name in .png")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: there is no folder {path.parent}; create it first")
+    table_path = None if recipe.dots is None else path.with_suffix(".dots.csv")
+    if table_path is not None:
+        check_place(table_path, "the list of the dots goes there")
     view_mm = (sensor or SensorDimensions()).optics.view_mm
-    corners = None
-    if recipe.dots is not None:
-        dots.check_inside(recipe.dots, view_mm)
-    if recipe.law == "chessboard":
-        chessboard.check_covers(recipe, view_mm)
-        corners = chessboard.inner_corners(recipe, view_mm)
+    if check_view:
+        check_seen(recipe, view_mm)
+    corners = chessboard.inner_corners(recipe, view_mm) if recipe.law == "chessboard" else None
+    most_px = MAX_SIDE_PX if check_view else MAX_PRINTED_SIDE_PX
     if dpi is None and (recipe.dots is not None or recipe.patch_mm is None):
-        dpi = DEFAULT_DPI
+        least, largest = _dpi_range(recipe, MAX_SIDE_PX)
+        dpi = float(max(least, min(DEFAULT_DPI, largest)))
     if dpi is None:
         image, mm_per_px = draw_patches(recipe), recipe.patch_mm or recipe.printed_mm
     else:
-        image, mm_per_px = raster(recipe, dpi), MM_PER_INCH / dpi
+        mm_per_px = checked_mm_per_px(recipe, dpi, most_px=most_px)
+        image = raster_window(recipe, dpi, _side_px(recipe, mm_per_px))
     size_px = (image.shape[0], image.shape[1])
     table = None if recipe.dots is None else dots.centres_csv(recipe.dots, mm_per_px, size_px)
-    table_path = None if table is None else path.with_suffix(".dots.csv")
     table_hash = None if table is None else hashlib.sha256(table).hexdigest()
     content = metadata.png(image, recipe, mm_per_px, dpi, table)
     wanted = {path: content}
     if table is not None and table_path is not None:
         wanted[table_path] = table
-    _write_together(wanted)
+    write_together(wanted)
     return Made(
         recipe=recipe,
         image=path,
         image_sha256=hashlib.sha256(content).hexdigest(),
+        patches_sha256=patches_hash(recipe),
         side_px=image.shape[0],
         mm_per_px=mm_per_px,
         dpi=dpi,
@@ -226,38 +238,68 @@ def make(
     )
 
 
+def check_seen(recipe: PatternRecipe, view_mm: tuple[float, float]) -> None:
+    """Raise InputError for what a camera with a view (x, y) of that size cannot use.
+
+    Dots that leave the view, or a chessboard that does not fill it.
+    """
+    if recipe.dots is not None:
+        dots.check_inside(recipe.dots, view_mm)
+    if recipe.law == "chessboard":
+        chessboard.check_covers(recipe, view_mm)
+
+
 def _edges_mm(recipe: PatternRecipe) -> NDArray[np.float64]:
     """The n + 1 patch edges along an axis, from -printed / 2 to printed / 2."""
     return (np.arange(recipe.n + 1) / recipe.n - 0.5) * recipe.printed_mm
 
 
-def checked_mm_per_px(recipe: PatternRecipe, dpi: float, whole: bool = True) -> float:
-    """Side of a printer dot; InputError when it is too coarse, or the whole sticker too large."""
+def checked_mm_per_px(
+    recipe: PatternRecipe, dpi: float, whole: bool = True, most_px: int = MAX_SIDE_PX
+) -> float:
+    """Side of a printer dot; InputError when it is too coarse, or the whole sticker too large.
+
+    most_px: pixels along a side that are not too large; whole=False has no such limit.
+    """
     if not (math.isfinite(dpi) and dpi > 0):
         raise InputError(f"dpi: {dpi:g} must be above 0, as in 1200")
-    # A marker of four printer dots is hardly round any more; a patch below one is lost
-    finest = [
-        (limit_mm, name)
-        for limit_mm, name in (
-            (recipe.patch_mm, "a patch"),
-            (recipe.dots and recipe.dots.diameter_mm / 4, "a quarter of a marker dot"),
+    least, largest = _dpi_range(recipe, most_px)
+    right = f"use {least} to {largest}" if whole else f"use {least} or more"
+    if whole and least > largest:
+        right = (
+            f"no resolution can: {least} dpi would show it, and {largest} dpi is the most at which "
+            f"{recipe.printed_mm:g} mm are {most_px} pixels a side"
         )
-        if limit_mm
-    ]
-    largest = math.floor(MAX_SIDE_PX * MM_PER_INCH / recipe.printed_mm)
-    for limit_mm, name in finest:
+    for limit_mm, name in _finest_mm(recipe):
         if MM_PER_INCH / dpi > limit_mm * (1 + 1e-9):
             raise InputError(
                 f"dpi: a printer dot at {dpi:g} dpi is {MM_PER_INCH / dpi:.4g} mm, larger than "
-                f"{name} ({limit_mm:g} mm); use {math.ceil(MM_PER_INCH / limit_mm)} to {largest}"
+                f"{name} ({limit_mm:g} mm); {right}"
             )
     side_px = recipe.printed_mm * dpi / MM_PER_INCH
-    if not 1 <= side_px <= (MAX_SIDE_PX if whole else math.inf):
+    if side_px < 1 or (whole and side_px > most_px * (1 + 1e-9)):
         raise InputError(
             f"dpi: {recipe.printed_mm:g} mm at {dpi:g} dpi is {side_px:.4g} pixels a side; at most "
-            f"{MAX_SIDE_PX}, so {math.ceil(MM_PER_INCH / recipe.printed_mm)} to {largest} dpi"
+            f"{most_px}; {right}"
         )
     return MM_PER_INCH / dpi
+
+
+def _finest_mm(recipe: PatternRecipe) -> list[tuple[float, str]]:
+    """What a printer dot may not be larger than, with its name."""
+    # A marker of four printer dots is hardly round any more; a patch below one is lost
+    limits = (
+        (recipe.patch_mm, "a patch"),
+        (recipe.dots and recipe.dots.diameter_mm / 4, "a quarter of a marker dot"),
+    )
+    return [(limit_mm, name) for limit_mm, name in limits if limit_mm]
+
+
+def _dpi_range(recipe: PatternRecipe, most_px: int) -> tuple[int, int]:
+    """Least and largest whole dpi; empty when the finest detail needs more than most_px a side."""
+    finest_mm = min([recipe.printed_mm, *(limit_mm for limit_mm, _ in _finest_mm(recipe))])
+    least = math.ceil(MM_PER_INCH / finest_mm * (1 - 1e-9))
+    return least, math.floor(most_px * MM_PER_INCH / recipe.printed_mm * (1 + 1e-9))
 
 
 def cell_means(
@@ -274,18 +316,3 @@ def cell_means(
     at = integral[inside] + values[inside] * (cells_mm - edges_mm[inside])[:, None, None]
     means = np.diff(at, axis=0) / np.diff(cells_mm)[:, None, None]
     return np.clip(means, 0.0, 1.0)  # the sums round in the 13th digit
-
-
-def _write_together(wanted: dict[Path, bytes]) -> None:
-    """Write all files beside their places first, then rename: no half file is ever seen."""
-    parts = {path: path.with_name(f".{path.name}.{os.getpid()}.part") for path in wanted}
-    try:
-        for path, content in wanted.items():
-            parts[path].write_bytes(content)
-        for path, part in parts.items():
-            part.replace(path)
-    except OSError as why:
-        raise InputError(f"{path}: cannot be written: {why.strerror}") from why
-    finally:
-        for part in parts.values():
-            part.unlink(missing_ok=True)

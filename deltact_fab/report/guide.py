@@ -33,13 +33,15 @@ CUP_ML = 50  # cups are sold in steps of it
 # How a part is made, a printed one by how it lies on the platform; what to look at afterwards.
 ADVICE: dict[str, tuple[str, str]] = {
     "skin": ("cast in its frame, step D", "clear, dry, bonded to the acrylic"),
-    "acrylic": ("cut by the DXF, step C", "the edges are clear; no cracks at the notches"),
+    "acrylic": ("cut by the DXF, step C", "the edges are clear and without cracks"),
     "camera": ("bought", "measure lens and board: see what nobody has verified"),
     "camera-screw": ("bought", "the head is no higher than the light holder's floor"),
     "screw": ("bought", "measure the length below the head"),
     "skin-frame": (
-        "front down, tilted by 30°, supports on the front only",
-        "the acrylic's pocket is free of support marks; a drill of the pilot's size turns freely",
+        "pilot holes down, tilted by 30°, supports on the rim of the back only, none on the front, "
+        "which seals in the mold",
+        "front flat and glossy, no marks in the acrylic's pocket; rub the back flat on fine paper; "
+        "a drill of the pilot's size turns freely",
     ),
     "shell": (
         "joint face up, tilted by 20°, supports outside",
@@ -130,6 +132,8 @@ def write(
         facts=DEFAULT.rows(),
         gaps=gaps(design),
         unverified=[(key, _value(design, key)) for key in design.unverified()],
+        measured=_measured(design),
+        release_agent=fabrication.RELEASE_AGENT,
         indenters=len(load_indenters().indenter),
     )
     try:
@@ -211,8 +215,6 @@ def _figures(d: Design, sensors: int) -> dict[str, Any]:
     full = fabrication.skins_batch(d, cells)
     coat = fabrication.coat_batch(d, 1, 0.0)
     coupon_g = d.coupon.wells * fabrication.coupon_mm3(d) / 1000 * DEFAULT.density_g_cm3
-    lit = d.light.resistor_ohm > 0
-    possible = lit and d.light.supply_v > DEFAULT.led_v
     return {
         "cast": cast,
         "cavities": cells,
@@ -230,11 +232,32 @@ def _figures(d: Design, sensors: int) -> dict[str, Any]:
         "shrinkage_mm": fabrication.shrinkage_mm(d),
         "acrylic_mm": [2 * s for s in d.acrylic_half_mm],
         "pour_mm": d.mold.base_mm + d.skin.thickness_mm,
-        "wirings": fabrication.wirings(d.light) if lit else [],
-        "current_ma": fabrication.current_range_ma(d.light) if lit else (0.0, 0.0),
-        "brighter": fabrication.resistor_for_ohm(20.0, d.light) if possible else None,
-        "over_resistor_v": max(d.light.supply_v - DEFAULT.led_v, 0.0),
+        "wirings": fabrication.wirings(d.light),
+        "current_ma": fabrication.current_range_ma(d.light),
+        "brighter": fabrication.resistor_for_ohm(20.0, d.light),
+        "notched": any(d.acrylic_notch_mm),
+        "post_faces": any(d.post_in_window_mm),
+        "stripped": _stripped(d),
+        "over_resistor_v": d.light.supply_v - DEFAULT.led_v,
     }
+
+
+def _stripped(d: Design) -> str:
+    """What to do about a screw that has stripped its hole in the frame."""
+    screw = d.screw
+    deepest_mm = screw.length_mm + screw.tip_clearance_mm
+    longer = [mm for mm in screw.row.stock_mm if screw.length_mm < mm <= deepest_mm]
+    new = "a new frame, or fill the hole with epoxy, let it harden and drill it again with "
+    new += f"{_fig(screw.row.pilot_mm, 2)} mm."
+    if not longer:
+        return f"no longer one that would fit is sold; {new}"
+    return f"use one of {_fig(longer[-1])} mm, {new}"
+
+
+def _measured(design: Design) -> list[str]:
+    """Keys that take the names of what a lab has measured, where something is unverified."""
+    sections = dict.fromkeys(key.partition(".")[0] for key in design.unverified())
+    return [f"{s}.measured" for s in sections if hasattr(getattr(design, s), "measured")]
 
 
 def _value(design: Design, key: str) -> str:

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from deltact_fab.cad import rules
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design, LightDimensions, MoldDimensions
 from deltact_fab.cad.making import bom, fabrication
@@ -43,7 +44,7 @@ def test_sensor_parts_are_counted_by_the_sensor_and_tools_once():
         assert of(lines, part.name).quantity == 5 * part.quantity
     assert of(lines, "screw").quantity == 20
     assert of(lines, "mold").quantity == 1
-    assert of(lines, "LED strip").quantity == 25
+    assert of(lines, "single-LED cut of a 5 V strip").quantity == 25
 
 
 def test_silicone_of_a_full_mold_is_the_facts_57_ml_and_a_tenth():
@@ -96,13 +97,13 @@ def test_the_paper_s_resistor_gives_what_the_facts_say():
     assert low < taken.total_ma < high
 
 
-def test_a_higher_supply_lights_a_chain():
-    chain = fabrication.wirings(LightDimensions(supply_v=24.0))[2]
-    assert chain.total_ma == pytest.approx((24 - 5 * 2.95) / 750 * 1000)
+def test_a_lower_voltage_lights_a_chain():
+    chain = fabrication.wirings(LightDimensions(supply_v=5.5), Process(led_v=0.9))[2]
+    assert chain.total_ma == pytest.approx((5.5 - 5 * 0.9) / 750 * 1000)
     assert "dark" not in chain.note
 
 
-@given(total_ma=st.floats(0.05, 2000), supply_v=st.floats(3.0, 60.0), led_v=st.floats(1.5, 2.9))
+@given(total_ma=st.floats(0.05, 2000), supply_v=st.floats(4.5, 5.5), led_v=st.floats(1.5, 2.9))
 def test_the_resistor_that_is_sold_never_gives_more(total_ma, supply_v, led_v):
     process = Process(led_v=led_v)
     light = LightDimensions(supply_v=supply_v)
@@ -124,16 +125,56 @@ def test_the_stock_note_goes_with_stock_screws():
     def told(design):
         return of(bom.lines(design), "screw").note
 
-    assert "not stocked" in told(load_design())
-    assert "not stocked" not in told(load_design("screws-16mm"))
-    assert "M1.6 x 16" in told(load_design("screws-16mm"))
+    paper = told(load_design())
+    assert "not stocked; the longest sold is 16 mm" in paper
+    assert "M1.6 threaded rod with a nut as head" in paper
+    assert "or use the design screws-16mm" in paper
+    assert "cut" not in paper
+    assert told(load_design("screws-16mm")) == "M1.6 x 16, key 1.5 mm"
+    shorter = told(load_design(changes=["screw.length_mm=14"]))
+    assert "M1.6 x 14 is not stocked: cut one of 16 mm down" in shorter
+    assert "rod" not in shorter
+    other = rules.stock_note(load_design(changes=["screw.thread=M2", "screw.length_mm=25"]))
+    assert "M2 threaded rod" in other
+    assert "or use screw.length_mm=20" in other
 
 
-def test_without_a_resistor_there_is_no_line_for_one():
-    design = load_design(changes=["light.resistor_ohm=0"])
-    assert not [line for line in bom.lines(design) if line.part.startswith("resistor")]
-    with pytest.raises(InputError, match="resistor_ohm > 0: 0 fails"):
-        fabrication.wirings(design.light)
+def test_notches_are_named_where_there_are_some():
+    held = load_design(changes=["frame.wall_x_mm=6.6"])
+    for design, notched in ((DEFAULT, True), (held, False)):
+        assert ("notched corners" in of(bom.lines(design), "acrylic").note) == notched
+        assert any("notched around them" in g.chosen for g in gaps(design)) == notched
+    assert any("the walls of the frame hold them" in g.chosen for g in gaps(held))
+    assert any("skin and acrylic are notched" in g.chosen for g in gaps(DEFAULT))
+
+
+def test_the_cable_s_notch_is_closed_and_eyes_and_hands_are_covered():
+    foam = of(bom.lines(DEFAULT, sensors=3), "black foam")
+    assert foam.quantity == 3
+    assert "17 x 2 mm cable notch" in foam.note
+    assert "neutral-cure" in foam.note
+    wide = load_design(changes=["shell.cable_width_mm=16.5"])
+    assert "16.5 x 2 mm" in of(bom.lines(wide), "black foam").note
+    assert "resin" in of(bom.lines(DEFAULT), "nitrile gloves").note
+    assert "resin" in of(bom.lines(DEFAULT), "safety goggles").note
+
+
+@pytest.mark.parametrize(
+    ("changes", "sensors", "ampere", "takes"),
+    [
+        # (5 - 2.75) V / 750 ohm = 3 mA, and so on; twice that, rounded up to what is sold.
+        ([], 1, "0.1 A", "3 mA"),
+        (["light.resistor_ohm=22.5"], 1, "0.25 A", "100 mA"),
+        (["light.resistor_ohm=22.5"], 5, "1 A", "500 mA"),
+        (["light.resistor_ohm=22.5"], 6, "2 A", "600 mA"),
+        (["light.resistor_ohm=22.5"], 56, "12 A", "5600 mA"),
+    ],
+)
+def test_the_supply_follows_from_the_current(changes, sensors, ampere, takes):
+    supply = of(bom.lines(load_design(changes=changes), sensors), "supply")
+    assert supply.material == f"plug, {ampere} or more"
+    assert f"take {takes} at most" in supply.note
+    assert ("pin of the Jetson" in supply.note) == (float(takes.split()[0]) <= 500)
 
 
 def test_csv_and_json_say_the_same():
@@ -180,12 +221,10 @@ def test_the_gaps_carry_the_figures_of_the_design():
         assert figure in text
     stock = gaps(load_design("screws-16mm"))[0]
     assert "M1.6 x 16 is stocked" in stock.chosen
-    thin = gaps(load_design(changes=["light.resistor_ohm=0"]))
-    assert any("no resistor: the strip's own decides" in g.chosen for g in thin)
     bright = gaps(load_design(changes=["light.resistor_ohm=120"]))
     assert any("2.7 mA" in g.found and "120 ohm: 17 mA" in g.chosen for g in bright)
-    keys = '["lens_diameter_mm", "lens_height_mm", "focal_length_mm"]'
-    measured = gaps(load_design(changes=[f"camera.measured={keys}"]))
+    keys = [key.removeprefix("camera.") for key in DEFAULT.unverified() if "camera." in key]
+    measured = gaps(load_design(changes=[f"camera.measured={json.dumps(keys)}"]))
     assert any("0.87 mm, measured" in g.chosen for g in measured)
     wide = gaps(load_design("skin-44x40"))
     assert any("within the 40 mm side" in g.found for g in wide)

@@ -306,12 +306,156 @@ def test_bad_dimensions_of_any_part_write_nothing(tmp_path):
 def test_a_part_that_fails_late_leaves_the_folder_as_it_was(tmp_path, monkeypatch):
     build = skin_frame.build
     monkeypatch.setattr(skin_frame, "build", lambda d: build(d).translate((0.0, 0.0, 0.1)))
-    (tmp_path / "skin.stl").write_text("yesterday's")
+    export_parts(DESIGN, registry.select(["skin"]), ["stl"], 0.1, tmp_path)
+    yesterdays = _bytes(tmp_path)
     for folder in (tmp_path, tmp_path / "new" / "one"):
         with pytest.raises(RunFailed, match=r"^skin-frame: bounding box"):
             _export(["skin", "skin-frame"], ["stl"], folder, cached=False)
-    assert [p.name for p in tmp_path.iterdir()] == ["skin.stl"]
-    assert (tmp_path / "skin.stl").read_text() == "yesterday's"
+    assert _bytes(tmp_path) == yesterdays
+    assert set(yesterdays) == {"skin.stl", "manifest.json"}
+
+
+# A folder that holds something already.
+
+THICK = load_design(changes=["optics.acrylic_mm=3"])
+
+
+def _bytes(folder):
+    """What a folder holds, a folder in it as None."""
+    return {p.name: p.read_bytes() if p.is_file() else None for p in folder.iterdir()}
+
+
+def _listed(folder):
+    """Names and digests by the manifest."""
+    entries = json.loads((folder / "manifest.json").read_text())["files"]
+    return {entry["file"]: entry["sha256"] for entry in entries}
+
+
+def _is_what_its_manifest_says(folder):
+    held = _bytes(folder)
+    del held["manifest.json"]
+    assert _listed(folder) == {n: hashlib.sha256(data).hexdigest() for n, data in held.items()}
+
+
+def _refused(folder, says, names=("acrylic",), kinds=("step",), **options):
+    """Refused in one line before anything is made, and left alone."""
+    before, calls = _bytes(folder), []
+    with pytest.raises(InputError, match=says) as refused:
+        _export(names, kinds, folder, progress=lambda *call: calls.append(call), **options)
+    assert "\n" not in str(refused.value)
+    assert calls == []
+    assert _bytes(folder) == before
+
+
+def test_what_an_earlier_export_left_goes(tmp_path):
+    _export(["acrylic", "cover"], ["dxf", "step"], tmp_path)
+    assert set(_listed(tmp_path)) == {"acrylic.step", "acrylic.dxf", "cover.step"}
+    export_parts(THICK, registry.select(["acrylic"]), ["dxf"], 0.01, tmp_path)
+    assert set(_bytes(tmp_path)) == {"acrylic.dxf", "manifest.json"}
+    _is_what_its_manifest_says(tmp_path)
+    # Over itself, and with a file of the earlier one missing.
+    (tmp_path / "acrylic.dxf").unlink()
+    for _ in range(2):
+        _export(["acrylic"], ["dxf", "step"], tmp_path)
+        assert set(_listed(tmp_path)) == {"acrylic.step", "acrylic.dxf"}
+        _is_what_its_manifest_says(tmp_path)
+
+
+def test_what_a_person_put_or_changed_there_stays(tmp_path):
+    _export(["acrylic", "cover", "skin"], ["step"], tmp_path)
+    (tmp_path / "cover.step").write_text("mine now")
+    (tmp_path / "notes.txt").write_text("mine")
+    # The same bytes, in a place of a person's choosing.
+    (tmp_path / "skin.step").rename(tmp_path / "kept.step")
+    (tmp_path / "skin.step").symlink_to("kept.step")
+    _export(["acrylic"], ["dxf"], tmp_path)
+    assert set(_listed(tmp_path)) == {"acrylic.dxf"}
+    held = _bytes(tmp_path)
+    assert set(held) == {
+        "acrylic.dxf", "manifest.json", "cover.step", "notes.txt", "kept.step", "skin.step"
+    }  # fmt: skip
+    assert (held["cover.step"], held["notes.txt"]) == (b"mine now", b"mine")
+    _refused(tmp_path, r"cover\.step: not of an export; move it away, or", ["cover"])
+    _refused(tmp_path, r"skin\.step: not of an export", ["acrylic", "skin"])
+
+
+def test_what_is_in_the_way_is_refused_before_anything_is_made(tmp_path):
+    (tmp_path / "acrylic.svg").mkdir()
+    _refused(tmp_path, r"acrylic\.svg: a folder; move it away, or", kinds=("step", "svg"))
+    _export(["acrylic"], ["step", "dxf"], tmp_path)
+    for path in tmp_path.glob("acrylic.[sd][tx]*"):
+        path.write_text("mine now")
+    _refused(
+        tmp_path, r"acrylic\.step: changed since its export \(1 more\);", kinds=("step", "dxf")
+    )
+
+
+def test_the_assembly_s_places_are_looked_at_too(tmp_path):
+    for name in ("assembly.glb", "assembly.step"):
+        (tmp_path / name).write_text("mine")
+        _refused(tmp_path, rf"{name}: not of an export;", ["sensor"], [name[9:]])
+
+
+def test_what_comes_in_the_way_meanwhile_is_refused_before_the_first_file(tmp_path):
+    _export(["acrylic", "cover"], ["step"], tmp_path)
+    before = _bytes(tmp_path)
+
+    def mkdir(done, total, what):
+        (tmp_path / "acrylic.dxf").mkdir(exist_ok=True)
+
+    with pytest.raises(InputError, match=r"acrylic\.dxf: a folder"):
+        _export(["acrylic"], ["step", "dxf"], tmp_path, progress=mkdir)
+    assert _bytes(tmp_path) == {**before, "acrylic.dxf": None}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{",
+        "[]",
+        "\xff",
+        '{"name": "an app", "icons": []}',
+        '{"files": ["acrylic.step"]}',
+        '{"files": [{"file": "acrylic.step"}]}',
+        '{"files": [{"file": "../acrylic.step", "sha256": ""}]}',
+        '{"files": [{"file": "notes.txt", "sha256": ""}]}',
+        '{"files": [{"file": ["acrylic.step"], "sha256": ""}]}',
+        '{"files": [{"file": "acrylic.step", "sha256": 1}]}',
+        "[" * 100_000,
+    ],
+    ids=lambda text: text[:60],
+)
+def test_a_damaged_or_foreign_manifest_is_refused(tmp_path, text):
+    (tmp_path / "manifest.json").write_bytes(text.encode("latin-1"))
+    _refused(tmp_path, r"manifest\.json: damaged, or not an export's; move it away, or")
+
+
+def test_a_manifest_that_is_a_folder_is_refused(tmp_path):
+    (tmp_path / "manifest.json").mkdir()
+    _refused(tmp_path, r"manifest\.json: cannot be read: Is a directory")
+
+
+def test_a_manifest_can_name_every_part():
+    names = [part.name for part in registry.listed()] + [registry.find("sphere:12.5").name]
+    for name in [*names, "assembly"]:
+        for kind in FORMATS:
+            assert export._OURS.fullmatch(f"{name}.{kind}")
+
+
+def test_cut_short_the_folder_has_no_manifest_rather_than_a_wrong_one(tmp_path, monkeypatch):
+    _export(["acrylic"], ["step"], tmp_path)
+    replace_file = export.os.replace
+
+    def full(source, target):
+        if str(target) == str(tmp_path / "manifest.json"):
+            raise OSError(28, "No space left on device")
+        replace_file(source, target)
+
+    monkeypatch.setattr(export.os, "replace", full)
+    with pytest.raises(RunFailed, match="cannot be written: No space left on device"):
+        export_parts(THICK, registry.select(["acrylic"]), ["step"], 0.01, tmp_path)
+    assert set(_bytes(tmp_path)) == {"acrylic.step"}
 
 
 @pytest.mark.parametrize(

@@ -192,7 +192,7 @@ def test_the_channel_is_open_in_front_and_the_slot_at_minus_y(cq, design, solids
     radius, strip = design.light_radius_mm, design.strip_radius_mm
     walls_mm2 = math.pi * (radius**2 - strip**2)
     walls_mm2 += math.pi * (design.channel_inner_mm**2 - design.light_bore_mm**2)
-    for z in (floor + 0.1, design.z_joint_mm - 0.1):
+    for z in (floor + 0.1, design.z_light_mm - 0.1):
         slot_mm2 = walls_mm2 - section_mm2(cq, ring, z)
         # The wall is 1.5 thick and a slot of 3 mm barely sees its curve.
         assert slot_mm2 == pytest.approx(design.light.slot_mm * design.light.wall_mm, rel=0.01)
@@ -200,7 +200,7 @@ def test_the_channel_is_open_in_front_and_the_slot_at_minus_y(cq, design, solids
     half = design.light.slot_mm / 2
     for x, z, solid in (
         (0.0, floor + 0.01, False),
-        (half - 0.01, design.z_joint_mm - 0.01, False),
+        (half - 0.01, design.z_light_mm - 0.01, False),
         (half + 0.01, floor + 0.01, True),
         (0.0, floor - 0.01, True),
     ):

@@ -9,7 +9,7 @@ import pytest
 
 from deltact_fab.cad import rules
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.dimensions import CameraDimensions, Design, ScrewDimensions
+from deltact_fab.cad.dimensions import BOARD_KEYS, CameraDimensions, Design, ScrewDimensions
 from deltact_fab.errors import InputError
 from deltact_fab.shapes.bounded import ShapeError
 
@@ -33,7 +33,7 @@ def test_the_shipped_design_closes_as_the_paper_s():
     assert design.z_joint_mm - design.z_back_mm == pytest.approx(16)
     assert [2 * s for s in design.acrylic_half_mm] == pytest.approx([35.8, 36.8])
     assert design.mold_outer_mm == pytest.approx((102, 104, 12))
-    assert design.snap_strain == pytest.approx(0.0167, abs=5e-5)
+    assert design.snap_strain == pytest.approx(0.0186, abs=5e-5)
     assert design.skin_volume_mm3 == pytest.approx(14171.05, abs=0.01)
 
 
@@ -92,7 +92,11 @@ def test_set_changes_numbers_words_and_lists():
         ("screw.thread=M3", "thread: one of M1.6, M2 is right: 'M3' fails"),
         ("mount.kind=hook", "mount.kind"),
         ("mount.screw=M7", "one of M2, M2.5, M3"),
-        ('camera.measured=["board_mm"]', "measured: of lens_diameter_mm"),
+        ('camera.measured=["pixel_um"]', "measured: of board_width_mm"),
+        ("light.supply_v=12", "4.5 <= supply_v <= 5.5: 12 fails"),
+        ("light.resistor_ohm=1", "20 <= resistor_ohm"),
+        ("screw.tip_clearance_mm=0", "0.5 <= tip_clearance_mm"),
+        ("mold.base_mm=0.5", "1.5 <= base_mm"),
         ("light.led_count=2.5", "light.led_count"),
     ],
 )
@@ -132,7 +136,8 @@ def test_a_skin_of_24_x_24_is_refused_naming_board_and_posts():
         (["skin.width_mm=44", "skin.length_mm=40"], "light-holder: wall_mm <= floor outside the"),
         (["camera.lens_diameter_mm=24"], "light-holder: lens radius + 0.3 <= bore radius"),
         (["camera.connector_height_mm=3.2"], "camera: connector_height_mm <= holder.clearance_mm"),
-        (["cover.lip_mm=0.15"], "cover: strain of a peg <= strain_limit: 0.02083 <= 0.02"),
+        (["cover.lip_mm=0.12"], "cover: strain of a peg <= strain_limit: 0.02794 <= 0.02"),
+        (["cover.floor_mm=4"], "testing-shell: shell.wall_mm <= tab over the cover's bosses"),
         (["cover.slot_mm=2.0"], "cover: 0.6 <= leg of a peg"),
         (["cover.lip_height_mm=1.2"], "cover: lip_height_mm <= camera.board_mm"),
         (["holder.screw_length_mm=5"], "camera-holder: screw_length_mm - board <= clearance_mm"),
@@ -154,13 +159,14 @@ def test_a_rule_that_rests_on_an_unverified_value_says_so_until_it_is_measured()
     def rests_on(design):
         return {key for rule in rules.of_design(design) for key in rule.rests_on}
 
-    assert rests_on(Design()) == {
-        "camera.focal_length_mm",
-        "camera.lens_height_mm",
-        "camera.lens_diameter_mm",
-    }
-    keys = ("focal_length_mm", "lens_height_mm", "lens_diameter_mm")
+    open_keys = set(Design().unverified())
+    assert rests_on(Design()) == open_keys
+    assert {"camera.focal_length_mm", "camera.lens_diameter_mm", *BOARD_KEYS} <= open_keys
+    keys = tuple(key.removeprefix("camera.") for key in open_keys)
     assert rests_on(dataclasses.replace(Design(), camera=CameraDimensions(measured=keys))) == set()
+    franka = load_design("franka", ['mount.measured=["flange_pitch_mm"]'])
+    assert "mount.flange_pitch_mm" not in rests_on(franka)
+    assert "mount.flange_height_mm" in rests_on(franka)
 
 
 def test_nan_is_no_dimension_and_no_rule_holds_for_it():

@@ -56,9 +56,8 @@ def test_unverified_until_measured():
     def keys(design):
         return {d.key for d in describe(find("camera"), design).dimensions if d.unverified}
 
-    assert keys(DEFAULT) == {
-        "camera.lens_diameter_mm", "camera.lens_height_mm", "camera.focal_length_mm",
-    }  # fmt: skip
+    assert keys(DEFAULT) == set(DEFAULT.unverified())
+    assert {"camera.lens_height_mm", "camera.board_width_mm"} <= keys(DEFAULT)
     measured = load_design(changes=['camera.measured=["lens_height_mm"]'])
     assert "camera.lens_height_mm" not in keys(measured)
     rests = {key for rule in describe(find("camera"), measured).rules for key in rule.rests_on}

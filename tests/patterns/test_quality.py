@@ -131,6 +131,36 @@ def test_the_secondary_peak_of_a_repeated_tile():
     assert distance_px == pytest.approx(30, abs=0.05)
 
 
+@pytest.mark.parametrize("d", [0.05, 0.075, 0.1])
+@pytest.mark.parametrize("r", [None, 0.6])
+def test_the_nearest_copy_of_a_fine_pattern_is_one_diagonal_away(d, r):
+    """1.3 to 2.6 camera pixels a patch: its nearest copy, at (d, d), is between two pixels."""
+    board = {"law": "chessboard", "seed": 0, "patch_mm": d}
+    recipe = recipe_from(board, "x") if r is None else dense(d, r)
+    found = measure(recipe, mm_per_px=0.0378, view_mm=VIEW_MM)
+    assert found.designed.peak_mm == pytest.approx(d * math.sqrt(2), rel=0.03)
+    assert found.designed.peak > 0.85
+
+
+@pytest.mark.parametrize("steps", [2, 4, 5])
+def test_the_autocorrelation_between_pixels(steps):
+    """A sine of 20.3 px: a cosine between pixels as well; whole pixels keep their values."""
+    shade = np.tile(np.sin(2 * np.pi * np.arange(203) / 20.3), (180, 1))
+    coarse, fine = autocorrelation(shade), autocorrelation(shade, steps)
+    assert fine.shape == (2 * 45 * steps + 1,) * 2
+    assert fine[::steps, ::steps] == pytest.approx(coarse, abs=1e-9)
+    lags_px = np.arange(-45 * steps, 45 * steps + 1) / steps
+    assert fine[45 * steps] == pytest.approx(np.cos(2 * np.pi * lags_px / 20.3), abs=0.03)
+
+
+def test_the_ringing_of_noise_is_no_copy():
+    """Interpolated noise has an autocorrelation of .128 at 2.46 px, which is of no pattern."""
+    rho = autocorrelation(noise(300, 300), 4)
+    middle = len(rho) // 2
+    assert rho[middle, middle + 10] == pytest.approx(0.128, abs=0.02)
+    assert secondary_peak(rho, 4)[0] < 0.03
+
+
 def test_pyramid_of_odd_sides_drops_the_odd_row():
     shade = noise(65, 67)
     assert contrast(shade)[1] == pytest.approx(
@@ -307,12 +337,23 @@ def test_the_field_is_the_view_as_far_as_memory_goes():
         ({"mm_per_px": 0.0}, "mm_per_px: 0 must be above 0"),
         ({"mm_per_px": math.nan}, "mm_per_px: nan must be above 0"),
         ({"printer": Printer(dpi=0)}, "dpi: 0 must be above 0"),
+        ({"seed": -1}, "seed: -1 must be 0 or above"),
         ({"mm_per_px": 0.5}, "field is 60 x 44 px of 0.5 mm; at least 64 px a side"),
     ],
 )
 def test_bad_scales_are_one_line(more, said):
     with pytest.raises(InputError, match=said):
         measure(dense(0.15, 0.1), **more)
+
+
+def test_a_resolution_that_leaves_no_field_is_at_fault_itself():
+    recipe = dense(0.15, 0.1)
+    with pytest.raises(InputError, match="dpi: 100000000 leaves a field of 0 x 0 px") as caught:
+        measure(recipe, Printer(dpi=100_000_000))
+    most = int(str(caught.value).rsplit(" ", 1)[1])
+    assert min(field_px(recipe, 25.4 / most, 0.0378, None)) == 64
+    with pytest.raises(InputError, match=f"use at most {most}"):
+        measure(recipe, Printer(dpi=most + 1))
 
 
 def test_share_of_a_known_mixture():

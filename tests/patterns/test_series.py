@@ -6,6 +6,8 @@ import csv
 import io
 import json
 import math
+import os
+import shutil
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -190,7 +192,6 @@ def test_a_page_that_fails_leaves_what_was_there(written, entries, tmp_path, err
     ("file", "text"),
     [
         ("notes.txt", "mine"),
-        ("recipes/deep/d.toml", ""),
         ("quality.json", '{"format": "something else"}'),
         ("quality.json", "no JSON"),
         ("series.pdf", "of mine"),
@@ -207,14 +208,124 @@ def test_a_folder_of_someone_else_is_refused_and_kept(entries, tmp_path, file, t
     assert contents(tmp_path / "theirs") == {file: text.encode()}
 
 
-def test_a_series_with_a_strangers_file_in_it_is_kept(written, entries):
-    note = written.out / "recipes" / "notes.txt"
-    note.write_text("mine")
-    try:
-        with pytest.raises(InputError, match=r"holds recipes/notes\.txt"):
-            series.write(written.out, entries=entries)
-    finally:
-        note.unlink()
+@pytest.fixture
+def mine(written, tmp_path) -> Path:
+    """A copy of a series, to be changed."""
+    shutil.copytree(written.out, tmp_path / "mine")
+    return tmp_path / "mine"
+
+
+def refused_and_kept(out: Path, entries: list[series.SeriesEntry], said: str) -> None:
+    before = contents(out)
+    with pytest.raises(InputError) as caught:
+        series.write(out, seed=3, entries=entries)
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert contents(out) == before
+    assert [p.name for p in out.parent.iterdir()] == [out.name]
+
+
+@pytest.mark.parametrize(
+    "added", ["notes.txt", "recipes/mine.toml", "recipes/notes.txt", "patterns.html", "new/x.toml"]
+)
+def test_a_series_with_a_file_of_the_users_is_kept(mine, entries, added):
+    (mine / added).parent.mkdir(exist_ok=True)
+    (mine / added).write_text("mine")
+    held = added if not added.startswith("new") else "new"
+    refused_and_kept(mine, entries, f"holds {held}, which this version of the command did not")
+
+
+@pytest.mark.parametrize(
+    "edited", ["recipes/d0p1-r0p5.toml", "quality.csv", "quality.json", "series.pdf"]
+)
+def test_a_series_with_a_file_that_was_edited_is_kept(mine, entries, edited):
+    with (mine / edited).open("ab") as file:
+        file.write(b"\n")
+    refused_and_kept(mine, entries, f"holds {edited}, which was changed after")
+
+
+def test_a_figure_that_was_edited_is_kept(mine, entries):
+    path = mine / "quality.json"
+    path.write_bytes(path.read_bytes().replace(b'"seed": 3,', b'"seed": 4,', 1))
+    refused_and_kept(mine, entries, "holds quality.json, which was changed after")
+
+
+def test_a_link_in_the_place_of_a_file_is_kept(mine, entries, tmp_path_factory):
+    away = tmp_path_factory.mktemp("away") / "d.toml"
+    (mine / "recipes" / "d0p1-r0p5.toml").rename(away)
+    (mine / "recipes" / "d0p1-r0p5.toml").symlink_to(away)
+    refused_and_kept(mine, entries, "holds recipes/d0p1-r0p5.toml, which was changed after")
+
+
+def test_what_is_added_while_it_is_made_is_kept(mine, entries):
+    def page(folder: Path) -> None:
+        (mine / "recipes" / "mine.toml").write_text("mine")
+
+    with pytest.raises(InputError, match=r"holds recipes/mine\.toml"):
+        series.write(mine, seed=3, entries=entries[:1], page=page)
+    assert (mine / "recipes" / "mine.toml").read_text() == "mine"
+    assert [p.name for p in mine.parent.iterdir()] == ["mine"]
+
+
+def test_a_series_from_which_files_were_taken_and_one_with_a_page_are_replaced(mine, entries):
+    (mine / "quality.csv").unlink()
+
+    def page(folder: Path) -> None:
+        (folder / "patterns.html").write_text("page")
+
+    whole = series.write(mine, seed=3, entries=entries, page=page)
+    assert json.loads((mine / "quality.json").read_bytes()) == whole.figures
+    assert set(whole.figures["sha256"]) == set(contents(mine))
+    series.write(mine, seed=3, entries=entries)
+    assert "patterns.html" not in contents(mine)
+
+
+def test_a_folder_of_someone_else_is_not_walked(entries, tmp_path, monkeypatch):
+    deep = tmp_path / "theirs" / "a" / "b"
+    deep.mkdir(parents=True)
+    (deep / "d.toml").write_text("")
+    listed = []
+    real = os.scandir
+
+    def scandir(path="."):
+        listed.append(Path(path).name)
+        return real(path)
+
+    real_list = os.listdir
+
+    def listdir(path="."):
+        listed.append(Path(path).name)
+        return real_list(path)
+
+    monkeypatch.setattr(os, "scandir", scandir)
+    monkeypatch.setattr(os, "listdir", listdir)
+    with pytest.raises(InputError, match="holds a, which"):
+        series.write(tmp_path / "theirs", entries=entries)
+    assert listed == ["theirs"]
+
+
+def test_a_folder_that_cannot_be_read_is_one_line(entries, tmp_path, monkeypatch):
+    def listdir(path):
+        raise PermissionError(13, "Permission denied")
+
+    (tmp_path / "s").mkdir()
+    monkeypatch.setattr(os, "listdir", listdir)
+    with pytest.raises(InputError, match="s: cannot be read: Permission denied"):
+        series.write(tmp_path / "s", entries=entries)
+
+
+@pytest.mark.parametrize("above", ["", "new"])
+def test_a_name_that_is_too_long_is_refused_before_the_long_part(entries, tmp_path, above):
+    with pytest.raises(InputError, match="cannot be a folder to write: File name too long"):
+        series.write(tmp_path / above / ("n" * 300), entries=entries, progress=pytest.fail)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_longest_name_is_taken(entries, tmp_path):
+    out = tmp_path / ("n" * 255)
+    for _ in range(2):
+        series.write(out, seed=3, entries=entries[:1])
+    assert [p.name for p in tmp_path.iterdir()] == ["n" * 255]
 
 
 def test_other_places_that_cannot_be_used(entries, tmp_path, monkeypatch):

@@ -375,3 +375,21 @@ def test_the_largest_sticker_is_bounded(tmp_path):
     # The raster alone would be 268 MB; drawing the patches takes 150 of the peak
     assert peak < 220e6
     assert made.bytes < 20e6
+
+
+def test_whole_dots_reach_the_dots_that_they_are(tmp_path):
+    """5 dots of 1200 dpi are 0.1058333... mm, and a recipe's d is rounded below that."""
+    made = sheet.write([D(None, 0.1, 0.3, 10.0)], tmp_path / "s.pdf", whole_dots=True)
+    s = made.stickers[0]
+    assert s.patch_mm == round(5 * 25.4 / 1200, 9)
+    assert s.embedding == "patches"
+    assert s.print_error_mm < 1e-6
+
+
+@pytest.mark.parametrize("size_mm", [35.0, 6.0])
+def test_whole_dots_of_one_patch_stay_within_the_side(tmp_path, size_mm):
+    made = sheet.write([D(None, size_mm, 0.3, size_mm)], tmp_path / "s.pdf", whole_dots=True)
+    pitch_mm = 25.4 / 1200
+    count = math.floor(size_mm / pitch_mm)
+    assert made.stickers[0].side_mm == pytest.approx(count * pitch_mm, abs=1e-9)
+    assert size_mm - pitch_mm < made.stickers[0].side_mm <= size_mm

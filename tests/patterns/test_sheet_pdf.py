@@ -269,3 +269,24 @@ def test_rulers_and_colours_are_on_the_page(tmp_path):
         ticks = starts[(starts >= first) & (starts <= first + 100.5 * 600 / 25.4)]
         assert len(ticks) == 101
         assert np.abs((ticks - first) * 25.4 / 600 - np.arange(101)).max() <= 25.4 / 600
+
+
+@pytest.mark.parametrize("scale", [(1.0, 1.0), (1.013, 0.991)])
+def test_the_files_side_is_the_one_that_is_reported(tmp_path, scale):
+    """Against the page's matrix; a raster is whole printer dots, not n d."""
+    recipes = [recipe_from_options(None, d, 0.6) for d in (0.05, 0.075, 0.2)]
+    made = sheet.write(recipes, tmp_path / "s.pdf", scale=scale)
+    found = [i for i in placed_images(made.out.read_bytes()) if "/DeviceRGB" in i[4]]
+    for recipe, s, (_, matrix, *_) in zip(recipes, made.stickers, found, strict=True):
+        true_mm = [
+            matrix[k] * 25.4 / 72 / stretch for k, stretch in zip((0, 3), scale, strict=True)
+        ]
+        assert s.file_side_mm == pytest.approx(true_mm, abs=1e-6)
+        assert s.side_error_mm == pytest.approx(
+            [v - recipe.n * recipe.patch_mm for v in true_mm], abs=1e-6
+        )
+    if scale == (1.0, 1.0):
+        errors_um = [1000 * s.side_error_mm[0] for s in made.stickers]
+        assert errors_um == pytest.approx([9.5, -4.0, -0.2], abs=0.05)
+        assert "    side 35 mm, in the file 35.00947 mm (+9.5 um)" in made.lines()
+        assert made.as_dict()["stickers"][1]["file_side_mm"][1] == pytest.approx(34.94597, abs=1e-5)

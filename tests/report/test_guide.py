@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import json
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 
 from deltact_fab.cad import kernel
 from deltact_fab.cad.design import load_design
+from deltact_fab.cad.making import fabrication
 from deltact_fab.cad.registry import listed
 from deltact_fab.errors import InputError, MissingLibrary
 from deltact_fab.report import guide
@@ -72,7 +74,7 @@ def test_it_tells_the_steps_in_their_order(default: Seen) -> None:
             "A. Print, wash", "B. Coupon test", "Primer.", "Mix.", "Degas", "Pour", "Acrylic. Peel",
             "Cure level", "Demold.", "E. Pattern by water transfer", "first white", "then black",
             "G. Light", "Camera to holder.", "Cover to holder.", "Into the shell.", "Skin on.",
-            "Four screws",
+            "Four screws", "Close the notch.", "Light leak.",
         )
     ]  # fmt: skip
     assert at == sorted(at)
@@ -101,19 +103,83 @@ def test_it_is_the_guide_of_its_design(default: Seen, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "changes",
-    [("light.resistor_ohm=0",), ("mount.kind=plate",), ("light.supply_v=2",), ("mold.columns=1",)],
+    [
+        ("light.resistor_ohm=20",),
+        ("mount.kind=plate",),
+        ("light.supply_v=5.5",),
+        ("mold.columns=1",),
+    ],
 )
 def test_unusual_designs_have_a_guide(tmp_path: Path, changes: tuple[str, ...]) -> None:
     assert "H. Assembly" in page(tmp_path / "guide.html", *changes).text
 
 
 def test_what_is_measured_is_no_longer_unverified(default: Seen, tmp_path: Path) -> None:
-    assert "3 dimensions unverified" in default.text
-    keys = '["lens_diameter_mm", "lens_height_mm", "focal_length_mm"]'
-    done = page(tmp_path / "guide.html", f"camera.measured={keys}")
+    keys = load_design().unverified()
+    assert {"camera.lens_diameter_mm", "camera.lens_height_mm"} < set(keys)
+    assert f"{len(keys)} dimensions unverified" in default.text
+    assert all(f"{key} = " in default.text for key in keys)
+    assert "without its section, in camera.measured:" in default.text
+    names = json.dumps([key.removeprefix("camera.") for key in keys])
+    done = page(tmp_path / "guide.html", f"camera.measured={names}")
     assert "dimensions unverified" not in done.text
+    assert "camera.measured" not in done.text
     assert "Every dimension is marked as measured." in done.text
-    assert "6 dimensions unverified" in page(tmp_path / "f.html", design="franka").text
+
+
+def test_each_section_says_where_its_measured_keys_go(tmp_path: Path) -> None:
+    franka = load_design("franka").unverified()
+    both = page(tmp_path / "a.html", design="franka").text
+    assert f"{len(franka)} dimensions unverified" in both
+    # Whichever of them comes first in the list.
+    assert set(re.findall(r"(?:camera|mount)\.measured", both)) == {
+        "camera.measured", "mount.measured",
+    }  # fmt: skip
+    names = json.dumps([key.removeprefix("camera.") for key in franka if "camera." in key])
+    mount = page(tmp_path / "b.html", f"camera.measured={names}", design="franka").text
+    assert "in mount.measured:" in mount
+    assert "camera.measured" not in mount
+
+
+def test_the_notch_for_the_cable_is_closed_against_light(default: Seen, tmp_path: Path) -> None:
+    assert "the 17 × 2 mm notch is a window onto lens and ring" in default.text
+    assert "At the notch: more foam" in default.text
+    other = page(tmp_path / "guide.html", "shell.cable_width_mm=16.5")
+    assert "the 16.5 × 2 mm notch is a window" in other.text
+
+
+def test_a_screw_nobody_sells_is_made_and_a_stripped_one_replaced(
+    default: Seen, tmp_path: Path
+) -> None:
+    assert "M1.6 threaded rod with a nut as head" in default.text
+    assert "no longer one that would fit is sold" in default.text
+    shorter = page(tmp_path / "guide.html", "screw.length_mm=15").text
+    assert "cut one of 16 mm down" in shorter
+    assert "use one of 16 mm, a new frame" in shorter
+    assert "threaded rod" not in shorter
+
+
+def test_notches_and_post_faces_are_named_where_they_exist(default: Seen, tmp_path: Path) -> None:
+    held = page(tmp_path / "guide.html", "frame.wall_x_mm=6.6").text
+    for words in ("with notched corners", "tip the mold by about 10°", "(4.9 × 3.4 mm) look down"):
+        assert words in default.text
+        assert words not in held
+    assert "four post faces" not in held
+    assert "from low above. Fill until the liquid" in held
+
+
+def test_the_frame_s_front_carries_no_supports() -> None:
+    how, _ = guide.ADVICE["skin-frame"]
+    assert "supports on the rim of the back only, none on the front" in how
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["nitrile gloves and goggles", "PR-1200, lacquer, isopropanol", "running extraction",
+     "Keep alcohol and primer off the fresh edges", fabrication.RELEASE_AGENT],
+)  # fmt: skip
+def test_it_warns(default: Seen, words: str) -> None:
+    assert words in default.text
 
 
 def test_without_the_kernel_it_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

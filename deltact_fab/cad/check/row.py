@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from ..dimensions import BOARD_KEYS
+
 
 @dataclass(frozen=True)
 class Row:
@@ -27,11 +29,17 @@ class Row:
             return "FAIL"
         if not self.rests_on:
             return "pass"
-        return f"pass (unverified: {', '.join(plain(key) for key in self.rests_on)})"
+        named = dict.fromkeys(plain(key) for key in self.rests_on)
+        return f"pass (unverified: {', '.join(named)})"
 
 
 def plain(key: str) -> str:
-    """A key as it is read: `camera.focal_length_mm` is `focal length`."""
+    """A key as it is read: `camera.focal_length_mm` is `focal length`.
+
+    The many lengths of the camera's board are one thing to measure.
+    """
+    if key in BOARD_KEYS:
+        return "camera board"
     return key.rpartition(".")[2].removesuffix("_mm").replace("_", " ")
 
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...errors import RunFailed
 from ..checks import bounding_box
-from ..dimensions import Point2
+from ..dimensions import BOARD_KEYS, Point2
 from .built import Built
 from .cylinders import Cylinder, along_z, near
-from .row import Row, at
+from .row import Row, at, open_keys
 
 # The parts are drawn on one axis: what the printer misses is for the clearance (0.1) to take up.
 AXIS_MM = 0.01
@@ -47,9 +47,11 @@ def axes(built: Built) -> Iterator[Row]:
     )
     yield _coaxial(built, "screw axes coaxial", ("cover", "shell", "skin-frame"), (), four)
     # Reliefs for the heads, where they meet the ring at all.
-    yield _coaxial(
+    board = open_keys(design.unverified(), *BOARD_KEYS)
+    camera = _coaxial(
         built, "camera screw axes coaxial", ("camera", "camera-holder"), ("light-holder",), two
     )
+    yield replace(camera, rests_on=board)
     yield _coaxial(built, PEGS, ("cover", "camera-holder"), (), pegs)
     yield _coaxial(
         built, "screw axes coaxial", ("testing-shell", "transparent-base"), ("cover",), four
@@ -109,7 +111,8 @@ def engagement(built: Built) -> Iterator[Row]:
     )
     yield _heads(built)
     two = grips(built, "camera-screw", "camera-holder")
-    yield _grip_row("engagement", "camera-screw, camera-holder", two, CAMERA_ENGAGEMENT_D)
+    row = _grip_row("engagement", "camera-screw, camera-holder", two, CAMERA_ENGAGEMENT_D)
+    yield replace(row, rests_on=open_keys(built.design.unverified(), *BOARD_KEYS))
 
 
 def _grip_row(name: str, part: str, found: list[Grip], times: float) -> Row:

@@ -2,6 +2,7 @@
 
 from .design import ACRYLIC_FIT_MM, Design
 from .records import (
+    BOARD_KEYS,
     CameraDimensions,
     CouponDimensions,
     CoverDimensions,
@@ -18,6 +19,7 @@ from .records import (
 
 __all__ = [
     "ACRYLIC_FIT_MM",
+    "BOARD_KEYS",
     "CameraDimensions",
     "CouponDimensions",
     "CoverDimensions",

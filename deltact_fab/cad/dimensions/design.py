@@ -107,6 +107,11 @@ class Design(SensorDimensions):
         """Front of the cover's bosses, back of the shell's posts = heads bear + wall: -26.9."""
         return self.z_head_mm + self.shell.wall_mm
 
+    @property
+    def z_light_mm(self) -> float:
+        """Front of the light holder = joint - axial fit: -14.2."""
+        return self.z_joint_mm - self.light.axial_fit_mm
+
     # Plan.
 
     @property
@@ -245,8 +250,11 @@ class Design(SensorDimensions):
 
     @property
     def snap_strain(self) -> float:
-        """Strain of a leg that gives way by the lip = 1.5 leg lip / length^2 (a cantilever)."""
-        return 1.5 * self.cover.leg_mm * self.cover.lip_mm / self.peg_length_mm**2
+        """Strain at the root of a leg that gives way by the lip = 3 fibre lip / length^2: 1.9 %.
+
+        A cantilever loaded at the lip's underside, so its length is the camera holder's thickness.
+        """
+        return 3 * self.cover.fibre_mm * self.cover.lip_mm / self.holder.clearance_mm**2
 
     @property
     def holder_window_half_mm(self) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
@@ -15,6 +16,14 @@ def _row(table: dict[str, Any], key: str, name: str) -> Any:
     if name not in table:
         raise ShapeError(f"{key}: one of {', '.join(table)} is right: {name!r} fails")
     return table[name]
+
+
+def _check_measured(record: Any) -> None:
+    """What a lab says it has measured is a key of the record that counts as unverified."""
+    open_keys = [f.name for f in fields(record) if f.metadata.get("unverified")]
+    for key in record.measured:
+        if key not in open_keys:
+            raise ShapeError(f"measured: of {', '.join(open_keys)}: {key!r} fails")
 
 
 @dataclass(frozen=True)
@@ -32,7 +41,7 @@ class ScrewDimensions(_Record):
     thread: str = field(default="M1.6", metadata={"meaning": "ISO 4762 thread"})
     length_mm: float = number(19.0, "below the head; 16 is the longest M1.6 sold", 3, 60)
     engagement_mm: float = number(4.6, "length that grips the frame", 1, 20)
-    tip_clearance_mm: float = number(1.0, "pilot hole beyond the tip", 0, 10)
+    tip_clearance_mm: float = number(1.0, "pilot hole beyond the tip", 0.5, 10)
 
     def __post_init__(self) -> None:
         check_limits(self)
@@ -84,8 +93,13 @@ class MountDimensions(_Record):
     )
     arm_mm: float = number(6.0, "franka: height of the arm, between the two screws", 1, 60)
 
+    measured: tuple[str, ...] = field(
+        default=(), metadata={"meaning": "keys measured on the lab's own finger"}
+    )
+
     def __post_init__(self) -> None:
         check_limits(self)
+        _check_measured(self)
         _row(CLEARANCE_MM, "screw", self.screw)
 
     @property
@@ -131,9 +145,10 @@ class LightDimensions(_Record):
     wall_mm: float = number(1.5, "outer wall", 0.4, 10)
     floor_mm: float = number(1.5, "floor below the strip", 0.4, 10)
     fit_mm: float = number(0.2, "radial clearance in the shell", 0.02, 2)
+    axial_fit_mm: float = number(0.2, "play below the acrylic, so that it bears no press", 0.02, 2)
     slot_mm: float = number(3.0, "slot for the wires", 0.5, 20)
-    resistor_ohm: float = number(750.0, "in series (paper: 750)", 0, 1e6)
-    supply_v: float = number(5.0, "supply (paper: 5)", 1, 60)
+    resistor_ohm: float = number(750.0, "in series (paper: 750)", 20, 1e5)
+    supply_v: float = number(5.0, "supply of a strip that is cut at every LED", 4.5, 5.5)
 
     @property
     def pitch_mm(self) -> float:
@@ -154,14 +169,14 @@ class CameraDimensions(_Record):
     measured: keys that a lab has measured on its own module; they no longer count as unverified.
     """
 
-    board_width_mm: float = number(25.0, "board along x", 5, 100)
-    board_length_mm: float = number(23.862, "board along y", 5, 100)
-    board_mm: float = number(1.0, "thickness of the board", 0.4, 5)
-    hole_mm: float = number(2.2, "holes of the board", 0.5, 10)
-    hole_pitch_x_mm: float = number(21.0, "between the holes in x", 3, 100)
-    hole_pitch_y_mm: float = number(12.5, "between the holes in y", 3, 100)
-    hole_edge_mm: float = number(2.0, "upper holes to the board's +y edge", 0.5, 50)
-    lens_offset_mm: float = number(2.4, "lens below the board's middle, to -y", 0, 50)
+    board_width_mm: float = number(25.0, "board along x", 5, 100, unverified=True)
+    board_length_mm: float = number(23.862, "board along y", 5, 100, unverified=True)
+    board_mm: float = number(1.0, "thickness of the board", 0.4, 5, unverified=True)
+    hole_mm: float = number(2.2, "holes of the board", 0.5, 10, unverified=True)
+    hole_pitch_x_mm: float = number(21.0, "between the holes in x", 3, 100, unverified=True)
+    hole_pitch_y_mm: float = number(12.5, "between the holes in y", 3, 100, unverified=True)
+    hole_edge_mm: float = number(2.0, "upper holes to the +y edge", 0.5, 50, unverified=True)
+    lens_offset_mm: float = number(2.4, "lens from the middle, to -y", 0, 50, unverified=True)
     lens_diameter_mm: float = number(12.0, "lens barrel", 2, 60, unverified=True)
     lens_height_mm: float = number(7.5, "lens above the board", 0.5, 60, unverified=True)
     focal_length_mm: float = number(0.87, "equidistant lens", 0.05, 50, unverified=True)
@@ -169,19 +184,16 @@ class CameraDimensions(_Record):
     binning: int = number(2, "chip pixels a picture's pixel, per side", 1, 8)
     crop_width_px: int = number(1280, "picture along x", 8, 10_000)
     crop_height_px: int = number(720, "picture along y", 8, 10_000)
-    connector_width_mm: float = number(23.0, "connector on the back along x, at worst", 1, 100)
-    connector_length_mm: float = number(6.0, "connector along y", 1, 50)
-    connector_height_mm: float = number(2.65, "connector below the board", 0.2, 20)
+    connector_width_mm: float = number(23.0, "connector along x", 1, 100, unverified=True)
+    connector_length_mm: float = number(6.0, "connector along y", 1, 50, unverified=True)
+    connector_height_mm: float = number(2.65, "connector along z", 0.2, 20, unverified=True)
     measured: tuple[str, ...] = field(
         default=(), metadata={"meaning": "keys measured on the lab's own module"}
     )
 
     def __post_init__(self) -> None:
         check_limits(self)
-        open_keys = [f.name for f in fields(self) if f.metadata.get("unverified")]
-        for key in self.measured:
-            if key not in open_keys:
-                raise ShapeError(f"measured: of {', '.join(open_keys)}: {key!r} fails")
+        _check_measured(self)
 
     @property
     def board_top_mm(self) -> float:
@@ -204,6 +216,14 @@ class CameraDimensions(_Record):
         """Half the picture on the chip = px x binning x pixel / 2: (1.434, 0.806)."""
         per_px = self.binning * self.pixel_um / 1000 / 2
         return self.crop_width_px * per_px, self.crop_height_px * per_px
+
+
+# What lies in the board's plane; a camera from another maker has another one.
+BOARD_KEYS = tuple(
+    f"camera.{f.name}"
+    for f in fields(CameraDimensions)
+    if f.name.startswith(("board_", "hole_", "lens_offset_", "connector_"))
+)
 
 
 @dataclass(frozen=True)
@@ -236,7 +256,7 @@ class CoverDimensions(_Record):
     peg_y_mm: float = number(8.0, "pegs at +-y", 1, 90)
     peg_clearance_mm: float = number(0.1, "radial clearance of a peg in its hole", 0.01, 1)
     slot_mm: float = number(0.6, "slot that splits a peg", 0.2, 5)
-    lip_mm: float = number(0.12, "lip of a peg beyond its hole", 0.01, 2)
+    lip_mm: float = number(0.08, "lip of a peg beyond its hole", 0.01, 2)
     lip_height_mm: float = number(0.6, "height of the lip", 0.2, 5)
     strain_limit: float = number(0.02, "what the resin bears once (Tough resins: 2 %)", 1e-3, 0.2)
     fit_mm: float = number(0.1, "clearance between bosses and shell", 0.02, 2)
@@ -245,6 +265,19 @@ class CoverDimensions(_Record):
     def leg_mm(self) -> float:
         """Thickness of one leg of a peg = (peg - slot) / 2: 1.2."""
         return (self.peg_mm - self.slot_mm) / 2
+
+    @property
+    def fibre_mm(self) -> float:
+        """Outermost fibre of a leg from its centroid; a leg is a segment of the peg's circle: 0.70.
+
+        Centroid at 2/3 (R^2 - a^2)^1.5 / A, A = R^2 acos(a / R) - a sqrt(R^2 - a^2), a = slot / 2.
+        """
+        r, a = self.peg_mm / 2, self.slot_mm / 2
+        if not a < r:
+            return math.nan
+        q = math.sqrt(r**2 - a**2)
+        centroid = 2 / 3 * q**3 / (r**2 * math.acos(a / r) - a * q)
+        return max(r - centroid, centroid - a)
 
     @property
     def hole_mm(self) -> float:
@@ -268,7 +301,7 @@ class MoldDimensions(_Record):
     columns: int = number(2, "cavities along x", 1, 8)
     rows: int = number(2, "cavities along y", 1, 8)
     web_mm: float = number(8.0, "between two frames, and around them", 1, 100)
-    base_mm: float = number(3.0, "below the cavities", 0.5, 50)
+    base_mm: float = number(3.0, "below the cavities", 1.5, 50)
     seat_mm: float = number(3.0, "depth by which a frame is let in", 0.5, 30)
     fit_mm: float = number(0.1, "clearance of a frame, per side", 0.02, 2)
     pry_width_mm: float = number(10.0, "notch to lift a frame out, along x", 2, 100)
@@ -282,5 +315,5 @@ class CouponDimensions(_Record):
     wells: int = number(4, "wells in a row", 1, 12)
     diameter_mm: float = number(15.0, "of a well", 3, 100)
     depth_mm: float = number(4.0, "of a well", 0.5, 50)
-    wall_mm: float = number(3.0, "between and around the wells", 0.5, 50)
-    base_mm: float = number(2.0, "below the wells", 0.5, 50)
+    wall_mm: float = number(3.0, "between and around the wells", 1.5, 50)
+    base_mm: float = number(2.0, "below the wells", 1.5, 50)

@@ -8,25 +8,32 @@ from ..dimensions import Design
 from .dimensioning import Axis, Centres, Cut, Item, Leader, Linear, shown
 from .items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 
+# Where the two screws of the board stand.
+UPPER_HOLES = (
+    "camera.board_length_mm",
+    "camera.lens_offset_mm",
+    "camera.hole_edge_mm",
+    "camera.hole_pitch_x_mm",
+)
+
 
 def light_holder(d: Design) -> Callouts:
     """The ring; section through channel, floor and wire slot."""
     light = d.light
-    back, front = d.z_board_front_mm, d.z_joint_mm
+    back, front = d.z_board_front_mm, d.z_light_mm
     radii = {
         "outer": d.light_radius_mm,
         "channel": d.strip_radius_mm,
-        "diffuser": d.strip_radius_mm - light.channel_mm,
+        "diffuser": d.channel_inner_mm,
         "bore": d.light_bore_mm,
     }
     slot = light.slot_mm / 2
     floor = back + light.floor_mm
-    upper = d.camera.hole_rows_mm[0]
-    screws = [(s * d.camera.hole_pitch_x_mm / 2, upper) for s in (-1, 1)]
-    relief = d.holder.row.head_mm + 2 * d.holder.head_clearance_mm
+    upper, screws = d.camera.hole_rows_mm[0], d.camera_screw_centres_mm
+    relief = d.head_relief_mm
     r = radii["outer"]
     # The ring ends inside the relief: the arrow goes to the side of the relief that it keeps.
-    (x, y), inward = screws[1], 1 - relief / 2 / math.hypot(*screws[1])
+    (x, y), inward = screws[1], 1 - relief / math.hypot(*screws[1])
     near = (x * inward, y * inward)
     items: list[Item] = [
         Centres("top", ((0, 0, front),), r),
@@ -39,8 +46,8 @@ def light_holder(d: Design) -> Callouts:
         x_of("top", -slot, slot, "bottom", -r, front),
         x_of("top", screws[0][0], screws[1][0], "top", upper, back),
         y_of("top", 0, upper, "left", screws[0][0], back),
-        Centres("top", tuple((x, y, back) for x, y in screws), relief / 2),
-        Leader("top", (*near, back), 0, f"2× Ø{shown(relief)} through the floor, from below"),
+        Centres("top", tuple((x, y, back) for x, y in screws), relief),
+        Leader("top", (*near, back), 0, f"2× Ø{shown(2 * relief)} through the floor, from below"),
         z_of("front", floor, front, "left", -slot, -r),
         Axis("left", (0, 0, back), (0, 0, front)),
     ]
@@ -50,7 +57,7 @@ def light_holder(d: Design) -> Callouts:
     )
     return Callouts(
         tuple(items), notes, Cut(0.0),
-        rests_on=("camera.lens_diameter_mm", "camera.lens_height_mm"),
+        rests_on=("camera.lens_diameter_mm", "camera.lens_height_mm", *UPPER_HOLES),
     )  # fmt: skip
 
 
@@ -86,7 +93,7 @@ def camera_holder(d: Design) -> Callouts:
         f"Ø{shown(d.cover.hole_mm)}: for the pegs of the cover.",
         SQUARE_EDGES,
     )
-    return Callouts(tuple(items), notes)
+    return Callouts(tuple(items), notes, rests_on=("camera.connector_width_mm", *UPPER_HOLES))
 
 
 def cover(d: Design) -> Callouts:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from ..dimensions import Design
+from ..making.fabrication import RELEASE_AGENT
 from .dimensioning import Axis, Cut, Item, Leader, shown
 from .items import Callouts, holes, x_of, y_of, z_of
 
@@ -54,7 +55,7 @@ def mold(d: Design) -> Callouts:
     )
     notes = (
         f"{mold.columns} × {mold.rows} cavities alike. Floors smooth: they form the touched face. "
-        "No release agent that inhibits platinum-cure silicone.",
+        + RELEASE_AGENT,
         "Post-cure and coat the resin; cast a coupon first. Vertical corners sharp.",
     )
     return Callouts(tuple(items), notes, Cut(cx))

@@ -6,9 +6,10 @@ import hashlib
 import json
 import math
 import os
+import re
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -31,6 +32,8 @@ PART_S, PART_TOLERANCE_MM, PART_POWER = 0.25, 0.01, 0.6
 # not do when the kernel is here already.
 SHARED_FROM_S, SHARED_FROM_LOADED_S = 4.0, 12.0
 _DIGITS = 6
+# What a manifest may name: nothing that leads out of its folder.
+_OURS = re.compile(rf"[a-z0-9-]+\.(?:{'|'.join(FORMATS)})")
 
 Progress = Callable[[int, int, str], None]
 
@@ -71,10 +74,15 @@ def export_parts(
     jobs: processes; None decides by the work that is left.
     assembly: write assembly.step and assembly.glb when all of the sensor's parts are among parts.
 
+    Afterwards the folder is what its manifest says: what an earlier export's manifest.json lists
+    and is not written again is removed, unless it was changed since; other files stay.
+
     Returns what was written: the assembly first, then by part. Nothing appears under its name
-    before every file is made, checked and on the disk; the manifest comes last. Raises InputError
-    for unusable arguments or dimensions, RunFailed when a part cannot be made, the folder cannot
-    be written, a worker dies, or on Ctrl-C.
+    before every file is made and checked; the manifest goes first and comes last. Raises
+    InputError for unusable arguments or dimensions, for a manifest.json that no export wrote, and
+    for a file or folder in the place of one to be written that is not an earlier export's, as it
+    was; RunFailed when a part cannot be made, the folder cannot be written, a worker dies, or on
+    Ctrl-C.
     """
     kinds = checked_formats(formats)
     low, high = TOLERANCE_MM
@@ -93,6 +101,10 @@ def export_parts(
     sensor = _sensor(named) if assembly else ()
     if sensor and "step" in kinds:
         units.insert(0, (None, ("step",)))
+    names = [f"{part.name if part else ASSEMBLY}.{kind}" for part, own in units for kind in own]
+    if sensor and "glb" in kinds:
+        names.append(f"{ASSEMBLY}.glb")
+    _earlier(Path(out_dir), names)
     tell = progress or (lambda done, total, what: None)
     store = Store(design, tolerance_mm, cached)
     with _stopped_in_one_line(), _folder(Path(out_dir)) as folder:
@@ -102,8 +114,7 @@ def export_parts(
             batch.keep(None, _assembly_glb(batch, design))
         files = batch.files()
         (folder / MANIFEST).write_text(manifest(files), encoding="utf-8", newline="\n")
-        for name in (*(f.file for f in files), MANIFEST):
-            os.replace(folder / name, Path(out_dir) / name)
+        _place(folder, Path(out_dir), names)
     store.trim()
     tell(len(units), len(units), "done")
     return files
@@ -225,6 +236,65 @@ def _assembly_glb(batch: _Batch, design: Design) -> Made:
         deviations_mm.append(held.deviation_mm or 0.0)
     data = glb.glb_bytes(drawn, ASSEMBLY)
     return Made("glb", data, *whole(sizes), max(deviations_mm))
+
+
+def _place(folder: Path, out_dir: Path, names: Sequence[str]) -> None:
+    """Put the files where they belong; what an earlier export left besides them goes."""
+    # Once more: making them took a while.
+    earlier = _earlier(out_dir, names)
+    # Never beside files that it does not describe, also when what follows is cut short.
+    (out_dir / MANIFEST).unlink(missing_ok=True)
+    for name in earlier.difference(names):
+        (out_dir / name).unlink()
+    for name in (*names, MANIFEST):
+        os.replace(folder / name, out_dir / name)
+
+
+def _earlier(out_dir: Path, names: Iterable[str]) -> set[str]:
+    """Files of an earlier export that are there as its manifest says: ours to remove.
+
+    Raises InputError when anything else has one of the names.
+    """
+    listed = _listed(out_dir / MANIFEST)
+    same = {name for name, sha256 in listed.items() if _sha256(out_dir / name) == sha256}
+    if strange := [n for n in names if n not in same and os.path.lexists(out_dir / n)]:
+        path = out_dir / strange[0]
+        if path.is_dir():
+            what = "a folder"
+        else:
+            what = "changed since its export" if path.name in listed else "not of an export"
+        more = f" ({len(strange) - 1} more)" if strange[1:] else ""
+        raise InputError(f"{path}: {what}{more}; move it away, or export into another folder")
+    return same
+
+
+def _listed(path: Path) -> dict[str, str]:
+    """SHA-256 by file name as a manifest lists them; none when there is no manifest."""
+    if not os.path.lexists(path):
+        return {}
+    try:
+        entries = json.loads(path.read_text(encoding="utf-8"))["files"]
+        listed = {entry["file"]: entry["sha256"] for entry in entries}
+        if not all(_OURS.fullmatch(n) and isinstance(s, str) for n, s in listed.items()):
+            raise ValueError
+    except OSError as why:
+        raise InputError(f"{path}: cannot be read: {why.strerror}") from why
+    except (ValueError, KeyError, TypeError, RecursionError) as why:
+        raise InputError(
+            f"{path}: damaged, or not an export's; move it away, or export into another folder"
+        ) from why
+    return listed
+
+
+def _sha256(path: Path) -> str | None:
+    """None where there is no plain file: a link was put there by somebody."""
+    if path.is_symlink() or not path.is_file():
+        return None
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as why:
+        raise InputError(f"{path}: cannot be read: {why.strerror}") from why
 
 
 @contextmanager

@@ -17,6 +17,7 @@ from .fabrication import DEFAULT, Process
 
 CONSUMABLES, WORKSHOP = "consumables", "workshop"
 PIECES = "pcs"
+JETSON_PIN_MA = 500.0  # ours, cautious: the pins share the board's supply
 
 
 @dataclass(frozen=True)
@@ -92,14 +93,13 @@ def _part(part: Part, design: Design, sensors: int) -> Row:
 def _screw(d: Design) -> str:
     size = f"{d.screw.thread} x {d.screw.length_mm:g}, key {d.screw.row.socket_mm:g} mm"
     stock = rules.stock_note(d)
-    if not stock:
-        return size
-    return f"{size}; {stock}: cut down a longer one, or the design screws-16mm"
+    return f"{size}; {stock}" if stock else size
 
 
 def _acrylic(d: Design) -> str:
     x, y = d.acrylic_half_mm
-    return f"{2 * x:g} x {2 * y:g} x {d.optics.acrylic_mm:g} mm, notched corners"
+    size = f"{2 * x:g} x {2 * y:g} x {d.optics.acrylic_mm:g} mm"
+    return f"{size}, notched corners" if any(d.acrylic_notch_mm) else size
 
 
 NOTES: dict[str, Callable[[Design], str]] = {
@@ -165,33 +165,41 @@ def _silicone(d: Design, sensors: int, waste: float, process: Process) -> Iterat
 def _light(d: Design, sensors: int, process: Process) -> Iterator[Consumable]:
     light = d.light
     yield (
-        f"LED strip {light.supply_v:g} V, 5050 white", "cut at every LED", "solder",
+        f"single-LED cut of a {light.supply_v:g} V strip", "5050, white", "solder",
         sensors * light.led_count, PIECES,
-        f"single LEDs of {light.pitch_mm:.1f} x {light.strip_width_mm:g} mm, "
-        f"{light.strip_mm:.1f} mm of strip a sensor; no strip for another voltage",
+        f"{light.pitch_mm:.1f} x {light.strip_width_mm:g} mm each, "
+        f"{light.strip_mm:.1f} mm a sensor; the strip is one that is cut at every LED",
     )  # fmt: skip
-    if light.resistor_ohm > 0:
-        wiring = fabrication.wirings(light, process)[0]
-        low, high = fabrication.current_range_ma(light, process)
-        needed_w = 2 * wiring.resistor_mw / 1000  # half of its rating keeps it cool
-        watt = next((w for w in (0.125, 0.25, 0.5, 1.0, 2.0) if w >= needed_w), needed_w)
-        yield (
-            f"resistor {light.resistor_ohm:g} ohm", f"1 %, {watt:.3g} W", "solder", sensors, PIECES,
-            f"{wiring.total_ma:.2f} mA in all ({low:.2f} to {high:.2f}) at {light.supply_v:g} V "
-            f"and {process.led_v:g} ± {process.led_spread_v:g} V forward (assumed)",
-        )  # fmt: skip
+    wiring = fabrication.wirings(light, process)[0]
+    low, high = fabrication.current_range_ma(light, process)
+    needed_w = 2 * wiring.resistor_mw / 1000  # half of its rating keeps it cool
+    watt = next((w for w in (0.125, 0.25, 0.5, 1.0, 2.0) if w >= needed_w), needed_w)
     yield (
-        f"supply {light.supply_v:g} V DC", "plug, 0.5 A or more", "bought", 1, PIECES,
-        "or a 5 V pin of the Jetson" if light.supply_v == 5 else "",
+        f"resistor {light.resistor_ohm:g} ohm", f"1 %, {watt:.3g} W", "solder", sensors, PIECES,
+        f"{wiring.total_ma:.2f} mA in all ({low:.2f} to {high:.2f}) at {light.supply_v:g} V "
+        f"and {process.led_v:g} ± {process.led_spread_v:g} V forward (assumed)",
+    )  # fmt: skip
+    takes_ma = sensors * high
+    pin = light.supply_v == 5 and takes_ma <= JETSON_PIN_MA
+    yield (
+        f"supply {light.supply_v:g} V DC", f"plug, {_rating_a(takes_ma):g} A or more", "bought", 1,
+        PIECES, f"the LEDs take {takes_ma:.0f} mA at most"
+        + ("; or a 5 V pin of the Jetson" if pin else ""),
     )  # fmt: skip
     yield (
-        "wire 0.08 mm²",
-        "red and black, silicone",
-        "solder",
-        sensors * 1000,
-        "mm",
-        "two of 500 mm",
-    )
+        "wire 0.08 mm²", "red and black, silicone", "solder", sensors * 1000, "mm", "two of 500 mm"
+    )  # fmt: skip
+    yield (
+        "black foam, soft, closed cell", "light-tight", "cut, push in", sensors, PIECES,
+        f"closes the {d.shell.cable_width_mm:g} x {d.shell.cable_height_mm:g} mm cable notch "
+        "around cable and wires; or black neutral-cure silicone, kept away from the casting",
+    )  # fmt: skip
+
+
+def _rating_a(takes_ma: float) -> float:
+    """The least usual rating of a supply that is no more than half used."""
+    needed_a = 2 * takes_ma / 1000
+    return next((a for a in (0.1, 0.25, 0.5, 1, 2, 3, 5, 10) if a >= needed_a), math.ceil(needed_a))
 
 
 def _camera(sensors: int) -> Iterator[Consumable]:
@@ -209,7 +217,8 @@ def _workshop(d: Design) -> Iterator[Consumable]:
     for name, note in (
         ("vacuum chamber and pump", "50 mbar absolute or lower"),
         ("balance", "0.1 g or finer"),
-        ("nitrile or vinyl gloves", "latex inhibits the cure"),
+        ("nitrile gloves", "for uncured resin and for the casting; latex inhibits the cure"),
+        ("safety goggles", "for uncured resin, primer, lacquer and washing"),
         ("isopropanol, 99 %", "washing prints, degreasing plates"),
         ("clear acrylic lacquer, spray", "barrier coat, if the coupon stays tacky"),
         ("adhesive tape, silicone free", "over the frames' screw holes"),

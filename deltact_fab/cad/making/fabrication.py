@@ -15,6 +15,9 @@ from ..dimensions import Design, LightDimensions
 
 Basis = Literal["paper", "maker", "assumed"]
 
+# The mold's drawing and the guide say the same.
+RELEASE_AGENT = "No release agent: it would lie between skin, film and coats."
+
 
 def _figure(value: float, unit: str, meaning: str, basis: Basis) -> Any:
     return field(default=value, metadata={"unit": unit, "meaning": meaning, "basis": basis})
@@ -187,12 +190,9 @@ def wirings(light: LightDimensions, process: Process = DEFAULT) -> list[Wiring]:
     """The readings of the paper's "a resistor of 750 ohm in series", the first one taken here.
 
     I = (supply - forward voltage) / resistance, the strip's own resistors left out: on a strip cut
-    at every LED they are tens of ohms, in parallel, beside hundreds. Without a resistor the strip's
-    own would decide, so that 0 ohm is refused. Raises InputError.
+    at every LED they are tens of ohms, in parallel, beside hundreds.
     """
     ohm, count = light.resistor_ohm, light.led_count
-    if not ohm > 0:
-        raise InputError(f"light.resistor_ohm > 0: {ohm:g} fails; the strip alone would set it")
     room_v = max(light.supply_v - process.led_v, 0.0)
     one_ma = room_v / ohm * 1000
     series_v = max(light.supply_v - count * process.led_v, 0.0)

@@ -47,7 +47,7 @@ def _mechanics(d: Design) -> list[Gap]:
             f"ISO 4762 M1.6 is sold up to {longest:g} mm.",
             (stock_note(d) or f"{screw.thread} x {screw.length_mm:g} is stocked")
             + f". The seat of the heads follows from length and engagement ({screw.engagement_mm:g}"
-            " mm): the design screws-16mm takes stock screws.",
+            " mm), so that other lengths need no other parts than the cover and the shell.",
         ),
         Gap(
             "The cover is 1.5 mm thick, and screws pass through it.",
@@ -59,7 +59,7 @@ def _mechanics(d: Design) -> list[Gap]:
         Gap(
             "40 mm over a skin of 34 mm, and holes for screws.",
             f"A {d.frame.wall_y_mm:g} mm wall leaves {beside:.2g} mm beside a clearance hole.",
-            f"Square corner posts of {d.post_mm:g} mm; skin and acrylic are notched around them.",
+            f"Square corner posts of {d.post_mm:g} mm; {_notched(d)}.",
         ),
         Gap(
             "An acrylic plate behind the skin; no drawing of how it is held.",
@@ -88,20 +88,23 @@ def _mechanics(d: Design) -> list[Gap]:
     ]
 
 
+def _notched(d: Design) -> str:
+    """What makes room for the posts."""
+    parts = {"skin": d.post_in_window_mm, "acrylic": d.acrylic_notch_mm}
+    names = [name for name, notch in parts.items() if any(notch)]
+    if not names:
+        return "the walls of the frame hold them"
+    return f"{' and '.join(names)} {'are' if len(names) > 1 else 'is'} notched around them"
+
+
 def _light_and_camera(d: Design) -> list[Gap]:
     light = d.light
     room_mm = d.z_joint_mm - d.z_board_front_mm
     strip_room = f"{room_mm - 10:.2g} mm" if room_mm > 10 else "nothing"
     paper = fabrication.wirings(LightDimensions(resistor_ohm=PAPER_OHM, supply_v=PAPER_V))[0]
-    if light.resistor_ohm > 0:
-        taken = (
-            f"{light.resistor_ohm:g} ohm: {fabrication.wirings(light)[0].total_ma:.2g} mA in all."
-        )
-    else:
-        taken = "no resistor: the strip's own decides."
-    if light.supply_v > fabrication.DEFAULT.led_v:
-        sold = fabrication.resistor_for_ohm(20.0, light)[1]
-        taken += f" {sold:g} ohm gives at most 20 mA."
+    taken = f"{light.resistor_ohm:g} ohm: {fabrication.wirings(light)[0].total_ma:.2g} mA in all."
+    sold = fabrication.resistor_for_ohm(20.0, light)[1]
+    taken += f" {sold:g} ohm gives at most 20 mA."
     lens = [key for key in d.unverified() if key.startswith("camera.")]
     checked = f"unverified ({len(lens)} keys): measure yours" if lens else "measured"
     view_x, view_y = d.optics.view_mm

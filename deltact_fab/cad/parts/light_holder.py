@@ -2,7 +2,7 @@
 
 Half section at y = 0, the lens's axis on the left:
 
-    z_joint        +---+     +---+     the acrylic lies on it
+    z_light        +---+     +---+     a little below the acrylic: it bears no press
                    |   |     |   |
                    | d |  c  | w |     d: diffuser, c: channel, open towards +z, w: outer wall
                    |   |     |   |
@@ -42,7 +42,7 @@ def expect(design: Design) -> Expected:
         design.channel_inner_mm,
         design.light_bore_mm,
     )
-    height_mm = design.z_joint_mm - design.z_board_front_mm
+    height_mm = design.z_light_mm - design.z_board_front_mm
     depth_mm = height_mm - light.floor_mm
     volume_mm3 = math.pi * (radius**2 - bore**2) * height_mm
     volume_mm3 -= math.pi * (strip**2 - inner**2) * depth_mm
@@ -57,7 +57,7 @@ def expect(design: Design) -> Expected:
         (volume_mm3, volume_mm3),
         (
             (-radius, -radius, design.z_board_front_mm),
-            (radius, radius, design.z_joint_mm),
+            (radius, radius, design.z_light_mm),
         ),
         {
             **{key: asdict(light)[key] for key in SHOWN},
@@ -69,10 +69,10 @@ def expect(design: Design) -> Expected:
 
 
 def build(design: Design) -> Shape:
-    """The ring as one solid in the sensor frame, z from the board's front to the joint."""
+    """The ring as one solid in the sensor frame, z from the board's front to z_light."""
     cq = require()
     light = design.light
-    low_mm, high_mm = design.z_board_front_mm, design.z_joint_mm
+    low_mm, high_mm = design.z_board_front_mm, design.z_light_mm
     floor_mm = low_mm + light.floor_mm
     ring = (
         cq.Workplane()

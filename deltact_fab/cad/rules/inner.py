@@ -26,7 +26,7 @@ def light(d: Design) -> Iterator[Rule]:
         ("bore radius", d.light_bore_mm),
         ("camera.lens_diameter_mm",),
     )
-    depth = d.z_joint_mm - d.z_board_front_mm - light.floor_mm
+    depth = d.z_light_mm - d.z_board_front_mm - light.floor_mm
     yield Rule(
         part,
         ("strip_width_mm", light.strip_width_mm),

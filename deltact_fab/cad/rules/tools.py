@@ -49,6 +49,12 @@ def tools(d: Design) -> Iterator[Rule]:
         ("cover and shell", d.z_joint_mm - d.z_back_mm),
     )
     yield Rule("coupon-mold", ("2", 2.0), "<=", ("diameter_mm", coupon.diameter_mm))
+    # Where a tab stands over a boss of the cover it is relieved from below, or cut through.
+    over = d.z_back_mm + table.height_mm - d.z_boss_mm
+    beside = d.frame_outer_mm[1] / 2 - d.boss_room_mm
+    if over > 0 and table.width_mm / 2 > beside:
+        wall = ("shell.wall_mm", d.shell.wall_mm)
+        yield Rule("testing-shell", wall, "<=", ("tab over the cover's bosses", over))
     # Two notches face each other across a web; half a wall of 1.5 stays on either side.
     yield Rule(
         "mold",

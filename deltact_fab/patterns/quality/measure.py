@@ -83,7 +83,8 @@ def measure(
     """Measure a pattern. The same arguments give the same numbers.
 
     view_mm: (x, y) to measure, by default the standard sensor's view. Raises InputError for a
-    scale or resolution that is no number above 0, and for a field of fewer than 64 px a side.
+    scale or resolution that is no number above 0, a seed below 0, and for a field of fewer than
+    64 px a side.
     """
     from ... import imaging
 
@@ -91,6 +92,8 @@ def measure(
     for name, value in (("mm_per_px", mm_per_px), ("dpi", printer.dpi)):
         if not (math.isfinite(value) and value > 0):
             raise InputError(f"{name}: {value:g} must be above 0")
+    if seed < 0:
+        raise InputError(f"seed: {seed} must be 0 or above")
     size_px = field_px(recipe, printer.mm_per_dot, mm_per_px, view_mm)
     field_mm = (size_px[1] * mm_per_px, size_px[0] * mm_per_px)
     designed = albedo(recipe, mm_per_px, size_px) * np.float32(255)
@@ -135,18 +138,26 @@ def field_px(
     """(h, w) of the field in camera pixels."""
     view_mm = view_mm or SensorDimensions().optics.view_mm
     width_mm, height_mm = (min(side_mm, recipe.printed_mm) for side_mm in view_mm)
-    finest = max(
-        width_mm * height_mm / mm_per_px**2 / MAX_PX,
-        width_mm * height_mm / mm_per_dot**2 / MAX_DOTS,
+    across_mm = math.sqrt(width_mm * height_mm)
+    too_fine = max(
+        1.0,
+        across_mm / mm_per_px / math.sqrt(MAX_PX),
+        across_mm / mm_per_dot / math.sqrt(MAX_DOTS),
     )
-    shrink = 1 / math.sqrt(max(1.0, finest))
     width_px, height_px = (
-        math.floor(side_mm * shrink / mm_per_px + 1e-9) for side_mm in (width_mm, height_mm)
+        math.floor(side_mm / too_fine / mm_per_px + 1e-9) for side_mm in (width_mm, height_mm)
     )
     if min(width_px, height_px) < MIN_SIDE_PX:
+        least_mm, side_mm = MIN_SIDE_PX * mm_per_px, min(width_mm, height_mm)
+        if side_mm >= least_mm and across_mm / mm_per_dot / math.sqrt(MAX_DOTS) == too_fine:
+            most = math.floor(25.4 * math.sqrt(MAX_DOTS) / across_mm * side_mm / least_mm)
+            raise InputError(
+                f"dpi: {25.4 / mm_per_dot:.0f} leaves a field of {width_px} x {height_px} px in "
+                f"the {MAX_DOTS} printer dots that are simulated; use at most {most}"
+            )
         raise InputError(
             f"quality: the field is {width_px} x {height_px} px of {mm_per_px:g} mm; at least "
-            f"{MIN_SIDE_PX} px a side, so a sticker of {MIN_SIDE_PX * mm_per_px:.3g} mm"
+            f"{MIN_SIDE_PX} px a side, so a sticker of {least_mm:.3g} mm"
         )
     return height_px, width_px
 

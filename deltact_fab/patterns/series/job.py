@@ -4,14 +4,13 @@ DIR/
   recipes/d0p075-r0p6.toml ...   what every command takes as a RECIPE
   series.pdf                     one sticker of each
   contact-sheet.png              each as the camera would see it
-  quality.csv  quality.json      every figure, as designed and as seen
+  quality.csv  quality.json      every figure, as designed and as seen; SHA-256 of the files
   patterns.html                  where a page is asked for
 """
 
 from __future__ import annotations
 
 import io
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -26,7 +25,7 @@ from ..quality.measure import MM_PER_PX, measure
 from ..recipe import DEFAULT_SEED, PatternRecipe, recipe_from
 from ..recipe_file import toml
 from ..sheet import job as sheet
-from . import contact
+from . import contact, index
 from .folder import replaced
 
 Progress = Callable[[int, int, str], None]
@@ -47,14 +46,13 @@ PAPER_ERROR_MM = {(0.1, 0.5): 0.11, (0.075, 0.6): 0.08}
 PAPER_ABOUT_MM = {0.05: 0.5}
 """By d, of whichever r: "around 0.5 mm". The paper gives the others as columns of a chart only."""
 
-FORMAT = "deltact-fab pattern series 1"
+FORMAT = "deltact-fab pattern series 2"
 RECIPES = "recipes"
 SHEET = "series.pdf"
 CONTACT = "contact-sheet.png"
 FIGURES = "quality.json"
 TABLE = "quality.csv"
 PAGE = "patterns.html"
-FILES = (f"{RECIPES}/*.toml", SHEET, CONTACT, FIGURES, TABLE, PAGE)
 
 
 @dataclass(frozen=True)
@@ -147,17 +145,18 @@ def write(
     seed: of every draw, of the printer's and the camera's too. dpi: of the print job and of the
     printer model. entries: other Algorithm 1 patterns than the paper's. page: called with the
     folder when all else is in it, to add `patterns.html`. A series written there before is
-    replaced. Equal arguments and versions give equal bytes.
+    replaced if nothing in it was added or changed. Equal arguments and versions give equal bytes.
 
-    Raises InputError for a folder that holds anything else and for what `sheet.write` refuses,
-    RunFailed when the disk refuses, MissingLibrary without segno, and whatever `page` raises.
+    Raises InputError for a folder that holds anything else, for a seed below 0 and for what
+    `sheet.write` refuses, RunFailed when the disk refuses, MissingLibrary without segno, and
+    whatever `page` raises.
     """
     from ...imaging import Printer, Sensor
 
     chosen = recipes(seed, with_dots) if entries is None else list(entries)
     tell = progress or (lambda done, total, what: None)
     total = len(chosen) + 2
-    with replaced(out, FILES, _is_series) as folder:
+    with replaced(out, lambda held: index.read(held, FIGURES, FORMAT)) as folder:
         _write_recipes(folder / RECIPES, chosen)
         tell(0, total, SHEET)
         # First, for it refuses an unusable paper, dpi or transfer before the long part.
@@ -184,11 +183,12 @@ def write(
             "sensor": asdict(Sensor()),
             "patterns": rows,
         }
-        (folder / FIGURES).write_bytes(_json(data))
+        (folder / FIGURES).write_bytes(index.to_json(data))
         (folder / TABLE).write_bytes(_csv(rows))
         if page is not None:
             page(folder)
         written = sorted(p.relative_to(folder) for p in folder.rglob("*") if p.is_file())
+        index.seal(folder, FIGURES, data)
     tell(total, total, "done")
     return SeriesReport(out, tuple(out / name for name in written), job.pages, data)
 
@@ -258,13 +258,6 @@ def _contact(
     )
 
 
-def _is_series(folder: Path) -> bool:
-    try:
-        return bool(json.loads((folder / FIGURES).read_bytes())["format"] == FORMAT)
-    except (OSError, ValueError, KeyError, TypeError):
-        return False
-
-
 def _write_recipes(folder: Path, entries: Sequence[SeriesEntry]) -> None:
     folder.mkdir()
     for entry in entries:
@@ -275,10 +268,6 @@ def _write_recipes(folder: Path, entries: Sequence[SeriesEntry]) -> None:
             about.append(f"Tracking error there, on a real sensor: {entry.paper_says}.")
         path = folder / f"{entry.name}.toml"
         path.write_bytes(toml(entry.recipe, about).encode())
-
-
-def _json(data: dict[str, Any]) -> bytes:
-    return (json.dumps(data, indent=1, allow_nan=False) + "\n").encode()
 
 
 def _csv(rows: Sequence[dict[str, Any]]) -> bytes:

@@ -24,7 +24,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -32,7 +31,10 @@ from typing import Any, Literal
 
 from ... import __version__
 from ...errors import InputError, did_you_mean
+from ...shapes import SensorDimensions
 from ..code import encode
+from ..files import check_place, write_together
+from ..raster import check_seen
 from ..recipe import PatternRecipe
 from . import furniture, layout, page_image, stickers
 from .layout import Cell, Sheet
@@ -60,12 +62,16 @@ class Sticker:
     embedding: `patches`, one pixel a patch at exact millimetres, or `dots`, one pixel a printer
     dot. edge_error_mm: the worst patch edge in the file, from its true place. print_error_mm: the
     worst one on the printer's dots; with `patches` the printer rounds, by at most a dot.
+    file_side_mm: what the file's picture measures in (x, y) on the real print; with `dots` it is
+    whole printer dots. side_error_mm: that less side_mm, which is n d.
     """
 
     page: int
     x_mm: float
     y_mm: float
     side_mm: float
+    file_side_mm: tuple[float, float]
+    side_error_mm: tuple[float, float]
     embedding: str
     dots_per_patch: float | None
     edge_error_mm: float
@@ -128,6 +134,11 @@ class SheetReport:
                 f"    {patch}{how}: edges within {1000 * s.edge_error_mm:.2g} um in the file, "
                 f"{1000 * s.print_error_mm:.3g} um in print"
             )
+            sides = dict.fromkeys(
+                f"{side_mm:.5f} mm ({1000 * off_mm:+.1f} um)"
+                for side_mm, off_mm in zip(s.file_side_mm, s.side_error_mm, strict=True)
+            )
+            said.append(f"    side {s.side_mm:.6g} mm, in the file {' x '.join(sides)}")
         said.append(f"  sha256 {self.sha256}")
         return said
 
@@ -144,6 +155,7 @@ def write(
     scale: tuple[float, float] = (1.0, 1.0),
     margin_mm: float = 8.0,
     embed: Embedding = "auto",
+    sensor: SensorDimensions | None = None,
     progress: Progress | None = None,
 ) -> SheetReport:
     """Write the stickers as .pdf (any number of pages), .png or .tif (one page) by out's ending.
@@ -153,7 +165,8 @@ def write(
     sheet it is on. embed: `auto` takes one pixel a patch from 5 printer dots a patch on.
     Memory is bounded by the compressed file; equal arguments and versions give equal bytes.
 
-    Raises InputError for anything that cannot be printed as asked: nothing is written then.
+    Raises InputError for anything that cannot be printed as asked, or that the sensor's camera
+    cannot use (`raster.check_seen`): nothing is written then.
     Raises MissingLibrary without segno.
     """
     kind = _checked_out(out)
@@ -180,6 +193,7 @@ def write(
     if kind != "pdf":
         least = math.inf  # a page's image is in printer dots
     tell = progress or (lambda done, total, what: None)
+    view_mm = (sensor or SensorDimensions()).optics.view_mm
     total = len(recipes) + 1
     cells: list[Cell] = []
     codes: list[str] = []
@@ -187,6 +201,7 @@ def write(
     for k, asked in enumerate(recipes):
         tell(k, total, f"sticker {k + 1}")
         recipe = stickers.whole_dots(asked, sheet) if whole_dots else asked
+        _check_seen(recipe, view_mm)
         codes.append(encode(recipe))
         printed.append(recipe)
         same = recipes.index(asked)
@@ -217,7 +232,7 @@ def write(
             marks += on_page
             by_cells = picture.by_cells(least)
             found.append(
-                _sticker(page, picture, by_cells, inset_mm, printed[k], recipes[k], codes[k])
+                _sticker(page, picture, by_cells, inset_mm, scale, printed[k], recipes[k], codes[k])
             )
         marks += furniture.footer(sheet, furniture.signature(page, pages))
         if kind == "pdf":
@@ -231,7 +246,7 @@ def write(
         content = page_image.png(sheet.page_px, dpi, marks, text)
     else:
         content = page_image.tiff(sheet.page_px, dpi, marks, software)
-    _write_whole(out, content)
+    write_together({out: content})
     tell(total, total, "file")
     return SheetReport(
         out=out,
@@ -251,15 +266,20 @@ def write(
 
 def _checked_out(out: Path) -> str:
     kind = KINDS.get(out.suffix.lower())
-    if out.is_dir():
-        raise InputError(f"{out}: is a folder; name a file in it, as in sheet.pdf")
+    check_place(out, "name a file in it, as in sheet.pdf")
     if kind is None:
         raise InputError(
             f"{out}: a sheet is a PDF, PNG or TIFF: end the name in .pdf, .png or .tif"
         )
-    if not out.parent.is_dir():
-        raise InputError(f"{out}: there is no folder {out.parent}; create it first")
     return kind
+
+
+def _check_seen(recipe: PatternRecipe, view_mm: tuple[float, float]) -> None:
+    """`raster.check_seen`, and which of the stickers it is."""
+    try:
+        check_seen(recipe, view_mm)
+    except InputError as why:
+        raise InputError(f"{stickers.name(recipe)}: {why}") from why
 
 
 def _paper(name: str) -> str:
@@ -296,17 +316,27 @@ def _sticker(
     picture: Picture,
     by_cells: bool,
     inset_mm: float,
+    scale: tuple[float, float],
     recipe: PatternRecipe,
     asked: PatternRecipe,
     code: str,
 ) -> Sticker:
     snap_mm = picture.snap_error_mm
     pitch_x_mm, pitch_y_mm = picture.pitch_mm
+    side_mm = recipe.printed_mm
+    across_mm, down_mm = (
+        (side_mm if by_cells else side_px * pitch_mm) - 2 * inset_mm / stretch
+        for side_px, pitch_mm, stretch in zip(
+            (picture.width_px, picture.height_px), picture.pitch_mm, scale, strict=True
+        )
+    )
     return Sticker(
         page=page + 1,
         x_mm=round(picture.x_px * pitch_x_mm, 6),
         y_mm=round(picture.y_px * pitch_y_mm, 6),
-        side_mm=recipe.printed_mm,
+        side_mm=side_mm,
+        file_side_mm=(round(across_mm, 9), round(down_mm, 9)),
+        side_error_mm=(round(across_mm - side_mm, 9), round(down_mm - side_mm, 9)),
         embedding="patches" if by_cells else "dots",
         dots_per_patch=None if recipe.patch_mm is None else picture.dots_per_cell,
         edge_error_mm=inset_mm if by_cells else snap_mm + inset_mm,
@@ -315,15 +345,3 @@ def _sticker(
         patch_mm=recipe.patch_mm,
         code=code,
     )
-
-
-def _write_whole(path: Path, content: bytes) -> None:
-    """Write beside the place and rename: no half file is ever seen."""
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        part.write_bytes(content)
-        part.replace(path)
-    except OSError as why:
-        raise InputError(f"{path}: cannot be written: {why.strerror}") from why
-    finally:
-        part.unlink(missing_ok=True)

@@ -107,7 +107,8 @@ class Picture:
 
     def by_cells(self, least_dots: float) -> bool:
         """Whether to embed one pixel a cell: from so many printer dots a cell, and no markers."""
-        return self.grid is None and self.dots_per_cell >= least_dots
+        # A patch rounded to a picometre can be a hair below the whole dots that were meant
+        return self.grid is None and self.dots_per_cell >= least_dots * (1 - 1e-6)
 
     @property
     def rounding_mm(self) -> float:

@@ -34,8 +34,11 @@ def whole_dots(recipe: PatternRecipe, sheet: Sheet) -> PatternRecipe:
             "oblong, and a square patch cannot be whole dots both ways; use one scale"
         )
     check_dots(recipe, sheet)
-    # A nanometre is far below what 2000 patches add up to
-    patch_mm = round(round(recipe.patch_mm / pitch_x_mm) * pitch_x_mm, 9)
+    count = round(recipe.patch_mm / pitch_x_mm)
+    if count * pitch_x_mm > recipe.size_mm:
+        count = math.floor(recipe.size_mm / pitch_x_mm)  # or no patch would fit the side
+    # A picometre: 2000 patches add up to a nanometre
+    patch_mm = round(count * pitch_x_mm, 9)
     data = recipe.model_dump(mode="json", exclude_none=True)
     data["patch_mm"] = patch_mm
     if "scales_mm" in data:
@@ -103,7 +106,7 @@ def _facts(
     if patch_mm is not None:
         facts.append(f"d {patch_mm:.6g} mm")
     if "r" in data:
-        facts.append(f"r {data.pop('r'):g}")
+        facts.append(f"r {data.pop('r')!r}".removesuffix(".0"))
     if data.pop("channels", 3) == 1:
         facts.append("grey")
     if patch_mm is not None:
@@ -124,7 +127,7 @@ def _facts(
         facts.append(f"{sticker.dots_per_cell:.3g} dots a patch")
         if not sticker.by_cells(least_dots) and sticker.snap_error_mm >= WORTH_SAYING_MM:
             facts.append(f"edges to {1000 * sticker.snap_error_mm:.1f} um")
-    facts.append(f"sha256 {code.rsplit('/', 1)[1].split('-')[0].lower()}")
+    facts.append(f"patches {code.rsplit('/', 1)[1].split('-')[0].lower()}")
     return [printable(fact) for fact in facts]
 
 

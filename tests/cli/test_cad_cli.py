@@ -1,0 +1,138 @@
+"""`deltact-fab cad` where it writes: what is in the way is said before the work, in one line."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from deltact_fab import cache
+from deltact_fab.cad.design import load_indenters
+from deltact_fab.cli.cad import cad, file_to_write
+from deltact_fab.errors import InputError
+from deltact_fab.report import guide
+
+
+@pytest.fixture(autouse=True)
+def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv(cache.FOLDER_VARIABLE, str(tmp_path / ".store"))
+
+
+def ask(*words: str) -> Result:
+    return CliRunner().invoke(cad, words)
+
+
+def done(*words: str) -> Result:
+    result = ask(*words)
+    assert result.exit_code == 0, result.output + repr(result.exception)
+    return result
+
+
+def refused(*words: str) -> str:
+    result = ask(*words)
+    assert isinstance(result.exception, InputError), result.output + repr(result.exception)
+    return str(result.exception)
+
+
+def test_the_bill_makes_the_folder_it_goes_to() -> None:
+    done("bom", "-o", "no such/b.csv")
+    assert len(list(csv.DictReader(Path("no such/b.csv").read_text().splitlines()))) > 10
+    done("bom", "--format", "json", "-o", "no such/b.json")
+    assert len(json.loads(Path("no such/b.json").read_text())) > 10
+
+
+@pytest.mark.parametrize("command", ["bom", "guide"])
+@pytest.mark.parametrize(
+    ("out", "says"),
+    [
+        ("held", "-o held: a folder; the name of a file is right"),
+        (".", "-o .: a folder"),
+        ("file/b.csv", "-o file/b.csv: its folder cannot be made: "),
+        ("file/new/b.csv", "-o file/new/b.csv: its folder cannot be made: "),
+    ],
+)
+def test_a_place_that_cannot_be_a_file_is_refused_before_the_work(
+    command: str, out: str, says: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(guide, "write", lambda *_: pytest.fail("the work was begun"))
+    Path("held").mkdir()
+    Path("file").write_text("")
+    assert refused(command, "-o", out).startswith(says)
+    assert sorted(p.name for p in Path().iterdir()) == ["file", "held"]
+
+
+def test_the_program_ends_with_2_and_the_kernel_is_not_loaded() -> None:
+    code = """
+import sys
+from deltact_fab.cli.main import entry
+try:
+    entry()
+finally:
+    print([m for m in ("cadquery", "OCP", "jinja2") if m in sys.modules])
+"""
+    ended = subprocess.run(
+        [sys.executable, "-c", code, "cad", "guide", "-o", "."],
+        capture_output=True, text=True, check=False, timeout=60,
+    )  # fmt: skip
+    assert ended.returncode == 2
+    assert ended.stderr == "deltact-fab: -o .: a folder; the name of a file is right\n"
+    # The guide's own module loads its templates; the parts are another matter.
+    assert "cadquery" not in ended.stdout
+    assert "OCP" not in ended.stdout
+
+
+def test_a_failure_leaves_no_empty_folders() -> None:
+    assert "sensors" in refused("guide", "--sensors", "0", "-o", "new/one/g.html")
+    assert list(Path().iterdir()) == []
+    Path("old").mkdir()
+    with pytest.raises(RuntimeError), file_to_write(Path("old/one/two/g.html")):
+        raise RuntimeError
+    assert list(Path("old").iterdir()) == []
+
+
+def test_an_export_over_another_leaves_nothing_of_it() -> None:
+    done("export", "acrylic", "cover", "--format", "dxf,step", "--out", "two")
+    thick = ("--set", "optics.acrylic_mm=3", "--out", "two")
+    done("export", "acrylic", "--format", "dxf", *thick)
+    assert {p.name for p in Path("two").iterdir()} == {"acrylic.dxf", "manifest.json"}
+    Path("two/acrylic.svg").mkdir()
+    line = refused("export", "acrylic", "--format", "step,svg", *thick)
+    assert line == "two/acrylic.svg: a folder; move it away, or export into another folder"
+    assert {p.name for p in Path("two").iterdir()} == {
+        "acrylic.dxf", "acrylic.svg", "manifest.json"
+    }  # fmt: skip
+
+
+def _plate(value: str) -> None:
+    Path("cad").mkdir(exist_ok=True)
+    Path("cad/indenters.toml").write_text(
+        f'[body]\nplate_mm = {value}\n\n[[indenter]]\nname = "sphere:10"\n'
+    )
+
+
+@pytest.mark.parametrize("value", ["1e9", "50.1", "0.99", "0", "-4", "nan", "inf"])
+def test_a_plate_outside_its_limits_is_refused(value: str) -> None:
+    _plate(value)
+    line = refused("export", "indenters", "--out", "o")
+    assert "cad/indenters.toml: body: " in line
+    assert f"1 <= plate_mm <= 50: {float(value):g} fails" in line
+    assert not Path("o").exists()
+
+
+@pytest.mark.parametrize("value", ["1", "50.0"])
+def test_a_plate_at_its_limits_is_made(value: str) -> None:
+    _plate(value)
+    assert load_indenters().body.plate_mm == float(value)
+    done("export", "indenters", "star", "ring", "--format", "step,svg", "--out", "o")
+    entries = json.loads(Path("o/manifest.json").read_text())["files"]
+    heights_mm = {
+        e["part"]: e["bounding_box_mm"][1][2] - e["bounding_box_mm"][0][2] for e in entries
+    }
+    # 12 mm of tip, the plate, 20 mm of stem.
+    assert heights_mm["indenter-star"] == pytest.approx(32 + float(value))

@@ -1,0 +1,277 @@
+"""What is refused, in one line, and what is left behind; and what must not be refused."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
+
+from deltact_fab.cli.main import entry
+from deltact_fab.errors import InputError
+from deltact_fab.patterns import (
+    centres_mm,
+    draw_patches,
+    load_recipe,
+    make,
+    raster,
+    read_dots,
+    read_recipe,
+    recipe_from,
+    recipe_from_options,
+)
+from deltact_fab.patterns import files as written
+from deltact_fab.patterns.code import encode, patches_hash
+from deltact_fab.patterns.raster import checked_mm_per_px
+from deltact_fab.patterns.sheet import job as sheet
+
+PLAIN = recipe_from_options(None, 0.5, 0.1, size_mm=5.0)
+
+
+def with_dots(size_mm=35.0, patch_mm=0.5, **grid):
+    return recipe_from(
+        {
+            "law": "algorithm1",
+            "seed": 1,
+            "size_mm": size_mm,
+            "patch_mm": patch_mm,
+            "r": 0.1,
+            "channels": 3,
+            "dots": {"columns": 3, "rows": 2, "colour": "#000000", **grid},
+        },
+        "test",
+    )
+
+
+WIDE = with_dots(pitch_x_mm=14.0, pitch_y_mm=14.0, diameter_mm=3.0)
+BOARD = recipe_from({"law": "chessboard", "seed": 0, "size_mm": 20.0, "patch_mm": 2.0}, "test")
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    """Type words in an empty folder: (exit code, stdout, stderr)."""
+    monkeypatch.chdir(tmp_path)
+
+    def typed(*words):
+        monkeypatch.setattr(sys, "argv", ["deltact-fab", "pattern", *map(str, words)])
+        with pytest.raises(SystemExit) as done:
+            entry()
+        said = capsys.readouterr()
+        return done.value.code, said.out, said.err
+
+    return typed
+
+
+def one_line(found, *says):
+    code, out, err = found
+    assert (code, out) == (2, "")
+    assert err.startswith("deltact-fab: ")
+    assert err.count("\n") == 1
+    assert "Traceback" not in err
+    for text in says:
+        assert text in err
+
+
+@pytest.mark.parametrize(
+    ("recipe", "says"), [(WIDE, "keeps them in view"), (BOARD, "do not fill the camera's view")]
+)
+def test_a_sheet_refuses_what_the_camera_cannot_use(tmp_path, recipe, says):
+    with pytest.raises(InputError, match=says) as why:
+        sheet.write([PLAIN, recipe], tmp_path / "s.pdf", dpi=600)
+    assert recipe.law in str(why.value)
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(InputError, match=says):
+        make(recipe, tmp_path / "p.png", 300)
+
+
+@pytest.mark.parametrize("recipe", [WIDE, BOARD])
+def test_a_printed_code_regenerates_whatever_the_camera_sees(run, tmp_path, recipe):
+    code, out, err = run("from", encode(recipe), "--dpi", "300", "-o", "p.png", "--json")
+    assert (code, err) == (0, "")
+    assert json.loads(out)["law"] == recipe.law
+    assert read_recipe(tmp_path / "p.png") == recipe
+    with Image.open(tmp_path / "p.png") as image:
+        assert np.array_equal(np.asarray(image), raster(recipe, 300))
+
+
+@pytest.mark.parametrize(
+    ("recipe", "side_px", "dpi"),
+    [
+        (with_dots(20.0), 600, 762),  # too large at 1200 dpi
+        (with_dots(5.0, pitch_x_mm=1.0, pitch_y_mm=1.0, diameter_mm=0.08), 600, 1270),
+    ],
+)
+def test_the_default_resolution_of_a_code_is_one_that_fits(
+    run, tmp_path, monkeypatch, recipe, side_px, dpi
+):
+    # The package also has a function of the module's name
+    module = sys.modules["deltact_fab.patterns.raster"]
+    monkeypatch.setattr(module, "MAX_SIDE_PX", side_px)
+    code, out, err = run("from", encode(recipe), "-o", "p.png", "--json")
+    assert (code, err) == (0, "")
+    assert json.loads(out)["dpi"] == dpi
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "DELTACT1/\udcff/1EF08C35F591-24EABE",
+        "DELTACT1/É/1EF08C35F591-24EABE",
+        # A Kelvin sign, which is a plain k in lower case
+        "DELTACT1/\u212a:1/1EF08C35F591-24EABE",
+    ],
+)
+def test_a_code_with_strange_characters_is_one_line(run, text):
+    one_line(run("from", text, "-o", "p.png"), "holds '\\", "0-9, A-Z")
+
+
+@pytest.mark.parametrize("depth", [2, 980])
+def test_a_code_of_nested_tables_is_one_line(run, depth):
+    body = "DELTACT1/" + "A:" * depth + "B:1"
+    check = hashlib.sha256(body.lower().encode()).hexdigest()[:6].upper()
+    found = run("from", f"{body}/1EF08C35F591-{check}", "-o", "p.png")
+    one_line(found, "A is a table within a table")
+
+
+@pytest.mark.parametrize(
+    ("words", "suffix"),
+    [(("make", "transparent"), ".png"), (("sheet", "transparent", "--dpi", "150"), ".pdf")],
+)
+def test_long_file_names(run, tmp_path, words, suffix):
+    longest = "n" * (255 - len(suffix)) + suffix
+    assert run(*words, "-o", longest)[0] == 0
+    assert [p.name for p in tmp_path.iterdir()] == [longest]
+    for name in ("n" + longest, "n" * 300 + suffix, "n" * 300 + "/p" + suffix):
+        one_line(run(*words, "-o", name), "File name too long")
+    assert [p.name for p in tmp_path.iterdir()] == [longest]
+
+
+def test_a_table_whose_name_is_too_long_is_one_line(run, tmp_path):
+    name = "n" * 247 + ".png"  # NAME.dots.csv has 256 bytes
+    one_line(run("make", "dots", "--dpi", "300", "-o", name), "File name too long")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("old", [None, b"an older picture"])
+def test_a_folder_in_the_tables_place_leaves_the_picture_alone(run, tmp_path, old):
+    (tmp_path / "o.dots.csv").mkdir()
+    if old is not None:
+        (tmp_path / "o.png").write_bytes(old)
+    before = sorted(p.name for p in tmp_path.iterdir())
+    found = run("make", "dots", "--dpi", "300", "-o", "o.png")
+    one_line(found, "o.dots.csv: is a folder; the list of the dots goes there")
+    assert sorted(p.name for p in tmp_path.iterdir()) == before
+    assert old is None or (tmp_path / "o.png").read_bytes() == old
+
+
+@pytest.mark.parametrize("old", [None, b"an older picture"])
+def test_a_failed_rename_takes_back_the_first_file(tmp_path, old):
+    """The folder comes too late for the check: the first file is already in its place."""
+    first, second = tmp_path / "o.png", tmp_path / "o.csv"
+    second.mkdir()
+    if old is not None:
+        first.write_bytes(old)
+    before = sorted(p.name for p in tmp_path.iterdir())
+    with pytest.raises(InputError, match=re.escape("o.csv: cannot be written: ")):
+        written.write_together({first: b"new", second: b"list"})
+    assert sorted(p.name for p in tmp_path.iterdir()) == before
+    assert old is None or first.read_bytes() == old
+
+
+def test_a_pair_replaces_a_pair_and_leaves_nothing_else(tmp_path):
+    pair = {tmp_path / "o.png": b"1", tmp_path / "o.csv": b"2"}
+    written.write_together(dict.fromkeys(pair, b"old"))
+    written.write_together(pair)
+    assert {p: p.read_bytes() for p in tmp_path.iterdir()} == pair
+
+
+def test_a_table_too_long_for_readers_is_recovered_from_the_recipe(tmp_path):
+    recipe = with_dots(columns=130, rows=130, pitch_x_mm=0.2, pitch_y_mm=0.16, diameter_mm=0.12)
+    made = make(recipe, tmp_path / "q.png")
+    assert made.dots_csv is not None
+    assert made.dots_csv.stat().st_size > 2**20
+    assert read_recipe(made.image) == recipe
+    found = read_dots(made.image)
+    assert np.array_equal(found.centres_mm, centres_mm(recipe.dots))
+    listed = np.loadtxt(made.dots_csv, delimiter=",", skiprows=1, usecols=(6, 7))
+    assert np.abs(listed - found.centres_px).max() <= 0.5e-6 * (1 + 1e-6)
+    # The hash is what stands for the table: a wrong one is refused
+    with Image.open(made.image) as image:
+        image.load()
+        notes = PngInfo()
+        for key, value in (image.text | {"dots_sha256": "0" * 64}).items():
+            notes.add_text(key, value)
+        image.save(tmp_path / "b.png", pnginfo=notes)
+    with pytest.raises(InputError, match="is not that of its recipe"):
+        read_dots(tmp_path / "b.png")
+
+
+def test_the_resolutions_that_a_refusal_names_are_possible(tmp_path):
+    recipe = with_dots(20.0, 0.3, diameter_mm=0.2)  # a dot's quarter is finer than a patch
+    with pytest.raises(InputError, match="larger than a patch") as why:
+        raster(recipe, 50)
+    least, most = map(int, re.search(r"use (\d+) to (\d+)$", str(why.value)).groups())
+    assert (least, most) == (508, 10262)
+    assert raster(recipe, least).shape[0] == 396
+    with pytest.raises(InputError, match=r"use 508 to 10262$"):
+        raster(recipe, least - 1)
+    checked_mm_per_px(recipe, most)
+    with pytest.raises(InputError, match=r"at most 8000; use 508 to 10262$"):
+        checked_mm_per_px(recipe, most + 1)
+
+
+@pytest.mark.parametrize("dpi", [None, 600.0, 5800.0, 10160.0])
+def test_where_no_resolution_is_possible_none_is_named(tmp_path, dpi):
+    recipe = with_dots(diameter_mm=0.01)
+    with pytest.raises(InputError, match="no resolution can: 10160 dpi would show it") as why:
+        make(recipe, tmp_path / "p.png", dpi)
+    assert "use" not in str(why.value)
+
+
+@pytest.mark.parametrize("r", [0.2500001, 0.9999999999999999])
+def test_r_is_said_exactly(tmp_path, monkeypatch, r):
+    recipe = recipe_from_options(None, 0.5, r, size_mm=5.0)
+    assert f", r {r!r}, " in "\n".join(make(recipe, tmp_path / "p.png").lines())
+    assert f"r {r!r}" in words_of(monkeypatch, recipe, tmp_path)
+
+
+def words_of(monkeypatch, recipe, folder):
+    """All that is written on a sheet."""
+    seen = []
+    real = sheet.Pdf.page
+    monkeypatch.setattr(sheet.Pdf, "page", lambda self, m: (seen.extend(m), real(self, m))[1])
+    sheet.write([recipe], folder / "s.pdf", dpi=600)
+    return "\n".join(m.text for m in seen if hasattr(m, "text"))
+
+
+def test_the_label_and_the_file_name_the_same_patches(run, monkeypatch, tmp_path):
+    digits = patches_hash(PLAIN)
+    label = words_of(monkeypatch, PLAIN, tmp_path)
+    assert f"patches {digits}" in label
+    assert "sha256" not in label
+    code, out, _ = run("from", encode(PLAIN), "-o", "p.png", "--json")
+    assert code == 0
+    assert json.loads(out)["patches_sha256"] == digits
+    whole = hashlib.sha256(draw_patches(PLAIN).tobytes()).hexdigest()
+    assert whole.startswith(digits)
+    assert f"  patches {digits}" in run("from", encode(PLAIN), "-o", "p.png")[1].splitlines()
+
+
+def test_a_large_picture_without_a_recipe_is_one_line(run, tmp_path, monkeypatch):
+    """Sheets are beyond the size from which Pillow warns."""
+    Image.new("RGB", (40, 4)).save(tmp_path / "f.png")
+    make(load_recipe("transparent"), tmp_path / "p.png", 25.4)
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 100)
+    one_line(run("show", "f.png"), "carries no recipe")
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 40)
+    one_line(run("show", "f.png"), "has more pixels")
+
+
+def test_the_resolution_of_a_series_is_whole(run, tmp_path):
+    one_line(run("series", "--out", "s", "--dpi", "1200.4"), "not a valid integer")
+    assert list(tmp_path.iterdir()) == []
