@@ -180,8 +180,8 @@ def test_a_mold_of_other_numbers_is_stopped_by_the_gate(
     [
         (),
         ("coupon.wells=1",),
-        ("coupon.wells=12", "coupon.wall_mm=0.5", "coupon.depth_mm=50"),
-        ("coupon.diameter_mm=3", "coupon.base_mm=0.5"),
+        ("coupon.wells=12", "coupon.wall_mm=1.5", "coupon.depth_mm=50"),
+        ("coupon.diameter_mm=3", "coupon.base_mm=1.5"),
     ],
 )
 def test_the_coupon_mold_holds_its_wells(changes: tuple[str, ...], cq: Any) -> None:
