@@ -37,7 +37,9 @@ def _strain(built: Built, x: float, y: float) -> tuple[float, float, float, floa
         raise RunFailed(f"{missing} at ({x:.2f}, {y:.2f})")
     shaft = min(outer, key=lambda c: c.low_mm[2])
     root_mm = shaft.low_mm[2]
-    lips = [c for c in outer if c.low_mm[2] > root_mm + 1e-6]
+    # A lip stands out beyond the shaft; what is left of a shaft that was cut does not.
+    reach_mm = shaft.radius_mm + 1e-6
+    lips = [c for c in outer if c.radius_mm + c.offset_mm(*shaft.low_mm[:2]) > reach_mm]
     if not lips:
         raise RunFailed(f"cover has a peg without a lip at ({x:.2f}, {y:.2f})")
     # The widest place of a lip: its own axis may lie beside the peg's.
