@@ -19,6 +19,17 @@ def pattern() -> None:
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 
+def _tell(made: Any, as_json: bool) -> None:
+    """What was made, for a program or for a person: it has `as_dict` and `lines`."""
+    from .output import echo_json
+
+    if as_json:
+        echo_json(made.as_dict())
+        return
+    for line in made.lines():
+        click.echo(line)
+
+
 @pattern.command("list")
 @JSON
 def list_(as_json: bool) -> None:
@@ -79,15 +90,10 @@ def make(
     """
     from ..patterns import make as make_file
     from ..patterns import recipe_from_options
-    from .output import echo_json
 
     chosen = recipe_from_options(recipe, patch_mm, factor, size_mm, seed, with_dots)
     made = make_file(chosen, out, dpi)
-    if as_json:
-        echo_json(made.as_dict())
-        return
-    for line in made.lines():
-        click.echo(line)
+    _tell(made, as_json)
 
 
 @pattern.command()
@@ -123,14 +129,9 @@ def from_(code: str, dpi: float | None, out: Path, as_json: bool) -> None:
     """
     from ..patterns import make as make_file
     from ..patterns.code import decode
-    from .output import echo_json
 
     made = make_file(decode(code), out, dpi, check_view=False)
-    if as_json:
-        echo_json(made.as_dict())
-        return
-    for line in made.lines():
-        click.echo(line)
+    _tell(made, as_json)
 
 
 @pattern.command()
@@ -242,7 +243,7 @@ def sheet(
     """Print job of each RECIPE: exact millimetres, cut marks, rulers, QR code; lossless."""
     from ..patterns import load_recipe
     from ..patterns.sheet import write
-    from .output import echo_json, progress
+    from .output import progress
 
     chosen = [load_recipe(name) for name in recipes]
     with progress("pattern sheet") as tell:
@@ -257,11 +258,7 @@ def sheet(
             scale=(scale_x, scale_y),
             progress=tell,
         )
-    if as_json:
-        echo_json(done.as_dict())
-        return
-    for line in done.lines():
-        click.echo(line)
+    _tell(done, as_json)
 
 
 @pattern.command()
@@ -286,7 +283,7 @@ def series(
     from ..errors import MissingLibrary
     from ..patterns.series import write
     from ..report import patterns_page
-    from .output import echo_json, progress
+    from .output import progress
 
     try:
         page = patterns_page.ready()
@@ -304,8 +301,4 @@ def series(
             page=page,
             progress=tell,
         )
-    if as_json:
-        echo_json(done.as_dict())
-        return
-    for line in done.lines():
-        click.echo(line)
+    _tell(done, as_json)

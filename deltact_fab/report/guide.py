@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from .. import record
 from ..cad import rules
 from ..cad.design import load_indenters
 from ..cad.dimensions import Design
@@ -18,8 +17,8 @@ from ..cad.making import bom, fabrication
 from ..cad.making.fabrication import DEFAULT
 from ..cad.making.paper_gaps import gaps
 from ..cad.registry import SENSOR_PARTS, Part, listed
-from ..errors import InputError, MissingLibrary
-from .templating import environment
+from ..errors import MissingLibrary
+from .templating import environment, save
 
 Progress = Callable[[int, int, str], None]
 
@@ -136,12 +135,7 @@ def write(
         release_agent=fabrication.RELEASE_AGENT,
         indenters=len(load_indenters().indenter),
     )
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as why:
-        raise InputError(f"{out.parent}: cannot be made: {why.strerror}") from why
-    record.write_whole(out, page.encode())
-    return out
+    return save(page, out)
 
 
 def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:

@@ -14,7 +14,7 @@ from .. import record
 from ..analysis.tracking_error import ARROW_STEP_PX, PAPER_BEST_MM, TrackingResult
 from ..errors import InputError
 from . import figures
-from .templating import environment
+from .templating import environment, save
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -66,12 +66,7 @@ def write(
         layer_costs=layer_costs,
         counts=_counts(frames),
     )
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as why:
-        raise InputError(f"{out.parent}: cannot be made: {why.strerror}") from why
-    record.write_whole(out, page.encode())
-    return out
+    return save(page, out)
 
 
 def _fig(value: Any, digits: int = 4) -> str:

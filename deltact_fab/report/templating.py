@@ -6,7 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ..errors import MissingLibrary
+from .. import record
+from ..errors import InputError, MissingLibrary
 
 
 def environment(**filters: Callable[..., str]) -> Any:
@@ -27,3 +28,16 @@ def environment(**filters: Callable[..., str]) -> Any:
     )
     made.filters.update(filters)
     return made
+
+
+def save(page: str, out: Path) -> Path:
+    """Write a page whole, into a folder that is made where it is missing.
+
+    Raises InputError when the folder cannot be, RunFailed when the disk refuses.
+    """
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as why:
+        raise InputError(f"{out.parent}: cannot be made: {why.strerror}") from why
+    record.write_whole(out, page.encode())
+    return out
