@@ -2,7 +2,7 @@
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do command -v $$p && break; done)
 V := .venv/bin
 
-.PHONY: demo test test-slow lint pins clean
+.PHONY: demo test test-slow lint pins peers clean
 
 # `python -m venv` is missing on a bare Debian; virtualenv, when present, does the same.
 .venv/.ready: pyproject.toml constraints.txt
@@ -38,6 +38,17 @@ test-slow: .venv/.ready
 pins: .venv/.ready
 	$(V)/python -m uv pip compile --universal --all-extras --no-header --no-annotate \
 	  --no-emit-index-url --python-version 3.11 -o constraints.txt pyproject.toml
+
+# Programs to compare with whose licence (felupe: GPL-3) or pins do not fit ours; see tests/peers.
+peers: .venv-peers/.ready
+
+.venv-peers/.ready: tests/peers/requirements.txt
+	@test -x .venv-peers/bin/python || $(PYTHON) -m venv .venv-peers 2>/dev/null \
+	  || $(PYTHON) -m virtualenv -q .venv-peers || virtualenv -q -p $(PYTHON) .venv-peers \
+	  || { echo "make: no venv and no virtualenv for $(PYTHON); install one: apt-get install python3-venv"; exit 1; }
+	@.venv-peers/bin/python -m pip --version >/dev/null 2>&1 || .venv-peers/bin/python -m ensurepip -q
+	.venv-peers/bin/python -m pip install -q --disable-pip-version-check -r $<
+	@touch $@
 
 clean:
 	rm -rf .venv demo-out .pytest_cache .mypy_cache .ruff_cache .import_linter_cache

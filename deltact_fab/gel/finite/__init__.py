@@ -1,0 +1,9 @@
+"""The finite-strain level: hexahedra, near-incompressible neo-Hooke, frictional contact.
+
+Reading order: `mesh`, `material`, `assembly`, `linear`, `distance`, `surface`, `newton`, `press`.
+"""
+
+from .mesh import HexMesh, block_mesh, disc_mesh
+from .press import FinitePress, FiniteState
+
+__all__ = ["FinitePress", "FiniteState", "HexMesh", "block_mesh", "disc_mesh"]

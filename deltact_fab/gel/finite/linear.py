@@ -1,0 +1,183 @@
+"""Symmetric sparse solvers behind one small interface: factorise a triangle, then solve.
+
+Pardiso (extra `fast`) also tells the inertia; SuperLU in symmetric mode needs no extra; conjugate
+gradients need the least memory and are the fallback where the factors would not fit.
+"""
+
+from __future__ import annotations
+
+import weakref
+from typing import Any, Literal, Protocol
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+from numpy.typing import NDArray
+
+from ...errors import InputError, MissingLibrary, SolverError
+
+Field = NDArray[np.float64]
+Name = Literal["auto", "pardiso", "superlu", "cg"]
+
+LARGEST_FOR_SUPERLU = 30_000  # rows; beyond, its fill takes gigabytes
+CG_TOLERANCE = 1e-9
+# Input parameters of the manual, counted from one: own values, METIS, two refinements, pivots
+# raised to 1e-8 of the norm, 1 x 1 and 2 x 2 pivots, the two-level factorisation (1.5 times as
+# fast on one core).
+_PARDISO = {1: 1, 2: 2, 8: 2, 10: 8, 21: 1, 24: 1}
+
+
+class Solver(Protocol):
+    """Solves K x = b for one sparsity pattern and changing entries.
+
+    negative: number of negative eigenvalues of the last factor; None where that is not known.
+    factorisations: made so far.
+    """
+
+    name: str
+    negative: int | None
+    factorisations: int
+
+    def factorise(self, upper: sp.csr_matrix) -> None:
+        """Take new entries; `upper` is the upper triangle with its diagonal, of a fixed pattern."""
+
+    def solve(self, right: Field) -> Field:
+        """x (n,) for b (n,), by the last factor."""
+
+
+def make_solver(rows: int, name: Name = "auto") -> Solver:
+    """The best solver that is there: pardiso, else SuperLU up to LARGEST_FOR_SUPERLU, else CG."""
+    if name == "auto":
+        try:
+            return Pardiso()
+        except MissingLibrary:
+            return SuperLU() if rows <= LARGEST_FOR_SUPERLU else Gradients()
+    if name == "pardiso":
+        return Pardiso()
+    if name == "superlu":
+        return SuperLU()
+    if name == "cg":
+        return Gradients()
+    raise InputError(f"linear solver {name!r}: valid: auto, pardiso, superlu, cg")
+
+
+class Pardiso:
+    """MKL's Pardiso, real symmetric indefinite (type -2). The ordering is found once."""
+
+    name = "pardiso"
+
+    def __init__(self) -> None:
+        try:
+            import pypardiso
+        except ImportError as why:
+            raise MissingLibrary(
+                "pardiso is not installed: pip install 'deltact-fab[fast]'"
+            ) from why
+        self._failed = pypardiso.pardiso_wrapper.PyPardisoError
+        self._mkl: Any = pypardiso.PyPardisoSolver(mtype=-2)
+        for place, value in _PARDISO.items():
+            self._mkl.set_iparm(place, value)
+        self._upper: sp.csr_matrix | None = None
+        self.negative: int | None = None
+        self.factorisations = 0
+
+    def factorise(self, upper: sp.csr_matrix) -> None:
+        """Numerical factorisation; symbolic only when the pattern is a new one."""
+        known = self._upper is not None and self._upper.nnz == upper.nnz
+        known = known and self._upper.indices is upper.indices  # type: ignore[union-attr]
+        if self._upper is not None and not known:
+            self._mkl.free_memory(everything=True)
+        if self._upper is None:
+            # Factors live outside Python; at exit they must go before the library does.
+            weakref.finalize(self, self._mkl.free_memory, everything=True)
+        self._upper = upper
+        self._call(22 if known else 12, np.zeros(upper.shape[0]))
+        # Input parameters 22 and 23 of the manual, counted from one.
+        self.negative = int(self._mkl.get_iparm(23))
+        self.factorisations += 1
+
+    def solve(self, right: Field) -> Field:
+        """Forward and back substitution."""
+        return self._call(33, np.ascontiguousarray(right))
+
+    def _call(self, phase: int, right: Field) -> Field:
+        # The public `solve` compares all entries with its copy on every call, and its `factorize`
+        # repeats the ordering: together as dear as the factorisation itself.
+        self._mkl.set_phase(phase)
+        try:
+            return self._mkl._call_pardiso(self._upper, right)
+        except self._failed as why:
+            raise SolverError(f"linear solver: pardiso failed in phase {phase}: {why}") from why
+
+
+class SuperLU:
+    """scipy's SuperLU with a symmetric ordering and diagonal pivots."""
+
+    name = "superlu"
+
+    def __init__(self) -> None:
+        self._factor: Any = None
+        self.negative: int | None = None
+        self.factorisations = 0
+
+    def factorise(self, upper: sp.csr_matrix) -> None:
+        """Both triangles are made; the ordering is repeated each time."""
+        try:
+            self._factor = spla.splu(
+                _full(upper).tocsc(),
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )
+        except RuntimeError as why:
+            raise SolverError(f"linear solver: SuperLU: {why}") from why
+        # With pivots left on the diagonal their signs are the inertia (Sylvester).
+        same = np.array_equal(self._factor.perm_r, self._factor.perm_c)
+        self.negative = int((self._factor.U.diagonal() < 0).sum()) if same else None
+        self.factorisations += 1
+
+    def solve(self, right: Field) -> Field:
+        """Forward and back substitution."""
+        return self._factor.solve(right)
+
+
+class Gradients:
+    """Conjugate gradients scaled by the diagonal: an incomplete factor cost more than it saved.
+
+    The inertia is not known: of an indefinite matrix it may return a direction that does not
+    descend, which the caller has to test.
+    """
+
+    name = "cg"
+
+    def __init__(self, iterations: int = 6000) -> None:
+        self._iterations = iterations
+        self._full: sp.csr_matrix | None = None
+        self._root: Field = np.empty(0)
+        self.negative: int | None = None
+        self.factorisations = 0
+
+    def factorise(self, upper: sp.csr_matrix) -> None:
+        """The scaled matrix; there is no factor."""
+        diagonal = upper.diagonal()
+        self.negative = int((diagonal <= 0).sum()) or None
+        self._root = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        scale = sp.diags(self._root)
+        self._full = _full((scale @ upper @ scale).tocsr())
+        self.factorisations += 1
+
+    def solve(self, right: Field) -> Field:
+        """Iterates to CG_TOLERANCE of the scaled residual; SolverError if it does not get there."""
+        if self.negative:
+            raise SolverError("linear solver: the matrix has a diagonal entry of 0 or less")
+        x, info = spla.cg(
+            self._full, self._root * right, rtol=CG_TOLERANCE, maxiter=self._iterations
+        )
+        if info:
+            raise SolverError(f"linear solver: CG stopped after {self._iterations} iterations")
+        return self._root * x
+
+
+def _full(upper: sp.csr_matrix) -> sp.csr_matrix:
+    """Both triangles of a matrix given by its upper one."""
+    return (upper + sp.triu(upper, k=1).T).tocsr()

@@ -1,0 +1,154 @@
+"""Meshes of eight-node bricks: the block of a skin, and a disc to compare with axisymmetry.
+
+Sensor frame: the touched face at z = 0, the bonded base at z = -thickness.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ...shapes import SkinDimensions
+
+Field = NDArray[np.float64]
+Index = NDArray[np.int64]
+Box = tuple[float, float, float, float]
+
+GROWTH = 1.25  # of neighbouring cells; more costs accuracy at the transition
+COARSEST = 3.5  # largest cell over smallest
+
+
+@dataclass(frozen=True, eq=False)
+class HexMesh:
+    """Hexahedra whose nodes 0-3 run round the lower quadrilateral and 4-7 above them.
+
+    nodes_mm (n, 3). cells (m, 8): node numbers. touched (f,): cells whose upper quadrilateral lies
+    in the touched face. base (b,): nodes held by the rigid base.
+    """
+
+    nodes_mm: Field
+    cells: Index
+    touched: Index
+    base: Index
+
+    @property
+    def faces(self) -> Index:
+        """Node numbers (f, 4) of the touched face, round it, seen from outside counterclockwise."""
+        return self.cells[self.touched, 4:]
+
+    @property
+    def free_dofs(self) -> int:
+        """Number of displacements that are not held."""
+        return 3 * (len(self.nodes_mm) - len(self.base))
+
+
+def block_mesh(skin: SkinDimensions, spacing_mm: float, focus: Box | None = None) -> HexMesh:
+    """A block width x length x thickness; the edges' fillet and the frame are left out.
+
+    spacing_mm: cell size, everywhere or, with a focus, inside it and at the face.
+    focus: (x_low, x_high, y_low, y_high) in mm; cells grow from it by GROWTH up to COARSEST, and
+        from the face towards the base.
+    Raises InputError for a spacing that is not a usable length.
+    """
+    if not (math.isfinite(spacing_mm) and 0 < spacing_mm <= skin.thickness_mm):
+        raise InputError(
+            f"block mesh: 0 < spacing_mm <= {skin.thickness_mm:g} mm: {spacing_mm} fails"
+        )
+    a, b = skin.opening_half_mm
+    if focus is None:
+        x, y = _uniform(-a, a, spacing_mm), _uniform(-b, b, spacing_mm)
+        z = _uniform(-skin.thickness_mm, 0.0, spacing_mm)
+    else:
+        x = _graded(-a, a, focus[0], focus[1], spacing_mm)
+        y = _graded(-b, b, focus[2], focus[3], spacing_mm)
+        # Two equal layers below the face, then growing: strain decays with depth.
+        z = _graded(-skin.thickness_mm, 0.0, -2 * spacing_mm, 0.0, spacing_mm)
+    yy, xx = np.meshgrid(y, x, indexing="ij")
+    plane = np.stack([xx.ravel(), yy.ravel()], axis=1)
+    row, column = np.meshgrid(np.arange(len(y) - 1), np.arange(len(x) - 1), indexing="ij")
+    corner = (row * len(x) + column).ravel()
+    quads = np.stack([corner, corner + 1, corner + 1 + len(x), corner + len(x)], axis=1)
+    return _extruded(plane, quads, z)
+
+
+def disc_mesh(radius_mm: float, thickness_mm: float, spacing_mm: float) -> HexMesh:
+    """An upright cylinder: a square core in a ring whose cells turn from it to a circle."""
+    n = max(1, round(0.55 * radius_mm / spacing_mm))
+    rings = max(1, round(0.5 * radius_mm / spacing_mm))
+    core = np.linspace(-1.0, 1.0, 2 * n + 1)
+    cy, cx = (c.ravel() for c in np.meshgrid(core, core, indexing="ij"))
+    # Bulged towards a circle, so that the cells at the core's corners are not flattened.
+    bulge = 0.5 * radius_mm * (1 + 0.12 * (1 - cx**2) * cy**2 + 0.12 * (1 - cy**2) * cx**2)
+    plane = [np.stack([cx * bulge, cy * bulge], axis=1)]
+    width = 2 * n + 1
+    rim = [*range(width), *(width * k - 1 for k in range(2, width + 1))]
+    rim += [*range(width**2 - 2, width * (width - 1) - 1, -1)]
+    rim += [width * k for k in range(width - 2, 0, -1)]
+    edge = plane[0][rim]
+    angle = np.arctan2(cy[rim], cx[rim])
+    # Between the corners the angle follows the core's own spacing in angle, as equal as it can be.
+    circle = radius_mm * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    for k in range(1, rings + 1):
+        plane.append(edge + (circle - edge) * (k / rings))
+    row, column = np.meshgrid(np.arange(width - 1), np.arange(width - 1), indexing="ij")
+    corner = (row * width + column).ravel()
+    quads = [np.stack([corner, corner + 1, corner + 1 + width, corner + width], axis=1)]
+    inner = np.array(rim)
+    count, start = len(rim), width**2
+    for k in range(rings):
+        outer = start + count * k + np.arange(count)
+        # The core's edge runs counterclockwise; outwards is to the right of it.
+        quads.append(np.stack([inner, outer, np.roll(outer, -1), np.roll(inner, -1)], axis=1))
+        inner = outer
+    z = _uniform(-thickness_mm, 0.0, spacing_mm)
+    return _extruded(np.concatenate(plane), np.concatenate(quads), z)
+
+
+def _extruded(plane_mm: Field, quads: Index, z_mm: Field) -> HexMesh:
+    """Quadrilaterals (q, 4) over points (p, 2), counterclockwise, repeated at heights z_mm."""
+    p, layers = len(plane_mm), len(z_mm) - 1
+    nodes = np.concatenate(
+        [np.repeat(plane_mm[None], layers + 1, axis=0), np.empty((layers + 1, p, 1))], axis=2
+    )
+    nodes[..., 2] = z_mm[:, None]
+    low = np.arange(layers)[:, None, None] * p + quads[None]
+    cells = np.concatenate([low, low + p], axis=2).reshape(-1, 8)
+    return HexMesh(
+        nodes_mm=nodes.reshape(-1, 3),
+        cells=cells.astype(np.int64),
+        touched=np.arange((layers - 1) * len(quads), layers * len(quads)),
+        base=np.arange(p),
+    )
+
+
+def _uniform(low: float, high: float, spacing: float) -> Field:
+    return np.linspace(low, high, max(1, round((high - low) / spacing)) + 1)
+
+
+def _graded(low: float, high: float, inner_low: float, inner_high: float, spacing: float) -> Field:
+    """Points from low to high: equal cells between the inner bounds, growing outside of them."""
+    a, b = max(low, min(inner_low, high - spacing)), min(high, max(inner_high, low + spacing))
+    middle = np.linspace(a, b, max(1, math.ceil((b - a) / spacing - 1e-9)) + 1)
+    left = a - _growing(a - low, spacing)[::-1]
+    right = b + _growing(high - b, spacing)
+    return np.concatenate([left, middle, right])
+
+
+def _growing(length: float, spacing: float) -> Field:
+    """Distances of points from 0 (left out) to `length`, their steps growing from `spacing`."""
+    if length < 1e-9 * spacing:
+        return np.empty(0)
+    steps: list[float] = []
+    step = spacing
+    while sum(steps) < length:
+        step = min(step * GROWTH, spacing * COARSEST)
+        steps.append(step)
+    # One step fewer where that is nearer; then all are scaled to fit.
+    if len(steps) > 1 and length - sum(steps[:-1]) < sum(steps) - length:
+        steps.pop()
+    points = np.cumsum(steps)
+    return points * (length / points[-1])

@@ -1,0 +1,80 @@
+"""What a solved position of the indenter is, and what it took to find it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Field = NDArray[np.float64]
+Point = tuple[float, float, float]
+
+PENETRATION_LIMIT = 0.05  # of the depth; beyond, a state is not `trusted`
+
+
+@dataclass(frozen=True)
+class Diagnostics:
+    """Work and quality of the increment that led to a state; counts are sums over its parts.
+
+    residual: norm of the unbalanced nodal forces over that of the contact's. cuts: halvings of the
+    increment. penetration_mm: deepest, also between contact points. cone_excess: largest difference
+    of the frozen bound from friction x pressure, over the largest bound: the shear is within the
+    cone to that. seconds: wall time.
+    """
+
+    iterations: int = 0
+    factorisations: int = 0
+    shifted: int = 0
+    cuts: int = 0
+    residual: float = 0.0
+    penetration_mm: float = 0.0
+    cone_excess: float = 0.0
+    least_j: float = 1.0
+    most_stretch: float = 1.0
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class FiniteState:
+    """One solved position of the indenter; also the whole history that the next one needs.
+
+    tip_mm: (x, y, depth) of the lowest point, depth positive into the gel from the resting face.
+    displacement_mm (n, 3): of all nodes. slip_mm (f, 4, 3): elastic slip stored at the face's
+    points. pressure_mpa (f, 4), shear_mpa (f, 4, 3): on the gel, per resting area.
+    force_n, torque_nmm: on the sensor, about the centre of the resting face.
+    base_force_n: of the base on the gel; minus force_n in equilibrium.
+    contact_area_mm2: of the deformed face under pressure. contact_points: their number.
+    rate_mm: (n, 3) change of displacement and (3,) move of the tip in the last increment.
+    """
+
+    tip_mm: Point
+    displacement_mm: Field
+    slip_mm: Field
+    pressure_mpa: Field
+    shear_mpa: Field
+    force_n: Point
+    torque_nmm: Point
+    base_force_n: Point
+    contact_area_mm2: float
+    contact_points: int
+    diagnostics: Diagnostics = field(default_factory=Diagnostics)
+    rate_mm: tuple[Field, Field] | None = None
+
+    @property
+    def trusted(self) -> bool:
+        """False where the indenter is more than PENETRATION_LIMIT of its depth inside the gel."""
+        return self.diagnostics.penetration_mm <= PENETRATION_LIMIT * max(self.tip_mm[2], 0.0)
+
+
+def with_diagnostics(state: FiniteState, diagnostics: Diagnostics) -> FiniteState:
+    """The same state with other diagnostics."""
+    values = {k: getattr(state, k) for k in state.__dataclass_fields__}
+    return FiniteState(**{**values, "diagnostics": diagnostics})
+
+
+def sum_of(a: Diagnostics, b: Diagnostics) -> Diagnostics:
+    """Counts of work added; the rest is left at its default."""
+    return Diagnostics(
+        a.iterations + b.iterations, a.factorisations + b.factorisations, a.shifted + b.shifted
+    )

@@ -1,0 +1,211 @@
+"""Contact of the touched face with a rigid indenter, as one potential per increment.
+
+Normal: a penalty on the signed distance g at 2 x 2 points a face, pressure p(g) = k times the
+ramp of -g, rounded over a width w so that it is C1 (Wriggers, Computational Contact Mechanics,
+ch. 5 and 10). k = 100 E/h and w = h/40 for cells h, so that the penetration shrinks with the
+mesh and costs about as much force as the mesh adds; stiffer, bricks are overconstrained.
+Tangential: with the slip e since the last release and the bound b = friction x pressure *frozen*
+for the solve, Huber's function k e^2/2 up to |e| = b/k and b |e| - b^2/2k beyond. Its derivative is
+the return mapping of Coulomb's law; frozen, it has a potential and a symmetric tangent.
+Tractions act per resting area.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...shapes import Indenter
+
+from .distance import Gap, gap
+from .mesh import HexMesh
+from .pattern import FACE_UPPER, Pattern
+
+Field = NDArray[np.float64]
+
+STIFFNESS = 100.0  # k h / E
+WIDTH = 0.025  # w / h
+SHALLOW = 0.2  # largest w over the depth
+_G = 1 / np.sqrt(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Grip:
+    """What friction needs to know for one solve; arrays over (faces, 4 points).
+
+    at_mm (f, 4, 3): points relative to the indenter at the start of the increment.
+    slip_mm (f, 4, 3): elastic slip stored there. normal (f, 4, 3): frozen. bound_mpa (f, 4): b.
+    """
+
+    at_mm: Field
+    slip_mm: Field
+    normal: Field
+    bound_mpa: Field
+
+
+class Contact(NamedTuple):
+    """One evaluation. force_n (n, 3): derivative of the potential, minus the force on the gel.
+    data: CSR entries or None. pressure_mpa (f, 4), shear_mpa (f, 4, 3) on the gel, gap: over f x 4.
+    """
+
+    energy_nmm: float
+    force_n: Field
+    data: Field | None
+    pressure_mpa: Field
+    shear_mpa: Field
+    gap: Gap
+
+
+class Surface:
+    """The touched face of a mesh and its points, at which an indenter is met.
+
+    weights_mm2 (f, 4): resting area. stiffness (f, 1) in MPa/mm. width_mm (f, 1).
+    """
+
+    def __init__(
+        self, mesh: HexMesh, pattern: Pattern, indenter: Indenter, modulus_mpa: float
+    ) -> None:
+        self.mesh, self.pattern, self.indenter = mesh, pattern, indenter
+        self.faces = mesh.faces
+        self.shape, slope = _shape_functions(_G)
+        x = mesh.nodes_mm[self.faces][..., :2]
+        jacobian = np.einsum("qaj,fai->fqij", slope, x)
+        self.weights_mm2: Field = np.linalg.det(jacobian)
+        size = np.sqrt(self.weights_mm2.sum(axis=1))[:, None]
+        self.stiffness: Field = STIFFNESS * modulus_mpa / size
+        self.width_mm: Field = WIDTH * size
+        self._slope = slope
+        self._rest_jacobian = jacobian
+
+    def points(self, displacement_mm: Field, tip_mm: Field) -> Field:
+        """Points (f, 4, 3) relative to the indenter with its lowest point at (x, y, -depth)."""
+        x = (self.mesh.nodes_mm + displacement_mm)[self.faces]
+        origin = np.array([tip_mm[0], tip_mm[1], -tip_mm[2]])
+        return np.matmul(self.shape, x) - origin
+
+    def evaluate(
+        self,
+        displacement_mm: Field,
+        tip_mm: Field,
+        grip: Grip | None = None,
+        tangent: bool = True,
+        curved: bool = True,
+    ) -> Contact:
+        """Potential, forces and tangent; `curved` False leaves out -p grad^2 g, which may be
+        negative."""
+        at = self.points(displacement_mm, tip_mm)
+        near = gap(self.indenter, at.reshape(-1, 3))
+        f = len(at)
+        normal = near.normal.reshape(f, 4, 3)
+        psi, pressure, rise = self._ramp(near.distance_mm.reshape(f, 4), float(tip_mm[2]))
+        w = self.weights_mm2
+        energy = float((w * psi).sum())
+        pull = -pressure[..., None] * normal
+        shear = np.zeros_like(normal)
+        block = None
+        touched = pressure > 0
+        if tangent:
+            block = rise[..., None, None] * normal[..., :, None] * normal[..., None, :]
+            if curved:
+                block -= pressure[..., None, None] * near.curvature_per_mm.reshape(f, 4, 3, 3)
+        if grip is not None:
+            w_energy, traction, stiff = self._friction(at, grip, tangent)
+            energy += float((w * w_energy).sum())
+            pull = pull + traction
+            shear = -traction
+            touched = touched | (grip.bound_mpa > 0)
+            if block is not None:
+                block += stiff
+        nodal = np.matmul(self.shape.T, w[..., None] * pull)
+        force = self._scatter(nodal)
+        data = None
+        if block is not None:
+            data = self._matrix_entries(block * w[..., None, None], touched.any(axis=1))
+        return Contact(energy, force, data, pressure, shear, near)
+
+    def grip(self, at_mm: Field, slip_mm: Field, seen: Contact, friction: float) -> Grip:
+        """Freeze the bound and the normals of an evaluation; at_mm, slip_mm: start of increment."""
+        normal = seen.gap.normal.reshape(at_mm.shape)
+        return Grip(at_mm, slip_mm, normal, friction * seen.pressure_mpa)
+
+    def released_slip(self, seen: Contact) -> Field:
+        """Elastic slip (f, 4, 3) that carries the shear of an evaluation on to the next step."""
+        return -seen.shear_mpa / self.stiffness[..., None]
+
+    def area_ratio(self, displacement_mm: Field) -> Field:
+        """Present over resting area at the points, (f, 4)."""
+        x = (self.mesh.nodes_mm + displacement_mm)[self.faces]
+        edges = np.einsum("qaj,fai->fqji", self._slope, x)
+        return np.linalg.norm(np.cross(edges[:, :, 0], edges[:, :, 1]), axis=2) / self.weights_mm2
+
+    def deepest_mm(self, displacement_mm: Field, tip_mm: Field) -> float:
+        """Deepest penetration at 5 x 5 points a face: what the contact points cannot see."""
+        s = np.linspace(-1.0, 1.0, 5)
+        eta, xi = (c.ravel() for c in np.meshgrid(s, s, indexing="ij"))
+        shape = _bilinear(xi, eta)
+        x = (self.mesh.nodes_mm + displacement_mm)[self.faces]
+        origin = np.array([tip_mm[0], tip_mm[1], -tip_mm[2]])
+        at = (np.matmul(shape, x) - origin).reshape(-1, 3)
+        return max(0.0, -float(gap(self.indenter, at).distance_mm.min()))
+
+    def _ramp(self, g: Field, depth_mm: float) -> tuple[Field, Field, Field]:
+        """Potential (N/mm), pressure (MPa) and its rise (MPa/mm) at distances g (f, 4).
+
+        The ramp is centred on g = 0, so it pushes from w/2 off: near first touch w shrinks with the
+        depth, and at depth 0 nothing is left.
+        """
+        k, w = self.stiffness, np.clip(SHALLOW * depth_mm, 1e-9, self.width_mm)
+        q = -g
+        s = np.clip(q + w / 2, 0.0, w)
+        beyond = np.maximum(q - w / 2, 0.0)
+        # Round part up to q = w/2, then the straight ramp on from there.
+        psi = k * (s**3 / (6 * w) + beyond * (beyond + w) / 2)
+        return psi, k * (s**2 / (2 * w) + beyond), k * np.where(q > -w / 2, s / w, 0.0)
+
+    def _friction(self, at: Field, grip: Grip, tangent: bool) -> tuple[Field, Field, Field | None]:
+        """Huber's potential (f, 4), its derivative (f, 4, 3) and tangent (f, 4, 3, 3)."""
+        k, b, n = self.stiffness, grip.bound_mpa, grip.normal
+        e = grip.slip_mm + at - grip.at_mm
+        e = e - (e * n).sum(axis=2, keepdims=True) * n
+        size = np.linalg.norm(e, axis=2)
+        stick = k * size <= b
+        safe = np.maximum(size, 1e-300)
+        energy = np.where(stick, k * size**2 / 2, b * size - b**2 / (2 * k))
+        # The slope of the secant: k in stick, b/|e| in slip.
+        secant = np.where(stick, k, b / safe)
+        if not tangent:
+            return energy, secant[..., None] * e, None
+        way = e / safe[..., None]
+        flat = np.eye(3) - n[..., :, None] * n[..., None, :]
+        slide = np.where(stick, 0.0, 1.0)[..., None, None] * way[..., :, None] * way[..., None, :]
+        return energy, secant[..., None] * e, secant[..., None, None] * (flat - slide)
+
+    def _matrix_entries(self, block: Field, some: NDArray[np.bool_]) -> Field:
+        """CSR entries of point stiffnesses (f, 4, 3, 3), where a face has any."""
+        pairs = np.einsum("qa,qb->qab", self.shape, self.shape)
+        cells = np.einsum("qab,fqij->faibj", pairs, block[some], optimize=True)
+        flat = cells.reshape(-1, 12, 12)[:, FACE_UPPER[0], FACE_UPPER[1]]
+        return self.pattern.add(self.pattern.face_slots[some], flat)
+
+    def _scatter(self, nodal: Field) -> Field:
+        n = len(self.mesh.nodes_mm)
+        flat = self.faces.ravel()
+        columns = [np.bincount(flat, weights=nodal[..., i].ravel(), minlength=n) for i in range(3)]
+        return np.stack(columns, axis=1)
+
+
+def _bilinear(xi: Field, eta: Field) -> Field:
+    """Shape functions (q, 4) of the square, round it from (-1, -1)."""
+    sx, sy = np.array([-1, 1, 1, -1]), np.array([-1, -1, 1, 1])
+    return (1 + xi[:, None] * sx) * (1 + eta[:, None] * sy) / 4
+
+
+def _shape_functions(g: float) -> tuple[Field, Field]:
+    """Values (4, 4) and slopes (4, 4, 2) at the 2 x 2 Gauss points."""
+    xi, eta = g * np.array([-1, 1, 1, -1]), g * np.array([-1, -1, 1, 1])
+    sx, sy = np.array([-1, 1, 1, -1]), np.array([-1, -1, 1, 1])
+    slope = np.stack([sx * (1 + eta[:, None] * sy) / 4, sy * (1 + xi[:, None] * sx) / 4], axis=2)
+    return _bilinear(xi, eta), slope

@@ -1,0 +1,209 @@
+"""The bulk against homogeneous states, differences and the other implementation."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from deltact_fab.errors import InputError
+from deltact_fab.gel.material import GelMaterial
+from deltact_fab.shapes import SkinDimensions
+from deltact_fab.gel.finite.assembly import BulkAssembly, compiled
+from deltact_fab.gel.finite.linear import make_solver
+from deltact_fab.gel.finite.material import NeoHooke
+from deltact_fab.gel.finite.mesh import HexMesh, block_mesh, disc_mesh
+from deltact_fab.gel.finite.newton import Evaluation, minimise
+from deltact_fab.gel.finite.pattern import Pattern
+
+SKIN = SkinDimensions(8.0, 6.0, 4.0, edge_fillet_mm=0.5, protrusion_mm=2.0)
+WAYS = [False, pytest.param(True, marks=pytest.mark.skipif(compiled is None, reason="no numba"))]
+LINEAR = np.array([[0.2, 0.1, -0.15], [0.05, -0.25, 0.1], [0.12, 0.08, -0.2]])
+
+
+def law(poisson: float = 0.49) -> NeoHooke:
+    return NeoHooke.of(GelMaterial(poisson=poisson))
+
+
+def skewed(spacing_mm: float = 1.5) -> tuple[HexMesh, np.ndarray]:
+    """A mesh with its inner nodes moved about, and which nodes are inner ones."""
+    mesh = block_mesh(SKIN, spacing_mm)
+    low, high = mesh.nodes_mm.min(axis=0), mesh.nodes_mm.max(axis=0)
+    inner = ((mesh.nodes_mm > low + 1e-9) & (mesh.nodes_mm < high - 1e-9)).all(axis=1)
+    rng = np.random.default_rng(3)
+    shift = rng.uniform(-0.15, 0.15, mesh.nodes_mm.shape) * spacing_mm
+    nodes = mesh.nodes_mm + shift * inner[:, None]
+    return HexMesh(nodes, mesh.cells, mesh.touched, mesh.base), inner
+
+
+def full(pattern: Pattern, data: np.ndarray) -> sp.csr_matrix:
+    upper = pattern.matrix(data)
+    return upper + sp.triu(upper, k=1).T
+
+
+def test_a_mesh_holds_its_volume_and_faces():
+    mesh = block_mesh(SKIN, 0.8, (-1.0, 1.0, -1.5, 0.5))
+    bulk = BulkAssembly(mesh, law(), Pattern(mesh, np.ones(mesh.nodes_mm.shape, bool)))
+    assert bulk.volumes_mm3.sum() == pytest.approx(8 * 6 * 4, rel=1e-12)
+    assert np.all(mesh.nodes_mm[mesh.faces][..., 2] == 0.0)
+    assert np.all(mesh.nodes_mm[mesh.base][:, 2] == -4.0)
+    assert len(mesh.base) * 3 + mesh.free_dofs == mesh.nodes_mm.size
+
+
+def test_a_disc_has_its_area_at_second_order():
+    short = []
+    for h in (1.0, 0.5):
+        mesh = disc_mesh(5.0, 2.0, h)
+        bulk = BulkAssembly(mesh, law(), Pattern(mesh, np.ones(mesh.nodes_mm.shape, bool)))
+        short.append(1 - bulk.volumes_mm3.sum() / (np.pi * 25 * 2))
+    assert 0 < short[1] < 0.3 * short[0] < 0.02
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, 5.0])
+def test_a_useless_spacing_is_refused(bad):
+    with pytest.raises(InputError, match="spacing_mm"):
+        block_mesh(SKIN, bad)
+
+
+def test_stress_and_tangent_of_the_law_are_derivatives():
+    rng = np.random.default_rng(0)
+    f = np.eye(3) + 0.2 * rng.standard_normal((20, 3, 3))
+    f = f[np.linalg.det(f) > 0.3]
+    v = rng.standard_normal(f.shape)
+    h, w = 1e-6, law(0.3)
+    slope = (w.energy(f + h * v) - w.energy(f - h * v)) / (2 * h)
+    assert np.einsum("nij,nij->n", w.stress(f), v) == pytest.approx(slope, rel=1e-7, abs=1e-8)
+    turn = (w.stress(f + h * v) - w.stress(f - h * v)) / (2 * h)
+    assert np.einsum("nijkl,nkl->nij", w.tangent(f), v) == pytest.approx(turn, rel=1e-6, abs=1e-7)
+
+
+def test_small_strains_are_hookes_law():
+    w, e = law(0.49), 1e-7
+    f = np.eye(3)[None].copy()
+    f[0, 0, 0] += e
+    stress = w.stress(f)[0]
+    assert stress[0, 0] / e == pytest.approx(w.lambda_mpa + 2 * w.mu_mpa, rel=1e-5)
+    assert stress[1, 1] / e == pytest.approx(w.lambda_mpa, rel=1e-5)
+    assert w.modulus_mpa == pytest.approx(0.56, rel=1e-12)
+
+
+def test_incompressible_is_refused_by_name():
+    with pytest.raises(InputError, match="poisson"):
+        law(0.5)
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("poisson", [0.3, 0.49, 0.4999])
+def test_patch(poisson, way):
+    """A linear displacement on the hull is found inside a skewed mesh, at large strain."""
+    mesh, inner = skewed()
+    free = np.repeat(inner[:, None], 3, axis=1)
+    pattern = Pattern(mesh, free)
+    bulk = BulkAssembly(mesh, law(poisson), pattern, way)
+    exact = mesh.nodes_mm @ LINEAR.T
+
+    def evaluate(x, tangent, curved):
+        u = exact.copy()
+        u[free] = x
+        b = bulk.evaluate(u, tangent)
+        if b.force_n is None:
+            return Evaluation(np.inf, x, 1.0, None)
+        return Evaluation(b.energy_nmm, b.force_n[free], 1.0, b.data)
+
+    rest = bulk.evaluate(np.zeros_like(exact)).data
+    rng = np.random.default_rng(5)
+    start = exact[free] + 0.1 * rng.uniform(-1, 1, pattern.size)
+    found = minimise(evaluate, start, make_solver(pattern.size, "superlu"), pattern, rest, 1e-11)
+    assert found.free_mm == pytest.approx(exact[free], abs=1e-10)
+    f = bulk.deformation_gradient(exact)
+    assert f == pytest.approx(np.broadcast_to(np.eye(3) + LINEAR, f.shape), abs=1e-12)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_homogeneous_state_has_the_laws_energy_and_forces(way):
+    mesh, _ = skewed()
+    bulk = BulkAssembly(mesh, law(), Pattern(mesh, np.ones(mesh.nodes_mm.shape, bool)), way)
+    b = bulk.evaluate(mesh.nodes_mm @ LINEAR.T)
+    f = (np.eye(3) + LINEAR)[None]
+    assert b.energy_nmm == pytest.approx(float(law().energy(f)[0]) * 8 * 6 * 4, rel=1e-12)
+    # The moment of the hull's forces is the stress times the volume.
+    virial = np.einsum("ni,nj->ij", b.force_n, mesh.nodes_mm) / (8 * 6 * 4)
+    assert virial == pytest.approx(law().stress(f)[0], rel=1e-10, abs=1e-12)
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("poisson", [0.3, 0.4999])
+def test_forces_and_tangent_are_derivatives(poisson, way):
+    mesh, _ = skewed()
+    free = np.ones(mesh.nodes_mm.shape, bool)
+    free[mesh.base] = False
+    pattern = Pattern(mesh, free)
+    bulk = BulkAssembly(mesh, law(poisson), pattern, way)
+    rng = np.random.default_rng(1)
+    u = 0.1 * rng.standard_normal(free.shape)
+    u[~free] = 0.0
+    v = rng.standard_normal(free.shape)
+    v[~free] = 0.0
+    b, h = bulk.evaluate(u), 1e-5
+    plus, minus = bulk.evaluate(u + h * v, False), bulk.evaluate(u - h * v, False)
+    slope = (plus.energy_nmm - minus.energy_nmm) / (2 * h)
+    assert float((b.force_n * v).sum()) == pytest.approx(slope, rel=1e-7)
+    turn = ((plus.force_n - minus.force_n) / (2 * h))[free]
+    ours = full(pattern, b.data) @ v[free]
+    assert np.linalg.norm(ours - turn) < 1e-7 * np.linalg.norm(turn)
+
+
+@pytest.mark.skipif(compiled is None, reason="no numba")
+def test_compiled_gives_the_same_numbers():
+    mesh, _ = skewed()
+    pattern = Pattern(mesh, np.ones(mesh.nodes_mm.shape, bool))
+    u = 0.1 * np.random.default_rng(2).standard_normal(mesh.nodes_mm.shape)
+    one, two = (BulkAssembly(mesh, law(), pattern, way).evaluate(u) for way in (False, True))
+    assert one.energy_nmm == pytest.approx(two.energy_nmm, rel=1e-13)
+    assert one.force_n == pytest.approx(two.force_n, abs=1e-12)
+    assert one.data == pytest.approx(two.data, abs=1e-11)
+    assert one.least_j == pytest.approx(two.least_j, rel=1e-13)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_cell_turned_inside_out_has_no_energy(way):
+    mesh = block_mesh(SKIN, 2.0)
+    bulk = BulkAssembly(mesh, law(), Pattern(mesh, np.ones(mesh.nodes_mm.shape, bool)), way)
+    b = bulk.evaluate(mesh.nodes_mm * [0.0, 0.0, -2.0])
+    assert b.energy_nmm == np.inf
+    assert b.force_n is None
+    assert b.least_j < 0
+
+
+@pytest.mark.parametrize("name", ["pardiso", "superlu", "cg"])
+def test_linear_solvers_agree_and_take_new_entries(name):
+    if name == "pardiso":
+        pytest.importorskip("pypardiso")
+    mesh = block_mesh(SKIN, 1.5)
+    free = np.ones(mesh.nodes_mm.shape, bool)
+    free[mesh.base] = False
+    pattern = Pattern(mesh, free)
+    data = BulkAssembly(mesh, law(), pattern).evaluate(np.zeros(free.shape)).data
+    right = np.random.default_rng(4).standard_normal(pattern.size)
+    solver = make_solver(pattern.size, name)
+    for scale in (1.0, 3.0):
+        solver.factorise(pattern.matrix(scale * data))
+        x = solver.solve(right)
+        assert np.linalg.norm(full(pattern, scale * data) @ x - right) < 1e-6
+    assert not solver.negative
+    assert solver.factorisations == 2
+
+
+@pytest.mark.parametrize("name", ["pardiso", "superlu"])
+def test_direct_solvers_count_negative_eigenvalues(name):
+    if name == "pardiso":
+        pytest.importorskip("pypardiso")
+    a = np.diag([2.0, -1.0, 3.0, -4.0]) + 0.1
+    upper = sp.csr_matrix(np.triu(a))
+    solver = make_solver(4, name)
+    solver.factorise(upper)
+    assert solver.negative == 2
+    assert a @ solver.solve(np.ones(4)) == pytest.approx(np.ones(4))
+
+
+def test_an_unknown_solver_is_refused():
+    with pytest.raises(InputError, match="valid: auto"):
+        make_solver(10, "gauss")

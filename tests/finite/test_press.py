@@ -1,0 +1,171 @@
+"""Presses: equilibrium, symmetry, history, friction, refusals, and forces of known presses."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from deltact_fab.errors import InputError, SolverError
+from deltact_fab.gel.material import GelMaterial
+from deltact_fab.shapes import SkinDimensions, indenter
+from deltact_fab.gel.finite import FinitePress, block_mesh, disc_mesh
+from deltact_fab.gel.finite.surface import Grip
+
+SKIN = SkinDimensions()
+COARSE = block_mesh(SKIN, 2.0)
+FOCUS = block_mesh(SKIN, 2.0, (-6.0, 6.0, -6.0, 6.0))
+
+
+def pressing(name="sphere:15", mesh=COARSE, friction=0.0, **options) -> FinitePress:
+    material = options.pop("material", GelMaterial())
+    return FinitePress(mesh, material, indenter.parse(name), friction=friction, **options)
+
+
+def last(press, state, tip, step=1.0):
+    return list(press.path(state, tip, step))[-1]
+
+
+@pytest.fixture(scope="module")
+def pressed():
+    press = pressing()
+    return press, last(press, press.rest(), (0.0, 0.0, 5.0))
+
+
+def test_contact_forces_and_tangent_are_derivatives():
+    press = pressing(friction=0.5)
+    surface, free = press.surface, press.pattern.free
+    rng = np.random.default_rng(0)
+    u = 0.05 * rng.standard_normal(free.shape)
+    u[:, 2] -= 2.0 * np.exp(-np.sum(COARSE.nodes_mm[:, :2] ** 2, axis=1) / 30)
+    tip = np.array([0.3, -0.2, 2.2])
+    at = surface.points(u, tip)
+    seen = surface.evaluate(u, tip)
+    grip = surface.grip(at + 0.01 * rng.standard_normal(at.shape), 0 * at, seen, 0.5)
+    assert isinstance(grip, Grip)
+    v = rng.standard_normal(free.shape) * free
+    h = 1e-6
+    now = surface.evaluate(u, tip, grip)
+    plus, minus = (surface.evaluate(u + s * h * v, tip, grip, False) for s in (1, -1))
+    slope = (plus.energy_nmm - minus.energy_nmm) / (2 * h)
+    assert float((now.force_n * v).sum()) == pytest.approx(slope, rel=1e-7)
+    upper = press.pattern.matrix(now.data)
+    ours = (upper + sp.triu(upper, k=1).T) @ v[free]
+    turn = ((plus.force_n - minus.force_n) / (2 * h))[free]
+    assert np.linalg.norm(ours - turn) < 1e-6 * np.linalg.norm(turn)
+
+
+def test_forces_of_a_sphere(pressed):
+    """Frictionless force within the coarse mesh's 8 % of the converged 3.4, 10.7 and 48.4 N."""
+    press, deep = pressed
+    one = last(press, press.rest(), (0.0, 0.0, 1.0))
+    two = last(press, one, (0.0, 0.0, 2.0))
+    assert -one.force_n[2] == pytest.approx(3.42, rel=0.08)
+    assert -two.force_n[2] == pytest.approx(10.67, rel=0.04)
+    assert -deep.force_n[2] == pytest.approx(48.4, rel=0.02)
+
+
+def test_the_base_carries_what_the_face_is_given(pressed):
+    _, s = pressed
+    assert np.add(s.force_n, s.base_force_n) == pytest.approx(np.zeros(3), abs=1e-6 * 48)
+
+
+def test_a_centred_press_is_mirror_symmetric(pressed):
+    _, s = pressed
+    u = s.displacement_mm
+    keys = {tuple(np.round(x, 6)): i for i, x in enumerate(COARSE.nodes_mm)}
+    for axis in (0, 1):
+        flip = np.ones(3)
+        flip[axis] = -1
+        twin = [keys[tuple(np.round(x * flip + 0.0, 6))] for x in COARSE.nodes_mm]
+        assert np.abs(u - u[twin] * flip).max() < 1e-8
+    assert np.abs(s.force_n[:2]).max() < 1e-7
+    assert np.abs(s.torque_nmm).max() < 1e-5
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+def test_a_full_unload_leaves_nothing(friction):
+    press = pressing(mesh=FOCUS, friction=friction)
+    deep = last(press, press.rest(), (0.0, 0.0, 5.0))
+    for back in (0.0, -1.0):
+        free = press.solve(deep, (0.0, 0.0, back))
+        assert np.abs(free.displacement_mm).max() < 1e-8
+        assert np.abs(free.force_n).max() < 1e-8
+
+
+def test_friction_holds_within_its_cone_and_adds_force():
+    press = pressing(mesh=FOCUS, friction=0.5)
+    s = last(press, press.rest(), (0.0, 0.0, 3.0))
+    shear = np.linalg.norm(s.shear_mpa, axis=2)
+    bound = 0.5 * s.pressure_mpa
+    assert (shear <= bound + 2e-3 * bound.max()).all()
+    assert s.diagnostics.cone_excess <= 2e-3
+    smooth = pressing(mesh=FOCUS)
+    assert s.force_n[2] < last(smooth, smooth.rest(), (0.0, 0.0, 3.0)).force_n[2]
+
+
+def test_a_drag_pulls_the_gel_along_up_to_the_bound():
+    press = pressing(mesh=FOCUS, friction=0.3)
+    s = last(press, press.rest(), (0.0, 0.0, 2.0))
+    forces = [s.force_n]
+    path = list(press.path(s, (4.0, 0.0, 2.0), 1.0))
+    forces += [p.force_n for p in path]
+    fx, fz = np.array(forces)[:, 0], -np.array(forces)[:, 2]
+    assert (np.diff(fx[:3]) > 0).all()
+    # The flank in front adds what a flat punch would not have: at most its slope.
+    assert 0.25 < fx[-1] / fz[-1] < 0.5
+    assert abs(path[-1].force_n[1]) < 1e-6
+
+
+def test_scaling_the_modulus_scales_forces_and_changes_no_count(pressed):
+    _, s = pressed
+    hard = pressing(material=GelMaterial(modulus_mpa=560.0))
+    t = last(hard, hard.rest(), (0.0, 0.0, 5.0))
+    assert t.force_n[2] == pytest.approx(1000 * s.force_n[2], rel=1e-6)
+    assert t.diagnostics.iterations == s.diagnostics.iterations
+
+
+def test_no_depth_is_no_contact():
+    press = pressing()
+    s = press.solve(press.rest(), (0.0, 0.0, 0.0))
+    assert s.force_n == pytest.approx((0, 0, 0), abs=1e-12)
+
+
+def test_a_tip_that_hides_between_the_points_is_an_error():
+    press = pressing("sphere:0.5")
+    with pytest.raises(SolverError, match="hides between"):
+        press.solve(press.rest((1.0, 1.0, 0.0)), (1.0, 1.0, 0.2))
+
+
+def test_what_does_not_converge_is_an_error_and_no_number():
+    press = pressing(mesh=FOCUS)
+    press.tolerance = 1e-30
+    with pytest.raises(SolverError, match="halvings of the increment"):
+        press.solve(press.rest(), (0.0, 0.0, 1.0))
+
+
+@pytest.mark.parametrize("bad", [{"friction": -1.0}, {"friction": np.nan}, {"tolerance": 0.0}])
+def test_useless_options_are_refused(bad):
+    with pytest.raises(InputError, match="press:"):
+        pressing(**bad)
+
+
+@pytest.mark.slow
+def test_the_axisymmetric_twin():
+    """felupe, axisymmetric, disc of equal area, frictionless: 3.417 10.671 21.01 33.87 48.76 N."""
+    mesh = disc_mesh(float(np.sqrt(36 * 34 / np.pi)), 12.0, 1.5)
+    press = pressing(mesh=mesh)
+    states = list(press.path(press.rest(), (0.0, 0.0, 5.0), 1.0))
+    forces = [-s.force_n[2] for s in states]
+    assert forces[1:] == pytest.approx([10.671, 21.01, 33.87, 48.76], rel=0.03)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["pardiso", "superlu", "cg"])
+def test_every_solver_gives_the_same_press(name):
+    if name == "pardiso":
+        pytest.importorskip("pypardiso")
+    mesh = block_mesh(SKIN, 3.0, (-6.0, 6.0, -6.0, 6.0))
+    press = pressing(mesh=mesh, solver=name, friction=0.5)
+    s = last(press, press.rest(), (0.0, 0.0, 3.0))
+    reference = pressing(mesh=mesh, solver="superlu", friction=0.5)
+    t = last(reference, reference.rest(), (0.0, 0.0, 3.0))
+    assert s.force_n == pytest.approx(t.force_n, rel=1e-5, abs=1e-5)
