@@ -26,7 +26,8 @@ from scipy import ndimage
 
 from ..errors import InputError, SolverError
 from ..shapes import Indenter
-from .layer import BondedLayer, Field, WindowOperator
+from .layer import FaceOperator, Field, PatchOperator
+from .mixing import Mixer
 
 Point = tuple[float, float, float]
 Mask = NDArray[np.bool_]
@@ -83,7 +84,7 @@ class _Patch:
     x_mm: Field  # (my, mx), node positions relative to the tip
     y_mm: Field
     indenter: Indenter
-    operator: WindowOperator
+    operator: PatchOperator
 
     def height_mm(self, shift_mm: Field | None) -> Field:
         """Height above the nodes where they are after an in-plane shift (2, my, mx)."""
@@ -92,34 +93,10 @@ class _Patch:
         return self.indenter.height_mm(self.x_mm + shift_mm[0], self.y_mm + shift_mm[1])
 
 
-class _Mixer:
-    """Anderson's mixing of a fixed-point iteration, type II, over the last few iterates.
-
-    On a steep flank friction and height feed back on each other, with a factor near -1 in front of
-    the indenter and +1 behind it: plain alternation crawls or swings there.
-    """
-
-    def __init__(self, memory: int = 6) -> None:
-        self._memory = memory
-        self._trials: list[Field] = []
-        self._errors: list[Field] = []
-
-    def next(self, trial: Field, found: Field) -> Field:
-        """The next trial, after `trial` gave `found`; arrays of any one shape."""
-        self._trials.append(found.ravel())
-        self._errors.append((found - trial).ravel())
-        del self._trials[: -self._memory], self._errors[: -self._memory]
-        if len(self._errors) < 2:
-            return found
-        steps = np.stack([e - self._errors[-1] for e in self._errors[:-1]], axis=1)
-        weights, *_ = np.linalg.lstsq(steps, -self._errors[-1], rcond=1e-8)
-        moves = np.stack([t - self._trials[-1] for t in self._trials[:-1]], axis=1)
-        return (self._trials[-1] + moves @ weights).reshape(found.shape)
-
-
 class LayerContact:
     """Contact of one indenter with one layer. Holds no history: `solve` maps state to state.
 
+    layer: a `BondedLayer`, or a `FreeBlock`.
     friction: Coulomb coefficient; None takes the material's.
     observe_shear: False drops the tangential problem, that is, it solves without friction.
     kinematics: where a node meets the indenter, see the module's text.
@@ -128,7 +105,7 @@ class LayerContact:
 
     def __init__(
         self,
-        layer: BondedLayer,
+        layer: FaceOperator,
         indenter: Indenter,
         friction: float | None = None,
         observe_shear: bool = True,
@@ -276,7 +253,9 @@ class LayerContact:
         rows = _widened(rows, np.logical_or.reduce(near, axis=1), margin, layer.shape[0])
         columns = _widened(columns, np.logical_or.reduce(near, axis=0), margin, layer.shape[1])
         xx, yy = np.meshgrid(layer.x_mm[columns] - x, layer.y_mm[rows] - y)
-        operator = layer.window(rows.stop - rows.start, columns.stop - columns.start)
+        operator = layer.window(
+            rows.stop - rows.start, columns.stop - columns.start, rows.start, columns.start
+        )
         return _Patch(rows, columns, xx, yy, self.indenter, operator)
 
     def _footprint(self, u: Field, tip: Point) -> tuple[slice, slice, Field, Field]:
@@ -312,7 +291,7 @@ class LayerContact:
         if rubs:
             q[:] = np.moveaxis(previous.shear_mpa[at], -1, 0)
             trial[2] = op.normal_of_shear(q)
-        mixer = _Mixer()
+        mixer = Mixer()
         once = not rubs and not moves
         inner = goal / 4 if once else 1e-3 * depth
         slip_worst = 0.0
@@ -439,7 +418,7 @@ class LayerContact:
 
 
 def normal_contact(
-    operator: WindowOperator,
+    operator: PatchOperator,
     pressure_mpa: Field,
     rest_gap_mm: Field,
     goal_mm: float,
@@ -487,7 +466,7 @@ def normal_contact(
 
 
 def friction_contact(
-    operator: WindowOperator,
+    operator: PatchOperator,
     shear_mpa: Field,
     free_slip_mm: Field,
     bound_mpa: Field,
@@ -547,7 +526,7 @@ def _on_disc(q: Field, bound: Field) -> Field:
     return q * np.where(size > bound, bound / np.where(size > 0, size, 1.0), 1.0)
 
 
-def _largest_eigenvalue(op: WindowOperator, active: Mask) -> float:
+def _largest_eigenvalue(op: PatchOperator, active: Mask) -> float:
     """Upper estimate of the largest eigenvalue of the shear compliance on the active nodes."""
     # The kernel is positive and long-ranged, so the uniform vector is close to the extreme one.
     v = np.stack([active, active]).astype(np.float64)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import scipy.fft
@@ -73,6 +73,42 @@ def surface_compliance(k_per_mm: Field, thickness_mm: float, material: GelMateri
         0.0,
     )
     return Compliance(*(np.where(k == 0, u, f) for f, u in zip(full, uniform, strict=True)))
+
+
+class PatchOperator(Protocol):
+    """What a contact solves with on one patch; fields are as `WindowOperator` tells."""
+
+    shape: tuple[int, int]
+
+    def normal_of_pressure(self, pressure: Field) -> Field: ...
+
+    def shear_of_pressure(self, pressure: Field) -> Field: ...
+
+    def shear_of_shear(self, traction: Field) -> Field: ...
+
+    def normal_of_shear(self, traction: Field) -> Field: ...
+
+
+class FaceOperator(Protocol):
+    """What a contact needs of a gel: its face as a grid, and displacements of tractions on it.
+
+    Attributes and methods are those of `BondedLayer`. Off the grid there is no gel.
+    """
+
+    material: GelMaterial
+    thickness_mm: float
+    shape: tuple[int, int]
+    spacing_mm: tuple[float, float]
+    cell_mm2: float
+    x_mm: Field
+    y_mm: Field
+    face_half_mm: tuple[float, float]
+
+    def apply(self, tractions_mpa: Field) -> Field: ...
+
+    def apply_patch(self, tractions_mpa: Field, row: int, column: int) -> Field: ...
+
+    def window(self, my: int, mx: int, row: int = 0, column: int = 0) -> PatchOperator: ...
 
 
 class BondedLayer:
@@ -188,8 +224,11 @@ class BondedLayer:
         u[2] = zz * tz + 1j * (xz * tx + yz * ty)
         return scipy.fft.irfft2(u, s=(ny, nx), axes=(1, 2), workers=1, overwrite_x=True)
 
-    def window(self, my: int, mx: int) -> WindowOperator:
-        """The operator between tractions and displacements of one my x mx patch, cached."""
+    def window(self, my: int, mx: int, row: int = 0, column: int = 0) -> WindowOperator:
+        """The operator between tractions and displacements of one my x mx patch, cached.
+
+        row, column: of the patch's first node; the layer is the same everywhere.
+        """
         key = (my, mx)
         if key not in self._windows:
             if len(self._windows) >= 8:

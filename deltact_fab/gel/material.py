@@ -1,9 +1,12 @@
-"""What the skin is made of: three numbers, validated once."""
+"""What the skin is made of: three numbers and, if it creeps, a Prony series, validated once."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+
+MOST_PRONY = 100.0  # beyond, shares were given in percent, or the long-term modulus is nothing
 
 
 @dataclass(frozen=True)
@@ -13,6 +16,10 @@ class GelMaterial:
     modulus_mpa: Young's modulus; .56 is Gent's relation at Shore 15A, uncertain by a factor of 2.
     poisson: Poisson's ratio, 0 to .5 (.5, incompressible, is allowed).
     friction: Coulomb coefficient against the indenter.
+    prony: pairs (g, tau_s) of a relaxing gel; none: elastic. modulus_mpa is what is left after long
+    rest (a slow press, a book value), g the extra share of its shear modulus that fades with tau:
+        G(t) = G (1 + sum g exp(-t / tau)).
+    Shares of the *instantaneous* modulus, as many programs list them, go in by `of_instantaneous`.
 
     Raises ValueError for a number outside its range.
     """
@@ -20,6 +27,7 @@ class GelMaterial:
     modulus_mpa: float = 0.56
     poisson: float = 0.49
     friction: float = 0.5
+    prony: tuple[tuple[float, float], ...] = ()
 
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by catalog.validate
 
@@ -30,8 +38,42 @@ class GelMaterial:
             raise ValueError(f"0 <= poisson <= 0.5: {self.poisson} fails")
         if not (math.isfinite(self.friction) and self.friction >= 0):
             raise ValueError(f"friction >= 0 and finite: {self.friction} fails")
+        for pair in self.prony:
+            if len(pair) != 2:
+                raise ValueError(f"prony: pairs [g, tau_s] are needed: {pair} fails")
+            g, tau = pair
+            if not (math.isfinite(g) and g >= 0):
+                raise ValueError(f"prony: g >= 0 and finite in each [g, tau_s]: {g} fails")
+            if not (math.isfinite(tau) and tau > 0):
+                raise ValueError(f"prony: tau_s > 0 and finite in each [g, tau_s]: {tau} fails")
+        if not self.prony_sum <= MOST_PRONY:
+            raise ValueError(f"prony: sum of g <= {MOST_PRONY:g}: {self.prony_sum} fails")
+
+    @classmethod
+    def of_instantaneous(
+        cls,
+        modulus_mpa: float,
+        shares: Sequence[tuple[float, float]],
+        poisson: float = 0.49,
+        friction: float = 0.5,
+    ) -> GelMaterial:
+        """From the modulus of a sudden press and pairs (share of it that fades, tau_s).
+
+        Raises ValueError where the shares leave nothing: their sum has to be below 1.
+        """
+        fading = sum(g for g, _ in shares)
+        if not fading < 1:
+            raise ValueError(f"prony: shares of the instantaneous modulus < 1: {fading} fails")
+        left = 1 - fading
+        pairs = tuple((g / left, tau) for g, tau in shares)
+        return cls(modulus_mpa * left, poisson, friction, pairs)
 
     @property
     def shear_modulus_mpa(self) -> float:
-        """G = E / (2 (1 + nu))."""
+        """G = E / (2 (1 + nu)), of a slow press."""
         return self.modulus_mpa / (2 * (1 + self.poisson))
+
+    @property
+    def prony_sum(self) -> float:
+        """Sum of g: a sudden press meets a shear modulus (1 + prony_sum) times as large."""
+        return sum((g for g, _ in self.prony), 0.0)

@@ -5,14 +5,14 @@ import pytest
 import scipy.sparse as sp
 
 from deltact_fab.errors import InputError
-from deltact_fab.gel.material import GelMaterial
-from deltact_fab.shapes import SkinDimensions
+from deltact_fab.gel.finite import newton
 from deltact_fab.gel.finite.assembly import BulkAssembly, compiled
 from deltact_fab.gel.finite.linear import make_solver
 from deltact_fab.gel.finite.material import NeoHooke
 from deltact_fab.gel.finite.mesh import HexMesh, block_mesh, disc_mesh
-from deltact_fab.gel.finite.newton import Evaluation, minimise
 from deltact_fab.gel.finite.pattern import Pattern
+from deltact_fab.gel.material import GelMaterial
+from deltact_fab.shapes import SkinDimensions
 
 SKIN = SkinDimensions(8.0, 6.0, 4.0, edge_fillet_mm=0.5, protrusion_mm=2.0)
 WAYS = [False, pytest.param(True, marks=pytest.mark.skipif(compiled is None, reason="no numba"))]
@@ -32,6 +32,41 @@ def skewed(spacing_mm: float = 1.5) -> tuple[HexMesh, np.ndarray]:
     shift = rng.uniform(-0.15, 0.15, mesh.nodes_mm.shape) * spacing_mm
     nodes = mesh.nodes_mm + shift * inner[:, None]
     return HexMesh(nodes, mesh.cells, mesh.touched, mesh.base), inner
+
+
+class Held:
+    """A bulk whose hull is held at given displacements."""
+
+    def __init__(self, bulk: BulkAssembly, held_mm: np.ndarray, free: np.ndarray) -> None:
+        self.bulk, self.held_mm, self.free = bulk, held_mm, free
+
+    def whole(self, x: np.ndarray) -> np.ndarray:
+        u = self.held_mm.copy()
+        u[self.free] = x
+        return u
+
+    def evaluate(self, x, pressure, tangent, curved):
+        self.seen = b = self.bulk.evaluate(self.whole(x), tangent, pressure)
+        if b.force_n is None:
+            return None
+        first, self.second = self.bulk.law.volumetric(b.jbar)[1:]
+        return newton.Evaluation(b.force_n[self.free], 1.0, b.data, first)
+
+    def pressure_rate(self, step):
+        return self.second * self.change(step, self.seen) / self.bulk.volumes_mm3
+
+    def change(self, step, seen):
+        u = np.zeros_like(self.held_mm)
+        u[self.free] = step
+        cells = u[self.bulk.mesh.cells].reshape(len(seen.jbar), -1)
+        return (cells * seen.volume_rate_mm2).sum(axis=1)
+
+    def slope(self, x, pressure, step):
+        b = self.bulk.evaluate(self.whole(x), False)
+        if b.force_n is None:
+            return None
+        own = self.bulk.law.volumetric(b.jbar)[1]
+        return float(b.force_n[self.free] @ step + (pressure - own) @ self.change(step, b))
 
 
 def full(pattern: Pattern, data: np.ndarray) -> sp.csr_matrix:
@@ -99,19 +134,13 @@ def test_patch(poisson, way):
     pattern = Pattern(mesh, free)
     bulk = BulkAssembly(mesh, law(poisson), pattern, way)
     exact = mesh.nodes_mm @ LINEAR.T
-
-    def evaluate(x, tangent, curved):
-        u = exact.copy()
-        u[free] = x
-        b = bulk.evaluate(u, tangent)
-        if b.force_n is None:
-            return Evaluation(np.inf, x, 1.0, None)
-        return Evaluation(b.energy_nmm, b.force_n[free], 1.0, b.data)
-
+    problem = Held(bulk, exact, free)
     rest = bulk.evaluate(np.zeros_like(exact)).data
     rng = np.random.default_rng(5)
     start = exact[free] + 0.1 * rng.uniform(-1, 1, pattern.size)
-    found = minimise(evaluate, start, make_solver(pattern.size, "superlu"), pattern, rest, 1e-11)
+    solver = make_solver(pattern.size, "superlu")
+    relaxed = np.zeros(len(mesh.cells))
+    found = newton.solve(problem, start, relaxed, solver, pattern, rest, 1e-11)
     assert found.free_mm == pytest.approx(exact[free], abs=1e-10)
     f = bulk.deformation_gradient(exact)
     assert f == pytest.approx(np.broadcast_to(np.eye(3) + LINEAR, f.shape), abs=1e-12)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from deltact_fab.shapes import indenter
 from deltact_fab.gel.finite.distance import gap
+from deltact_fab.shapes import indenter
 
 NAMES = [
     "sphere:15", "sphere:4", "4dots", "edges", "ellipsoid", "hexprism", "star", "cylinder",

@@ -5,10 +5,10 @@ import pytest
 import scipy.sparse as sp
 
 from deltact_fab.errors import InputError, SolverError
-from deltact_fab.gel.material import GelMaterial
-from deltact_fab.shapes import SkinDimensions, indenter
 from deltact_fab.gel.finite import FinitePress, block_mesh, disc_mesh
 from deltact_fab.gel.finite.surface import Grip
+from deltact_fab.gel.material import GelMaterial
+from deltact_fab.shapes import SkinDimensions, indenter
 
 SKIN = SkinDimensions()
 COARSE = block_mesh(SKIN, 2.0)
@@ -39,8 +39,9 @@ def test_contact_forces_and_tangent_are_derivatives():
     tip = np.array([0.3, -0.2, 2.2])
     at = surface.points(u, tip)
     seen = surface.evaluate(u, tip)
-    grip = surface.grip(at + 0.01 * rng.standard_normal(at.shape), 0 * at, seen, 0.5)
-    assert isinstance(grip, Grip)
+    start = at + 0.01 * rng.standard_normal(at.shape)
+    normal = seen.gap.normal.reshape(at.shape)
+    grip = Grip(start, 0 * at, normal, 0.5 * seen.pressure_mpa, seen.pressure_mpa > 0)
     v = rng.standard_normal(free.shape) * free
     h = 1e-6
     now = surface.evaluate(u, tip, grip)

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-
 from .material import NeoHooke
 from .mesh import HexMesh
 from .pattern import CELL_DOFS, UPPER, Pattern
@@ -33,13 +32,16 @@ class Bulk(NamedTuple):
 
     energy_nmm; inf where a cell is turned inside out, and then the rest is None.
     force_n (n, 3): derivative of the energy, what holds the nodes there. data: CSR entries of the
-    tangent (N/mm), None if not asked for. least_j: smallest local volume ratio.
+    tangent (N/mm), None if not asked for. least_j: smallest local volume ratio. jbar (m,): mean
+    dilatation of the cells. volume_rate_mm2 (m, 24): derivative of volume x jbar.
     """
 
     energy_nmm: float
     force_n: Field | None
     data: Field | None
     least_j: float
+    jbar: Field | None = None
+    volume_rate_mm2: Field | None = None
 
 
 class BulkAssembly:
@@ -66,11 +68,25 @@ class BulkAssembly:
         self.volumes_mm3: Field = det.sum(axis=1)
         self._constant: Field | None = None
 
-    def evaluate(self, displacement_mm: Field, tangent: bool = True) -> Bulk:
-        """Energy, forces and, if asked for, the tangent's entries at displacements (n, 3)."""
+    def evaluate(
+        self,
+        displacement_mm: Field,
+        tangent: bool = True,
+        pressure_mpa: Field | None = None,
+        scale: float = 1.0,
+        memory_mpa: Field | None = None,
+    ) -> Bulk:
+        """Energy, forces and, if asked for, the tangent's entries at displacements (n, 3).
+
+        pressure_mpa (m,): tension-positive cell pressure with which the tangent's geometric part is
+        formed; None: U'(jbar). scale, memory_mpa (m, 8 points, 6: xx yy zz xy xz yz): the local
+        energy is scale mu[...] + h:(C - I)/2, see `viscous`.
+        """
         if self._compiled:
-            return Bulk(*compiled.evaluate(self, displacement_mm, tangent))
-        return self._evaluate(displacement_mm, tangent)
+            return Bulk(
+                *compiled.evaluate(self, displacement_mm, tangent, pressure_mpa, scale, memory_mpa)
+            )
+        return self._evaluate(displacement_mm, tangent, pressure_mpa, scale, memory_mpa)
 
     def deformation_gradient(self, displacement_mm: Field) -> Field:
         """F (m, 8 points, 3, 3)."""
@@ -79,8 +95,12 @@ class BulkAssembly:
         f = np.swapaxes(grad.reshape(len(u), 3, POINTS, 3), 1, 2)
         return f + np.eye(3)
 
-    def _evaluate(self, displacement_mm: Field, tangent: bool) -> Bulk:
+    def _evaluate(
+        self, displacement_mm: Field, tangent: bool, pressure_mpa: Field | None, scale: float,
+        memory_mpa: Field | None,
+    ) -> Bulk:  # fmt: skip
         law, w, volume = self.law, self.weights_mm3, self.volumes_mm3
+        mu = scale * law.mu_mpa
         f = self.deformation_gradient(displacement_mm)
         j, inverse = _determinant_and_inverse(f)
         least = float(j.min())
@@ -88,21 +108,40 @@ class BulkAssembly:
             return Bulk(np.inf, None, None, least)
         jbar = (w * j).sum(axis=1) / volume
         u0, u1, u2 = law.volumetric(jbar)
-        local = (np.einsum("mqij,mqij->mq", f, f) - 3) / 2 - np.log(j)
-        energy = law.mu_mpa * float((w * local).sum()) + float(volume @ u0)
-        # First Piola stress with the cell's own pressure at every point.
-        pj = u1[:, None] * j
-        stress = law.mu_mpa * f + ((pj - law.mu_mpa)[..., None, None]) * np.swapaxes(inverse, 2, 3)
-        stress *= w[..., None, None]
-        m = len(w)
-        flat = np.swapaxes(stress, 1, 2).reshape(m, 3, -1)
-        nodal = np.matmul(self.gradients_per_mm, np.swapaxes(flat, 1, 2))
-        force = self.scatter(nodal)
+        log = np.log(j)
+        own = law.local_mpa * log**3
+        local = mu * ((np.einsum("mqij,mqij->mq", f, f) - 3) / 2 - log) + own * log / 4
+        energy = float((w * local).sum()) + float(volume @ u0)
+        cofactor = np.swapaxes(inverse, 2, 3)
+        stress = mu * (f - cofactor) + own[..., None, None] * cofactor
+        memory = None if memory_mpa is None else _tensors(memory_mpa)
+        if memory is not None:
+            stress += f @ memory
+            cauchy = np.swapaxes(f, 2, 3) @ f - np.eye(3)
+            energy += float((w * np.einsum("mqij,mqij->mq", memory, cauchy)).sum()) / 2
+        force = self._nodal(w[..., None, None] * stress)
+        rate = self._nodal((w * j)[..., None, None] * cofactor)
+        rate_of_volume = rate.reshape(len(w), CELL_DOFS)
         data = None
         if tangent:
-            ke = self._cell_matrices(inverse, w * pj, w * (law.mu_mpa - pj), w * j, u2 / volume)
+            held = u1 if pressure_mpa is None else pressure_mpa
+            pj = held[:, None] * j
+            steep = pj + 3 * law.local_mpa * log**2
+            ke = self._cell_matrices(inverse, w * steep, w * (mu - pj - own))
+            ke += (u2 / volume)[:, None, None] * (
+                rate_of_volume[:, :, None] * rate_of_volume[:, None, :]
+            )
+            ke += scale * self._laplacian()
+            if memory is not None:
+                ke += self._spread(w[..., None, None] * memory)
             data = self.pattern.add(self.pattern.slots, ke[:, UPPER[0], UPPER[1]])
-        return Bulk(energy, force, data, least)
+        total = self.scatter(force + u1[:, None, None] * rate)
+        return Bulk(energy, total, data, least, jbar, rate_of_volume)
+
+    def _nodal(self, stress: Field) -> Field:
+        """Cell forces (m, 8, 3) of weighted Piola stresses (m, 8 points, 3, 3)."""
+        flat = np.swapaxes(stress, 1, 2).reshape(len(stress), 3, -1)
+        return np.matmul(self.gradients_per_mm, np.swapaxes(flat, 1, 2))
 
     def scatter(self, nodal: Field) -> Field:
         """Sum of cell forces (m, 8, 3) at the nodes, (n, 3)."""
@@ -111,33 +150,34 @@ class BulkAssembly:
         columns = [np.bincount(flat, weights=nodal[..., i].ravel(), minlength=n) for i in range(3)]
         return np.stack(columns, axis=1)
 
-    def _cell_matrices(
-        self, inverse: Field, outer: Field, crossed: Field, volume_change: Field, bulk: Field
-    ) -> Field:
-        """K (m, 24, 24) of the tangent in `NeoHooke.tangent`, U'' spread over the cell."""
+    def _cell_matrices(self, inverse: Field, outer: Field, crossed: Field) -> Field:
+        """The part of `NeoHooke.tangent` (m, 24, 24) that J and the inverse make."""
         m = len(outer)
         grad = np.swapaxes(self.gradients_per_mm.reshape(m, 8, POINTS, 3), 1, 2)
         g = np.matmul(grad, inverse).reshape(m, POINTS, CELL_DOFS)
         turned = np.swapaxes(g, 1, 2)
         ke = np.matmul(turned * outer[:, None, :], g)
         other = np.matmul(turned * crossed[:, None, :], g).reshape(m, 8, 3, 8, 3)
-        ke += np.swapaxes(other, 2, 4).reshape(m, CELL_DOFS, CELL_DOFS)
-        whole = np.matmul(volume_change[:, None, :], g)[:, 0, :]
-        ke += (bulk[:, None] * whole)[:, :, None] * whole[:, None, :]
-        return ke + self._laplacian()
+        return ke + np.swapaxes(other, 2, 4).reshape(m, CELL_DOFS, CELL_DOFS)
 
     def _laplacian(self) -> Field:
         """The part mu grad N_a . grad N_b, which does not change; (m, 24, 24)."""
         if self._constant is None:
-            m = len(self.weights_mm3)
-            grad = self.gradients_per_mm
-            weighted = grad * np.repeat(self.weights_mm3, 3, axis=1)[:, None, :]
-            scalar = self.law.mu_mpa * np.matmul(weighted, np.swapaxes(grad, 1, 2))
-            constant = np.zeros((m, 8, 3, 8, 3))
-            for i in range(3):
-                constant[:, :, i, :, i] = scalar
-            self._constant = constant.reshape(m, CELL_DOFS, CELL_DOFS)
+            unit = self.law.mu_mpa * self.weights_mm3[..., None, None] * np.eye(3)
+            self._constant = self._spread(unit)
         return self._constant
+
+    def _spread(self, tensor: Field) -> Field:
+        """grad N_a . h grad N_b on the diagonal of directions, of h (m, 8 points, 3, 3)."""
+        m = len(tensor)
+        grad = self.gradients_per_mm
+        rows = np.swapaxes(grad.reshape(m, 8, POINTS, 3), 1, 2)
+        turned = np.swapaxes(np.matmul(rows, tensor), 1, 2).reshape(m, 8, 3 * POINTS)
+        scalar = np.matmul(turned, np.swapaxes(grad, 1, 2))
+        out = np.zeros((m, 8, 3, 8, 3))
+        for i in range(3):
+            out[:, :, i, :, i] = scalar
+        return out.reshape(m, CELL_DOFS, CELL_DOFS)
 
 
 def _local_gradients() -> Field:
@@ -149,6 +189,11 @@ def _local_gradients() -> Field:
         others = [k for k in range(3) if k != j]
         out[:, :, j] = _CORNER[:, j] * factor[..., others[0]] * factor[..., others[1]] / 8
     return out
+
+
+def _tensors(six: Field) -> Field:
+    """Symmetric tensors (..., 3, 3) from xx yy zz xy xz yz."""
+    return six[..., np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])]
 
 
 def _determinant_and_inverse(f: Field) -> tuple[Field, Field]:

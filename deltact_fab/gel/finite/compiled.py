@@ -15,28 +15,37 @@ if TYPE_CHECKING:
     from .assembly import BulkAssembly
 
 Field = NDArray[np.float64]
+_NOTHING = np.empty(0)
+_NO_MEMORY = np.empty((0, 8, 6))
 
 
 def evaluate(
-    bulk: BulkAssembly, displacement_mm: Field, tangent: bool
-) -> tuple[float, Field | None, Field | None, float]:
-    """The four values of `assembly.Bulk`."""
+    bulk: BulkAssembly, displacement_mm: Field, tangent: bool, pressure_mpa: Field | None,
+    scale: float, memory_mpa: Field | None,
+) -> tuple[float, Field | None, Field | None, float, Field | None, Field | None]:  # fmt: skip
+    """The values of `assembly.Bulk`."""
+    m = len(bulk.mesh.cells)
     force = np.zeros_like(displacement_mm)
     data = np.zeros(bulk.pattern.entries + 1 if tangent else 0)
+    jbar, whole = np.empty(m), np.empty((m, 24))
     energy, least = _loop(
         np.ascontiguousarray(displacement_mm), bulk.mesh.cells, bulk.gradients_per_mm,
-        bulk.weights_mm3, bulk.pattern.slots, bulk.law.mu_mpa, bulk.law.lambda_mpa,
-        tangent, force, data,
+        bulk.weights_mm3, bulk.pattern.slots, bulk.law.mu_mpa,
+        bulk.law.lambda_mpa, bulk.law.local_mpa,
+        tangent, force, data, jbar, whole,
+        _NOTHING if pressure_mpa is None else pressure_mpa, scale,
+        _NO_MEMORY if memory_mpa is None else memory_mpa,
     )  # fmt: skip
     if not least > 0:
-        return np.inf, None, None, least
-    return energy, force, data[:-1] if tangent else None, least
+        return np.inf, None, None, least, None, None
+    return energy, force, data[:-1] if tangent else None, least, jbar, whole
 
 
 @numba.njit(cache=True, fastmath={"contract", "reassoc", "nsz"})
 def _loop(
     displacement: Any, cells: Any, gradients: Any, weights: Any, slots: Any, mu: float,
-    lam: float, tangent: bool, force: Any, data: Any,
+    lam: float, local: float, tangent: bool, force: Any, data: Any, jbars: Any, wholes: Any,
+    pressures: Any, scale: float, memory: Any,
 ) -> tuple[float, float]:  # fmt: skip
     m = cells.shape[0]
     energy, least = 0.0, np.inf
@@ -46,6 +55,9 @@ def _loop(
     inv = np.empty((8, 3, 3))
     outer, cross, whole = np.empty((24, 24)), np.empty((24, 24)), np.empty(24)
     lap = np.empty((8, 8))
+    mu *= scale
+    fh = np.empty((3, 3))
+    remembers = memory.shape[0] > 0
     for e in range(m):
         grad = gradients[e]
         for a in range(8):
@@ -79,22 +91,27 @@ def _loop(
             dilated += weights[e, q] * det
         jbar = dilated / volume
         log = np.log(jbar)
-        u1 = lam * log / jbar
-        u2 = lam * (1 - log) / jbar**2
-        energy += volume * lam / 2 * log**2
+        slope = lam * log - local * log**3
+        u1 = slope / jbar
+        u2 = (lam - 3 * local * log**2 - slope) / jbar**2
+        energy += volume * (lam / 2 * log**2 - local / 4 * log**4)
         if tangent:
             outer[:] = 0.0
             cross[:] = 0.0
-            whole[:] = 0.0
             lap[:] = 0.0
+        whole[:] = 0.0
+        # The tangent takes the pressure that was predicted, so that it does not swing with u1.
+        held = pressures[e] if pressures.shape[0] > 0 else u1
         for q in range(8):
             w = weights[e, q]
-            pj = u1 * jac[q]
+            pj = held * jac[q]
             square = 0.0
             for i in range(3):
                 for j in range(3):
                     square += f[q, i, j] ** 2
-            energy += w * mu * ((square - 3) / 2 - np.log(jac[q]))
+            turn = np.log(jac[q])
+            energy += w * (mu * ((square - 3) / 2 - turn) + local / 4 * turn**4)
+            own = local * turn**3
             for a in range(8):
                 for i in range(3):
                     s, t = 0.0, 0.0
@@ -102,22 +119,51 @@ def _loop(
                         s += inv[q, i, j] * grad[a, 3 * q + j]
                         t += f[q, i, j] * grad[a, 3 * q + j]
                     g[q, 3 * a + i] = s
-                    force[cells[e, a], i] += w * (mu * t + (pj - mu) * s)
+                    force[cells[e, a], i] += w * (mu * t + (own - mu) * s)
+                    whole[3 * a + i] += w * jac[q] * s
             if tangent:
                 gq = g[q]
-                c1, c2, c3 = w * pj, w * (mu - pj), w * jac[q]
+                c1, c2 = w * (pj + 3 * local * turn**2), w * (mu - pj - own)
                 for i in range(24):
                     g1, g2 = c1 * gq[i], c2 * gq[i]
                     for j in range(24):
                         outer[i, j] += g1 * gq[j]
                         cross[i, j] += g2 * gq[j]
-                    whole[i] += c3 * gq[i]
                 for a in range(8):
                     for b in range(8):
                         s = 0.0
                         for j in range(3):
                             s += grad[a, 3 * q + j] * grad[b, 3 * q + j]
                         lap[a, b] += w * mu * s
+            if remembers:
+                h = memory[e, q]
+                for i in range(3):
+                    fh[i, 0] = f[q, i, 0] * h[0] + f[q, i, 1] * h[3] + f[q, i, 2] * h[4]
+                    fh[i, 1] = f[q, i, 0] * h[3] + f[q, i, 1] * h[1] + f[q, i, 2] * h[5]
+                    fh[i, 2] = f[q, i, 0] * h[4] + f[q, i, 1] * h[5] + f[q, i, 2] * h[2]
+                    for j in range(3):
+                        s = -h[i] if i == j else 0.0
+                        energy += w * 0.5 * s
+                        energy += w * 0.5 * f[q, i, j] * fh[i, j]
+                for a in range(8):
+                    g0, g1, g2 = grad[a, 3 * q], grad[a, 3 * q + 1], grad[a, 3 * q + 2]
+                    for i in range(3):
+                        force[cells[e, a], i] += w * (fh[i, 0] * g0 + fh[i, 1] * g1 + fh[i, 2] * g2)
+                    if tangent:
+                        h0 = h[0] * g0 + h[3] * g1 + h[4] * g2
+                        h1 = h[3] * g0 + h[1] * g1 + h[5] * g2
+                        h2 = h[4] * g0 + h[5] * g1 + h[2] * g2
+                        for b in range(8):
+                            lap[a, b] += w * (
+                                h0 * grad[b, 3 * q]
+                                + h1 * grad[b, 3 * q + 1]
+                                + h2 * grad[b, 3 * q + 2]
+                            )
+        jbars[e] = jbar
+        for a in range(8):
+            for i in range(3):
+                force[cells[e, a], i] += u1 * whole[3 * a + i]
+                wholes[e, 3 * a + i] = whole[3 * a + i]
         if tangent:
             k = 0
             for a in range(8):

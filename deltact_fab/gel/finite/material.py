@@ -1,8 +1,8 @@
 """Compressible neo-Hooke, split so that near incompressibility neither locks nor inverts.
 
 Per cell of reference volume V the energy is
-    sum over points w [mu/2 (F:F - 3) - mu ln J]  +  V U(Jbar),  Jbar = sum w J / V,
-    U(J) = lambda/2 ln(J)^2,
+    sum over points w [mu/2 (F:F - 3) - mu ln J + b/4 ln(J)^4]  +  V U(Jbar),
+    Jbar = sum w J / V,   U(J) = lambda/2 ln(J)^2 - b/4 ln(J)^4,
 the mean dilatation of Nagtegaal, Parks and Rice (1974) as Simo, Taylor and Pister (1985) put it
 for finite strain, one constant pressure a cell (Q1P0). mu and lambda are Lame's constants, so that
 small strains are Hooke's law and a homogeneous state is the usual compressible neo-Hooke (Bonet
@@ -11,7 +11,11 @@ and Wood, Nonlinear Continuum Mechanics for Finite Element Analysis, 6.4).
 Locking: only U grows with nu, and it sees one number a cell, so a brick keeps enough freedom to
 bend at nu = .4999; with J at each of the 2 x 2 x 2 points it would lock. The pressure of Q1P0 may
 alternate from cell to cell; contact on a bonded block does not excite that, forces are free of it.
-The part -mu ln J stays local: with Jbar alone a brick can turn inside out at one point.
+The part -mu ln J stays local: with Jbar alone a brick can turn inside out at one point. Squeezed
+to a third under a sharp tip it would still fold into an hourglass, whose points lose and gain
+volume while its mean keeps it. The part with b = LOCAL mu, at most lambda/8, stands against that;
+to fourth order it is no part of small strains, so it locks nothing, and a homogeneous state does
+not feel it.
 """
 
 from __future__ import annotations
@@ -26,6 +30,7 @@ from ..material import GelMaterial
 
 Field = NDArray[np.float64]
 
+LOCAL = 8.0  # b over mu
 MOST_POISSON = 0.49999  # beyond, rounding in U' spoils the residual
 
 
@@ -53,33 +58,44 @@ class NeoHooke:
         m, k = self.mu_mpa, self.lambda_mpa
         return m * (3 * k + 2 * m) / (k + m)
 
+    @property
+    def local_mpa(self) -> float:
+        """b of the energy above."""
+        return min(LOCAL * self.mu_mpa, self.lambda_mpa / 8)
+
     def volumetric(self, jbar: Field) -> tuple[Field, Field, Field]:
         """U, U' (MPa, tension positive) and U'' at mean dilatations (m,)."""
-        k, log = self.lambda_mpa, np.log(jbar)
-        return k / 2 * log**2, k * log / jbar, k * (1 - log) / jbar**2
+        k, b, log = self.lambda_mpa, self.local_mpa, np.log(jbar)
+        slope = k * log - b * log**3
+        return (
+            k / 2 * log**2 - b / 4 * log**4,
+            slope / jbar,
+            (k - 3 * b * log**2 - slope) / jbar**2,
+        )
 
     def energy(self, f: Field) -> Field:
         """Energy (n,) in MPa of deformation gradients (n, 3, 3), as if each were a whole cell."""
         j = np.linalg.det(f)
         local = self.mu_mpa * ((np.einsum("nij,nij->n", f, f) - 3) / 2 - np.log(j))
-        return local + self.volumetric(j)[0]
+        return local + self.lambda_mpa / 2 * np.log(j) ** 2
 
     def stress(self, f: Field) -> Field:
-        """First Piola stress (n, 3, 3) in MPa: mu (F - F^-T) + U'(J) J F^-T."""
+        """First Piola stress (n, 3, 3) in MPa: mu (F - F^-T) + lambda ln J F^-T."""
         j = np.linalg.det(f)
         cofactor = np.swapaxes(np.linalg.inv(f), 1, 2)
-        return self.mu_mpa * (f - cofactor) + (self.volumetric(j)[1] * j)[:, None, None] * cofactor
+        pressure = self.lambda_mpa * np.log(j)
+        return self.mu_mpa * (f - cofactor) + pressure[:, None, None] * cofactor
 
     def tangent(self, f: Field) -> Field:
         """dP_ij / dF_kl (n, 3, 3, 3, 3) in MPa."""
         j = np.linalg.det(f)
         c = np.swapaxes(np.linalg.inv(f), 1, 2)
-        _, first, second = self.volumetric(j)
+        pressure = self.lambda_mpa * np.log(j)
         same = np.einsum("ik,jl->ijkl", np.eye(3), np.eye(3))
         crossed = np.einsum("nil,nkj->nijkl", c, c)
         outer = np.einsum("nij,nkl->nijkl", c, c)
         return (
             self.mu_mpa * same[None]
-            + (self.mu_mpa - first * j)[:, None, None, None, None] * crossed
-            + (first * j + second * j**2)[:, None, None, None, None] * outer
+            + (self.mu_mpa - pressure)[:, None, None, None, None] * crossed
+            + self.lambda_mpa * outer
         )

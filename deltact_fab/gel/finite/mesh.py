@@ -6,7 +6,7 @@ Sensor frame: the touched face at z = 0, the bonded base at z = -thickness.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,12 +28,31 @@ class HexMesh:
 
     nodes_mm (n, 3). cells (m, 8): node numbers. touched (f,): cells whose upper quadrilateral lies
     in the touched face. base (b,): nodes held by the rigid base.
+    mirrors: whether the planes x = 0 and y = 0 are mirrors, the mesh being what lies beyond them.
+    axes_mm: of a block, the coordinates along x, y and z whose product the nodes are.
     """
 
     nodes_mm: Field
     cells: Index
     touched: Index
     base: Index
+    mirrors: tuple[bool, bool] = (False, False)
+    axes_mm: tuple[Field, Field, Field] | None = None
+
+    @property
+    def held(self) -> NDArray[np.bool_]:
+        """Displacements (n, 3) that are zero: of the base, and across mirrors."""
+        held = np.zeros(self.nodes_mm.shape, dtype=bool)
+        held[self.base] = True
+        for axis, mirror in enumerate(self.mirrors):
+            if mirror:
+                held[:, axis] |= self.nodes_mm[:, axis] == 0.0
+        return held
+
+    @property
+    def copies(self) -> int:
+        """How many times the mesh makes the whole body."""
+        return 2 ** sum(self.mirrors)
 
     @property
     def faces(self) -> Index:
@@ -43,28 +62,42 @@ class HexMesh:
     @property
     def free_dofs(self) -> int:
         """Number of displacements that are not held."""
-        return 3 * (len(self.nodes_mm) - len(self.base))
+        return int((~self.held).sum())
 
 
-def block_mesh(skin: SkinDimensions, spacing_mm: float, focus: Box | None = None) -> HexMesh:
+def block_mesh(
+    skin: SkinDimensions,
+    spacing_mm: float,
+    focus: Box | None = None,
+    mirrors: tuple[bool, bool] = (False, False),
+) -> HexMesh:
     """A block width x length x thickness; the edges' fillet and the frame are left out.
 
     spacing_mm: cell size, everywhere or, with a focus, inside it and at the face.
     focus: (x_low, x_high, y_low, y_high) in mm; cells grow from it by GROWTH up to COARSEST, and
         from the face towards the base.
+    mirrors: keep only x >= 0, y >= 0; a focus must be symmetric there.
     Raises InputError for a spacing that is not a usable length.
     """
     if not (math.isfinite(spacing_mm) and 0 < spacing_mm <= skin.thickness_mm):
         raise InputError(
             f"block mesh: 0 < spacing_mm <= {skin.thickness_mm:g} mm: {spacing_mm} fails"
         )
-    a, b = skin.opening_half_mm
+    halves = skin.opening_half_mm
+    axes = []
+    for axis, half in enumerate(halves):
+        low = 0.0 if mirrors[axis] else -half
+        if focus is None:
+            axes.append(_uniform(low, half, spacing_mm))
+        else:
+            start, end = focus[2 * axis], focus[2 * axis + 1]
+            if mirrors[axis] and abs(start + end) > 1e-9 * half:
+                raise InputError(f"block mesh: a focus from {start:g} to {end:g} mm has no mirror")
+            axes.append(_graded(low, half, max(start, low), end, spacing_mm))
+    x, y = axes
     if focus is None:
-        x, y = _uniform(-a, a, spacing_mm), _uniform(-b, b, spacing_mm)
         z = _uniform(-skin.thickness_mm, 0.0, spacing_mm)
     else:
-        x = _graded(-a, a, focus[0], focus[1], spacing_mm)
-        y = _graded(-b, b, focus[2], focus[3], spacing_mm)
         # Two equal layers below the face, then growing: strain decays with depth.
         z = _graded(-skin.thickness_mm, 0.0, -2 * spacing_mm, 0.0, spacing_mm)
     yy, xx = np.meshgrid(y, x, indexing="ij")
@@ -72,7 +105,7 @@ def block_mesh(skin: SkinDimensions, spacing_mm: float, focus: Box | None = None
     row, column = np.meshgrid(np.arange(len(y) - 1), np.arange(len(x) - 1), indexing="ij")
     corner = (row * len(x) + column).ravel()
     quads = np.stack([corner, corner + 1, corner + 1 + len(x), corner + len(x)], axis=1)
-    return _extruded(plane, quads, z)
+    return replace(_extruded(plane, quads, z), mirrors=mirrors, axes_mm=(x, y, z))
 
 
 def disc_mesh(radius_mm: float, thickness_mm: float, spacing_mm: float) -> HexMesh:

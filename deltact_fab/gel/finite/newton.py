@@ -1,48 +1,72 @@
-"""Newton's method for a potential, with a line search; a factor is kept while it still works."""
+"""Newton's method for displacements and cell pressures, the pressures eliminated cell by cell.
+
+With U'(J) as the only pressure, Newton is slow near incompressibility: a step that is right in
+shape changes volumes at second order, U' makes a large stress of that, and the tangent's geometric
+part follows it. Here every cell carries a pressure p of its own (the three-field form of Simo,
+Taylor and Pister 1985). Linearised, p = U'(J) + U''(J) dJ.du, so that p leaves the equations again:
+the matrix keeps its pattern, its geometric part is formed with the predicted p, and the right-hand
+side is the residual of the displacements alone. Where that vanishes, p is U'(J).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import SolverError
-
 from .linear import Solver
 from .pattern import Pattern
 
 Field = NDArray[np.float64]
 
-ARMIJO = 1e-4
-SHORTEST = 2.0**-14
-KEEP = 0.3  # a factor is kept while it reduces the residual at least to this
-NEAR = 1e-2  # residual below which those terms are tried again
-SHIFTS = (0.0, 0.05, 0.3, 2.0, 20.0)  # of the tangent at rest, added against negative curvature
+KEEP = 0.2  # a factor is kept while it reduces the residual at least to this
+OVERSHOT = 0.9  # of the slope at the start: beyond, the step is shortened
+SEARCHES = 6
+SHORTEST = 1e-3
+SURE = 1e-6  # residual below which steps are taken whole
+NEAR = 1e-2  # residual below which terms that may be negative are tried again
+WILD = 1e4  # times the smallest residual so far, after SETTLING iterations: hopeless
+SETTLING = 8
+SHIFTS = (0.0, 0.02, 0.1, 0.5, 3.0)  # of the tangent at rest, added against negative curvature
 
 
 class Evaluation(NamedTuple):
-    """energy_nmm (inf: out of range); residual_n (size,); scale_n: what the residual is small to;
-    data: CSR entries of the tangent or None."""
+    """residual_n (size,): unbalanced forces, p = U'(J). scale_n: what they are small to.
+    data: CSR entries of the tangent or None. pressure_mpa (m,): U'(J) of the cells."""
 
-    energy_nmm: float
     residual_n: Field
     scale_n: float
     data: Field | None
+    pressure_mpa: Field
 
 
-Evaluate = Callable[[Field, bool, bool], Evaluation]
+class Problem(Protocol):
+    """What is solved: see `press`."""
+
+    def evaluate(
+        self, free_mm: Field, pressure_mpa: Field | None, tangent: bool, curved: bool
+    ) -> Evaluation | None:
+        """At displacements (size,); None where a cell is turned inside out. `curved` False leaves
+        out terms of the tangent that may be negative."""
+
+    def pressure_rate(self, step_mm: Field) -> Field:
+        """U'' dJ.step (m,) at the displacements of the last evaluation."""
+
+    def slope(self, free_mm: Field, pressure_mpa: Field, step_mm: Field) -> float | None:
+        """Residual with given cell pressures times a step; None if inside out."""
 
 
 @dataclass
-class Minimum:
-    """free_mm (size,): the solution. residual: |r| / scale there. iterations, factorisations,
-    halvings: work. shifted: factorisations that needed a positive matrix added. flattened: whether
-    terms that may be negative had to be left out."""
+class Solution:
+    """free_mm (size,). residual: |r| / scale. iterations, factorisations, halvings: work.
+    shifted: factorisations with a positive matrix added. flattened: whether terms that may be
+    negative were left out. pressure_mpa (m,): of the cells, for the next tangent."""
 
     free_mm: Field
+    pressure_mpa: Field | None
     residual: float
     iterations: int = 0
     factorisations: int = 0
@@ -51,51 +75,59 @@ class Minimum:
     flattened: bool = False
 
 
-def minimise(
-    evaluate: Evaluate,
+def solve(
+    problem: Problem,
     start_mm: Field,
+    pressure_mpa: Field | None,
     solver: Solver,
     pattern: Pattern,
     rest_data: Field,
     tolerance: float,
-    most_iterations: int = 60,
+    longest_mm: float = np.inf,
+    most_iterations: int = 40,
     factored: bool = False,
-) -> Minimum:
-    """A stationary point of the potential downhill of start_mm.
+) -> Solution:
+    """Equilibrium from start_mm on.
 
-    evaluate(free_mm, tangent, curved): `curved` False leaves out terms that may be negative.
+    pressure_mpa (m,): cell pressures for the first tangent; None takes U'(J).
     rest_data: entries of a positive definite tangent, added in multiples where all else fails.
+    longest_mm: displacement in one iteration beyond which the tangent is weighted.
     factored: the solver holds the factor of a tangent nearby, which is tried first.
     Raises SolverError when |r| <= tolerance x scale is not reached; nothing else is returned.
     """
     x = start_mm
-    now = evaluate(x, False, True)
-    if not np.isfinite(now.energy_nmm):
+    now = problem.evaluate(x, pressure_mpa, False, True)
+    if now is None:
         raise SolverError("newton: the start turns a cell inside out")
-    done = Minimum(x, _size(now))
-    fresh = factored
+    done = Solution(x, pressure_mpa, _size(now))
+    fresh, best = factored, done.residual
     while not done.residual <= tolerance:
         if done.iterations >= most_iterations:
             raise SolverError(
                 f"newton: residual {done.residual:.1e} after {done.iterations} iterations, "
                 f"{tolerance:.0e} is needed"
             )
+        if done.iterations >= SETTLING and done.residual > WILD * best:
+            raise SolverError(f"newton: residual {done.residual:.1e}, growing")
         step = -solver.solve(now.residual_n) if fresh else None
-        if step is None or not now.residual_n @ step < 0:
+        if step is None or not (np.isfinite(step).all() and now.residual_n @ step < 0):
             fresh = False
-            step = _direction(evaluate, x, now, solver, pattern, rest_data, done)
-        found = _search(evaluate, x, step, now, done)
-        if found is None:
+            step = _direction(problem, x, now, solver, pattern, rest_data, longest_mm, done)
+        length, pressure = _search(problem, x, step, now, done)
+        if not length > 0:
             if fresh:
                 fresh = False
                 continue
-            raise SolverError(
-                f"newton: no shorter step lowers the energy, residual {done.residual:.1e}"
-            )
+            raise SolverError(f"newton: every step turns a cell inside out ({done.residual:.1e})")
         before = done.residual
-        x, now = found
+        x = x + length * step
+        done.pressure_mpa = pressure
+        after = problem.evaluate(x, pressure, False, True)
+        assert after is not None
+        now = after
         done.residual = _size(now)
         done.iterations += 1
+        best = min(best, done.residual)
         fresh = done.residual <= KEEP * before
     done.free_mm = x
     return done
@@ -106,24 +138,28 @@ def _size(e: Evaluation) -> float:
 
 
 def _direction(
-    evaluate: Evaluate,
+    problem: Problem,
     x: Field,
     now: Evaluation,
     solver: Solver,
     pattern: Pattern,
     rest_data: Field,
-    done: Minimum,
+    longest_mm: float,
+    done: Solution,
 ) -> Field:
-    """A Newton direction that descends.
+    """A Newton direction that descends, no longer than `longest_mm` where that can be had.
 
     Against negative eigenvalues the terms that may be negative are left out; what the bulk then
-    still has is left to the line search, or outweighed by rest_data where the step would climb.
+    still has is outweighed by rest_data. Where the gel folds or snaps the tangent is all but
+    singular: a full step runs for centimetres, and the weighted one follows the way down instead.
     """
     curved = not done.flattened or done.residual < NEAR
+    best: Field | None = None
     for shift in (0.0, *SHIFTS):
-        data = evaluate(x, True, curved).data
-        assert data is not None
-        solver.factorise(pattern.matrix(data + shift * rest_data if shift else data))
+        found = problem.evaluate(x, done.pressure_mpa, True, curved)
+        assert found is not None
+        assert found.data is not None
+        solver.factorise(pattern.matrix(found.data + shift * rest_data if shift else found.data))
         done.factorisations += 1
         done.shifted += bool(shift)
         last = curved
@@ -132,35 +168,46 @@ def _direction(
             done.flattened = True
             continue
         step = -solver.solve(now.residual_n)
-        if np.isfinite(step).all() and now.residual_n @ step < 0:
+        if not (np.isfinite(step).all() and now.residual_n @ step < 0):
+            continue
+        best = step
+        if not solver.negative and float(np.abs(step).max()) <= longest_mm:
             return step
+    if best is not None:
+        return best
     raise SolverError("newton: no direction descends")
 
 
 def _search(
-    evaluate: Evaluate, x: Field, step: Field, now: Evaluation, done: Minimum
-) -> tuple[Field, Evaluation] | None:
-    """Halve the step until energy falls (Armijo) or, near the minimum, the slope has shrunk.
+    problem: Problem, x: Field, step: Field, now: Evaluation, done: Solution
+) -> tuple[float, Field]:
+    """Length of the step, 0 if none is allowed, and the pressures that go with it.
 
-    Energies differ by less than rounding there, so the slope along the step decides.
+    There is no energy to lower while pressures are free: the length is a zero of the slope along
+    the step, found roughly by regula falsi, and only where the full step runs far past it.
     """
-    slope = float(now.residual_n @ step)
-    length = 1.0
-    while length >= SHORTEST:
-        trial = x + length * step
-        new = evaluate(trial, False, True)
-        if np.isfinite(new.energy_nmm):
-            if new.energy_nmm <= now.energy_nmm + ARMIJO * length * slope:
-                return trial, new
-            noise = 1e-11 * (abs(now.energy_nmm) + now.scale_n * 1e-3)
-            flat = abs(float(new.residual_n @ step)) <= 0.9 * abs(slope)
-            if flat and new.energy_nmm <= now.energy_nmm + noise:
-                return trial, new
-            # Minimum of the parabola through both energies and the slope, kept within bounds.
-            bend = new.energy_nmm - now.energy_nmm - length * slope
-            best = -slope * length**2 / (2 * bend) if bend > 0 else length / 2
-            length = min(max(best, 0.1 * length), 0.5 * length)
-        else:
-            length *= 0.5
+    rate = problem.pressure_rate(step)
+    start = float(now.residual_n @ step)
+    low, low_slope, length = 0.0, start, 1.0
+    high, high_slope = 0.0, 0.0
+    for _ in range(SEARCHES):
+        pressure = now.pressure_mpa + length * rate
+        slope = problem.slope(x + length * step, pressure, step)
+        # So near the end the slopes are rounding.
+        if slope is not None and (done.residual < SURE or slope <= OVERSHOT * abs(start)):
+            return length, pressure
         done.halvings += 1
-    return None
+        if slope is None:
+            length *= 0.5
+            continue
+        high, high_slope = length, slope
+        root = low - low_slope * (high - low) / (high_slope - low_slope)
+        length = min(max(root, 0.1 * high), 0.7 * high)
+        if length < SHORTEST:
+            break
+    while length >= SHORTEST / 16:
+        pressure = now.pressure_mpa + length * rate
+        if problem.slope(x + length * step, pressure, step) is not None:
+            return length, pressure
+        length *= 0.5
+    return 0.0, now.pressure_mpa

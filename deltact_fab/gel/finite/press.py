@@ -5,22 +5,25 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError, SolverError
-from ..material import GelMaterial
 from ...shapes import Indenter
-
-from .assembly import BulkAssembly
+from ..material import GelMaterial
+from ..mixing import Mixer
+from . import newton
+from .assembly import Bulk, BulkAssembly
+from .blunt import blunted
 from .linear import Name, make_solver
 from .material import NeoHooke
 from .mesh import HexMesh
-from .newton import Evaluation, minimise
 from .pattern import Pattern
 from .state import Diagnostics, FiniteState, Point, sum_of, with_diagnostics
 from .surface import Contact, Grip, Surface
+from .viscous import Memory, Viscosity
 
 Field = NDArray[np.float64]
 
@@ -30,6 +33,7 @@ PREDICTABLE = 0.75  # of the smallest cell: longest move that is extrapolated
 CONE = 2e-3  # of the largest bound: how far bounds may be from friction x pressure
 CONE_LIMIT = 0.1  # the same, beyond which the increment is cut
 ROUGH = 1e-4  # tolerance of solves whose bound is still an estimate
+LONGEST = 1.0  # cells that a node may move in one iteration, over twice the tip's own move
 FLOOR = 1e-2  # x E x thickness x cell size: least force that a residual is compared with
 
 
@@ -59,12 +63,12 @@ class FinitePress:
             raise InputError(f"press: tolerance must be 1e-12 to 1e-3: {tolerance} fails")
         self.mesh, self.indenter, self.friction = mesh, indenter, friction
         self.law = NeoHooke.of(material)
+        self.viscosity = Viscosity.of(material, self.law)
         self.tolerance, self.correctors = tolerance, correctors
-        free = np.ones(mesh.nodes_mm.shape, dtype=bool)
-        free[mesh.base] = False
-        self.pattern = Pattern(mesh, free)
+        self.pattern = Pattern(mesh, ~mesh.held)
         self.bulk = BulkAssembly(mesh, self.law, self.pattern, use_compiled)
-        self.surface = Surface(mesh, self.pattern, indenter, material.modulus_mpa)
+        felt = blunted(indenter, _smallest_face_mm(mesh))
+        self.surface = Surface(mesh, self.pattern, felt, material.modulus_mpa)
         self.solver = make_solver(self.pattern.size, solver)
         at_rest = self.bulk.evaluate(np.zeros_like(mesh.nodes_mm)).data
         assert at_rest is not None
@@ -78,30 +82,48 @@ class FinitePress:
         nothing = (0.0, 0.0, 0.0)
         return FiniteState(
             tip_mm, np.zeros_like(self.mesh.nodes_mm), np.zeros((f, 4, 3)), np.zeros((f, 4)),
-            np.zeros((f, 4, 3)), nothing, nothing, nothing, 0.0, 0,
+            np.zeros((f, 4, 3)), nothing, nothing, nothing, 0.0, 0, np.zeros(len(self.mesh.cells)),
         )  # fmt: skip
 
     def path(
-        self, previous: FiniteState, tip_mm: Point, max_step_mm: float = 1.0
+        self,
+        previous: FiniteState,
+        tip_mm: Point,
+        max_step_mm: float = 1.0,
+        seconds: float | None = None,
     ) -> Iterator[FiniteState]:
-        """Solve along the straight way to tip_mm in equal increments; above the face one does."""
+        """Solve along the straight way to tip_mm in equal increments; above the face one does.
+
+        seconds: of the whole way, at an even feed; see `solve`.
+        """
         if not (math.isfinite(max_step_mm) and max_step_mm > 0):
             raise InputError(f"press: max_step_mm > 0 and finite: {max_step_mm} fails")
         start, end = np.array(previous.tip_mm), np.array(tip_mm, dtype=np.float64)
         n = max(1, math.ceil(float(np.linalg.norm(end - start)) / max_step_mm - 1e-9))
         state = previous
         for i in range(1, n + 1):
-            state = self.solve(state, _point(start + (end - start) * (i / n)))
+            part = None if seconds is None else seconds / n
+            state = self.solve(state, _point(start + (end - start) * (i / n)), part)
             yield state
 
-    def solve(self, previous: FiniteState, tip_mm: Point) -> FiniteState:
+    def solve(
+        self, previous: FiniteState, tip_mm: Point, seconds: float | None = None
+    ) -> FiniteState:
         """One increment, cut in halves where it does not converge.
 
+        seconds: that it takes, 0 (sudden) to infinity (long rest), evenly along the way; a gel with
+        a Prony series needs it (InputError), to any other it makes no difference. The same tip
+        again is a hold.
         Raises SolverError when MOST_CUTS do not help, when the tip slips through the mesh, and
         when contact is lost while the depth grows.
         """
         if not all(math.isfinite(v) for v in tip_mm):
             raise InputError(f"press: a tip at {tip_mm}: three finite numbers are needed")
+        if self.viscosity is not None and seconds is None:
+            raise InputError(
+                "press: a gel with a Prony series needs the seconds that an increment takes: 0 for "
+                "a sudden one, inf for long rest"
+            )
         started = time.perf_counter()
         start, move = np.array(previous.tip_mm), np.array(tip_mm) - np.array(previous.tip_mm)
         done, part, cuts = 0.0, 1.0, 0
@@ -109,8 +131,9 @@ class FinitePress:
         while done < 1.0:
             goal = min(1.0, done + part)
             tip = start + goal * move
+            memory = self._memory(state, seconds, goal - done)
             try:
-                state = self._increment(state, tip_mm if goal == 1.0 else _point(tip))
+                state = self._increment(state, tip_mm if goal == 1.0 else _point(tip), memory)
             except SolverError as why:
                 cuts += 1
                 part /= 2
@@ -131,37 +154,43 @@ class FinitePress:
         )  # fmt: skip
         return with_diagnostics(state, diagnostics)
 
-    def _increment(self, previous: FiniteState, tip_mm: Point) -> FiniteState:
+    def _memory(self, state: FiniteState, seconds: float | None, part: float) -> Memory | None:
+        """What a relaxing gel brings into the next part of an increment."""
+        if self.viscosity is None or seconds is None:
+            return None
+        f = self.bulk.deformation_gradient(state.displacement_mm)
+        return self.viscosity.memory(f, state.overstress_mpa, seconds * part)
+
+    def _increment(
+        self, previous: FiniteState, tip_mm: Point, memory: Memory | None
+    ) -> FiniteState:
         """Predict, solve with the bound of the start, solve again with the bound just found."""
         tip = np.array(tip_mm)
-        u = self._predicted(previous, tip)
-        at = self.surface.points(previous.displacement_mm, np.array(previous.tip_mm))
-        grip: Grip | None = None
-        work = Diagnostics()
-        rubs = self.friction > 0
-        if rubs:
-            seen = self.surface.evaluate(
-                previous.displacement_mm, np.array(previous.tip_mm), tangent=False
-            )
-            grip = self.surface.grip(at, previous.slip_mm, seen, self.friction)
+        u, pressure = self._predicted(previous, tip)
+        rubs = self.friction > 0 and tip_mm[2] > 0
+        moved = tip - np.array(previous.tip_mm)
+        grip = self._grip(previous, moved, self._share(previous, tip)) if rubs else None
+        mixer, work = Mixer(), Diagnostics()
         # Only the last solve has to be exact; the bounds before it are estimates anyway.
         settled = not rubs
         for k in range(2 + self.correctors):
-            found = minimise(
-                self._potential(tip, grip), u[self.pattern.free], self.solver, self.pattern,
-                self._rest_data, self.tolerance if settled else max(ROUGH, self.tolerance),
-                factored=k > 0,
+            found = newton.solve(
+                _Problem(self, tip, grip, memory), u[self.pattern.free], pressure, self.solver,
+                self.pattern, self._rest_data,
+                self.tolerance if settled else max(ROUGH, self.tolerance),
+                longest_mm=LONGEST * self._cell_mm + 2 * float(np.abs(moved).max()), factored=k > 0,
             )  # fmt: skip
-            u = self._whole(found.free_mm)
+            u, pressure = self._whole(found.free_mm), found.pressure_mpa
             work = sum_of(work, Diagnostics(found.iterations, found.factorisations, found.shifted))
-            if settled:
+            if grip is None or settled:
                 break
             seen = self.surface.evaluate(u, tip, tangent=False)
             excess = self._cone_excess(seen, grip)
             settled = excess <= CONE or k == self.correctors
             if excess > CONE:
-                grip = self.surface.grip(at, previous.slip_mm, seen, self.friction)
-        state = self._state(previous, tip_mm, u, grip, found.residual, work)
+                bound = mixer.next(grip.bound_mpa, self._bound(grip, seen))
+                grip = replace(grip, bound_mpa=np.maximum(bound, 0.0))
+        state = self._state(previous, tip_mm, u, grip, found.residual, work, memory)
         if state.diagnostics.cone_excess > CONE_LIMIT:
             raise SolverError(
                 f"press: friction x pressure still changes by {state.diagnostics.cone_excess:.0%} "
@@ -169,54 +198,72 @@ class FinitePress:
             )
         return state
 
-    def _potential(self, tip: Field, grip: Grip | None):  # type: ignore[no-untyped-def]
-        """The function that `minimise` takes: bulk and contact over the free displacements."""
-        free = self.pattern.free
+    def _grip(self, previous: FiniteState, move: Field, share: float) -> Grip:
+        """What the points in contact remember, and from where those count that will come to it.
 
-        def evaluate(x: Field, tangent: bool, curved: bool) -> Evaluation:
-            u = self._whole(x)
-            bulk = self.bulk.evaluate(u, tangent)
-            if bulk.force_n is None:
-                return Evaluation(np.inf, x, 1.0, None)
-            contact = self.surface.evaluate(u, tip, grip, tangent, curved)
-            residual = (bulk.force_n + contact.force_n)[free]
-            scale = max(float(np.linalg.norm(contact.force_n)), self._floor_n)
-            data = None if bulk.data is None else bulk.data + contact.data
-            return Evaluation(bulk.energy_nmm + contact.energy_nmm, residual, scale, data)
+        A free point keeps its place until the tip has come the share t of its move that closes the
+        gap, t = gap / (move . normal); from there on it slips. So a point that just sinks before
+        the tip has not slipped at all when it is met.
+        """
+        before = np.array(previous.tip_mm)
+        at = self.surface.points(previous.displacement_mm, before)
+        seen = self.surface.evaluate(previous.displacement_mm, before, tangent=False)
+        pressure, normal = seen.pressure_mpa, seen.gap.normal.reshape(at.shape)
+        held = pressure > 0
+        free_gap = np.maximum(seen.gap.distance_mm.reshape(pressure.shape), 0.0)
+        closing = normal @ move
+        t = np.divide(free_gap, closing, out=np.ones_like(closing), where=closing > free_gap)
+        coming = ~held & (t < 1)
+        at = np.where(coming[..., None], at - t[..., None] * move, at)
+        normal = self.surface.normals(at)
+        if previous.rate is not None:
+            pressure = np.maximum(pressure + share * previous.rate[3], 0.0)
+        bound = np.where(held, self.friction * pressure, 0.0)
+        return Grip(at, previous.slip_mm, normal, bound, held | coming)
 
-        return evaluate
+    def _bound(self, grip: Grip, seen: Contact) -> Field:
+        """Friction x pressure where there is a grip."""
+        return np.where(grip.held, self.friction * seen.pressure_mpa, 0.0)
 
     def _whole(self, free_mm: Field) -> Field:
         u = np.zeros_like(self.mesh.nodes_mm)
         u[self.pattern.free] = free_mm
         return u
 
-    def _predicted(self, previous: FiniteState, tip: Field) -> Field:
-        """The last increment continued as far as the tip moves on in its direction."""
-        u = previous.displacement_mm
-        if previous.rate_mm is None:
-            return u
-        change, moved = previous.rate_mm
+    def _share(self, previous: FiniteState, tip: Field) -> float:
+        """How much of the last increment is repeated; 0 where the path turns or the move is long.
+
+        Backwards the contact does not come off as it went on. A move of a cell or more shears cells
+        so much that Newton from rest takes half the factors.
+        """
+        if previous.rate is None:
+            return 0.0
+        moved = previous.rate[1]
         move = tip - np.array(previous.tip_mm)
-        length2 = float(moved @ moved)
+        length2, goal2 = float(moved @ moved), float(move @ move)
         along = float(move @ moved) / length2 if length2 > 0 else 0.0
-        # A turn of the path keeps nothing; backwards the contact does not come off as it went on.
-        if along <= 0 or along**2 * length2 < 0.9 * float(move @ move):
-            return u
-        # A move of a cell or more shears cells so much that plain Newton takes half the factors.
-        if float(move @ move) > (PREDICTABLE * self._cell_mm) ** 2:
-            return u
-        trial = u + min(along, 2.0) * change
+        turned = along <= 0 or along**2 * length2 < 0.9 * goal2
+        return 0.0 if turned or goal2 > (PREDICTABLE * self._cell_mm) ** 2 else min(along, 2.0)
+
+    def _predicted(self, previous: FiniteState, tip: Field) -> tuple[Field, Field]:
+        """Displacements and cell pressures, the last increment repeated."""
+        u, pressure = previous.displacement_mm, previous.cell_pressure_mpa
+        share = self._share(previous, tip)
+        if previous.rate is None or share == 0:
+            return u, pressure
+        trial = u + share * previous.rate[0]
         kept = self.bulk.evaluate(trial, False).least_j > 0.2 * previous.diagnostics.least_j
-        return trial if kept else u
+        return (trial, pressure + share * previous.rate[2]) if kept else (u, pressure)
 
     def _state(
         self, previous: FiniteState, tip_mm: Point, u: Field, grip: Grip | None,
-        residual: float, work: Diagnostics,
+        residual: float, work: Diagnostics, memory: Memory | None,
     ) -> FiniteState:  # fmt: skip
         tip = np.array(tip_mm)
-        bulk = self.bulk.evaluate(u, False)
+        bulk = self._bulk_at(u, memory)
         assert bulk.force_n is not None
+        assert bulk.jbar is not None
+        pressure = self.law.volumetric(bulk.jbar)[1]
         contact = self.surface.evaluate(u, tip, grip, tangent=False)
         pull = -contact.force_n
         where = self.mesh.nodes_mm + u
@@ -232,6 +279,9 @@ class FinitePress:
             least_j=bulk.least_j,
             most_stretch=self._most_stretch(u),
         )
+        overstress = None
+        if self.viscosity is not None and memory is not None:
+            overstress = self.viscosity.overstress(self.bulk.deformation_gradient(u), memory)
         return FiniteState(
             tip_mm=tip_mm,
             displacement_mm=u,
@@ -243,15 +293,30 @@ class FinitePress:
             base_force_n=_point(bulk.force_n[self.mesh.base].sum(axis=0)),
             contact_area_mm2=float(present[touched].sum()),
             contact_points=int(touched.sum()),
+            cell_pressure_mpa=pressure,
             diagnostics=diagnostics,
-            rate_mm=(u - previous.displacement_mm, tip - np.array(previous.tip_mm)),
+            overstress_mpa=overstress,
+            rate=(
+                u - previous.displacement_mm,
+                tip - np.array(previous.tip_mm),
+                pressure - previous.cell_pressure_mpa,
+                contact.pressure_mpa - previous.pressure_mpa,
+            ),
         )
+
+    def _bulk_at(
+        self, u: Field, memory: Memory | None, tangent: bool = False, pressure: Field | None = None
+    ) -> Bulk:
+        """The bulk at displacements (n, 3), with what it remembers."""
+        if memory is None:
+            return self.bulk.evaluate(u, tangent, pressure)
+        return self.bulk.evaluate(u, tangent, pressure, memory.scale, memory.stress_mpa)
 
     def _cone_excess(self, seen: Contact, grip: Grip | None) -> float:
         """Largest difference of the frozen bound from friction x pressure, over the largest."""
         if grip is None:
             return 0.0
-        bound = self.friction * seen.pressure_mpa
+        bound = self._bound(grip, seen)
         most = float(max(bound.max(), grip.bound_mpa.max()))
         return float(np.abs(grip.bound_mpa - bound).max()) / most if most > 0 else 0.0
 
@@ -271,10 +336,68 @@ class FinitePress:
                 f"the gel at depth {depth:g} mm: the tip hides between the contact points of "
                 "this mesh, a finer one is needed"
             )
-        if state.contact_points == 0 and depth > previous.tip_mm[2]:
+        # Into a dent that a relaxing gel still keeps, a tip may advance without contact.
+        dented = state.overstress_mpa is not None and previous.contact_points == 0
+        if state.contact_points == 0 and depth > previous.tip_mm[2] and not dented:
             raise SolverError(
                 f"press: {self.indenter.name} lost contact while advancing to {depth:g} mm"
             )
+
+
+class _Problem:
+    """Bulk and contact over the free displacements, for `newton.solve`."""
+
+    def __init__(
+        self, press: FinitePress, tip: Field, grip: Grip | None, memory: Memory | None
+    ) -> None:
+        self._press, self._tip, self._grip, self._memory = press, tip, grip, memory
+        self._seen: tuple[Bulk, Field] | None = None
+
+    def evaluate(
+        self, free_mm: Field, pressure_mpa: Field | None, tangent: bool, curved: bool
+    ) -> newton.Evaluation | None:
+        press = self._press
+        u = press._whole(free_mm)
+        bulk = press._bulk_at(u, self._memory, tangent, pressure_mpa)
+        if bulk.force_n is None:
+            return None
+        assert bulk.jbar is not None
+        _, first, second = press.law.volumetric(bulk.jbar)
+        self._seen = bulk, second
+        contact = press.surface.evaluate(u, self._tip, self._grip, tangent, curved)
+        residual = (bulk.force_n + contact.force_n)[press.pattern.free]
+        scale = max(float(np.linalg.norm(contact.force_n)), press._floor_n)
+        data = None if bulk.data is None else bulk.data + contact.data
+        return newton.Evaluation(residual, scale, data, first)
+
+    def pressure_rate(self, step_mm: Field) -> Field:
+        assert self._seen is not None
+        bulk, second = self._seen
+        press = self._press
+        step = press._whole(step_mm)[press.mesh.cells].reshape(len(second), -1)
+        change = np.einsum("mk,mk->m", bulk.volume_rate_mm2, step)
+        return second * change / press.bulk.volumes_mm3
+
+    def slope(self, free_mm: Field, pressure_mpa: Field, step_mm: Field) -> float | None:
+        press = self._press
+        u = press._whole(free_mm)
+        bulk = press._bulk_at(u, self._memory)
+        if bulk.force_n is None:
+            return None
+        assert bulk.jbar is not None
+        contact = press.surface.evaluate(u, self._tip, self._grip, False)
+        total = float((bulk.force_n + contact.force_n)[press.pattern.free] @ step_mm)
+        # The same with the cells' own pressures instead of U'(J).
+        step = press._whole(step_mm)[press.mesh.cells].reshape(len(pressure_mpa), -1)
+        change = np.einsum("mk,mk->m", bulk.volume_rate_mm2, step)
+        return total + float((pressure_mpa - press.law.volumetric(bulk.jbar)[1]) @ change)
+
+
+def _smallest_face_mm(mesh: HexMesh) -> float:
+    """Side of the smallest face that can be touched."""
+    x = mesh.nodes_mm[mesh.faces]
+    across = np.linalg.norm(np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]), axis=1) / 2
+    return float(np.sqrt(across.min()))
 
 
 def _point(v: Field) -> Point:

@@ -45,7 +45,10 @@ class FiniteState:
     force_n, torque_nmm: on the sensor, about the centre of the resting face.
     base_force_n: of the base on the gel; minus force_n in equilibrium.
     contact_area_mm2: of the deformed face under pressure. contact_points: their number.
-    rate_mm: (n, 3) change of displacement and (3,) move of the tip in the last increment.
+    cell_pressure_mpa (m,): mean pressure of the cells, tension positive.
+    rate: what the last increment changed: displacement (n, 3), tip (3,), cell pressure (m,) and
+    pressure on the face (f, 4).
+    overstress_mpa (k, m, 8, 6): of a gel with a Prony series, see `viscous`; None: all has faded.
     """
 
     tip_mm: Point
@@ -58,8 +61,10 @@ class FiniteState:
     base_force_n: Point
     contact_area_mm2: float
     contact_points: int
+    cell_pressure_mpa: Field
     diagnostics: Diagnostics = field(default_factory=Diagnostics)
-    rate_mm: tuple[Field, Field] | None = None
+    rate: tuple[Field, Field, Field, Field] | None = None
+    overstress_mpa: Field | None = None
 
     @property
     def trusted(self) -> bool:

@@ -19,15 +19,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...shapes import Indenter
-
 from .distance import Gap, gap
 from .mesh import HexMesh
 from .pattern import FACE_UPPER, Pattern
 
 Field = NDArray[np.float64]
 
-STIFFNESS = 100.0  # k h / E
-WIDTH = 0.025  # w / h
+STIFFNESS = 50.0  # k h / E
+GRIP = 10.0  # the same along the face
+HARDENING = 0.05  # over h: penetration at which the pressure is twice that of k
+HARDEST = 2.0  # times that penetration: beyond, the pressure rises straight
+WIDTH = 0.03  # w / h
 SHALLOW = 0.2  # largest w over the depth
 _G = 1 / np.sqrt(3)
 
@@ -38,12 +40,14 @@ class Grip:
 
     at_mm (f, 4, 3): points relative to the indenter at the start of the increment.
     slip_mm (f, 4, 3): elastic slip stored there. normal (f, 4, 3): frozen. bound_mpa (f, 4): b.
+    held (f, 4): points that were in contact then; others are free of friction.
     """
 
     at_mm: Field
     slip_mm: Field
     normal: Field
     bound_mpa: Field
+    held: NDArray[np.bool_]
 
 
 class Contact(NamedTuple):
@@ -75,7 +79,9 @@ class Surface:
         jacobian = np.einsum("qaj,fai->fqij", slope, x)
         self.weights_mm2: Field = np.linalg.det(jacobian)
         size = np.sqrt(self.weights_mm2.sum(axis=1))[:, None]
+        self._size = size
         self.stiffness: Field = STIFFNESS * modulus_mpa / size
+        self.grip_stiffness: Field = GRIP * modulus_mpa / size
         self.width_mm: Field = WIDTH * size
         self._slope = slope
         self._rest_jacobian = jacobian
@@ -97,7 +103,7 @@ class Surface:
         """Potential, forces and tangent; `curved` False leaves out -p grad^2 g, which may be
         negative."""
         at = self.points(displacement_mm, tip_mm)
-        near = gap(self.indenter, at.reshape(-1, 3))
+        near = self._near(at)
         f = len(at)
         normal = near.normal.reshape(f, 4, 3)
         psi, pressure, rise = self._ramp(near.distance_mm.reshape(f, 4), float(tip_mm[2]))
@@ -126,14 +132,33 @@ class Surface:
             data = self._matrix_entries(block * w[..., None, None], touched.any(axis=1))
         return Contact(energy, force, data, pressure, shear, near)
 
-    def grip(self, at_mm: Field, slip_mm: Field, seen: Contact, friction: float) -> Grip:
-        """Freeze the bound and the normals of an evaluation; at_mm, slip_mm: start of increment."""
-        normal = seen.gap.normal.reshape(at_mm.shape)
-        return Grip(at_mm, slip_mm, normal, friction * seen.pressure_mpa)
+    def normals(self, at_mm: Field) -> Field:
+        """Outward normals (f, 4, 3) of the indenter next to points (f, 4, 3)."""
+        return self._near(at_mm).normal.reshape(at_mm.shape)
+
+    def _near(self, at: Field) -> Gap:
+        """The gap at points (f, 4, 3); far from the indenter a lower bound of it, flat."""
+        flat = at.reshape(-1, 3)
+        margin = 2 * float(self.width_mm.max())
+        half = self.indenter.footprint_half_mm
+        beside = np.maximum(np.abs(flat[:, 0]) - half[0], np.abs(flat[:, 1]) - half[1])
+        below = -flat[:, 2]
+        plate = self.indenter.reach_mm + below
+        far = np.maximum(below, np.minimum(beside, plate))
+        some = far < margin
+        n = len(flat)
+        if some.all():
+            return gap(self.indenter, flat)
+        found = gap(self.indenter, flat[some])
+        distance, normal = far, np.tile([0.0, 0.0, -1.0], (n, 1))
+        curvature = np.zeros((n, 3, 3))
+        distance[some], normal[some] = found.distance_mm, found.normal
+        curvature[some] = found.curvature_per_mm
+        return Gap(distance, normal, curvature)
 
     def released_slip(self, seen: Contact) -> Field:
         """Elastic slip (f, 4, 3) that carries the shear of an evaluation on to the next step."""
-        return -seen.shear_mpa / self.stiffness[..., None]
+        return -seen.shear_mpa / self.grip_stiffness[..., None]
 
     def area_ratio(self, displacement_mm: Field) -> Field:
         """Present over resting area at the points, (f, 4)."""
@@ -162,12 +187,23 @@ class Surface:
         s = np.clip(q + w / 2, 0.0, w)
         beyond = np.maximum(q - w / 2, 0.0)
         # Round part up to q = w/2, then the straight ramp on from there.
-        psi = k * (s**3 / (6 * w) + beyond * (beyond + w) / 2)
-        return psi, k * (s**2 / (2 * w) + beyond), k * np.where(q > -w / 2, s / w, 0.0)
+        ramp, slope = s**2 / (2 * w) + beyond, np.where(q > -w / 2, s / w, 0.0)
+        a2 = 1 / (HARDENING * self._size) ** 2
+        # From `cap` on straight: Newton comes down a cube by only a third at a time.
+        cap = HARDEST * HARDENING * self._size
+        curved, straight = np.minimum(ramp, cap), np.maximum(ramp - cap, 0.0)
+        steepest = 1 + 3 * a2 * cap**2
+        pressure = k * (curved * (1 + a2 * curved**2) + steepest * straight)
+        rise = k * slope * np.where(straight > 0, steepest, 1 + 3 * a2 * curved**2)
+        full = np.minimum(w / 2 + beyond, cap)
+        psi = s**3 / (6 * w) + a2 * s**7 / (56 * w**3)
+        psi = psi + (full**2 - (w / 2) ** 2) / 2 + a2 * (full**4 - (w / 2) ** 4) / 4
+        psi = psi + cap * (1 + a2 * cap**2) * straight + steepest * straight**2 / 2
+        return k * psi, pressure, rise
 
     def _friction(self, at: Field, grip: Grip, tangent: bool) -> tuple[Field, Field, Field | None]:
         """Huber's potential (f, 4), its derivative (f, 4, 3) and tangent (f, 4, 3, 3)."""
-        k, b, n = self.stiffness, grip.bound_mpa, grip.normal
+        k, b, n = self.grip_stiffness, grip.bound_mpa, grip.normal
         e = grip.slip_mm + at - grip.at_mm
         e = e - (e * n).sum(axis=2, keepdims=True) * n
         size = np.linalg.norm(e, axis=2)

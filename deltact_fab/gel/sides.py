@@ -1,0 +1,279 @@
+"""What the free sides of a block add to the compliance of its face, found by finite elements.
+
+Two linear problems share their cells: the block, whose sides are free, and a periodic slab of the
+same bricks that goes on where the block ends. The difference of their surface compliances is the
+work of the sides alone. Near a load both are wrong by the same amount and the difference is not,
+so cells that would be far too coarse for a contact do, while the layer sees the contact itself.
+
+The slab is the block plus more gel, so the difference is symmetric and positive semidefinite: the
+sides can only make a face softer.
+
+Both problems are condensed to the face, the slab wave by wave, the block in its four symmetry
+classes by eliminating one layer of nodes after another from the base up.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import scipy.fft
+import scipy.linalg
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from .. import cache
+from ..errors import InputError
+from ..shapes import SkinDimensions
+from .finite.assembly import BulkAssembly
+from .finite.material import NeoHooke
+from .finite.mesh import HexMesh
+from .finite.pattern import Pattern
+from .material import GelMaterial
+
+Field = NDArray[np.float64]
+Index = NDArray[np.int64]
+Signs = tuple[int, int]
+
+MOST_POISSON = 0.4999
+PADDING = 2  # periods of the slab, in faces
+CELLS_ALONG = 24  # cells along the longer side, unless a size is asked for
+MOST_ALONG = 36  # the same where the gel is thinner than such a cell
+_KIND = "gel-sides"
+_VERSION = 1
+_CLASSES: tuple[Signs, ...] = ((1, 1), (-1, 1), (1, -1), (-1, -1))  # in (x, y)
+
+
+class Cells(NamedTuple):
+    """Cells of a block: whole numbers along the face, both even, and heights from base to face."""
+
+    nx: int
+    ny: int
+    z_mm: Field
+
+
+@dataclass(frozen=True, eq=False)
+class FreeSides:
+    """The sides' part of the face's compliance, for a modulus of 1 MPa.
+
+    x_mm (nx,), y_mm (ny,): nodes of the face, both odd in number. quarters (3, 3, 4, q, q) in mm
+    MPa / N: displacement component, force component, symmetry class, then the nodes of the quarter
+    x >= 0, y >= 0 twice, row by row. The classes are (even, even), (even, odd), (odd, even) and
+    (odd, odd) in (y, x), said of u_z; `halves` gives the amplitudes that they act on.
+    """
+
+    x_mm: Field
+    y_mm: Field
+    quarters: Field
+
+
+def free_sides(
+    skin: SkinDimensions, poisson: float, cell_mm: float | None = None, use_cache: bool = True
+) -> FreeSides:
+    """The sides of a skin's block, from the cache or computed.
+
+    cell_mm: largest side of a cell; None takes CELLS_ALONG the longer side, for a thinner gel up to
+    MOST_ALONG.
+    The edges' fillet and the frame are left out.
+    Raises InputError for a Poisson's ratio over MOST_POISSON and for an unusable cell size.
+    """
+    if not 0 <= poisson <= MOST_POISSON:
+        raise InputError(
+            f"block: 0 <= poisson <= {MOST_POISSON} is needed: {poisson:g} fails; {MOST_POISSON} "
+            "is incompressible but for .1 % of force, and the level layer takes .5 itself"
+        )
+    cells = _cells(skin, cell_mm)
+    key = {
+        "version": _VERSION,
+        "sides_mm": [skin.width_mm, skin.length_mm],
+        "thickness_mm": skin.thickness_mm,
+        "cells": [cells.nx, cells.ny, len(cells.z_mm) - 1],
+        "poisson": poisson,
+    }
+    a, b = skin.opening_half_mm
+    x, y = np.linspace(-a, a, cells.nx + 1), np.linspace(-b, b, cells.ny + 1)
+    found = cache.get_file(_KIND, key) if use_cache else None
+    if found is not None:
+        return FreeSides(x, y, np.load(io.BytesIO(found[0]), allow_pickle=False))
+    quarters = _quarters(x, y, cells, poisson)
+    if use_cache:
+        data = io.BytesIO()
+        np.save(data, quarters, allow_pickle=False)
+        cache.put_file(_KIND, key, data.getvalue())
+    return FreeSides(x, y, quarters)
+
+
+def halves(values: Field) -> Field:
+    """Amplitudes (2, h, ...) of the even and the odd part of values (2 h - 1, ...) on a mirror.
+
+    The map is orthonormal: its transpose puts the values together again.
+    """
+    h = len(values) // 2
+    right, left = values[h:], values[h::-1]
+    parts = np.stack([right + left, right - left]) / math.sqrt(2)
+    parts[0, 0] = values[h]
+    return parts
+
+
+def _cells(skin: SkinDimensions, cell_mm: float | None) -> Cells:
+    longer = max(skin.width_mm, skin.length_mm)
+    size = cell_mm
+    if size is None:
+        size = min(longer / CELLS_ALONG, max(skin.thickness_mm, longer / MOST_ALONG))
+    least, most = longer / 80, min(skin.width_mm, skin.length_mm) / 4
+    if not (math.isfinite(size) and least * (1 - 1e-9) <= size <= most):
+        raise InputError(
+            f"block: cell_mm must be {least:g} to {most:g} mm for a face of {skin.width_mm:g} x "
+            f"{skin.length_mm:g} mm: {size:g} fails"
+        )
+    nx, ny = (2 * math.ceil(side / (2 * size) - 1e-9) for side in (skin.width_mm, skin.length_mm))
+    # Thin gels want several cells over the height; cells growing with depth save time once only.
+    step = min(size, skin.thickness_mm / 4)
+    layers = math.ceil(skin.thickness_mm / step - 1e-9)
+    z = np.linspace(-skin.thickness_mm, 0.0, layers + 1)
+    return Cells(nx, ny, z)
+
+
+def _quarters(x: Field, y: Field, cells: Cells, poisson: float) -> Field:
+    """Block minus slab, (3, 3, 4, q, q), for a modulus of 1 MPa."""
+    law = NeoHooke.of(GelMaterial(modulus_mpa=1.0, poisson=poisson))
+    kernel = _slab_kernel(float(x[1] - x[0]), float(y[1] - y[0]), cells, law)
+    half_x, half_y = cells.nx // 2, cells.ny // 2
+    quarter = bricks(x[half_x:], y[half_y:], cells.z_mm)
+    row, column = (
+        i.ravel() for i in np.meshgrid(np.arange(half_y + 1), np.arange(half_x + 1), indexing="ij")
+    )
+    # A node's images share its unit of force.
+    root = np.sqrt(np.where(row > 0, 2.0, 1.0) * np.where(column > 0, 2.0, 1.0)) / 2
+    q = len(row)
+    found = np.zeros((3, 3, 4, q, q))
+    for i, signs in enumerate(_CLASSES):
+        free = _free_on_face(row, column, signs)
+        part = _condensed(quarter, law, np.tile(free, (len(cells.z_mm), 1)))
+        part -= _mirrored(kernel, row, column, free, signs)
+        whole = np.zeros((3 * q, 3 * q))
+        whole[np.ix_(free.ravel(), free.ravel())] = (part + part.T) / 2
+        scaled = root[:, None, None, None] * whole.reshape(q, 3, q, 3) * root[:, None]
+        found[:, :, i] = np.transpose(scaled, (1, 3, 0, 2))
+    return found
+
+
+def bricks(x_mm: Field, y_mm: Field, z_mm: Field) -> HexMesh:
+    """The mesh of a box cut by planes at rising coordinates; the highest face is touched."""
+    nx, ny, nz = len(x_mm), len(y_mm), len(z_mm)
+    number = np.arange(nz * ny * nx).reshape(nz, ny, nx)
+    low = np.stack(
+        [number[:-1, i : ny - 1 + i, j : nx - 1 + j] for i, j in ((0, 0), (0, 1), (1, 1), (1, 0))],
+        axis=-1,
+    ).reshape(-1, 4)
+    zz, yy, xx = np.meshgrid(z_mm, y_mm, x_mm, indexing="ij")
+    faces = (ny - 1) * (nx - 1)
+    return HexMesh(
+        nodes_mm=np.stack([xx.ravel(), yy.ravel(), zz.ravel()], axis=1),
+        cells=np.concatenate([low, low + ny * nx], axis=1).astype(np.int64),
+        touched=np.arange((nz - 2) * faces, (nz - 1) * faces),
+        base=np.arange(ny * nx),
+    )
+
+
+def _stiffness(mesh: HexMesh, law: NeoHooke, free: NDArray[np.bool_]) -> sp.csr_matrix:
+    """Upper triangle of the linear stiffness over the free displacements."""
+    pattern = Pattern(mesh, free)
+    data = BulkAssembly(mesh, law, pattern).evaluate(np.zeros_like(mesh.nodes_mm)).data
+    assert data is not None
+    return pattern.matrix(data)
+
+
+def _condensed(mesh: HexMesh, law: NeoHooke, free: NDArray[np.bool_]) -> Field:
+    """Compliance (n, n) of a face's free displacements, every layer of nodes alike but the base.
+
+    Layers are eliminated upwards with dense blocks: three quarters of a layer fill up anyway, and
+    the same rows hold the many right-hand sides that a sparse factor would have to be given.
+    """
+    free = free.copy()
+    free[mesh.base] = False
+    upper = _stiffness(mesh, law, free)
+    n = int(free[len(mesh.nodes_mm) - len(mesh.base) :].sum())
+    rest = np.zeros((n, n))
+    for start in range(0, upper.shape[0], n):
+        rows = upper[start : start + n].tocsc()
+        own = rows[:, start : start + n].toarray()
+        own += np.triu(own, 1).T
+        factor = scipy.linalg.cholesky(own - rest, lower=True, overwrite_a=True, check_finite=False)
+        if start + n < upper.shape[0]:
+            above = scipy.linalg.solve_triangular(
+                factor, rows[:, start + n : start + 2 * n].toarray(), lower=True,
+                overwrite_b=True, check_finite=False,
+            )  # fmt: skip
+            rest = above.T @ above
+    half = scipy.linalg.solve_triangular(factor, np.eye(n), lower=True, check_finite=False)
+    return half.T @ half
+
+
+def _slab_kernel(dx: float, dy: float, cells: Cells, law: NeoHooke) -> Field:
+    """Response (3, 3, my, mx) of the periodic slab's face to a force on node 0, offset 0 first.
+
+    A wave makes all columns of cells alike up to phases, so one column's matrix is enough.
+    """
+    levels = len(cells.z_mm)
+    column = bricks(np.array([0.0, dx]), np.array([0.0, dy]), cells.z_mm)
+    upper = _stiffness(column, law, np.ones((4 * levels, 3), dtype=bool)).toarray()
+    whole = (upper + np.triu(upper, 1).T).reshape(levels, 4, 3, levels, 4, 3)
+    my, mx = PADDING * cells.ny, PADDING * cells.nx
+    ky, kx = 2 * np.pi * scipy.fft.fftfreq(my), 2 * np.pi * scipy.fft.rfftfreq(mx)
+    at_y, at_x = (
+        np.exp(1j * np.multiply.outer(ky, [0, 1])),
+        np.exp(1j * np.multiply.outer(kx, [0, 1])),
+    )
+    size = 3 * (levels - 1)
+    right = np.zeros((size, 3))
+    right[-3:] = np.eye(3)
+    spectrum = np.empty((my, len(kx), 3, 3), dtype=np.complex128)
+    for i in range(my):
+        phase = np.einsum("b,ka->kba", at_y[i], at_x).reshape(-1, 4)
+        waves = np.einsum("ka,maincj,kc->kminj", phase.conj(), whole, phase, optimize=True).reshape(
+            len(kx), 3 * levels, 3 * levels
+        )[:, 3:, 3:]
+        spectrum[i] = np.linalg.solve(waves, right[None])[:, -3:]
+    return scipy.fft.irfft2(np.moveaxis(spectrum, (2, 3), (0, 1)), s=(my, mx), axes=(2, 3))
+
+
+def _free_on_face(row: Index, column: Index, signs: Signs) -> NDArray[np.bool_]:
+    """Which displacements (n, 3) of the quarter's nodes a symmetry class leaves free.
+
+    signs: +1 mirror-symmetric, -1 antisymmetric, in x and in y.
+    """
+    free = np.ones((len(row), 3), dtype=bool)
+    for axis, on in ((0, column == 0), (1, row == 0)):
+        held = np.arange(3) == axis if signs[axis] > 0 else np.arange(3) != axis
+        free[on] &= ~held
+    return free
+
+
+def _image_signs(signs: Signs, mirror: tuple[bool, bool]) -> Field:
+    """What a vector's components (3,) are multiplied with at an image, mirrored in x and/or y."""
+    factor = np.ones(3)
+    for axis in (0, 1):
+        if mirror[axis]:
+            factor *= signs[axis]
+            factor[axis] *= -1
+    return factor
+
+
+_MIRRORS = ((False, False), (True, False), (False, True), (True, True))
+
+
+def _mirrored(
+    kernel: Field, row: Index, column: Index, free: NDArray[np.bool_], signs: Signs
+) -> Field:
+    """The slab's response (n, n) to a class's forces on all four quarters."""
+    total = np.zeros((len(row), 3, len(row), 3))
+    for mirror in _MIRRORS:
+        x, y = (-column if mirror[0] else column), (-row if mirror[1] else row)
+        part = kernel[:, :, row[:, None] - y[None, :], column[:, None] - x[None, :]]
+        part *= _image_signs(signs, mirror)[None, :, None, None]
+        total += np.transpose(part, (2, 0, 3, 1))
+    return total[free][:, free]

@@ -1,0 +1,276 @@
+"""The finite block: its operator, its limits, plain finite elements, and contact up to the edge."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import RectBivariateSpline
+
+from deltact_fab.errors import InputError
+from deltact_fab.gel.block import FreeBlock
+from deltact_fab.gel.contact import ContactState, LayerContact
+from deltact_fab.gel.finite import FinitePress, block_mesh
+from deltact_fab.gel.finite.assembly import BulkAssembly
+from deltact_fab.gel.finite.linear import make_solver
+from deltact_fab.gel.finite.material import NeoHooke
+from deltact_fab.gel.finite.pattern import Pattern
+from deltact_fab.gel.layer import BondedLayer
+from deltact_fab.gel.material import GelMaterial
+from deltact_fab.gel.sides import bricks, free_sides
+from deltact_fab.shapes import SkinDimensions
+from deltact_fab.shapes.indenter import parse
+
+SKIN = SkinDimensions()
+GEL = GelMaterial()
+SPHERE = parse("sphere:10")
+
+
+@pytest.fixture(scope="module")
+def block() -> FreeBlock:
+    return FreeBlock.for_skin(SKIN, GEL, spacing_mm=0.5, cell_mm=1.5)
+
+
+def pressed(
+    gel: FreeBlock | BondedLayer,
+    x: float,
+    y: float,
+    depth: float = 2.0,
+    name: str = "sphere:10",
+    **how: object,
+) -> ContactState:
+    contact = LayerContact(gel, parse(name), **{"observe_shear": False, **how})  # type: ignore[arg-type]
+    return contact.solve(contact.rest(), (x, y, depth))
+
+
+def normal_n(*args: object, **how: object) -> float:
+    return -pressed(*args, **how).force_n[2]  # type: ignore[arg-type]
+
+
+# -- the operator ------------------------------------------------------------------------------
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_work_is_mutual_and_positive(block: FreeBlock, seed: int) -> None:
+    """Maxwell and Betti, with all three components, and energy that no load makes negative."""
+    rng = np.random.default_rng(seed)
+    one, two = rng.standard_normal((2, *block.shape, 3))
+    u, v = block.apply(one), block.apply(two)
+    size = np.linalg.norm(u) * np.linalg.norm(two)
+    assert abs(np.vdot(two, u) - np.vdot(one, v)) < 1e-10 * size
+    assert np.vdot(one, u) > 0
+    assert np.vdot(two, v) > 0
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 10**6), row=st.integers(0, 50), column=st.integers(0, 50))
+def test_window_is_the_face_cut_out(block: FreeBlock, seed: int, row: int, column: int) -> None:
+    my, mx = 17, 14
+    window = block.window(my, mx, row, column)
+    at = (slice(row, row + my), slice(column, column + mx))
+    t = np.random.default_rng(seed).standard_normal((3, my, mx))
+    whole = np.moveaxis(block.apply_patch(t, row, column)[at], -1, 0)
+    assert whole[2] == pytest.approx(
+        window.normal_of_pressure(t[2]) - window.normal_of_shear(t[:2]), abs=1e-10
+    )
+    assert whole[:2] == pytest.approx(
+        window.shear_of_shear(t[:2]) - window.shear_of_pressure(t[2]), abs=1e-10
+    )
+    assert np.vdot(t[2], window.normal_of_pressure(t[2])) > 0
+    assert np.vdot(t[:2], window.shear_of_shear(t[:2])) > 0
+
+
+def test_sides_only_soften() -> None:
+    """The slab is the block and more gel, so their difference has no negative eigenvalue."""
+    sides = free_sides(SkinDimensions(width_mm=20, length_mm=16), 0.4999, 2.0)
+    for i in range(4):
+        q = sides.quarters.shape[-1]
+        part = np.transpose(sides.quarters[:, :, i], (0, 2, 1, 3)).reshape(3 * q, 3 * q)
+        values = np.linalg.eigvalsh(part)
+        assert values[0] > -1e-9 * values[-1]
+        assert values[-1] > 0
+
+
+def test_mirror_images(block: FreeBlock) -> None:
+    t = np.random.default_rng(1).standard_normal((*block.shape, 3))
+    u = block.apply(t)
+    in_x = block.apply(t[:, ::-1] * [-1, 1, 1])
+    in_y = block.apply(t[::-1] * [1, -1, 1])
+    assert in_x == pytest.approx(u[:, ::-1] * [-1, 1, 1], abs=1e-11)
+    assert in_y == pytest.approx(u[::-1] * [1, -1, 1], abs=1e-11)
+
+
+def test_modulus_only_scales(block: FreeBlock) -> None:
+    stiff = FreeBlock.for_skin(SKIN, GelMaterial(modulus_mpa=560.0), 0.5, 1.5)
+    t = np.random.default_rng(2).standard_normal((*block.shape, 3))
+    assert 1000 * stiff.apply(t) == pytest.approx(block.apply(t), rel=1e-9, abs=1e-10)
+
+
+def test_cached_sides_are_those_computed() -> None:
+    skin = SkinDimensions(width_mm=20, length_mm=16)
+    first = free_sides(skin, 0.3, 2.0)
+    again = free_sides(skin, 0.3, 2.0)
+    fresh = free_sides(skin, 0.3, 2.0, use_cache=False)
+    assert first.quarters.tobytes() == again.quarters.tobytes() == fresh.quarters.tobytes()
+
+
+# -- against plain finite elements -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("component", [0, 2])
+@pytest.mark.parametrize("even", [(True, True), (True, False), (False, True), (False, False)])
+def test_smooth_load_against_plain_finite_elements(component: int, even: tuple[bool, bool]) -> None:
+    """Four loads, mirrored in x and y with either sign, on a quarter meshed at a 12th of a height.
+
+    That mesh alone is about .5 % too stiff here, by its change from twice its cells.
+    """
+    skin = SkinDimensions(width_mm=18, length_mm=17, thickness_mm=6, protrusion_mm=5)
+    step, half = 0.5, skin.opening_half_mm
+    x, y = (np.arange(0, s + 1e-9, step) for s in half)
+    mesh = bricks(x, y, np.arange(-6, 1e-9, step))
+
+    def load(xx: np.ndarray, yy: np.ndarray) -> np.ndarray:
+        r2 = (np.abs(xx) - 5) ** 2 + (np.abs(yy) - 4) ** 2
+        return 0.1 * np.maximum(0, 1 - r2 / 3**2) ** 2
+
+    free = np.ones(mesh.nodes_mm.shape, dtype=bool)
+    free[mesh.base] = False
+    for axis in (0, 1):
+        # Where the mirrored load's own component is even, the component across the plane is held.
+        normal_held = even[axis] != (component == axis)
+        held = [(i == axis) == normal_held for i in range(3)]
+        on = mesh.nodes_mm[:, axis] == 0
+        free[on] &= ~np.array(held)
+    pattern = Pattern(mesh, free)
+    stiffness = BulkAssembly(mesh, NeoHooke.of(GEL), pattern).evaluate(np.zeros(free.shape)).data
+    assert stiffness is not None
+    solver = make_solver(pattern.size)
+    solver.factorise(pattern.matrix(stiffness))
+    force = np.zeros(free.shape)
+    g, corner = 1 / np.sqrt(3), np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    for point in g * corner:
+        shape = np.prod(1 + point * corner, axis=1) / 4
+        at = np.einsum("a,fai->fi", shape, mesh.nodes_mm[mesh.faces])
+        part = load(at[:, 0], at[:, 1])[:, None] * shape * step**2 / 4
+        np.add.at(force[:, component], mesh.faces, part)
+    found = np.zeros(free.shape)
+    found[free] = solver.solve(force[free])
+    reference = found[-len(x) * len(y) :].reshape(len(y), len(x), 3)
+
+    # A spacing whose nodes stand midway between nodes of the mesh: compare their means.
+    gel = FreeBlock.for_skin(skin, GEL, 0.25, 0.75)
+    assert gel.spacing_mm == pytest.approx((0.25, 17 / 72), rel=1e-12)
+    xx, yy = np.meshgrid(gel.x_mm, gel.y_mm)
+    signed = np.ones(gel.shape)
+    for axis, at in ((0, xx), (1, yy)):
+        if not even[axis]:
+            signed *= np.sign(at)
+    tractions = np.zeros((*gel.shape, 3))
+    tractions[..., component] = signed * load(xx, yy)
+    u = gel.apply(tractions)
+    inner = (slice(0, -1), slice(0, -1))
+    ours = np.stack(
+        [RectBivariateSpline(gel.y_mm, gel.x_mm, u[..., i])(y[:-1], x[:-1]) for i in range(3)],
+        axis=-1,
+    )
+    assert np.abs(ours - reference[inner]).max() < 0.02 * np.abs(reference).max()
+    weight = load(*np.meshgrid(x[:-1], y[:-1]))
+    work = (weight * ours[..., component]).sum()
+    assert work == pytest.approx((weight * reference[inner][..., component]).sum(), rel=0.01)
+
+
+# -- presses -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("nu", "within"), [(0.3, 3e-4), (0.49, 2e-3)])
+def test_wide_gel_is_the_layer(nu: float, within: float) -> None:
+    """Sides 40 mm away; nearly incompressible gel feels them from farther than a soft one."""
+    wide, gel = SkinDimensions(width_mm=80, length_mm=80), GelMaterial(poisson=nu)
+    layer = BondedLayer.for_skin(wide, gel, 0.5)
+    block = FreeBlock.for_skin(wide, gel, 0.5, 4.0)
+    assert normal_n(block, 0.1, 0.1) == pytest.approx(normal_n(layer, 0.1, 0.1), rel=within)
+
+
+def test_sides_take_force_off(block: FreeBlock) -> None:
+    """Like with like, sphere:15 at 2 mm. The trial's .95 and .88 (facts on the gel) put the layer's
+    textbook contact below the block's on the deformed face."""
+    layer = BondedLayer.for_skin(SKIN, GEL, 0.5)
+    textbook = normal_n(layer, 0, 0, name="sphere:15", kinematics="reference")
+    for x, like, trial in ((0.0, 0.967, 0.95), (10.0, 0.898, 0.88)):
+        force = normal_n(block, x, 0, name="sphere:15")
+        assert force / normal_n(layer, x, 0, name="sphere:15") == pytest.approx(like, abs=0.005)
+        assert force / textbook == pytest.approx(trial, abs=0.01)
+    corner = normal_n(block, 13, 12) / normal_n(layer, 13, 12)
+    assert 0.6 < corner < 0.8
+
+
+def test_force_converges_with_the_cells() -> None:
+    forces = {
+        cell: [
+            normal_n(FreeBlock(SKIN, GEL, 0.5, free_sides(SKIN, 0.49, cell)), x, y)
+            for x, y in ((0.0, 0.0), (10.0, 0.0), (14.0, 13.0))
+        ]
+        for cell in (3.0, 2.0, 1.5)
+    }
+    fine = np.array(forces[1.5])
+    assert np.abs(np.array(forces[2.0]) / fine - 1).max() < 3e-3
+    assert np.abs(np.array(forces[3.0]) / fine - 1).max() < 0.02
+    # Values at 1 mm, which takes seconds to build.
+    assert fine == pytest.approx([7.980, 7.547, 5.341], rel=6e-3)
+
+
+def test_mirrored_presses(block: FreeBlock) -> None:
+    one, two = (pressed(block, s * 9.3, s * -7.7) for s in (1, -1))
+    assert one.force_n[2] == pytest.approx(two.force_n[2], rel=1e-6)
+    assert one.displacement_mm == pytest.approx(
+        two.displacement_mm[::-1, ::-1] * [-1, -1, 1], abs=1e-5
+    )
+
+
+def test_contact_beyond_the_edge_carries_nothing_there(block: FreeBlock) -> None:
+    """A tip at the very corner: a quarter of the sphere is above gel, and that can be pressed."""
+    half = block.face_half_mm
+    state = pressed(block, *half, depth=1.0)
+    assert state.pressure_mpa.shape == block.shape
+    assert abs(block.x_mm).max() + block.spacing_mm[0] / 2 == pytest.approx(half[0])
+    assert abs(block.y_mm).max() + block.spacing_mm[1] / 2 == pytest.approx(half[1])
+    assert state.pressure_mpa[-1, -1] > 0
+    centre = normal_n(block, 0, 0, depth=1.0)
+    assert 0 < -state.force_n[2] < centre / 4
+
+
+def test_shear_and_friction_work_as_on_the_layer(block: FreeBlock) -> None:
+    contact = LayerContact(block, SPHERE)
+    *_, down = contact.path(contact.rest((8.0, 0.0, 0.0)), (8.0, 0.0, 1.0), 0.25)
+    *_, dragged = contact.path(down, (9.0, 0.0, 1.0), 0.25)
+    load = -dragged.force_n[2]
+    assert 0.3 * load < dragged.force_n[0] <= 0.5 * load * (1 + 1e-6)
+    size = np.hypot(*np.moveaxis(dragged.shear_mpa, -1, 0))
+    assert (size <= 0.5 * dragged.pressure_mpa + 1e-9).all()
+    *_, up = contact.path(dragged, (9.0, 0.0, -0.1))
+    assert np.abs(up.displacement_mm).max() == 0
+
+
+@pytest.mark.slow
+def test_light_presses_against_finite_strain() -> None:
+    """Cells of .5 mm in the finite mesh; cells of .35 mm give .5 % less force."""
+    press = FinitePress(block_mesh(SKIN, 0.5, (-2.0, 2.0, -2.0, 2.0)), GEL, SPHERE, friction=0)
+    gel = FreeBlock.for_skin(SKIN, GEL, 0.125, 1.5)
+    *_, state = press.path(press.rest(), (0.0, 0.0, 0.5), 0.5)
+    assert -state.force_n[2] == pytest.approx(normal_n(gel, 0, 0, depth=0.5), rel=0.02)
+
+
+# -- refusals -------------------------------------------------------------------------------------
+
+
+def test_refusals() -> None:
+    with pytest.raises(InputError, match=r"poisson <= 0\.4999 is needed: 0\.5 fails"):
+        FreeBlock.for_skin(SKIN, GelMaterial(poisson=0.5))
+    with pytest.raises(InputError, match=r"cell_mm must be 0\.45 to 8\.5 mm"):
+        FreeBlock.for_skin(SKIN, GEL, cell_mm=0.1)
+    with pytest.raises(InputError, match="spacing_mm must be"):
+        FreeBlock.for_skin(SKIN, GEL, spacing_mm=0.0, cell_mm=3.0)
+    with pytest.raises(ValueError, match="tractions: shape"):
+        FreeBlock.for_skin(SKIN, GEL, 0.5, 3.0).apply(np.zeros((3, 3, 3)))
