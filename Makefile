@@ -2,7 +2,7 @@
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do command -v $$p && break; done)
 V := .venv/bin
 
-.PHONY: demo test test-slow lint pins peers clean
+.PHONY: demo test test-slow lint pins peers evidence clean
 
 # `python -m venv` is missing on a bare Debian; virtualenv, when present, does the same.
 .venv/.ready: pyproject.toml constraints.txt
@@ -12,11 +12,11 @@ V := .venv/bin
 	@$(V)/python -m pip --version >/dev/null 2>&1 || $(V)/python -m ensurepip -q
 	@$(V)/python -m pip install -q --disable-pip-version-check uv 2>/dev/null \
 	  || echo "make: uv is not to be had here, pip installs instead (slower)"
-	@echo "make: installing deltact-fab and its packages into .venv (about 2 GB)"
+	@echo "make: installing deltact-fab and its packages into .venv (about 3 GB)"
 	@if $(V)/python -m uv --version >/dev/null 2>&1; then \
-	  $(V)/python -m uv pip install -q --python $(V)/python -c constraints.txt -e '.[report,test]'; \
+	  $(V)/python -m uv pip install -q --python $(V)/python -c constraints.txt -e '.[report,test,fast]'; \
 	else \
-	  $(V)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[report,test]'; \
+	  $(V)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[report,test,fast]'; \
 	fi
 	@touch $@
 
@@ -49,6 +49,10 @@ peers: .venv-peers/.ready
 	@.venv-peers/bin/python -m pip --version >/dev/null 2>&1 || .venv-peers/bin/python -m ensurepip -q
 	.venv-peers/bin/python -m pip install -q --disable-pip-version-check -r $<
 	@touch $@
+
+# Hours; goes on where it was stopped. Wants the extra `fast`, and `make peers` for felupe's rows.
+evidence: .venv/.ready
+	$(V)/python -m deltact_fab.numerics.evidence --threads 2
 
 clean:
 	rm -rf .venv demo-out .pytest_cache .mypy_cache .ruff_cache .import_linter_cache

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from . import __version__, record
+from . import __version__, preflight, record
 from .cad.design import load_design
 from .errors import InputError
 from .patterns.dots import centres_mm
@@ -41,6 +41,23 @@ def show(protocol_name: str, rig_name: str) -> tuple[list[Step], limits.Estimate
     return plan.expand(protocol), limits.estimate(protocol, sensor, rig.stage.box)
 
 
+def forces(
+    protocol_name: str, rig_name: str, progress: Progress | None = None, solve: bool = True
+) -> tuple[list[preflight.Peak], list[str]] | None:
+    """Predicted peaks of a protocol, and what the rig says to them, one line each.
+
+    None where that would take more than seconds and solve is False. Raises InputError.
+    """
+    protocol, _ = plan.load(protocol_name)
+    rig, path = rig_config.load(rig_name)
+    sensor = load_design(protocol.specimen.design)
+    limits = preflight.limits_of(rig, str(path), protocol)
+    peaks = preflight.predict(protocol, sensor, limits.origin_mm, progress, solve)
+    if peaks is None:
+        return None
+    return peaks, preflight.judge(protocol.name, sensor.skin.thickness_mm, peaks, limits)
+
+
 def run(
     protocol_name: str,
     rig_name: str,
@@ -57,7 +74,7 @@ def run(
     """
     started = time.monotonic()
     protocol, source = plan.load(protocol_name)
-    rig, _ = rig_config.load(rig_name)
+    rig, rig_path = rig_config.load(rig_name)
     sensor = load_design(protocol.specimen.design)
     recipe = load_recipe(protocol.specimen.pattern)
     steps = plan.expand(protocol)
@@ -69,14 +86,18 @@ def run(
     text = source.read_bytes()
     meta = _meta(protocol, rig, rig_name, sensor, seed, out.name)
     pattern = _pattern(recipe)
-    if out.exists() and resume:
+    resuming = out.exists() and resume
+    if resuming:
         found = open_run(out)
         record.require_same(found, meta, text, pattern, with_versions=not found.finished)
         if found.finished:
             return {**found.summary(), "already_finished": True}
-        writer = RunWriter.resume(out, steps, progress)
     else:
         _require_new(out, text)
+    warnings = _force_warnings(protocol, rig, str(rig_path), sensor, progress)
+    if resuming:
+        writer = RunWriter.resume(out, steps, progress)
+    else:
         writer = RunWriter.create(out, meta, text, pattern, steps)
     try:
         bench = VirtualRig(rig, protocol, sensor, recipe, seed, out)
@@ -95,7 +116,7 @@ def run(
             "rig_seconds": bench.clock.now_s(),
             "wall_seconds": time.monotonic() - started,
             "left_out": bench.left_out(),
-            "notes": [*bench.notes(), *_resumed(writer.session, frames - taken)],
+            "notes": [*bench.notes(), *warnings, *_resumed(writer.session, frames - taken)],
             "devices": identity(bench),
         }
         writer.close(summary)
@@ -103,6 +124,21 @@ def run(
         writer.abandon()
         raise
     return {**summary, "already_finished": False}
+
+
+def _force_warnings(
+    protocol: Protocol,
+    rig: RigConfig,
+    rig_source: str,
+    sensor: SensorDimensions,
+    progress: Progress | None,
+) -> list[str]:
+    """Predicted forces against the rig's limits: refused on a real rig, noted on the simulated."""
+    limits = preflight.limits_of(rig, rig_source, protocol)
+    peaks = preflight.predict(protocol, sensor, limits.origin_mm, progress)
+    assert peaks is not None
+    lines = preflight.judge(protocol.name, sensor.skin.thickness_mm, peaks, limits)
+    return [f"WARNING: {line}" for line in preflight.require(lines, limits)]
 
 
 def _require_new(out: Path, protocol: bytes) -> None:

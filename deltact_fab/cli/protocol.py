@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import click
+
+if TYPE_CHECKING:
+    from ..preflight import Peak
 
 
 @click.group()
@@ -50,17 +56,33 @@ def check(name: str, rig_name: str, as_json: bool) -> None:
 @protocol.command()
 @click.argument("name")
 @RIG
+@click.option("--forces", is_flag=True, help="Solve peak forces that are not at hand (minutes).")
 @JSON
-def show(name: str, rig_name: str, as_json: bool) -> None:
-    """Steps, frames, time and disk of a protocol."""
+def show(name: str, rig_name: str, forces: bool, as_json: bool) -> None:
+    """Steps, frames, time, disk and peak forces of a protocol.
+
+    Peak forces of deep presses need the finite-strain gel, once: ask for them with --forces.
+    """
     from dataclasses import asdict
 
+    from ..bench import forces as predict
     from ..bench import show as expand
-    from .output import echo_json, echo_table
+    from ..preflight import PAPER_REMARK
+    from .output import echo_json, echo_table, progress
 
     steps, estimate = expand(name, rig_name)
+    with progress("peak forces") as report:
+        predicted = predict(name, rig_name, report, solve=forces)
     if as_json:
-        echo_json({"steps": [asdict(s) for s in steps], "estimate": estimate.as_dict()})
+        peaks, findings = predicted or (None, None)
+        echo_json(
+            {
+                "steps": [asdict(s) for s in steps],
+                "estimate": estimate.as_dict(),
+                "peaks": None if peaks is None else [p.as_dict() for p in peaks],
+                "force_findings": findings,
+            }
+        )
         return
     echo_table(
         ("step", "kind", "x_mm", "y_mm", "z_mm", "feed_mm_min", "frames"),
@@ -71,3 +93,35 @@ def show(name: str, rig_name: str, as_json: bool) -> None:
         f"\n{estimate.steps} steps, {estimate.presses} presses, {estimate.frames} frames, "
         f"{minutes} min {seconds} s of motion and settling, about {estimate.disk_mb:.0f} MB"
     )
+    if predicted is None:
+        click.echo("peak forces: deep presses, not solved yet; --forces solves them once (minutes)")
+        click.echo(PAPER_REMARK)
+        return
+    _echo_peaks(*predicted)
+
+
+def _echo_peaks(peaks: Sequence[Peak], findings: Sequence[str]) -> None:
+    """Per indenter and depth the largest over its positions, then what the rig says to it."""
+    from .output import echo_table
+
+    groups: dict[tuple[str, float], list[Peak]] = {}
+    for peak in peaks:
+        groups.setdefault((peak.indenter, peak.depth_mm), []).append(peak)
+    rows = []
+    for (indenter, depth_mm), group in groups.items():
+        normal = max(p.normal_n for p in group)
+        side = max(p.tangential_n for p in group)
+        high = group[0].high.normal_n / group[0].normal_n
+        worst = max(group, key=lambda p: p.normal_n)
+        rows.append(
+            (indenter, depth_mm, normal, high * normal, side, high * side, worst.level)
+        )  # fmt: skip
+    click.echo("\npeak forces in N, expected and with the gel's modulus twice as high:")
+    echo_table(
+        ("indenter", "depth_mm", "normal", "high", "tangential", "high", "from"),
+        rows,
+    )
+    for reason in dict.fromkeys(f"{p.indenter}: {p.reason}" for p in peaks if p.reason):
+        click.echo(f"upper estimate, {reason}")
+    for line in findings:
+        click.echo(f"over: {line}")

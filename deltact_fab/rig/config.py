@@ -29,6 +29,8 @@ class StageConfig(_Strict):
     max_feed_mm_min: tuple[Positive, Positive, Positive]
     acceleration_mm_s2: tuple[Positive, Positive, Positive]
     baud: int = Field(default=115200, ge=1200)
+    max_force_n: tuple[Positive, Positive, Positive] | None = None
+    """What the axes can push without losing steps, x, y, z; None: not declared."""
 
     @property
     def frame(self) -> StageFrame:
@@ -60,20 +62,44 @@ class PrinterConfig(_Strict):
 
 
 class ForceConfig(_Strict):
-    """A six-axis force sensor (ranges as on its calibration sheet)."""
+    """A six-axis force sensor (ranges as on its calibration sheet).
+
+    ATI Nano17, `max` in the calibration files that come with it: SI-50-0.5 (FT11564) 50, 50, 70 N
+    and 500 N mm, SI-25-0.25 (FT8577) 25, 25, 35 N and 250 N mm. The defaults serve the simulated
+    box; `preflight` takes what a rig file does not write down for undeclared.
+    """
 
     range_n: tuple[Positive, Positive, Positive] = (25.0, 25.0, 35.0)
     range_nmm: tuple[Positive, Positive, Positive] = (250.0, 250.0, 250.0)
+    origin_mm: tuple[Finite, Finite, Finite] | None = None
+    """Where its moments count from, in the sensor frame of the gel; None: not declared."""
     noise_n: NotNegative = 0.01
     rate_hz: Positive = 1000.0
 
 
+class FiniteGelConfig(_Strict):
+    """Resolution of the simulated gel at the level 'hyperelastic'."""
+
+    cell_mm: float | None = Field(default=None, ge=0.1, le=12.0)
+    """Cells below the indenter; None: chosen from its shape and the tolerance."""
+    tolerance: float = Field(default=0.03, ge=0.001, le=0.5)
+    """Of force, for that choice."""
+    lattice_mm: float = Field(default=0.5, ge=0.05, le=2.0)
+    """Lattice on which displacements are kept."""
+    press_increment_mm: float = Field(default=0.5, gt=0, le=5.0)
+    shear_increment_mm: float = Field(default=0.5, gt=0, le=5.0)
+
+
 class GelConfig(_Strict):
-    """Resolution of the simulated gel."""
+    """Resolution of the simulated gel: at the linear levels, and apart from them at finite strain.
+
+    One solve per increment of motion; between them displacements and forces are interpolated.
+    """
 
     spacing_mm: float = Field(default=0.25, ge=0.05, le=2.0)
     press_increment_mm: float = Field(default=0.1, gt=0, le=1.0)
     shear_increment_mm: float = Field(default=0.25, gt=0, le=2.0)
+    hyperelastic: FiniteGelConfig = FiniteGelConfig()
 
 
 class RigConfig(_Strict):

@@ -204,7 +204,7 @@ def _determinant_and_inverse(f: Field) -> tuple[Field, Field]:
         for j in range(3):
             p, q = (j + 1) % 3, (j + 2) % 3
             c[..., j, i] = a[..., p] * b[..., q] - a[..., q] * b[..., p]
-    det = sum(f[..., 0, j] * c[..., j, 0] for j in range(3))
+    det = np.einsum("...j,...j->...", f[..., 0, :], c[..., :, 0])
     with np.errstate(divide="ignore", invalid="ignore"):
         c /= det[..., None, None]
     return det, c

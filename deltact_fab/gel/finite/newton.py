@@ -47,7 +47,7 @@ class Problem(Protocol):
     """What is solved: see `press`."""
 
     def evaluate(
-        self, free_mm: Field, pressure_mpa: Field | None, tangent: bool, curved: bool
+        self, free_mm: Field, pressure_mpa: Field, tangent: bool, curved: bool
     ) -> Evaluation | None:
         """At displacements (size,); None where a cell is turned inside out. `curved` False leaves
         out terms of the tangent that may be negative."""
@@ -66,7 +66,7 @@ class Solution:
     negative were left out. pressure_mpa (m,): of the cells, for the next tangent."""
 
     free_mm: Field
-    pressure_mpa: Field | None
+    pressure_mpa: Field
     residual: float
     iterations: int = 0
     factorisations: int = 0
@@ -78,7 +78,7 @@ class Solution:
 def solve(
     problem: Problem,
     start_mm: Field,
-    pressure_mpa: Field | None,
+    pressure_mpa: Field,
     solver: Solver,
     pattern: Pattern,
     rest_data: Field,
@@ -89,7 +89,7 @@ def solve(
 ) -> Solution:
     """Equilibrium from start_mm on.
 
-    pressure_mpa (m,): cell pressures for the first tangent; None takes U'(J).
+    pressure_mpa (m,): cell pressures for the first tangent.
     rest_data: entries of a positive definite tangent, added in multiples where all else fails.
     longest_mm: displacement in one iteration beyond which the tangent is weighted.
     factored: the solver holds the factor of a tangent nearby, which is tried first.

@@ -51,6 +51,12 @@ class Pattern:
         self.indptr = np.zeros(self.size + 1, dtype=np.int32)
         np.cumsum(np.bincount(rows, minlength=self.size), out=self.indptr[1:])
 
+    def whole(self, free_values: Field) -> Field:
+        """Values (n, 3) from those of the free displacements (size,), 0 where held."""
+        out = np.zeros(self.free.shape)
+        out[self.free] = free_values
+        return out
+
     def matrix(self, data: Field) -> sp.csr_matrix:
         """The upper triangle with the given entries, not copied."""
         return sp.csr_matrix(
@@ -60,4 +66,4 @@ class Pattern:
     def add(self, slots: Index, values: Field) -> Field:
         """Sum of entries (any, k) at their slots (any, k), as CSR data."""
         total = np.bincount(slots.ravel(), weights=values.ravel(), minlength=self.entries + 1)
-        return total[: self.entries]
+        return np.asarray(total[: self.entries], dtype=np.float64)

@@ -15,12 +15,13 @@ from ...shapes import Indenter
 from ..material import GelMaterial
 from ..mixing import Mixer
 from . import newton
-from .assembly import Bulk, BulkAssembly
+from .assembly import BulkAssembly
 from .blunt import blunted
 from .linear import Name, make_solver
 from .material import NeoHooke
 from .mesh import HexMesh
 from .pattern import Pattern
+from .problem import Equilibrium, bulk_at
 from .state import Diagnostics, FiniteState, Point, sum_of, with_diagnostics
 from .surface import Contact, Grip, Surface
 from .viscous import Memory, Viscosity
@@ -98,6 +99,7 @@ class FinitePress:
         """
         if not (math.isfinite(max_step_mm) and max_step_mm > 0):
             raise InputError(f"press: max_step_mm > 0 and finite: {max_step_mm} fails")
+        _require_finite(tip_mm)
         start, end = np.array(previous.tip_mm), np.array(tip_mm, dtype=np.float64)
         n = max(1, math.ceil(float(np.linalg.norm(end - start)) / max_step_mm - 1e-9))
         state = previous
@@ -117,8 +119,7 @@ class FinitePress:
         Raises SolverError when MOST_CUTS do not help, when the tip slips through the mesh, and
         when contact is lost while the depth grows.
         """
-        if not all(math.isfinite(v) for v in tip_mm):
-            raise InputError(f"press: a tip at {tip_mm}: three finite numbers are needed")
+        _require_finite(tip_mm)
         if self.viscosity is not None and seconds is None:
             raise InputError(
                 "press: a gel with a Prony series needs the seconds that an increment takes: 0 for "
@@ -175,12 +176,12 @@ class FinitePress:
         settled = not rubs
         for k in range(2 + self.correctors):
             found = newton.solve(
-                _Problem(self, tip, grip, memory), u[self.pattern.free], pressure, self.solver,
-                self.pattern, self._rest_data,
+                Equilibrium(self.bulk, self.surface, tip, grip, memory, self._floor_n),
+                u[self.pattern.free], pressure, self.solver, self.pattern, self._rest_data,
                 self.tolerance if settled else max(ROUGH, self.tolerance),
                 longest_mm=LONGEST * self._cell_mm + 2 * float(np.abs(moved).max()), factored=k > 0,
             )  # fmt: skip
-            u, pressure = self._whole(found.free_mm), found.pressure_mpa
+            u, pressure = self.pattern.whole(found.free_mm), found.pressure_mpa
             work = sum_of(work, Diagnostics(found.iterations, found.factorisations, found.shifted))
             if grip is None or settled:
                 break
@@ -225,11 +226,6 @@ class FinitePress:
         """Friction x pressure where there is a grip."""
         return np.where(grip.held, self.friction * seen.pressure_mpa, 0.0)
 
-    def _whole(self, free_mm: Field) -> Field:
-        u = np.zeros_like(self.mesh.nodes_mm)
-        u[self.pattern.free] = free_mm
-        return u
-
     def _share(self, previous: FiniteState, tip: Field) -> float:
         """How much of the last increment is repeated; 0 where the path turns or the move is long.
 
@@ -260,7 +256,7 @@ class FinitePress:
         residual: float, work: Diagnostics, memory: Memory | None,
     ) -> FiniteState:  # fmt: skip
         tip = np.array(tip_mm)
-        bulk = self._bulk_at(u, memory)
+        bulk = bulk_at(self.bulk, u, memory)
         assert bulk.force_n is not None
         assert bulk.jbar is not None
         pressure = self.law.volumetric(bulk.jbar)[1]
@@ -304,14 +300,6 @@ class FinitePress:
             ),
         )
 
-    def _bulk_at(
-        self, u: Field, memory: Memory | None, tangent: bool = False, pressure: Field | None = None
-    ) -> Bulk:
-        """The bulk at displacements (n, 3), with what it remembers."""
-        if memory is None:
-            return self.bulk.evaluate(u, tangent, pressure)
-        return self.bulk.evaluate(u, tangent, pressure, memory.scale, memory.stress_mpa)
-
     def _cone_excess(self, seen: Contact, grip: Grip | None) -> float:
         """Largest difference of the frozen bound from friction x pressure, over the largest."""
         if grip is None:
@@ -344,60 +332,16 @@ class FinitePress:
             )
 
 
-class _Problem:
-    """Bulk and contact over the free displacements, for `newton.solve`."""
-
-    def __init__(
-        self, press: FinitePress, tip: Field, grip: Grip | None, memory: Memory | None
-    ) -> None:
-        self._press, self._tip, self._grip, self._memory = press, tip, grip, memory
-        self._seen: tuple[Bulk, Field] | None = None
-
-    def evaluate(
-        self, free_mm: Field, pressure_mpa: Field | None, tangent: bool, curved: bool
-    ) -> newton.Evaluation | None:
-        press = self._press
-        u = press._whole(free_mm)
-        bulk = press._bulk_at(u, self._memory, tangent, pressure_mpa)
-        if bulk.force_n is None:
-            return None
-        assert bulk.jbar is not None
-        _, first, second = press.law.volumetric(bulk.jbar)
-        self._seen = bulk, second
-        contact = press.surface.evaluate(u, self._tip, self._grip, tangent, curved)
-        residual = (bulk.force_n + contact.force_n)[press.pattern.free]
-        scale = max(float(np.linalg.norm(contact.force_n)), press._floor_n)
-        data = None if bulk.data is None else bulk.data + contact.data
-        return newton.Evaluation(residual, scale, data, first)
-
-    def pressure_rate(self, step_mm: Field) -> Field:
-        assert self._seen is not None
-        bulk, second = self._seen
-        press = self._press
-        step = press._whole(step_mm)[press.mesh.cells].reshape(len(second), -1)
-        change = np.einsum("mk,mk->m", bulk.volume_rate_mm2, step)
-        return second * change / press.bulk.volumes_mm3
-
-    def slope(self, free_mm: Field, pressure_mpa: Field, step_mm: Field) -> float | None:
-        press = self._press
-        u = press._whole(free_mm)
-        bulk = press._bulk_at(u, self._memory)
-        if bulk.force_n is None:
-            return None
-        assert bulk.jbar is not None
-        contact = press.surface.evaluate(u, self._tip, self._grip, False)
-        total = float((bulk.force_n + contact.force_n)[press.pattern.free] @ step_mm)
-        # The same with the cells' own pressures instead of U'(J).
-        step = press._whole(step_mm)[press.mesh.cells].reshape(len(pressure_mpa), -1)
-        change = np.einsum("mk,mk->m", bulk.volume_rate_mm2, step)
-        return total + float((pressure_mpa - press.law.volumetric(bulk.jbar)[1]) @ change)
-
-
 def _smallest_face_mm(mesh: HexMesh) -> float:
     """Side of the smallest face that can be touched."""
     x = mesh.nodes_mm[mesh.faces]
     across = np.linalg.norm(np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]), axis=1) / 2
     return float(np.sqrt(across.min()))
+
+
+def _require_finite(tip_mm: Point) -> None:
+    if not all(math.isfinite(v) for v in tip_mm):
+        raise InputError(f"press: a tip at {tip_mm}: three finite numbers are needed")
 
 
 def _point(v: Field) -> Point:

@@ -123,13 +123,13 @@ class Surface:
             pull = pull + traction
             shear = -traction
             touched = touched | (grip.bound_mpa > 0)
-            if block is not None:
+            if block is not None and stiff is not None:
                 block += stiff
         nodal = np.matmul(self.shape.T, w[..., None] * pull)
         force = self._scatter(nodal)
         data = None
         if block is not None:
-            data = self._matrix_entries(block * w[..., None, None], touched.any(axis=1))
+            data = self._matrix_entries(block * w[..., None, None], np.any(touched, axis=1))
         return Contact(energy, force, data, pressure, shear, near)
 
     def normals(self, at_mm: Field) -> Field:

@@ -1,0 +1,150 @@
+"""`deltact-fab gel fit`: the modulus of a lab's own gel, from a measured press."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+
+def _point(ctx: click.Context, param: click.Parameter, value: str) -> tuple[float, float]:
+    try:
+        x, y = (float(part) for part in value.split(","))
+    except ValueError as why:
+        raise click.BadParameter(f"{value!r}: two numbers in mm are needed, as in 0,0") from why
+    return x, y
+
+
+def _friction(ctx: click.Context, param: click.Parameter, value: str | None) -> float | str | None:
+    if value is None or value == "fit":
+        return value
+    try:
+        return float(value)
+    except ValueError as why:
+        raise click.BadParameter(f"{value!r}: a coefficient or 'fit' is needed") from why
+
+
+def _offset(ctx: click.Context, param: click.Parameter, value: str) -> float | None:
+    if value == "fit":
+        return None
+    try:
+        return float(value)
+    except ValueError as why:
+        raise click.BadParameter(f"{value!r}: mm or 'fit' is needed") from why
+
+
+@click.command()
+@click.argument("csv", type=click.Path(path_type=Path))
+@click.option("--indenter", required=True, help="What was pressed, as in sphere:15.")
+@click.option("--at", "at_mm", default="0,0", show_default=True, callback=_point, help="x,y in mm.")
+@click.option("--thickness", "thickness_mm", default=12.0, show_default=True)
+@click.option("--width", "width_mm", default=36.0, show_default=True)
+@click.option("--length", "length_mm", default=34.0, show_default=True)
+@click.option("--poisson", default=0.49, show_default=True)
+@click.option(
+    "--friction",
+    callback=_friction,
+    help="A coefficient, or 'fit'. [default: fit where the file has a drag, else 0.5]",
+)
+@click.option(
+    "--offset",
+    "offset_mm",
+    default="0",
+    show_default=True,
+    callback=_offset,
+    help="depth_mm at first touch, or 'fit'.",
+)
+@click.option("--spacing", "spacing_mm", type=float, help="Mesh below the indenter, mm.")
+@click.option("--plot", "plot_path", type=click.Path(path_type=Path), help="Figure: png, svg, pdf.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def fit(
+    csv: Path,
+    indenter: str,
+    at_mm: tuple[float, float],
+    thickness_mm: float,
+    width_mm: float,
+    length_mm: float,
+    poisson: float,
+    friction: float | str | None,
+    offset_mm: float | None,
+    spacing_mm: float | None,
+    plot_path: Path | None,
+    as_json: bool,
+) -> None:
+    """Modulus, and friction, of a gel from a measured press, with 95 % intervals.
+
+    CSV: a header with depth_mm and normal_n (positive = pressed), and for a drag shear_x_mm,
+    shear_y_mm, fx_n, fy_n (the force on the sensor); rows in the order measured.
+    """
+    from ..catalog import validate
+    from ..gel.fit import fit_press
+    from ..gel.fit_figure import save_figure
+    from ..gel.material import GelMaterial
+    from ..gel.measured import read_csv
+    from ..shapes import SkinDimensions
+    from ..shapes.indenter import parse
+    from .output import echo_json, progress
+
+    skin = validate(
+        SkinDimensions,
+        {
+            "width_mm": width_mm,
+            "length_mm": length_mm,
+            "thickness_mm": thickness_mm,
+            # The block has neither frame nor fillet: these need only be consistent.
+            "protrusion_mm": thickness_mm,
+            "edge_fillet_mm": min(2.0, thickness_mm / 2, width_mm / 4, length_mm / 4),
+        },
+        "options",
+    )
+    known = friction if isinstance(friction, float) else None
+    validate(GelMaterial, {"poisson": poisson, "friction": known or 0.0}, "options")
+    shape = parse(indenter)
+    data = read_csv(csv).shifted(offset_mm or 0.0)
+    with progress("gel fit") as report:
+        found = fit_press(
+            data,
+            skin,
+            shape,
+            at_mm,
+            poisson,
+            known,
+            fit_friction=True if friction == "fit" else None,
+            fit_offset=offset_mm is None,
+            spacing_mm=spacing_mm,
+            progress=report,
+        )
+    if plot_path is not None:
+        save_figure(found, plot_path, f"{data.name}, {shape.name}, {thickness_mm:g} mm gel")
+    result = found.as_dict()
+    if as_json:
+        echo_json(result)
+        return
+    _show(result)
+
+
+def _show(result: dict[str, Any]) -> None:
+    """The lines for a reader, with the ones to copy into a protocol."""
+    click.echo(f"modulus   {_interval(result['modulus_mpa'])} MPa")
+    if result["friction"]:
+        click.echo(f"friction  {_interval(result['friction'])}")
+    else:
+        click.echo(f"friction  {result['friction_used']:g}, taken as known")
+    if result["offset_mm"]:
+        click.echo(f"touch at  depth_mm = {_interval(result['offset_mm'])}")
+    click.echo(
+        f"residual  {result['rms_n']:.3g} N rms of {result['points']} values, "
+        f"{100 * result['rms_rel']:.2g} % of the rms force; smooth part "
+        f"{100 * result['trend_rel']:.2g} %"
+    )
+    click.echo(f"mesh      about {100 * result['mesh_error_rel']:.2g} % of the modulus")
+    for note in result["notes"]:
+        click.echo(note, err=True)
+    click.echo(f"\n[specimen]\nmodulus_mpa = {result['modulus_mpa']['value']:.4g}")
+    if result["friction"]:
+        click.echo(f"friction = {result['friction']['value']:.3g}")
+
+
+def _interval(value: dict[str, float]) -> str:
+    return f"{value['value']:.4g} (95 %: {value['low']:.4g} to {value['high']:.4g})"

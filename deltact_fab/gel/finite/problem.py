@@ -1,0 +1,90 @@
+"""Bulk and contact in balance over the free displacements: what `newton.solve` is given."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .assembly import Bulk, BulkAssembly
+from .newton import Evaluation
+from .surface import Grip, Surface
+from .viscous import Memory
+
+Field = NDArray[np.float64]
+
+
+def bulk_at(
+    bulk: BulkAssembly,
+    displacement_mm: Field,
+    memory: Memory | None,
+    tangent: bool = False,
+    pressure_mpa: Field | None = None,
+) -> Bulk:
+    """The bulk at displacements (n, 3), with what it remembers."""
+    if memory is None:
+        return bulk.evaluate(displacement_mm, tangent, pressure_mpa)
+    return bulk.evaluate(displacement_mm, tangent, pressure_mpa, memory.scale, memory.stress_mpa)
+
+
+class Equilibrium:
+    """One increment with the tip at (x, y, depth); see `newton.Problem` for its methods.
+
+    floor_n: least force that a residual is compared with.
+    """
+
+    def __init__(
+        self,
+        bulk: BulkAssembly,
+        surface: Surface,
+        tip_mm: Field,
+        grip: Grip | None,
+        memory: Memory | None,
+        floor_n: float,
+    ) -> None:
+        self._bulk, self._surface = bulk, surface
+        self._tip, self._grip, self._memory = tip_mm, grip, memory
+        self._floor_n = floor_n
+        self._seen: tuple[Field, Field] | None = None
+
+    def evaluate(
+        self, free_mm: Field, pressure_mpa: Field, tangent: bool, curved: bool
+    ) -> Evaluation | None:
+        """Residual, its scale and, if asked for, the tangent."""
+        u = self._bulk.pattern.whole(free_mm)
+        bulk = bulk_at(self._bulk, u, self._memory, tangent, pressure_mpa)
+        if bulk.force_n is None:
+            return None
+        assert bulk.jbar is not None
+        assert bulk.volume_rate_mm2 is not None
+        _, first, second = self._bulk.law.volumetric(bulk.jbar)
+        self._seen = bulk.volume_rate_mm2, second
+        contact = self._surface.evaluate(u, self._tip, self._grip, tangent, curved)
+        residual = (bulk.force_n + contact.force_n)[self._bulk.pattern.free]
+        scale = max(float(np.linalg.norm(contact.force_n)), self._floor_n)
+        data = None
+        if bulk.data is not None and contact.data is not None:
+            data = bulk.data + contact.data
+        return Evaluation(residual, scale, data, first)
+
+    def pressure_rate(self, step_mm: Field) -> Field:
+        """U'' dJ.step of the cells at the last evaluation."""
+        assert self._seen is not None
+        rate, second = self._seen
+        return second * self._volume_change(rate, step_mm) / self._bulk.volumes_mm3
+
+    def slope(self, free_mm: Field, pressure_mpa: Field, step_mm: Field) -> float | None:
+        """Residual with the cells' own pressures times a step."""
+        u = self._bulk.pattern.whole(free_mm)
+        bulk = bulk_at(self._bulk, u, self._memory)
+        if bulk.force_n is None:
+            return None
+        assert bulk.jbar is not None
+        assert bulk.volume_rate_mm2 is not None
+        contact = self._surface.evaluate(u, self._tip, self._grip, False)
+        total = float((bulk.force_n + contact.force_n)[self._bulk.pattern.free] @ step_mm)
+        own = pressure_mpa - self._bulk.law.volumetric(bulk.jbar)[1]
+        return total + float(own @ self._volume_change(bulk.volume_rate_mm2, step_mm))
+
+    def _volume_change(self, rate: Field, step_mm: Field) -> Field:
+        step = self._bulk.pattern.whole(step_mm)[self._bulk.mesh.cells]
+        return np.asarray(np.einsum("mk,mk->m", rate, step.reshape(rate.shape)))

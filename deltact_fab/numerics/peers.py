@@ -1,0 +1,140 @@
+"""Other people's programs as a second opinion, each in a process and an environment of its own.
+
+felupe is GPL-3, so nothing here imports it: `make peers` puts it into `.venv-peers`, and the
+script tests/peers/felupe_press.py exchanges files. Where the environment is absent, `None` says
+"not run".
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError, RunFailed
+from ..gel.finite import FinitePress
+from ..shapes import SphereTip
+from .worker import THREAD_VARIABLES
+
+Field = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+VARIABLE = "DELTACT_PEERS"
+PYTHON = Path(".venv-peers") / "bin" / "python"
+SCRIPT = Path("tests") / "peers" / "felupe_press.py"
+
+
+@dataclass(frozen=True, eq=False)
+class FelupeCase:
+    """A frictionless press of a sphere on a mesh of eight-node bricks.
+
+    nodes_mm (n, 3), cells (m, 8), faces (f, 4), base (b,): as in `gel.finite.HexMesh`. mu_mpa,
+    lambda_mpa, local_mpa: the law of `gel.finite.material`, local its b. The penalty is stiffness x
+    ramp x (1 + hardening x ramp^2), straight on from a ramp of straight_mm; stiffness (f,) in
+    MPa/mm; the ramp is the penetration, rounded over width_mm (f,), at most shallow x depth.
+    tips_mm (k, 3): (x, y, depth) in turn. tolerance: of unbalanced over contact forces, these
+    taken as floor_n at least. most_iterations: before felupe's increment is halved.
+    """
+
+    nodes_mm: Field
+    cells: Index
+    faces: Index
+    base: Index
+    mu_mpa: float
+    lambda_mpa: float
+    local_mpa: float
+    radius_mm: float
+    stiffness: Field
+    hardening_per_mm2: Field
+    straight_mm: Field
+    width_mm: Field
+    shallow: float
+    tips_mm: Field
+    tolerance: float
+    floor_n: float
+    most_iterations: int = 16
+
+
+def felupe_case(press: FinitePress, tips_mm: Sequence[tuple[float, float, float]]) -> FelupeCase:
+    """What `press` solves, for felupe: the same mesh, law, penalty, rounding and tolerance.
+
+    Raises InputError for friction and for indenters other than one sphere, which the script lacks.
+    """
+    from ..gel.finite.surface import HARDENING, HARDEST, SHALLOW
+
+    tips = press.indenter.tips
+    if len(tips) != 1 or not isinstance(tips[0], SphereTip) or press.friction > 0:
+        raise InputError(
+            f"felupe: a sphere without friction is needed, {press.indenter.name} with friction "
+            f"{press.friction:g} was given"
+        )
+    mesh, surface = press.mesh, press.surface
+    if int((~press.pattern.free).sum()) != 3 * len(mesh.base):
+        raise InputError("felupe: a mesh without planes of symmetry is needed")
+    doubled = HARDENING * np.sqrt(surface.weights_mm2.sum(axis=1))
+    return FelupeCase(
+        mesh.nodes_mm, mesh.cells, mesh.faces, mesh.base, press.law.mu_mpa, press.law.lambda_mpa,
+        press.law.local_mpa, tips[0].radius_mm, surface.stiffness[:, 0], 1 / doubled**2,
+        HARDEST * doubled, surface.width_mm[:, 0], SHALLOW,
+        np.array(tips_mm, dtype=np.float64), press.tolerance, press._floor_n,
+    )  # fmt: skip
+
+
+def peers_python() -> Path | None:
+    """The interpreter of .venv-peers: of the variable DELTACT_PEERS, else of the working directory
+    or a directory above it; None if there is none. RunFailed if the variable points nowhere."""
+    named = os.environ.get(VARIABLE)
+    if named:
+        if not Path(named).is_file():
+            raise RunFailed(f"{VARIABLE}: {named} is no file; the interpreter {PYTHON} is meant")
+        return Path(named).absolute()
+    here = Path.cwd()
+    found = (folder / PYTHON for folder in (here, *here.parents))
+    return next((p for p in found if p.is_file()), None)
+
+
+def felupe_press(
+    case: FelupeCase, threads: int = 1, timeout_s: float = 3600.0
+) -> dict[str, Any] | None:
+    """felupe's answer, or None ("not run") where `peers_python` finds nothing.
+
+    force_n (k, 3) on the indented face's sensor, displacement_mm (k, s, 3) of the nodes `surface`
+    (s,), iterations (k,), seconds (k,), all only up to where it converged; converged, reason,
+    threads, unknowns, setup_s, press_s, solver_s, felupe (its version). Raises RunFailed when the
+    script itself breaks or takes longer than timeout_s.
+    """
+    python = peers_python()
+    if python is None:
+        return None
+    script = python.parents[2] / SCRIPT
+    if not script.is_file():
+        raise RunFailed(f"felupe: {script} is missing; {PYTHON} must lie beside {SCRIPT.parent}")
+    environment = dict(os.environ)
+    environment.update(dict.fromkeys(THREAD_VARIABLES, str(threads)))
+    with tempfile.TemporaryDirectory() as scratch:
+        given, out = Path(scratch) / "case.npz", Path(scratch) / "answer"
+        np.savez(given, **{k: getattr(case, k) for k in case.__dataclass_fields__})
+        try:
+            ended = subprocess.run(
+                [str(python), str(script), str(given), str(out)], capture_output=True, text=True,
+                env=environment, timeout=timeout_s, check=False,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired as why:
+            raise RunFailed(f"felupe: no answer within {timeout_s:g} s") from why
+        if ended.returncode:
+            words = ended.stderr.strip().splitlines()
+            raise RunFailed(
+                f"felupe: exit {ended.returncode}: {words[-1] if words else 'without a word'}"
+            )
+        answer: dict[str, Any] = json.loads(out.with_suffix(".json").read_text(encoding="utf-8"))
+        with np.load(out.with_suffix(".npz")) as arrays:
+            answer.update({key: arrays[key] for key in arrays.files})
+    return answer

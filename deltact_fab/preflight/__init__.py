@@ -1,0 +1,19 @@
+"""What a protocol will ask of stage and force sensor, before anything moves.
+
+Reading order: `press` (normal force of one press, or a bound of it), `peaks` (every indenter,
+position and depth, with shear and moments), `rule` (what a rig allows).
+"""
+
+from .peaks import MODULUS_FACTOR, PAPER_REMARK, Peak, predict
+from .rule import ForceLimits, judge, limits_of, require
+
+__all__ = [
+    "MODULUS_FACTOR",
+    "PAPER_REMARK",
+    "ForceLimits",
+    "Peak",
+    "judge",
+    "limits_of",
+    "predict",
+    "require",
+]

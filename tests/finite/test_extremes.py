@@ -1,0 +1,39 @@
+"""The stability table of the finite-strain gel: no line wrong. A few here, all of it when slow."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from deltact_fab.numerics.engine import Case
+from deltact_fab.numerics.engines.gel_cases import cases
+from deltact_fab.numerics.worker import judge
+
+CHEAP = (
+    "E x 0.001: iterations",
+    "friction 100 against 1000",
+    "10 mm in one increment, friction 0: against 10",
+    "whole against quarter",
+    "depth 13 of 12 mm, announced",
+    "depth 13 of 12 mm, unannounced",
+    "nu 0.5",
+    "sphere:0.5 on cells of 2 mm at 1, 1",
+)
+TABLE = {case.name: case for case in cases()}
+
+
+def test_the_cheap_ones_are_in_the_table() -> None:
+    assert set(CHEAP) <= set(TABLE)
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(case, id=name, marks=() if name in CHEAP else pytest.mark.slow)
+        for name, case in TABLE.items()
+    ],
+)
+def test_is_right_or_refused(case: Case, tmp_path: Path) -> None:
+    row = judge(case, tmp_path)
+    assert row["outcome"] in ("right", "refused"), row

@@ -1,0 +1,147 @@
+"""The force curve: one solve for every modulus, smooth between its depths, kept on disk."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from deltact_fab import cache
+from deltact_fab.errors import InputError
+from deltact_fab.gel import curve as module
+from deltact_fab.gel.curve import ForceCurve, default_spacing_mm, force_curve, force_path
+from deltact_fab.gel.finite import FinitePress, block_mesh
+from deltact_fab.gel.material import GelMaterial
+from deltact_fab.gel.reference import hertz_force_n
+from deltact_fab.shapes import SkinDimensions
+from deltact_fab.shapes.indenter import parse
+
+SKIN = SkinDimensions()
+SPHERE = parse("sphere:15")
+SMOOTH = GelMaterial(0.56, 0.49, 0.0)
+COARSE = 2.5
+
+
+def curve(modulus: float = 0.56, deepest: float = 4.0, **more: float) -> ForceCurve:
+    material = GelMaterial(modulus, 0.49, 0.0)
+    return force_curve(SKIN, material, SPHERE, (0.0, 0.0), deepest, spacing_mm=COARSE, **more)
+
+
+def test_forces_scale_with_the_modulus_in_the_engine_itself() -> None:
+    forces = []
+    for modulus in (1e-3, 50.0):
+        focus = (-7.5, 7.5, -7.5, 7.5)
+        press = FinitePress(
+            block_mesh(SKIN, COARSE, focus), GelMaterial(modulus, 0.49, 0.3), SPHERE
+        )
+        state = list(press.path(press.rest(), (0.0, 0.0, 2.0), 1.0))[-1]
+        forces.append(np.array(state.force_n) / modulus)
+    np.testing.assert_allclose(forces[0], forces[1], rtol=1e-6, atol=1e-6)
+
+
+def test_one_curve_serves_every_modulus(monkeypatch: pytest.MonkeyPatch) -> None:
+    one = curve(0.56)
+    monkeypatch.setattr(module, "FinitePress", None)  # nothing more may be solved
+    other = curve(1.12)
+    np.testing.assert_allclose(other.force_n, 2 * one.force_n, rtol=1e-12)
+    assert curve(0.56).force_n.tobytes() == one.force_n.tobytes()
+    np.testing.assert_allclose(one.scaled(1.12).force_n, other.force_n, rtol=1e-12)
+
+
+def test_a_deeper_curve_serves_a_shallower_one_with_the_same_numbers(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    deep = curve(deepest=4.0)
+    monkeypatch.setattr(module, "FinitePress", None)
+    short = curve(deepest=3.4)
+    n = len(short.depth_mm)
+    assert short.depth_mm[-1] == 3.5
+    assert short.force_n.tobytes() == deep.force_n[:n].tobytes()
+
+
+def test_solved_depths_are_met_and_between_them_the_bound_holds() -> None:
+    c = curve()
+    np.testing.assert_allclose(c.normal_n(c.depth_mm), -c.force_n[:, 2], rtol=1e-9)
+    assert 0 < c.interpolation_rel < 0.01
+    press = FinitePress(
+        block_mesh(SKIN, COARSE, (-7.5, 7.5, -7.5, 7.5)), GelMaterial(0.56, 0.49, 0.0), SPHERE
+    )
+    state = list(press.path(press.rest(), (0.0, 0.0, 3.25), 0.5))[-1]
+    there = c.normal_n(np.array([3.25]))[0]
+    assert there == pytest.approx(-state.force_n[2], rel=c.interpolation_rel)
+
+
+def test_smooth_and_rising_from_zero() -> None:
+    c = curve()
+    d = np.linspace(-0.5, 4.0, 901)
+    f, slope = c.normal_n(d), c.slope_n_per_mm(d)
+    assert (f[d <= 0] == 0).all()
+    assert (slope[d <= 0] == 0).all()
+    assert (np.diff(f[d > 0]) > 0).all()
+    inner = d > 0.05
+    numeric = np.gradient(f, d)
+    np.testing.assert_allclose(slope[inner][1:-1], numeric[inner][1:-1], rtol=0.01)
+
+
+def test_shallow_end_is_hertz_where_the_gel_is_deep() -> None:
+    """At .1 mm the contact is .87 mm wide: a bonded layer of 12 mm adds about 8 %, no less."""
+    got = curve().normal_n(np.array([0.1]))[0]
+    hertz = hertz_force_n(7.5, 0.1, GelMaterial(0.56, 0.49))
+    assert 1.04 < got / hertz < 1.12
+
+
+def test_refusals() -> None:
+    with pytest.raises(InputError, match=r"11\.4 mm, 95% of the gel"):
+        curve(deepest=11.6)
+    with pytest.raises(InputError, match="above 0"):
+        curve(deepest=0.0)
+    with pytest.raises(InputError, match="step_mm"):
+        curve(step_mm=-1.0)
+    with pytest.raises(InputError, match=r"depth 4\.5 mm is past its end, 4"):
+        curve().normal_n(np.array([4.5]))
+
+
+def test_the_engines_refusal_comes_through_and_what_was_solved_stays(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Refusing(FinitePress):
+        def solve(self, previous, tip_mm, *more):  # type: ignore[no-untyped-def]
+            if tip_mm[2] > 3.6:
+                raise InputError("this far and no further")
+            return super().solve(previous, tip_mm, *more)
+
+    monkeypatch.setattr(module, "FinitePress", Refusing)
+    with pytest.raises(InputError, match="this far and no further"):
+        force_curve(SKIN, SMOOTH, SPHERE, (1.0, 0.0), 5.0, spacing_mm=COARSE)
+    monkeypatch.setattr(module, "FinitePress", None)
+    kept = force_curve(SKIN, SMOOTH, SPHERE, (1.0, 0.0), 3.5, spacing_mm=COARSE)
+    assert kept.depth_mm[-1] == 3.5
+
+
+def test_path_is_the_engines_own_and_cached(monkeypatch: pytest.MonkeyPatch) -> None:
+    material = GelMaterial(0.7, 0.49, 0.4)
+    tips = np.array([[0.0, 0, 0], [0, 0, 1.5], [1.0, 0, 1.5], [1.0, 0, 0]])
+    found = force_path(SKIN, material, SPHERE, tips, spacing_mm=COARSE)
+    assert found.shape == (4, 3)
+    assert found[2, 0] > 0.1  # the gel is dragged to +x, which is the force on the sensor
+    assert np.abs(found[[0, 3]]).max() < 1e-6
+    monkeypatch.setattr(module, "FinitePress", None)
+    again = force_path(SKIN, material, SPHERE, tips, spacing_mm=COARSE)
+    assert again.tobytes() == found.tobytes()
+
+
+def test_default_spacing_follows_indenter_and_gel() -> None:
+    assert default_spacing_mm(SKIN, SPHERE) == pytest.approx(1.5, abs=0.05)
+    assert default_spacing_mm(SKIN, parse("sphere:4")) == pytest.approx(0.4, abs=0.05)
+    thin = SkinDimensions(thickness_mm=2.0, protrusion_mm=1.0, edge_fillet_mm=0.5)
+    assert default_spacing_mm(thin, SPHERE) == 0.5
+
+
+def test_key_knows_geometry_and_physics_but_no_modulus() -> None:
+    def key(skin: SkinDimensions = SKIN, name: str = "sphere:15", **m: float) -> str:
+        material = GelMaterial(**{"modulus_mpa": 1.0, "poisson": 0.49, "friction": 0.0, **m})
+        return str(cache._path("k", module._key(skin, material, parse(name), 1.0)))
+
+    assert key() == key(modulus_mpa=3.0)
+    different = {key(), key(poisson=0.48), key(friction=0.1), key(name="sphere:14")}
+    different.add(key(SkinDimensions(width_mm=37.0)))
+    assert len(different) == 5

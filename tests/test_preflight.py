@@ -1,0 +1,273 @@
+"""Predicted forces, and what a rig says to them before anything moves."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from deltact_fab import bench, preflight
+from deltact_fab.cad.design import load_design
+from deltact_fab.cli.protocol import protocol as command
+from deltact_fab.errors import InputError, SolverError
+from deltact_fab.gel.contact import LayerContact
+from deltact_fab.gel.finite import FinitePress
+from deltact_fab.gel.layer import BondedLayer
+from deltact_fab.gel.material import GelMaterial
+from deltact_fab.preflight import ForceLimits, judge, limits_of, predict, require
+from deltact_fab.preflight.press import PressCurve, grown_n, press_curve
+from deltact_fab.protocols import plan
+from deltact_fab.protocols.plan import Protocol
+from deltact_fab.rig import config
+from deltact_fab.shapes.indenter import parse
+
+SENSOR = load_design("deltact")
+THICKNESS = SENSOR.skin.thickness_mm
+REAL = ForceLimits(
+    simulated=False,
+    source="my-bench.toml",
+    stage_n=(60.0, 60.0, 60.0),
+    has_sensor=True,
+    sensor_n=(25.0, 25.0, 35.0),
+    sensor_nmm=(250.0, 250.0, 250.0),
+    origin_mm=(0.0, 0.0, 0.0),
+)
+
+
+@pytest.fixture(scope="module")
+def smoke() -> Protocol:
+    return plan.load("smoke")[0]
+
+
+@pytest.fixture(scope="module")
+def deep() -> PressCurve:
+    """The paper's sphere to 5 mm, finite strain."""
+    found = press_curve(SENSOR.skin, GelMaterial(), parse("sphere:15"), (0.0, 0.0), [5.0])
+    assert found is not None
+    return found
+
+
+def _peaks(protocol: Protocol) -> list[preflight.Peak]:
+    found = predict(protocol, SENSOR, (0.0, 0.0, 0.0))
+    assert found is not None
+    return found
+
+
+def _lines(protocol: Protocol, limits: ForceLimits) -> list[str]:
+    return judge(protocol.name, THICKNESS, _peaks(protocol), limits)
+
+
+def _with(protocol: Protocol, **changes: object) -> Protocol:
+    return Protocol.model_validate({**protocol.model_dump(), **changes})
+
+
+def test_smoke_is_within_a_nano17_and_says_nothing(smoke: Protocol) -> None:
+    assert _lines(smoke, REAL) == []
+    assert require([], REAL) == []
+
+
+def test_every_indenter_position_and_depth_has_a_peak(smoke: Protocol) -> None:
+    many = _with(smoke, positions_mm=((-3.0, -2.0), (3.0, 2.0)), depths_mm=(0.6, 1.2))
+    peaks = _peaks(many)
+    keys = [(p.indenter, p.at_mm, p.depth_mm) for p in peaks]
+    wanted = [
+        (n, at, d) for n in many.indenters for at in many.positions_mm for d in many.depths_mm
+    ]
+    assert keys == wanted
+    assert peaks[0].normal_n == peaks[2].normal_n  # mirror images share a curve
+
+
+@pytest.mark.parametrize(
+    ("limits", "words"),
+    [
+        (replace(REAL, stage_n=(60, 60, 10)), ["normal force", "10 N", "[stage] max_force_n"]),
+        (replace(REAL, stage_n=(5, 60, 60)), ["tangential force", "5 N", "[stage] max_force_n"]),
+        (replace(REAL, sensor_n=(25, 25, 12)), ["normal force", "12 N", "[force] range_n"]),
+        (replace(REAL, sensor_n=(25, 6, 35)), ["tangential force", "6 N", "[force] range_n"]),
+        (replace(REAL, sensor_nmm=(250, 20, 250)), ["moment about y", "20 N mm", "range_nmm"]),
+    ],
+)
+def test_a_real_rig_refuses_each_limit_in_one_line(
+    smoke: Protocol, limits: ForceLimits, words: list[str]
+) -> None:
+    lines = _lines(smoke, limits)
+    assert len(lines) == 1
+    for word in ["smoke: 4dots at (0, 0) mm, 1.2 mm deep", "my-bench.toml", "expected", *words]:
+        assert word in lines[0]
+    with pytest.raises(InputError, match="4dots") as caught:
+        require(lines, limits)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("limits", "key"),
+    [
+        (replace(REAL, stage_n=None), "[stage] max_force_n"),
+        (replace(REAL, sensor_n=None), "[force] range_n"),
+        (replace(REAL, sensor_nmm=None), "[force] range_nmm"),
+    ],
+)
+def test_an_undeclared_limit_is_an_error_on_a_real_rig(
+    smoke: Protocol, limits: ForceLimits, key: str
+) -> None:
+    lines = _lines(smoke, limits)
+    assert lines == [
+        f"smoke: {key} is not declared in my-bench.toml, so its force cannot be checked"
+    ]
+    with pytest.raises(InputError, match="not declared"):
+        require(lines, limits)
+
+
+def test_without_a_force_sensor_only_the_stage_has_to_be_declared(smoke: Protocol) -> None:
+    bare = ForceLimits(simulated=False, source="my-bench.toml", stage_n=(60.0, 60.0, 60.0))
+    assert _lines(smoke, bare) == []
+    assert _lines(smoke, replace(bare, stage_n=None)) != []
+
+
+def test_the_virtual_rig_warns_and_goes_on(
+    smoke: Protocol, caplog: pytest.LogCaptureFixture
+) -> None:
+    weak = replace(REAL, simulated=True, stage_n=(60.0, 60.0, 10.0))
+    lines = require(_lines(smoke, weak), weak)
+    assert len(lines) == 1
+    assert lines[0] in caplog.text
+
+
+def test_a_run_on_a_weak_virtual_rig_keeps_the_warning(
+    mini: tuple[Path, Path], tmp_path: Path
+) -> None:
+    rig = tmp_path / "weak.toml"
+    text = mini[1].read_text().replace("[gel]", "max_force_n = [60.0, 60.0, 2.0]\n[gel]")
+    rig.write_text(text)
+    protocol = tmp_path / "force.toml"
+    words = mini[0].read_text().replace('"image", "dots", ', "").replace(', "4dots"', "")
+    protocol.write_text(words)
+    summary = bench.run(str(protocol), str(rig), tmp_path / "run")
+    warned = [n for n in summary["notes"] if n.startswith("WARNING: mini:")]
+    # The stage is too weak, and the rig file does not write the sensor's range down.
+    assert len(warned) == 2
+    assert "[force] range_n is not declared" in warned[0]
+    assert "[stage] max_force_n" in warned[1]
+
+
+def test_what_a_rig_file_writes_down_counts_and_a_default_does_not(
+    smoke: Protocol, mini: tuple[Path, Path]
+) -> None:
+    declared = limits_of(config.load("virtual")[0], "virtual.toml", smoke)
+    assert declared.undeclared() == []
+    assert declared.sensor_n == (25.0, 25.0, 35.0)
+    bare = limits_of(config.load(str(mini[1]))[0], "bench.toml", smoke)
+    assert bare.undeclared() == ["[stage] max_force_n", "[force] range_n"]
+
+
+def test_the_high_side_is_a_factor_of_two_and_forces_go_with_the_modulus(smoke: Protocol) -> None:
+    stiff = _with(smoke, specimen={**smoke.specimen.model_dump(), "modulus_mpa": 1.12})
+    for soft, hard in zip(_peaks(smoke), _peaks(stiff), strict=True):
+        assert soft.high.normal_n == pytest.approx(hard.normal_n, rel=1e-12)
+        assert soft.high.tangential_n == pytest.approx(hard.tangential_n, rel=1e-12)
+        assert soft.high.moment_nmm == pytest.approx(hard.moment_nmm, rel=1e-12)
+
+
+def test_shear_and_moments_are_never_less_than_the_linear_drag(smoke: Protocol) -> None:
+    for peak in _peaks(smoke):
+        layer = BondedLayer.for_skin(SENSOR.skin, GelMaterial(), spacing_mm=0.25)
+        contact = LayerContact(layer, parse(peak.indenter))
+        *_, pressed = contact.path(contact.rest(), (0.0, 0.0, 1.2), 0.6)
+        for state in contact.path(pressed, (3.0, 0.0, 1.2), 0.75):
+            assert abs(state.force_n[0]) <= peak.tangential_n
+            assert -state.force_n[2] == pytest.approx(peak.normal_n, rel=0.02)
+            assert peak.moment_nmm is not None
+            assert all(
+                abs(t) <= m + 1e-6 for t, m in zip(state.torque_nmm, peak.moment_nmm, strict=True)
+            )
+
+
+def test_moments_count_from_the_declared_origin(smoke: Protocol) -> None:
+    far = predict(smoke, SENSOR, (0.0, 0.0, -50.0))
+    assert far is not None
+    for near, there in zip(_peaks(smoke), far, strict=True):
+        assert near.moment_nmm is not None
+        assert there.moment_nmm is not None
+        arm = 50.0 - near.depth_mm
+        more = arm * near.tangential_n
+        assert there.moment_nmm[0] - near.moment_nmm[0] == pytest.approx(more, rel=1e-9)
+
+
+def test_finite_strain_agrees_with_the_facts_at_5_mm(deep: PressCurve) -> None:
+    """Axisymmetric twin: 48.8 N without friction, 57.2 N with 1; a coarse mesh adds up to 10 %."""
+    force, level = deep.normal_n(5.0)
+    assert level == "hyperelastic"
+    assert 48.8 <= 0.56 * force <= 57.2 * 1.1
+
+
+def test_extrapolation_and_bound_lie_above_what_was_solved(deep: PressCurve) -> None:
+    for depth, force in deep.points[:-1]:
+        for deeper, solved in deep.points:
+            if deeper > depth:
+                assert grown_n(depth, force, deeper, THICKNESS) >= solved
+    blind = replace(deep, points=())
+    for depth, force in deep.points:
+        bound, level = blind.normal_n(depth)
+        assert level == "bound"
+        assert bound >= force
+    beyond, level = deep.normal_n(10.0)
+    assert level == "extrapolated"
+    assert 0.56 * beyond > 271
+
+
+def test_a_second_call_is_instant(deep: PressCurve) -> None:
+    started = time.perf_counter()
+    again = press_curve(
+        SENSOR.skin, GelMaterial(1.3), parse("sphere:15"), (0.0, 0.0), [5.0], solve=False
+    )
+    assert again == deep
+    assert time.perf_counter() - started < 0.5
+
+
+def test_where_the_engine_refuses_the_bound_and_its_reason_stand(
+    monkeypatch: pytest.MonkeyPatch, smoke: Protocol
+) -> None:
+    def refuse(*_: object) -> None:
+        raise SolverError("press: cannot be solved")
+
+    monkeypatch.setattr(FinitePress, "solve", refuse)
+    blunt = _with(
+        smoke, indenters=("star",), depths_mm=(4.0,), shear=None, positions_mm=((1.0, 1.0),)
+    )
+    peak = _peaks(blunt)[0]
+    assert (peak.level, peak.reason) == ("bound", "press: cannot be solved")
+    lines = judge("sharp", THICKNESS, [peak], REAL)
+    assert "expected at most" in lines[0]
+    assert "star bound: press: cannot be solved" in lines[-1]
+    assert "271 N" in lines[-1]
+
+
+def test_a_depth_outside_of_the_gel_is_refused() -> None:
+    with pytest.raises(InputError, match="12 mm is needed: 12 mm fails"):
+        press_curve(SENSOR.skin, GelMaterial(), parse("sphere:15"), (0.0, 0.0), [12.0])
+
+
+def test_show_prints_the_peaks_and_json_has_them() -> None:
+    text = CliRunner().invoke(command, ["show", "smoke"])
+    assert text.exit_code == 0
+    assert "peak forces" in text.output
+    assert "over:" not in text.output
+    data = json.loads(CliRunner().invoke(command, ["show", "smoke", "--json"]).output)
+    assert data["force_findings"] == []
+    assert [p["indenter"] for p in data["peaks"]] == ["sphere:10", "4dots"]
+    for peak in data["peaks"]:
+        assert peak["normal_high_n"] == 2 * peak["normal_n"]
+
+
+def test_show_does_not_solve_deep_presses_unasked() -> None:
+    started = time.perf_counter()
+    text = CliRunner().invoke(command, ["show", "pattern-selection"])
+    assert time.perf_counter() - started < 5
+    assert "--forces" in text.output
+    assert "271 N" in text.output
+    data = CliRunner().invoke(command, ["show", "pattern-selection", "--json"]).output
+    assert json.loads(data)["peaks"] is None
