@@ -17,7 +17,7 @@ COMMANDS = {
     "pattern": ("pattern", "pattern", "Pattern stickers: generate and inspect."),
     "protocol": ("protocol", "protocol", "Indentation experiments: check, show, list."),
     "rig": ("rig", "rig", "Benches: list and show."),
-    "gel": ("gel", "gel", "Gel mechanics: press an indenter."),
+    "gel": ("gel", "gel", "Gel mechanics: press, fit, path."),
     "analyze": ("analyze", "analyze", "Analyses of recorded runs."),
     "report": ("report", "report", "One offline page of a run."),
     "run": ("run", "run", "Carry out a protocol on a rig."),

@@ -1,21 +1,64 @@
-"""One press on the skin, with the discretisation error estimated by a coarser grid."""
+"""One press, and a shear after it: level and mesh picked, the error estimated, refined if need be.
+
+The estimate is the sum of MESH_FACTOR x the change against a mesh COARSER times as large, with
+friction STEP_FACTOR x the change on that mesh with steps FEWER times as large, and for a linear
+level what its model leaves out by the measured rule of `choose`. The factors are such that at least
+nine of ten smooth presses lie within it (docs/decisions/0009-gel-levels.md).
+"""
 
 from __future__ import annotations
 
 import math
 import time
-from collections import deque
-from collections.abc import Iterator
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import DeltactFabError, InputError
 from ..shapes import Indenter, SkinDimensions
-from .contact import ContactState, LayerContact
-from .layer import BondedLayer
+from .choose import IN_PLANE_MM, MOST_DOFS, TOLERANCE, Choice, pick
+from .level import GelContact, Level, Point, Reach, State, contact_of
 from .material import GelMaterial
 
-INCREMENT_MM = 0.1
-COARSER = 1.6
+Field = NDArray[np.float64]
+
+COARSER, MESH_FACTOR = 1.5, 1.4
+FEWER, STEP_FACTOR = 2.0, 1.3
+REFINEMENTS = 2
+FINEST = 0.45  # least factor of a refinement
+# Most increments x unknowns^WORK_POWER of a refinement, about half a minute on one core. Counted,
+# not timed: a busy machine must not change a result.
+MOST_WORK = 6e6
+WORK_POWER = 1.3
+
+
+@dataclass(frozen=True, eq=False)
+class Pressed:
+    """The outcome. result: plain data with the keys of `gel press --json`.
+
+    tips_mm (n, 3), forces_n (n, 3): the way, at rest first. x_mm (nx,), y_mm (ny,) and
+    displacement_mm (ny, nx, 3): the face at its end. All empty when refused or not converged.
+    """
+
+    result: dict[str, Any]
+    tips_mm: Field
+    forces_n: Field
+    x_mm: Field
+    y_mm: Field
+    displacement_mm: Field
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    contact: GelContact
+    states: list[State]
+    flags: tuple[str, ...]
+
+    @property
+    def last(self) -> State:
+        return self.states[-1]
 
 
 def press(
@@ -25,69 +68,193 @@ def press(
     at_mm: tuple[float, float],
     depth_mm: float,
     shear_mm: tuple[float, float] = (0.0, 0.0),
-    spacing_mm: float = 0.2,
-) -> dict[str, Any]:
-    """Press to a depth, then shear; returns plain data with the keys of `gel press --json`.
+    model: Level | Literal["auto"] = "auto",
+    tolerance: float = TOLERANCE,
+    spacing_mm: float | None = None,
+) -> Pressed:
+    """Press to a depth, then shear.
 
-    `error_estimate` is the change against a grid COARSER times as wide: discretisation only. What
-    linear theory itself leaves out (free sides, large strain) is not in it.
-    Raises InputError for values out of range; a refusal or a failure of the solver is in the
-    result, `converged` False and `force_n` None.
+    tolerance: of the force; IN_PLANE_MM in proportion goes with it. Where the estimate is over it,
+    the mesh is refined, at most REFINEMENTS times and to MOST_WORK, unless spacing_mm names it.
+    Raises InputError for numbers that make no press; a refusal or a failure of the solver is in
+    the result, `converged` False and `force_n` None.
     """
     if not (math.isfinite(depth_mm) and depth_mm >= 0):
         raise InputError(f"--depth {depth_mm}: a depth in mm, 0 or more, is needed")
+    if not all(math.isfinite(v) for v in (*at_mm, *shear_mm)):
+        raise InputError(f"--at {at_mm}, shear {shear_mm}: finite mm are needed")
     started = time.perf_counter()
-    result: dict[str, Any] = {"depth_mm": depth_mm, "model": "layer", "max_stretch": None}
+    x, y = at_mm
+    end = (x + shear_mm[0], y + shear_mm[1], depth_mm)
+    corners: list[Point] = [(x, y, depth_mm)] if end[:2] == at_mm else [(x, y, depth_mm), end]
+    reach = Reach.around(corners)
+    problem = _Problem(skin, material, indenter, corners, tolerance)
+    picked: Choice | None = None
     try:
-        fine = _solve(skin, material, indenter, at_mm, depth_mm, shear_mm, spacing_mm)
-        coarse = _solve(skin, material, indenter, at_mm, depth_mm, shear_mm, spacing_mm * COARSER)
+        picked = pick(
+            skin, material, indenter, reach, tolerance, level=model, spacing_mm=spacing_mm
+        )
+        fine, estimate = problem.solve(picked, free=spacing_mm is None)
+        if not problem.holds(estimate) and model == "auto" and picked.level != "hyperelastic":
+            picked = pick(
+                skin, material, indenter, reach, tolerance,
+                level="hyperelastic", spacing_mm=spacing_mm,
+            )  # fmt: skip
+            fine, estimate = problem.solve(picked, free=spacing_mm is None)
     except DeltactFabError as why:
-        return {
-            **result,
-            "force_n": None,
-            "contact_area_mm2": None,
-            "converged": False,
-            "error_estimate": None,
-            "reason": str(why),
-            "seconds": time.perf_counter() - started,
-        }
-    size = math.dist(fine.force_n, (0.0, 0.0, 0.0))
-    change = math.dist(fine.force_n, coarse.force_n)
-    peaks = [float(abs(s.displacement_mm).max()) for s in (fine, coarse)]
-    return {
-        **result,
-        "force_n": list(fine.force_n),
-        "contact_area_mm2": fine.contact_area_mm2,
-        "peak_in_plane_mm": float(abs(fine.displacement_mm[..., :2]).max()),
-        "converged": fine.converged,
-        "beyond_small_strain": fine.beyond_small_strain,
-        "error_estimate": {
-            "force_rel": change / size if size else 0.0,
-            "displacement_mm": abs(peaks[0] - peaks[1]),
-        },
+        level = picked.level if picked else (model if model != "auto" else None)
+        return _refused(depth_mm, level, str(why), time.perf_counter() - started)
+    contact, last = fine.contact, fine.last
+    within = problem.holds(estimate)
+    flags = list(fine.flags)
+    if depth_mm > 0 and last.contact_area_mm2 == 0:
+        flags.append(f"contact lost: at depth {depth_mm:g} mm nothing is touched")
+    if not within:
+        flags.append(
+            f"tolerance: estimated error {estimate['force_rel']:.2g} of force, "
+            f"{estimate['displacement_mm']:.2g} mm in plane; {tolerance:g} and "
+            f"{problem.in_plane_mm:.2g} mm were asked"
+        )
+    u = last.displacement_mm
+    choice = contact.choice
+    result = {
+        "force_n": list(last.force_n),
+        "depth_mm": depth_mm,
+        "contact_area_mm2": last.contact_area_mm2,
+        "max_stretch": last.diagnostics.most_stretch,
+        "model": contact.level,
+        "converged": True,
+        "error_estimate": estimate,
+        "within_tolerance": within,
         "seconds": time.perf_counter() - started,
+        "picked": {
+            "spacing_mm": choice.spacing_mm,
+            "step_mm": choice.step_mm,
+            "mirrors": list(choice.mirrors),
+            "dofs": contact.dofs,
+            "why": choice.why,
+        },
+        "peak_in_plane_mm": float(np.hypot(u[..., 0], u[..., 1]).max()),
+        "flags": flags,
+    }
+    return Pressed(
+        result,
+        np.array([s.tip_mm for s in fine.states]),
+        np.array([s.force_n for s in fine.states]),
+        contact.x_mm,
+        contact.y_mm,
+        u,
+    )
+
+
+class _Problem:
+    """One way to go, on any mesh."""
+
+    def __init__(
+        self,
+        skin: SkinDimensions,
+        material: GelMaterial,
+        indenter: Indenter,
+        corners: list[Point],
+        tolerance: float,
+    ) -> None:
+        self._skin, self._material, self._indenter = skin, material, indenter
+        self._corners, self.tolerance = corners, tolerance
+        self.in_plane_mm = IN_PLANE_MM * tolerance / TOLERANCE
+
+    def holds(self, estimate: dict[str, float]) -> bool:
+        """Whether an estimate is within the tolerance."""
+        force, in_plane = estimate["force_rel"], estimate["displacement_mm"]
+        return force <= self.tolerance and in_plane <= self.in_plane_mm
+
+    def solve(self, choice: Choice, free: bool) -> tuple[_Run, dict[str, float]]:
+        """The finest run and its estimate; free: mesh and steps may be refined."""
+        fine, by_mesh, by_step = self._three(choice)
+        estimate = _sum(choice, by_mesh, by_step)
+        for _ in range(REFINEMENTS if free and choice.level == "hyperelastic" else 0):
+            if self.holds(estimate):
+                break
+            # Second order in the mesh, first order in the steps; what is within its half stays.
+            mesh, steps = self._excess(by_mesh), self._excess(by_step)
+            spacing = max(FINEST, math.sqrt(0.5 / mesh)) if mesh > 0.6 else 1.0
+            step = max(FINEST / 2, 0.35 / steps) if steps > 0.4 else 1.0
+            dofs = fine.contact.dofs * spacing**-2.5
+            work = len(fine.states) / step * dofs**WORK_POWER
+            if dofs > MOST_DOFS or work > MOST_WORK:
+                break
+            choice = choice.times(spacing, step)
+            text = f"{choice.spacing_mm:.3g} mm, steps of {choice.step_mm:.3g} mm"
+            choice = replace(choice, why=f"{choice.why.split('; refined')[0]}; refined to {text}")
+            fine, by_mesh, by_step = self._three(choice)
+            estimate = _sum(choice, by_mesh, by_step)
+        return fine, estimate
+
+    def _three(self, choice: Choice) -> tuple[_Run, _Errors, _Errors]:
+        """The run, and what its mesh and its steps are estimated to be off by.
+
+        Both errors may be of either sign and cancel: they are measured one by one.
+        """
+        coarse = self._run(choice.times(COARSER))
+        fine = self._run(choice)
+        by_mesh = _change(fine, coarse, MESH_FACTOR)
+        # Without friction a state does not depend on the way to it.
+        if choice.friction == 0 or choice.level != "hyperelastic":
+            return fine, by_mesh, _Errors(0.0, 0.0)
+        fewer = self._run(choice.times(COARSER, FEWER))
+        return fine, by_mesh, _change(coarse, fewer, STEP_FACTOR)
+
+    def _excess(self, errors: _Errors) -> float:
+        return max(errors.force_rel / self.tolerance, errors.in_plane_mm / self.in_plane_mm)
+
+    def _run(self, choice: Choice) -> _Run:
+        contact = contact_of(self._skin, self._material, self._indenter, choice)
+        x, y, _ = self._corners[0]
+        states: list[State] = [contact.rest((x, y, 0.0))]
+        flags: dict[str, str] = {}
+        for corner in self._corners:
+            for state in contact.path(states[-1], corner):
+                states.append(state)
+            # At the corners; on the way in, the first increments are coarse by intention.
+            flags.update({f.partition(":")[0]: f for f in states[-1].diagnostics.flags})
+        return _Run(contact, states, tuple(flags.values()))
+
+
+class _Errors(NamedTuple):
+    force_rel: float
+    in_plane_mm: float
+
+
+def _change(fine: _Run, coarse: _Run, factor: float) -> _Errors:
+    """factor x the change of force, and of in-plane displacement, rms over the lattice."""
+    size = math.dist(fine.last.force_n, (0.0, 0.0, 0.0))
+    change = math.dist(fine.last.force_n, coarse.last.force_n)
+    off = (fine.last.displacement_mm - coarse.last.displacement_mm)[..., :2]
+    rms = math.sqrt(float((off**2).sum(axis=-1).mean()))
+    return _Errors(factor * change / size if size else 0.0, factor * rms)
+
+
+def _sum(choice: Choice, *errors: _Errors) -> dict[str, float]:
+    return {
+        "force_rel": choice.model_force_rel + sum(e.force_rel for e in errors),
+        "displacement_mm": choice.model_in_plane_mm + sum(e.in_plane_mm for e in errors),
     }
 
 
-def _solve(
-    skin: SkinDimensions,
-    material: GelMaterial,
-    indenter: Indenter,
-    at_mm: tuple[float, float],
-    depth_mm: float,
-    shear_mm: tuple[float, float],
-    spacing_mm: float,
-) -> ContactState:
-    layer = BondedLayer.for_skin(skin, material, spacing_mm=spacing_mm)
-    contact = LayerContact(layer, indenter, observe_shear=shear_mm != (0.0, 0.0))
-    x, y = at_mm
-    pressed = _last(contact.path(contact.rest((x, y, 0.0)), (x, y, depth_mm), INCREMENT_MM))
-    if depth_mm == 0 or shear_mm == (0.0, 0.0):
-        return pressed
-    target = (x + shear_mm[0], y + shear_mm[1], depth_mm)
-    return _last(contact.path(pressed, target, INCREMENT_MM))
-
-
-def _last(states: Iterator[ContactState]) -> ContactState:
-    """The end of a path; the states before it are not kept."""
-    return deque(states, maxlen=1)[0]
+def _refused(depth_mm: float, model: str | None, reason: str, seconds: float) -> Pressed:
+    none = np.empty((0, 3))
+    result: dict[str, Any] = {
+        "force_n": None,
+        "depth_mm": depth_mm,
+        "contact_area_mm2": None,
+        "max_stretch": None,
+        "model": model,
+        "converged": False,
+        "error_estimate": None,
+        "within_tolerance": False,
+        "seconds": seconds,
+        "picked": None,
+        "peak_in_plane_mm": None,
+        "flags": [],
+        "reason": reason,
+    }
+    return Pressed(result, none, none, np.empty(0), np.empty(0), np.empty((0, 0, 3)))

@@ -149,19 +149,51 @@ def test_the_layer_refuses_a_depth_and_names_the_level_that_would_do(tmp_path: P
 
 
 def test_gel_press_prints_what_the_json_says(tmp_path: Path) -> None:
-    words = ["gel", "press", "--depth", "0.6", "--spacing", "0.4"]
+    words = ["gel", "press", "--depth", "0.6", "--model", "layer", "--spacing", "0.4"]
     data = json.loads(call(*words, "--json", cwd=tmp_path).stdout)
     assert data["converged"] is True
     assert data["force_n"][2] < 0
-    assert f"{data['force_n'][2]:+.3f} N (simulated" in call(*words, cwd=tmp_path).stdout
+    assert data["max_stretch"] is None
+    shown = call(*words, cwd=tmp_path).stdout
+    assert f"{data['force_n'][2]:+.3f} N (simulated)" in shown
+    assert "picked layer (asked for): grid 0.4 mm" in shown
+
+
+PRESS_KEYS = {
+    "force_n", "depth_mm", "contact_area_mm2", "max_stretch", "model", "converged",
+    "error_estimate", "within_tolerance", "seconds", "picked", "peak_in_plane_mm", "flags",
+}  # fmt: skip
 
 
 def test_gel_press_refused_has_the_same_keys_and_exit_1(tmp_path: Path) -> None:
-    done = call("gel", "press", "--depth", "4", "--json", cwd=tmp_path)
+    done = call("gel", "press", "--depth", "4", "--model", "layer", "--json", cwd=tmp_path)
     data = json.loads(done.stdout)
     assert done.returncode == 1
     assert data["converged"] is False
     assert data["force_n"] is None
-    assert "25 %" in data["reason"]
-    assert {"depth_mm", "contact_area_mm2", "max_stretch", "model", "error_estimate",
-            "seconds"} <= set(data)  # fmt: skip
+    assert "25%" in data["reason"]
+    assert "hyperelastic can" in data["reason"]
+    assert set(data) == PRESS_KEYS | {"reason"}
+    done = call("gel", "press", "--depth", "12", cwd=tmp_path)
+    assert done.returncode == 1
+    assert done.stdout == ""
+    assert done.stderr.splitlines() == [
+        "deltact-fab: gel: depth 12 mm is not below the gel's thickness of 12 mm"
+    ]
+
+
+def test_gel_press_picks_finite_strain_and_estimates_its_error(tmp_path: Path) -> None:
+    words = ["--depth", "2", "--shear-x", "1", "--tolerance", "0.15", "--plot", "f.png"]
+    done = call("gel", "press", "--model", "hyperelastic", *words, "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    data = json.loads(done.stdout)
+    assert set(data) == PRESS_KEYS
+    assert data["model"] == "hyperelastic"
+    assert data["picked"]["mirrors"] == [False, True]
+    assert data["within_tolerance"] is True
+    assert 0 < data["error_estimate"]["force_rel"] < 0.15
+    assert data["max_stretch"] > 1.05
+    # 8.0 N is where fine meshes meet without shear; dragging moves it by some per cent.
+    assert -data["force_n"][2] == pytest.approx(8.0, rel=0.1)
+    assert 0 < data["force_n"][0] < 0.5 * -data["force_n"][2] * 1.3
+    assert (tmp_path / "f.png").read_bytes().startswith(b"\x89PNG")

@@ -12,6 +12,7 @@ REGISTRY = {
     "pattern": "deltact_fab.numerics.engines.pattern",
     "flow": "deltact_fab.numerics.engines.flow",
     "layer": "deltact_fab.numerics.engines.layer",
+    "gel": "deltact_fab.numerics.engines.gel",
     "cad": "deltact_fab.numerics.engines.cad",
     "sheet": "deltact_fab.numerics.engines.sheet",
 }

@@ -1,0 +1,272 @@
+"""Which level, mesh and steps keep to a tolerance; the rules' numbers are measured.
+
+docs/decisions/0009-gel-levels.md holds the tables that the constants below are read from. Half of
+a tolerance is left to the model, the other half to the mesh.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from ..errors import InputError
+from ..shapes import Indenter, SkinDimensions
+from .contact import DEPTH_LIMIT
+from .footprint import (
+    contact_radius_mm,
+    edge_radius_mm,
+    is_mirrored,
+    section_half_mm,
+    whole_radius_mm,
+)
+from .level import Level, Reach
+from .material import GelMaterial
+
+LINEAR: tuple[Level, ...] = ("layer", "block")  # the cheaper first
+TOLERANCE = 0.03  # of the force
+IN_PLANE_MM = 0.05  # rms over the face, at TOLERANCE
+SHARE = 0.5  # of a tolerance that the model may take
+
+# Model errors of the linear levels.
+BEND_FORCE = 0.6  # x (depth/thickness)^2, of the force
+BEND_IN_PLANE = 0.115  # x depth^2 sqrt(pi/face)
+SIDE_FORCE = 2.6  # x contact radius/thickness x sum over sides of exp(-SIDE_DECAY distance/thick.)
+SIDE_DECAY = 3.0
+SIDE_IN_PLANE = 0.24  # x the same with its own decay x depth
+SIDE_IN_PLANE_DECAY = 1.2
+FRICTION_FORCE = 0.5  # x min(friction, 1) x (depth/thickness)^1.6
+
+# Cells of the finite-strain mesh.
+CELLS_ACROSS = 3.0  # contact radius over cell size at TOLERANCE
+DRAGGED = 0.85  # x cells of a path that moves in plane: its steps take more of the tolerance
+EDGE_CELL_MM = 0.5  # largest cell at TOLERANCE where an edge is sharper than it
+MOST_EDGE_CELL_MM = 0.6  # at any tolerance: a star's points slip between larger ones
+EDGE_MM = 0.75  # radius below which an edge is sharp
+STEP = 0.12  # of the thickness, where friction does not ask for less
+STEP_ERROR = 3.5  # x friction's part of the force, over the number of increments
+STEP_SHARE = 0.4  # of the tolerance for that
+SHEAR_STEP = 0.08  # of the contact radius, when dragged, at TOLERANCE
+LEAST_STEPS, MOST_STEPS = 4, 40
+MOST_DOFS = 120_000
+LINEAR_MM = 0.25  # grid of the linear levels
+LEAST_MM = 0.15  # smallest cell that is chosen
+HIDDEN = 1.5  # x contact radius: cells beyond may miss the tip
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What `pick` picked.
+
+    spacing_mm: of the linear grid, or of cells at the contact. step_mm: of a path's increments.
+    mirrors: planes x = 0, y = 0 at which the mesh ends. focus: box of fine cells
+    (x_low, x_high, y_low, y_high). friction: as it is solved, 0 where it was left out.
+    model_force_rel, model_in_plane_mm: what the level itself leaves out, by the measured rule; 0
+    for the finest level. why: one line for a reader.
+    """
+
+    level: Level
+    spacing_mm: float
+    step_mm: float
+    mirrors: tuple[bool, bool]
+    focus: tuple[float, float, float, float]
+    friction: float
+    model_force_rel: float
+    model_in_plane_mm: float
+    why: str
+
+    def times(self, spacing: float = 1.0, step: float = 1.0) -> Choice:
+        """The same with cells or grid, and steps, so many times as large."""
+        return replace(self, spacing_mm=self.spacing_mm * spacing, step_mm=self.step_mm * step)
+
+
+def pick(
+    skin: SkinDimensions,
+    material: GelMaterial,
+    indenter: Indenter,
+    reach: Reach,
+    tolerance: float = TOLERANCE,
+    *,
+    level: Level | Literal["auto"] = "auto",
+    friction: float | None = None,
+    observe_shear: bool = True,
+    spacing_mm: float | None = None,
+) -> Choice:
+    """The cheapest level and mesh whose errors keep to the tolerance, or those of a named level.
+
+    tolerance: of the force, .001 to .5; in plane it is IN_PLANE_MM in proportion. The mesh is made
+    for the deepest point of the reach. observe_shear False with a reach of one point in plane
+    leaves friction out where that changes the force by less than the model's share.
+    Raises InputError for a depth, a material or a spacing that the level cannot have, and names
+    the level that can.
+    """
+    if not (math.isfinite(tolerance) and 0.001 <= tolerance <= 0.5):
+        raise InputError(f"gel: tolerance must be .001 to .5: {tolerance} fails")
+    depth, thickness = reach.deepest_mm, skin.thickness_mm
+    if depth >= thickness:
+        raise InputError(
+            f"gel: depth {depth:g} mm is not below the gel's thickness of {thickness:g} mm"
+        )
+    half = skin.opening_half_mm
+    for name, (low, high), end in zip("xy", (reach.x_mm, reach.y_mm), half, strict=True):
+        if max(-low, high) > end:
+            raise InputError(
+                f"gel: a tip from {name} = {low:g} to {high:g} mm leaves the face of +-{end:g} mm"
+            )
+    mu = material.friction if friction is None else friction
+    moves = reach.x_mm[0] < reach.x_mm[1] or reach.y_mm[0] < reach.y_mm[1]
+    effect = friction_force_rel(mu, max(depth, 0.0) / thickness)
+    if not (observe_shear or moves) and effect <= SHARE * tolerance:
+        mu = 0.0
+    errors = {name: model_error(name, skin, indenter, reach) for name in LINEAR}
+    refusals = {name: linear_refusal(name, skin, material, indenter, reach) for name in LINEAR}
+    if level == "auto":
+        level, reason = _level(errors, refusals, tolerance)
+    else:
+        reason = "asked for"
+        if level != "hyperelastic" and refusals[level]:
+            raise InputError(f"gel: level {level}: {refusals[level]}; level hyperelastic can")
+    if level != "hyperelastic":
+        h = LINEAR_MM if spacing_mm is None else spacing_mm
+        h = min(h, skin.length_mm / 16) if spacing_mm is None else h
+        force, in_plane = errors[level]
+        return Choice(
+            level, h, max(0.1, min(0.25, depth / 4)), (False, False),
+            focus_mm(skin, indenter, reach, h), mu, force, in_plane,
+            f"{level} ({reason}): grid {h:.3g} mm",
+        )  # fmt: skip
+    mirrors = mirrors_of(indenter, reach)
+    h, what = (spacing_mm, "as asked") if spacing_mm else cell_mm(skin, indenter, reach, tolerance)
+    if not (math.isfinite(h) and 0.02 <= h <= thickness / 2):
+        raise InputError(f"gel: cells of 0.02 to {thickness / 2:g} mm are needed: {h:g} mm fails")
+    radius = contact_radius_mm(indenter, depth) if depth > 0 else math.inf
+    if h > HIDDEN * radius:
+        raise InputError(
+            f"gel: at depth {depth:g} mm {indenter.name} touches over a radius of {radius:.2g} mm "
+            f"and hides between cells of {h:.3g} mm; {HIDDEN * radius:.2g} mm or less is needed"
+        )
+    step = step_mm(indenter, depth, thickness, tolerance, mu, moves)
+    planes = " and ".join(n for n, m in zip("xy", mirrors, strict=True) if m)
+    part = {0: "whole block", 1: f"half block, mirror {planes}", 2: "quarter block"}[sum(mirrors)]
+    return Choice(
+        level, h, step, mirrors, focus_mm(skin, indenter, reach, h), mu, 0.0, 0.0,
+        f"hyperelastic ({reason}): cells {h:.3g} mm ({what}), steps {step:.3g} mm, {part}"
+        + ("" if mu > 0 or material.friction == 0 else ", friction left out"),
+    )  # fmt: skip
+
+
+def _level(
+    errors: dict[Level, tuple[float, float]], refusals: dict[Level, str | None], tolerance: float
+) -> tuple[Level, str]:
+    """The cheapest level that does, and what the next cheaper one would be off by."""
+    goal = SHARE * tolerance
+    reason = ""
+    for name in errors:
+        force, in_plane = errors[name]
+        if refusals[name]:
+            reason = f"{name}: {refusals[name]}"
+        elif force > goal or in_plane > goal / TOLERANCE * IN_PLANE_MM:
+            reason = f"{name} is off by about {force:.1%} of force, {in_plane:.2g} mm in plane"
+        else:
+            return name, f"off by about {force:.1%} of force, {in_plane:.2g} mm in plane"
+    return "hyperelastic", reason
+
+
+def linear_refusal(
+    level: Level, skin: SkinDimensions, material: GelMaterial, indenter: Indenter, reach: Reach
+) -> str | None:
+    """Why a linear level cannot follow the path at all, None where it can."""
+    depth, limit = reach.deepest_mm, DEPTH_LIMIT * skin.thickness_mm
+    if material.prony:
+        return "it knows no Prony series"
+    if depth > limit * (1 + 1e-12):
+        return f"depth {depth:g} mm is over {limit:g} mm, {DEPTH_LIMIT:.0%} of the thickness"
+    if depth >= indenter.equator_mm:
+        return f"depth {depth:g} mm presses {indenter.name} to {indenter.equator_mm:g} mm, its rim"
+    if level == "block" and material.poisson > 0.4999:
+        return f"poisson <= .4999 is needed: {material.poisson:g} fails"
+    return None
+
+
+def model_error(
+    level: Level, skin: SkinDimensions, indenter: Indenter, reach: Reach
+) -> tuple[float, float]:
+    """What a level leaves out: relative force error and in-plane rms (mm) over the face.
+
+    The linear levels: large strain, growing with depth^2; the layer also the free sides.
+    """
+    depth, t = max(reach.deepest_mm, 0.0), skin.thickness_mm
+    if level == "hyperelastic" or depth == 0:
+        return 0.0, 0.0
+    force = BEND_FORCE * (depth / t) ** 2
+    in_plane = BEND_IN_PLANE * depth**2 * math.sqrt(math.pi / (skin.width_mm * skin.length_mm))
+    if level == "layer":
+        away = []
+        for (low, high), half in zip((reach.x_mm, reach.y_mm), skin.opening_half_mm, strict=True):
+            away += [(half - high) / t, (half + low) / t]
+        wide = whole_radius_mm(indenter, depth) / t
+        force += SIDE_FORCE * wide * sum(math.exp(-SIDE_DECAY * s) for s in away)
+        near = sum(math.exp(-SIDE_IN_PLANE_DECAY * s) for s in away)
+        in_plane += SIDE_IN_PLANE * wide * near * depth
+    return force, in_plane
+
+
+def friction_force_rel(friction: float, part: float) -> float:
+    """What friction adds to the force of a press to a part of the thickness."""
+    return FRICTION_FORCE * min(friction, 1.0) * part**1.6
+
+
+def cell_mm(
+    skin: SkinDimensions, indenter: Indenter, reach: Reach, tolerance: float
+) -> tuple[float, str]:
+    """Size of cells at the contact and what it follows from."""
+    share = math.sqrt(tolerance / TOLERANCE)  # bricks are of second order
+    depth = max(reach.deepest_mm, 0.0)
+    radius = contact_radius_mm(indenter, depth) if depth > 0 else indenter.tips[0].radius_mm
+    moves = reach.x_mm[0] < reach.x_mm[1] or reach.y_mm[0] < reach.y_mm[1]
+    h = radius / CELLS_ACROSS * share * (DRAGGED if moves else 1.0)
+    what = f"contact radius {radius:.2g} mm"
+    edge = min(edge_radius_mm(t) for t in indenter.tips)
+    sharp = min(share * EDGE_CELL_MM, MOST_EDGE_CELL_MM)
+    if edge < EDGE_MM and sharp < h:
+        h, what = sharp, f"edge radius {edge:.2g} mm"
+    thin = skin.thickness_mm / 6
+    if thin < h:
+        h, what = thin, f"thickness {skin.thickness_mm:g} mm"
+    return float(f"{max(h, LEAST_MM):.3g}"), what
+
+
+def step_mm(
+    indenter: Indenter, depth_mm: float, thickness_mm: float, tolerance: float, friction: float,
+    moves: bool,
+) -> float:  # fmt: skip
+    """Increments of a path. A point grips from the end of the increment that it comes in, so
+    friction's part of the force is short by about STEP_ERROR over their number."""
+    if depth_mm <= 0:
+        return STEP * thickness_mm
+    lost = STEP_ERROR * friction_force_rel(friction, depth_mm / thickness_mm)
+    steps = min(max(lost / (STEP_SHARE * tolerance), LEAST_STEPS), MOST_STEPS)
+    step = min(depth_mm / math.ceil(steps - 1e-9), STEP * thickness_mm)
+    if moves and friction > 0:
+        shear = SHEAR_STEP * contact_radius_mm(indenter, depth_mm) * tolerance / TOLERANCE
+        step = min(step, max(shear, depth_mm / MOST_STEPS))
+    return float(f"{step:.3g}")
+
+
+def focus_mm(
+    skin: SkinDimensions, indenter: Indenter, reach: Reach, spacing_mm: float
+) -> tuple[float, float, float, float]:
+    """Box of the face that the indenter touches along the path, and a margin of two cells."""
+    half = [p + 2 * spacing_mm for p in section_half_mm(indenter, max(reach.deepest_mm, 0.0))]
+    return (
+        reach.x_mm[0] - half[0], reach.x_mm[1] + half[0],
+        reach.y_mm[0] - half[1], reach.y_mm[1] + half[1],
+    )  # fmt: skip
+
+
+def mirrors_of(indenter: Indenter, reach: Reach) -> tuple[bool, bool]:
+    """Planes x = 0 and y = 0 that path and indenter both have as a mirror."""
+    return (
+        reach.x_mm == (0.0, 0.0) and is_mirrored(indenter, 0),
+        reach.y_mm == (0.0, 0.0) and is_mirrored(indenter, 1),
+    )

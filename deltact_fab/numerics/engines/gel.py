@@ -1,0 +1,381 @@
+"""The gel at its three levels: error of force and tracked displacement against run time.
+
+One press, a sphere of 15 mm to 2 and 5 mm in the middle of the standard skin. The reference is the
+finite-strain level on two fine meshes, extrapolated at second order; what that moves the finer one
+is stated as its own error. A linear level's error is its model's, whatever its grid.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ... import cache
+from ...errors import RunFailed
+from ...gel.choose import pick
+from ...gel.finite import FinitePress, block_mesh
+from ...gel.finite.field import FaceLattice, whole_wrench
+from ...gel.finite.linear import Name
+from ...gel.level import Reach, contact_of
+from ...gel.material import GelMaterial
+from ...gel.press import press
+from ...shapes import SkinDimensions
+from ...shapes.indenter import parse
+from ..engine import Case, Engine, Setting, Table, Work
+from . import gel_cases
+
+Field = NDArray[np.float64]
+Part = Literal["quarter", "whole", "even"]
+PARTS: tuple[Part, ...] = ("quarter", "whole")
+
+INDENTER = "sphere:15"
+FOCUS = (-7.5, 7.5, -7.5, 7.5)
+LATTICE_MM = 0.5
+FORCE, IN_PLANE = "% of the force", "mm rms over the face"
+NORMAL = "sphere:15 pressed {depth:g} mm, {friction}"
+
+
+@dataclass(frozen=True)
+class Run:
+    """One way to compute the press.
+
+    spacing_mm: of a grid or of cells; of `auto`, whose it is to choose, 0. part: of the block that
+    is meshed; `even`: whole, cells of one size. step_mm: increments of the finite-strain level.
+    """
+
+    level: Literal["layer", "block", "hyperelastic", "auto", "felupe"]
+    depth_mm: float
+    friction: float
+    spacing_mm: float = 0.0
+    part: Part = "quarter"
+    solver: Name = "auto"
+    step_mm: float = 1.0
+    tolerance: float = 0.03
+
+    @property
+    def series(self) -> str:
+        """As the curve is called."""
+        if self.level == "auto":
+            return "auto, by tolerance, estimate included"
+        if self.level == "felupe":
+            return "felupe, whole, cells of one size"
+        if self.level != "hyperelastic":
+            return self.level
+        part = {"even": "whole, cells of one size"}.get(self.part, self.part)
+        return f"hyperelastic, {part}" + ("" if self.solver == "auto" else f", {self.solver}")
+
+    @property
+    def name(self) -> str:
+        """As the point on the curve is called."""
+        return (
+            f"tolerance {self.tolerance:g}" if self.level == "auto" else f"{self.spacing_mm:g} mm"
+        )
+
+    @property
+    def case(self) -> str:
+        """What is computed."""
+        friction = f"friction {self.friction:g}" if self.friction else "no friction"
+        return NORMAL.format(depth=self.depth_mm, friction=friction)
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """normal_n: positive when pressed. in_plane_mm (ny, nx, 2) on the lattice. note: what it took.
+
+    inner_s: seconds without the start of a process, where a process of its own was needed.
+    """
+
+    normal_n: float
+    in_plane_mm: Field
+    note: dict[str, Any]
+    inner_s: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """The truth, and its own errors: in % of the force and in mm rms."""
+
+    normal_n: float
+    in_plane_mm: Field
+    force_error: float
+    in_plane_error: float
+
+
+def lattice_mm(skin: SkinDimensions) -> tuple[Field, Field]:
+    """x (nx,) and y (ny,), as `level.contact_of` lays them."""
+    counts = [math.ceil(half / LATTICE_MM - 1e-9) for half in skin.opening_half_mm]
+    axes: list[Field] = [
+        np.arange(-n, n + 1, dtype=np.float64) * (half / n)
+        for n, half in zip(counts, skin.opening_half_mm, strict=True)
+    ]
+    return axes[0], axes[1]
+
+
+def solve(run: Run) -> Answer:
+    """The press from nothing: mesh, factors and path. Raises what the gel raises."""
+    skin, material = SkinDimensions(), GelMaterial(friction=run.friction)
+    indenter = parse(INDENTER)
+    tip = (0.0, 0.0, run.depth_mm)
+    if run.level == "auto":
+        found = press(skin, material, indenter, (0.0, 0.0), run.depth_mm, tolerance=run.tolerance)
+        if found.result["force_n"] is None:
+            raise RunFailed(f"auto: {found.result['reason']}")
+        step = round(LATTICE_MM / float(found.x_mm[1] - found.x_mm[0]))
+        u = found.displacement_mm[::step, ::step, :2]
+        kept = ("model", "error_estimate", "picked", "within_tolerance")
+        return Answer(-found.result["force_n"][2], u, {k: found.result[k] for k in kept})
+    if run.level in ("layer", "block"):
+        choice = pick(skin, material, indenter, Reach(deepest_mm=run.depth_mm), level=run.level,
+                      spacing_mm=run.spacing_mm)  # fmt: skip
+        contact = contact_of(skin, material, indenter, choice, LATTICE_MM)
+        *_, last = contact.path(contact.rest(), tip)
+        return Answer(-last.force_n[2], last.displacement_mm[..., :2], {"dofs": contact.dofs})
+    mirrors = (run.part == "quarter",) * 2
+    focus = None if run.part == "even" else FOCUS
+    mesh = block_mesh(skin, run.spacing_mm, focus, mirrors)
+    finite = FinitePress(mesh, material, indenter, solver=run.solver)
+    lattice = FaceLattice(mesh, *lattice_mm(skin))
+    if run.level == "felupe":
+        return _felupe(run, finite, lattice)
+    states = list(finite.path(finite.rest(), tip, run.step_mm))
+    force, _ = whole_wrench(mesh, states[-1])
+    work = [s.diagnostics for s in states]
+    note = {
+        "dofs": mesh.free_dofs,
+        "iterations": sum(d.iterations for d in work),
+        "factorisations": sum(d.factorisations for d in work),
+        "cuts": sum(d.cuts for d in work),
+        "penetration_mm": work[-1].penetration_mm,
+        "solver": finite.solver.name,
+    }
+    u = lattice.displacement_mm(states[-1].displacement_mm)[..., :2]
+    return Answer(-float(force[2]), u, note)
+
+
+def _felupe(run: Run, finite: FinitePress, lattice: FaceLattice) -> Answer:
+    from ..peers import felupe_case, felupe_press
+
+    n = max(1, math.ceil(run.depth_mm / run.step_mm - 1e-9))
+    tips = [(0.0, 0.0, run.depth_mm * (i / n)) for i in range(1, n + 1)]
+    found = felupe_press(felupe_case(finite, tips))
+    if found is None:
+        raise RunFailed("felupe: not run: no .venv-peers (make peers)")
+    if not found["converged"]:
+        raise RunFailed(f"felupe: {found['reason']}")
+    u = np.zeros_like(finite.mesh.nodes_mm)
+    u[found["surface"]] = found["displacement_mm"][-1]
+    note = {
+        "dofs": found["unknowns"],
+        "iterations": int(np.sum(found["iterations"])),
+        "version": found["felupe"],
+        "setup_s": found["setup_s"],
+        "press_s": found["press_s"],
+        "solver_s": found["solver_s"],
+    }
+    inner = float(found["setup_s"] + found["press_s"])
+    return Answer(-float(found["force_n"][-1][2]), lattice.displacement_mm(u)[..., :2], note, inner)
+
+
+# -- truth -----------------------------------------------------------------------------------------
+
+# Coarser and finer cells, steps, and steps of a second run on the coarser cells: friction remembers
+# its path, and how finely that is cut is a first-order error of its own.
+FINE: dict[bool, tuple[float, float, float, float | None]] = {
+    True: (0.75, 0.5, 1.0, None),  # without friction
+    False: (1.0, 0.75, 0.25, 0.125),
+}
+QUICK_FINE = (1.5, 1.0, 1.0, None)
+# What `reference` says of itself, measured; a slow test holds it to that.
+OWN_ERROR: dict[tuple[float, float, bool], tuple[float, float]] = {
+    # (depth, friction, quick): % of the force, mm rms in plane
+    (2.0, 0.0, True): (0.20, 0.0040),
+    (2.0, 0.0, False): (0.17, 0.0015),
+    (5.0, 0.0, False): (0.08, 0.005),
+    (5.0, 0.5, False): (0.5, 0.015),
+}
+
+
+def reference(depth_mm: float, friction: float, quick: bool = False) -> Reference:
+    """Extrapolated from two meshes of a quarter, and two steps; kept in the user's cache."""
+    coarse, fine, step, half = QUICK_FINE if quick else FINE[friction == 0]
+    made = [(coarse, step), (fine, step), *([] if half is None else [(coarse, half)])]
+    runs = [Run("hyperelastic", depth_mm, friction, h, step_mm=s) for h, s in made]
+    key = {"source": source_hash(), "runs": [asdict(r) for r in runs], "lattice": LATTICE_MM}
+    held = cache.get("gel-reference", key)
+    if held is None:
+        answers = [solve(r) for r in runs]
+        held = {
+            "normal_n": [a.normal_n for a in answers],
+            "in_plane_mm": [a.in_plane_mm.tolist() for a in answers],
+        }
+        cache.put("gel-reference", key, held)
+    fields = [np.array(u) for u in held["in_plane_mm"]]
+    return extrapolated(held["normal_n"], fields, coarse / fine)
+
+
+def extrapolated(
+    normal_n: Sequence[float], in_plane_mm: Sequence[Field], ratio: float
+) -> Reference:
+    """From a coarser and a finer mesh, their cells in this ratio, and, where there is a third, the
+    coarser one in half the steps. Its error: how far it lies from the finer mesh."""
+    weight = 1 / (ratio**2 - 1)
+    force = normal_n[1] + weight * (normal_n[1] - normal_n[0])
+    u = in_plane_mm[1] + weight * (in_plane_mm[1] - in_plane_mm[0])
+    if len(normal_n) > 2:
+        force += 2 * (normal_n[2] - normal_n[0])
+        u = u + 2 * (in_plane_mm[2] - in_plane_mm[0])
+    off = rms_mm(u - in_plane_mm[1])
+    return Reference(force, u, 100 * abs(force / normal_n[1] - 1), off)
+
+
+def rms_mm(off: Field) -> float:
+    """Of in-plane vectors (ny, nx, 2)."""
+    return math.sqrt(float((off**2).sum(axis=-1).mean()))
+
+
+def errors(answer: Answer, truth: Reference) -> tuple[float, float]:
+    """Signed, in % of the force; in mm rms."""
+    force = 100 * (answer.normal_n / truth.normal_n - 1)
+    return force, rms_mm(answer.in_plane_mm - truth.in_plane_mm)
+
+
+def source_hash() -> str:
+    """Of all that a force of the finite-strain level could depend on."""
+    text = hashlib.sha256()
+    root = Path(__file__).parents[2]
+    for path in sorted([*root.glob("gel/**/*.py"), *root.glob("shapes/*.py"), Path(__file__)]):
+        text.update(path.name.encode() + b"\0" + path.read_bytes())
+    return text.hexdigest()[:16]
+
+
+# -- the engine ------------------------------------------------------------------------------------
+
+
+def every_run() -> list[Run]:
+    """All that `evidence` runs, once each; the longest take minutes."""
+    out = []
+    for depth in (2.0, 5.0):
+        for mu in (0.0, 0.5):
+            out += [Run("hyperelastic", depth, mu, h) for h in (3.0, 2.0, 1.5, 1.0, 0.75)]
+            out += [Run("hyperelastic", depth, mu, h, "whole") for h in (3.0, 2.0, 1.5, 1.0, 0.75)]
+            out += [Run("auto", depth, mu, tolerance=t) for t in (0.1, 0.03, 0.01)]
+        # Beyond a quarter of the thickness the linear levels refuse.
+        if depth == 2.0:
+            out += [Run("layer", depth, mu, h) for mu in (0.0, 0.5) for h in (0.5, 0.25, 0.125)]
+            out += [Run("block", depth, mu, h) for mu in (0.0, 0.5) for h in (0.5, 0.25)]
+        solvers: tuple[Name, ...] = ("pardiso", "superlu", "cg")
+        out += [
+            Run("hyperelastic", depth, 0.0, h, "whole", solver)
+            for solver in solvers for h in (3.0, 2.0, 1.5)
+        ]  # fmt: skip
+        for level in ("hyperelastic", "felupe"):
+            out += [Run(level, depth, 0.0, h, "even") for h in (3.0, 2.0, 1.5)]
+    return out
+
+
+def curves(quick: bool) -> Sequence[Setting]:
+    """What can be repeated six times; the rest of `every_run` is left to `evidence`."""
+    if quick:
+        runs = [Run("hyperelastic", 2.0, 0.0, h) for h in (3.0, 2.0)]
+        return [_setting(r, FORCE, True) for r in runs]
+    out = []
+    for depth in (2.0, 5.0):
+        runs = [Run("hyperelastic", depth, 0.0, h) for h in (3.0, 2.0, 1.5, 1.0)]
+        runs += [Run("hyperelastic", depth, 0.0, h, "whole") for h in (3.0, 2.0)]
+        runs.append(Run("auto", depth, 0.0))
+        if depth == 2.0:
+            runs += [Run("layer", depth, 0.0, 0.25), Run("block", depth, 0.0, 0.25)]
+            runs += [Run("hyperelastic", depth, 0.0, 2.0, "whole", s) for s in ("superlu", "cg")]
+        out += [_setting(r, unit, False) for r in runs for unit in (FORCE, IN_PLANE)]
+    out += [
+        _setting(Run("hyperelastic", 5.0, 0.5, h, step_mm=0.25), unit, False)
+        for h in (3.0, 2.0) for unit in (FORCE, IN_PLANE)
+    ]  # fmt: skip
+    return out
+
+
+def _setting(run: Run, unit: str, quick: bool) -> Setting:
+    coarse, fine, *_ = QUICK_FINE if quick else FINE[run.friction == 0]
+    own = OWN_ERROR[run.depth_mm, run.friction, quick]
+    return Setting(
+        case=f"{run.case}: {'force' if unit == FORCE else 'in plane'}",
+        series=run.series,
+        name=run.name,
+        unit=unit,
+        reference=f"hyperelastic, quarter, {coarse:g} and {fine:g} mm extrapolated",
+        reference_error=own[0] if unit == FORCE else own[1],
+        build=partial(_build, run, unit, quick),
+    )
+
+
+def _build(run: Run, unit: str, quick: bool, scratch: Path) -> Work:
+    truth = reference(run.depth_mm, run.friction, quick)
+    place = 0 if unit == FORCE else 1
+    return Work(partial(solve, run), lambda answer: abs(errors(answer, truth)[place]))
+
+
+def cases(quick: bool) -> Sequence[Case]:
+    """See `gel_cases`."""
+    return gel_cases.quick_cases() if quick else gel_cases.cases()
+
+
+BASELINE = Run("hyperelastic", 5.0, 0.0, 2.0, "whole", "superlu")
+
+
+def tables() -> Sequence[Table]:
+    """Times of one press over the baseline's, in the same process and within a minute or two."""
+    import time
+
+    truth = reference(BASELINE.depth_mm, BASELINE.friction)
+    runs = [
+        BASELINE,
+        replace(BASELINE, solver="pardiso"),
+        replace(BASELINE, solver="cg"),
+        replace(BASELINE, solver="auto", part="quarter"),
+        replace(BASELINE, solver="auto", part="even"),
+        replace(BASELINE, solver="auto", part="even", level="felupe"),
+    ]
+    solve(replace(BASELINE, spacing_mm=3.0, part="quarter", solver="auto"))  # compiles
+    rows: list[tuple[Any, ...]] = []
+    base = math.nan
+    for run in runs:
+        started = time.perf_counter()
+        try:
+            answer = solve(run)
+        except RunFailed as why:
+            rows.append((run.series, run.name, None, None, None, str(why)))
+            continue
+        seconds = answer.inner_s or time.perf_counter() - started
+        base = seconds if run == BASELINE else base
+        force, in_plane = errors(answer, truth)
+        rows.append(
+            (run.series, run.name, round(seconds, 3), round(base / seconds, 2), round(force, 3),
+             f"{in_plane:.4f} mm rms in plane, {answer.note.get('dofs')} unknowns")
+        )  # fmt: skip
+    return (
+        Table(
+            f"{BASELINE.case}: times against {BASELINE.series}, {BASELINE.name}",
+            "One run each, one thread, after a warm-up, in one process. felupe: without the start "
+            "of its process.",
+            ("series", "cells", "seconds", "times as fast", "force error, %", "note"),
+            tuple(rows),
+        ),
+    )
+
+
+ENGINE = Engine(
+    "gel",
+    "Gel, three levels",
+    "Linear layer, linear block and finite strain against the finest finite-strain press.",
+    curves,
+    cases,
+    tables,
+)

@@ -1,0 +1,125 @@
+"""Level, mesh and steps follow from shape, depth, place and tolerance."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deltact_fab.errors import InputError
+from deltact_fab.gel.choose import Choice, model_error, pick
+from deltact_fab.gel.footprint import (
+    contact_radius_mm,
+    edge_radius_mm,
+    is_mirrored,
+    section_half_mm,
+)
+from deltact_fab.gel.level import Reach
+from deltact_fab.gel.material import GelMaterial
+from deltact_fab.shapes import SkinDimensions
+from deltact_fab.shapes.indenter import KINDS, parse
+
+SKIN, GEL = SkinDimensions(), GelMaterial()
+
+
+def picked(name: str, x: float, y: float, depth: float, tolerance: float = 0.03) -> Choice:
+    return pick(SKIN, GEL, parse(name), Reach((x, x), (y, y), depth), tolerance)
+
+
+def test_deeper_or_nearer_to_a_side_wants_a_better_level() -> None:
+    assert picked("sphere:10", 0, 0, 0.1).level == "layer"
+    assert picked("sphere:10", 13, 0, 0.1).level == "block"
+    assert picked("sphere:10", 0, 0, 1.0).level == "block"
+    assert picked("sphere:10", 0, 0, 2.0).level == "hyperelastic"
+    assert picked("sphere:10", 0, 0, 2.0, 0.1).level == "block"
+
+
+def test_it_says_why() -> None:
+    why = picked("sphere:10", 0, 0, 2.0).why
+    assert "block is off by about 1.7% of force" in why
+    assert "contact radius" in why
+    assert "quarter block" in why
+
+
+@given(
+    st.floats(0.3, 3.0), st.floats(0.005, 0.1), st.sampled_from(["sphere:10", "star", "ellipsoid"])
+)
+def test_a_tighter_tolerance_never_gives_larger_cells(d: float, tol: float, name: str) -> None:
+    one, two = (
+        pick(SKIN, GEL, parse(name), Reach(deepest_mm=d), t, level="hyperelastic")
+        for t in (tol, tol / 2)
+    )
+    assert two.spacing_mm <= one.spacing_mm
+    assert two.step_mm <= one.step_mm
+
+
+@given(st.floats(0.0, 12.0), st.floats(0.0, 12.0), st.floats(0.1, 2.5))
+def test_the_layer_leaves_out_more_than_the_block(x: float, y: float, d: float) -> None:
+    reach = Reach((-x, x), (-y, y), d)
+    layer, block = (model_error(m, SKIN, parse("sphere:10"), reach) for m in ("layer", "block"))
+    assert layer[0] > block[0] > 0
+    assert layer[1] > block[1] > 0
+
+
+# Layer to block, frictionless, grid .4 mm, measured: force ratio - 1 and in-plane rms (mm).
+@pytest.mark.parametrize(
+    ("name", "x", "y", "thickness", "d", "force", "rms"),
+    [
+        ("sphere:10", 0, 0, 12.0, 0.5, 0.0130, 0.0029),
+        ("sphere:10", 10, 0, 12.0, 0.5, 0.0382, 0.0079),
+        ("sphere:10", 13, 0, 12.0, 1.5, 0.1721, 0.0781),
+        ("sphere:20", 12, 11, 12.0, 1.5, 0.3559, 0.1247),
+        ("sphere:20", 13, 0, 6.0, 0.5, 0.0775, 0.0121),
+    ],
+)
+def test_the_sides_rule_covers_what_was_measured(
+    name: str, x: float, y: float, thickness: float, d: float, force: float, rms: float
+) -> None:
+    skin = SkinDimensions(thickness_mm=thickness, protrusion_mm=min(6.0, thickness))
+    reach = Reach((x, x), (y, y), d)
+    rule = model_error("layer", skin, parse(name), reach)
+    assert force * 0.95 <= rule[0] <= 4 * force + 0.01
+    assert rms * 0.95 <= rule[1] <= 4 * rms + 0.01
+
+
+def test_an_edge_gets_smaller_cells_than_a_ball() -> None:
+    assert picked("hexprism", 0, 0, 5.0).spacing_mm < picked("sphere:15", 0, 0, 5.0).spacing_mm
+    assert edge_radius_mm(parse("star").tips[0]) == 0.3
+    assert edge_radius_mm(parse("hat").tips[0]) == pytest.approx(0.3)
+    assert edge_radius_mm(parse("ellipsoid").tips[0]) == pytest.approx(2.0)
+
+
+def test_mirrors_are_those_of_indenter_and_path() -> None:
+    both = {n: (is_mirrored(parse(n), 0), is_mirrored(parse(n), 1)) for n in KINDS[1:]}
+    assert both.pop("star") == (False, True)
+    assert set(both.values()) == {(True, True)}
+    assert picked("sphere:10", 0, 3, 5.0).mirrors == (True, False)
+    sheared = pick(SKIN, GEL, parse("hexprism"), Reach((0, 3), (0, 0), 5.0))
+    assert sheared.mirrors == (False, True)
+
+
+def test_sections_of_a_sphere() -> None:
+    r, d = 5.0, 0.4
+    assert contact_radius_mm(parse("sphere:10"), d) == pytest.approx(
+        math.sqrt(2 * r * d / 2 - d**2 / 4), rel=0.03
+    )
+    assert section_half_mm(parse("sphere:10"), d) == pytest.approx(
+        (math.sqrt(2 * r * d - d**2),) * 2, rel=0.03
+    )
+
+
+def test_friction_is_left_out_only_where_it_does_not_count() -> None:
+    def friction(depth: float, observe: bool) -> float:
+        reach = Reach(deepest_mm=depth)
+        return pick(SKIN, GEL, parse("sphere:10"), reach, observe_shear=observe).friction
+
+    assert friction(0.5, False) == 0.0
+    assert friction(0.5, True) == 0.5
+    assert friction(5.0, False) == 0.5
+
+
+def test_a_tolerance_out_of_range_is_refused() -> None:
+    with pytest.raises(InputError, match=r"tolerance must be \.001 to \.5: 0 fails"):
+        picked("sphere:10", 0, 0, 1.0, 0)

@@ -1,0 +1,147 @@
+"""One interface over three levels: the same lattice, wrenches of a mirrored mesh, flags."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from deltact_fab.errors import InputError
+from deltact_fab.gel.choose import pick
+from deltact_fab.gel.finite.field import hermite
+from deltact_fab.gel.level import GelContact, Level, Reach, State, contact_of, open_contact
+from deltact_fab.gel.material import GelMaterial
+from deltact_fab.shapes import SkinDimensions
+from deltact_fab.shapes.indenter import parse
+
+SKIN, GEL = SkinDimensions(), GelMaterial()
+
+
+def opened(level: Level, tips: list[tuple[float, float, float]], **more: Any) -> GelContact:
+    return open_contact(
+        SKIN, GEL, parse(more.pop("indenter", "sphere:15")), level=level,
+        reach=Reach.around(tips), lattice_mm=0.5, **more,
+    )  # fmt: skip
+
+
+def end(contact: GelContact, *tips: tuple[float, float, float]) -> State:
+    state = contact.rest((*tips[0][:2], 0.0))
+    for tip in tips:
+        *_, state = contact.path(state, tip)
+    return state
+
+
+@pytest.mark.parametrize("level", ["layer", "block", "hyperelastic"])
+def test_every_level_gives_a_light_touch_the_same_force_on_the_same_lattice(level: Level) -> None:
+    tip = (0.0, 0.0, 0.5)
+    spacing = 0.75 if level == "hyperelastic" else 0.5
+    contact = opened(level, [tip], spacing_mm=spacing)
+    state = end(contact, tip)
+    assert contact.level == level
+    assert contact.x_mm[[0, -1]] == pytest.approx([-18, 18])
+    assert contact.y_mm[[0, -1]] == pytest.approx([-17, 17])
+    shape = (len(contact.y_mm), len(contact.x_mm))
+    assert state.displacement_mm.shape == (*shape, 3)
+    assert state.pressure_mpa.shape == shape
+    # The layer's 1.152 N, the block's 1.138 N and finite strain's 1.140 N on fine grids.
+    assert -state.force_n[2] == pytest.approx(1.14, rel=0.03)
+    assert (state.diagnostics.most_stretch is None) == (level != "hyperelastic")
+    cell = (contact.x_mm[1] - contact.x_mm[0]) * (contact.y_mm[1] - contact.y_mm[0])
+    assert state.traction_mpa.sum(axis=(0, 1))[2] * cell == pytest.approx(
+        state.force_n[2], rel=0.06
+    )
+
+
+@pytest.fixture(scope="module")
+def both() -> tuple[GelContact, State, GelContact, State]:
+    """The same press on a quarter and on all of one mesh."""
+    tip = (0.0, 0.0, 1.5)
+    choice = pick(
+        SKIN, GEL, parse("sphere:15"), Reach.around([tip]), level="hyperelastic", spacing_mm=2.0
+    )
+    # A whole number of cells from the mirrors on.
+    choice = replace(choice, focus=(-8.0, 8.0, -8.0, 8.0))
+    part, whole = (
+        contact_of(SKIN, GEL, parse("sphere:15"), replace(choice, mirrors=m), 0.45)
+        for m in ((True, True), (False, False))
+    )
+    return part, end(part, tip), whole, end(whole, tip)
+
+
+def test_a_mirrored_mesh_gives_the_wrench_of_the_whole(
+    both: tuple[GelContact, State, GelContact, State],
+) -> None:
+    part, a, whole, b = both
+    assert 3.0 < whole.dofs / part.dofs < 4.5
+    assert a.force_n[:2] == (0.0, 0.0)
+    assert a.force_n == pytest.approx(b.force_n, rel=1e-6, abs=1e-6)
+    assert a.torque_nmm == pytest.approx(b.torque_nmm, abs=1e-5)
+    assert a.contact_area_mm2 == pytest.approx(b.contact_area_mm2, rel=1e-6)
+    assert a.displacement_mm == pytest.approx(b.displacement_mm, abs=1e-6)
+    assert a.pressure_mpa == pytest.approx(b.pressure_mpa, abs=1e-6)
+
+
+def test_the_lattice_of_a_mirrored_mesh_is_symmetric(
+    both: tuple[GelContact, State, GelContact, State],
+) -> None:
+    _, a, _, _ = both
+    u = a.displacement_mm
+    assert u[:, ::-1] == pytest.approx(u * [-1, 1, 1], abs=1e-12)
+    assert u[::-1] == pytest.approx(u * [1, -1, 1], abs=1e-12)
+    assert u[len(u) // 2, u.shape[1] // 2, 2] == pytest.approx(-1.5, abs=0.1)
+    t = a.traction_mpa
+    # The middle itself belongs to one of the quarters.
+    side = t[:, t.shape[1] // 2 + 1 :]
+    assert t[:, : t.shape[1] // 2][:, ::-1] == pytest.approx(side * [-1, 1, 1], abs=1e-12)
+
+
+def test_torque_of_a_half_mesh_is_that_of_the_whole() -> None:
+    # Off the middle in x only: y = 0 stays a mirror, and the torque about y is arm x force.
+    tip = (6.0, 0.0, 1.5)
+    state = end(opened("hyperelastic", [tip], spacing_mm=2.5), tip)
+    tx, ty, tz = state.torque_nmm
+    assert (tx, tz) == (0.0, 0.0)
+    assert ty == pytest.approx(-6.0 * state.force_n[2], rel=0.1)
+
+
+def test_lattice_interpolation_is_exact_for_parabolas_and_of_third_order() -> None:
+    def error(n: int) -> float:
+        s = np.linspace(0, 1, n)
+        knots = s + 0.15 * np.sin(2 * np.pi * s)
+        at = np.linspace(0, 1, 301)
+        w = hermite(knots, at)
+        assert w @ (knots**2 - 2 * knots) == pytest.approx(at**2 - 2 * at, abs=1e-13)
+        return float(np.abs(w @ np.sin(5 * knots) - np.sin(5 * at)).max())
+
+    assert error(41) < error(21) / 6
+
+
+def test_the_way_above_the_face_is_skipped() -> None:
+    contact = opened("hyperelastic", [(0.0, 0.0, 1.0)], spacing_mm=3.0)
+    states = list(contact.path(contact.rest((0.0, 0.0, -5.0)), (0.0, 0.0, 1.0), 0.5))
+    assert [s.tip_mm[2] for s in states] == pytest.approx([0.5, 1.0])
+
+
+def test_what_cannot_be_is_refused_with_its_number() -> None:
+    with pytest.raises(InputError, match="depth 12 mm is not below the gel's thickness of 12 mm"):
+        opened("hyperelastic", [(0.0, 0.0, 12.0)])
+    with pytest.raises(InputError, match=r"level layer: depth 4 mm is over 3 mm.*hyperelastic"):
+        opened("layer", [(0.0, 0.0, 4.0)])
+    with pytest.raises(InputError, match=r"x = 0 to 20 mm leaves the face of \+-18 mm"):
+        opened("hyperelastic", [(0.0, 0.0, 1.0), (20.0, 0.0, 1.0)])
+    with pytest.raises(InputError, match="hides between cells of 3 mm"):
+        opened("hyperelastic", [(0.0, 0.0, 1.0)], indenter="sphere:2", spacing_mm=3.0)
+    with pytest.raises(InputError, match="valid: auto, layer"):
+        opened("thick", [(0.0, 0.0, 1.0)])  # type: ignore[arg-type]
+    contact = opened("hyperelastic", [(0.0, 0.0, 1.0)], spacing_mm=3.0)
+    with pytest.raises(InputError, match="mirror x = 0"):
+        contact.solve(contact.rest(), (1.0, 0.0, 1.0))
+
+
+def test_a_coarse_mesh_at_a_sharp_edge_is_flagged() -> None:
+    tip = (0.0, 0.0, 1.0)
+    contact = opened("hyperelastic", [tip], indenter="hexprism", spacing_mm=2.0)
+    flags = end(contact, tip).diagnostics.flags
+    assert any(f.startswith("penetration: ") and "below 2 mm" in f for f in flags)

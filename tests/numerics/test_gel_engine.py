@@ -1,0 +1,137 @@
+"""The gel's engine: its reference, its judges, and evidence that goes on where it stopped."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from deltact_fab.numerics import evidence
+from deltact_fab.numerics.engine import Flagged
+from deltact_fab.numerics.engines import gel, gel_cases
+from deltact_fab.numerics.engines.gel import Run
+from deltact_fab.numerics.engines.gel_cases import Scene, Solved
+
+
+def test_extrapolation_removes_an_error_of_second_order() -> None:
+    field = np.random.default_rng(0).standard_normal((5, 4, 2))
+    off = np.random.default_rng(1).standard_normal((5, 4, 2))
+    cells = (0.75, 0.5)
+    found = gel.extrapolated(
+        [40 + 3 * h**2 for h in cells], [field + off * h**2 for h in cells], cells[0] / cells[1]
+    )
+    assert found.normal_n == pytest.approx(40, rel=1e-12)
+    assert np.abs(found.in_plane_mm - field).max() < 1e-12
+    assert found.force_error == pytest.approx(100 * (1 - 40 / 40.75), rel=1e-9)
+    assert found.in_plane_error == pytest.approx(0.25 * gel.rms_mm(off), rel=1e-9)
+
+
+def test_a_quarter_is_the_whole() -> None:
+    one, four = (gel.solve(Run("hyperelastic", 2.0, 0.0, 2.5, p)) for p in ("quarter", "whole"))
+    truth = gel.Reference(four.normal_n, four.in_plane_mm, 0.0, 0.0)
+    force, in_plane = gel.errors(one, truth)
+    assert abs(force) < 1e-6
+    assert in_plane < 1e-9
+    assert gel.rms_mm(four.in_plane_mm) > 0.005
+
+
+def test_linear_levels_answer_on_the_same_lattice() -> None:
+    answers = [
+        gel.solve(Run("layer", 1.0, 0.0, 0.5)),
+        gel.solve(Run("hyperelastic", 1.0, 0.0, 2.0)),
+    ]
+    shapes = {a.in_plane_mm.shape for a in answers}
+    assert shapes == {(69, 73, 2)}
+    assert answers[0].normal_n == pytest.approx(answers[1].normal_n, rel=0.1)
+    a, b = (x.in_plane_mm.ravel() for x in answers)
+    assert a @ b > 0.7 * np.linalg.norm(a) * np.linalg.norm(b)
+
+
+@pytest.fixture(scope="module")
+def found() -> Solved:
+    return gel_cases.solved(Scene(spacing_mm=3.0), 0.3, (0.0, 0.0, 3.0))
+
+
+def test_the_judges_see_what_is_wrong(found: Solved) -> None:
+    assert abs(gel_cases.work_error(found)) < 5e-3
+    assert gel_cases.imbalance(found) < 1e-6
+    stronger = [replace(s, force_n=tuple(1.02 * f for f in s.force_n)) for s in found.states]
+    wrong = Solved(found.press, tuple(stronger))
+    assert gel_cases.work_error(wrong) > 0.015
+    assert gel_cases.imbalance(wrong) > 0.01
+
+
+def test_a_state_that_is_not_trusted_is_flagged(found: Solved) -> None:
+    deep = replace(found.last.diagnostics, penetration_mm=0.16)
+    hidden = Solved(found.press, (*found.states[:-1], replace(found.last, diagnostics=deep)))
+    with pytest.raises(Flagged, match=r"0\.16 mm inside"):
+        gel_cases.trusted(hidden)
+
+
+def test_shear_beyond_the_cone_is_seen() -> None:
+    scene = Scene(spacing_mm=3.0, friction=0.5, mirrors=(False, True))
+    rubbed = gel_cases.solved(scene, 1.5, (0.0, 0.0, 3.0), (1.0, 0.0, 3.0))
+    assert gel_cases.cone_excess(rubbed) < 5e-3
+    more = replace(rubbed.last, shear_mpa=1.1 * rubbed.last.shear_mpa)
+    assert gel_cases.cone_excess(Solved(rubbed.press, (more,))) > 0.05
+
+
+def test_coverage() -> None:
+    share, median = evidence.coverage([(2.0, 1.0), (1.0, 2.0), (9.0, 3.0), (1.0, 1.0)])
+    assert share == 0.75
+    assert median == 1.5
+    assert math.isnan(evidence.coverage([])[0])
+
+
+def test_random_presses_are_repeatable_and_on_the_face() -> None:
+    drawn = [evidence.random_press(i) for i in range(evidence.RANDOM_PRESSES)]
+    assert drawn == [evidence.random_press(i) for i in range(evidence.RANDOM_PRESSES)]
+    assert len(set(drawn)) == len(drawn)
+    for name, (x, y), depth in drawn:
+        assert name.startswith(("sphere:", "ellipsoid:"))
+        assert abs(x) < 18
+        assert abs(y) < 17
+        assert 0 < depth <= 6
+
+
+def test_rows_have_names_and_files_of_their_own() -> None:
+    rows = list(evidence.rows())
+    assert len({r.name for r in rows}) == len(rows)
+    assert len({r.file for r in rows}) == len(rows)
+    kinds = {r.name.partition(":")[0] for r in rows}
+    assert kinds == {"stability", "reference", "curve", "press", "drag"}
+
+
+def test_evidence_goes_on_where_it_stopped(tmp_path: Path) -> None:
+    row = "stability: nu 0.5"
+    assert evidence.fill(tmp_path, row) == 1
+    (path,) = (tmp_path / "rows").iterdir()
+    entry = json.loads(path.read_text())
+    assert entry["result"]["outcome"] == "refused"
+    assert evidence.fill(tmp_path, row) == 0
+    entry["key"]["source"] = "older"
+    path.write_text(json.dumps(entry))
+    assert evidence.fill(tmp_path, row, keep=True) == 0
+    text = evidence.write_up(tmp_path).read_text()
+    assert "| nu 0.5 | refused |" in text
+    assert "1 refused." in text
+    assert "older" in text
+    assert "make evidence" in text
+
+
+def test_a_row_that_fails_or_takes_too_long_says_so() -> None:
+    assert "StopIteration" in evidence.run_row("no such row", 1, 60.0)["failed"]
+    assert evidence.run_row("curve: x", 1, 0.01) == {"failed": "no answer within 0.01 s"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", gel.OWN_ERROR)
+def test_a_reference_is_as_good_as_it_says(what: tuple[float, float, bool]) -> None:
+    truth = gel.reference(*what)
+    force, in_plane = gel.OWN_ERROR[what]
+    assert truth.force_error <= force * 1.1
+    assert truth.in_plane_error <= in_plane * 1.1
