@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
 import click
+
+from .gel_fit import fit
+from .gel_path import path
+
+MODELS = ("auto", "layer", "block", "hyperelastic")
 
 
 def _point(ctx: click.Context, param: click.Parameter, value: str) -> tuple[float, float]:
@@ -15,7 +23,7 @@ def _point(ctx: click.Context, param: click.Parameter, value: str) -> tuple[floa
 
 @click.group()
 def gel() -> None:
-    """Gel mechanics: press an indenter."""
+    """Gel mechanics: press an indenter, fit the modulus, solve a protocol ahead."""
 
 
 @gel.command()
@@ -24,14 +32,16 @@ def gel() -> None:
 @click.option("--shear-x", "shear_x_mm", default=0.0, show_default=True, help="mm, after pressing.")
 @click.option("--shear-y", "shear_y_mm", default=0.0, show_default=True, help="mm, after pressing.")
 @click.option("--at", "at_mm", default="0,0", show_default=True, callback=_point, help="x,y in mm.")
-@click.option("--model", type=click.Choice(["auto", "layer"]), default="auto", show_default=True)
+@click.option("--model", type=click.Choice(MODELS), default="auto", show_default=True)
 @click.option("--thickness", "thickness_mm", default=12.0, show_default=True)
 @click.option("--width", "width_mm", default=36.0, show_default=True)
 @click.option("--length", "length_mm", default=34.0, show_default=True)
 @click.option("--modulus", "modulus_mpa", default=0.56, show_default=True, help="Young's, MPa.")
 @click.option("--poisson", default=0.49, show_default=True)
 @click.option("--friction", default=0.5, show_default=True)
-@click.option("--spacing", "spacing_mm", default=0.2, show_default=True, help="Grid, mm.")
+@click.option("--tolerance", default=0.03, show_default=True, help="Of the force, relative.")
+@click.option("--spacing", "spacing_mm", type=float, help="Grid or cells, mm. [default: chosen]")
+@click.option("--plot", "plot_path", type=click.Path(path_type=Path), help="Figure: png, svg, pdf.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def press(
     indenter: str,
@@ -46,10 +56,16 @@ def press(
     modulus_mpa: float,
     poisson: float,
     friction: float,
-    spacing_mm: float,
+    tolerance: float,
+    spacing_mm: float | None,
+    plot_path: Path | None,
     as_json: bool,
 ) -> None:
-    """Force and contact area of one press (simulated); exit 1 when refused or not converged."""
+    """Force, contact area and in-plane displacement of one press (simulated).
+
+    Picks level, mesh and steps for the tolerance and says what it picked; the error is estimated.
+    Exit 1 when refused or not converged.
+    """
     from ..catalog import validate
     from ..gel.material import GelMaterial
     from ..gel.press import press as run
@@ -63,7 +79,7 @@ def press(
             "width_mm": width_mm,
             "length_mm": length_mm,
             "thickness_mm": thickness_mm,
-            # The layer knows nothing of the sides: they need only be consistent.
+            # No level has a frame or a fillet: these need only be consistent.
             "protrusion_mm": thickness_mm,
             "edge_fillet_mm": min(2.0, thickness_mm / 2, width_mm / 4, length_mm / 4),
         },
@@ -74,22 +90,52 @@ def press(
         {"modulus_mpa": modulus_mpa, "poisson": poisson, "friction": friction},
         "options",
     )
-    result = run(
-        skin, material, parse(indenter), at_mm, depth_mm, (shear_x_mm, shear_y_mm), spacing_mm
-    )
+    shape = parse(indenter)
+    pressed = run(
+        skin, material, shape, at_mm, depth_mm, (shear_x_mm, shear_y_mm),
+        model, tolerance, spacing_mm,  # type: ignore[arg-type]  # click.Choice has checked it
+    )  # fmt: skip
+    result = pressed.result
+    if plot_path is not None and result["converged"]:
+        from ..gel.press_figure import save_figure
+
+        sheared = "".join(
+            f", sheared {v:g} mm in {n}" for n, v in (("x", shear_x_mm), ("y", shear_y_mm)) if v
+        )
+        title = (
+            f"{shape.name} {depth_mm:g} mm deep{sheared}; {thickness_mm:g} mm gel, "
+            f"{modulus_mpa:g} MPa, friction {friction:g}; {result['model']}"
+        )
+        save_figure(pressed, plot_path, title)
     if as_json:
         echo_json(result)
     elif result["converged"]:
-        fx, fy, fz = result["force_n"]
-        estimate = result["error_estimate"]
-        click.echo(
-            f"force on the sensor: {fx:+.3f} {fy:+.3f} {fz:+.3f} N (simulated, {result['model']}, "
-            f"grid error about {100 * estimate['force_rel']:.2g} %), contact "
-            f"{result['contact_area_mm2']:.2f} mm2, {result['seconds']:.1f} s"
-        )
-        if result["beyond_small_strain"]:
-            click.echo("warning: beyond 10 % of the thickness, past small strain", err=True)
-    if not result["converged"]:
-        if not as_json:
-            click.echo(f"deltact-fab: {result['reason']}", err=True)
-        raise click.exceptions.Exit(1)
+        _show(result)
+    if result["converged"]:
+        for flag in result["flags"]:
+            click.echo(f"warning: {flag}", err=True)
+        return
+    if not as_json:
+        click.echo(f"deltact-fab: {result['reason']}", err=True)
+    raise click.exceptions.Exit(1)
+
+
+def _show(result: dict[str, Any]) -> None:
+    """The lines for a reader."""
+    fx, fy, fz = result["force_n"]
+    estimate, picked = result["error_estimate"], result["picked"]
+    click.echo(
+        f"force on the sensor: {fx:+.3f} {fy:+.3f} {fz:+.3f} N (simulated), error about "
+        f"{100 * estimate['force_rel']:.2g} %"
+    )
+    stretch = result["max_stretch"]
+    click.echo(
+        f"contact {result['contact_area_mm2']:.2f} mm2, in plane at most "
+        f"{result['peak_in_plane_mm']:.3f} mm, error about {estimate['displacement_mm']:.2g} mm rms"
+        + (f", stretch up to {stretch:.2f}" if stretch else "")
+    )
+    click.echo(f"picked {picked['why']}; {picked['dofs']} unknowns, {result['seconds']:.1f} s")
+
+
+gel.add_command(fit)
+gel.add_command(path)

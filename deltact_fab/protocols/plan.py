@@ -22,6 +22,7 @@ from ..shapes.indenter import parse as parse_indenter
 Point = tuple[float, float, float]
 Kind = Literal["change", "travel", "approach", "press", "shear", "retract"]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
@@ -76,10 +77,13 @@ class Specimen(_Strict):
 
     design: str = "deltact"
     pattern: str = "dense-with-dots"
-    gel_model: Literal["layer"] = "layer"
+    gel_model: Literal["layer", "block", "hyperelastic"] = "layer"
     modulus_mpa: Positive = 0.56
     poisson: float = Field(default=0.49, ge=0, le=0.5)
     friction: float = Field(default=0.5, ge=0, le=100)
+    prony: tuple[tuple[NotNegative, Positive], ...] = ()
+    """Pairs (g, tau_s) of a gel that creeps, as `GelMaterial` has them: modulus_mpa is that of a
+    slow press."""
     depth_margin_mm: Positive = 1.0
     """Gel that must remain below the deepest press."""
 

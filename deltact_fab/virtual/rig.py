@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError
-from ..gel.contact import DEPTH_LIMIT, SMALL_STRAIN, LayerContact
-from ..gel.layer import BondedLayer
-from ..gel.material import GelMaterial
+from ..gel.contact import DEPTH_LIMIT, SMALL_STRAIN
+from ..gel.finite.material import MOST_POISSON
 from ..optics import Pinhole
 from ..patterns.recipe import PatternRecipe
 from ..protocols.plan import Protocol
@@ -25,6 +24,7 @@ from ..shapes.indenter import parse as parse_indenter
 from .clock import VirtualClock
 from .controller import GrblController, settings_for
 from .netft import NetFTBox
+from .presses import LINEAR, Presses
 from .scene import GelScene, LatticeCrop
 from .streams import stream_number
 from .wire import connect
@@ -33,7 +33,17 @@ if TYPE_CHECKING:
     from .devices import VirtualCamera
 
 _NUMBER = itertools.count(1)
-PADDING = 3.0  # periods of the skin; the layer's own error is below .05 % there
+_LEVEL_NOTES = {
+    "layer": [
+        "the layer level ignores the free sides of the block and large strain: its in-plane "
+        "motion is off by some tenths of a millimetre from 2 mm of depth on"
+    ],
+    "block": [
+        "the block level ignores large strain: its in-plane motion is off by some tenths of a "
+        "millimetre from 2 mm of depth on"
+    ],
+    "hyperelastic": [],
+}
 
 
 def pinhole(sensor: SensorDimensions) -> Pinhole:
@@ -45,19 +55,38 @@ def pinhole(sensor: SensorDimensions) -> Pinhole:
 
 
 def require_gel_level(protocol: Protocol, sensor: SensorDimensions, source: str) -> None:
-    """Refuse depths that the protocol's gel level cannot answer for. Raises InputError."""
-    limit_mm = DEPTH_LIMIT * sensor.skin.thickness_mm
+    """Refuse what the protocol's gel level cannot answer for. Raises InputError."""
+    specimen = protocol.specimen
+    level, thickness_mm = specimen.gel_model, sensor.skin.thickness_mm
     deepest = max(protocol.depths_mm)
+    if deepest >= thickness_mm:
+        raise InputError(
+            f"{source}: depths_mm: {deepest:g} mm is not less than the gel's thickness of "
+            f"{thickness_mm:g} mm: no level of the gel can be pressed that deep"
+        )
+    if level == "hyperelastic":
+        if specimen.poisson > MOST_POISSON:
+            raise InputError(
+                f"{source}: specimen.poisson: {specimen.poisson} is over {MOST_POISSON}: the level "
+                "'hyperelastic' stops there; .499 serves, and only the level 'layer' takes .5"
+            )
+        return
+    if specimen.prony:
+        raise InputError(
+            f"{source}: specimen.prony: the linear level {level!r} knows no time; "
+            "this protocol needs the level 'hyperelastic'"
+        )
+    limit_mm = DEPTH_LIMIT * thickness_mm
     if deepest > limit_mm:
         raise InputError(
             f"{source}: depths_mm: {deepest:g} mm is over {limit_mm:g} mm, 25 % of the gel: the "
-            "linear level 'layer' stops there; this protocol needs the level 'hyperelastic'"
+            f"linear level {level!r} stops there; this protocol needs the level 'hyperelastic'"
         )
     for indenter in map(parse_indenter, protocol.indenters):
         if deepest >= indenter.equator_mm:
             raise InputError(
                 f"{source}: depths_mm: {deepest:g} mm presses {indenter.name} to where its sides "
-                f"turn vertical, at {indenter.equator_mm:g} mm: the level 'layer' reaches below "
+                f"turn vertical, at {indenter.equator_mm:g} mm: the level {level!r} reaches below "
                 "that; this protocol needs the level 'hyperelastic'"
             )
 
@@ -94,19 +123,15 @@ class VirtualRig:
         """folder: the run folder, where the truth goes."""
         self._protocol = protocol
         self._folder = folder
-        self._deepest_mm = max(protocol.depths_mm)
-        self._friction_solved = "shear" in protocol.channels
+        self._thickness_mm = sensor.skin.thickness_mm
         self.clock = VirtualClock()
         stage = config.stage
         self.controller = GrblController(
             settings_for(stage.travel_mm, stage.max_feed_mm_min, stage.acceleration_mm_s2),
             self.clock,
         )
-        specimen = protocol.specimen
-        material = GelMaterial(specimen.modulus_mpa, specimen.poisson, specimen.friction)
-        self._layer = BondedLayer.for_skin(
-            sensor.skin, material, spacing_mm=config.gel.spacing_mm, padding=PADDING
-        )
+        self.presses = Presses(protocol, sensor.skin, config.gel)
+        self._choices = [self.presses.choice(path) for path in self.presses.paths]
         drawn = "image" in protocol.channels
         crop = None
         if drawn:
@@ -115,11 +140,17 @@ class VirtualRig:
             view = sensor.optics.view_mm
             margin_mm = MARGIN_PX * sensor.optics.mm_per_px
             crop = LatticeCrop(
-                self._layer.x_mm,
-                self._layer.y_mm,
-                (view[0] / 2 + margin_mm, view[1] / 2 + margin_mm),
+                *self.presses.axes_mm(), (view[0] / 2 + margin_mm, view[1] / 2 + margin_mm)
             )
-        self.scene = GelScene(self.controller, self.clock, stage.frame, config.gel, crop)
+        self.scene = GelScene(
+            self.controller,
+            self.clock,
+            stage.frame,
+            self.presses.increments,
+            self.presses.open,
+            crop,
+            self.presses.modulus_mpa,
+        )
         self.camera: VirtualCamera | None = None
         if crop is not None:
             self.camera = self._camera(config, sensor, recipe, seed, crop)
@@ -147,7 +178,7 @@ class VirtualRig:
             stage=self.stage,
             camera=camera,
             force=self.force,
-            change_indenter=self._mount,
+            change_indenter=self.scene.mount,
         )
 
     def left_out(self) -> list[str]:
@@ -157,34 +188,42 @@ class VirtualRig:
             lines.append("camera, picture and printer model: no channel asks for images")
         if self.force is None:
             lines.append("force sensor: the channel 'force' is not asked for")
-        if not self._friction_solved:
+        if not self.presses.shears and not any(c.friction for c in self._choices):
             lines.append("friction: the channel 'shear' is not asked for")
-        lines.append("finite-strain gel: the level 'layer' is asked for")
-        lines.append("viscosity: the specimen has no Prony series")
+        if self.presses.level != "hyperelastic":
+            lines.append(f"finite-strain gel: the level {self.presses.level!r} is asked for")
+        elif not self.presses.fields:
+            lines.append("the gel's surface field: no channel asks for images")
+        if not self.presses.timed:
+            lines.append("viscosity: the specimen has no Prony series")
         lines.append("solid models: a run needs the numbers of the shapes only")
         return lines
 
     def notes(self) -> list[str]:
         """What a reader of the results must know."""
+        presses = self.presses
+        opened = presses.opened
+        solved = sum(p.solves for p in opened)
+        found = sum(len(p.knots) for p in opened if p.found is not None)
         lines = [
-            f"{self.scene.solves} contact problems solved; between them displacements and forces "
-            "are interpolated linearly",
-            "the layer level ignores the free sides of the block and large strain: its in-plane "
-            "motion is off by some tenths of a millimetre from 2 mm of depth on",
+            f"{solved} contact problems solved, {found} found in the store (no pattern, camera or "
+            "modulus matters to them); between them displacements and forces are interpolated "
+            f"linearly{_bound(presses)}"
         ]
+        lines += _LEVEL_NOTES[presses.level]
+        lines += dict.fromkeys(f"gel: {choice.why}" for choice in self._choices)
+        if not presses.shears and any(c.friction for c in self._choices):
+            lines.append("friction is solved, for it changes the force of these presses")
         # From the plan, for the presses that a resumed run kept are not solved again.
-        if self._deepest_mm > SMALL_STRAIN * self._layer.thickness_mm * (1 + 1e-9):
+        limit_mm = SMALL_STRAIN * self._thickness_mm * (1 + 1e-9)
+        if presses.level in LINEAR and max(p.box_mm[2] for p in presses.paths) > limit_mm:
             lines.append("WARNING: pressed beyond 10 % of the thickness, past small strain")
-        return lines
-
-    def _mount(self, name: str) -> None:
-        contact = LayerContact(
-            self._layer,
-            parse_indenter(name),
-            friction=self._protocol.specimen.friction,
-            observe_shear=self._friction_solved,
-        )
-        self.scene.mount(contact)
+        if presses.timed:
+            lines.append(
+                "the gel's time is the plan's: lines at their feed, rests as long as they settle; "
+                "ramps of the stage and the host's delays, some hundredths of a second, are not in"
+            )
+        return lines + _flag_notes(presses)
 
     def _camera(
         self,
@@ -213,6 +252,36 @@ class VirtualRig:
             pinhole(sensor), crop.lattice, Texture(printed, printer.mm_per_dot), sensor_model
         )
         return VirtualCamera(picture, self.scene, self.clock, seed, crop.lattice, self._folder)
+
+
+def _bound(presses: Presses) -> str:
+    """What linear interpolation costs, as far as it was tried."""
+    between = presses.between
+    if between.samples == 0:
+        return ""
+    parts = [f"{presses.modulus_mpa * between.force_n:.2g} N"]
+    if presses.fields:
+        parts.insert(0, f"{between.displacement_mm:.2g} mm in plane")
+    failed = f"; {between.failed} did not converge" if between.failed else ""
+    return (
+        f": half-way between knots off by at most {' and '.join(parts)} ({between.samples} "
+        f"intervals solved half-way{failed})"
+    )
+
+
+def _flag_notes(presses: Presses) -> list[str]:
+    """One line for each kind of flag: where, at how many knots, and the last of them in full."""
+    where: dict[str, list[str]] = {}
+    example: dict[str, str] = {}
+    for press in presses.opened:
+        for name, count in press.flags.items():
+            where.setdefault(name, []).append(f"{press.name} ({count})")
+        for flag in (f for knot in press.knots for f in knot.flags):
+            example[flag.partition(":")[0]] = flag
+    return [
+        f"WARNING: {example[name]}; so or alike at knots of {', '.join(found)}"
+        for name, found in sorted(where.items())
+    ]
 
 
 def identity(rig: VirtualRig) -> dict[str, Any]:

@@ -1,14 +1,13 @@
 """The gel under the indenter, followed along the path that the controller really drives.
 
 Each straight line of motion is cut into increments; a contact problem is solved at their ends
-(knots), and only for the line that someone observes. Between two knots everything is interpolated
-linearly, for camera, force and truth alike. A line that ends out of contact and that no one
-observes is not solved at all: an elastic gel out of contact has no memory.
+(knots), and only for the line that someone observes, unless the store has it. Between two knots
+everything is interpolated linearly, for camera, force and truth alike. A line that ends out of
+contact and that no one observes is not solved at all: a gel out of contact has no memory.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,23 +15,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..gel.contact import ContactState, LayerContact
 from ..optics import StageFrame, SurfaceLattice
-from ..rig.config import GelConfig
-from .clock import NsClock
+from .clock import NS_PER_S, NsClock
 from .controller import GrblController
 from .motion import Segment
+from .presses import Press
+from .trajectory import CONTACT_EPS_MM, Increments, Point, Solved, divide
 
-Point = tuple[float, float, float]
 Wrench = tuple[Point, Point]
-CONTACT_EPS_MM = 1e-9  # rounding of the frame's transform; a motor step is 1e-3
+SQUARE = 1e-6  # of the spacing: rounding of a lattice
 
 
 @dataclass(frozen=True)
 class Knot:
-    """One solved pose: what camera and force sensor need of it."""
+    """One solved pose: what camera and force sensor need of it. key: the press's own number."""
 
     index: int
+    key: int
     displacement_mm: NDArray[np.float32] | None  # (ny, nx, 3) on the lattice; None unless drawn
     force_n: Point
     torque_nmm: Point
@@ -82,19 +81,45 @@ class _Line:
 
 
 class LatticeCrop:
-    """The part of the contact solver's grid that the camera can see, as a lattice."""
+    """The part of the contact solver's lattice that the camera can see, with square meshes.
+
+    Where the solver's own are not square, its fields go through the cubic spline between its nodes.
+    """
 
     def __init__(
         self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64], half_mm: tuple[float, float]
     ) -> None:
+        d = float(x_mm[1] - x_mm[0])
+        self._resampling: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+        if abs(float(y_mm[1] - y_mm[0]) - d) > SQUARE * d:
+            x_mm, y_mm = self._square(x_mm, y_mm, d)
         self.columns = _covering(x_mm, half_mm[0])
         self.rows = _covering(y_mm, half_mm[1])
         x, y = x_mm[self.columns], y_mm[self.rows]
         self.lattice = SurfaceLattice(float(x[0]), float(y[0]), float(x[1] - x[0]), len(x), len(y))
 
-    def __call__(self, field: NDArray[np.float64]) -> NDArray[np.float32]:
+    def _square(
+        self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64], d: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Nodes d apart about the middle of the lattice, within it."""
+        from scipy.interpolate import CubicSpline
+
+        axes, matrices = [], []
+        for nodes in (x_mm, y_mm):
+            middle, half = (nodes[0] + nodes[-1]) / 2, (nodes[-1] - nodes[0]) / 2
+            n = int(half / d + SQUARE)
+            axes.append(middle + d * np.arange(-n, n + 1))
+            matrices.append(CubicSpline(nodes, np.eye(len(nodes)))(axes[-1]))
+        self._resampling = matrices[0], matrices[1]
+        return axes[0], axes[1]
+
+    def __call__(self, field: NDArray[np.floating]) -> NDArray[np.float32]:
         """Cut (ny, nx, 3) to the lattice."""
-        return field[self.rows, self.columns].astype(np.float32)
+        if self._resampling is None:
+            return field[self.rows, self.columns].astype(np.float32)
+        wx, wy = self._resampling
+        laid = wy[self.rows] @ np.moveaxis(field, -1, 0) @ wx[self.columns].T
+        return np.ascontiguousarray(np.moveaxis(laid, 0, -1), dtype=np.float32)
 
 
 def _covering(nodes: NDArray[np.float64], half_mm: float) -> slice:
@@ -111,37 +136,48 @@ class GelScene:
         controller: GrblController,
         clock: NsClock,
         frame: StageFrame,
-        config: GelConfig,
-        crop: Callable[[NDArray[np.float64]], NDArray[np.float32]] | None,
+        increments: Increments,
+        presses: Callable[[str, tuple[float, float]], Press],
+        crop: Callable[[NDArray[np.floating]], NDArray[np.float32]] | None,
+        modulus_mpa: float = 1.0,
     ) -> None:
-        """crop: cuts the surface field for the camera; None when nothing is drawn."""
+        """presses: opens the press of an indenter at a place, solved for a modulus of 1 MPa.
+
+        crop: cuts the surface field for the camera; None when nothing is drawn.
+        """
         self._controller = controller
         self._clock = clock
         self._frame = frame
-        self._config = config
+        self._increments = increments
+        self._presses = presses
         self._crop = crop
-        self._contact: LayerContact | None = None
+        self._modulus_mpa = modulus_mpa
+        self._indenter = ""
+        self._press: Press | None = None
         self._next_segment = 0
         self._line: _Line | None = None
-        self._states: dict[int, ContactState] = {}
-        self._rest = Knot(0, None, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        self._rest = Knot(0, 0, None, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
         self._here = self._rest
+        self._arrived_ns = 0
         self.knots: list[Knot] = [self._rest]
-        self.solves = 0
 
-    def mount(self, contact: LayerContact) -> None:
+    def mount(self, indenter: str) -> None:
         """Another indenter, in the air."""
         self.observe()
-        self._contact = contact
-        self._settle(self._rest, None)
+        self._indenter, self._press = indenter, None
+        self._settle(self._rest, 0)
 
     def begin(self) -> None:
-        """Start a press: knots are numbered from 1 again, 0 is the surface at rest."""
+        """Start a press where the tip is: knots are numbered from 1 again, 0 is the rest."""
         self.observe()
-        self._settle(self._rest, None)
-        rest = np.zeros_like(self._crop(self._zeros())) if self._crop is not None else None
-        self._rest = Knot(0, rest, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-        self._here = self._rest
+        x, y, _ = self._frame.to_sensor_mm(self._controller.position_mm())
+        press = self._press = self._presses(self._indenter, (x, y))
+        rest = None
+        if self._crop is not None:
+            x_mm, y_mm = press.axes_mm
+            rest = np.zeros_like(self._crop(np.zeros((len(y_mm), len(x_mm), 3))))
+        self._rest = Knot(0, 0, rest, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        self._settle(self._rest, 0)
         self.knots = [self._rest]
 
     def observe(self) -> Observation:
@@ -153,13 +189,29 @@ class GelScene:
         over = sum(s.end_ns <= now_ns for s in started)
         lifted = [k for k in range(over) if self._in_air(started[k])]
         if lifted:
-            self._settle(self._rest, None)
+            self._settle(self._rest, 0)
         for segment in started[lifted[-1] + 1 if lifted else 0 : over]:
             self._finish(segment)
         self._next_segment += over
         if over < len(started):
             return self._between(self._line_of(started[over]), started[over], now_ns)
-        return Observation(self._here, self._here, 0.0)
+        return self._resting(now_ns)
+
+    def _resting(self, now_ns: int) -> Observation:
+        """Where no line is under way: still, unless the gel creeps under a resting tip."""
+        rest_s = self._rest_s()
+        if rest_s is None:
+            return Observation(self._here, self._here, 0.0)
+        assert self._press is not None
+        tip = self._press.poses[self._here.key].tip_mm
+        after = self._knot(self._press.next(self._here.key, tip, rest_s))
+        fraction = min((now_ns - self._arrived_ns) / NS_PER_S / rest_s, 1.0)
+        if fraction == 1.0:
+            self._settle(after, self._arrived_ns)
+        return Observation(self._here, after, fraction)
+
+    def _rest_s(self) -> float | None:
+        return None if self._press is None else self._press.rest_after(self._here.key)
 
     def _in_air(self, segment: Segment) -> bool:
         """Whether a line ends out of contact."""
@@ -169,22 +221,23 @@ class GelScene:
         """Carry the state to the end of a line that is over and ends in contact."""
         line = self._line_of(segment)
         self._solve_up_to(line, len(line.at) - 1)
-        last = line.knots[-1]
-        self._settle(last, self._states.get(last.index))
+        self._settle(line.knots[-1], segment.end_ns)
 
-    def _settle(self, knot: Knot, state: ContactState | None) -> None:
+    def _settle(self, knot: Knot, since_ns: int) -> None:
         self._here = knot
         self._line = None
-        self._states = {} if state is None else {knot.index: state}
+        self._arrived_ns = since_ns
 
     def _line_of(self, segment: Segment) -> _Line:
         """The line of a segment; when it was cut short since, what was passed already is kept."""
         line = self._line
         if line is not None and line.segment == segment:
             return line
-        start = self._frame.to_sensor_mm(segment.start_mm)
-        end = self._frame.to_sensor_mm(segment.end_mm)
-        at, where = self._divide(start, end)
+        if line is None and (rest_s := self._rest_s()) is not None:
+            # The plan's rest is over when the next line starts, whatever the host took for it.
+            self._resting(self._arrived_ns + math.ceil(rest_s * NS_PER_S))
+        start, end = (self._planned(p) for p in (segment.start_mm, segment.end_mm))
+        at, where = divide(start, end, self._increments)
         knots = [self._here]
         if line is not None:
             # A hold: the new end lies between two knots of the old plan.
@@ -197,29 +250,10 @@ class GelScene:
         self._line = _Line(segment, at, where, knots)
         return self._line
 
-    def _divide(self, start: Point, end: Point) -> tuple[list[float], list[Point]]:
-        """Fractions and points of the knots of a line, one of them exactly at first touch."""
-        cuts = [0.0, 1.0]
-        if min(start[2], end[2]) < 0 < max(start[2], end[2]):
-            cuts.insert(1, start[2] / (start[2] - end[2]))
-        at = [0.0]
-        for a, b in itertools.pairwise(cuts):
-            dx, dy, dz = ((q - p) * (b - a) for p, q in zip(start, end, strict=True))
-            air = (
-                max(start[2] + a * (end[2] - start[2]), start[2] + b * (end[2] - start[2]))
-                > CONTACT_EPS_MM
-            )
-            pieces = 1 if air else max(
-                1,
-                math.ceil(abs(dz) / self._config.press_increment_mm - 1e-9),
-                math.ceil(math.hypot(dx, dy) / self._config.shear_increment_mm - 1e-9),
-            )  # fmt: skip
-            at += [a + (b - a) * k / pieces for k in range(1, pieces + 1)]
-        where = []
-        for f in at:
-            x, y, z = (p + f * (q - p) for p, q in zip(start, end, strict=True))
-            where.append((x, y, 0.0 if abs(z) < CONTACT_EPS_MM else z))
-        return at, where
+    def _planned(self, machine_mm: Point) -> Point:
+        """A point of the stage in the sensor frame: the plan's own where it is a motor step off."""
+        point = self._frame.to_sensor_mm(machine_mm)
+        return point if self._press is None else self._press.snapped(point)
 
     def _between(self, line: _Line, segment: Segment, now_ns: int) -> Observation:
         length = math.dist(segment.start_mm, segment.end_mm)
@@ -233,25 +267,27 @@ class GelScene:
 
     def _solve_up_to(self, line: _Line, last: int) -> None:
         while len(line.knots) <= last:
-            line.knots.append(self._solve(line.knots[-1], line.where[len(line.knots)]))
+            k = len(line.knots)
+            tip = line.where[k]
+            if tip[2] >= 0:
+                line.knots.append(self._rest)
+                continue
+            assert self._press is not None, "begin() comes before the first press"
+            whole_s = (line.segment.end_ns - line.segment.start_ns) / NS_PER_S
+            seconds = (line.at[k] - line.at[k - 1]) * whole_s
+            line.knots.append(self._knot(self._press.next(line.knots[-1].key, tip, seconds)))
 
-    def _solve(self, before: Knot, tip: Point) -> Knot:
-        x, y, z = tip
-        if z >= 0:
-            return self._rest
-        assert self._contact is not None, "an indenter is mounted before the first press"
-        previous = self._states.get(before.index) or self._contact.rest((x, y, 0.0))
-        state = self._contact.solve(previous, (x, y, -z))
-        self.solves += 1
-        field = self._crop(state.displacement_mm) if self._crop is not None else None
-        knot = Knot(len(self.knots), field, state.force_n, state.torque_nmm)
+    def _knot(self, found: tuple[int, Solved]) -> Knot:
+        key, solved = found
+        for knot in reversed(self.knots):
+            if knot.key == key:
+                return knot
+        field = None
+        if self._crop is not None:
+            assert solved.displacement_mm is not None, "a scene that draws keeps fields"
+            field = self._crop(solved.displacement_mm)
+        e = self._modulus_mpa
+        (fx, fy, fz), (tx, ty, tz) = solved.force_n, solved.torque_nmm
+        knot = Knot(len(self.knots), key, field, (e * fx, e * fy, e * fz), (e * tx, e * ty, e * tz))
         self.knots.append(knot)
-        # Two are enough: a hold can throw back by one knot, never by two.
-        self._states = {i: s for i, s in self._states.items() if i == before.index} | {
-            knot.index: state
-        }
         return knot
-
-    def _zeros(self) -> NDArray[np.float64]:
-        assert self._contact is not None, "an indenter is mounted before the first press"
-        return np.zeros((*self._contact.layer.shape, 3))

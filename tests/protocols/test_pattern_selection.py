@@ -1,4 +1,4 @@
-"""The paper's pattern selection: declared as printed, checked, estimated, refused by the layer."""
+"""The paper's pattern selection: declared as printed, checked, estimated; the gel it needs."""
 
 from __future__ import annotations
 
@@ -85,15 +85,46 @@ def test_time_and_disk_are_estimated_and_shown(steps: list[Step]) -> None:
     assert "MB" in text
 
 
-def test_a_run_is_refused_before_anything_moves(tmp_path: Path) -> None:
-    out = tmp_path / "run"
+def test_its_gel_is_the_one_that_reaches_these_depths(declared: Protocol) -> None:
+    assert declared.specimen.gel_model == "hyperelastic"
+    require_gel_level(declared, SensorDimensions(), "p.toml")
+
+
+@pytest.mark.parametrize("level", ["layer", "block"])
+def test_a_linear_run_is_refused_before_anything_moves(level: str, tmp_path: Path) -> None:
+    text = plan.load(NAME)[1].read_text()
+    protocol, out = tmp_path / "linear.toml", tmp_path / "run"
+    protocol.write_text(text.replace('gel_model = "hyperelastic"', f'gel_model = "{level}"'))
     with pytest.raises(
-        InputError, match=r"10 mm is over 3 mm.*needs the level 'hyperelastic'"
+        InputError, match=rf"10 mm is over 3 mm.*level '{level}'.*needs the level 'hyperelastic'"
     ) as e:
-        bench.run(NAME, "virtual", out)
+        bench.run(str(protocol), "virtual", out)
     assert "\n" not in str(e.value)
-    assert "pattern-selection.toml" in str(e.value)
+    assert "linear.toml" in str(e.value)
     assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("specimen", "depth_mm", "says"),
+    [
+        ({"gel_model": "hyperelastic"}, 12.0, "not less than the gel's thickness of 12 mm"),
+        ({"gel_model": "hyperelastic", "poisson": 0.5}, 1.0, "only the level 'layer' takes .5"),
+        ({"gel_model": "layer", "poisson": 0.5}, 1.0, ""),
+        ({"gel_model": "layer", "prony": [[0.2, 1.0]]}, 1.0, "needs the level 'hyperelastic'"),
+        ({"gel_model": "hyperelastic", "prony": [[0.2, 1.0]]}, 11.0, ""),
+    ],
+)
+def test_only_what_a_level_cannot_do_is_refused(
+    declared: Protocol, specimen: dict[str, object], depth_mm: float, says: str
+) -> None:
+    data = declared.model_dump() | {"indenters": ("sphere:15",), "depths_mm": (depth_mm,)}
+    other = Protocol.model_validate(data | {"specimen": specimen})
+    if not says:
+        require_gel_level(other, SensorDimensions(), "p.toml")
+        return
+    with pytest.raises(InputError, match=r"^p\.toml: ") as caught:
+        require_gel_level(other, SensorDimensions(), "p.toml")
+    assert says in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -116,7 +147,8 @@ def test_the_layer_is_asked_only_what_a_height_field_can_answer(
     declared: Protocol, name: str, depth_mm: float, needs: str
 ) -> None:
     other = Protocol.model_validate(
-        declared.model_dump() | {"indenters": (name,), "depths_mm": (depth_mm,)}
+        declared.model_dump()
+        | {"indenters": (name,), "depths_mm": (depth_mm,), "specimen": {"gel_model": "layer"}}
     )
     if not needs:
         require_gel_level(other, SensorDimensions(), "p.toml")

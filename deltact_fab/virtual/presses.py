@@ -1,0 +1,356 @@
+"""The presses of a protocol: each taken from the store, or solved knot by knot and then kept."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError, SolverError
+from ..gel.material import GelMaterial
+from ..protocols.plan import Protocol
+from ..rig.config import GelConfig
+from ..shapes import Indenter, SkinDimensions
+from ..shapes.indenter import parse as parse_indenter
+from .trajectory import (
+    VERSION,
+    Between,
+    Increments,
+    Line,
+    Point,
+    Pose,
+    PressPath,
+    Solved,
+    Trajectory,
+    keep,
+    load,
+    paths,
+    poses,
+)
+
+if TYPE_CHECKING:
+    from ..gel.choose import Choice
+    from ..gel.level import GelContact, Level, State
+
+Field = NDArray[np.float64]
+Box = tuple[tuple[float, float], tuple[float, float], float]
+Told = Callable[[int, int, float], None]  # knots done, of all, seconds of the last
+
+LINEAR = ("layer", "block")
+SAMPLE = 16  # beside the first of each line, every so many intervals are solved half-way too
+SAME_MM = 2e-3  # a point of the stage is the plan's within a motor step and its rounding
+
+
+class Press:
+    """The knots of one press: key 0 is rest, 1 to len(poses) are the planned knots, more others.
+
+    contact: opens what solves, at the first solve, for a modulus of 1 MPa. key: of the store; None
+    stores nothing. solves, seconds: of knots solved here, not of those found.
+    """
+
+    def __init__(
+        self,
+        contact: Callable[[], GelContact],
+        planned: Sequence[Pose] = (),
+        waypoints: Sequence[Point] = (),
+        key: dict[str, Any] | None = None,
+        fields: bool = True,
+        name: str = "",
+    ) -> None:
+        self.name = name
+        self.poses, self.waypoints = tuple(planned), tuple(waypoints)
+        self._open = contact
+        self._contact: GelContact | None = None
+        self._key, self._fields = key, fields
+        self._knots: list[Solved] = []
+        self._states: dict[int, State] = {}
+        self._others = len(self.poses)
+        self.solves, self.seconds, self.between = 0, 0.0, Between()
+        self.found = self._load()
+
+    @property
+    def contact(self) -> GelContact:
+        """What solves."""
+        if self._contact is None:
+            self._contact = self._open()
+        return self._contact
+
+    @property
+    def axes_mm(self) -> tuple[Field, Field]:
+        """The lattice's nodes along x and y."""
+        if self.found is not None:
+            return self.found.x_mm, self.found.y_mm
+        return self.contact.x_mm, self.contact.y_mm
+
+    @property
+    def knots(self) -> tuple[Solved, ...]:
+        """The planned knots found or solved so far."""
+        return tuple(self._knots)
+
+    @property
+    def flags(self) -> dict[str, int]:
+        """Flags of these knots, by name as in `NAME: sentence`, and how many carry each."""
+        names = [flag.partition(":")[0] for knot in self._knots for flag in knot.flags]
+        return {name: names.count(name) for name in sorted(set(names))}
+
+    def snapped(self, point: Point) -> Point:
+        """The planned point that this one is but for a motor step, else the point itself."""
+        for planned in self.waypoints:
+            if all(abs(p - q) <= SAME_MM for p, q in zip(planned, point, strict=True)):
+                return planned
+        return point
+
+    def rest_after(self, key: int) -> float | None:
+        """Seconds that the tip rests after a planned knot before the next; None: no knot for it."""
+        if key < len(self.poses) and key > 0 and self.poses[key].part == 0:
+            return self.poses[key].seconds
+        return None
+
+    def next(self, before: int, tip_mm: Point, seconds: float) -> tuple[int, Solved]:
+        """The knot at tip (x, y, z < 0), coming straight from knot `before`, and its key.
+
+        seconds: that it takes; those of the plan where it is planned. Raises SolverError and
+        InputError when the gel cannot be solved there.
+        """
+        if before < len(self.poses) and self.poses[before].tip_mm == tip_mm:
+            if before == len(self._knots):
+                self._solve_planned(before)
+            return before + 1, self._knots[before]
+        state, solved = self._solve(self._state(before, tip_mm), Pose(tip_mm, seconds, 1.0))
+        self._others += 1
+        self._remember(before, self._others, state)
+        return self._others, solved
+
+    def solve_all(self, told: Told | None = None) -> None:
+        """Every planned knot. Raises as `next` does."""
+        for k in range(len(self._knots), len(self.poses)):
+            start_s = time.perf_counter()
+            self.next(k, self.poses[k].tip_mm, 0.0)
+            if told:
+                told(k + 1, len(self.poses), time.perf_counter() - start_s)
+
+    # -- solving ---------------------------------------------------------------------------------
+
+    def _solve_planned(self, before: int) -> None:
+        pose = self.poses[before]
+        start = self._state(before, pose.tip_mm)
+        state, solved = self._solve(start, pose)
+        first = pose.part != 0 and (before == 0 or self.poses[before - 1].part in (0.0, 1.0))
+        if first or before % SAMPLE == SAMPLE // 2:
+            self._compare(start, pose, before, solved)
+        self._knots.append(solved)
+        self._remember(before, before + 1, state)
+        if len(self._knots) == len(self.poses) and self._key is not None:
+            x_mm, y_mm = self.axes_mm
+            made = Trajectory(self.knots, x_mm, y_mm, self.between, self.seconds)
+            keep(self._key, made)
+
+    def _solve(self, start: State, pose: Pose) -> tuple[State, Solved]:
+        start_s = time.perf_counter()
+        x, y, z = pose.tip_mm
+        state = self.contact.solve(start, (x, y, -z), pose.seconds)
+        field = state.displacement_mm.astype(np.float32) if self._fields else None
+        self.solves += 1
+        self.seconds += time.perf_counter() - start_s
+        return state, Solved(
+            state.force_n, state.torque_nmm, state.contact_area_mm2, field,
+            tuple(state.diagnostics.flags),
+        )  # fmt: skip
+
+    def _compare(self, start: State, pose: Pose, before: int, after: Solved) -> None:
+        """A solve half-way between two knots against the mean of both."""
+        a = np.array(start.tip_mm) * (1, 1, -1)
+        x, y, z = ((a + pose.tip_mm) / 2).tolist()
+        start_s = time.perf_counter()
+        try:
+            half = self.contact.solve(start, (x, y, -z), pose.seconds / 2)
+        except SolverError:
+            self.between = self.between.joined(Between(1, 1))
+            return
+        finally:
+            self.seconds += time.perf_counter() - start_s
+        knot = self._knots[before - 1] if before else None
+        force = (np.array(after.force_n) + (knot.force_n if knot else 0.0)) / 2
+        off_mm = 0.0
+        if after.displacement_mm is not None:
+            mean = after.displacement_mm.astype(float)
+            if knot is not None and knot.displacement_mm is not None:
+                mean = mean + knot.displacement_mm
+            off = half.displacement_mm - mean / 2
+            off_mm = float(np.hypot(off[..., 0], off[..., 1]).max())
+        off_n = float(np.linalg.norm(force - half.force_n))
+        self.between = self.between.joined(Between(1, 0, off_mm, off_n))
+
+    # -- states ----------------------------------------------------------------------------------
+
+    def _state(self, key: int, tip_mm: Point) -> State:
+        """The solver's state at a knot; planned ones that came from the store are solved again."""
+        if key == 0:
+            return self.contact.rest((tip_mm[0], tip_mm[1], 0.0))
+        if key in self._states:
+            return self._states[key]
+        assert key <= len(self.poses), "a hold can throw back by one knot, never by two"
+        state = self.contact.rest((*self.poses[0].tip_mm[:2], 0.0))
+        for pose in self.poses[:key]:
+            state, _ = self._solve(state, pose)
+        self._states[key] = state
+        return state
+
+    def _remember(self, before: int, key: int, state: State) -> None:
+        # Two are enough: a hold can throw back by one knot, never by two.
+        self._states = {k: s for k, s in self._states.items() if k == before} | {key: state}
+
+    def _load(self) -> Trajectory | None:
+        if self._key is None:
+            return None
+        # One with fields serves who needs none.
+        for fields in (True, False) if not self._fields else (True,):
+            found = load({**self._key, "fields": fields}, len(self.poses))
+            if found is not None:
+                self._knots, self.between = list(found.knots), found.between
+                return found
+        return None
+
+
+class Presses:
+    """Opens the presses of a protocol on a skin; keeps count of what was solved and what found.
+
+    Nothing that no channel needs: no friction without shear, no field without images, no time
+    without a Prony series.
+    """
+
+    def __init__(self, protocol: Protocol, skin: SkinDimensions, config: GelConfig) -> None:
+        specimen = protocol.specimen
+        self.level: Level = specimen.gel_model
+        self.modulus_mpa = specimen.modulus_mpa
+        self.shears = "shear" in protocol.channels
+        self.fields = "image" in protocol.channels
+        self.timed = bool(specimen.prony)
+        self.material = GelMaterial(1.0, specimen.poisson, specimen.friction, specimen.prony)
+        self.paths = paths(protocol)
+        self.opened: list[Press] = []
+        self._skin, self._config = skin, config
+        finite = config.hyperelastic
+        self._lattice_mm, self.increments = (
+            (config.spacing_mm, Increments(config.press_increment_mm, config.shear_increment_mm))
+            if self.level in LINEAR
+            else (
+                finite.lattice_mm,
+                Increments(finite.press_increment_mm, finite.shear_increment_mm),
+            )
+        )
+        self._deepest_mm = max(protocol.depths_mm)
+        self._amplitude_mm = protocol.shear.amplitude_mm if protocol.shear else 0.0
+        self._waiting: dict[str, Press] = {}
+
+    def axes_mm(self) -> tuple[Field, Field]:
+        """The lattice's nodes along x and y, the same for all presses."""
+        first = self.paths[0]
+        press = self._waiting[first.press] = self._press(first)
+        return press.axes_mm
+
+    def open(self, indenter: str, at_mm: tuple[float, float]) -> Press:
+        """The press of an indenter at a place; one that is not planned is solved and not kept."""
+        for path in self.paths:
+            there = all(abs(a - b) <= SAME_MM for a, b in zip(path.at_mm, at_mm, strict=True))
+            if path.indenter == indenter and there:
+                return self.of(path)
+        a = self._amplitude_mm
+        half = self._skin.opening_half_mm
+        x, y = ((max(v - a, -h), min(v + a, h)) for v, h in zip(at_mm, half, strict=True))
+        shape = parse_indenter(indenter)
+        choice = self._pick(shape, (x, y, self._deepest_mm))
+        press = Press(self._opener(shape, choice), fields=self.fields)
+        self.opened.append(press)
+        return press
+
+    def of(self, path: PressPath) -> Press:
+        """A planned press."""
+        press = self._waiting.pop(path.press, None) or self._press(path)
+        self.opened.append(press)
+        return press
+
+    @property
+    def between(self) -> Between:
+        """Worst interpolation of the presses opened, forces for a modulus of 1 MPa."""
+        worst = Between()
+        for press in self.opened:
+            worst = worst.joined(press.between)
+        return worst
+
+    def choice(self, path: PressPath) -> Choice:
+        """Mesh and friction of a planned press. Raises InputError where the level has none."""
+        return self._pick(parse_indenter(path.indenter), path.box_mm)
+
+    def _press(self, path: PressPath) -> Press:
+        indenter, choice = parse_indenter(path.indenter), self.choice(path)
+        return Press(
+            self._opener(indenter, choice),
+            poses(path, self.increments, self.timed),
+            path.waypoints,
+            self._key(path, indenter, choice),
+            self.fields,
+            path.press,
+        )
+
+    def _key(self, path: PressPath, indenter: Indenter, choice: Choice) -> dict[str, Any]:
+        material, skin = self.material, self._skin
+        return {
+            "version": VERSION,
+            "skin": [skin.width_mm, skin.length_mm, skin.thickness_mm],
+            "poisson": material.poisson,
+            "friction": choice.friction,
+            "prony": material.prony,
+            "indenter": repr(indenter),
+            "level": choice.level,
+            "spacing_mm": choice.spacing_mm,
+            "mirrors": choice.mirrors,
+            # The linear levels' grids know no focus.
+            "focus": None if choice.level in LINEAR else choice.focus,
+            "lattice_mm": self._lattice_mm,
+            "increments": asdict(self.increments),
+            "lines": [_untimed(line, self.timed) for line in path.lines],
+            "fields": self.fields,
+        }
+
+    def _pick(self, indenter: Indenter, box: Box) -> Choice:
+        from ..gel.choose import pick
+        from ..gel.level import Reach
+
+        finite = self._config.hyperelastic
+        return pick(
+            self._skin,
+            self.material,
+            indenter,
+            Reach(*box),
+            finite.tolerance,
+            level=self.level,
+            observe_shear=self.shears,
+            spacing_mm=self._config.spacing_mm if self.level in LINEAR else finite.cell_mm,
+        )
+
+    def _opener(self, indenter: Indenter, choice: Choice) -> Callable[[], GelContact]:
+        def opened() -> GelContact:
+            from ..gel.level import contact_of
+
+            return contact_of(self._skin, self.material, indenter, choice, self._lattice_mm)
+
+        return opened
+
+
+def path_of(presses: Presses, name: str) -> PressPath:
+    """A planned press by its name, as `sphere-10/p1`. Raises InputError."""
+    for path in presses.paths:
+        if path.press == name:
+            return path
+    known = ", ".join(path.press for path in presses.paths)
+    raise InputError(f"no press {name!r}; valid: {known}")
+
+
+def _untimed(line: Line, timed: bool) -> list[Any]:
+    """A line as the store's key has it: feeds and rests only matter to a gel that creeps."""
+    return [line.start_mm, line.end_mm, *((line.seconds, line.dwell_s) if timed else ())]

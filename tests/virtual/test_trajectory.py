@@ -1,0 +1,254 @@
+"""Presses are planned, solved once, kept, found again by whoever shares them, and never trusted."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from deltact_fab import cache
+from deltact_fab.errors import InputError, SolverError
+from deltact_fab.protocols.plan import Protocol
+from deltact_fab.rig.config import FiniteGelConfig, GelConfig
+from deltact_fab.shapes import SkinDimensions
+from deltact_fab.virtual import presses as presses_module
+from deltact_fab.virtual.ahead import solve_ahead
+from deltact_fab.virtual.presses import Press, Presses
+from deltact_fab.virtual.trajectory import KIND, Increments, divide, load, paths, poses
+
+COARSE = GelConfig(spacing_mm=1.0, press_increment_mm=0.25, shear_increment_mm=0.5)
+SKIN = SkinDimensions()
+
+
+def declared(**changes: Any) -> Protocol:
+    data: dict[str, Any] = {
+        "name": "t",
+        "indenters": ["sphere:12"],
+        "positions_mm": [[0.0, 0.0], [2.0, -1.0]],
+        "depths_mm": [0.6],
+        "channels": ["image", "force", "shear"],
+        "shear": {"amplitude_mm": 1.0, "axes": ["x"]},
+        "capture": {"mode": "sweep"},
+    }
+    return Protocol.model_validate(data | changes)
+
+
+def specimen(**changes: Any) -> Protocol:
+    return declared(specimen=changes)
+
+
+@pytest.fixture(autouse=True)
+def _own_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DELTACT_FAB_CACHE", str(tmp_path / "store"))
+
+
+def solved(protocol: Protocol, config: GelConfig = COARSE) -> Press:
+    """The first press, whole."""
+    presses = Presses(protocol, SKIN, config)
+    press = presses.of(presses.paths[0])
+    press.solve_all()
+    return press
+
+
+def test_the_way_of_a_press_is_the_plan_s_in_contact() -> None:
+    first, second = paths(declared())
+    assert (first.press, second.press) == ("sphere-12/p1", "sphere-12/p2")
+    assert [line.end_mm for line in first.lines] == [
+        (0.0, 0.0, -0.6), (1.0, 0.0, -0.6), (-1.0, 0.0, -0.6), (0.0, 0.0, -0.6),
+    ]  # fmt: skip
+    assert first.lines[0].start_mm == (0.0, 0.0, 0.5)
+    assert first.lines[0].seconds == pytest.approx(1.1 / 0.5)
+    assert second.box_mm == ((1.0, 3.0), (-1.0, -1.0), 0.6)
+
+
+def test_knots_are_no_further_apart_than_the_increments_and_one_is_at_first_touch() -> None:
+    at, where = divide((0.0, 0.0, 0.5), (0.0, 0.0, -0.6), Increments(0.25, 0.5))
+    assert where[1] == (0.0, 0.0, 0.0)
+    assert [round(p[2], 9) for p in where[2:]] == [-0.2, -0.4, -0.6]
+    assert at[0] == 0.0
+    assert at[-1] == 1.0
+    found = poses(paths(declared())[0], Increments(0.25, 0.5), timed=False)
+    assert len(found) == 3 + 2 + 4 + 2
+    for a, b in itertools.pairwise(found):
+        assert math.dist(a.tip_mm, b.tip_mm) <= 0.5 + 1e-12
+
+
+def test_rests_count_for_a_gel_that_creeps_only() -> None:
+    step = declared(capture={"mode": "step", "settle_s": 2.0})
+    path = paths(step)[0]
+    plain, timed = (poses(path, Increments(1.0, 1.0), timed=t) for t in (False, True))
+    assert [p for p in timed if p.part > 0] == plain
+    rests = [p for p in timed if p.part == 0]
+    assert len(rests) == len(path.lines)
+    assert all(p.seconds == 2.0 for p in rests)
+
+
+def test_a_press_is_solved_once_and_found_bit_for_bit() -> None:
+    first, again = solved(declared()), solved(declared())
+    assert first.found is None
+    assert first.solves == len(first.poses) == len(first.knots)
+    assert again.found is not None
+    assert again.solves == 0
+    for a, b in zip(first.knots, again.knots, strict=True):
+        assert a.force_n == b.force_n
+        assert a.torque_nmm == b.torque_nmm
+        assert a.displacement_mm is not None
+        assert np.array_equal(a.displacement_mm, b.displacement_mm)
+    assert again.between == first.between
+    assert np.array_equal(first.axes_mm[0], again.axes_mm[0])
+
+
+@pytest.mark.parametrize(
+    ("other", "shared"),
+    [
+        (lambda: specimen(pattern="dense", modulus_mpa=0.3), True),
+        (lambda: declared(capture={"mode": "sweep", "rate_hz": 5.0}), True),
+        (lambda: declared(motion={"shear_feed_mm_min": 60.0}), True),
+        (lambda: declared(indenters=["sphere:12", "4dots"]), True),
+        (lambda: specimen(poisson=0.48), False),
+        (lambda: specimen(friction=0.4), False),
+        (lambda: declared(depths_mm=[0.5]), False),
+        (lambda: declared(shear={"amplitude_mm": 1.5, "axes": ["x"]}), False),
+        (lambda: declared(indenters=["sphere:11"]), False),
+        (lambda: specimen(gel_model="block"), False),
+    ],
+)
+def test_only_what_changes_the_mechanics_is_solved_again(
+    other: Callable[[], Protocol], shared: bool
+) -> None:
+    solved(declared())
+    presses = Presses(other(), SKIN, COARSE)
+    assert (presses.of(presses.paths[0]).found is not None) == shared
+
+
+def test_another_version_of_the_solver_solves_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    solved(declared())
+    monkeypatch.setattr(presses_module, "VERSION", 10**6)
+    assert solved(declared()).found is None
+
+
+def test_forces_are_in_proportion_to_the_modulus() -> None:
+    """What lets all moduli share a trajectory: the solver itself, with another one."""
+    from deltact_fab.gel.level import Reach, open_contact
+    from deltact_fab.gel.material import GelMaterial
+    from deltact_fab.shapes.indenter import parse
+
+    press = solved(specimen(gel_model="hyperelastic"), finite(2.5))
+    e = 0.37
+    contact = open_contact(
+        SKIN, GelMaterial(e), parse("sphere:12"), level="hyperelastic",
+        reach=Reach((-1.0, 1.0), (0.0, 0.0), 0.6), lattice_mm=1.0, spacing_mm=2.5,
+    )  # fmt: skip
+    state = contact.rest()
+    for pose, knot in zip(press.poses, press.knots, strict=True):
+        state = contact.solve(state, (*pose.tip_mm[:2], -pose.tip_mm[2]))
+        assert state.force_n == pytest.approx([e * f for f in knot.force_n], rel=1e-5, abs=1e-6)
+        assert knot.displacement_mm is not None
+        assert np.abs(state.displacement_mm - knot.displacement_mm).max() < 1e-5
+
+
+def finite(cell_mm: float) -> GelConfig:
+    return GelConfig(
+        hyperelastic=FiniteGelConfig(
+            cell_mm=cell_mm, lattice_mm=1.0, press_increment_mm=0.6, shear_increment_mm=1.0
+        )
+    )
+
+
+@pytest.mark.parametrize("damage", ["cut", "flipped", "empty"])
+def test_a_damaged_entry_is_solved_again(damage: str) -> None:
+    first = solved(declared())
+    (entry,) = (cache.user_folder() / KIND).glob("*.bin")
+    data = entry.read_bytes()
+    middle = len(data) // 2
+    flipped = data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :]
+    entry.write_bytes({"cut": data[:middle], "flipped": flipped, "empty": b""}[damage])
+    again = solved(declared())
+    assert again.found is None
+    assert again.knots[-1].force_n == first.knots[-1].force_n
+    assert solved(declared()).found is not None
+
+
+def test_an_entry_of_another_length_is_none() -> None:
+    press = solved(declared())
+    assert press._key is not None
+    assert load(press._key, len(press.poses)) is not None
+    assert load(press._key, len(press.poses) + 1) is None
+
+
+def test_without_images_no_field_is_kept_and_one_with_fields_serves() -> None:
+    blind = declared(channels=["force", "shear"])
+    alone = solved(blind)
+    assert all(k.displacement_mm is None for k in alone.knots)
+    assert alone.between.displacement_mm == 0.0
+    assert solved(declared()).found is None
+    small, large = sorted(p.stat().st_size for p in (cache.user_folder() / KIND).glob("*.bin"))
+    assert small < large / 10
+
+
+def test_one_with_fields_serves_who_needs_none() -> None:
+    solved(declared())
+    assert solved(declared(channels=["force", "shear"])).found is not None
+
+
+def test_between_knots_the_bound_is_what_a_finer_path_shows() -> None:
+    """The reported error is of the size that twice as many knots show at the middles."""
+    one = declared(shear=None, channels=["image", "force", "shear"])
+    wide = solved(one, COARSE.model_copy(update={"press_increment_mm": 0.2}))
+    fine = solved(one, COARSE.model_copy(update={"press_increment_mm": 0.1}))
+    fz = [0.0, *(k.force_n[2] for k in wide.knots)]
+    middles = [k.force_n[2] for k in fine.knots[::2]]
+    off = [abs(m - (a + b) / 2) for m, a, b in zip(middles, fz, fz[1:], strict=False)]
+    assert wide.between.samples >= 1
+    assert wide.between.force_n == pytest.approx(off[0], rel=0.05)
+    assert wide.between.force_n > 0
+
+
+def test_off_the_plan_a_found_press_is_solved_from_its_start() -> None:
+    """A stop at a place that no plan knows: the history before it is solved again, and right."""
+    solved(declared())
+    found = solved(declared())
+    before = 4
+    key, knot = found.next(before, (0.7, 0.0, -0.6), 1.0)
+    assert key > len(found.poses)
+    assert found.solves == before + 1
+    contact = found.contact
+    state = contact.rest()
+    for pose in found.poses[:before]:
+        state = contact.solve(state, (*pose.tip_mm[:2], -pose.tip_mm[2]))
+    state = contact.solve(state, (0.7, 0.0, 0.6))
+    assert knot.force_n == pytest.approx(state.force_n, rel=1e-9)
+
+
+def test_a_press_at_no_planned_place_is_solved_and_not_kept() -> None:
+    presses = Presses(declared(), SKIN, COARSE)
+    press = presses.open("sphere:12", (5.0, 5.0))
+    assert press.poses == ()
+    _, knot = press.next(0, (5.0, 5.0, -0.3), 1.0)
+    assert knot.force_n[2] < 0
+    assert not (cache.user_folder() / KIND).exists()
+    assert presses.open("sphere:12", (2.0005, -1.0)).poses  # a motor step off
+
+
+def test_a_failure_ends_one_press_and_the_rest_is_kept() -> None:
+    """The second place is so near the side that the layer's contact runs off the face."""
+    far = declared(positions_mm=[[0.0, 0.0], [17.9, 0.0]], shear=None, channels=["force"])
+    heard: list[str] = []
+    rows = solve_ahead(far, SKIN, COARSE, jobs=2, told=lambda row: heard.append(row.press))
+    good, bad = rows
+    assert good.failure == ""
+    assert good.done == good.knots
+    assert not good.found
+    assert "over the face of" in bad.failure
+    assert bad.done < bad.knots
+    assert {"sphere-12/p1", "sphere-12/p2"} <= set(heard)
+    again = solve_ahead(far.model_copy(update={"positions_mm": ((0.0, 0.0),)}), SKIN, COARSE)
+    assert [row.found for row in again] == [True]
+    presses = Presses(far, SKIN, COARSE)
+    with pytest.raises((SolverError, InputError)):
+        presses.of(presses.paths[1]).solve_all()
