@@ -117,7 +117,7 @@ def test_an_overloaded_force_sensor_stops_and_lifts(
     mini: tuple[Path, Path], tmp_path: Path
 ) -> None:
     weak = tmp_path / "weak.toml"
-    weak.write_text(mini[1].read_text() + "\n[force]\nrange_n = [25.0, 25.0, 0.5]\n")
+    weak.write_text(mini[1].read_text().replace("[25.0, 25.0, 35.0]", "[25.0, 25.0, 0.5]"))
     with pytest.raises(RunFailed, match=r"saturated .*the tip was lifted"):
         bench.run(str(mini[0]), str(weak), tmp_path / "r")
 

@@ -43,6 +43,10 @@ origin_machine_mm = [-60.0, -60.0, -40.0]
 travel_mm = [120.0, 120.0, 60.0]
 max_feed_mm_min = [1500.0, 1500.0, 1200.0]
 acceleration_mm_s2 = [50.0, 50.0, 50.0]
+max_force_n = [60.0, 60.0, 60.0]
+[force]
+range_n = [25.0, 25.0, 35.0]
+range_nmm = [250.0, 250.0, 250.0]
 [gel]
 spacing_mm = 0.5
 """

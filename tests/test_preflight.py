@@ -141,7 +141,10 @@ def test_a_run_on_a_weak_virtual_rig_keeps_the_warning(
     mini: tuple[Path, Path], tmp_path: Path
 ) -> None:
     rig = tmp_path / "weak.toml"
-    text = mini[1].read_text().replace("[gel]", "max_force_n = [60.0, 60.0, 2.0]\n[gel]")
+    text = mini[1].read_text().replace("[60.0, 60.0, 60.0]", "[60.0, 60.0, 2.0]")
+    text = text.replace(
+        "[force]\nrange_n = [25.0, 25.0, 35.0]\nrange_nmm = [250.0, 250.0, 250.0]\n", ""
+    )
     rig.write_text(text)
     protocol = tmp_path / "force.toml"
     words = mini[0].read_text().replace('"image", "dots", ', "").replace(', "4dots"', "")
@@ -155,12 +158,16 @@ def test_a_run_on_a_weak_virtual_rig_keeps_the_warning(
 
 
 def test_what_a_rig_file_writes_down_counts_and_a_default_does_not(
-    smoke: Protocol, mini: tuple[Path, Path]
+    smoke: Protocol, mini: tuple[Path, Path], tmp_path: Path
 ) -> None:
     declared = limits_of(config.load("virtual")[0], "virtual.toml", smoke)
     assert declared.undeclared() == []
     assert declared.sensor_n == (25.0, 25.0, 35.0)
-    bare = limits_of(config.load(str(mini[1]))[0], "bench.toml", smoke)
+    rig = tmp_path / "bare.toml"
+    lines = mini[1].read_text().splitlines(keepends=True)
+    told = ("max_force_n", "[force]", "range_n")
+    rig.write_text("".join(line for line in lines if not line.startswith(told)))
+    bare = limits_of(config.load(str(rig))[0], "bench.toml", smoke)
     assert bare.undeclared() == ["[stage] max_force_n", "[force] range_n"]
 
 

@@ -1,4 +1,5 @@
-"""The stability table of the finite-strain gel: no line wrong. A few here, all of it when slow."""
+"""The stability table of the finite-strain gel: no line wrong. A few here, more when slow, the long
+ones by `make evidence`."""
 
 from __future__ import annotations
 
