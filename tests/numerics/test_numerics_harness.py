@@ -185,10 +185,11 @@ def test_everything_end_to_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert costs["camera, picture, printer"].seconds > 0
     assert costs["camera, picture, printer"].megabytes > 50
     assert costs["cadquery"].modules > 100
-    # Force only, normal displacement, full shear, viscous: each cheaper than the next.
+    # Friction is the dear one; sampling the face and a Prony series are within the noise.
     assert costs["finite-strain gel"].seconds > 0.1
-    for layer in ("its surface field", "its friction and shear", "its viscosity"):
-        assert costs[layer].seconds > 0
+    assert costs["its friction and shear"].seconds > 0.1
+    assert costs["its surface field"].seconds is not None
+    assert costs["its viscosity"].seconds is not None
 
 
 # -- scenes ------------------------------------------------------------------------------------

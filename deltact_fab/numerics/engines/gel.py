@@ -199,7 +199,7 @@ OWN_ERROR: dict[tuple[float, float, bool], tuple[float, float]] = {
     (2.0, 0.0, True): (0.20, 0.0040),
     (2.0, 0.0, False): (0.17, 0.0015),
     (5.0, 0.0, False): (0.08, 0.005),
-    (5.0, 0.5, False): (0.5, 0.015),
+    (5.0, 0.5, False): (0.9, 0.018),
 }
 
 
