@@ -150,9 +150,6 @@ def _face(skin: SkinDimensions, material: GelMaterial, choice: Choice) -> FaceOp
     return FreeBlock.for_skin(skin, material, spacing_mm=choice.spacing_mm)
 
 
-CONE_FLAG = 0.02  # of the largest shear bound
-
-
 @dataclass(frozen=True, eq=False)
 class HyperelasticState:
     """A state at finite strain; see `level.State`. inner: of the mesh, which may be a part."""
@@ -283,11 +280,6 @@ class FiniteGel:
             flags.append(
                 f"stretch: {d.most_stretch:.2f}, past {STRETCH_LIMIT:g}: neo-Hooke is off by a "
                 "third there and soft silicones may tear"
-            )
-        if d.cone_excess > CONE_FLAG:
-            flags.append(
-                f"friction: the shear bound is {d.cone_excess:.0%} of its largest off friction x "
-                "pressure, as where the gel folds before the indenter; smaller steps may help"
             )
         force, torque = whole_wrench(self.press.mesh, inner)
         return HyperelasticState(

@@ -61,12 +61,14 @@ class Held:
         cells = u[self.bulk.mesh.cells].reshape(len(seen.jbar), -1)
         return (cells * seen.volume_rate_mm2).sum(axis=1)
 
-    def slope(self, x, pressure, step):
+    couples = False
+
+    def unbalance_n(self, x, pressure):
         b = self.bulk.evaluate(self.whole(x), False)
         if b.force_n is None:
             return None
-        own = self.bulk.law.volumetric(b.jbar)[1]
-        return float(b.force_n[self.free] @ step + (pressure - own) @ self.change(step, b))
+        own = (pressure - self.bulk.law.volumetric(b.jbar)[1])[:, None] * b.volume_rate_mm2
+        return np.linalg.norm((b.force_n + self.bulk.scatter(own.reshape(-1, 8, 3)))[self.free])
 
 
 def full(pattern: Pattern, data: np.ndarray) -> sp.csr_matrix:

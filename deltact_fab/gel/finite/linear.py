@@ -24,7 +24,7 @@ CG_TOLERANCE = 1e-9
 # Input parameters of the manual, counted from one: own values, METIS, two refinements, pivots
 # raised to 1e-8 of the norm, 1 x 1 and 2 x 2 pivots, the two-level factorisation (1.5 times as
 # fast on one core).
-_PARDISO = {1: 1, 2: 2, 8: 2, 10: 8, 21: 1, 24: 1}
+_PARDISO = {1: 1, 2: 2, 8: 0, 10: 8, 21: 1, 24: 1}
 
 
 class Solver(Protocol):
@@ -98,7 +98,7 @@ class Pardiso:
 
     def solve(self, right: Field) -> Field:
         """Forward and back substitution."""
-        return self._call(33, np.ascontiguousarray(right))
+        return self._call(33, np.ascontiguousarray(right, dtype=np.float64))
 
     def _call(self, phase: int, right: Field) -> Field:
         # The public `solve` compares all entries with its copy on every call, and its `factorize`

@@ -1,4 +1,4 @@
-"""Newton's method for displacements and cell pressures, the pressures eliminated cell by cell.
+"""Newton's method for displacements and cell pressures, damped where the gel folds.
 
 With U'(J) as the only pressure, Newton is slow near incompressibility: a step that is right in
 shape changes volumes at second order, U' makes a large stress of that, and the tangent's geometric
@@ -6,6 +6,16 @@ part follows it. Here every cell carries a pressure p of its own (the three-fiel
 Taylor and Pister 1985). Linearised, p = U'(J) + U''(J) dJ.du, so that p leaves the equations again:
 the matrix keeps its pattern, its geometric part is formed with the predicted p, and the right-hand
 side is the residual of the displacements alone. Where that vanishes, p is U'(J).
+
+Shear of a slipping point is friction x pressure, so its tangent is not symmetric. The symmetric
+part alone is factorised; what couples shear to pressure lives on the few points in contact and is
+brought in by GMRES on the factor.
+
+Where a dragged gel folds, the equilibrium ends and the next one is elsewhere: Newton's steps run
+for centimetres. There the overdamped motion eta K0 du/dt = -r is followed instead, K0 the tangent
+at rest, by linearly implicit steps whose damping goes away with the residual (pseudo-transient
+continuation, Kelley and Keyes, SIAM J. Numer. Anal. 35, 1998). It ends in an equilibrium that a
+slightly viscous gel would find.
 """
 
 from __future__ import annotations
@@ -14,6 +24,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
+import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
 from ...errors import SolverError
@@ -23,19 +34,21 @@ from .pattern import Pattern
 Field = NDArray[np.float64]
 
 KEEP = 0.2  # a factor is kept while it reduces the residual at least to this
-OVERSHOT = 0.9  # of the slope at the start: beyond, the step is shortened
-SEARCHES = 6
-SHORTEST = 1e-3
-SURE = 1e-6  # residual below which steps are taken whole
-NEAR = 1e-2  # residual below which terms that may be negative are tried again
-WILD = 1e4  # times the smallest residual so far, after SETTLING iterations: hopeless
-SETTLING = 8
-SHIFTS = (0.0, 0.02, 0.1, 0.5, 3.0)  # of the tangent at rest, added against negative curvature
+GROW = 3.0  # times the residual: most that a damped step may make of it
+HALVES = 3  # lengths that are tried of one direction
+SURE = 1e-6  # residual below which steps are taken whole: their growth is rounding
+NEAR = 1e-2  # residual below which negative eigenvalues may be the solution's own
+WEAK, MOST_WEAK = 0.7, 3  # a step that leaves more, and how many of them begin the damping
+LEAST, FIRST, MOST = 0.01, 0.05, 100.0  # damping: dropped below, begun with, given up beyond
+RELAX = 0.7  # x damping after a step that was taken
+DONE = 0.1  # of the residual that damping began with: it ends
+COUPLED = 1e-3  # of the residual: tolerance of GMRES, and most of its iterations
+MOST_COUPLED = 60
 
 
 class Evaluation(NamedTuple):
     """residual_n (size,): unbalanced forces, p = U'(J). scale_n: what they are small to.
-    data: CSR entries of the tangent or None. pressure_mpa (m,): U'(J) of the cells."""
+    data: CSR entries of the tangent's symmetric part or None. pressure_mpa (m,): U'(J)."""
 
     residual_n: Field
     scale_n: float
@@ -44,7 +57,7 @@ class Evaluation(NamedTuple):
 
 
 class Problem(Protocol):
-    """What is solved: see `press`."""
+    """What is solved: see `problem.Equilibrium`."""
 
     def evaluate(
         self, free_mm: Field, pressure_mpa: Field, tangent: bool, curved: bool
@@ -55,24 +68,102 @@ class Problem(Protocol):
     def pressure_rate(self, step_mm: Field) -> Field:
         """U'' dJ.step (m,) at the displacements of the last evaluation."""
 
-    def slope(self, free_mm: Field, pressure_mpa: Field, step_mm: Field) -> float | None:
-        """Residual with given cell pressures times a step; None if inside out."""
+    def unbalance_n(self, free_mm: Field, pressure_mpa: Field) -> float | None:
+        """Norm of the residual with given cell pressures; None if inside out."""
+
+    @property
+    def couples(self) -> bool:
+        """Whether the last tangent has a part that is not symmetric."""
+
+    def coupled(self, step_mm: Field) -> Field:
+        """That part times a step (size,)."""
 
 
 @dataclass
 class Solution:
-    """free_mm (size,). residual: |r| / scale. iterations, factorisations, halvings: work.
-    shifted: factorisations with a positive matrix added. flattened: whether terms that may be
-    negative were left out. pressure_mpa (m,): of the cells, for the next tangent."""
+    """free_mm (size,). residual: |r| / scale. iterations, factorisations: work. damped:
+    factorisations with damping. pressure_mpa (m,): of the cells, for the next tangent."""
 
     free_mm: Field
     pressure_mpa: Field
     residual: float
     iterations: int = 0
     factorisations: int = 0
-    halvings: int = 0
-    shifted: int = 0
-    flattened: bool = False
+    damped: int = 0
+
+
+class _Step(NamedTuple):
+    move_mm: Field
+    pressure_mpa: Field  # change of the cells' pressures
+    length: float  # of the whole direction
+
+
+class _Direction:
+    """Factors of the tangent at one point after the other, and how much they are damped."""
+
+    def __init__(
+        self, problem: Problem, solver: Solver, pattern: Pattern, rest_data: Field, done: Solution
+    ) -> None:
+        self._problem, self._solver, self._pattern = problem, solver, pattern
+        self._rest_data, self._done = rest_data, done
+        self.damping, self._began = 0.0, np.inf
+        self.curved = True
+        self.kept = False
+        self._weak = 0
+
+    def factorise(self, x: Field) -> None:
+        """Of a positive matrix at x: against negative eigenvalues first the terms that may be
+        negative are left out, what the bulk then still has is damped."""
+        while True:
+            found = self._problem.evaluate(x, self._done.pressure_mpa, True, self.curved)
+            assert found is not None
+            assert found.data is not None
+            eta = self.damping
+            data = found.data + eta * self._rest_data if eta else found.data
+            self._solver.factorise(self._pattern.matrix(data))
+            self._done.factorisations += 1
+            self._done.damped += bool(eta)
+            near = self._done.residual <= NEAR and not eta
+            if not self._solver.negative or near or eta > MOST:
+                return
+            if self.curved:
+                self.curved = False
+            else:
+                self.more()
+
+    def more(self) -> None:
+        """Damping, or more of it."""
+        if not self.damping:
+            self._began = self._done.residual
+        self.damping = max(4 * self.damping, FIRST)
+        self.kept = False
+
+    def took(self, whole: bool, before: float) -> None:
+        """After a step from residual `before`: less damping, or some where three did little."""
+        now = self._done.residual
+        self.kept = whole and not self.damping and now < KEEP * before
+        self.curved = self.curved or now < NEAR
+        if self.damping:
+            self.damping *= RELAX * min(1.0, max(0.3, now / before))
+            if self.damping < LEAST or now < DONE * self._began:
+                self.damping, self._weak = 0.0, 0
+            return
+        self._weak = self._weak + 1 if now > max(WEAK * before, SURE) else 0
+        if self._weak >= MOST_WEAK:
+            self._weak = 0
+            self.more()
+
+    def step_mm(self, residual_n: Field) -> Field:
+        """The step (size,) against a residual."""
+        if not self._problem.couples:
+            return -self._solver.solve(residual_n)
+        n = len(residual_n)
+        whole = spla.LinearOperator(
+            (n, n), dtype=np.float64,
+            matvec=lambda y: y + self._problem.coupled(self._solver.solve(y)),
+        )  # fmt: skip
+        y, _ = spla.gmres(whole, -residual_n, rtol=COUPLED, restart=MOST_COUPLED, maxiter=1)
+        return self._solver.solve(y)
 
 
 def solve(
@@ -84,15 +175,13 @@ def solve(
     rest_data: Field,
     tolerance: float,
     longest_mm: float = np.inf,
-    most_iterations: int = 40,
-    factored: bool = False,
+    most_iterations: int = 60,
 ) -> Solution:
     """Equilibrium from start_mm on.
 
     pressure_mpa (m,): cell pressures for the first tangent.
-    rest_data: entries of a positive definite tangent, added in multiples where all else fails.
-    longest_mm: displacement in one iteration beyond which the tangent is weighted.
-    factored: the solver holds the factor of a tangent nearby, which is tried first.
+    rest_data: entries of the tangent at rest, the damping's.
+    longest_mm: largest displacement in one iteration.
     Raises SolverError when |r| <= tolerance x scale is not reached; nothing else is returned.
     """
     x = start_mm
@@ -100,35 +189,23 @@ def solve(
     if now is None:
         raise SolverError("newton: the start turns a cell inside out")
     done = Solution(x, pressure_mpa, _size(now))
-    fresh, best = factored, done.residual
+    direction = _Direction(problem, solver, pattern, rest_data, done)
     while not done.residual <= tolerance:
         if done.iterations >= most_iterations:
             raise SolverError(
                 f"newton: residual {done.residual:.1e} after {done.iterations} iterations, "
                 f"{tolerance:.0e} is needed"
             )
-        if done.iterations >= SETTLING and done.residual > WILD * best:
-            raise SolverError(f"newton: residual {done.residual:.1e}, growing")
-        step = -solver.solve(now.residual_n) if fresh else None
-        if step is None or not (np.isfinite(step).all() and now.residual_n @ step < 0):
-            fresh = False
-            step = _direction(problem, x, now, solver, pattern, rest_data, longest_mm, done)
-        length, pressure = _search(problem, x, step, now, done)
-        if not length > 0:
-            if fresh:
-                fresh = False
-                continue
-            raise SolverError(f"newton: every step turns a cell inside out ({done.residual:.1e})")
+        step = _step(problem, x, now, direction, longest_mm, done)
         before = done.residual
-        x = x + length * step
-        done.pressure_mpa = pressure
-        after = problem.evaluate(x, pressure, False, True)
+        x = x + step.move_mm
+        done.pressure_mpa = now.pressure_mpa + step.pressure_mpa
+        after = problem.evaluate(x, done.pressure_mpa, False, True)
         assert after is not None
         now = after
         done.residual = _size(now)
         done.iterations += 1
-        best = min(best, done.residual)
-        fresh = done.residual <= KEEP * before
+        direction.took(step.length == 1.0, before)
     done.free_mm = x
     return done
 
@@ -137,77 +214,33 @@ def _size(e: Evaluation) -> float:
     return float(np.linalg.norm(e.residual_n)) / e.scale_n
 
 
-def _direction(
-    problem: Problem,
-    x: Field,
-    now: Evaluation,
-    solver: Solver,
-    pattern: Pattern,
-    rest_data: Field,
-    longest_mm: float,
+def _step(
+    problem: Problem, x: Field, now: Evaluation, direction: _Direction, longest_mm: float,
     done: Solution,
-) -> Field:
-    """A Newton direction that descends, no longer than `longest_mm` where that can be had.
+) -> _Step:  # fmt: skip
+    """A step that is no longer than longest_mm and, undamped, lowers the residual.
 
-    Against negative eigenvalues the terms that may be negative are left out; what the bulk then
-    still has is outweighed by rest_data. Where the gel folds or snaps the tangent is all but
-    singular: a full step runs for centimetres, and the weighted one follows the way down instead.
+    It is measured with the pressures that go with it: those of the volumes alone grow at second
+    order in the step.
     """
-    curved = not done.flattened or done.residual < NEAR
-    best: Field | None = None
-    for shift in (0.0, *SHIFTS):
-        found = problem.evaluate(x, done.pressure_mpa, True, curved)
-        assert found is not None
-        assert found.data is not None
-        solver.factorise(pattern.matrix(found.data + shift * rest_data if shift else found.data))
-        done.factorisations += 1
-        done.shifted += bool(shift)
-        last = curved
-        curved = False
-        if solver.negative and last:
-            done.flattened = True
-            continue
-        step = -solver.solve(now.residual_n)
-        if not (np.isfinite(step).all() and now.residual_n @ step < 0):
-            continue
-        best = step
-        if not solver.negative and float(np.abs(step).max()) <= longest_mm:
-            return step
-    if best is not None:
-        return best
-    raise SolverError("newton: no direction descends")
-
-
-def _search(
-    problem: Problem, x: Field, step: Field, now: Evaluation, done: Solution
-) -> tuple[float, Field]:
-    """Length of the step, 0 if none is allowed, and the pressures that go with it.
-
-    There is no energy to lower while pressures are free: the length is a zero of the slope along
-    the step, found roughly by regula falsi, and only where the full step runs far past it.
-    """
-    rate = problem.pressure_rate(step)
-    start = float(now.residual_n @ step)
-    low, low_slope, length = 0.0, start, 1.0
-    high, high_slope = 0.0, 0.0
-    for _ in range(SEARCHES):
-        pressure = now.pressure_mpa + length * rate
-        slope = problem.slope(x + length * step, pressure, step)
-        # So near the end the slopes are rounding.
-        if slope is not None and (done.residual < SURE or slope <= OVERSHOT * abs(start)):
-            return length, pressure
-        done.halvings += 1
-        if slope is None:
-            length *= 0.5
-            continue
-        high, high_slope = length, slope
-        root = low - low_slope * (high - low) / (high_slope - low_slope)
-        length = min(max(root, 0.1 * high), 0.7 * high)
-        if length < SHORTEST:
-            break
-    while length >= SHORTEST / 16:
-        pressure = now.pressure_mpa + length * rate
-        if problem.slope(x + length * step, pressure, step) is not None:
-            return length, pressure
-        length *= 0.5
-    return 0.0, now.pressure_mpa
+    norm = float(np.linalg.norm(now.residual_n))
+    while True:
+        if not direction.kept:
+            direction.factorise(x)
+        step = direction.step_mm(now.residual_n)
+        most = float(np.abs(step).max())
+        rate = problem.pressure_rate(step)
+        limit = norm * (GROW if direction.damping else 1.0)
+        length = min(1.0, longest_mm / most) if most > 0 else 1.0
+        # Ten times too long it is no direction any more.
+        for _ in range(HALVES if most <= 10 * longest_mm else 0):
+            left = problem.unbalance_n(x + length * step, now.pressure_mpa + length * rate)
+            if left is not None and (left <= limit or done.residual < SURE):
+                return _Step(length * step, length * rate, length)
+            length /= 2
+        if direction.kept:
+            direction.kept = False
+        elif direction.damping > MOST:
+            raise SolverError(f"newton: no step lowers the residual of {done.residual:.1e}")
+        else:
+            direction.more()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,6 @@ from numpy.typing import NDArray
 from ...errors import InputError, SolverError
 from ...shapes import Indenter
 from ..material import GelMaterial
-from ..mixing import Mixer
 from . import newton
 from .assembly import BulkAssembly
 from .blunt import blunted
@@ -23,18 +21,14 @@ from .mesh import HexMesh
 from .pattern import Pattern
 from .problem import Equilibrium, bulk_at
 from .state import Diagnostics, FiniteState, Point, sum_of, with_diagnostics
-from .surface import Contact, Grip, Surface
+from .surface import Grip, Surface
 from .viscous import Memory, Viscosity
 
 Field = NDArray[np.float64]
 
 MOST_CUTS = 6  # halvings of one increment
-HIDDEN_LIMIT = 0.5  # of the depth; beyond, the tip is not seen by the mesh
+HIDDEN_LIMIT = 0.5  # of the depth, or of what is inside the resting gel; beyond, a tip hides
 PREDICTABLE = 0.75  # of the smallest cell: longest move that is extrapolated
-CONE = 2e-3  # of the largest bound: how far bounds may be from friction x pressure
-CONE_LIMIT = 0.1  # of the sum of bounds: how far they may be in sum; beyond, it is cut
-MIXED = 5  # corrections by mixing, before they are halved
-ROUGH = 1e-4  # tolerance of solves whose bound is still an estimate
 LONGEST = 1.0  # cells that a node may move in one iteration, over twice the tip's own move
 FLOOR = 1e-2  # x E x thickness x cell size: least force that a residual is compared with
 
@@ -43,8 +37,7 @@ class FinitePress:
     """Contact of one indenter with one mesh. Holds no history: `solve` maps state to state.
 
     friction: Coulomb coefficient; None takes the material's; 0 builds no friction at all.
-    tolerance: of Diagnostics.residual. correctors: most solves repeated with the
-    bound just found; none after the bound has settled to CONE of its largest value.
+    tolerance: of Diagnostics.residual.
     """
 
     def __init__(
@@ -54,7 +47,6 @@ class FinitePress:
         indenter: Indenter,
         friction: float | None = None,
         tolerance: float = 1e-8,
-        correctors: int = 10,
         solver: Name = "auto",
         use_compiled: bool | None = None,
     ) -> None:
@@ -66,7 +58,7 @@ class FinitePress:
         self.mesh, self.indenter, self.friction = mesh, indenter, friction
         self.law = NeoHooke.of(material)
         self.viscosity = Viscosity.of(material, self.law)
-        self.tolerance, self.correctors = tolerance, correctors
+        self.tolerance = tolerance
         self.pattern = Pattern(mesh, ~mesh.held)
         self.bulk = BulkAssembly(mesh, self.law, self.pattern, use_compiled)
         felt = blunted(indenter, _smallest_face_mm(mesh))
@@ -150,8 +142,8 @@ class FinitePress:
         self._check(previous, state)
         last = state.diagnostics
         diagnostics = Diagnostics(
-            work.iterations, work.factorisations, work.shifted, cuts, last.residual,
-            last.penetration_mm, last.cone_excess, last.least_j, last.most_stretch,
+            work.iterations, work.factorisations, work.damped, cuts, last.residual,
+            last.penetration_mm, last.least_j, last.most_stretch,
             time.perf_counter() - started,
         )  # fmt: skip
         return with_diagnostics(state, diagnostics)
@@ -166,60 +158,19 @@ class FinitePress:
     def _increment(
         self, previous: FiniteState, tip_mm: Point, memory: Memory | None
     ) -> FiniteState:
-        """Predict, solve with the bound of the start, solve again with the bound just found."""
+        """Predict and solve."""
         tip = np.array(tip_mm)
         u, pressure = self._predicted(previous, tip)
-        rubs = self.friction > 0 and tip_mm[2] > 0
         moved = tip - np.array(previous.tip_mm)
-        grip = self._grip(previous, moved, self._share(previous, tip)) if rubs else None
-        mixer, work = Mixer(), Diagnostics()
-        # Only the last solve has to be exact; the bounds before it are estimates anyway.
-        settled = not rubs
-        best: tuple[float, Grip] | None = None
-        for k in range(2 + self.correctors):
-            found = newton.solve(
-                Equilibrium(self.bulk, self.surface, tip, grip, memory, self._floor_n),
-                u[self.pattern.free], pressure, self.solver, self.pattern, self._rest_data,
-                self.tolerance if settled else max(ROUGH, self.tolerance),
-                longest_mm=LONGEST * self._cell_mm + 2 * float(np.abs(moved).max()), factored=k > 0,
-            )  # fmt: skip
-            u, pressure = self.pattern.whole(found.free_mm), found.pressure_mpa
-            work = sum_of(work, Diagnostics(found.iterations, found.factorisations, found.shifted))
-            if grip is None or settled:
-                break
-            seen = self.surface.evaluate(u, tip, tangent=False)
-            off = self._bound_off(seen, grip)
-            if best is None or off < best[0]:
-                best = off, grip
-            settled = self._cone_excess(seen, grip) <= CONE
-            if settled:
-                continue
-            if k == self.correctors:
-                # Where a fold opens or closes no bound agrees with itself; the nearest is taken.
-                settled, grip = True, best[1]
-                continue
-            bound = self._bound(grip, seen)
-            # Mixing overshoots where points come and go; halving the change gets closer then.
-            bound = mixer.next(grip.bound_mpa, bound) if k < MIXED else (bound + grip.bound_mpa) / 2
-            grip = replace(grip, bound_mpa=np.maximum(bound, 0.0))
-        state = self._state(previous, tip_mm, u, grip, found.residual, work, memory)
-        if grip is not None and state.diagnostics.cone_excess > CONE:
-            off = self._bound_off(self.surface.evaluate(u, tip, grip, tangent=False), grip)
-            if off > CONE_LIMIT:
-                raise SolverError(
-                    f"press: friction x pressure still changes by {off:.0%} after "
-                    f"{self.correctors} corrections"
-                )
-        return state
+        grip = self._grip(previous, moved) if self.friction > 0 and tip_mm[2] > 0 else None
+        found = newton.solve(
+            Equilibrium(self.bulk, self.surface, tip, grip, memory, self._floor_n),
+            u[self.pattern.free], pressure, self.solver, self.pattern, self._rest_data,
+            self.tolerance, LONGEST * self._cell_mm + 2 * float(np.abs(moved).max()),
+        )  # fmt: skip
+        return self._state(previous, tip_mm, self.pattern.whole(found.free_mm), grip, found, memory)
 
-    def _bound_off(self, seen: Contact, grip: Grip) -> float:
-        """Difference of the frozen bounds from friction x pressure, over their sum."""
-        weights, bound = self.surface.weights_mm2, self._bound(grip, seen)
-        off = float((weights * np.abs(bound - grip.bound_mpa)).sum())
-        total = float((weights * np.maximum(bound, grip.bound_mpa)).sum())
-        return off / total if total > 0 else 0.0
-
-    def _grip(self, previous: FiniteState, move: Field, share: float) -> Grip:
+    def _grip(self, previous: FiniteState, move: Field) -> Grip:
         """What the points in contact remember, and from where those count that will come to it.
 
         A free point keeps its place until the tip has come the share t of its move that closes the
@@ -237,14 +188,7 @@ class FinitePress:
         coming = ~held & (t < 1)
         at = np.where(coming[..., None], at - t[..., None] * move, at)
         normal = self.surface.normals(at)
-        if previous.rate is not None:
-            pressure = np.maximum(pressure + share * previous.rate[3], 0.0)
-        bound = np.where(held, self.friction * pressure, 0.0)
-        return Grip(at, previous.slip_mm, normal, bound, held | coming)
-
-    def _bound(self, grip: Grip, seen: Contact) -> Field:
-        """Friction x pressure where there is a grip."""
-        return np.where(grip.held, self.friction * seen.pressure_mpa, 0.0)
+        return Grip(at, previous.slip_mm, normal, held | coming, self.friction)
 
     def _share(self, previous: FiniteState, tip: Field) -> float:
         """How much of the last increment is repeated; 0 where the path turns or the move is long.
@@ -273,7 +217,7 @@ class FinitePress:
 
     def _state(
         self, previous: FiniteState, tip_mm: Point, u: Field, grip: Grip | None,
-        residual: float, work: Diagnostics, memory: Memory | None,
+        found: newton.Solution, memory: Memory | None,
     ) -> FiniteState:  # fmt: skip
         tip = np.array(tip_mm)
         bulk = bulk_at(self.bulk, u, memory)
@@ -286,12 +230,11 @@ class FinitePress:
         touched = contact.pressure_mpa > 0
         present = self.surface.weights_mm2 * self.surface.area_ratio(u)
         diagnostics = Diagnostics(
-            iterations=work.iterations,
-            factorisations=work.factorisations,
-            shifted=work.shifted,
-            residual=residual,
+            iterations=found.iterations,
+            factorisations=found.factorisations,
+            damped=found.damped,
+            residual=found.residual,
             penetration_mm=self.surface.deepest_mm(u, tip) if tip_mm[2] > 0 else 0.0,
-            cone_excess=self._cone_excess(contact, grip),
             least_j=bulk.least_j,
             most_stretch=self._most_stretch(u),
         )
@@ -316,17 +259,8 @@ class FinitePress:
                 u - previous.displacement_mm,
                 tip - np.array(previous.tip_mm),
                 pressure - previous.cell_pressure_mpa,
-                contact.pressure_mpa - previous.pressure_mpa,
             ),
         )
-
-    def _cone_excess(self, seen: Contact, grip: Grip | None) -> float:
-        """Largest difference of the frozen bound from friction x pressure, over the largest."""
-        if grip is None:
-            return 0.0
-        bound = self._bound(grip, seen)
-        most = float(max(bound.max(), grip.bound_mpa.max()))
-        return float(np.abs(grip.bound_mpa - bound).max()) / most if most > 0 else 0.0
 
     def _most_stretch(self, u: Field) -> float:
         """Largest principal stretch over all points."""
@@ -338,7 +272,10 @@ class FinitePress:
         width = float(self.surface.width_mm.max())
         if depth <= 0:
             return
-        if state.diagnostics.penetration_mm > max(HIDDEN_LIMIT * depth, width):
+        # A thin tip may pass through the gel whole: then it is as deep inside as at rest.
+        still = np.zeros_like(state.displacement_mm)
+        unmoved = self.surface.deepest_mm(still, np.array(state.tip_mm))
+        if state.diagnostics.penetration_mm > max(HIDDEN_LIMIT * min(depth, unmoved), width):
             raise SolverError(
                 f"press: {self.indenter.name} is {state.diagnostics.penetration_mm:.2g} mm inside "
                 f"the gel at depth {depth:g} mm: the tip hides between the contact points of "

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from .assembly import Bulk, BulkAssembly
 from .newton import Evaluation
-from .surface import Grip, Surface
+from .surface import Coupling, Grip, Surface
 from .viscous import Memory
 
 Field = NDArray[np.float64]
@@ -45,6 +45,7 @@ class Equilibrium:
         self._tip, self._grip, self._memory = tip_mm, grip, memory
         self._floor_n = floor_n
         self._seen: tuple[Field, Field] | None = None
+        self._coupling: Coupling | None = None
 
     def evaluate(
         self, free_mm: Field, pressure_mpa: Field, tangent: bool, curved: bool
@@ -64,6 +65,7 @@ class Equilibrium:
         data = None
         if bulk.data is not None and contact.data is not None:
             data = bulk.data + contact.data
+            self._coupling = contact.coupling
         return Evaluation(residual, scale, data, first)
 
     def pressure_rate(self, step_mm: Field) -> Field:
@@ -72,8 +74,8 @@ class Equilibrium:
         rate, second = self._seen
         return second * self._volume_change(rate, step_mm) / self._bulk.volumes_mm3
 
-    def slope(self, free_mm: Field, pressure_mpa: Field, step_mm: Field) -> float | None:
-        """Residual with the cells' own pressures times a step."""
+    def unbalance_n(self, free_mm: Field, pressure_mpa: Field) -> float | None:
+        """Norm of the residual with given cell pressures; None if inside out."""
         u = self._bulk.pattern.whole(free_mm)
         bulk = bulk_at(self._bulk, u, self._memory)
         if bulk.force_n is None:
@@ -81,9 +83,22 @@ class Equilibrium:
         assert bulk.jbar is not None
         assert bulk.volume_rate_mm2 is not None
         contact = self._surface.evaluate(u, self._tip, self._grip, False)
-        total = float((bulk.force_n + contact.force_n)[self._bulk.pattern.free] @ step_mm)
         own = pressure_mpa - self._bulk.law.volumetric(bulk.jbar)[1]
-        return total + float(own @ self._volume_change(bulk.volume_rate_mm2, step_mm))
+        force = bulk.force_n + contact.force_n
+        own_n = own[:, None] * bulk.volume_rate_mm2
+        force += self._bulk.scatter(own_n.reshape(-1, 8, 3))
+        return float(np.linalg.norm(force[self._bulk.pattern.free]))
+
+    @property
+    def couples(self) -> bool:
+        """Whether shear follows pressure anywhere."""
+        return self._coupling is not None and bool(self._coupling.gain_n_mm.any())
+
+    def coupled(self, step_mm: Field) -> Field:
+        """Change of the residual by the shear that follows pressure."""
+        assert self._coupling is not None
+        pattern = self._bulk.pattern
+        return self._surface.coupled(self._coupling, pattern.whole(step_mm))[pattern.free]
 
     def _volume_change(self, rate: Field, step_mm: Field) -> Field:
         step = self._bulk.pattern.whole(step_mm)[self._bulk.mesh.cells]

@@ -18,18 +18,16 @@ class Diagnostics:
     """Work and quality of the increment that led to a state; counts are sums over its parts.
 
     residual: norm of the unbalanced nodal forces over that of the contact's. cuts: halvings of the
-    increment. penetration_mm: deepest, also between contact points. cone_excess: largest difference
-    of the frozen bound from friction x pressure, over the largest bound: the shear is within the
-    cone to that. seconds: wall time.
+    increment. penetration_mm: deepest, also between contact points. damped: factorisations with
+    damping, as where the gel folds. seconds: wall time.
     """
 
     iterations: int = 0
     factorisations: int = 0
-    shifted: int = 0
+    damped: int = 0
     cuts: int = 0
     residual: float = 0.0
     penetration_mm: float = 0.0
-    cone_excess: float = 0.0
     least_j: float = 1.0
     most_stretch: float = 1.0
     seconds: float = 0.0
@@ -46,8 +44,7 @@ class FiniteState:
     base_force_n: of the base on the gel; minus force_n in equilibrium.
     contact_area_mm2: of the deformed face under pressure. contact_points: their number.
     cell_pressure_mpa (m,): mean pressure of the cells, tension positive.
-    rate: what the last increment changed: displacement (n, 3), tip (3,), cell pressure (m,) and
-    pressure on the face (f, 4).
+    rate: what the last increment changed: displacement (n, 3), tip (3,) and cell pressure (m,).
     overstress_mpa (k, m, 8, 6): of a gel with a Prony series, see `viscous`; None: all has faded.
     """
 
@@ -63,7 +60,7 @@ class FiniteState:
     contact_points: int
     cell_pressure_mpa: Field
     diagnostics: Diagnostics = field(default_factory=Diagnostics)
-    rate: tuple[Field, Field, Field, Field] | None = None
+    rate: tuple[Field, Field, Field] | None = None
     overstress_mpa: Field | None = None
 
     @property
@@ -81,5 +78,5 @@ def with_diagnostics(state: FiniteState, diagnostics: Diagnostics) -> FiniteStat
 def sum_of(a: Diagnostics, b: Diagnostics) -> Diagnostics:
     """Counts of work added; the rest is left at its default."""
     return Diagnostics(
-        a.iterations + b.iterations, a.factorisations + b.factorisations, a.shifted + b.shifted
+        a.iterations + b.iterations, a.factorisations + b.factorisations, a.damped + b.damped
     )

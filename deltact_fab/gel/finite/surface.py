@@ -1,12 +1,12 @@
-"""Contact of the touched face with a rigid indenter, as one potential per increment.
+"""Contact of the touched face with a rigid indenter.
 
 Normal: a penalty on the signed distance g at 2 x 2 points a face, pressure p(g) = k times the
 ramp of -g, rounded over a width w so that it is C1 (Wriggers, Computational Contact Mechanics,
 ch. 5 and 10). k = 100 E/h and w = h/40 for cells h, so that the penetration shrinks with the
 mesh and costs about as much force as the mesh adds; stiffer, bricks are overconstrained.
-Tangential: with the slip e since the last release and the bound b = friction x pressure *frozen*
-for the solve, Huber's function k e^2/2 up to |e| = b/k and b |e| - b^2/2k beyond. Its derivative is
-the return mapping of Coulomb's law; frozen, it has a potential and a symmetric tangent.
+Tangential: with the slip e since the last release and the bound b = friction x pressure, the
+return mapping of Coulomb's law, k e up to |e| = b/k and b e/|e| beyond. With b held it is the
+derivative of Huber's function and its tangent symmetric; that b follows the pressure is `Coupling`.
 Tractions act per resting area.
 """
 
@@ -39,25 +39,37 @@ class Grip:
     """What friction needs to know for one solve; arrays over (faces, 4 points).
 
     at_mm (f, 4, 3): points relative to the indenter at the start of the increment.
-    slip_mm (f, 4, 3): elastic slip stored there. normal (f, 4, 3): frozen. bound_mpa (f, 4): b.
-    held (f, 4): points that were in contact then; others are free of friction.
+    slip_mm (f, 4, 3): elastic slip stored there. normal (f, 4, 3): frozen.
+    held (f, 4): points that were in contact then or will come to it; others are free of friction.
+    friction: Coulomb coefficient.
     """
 
     at_mm: Field
     slip_mm: Field
     normal: Field
-    bound_mpa: Field
     held: NDArray[np.bool_]
+    friction: float
+
+
+class Coupling(NamedTuple):
+    """How the shear of slipping points follows their pressure: d(shear) = gain way (normal . du)
+    on the indenter, gain_n_mm (f, 4) with the points' weights, way and normal (f, 4, 3)."""
+
+    gain_n_mm: Field
+    way: Field
+    normal: Field
 
 
 class Contact(NamedTuple):
-    """One evaluation. force_n (n, 3): derivative of the potential, minus the force on the gel.
-    data: CSR entries or None. pressure_mpa (f, 4), shear_mpa (f, 4, 3) on the gel, gap: over f x 4.
+    """One evaluation. energy_nmm: of the normal penalty. force_n (n, 3): on the indenter.
+    data: CSR entries of the tangent's symmetric part or None. coupling: the other part or None.
+    pressure_mpa (f, 4), shear_mpa (f, 4, 3) on the gel, gap: over f x 4.
     """
 
     energy_nmm: float
     force_n: Field
     data: Field | None
+    coupling: Coupling | None
     pressure_mpa: Field
     shear_mpa: Field
     gap: Gap
@@ -100,8 +112,7 @@ class Surface:
         tangent: bool = True,
         curved: bool = True,
     ) -> Contact:
-        """Potential, forces and tangent; `curved` False leaves out -p grad^2 g, which may be
-        negative."""
+        """Forces and tangent; `curved` False leaves out -p grad^2 g, which may be negative."""
         at = self.points(displacement_mm, tip_mm)
         near = self._near(at)
         f = len(at)
@@ -111,26 +122,33 @@ class Surface:
         energy = float((w * psi).sum())
         pull = -pressure[..., None] * normal
         shear = np.zeros_like(normal)
-        block = None
-        touched = pressure > 0
+        block, coupling = None, None
         if tangent:
             block = rise[..., None, None] * normal[..., :, None] * normal[..., None, :]
             if curved:
                 block -= pressure[..., None, None] * near.curvature_per_mm.reshape(f, 4, 3, 3)
         if grip is not None:
-            w_energy, traction, stiff = self._friction(at, grip, tangent)
-            energy += float((w * w_energy).sum())
+            bound = np.where(grip.held, grip.friction * pressure, 0.0)
+            traction, slips, stiff = self._friction(at, grip, bound, tangent)
             pull = pull + traction
             shear = -traction
-            touched = touched | (grip.bound_mpa > 0)
             if block is not None and stiff is not None:
                 block += stiff
+                size = np.maximum(np.linalg.norm(traction, axis=2), 1e-300)
+                gain = np.where(slips & grip.held, -grip.friction * rise, 0.0) * w
+                coupling = Coupling(gain, traction / size[..., None], normal)
         nodal = np.matmul(self.shape.T, w[..., None] * pull)
         force = self._scatter(nodal)
         data = None
         if block is not None:
-            data = self._matrix_entries(block * w[..., None, None], np.any(touched, axis=1))
-        return Contact(energy, force, data, pressure, shear, near)
+            data = self._matrix_entries(block * w[..., None, None], np.any(pressure > 0, axis=1))
+        return Contact(energy, force, data, coupling, pressure, shear, near)
+
+    def coupled(self, coupling: Coupling, step_mm: Field) -> Field:
+        """Change (n, 3) of the nodal forces with displacements (n, 3), by the coupling alone."""
+        move = np.matmul(self.shape, step_mm[self.faces])
+        change = coupling.gain_n_mm * (coupling.normal * move).sum(axis=2)
+        return self._scatter(np.matmul(self.shape.T, change[..., None] * coupling.way))
 
     def normals(self, at_mm: Field) -> Field:
         """Outward normals (f, 4, 3) of the indenter next to points (f, 4, 3)."""
@@ -201,23 +219,25 @@ class Surface:
         psi = psi + cap * (1 + a2 * cap**2) * straight + steepest * straight**2 / 2
         return k * psi, pressure, rise
 
-    def _friction(self, at: Field, grip: Grip, tangent: bool) -> tuple[Field, Field, Field | None]:
-        """Huber's potential (f, 4), its derivative (f, 4, 3) and tangent (f, 4, 3, 3)."""
-        k, b, n = self.grip_stiffness, grip.bound_mpa, grip.normal
+    def _friction(
+        self, at: Field, grip: Grip, bound_mpa: Field, tangent: bool
+    ) -> tuple[Field, NDArray[np.bool_], Field | None]:
+        """Traction on the indenter (f, 4, 3), where it slips (f, 4), tangent (f, 4, 3, 3) at a
+        bound that is held."""
+        k, b, n = self.grip_stiffness, bound_mpa, grip.normal
         e = grip.slip_mm + at - grip.at_mm
         e = e - (e * n).sum(axis=2, keepdims=True) * n
         size = np.linalg.norm(e, axis=2)
-        stick = k * size <= b
+        slips = k * size > b
         safe = np.maximum(size, 1e-300)
-        energy = np.where(stick, k * size**2 / 2, b * size - b**2 / (2 * k))
         # The slope of the secant: k in stick, b/|e| in slip.
-        secant = np.where(stick, k, b / safe)
+        secant = np.where(slips, b / safe, k)
         if not tangent:
-            return energy, secant[..., None] * e, None
+            return secant[..., None] * e, slips, None
         way = e / safe[..., None]
         flat = np.eye(3) - n[..., :, None] * n[..., None, :]
-        slide = np.where(stick, 0.0, 1.0)[..., None, None] * way[..., :, None] * way[..., None, :]
-        return energy, secant[..., None] * e, secant[..., None, None] * (flat - slide)
+        slide = np.where(slips, 1.0, 0.0)[..., None, None] * way[..., :, None] * way[..., None, :]
+        return secant[..., None] * e, slips, secant[..., None, None] * (flat - slide)
 
     def _matrix_entries(self, block: Field, some: NDArray[np.bool_]) -> Field:
         """CSR entries of point stiffnesses (f, 4, 3, 3), where a face has any."""
