@@ -270,6 +270,12 @@ class FiniteGel:
         d = inner.diagnostics
         depth = max(inner.tip_mm[2], 0.0)
         flags = []
+        coarse = self.choice.spacing_mm / self.choice.asked_mm if self.choice.asked_mm else 1.0
+        if coarse > 1:
+            flags.append(
+                f"mesh: cells of {self.choice.spacing_mm:g} mm where the tolerance asks for "
+                f"{self.choice.asked_mm:g} mm: errors may be {coarse**2:.1f} times as large"
+            )
         if d.penetration_mm > PENETRATION_LIMIT * depth:
             flags.append(
                 f"penetration: the indenter is {d.penetration_mm:.2g} mm inside the gel, over "

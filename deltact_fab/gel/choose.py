@@ -13,6 +13,7 @@ from typing import Literal
 from ..errors import InputError
 from ..shapes import Indenter, SkinDimensions
 from .contact import DEPTH_LIMIT
+from .finite.mesh import unknowns
 from .footprint import (
     contact_radius_mm,
     edge_radius_mm,
@@ -62,7 +63,8 @@ class Choice:
     mirrors: planes x = 0, y = 0 at which the mesh ends. focus: box of fine cells
     (x_low, x_high, y_low, y_high). friction: as it is solved, 0 where it was left out.
     model_force_rel, model_in_plane_mm: what the level itself leaves out, by the measured rule; 0
-    for the finest level. why: one line for a reader.
+    for the finest level. why: one line for a reader. asked_mm: the cells that the tolerance asks
+    for, smaller than spacing_mm where most_unknowns does not afford them; 0: not chosen so.
     """
 
     level: Level
@@ -74,6 +76,7 @@ class Choice:
     model_force_rel: float
     model_in_plane_mm: float
     why: str
+    asked_mm: float = 0.0
 
     def times(self, spacing: float = 1.0, step: float = 1.0) -> Choice:
         """The same with cells or grid, and steps, so many times as large."""
@@ -91,12 +94,14 @@ def pick(
     friction: float | None = None,
     observe_shear: bool = True,
     spacing_mm: float | None = None,
+    most_unknowns: int | None = None,
 ) -> Choice:
     """The cheapest level and mesh whose errors keep to the tolerance, or those of a named level.
 
     tolerance: of the force, .001 to .5; in plane it is IN_PLANE_MM in proportion. The mesh is made
     for the deepest point of the reach. observe_shear False with a reach of one point in plane
     leaves friction out where that changes the force by less than the model's share.
+    most_unknowns: of a finite-strain mesh that is chosen here; cells are enlarged down to it.
     Raises InputError for a depth, a material or a spacing that the level cannot have, and names
     the level that can.
     """
@@ -137,6 +142,11 @@ def pick(
         )  # fmt: skip
     mirrors = mirrors_of(indenter, reach)
     h, what = (spacing_mm, "as asked") if spacing_mm else cell_mm(skin, indenter, reach, tolerance)
+    asked = h
+    if spacing_mm is None and most_unknowns is not None:
+        h = _affordable_mm(skin, indenter, reach, mirrors, h, most_unknowns)
+        if h > asked:
+            what = f"{most_unknowns} unknowns; the tolerance asks for {asked:.3g} mm by its {what}"
     if not (math.isfinite(h) and 0.02 <= h <= thickness / 2):
         raise InputError(f"gel: cells of 0.02 to {thickness / 2:g} mm are needed: {h:g} mm fails")
     radius = contact_radius_mm(indenter, depth) if depth > 0 else math.inf
@@ -152,7 +162,19 @@ def pick(
         level, h, step, mirrors, focus_mm(skin, indenter, reach, h), mu, 0.0, 0.0,
         f"hyperelastic ({reason}): cells {h:.3g} mm ({what}), steps {step:.3g} mm, {part}"
         + ("" if mu > 0 or material.friction == 0 else ", friction left out"),
+        asked,
     )  # fmt: skip
+
+
+def _affordable_mm(
+    skin: SkinDimensions, indenter: Indenter, reach: Reach, mirrors: tuple[bool, bool],
+    spacing_mm: float, most: int,
+) -> float:  # fmt: skip
+    """The smallest cells from spacing_mm on whose mesh has at most so many unknowns."""
+    h, largest = spacing_mm, skin.thickness_mm / 2
+    while unknowns(skin, h, focus_mm(skin, indenter, reach, h), mirrors) > most and h < largest:
+        h = min(h * 1.03, largest)
+    return h if h == spacing_mm else float(f"{h:.3g}")
 
 
 def _level(

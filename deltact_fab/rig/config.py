@@ -84,10 +84,12 @@ class FiniteGelConfig(_Strict):
     """Cells below the indenter; None: chosen from its shape and the tolerance."""
     tolerance: float = Field(default=0.03, ge=0.001, le=0.5)
     """Of force, for that choice."""
+    most_unknowns: int = Field(default=8_000, ge=500, le=1_000_000)
+    """Of a mesh chosen so: thousands of knots are solved on it. Larger cells are flagged."""
     lattice_mm: float = Field(default=0.5, ge=0.05, le=2.0)
     """Lattice on which displacements are kept."""
     press_increment_mm: float = Field(default=0.5, gt=0, le=5.0)
-    shear_increment_mm: float = Field(default=0.5, gt=0, le=5.0)
+    shear_increment_mm: float = Field(default=1.0, gt=0, le=5.0)
 
 
 class GelConfig(_Strict):

@@ -331,6 +331,7 @@ class Presses:
             level=self.level,
             observe_shear=self.shears,
             spacing_mm=self._config.spacing_mm if self.level in LINEAR else finite.cell_mm,
+            most_unknowns=finite.most_unknowns,
         )
 
     def _opener(self, indenter: Indenter, choice: Choice) -> Callable[[], GelContact]:

@@ -117,6 +117,29 @@ def test_a_drag_pulls_the_gel_along_up_to_the_bound():
     assert abs(path[-1].force_n[1]) < 1e-6
 
 
+def test_a_drag_goes_on_where_the_gel_folds():
+    """Ahead of the indenter the equilibrium ends; the damped motion finds the next one."""
+    press = pressing("ellipsoid", block_mesh(SKIN, 2.5), friction=0.5)
+    s = last(press, press.rest(), (0.0, 0.0, 5.0))
+    path = list(press.path(s, (7.0, 0.0, 5.0), 1.0))
+    assert sum(p.diagnostics.damped for p in path) > 0
+    for p in path:
+        assert p.diagnostics.residual <= 1e-8
+        shear, bound = np.linalg.norm(p.shear_mpa, axis=2), 0.5 * p.pressure_mpa
+        assert (shear <= bound + 1e-12 * bound.max()).all()
+        off = np.add(p.force_n, p.base_force_n)
+        assert np.linalg.norm(off) < 1e-6 * np.linalg.norm(p.force_n)
+    # As high as friction .5 and the flank in front of it together may hold.
+    assert 0.3 < path[-1].force_n[0] / -path[-1].force_n[2] < 1.5
+    assert not path[-1].trusted
+
+
+def test_a_thin_indenter_that_passed_through_the_gel_is_refused():
+    press = pressing("edges", block_mesh(SKIN, 3.0, mirrors=(True, True)))  # between its points
+    with pytest.raises(SolverError, match="hides between"):
+        last(press, press.rest(), (0.0, 0.0, 11.0))
+
+
 def test_scaling_the_modulus_scales_forces_and_changes_no_count(pressed):
     _, s = pressed
     hard = pressing(material=GelMaterial(modulus_mpa=560.0))

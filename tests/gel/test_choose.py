@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from deltact_fab.errors import InputError
 from deltact_fab.gel.choose import Choice, model_error, pick
+from deltact_fab.gel.finite import block_mesh
 from deltact_fab.gel.footprint import (
     contact_radius_mm,
     edge_radius_mm,
@@ -53,6 +54,20 @@ def test_a_tighter_tolerance_never_gives_larger_cells(d: float, tol: float, name
     )
     assert two.spacing_mm <= one.spacing_mm
     assert two.step_mm <= one.step_mm
+
+
+def test_a_mesh_over_its_unknowns_is_enlarged_and_says_so() -> None:
+    reach = Reach((-7.0, 13.0), (-8.0, 12.0), 10.0)
+    free, held = (
+        pick(SKIN, GEL, parse("star"), reach, level="hyperelastic", most_unknowns=n)
+        for n in (None, 8000)
+    )
+    assert held.asked_mm == free.asked_mm == free.spacing_mm < held.spacing_mm
+    mesh = block_mesh(SKIN, held.spacing_mm, held.focus, held.mirrors)
+    assert 7000 < mesh.free_dofs <= 8000
+    assert "8000 unknowns; the tolerance asks for 0.5 mm by its edge radius" in held.why
+    named = pick(SKIN, GEL, parse("star"), reach, spacing_mm=1.0, most_unknowns=8000)
+    assert named.spacing_mm == 1.0
 
 
 @given(st.floats(0.0, 12.0), st.floats(0.0, 12.0), st.floats(0.1, 2.5))

@@ -83,6 +83,27 @@ def block_mesh(
         raise InputError(
             f"block mesh: 0 < spacing_mm <= {skin.thickness_mm:g} mm: {spacing_mm} fails"
         )
+    x, y, z = _axes(skin, spacing_mm, focus, mirrors)
+    yy, xx = np.meshgrid(y, x, indexing="ij")
+    plane = np.stack([xx.ravel(), yy.ravel()], axis=1)
+    row, column = np.meshgrid(np.arange(len(y) - 1), np.arange(len(x) - 1), indexing="ij")
+    corner = (row * len(x) + column).ravel()
+    quads = np.stack([corner, corner + 1, corner + 1 + len(x), corner + len(x)], axis=1)
+    return replace(_extruded(plane, quads, z), mirrors=mirrors, axes_mm=(x, y, z))
+
+
+def unknowns(
+    skin: SkinDimensions, spacing_mm: float, focus: Box, mirrors: tuple[bool, bool]
+) -> int:
+    """About how many displacements `block_mesh` would leave free: those across mirrors count."""
+    x, y, z = _axes(skin, spacing_mm, focus, mirrors)
+    return 3 * len(x) * len(y) * (len(z) - 1)
+
+
+def _axes(
+    skin: SkinDimensions, spacing_mm: float, focus: Box | None, mirrors: tuple[bool, bool]
+) -> tuple[Field, Field, Field]:
+    """Coordinates of a block's nodes along x, y and z."""
     halves = skin.opening_half_mm
     axes = []
     for axis, half in enumerate(halves):
@@ -94,18 +115,12 @@ def block_mesh(
             if mirrors[axis] and abs(start + end) > 1e-9 * half:
                 raise InputError(f"block mesh: a focus from {start:g} to {end:g} mm has no mirror")
             axes.append(_graded(low, half, max(start, low), end, spacing_mm))
-    x, y = axes
     if focus is None:
         z = _uniform(-skin.thickness_mm, 0.0, spacing_mm)
     else:
         # Two equal layers below the face, then growing: strain decays with depth.
         z = _graded(-skin.thickness_mm, 0.0, -2 * spacing_mm, 0.0, spacing_mm)
-    yy, xx = np.meshgrid(y, x, indexing="ij")
-    plane = np.stack([xx.ravel(), yy.ravel()], axis=1)
-    row, column = np.meshgrid(np.arange(len(y) - 1), np.arange(len(x) - 1), indexing="ij")
-    corner = (row * len(x) + column).ravel()
-    quads = np.stack([corner, corner + 1, corner + 1 + len(x), corner + len(x)], axis=1)
-    return replace(_extruded(plane, quads, z), mirrors=mirrors, axes_mm=(x, y, z))
+    return axes[0], axes[1], z
 
 
 def disc_mesh(radius_mm: float, thickness_mm: float, spacing_mm: float) -> HexMesh:

@@ -41,6 +41,7 @@ NEAR = 1e-2  # residual below which negative eigenvalues may be the solution's o
 WEAK, MOST_WEAK = 0.7, 3  # a step that leaves more, and how many of them begin the damping
 LEAST, FIRST, MOST = 0.01, 0.05, 100.0  # damping: dropped below, begun with, given up beyond
 RELAX = 0.7  # x damping after a step that was taken
+MORE = 4.0  # x damping where that is not enough
 DONE = 0.1  # of the residual that damping began with: it ends
 COUPLED = 1e-3  # of the residual: tolerance of GMRES, and most of its iterations
 MOST_COUPLED = 60
@@ -106,7 +107,7 @@ class _Direction:
     ) -> None:
         self._problem, self._solver, self._pattern = problem, solver, pattern
         self._rest_data, self._done = rest_data, done
-        self.damping, self._began = 0.0, np.inf
+        self.damping, self._began, self._first = 0.0, np.inf, FIRST
         self.curved = True
         self.kept = False
         self._weak = 0
@@ -132,10 +133,12 @@ class _Direction:
                 self.more()
 
     def more(self) -> None:
-        """Damping, or more of it."""
-        if not self.damping:
-            self._began = self._done.residual
-        self.damping = max(4 * self.damping, FIRST)
+        """Damping, or more of it; each time that it begins anew, from more."""
+        if self.damping:
+            self.damping *= MORE
+        else:
+            self.damping, self._began = self._first, self._done.residual
+            self._first *= MORE
         self.kept = False
 
     def took(self, whole: bool, before: float) -> None:

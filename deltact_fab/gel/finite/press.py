@@ -27,7 +27,7 @@ from .viscous import Memory, Viscosity
 Field = NDArray[np.float64]
 
 MOST_CUTS = 6  # halvings of one increment
-HIDDEN_LIMIT = 0.5  # of the depth, or of what is inside the resting gel; beyond, a tip hides
+HIDDEN_LIMIT = 0.75  # of the depth, or of what is inside the resting gel; beyond, a tip hides
 PREDICTABLE = 0.75  # of the smallest cell: longest move that is extrapolated
 LONGEST = 1.0  # cells that a node may move in one iteration, over twice the tip's own move
 FLOOR = 1e-2  # x E x thickness x cell size: least force that a residual is compared with
