@@ -118,9 +118,24 @@ def _show(rows: list[Row], level: str, seconds: float) -> None:
 
 @contextmanager
 def _bar(quiet: bool) -> Iterator[Told]:
-    """One line a press under way on a terminal, and one for all."""
-    if quiet or not sys.stderr.isatty():
+    """One line a press under way on a terminal and one for all; in a log one a press at its end."""
+    if quiet:
         yield lambda row: None
+        return
+    if not sys.stderr.isatty():
+        ended: set[str] = set()
+
+        def log(row: Row) -> None:
+            if row.found or row.press in ended or not (row.failure or row.done == row.knots):
+                return
+            ended.add(row.press)
+            how = f"failed: {row.failure}" if row.failure else "solved"
+            click.echo(
+                f"{row.press}: {row.done} of {row.knots} knots in {row.seconds:.0f} s, {how}",
+                err=True,
+            )
+
+        yield log
         return
     from rich.console import Console
     from rich.progress import (

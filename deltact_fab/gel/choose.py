@@ -26,6 +26,7 @@ from .material import GelMaterial
 
 LINEAR: tuple[Level, ...] = ("layer", "block")  # the cheaper first
 TOLERANCE = 0.03  # of the force
+LEAST_TOLERANCE, MOST_TOLERANCE = 0.001, 0.5
 IN_PLANE_MM = 0.05  # rms over the face, at TOLERANCE
 SHARE = 0.5  # of a tolerance that the model may take
 
@@ -105,8 +106,10 @@ def pick(
     Raises InputError for a depth, a material or a spacing that the level cannot have, and names
     the level that can.
     """
-    if not (math.isfinite(tolerance) and 0.001 <= tolerance <= 0.5):
-        raise InputError(f"gel: tolerance must be .001 to .5: {tolerance} fails")
+    if not (math.isfinite(tolerance) and LEAST_TOLERANCE <= tolerance <= MOST_TOLERANCE):
+        raise InputError(
+            f"gel: tolerance must be {LEAST_TOLERANCE} to {MOST_TOLERANCE}: {tolerance} fails"
+        )
     depth, thickness = reach.deepest_mm, skin.thickness_mm
     if depth >= thickness:
         raise InputError(

@@ -18,7 +18,15 @@ from numpy.typing import NDArray
 
 from ..errors import DeltactFabError, InputError
 from ..shapes import Indenter, SkinDimensions
-from .choose import IN_PLANE_MM, MOST_DOFS, TOLERANCE, Choice, pick
+from .choose import (
+    IN_PLANE_MM,
+    LEAST_TOLERANCE,
+    MOST_DOFS,
+    MOST_TOLERANCE,
+    TOLERANCE,
+    Choice,
+    pick,
+)
 from .level import GelContact, Level, Point, Reach, State, contact_of
 from .material import GelMaterial
 
@@ -83,6 +91,10 @@ def press(
         raise InputError(f"--depth {depth_mm}: a depth in mm, 0 or more, is needed")
     if not all(math.isfinite(v) for v in (*at_mm, *shear_mm)):
         raise InputError(f"--at {at_mm}, shear {shear_mm}: finite mm are needed")
+    if not (math.isfinite(tolerance) and LEAST_TOLERANCE <= tolerance <= MOST_TOLERANCE):
+        raise InputError(
+            f"--tolerance {tolerance}: {LEAST_TOLERANCE} to {MOST_TOLERANCE} of the force is needed"
+        )
     started = time.perf_counter()
     x, y = at_mm
     end = (x + shear_mm[0], y + shear_mm[1], depth_mm)

@@ -75,6 +75,7 @@ def test_every_command_stands_in_the_readme() -> None:
         (["run", "smoke", "--rig", "vurtual", "--out", "x"], "did you mean 'virtual'?"),
         (["gel", "press", "--indenter", "cube", "--depth", "1"], "valid: sphere:DIAMETER_MM"),
         (["gel", "press", "--depth", "nan"], "--depth nan"),
+        (["gel", "press", "--depth", "1", "--tolerance", "2"], "0.001 to 0.5"),
         (["gel", "press", "--depth", "1", "--poisson", "0.6"], "poisson"),
         (["gel", "press", "--depth", "1", "--at", "3"], "two numbers"),
         (["analyze", "tracking", "."], "not a run folder"),

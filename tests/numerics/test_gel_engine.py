@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deltact_fab.numerics import evidence
+from deltact_fab.numerics import evidence, evidence_rows, evidence_tables
 from deltact_fab.numerics.engine import Flagged
-from deltact_fab.numerics.engines import gel, gel_cases
-from deltact_fab.numerics.engines.gel import Run
-from deltact_fab.numerics.engines.gel_cases import Scene, Solved
+from deltact_fab.numerics.engines import gel, gel_run, gel_scene
+from deltact_fab.numerics.engines.gel_run import Run
+from deltact_fab.numerics.engines.gel_scene import Scene, Solved
 
 
 def test_extrapolation_removes_an_error_of_second_order() -> None:
@@ -31,7 +31,7 @@ def test_extrapolation_removes_an_error_of_second_order() -> None:
 
 
 def test_a_quarter_is_the_whole() -> None:
-    one, four = (gel.solve(Run("hyperelastic", 2.0, 0.0, 2.5, p)) for p in ("quarter", "whole"))
+    one, four = (gel_run.solve(Run("hyperelastic", 2.0, 0.0, 2.5, p)) for p in ("quarter", "whole"))
     truth = gel.Reference(four.normal_n, four.in_plane_mm, 0.0, 0.0)
     force, in_plane = gel.errors(one, truth)
     assert abs(force) < 1e-6
@@ -41,8 +41,8 @@ def test_a_quarter_is_the_whole() -> None:
 
 def test_linear_levels_answer_on_the_same_lattice() -> None:
     answers = [
-        gel.solve(Run("layer", 1.0, 0.0, 0.5)),
-        gel.solve(Run("hyperelastic", 1.0, 0.0, 2.0)),
+        gel_run.solve(Run("layer", 1.0, 0.0, 0.5)),
+        gel_run.solve(Run("hyperelastic", 1.0, 0.0, 2.0)),
     ]
     shapes = {a.in_plane_mm.shape for a in answers}
     assert shapes == {(69, 73, 2)}
@@ -53,43 +53,43 @@ def test_linear_levels_answer_on_the_same_lattice() -> None:
 
 @pytest.fixture(scope="module")
 def found() -> Solved:
-    return gel_cases.solved(Scene(spacing_mm=3.0), 0.3, (0.0, 0.0, 3.0))
+    return gel_scene.solved(Scene(spacing_mm=3.0), 0.3, (0.0, 0.0, 3.0))
 
 
 def test_the_judges_see_what_is_wrong(found: Solved) -> None:
-    assert abs(gel_cases.work_error(found)) < 5e-3
-    assert gel_cases.imbalance(found) < 1e-6
+    assert abs(gel_scene.work_error(found)) < 5e-3
+    assert gel_scene.imbalance(found) < 1e-6
     stronger = [replace(s, force_n=tuple(1.02 * f for f in s.force_n)) for s in found.states]
     wrong = Solved(found.press, tuple(stronger))
-    assert gel_cases.work_error(wrong) > 0.015
-    assert gel_cases.imbalance(wrong) > 0.01
+    assert gel_scene.work_error(wrong) > 0.015
+    assert gel_scene.imbalance(wrong) > 0.01
 
 
 def test_a_state_that_is_not_trusted_is_flagged(found: Solved) -> None:
     deep = replace(found.last.diagnostics, penetration_mm=0.16)
     hidden = Solved(found.press, (*found.states[:-1], replace(found.last, diagnostics=deep)))
     with pytest.raises(Flagged, match=r"0\.16 mm inside"):
-        gel_cases.trusted(hidden)
+        gel_scene.trusted(hidden)
 
 
 def test_shear_beyond_the_cone_is_seen() -> None:
     scene = Scene(spacing_mm=3.0, friction=0.5, mirrors=(False, True))
-    rubbed = gel_cases.solved(scene, 1.5, (0.0, 0.0, 3.0), (1.0, 0.0, 3.0))
-    assert gel_cases.cone_excess(rubbed) < 5e-3
+    rubbed = gel_scene.solved(scene, 1.5, (0.0, 0.0, 3.0), (1.0, 0.0, 3.0))
+    assert gel_scene.cone_excess(rubbed) < 5e-3
     more = replace(rubbed.last, shear_mpa=1.1 * rubbed.last.shear_mpa)
-    assert gel_cases.cone_excess(Solved(rubbed.press, (more,))) > 0.05
+    assert gel_scene.cone_excess(Solved(rubbed.press, (more,))) > 0.05
 
 
 def test_coverage() -> None:
-    share, median = evidence.coverage([(2.0, 1.0), (1.0, 2.0), (9.0, 3.0), (1.0, 1.0)])
+    share, median = evidence_tables.coverage([(2.0, 1.0), (1.0, 2.0), (9.0, 3.0), (1.0, 1.0)])
     assert share == 0.75
     assert median == 1.5
-    assert math.isnan(evidence.coverage([])[0])
+    assert math.isnan(evidence_tables.coverage([])[0])
 
 
 def test_random_presses_are_repeatable_and_on_the_face() -> None:
-    drawn = [evidence.random_press(i) for i in range(evidence.RANDOM_PRESSES)]
-    assert drawn == [evidence.random_press(i) for i in range(evidence.RANDOM_PRESSES)]
+    drawn = [evidence_rows.random_press(i) for i in range(evidence.RANDOM_PRESSES)]
+    assert drawn == [evidence_rows.random_press(i) for i in range(evidence.RANDOM_PRESSES)]
     assert len(set(drawn)) == len(drawn)
     for name, (x, y), depth in drawn:
         assert name.startswith(("sphere:", "ellipsoid:"))
@@ -116,7 +116,7 @@ def test_evidence_goes_on_where_it_stopped(tmp_path: Path) -> None:
     entry["key"]["source"] = "older"
     path.write_text(json.dumps(entry))
     assert evidence.fill(tmp_path, row, keep=True) == 0
-    text = evidence.write_up(tmp_path).read_text()
+    text = evidence_tables.write_up(tmp_path, [r.name for r in evidence.rows()]).read_text()
     assert "| nu 0.5 | refused |" in text
     assert "1 refused." in text
     assert "older" in text
