@@ -40,7 +40,7 @@ SURE = 1e-6  # residual below which steps are taken whole: their growth is round
 NEAR = 1e-2  # residual below which negative eigenvalues may be the solution's own
 WEAK, MOST_WEAK = 0.7, 3  # a step that leaves more, and how many of them begin the damping
 LEAST, FIRST, MOST = 0.01, 0.05, 100.0  # damping: dropped below, begun with, given up beyond
-RELAX = 0.7  # x damping after a step that was taken
+RELAX = 0.5  # x damping after a step that was taken
 MORE = 4.0  # x damping where that is not enough
 DONE = 0.1  # of the residual that damping began with: it ends
 COUPLED = 1e-3  # of the residual: tolerance of GMRES, and most of its iterations
@@ -178,7 +178,7 @@ def solve(
     rest_data: Field,
     tolerance: float,
     longest_mm: float = np.inf,
-    most_iterations: int = 60,
+    most_iterations: int = 40,
 ) -> Solution:
     """Equilibrium from start_mm on.
 
