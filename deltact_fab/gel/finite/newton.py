@@ -39,10 +39,10 @@ HALVES = 3  # lengths that are tried of one direction
 SURE = 1e-6  # residual below which steps are taken whole: their growth is rounding
 NEAR = 1e-2  # residual below which negative eigenvalues may be the solution's own
 WEAK, MOST_WEAK = 0.7, 3  # a step that leaves more, and how many of them begin the damping
-LEAST, FIRST, MOST = 0.01, 0.05, 100.0  # damping: dropped below, begun with, given up beyond
+LEAST, FIRST, MOST = 0.01, 0.05, 100.0  # damping: least, begun with, given up beyond
 RELAX = 0.5  # x damping after a step that was taken
 MORE = 4.0  # x damping where that is not enough
-DONE = 0.1  # of the residual that damping began with: it ends
+DONE = 0.1  # of the largest residual since damping began: there it ends
 COUPLED = 1e-3  # of the residual: tolerance of GMRES, and most of its iterations
 MOST_COUPLED = 60
 
@@ -107,7 +107,7 @@ class _Direction:
     ) -> None:
         self._problem, self._solver, self._pattern = problem, solver, pattern
         self._rest_data, self._done = rest_data, done
-        self.damping, self._began, self._first = 0.0, np.inf, FIRST
+        self.damping, self._peak, self._first = 0.0, 0.0, FIRST
         self.curved = True
         self.kept = False
         self._weak = 0
@@ -137,7 +137,7 @@ class _Direction:
         if self.damping:
             self.damping *= MORE
         else:
-            self.damping, self._began = self._first, self._done.residual
+            self.damping, self._peak = self._first, self._done.residual
             self._first *= MORE
         self.kept = False
 
@@ -147,8 +147,10 @@ class _Direction:
         self.kept = whole and not self.damping and now < KEEP * before
         self.curved = self.curved or now < NEAR
         if self.damping:
-            self.damping *= RELAX * min(1.0, max(0.3, now / before))
-            if self.damping < LEAST or now < DONE * self._began:
+            # Out of a ghost the residual grows at first: ended there, Newton would fall back.
+            self._peak = max(self._peak, now)
+            self.damping = max(LEAST, self.damping * RELAX * min(1.0, max(0.3, now / before)))
+            if now < DONE * self._peak:
                 self.damping, self._weak = 0.0, 0
             return
         self._weak = self._weak + 1 if now > max(WEAK * before, SURE) else 0
@@ -178,7 +180,7 @@ def solve(
     rest_data: Field,
     tolerance: float,
     longest_mm: float = np.inf,
-    most_iterations: int = 40,
+    most_iterations: int = 60,
 ) -> Solution:
     """Equilibrium from start_mm on.
 
