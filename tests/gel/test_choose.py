@@ -136,5 +136,5 @@ def test_friction_is_left_out_only_where_it_does_not_count() -> None:
 
 
 def test_a_tolerance_out_of_range_is_refused() -> None:
-    with pytest.raises(InputError, match=r"tolerance must be \.001 to \.5: 0 fails"):
+    with pytest.raises(InputError, match=r"tolerance must be 0.001 to 0.5: 0 fails"):
         picked("sphere:10", 0, 0, 1.0, 0)
