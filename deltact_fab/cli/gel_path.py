@@ -99,8 +99,8 @@ def _show(rows: list[Row], level: str, seconds: float) -> None:
     echo_table(
         ("press", "knots", "done", "from", "s", "s/knot", "between_mm", "between_n"),
         [
-            (r.press, r.knots, r.done, "store" if r.found else "solved", r.seconds,
-             r.seconds / max(r.done, 1), r.between_mm, r.between_n)
+            (r.press, r.knots, r.done, _from(r), r.seconds, r.seconds / max(r.done, 1),
+             r.between_mm, r.between_n)
             for r in rows
         ],
     )  # fmt: skip
@@ -109,11 +109,17 @@ def _show(rows: list[Row], level: str, seconds: float) -> None:
         f"{len(rows)} presses (simulated, {level}), {solved} knots solved in {seconds:.1f} s; "
         "between_*: largest error of interpolation between knots where it was tried"
     )
-    for row in rows:
+    for row in (r for r in rows if not r.like):
         for flag, count in row.flags.items():
             click.echo(f"warning: {row.press}: {flag} ({count} of {row.knots} knots)", err=True)
         if row.failure:
             click.echo(f"failed: {row.press}: {row.failure}", err=True)
+
+
+def _from(row: Row) -> str:
+    if row.like:
+        return f"mirror of {row.like}"
+    return "store" if row.found else "solved"
 
 
 @contextmanager

@@ -287,6 +287,11 @@ class FiniteGel:
                 f"stretch: {d.most_stretch:.2f}, past {STRETCH_LIMIT:g}: neo-Hooke is off by a "
                 "third there and soft silicones may tear"
             )
+        if d.lagged:
+            flags.append(
+                "friction: the gel jumped, and friction is bounded by the pressures before the "
+                "jump: no rest was found with those after it"
+            )
         force, torque = whole_wrench(self.press.mesh, inner)
         return HyperelasticState(
             inner,

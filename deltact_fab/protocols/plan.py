@@ -31,12 +31,15 @@ class _Strict(BaseModel):
 
 
 class Shear(_Strict):
-    """Sideways motion at each depth: to +amplitude, through to -amplitude, back to the centre."""
+    """Sideways motion at each depth: to one side, through to the other, back to the centre."""
 
     amplitude_mm: Positive
     axes: tuple[Literal["x", "y"], ...] = ("x", "y")
     points_per_side: int = Field(default=2, ge=1, le=100)
     """Step mode: stops on each side of the centre; sweep mode does not use it."""
+    first: Literal["positive", "outward"] = "positive"
+    """The side gone to first: + always, or away from the centre of the face (+ where the position
+    is on it). Outward, positions that are mirror images of each other have paths that are too."""
 
 
 class Capture(_Strict):
@@ -217,15 +220,17 @@ def _press(
 
 
 def _legs(protocol: Protocol, axis: str, centre: Point) -> Iterator[tuple[str, Point]]:
-    """Targets of one shear axis: +A, -A, back; in step mode with the stops on the way."""
+    """Targets of one shear axis: +A, -A, back, or -A first; in step mode with stops on the way."""
     shear = protocol.shear
     assert shear is not None
+    backwards = shear.first == "outward" and centre["xy".index(axis)] < 0
+    first = -shear.amplitude_mm if backwards else shear.amplitude_mm
     if protocol.capture.mode == "sweep":
-        offsets = [shear.amplitude_mm, -shear.amplitude_mm, 0.0]
-        names = [f"shear-{axis}+", f"shear-{axis}-", f"shear-{axis}0"]
+        offsets = [first, -first, 0.0]
+        names = [f"shear-{axis}{'+' if s > 0 else '-'}" for s in offsets[:2]] + [f"shear-{axis}0"]
     else:
         n = shear.points_per_side
-        side = [shear.amplitude_mm * k / n for k in range(1, n + 1)]
+        side = [first * k / n for k in range(1, n + 1)]
         offsets = [*side, *(-s for s in side), 0.0]
         names = [f"shear-{axis}{s:+.2f}" for s in offsets[:-1]] + [f"shear-{axis}0"]
     x, y, z = centre

@@ -31,15 +31,16 @@ THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_
 class Row:
     """What came of one press. seconds: of the knots' solves; found: it was in the store.
 
-    between_mm, between_n: largest error of linear interpolation at the intervals tried, forces for
-    the specimen's modulus. flags: of the solver, with the number of knots. failure: why it did not
-    get through, else empty.
+    like: the press whose solution serves this one too. between_mm, between_n: largest error of
+    linear interpolation at the intervals tried, forces for the specimen's modulus. flags: of the
+    solver, with the number of knots. failure: why it did not get through, else empty.
     """
 
     press: str
     knots: int
     done: int = 0
     found: bool = False
+    like: str = ""
     seconds: float = 0.0
     between_mm: float = 0.0
     between_n: float = 0.0
@@ -67,23 +68,55 @@ def solve_ahead(
     """
     presses = Presses(protocol, skin, config)
     told = told or (lambda row: None)
-    rows, todo = [], []
+    rows: list[Row] = []
+    todo: dict[str, Row] = {}
+    waiting: list[tuple[Row, Row]] = []
     for path in presses.paths:
         try:
             press = presses.of(path)
         except DeltactFabError as why:  # no mesh serves this one
-            rows.append(Row(path.press, 0, failure=" ".join(str(why).split())))
+            row = Row(path.press, 0, failure=" ".join(str(why).split()))
         else:
-            rows.append(_row(press, presses.modulus_mpa))
-            if press.found is None:
-                todo.append(rows[-1])
-        told(rows[-1])
+            row = _row(press, presses.modulus_mpa)
+            name = press.stored_as or press.name
+            if press.found is None and name in todo:
+                row.like = todo[name].press
+                waiting.append((row, todo[name]))
+            elif press.found is None:
+                todo[name] = row
+        rows.append(row)
+        if not row.like:
+            told(row)
+    _solve(protocol, skin, config, list(todo.values()), jobs, told)
+    unserved = []
+    for row, solved in waiting:
+        press = presses.of(path_of(presses, row.press))
+        if press.found is not None:
+            vars(row).update(vars(_row(press, presses.modulus_mpa)), like=solved.press, seconds=0.0)
+            told(row)
+        elif solved.failure:
+            row.failure = f"as {solved.press}, its mirror image: {solved.failure}"
+            told(row)
+        else:  # the store keeps nothing
+            row.like = ""
+            unserved.append(row)
+    _solve(protocol, skin, config, unserved, jobs, told)
+    return rows
+
+
+def _solve(
+    protocol: Protocol,
+    skin: SkinDimensions,
+    config: GelConfig,
+    todo: list[Row],
+    jobs: int,
+    told: Told,
+) -> None:
     if jobs == 1:
         for row in todo:
             _here(protocol, skin, config, row, told)
     elif todo:
         _in_processes(protocol, skin, config, min(jobs, len(todo)), todo, told)
-    return rows
 
 
 def _here(
@@ -174,12 +207,12 @@ def _row(press: Press, modulus_mpa: float) -> Row:
     return Row(
         press.name,
         len(press.poses),
-        len(press.knots),
-        press.found is not None,
-        press.found.seconds if press.found else 0.0,
-        press.between.displacement_mm,
-        modulus_mpa * press.between.force_n,
-        press.flags,
+        done=len(press.knots),
+        found=press.found is not None,
+        seconds=press.found.seconds if press.found else 0.0,
+        between_mm=press.between.displacement_mm,
+        between_n=modulus_mpa * press.between.force_n,
+        flags=press.flags,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
@@ -16,6 +17,7 @@ from ..protocols.plan import Protocol
 from ..rig.config import GelConfig
 from ..shapes import Indenter, SkinDimensions
 from ..shapes.indenter import parse as parse_indenter
+from .mirror import Mirror, to_solved
 from .trajectory import (
     VERSION,
     Between,
@@ -49,7 +51,8 @@ class Press:
     """The knots of one press: key 0 is rest, 1 to len(poses) are the planned knots, more others.
 
     contact: opens what solves, at the first solve, for a modulus of 1 MPa. key: of the store; None
-    stores nothing. solves, seconds: of knots solved here, not of those found.
+    stores nothing. mirror: takes the press to the one that is solved and stored; all else here is
+    the press itself. solves, seconds: of knots solved here, not of those found.
     """
 
     def __init__(
@@ -60,8 +63,10 @@ class Press:
         key: dict[str, Any] | None = None,
         fields: bool = True,
         name: str = "",
+        mirror: Mirror | None = None,
     ) -> None:
         self.name = name
+        self._mirror = mirror or Mirror()
         self.poses, self.waypoints = tuple(planned), tuple(waypoints)
         self._open = contact
         self._contact: GelContact | None = None
@@ -85,6 +90,11 @@ class Press:
         if self.found is not None:
             return self.found.x_mm, self.found.y_mm
         return self.contact.x_mm, self.contact.y_mm
+
+    @property
+    def stored_as(self) -> str | None:
+        """Equal for presses that one solution serves; None: nothing is stored."""
+        return None if self._key is None else json.dumps(self._key)
 
     @property
     def knots(self) -> tuple[Solved, ...]:
@@ -146,25 +156,27 @@ class Press:
         self._remember(before, before + 1, state)
         if len(self._knots) == len(self.poses) and self._key is not None:
             x_mm, y_mm = self.axes_mm
-            made = Trajectory(self.knots, x_mm, y_mm, self.between, self.seconds)
+            knots = tuple(self._mirror.solved(knot) for knot in self._knots)
+            made = Trajectory(knots, x_mm, y_mm, self.between, self.seconds)
             keep(self._key, made)
 
     def _solve(self, start: State, pose: Pose) -> tuple[State, Solved]:
         start_s = time.perf_counter()
-        x, y, z = pose.tip_mm
+        x, y, z = self._mirror.point(pose.tip_mm)
         state = self.contact.solve(start, (x, y, -z), pose.seconds)
         field = state.displacement_mm.astype(np.float32) if self._fields else None
         self.solves += 1
         self.seconds += time.perf_counter() - start_s
-        return state, Solved(
+        solved = Solved(
             state.force_n, state.torque_nmm, state.contact_area_mm2, field,
             tuple(state.diagnostics.flags),
         )  # fmt: skip
+        return state, self._mirror.solved(solved)
 
     def _compare(self, start: State, pose: Pose, before: int, after: Solved) -> None:
         """A solve half-way between two knots against the mean of both."""
         a = np.array(start.tip_mm) * (1, 1, -1)
-        x, y, z = ((a + pose.tip_mm) / 2).tolist()
+        x, y, z = ((a + self._mirror.point(pose.tip_mm)) / 2).tolist()
         start_s = time.perf_counter()
         try:
             half = self.contact.solve(start, (x, y, -z), pose.seconds / 2)
@@ -175,14 +187,15 @@ class Press:
             self.seconds += time.perf_counter() - start_s
         knot = self._knots[before - 1] if before else None
         force = (np.array(after.force_n) + (knot.force_n if knot else 0.0)) / 2
+        half_n = self._mirror.point(half.force_n)
         off_mm = 0.0
         if after.displacement_mm is not None:
             mean = after.displacement_mm.astype(float)
             if knot is not None and knot.displacement_mm is not None:
                 mean = mean + knot.displacement_mm
-            off = half.displacement_mm - mean / 2
+            off = self._mirror.field(half.displacement_mm) - mean / 2
             off_mm = float(np.hypot(off[..., 0], off[..., 1]).max())
-        off_n = float(np.linalg.norm(force - half.force_n))
+        off_n = float(np.linalg.norm(force - half_n))
         self.between = self.between.joined(Between(1, 0, off_mm, off_n))
 
     # -- states ----------------------------------------------------------------------------------
@@ -190,11 +203,11 @@ class Press:
     def _state(self, key: int, tip_mm: Point) -> State:
         """The solver's state at a knot; planned ones that came from the store are solved again."""
         if key == 0:
-            return self.contact.rest((tip_mm[0], tip_mm[1], 0.0))
+            return self.contact.rest(self._mirror.point((tip_mm[0], tip_mm[1], 0.0)))
         if key in self._states:
             return self._states[key]
         assert key <= len(self.poses), "a hold can throw back by one knot, never by two"
-        state = self.contact.rest((*self.poses[0].tip_mm[:2], 0.0))
+        state = self.contact.rest(self._mirror.point((*self.poses[0].tip_mm[:2], 0.0)))
         for pose in self.poses[:key]:
             state, _ = self._solve(state, pose)
         self._states[key] = state
@@ -211,7 +224,8 @@ class Press:
         for fields in (True, False) if not self._fields else (True,):
             found = load({**self._key, "fields": fields}, len(self.poses))
             if found is not None:
-                self._knots, self.between = list(found.knots), found.between
+                self._knots = [self._mirror.solved(knot) for knot in found.knots]
+                self.between = found.between
                 return found
         return None
 
@@ -283,18 +297,24 @@ class Presses:
         return worst
 
     def choice(self, path: PressPath) -> Choice:
-        """Mesh and friction of a planned press. Raises InputError where the level has none."""
-        return self._pick(parse_indenter(path.indenter), path.box_mm)
+        """Mesh and friction of a planned press. Raises InputError where the level has none.
+
+        Of the press's mirror image, where that is solved instead.
+        """
+        indenter = parse_indenter(path.indenter)
+        return self._pick(indenter, to_solved(path, indenter).path(path).box_mm)
 
     def _press(self, path: PressPath) -> Press:
         indenter, choice = parse_indenter(path.indenter), self.choice(path)
+        mirror = to_solved(path, indenter)
         return Press(
             self._opener(indenter, choice),
             poses(path, self.increments, self.timed),
             path.waypoints,
-            self._key(path, indenter, choice),
+            self._key(mirror.path(path), indenter, choice),
             self.fields,
             path.press,
+            mirror,
         )
 
     def _key(self, path: PressPath, indenter: Indenter, choice: Choice) -> dict[str, Any]:

@@ -62,6 +62,21 @@ def test_step_mode_reads_each_stop_once_after_settling() -> None:
     assert offsets == pytest.approx([1.0, 2.0, -1.0, -2.0, 0.0])
 
 
+def test_outward_goes_away_from_the_centre_first() -> None:
+    shear = {"amplitude_mm": 2.0, "first": "outward"}
+    places = [[-1.0, 3.0], [0.0, -2.0]]
+    sweep = plan.expand(declare(shear=shear, positions_mm=places, depths_mm=[1.0]))
+    legs = [s.id.rsplit("/", 1)[1] for s in sweep if s.kind == "shear"]
+    assert legs == [
+        "shear-x-", "shear-x+", "shear-x0", "shear-y+", "shear-y-", "shear-y0",
+        "shear-x+", "shear-x-", "shear-x0", "shear-y-", "shear-y+", "shear-y0",
+    ]  # fmt: skip
+    assert next(s for s in sweep if s.kind == "shear").target_mm == (-3.0, 3.0, -1.0)
+    step = declare(shear=shear, positions_mm=places, capture={"mode": "step"})
+    offsets = [s.target_mm[0] + 1.0 for s in plan.expand(step) if "shear-x" in s.id][:5]
+    assert offsets == pytest.approx([-1.0, -2.0, 1.0, 2.0, 0.0])
+
+
 def test_smoke_is_what_the_issue_asks_for() -> None:
     protocol, _ = plan.load("smoke")
     assert protocol.indenters == ("sphere:10", "4dots")

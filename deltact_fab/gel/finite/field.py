@@ -3,12 +3,13 @@
 Displacements: a cubic through the four nodes next to a point, along x and then along y (piecewise
 Hermite, slopes of the parabola through three nodes). It is C1, exact for parabolas at any grading,
 and a kink at the contact's edge is felt one cell away at most; a spline would ring.
-Tractions: every contact point stands for its quarter of a face, so that their sum over the resting
-face is the force.
+Tractions: every contact point stands for a part of its face as large as its weight, so that their
+sum over the resting face is the force.
 """
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -40,7 +41,7 @@ class FaceLattice:
             for k, at, mirror in zip(knots, (x_mm, y_mm), mesh.mirrors, strict=True)
         ]
         self._cells = [
-            _quarter(k, np.abs(at) if mirror else at)
+            _cells(k, np.abs(at) if mirror else at)
             for k, at, mirror in zip(knots, (x_mm, y_mm), mesh.mirrors, strict=True)
         ]
 
@@ -58,10 +59,12 @@ class FaceLattice:
         return np.ascontiguousarray(np.moveaxis(wy @ u @ wx.T, 0, -1))
 
     def of_points(self, values: Field) -> Field:
-        """Scalars (ny, nx) or vectors (ny, nx, 3) of those at the contact points, (f, 4, ...)."""
-        (i, right), (j, upper) = self._cells
-        # Points run round a face as its nodes do.
-        point = np.where(upper[:, None], np.where(right, 2, 3), np.where(right, 1, 0))
+        """Scalars (ny, nx) or vectors (ny, nx, 3) of those at the contact points, (f, q, ...)."""
+        n = math.isqrt(values.shape[1])
+        ends = np.cumsum(np.polynomial.legendre.leggauss(n)[1][:-1]) / 2
+        (i, s), (j, t) = self._cells
+        point = np.searchsorted(ends, t, side="right")[:, None] * n
+        point = point + np.searchsorted(ends, s, side="right")
         face = j[:, None] * (self._shape[1] - 1) + i
         found = values[face, point]
         if found.ndim == 3:
@@ -86,7 +89,7 @@ def whole_wrench(mesh: HexMesh, state: FiniteState) -> tuple[Field, Field]:
 
 
 def tractions_mpa(press: FinitePress, state: FiniteState) -> Field:
-    """On the gel, per resting area, at the contact points (f, 4, 3)."""
+    """On the gel, per resting area, at the contact points (f, q, 3)."""
     seen = press.surface.evaluate(state.displacement_mm, np.array(state.tip_mm), tangent=False)
     normal = seen.gap.normal.reshape(state.shear_mpa.shape)
     return state.pressure_mpa[..., None] * normal + state.shear_mpa
@@ -129,7 +132,7 @@ def _slopes(knots: Field) -> Field:
     return found
 
 
-def _quarter(knots: Field, at: Field) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Cell of every point, and whether it lies in the cell's upper half."""
+def _cells(knots: Field, at: Field) -> tuple[NDArray[np.int64], Field]:
+    """Cell of every point, and where in it, 0 to 1."""
     i = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(knots) - 2)
-    return i, at >= (knots[i] + knots[i + 1]) / 2
+    return i, (at - knots[i]) / (knots[i + 1] - knots[i])

@@ -1,4 +1,4 @@
-"""Newton's method for displacements and cell pressures, damped where the gel folds.
+"""Newton's method for displacements and cell pressures.
 
 With U'(J) as the only pressure, Newton is slow near incompressibility: a step that is right in
 shape changes volumes at second order, U' makes a large stress of that, and the tangent's geometric
@@ -11,11 +11,8 @@ Shear of a slipping point is friction x pressure, so its tangent is not symmetri
 part alone is factorised; what couples shear to pressure lives on the few points in contact and is
 brought in by GMRES on the factor.
 
-Where a dragged gel folds, the equilibrium ends and the next one is elsewhere: Newton's steps run
-for centimetres. There the overdamped motion eta K0 du/dt = -r is followed instead, K0 the tangent
-at rest, by linearly implicit steps whose damping goes away with the residual (pseudo-transient
-continuation, Kelley and Keyes, SIAM J. Numer. Anal. 35, 1998). It ends in an equilibrium that a
-slightly viscous gel would find.
+Where a dragged gel folds, the equilibrium ends and the next one is elsewhere: no step lowers the
+residual, or the tangent has negative eigenvalues. That is left to `descent`.
 """
 
 from __future__ import annotations
@@ -34,37 +31,35 @@ from .pattern import Pattern
 Field = NDArray[np.float64]
 
 KEEP = 0.2  # a factor is kept while it reduces the residual at least to this
-GROW = 3.0  # times the residual: most that a damped step may make of it
 HALVES = 3  # lengths that are tried of one direction
 SURE = 1e-6  # residual below which steps are taken whole: their growth is rounding
 NEAR = 1e-2  # residual below which negative eigenvalues may be the solution's own
-WEAK, MOST_WEAK = 0.7, 3  # a step that leaves more, and how many of them begin the damping
-LEAST, FIRST, MOST = 0.01, 0.05, 100.0  # damping: least, begun with, given up beyond
-RELAX = 0.5  # x damping after a step that was taken
-MORE = 4.0  # x damping where that is not enough
-DONE = 0.1  # of the largest residual since damping began: there it ends
+WEAK, MOST_WEAK = 0.7, 3  # a step that leaves more, and how many of them are a fold
 COUPLED = 1e-3  # of the residual: tolerance of GMRES, and most of its iterations
 MOST_COUPLED = 60
 
 
 class Evaluation(NamedTuple):
     """residual_n (size,): unbalanced forces, p = U'(J). scale_n: what they are small to.
-    data: CSR entries of the tangent's symmetric part or None. pressure_mpa (m,): U'(J)."""
+    data: CSR entries of the tangent's symmetric part or None. pressure_mpa (m,): U'(J).
+    energy_nmm: the potential, where friction has one."""
 
     residual_n: Field
     scale_n: float
     data: Field | None
     pressure_mpa: Field
+    energy_nmm: float
 
 
 class Problem(Protocol):
     """What is solved: see `problem.Equilibrium`."""
 
     def evaluate(
-        self, free_mm: Field, pressure_mpa: Field, tangent: bool, curved: bool
+        self, free_mm: Field, pressure_mpa: Field | None, tangent: bool, curved: bool
     ) -> Evaluation | None:
-        """At displacements (size,); None where a cell is turned inside out. `curved` False leaves
-        out terms of the tangent that may be negative."""
+        """At displacements (size,); None where a cell is turned inside out. pressure_mpa (m,): of
+        the tangent's geometric part; None: U'(J). `curved` False leaves out terms of the tangent
+        that may be negative."""
 
     def pressure_rate(self, step_mm: Field) -> Field:
         """U'' dJ.step (m,) at the displacements of the last evaluation."""
@@ -92,6 +87,17 @@ class Solution:
     factorisations: int = 0
     damped: int = 0
 
+    def after(self, other: Solution) -> Solution:
+        """The same, and the work of the one that it began from."""
+        self.iterations += other.iterations
+        self.factorisations += other.factorisations
+        self.damped += other.damped
+        return self
+
+
+class Folded(SolverError):
+    """Newton's method finds no way on; perhaps there is no equilibrium next to this one."""
+
 
 class _Step(NamedTuple):
     move_mm: Field
@@ -100,63 +106,37 @@ class _Step(NamedTuple):
 
 
 class _Direction:
-    """Factors of the tangent at one point after the other, and how much they are damped."""
+    """Factors of the tangent at one point after the other."""
 
-    def __init__(
-        self, problem: Problem, solver: Solver, pattern: Pattern, rest_data: Field, done: Solution
-    ) -> None:
-        self._problem, self._solver, self._pattern = problem, solver, pattern
-        self._rest_data, self._done = rest_data, done
-        self.damping, self._peak, self._first = 0.0, 0.0, FIRST
+    def __init__(self, problem: Problem, solver: Solver, pattern: Pattern, done: Solution) -> None:
+        self._problem, self._solver, self._pattern, self._done = problem, solver, pattern, done
         self.curved = True
         self.kept = False
         self._weak = 0
 
     def factorise(self, x: Field) -> None:
-        """Of a positive matrix at x: against negative eigenvalues first the terms that may be
-        negative are left out, what the bulk then still has is damped."""
+        """Of a positive matrix at x: against negative eigenvalues the terms that may be negative
+        are left out. Raises Folded where that is not enough."""
         while True:
             found = self._problem.evaluate(x, self._done.pressure_mpa, True, self.curved)
             assert found is not None
             assert found.data is not None
-            eta = self.damping
-            data = found.data + eta * self._rest_data if eta else found.data
-            self._solver.factorise(self._pattern.matrix(data))
+            self._solver.factorise(self._pattern.matrix(found.data))
             self._done.factorisations += 1
-            self._done.damped += bool(eta)
-            near = self._done.residual <= NEAR and not eta
-            if not self._solver.negative or near or eta > MOST:
+            if not self._solver.negative or self._done.residual <= NEAR:
                 return
-            if self.curved:
-                self.curved = False
-            else:
-                self.more()
-
-    def more(self) -> None:
-        """Damping, or more of it; each time that it begins anew, from more."""
-        if self.damping:
-            self.damping *= MORE
-        else:
-            self.damping, self._peak = self._first, self._done.residual
-            self._first *= MORE
-        self.kept = False
+            if not self.curved:
+                raise Folded(f"newton: no minimum next to a residual of {self._done.residual:.1e}")
+            self.curved = False
 
     def took(self, whole: bool, before: float) -> None:
-        """After a step from residual `before`: less damping, or some where three did little."""
+        """After a step from residual `before`. Raises Folded where three did little."""
         now = self._done.residual
-        self.kept = whole and not self.damping and now < KEEP * before
+        self.kept = whole and now < KEEP * before
         self.curved = self.curved or now < NEAR
-        if self.damping:
-            # Out of a ghost the residual grows at first: ended there, Newton would fall back.
-            self._peak = max(self._peak, now)
-            self.damping = max(LEAST, self.damping * RELAX * min(1.0, max(0.3, now / before)))
-            if now < DONE * self._peak:
-                self.damping, self._weak = 0.0, 0
-            return
         self._weak = self._weak + 1 if now > max(WEAK * before, SURE) else 0
         if self._weak >= MOST_WEAK:
-            self._weak = 0
-            self.more()
+            raise Folded(f"newton: {MOST_WEAK} steps left a residual of {now:.1e}")
 
     def step_mm(self, residual_n: Field) -> Field:
         """The step (size,) against a residual."""
@@ -177,7 +157,6 @@ def solve(
     pressure_mpa: Field,
     solver: Solver,
     pattern: Pattern,
-    rest_data: Field,
     tolerance: float,
     longest_mm: float = np.inf,
     most_iterations: int = 60,
@@ -185,16 +164,16 @@ def solve(
     """Equilibrium from start_mm on.
 
     pressure_mpa (m,): cell pressures for the first tangent.
-    rest_data: entries of the tangent at rest, the damping's.
     longest_mm: largest displacement in one iteration.
-    Raises SolverError when |r| <= tolerance x scale is not reached; nothing else is returned.
+    Raises SolverError when |r| <= tolerance x scale is not reached, as Folded where the gel may
+    have jumped; nothing else is returned.
     """
     x = start_mm
     now = problem.evaluate(x, pressure_mpa, False, True)
     if now is None:
         raise SolverError("newton: the start turns a cell inside out")
-    done = Solution(x, pressure_mpa, _size(now))
-    direction = _Direction(problem, solver, pattern, rest_data, done)
+    done = Solution(x, pressure_mpa, size_of(now))
+    direction = _Direction(problem, solver, pattern, done)
     while not done.residual <= tolerance:
         if done.iterations >= most_iterations:
             raise SolverError(
@@ -208,14 +187,15 @@ def solve(
         after = problem.evaluate(x, done.pressure_mpa, False, True)
         assert after is not None
         now = after
-        done.residual = _size(now)
+        done.residual = size_of(now)
         done.iterations += 1
         direction.took(step.length == 1.0, before)
     done.free_mm = x
     return done
 
 
-def _size(e: Evaluation) -> float:
+def size_of(e: Evaluation) -> float:
+    """The residual's norm over its scale."""
     return float(np.linalg.norm(e.residual_n)) / e.scale_n
 
 
@@ -223,7 +203,7 @@ def _step(
     problem: Problem, x: Field, now: Evaluation, direction: _Direction, longest_mm: float,
     done: Solution,
 ) -> _Step:  # fmt: skip
-    """A step that is no longer than longest_mm and, undamped, lowers the residual.
+    """A step that is no longer than longest_mm and lowers the residual.
 
     It is measured with the pressures that go with it: those of the volumes alone grow at second
     order in the step.
@@ -235,17 +215,16 @@ def _step(
         step = direction.step_mm(now.residual_n)
         most = float(np.abs(step).max())
         rate = problem.pressure_rate(step)
-        limit = norm * (GROW if direction.damping else 1.0)
         length = min(1.0, longest_mm / most) if most > 0 else 1.0
         # Ten times too long it is no direction any more.
         for _ in range(HALVES if most <= 10 * longest_mm else 0):
             left = problem.unbalance_n(x + length * step, now.pressure_mpa + length * rate)
-            if left is not None and (left <= limit or done.residual < SURE):
+            if left is not None and (left <= norm or done.residual < SURE):
                 return _Step(length * step, length * rate, length)
             length /= 2
         if direction.kept:
             direction.kept = False
-        elif direction.damping > MOST:
-            raise SolverError(f"newton: no step lowers the residual of {done.residual:.1e}")
+        elif direction.curved:
+            direction.curved = False
         else:
-            direction.more()
+            raise Folded(f"newton: no step lowers the residual of {done.residual:.1e}")

@@ -5,16 +5,19 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError, SolverError
 from ...shapes import Indenter
+from ..footprint import edge_radius_mm
 from ..material import GelMaterial
 from . import newton
 from .assembly import BulkAssembly
 from .blunt import blunted
+from .descent import descend
 from .linear import Name, make_solver
 from .material import NeoHooke
 from .mesh import HexMesh
@@ -29,6 +32,7 @@ Field = NDArray[np.float64]
 MOST_CUTS = 6  # halvings of one increment
 HIDDEN_LIMIT = 0.75  # of the depth, or of what is inside the resting gel; beyond, a tip hides
 PREDICTABLE = 0.75  # of the smallest cell: longest move that is extrapolated
+SHARP = 2.0  # cells: least radius that 2 x 2 points a face can feel
 LONGEST = 1.0  # cells that a node may move in one iteration, over twice the tip's own move
 FLOOR = 1e-2  # x E x thickness x cell size: least force that a residual is compared with
 
@@ -37,7 +41,8 @@ class FinitePress:
     """Contact of one indenter with one mesh. Holds no history: `solve` maps state to state.
 
     friction: Coulomb coefficient; None takes the material's; 0 builds no friction at all.
-    tolerance: of Diagnostics.residual.
+    tolerance: of Diagnostics.residual. points: along a face's side at which the indenter is met;
+    None: 2, or 3 where a radius is below SHARP cells, for a face that wraps it is stretched.
     """
 
     def __init__(
@@ -49,6 +54,7 @@ class FinitePress:
         tolerance: float = 1e-8,
         solver: Name = "auto",
         use_compiled: bool | None = None,
+        points: int | None = None,
     ) -> None:
         friction = material.friction if friction is None else friction
         if not (math.isfinite(friction) and friction >= 0):
@@ -61,8 +67,11 @@ class FinitePress:
         self.tolerance = tolerance
         self.pattern = Pattern(mesh, ~mesh.held)
         self.bulk = BulkAssembly(mesh, self.law, self.pattern, use_compiled)
-        felt = blunted(indenter, _smallest_face_mm(mesh))
-        self.surface = Surface(mesh, self.pattern, felt, material.modulus_mpa)
+        face_mm = _smallest_face_mm(mesh)
+        sharp = min(edge_radius_mm(tip) for tip in indenter.tips) < SHARP * face_mm
+        points = points or (3 if sharp else 2)
+        felt = blunted(indenter, face_mm)
+        self.surface = Surface(mesh, self.pattern, felt, material.modulus_mpa, points)
         self.solver = make_solver(self.pattern.size, solver)
         at_rest = self.bulk.evaluate(np.zeros_like(mesh.nodes_mm)).data
         assert at_rest is not None
@@ -72,11 +81,11 @@ class FinitePress:
 
     def rest(self, tip_mm: Point = (0.0, 0.0, 0.0)) -> FiniteState:
         """The state without contact: nothing displaced, nothing remembered."""
-        f = len(self.mesh.touched)
+        at = self.surface.weights_mm2.shape
         nothing = (0.0, 0.0, 0.0)
         return FiniteState(
-            tip_mm, np.zeros_like(self.mesh.nodes_mm), np.zeros((f, 4, 3)), np.zeros((f, 4)),
-            np.zeros((f, 4, 3)), nothing, nothing, nothing, 0.0, 0, np.zeros(len(self.mesh.cells)),
+            tip_mm, np.zeros_like(self.mesh.nodes_mm), np.zeros((*at, 3)), np.zeros(at),
+            np.zeros((*at, 3)), nothing, nothing, nothing, 0.0, 0, np.zeros(len(self.mesh.cells)),
         )  # fmt: skip
 
     def path(
@@ -131,7 +140,7 @@ class FinitePress:
             except SolverError as why:
                 cuts += 1
                 part /= 2
-                if part < 2.0**-MOST_CUTS:
+                if part < 2.0**-MOST_CUTS and part * np.linalg.norm(move) < self._cell_mm:
                     raise SolverError(
                         f"press: {self.indenter.name} at {_text(_point(tip))}: {why}; "
                         f"{MOST_CUTS} halvings of the increment did not help"
@@ -142,8 +151,8 @@ class FinitePress:
         self._check(previous, state)
         last = state.diagnostics
         diagnostics = Diagnostics(
-            work.iterations, work.factorisations, work.damped, cuts, last.residual,
-            last.penetration_mm, last.least_j, last.most_stretch,
+            work.iterations, work.factorisations, work.damped, work.lagged, cuts,
+            last.residual, last.penetration_mm, last.least_j, last.most_stretch,
             time.perf_counter() - started,
         )  # fmt: skip
         return with_diagnostics(state, diagnostics)
@@ -158,17 +167,44 @@ class FinitePress:
     def _increment(
         self, previous: FiniteState, tip_mm: Point, memory: Memory | None
     ) -> FiniteState:
-        """Predict and solve."""
+        """Predict and solve by Newton's method; where that finds no way, down the energy.
+
+        The energy needs the bound of friction held, at the pressures of the start; from the minimum
+        that is found the bound is released. Where the gel has no equilibrium then, the held one
+        stays: first order in the increment, as friction is anyway.
+        """
         tip = np.array(tip_mm)
         u, pressure = self._predicted(previous, tip)
         moved = tip - np.array(previous.tip_mm)
         grip = self._grip(previous, moved) if self.friction > 0 and tip_mm[2] > 0 else None
-        found = newton.solve(
-            Equilibrium(self.bulk, self.surface, tip, grip, memory, self._floor_n),
-            u[self.pattern.free], pressure, self.solver, self.pattern, self._rest_data,
-            self.tolerance, LONGEST * self._cell_mm + 2 * float(np.abs(moved).max()),
-        )  # fmt: skip
-        return self._state(previous, tip_mm, self.pattern.whole(found.free_mm), grip, found, memory)
+        longest = LONGEST * self._cell_mm + 2 * float(np.abs(moved).max())
+
+        def solved(grip: Grip | None, start: Field, cells: Field) -> newton.Solution:
+            at = Equilibrium(self.bulk, self.surface, tip, grip, memory, self._floor_n)
+            return newton.solve(
+                at, start, cells, self.solver, self.pattern, self.tolerance, longest
+            )
+
+        lagged = 0
+        try:
+            found = solved(grip, u[self.pattern.free], pressure)
+        except SolverError:
+            if float(np.linalg.norm(moved)) > self._cell_mm * (1 + 1e-9):
+                raise  # from far away there may be several minima; shorter increments tell
+            held = grip and replace(grip, bound_mpa=grip.friction * previous.pressure_mpa)
+            at = Equilibrium(self.bulk, self.surface, tip, held, memory, self._floor_n)
+            low = descend(
+                at, u[self.pattern.free], self.solver, self.pattern, self._rest_data, longest
+            )
+            found = solved(held, low.free_mm, low.pressure_mpa).after(low)
+            if grip is not None:
+                try:
+                    found = solved(grip, found.free_mm, found.pressure_mpa).after(found)
+                except SolverError:
+                    grip, lagged = held, 1
+        return self._state(
+            previous, tip_mm, self.pattern.whole(found.free_mm), grip, found, memory, lagged
+        )
 
     def _grip(self, previous: FiniteState, move: Field) -> Grip:
         """What the points in contact remember, and from where those count that will come to it.
@@ -217,7 +253,7 @@ class FinitePress:
 
     def _state(
         self, previous: FiniteState, tip_mm: Point, u: Field, grip: Grip | None,
-        found: newton.Solution, memory: Memory | None,
+        found: newton.Solution, memory: Memory | None, lagged: int,
     ) -> FiniteState:  # fmt: skip
         tip = np.array(tip_mm)
         bulk = bulk_at(self.bulk, u, memory)
@@ -233,6 +269,7 @@ class FinitePress:
             iterations=found.iterations,
             factorisations=found.factorisations,
             damped=found.damped,
+            lagged=lagged,
             residual=found.residual,
             penetration_mm=self.surface.deepest_mm(u, tip) if tip_mm[2] > 0 else 0.0,
             least_j=bulk.least_j,

@@ -48,7 +48,7 @@ class Equilibrium:
         self._coupling: Coupling | None = None
 
     def evaluate(
-        self, free_mm: Field, pressure_mpa: Field, tangent: bool, curved: bool
+        self, free_mm: Field, pressure_mpa: Field | None, tangent: bool, curved: bool
     ) -> Evaluation | None:
         """Residual, its scale and, if asked for, the tangent."""
         u = self._bulk.pattern.whole(free_mm)
@@ -66,7 +66,7 @@ class Equilibrium:
         if bulk.data is not None and contact.data is not None:
             data = bulk.data + contact.data
             self._coupling = contact.coupling
-        return Evaluation(residual, scale, data, first)
+        return Evaluation(residual, scale, data, first, bulk.energy_nmm + contact.energy_nmm)
 
     def pressure_rate(self, step_mm: Field) -> Field:
         """U'' dJ.step of the cells at the last evaluation."""

@@ -19,12 +19,14 @@ class Diagnostics:
 
     residual: norm of the unbalanced nodal forces over that of the contact's. cuts: halvings of the
     increment. penetration_mm: deepest, also between contact points. damped: factorisations with
-    damping, as where the gel folds. seconds: wall time.
+    damping, as where the gel folds. lagged: parts whose friction is bounded by the pressures at
+    their start. seconds: wall time.
     """
 
     iterations: int = 0
     factorisations: int = 0
     damped: int = 0
+    lagged: int = 0
     cuts: int = 0
     residual: float = 0.0
     penetration_mm: float = 0.0
@@ -38,8 +40,8 @@ class FiniteState:
     """One solved position of the indenter; also the whole history that the next one needs.
 
     tip_mm: (x, y, depth) of the lowest point, depth positive into the gel from the resting face.
-    displacement_mm (n, 3): of all nodes. slip_mm (f, 4, 3): elastic slip stored at the face's
-    points. pressure_mpa (f, 4), shear_mpa (f, 4, 3): on the gel, per resting area.
+    displacement_mm (n, 3): of all nodes. slip_mm (f, q, 3): elastic slip stored at the q points
+    of every face. pressure_mpa (f, q), shear_mpa (f, q, 3): on the gel, per resting area.
     force_n, torque_nmm: on the sensor, about the centre of the resting face.
     base_force_n: of the base on the gel; minus force_n in equilibrium.
     contact_area_mm2: of the deformed face under pressure. contact_points: their number.
@@ -78,5 +80,8 @@ def with_diagnostics(state: FiniteState, diagnostics: Diagnostics) -> FiniteStat
 def sum_of(a: Diagnostics, b: Diagnostics) -> Diagnostics:
     """Counts of work added; the rest is left at its default."""
     return Diagnostics(
-        a.iterations + b.iterations, a.factorisations + b.factorisations, a.damped + b.damped
+        a.iterations + b.iterations,
+        a.factorisations + b.factorisations,
+        a.damped + b.damped,
+        a.lagged + b.lagged,
     )

@@ -1,6 +1,6 @@
 """Contact of the touched face with a rigid indenter.
 
-Normal: a penalty on the signed distance g at 2 x 2 points a face, pressure p(g) = k times the
+Normal: a penalty on the signed distance g at Gauss points of a face, pressure p(g) = k times the
 ramp of -g, rounded over a width w so that it is C1 (Wriggers, Computational Contact Mechanics,
 ch. 5 and 10). k = 100 E/h and w = h/40 for cells h, so that the penetration shrinks with the
 mesh and costs about as much force as the mesh adds; stiffer, bricks are overconstrained.
@@ -31,17 +31,17 @@ HARDENING = 0.05  # over h: penetration at which the pressure is twice that of k
 HARDEST = 2.0  # times that penetration: beyond, the pressure rises straight
 WIDTH = 0.03  # w / h
 SHALLOW = 0.2  # largest w over the depth
-_G = 1 / np.sqrt(3)
 
 
 @dataclass(frozen=True, eq=False)
 class Grip:
-    """What friction needs to know for one solve; arrays over (faces, 4 points).
+    """What friction needs to know for one solve; arrays over (faces f, points q of a face).
 
-    at_mm (f, 4, 3): points relative to the indenter at the start of the increment.
-    slip_mm (f, 4, 3): elastic slip stored there. normal (f, 4, 3): frozen.
-    held (f, 4): points that were in contact then or will come to it; others are free of friction.
-    friction: Coulomb coefficient.
+    at_mm (f, q, 3): points relative to the indenter at the start of the increment.
+    slip_mm (f, q, 3): elastic slip stored there. normal (f, q, 3): frozen.
+    held (f, q): points that were in contact then or will come to it; others are free of friction.
+    friction: Coulomb coefficient. bound_mpa (f, q): of the shear, where it does not follow the
+    pressure; None: friction x pressure.
     """
 
     at_mm: Field
@@ -49,11 +49,12 @@ class Grip:
     normal: Field
     held: NDArray[np.bool_]
     friction: float
+    bound_mpa: Field | None = None
 
 
 class Coupling(NamedTuple):
     """How the shear of slipping points follows their pressure: d(shear) = gain way (normal . du)
-    on the indenter, gain_n_mm (f, 4) with the points' weights, way and normal (f, 4, 3)."""
+    on the indenter, gain_n_mm (f, q) with the points' weights, way and normal (f, q, 3)."""
 
     gain_n_mm: Field
     way: Field
@@ -61,9 +62,10 @@ class Coupling(NamedTuple):
 
 
 class Contact(NamedTuple):
-    """One evaluation. energy_nmm: of the normal penalty. force_n (n, 3): on the indenter.
+    """One evaluation. energy_nmm: of the normal penalty, and of friction whose bound is
+    held. force_n (n, 3): on the indenter.
     data: CSR entries of the tangent's symmetric part or None. coupling: the other part or None.
-    pressure_mpa (f, 4), shear_mpa (f, 4, 3) on the gel, gap: over f x 4.
+    pressure_mpa (f, q), shear_mpa (f, q, 3) on the gel, gap: over f x q.
     """
 
     energy_nmm: float
@@ -78,28 +80,33 @@ class Contact(NamedTuple):
 class Surface:
     """The touched face of a mesh and its points, at which an indenter is met.
 
-    weights_mm2 (f, 4): resting area. stiffness (f, 1) in MPa/mm. width_mm (f, 1).
+    points: q is its square, the points stand in rows along the face's first side.
+    weights_mm2 (f, q): resting area. stiffness (f, 1) in MPa/mm. width_mm (f, 1).
     """
 
     def __init__(
-        self, mesh: HexMesh, pattern: Pattern, indenter: Indenter, modulus_mpa: float
+        self,
+        mesh: HexMesh,
+        pattern: Pattern,
+        indenter: Indenter,
+        modulus_mpa: float,
+        points: int = 2,
     ) -> None:
         self.mesh, self.pattern, self.indenter = mesh, pattern, indenter
         self.faces = mesh.faces
-        self.shape, slope = _shape_functions(_G)
+        self.shape, slope, share = _gauss(points)
         x = mesh.nodes_mm[self.faces][..., :2]
         jacobian = np.einsum("qaj,fai->fqij", slope, x)
-        self.weights_mm2: Field = np.linalg.det(jacobian)
+        self.weights_mm2: Field = share * np.linalg.det(jacobian)
         size = np.sqrt(self.weights_mm2.sum(axis=1))[:, None]
         self._size = size
         self.stiffness: Field = STIFFNESS * modulus_mpa / size
         self.grip_stiffness: Field = GRIP * modulus_mpa / size
         self.width_mm: Field = WIDTH * size
-        self._slope = slope
-        self._rest_jacobian = jacobian
+        self._slope, self._share = slope, share
 
     def points(self, displacement_mm: Field, tip_mm: Field) -> Field:
-        """Points (f, 4, 3) relative to the indenter with its lowest point at (x, y, -depth)."""
+        """Points (f, q, 3) relative to the indenter with its lowest point at (x, y, -depth)."""
         x = (self.mesh.nodes_mm + displacement_mm)[self.faces]
         origin = np.array([tip_mm[0], tip_mm[1], -tip_mm[2]])
         return np.matmul(self.shape, x) - origin
@@ -115,33 +122,43 @@ class Surface:
         """Forces and tangent; `curved` False leaves out -p grad^2 g, which may be negative."""
         at = self.points(displacement_mm, tip_mm)
         near = self._near(at)
-        f = len(at)
-        normal = near.normal.reshape(f, 4, 3)
-        psi, pressure, rise = self._ramp(near.distance_mm.reshape(f, 4), float(tip_mm[2]))
+        shape = at.shape[:2]
+        normal = near.normal.reshape(*shape, 3)
+        psi, pressure, rise = self._ramp(near.distance_mm.reshape(shape), float(tip_mm[2]))
         w = self.weights_mm2
         energy = float((w * psi).sum())
         pull = -pressure[..., None] * normal
         shear = np.zeros_like(normal)
-        block, coupling = None, None
+        block, coupling, bound = None, None, np.zeros_like(pressure)
         if tangent:
             block = rise[..., None, None] * normal[..., :, None] * normal[..., None, :]
             if curved:
-                block -= pressure[..., None, None] * near.curvature_per_mm.reshape(f, 4, 3, 3)
+                block -= pressure[..., None, None] * near.curvature_per_mm.reshape(*shape, 3, 3)
         if grip is not None:
-            bound = np.where(grip.held, grip.friction * pressure, 0.0)
-            traction, slips, stiff = self._friction(at, grip, bound, tangent)
+            free = grip.bound_mpa is None
+            bound = grip.friction * pressure if grip.bound_mpa is None else grip.bound_mpa
+            bound = np.where(grip.held, bound, 0.0)
+            traction, slid, slips, stiff = self._friction(at, grip, bound, tangent)
+            if not free:
+                # k e^2/2 up to the bound, b e - b^2/(2k) beyond (Huber).
+                shear_mpa = np.linalg.norm(traction, axis=2)
+                elastic = shear_mpa**2 / (2 * self.grip_stiffness)
+                energy += float((w * np.where(slips, bound * slid - elastic, elastic)).sum())
             pull = pull + traction
             shear = -traction
             if block is not None and stiff is not None:
                 block += stiff
-                size = np.maximum(np.linalg.norm(traction, axis=2), 1e-300)
-                gain = np.where(slips & grip.held, -grip.friction * rise, 0.0) * w
-                coupling = Coupling(gain, traction / size[..., None], normal)
+                if free:
+                    size = np.maximum(np.linalg.norm(traction, axis=2), 1e-300)
+                    gain = np.where(slips & grip.held, -grip.friction * rise, 0.0) * w
+                    coupling = Coupling(gain, traction / size[..., None], normal)
         nodal = np.matmul(self.shape.T, w[..., None] * pull)
         force = self._scatter(nodal)
         data = None
         if block is not None:
-            data = self._matrix_entries(block * w[..., None, None], np.any(pressure > 0, axis=1))
+            # A bound that is held outlasts the contact.
+            some = pressure + bound > 0
+            data = self._matrix_entries(block * w[..., None, None], np.any(some, axis=1))
         return Contact(energy, force, data, coupling, pressure, shear, near)
 
     def coupled(self, coupling: Coupling, step_mm: Field) -> Field:
@@ -151,11 +168,11 @@ class Surface:
         return self._scatter(np.matmul(self.shape.T, change[..., None] * coupling.way))
 
     def normals(self, at_mm: Field) -> Field:
-        """Outward normals (f, 4, 3) of the indenter next to points (f, 4, 3)."""
+        """Outward normals (f, q, 3) of the indenter next to points (f, q, 3)."""
         return self._near(at_mm).normal.reshape(at_mm.shape)
 
     def _near(self, at: Field) -> Gap:
-        """The gap at points (f, 4, 3); far from the indenter a lower bound of it, flat."""
+        """The gap at points (f, q, 3); far from the indenter a lower bound of it, flat."""
         flat = at.reshape(-1, 3)
         margin = 2 * float(self.width_mm.max())
         half = self.indenter.footprint_half_mm
@@ -175,14 +192,15 @@ class Surface:
         return Gap(distance, normal, curvature)
 
     def released_slip(self, seen: Contact) -> Field:
-        """Elastic slip (f, 4, 3) that carries the shear of an evaluation on to the next step."""
+        """Elastic slip (f, q, 3) that carries the shear of an evaluation on to the next step."""
         return -seen.shear_mpa / self.grip_stiffness[..., None]
 
     def area_ratio(self, displacement_mm: Field) -> Field:
-        """Present over resting area at the points, (f, 4)."""
+        """Present over resting area at the points, (f, q)."""
         x = (self.mesh.nodes_mm + displacement_mm)[self.faces]
         edges = np.einsum("qaj,fai->fqji", self._slope, x)
-        return np.linalg.norm(np.cross(edges[:, :, 0], edges[:, :, 1]), axis=2) / self.weights_mm2
+        present = self._share * np.linalg.norm(np.cross(edges[:, :, 0], edges[:, :, 1]), axis=2)
+        return present / self.weights_mm2
 
     def deepest_mm(self, displacement_mm: Field, tip_mm: Field) -> float:
         """Deepest penetration at 5 x 5 points a face: what the contact points cannot see."""
@@ -195,7 +213,7 @@ class Surface:
         return max(0.0, -float(gap(self.indenter, at).distance_mm.min()))
 
     def _ramp(self, g: Field, depth_mm: float) -> tuple[Field, Field, Field]:
-        """Potential (N/mm), pressure (MPa) and its rise (MPa/mm) at distances g (f, 4).
+        """Potential (N/mm), pressure (MPa) and its rise (MPa/mm) at distances g (f, q).
 
         The ramp is centred on g = 0, so it pushes from w/2 off: near first touch w shrinks with the
         depth, and at depth 0 nothing is left.
@@ -221,9 +239,9 @@ class Surface:
 
     def _friction(
         self, at: Field, grip: Grip, bound_mpa: Field, tangent: bool
-    ) -> tuple[Field, NDArray[np.bool_], Field | None]:
-        """Traction on the indenter (f, 4, 3), where it slips (f, 4), tangent (f, 4, 3, 3) at a
-        bound that is held."""
+    ) -> tuple[Field, Field, NDArray[np.bool_], Field | None]:
+        """Traction on the indenter (f, q, 3), slip with the elastic part (f, q), where the bound is
+        reached (f, q), tangent (f, q, 3, 3) at a bound that is held."""
         k, b, n = self.grip_stiffness, bound_mpa, grip.normal
         e = grip.slip_mm + at - grip.at_mm
         e = e - (e * n).sum(axis=2, keepdims=True) * n
@@ -233,14 +251,14 @@ class Surface:
         # The slope of the secant: k in stick, b/|e| in slip.
         secant = np.where(slips, b / safe, k)
         if not tangent:
-            return secant[..., None] * e, slips, None
+            return secant[..., None] * e, size, slips, None
         way = e / safe[..., None]
         flat = np.eye(3) - n[..., :, None] * n[..., None, :]
         slide = np.where(slips, 1.0, 0.0)[..., None, None] * way[..., :, None] * way[..., None, :]
-        return secant[..., None] * e, slips, secant[..., None, None] * (flat - slide)
+        return secant[..., None] * e, size, slips, secant[..., None, None] * (flat - slide)
 
     def _matrix_entries(self, block: Field, some: NDArray[np.bool_]) -> Field:
-        """CSR entries of point stiffnesses (f, 4, 3, 3), where a face has any."""
+        """CSR entries of point stiffnesses (f, q, 3, 3), where a face has any."""
         pairs = np.einsum("qa,qb->qab", self.shape, self.shape)
         cells = np.einsum("qab,fqij->faibj", pairs, block[some], optimize=True)
         flat = cells.reshape(-1, 12, 12)[:, FACE_UPPER[0], FACE_UPPER[1]]
@@ -259,9 +277,10 @@ def _bilinear(xi: Field, eta: Field) -> Field:
     return (1 + xi[:, None] * sx) * (1 + eta[:, None] * sy) / 4
 
 
-def _shape_functions(g: float) -> tuple[Field, Field]:
-    """Values (4, 4) and slopes (4, 4, 2) at the 2 x 2 Gauss points."""
-    xi, eta = g * np.array([-1, 1, 1, -1]), g * np.array([-1, -1, 1, 1])
+def _gauss(n: int) -> tuple[Field, Field, Field]:
+    """Values (q, 4), slopes (q, 4, 2) and weights (q,) at the n x n Gauss points, row by row."""
+    at, weight = np.polynomial.legendre.leggauss(n)
+    eta, xi = (c.ravel() for c in np.meshgrid(at, at, indexing="ij"))
     sx, sy = np.array([-1, 1, 1, -1]), np.array([-1, -1, 1, 1])
     slope = np.stack([sx * (1 + eta[:, None] * sy) / 4, sy * (1 + xi[:, None] * sx) / 4], axis=2)
-    return _bilinear(xi, eta), slope
+    return _bilinear(xi, eta), slope, np.outer(weight, weight).ravel()

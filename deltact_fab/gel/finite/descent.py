@@ -1,0 +1,84 @@
+"""Down the energy to a minimum of it: for folds, where Newton's method finds no way.
+
+With friction bounded by numbers that are held, an increment has a potential, and a gel that jumps
+comes to rest in a minimum of it. Newton's steps are damped by the stiffness at rest, K + eta K0,
+and taken if they lower the energy by a part of what the quadratic model promises, which also sets
+eta (Levenberg and Marquardt as a trust region: Nocedal and Wright, Numerical Optimization, ch. 4).
+The energy only falls, so there is no circle to run in.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import SolverError
+from .linear import Solver
+from .newton import Problem, Solution, size_of
+from .pattern import Pattern
+
+Field = NDArray[np.float64]
+
+FIRST, MOST = 0.05, 1e6  # damping: begun with, given up beyond
+MORE, LESS = 4.0, 0.5  # times the damping after a bad step, after a good one
+GOOD, POOR, TAKEN = 0.7, 0.2, 1e-3  # energy lowered over what the model promised
+NONE = 1e-3  # damping below which there is none
+ENOUGH = 1e-4  # of the residual: from there Newton's method goes on
+ROUNDING = 1e-12  # of the energy: changes that are not seen any more
+MOST_ITERATIONS = 150
+
+
+def descend(
+    problem: Problem,
+    start_mm: Field,
+    solver: Solver,
+    pattern: Pattern,
+    rest_data: Field,
+    longest_mm: float,
+) -> Solution:
+    """From start_mm to a residual of ENOUGH, or as far as the energy's rounding lets see.
+
+    longest_mm: largest displacement in one iteration. Raises SolverError after MOST_ITERATIONS.
+    """
+    x = start_mm
+    now = problem.evaluate(x, None, True, True)
+    if now is None:
+        raise SolverError("descent: the start turns a cell inside out")
+    done = Solution(x, now.pressure_mpa, size_of(now))
+    eta = 0.0
+    while done.residual > ENOUGH:
+        if done.iterations >= MOST_ITERATIONS or eta > MOST:
+            raise SolverError(
+                f"descent: residual {done.residual:.1e} after {done.iterations} iterations, "
+                f"{ENOUGH:.0e} is needed"
+            )
+        assert now.data is not None
+        data = now.data + eta * rest_data if eta else now.data
+        solver.factorise(pattern.matrix(data))
+        done.factorisations += 1
+        done.damped += bool(eta)
+        if solver.negative:
+            eta = max(FIRST, MORE * eta)
+            continue
+        step = -solver.solve(now.residual_n)
+        most = float(np.abs(step).max())
+        part = min(1.0, longest_mm / most) if most > 0 else 1.0
+        slope = float(now.residual_n @ step)  # = -step.(K + eta K0) step
+        promised = -slope * part * (1 - part / 2)
+        step *= part
+        trial = problem.evaluate(x + step, None, True, True)
+        gained = -np.inf if trial is None else now.energy_nmm - trial.energy_nmm
+        if promised <= ROUNDING * abs(now.energy_nmm):
+            break
+        share = gained / promised
+        if share < POOR:
+            eta = max(FIRST, MORE * eta)
+        elif share > GOOD and part == 1.0:
+            eta = LESS * eta if LESS * eta > NONE else 0.0
+        if trial is None or share < TAKEN:
+            continue
+        x, now = x + step, trial
+        done.iterations += 1
+        done.residual = size_of(now)
+    done.free_mm, done.pressure_mpa = x, now.pressure_mpa
+    return done

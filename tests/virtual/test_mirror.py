@@ -1,0 +1,140 @@
+"""A press and its mirror image: one solve serves both, and serves them right."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from deltact_fab.protocols import plan
+from deltact_fab.protocols.plan import Protocol
+from deltact_fab.rig.config import FiniteGelConfig, GelConfig
+from deltact_fab.shapes import SkinDimensions
+from deltact_fab.shapes.indenter import parse
+from deltact_fab.virtual import presses as presses_module
+from deltact_fab.virtual.ahead import solve_ahead
+from deltact_fab.virtual.mirror import Mirror, to_solved
+from deltact_fab.virtual.presses import Press, Presses
+from deltact_fab.virtual.trajectory import Solved, paths
+
+GELS = {
+    "layer": GelConfig(spacing_mm=1.0, press_increment_mm=0.25, shear_increment_mm=0.5),
+    "hyperelastic": GelConfig(
+        hyperelastic=FiniteGelConfig(
+            cell_mm=1.8, lattice_mm=1.0, press_increment_mm=0.5, shear_increment_mm=2.0
+        )
+    ),
+}
+SKIN = SkinDimensions()
+FOUR = [[3.0, 2.0], [-3.0, 2.0], [-3.0, -2.0], [3.0, -2.0]]
+
+
+def declared(**changes: Any) -> Protocol:
+    data: dict[str, Any] = {
+        "name": "t",
+        "indenters": ["ellipsoid"],
+        "positions_mm": FOUR,
+        "depths_mm": [0.5],
+        "channels": ["image", "force", "shear"],
+        "shear": {"amplitude_mm": 1.0, "first": "outward"},
+        "capture": {"mode": "sweep"},
+    }
+    return Protocol.model_validate(data | changes)
+
+
+@pytest.fixture(autouse=True)
+def _own_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DELTACT_FAB_CACHE", str(tmp_path / "store"))
+
+
+def whole(protocol: Protocol, number: int, level: str) -> Press:
+    presses = Presses(protocol, SKIN, GELS[level])
+    press = presses.of(presses.paths[number])
+    press.solve_all()
+    return press
+
+
+def off(a: Solved, b: Solved) -> tuple[float, float, float]:
+    """Largest difference of force, torque and displacement over the largest of each."""
+    assert a.displacement_mm is not None
+    assert b.displacement_mm is not None
+    pairs = ((a.force_n, b.force_n), (a.torque_nmm, b.torque_nmm),
+             (a.displacement_mm, b.displacement_mm))  # fmt: skip
+    found = [float(np.abs(np.subtract(p, q)).max() / np.abs(p).max()) for p, q in pairs]
+    return found[0], found[1], found[2]
+
+
+@pytest.mark.parametrize(
+    ("level", "number"), [("layer", 1), ("layer", 2), ("layer", 3), ("hyperelastic", 2)]
+)
+def test_the_image_of_a_solved_press_is_what_a_solve_of_its_own_finds(
+    level: str, number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    protocol = declared(
+        specimen={"gel_model": level}, shear={"amplitude_mm": 1, "axes": ["x"], "first": "outward"}
+    )
+    first = whole(protocol, 0, level)
+    image = whole(protocol, number, level)
+    assert first.solves == len(first.poses)
+    assert image.found is not None
+    assert image.solves == 0
+    monkeypatch.setattr(presses_module, "to_solved", lambda *_: Mirror())
+    own = whole(protocol, number, level)
+    assert own.found is None
+    tips = [pose.tip_mm for pose in own.poses]
+    assert tips == [pose.tip_mm for pose in image.poses]
+    worst = np.max([off(a, b) for a, b in zip(own.knots, image.knots, strict=True)], axis=0)
+    assert worst.tolist() == pytest.approx([0, 0, 0], abs=2e-4)  # the solvers' own tolerance
+
+
+def test_off_the_plan_an_image_is_solved_in_its_own_frame() -> None:
+    protocol = declared()
+    whole(protocol, 0, "layer")
+    presses = Presses(protocol, SKIN, GELS["layer"])
+    (_, a), (_, b) = (
+        presses.of(presses.paths[n]).next(2, (x, 2.0, -0.5), 1.0) for n, x in ((0, 3.3), (1, -3.3))
+    )
+    assert b.force_n == pytest.approx((-a.force_n[0], *a.force_n[1:]), rel=1e-9)
+    assert b.torque_nmm == pytest.approx((a.torque_nmm[0], *(-t for t in a.torque_nmm[1:])))
+
+
+def test_only_planes_that_indenter_and_path_share_are_used() -> None:
+    outward, positive = declared(), declared(shear={"amplitude_mm": 1.0})
+    there = [to_solved(p, parse("ellipsoid")) for p in paths(outward)]
+    assert there == [Mirror(False, False), Mirror(True, False), Mirror(True, True),
+                     Mirror(False, True)]  # fmt: skip
+    # A star of five points has no mirror plane x = 0.
+    assert to_solved(paths(outward)[1], parse("star")) == Mirror(False, False)
+    assert to_solved(paths(outward)[2], parse("star")) == Mirror(False, True)
+    # All go to + first: images in place, but not in path.
+    seen = {Presses(positive, SKIN, GELS["layer"]).of(p).stored_as for p in paths(positive)}
+    assert len(seen) == 4
+
+
+def test_ahead_of_a_run_one_of_four_is_solved() -> None:
+    heard: list[str] = []
+    rows = solve_ahead(
+        declared(), SKIN, GELS["layer"], jobs=1, told=lambda row: heard.append(row.press)
+    )
+    assert [row.like for row in rows] == ["", *["ellipsoid/p1"] * 3]
+    assert all(row.done == row.knots and not row.failure for row in rows)
+    assert set(heard) == {row.press for row in rows}
+    again = solve_ahead(declared(), SKIN, GELS["layer"])
+    assert [(row.found, row.like) for row in again] == [(True, "")] * 4
+
+
+def test_an_image_fails_as_what_it_is_the_image_of() -> None:
+    rows = solve_ahead(
+        declared(positions_mm=[[17.9, 0.0], [-17.9, 0.0]], shear=None), SKIN, GELS["layer"]
+    )
+    assert rows[0].failure
+    assert rows[1].failure == f"as {rows[0].press}, its mirror image: {rows[0].failure}"
+
+
+def test_pattern_selection_takes_six_solves_for_its_twenty_presses() -> None:
+    protocol, _ = plan.load("pattern-selection")
+    presses = Presses(protocol, SKIN, GelConfig())
+    assert len(presses.paths) == 20
+    assert len({presses.of(path).stored_as for path in presses.paths}) == 6
