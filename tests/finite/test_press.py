@@ -58,7 +58,7 @@ def test_contact_forces_and_tangent_are_derivatives():
     assert np.linalg.norm(ours - turn) < 1e-6 * np.linalg.norm(turn)
 
 
-@pytest.mark.parametrize("points", [2, 3])
+@pytest.mark.parametrize("points", [2, 5])
 def test_friction_with_a_held_bound_has_a_potential(points):
     """Also where a point has left the indenter since and its bound is still held."""
     press = pressing(friction=0.5, points=points)
@@ -106,11 +106,11 @@ def test_down_the_energy_is_a_minimum():
 def test_a_sharp_tip_is_met_at_more_points():
     """A face that wraps an edge is stretched: between 2 x 2 points the tip stands deep inside."""
     mesh = block_mesh(SKIN, 2.0, (-5.0, 5.0, -5.0, 5.0))
-    few, more = (pressing("star", mesh, points=n) for n in (2, 3))
+    few, more = (pressing("star", mesh, points=n) for n in (2, 5))
     deep = [last(p, p.rest(), (0.0, 0.0, 4.0), 0.5) for p in (few, more)]
     inside = [s.diagnostics.penetration_mm for s in deep]
-    assert inside[1] < 0.8 * inside[0]
-    assert pressing("star", mesh).surface.weights_mm2.shape[1] == 9
+    assert inside[1] < 0.5 * inside[0]
+    assert pressing("star", mesh).surface.weights_mm2.shape[1] == 25
     assert pressing("sphere:15", mesh).surface.weights_mm2.shape[1] == 4
 
 

@@ -32,7 +32,7 @@ Field = NDArray[np.float64]
 MOST_CUTS = 6  # halvings of one increment
 HIDDEN_LIMIT = 0.75  # of the depth, or of what is inside the resting gel; beyond, a tip hides
 PREDICTABLE = 0.75  # of the smallest cell: longest move that is extrapolated
-SHARP = 2.0  # cells: least radius that 2 x 2 points a face can feel
+SHARP, MANY = 2.0, 5  # cells: least radius that 2 x 2 points a face can feel, and else how many
 LONGEST = 1.0  # cells that a node may move in one iteration, over twice the tip's own move
 FLOOR = 1e-2  # x E x thickness x cell size: least force that a residual is compared with
 
@@ -42,7 +42,7 @@ class FinitePress:
 
     friction: Coulomb coefficient; None takes the material's; 0 builds no friction at all.
     tolerance: of Diagnostics.residual. points: along a face's side at which the indenter is met;
-    None: 2, or 3 where a radius is below SHARP cells, for a face that wraps it is stretched.
+    None: 2, or MANY where a radius is below SHARP cells, for a face that wraps it is stretched.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class FinitePress:
         self.bulk = BulkAssembly(mesh, self.law, self.pattern, use_compiled)
         face_mm = _smallest_face_mm(mesh)
         sharp = min(edge_radius_mm(tip) for tip in indenter.tips) < SHARP * face_mm
-        points = points or (3 if sharp else 2)
+        points = points or (MANY if sharp else 2)
         felt = blunted(indenter, face_mm)
         self.surface = Surface(mesh, self.pattern, felt, material.modulus_mpa, points)
         self.solver = make_solver(self.pattern.size, solver)
