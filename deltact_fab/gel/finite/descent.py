@@ -57,13 +57,14 @@ def descend(
         solver.factorise(pattern.matrix(data))
         done.factorisations += 1
         done.damped += bool(eta)
-        if solver.negative:
+        step = None if solver.negative else -solver.solve(now.residual_n)
+        slope = 0.0 if step is None else float(now.residual_n @ step)  # = -step.(K + eta K0) step
+        # Not every solver knows the inertia; of an indefinite matrix a step may lead up.
+        if step is None or slope >= 0:
             eta = max(FIRST, MORE * eta)
             continue
-        step = -solver.solve(now.residual_n)
         most = float(np.abs(step).max())
-        part = min(1.0, longest_mm / most) if most > 0 else 1.0
-        slope = float(now.residual_n @ step)  # = -step.(K + eta K0) step
+        part = min(1.0, longest_mm / most)
         promised = -slope * part * (1 - part / 2)
         step *= part
         trial = problem.evaluate(x + step, None, True, True)
