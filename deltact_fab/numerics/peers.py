@@ -66,7 +66,8 @@ class FelupeCase:
 def felupe_case(press: FinitePress, tips_mm: Sequence[tuple[float, float, float]]) -> FelupeCase:
     """What `press` solves, for felupe: the same mesh, law, penalty, rounding and tolerance.
 
-    Raises InputError for friction and for indenters other than one sphere, which the script lacks.
+    Raises InputError for friction, for indenters other than one sphere and for other than 2 x 2
+    contact points a face, which the script lacks.
     """
     from ..gel.finite.surface import HARDENING, HARDEST, SHALLOW
 
@@ -77,6 +78,8 @@ def felupe_case(press: FinitePress, tips_mm: Sequence[tuple[float, float, float]
             f"{press.friction:g} was given"
         )
     mesh, surface = press.mesh, press.surface
+    if surface.weights_mm2.shape[1] != 4:
+        raise InputError("felupe: 2 x 2 contact points a face are needed: points = 2")
     if int((~press.pattern.free).sum()) != 3 * len(mesh.base):
         raise InputError("felupe: a mesh without planes of symmetry is needed")
     doubled = HARDENING * np.sqrt(surface.weights_mm2.sum(axis=1))

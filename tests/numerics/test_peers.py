@@ -14,9 +14,9 @@ from deltact_fab.shapes import SkinDimensions, indenter
 TIPS = [(1.0, -0.5, 1.0), (1.0, -0.5, 2.0)]
 
 
-def pressing(name="sphere:15", friction=0.0, **mesh):
+def pressing(name="sphere:15", friction=0.0, points=2, **mesh):
     block = block_mesh(SkinDimensions(), 4.0, **mesh)
-    return FinitePress(block, GelMaterial(), indenter.parse(name), friction=friction)
+    return FinitePress(block, GelMaterial(), indenter.parse(name), friction=friction, points=points)
 
 
 def test_without_the_environment_it_is_not_run(monkeypatch, tmp_path):
@@ -51,6 +51,7 @@ def test_a_script_that_breaks_is_an_error(monkeypatch):
     [
         ({"friction": 0.5}, "without friction"),
         ({"name": "edges"}, "a sphere"),
+        ({"points": 5}, "2 x 2"),
         ({"mirrors": (True, True)}, "planes of symmetry"),
     ],
 )

@@ -309,6 +309,12 @@ class FinitePress:
         width = float(self.surface.width_mm.max())
         if depth <= 0:
             return
+        narrow = min(min(tip.half_mm) for tip in self.indenter.tips)
+        if narrow < self._cell_mm / 2:
+            raise SolverError(
+                f"press: {self.indenter.name} is {2 * narrow:.2g} mm wide and hides between cells "
+                f"of {self._cell_mm:.2g} mm, a finer mesh is needed"
+            )
         # A thin tip may pass through the gel whole: then it is as deep inside as at rest.
         still = np.zeros_like(state.displacement_mm)
         unmoved = self.surface.deepest_mm(still, np.array(state.tip_mm))
