@@ -67,8 +67,11 @@ class FiniteState:
 
     @property
     def trusted(self) -> bool:
-        """False where the indenter is more than PENETRATION_LIMIT of its depth inside the gel."""
-        return self.diagnostics.penetration_mm <= PENETRATION_LIMIT * max(self.tip_mm[2], 0.0)
+        """False where the indenter is more than PENETRATION_LIMIT of its depth inside the gel, or
+        where friction is not that of the state's own pressures."""
+        d = self.diagnostics
+        inside_mm = PENETRATION_LIMIT * max(self.tip_mm[2], 0.0)
+        return d.penetration_mm <= inside_mm and not d.lagged
 
 
 def with_diagnostics(state: FiniteState, diagnostics: Diagnostics) -> FiniteState:

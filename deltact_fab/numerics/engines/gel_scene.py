@@ -100,8 +100,10 @@ def solved(scene: Scene, step_mm: float, *tips: Point) -> Solved:
 def trusted(found: Solved) -> Solved:
     """Raises Flagged where the last state is marked as not to be trusted."""
     if not found.last.trusted:
-        inside = found.last.diagnostics.penetration_mm
-        raise Flagged(f"not trusted: {inside:.2g} mm inside at depth {found.last.tip_mm[2]:g} mm")
+        d = found.last.diagnostics
+        why = f"{d.penetration_mm:.2g} mm inside at depth {found.last.tip_mm[2]:g} mm"
+        lagged = "; jumped, with the friction of the pressures before" if d.lagged else ""
+        raise Flagged(f"not trusted: {why}{lagged}")
     return found
 
 
