@@ -109,8 +109,8 @@ def _show(rows: list[Row], level: str, seconds: float) -> None:
         f"{len(rows)} presses (simulated, {level}), {solved} knots solved in {seconds:.1f} s; "
         "between_*: largest error of interpolation between knots where it was tried"
     )
-    for row in (r for r in rows if not r.like):
-        for flag, count in row.flags.items():
+    for row in rows:
+        for flag, count in ({} if row.like else row.flags).items():
             click.echo(f"warning: {row.press}: {flag} ({count} of {row.knots} knots)", err=True)
         if row.failure:
             click.echo(f"failed: {row.press}: {row.failure}", err=True)

@@ -87,36 +87,19 @@ def solve_ahead(
         rows.append(row)
         if not row.like:
             told(row)
-    _solve(protocol, skin, config, list(todo.values()), jobs, told)
-    unserved = []
-    for row, solved in waiting:
-        press = presses.of(path_of(presses, row.press))
-        if press.found is not None:
-            vars(row).update(vars(_row(press, presses.modulus_mpa)), like=solved.press, seconds=0.0)
-            told(row)
-        elif solved.failure:
-            row.failure = f"as {solved.press}, its mirror image: {solved.failure}"
-            told(row)
-        else:  # the store keeps nothing
-            row.like = ""
-            unserved.append(row)
-    _solve(protocol, skin, config, unserved, jobs, told)
-    return rows
-
-
-def _solve(
-    protocol: Protocol,
-    skin: SkinDimensions,
-    config: GelConfig,
-    todo: list[Row],
-    jobs: int,
-    told: Told,
-) -> None:
     if jobs == 1:
-        for row in todo:
+        for row in todo.values():
             _here(protocol, skin, config, row, told)
     elif todo:
-        _in_processes(protocol, skin, config, min(jobs, len(todo)), todo, told)
+        _in_processes(protocol, skin, config, min(jobs, len(todo)), list(todo.values()), told)
+    for row, solved in waiting:
+        if solved.failure:
+            row.failure = f"as {solved.press}, its mirror image: {solved.failure}"
+        else:
+            served = {"press": row.press, "like": solved.press, "found": True, "seconds": 0.0}
+            vars(row).update(vars(solved), **served)
+        told(row)
+    return rows
 
 
 def _here(

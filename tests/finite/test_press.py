@@ -26,6 +26,13 @@ def last(press, state, tip, step=1.0):
     return list(press.path(state, tip, step))[-1]
 
 
+def dented(rng) -> tuple[np.ndarray, np.ndarray]:
+    """Displacements of COARSE, rough and with a dent, and a tip (3,) in it."""
+    u = 0.05 * rng.standard_normal(COARSE.nodes_mm.shape)
+    u[:, 2] -= 2.0 * np.exp(-np.sum(COARSE.nodes_mm[:, :2] ** 2, axis=1) / 30)
+    return u, np.array([0.3, -0.2, 2.2])
+
+
 @pytest.fixture(scope="module")
 def pressed():
     press = pressing()
@@ -36,9 +43,7 @@ def test_contact_forces_and_tangent_are_derivatives():
     press = pressing(friction=0.5)
     surface, free = press.surface, press.pattern.free
     rng = np.random.default_rng(0)
-    u = 0.05 * rng.standard_normal(free.shape)
-    u[:, 2] -= 2.0 * np.exp(-np.sum(COARSE.nodes_mm[:, :2] ** 2, axis=1) / 30)
-    tip = np.array([0.3, -0.2, 2.2])
+    u, tip = dented(rng)
     at = surface.points(u, tip)
     seen = surface.evaluate(u, tip)
     start = at + 0.01 * rng.standard_normal(at.shape)
@@ -64,9 +69,7 @@ def test_friction_with_a_held_bound_has_a_potential(points):
     press = pressing(friction=0.5, points=points)
     surface, free = press.surface, press.pattern.free
     rng = np.random.default_rng(1)
-    u = 0.05 * rng.standard_normal(free.shape)
-    u[:, 2] -= 2.0 * np.exp(-np.sum(COARSE.nodes_mm[:, :2] ** 2, axis=1) / 30)
-    tip = np.array([0.3, -0.2, 2.2])
+    u, tip = dented(rng)
     at = surface.points(u, tip)
     seen = surface.evaluate(u, tip)
     held = rng.random(seen.pressure_mpa.shape) < 0.5
