@@ -26,6 +26,7 @@ from scipy import ndimage
 
 from ..errors import InputError, SolverError
 from ..shapes import Indenter
+from .complementarity import friction_contact, normal_contact, normal_violation
 from .layer import FaceOperator, Field, PatchOperator
 from .mixing import Mixer
 
@@ -35,7 +36,6 @@ Kinematics = Literal["deformed", "reference"]
 
 DEPTH_LIMIT = 0.25  # of the thickness: force is still within some per cent of finite strain there
 SMALL_STRAIN = 0.10  # of the thickness: beyond, the in-plane field is no longer to be trusted
-_POWER_STEPS = 12  # to the largest eigenvalue: the uniform start is already close to it
 FOLD_LIMIT = 0.2  # least det(I + grad u) of the face; at 0 the printed pattern folds over
 
 
@@ -315,7 +315,7 @@ class LayerContact:
             gap = patch.height_mm(found[:2] if moves else None) - depth + found[2]
             gap = gap + op.normal_of_pressure(p)
             self._applications += 3
-            worst = max(_normal_violation(gap, p), slip_worst)
+            worst = max(normal_violation(gap, p), slip_worst)
             if worst <= goal:
                 return p, q, worst / depth
             inner = max(goal / 4, min(0.02 * worst, inner))
@@ -417,124 +417,10 @@ class LayerContact:
         return float(((1 + xx) * (1 + yy) - xy * yx).min())
 
 
-def normal_contact(
-    operator: PatchOperator,
-    pressure_mpa: Field,
-    rest_gap_mm: Field,
-    goal_mm: float,
-    max_iterations: int = 4000,
-) -> tuple[Field, float, int]:
-    """Polonsky-Keer conjugate gradients: p >= 0, gap >= 0, p gap = 0 at a given depth.
-
-    pressure_mpa: first guess, (my, mx). rest_gap_mm: gap without pressure, (my, mx), inf where the
-    indenter does not reach. Returns pressure, worst violation (mm) and operator applications.
-    Raises SolverError when `goal_mm` is not reached.
-    """
-    p = pressure_mpa
-    gap = rest_gap_mm + operator.normal_of_pressure(p)
-    applications = 1
-    direction = np.zeros_like(p)
-    old = 0.0
-    for _ in range(max_iterations):
-        worst = _normal_violation(gap, p)
-        if worst <= goal_mm:
-            return p, worst, applications
-        # Penetrating nodes enter with the residual that is already there.
-        active = (p > 0) | (gap < 0)
-        residual = np.where(active, gap, 0.0)
-        new = float(np.vdot(residual, residual))
-        direction = np.where(active, residual + (new / old if old else 0.0) * direction, 0.0)
-        image = operator.normal_of_pressure(direction)
-        applications += 1
-        step = float(np.vdot(residual, direction)) / float(np.vdot(direction, image))
-        moved = p - step * direction
-        clipped = bool(np.any(moved < 0))
-        if clipped:
-            p = np.maximum(moved, 0.0)
-            gap = rest_gap_mm + operator.normal_of_pressure(p)
-            applications += 1
-        else:
-            p = moved
-            gap = gap - step * image
-        # A changed set of active nodes ends the conjugacy.
-        changed = clipped or bool(np.any((p == 0) & (gap < 0)))
-        old = 0.0 if changed else new
-    raise SolverError(
-        f"contact: pressure not converged after {max_iterations} iterations: "
-        f"violation {worst:.1e} mm, {goal_mm:.1e} mm is asked"
-    )
-
-
-def friction_contact(
-    operator: PatchOperator,
-    shear_mpa: Field,
-    free_slip_mm: Field,
-    bound_mpa: Field,
-    goal_mm: float,
-    max_iterations: int = 4000,
-) -> tuple[Field, Field, float, int]:
-    """Minimise 1/2 q.C q + q.free_slip over |q| <= bound: accelerated gradient with restart.
-
-    shear_mpa: first guess, (2, my, mx). free_slip_mm: slip without shear traction, (2, my, mx).
-    bound_mpa: friction x pressure, (my, mx). Restart after O'Donoghue and Candes (Found. Comput.
-    Math. 15, 2015). Returns shear, slip, worst violation (mm: slip in stick, or the part of the
-    slip that friction does not oppose) and operator applications. Raises SolverError when
-    `goal_mm` is not reached.
-    """
-    step = 1 / _largest_eigenvalue(operator, bound_mpa > 0)
-    q = _on_disc(shear_mpa, bound_mpa)
-    slip = operator.shear_of_shear(q) + free_slip_mm
-    applications = _POWER_STEPS + 1
-    ahead, ahead_slip, momentum = q, slip, 1.0
-    for _ in range(max_iterations):
-        worst = float(np.abs(q - _on_disc(q - step * slip, bound_mpa)).max()) / step
-        if worst <= goal_mm:
-            return q, slip, worst, applications
-        q_new = _on_disc(ahead - step * ahead_slip, bound_mpa)
-        slip_new = operator.shear_of_shear(q_new) + free_slip_mm
-        applications += 1
-        if np.vdot(ahead - q_new, q_new - q) > 0:
-            momentum, weight = 1.0, 0.0
-        else:
-            longer = (1 + math.sqrt(1 + 4 * momentum**2)) / 2
-            weight = (momentum - 1) / longer
-            momentum = longer
-        # The operator is linear, so the extrapolated slip costs no application.
-        ahead = q_new + weight * (q_new - q)
-        ahead_slip = slip_new + weight * (slip_new - slip)
-        q, slip = q_new, slip_new
-    raise SolverError(
-        f"contact: friction not converged after {max_iterations} iterations: "
-        f"violation {worst:.1e} mm, {goal_mm:.1e} mm is asked"
-    )
-
-
 def _drag(before: Point, now: Point) -> Field:
     """In-plane movement (2,) of the indenter while it touched: what lies above the face is free."""
     share = 1.0 if before[2] >= 0 else now[2] / (now[2] - before[2])
     return share * np.array([now[0] - before[0], now[1] - before[1]])
-
-
-def _normal_violation(gap: Field, p: Field) -> float:
-    """Worst gap under pressure or penetration anywhere (mm)."""
-    return float(np.abs(np.where(p > 0, gap, np.minimum(gap, 0.0))).max())
-
-
-def _on_disc(q: Field, bound: Field) -> Field:
-    """Nearest traction (2, ...) with |q| <= bound at every node."""
-    size = np.hypot(q[0], q[1])
-    return q * np.where(size > bound, bound / np.where(size > 0, size, 1.0), 1.0)
-
-
-def _largest_eigenvalue(op: PatchOperator, active: Mask) -> float:
-    """Upper estimate of the largest eigenvalue of the shear compliance on the active nodes."""
-    # The kernel is positive and long-ranged, so the uniform vector is close to the extreme one.
-    v = np.stack([active, active]).astype(np.float64)
-    value = 1.0
-    for _ in range(_POWER_STEPS):
-        v = op.shear_of_shear(v / np.linalg.norm(v)) * active
-        value = float(np.linalg.norm(v))
-    return 1.02 * value
 
 
 def _point(tip_mm: Point) -> Point:

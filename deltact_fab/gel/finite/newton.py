@@ -95,10 +95,6 @@ class Solution:
         return self
 
 
-class Folded(SolverError):
-    """Newton's method finds no way on; perhaps there is no equilibrium next to this one."""
-
-
 class _Step(NamedTuple):
     move_mm: Field
     pressure_mpa: Field  # change of the cells' pressures
@@ -116,7 +112,7 @@ class _Direction:
 
     def factorise(self, x: Field) -> None:
         """Of a positive matrix at x: against negative eigenvalues the terms that may be negative
-        are left out. Raises Folded where that is not enough."""
+        are left out. Raises SolverError where that is not enough."""
         while True:
             found = self._problem.evaluate(x, self._done.pressure_mpa, True, self.curved)
             assert found is not None
@@ -126,17 +122,17 @@ class _Direction:
             if not self._solver.negative or self._done.residual <= NEAR:
                 return
             if not self.curved:
-                raise Folded(f"newton: no minimum next to a residual of {self._done.residual:.1e}")
+                raise SolverError(f"newton: no minimum beside a residual {self._done.residual:.1e}")
             self.curved = False
 
     def took(self, whole: bool, before: float) -> None:
-        """After a step from residual `before`. Raises Folded where three did little."""
+        """After a step from residual `before`. Raises SolverError where three did little."""
         now = self._done.residual
         self.kept = whole and now < KEEP * before
         self.curved = self.curved or now < NEAR
         self._weak = self._weak + 1 if now > max(WEAK * before, SURE) else 0
         if self._weak >= MOST_WEAK:
-            raise Folded(f"newton: {MOST_WEAK} steps left a residual of {now:.1e}")
+            raise SolverError(f"newton: {MOST_WEAK} steps left a residual of {now:.1e}")
 
     def step_mm(self, residual_n: Field) -> Field:
         """The step (size,) against a residual."""
@@ -165,8 +161,7 @@ def solve(
 
     pressure_mpa (m,): cell pressures for the first tangent.
     longest_mm: largest displacement in one iteration.
-    Raises SolverError when |r| <= tolerance x scale is not reached, as Folded where the gel may
-    have jumped; nothing else is returned.
+    Raises SolverError when |r| <= tolerance x scale is not reached; nothing else is returned.
     """
     x = start_mm
     now = problem.evaluate(x, pressure_mpa, False, True)
@@ -227,4 +222,4 @@ def _step(
         elif direction.curved:
             direction.curved = False
         else:
-            raise Folded(f"newton: no step lowers the residual of {done.residual:.1e}")
+            raise SolverError(f"newton: no step lowers the residual of {done.residual:.1e}")

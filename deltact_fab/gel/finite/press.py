@@ -19,6 +19,7 @@ from .assembly import BulkAssembly
 from .blunt import blunted
 from .descent import descend
 from .linear import Name, make_solver
+from .lost import refuse_lost
 from .material import NeoHooke
 from .mesh import HexMesh
 from .pattern import Pattern
@@ -30,7 +31,6 @@ from .viscous import Memory, Viscosity
 Field = NDArray[np.float64]
 
 MOST_CUTS = 6  # halvings of one increment
-HIDDEN_LIMIT = 0.75  # of the depth, or of what is inside the resting gel; beyond, a tip hides
 PREDICTABLE = 0.75  # of the smallest cell: longest move that is extrapolated
 SHARP, MANY = 2.0, 5  # cells: least radius that 2 x 2 points a face can feel, and else how many
 LONGEST = 1.0  # cells that a node may move in one iteration, over twice the tip's own move
@@ -148,7 +148,7 @@ class FinitePress:
                 continue
             work = sum_of(work, state.diagnostics)
             done = goal
-        self._check(previous, state)
+        refuse_lost(self.surface, self.indenter, self._cell_mm, previous, state)
         last = state.diagnostics
         diagnostics = Diagnostics(
             work.iterations, work.factorisations, work.damped, work.lagged, cuts,
@@ -303,34 +303,6 @@ class FinitePress:
         """Largest principal stretch over all points."""
         f = self.bulk.deformation_gradient(u)
         return float(np.sqrt(np.linalg.eigvalsh(np.swapaxes(f, 2, 3) @ f)[..., -1].max()))
-
-    def _check(self, previous: FiniteState, state: FiniteState) -> None:
-        depth = state.tip_mm[2]
-        width = float(self.surface.width_mm.max())
-        if depth <= 0:
-            return
-        narrow = min(min(tip.half_mm) for tip in self.indenter.tips)
-        if narrow < self._cell_mm / 2:
-            raise SolverError(
-                f"press: {self.indenter.name} is {2 * narrow:.2g} mm wide and hides between cells "
-                f"of {self._cell_mm:.2g} mm, a finer mesh is needed"
-            )
-        # A thin tip may pass through the gel whole: then it is as deep inside as at rest.
-        still = np.zeros_like(state.displacement_mm)
-        unmoved = self.surface.deepest_mm(still, np.array(state.tip_mm))
-        if state.diagnostics.penetration_mm > max(HIDDEN_LIMIT * min(depth, unmoved), width):
-            raise SolverError(
-                f"press: {self.indenter.name} is {state.diagnostics.penetration_mm:.2g} mm inside "
-                f"the gel at depth {depth:g} mm: the tip hides between the contact points of "
-                "this mesh, a finer one is needed"
-            )
-        # Into a dent that a relaxing gel still keeps, a tip may advance without contact.
-        dented = state.overstress_mpa is not None and previous.contact_points == 0
-        if state.contact_points == 0 and depth > previous.tip_mm[2] and not dented:
-            raise SolverError(
-                f"press: {self.indenter.name} lost contact while advancing to {depth:g} mm: it "
-                "left the gel, or hides between the contact points of this mesh"
-            )
 
 
 def _smallest_face_mm(mesh: HexMesh) -> float:

@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...gel import reference
-from ...gel.contact import ContactState, LayerContact, normal_contact
+from ...gel.complementarity import normal_contact
+from ...gel.contact import ContactState, LayerContact
 from ...gel.layer import BondedLayer
 from ...gel.material import GelMaterial
 from ...shapes import SkinDimensions
