@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -74,6 +74,7 @@ class Press:
         self._knots: list[Solved] = []
         self._states: dict[int, State] = {}
         self._others = len(self.poses)
+        self._closed = False
         self.solves, self.seconds, self.between = 0, 0.0, Between()
         self.found = self._load()
 
@@ -126,6 +127,7 @@ class Press:
         seconds: that it takes; those of the plan where it is planned. Raises SolverError and
         InputError when the gel cannot be solved there.
         """
+        assert not self._closed, "the next press has begun"
         if before < len(self.poses) and self.poses[before].tip_mm == tip_mm:
             if before == len(self._knots):
                 self._solve_planned(before)
@@ -142,6 +144,11 @@ class Press:
             self.next(k, self.poses[k].tip_mm, 0.0)
             if told:
                 told(k + 1, len(self.poses), time.perf_counter() - start_s)
+
+    def close(self) -> None:
+        """Let go of fields and solver, a quarter of a gigabyte and more; counts and flags stay."""
+        self._knots = [replace(knot, displacement_mm=None) for knot in self._knots]
+        self._states, self._contact, self._closed = {}, None, True
 
     # -- solving ---------------------------------------------------------------------------------
 
@@ -218,6 +225,7 @@ class Press:
         self._states = {k: s for k, s in self._states.items() if k == before} | {key: state}
 
     def _load(self) -> Trajectory | None:
+        """What is in the store, less its knots: those are this press's own from here on."""
         if self._key is None:
             return None
         # One with fields serves who needs none.
@@ -226,13 +234,14 @@ class Press:
             if found is not None:
                 self._knots = [self._mirror.solved(knot) for knot in found.knots]
                 self.between = found.between
-                return found
+                return replace(found, knots=())
         return None
 
 
 class Presses:
     """Opens the presses of a protocol on a skin; keeps count of what was solved and what found.
 
+    One press is under way at a time: opening the next closes it.
     Nothing that no channel needs: no friction without shear, no field without images, no time
     without a Prony series.
     """
@@ -278,13 +287,16 @@ class Presses:
         x, y = ((max(v - a, -h), min(v + a, h)) for v, h in zip(at_mm, half, strict=True))
         shape = parse_indenter(indenter)
         choice = self._pick(shape, (x, y, self._deepest_mm))
-        press = Press(self._opener(shape, choice), fields=self.fields)
-        self.opened.append(press)
-        return press
+        return self._opened(Press(self._opener(shape, choice), fields=self.fields))
 
     def of(self, path: PressPath) -> Press:
         """A planned press."""
-        press = self._waiting.pop(path.press, None) or self._press(path)
+        waiting = self._waiting.pop(path.press, None)
+        return self._opened(waiting or self._press(path))
+
+    def _opened(self, press: Press) -> Press:
+        if self.opened:
+            self.opened[-1].close()
         self.opened.append(press)
         return press
 

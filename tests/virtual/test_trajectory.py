@@ -252,3 +252,19 @@ def test_a_failure_ends_one_press_and_the_rest_is_kept() -> None:
     presses = Presses(far, SKIN, COARSE)
     with pytest.raises((SolverError, InputError)):
         presses.of(presses.paths[1]).solve_all()
+
+
+def test_opening_the_next_press_lets_the_fields_of_the_last_go() -> None:
+    presses = Presses(declared(), SKIN, COARSE)
+    first = presses.of(presses.paths[0])
+    first.solve_all()
+    forces, flags = [knot.force_n for knot in first.knots], first.flags
+    presses.of(presses.paths[1])
+    assert all(knot.displacement_mm is None for knot in first.knots)
+    assert [knot.force_n for knot in first.knots] == forces
+    assert (first.flags, first.solves) == (flags, len(forces))
+    with pytest.raises(AssertionError, match="has begun"):
+        first.next(0, first.poses[0].tip_mm, 1.0)
+    again = Presses(declared(), SKIN, COARSE).of(presses.paths[0])
+    assert again.found is not None
+    assert all(knot.displacement_mm is not None for knot in again.knots)
