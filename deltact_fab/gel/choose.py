@@ -42,6 +42,7 @@ FRICTION_FORCE = 0.5  # x min(friction, 1) x (depth/thickness)^1.6
 # Cells of the finite-strain mesh.
 CELLS_ACROSS = 3.0  # contact radius over cell size at TOLERANCE
 DRAGGED = 0.85  # x cells of a path that moves in plane: its steps take more of the tolerance
+LAYERS = 8  # least cells over the thickness
 EDGE_CELL_MM = 0.5  # largest cell at TOLERANCE where an edge is sharper than it
 MOST_EDGE_CELL_MM = 0.6  # at any tolerance: a star's points slip between larger ones
 EDGE_MM = 0.75  # radius below which an edge is sharp
@@ -255,7 +256,7 @@ def cell_mm(
     sharp = min(share * EDGE_CELL_MM, MOST_EDGE_CELL_MM)
     if edge < EDGE_MM and sharp < h:
         h, what = sharp, f"edge radius {edge:.2g} mm"
-    thin = skin.thickness_mm / 6
+    thin = skin.thickness_mm / LAYERS
     if thin < h:
         h, what = thin, f"thickness {skin.thickness_mm:g} mm"
     return float(f"{max(h, LEAST_MM):.3g}"), what

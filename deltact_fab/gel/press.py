@@ -36,10 +36,14 @@ COARSER, MESH_FACTOR = 1.5, 1.4
 FEWER, STEP_FACTOR = 2.0, 1.3
 REFINEMENTS = 2
 FINEST = 0.45  # least factor of a refinement
-# Most increments x unknowns^WORK_POWER of a refinement, about half a minute on one core. Counted,
-# not timed: a busy machine must not change a result.
-MOST_WORK = 6e6
+# Most increments x unknowns^WORK_POWER of a refinement, about a minute on one core. Counted, not
+# timed: a busy machine must not change a result.
+MOST_WORK = 1.2e7
 WORK_POWER = 1.3
+DOFS_POWER = 2.5  # of the cells' number on their size
+AIM = 0.85  # of the tolerance
+MESH_SHARE = DOFS_POWER * WORK_POWER / (DOFS_POWER * WORK_POWER + 2)
+WORTH = 0.9  # a refinement by less is not made
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,13 +190,9 @@ class _Problem:
         for _ in range(REFINEMENTS if free and choice.level == "hyperelastic" else 0):
             if self.holds(estimate):
                 break
-            # Second order in the mesh, first order in the steps; what is within its half stays.
-            mesh, steps = self._excess(by_mesh), self._excess(by_step)
-            spacing = max(FINEST, math.sqrt(0.5 / mesh)) if mesh > 0.6 else 1.0
-            step = max(FINEST / 2, 0.35 / steps) if steps > 0.4 else 1.0
-            dofs = fine.contact.dofs * spacing**-2.5
-            work = len(fine.states) / step * dofs**WORK_POWER
-            if dofs > MOST_DOFS or work > MOST_WORK:
+            spacing, step = self._finer(by_mesh, by_step)
+            spacing, step = _afforded(fine, spacing, step)
+            if min(spacing, step) > WORTH:
                 break
             choice = choice.times(spacing, step)
             text = f"{choice.spacing_mm:.3g} mm, steps of {choice.step_mm:.3g} mm"
@@ -215,8 +215,23 @@ class _Problem:
         fewer = self._run(choice.times(COARSER, FEWER))
         return fine, by_mesh, _change(coarse, fewer, STEP_FACTOR)
 
-    def _excess(self, errors: _Errors) -> float:
-        return max(errors.force_rel / self.tolerance, errors.in_plane_mm / self.in_plane_mm)
+    def _finer(self, by_mesh: _Errors, by_step: _Errors) -> tuple[float, float]:
+        """Factors of cells and steps by which the estimate comes to AIM, with the least work.
+
+        Errors go with the square of the cells and with the steps, work with powers of both: of
+        equal work where the mesh's part is to the steps' as MESH_SHARE to the rest.
+        """
+        spacing = step = 1.0
+        tolerances = (self.tolerance, self.in_plane_mm)
+        for mesh, steps, tolerance in zip(by_mesh, by_step, tolerances, strict=True):
+            goal = AIM * tolerance
+            if mesh + steps <= tolerance:
+                continue
+            for_steps = min(steps, max((1 - MESH_SHARE) * goal, goal - mesh))
+            for_mesh = min(mesh, goal - for_steps)
+            spacing = min(spacing, math.sqrt(for_mesh / mesh) if mesh else 1.0)
+            step = min(step, for_steps / steps if steps else 1.0)
+        return max(spacing, FINEST), max(step, FINEST / 2)
 
     def _run(self, choice: Choice) -> _Run:
         contact = contact_of(self._skin, self._material, self._indenter, choice)
@@ -229,6 +244,15 @@ class _Problem:
             # At the corners; on the way in, the first increments are coarse by intention.
             flags.update({f.partition(":")[0]: f for f in states[-1].diagnostics.flags})
         return _Run(contact, states, tuple(flags.values()))
+
+
+def _afforded(run: _Run, spacing: float, step: float) -> tuple[float, float]:
+    """As much of a refinement as MOST_DOFS and MOST_WORK leave, the mesh giving way first."""
+    dofs = run.contact.dofs
+    spacing = max(spacing, min(1.0, (dofs / MOST_DOFS) ** (1 / DOFS_POWER)))
+    work = len(run.states) * dofs**WORK_POWER / MOST_WORK
+    spacing = max(spacing, min(1.0, (work / step) ** (1 / (DOFS_POWER * WORK_POWER))))
+    return spacing, max(step, min(1.0, work / spacing ** (DOFS_POWER * WORK_POWER)))
 
 
 class _Errors(NamedTuple):

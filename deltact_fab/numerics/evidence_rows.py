@@ -123,14 +123,20 @@ def press_row(i: int) -> dict[str, Any]:
     choice = pick(skin, material, indenter, Reach.around([tip]), level="hyperelastic",
                   spacing_mm=asked)  # fmt: skip
     choice = replace(choice, step_mm=result["picked"]["step_mm"])
-    answers = []
-    # The mesh's part from the next mesh, friction's from half the steps, both at the finer one.
-    for spacing, step in ((1.0, 1.0), (1.0, 0.5), (1 / 1.5, 0.5)):
+
+    def solved(spacing: float, step: float) -> tuple[Any, Any]:
         contact = contact_of(skin, material, indenter, choice.times(spacing, step))
         *_, last = contact.path(contact.rest((x, y, 0.0)), tip)
-        answers.append((np.array(last.force_n), last.displacement_mm[..., :2]))
-    weight = 1 / (1.5**2 - 1)
-    force, u = (c + weight * (c - b) + (b - a) for a, b, c in zip(*answers, strict=True))
+        return np.array(last.force_n), last.displacement_mm[..., :2]
+
+    known = np.array(result["force_n"]), found.displacement_mm[..., :2]
+    own = known if level == "hyperelastic" else solved(1.0, 1.0)
+    # The mesh's part from the next mesh, second order; friction's from half the steps, first order.
+    weight = 1 + 1 / (1.5**2 - 1)
+    force, u = (
+        base + weight * (finer - base) + 2 * (half - base)
+        for base, finer, half in zip(own, solved(1 / 1.5, 1.0), solved(1.0, 0.5), strict=True)
+    )
     true_force = float(np.linalg.norm(np.array(result["force_n"]) - force) / np.linalg.norm(force))
     true_mm = rms_mm(found.displacement_mm[..., :2] - u)
     estimate = result["error_estimate"]

@@ -1,0 +1,87 @@
+"""How `gel press` refines: to the tolerance with the least work, and as far as work goes."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+
+from deltact_fab.gel import press as module
+from deltact_fab.gel.material import GelMaterial
+from deltact_fab.gel.press import AIM, MOST_WORK, WORK_POWER, _afforded, _Errors, _Problem, press
+from deltact_fab.shapes import SkinDimensions
+from deltact_fab.shapes.indenter import parse
+
+TOLERANCE = 0.03
+
+
+@pytest.fixture
+def problem() -> _Problem:
+    return _Problem(SkinDimensions(), GelMaterial(), parse("sphere:15"), [(0, 0, 3.0)], TOLERANCE)
+
+
+@dataclass
+class Contact:
+    dofs: int
+
+
+@dataclass
+class Run:
+    contact: Contact
+    states: list[Any] = field(default_factory=list)
+
+
+@pytest.mark.parametrize(
+    ("by_mesh", "by_step"),
+    [
+        (_Errors(0.042, 0.030), _Errors(0.014, 0.028)),
+        (_Errors(0.029, 0.0), _Errors(0.007, 0.0)),
+        (_Errors(0.0, 0.01), _Errors(0.0, 0.06)),
+        (_Errors(0.01, 0.09), _Errors(0.04, 0.0)),
+    ],
+)
+def test_what_is_left_of_both_errors_comes_to_the_aim(
+    problem: _Problem, by_mesh: _Errors, by_step: _Errors
+) -> None:
+    spacing, step = problem._finer(by_mesh, by_step)
+    left = [m * spacing**2 + s * step for m, s in zip(by_mesh, by_step, strict=True)]
+    shares = (left[0] / TOLERANCE, left[1] / problem.in_plane_mm)
+    assert max(shares) <= AIM * (1 + 1e-9) or (max(shares) <= 1 and spacing == step == 1)
+    assert max(shares) > 0.5  # no finer than needed
+
+
+def test_no_other_split_of_the_errors_takes_less_work(problem: _Problem) -> None:
+    mesh, steps = 0.05, 0.03
+    spacing, step = problem._finer(_Errors(mesh, 0.0), _Errors(steps, 0.0))
+
+    def work(for_steps: float) -> float:
+        h = ((AIM * TOLERANCE - for_steps) / mesh) ** 0.5
+        return h ** -(module.DOFS_POWER * WORK_POWER) * (steps / for_steps)
+
+    least = min(work(AIM * TOLERANCE * k / 100) for k in range(1, 100))
+    assert spacing ** -(module.DOFS_POWER * WORK_POWER) / step == pytest.approx(least, rel=1e-3)
+
+
+@pytest.mark.parametrize("dofs", [2000, 20_000, 60_000])
+@pytest.mark.parametrize("states", [5, 40])
+def test_a_refinement_stays_within_the_work_and_coarsens_nothing(dofs: int, states: int) -> None:
+    run = Run(Contact(dofs), [None] * states)
+    spacing, step = _afforded(run, 0.5, 0.3)  # type: ignore[arg-type]
+    assert 0.5 <= spacing <= 1
+    assert 0.3 <= step <= 1
+    done = states * dofs**WORK_POWER
+    after = done / step / spacing ** (module.DOFS_POWER * WORK_POWER)
+    assert after <= max(MOST_WORK, done) * (1 + 1e-9)
+
+
+def test_what_the_work_does_not_afford_is_refined_in_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = (SkinDimensions(), GelMaterial(friction=0.0), parse("sphere:20"), (0.0, 0.0), 6.0)
+    monkeypatch.setattr(module, "REFINEMENTS", 0)
+    first = press(*asked, tolerance=0.02).result
+    monkeypatch.setattr(module, "REFINEMENTS", 1)
+    monkeypatch.setattr(module, "MOST_WORK", 2.5e5)  # .7 of the cells would take 4e5
+    second = press(*asked, tolerance=0.02).result
+    assert not first["within_tolerance"]
+    assert 0.75 < second["picked"]["spacing_mm"] / first["picked"]["spacing_mm"] < 0.95
+    assert "refined to" in second["picked"]["why"]
+    a, b = (r["error_estimate"]["displacement_mm"] for r in (first, second))
+    assert b < a
