@@ -27,10 +27,17 @@ Progress = Callable[[int, int, str], None]
 
 
 def checks(protocol_name: str, rig_name: str) -> list[limits.Check]:
-    """Static checks of a protocol on a rig."""
+    """Static checks of a protocol on a rig; of forces those that take seconds to predict."""
     protocol, _ = plan.load(protocol_name)
-    rig, _ = rig_config.load(rig_name)
-    return limits.check(protocol, load_design(protocol.specimen.design), rig.stage.box)
+    rig, path = rig_config.load(rig_name)
+    sensor = load_design(protocol.specimen.design)
+    rows = limits.check(protocol, sensor, rig.stage.box)
+    # What leaves the gel or the stage is said already, and has no force.
+    if all(row.ok for row in rows):
+        declared = preflight.limits_of(rig, str(path), protocol)
+        peaks = preflight.predict(protocol, sensor, declared.origin_mm, solve=False)
+        rows += [] if peaks is None else preflight.checks(peaks, declared)
+    return rows
 
 
 def show(protocol_name: str, rig_name: str) -> tuple[list[Step], limits.Estimate]:

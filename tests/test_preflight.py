@@ -137,6 +137,39 @@ def test_the_virtual_rig_warns_and_goes_on(
     assert lines[0] in caplog.text
 
 
+@pytest.mark.parametrize("simulated", [False, True])
+def test_checks_have_a_row_a_limit_and_fail_on_a_real_rig_only(
+    smoke: Protocol, simulated: bool
+) -> None:
+    peaks = _peaks(smoke)
+    weak = replace(REAL, simulated=simulated, stage_n=(60.0, 60.0, 10.0))
+    rows = preflight.checks(peaks, weak)
+    assert {r.bound for r in rows} == {10.0, 60.0, 35.0, 25.0, 250.0}
+    (over,) = (r for r in rows if r.figure > r.bound)
+    assert over.figure == pytest.approx(2 * max(p.normal_n for p in peaks), abs=0.05)
+    assert (over.ok, over.warns) == (simulated, simulated)
+    assert "[stage] max_force_n" in over.line()
+    assert over.where == "4dots at (0, 0) mm, 1.2 mm deep"
+    assert over.line().startswith("WARN" if simulated else "FAIL")
+    missing = preflight.checks(peaks, replace(weak, stage_n=None))[0]
+    assert (missing.ok, missing.where) == (simulated, "my-bench.toml")
+    assert "undeclared: [stage] max_force_n" in missing.what
+
+
+def test_protocol_check_names_peak_forces_and_warns_of_a_weak_stage(
+    mini: tuple[Path, Path], tmp_path: Path
+) -> None:
+    rig = tmp_path / "weak.toml"
+    rig.write_text(mini[1].read_text().replace("[60.0, 60.0, 60.0]", "[60.0, 60.0, 2.0]"))
+    done = CliRunner().invoke(command, ["check", str(mini[0]), "--rig", str(rig)])
+    assert done.exit_code == 0
+    (line,) = (v for v in done.output.splitlines() if v.startswith("WARN"))
+    assert "[stage] max_force_n" in line
+    assert "(limit 2)  at " in line
+    deep = CliRunner().invoke(command, ["check", "pattern-selection"])
+    assert "--forces" in deep.output.splitlines()[-1]
+
+
 def test_a_run_on_a_weak_virtual_rig_keeps_the_warning(
     mini: tuple[Path, Path], tmp_path: Path
 ) -> None:

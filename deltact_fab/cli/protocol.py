@@ -18,6 +18,10 @@ def protocol() -> None:
 
 RIG = click.option("--rig", "rig_name", default="virtual", show_default=True, help="Rig file.")
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+UNSOLVED = (
+    "peak forces: deep presses, not solved yet; `protocol show NAME --forces` solves them once "
+    "(minutes)"
+)
 
 
 @protocol.command("list")
@@ -49,7 +53,9 @@ def check(name: str, rig_name: str, as_json: bool) -> None:
         echo_json([r.as_dict() for r in rows])
     else:
         for row in rows:
-            click.echo(row.line() + ("" if row.ok else f"  at {row.where}"))
+            click.echo(row.line() + ("" if row.ok and not row.warns else f"  at {row.where}"))
+        if all(r.ok for r in rows) and not any("force" in r.name for r in rows):
+            click.echo(UNSOLVED)
     raise click.exceptions.Exit(0 if all(r.ok for r in rows) else 1)
 
 
@@ -94,7 +100,7 @@ def show(name: str, rig_name: str, forces: bool, as_json: bool) -> None:
         f"{minutes} min {seconds} s of motion and settling, about {estimate.disk_mb:.0f} MB"
     )
     if predicted is None:
-        click.echo("peak forces: deep presses, not solved yet; --forces solves them once (minutes)")
+        click.echo(UNSOLVED)
         click.echo(PAPER_REMARK)
         return
     _echo_peaks(*predicted)

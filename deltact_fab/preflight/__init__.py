@@ -5,13 +5,14 @@ position and depth, with shear and moments), `rule` (what a rig allows).
 """
 
 from .peaks import MODULUS_FACTOR, PAPER_REMARK, Peak, predict
-from .rule import ForceLimits, judge, limits_of, require
+from .rule import ForceLimits, checks, judge, limits_of, require
 
 __all__ = [
     "MODULUS_FACTOR",
     "PAPER_REMARK",
     "ForceLimits",
     "Peak",
+    "checks",
     "judge",
     "limits_of",
     "predict",

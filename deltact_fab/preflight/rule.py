@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from ..errors import InputError
+from ..protocols.limits import Check
 from ..protocols.plan import Protocol
 from ..rig.config import RigConfig
 from .peaks import MODULUS_FACTOR, PAPER_REMARK, PAPER_REMARK_FROM, Peak, Vector
@@ -88,6 +89,30 @@ def judge(name: str, thickness_mm: float, peaks: Sequence[Peak], limits: ForceLi
     if any(p.depth_mm > PAPER_REMARK_FROM * thickness_mm for p in peaks) and lines:
         lines[-1] += f"; {PAPER_REMARK}"
     return lines
+
+
+def checks(peaks: Sequence[Peak], limits: ForceLimits) -> list[Check]:
+    """A row for each declared limit, with the worst press, and one for those that are missing."""
+    missing = limits.undeclared()
+    rows = [_check("force limits", "undeclared: " + ", ".join(missing), len(missing), 0, limits)]
+    for what, limit, key, loads in _rows(limits, [p.high for p in peaks]):
+        load, worst = max(zip(loads, peaks, strict=True), key=lambda pair: pair[0])
+        x, y = worst.at_mm
+        where = f"{worst.indenter} at ({x:g}, {y:g}) mm, {worst.depth_mm:g} mm deep"
+        unit = "N mm" if key.endswith("range_nmm") else "N"
+        text = f"{what} with twice the modulus, {key} ({unit})"
+        rows.append(_check("peak force", text, round(load, 1), limit, limits, where))
+    return rows if missing else rows[1:]
+
+
+def _check(
+    name: str, what: str, figure: float, bound: float, limits: ForceLimits, where: str = ""
+) -> Check:
+    over = figure > bound
+    return Check(
+        name, limits.simulated or not over, what, figure, bound, where or limits.source,
+        over and limits.simulated,
+    )  # fmt: skip
 
 
 def require(lines: Iterable[str], limits: ForceLimits) -> list[str]:

@@ -33,7 +33,10 @@ class StageBox:
 
 @dataclass(frozen=True)
 class Check:
-    """One row: `figure` must not exceed `bound` (both in the unit named by `what`)."""
+    """One row: `figure` must not exceed `bound` (both in the unit named by `what`).
+
+    warns: it does, where nothing can break.
+    """
 
     name: str
     ok: bool
@@ -41,10 +44,11 @@ class Check:
     figure: float
     bound: float
     where: str
+    warns: bool = False
 
     def line(self) -> str:
         """One line for a person."""
-        verdict = "pass" if self.ok else "FAIL"
+        verdict = "WARN" if self.warns else "pass" if self.ok else "FAIL"
         return f"{verdict}  {self.name}: {self.what} {self.figure:g} (limit {self.bound:g})"
 
     def as_dict(self) -> dict[str, Any]:
