@@ -21,7 +21,8 @@ from ..errors import DeltactFabError
 from ..protocols.plan import Protocol
 from ..rig.config import GelConfig
 from ..shapes import SkinDimensions
-from .presses import Press, Presses, path_of
+from .press import Press
+from .presses import Presses, path_of
 
 POLL_S = 0.2
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")

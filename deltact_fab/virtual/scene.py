@@ -19,7 +19,7 @@ from ..optics import StageFrame, SurfaceLattice
 from .clock import NS_PER_S, NsClock
 from .controller import GrblController
 from .motion import Segment
-from .presses import Press
+from .press import Press
 from .trajectory import CONTACT_EPS_MM, Increments, Point, Solved, divide
 
 Wrench = tuple[Point, Point]

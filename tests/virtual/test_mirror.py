@@ -16,7 +16,8 @@ from deltact_fab.shapes.indenter import parse
 from deltact_fab.virtual import presses as presses_module
 from deltact_fab.virtual.ahead import solve_ahead
 from deltact_fab.virtual.mirror import Mirror, to_solved
-from deltact_fab.virtual.presses import Press, Presses
+from deltact_fab.virtual.press import Press
+from deltact_fab.virtual.presses import Presses
 from deltact_fab.virtual.trajectory import Solved, paths
 
 GELS = {

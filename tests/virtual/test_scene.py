@@ -12,7 +12,7 @@ from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 from deltact_fab.virtual.clock import VirtualClock
 from deltact_fab.virtual.controller import GrblController
-from deltact_fab.virtual.presses import Press
+from deltact_fab.virtual.press import Press
 from deltact_fab.virtual.scene import GelScene, LatticeCrop
 from deltact_fab.virtual.trajectory import Increments, Pose
 

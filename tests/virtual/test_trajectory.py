@@ -18,7 +18,8 @@ from deltact_fab.rig.config import FiniteGelConfig, GelConfig
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.virtual import presses as presses_module
 from deltact_fab.virtual.ahead import solve_ahead
-from deltact_fab.virtual.presses import Press, Presses
+from deltact_fab.virtual.press import Press
+from deltact_fab.virtual.presses import Presses
 from deltact_fab.virtual.trajectory import KIND, Increments, divide, load, paths, poses
 
 COARSE = GelConfig(spacing_mm=1.0, press_increment_mm=0.25, shear_increment_mm=0.5)
