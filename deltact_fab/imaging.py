@@ -13,6 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .units import MM_PER_INCH
+
 GAMMA = 2.2
 Float = NDArray[np.float32]
 
@@ -29,7 +31,7 @@ class Printer:
     @property
     def mm_per_dot(self) -> float:
         """Pitch of the printer's dots."""
-        return 25.4 / self.dpi
+        return MM_PER_INCH / self.dpi
 
     def print_(self, values: Float, rng: np.random.Generator) -> Float:
         """Print colour values (h, w, 3 in 0..1, one per printer dot); returns linear reflectance.

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from .. import __version__
 from ..errors import InputError
+from ..units import MM_PER_INCH
 from . import dots
 from .recipe import PatternRecipe, recipe_from
 
@@ -62,7 +63,7 @@ def png(
         notes.add_text("dots_sha256", hashlib.sha256(table).hexdigest())
         if len(table) <= MAX_TABLE_BYTES:
             notes.add_text("dots_csv", table.decode(), zip=True)
-    per_inch = 25.4 / mm_per_px
+    per_inch = MM_PER_INCH / mm_per_px
     file = io.BytesIO()
     Image.fromarray(image).save(
         file,

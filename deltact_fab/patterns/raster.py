@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..shapes import SensorDimensions
+from ..units import MM_PER_INCH
 from . import dots, metadata
 from .code import patches_hash
 from .files import check_place, write_together
@@ -27,7 +28,6 @@ from .laws.patches import draw_patches
 from .recipe import PatternRecipe
 
 DEFAULT_DPI = 1200.0
-MM_PER_INCH = 25.4
 MAX_SIDE_PX = 8000
 """Side of the largest raster: about 0.5 GB of memory while it is written."""
 MAX_PRINTED_SIDE_PX = 11_000

@@ -15,6 +15,7 @@ from ..errors import InputError
 from ..optics import StageFrame
 from ..shapes import SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
+from .motion import move_duration_s
 from .plan import Point, Protocol, Step, expand
 
 PNG_BYTES_PER_PX = 2.2  # measured on rendered frames of a dense pattern: 1.9-2.3
@@ -99,7 +100,10 @@ def estimate(protocol: Protocol, sensor: SensorDimensions, stage: StageBox) -> E
     here: Point = (0.0, 0.0, protocol.motion.park_mm)
     seconds = 0.0
     for step in steps:
-        seconds += _move_s(here, step, stage) + step.settle_s
+        x, y, z = (b - a for a, b in zip(here, step.target_mm, strict=True))
+        seconds += step.settle_s + move_duration_s(
+            (x, y, z), step.feed_mm_min, stage.max_feed_mm_min, stage.acceleration_mm_s2
+        )
         here = step.target_mm
     frames = sum(s.frames for s in steps)
     optics = sensor.optics
@@ -111,19 +115,6 @@ def estimate(protocol: Protocol, sensor: SensorDimensions, stage: StageBox) -> E
         seconds=seconds,
         disk_mb=frames * (px * PNG_BYTES_PER_PX + 2000) / 1e6,
     )
-
-
-def _move_s(start: Point, step: Step, stage: StageBox) -> float:
-    delta = [abs(b - a) for a, b in zip(start, step.target_mm, strict=True)]
-    length_mm = sum(d * d for d in delta) ** 0.5
-    if length_mm == 0:
-        return 0.0
-    a = min(acc * length_mm / d for acc, d in zip(stage.acceleration_mm_s2, delta, strict=True)
-            if d > 0)  # fmt: skip
-    v = step.feed_mm_min / 60
-    if length_mm < v * v / a:
-        return float(2 * (length_mm / a) ** 0.5)
-    return length_mm / v + v / a
 
 
 def _worst(pairs: Iterable[tuple[float, str]]) -> tuple[float, str]:

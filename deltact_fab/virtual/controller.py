@@ -25,6 +25,7 @@ from collections.abc import Generator, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from ..units import MM_PER_INCH
 from .clock import NS_PER_S, NsClock, to_ns
 from .motion import Path, Segment, Vec3, along_line, brake, trapezoid
 
@@ -39,7 +40,6 @@ SETTINGS: dict[int, float] = {
 }  # fmt: skip
 _WHOLE = frozenset((0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 32))
 _PLANNER_BLOCKS, _RX_BYTES, _LINE_CHARS = 15, 128, 79
-_MM_PER_INCH = 25.4
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)")
 
 State = Literal["Idle", "Run", "Jog", "Hold", "Home", "Alarm", "Sleep"]
@@ -672,7 +672,7 @@ class GrblController:
     def _coordinates(self, mm: Vec3) -> str:
         """Three numbers as reported: 3 decimals of a millimetre, or 4 of an inch."""
         if self.settings[13]:
-            return ",".join(f"{p / _MM_PER_INCH + 0.0:.4f}" for p in mm)
+            return ",".join(f"{p / MM_PER_INCH + 0.0:.4f}" for p in mm)
         return ",".join(f"{p + 0.0:.3f}" for p in mm)
 
     def _offset_mm(self) -> Vec3:
@@ -691,7 +691,7 @@ class GrblController:
             free = _PLANNER_BLOCKS - len(self._queue), _RX_BYTES - len(self._rx)
             parts.append(f"Bf:{free[0]},{free[1]}")
         speed = self._moving.speed_mm_s(self._t) * 60 if self._moving is not None else 0.0
-        rate = f"{speed / _MM_PER_INCH:.1f}" if self.settings[13] else f"{speed:.0f}"
+        rate = f"{speed / MM_PER_INCH:.1f}" if self.settings[13] else f"{speed:.0f}"
         spindle = 0.0 if self._modal.spindle == 5 else self._modal.spindle_rpm
         parts.append(f"FS:{rate},{spindle:.0f}")
         busy = self._state in ("Run", "Jog", "Hold")
@@ -720,11 +720,11 @@ class GrblController:
         action = groups.get("action")
         axes = {a: values[c] for a, c in enumerate("XYZ") if c in values}
         if inches:
-            axes = {a: v * _MM_PER_INCH for a, v in axes.items()}
+            axes = {a: v * MM_PER_INCH for a, v in axes.items()}
         moves = action not in (10, 92) and (bool(axes) or "motion" in groups)
         if jog and "F" not in values:
             raise _Refused(22)
-        feed = values["F"] * (_MM_PER_INCH if inches else 1) if "F" in values else modal.feed_mm_min
+        feed = values["F"] * (MM_PER_INCH if inches else 1) if "F" in values else modal.feed_mm_min
         used = {"F", "N", "S", "T", "X", "Y", "Z"}
         if action == 4:
             if "P" not in values:

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from deltact_fab.errors import InputError, StageError
 from deltact_fab.optics import StageFrame
-from deltact_fab.rig.grbl import GrblStage, move_duration_s
+from deltact_fab.protocols.motion import move_duration_s
+from deltact_fab.rig.grbl import GrblStage
 from deltact_fab.virtual import wire
 from deltact_fab.virtual.clock import VirtualClock, to_ns
 from deltact_fab.virtual.controller import GrblController

@@ -28,9 +28,10 @@ from ...patterns.raster import raster
 from ...patterns.recipe import PatternRecipe, recipe_from_options
 from ...patterns.sheet import job as sheet
 from ...patterns.sheet.pixels import unfiltered
+from ...units import MM_PER_INCH
 from ..engine import Case, Engine, Setting, Table, Work
 
-MM_PER_POINT = 25.4 / 72
+MM_PER_POINT = MM_PER_INCH / 72
 NUMBER_MM = 1e-6 * MM_PER_POINT
 """The file's numbers are written to a millionth of a point."""
 
@@ -146,7 +147,7 @@ def _size_error(d_mm: float, dpi: float, scratch: Path) -> float:
     recipe = _recipe(d_mm, 0.3)
     made = sheet.write([recipe], scratch / "case.pdf", dpi=dpi)
     sticker, found = made.stickers[0], read_back(made.out)
-    whole = len(found.pixels) * 25.4 / dpi
+    whole = len(found.pixels) * MM_PER_INCH / dpi
     want_mm = recipe.printed_mm if sticker.embedding == "patches" else whole
     places = (sticker.x_mm, sticker.y_mm)
     return max(
@@ -175,15 +176,15 @@ def _rasterised(d_mm: float, dpi: int, scratch: Path) -> tuple[float, str]:
     recipe = _recipe(d_mm, 0.3, 12.0)
     made = sheet.write([recipe], scratch / "case.pdf", dpi=dpi, paper="A5")
     sticker = made.stickers[0]
-    corner = [round(v * dpi / 25.4) for v in (sticker.x_mm, sticker.y_mm)]
-    side = math.ceil(sticker.side_mm * dpi / 25.4)
+    corner = [round(v * dpi / MM_PER_INCH) for v in (sticker.x_mm, sticker.y_mm)]
+    side = math.ceil(sticker.side_mm * dpi / MM_PER_INCH)
     window = ["-x", corner[0], "-y", corner[1], "-W", side, "-H", side]
     command = ["pdftoppm", "-r", dpi, *window, "-singlefile", made.out, scratch / "case"]
     done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
     image = cv2.imread(str(scratch / "case.ppm"))
     if done.returncode or image is None:
         raise RunFailed(f"pdftoppm: {done.stderr.strip() or 'wrote nothing'}")
-    at = np.floor((np.arange(recipe.n) + 0.5) * d_mm * dpi / 25.4).astype(int)
+    at = np.floor((np.arange(recipe.n) + 0.5) * d_mm * dpi / MM_PER_INCH).astype(int)
     wrong = (image[np.ix_(at, at)][..., ::-1] != draw_patches(recipe)).any(axis=2)
     return int(wrong.sum()), f"of {wrong.size}, {sticker.embedding}"
 
@@ -219,7 +220,7 @@ def cases(quick: bool) -> Sequence[Case]:
         Case("1 x 1 patch of 1 mm", "right", partial(_wrong_pixels, 1.0, 0.1, 1.0, 1200), 0,
              "wrong pixels"),
         Case("d of just one printer dot", "right",
-             partial(_wrong_pixels, 25.4 / 1200, 0.1, 10.0, 1200), 0, "wrong pixels"),
+             partial(_wrong_pixels, MM_PER_INCH / 1200, 0.1, 10.0, 1200), 0, "wrong pixels"),
         Case("100 dpi", "right", partial(_wrong_pixels, 1.0, 0.1, 35.0, 100), 0, "wrong pixels"),
         Case("9600 dpi", "right", partial(_wrong_pixels, 0.2, 0.1, side_mm, 9600), 0,
              "wrong pixels"),

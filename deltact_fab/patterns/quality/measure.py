@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...shapes import SensorDimensions
+from ...units import MM_PER_INCH
 from ..laws.patches import draw_patches
 from ..raster import albedo
 from ..recipe import PatternRecipe
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 Image = NDArray[Any]
 
-MM_PER_PX = 0.0378
+MM_PER_PX = SensorDimensions().optics.mm_per_px
 MIN_SIDE_PX = 64
 """Shorter side of the smallest field: level 5 of its pyramid has 2 pixels."""
 PRINTED_SHARE = 0.5
@@ -150,10 +151,10 @@ def field_px(
     if min(width_px, height_px) < MIN_SIDE_PX:
         least_mm, side_mm = MIN_SIDE_PX * mm_per_px, min(width_mm, height_mm)
         if side_mm >= least_mm and across_mm / mm_per_dot / math.sqrt(MAX_DOTS) == too_fine:
-            most = math.floor(25.4 * math.sqrt(MAX_DOTS) / across_mm * side_mm / least_mm)
+            most = math.floor(MM_PER_INCH * math.sqrt(MAX_DOTS) / across_mm * side_mm / least_mm)
             raise InputError(
-                f"dpi: {25.4 / mm_per_dot:.0f} leaves a field of {width_px} x {height_px} px in "
-                f"the {MAX_DOTS} printer dots that are simulated; use at most {most}"
+                f"dpi: {MM_PER_INCH / mm_per_dot:.0f} leaves a field of {width_px} x {height_px} "
+                f"px in the {MAX_DOTS} printer dots that are simulated; use at most {most}"
             )
         raise InputError(
             f"quality: the field is {width_px} x {height_px} px of {mm_per_px:g} mm; at least "

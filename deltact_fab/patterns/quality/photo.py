@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
+from ...units import MM_PER_INCH
 from ..raster import albedo, cell_means, checked_mm_per_px, raster_window
 from ..recipe import PatternRecipe
 
@@ -31,7 +32,7 @@ def sent(recipe: PatternRecipe, dpi: float, field_mm: tuple[float, float]) -> ND
     A patch or marker below a printer dot has no raster: then a dot gets the mean of what it
     covers, as from a driver that scales down. The outside of a sticker is not in it.
     """
-    mm_per_dot = 25.4 / dpi
+    mm_per_dot = MM_PER_INCH / dpi
     whole_px = round(recipe.printed_mm / mm_per_dot)
     width_px, height_px = (
         _centred(round((side_mm + 2 * MARGIN_MM) / mm_per_dot), whole_px) for side_mm in field_mm

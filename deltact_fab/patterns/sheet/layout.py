@@ -23,7 +23,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ...errors import InputError
-from .marks import MM_PER_INCH, Box, Picture, Words, width_mm
+from ...units import MM_PER_INCH
+from .marks import Box, Picture, Words, width_mm
 
 PAPERS = {
     "A5": (148.0, 210.0),

@@ -14,14 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...units import POINTS_PER_MM
 from .. import dots
 from ..recipe import DotGrid
 
 BAND_ROWS = 128
 """Rows of an image that are in memory at a time."""
-
-MM_PER_INCH = 25.4
-POINTS_PER_MM = 72 / MM_PER_INCH
 
 # Advance widths of Helvetica, characters 32 to 126, in 1/1000 em (Adobe Core 14 AFM)
 _WIDTHS = (

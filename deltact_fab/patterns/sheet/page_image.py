@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
+from ...units import MM_PER_INCH
 from .marks import BAND_ROWS, Box, Mark, Picture, Words, grey_bytes, width_mm
 from .pixels import LEVEL, packed
 
@@ -36,7 +37,7 @@ def check_size(page_px: tuple[int, int], dpi: float) -> None:
 
 def png(page_px: tuple[int, int], dpi: float, marks: Sequence[Mark], text: dict[str, str]) -> bytes:
     """The page as PNG; pHYs holds whole pixels a metre."""
-    per_metre = round(dpi / 0.0254)
+    per_metre = round(dpi / MM_PER_INCH * 1000)
     chunks = [
         (b"IHDR", struct.pack(">IIBBBBB", *page_px, 8, 2, 0, 0, 0)),
         (b"pHYs", struct.pack(">IIB", per_metre, per_metre, 1)),
@@ -137,7 +138,7 @@ def _glyphs(words: Words, dpi: float) -> Band:
     from PIL import Image, ImageDraw, ImageFont
 
     top, end = _extent(words, dpi)
-    room_px = math.ceil(width_mm(words.text, words.size_pt) * dpi / 25.4)
+    room_px = math.ceil(width_mm(words.text, words.size_pt) * dpi / MM_PER_INCH)
     size_px = words.size_pt * dpi / 72
     font = ImageFont.load_default(size_px)
     wide_px = font.getlength(words.text)

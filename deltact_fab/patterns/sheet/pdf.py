@@ -14,7 +14,8 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Sequence
 
-from .marks import POINTS_PER_MM, Box, Mark, Picture, Words
+from ...units import POINTS_PER_MM
+from .marks import Box, Mark, Picture, Words
 from .pixels import NONE, SUB, packed
 
 INSET_MM = 1e-4

@@ -1,0 +1,26 @@
+"""How long a stage takes for a straight move; planning and driving use the same."""
+
+from __future__ import annotations
+
+import math
+
+Vec3 = tuple[float, float, float]
+
+
+def move_duration_s(
+    delta_mm: Vec3, feed_mm_min: float, max_feed_mm_min: Vec3, acceleration_mm_s2: Vec3
+) -> float:
+    """Time of a straight move from rest to rest, with every axis within its own limits.
+
+    A ramp, a cruise and a ramp; a triangle when the line is too short to reach the feed.
+    """
+    length = math.hypot(*delta_mm)
+    if length == 0:
+        return 0.0
+    share = [abs(d) / length for d in delta_mm]
+    accel = min(a / s for a, s in zip(acceleration_mm_s2, share, strict=True) if s > 0)
+    top = min(f / s for f, s in zip(max_feed_mm_min, share, strict=True) if s > 0)
+    speed = min(feed_mm_min, top) / 60
+    if speed * speed >= length * accel:
+        return 2 * math.sqrt(length / accel)
+    return length / speed + speed / accel
