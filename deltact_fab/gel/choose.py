@@ -31,8 +31,8 @@ IN_PLANE_MM = 0.05  # rms over the face, at TOLERANCE
 SHARE = 0.5  # of a tolerance that the model may take
 
 # Model errors of the linear levels.
-BEND_FORCE = 0.6  # x (depth/thickness)^2, of the force
-BEND_IN_PLANE = 0.115  # x depth^2 sqrt(pi/face)
+BEND_FORCE = 1.0  # x (depth/thickness)^2, of the force
+BEND_IN_PLANE = 0.16  # x depth^2 sqrt(pi/face)
 SIDE_FORCE = 2.6  # x contact radius/thickness x sum over sides of exp(-SIDE_DECAY distance/thick.)
 SIDE_DECAY = 3.0
 SIDE_IN_PLANE = 0.24  # x the same with its own decay x depth

@@ -1,9 +1,10 @@
 """One press, and a shear after it: level and mesh picked, the error estimated, refined if need be.
 
 The estimate is the sum of MESH_FACTOR x the change against a mesh COARSER times as large, with
-friction STEP_FACTOR x the change on that mesh with steps FEWER times as large, and for a linear
-level what its model leaves out by the measured rule of `choose`. The factors are such that at least
-nine of ten smooth presses lie within it (docs/decisions/0009-gel-levels.md).
+friction STEP_FACTOR x the change on that mesh with steps FEWER times as large (both again times
+IN_PLANE_FACTOR for the displacement), and for a linear level what its model leaves out by the
+measured rule of `choose`. The factors are such that at least nine of ten smooth presses lie within
+it (docs/decisions/0009-gel-levels.md).
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ Field = NDArray[np.float64]
 
 COARSER, MESH_FACTOR = 1.5, 1.4
 FEWER, STEP_FACTOR = 2.0, 1.3
+IN_PLANE_FACTOR = 1.3  # x both in plane, where errors of several places add up
 REFINEMENTS = 2
 FINEST = 0.45  # least factor of a refinement
 # Most increments x unknowns^WORK_POWER of a refinement, about a minute on one core. Counted, not
@@ -261,12 +263,13 @@ class _Errors(NamedTuple):
 
 
 def _change(fine: _Run, coarse: _Run, factor: float) -> _Errors:
-    """factor x the change of force, and of in-plane displacement, rms over the lattice."""
+    """factor x the change of force, and IN_PLANE_FACTOR x that of in-plane displacement, rms over
+    the lattice."""
     size = math.dist(fine.last.force_n, (0.0, 0.0, 0.0))
     change = math.dist(fine.last.force_n, coarse.last.force_n)
     off = (fine.last.displacement_mm - coarse.last.displacement_mm)[..., :2]
     rms = math.sqrt(float((off**2).sum(axis=-1).mean()))
-    return _Errors(factor * change / size if size else 0.0, factor * rms)
+    return _Errors(factor * change / size if size else 0.0, IN_PLANE_FACTOR * factor * rms)
 
 
 def _sum(choice: Choice, *errors: _Errors) -> dict[str, float]:

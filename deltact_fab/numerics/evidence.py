@@ -20,7 +20,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from .evidence_rows import case_row, curve_row, drag, press_row, reference_row
+from .evidence_presses import press_row
+from .evidence_rows import case_row, curve_row, reference_row
 from .evidence_tables import write_up
 from .worker import THREAD_VARIABLES
 
@@ -28,16 +29,20 @@ FOLDER = Path("docs") / "evidence"
 LIMIT_S = 3600.0
 RANDOM_PRESSES = 30
 DRAG_MM = 1.6
-# What rows call. The tables that list them are not among these: a new line reruns no other.
-CALLED = ("evidence_rows.py", "engines/gel_scene.py", "engines/gel_checks.py")
 
 
 @dataclass(frozen=True)
 class Row:
-    """name: unique, starts with its table. call: made in the row's own process."""
+    """name: unique, starts with its table. call: made in the row's own process.
+
+    sources: of the package's files, as globs, those that the result depends on. asked: what else
+    it depends on, in words. With both unchanged a row is not run again.
+    """
 
     name: str
     call: Callable[[], dict[str, Any]]
+    sources: tuple[str, ...]
+    asked: str = ""
 
     @property
     def file(self) -> str:
@@ -51,26 +56,47 @@ class Row:
 def rows() -> Iterator[Row]:
     """All rows, the cheap tables first."""
     from .engines import gel, gel_cases
+    from .engines.gel_sources import FINITE, LEVELS, RUNS
 
-    for case in gel_cases.every_case():
-        yield Row(f"stability: {case.name}", partial(case_row, case))
+    own = "numerics/evidence_rows.py"
+    yield from (_case_row("stability", case) for case in gel_cases.every_case())
     for depth in (2.0, 5.0):
         for mu in (0.0, 0.5):
-            yield Row(
-                f"reference: {depth:g} mm, friction {mu:g}", partial(reference_row, depth, mu)
-            )
+            name = f"reference: {depth:g} mm, friction {mu:g}"
+            yield Row(name, partial(reference_row, depth, mu), (*FINITE, *RUNS, own))
     for run in gel.every_run():
-        yield Row(f"curve: {run.case}: {run.series}: {run.name}", partial(curve_row, run))
+        levels = FINITE if run.level in ("hyperelastic", "felupe") else LEVELS
+        name = f"curve: {run.case}: {run.series}: {run.name}"
+        yield Row(name, partial(curve_row, run), (*levels, *RUNS, own), repr(run))
     for i in range(RANDOM_PRESSES):
-        yield Row(f"press: {i + 1}", partial(press_row, i))
-    for case in long_cases():
-        yield Row(f"drag: {case.name}", partial(case_row, case))
+        sources = (*LEVELS, "numerics/evidence_presses.py")
+        yield Row(f"press: {i + 1}", partial(press_row, i), sources)
+    yield from (_case_row("drag", case) for case in long_cases())
+
+
+def _case_row(table: str, case: Any) -> Row:
+    from .engines.gel_sources import CASES, FINITE, LEVELS
+
+    words, modules = _spelled(case.check)
+    known = {f"deltact_fab.{path[:-3].replace('/', '.')}" for path in CASES}
+    sources = (*FINITE, *CASES) if modules <= known else (*LEVELS, "numerics/engines/*.py")
+    asked = f"{case.expectation}, {case.bound}, {case.says!r}: {words}"
+    return Row(f"{table}: {case.name}", partial(case_row, case), sources, asked)
+
+
+def _spelled(call: Any) -> tuple[str, set[str]]:
+    """A call and its arguments in words, and the modules of the functions in it."""
+    if not isinstance(call, partial):
+        return (call.__qualname__, {call.__module__}) if callable(call) else (repr(call), set())
+    words, modules = zip(*map(_spelled, (call.func, *call.args)), strict=True)
+    keywords = "".join(f", {k}={v!r}" for k, v in call.keywords.items())
+    return f"{words[0]}({', '.join(words[1:])}{keywords})", set().union(*modules)
 
 
 def long_cases() -> Sequence[Any]:
     """Sharp indenters to 10 mm with +-10 mm of shear, on cells of the pattern selection's size."""
     from .engine import Case
-    from .engines import gel_cases
+    from .engines import gel_cases, gel_checks
     from .engines.gel_scene import Scene
 
     out = []
@@ -81,7 +107,7 @@ def long_cases() -> Sequence[Any]:
             wide, narrow = (-17.0, 17.0), (-6.0, 6.0)
             box = (*wide, *narrow) if axis == 0 else (*narrow, *wide)
             scene = Scene(name, DRAG_MM, 0.5, focus=box, mirrors=mirrors)
-            call = partial(drag, scene, axis)
+            call = partial(gel_checks.long_drag, scene, axis)
             out.append(Case(f"{name} to 10 mm, sheared +-10 mm in {letter}", "right or refused",
                             call, 0.05, "of the force", "t"))  # fmt: skip
     return out
@@ -92,11 +118,9 @@ def long_cases() -> Sequence[Any]:
 
 def key_of(row: Row) -> dict[str, Any]:
     """What a row's file must have been made from to be skipped."""
-    from .engines.gel import source_hash
+    from .engines.gel_sources import source_hash
 
-    here = Path(__file__).parent
-    called = [here / name for name in CALLED]
-    return {"row": row.name, "source": source_hash(*called)}
+    return {"row": row.name, "asked": row.asked, "source": source_hash(*row.sources)}
 
 
 def run_row(name: str, threads: int, limit_s: float) -> dict[str, Any]:

@@ -9,27 +9,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-SEED = 20
-
-
-def drag(scene: Any, axis: int, scratch: Path) -> tuple[float, str]:
-    """Worst breach of balance, cone and, where the indenter has it, mirror symmetry."""
-    from .engines import gel_scene
-
-    found = []
-    for sign in (1.0, -1.0):
-        end = [0.0, 0.0, 10.0]
-        end[axis] = sign * 10.0
-        path = gel_scene.solved(scene, 0.5, (0.0, 0.0, 10.0), (end[0], end[1], end[2]))
-        found.append(gel_scene.trusted(path))
-    worst = max(max(gel_scene.imbalance(f), gel_scene.cone_excess(f)) for f in found)
-    note = "; ".join(f.note() for f in found)
-    if not (scene.indenter == "star" and axis == 0):
-        a, b = (max(abs(s.force_n[axis]) for s in f.states) for f in found)
-        worst = max(worst, abs(a / b - 1))
-        note += f"; largest side force {a:.4g} and {b:.4g} N"
-    return worst, note
-
 
 def case_row(case: Any) -> dict[str, Any]:
     """A line of a stability table, judged."""
@@ -77,72 +56,4 @@ def curve_row(run: Any) -> dict[str, Any]:
         "wall_s": answer.inner_s or wall, "cpu_s": None if answer.inner_s else cpu,
         "peak_mb": None if answer.inner_s else max(0.0, peak_resident_mb() - before),
         "force_percent": force, "in_plane_mm": in_plane, "note": answer.note,
-    }  # fmt: skip
-
-
-def random_press(i: int) -> tuple[str, tuple[float, float], float]:
-    """Indenter, place and depth of a random press of a smooth indenter, the i-th of the seed."""
-    import numpy as np
-
-    rng = np.random.default_rng([SEED, i])
-    if rng.random() < 0.75:
-        size = round(float(rng.uniform(6.0, 22.0)), 1)
-        name, half = f"sphere:{size:g}", size / 2
-    else:
-        size = round(float(rng.uniform(7.0, 14.0)), 1)
-        name, half = f"ellipsoid:{size:g}", size / 2
-    x, y = (round(float(rng.uniform(-1, 1)) * max(0.0, s - half), 1) for s in (18.0, 17.0))
-    return name, (x, y), round(float(rng.uniform(0.3, 6.0)), 2)
-
-
-def press_row(i: int) -> dict[str, Any]:
-    """The estimate of `gel press` against the next mesh and Richardson's extrapolation."""
-    from dataclasses import replace
-
-    import numpy as np
-
-    from ..gel.choose import pick
-    from ..gel.level import Reach, contact_of
-    from ..gel.material import GelMaterial
-    from ..gel.press import press
-    from ..shapes import SkinDimensions
-    from ..shapes.indenter import parse
-    from .engines.gel import rms_mm
-
-    name, (x, y), depth = random_press(i)
-    skin, material, indenter = SkinDimensions(), GelMaterial(), parse(name)
-    found = press(skin, material, indenter, (x, y), depth)
-    out: dict[str, Any] = {"indenter": name, "at_mm": [x, y], "depth_mm": depth}
-    result = found.result
-    if result["force_n"] is None:
-        return {**out, "refused": result["reason"]}
-    tip = (x, y, depth)
-    level = result["model"]
-    # A linear level is judged by finite strain, on the mesh that this would be given.
-    asked = result["picked"]["spacing_mm"] if level == "hyperelastic" else None
-    choice = pick(skin, material, indenter, Reach.around([tip]), level="hyperelastic",
-                  spacing_mm=asked)  # fmt: skip
-    choice = replace(choice, step_mm=result["picked"]["step_mm"])
-
-    def solved(spacing: float, step: float) -> tuple[Any, Any]:
-        contact = contact_of(skin, material, indenter, choice.times(spacing, step))
-        *_, last = contact.path(contact.rest((x, y, 0.0)), tip)
-        return np.array(last.force_n), last.displacement_mm[..., :2]
-
-    known = np.array(result["force_n"]), found.displacement_mm[..., :2]
-    own = known if level == "hyperelastic" else solved(1.0, 1.0)
-    # The mesh's part from the next mesh, second order; friction's from half the steps, first order.
-    weight = 1 + 1 / (1.5**2 - 1)
-    force, u = (
-        base + weight * (finer - base) + 2 * (half - base)
-        for base, finer, half in zip(own, solved(1 / 1.5, 1.0), solved(1.0, 0.5), strict=True)
-    )
-    true_force = float(np.linalg.norm(np.array(result["force_n"]) - force) / np.linalg.norm(force))
-    true_mm = rms_mm(found.displacement_mm[..., :2] - u)
-    estimate = result["error_estimate"]
-    return {
-        **out, "model": level, "spacing_mm": result["picked"]["spacing_mm"],
-        "seconds": result["seconds"], "within_tolerance": result["within_tolerance"],
-        "force": {"estimate": estimate["force_rel"], "true": true_force},
-        "in_plane_mm": {"estimate": estimate["displacement_mm"], "true": true_mm},
     }  # fmt: skip

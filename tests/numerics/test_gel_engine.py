@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deltact_fab.numerics import evidence, evidence_rows, evidence_tables
+from deltact_fab.numerics import evidence, evidence_presses, evidence_tables
 from deltact_fab.numerics.engine import Flagged
 from deltact_fab.numerics.engines import gel, gel_run, gel_scene
 from deltact_fab.numerics.engines.gel_run import Run
@@ -88,8 +88,8 @@ def test_coverage() -> None:
 
 
 def test_random_presses_are_repeatable_and_on_the_face() -> None:
-    drawn = [evidence_rows.random_press(i) for i in range(evidence.RANDOM_PRESSES)]
-    assert drawn == [evidence_rows.random_press(i) for i in range(evidence.RANDOM_PRESSES)]
+    drawn = [evidence_presses.random_press(i) for i in range(evidence.RANDOM_PRESSES)]
+    assert drawn == [evidence_presses.random_press(i) for i in range(evidence.RANDOM_PRESSES)]
     assert len(set(drawn)) == len(drawn)
     for name, (x, y), depth in drawn:
         assert name.startswith(("sphere:", "ellipsoid:"))

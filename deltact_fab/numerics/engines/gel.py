@@ -7,7 +7,6 @@ is stated as its own error. A linear level's error is its model's, whatever its 
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -23,6 +22,7 @@ from ...gel.finite.linear import Name
 from ..engine import Case, Engine, Setting, Table, Work
 from . import gel_cases
 from .gel_run import LATTICE_MM, Answer, Field, Run, solve
+from .gel_sources import FINITE, RUNS, source_hash
 
 FORCE, IN_PLANE = "% of the force", "mm rms over the face"
 
@@ -61,7 +61,11 @@ def reference(depth_mm: float, friction: float, quick: bool = False) -> Referenc
     coarse, fine, step, half = QUICK_FINE if quick else FINE[friction == 0]
     made = [(coarse, step), (fine, step), *([] if half is None else [(coarse, half)])]
     runs = [Run("hyperelastic", depth_mm, friction, h, step_mm=s) for h, s in made]
-    key = {"source": source_hash(), "runs": [asdict(r) for r in runs], "lattice": LATTICE_MM}
+    key = {
+        "source": source_hash(*FINITE, *RUNS),
+        "runs": [asdict(r) for r in runs],
+        "lattice": LATTICE_MM,
+    }
     held = cache.get("gel-reference", key)
     if held is None:
         answers = [solve(r) for r in runs]
@@ -98,16 +102,6 @@ def errors(answer: Answer, truth: Reference) -> tuple[float, float]:
     """Signed, in % of the force; in mm rms."""
     force = 100 * (answer.normal_n / truth.normal_n - 1)
     return force, rms_mm(answer.in_plane_mm - truth.in_plane_mm)
-
-
-def source_hash(*more: Path) -> str:
-    """Of all that a force of the finite-strain level could depend on, and of more files."""
-    text = hashlib.sha256()
-    here = Path(__file__)
-    root, own = here.parents[2], (here, here.with_name("gel_run.py"))
-    for path in sorted([*root.glob("gel/**/*.py"), *root.glob("shapes/*.py"), *own, *more]):
-        text.update(path.name.encode() + b"\0" + path.read_bytes())
-    return text.hexdigest()[:16]
 
 
 # -- the engine ------------------------------------------------------------------------------------

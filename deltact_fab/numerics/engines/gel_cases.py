@@ -13,6 +13,7 @@ from typing import Any
 
 from ..engine import Case
 from . import gel_checks as checks
+from .gel_picks import opened, thick
 from .gel_scene import Point, Scene, down, solved
 
 DEPTHS = (0.05, 0.25, 0.5, 0.75, 0.9)  # of the thickness
@@ -99,14 +100,16 @@ def every_case() -> Sequence[Case]:
     out.append(Case("friction 100 against 1000", "right", checks.stick, 1e-3, force))
     for thickness in (1.0, 3.0, 12.0, 30.0):
         for share in DEPTHS:
+            scene, step = thick(thickness, share)
+            press = (scene, step, share * thickness)
             name = f"thickness {thickness:g} mm, {share:.0%} deep"
             # How far a gel can be pressed is a finding: refusing the deepest is allowed.
             expected: Any = "right" if share <= 0.5 else "right or refused"
             out += [
                 Case(f"{name}: finer mesh", expected,
-                     partial(checks.thickness, thickness, share, "force"), 3.0, percent, "t"),
+                     partial(checks.thickness, *press, "force"), 3.0, percent, "t"),
                 Case(f"{name}: force grows, base carries it", expected,
-                     partial(checks.thickness, thickness, share, "laws"), 1e-6, force, "t"),
+                     partial(checks.thickness, *press, "laws"), 1e-6, force, "t"),
             ]  # fmt: skip
     out += _shape_cases()
     coarse = Scene(spacing_mm=2.0)
@@ -145,7 +148,7 @@ def every_case() -> Sequence[Case]:
         _refused("depth NaN", "finite", coarse, down(math.nan)),
         *(
             Case(f"depth {depth:g} of 12 mm, {how}", "refused",
-                 partial(checks.run, partial(checks.opened, depth, reach)),
+                 partial(checks.run, partial(opened, depth, reach)),
                  says="below the gel's thickness")
             for depth in (12.0, 13.0)
             for how, reach in (("announced", depth), ("unannounced", 2.0))

@@ -15,14 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from ...gel.choose import pick
 from ...gel.finite.field import whole_wrench
-from ...gel.level import Reach, open_contact
-from ...gel.material import GelMaterial
-from ...shapes import SkinDimensions
-from ...shapes.indenter import parse
 from .gel_scene import (
-    SPHERE,
     Point,
     Scene,
     cone_excess,
@@ -88,28 +82,14 @@ def stick(scratch: Path) -> tuple[float, str]:
     return float(np.abs(f - g).max() / np.abs(f).max()), a.note()
 
 
-def thick(thickness_mm: float, share: float) -> tuple[Scene, float]:
-    """A sphere pressed to a share of a gel's thickness; mesh and step as `gel press` picks them.
-
-    On a thin gel all is smaller: its sides are many thicknesses away even so.
-    """
-    scene = Scene(thickness_mm=thickness_mm)
-    if thickness_mm < 6:
-        scene = replace(scene, indenter="sphere:6", side_mm=(14.0, 13.0))
-    reach = Reach(deepest_mm=share * thickness_mm)
-    choice = pick(scene.skin(), GelMaterial(), parse(scene.indenter), reach, level="hyperelastic",
-                  friction=0.0)  # fmt: skip
-    picked = replace(scene, spacing_mm=choice.spacing_mm, focus=choice.focus)
-    return picked, choice.step_mm
-
-
-def thickness(thickness_mm: float, share: float, what: str, scratch: Path) -> tuple[float, str]:
-    """`mesh_change` of `thick`, or the worse of a fall of its force and `imbalance`."""
-    scene, step = thick(thickness_mm, share)
-    tip = down(share * thickness_mm)
+def thickness(
+    scene: Scene, step_mm: float, depth_mm: float, what: str, scratch: Path
+) -> tuple[float, str]:
+    """`mesh_change` of a press, or the worse of a fall of its force and `imbalance`."""
+    tip = down(depth_mm)
     if what == "force":
-        return mesh_change(scene, step, tip)
-    found = trusted(solved(scene, step, tip))
+        return mesh_change(scene, step_mm, tip)
+    found = trusted(solved(scene, step_mm, tip))
     force = np.array([-s.force_n[2] for s in found.states])
     fall = max(0.0, -float(np.diff(force).min())) / force[-1]
     return max(fall, imbalance(found)), found.note()
@@ -191,10 +171,18 @@ def run(call: Callable[[], Any], scratch: Path) -> float:
     return math.nan
 
 
-def opened(depth_mm: float, reach_mm: float) -> None:
-    """Through the interface of all levels, which knows the thickness."""
-    contact = open_contact(
-        SkinDimensions(), GelMaterial(), parse(SPHERE), level="hyperelastic",
-        reach=Reach(deepest_mm=reach_mm),
-    )  # fmt: skip
-    list(contact.path(contact.rest(), down(depth_mm)))
+def long_drag(scene: Scene, axis: int, scratch: Path) -> tuple[float, str]:
+    """Worst breach of balance, cone and, where the indenter has it, mirror symmetry, 10 mm deep
+    and dragged 10 mm each way."""
+    found = []
+    for sign in (1.0, -1.0):
+        end = [0.0, 0.0, 10.0]
+        end[axis] = sign * 10.0
+        found.append(trusted(solved(scene, 0.5, down(10.0), (end[0], end[1], end[2]))))
+    worst = max(max(imbalance(f), cone_excess(f)) for f in found)
+    note = "; ".join(f.note() for f in found)
+    if not (scene.indenter == "star" and axis == 0):
+        a, b = (max(abs(s.force_n[axis]) for s in f.states) for f in found)
+        worst = max(worst, abs(a / b - 1))
+        note += f"; largest side force {a:.4g} and {b:.4g} N"
+    return worst, note
