@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import math
 from dataclasses import replace
@@ -12,7 +13,7 @@ import pytest
 
 from deltact_fab.numerics import evidence, evidence_presses, evidence_tables
 from deltact_fab.numerics.engine import Flagged
-from deltact_fab.numerics.engines import gel, gel_run, gel_scene
+from deltact_fab.numerics.engines import gel, gel_run, gel_scene, gel_sources
 from deltact_fab.numerics.engines.gel_run import Run
 from deltact_fab.numerics.engines.gel_scene import Scene, Solved
 
@@ -104,6 +105,46 @@ def test_rows_have_names_and_files_of_their_own() -> None:
     assert len({r.file for r in rows}) == len(rows)
     kinds = {r.name.partition(":")[0] for r in rows}
     assert kinds == {"stability", "reference", "curve", "press", "drag"}
+
+
+def imported(path: Path) -> set[Path]:
+    """Files of the package that a file's `from` lines name, wherever they stand in it."""
+    out = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            folder = path.parents[node.level - 1].joinpath(*(node.module or "").split("."))
+            names = [folder, *(folder / alias.name for alias in node.names)]
+            out |= {file for n in names if (file := n.with_suffix(".py")).is_file()}
+            out |= {file for n in names if (file := n / "__init__.py").is_file()}
+    return out
+
+
+def test_a_line_of_the_table_depends_on_no_more_than_its_key_says() -> None:
+    """Else an edit elsewhere would leave it standing as if it were measured."""
+    root = gel_sources.PACKAGE
+    said = {p for g in (*gel_sources.FINITE, *gel_sources.CASES) for p in root.glob(g)}
+    # What these hold cannot change a figure: errors, factors of units, the names of a package.
+    said |= {root / "errors.py", root / "numerics/engine.py", root / "catalog.py"}
+    known: set[Path] = set()
+    todo = {root / name for name in gel_sources.CASES}
+    while todo:
+        path = todo.pop()
+        known.add(path)
+        if path != root / "gel/__init__.py":
+            todo |= imported(path) - known
+    assert root / "gel/finite/newton.py" in known
+    assert known - said - {root / "gel/__init__.py"} == set()
+
+
+def test_a_key_holds_arguments_bounds_and_the_sources_of_its_own_level() -> None:
+    rows = {r.name: r for r in evidence.rows()}
+    thin = rows["stability: thickness 1 mm, 5% deep: finer mesh"]
+    assert "thickness_mm=1.0" in thin.asked
+    assert "3.0" in thin.asked
+    assert set(thin.sources) == {*gel_sources.FINITE, *gel_sources.CASES}
+    assert set(gel_sources.LEVELS) <= set(rows["press: 1"].sources)
+    opened = rows["stability: depth 12 of 12 mm, announced"]
+    assert set(gel_sources.LEVELS) <= set(opened.sources)
 
 
 def test_evidence_goes_on_where_it_stopped(tmp_path: Path) -> None:
