@@ -212,6 +212,13 @@ def test_the_high_side_is_a_factor_of_two_and_forces_go_with_the_modulus(smoke: 
         assert soft.high.moment_nmm == pytest.approx(hard.moment_nmm, rel=1e-12)
 
 
+def test_a_gel_that_relaxes_is_taken_as_pressed_at_once(smoke: Protocol) -> None:
+    series = ((0.3, 0.5), (0.2, 5.0))
+    relaxing = _with(smoke, specimen={**smoke.specimen.model_dump(), "prony": series})
+    for elastic, sudden in zip(_peaks(smoke), _peaks(relaxing), strict=True):
+        assert sudden.normal_n == pytest.approx(1.5 * elastic.normal_n, rel=1e-12)
+
+
 def test_shear_and_moments_are_never_less_than_the_linear_drag(smoke: Protocol) -> None:
     for peak in _peaks(smoke):
         layer = BondedLayer.for_skin(SENSOR.skin, GelMaterial(), spacing_mm=0.25)

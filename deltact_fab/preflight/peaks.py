@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from ..gel.material import GelMaterial
-from ..protocols.plan import Protocol
+from ..protocols.plan import Protocol, Specimen
 from ..shapes import Indenter, SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
 from .press import Level, PressCurve, Progress, press_curve
@@ -89,7 +89,8 @@ def predict(
     the curve of a place up to GRID of the thickness nearer to the centre; mirror images share one.
     Tangential: a drag is bounded by friction x normal force times DRAG_SHEAR, which is never less
     than linear theory gives (at most friction x normal force). Moments are bounds as well: of the
-    force anywhere between the resting face and the tip, wherever the drag takes it.
+    force anywhere between the resting face and the tip, wherever the drag takes it. A gel with a
+    Prony series is taken as pressed at once, before it relaxes.
     Raises InputError for a depth outside of the gel.
     """
     specimen = protocol.specimen
@@ -124,7 +125,7 @@ def _peak(
     depth_mm: float, curve: PressCurve, origin_mm: Vector | None,
 ) -> Peak:  # fmt: skip
     unit_n, level = curve.normal_n(depth_mm)
-    normal = unit_n * protocol.specimen.modulus_mpa
+    normal = unit_n * _sudden_mpa(protocol.specimen)
     friction = protocol.specimen.friction
     side = PRESS_SIDE * normal
     if protocol.shear and level == "layer":
@@ -139,6 +140,11 @@ def _peak(
     return Peak(
         indenter.name, number, at_mm, depth_mm, normal, side, moment, level, reason
     )  # fmt: skip
+
+
+def _sudden_mpa(specimen: Specimen) -> float:
+    """The modulus before any relaxation: a Prony series adds its shares to the long-term one."""
+    return specimen.modulus_mpa * (1.0 + math.fsum(g for g, _ in specimen.prony))
 
 
 def _moment(
