@@ -75,13 +75,18 @@ def rows() -> Iterator[Row]:
 
 
 def _case_row(table: str, case: Any) -> Row:
-    from .engines.gel_sources import CASES, FINITE, LEVELS
+    from .engines.gel_sources import CASES, ENERGY, FINITE, LEVELS, PRISM
 
     words, modules = _spelled(case.check)
-    known = {f"deltact_fab.{path[:-3].replace('/', '.')}" for path in CASES}
-    sources = (*FINITE, *CASES) if modules <= known else (*LEVELS, "numerics/engines/*.py")
     asked = f"{case.expectation}, {case.bound}, {case.says!r}: {words}"
-    return Row(f"{table}: {case.name}", partial(case_row, case), sources, asked)
+    files = {f"deltact_fab.{path[:-3].replace('/', '.')}": path for path in (*CASES, ENERGY)}
+    if modules <= files.keys():
+        sources = {*FINITE, *CASES, *(files[m] for m in modules)}
+    else:
+        sources = {*LEVELS, "numerics/engines/*.py"}
+    if "hexprism" in words or "star" in words:
+        sources.add(PRISM)
+    return Row(f"{table}: {case.name}", partial(case_row, case), tuple(sorted(sources)), asked)
 
 
 def _spelled(call: Any) -> tuple[str, set[str]]:

@@ -4,8 +4,9 @@ The CAD solids, the gel's contact solver and the protocol's footprint checks all
 """
 
 from .indenter import Indenter, Tip
+from .prism import PrismTip
 from .sensor import SensorDimensions, SkinDimensions
-from .tips import EllipsoidTip, PrismTip, RidgeTip, SphereTip
+from .tips import EllipsoidTip, RidgeTip, SphereTip
 from .turned import TurnedTip
 
 __all__ = [

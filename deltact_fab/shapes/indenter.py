@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .tips import EllipsoidTip, PrismTip, RidgeTip, SphereTip
+from .prism import PrismTip
+from .tips import EllipsoidTip, RidgeTip, SphereTip
 from .turned import TurnedTip
 
 Field = NDArray[np.float64]

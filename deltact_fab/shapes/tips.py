@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +28,7 @@ Field = NDArray[np.float64]
 Point2 = tuple[float, float]
 
 
-class _LowestInTheMiddle:
+class LowestInTheMiddle:
     """A tip whose lowest point is where it stands."""
 
     x_mm: float
@@ -42,7 +41,7 @@ class _LowestInTheMiddle:
 
 
 @dataclass(frozen=True)
-class SphereTip(_LowestInTheMiddle):
+class SphereTip(LowestInTheMiddle):
     """One spherical cap of the indenter's face at (x, y), with its lowest point at z = 0."""
 
     x_mm: float
@@ -78,7 +77,7 @@ class SphereTip(_LowestInTheMiddle):
 
 
 @dataclass(frozen=True)
-class RidgeTip(_LowestInTheMiddle):
+class RidgeTip(LowestInTheMiddle):
     """A straight ridge along y: a wedge with a rounded nose, and ends turned about its last points.
 
         seen along y             seen along z
@@ -99,7 +98,7 @@ class RidgeTip(_LowestInTheMiddle):
     flank_deg: float = 45.0
 
     def __post_init__(self) -> None:
-        _positive(self, "radius_mm", "half_width_mm", "length_mm")
+        require_positive(self, "radius_mm", "half_width_mm", "length_mm")
         less("0", 0.0, "flank_deg", self.flank_deg)
         less("flank_deg", self.flank_deg, "90", 90.0)
         less("radius_mm cos(flank_deg)", self.nose_half_mm, "half_width_mm", self.half_width_mm)
@@ -159,7 +158,7 @@ class RidgeTip(_LowestInTheMiddle):
 
 
 @dataclass(frozen=True)
-class EllipsoidTip(_LowestInTheMiddle):
+class EllipsoidTip(LowestInTheMiddle):
     """Half an ellipsoid with its round axis along x: semi-axes a along x, b along y and z.
 
     A spheroid, for the kernel turns it exactly; of a free ellipsoid it has splines only, and its
@@ -172,7 +171,7 @@ class EllipsoidTip(_LowestInTheMiddle):
     b_mm: float
 
     def __post_init__(self) -> None:
-        _positive(self, "a_mm", "b_mm")
+        require_positive(self, "a_mm", "b_mm")
 
     @property
     def radius_mm(self) -> float:
@@ -207,200 +206,8 @@ class EllipsoidTip(_LowestInTheMiddle):
         return math.pi * self.a_mm * self.b_mm * (length_mm - self.b_mm / 3)
 
 
-@dataclass(frozen=True)
-class PrismTip(_LowestInTheMiddle):
-    """A flat face with n equal points, the first on +x: a star, or a regular polygon.
-
-    The outline is smooth: points rounded with corner_mm, notches with notch_mm, straight sides
-    between them. The edge of the face is rounded with edge_mm.
-
-    points: number of points. outer_mm: from the middle to the end of a rounded point.
-    inner_mm: from the middle to where two sides would meet if the notch were not rounded.
-    `PrismTip.polygon` gives the inner_mm at which two sides are in line and no notch is left.
-    """
-
-    x_mm: float
-    y_mm: float
-    points: int
-    outer_mm: float
-    inner_mm: float
-    corner_mm: float = 0.5
-    notch_mm: float = 0.5
-    edge_mm: float = 0.3
-
-    @classmethod
-    def polygon(
-        cls, sides: int, outer_mm: float, corner_mm: float = 0.5, edge_mm: float = 0.3
-    ) -> PrismTip:
-        """A regular polygon on the axis; outer_mm: from the middle to a rounded corner."""
-        inner_mm = (outer_mm - corner_mm) * math.cos(math.pi / sides) + corner_mm
-        return cls(0.0, 0.0, sides, outer_mm, inner_mm, corner_mm, edge_mm=edge_mm)
-
-    def __post_init__(self) -> None:
-        _positive(self, "outer_mm", "inner_mm", "corner_mm", "notch_mm", "edge_mm")
-        if self.points < 3:
-            raise ShapeError(f"points >= 3: {self.points} fails")
-        # Else the rounded edges of a point's two sides would meet, and it would not be flat there.
-        less("edge_mm", self.edge_mm, "corner_mm", self.corner_mm)
-        less("corner_mm", self.corner_mm, "outer_mm", self.outer_mm)
-        straight = (self.outer_mm - self.corner_mm) * math.cos(self._half_angle) + self.corner_mm
-        if self.inner_mm > straight + 1e-12:
-            raise ShapeError(
-                f"inner_mm <= that of a polygon: {self.inner_mm:g} <= {straight:g} fails"
-            )
-        less("corner_mm", self.corner_mm, "inner_mm", self.inner_mm)
-        less("0", 0.0, "length of a straight side", self._side.length_mm)
-        less("edge_mm", self.edge_mm, "radius_mm", self.radius_mm)
-
-    @property
-    def _half_angle(self) -> float:
-        return math.pi / self.points
-
-    @cached_property
-    def _side(self) -> _Side:
-        return _side(self)
-
-    @property
-    def radius_mm(self) -> float:
-        """A ball that fits inside and touches the face: it reaches the deepest notch."""
-        return self._side.notch_r_mm - self.notch_mm
-
-    @property
-    def equator_mm(self) -> float:
-        """Height at which the sides turn vertical: the radius of the face's edge."""
-        return self.edge_mm
-
-    @property
-    def half_mm(self) -> Point2:
-        """Half sides (x, y) of the box around the tip."""
-        core = self.outer_mm - self.corner_mm
-        angles = [2 * math.pi * k / self.points for k in range(self.points)]
-        return (
-            core * max(abs(math.cos(a)) for a in angles) + self.corner_mm,
-            core * max(abs(math.sin(a)) for a in angles) + self.corner_mm,
-        )
-
-    def inset_mm(self, x_mm: Field, y_mm: Field) -> Field:
-        """Distance to the outline, positive inside; exact outside and within corner_mm of it."""
-        x, y = x_mm - self.x_mm, y_mm - self.y_mm
-        r, half = np.hypot(x, y), self._half_angle
-        # All sides fold onto one half of a point, with its middle on +x.
-        angle = np.abs(np.mod(np.arctan2(y, x) + half, 2 * half) - half)
-        side = self._side
-        u, v = r * np.cos(angle) - side.corner_x_mm, r * np.sin(angle)
-        along = u * side.along[0] + v * side.along[1]
-        out = u * side.normal[0] + v * side.normal[1]
-        notch = np.hypot(
-            r * np.cos(angle) - side.notch_r_mm * math.cos(half),
-            r * np.sin(angle) - side.notch_r_mm * math.sin(half),
-        )
-        inset = self.corner_mm - out
-        inset = np.where(along < 0, self.corner_mm - np.hypot(u, v), inset)
-        return np.where(along > side.length_mm, notch - self.notch_mm, inset)
-
-    def height_mm(self, x_mm: Field, y_mm: Field) -> Field:
-        """Underside above the lowest point, inf beside the tip; indenter frame, one shape."""
-        inset, rho = self.inset_mm(x_mm, y_mm), self.edge_mm
-        short = np.clip(rho - inset, 0.0, rho)
-        return np.where(inset >= 0, rho - np.sqrt(rho**2 - short**2), np.inf)
-
-    def outline(self) -> tuple[Point2, list[tuple[str, tuple[Point2, ...]]]]:
-        """The outline about the tip's own middle: a start, then what is drawn from there.
-
-        Each entry is ("line", (end,)) or ("arc", (middle, end)); it closes at the start.
-        """
-        side, half = self._side, self._half_angle
-        c, q = self.corner_mm, self.notch_mm
-        start = (side.corner_x_mm + c * side.normal[0], c * side.normal[1])
-        notch = (side.notch_r_mm * math.cos(half), side.notch_r_mm * math.sin(half))
-        notch_start = (notch[0] - q * side.normal[0], notch[1] - q * side.normal[1])
-        notch_middle = (notch[0] - q * math.cos(half), notch[1] - q * math.sin(half))
-        notch_end = _turned(_mirrored(notch_start), 2 * half)
-        drawn: list[tuple[str, tuple[Point2, ...]]] = []
-        for k in range(self.points):
-            turn = 2 * half * k
-            if self._notch_angle > 1e-6:
-                drawn.append(("line", (_turned(notch_start, turn),)))
-                drawn.append(("arc", (_turned(notch_middle, turn), _turned(notch_end, turn))))
-            tip = _turned((self.outer_mm, 0.0), turn + 2 * half)
-            drawn.append(("line", (_turned(_mirrored(start), turn + 2 * half),)))
-            drawn.append(("arc", (tip, _turned(start, turn + 2 * half))))
-        return start, drawn
-
-    @property
-    def _notch_angle(self) -> float:
-        """Angle (rad) by which half a notch turns the outline back; 0 for a polygon."""
-        normal = math.atan2(self._side.normal[1], self._side.normal[0])
-        return normal - self._half_angle
-
-    def volume_mm3(self, length_mm: float) -> float:
-        """Volume of the tip and its shank up to z = length_mm.
-
-        What the rounded edge takes away is integrated over the curves parallel to the outline:
-        at inset t they are shorter by 2 pi t.
-        """
-        side, half, n, rho = self._side, self._half_angle, self.points, self.edge_mm
-        c, q, back = self.corner_mm, self.notch_mm, max(self._notch_angle, 0.0)
-        turn = half + back
-        perimeter = 2 * n * (c * turn + side.length_mm + q * back)
-        # Half a point, as triangles from the middle: under the arc, the side and the notch's arc.
-        start = (side.corner_x_mm + c * side.normal[0], c * side.normal[1])
-        end = (start[0] + side.length_mm * side.along[0], start[1] + side.length_mm * side.along[1])
-        notch = side.notch_r_mm - q
-        foot = (notch * math.cos(half), notch * math.sin(half))
-        area = (_cross((self.outer_mm, 0.0), start) + _cross(start, end) + _cross(end, foot)) / 2
-        area += (turn - math.sin(turn)) / 2 * c**2 - (back - math.sin(back)) / 2 * q**2
-        first = rho**2 * (1 - math.pi / 4)
-        second = rho * first - rho**3 / 6
-        return 2 * n * area * length_mm - perimeter * first + 2 * math.pi * second
-
-
-@dataclass(frozen=True)
-class _Side:
-    """One straight side of a prism, between the arc of a point on +x and that of the next notch.
-
-    along, normal: unit vectors, along from the point to the notch, normal outwards.
-    corner_x_mm: x of the point's arc centre, on +x. notch_r_mm: distance of the notch's arc
-    centre from the middle. length_mm: of the straight part.
-    """
-
-    along: Point2
-    normal: Point2
-    corner_x_mm: float
-    notch_r_mm: float
-    length_mm: float
-
-
-def _side(tip: PrismTip) -> _Side:
-    """The line from the sharp notch that touches the point's arc."""
-    half, c, q = math.pi / tip.points, tip.corner_mm, tip.notch_mm
-    corner_x = tip.outer_mm - c
-    dx, dy = tip.inner_mm * math.cos(half) - corner_x, tip.inner_mm * math.sin(half)
-    d2 = dx**2 + dy**2
-    less("corner_mm", c, "from the point's arc centre to the notch", math.sqrt(d2))
-    t = math.sqrt(d2 - c**2)
-    normal = (c * dx + t * dy) / d2, (c * dy - t * dx) / d2
-    along = (t * dx - c * dy) / d2, (t * dy + c * dx) / d2
-    cosine = normal[0] * math.cos(half) + normal[1] * math.sin(half)
-    notch_r = (c + q + normal[0] * corner_x) / cosine
-    length = (notch_r * math.cos(half) - corner_x) * along[0] + notch_r * math.sin(half) * along[1]
-    return _Side(along, normal, corner_x, notch_r, length)
-
-
-def _cross(a: Point2, b: Point2) -> float:
-    return a[0] * b[1] - a[1] * b[0]
-
-
-def _turned(p: Point2, angle: float) -> Point2:
-    c, s = math.cos(angle), math.sin(angle)
-    return c * p[0] - s * p[1], s * p[0] + c * p[1]
-
-
-def _mirrored(p: Point2) -> Point2:
-    return p[0], -p[1]
-
-
-def _positive(record: object, *names: str) -> None:
+def require_positive(record: object, *names: str) -> None:
+    """Raise ShapeError naming the first of a record's fields that is not finite and above 0."""
     for name in names:
         value = getattr(record, name)
         if not (math.isfinite(value) and value > 0):

@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from deltact_fab.gel.finite import FiniteState
 from deltact_fab.numerics import evidence, evidence_presses, evidence_tables
 from deltact_fab.numerics.engine import Flagged
-from deltact_fab.numerics.engines import gel, gel_run, gel_scene, gel_sources
+from deltact_fab.numerics.engines import gel, gel_energy, gel_run, gel_scene, gel_sources
 from deltact_fab.numerics.engines.gel_run import Run
 from deltact_fab.numerics.engines.gel_scene import Scene, Solved
 
@@ -81,6 +82,27 @@ def test_shear_beyond_the_cone_is_seen() -> None:
     assert gel_scene.cone_excess(Solved(rubbed.press, (more,))) > 0.05
 
 
+def test_energy_from_nowhere_is_seen_and_a_jump_s_loss_is_not_an_error(
+    found: Solved, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def judged(states: tuple[FiniteState, ...]) -> tuple[float, str]:
+        monkeypatch.setattr(gel_energy, "solved", lambda *_: Solved(found.press, states))
+        return gel_energy.work_but_jumps(Scene(), 2.0, Path())
+
+    def scaled(factor: float, jumps: bool) -> tuple[FiniteState, ...]:
+        last = replace(found.last, force_n=tuple(factor * f for f in found.last.force_n))
+        damped = replace(last.diagnostics, damped=int(jumps))
+        return (*found.states[:-1], replace(last, diagnostics=damped))
+
+    plain, _ = judged(found.states)
+    assert plain < 3  # the trapezoid rule in few steps
+    assert judged(scaled(1.5, False))[0] > plain + 5
+    lost, note = judged(scaled(1.5, True))
+    assert lost < 3
+    assert "1 of" in note
+    assert judged(scaled(0.5, True))[0] > 5
+
+
 def test_coverage() -> None:
     share, median = evidence_tables.coverage([(2.0, 1.0), (1.0, 2.0), (9.0, 3.0), (1.0, 1.0)])
     assert share == 0.75
@@ -122,11 +144,12 @@ def imported(path: Path) -> set[Path]:
 def test_a_line_of_the_table_depends_on_no_more_than_its_key_says() -> None:
     """Else an edit elsewhere would leave it standing as if it were measured."""
     root = gel_sources.PACKAGE
-    said = {p for g in (*gel_sources.FINITE, *gel_sources.CASES) for p in root.glob(g)}
+    own = (*gel_sources.FINITE, *gel_sources.CASES, gel_sources.ENERGY, gel_sources.PRISM)
+    said = {p for g in own for p in root.glob(g)}
     # What these hold cannot change a figure: errors, factors of units, the names of a package.
     said |= {root / "errors.py", root / "numerics/engine.py", root / "catalog.py"}
     known: set[Path] = set()
-    todo = {root / name for name in gel_sources.CASES}
+    todo = {root / name for name in (*gel_sources.CASES, gel_sources.ENERGY)}
     while todo:
         path = todo.pop()
         known.add(path)
@@ -143,6 +166,10 @@ def test_a_key_holds_arguments_bounds_and_the_sources_of_its_own_level() -> None
     assert "3.0" in thin.asked
     assert set(thin.sources) == {*gel_sources.FINITE, *gel_sources.CASES}
     assert set(gel_sources.LEVELS) <= set(rows["press: 1"].sources)
+    assert gel_sources.PRISM in rows["drag: star to 10 mm, sheared +-10 mm in x"].sources
+    worked = rows["stability: edges, no friction, 4 mm deep: work but for jumps"].sources
+    assert gel_sources.ENERGY in worked
+    assert gel_sources.PRISM not in worked
     opened = rows["stability: depth 12 of 12 mm, announced"]
     assert set(gel_sources.LEVELS) <= set(opened.sources)
 

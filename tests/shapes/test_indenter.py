@@ -291,6 +291,14 @@ def test_the_inset_is_the_distance_to_the_drawn_outline(tip: PrismTip) -> None:
     assert half < 1e-3
     assert np.all(found > inset[near] - 1e-9)
     assert np.all(found <= np.sqrt(inset[near] ** 2 + half**2) * (1 + 1e-3) + 1e-9)
+    # Outside, on and beside the rays through points and the middles of sides.
+    angles = np.linspace(0, 2 * np.pi, 12 * tip.points, endpoint=False)
+    r = np.linspace(1.02, 5, 60)[:, None] * tip.outer_mm
+    far = np.stack([r * np.cos(angles), r * np.sin(angles)], axis=-1).reshape(-1, 2)
+    found, _ = cKDTree(outline).query(far)
+    at = tip.x_mm + far[:, 0], tip.y_mm + far[:, 1]
+    assert np.abs(tip.inset_mm(*at) + found).max() < 1e-3
+    assert np.all(np.isinf(tip.height_mm(*at)))
     # Further in, the face is flat, whatever the distance is.
     deep = inset >= tip.corner_mm
     found, _ = cKDTree(outline).query(np.stack([x[deep], y[deep]], axis=1))

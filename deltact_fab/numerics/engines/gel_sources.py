@@ -6,10 +6,16 @@ import hashlib
 from pathlib import Path
 
 PACKAGE = Path(__file__).parents[2]
-FINITE = ("gel/finite/*.py", "gel/material.py", "gel/footprint.py", "shapes/*.py")
+SHAPES = tuple(
+    f"shapes/{n}.py" for n in ("__init__", "bounded", "indenter", "sensor", "tips", "turned")
+)
+PRISM = "shapes/prism.py"
+"""Of what presses a prism or a star, and of nothing else."""
+FINITE = ("gel/finite/*.py", "gel/material.py", "gel/footprint.py", *SHAPES)
 """The finite-strain level by itself; a test holds it to what it imports."""
-LEVELS = ("gel/**/*.py", "shapes/*.py")
+LEVELS = ("gel/**/*.py", *SHAPES)
 CASES = ("numerics/engines/gel_scene.py", "numerics/engines/gel_checks.py")
+ENERGY = "numerics/engines/gel_energy.py"
 RUNS = ("numerics/engines/gel.py", "numerics/engines/gel_run.py")
 
 
