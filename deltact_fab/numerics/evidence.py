@@ -207,7 +207,7 @@ def main() -> None:
         print(json.dumps(next(r for r in rows() if r.name == given.row).call(), allow_nan=False))
         return
     ran = fill(given.out, given.only, given.threads, given.limit_s, given.keep)
-    print(f"{ran} rows run; {write_up(given.out, [r.name for r in rows()])}")
+    print(f"{ran} rows run; {write_up(given.out, [key_of(r) for r in rows()])}")
 
 
 if __name__ == "__main__":

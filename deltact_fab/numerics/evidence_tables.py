@@ -14,17 +14,17 @@ COMMAND = "make evidence"
 COVERED, MEDIAN = 0.9, 5.0  # goals for the estimates
 
 
-def write_up(folder: Path, names: Sequence[str]) -> Path:
+def write_up(folder: Path, keys: Sequence[dict[str, Any]]) -> Path:
     """README.md of the folder from the rows that are there. Returns its path.
 
-    names: of all rows, in the order in which they are written up.
+    keys: of all rows as they would be made now, in the order in which they are written up.
     """
     from ..record import write_whole
 
     entries = [
         json.loads(p.read_text(encoding="utf-8")) for p in sorted((folder / "rows").glob("*.json"))
     ]
-    order = {name: i for i, name in enumerate(names)}
+    order = {key["row"]: i for i, key in enumerate(keys)}
     entries = [e for e in entries if e["key"]["row"] in order]
     entries.sort(key=lambda e: order[e["key"]["row"]])
     tables: dict[str, list[dict[str, Any]]] = {}
@@ -35,7 +35,7 @@ def write_up(folder: Path, names: Sequence[str]) -> Path:
         f"Written by `{COMMAND}` from `rows/`, a file a row; rerun, it goes on where it stopped. "
         "Do not edit.", "",
         *_made_on(entries), "",
-        f"{len(entries)} of {len(order)} rows are there.", "",
+        f"{len(entries)} of {len(order)} rows are there, {_stale(entries, keys)}.", "",
     ]  # fmt: skip
     writers: dict[str, Callable[[Sequence[dict[str, Any]]], list[str]]] = {
         "stability": partial(_stability, "Stiff and extreme cases"), "reference": _references,
@@ -59,7 +59,7 @@ def _made_on(entries: Sequence[dict[str, Any]]) -> list[str]:
     out = [
         f"Machine: {'; '.join(machines)}. Threads: {', '.join(threads)}.",
         f"Versions: {', '.join(names)}.",
-        f"Source (hash of the gel's modules): {', '.join(sources)}.",
+        f"Sources (hashes of what the rows depend on): {', '.join(sources)}.",
     ]
     if loads:
         out.append(
@@ -67,6 +67,13 @@ def _made_on(entries: Sequence[dict[str, Any]]) -> list[str]:
             "cores, wall times are long and CPU times are the ones to read."
         )
     return out
+
+
+def _stale(entries: Sequence[dict[str, Any]], keys: Sequence[dict[str, Any]]) -> str:
+    old = [e["key"]["row"] for e in entries if e["key"] not in keys]
+    if not old:
+        return "all from the sources as they stand"
+    return f"{len(old)} of them from older sources: {'; '.join(old)}"
 
 
 def _each(entries: Sequence[dict[str, Any]], key: str) -> list[dict[str, Any]]:

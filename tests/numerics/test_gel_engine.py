@@ -184,10 +184,11 @@ def test_evidence_goes_on_where_it_stopped(tmp_path: Path) -> None:
     entry["key"]["source"] = "older"
     path.write_text(json.dumps(entry))
     assert evidence.fill(tmp_path, row, keep=True) == 0
-    text = evidence_tables.write_up(tmp_path, [r.name for r in evidence.rows()]).read_text()
+    keys = [evidence.key_of(r) for r in evidence.rows()]
+    text = evidence_tables.write_up(tmp_path, keys).read_text()
     assert "| nu 0.5 | refused |" in text
     assert "1 refused." in text
-    assert "older" in text
+    assert "1 of them from older sources: stability: nu 0.5" in text
     assert "make evidence" in text
 
 
