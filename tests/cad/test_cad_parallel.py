@@ -86,8 +86,10 @@ def test_workers_die_with_their_parent():
 
 @LISTED
 def test_ctrl_c_ends_the_workers_and_keeps_the_exception():
+    # A shell starts what it puts in the background, this test perhaps, with Ctrl-C ignored.
     script = (
-        "import time\nfrom deltact_fab.cad.export import parallel\n"
+        "import signal, time\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "from deltact_fab.cad.export import parallel\n"
         "try:\n    parallel.run(time.sleep, [60, 60, 60], 2, print)\n"
         "except KeyboardInterrupt:\n    print('stopped')\n"
     )
