@@ -74,6 +74,10 @@ class _Run:
     def last(self) -> State:
         return self.states[-1]
 
+    @property
+    def cuts(self) -> int:
+        return sum(s.diagnostics.cuts for s in self.states)
+
 
 def press(
     skin: SkinDimensions,
@@ -215,7 +219,11 @@ class _Problem:
         if choice.friction == 0 or choice.level != "hyperelastic":
             return fine, by_mesh, _Errors(0.0, 0.0)
         fewer = self._run(choice.times(COARSER, FEWER))
-        return fine, by_mesh, _change(coarse, fewer, STEP_FACTOR)
+        if fewer.cuts == coarse.cuts:
+            return fine, by_mesh, _change(coarse, fewer, STEP_FACTOR)
+        # Longer steps were cut to shorter ones, and show nothing.
+        more = self._run(choice.times(COARSER, 1 / FEWER))
+        return fine, by_mesh, _change(more, coarse, FEWER * STEP_FACTOR)
 
     def _finer(self, by_mesh: _Errors, by_step: _Errors) -> tuple[float, float]:
         """Factors of cells and steps by which the estimate comes to AIM, with the least work.

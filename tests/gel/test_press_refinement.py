@@ -1,13 +1,26 @@
 """How `gel press` refines: to the tolerance with the least work, and as far as work goes."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from deltact_fab.gel import press as module
+from deltact_fab.gel.choose import Choice, pick
+from deltact_fab.gel.level import Reach
 from deltact_fab.gel.material import GelMaterial
-from deltact_fab.gel.press import AIM, MOST_WORK, WORK_POWER, _afforded, _Errors, _Problem, press
+from deltact_fab.gel.press import (
+    AIM,
+    MOST_WORK,
+    WORK_POWER,
+    _afforded,
+    _Errors,
+    _Problem,
+    _Run,
+    press,
+)
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 
@@ -85,3 +98,33 @@ def test_what_the_work_does_not_afford_is_refined_in_part(monkeypatch: pytest.Mo
     assert "refined to" in second["picked"]["why"]
     a, b = (r["error_estimate"]["displacement_mm"] for r in (first, second))
     assert b < a
+
+
+@pytest.mark.parametrize("longest_mm", [10.0, 0.4])
+def test_steps_that_were_cut_do_not_hide_what_steps_cost(
+    problem: _Problem, monkeypatch: pytest.MonkeyPatch, longest_mm: float
+) -> None:
+    """A press whose solver cuts what is longer than longest_mm, and is off by .01 of its steps."""
+    tried = []
+
+    def run(choice: Choice) -> _Run:
+        tried.append(choice.step_mm)
+        cuts = 1 if choice.step_mm > longest_mm else 0
+        step = min(choice.step_mm, longest_mm)
+        state = SimpleNamespace(
+            force_n=(0.0, 0.0, -(1 + 0.01 * step)),
+            displacement_mm=np.full((3, 3, 3), 0.01 * step),
+            diagnostics=SimpleNamespace(cuts=cuts),
+        )
+        return _Run(Contact(1000), [state], ())  # type: ignore[arg-type, list-item]
+
+    monkeypatch.setattr(problem, "_run", run)
+    choice = pick(
+        SkinDimensions(), GelMaterial(), parse("sphere:15"), Reach(deepest_mm=3.0),
+        level="hyperelastic",
+    )  # fmt: skip
+    choice = replace(choice, step_mm=0.4)
+    *_, by_step = problem._three(choice)
+    assert by_step.force_rel >= 0.01 * 0.4 / (1 + 0.01 * 0.4)
+    assert by_step.in_plane_mm >= 0.01 * 0.4 * 2**0.5
+    assert min(tried) == pytest.approx(0.4 if longest_mm > 1 else 0.2)
