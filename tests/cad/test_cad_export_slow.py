@@ -115,9 +115,11 @@ def test_workers_write_the_same_bytes(exported, run, tmp_path):
 )
 def test_a_stopped_export_is_one_line_and_leaves_nothing(tmp_path, end, says):
     script = f"""
-import sys
+import signal, sys
 from pathlib import Path
 from deltact_fab.cad.export import batch as export
+# A shell starts what it puts in the background, this test perhaps, with Ctrl-C ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 export.SHARED_FROM_S = 0.0
 export.parallel.processors = lambda: 2
 from deltact_fab.cli.main import entry
