@@ -4,7 +4,8 @@ Level one is the linear bonded layer: `BondedLayer` (tractions to displacement) 
 (one indenter, state to state). `reference` holds the solutions they are measured against.
 """
 
-from .contact import ContactState, LayerContact
+from .contact import LayerContact
+from .contact_state import ContactState
 from .layer import BondedLayer
 from .material import GelMaterial
 

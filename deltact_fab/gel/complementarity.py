@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SolverError
-from .layer import Field, PatchOperator
+from .face import Field, PatchOperator
 
 Mask = NDArray[np.bool_]
 

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -27,7 +26,9 @@ from scipy import ndimage
 from ..errors import InputError, SolverError
 from ..shapes import Indenter
 from .complementarity import friction_contact, normal_contact, normal_violation
-from .layer import FaceOperator, Field, PatchOperator
+from .contact_patch import Patch, footprint, patch_below, span
+from .contact_state import ContactState, untouched
+from .face import FaceOperator, Field
 from .mixing import Mixer
 
 Point = tuple[float, float, float]
@@ -37,60 +38,6 @@ Kinematics = Literal["deformed", "reference"]
 DEPTH_LIMIT = 0.25  # of the thickness: force is still within some per cent of finite strain there
 SMALL_STRAIN = 0.10  # of the thickness: beyond, the in-plane field is no longer to be trusted
 FOLD_LIMIT = 0.2  # least det(I + grad u) of the face; at 0 the printed pattern folds over
-
-
-@dataclass(frozen=True, eq=False)
-class ContactState:
-    """One solved position of the indenter; also the whole history that the next one needs.
-
-    tip_mm: (x, y, depth) of the indenter's lowest point, depth positive into the gel.
-    pressure_mpa: (ny, nx). shear_mpa: (ny, nx, 2), on the sensor.
-    displacement_mm: (ny, nx, 3) of the face, z out of the sensor, so pressed is negative.
-    force_n, torque_nmm: on the sensor, about the centre of the resting face; the torque takes each
-    traction where it acts, on the displaced face (on the resting one with reference kinematics).
-    contact_area_mm2: area of the nodes under pressure. contact_nodes: their number.
-    residual: worst violation of the contact conditions, as a length over the depth.
-    iterations: operator applications over both problems. converged: always True from `solve`.
-    beyond_small_strain: depth over 10 % of the thickness.
-    least_det: smallest det(I + grad u_xy) on the face, below 1 where it is squeezed.
-    """
-
-    tip_mm: Point
-    pressure_mpa: Field
-    shear_mpa: Field
-    displacement_mm: Field
-    force_n: Point
-    torque_nmm: Point
-    contact_area_mm2: float
-    contact_nodes: int
-    residual: float
-    iterations: int
-    converged: bool
-    beyond_small_strain: bool
-    least_det: float
-
-    def __post_init__(self) -> None:
-        # A state is handed on as history; a caller that wrote into it would rewrite the past.
-        for array in (self.pressure_mpa, self.shear_mpa, self.displacement_mm):
-            array.setflags(write=False)
-
-
-@dataclass
-class _Patch:
-    """The part of the grid that a solve works on, and the height field above it."""
-
-    rows: slice
-    columns: slice
-    x_mm: Field  # (my, mx), node positions relative to the tip
-    y_mm: Field
-    indenter: Indenter
-    operator: PatchOperator
-
-    def height_mm(self, shift_mm: Field | None) -> Field:
-        """Height above the nodes where they are after an in-plane shift (2, my, mx)."""
-        if shift_mm is None:
-            return self.indenter.height_mm(self.x_mm, self.y_mm)
-        return self.indenter.height_mm(self.x_mm + shift_mm[0], self.y_mm + shift_mm[1])
 
 
 class LayerContact:
@@ -142,22 +89,7 @@ class LayerContact:
 
     def rest(self, tip_mm: Point = (0.0, 0.0, 0.0)) -> ContactState:
         """The state without contact: nothing displaced, nothing remembered."""
-        ny, nx = self.layer.shape
-        return ContactState(
-            tip_mm=tip_mm,
-            pressure_mpa=np.zeros((ny, nx)),
-            shear_mpa=np.zeros((ny, nx, 2)),
-            displacement_mm=np.zeros((ny, nx, 3)),
-            force_n=(0.0, 0.0, 0.0),
-            torque_nmm=(0.0, 0.0, 0.0),
-            contact_area_mm2=0.0,
-            contact_nodes=0,
-            residual=0.0,
-            iterations=0,
-            converged=True,
-            beyond_small_strain=False,
-            least_det=1.0,
-        )
+        return untouched(self.layer.shape, tip_mm)
 
     def path(
         self, previous: ContactState, tip_mm: Point, max_step_mm: float = 0.1
@@ -203,7 +135,9 @@ class LayerContact:
         self._refuse_out_of_range(tip)
         self._applications = 0
         for grow_mm in tip[2] * np.array([0.0, 2.0, 8.0, 32.0, np.inf]):
-            patch = self._patch(tip, grow_mm, previous)
+            patch = patch_below(
+                self.layer, self.indenter, tip, grow_mm, self._moved(previous.displacement_mm)
+            )
             p, q, residual = self._solve_patch(patch, previous, tip)
             state, outside = self._state(patch, p, q, residual, tip)
             # The patch is a guess at where contact can be; the whole grid decides.
@@ -236,45 +170,14 @@ class LayerContact:
                 f"+-{half_x:g} x +-{half_y:g} mm"
             )
 
-    def _patch(self, tip: Point, grow_mm: float, previous: ContactState) -> _Patch:
-        """Nodes that can come into contact: those below the indenter's underside, and a margin."""
-        layer, (x, y, depth) = self.layer, tip
-        rows, columns, xx, yy = self._footprint(previous.displacement_mm, tip)
-        height = self.indenter.height_mm(xx, yy)
-        for t in self.indenter.tips:
-            at_x, at_y = t.lowest_mm
-            if not np.any((np.hypot(xx - at_x, yy - at_y) <= t.radius_mm) & (height < depth)):
-                raise SolverError(
-                    f"contact: {self.indenter.name} at depth {depth:g} mm touches no grid node; "
-                    f"a spacing below {layer.spacing_mm[0]:g} mm or more depth is needed"
-                )
-        near: Mask = height < depth + grow_mm
-        margin = 3
-        rows = _widened(rows, np.logical_or.reduce(near, axis=1), margin, layer.shape[0])
-        columns = _widened(columns, np.logical_or.reduce(near, axis=0), margin, layer.shape[1])
-        xx, yy = np.meshgrid(layer.x_mm[columns] - x, layer.y_mm[rows] - y)
-        operator = layer.window(
-            rows.stop - rows.start, columns.stop - columns.start, rows.start, columns.start
-        )
-        return _Patch(rows, columns, xx, yy, self.indenter, operator)
-
-    def _footprint(self, u: Field, tip: Point) -> tuple[slice, slice, Field, Field]:
-        """Rows and columns below the whole indenter, and their positions (my, mx) from the tip."""
-        layer = self.layer
-        moves = self.kinematics == "deformed"
-        slack = float(np.abs(u[..., :2]).max()) if moves else 0.0
-        half_x, half_y = self.indenter.footprint_half_mm
-        columns = _span(np.abs(layer.x_mm - tip[0]) <= half_x + slack)
-        rows = _span(np.abs(layer.y_mm - tip[1]) <= half_y + slack)
-        xx, yy = np.meshgrid(layer.x_mm[columns] - tip[0], layer.y_mm[rows] - tip[1])
-        if moves:
-            xx, yy = xx + u[rows, columns, 0], yy + u[rows, columns, 1]
-        return rows, columns, xx, yy
+    def _moved(self, u: Field) -> Field | None:
+        """The displacement that the indenter minds."""
+        return u if self.kinematics == "deformed" else None
 
     # -- the coupled problem ---------------------------------------------------------------------
 
     def _solve_patch(
-        self, patch: _Patch, previous: ContactState, tip: Point
+        self, patch: Patch, previous: ContactState, tip: Point
     ) -> tuple[Field, Field, float]:
         """Pressure (my, mx), shear (2, my, mx) and residual on a patch."""
         op, depth = patch.operator, tip[2]
@@ -330,13 +233,13 @@ class LayerContact:
     # -- the result ------------------------------------------------------------------------------
 
     def _state(
-        self, patch: _Patch, p: Field, q: Field, residual: float, tip: Point
+        self, patch: Patch, p: Field, q: Field, residual: float, tip: Point
     ) -> tuple[ContactState, float]:
         """The state on the whole grid, and the worst penetration (mm) outside the patch."""
         layer = self.layer
         traction = np.concatenate([q, -p[None]])
         u = layer.apply_patch(traction, patch.rows.start, patch.columns.start)
-        rows, columns, xx, yy = self._footprint(u, tip)
+        rows, columns, xx, yy = footprint(layer, self.indenter, tip, self._moved(u))
         gap = self.indenter.height_mm(xx, yy) - tip[2] - u[rows, columns, 2]
         inside = np.zeros(layer.shape, dtype=bool)
         inside[patch.rows, patch.columns] = True
@@ -407,8 +310,8 @@ class LayerContact:
         """Smallest in-plane det(I + grad u) on the face."""
         half = self.layer.face_half_mm
         rows, columns = (
-            _span(np.abs(self.layer.y_mm) <= half[1]),
-            _span(np.abs(self.layer.x_mm) <= half[0]),
+            span(np.abs(self.layer.y_mm) <= half[1]),
+            span(np.abs(self.layer.x_mm) <= half[0]),
         )
         dx, dy = self.layer.spacing_mm
         ux, uy = u[rows, columns, 0], u[rows, columns, 1]
@@ -428,21 +331,3 @@ def _point(tip_mm: Point) -> Point:
     if not all(math.isfinite(c) for c in (x, y, depth)):
         raise InputError(f"contact: tip (x, y, depth) must be finite: {(x, y, depth)} fails")
     return x, y, depth
-
-
-def _span(which: Mask) -> slice:
-    """The slice from the first to the last True."""
-    found = np.flatnonzero(which)
-    return slice(int(found[0]), int(found[-1]) + 1) if found.size else slice(0, 0)
-
-
-def _widened(within: slice, which: Mask, margin: int, n: int) -> slice:
-    """The span of `which` inside `within`, with a margin and a size rounded up to 8 nodes.
-
-    Rounded sizes let a sliding contact reuse one window operator.
-    """
-    span = _span(which)
-    start, stop = within.start + span.start - margin, within.start + span.stop + margin
-    size = min(n, 8 * math.ceil((stop - start) / 8))
-    start = min(max(0, start - (size - (stop - start)) // 2), n - size)
-    return slice(start, start + size)

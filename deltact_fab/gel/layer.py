@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 import scipy.fft
@@ -73,42 +73,6 @@ def surface_compliance(k_per_mm: Field, thickness_mm: float, material: GelMateri
         0.0,
     )
     return Compliance(*(np.where(k == 0, u, f) for f, u in zip(full, uniform, strict=True)))
-
-
-class PatchOperator(Protocol):
-    """What a contact solves with on one patch; fields are as `WindowOperator` tells."""
-
-    shape: tuple[int, int]
-
-    def normal_of_pressure(self, pressure: Field) -> Field: ...
-
-    def shear_of_pressure(self, pressure: Field) -> Field: ...
-
-    def shear_of_shear(self, traction: Field) -> Field: ...
-
-    def normal_of_shear(self, traction: Field) -> Field: ...
-
-
-class FaceOperator(Protocol):
-    """What a contact needs of a gel: its face as a grid, and displacements of tractions on it.
-
-    Attributes and methods are those of `BondedLayer`. Off the grid there is no gel.
-    """
-
-    material: GelMaterial
-    thickness_mm: float
-    shape: tuple[int, int]
-    spacing_mm: tuple[float, float]
-    cell_mm2: float
-    x_mm: Field
-    y_mm: Field
-    face_half_mm: tuple[float, float]
-
-    def apply(self, tractions_mpa: Field) -> Field: ...
-
-    def apply_patch(self, tractions_mpa: Field, row: int, column: int) -> Field: ...
-
-    def window(self, my: int, mx: int, row: int = 0, column: int = 0) -> PatchOperator: ...
 
 
 class BondedLayer:

@@ -182,11 +182,13 @@ def contact_of(
     lattice_mm: float = 0.25,
 ) -> GelContact:
     """The contact that a choice describes; lattice_mm as in `open_contact`."""
-    from .adapters import FiniteGel, LinearGel
-
     x, y = (_lattice(half, lattice_mm) for half in skin.opening_half_mm)
     if choice.level == "hyperelastic":
+        from .finite_gel import FiniteGel
+
         return FiniteGel(skin, material, indenter, choice, x, y)
+    from .linear_gel import LinearGel
+
     return LinearGel(skin, material, indenter, choice, x, y)
 
 

@@ -10,7 +10,8 @@ from scipy.interpolate import RectBivariateSpline
 
 from deltact_fab.errors import InputError
 from deltact_fab.gel.block import FreeBlock
-from deltact_fab.gel.contact import ContactState, LayerContact
+from deltact_fab.gel.contact import LayerContact
+from deltact_fab.gel.contact_state import ContactState
 from deltact_fab.gel.finite import FinitePress, block_mesh
 from deltact_fab.gel.finite.assembly import BulkAssembly
 from deltact_fab.gel.finite.linear import make_solver

@@ -10,7 +10,8 @@ import pytest
 from deltact_fab.errors import InputError, SolverError
 from deltact_fab.gel import reference
 from deltact_fab.gel.complementarity import normal_contact
-from deltact_fab.gel.contact import ContactState, LayerContact
+from deltact_fab.gel.contact import LayerContact
+from deltact_fab.gel.contact_state import ContactState
 from deltact_fab.gel.layer import BondedLayer
 from deltact_fab.gel.material import GelMaterial
 from deltact_fab.shapes import SkinDimensions

@@ -145,3 +145,27 @@ def test_a_coarse_mesh_at_a_sharp_edge_is_flagged() -> None:
     contact = opened("hyperelastic", [tip], indenter="hexprism", spacing_mm=2.0)
     flags = end(contact, tip).diagnostics.flags
     assert any(f.startswith("penetration: ") and "below 2 mm" in f for f in flags)
+
+
+def test_a_long_increment_with_friction_is_parted_and_tells_the_work_of_all_parts() -> None:
+    tip = (0.0, 0.0, 10.0)
+    contact = opened("hyperelastic", [tip], spacing_mm=2.0)
+    one = contact.solve(contact.rest(), tip)
+    seven = list(contact.path(contact.rest(), tip, 1.5))
+    assert one.force_n == seven[-1].force_n
+    assert one.diagnostics.iterations == sum(s.diagnostics.iterations for s in seven)
+    assert one.diagnostics.cuts == sum(s.diagnostics.cuts for s in seven)
+    *_, fine = contact.path(contact.rest(), tip, 0.5)
+    assert one.force_n[2] == pytest.approx(fine.force_n[2], rel=0.05)
+    # The engine under it takes an increment as long as it is asked for.
+    press = contact.press  # type: ignore[attr-defined]
+    bare = press.solve(press.rest(), tip).force_n[2] * press.mesh.copies
+    assert bare != pytest.approx(fine.force_n[2], rel=0.1)
+
+
+def test_a_long_increment_without_friction_is_one() -> None:
+    tip = (0.0, 0.0, 6.0)
+    contact = opened("hyperelastic", [tip], spacing_mm=3.0, friction=0.0)
+    bare = contact.press.solve(contact.press.rest(), tip)  # type: ignore[attr-defined]
+    one = contact.solve(contact.rest(), tip)
+    assert one.diagnostics.iterations == bare.diagnostics.iterations

@@ -14,7 +14,7 @@ from typing import Any
 from ..engine import Case
 from . import gel_checks as checks
 from .gel_energy import work_but_jumps
-from .gel_picks import opened, thick
+from .gel_picks import one_increment_of_the_level, opened, thick
 from .gel_scene import Point, Scene, down, solved
 
 DEPTHS = (0.05, 0.25, 0.5, 0.75, 0.9)  # of the thickness
@@ -114,14 +114,18 @@ def every_case() -> Sequence[Case]:
             ]  # fmt: skip
     out += _shape_cases()
     coarse = Scene(spacing_mm=2.0)
-    for mu, bound in ((0.0, 1e-6), (0.5, 0.1)):
-        held = replace(coarse, friction=mu)
-        out += [
-            Case(f"10 mm in one increment, friction {mu:g}: against 10", "right",
-                 partial(checks.one_increment, held, 10.0), bound, force),
+    out += [
+        Case("10 mm in one increment, friction 0: against 10", "right",
+             partial(checks.one_increment, coarse, 10.0), 1e-6, force),
+        # Friction is of first order in the increment: the interface of all levels parts a long one.
+        Case("10 mm in one increment, friction 0.5: against 10", "right",
+             partial(one_increment_of_the_level, 10.0, 2.0), 0.1, force),
+        *(
             Case(f"10 mm to 0 in one step, friction {mu:g}", "right",
-                 partial(checks.unloaded, held, 10.0), 1e-8, "mm"),
-        ]  # fmt: skip
+                 partial(checks.unloaded, replace(coarse, friction=mu), 10.0), 1e-8, "mm")
+            for mu in (0.0, 0.5)
+        ),
+    ]  # fmt: skip
     corner = Scene("sphere:10", 1.5)
     out += [
         Case("10 mm deep: finer mesh", "right", partial(checks.finer, coarse, 1.0, (down(10.0),)),

@@ -8,7 +8,7 @@ import numpy as np
 
 from .gel_scene import Scene, down, energy_nmm, solved
 
-INCREMENTS = 20
+INCREMENTS = 40
 
 
 def work_but_jumps(scene: Scene, depth_mm: float, scratch: Path) -> tuple[float, str]:

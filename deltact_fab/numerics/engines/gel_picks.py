@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 from ...gel.choose import pick
 from ...gel.level import Reach, open_contact
@@ -34,3 +35,17 @@ def opened(depth_mm: float, reach_mm: float) -> None:
         reach=Reach(deepest_mm=reach_mm),
     )  # fmt: skip
     list(contact.path(contact.rest(), down(depth_mm)))
+
+
+def one_increment_of_the_level(
+    depth_mm: float, spacing_mm: float, scratch: Path
+) -> tuple[float, str]:
+    """Force of a press with friction in one step over that in ten, less 1."""
+    contact = open_contact(
+        SkinDimensions(), GelMaterial(), parse(SPHERE), level="hyperelastic",
+        reach=Reach(deepest_mm=depth_mm), spacing_mm=spacing_mm,
+    )  # fmt: skip
+    one = contact.solve(contact.rest(), down(depth_mm))
+    *_, many = contact.path(contact.rest(), down(depth_mm), depth_mm / 10)
+    note = f"{-one.force_n[2]:.4g} N, {one.diagnostics.iterations} iterations"
+    return one.force_n[2] / many.force_n[2] - 1, note

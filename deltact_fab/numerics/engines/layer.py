@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 
 from ...gel import reference
 from ...gel.complementarity import normal_contact
-from ...gel.contact import ContactState, LayerContact
+from ...gel.contact import LayerContact
+from ...gel.contact_state import ContactState
 from ...gel.layer import BondedLayer
 from ...gel.material import GelMaterial
 from ...shapes import SkinDimensions

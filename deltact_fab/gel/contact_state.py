@@ -1,0 +1,57 @@
+"""What a solved position of the indenter on a linear face is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Field = NDArray[np.float64]
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class ContactState:
+    """One solved position of the indenter; also the whole history that the next one needs.
+
+    tip_mm: (x, y, depth) of the indenter's lowest point, depth positive into the gel.
+    pressure_mpa: (ny, nx). shear_mpa: (ny, nx, 2), on the sensor.
+    displacement_mm: (ny, nx, 3) of the face, z out of the sensor, so pressed is negative.
+    force_n, torque_nmm: on the sensor, about the centre of the resting face; the torque takes each
+    traction where it acts, on the displaced face (on the resting one with reference kinematics).
+    contact_area_mm2: area of the nodes under pressure. contact_nodes: their number.
+    residual: worst violation of the contact conditions, as a length over the depth.
+    iterations: operator applications over both problems. converged: always True from `solve`.
+    beyond_small_strain: depth over 10 % of the thickness.
+    least_det: smallest det(I + grad u_xy) on the face, below 1 where it is squeezed.
+    """
+
+    tip_mm: Point
+    pressure_mpa: Field
+    shear_mpa: Field
+    displacement_mm: Field
+    force_n: Point
+    torque_nmm: Point
+    contact_area_mm2: float
+    contact_nodes: int
+    residual: float
+    iterations: int
+    converged: bool
+    beyond_small_strain: bool
+    least_det: float
+
+    def __post_init__(self) -> None:
+        # A state is handed on as history; a caller that wrote into it would rewrite the past.
+        for array in (self.pressure_mpa, self.shear_mpa, self.displacement_mm):
+            array.setflags(write=False)
+
+
+def untouched(shape: tuple[int, int], tip_mm: Point) -> ContactState:
+    """Without contact on a grid (ny, nx): nothing displaced, nothing remembered."""
+    nothing = (0.0, 0.0, 0.0)
+    return ContactState(
+        tip_mm, np.zeros(shape), np.zeros((*shape, 2)), np.zeros((*shape, 3)), nothing, nothing,
+        contact_area_mm2=0.0, contact_nodes=0, residual=0.0, iterations=0, converged=True,
+        beyond_small_strain=False, least_det=1.0,
+    )  # fmt: skip

@@ -1,0 +1,143 @@
+"""The layer and the block behind the interface of `level`: grid fields on the common lattice."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..shapes import Indenter, SkinDimensions
+from .contact import LayerContact
+from .contact_state import ContactState
+from .face import FaceOperator
+from .finite.field import hermite
+from .level import Diagnostics, Level, Point
+from .material import GelMaterial
+
+if TYPE_CHECKING:
+    from .choose import Choice
+
+Field = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class LinearState:
+    """A state of the layer or the block; see `level.State`. inner: as the level has it."""
+
+    inner: ContactState
+    diagnostics: Diagnostics
+    _to_lattice: tuple[Field, Field]
+
+    @property
+    def tip_mm(self) -> Point:
+        """(x, y, depth) of the indenter's lowest point."""
+        return self.inner.tip_mm
+
+    @property
+    def force_n(self) -> Point:
+        """On the sensor."""
+        return self.inner.force_n
+
+    @property
+    def torque_nmm(self) -> Point:
+        """On the sensor, about the centre of the resting face."""
+        return self.inner.torque_nmm
+
+    @property
+    def contact_area_mm2(self) -> float:
+        """Of the nodes under pressure."""
+        return self.inner.contact_area_mm2
+
+    @cached_property
+    def displacement_mm(self) -> Field:
+        """(ny, nx, 3) on the lattice."""
+        return self._laid(self.inner.displacement_mm)
+
+    @cached_property
+    def pressure_mpa(self) -> Field:
+        """(ny, nx) on the lattice; interpolated, so it may undershoot 0 at the contact's edge."""
+        return self._laid(self.inner.pressure_mpa[..., None])[..., 0]
+
+    @cached_property
+    def traction_mpa(self) -> Field:
+        """(ny, nx, 3) on the lattice; linear, so pressure acts along -z."""
+        return np.concatenate(
+            [self._laid(self.inner.shear_mpa), -self.pressure_mpa[..., None]], axis=-1
+        )
+
+    def _laid(self, field: Field) -> Field:
+        wx, wy = self._to_lattice
+        found = np.moveaxis(wy @ np.moveaxis(field, -1, 0) @ wx.T, 0, -1)
+        return np.ascontiguousarray(found)
+
+
+class LinearGel:
+    """`level.GelContact` of the bonded layer or the free block."""
+
+    def __init__(
+        self,
+        skin: SkinDimensions,
+        material: GelMaterial,
+        indenter: Indenter,
+        choice: Choice,
+        x_mm: Field,
+        y_mm: Field,
+    ) -> None:
+        self.level: Level = choice.level
+        self.choice, self.x_mm, self.y_mm = choice, x_mm, y_mm
+        face = _face(skin, material, choice)
+        self.dofs = 3 * face.shape[0] * face.shape[1]
+        self.contact = LayerContact(
+            face, indenter, friction=choice.friction, observe_shear=choice.friction > 0
+        )
+        self._to_lattice = hermite(face.x_mm, x_mm), hermite(face.y_mm, y_mm)
+
+    def rest(self, tip_mm: Point = (0.0, 0.0, 0.0)) -> LinearState:
+        """Without contact."""
+        return self._state(self.contact.rest(tip_mm))
+
+    def solve(self, previous: LinearState, tip_mm: Point, seconds: float = 0.0) -> LinearState:
+        """One increment; `seconds` makes no difference at a linear level."""
+        return self._state(self.contact.solve(previous.inner, tip_mm))
+
+    def path(
+        self,
+        previous: LinearState,
+        tip_mm: Point,
+        max_step_mm: float | None = None,
+        seconds: float = 0.0,
+    ) -> Iterator[LinearState]:
+        """The straight way in equal increments."""
+        step = self.choice.step_mm if max_step_mm is None else max_step_mm
+        for state in self.contact.path(previous.inner, tip_mm, step):
+            yield self._state(state)
+
+    def _state(self, inner: ContactState) -> LinearState:
+        flags: tuple[str, ...] = ()
+        if inner.beyond_small_strain:
+            flags = (
+                f"small strain: depth {inner.tip_mm[2]:g} mm is over 10 % of the thickness; "
+                f"the in-plane field of the level {self.level} is not to be trusted there",
+            )
+        diagnostics = Diagnostics(
+            iterations=inner.iterations,
+            residual=inner.residual,
+            penetration_mm=inner.residual * max(inner.tip_mm[2], 0.0),
+            least_j=inner.least_det,
+            flags=flags,
+        )
+        return LinearState(inner, diagnostics, self._to_lattice)
+
+
+def _face(skin: SkinDimensions, material: GelMaterial, choice: Choice) -> FaceOperator:
+    if choice.level == "layer":
+        from .layer import BondedLayer
+
+        return BondedLayer.for_skin(skin, material, spacing_mm=choice.spacing_mm)
+    from .block import FreeBlock
+
+    return FreeBlock.for_skin(skin, material, spacing_mm=choice.spacing_mm)
