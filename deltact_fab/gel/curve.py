@@ -1,8 +1,7 @@
 """Force against depth of one indenter, solved once at finite strain and kept for every modulus.
 
 With Poisson's ratio and friction fixed, all stresses of a neo-Hookean gel scale with its modulus:
-the curve is stored for 1 MPa. Between solved depths log F runs over log d, where a power law (a
-sphere's d^1.5, a punch's d) is a straight line, as a monotone cubic (PCHIP). Below the depth at
+the curve is stored for 1 MPa. Between solved depths `power_law` interpolates. Below the depth at
 which the contact is some cells wide, the bonded layer's force is taken, times a factor that goes
 from 1 at touch to the first solved ratio as sqrt(d): what free sides and finite strain change
 grows with the contact's radius.
@@ -17,7 +16,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import cache as once
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +26,7 @@ from ..errors import InputError
 from ..shapes import Indenter, SkinDimensions
 from .finite import FinitePress, FiniteState, HexMesh, block_mesh
 from .material import GelMaterial
+from .power_law import PowerLaw, evaluated, interpolant, left_out
 from .shallow import layer_forces, seen_from_mm, widest_mm
 
 Field = NDArray[np.float64]
@@ -39,15 +39,6 @@ DEEPEST = 0.95  # of the thickness
 SPAN = 0.2  # cell size over the radius of the largest ball's footprint on the tips
 ACROSS = 12  # most cells across the indenter by default
 LAYER_DEPTH = 0.25  # of the thickness: deepest use of the layer
-
-
-class _PowerLaw(NamedTuple):
-    """Monotone cubic of log force over log depth, its slope, its start, the exponent before it."""
-
-    curve: Any
-    rise: Any
-    start: float
-    power: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,11 +85,11 @@ class ForceCurve:
         last = float(self.depth_mm[-1])
         if d.size and float(d.max()) > last * (1 + 1e-9):
             raise InputError(f"force curve: depth {float(d.max()):g} mm is past its end, {last:g}")
-        return _evaluated(self._power_law, np.clip(d, 0, last))
+        return evaluated(self._power_law, np.clip(d, 0, last))
 
     @cached_property
-    def _power_law(self) -> _PowerLaw:
-        return _interpolant(self.depth_mm[1:], -self.force_n[1:, 2])
+    def _power_law(self) -> PowerLaw:
+        return interpolant(self.depth_mm[1:], -self.force_n[1:, 2])
 
 
 def force_curve(
@@ -161,7 +152,7 @@ def force_curve(
     force = np.concatenate([np.zeros((1, 3)), small, forces])
     curve = ForceCurve(
         depth, force, drag, dragged, 1.0, unit.poisson, unit.friction, h, depths[0],
-        _left_out(depth[1:], -force[1:, 2]),
+        left_out(depth[1:], -force[1:, 2]),
     )  # fmt: skip
     return curve.scaled(material.modulus_mpa)
 
@@ -265,36 +256,6 @@ def _start(
         held = [first if light else 1, light]
         cache.put(KIND, key, held)
     return int(held[0]), held[1]
-
-
-def _interpolant(depth_mm: Field, normal_n: Field) -> _PowerLaw:
-    from scipy.interpolate import PchipInterpolator
-
-    x, y = np.log(depth_mm), np.log(normal_n)
-    curve = PchipInterpolator(x, y)
-    # The exponent of the first interval; the one-sided slope of PCHIP is noisier.
-    return _PowerLaw(curve, curve.derivative(), float(x[0]), float((y[1] - y[0]) / (x[1] - x[0])))
-
-
-def _evaluated(law: _PowerLaw, at_mm: Field) -> tuple[Field, Field]:
-    """Value and slope at depths of 0 or more; a power law before the first point."""
-    touched = at_mm > 0
-    safe = np.where(touched, at_mm, 1.0)
-    t = np.log(safe)
-    inner, before = np.maximum(t, law.start), np.minimum(t - law.start, 0.0)
-    value = np.where(touched, np.exp(law.curve(inner) + law.power * before), 0.0)
-    return value, value * np.where(t < law.start, law.power, law.rise(inner)) / safe
-
-
-def _left_out(depth_mm: Field, normal_n: Field) -> float:
-    """Largest relative error at a point, but the end points, interpolated from the others."""
-    worst = 0.0
-    for k in range(1, len(depth_mm) - 1):
-        kept = np.arange(len(depth_mm)) != k
-        law = _interpolant(depth_mm[kept], normal_n[kept])
-        value, _ = _evaluated(law, depth_mm[k : k + 1])
-        worst = max(worst, abs(float(value[0]) / float(normal_n[k]) - 1))
-    return worst
 
 
 def _key(skin: SkinDimensions, unit: GelMaterial, indenter: Indenter, h: float) -> dict[str, Any]:
