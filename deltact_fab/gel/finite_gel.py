@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -103,11 +104,12 @@ class FiniteGel:
         SolverError as `FinitePress.solve` does.
         """
         self._refuse(tip_mm)
-        if self.choice.friction == 0 or tip_mm[2] <= 0:
-            return self._state(self.press.solve(previous.inner, tip_mm, seconds))
-        longest_mm = max(self.choice.step_mm, LONGEST_RUB * self._skin.thickness_mm)
-        parts = list(self.press.path(previous.inner, tip_mm, longest_mm, seconds))
-        return self._state(_as_one(parts))
+        inner, longest_mm = previous.inner, math.inf
+        if self.choice.friction > 0 and tip_mm[2] > 0:
+            longest_mm = max(self.choice.step_mm, LONGEST_RUB * self._skin.thickness_mm)
+        if _rubbed_mm(inner.tip_mm, tip_mm) <= longest_mm:
+            return self._state(self.press.solve(inner, tip_mm, seconds))
+        return self._state(_as_one(list(self._parts(inner, tip_mm, longest_mm, seconds))))
 
     def path(
         self,
@@ -119,19 +121,23 @@ class FiniteGel:
         """The straight way in equal increments from first touch on."""
         self._refuse(tip_mm)
         step = self.choice.step_mm if max_step_mm is None else max_step_mm
-        inner = previous.inner
-        start, end = np.array(inner.tip_mm), np.array(tip_mm, dtype=np.float64)
-        if end[2] <= 0:
+        if tip_mm[2] <= 0:
             yield self.solve(previous, tip_mm, seconds)
             return
-        left = 1.0
-        if start[2] < 0:
-            left = float(end[2] / (end[2] - start[2]))
+        for state in self._parts(previous.inner, tip_mm, step, seconds):
+            yield self._state(state)
+
+    def _parts(
+        self, inner: FiniteState, tip_mm: Point, step_mm: float, seconds: float
+    ) -> Iterator[FiniteState]:
+        """Equal increments of a way that ends in the gel, from first touch on."""
+        start, end = np.array(inner.tip_mm), np.array(tip_mm, dtype=np.float64)
+        left = _share_below(inner.tip_mm, tip_mm)
+        if left < 1:
             at = end + (start - end) * left
             touch = (float(at[0]), float(at[1]), 0.0)
             inner = self.press.solve(inner, touch, seconds * (1 - left))
-        for state in self.press.path(inner, tip_mm, step, seconds * left):
-            yield self._state(state)
+        yield from self.press.path(inner, tip_mm, step_mm, seconds * left)
 
     def _refuse(self, tip_mm: Point) -> None:
         x, y, depth = tip_mm
@@ -190,6 +196,16 @@ class FiniteGel:
             self.press,
             self._lattice,
         )  # fmt: skip
+
+
+def _share_below(start: Point, end: Point) -> float:
+    """Of a way that ends in the gel, the share that is not above the face."""
+    return 1.0 if start[2] >= 0 else end[2] / (end[2] - start[2])
+
+
+def _rubbed_mm(start: Point, end: Point) -> float:
+    """Length of a way below the face; 0 where it ends above."""
+    return _share_below(start, end) * math.dist(start, end) if end[2] > 0 else 0.0
 
 
 def _as_one(parts: list[FiniteState]) -> FiniteState:

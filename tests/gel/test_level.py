@@ -169,3 +169,11 @@ def test_a_long_increment_without_friction_is_one() -> None:
     bare = contact.press.solve(contact.press.rest(), tip)  # type: ignore[attr-defined]
     one = contact.solve(contact.rest(), tip)
     assert one.diagnostics.iterations == bare.diagnostics.iterations
+
+
+def test_a_long_increment_from_above_is_parted_from_first_touch_on() -> None:
+    tip = (0.0, 0.0, 4.0)
+    contact = opened("hyperelastic", [tip], spacing_mm=3.0)
+    touch = contact.solve(contact.rest(), tip)
+    above = contact.solve(contact.rest((0.0, 0.0, -8.0)), tip)
+    assert above.force_n == pytest.approx(touch.force_n, rel=1e-6, abs=1e-9)
