@@ -134,6 +134,8 @@ class Presses:
             "mirrors": choice.mirrors,
             # The linear levels' grids know no focus.
             "focus": None if choice.level in LINEAR else choice.focus,
+            # It parts long increments, see `gel.finite_gel`.
+            "step_mm": None if choice.level in LINEAR else choice.step_mm,
             "lattice_mm": self._lattice_mm,
             "increments": asdict(self.increments),
             "lines": [_untimed(line, self.timed) for line in path.lines],
