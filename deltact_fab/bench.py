@@ -28,16 +28,29 @@ Progress = Callable[[int, int, str], None]
 
 def checks(protocol_name: str, rig_name: str) -> list[limits.Check]:
     """Static checks of a protocol on a rig; of forces those that take seconds to predict."""
-    protocol, _ = plan.load(protocol_name)
+    protocol, source = plan.load(protocol_name)
     rig, path = rig_config.load(rig_name)
     sensor = load_design(protocol.specimen.design)
     rows = limits.check(protocol, sensor, rig.stage.box)
+    if rig.kind == "virtual":
+        rows.append(_answered(protocol, sensor, rig, str(source)))
     # What leaves the gel or the stage is said already, and has no force.
     if all(row.ok for row in rows):
         declared = preflight.limits_of(rig, str(path), protocol)
         peaks = preflight.predict(protocol, sensor, declared.origin_mm, solve=False)
         rows += [] if peaks is None else preflight.checks(peaks, declared)
     return rows
+
+
+def _answered(
+    protocol: Protocol, sensor: SensorDimensions, rig: RigConfig, source: str
+) -> limits.Check:
+    """Whether the simulated gel has a level and a mesh for every press."""
+    from .virtual.answerable import unanswered
+
+    why = unanswered(protocol, sensor, rig.gel, source)
+    what = "refusals for lack of a level or a mesh"
+    return limits.Check("simulated gel", not why, what, len(why), 0, "; ".join(why))
 
 
 def show(protocol_name: str, rig_name: str) -> tuple[list[Step], limits.Estimate]:
@@ -87,9 +100,10 @@ def run(
     steps = plan.expand(protocol)
     limits.require(limits.check(protocol, sensor, rig.stage.box, steps), str(source))
 
-    from .virtual.rig import VirtualRig, identity, require_gel_level
+    from .virtual.answerable import require_answers
+    from .virtual.rig import VirtualRig, identity
 
-    require_gel_level(protocol, sensor, str(source))
+    require_answers(protocol, sensor, rig.gel, str(source))
     text = source.read_bytes()
     meta = _meta(protocol, rig, rig_name, sensor, seed, out.name)
     pattern = _pattern(recipe)

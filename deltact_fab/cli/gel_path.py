@@ -41,7 +41,7 @@ def path(
     from ..protocols import plan
     from ..rig import config as rig_config
     from ..virtual.ahead import solve_ahead
-    from ..virtual.rig import require_gel_level
+    from ..virtual.answerable import require_gel_level
     from .output import echo_json
 
     declared, source = plan.load(protocol)

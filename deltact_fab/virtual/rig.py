@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import InputError
-from ..gel.contact import DEPTH_LIMIT, SMALL_STRAIN
-from ..gel.finite.material import MOST_POISSON
+from ..gel.contact import SMALL_STRAIN
 from ..optics import Pinhole
 from ..patterns.recipe import PatternRecipe
 from ..protocols.plan import Protocol
@@ -20,7 +18,6 @@ from ..rig.grbl import GrblStage
 from ..rig.interface import Camera
 from ..rig.runner import Devices
 from ..shapes import SensorDimensions
-from ..shapes.indenter import parse as parse_indenter
 from .clock import VirtualClock
 from .controller import GrblController, settings_for
 from .netft import NetFTBox
@@ -52,43 +49,6 @@ def pinhole(sensor: SensorDimensions) -> Pinhole:
     return Pinhole(
         optics.mm_per_px, optics.image_width_px, optics.image_height_px, sensor.eye_distance_mm
     )
-
-
-def require_gel_level(protocol: Protocol, sensor: SensorDimensions, source: str) -> None:
-    """Refuse what the protocol's gel level cannot answer for. Raises InputError."""
-    specimen = protocol.specimen
-    level, thickness_mm = specimen.gel_model, sensor.skin.thickness_mm
-    deepest = max(protocol.depths_mm)
-    if deepest >= thickness_mm:
-        raise InputError(
-            f"{source}: depths_mm: {deepest:g} mm is not less than the gel's thickness of "
-            f"{thickness_mm:g} mm: no level of the gel can be pressed that deep"
-        )
-    if level == "hyperelastic":
-        if specimen.poisson > MOST_POISSON:
-            raise InputError(
-                f"{source}: specimen.poisson: {specimen.poisson} is over {MOST_POISSON}: the level "
-                "'hyperelastic' stops there; .499 serves, and only the level 'layer' takes .5"
-            )
-        return
-    if specimen.prony:
-        raise InputError(
-            f"{source}: specimen.prony: the linear level {level!r} knows no time; "
-            "this protocol needs the level 'hyperelastic'"
-        )
-    limit_mm = DEPTH_LIMIT * thickness_mm
-    if deepest > limit_mm:
-        raise InputError(
-            f"{source}: depths_mm: {deepest:g} mm is over {limit_mm:g} mm, 25 % of the gel: the "
-            f"linear level {level!r} stops there; this protocol needs the level 'hyperelastic'"
-        )
-    for indenter in map(parse_indenter, protocol.indenters):
-        if deepest >= indenter.equator_mm:
-            raise InputError(
-                f"{source}: depths_mm: {deepest:g} mm presses {indenter.name} to where its sides "
-                f"turn vertical, at {indenter.equator_mm:g} mm: the level {level!r} reaches below "
-                "that; this protocol needs the level 'hyperelastic'"
-            )
 
 
 class VirtualForce(NetFTSensor):
