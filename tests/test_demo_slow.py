@@ -78,9 +78,10 @@ def test_the_demo_measures_what_it_claims(demo: Path) -> None:
         assert row["peak_true_mm"] >= 0.9, row["indenter"]
 
 
-def test_the_demo_is_faster_than_the_bench_it_simulates(demo: Path) -> None:
+def test_the_demo_tells_its_own_time_and_that_of_the_bench_it_simulates(demo: Path) -> None:
     summary = json.loads((demo / "run" / "summary.json").read_text())
-    assert summary["wall_seconds"] < summary["rig_seconds"]
+    assert 120 < summary["rig_seconds"] < 600  # smoke: 2 min 14 s of motion, and the host's part
+    assert summary["wall_seconds"] > 0
 
 
 def images(run: Path) -> dict[str, str]:
