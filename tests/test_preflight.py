@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -266,13 +265,11 @@ def test_extrapolation_and_bound_lie_above_what_was_solved(deep: PressCurve) -> 
     assert 0.56 * beyond > 271
 
 
-def test_a_second_call_is_instant(deep: PressCurve) -> None:
-    started = time.perf_counter()
+def test_a_second_call_solves_nothing(deep: PressCurve) -> None:
     again = press_curve(
         SENSOR.skin, GelMaterial(1.3), parse("sphere:15"), (0.0, 0.0), [5.0], solve=False
     )
     assert again == deep
-    assert time.perf_counter() - started < 0.5
 
 
 def test_where_the_engine_refuses_the_bound_and_its_reason_stand(
@@ -310,10 +307,9 @@ def test_show_prints_the_peaks_and_json_has_them() -> None:
         assert peak["normal_high_n"] == 2 * peak["normal_n"]
 
 
-def test_show_does_not_solve_deep_presses_unasked() -> None:
-    started = time.perf_counter()
+def test_show_does_not_solve_deep_presses_unasked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deltact_fab.gel.finite.FinitePress", None)
     text = CliRunner().invoke(command, ["show", "pattern-selection"])
-    assert time.perf_counter() - started < 5
     assert "--forces" in text.output
     assert "271 N" in text.output
     data = CliRunner().invoke(command, ["show", "pattern-selection", "--json"]).output
