@@ -21,7 +21,6 @@ from .stability import StabilityRow
 from .work_precision import CurveRow
 
 Progress = Callable[[int, int, str], None]
-TABLE_SILENCE_S = 180.0
 
 
 @dataclass(frozen=True)
@@ -119,7 +118,7 @@ def run(
             job = {"kind": "tables", "module": module, "threads": 1, "quick": quick,
                    "scratch": folder}  # fmt: skip
             try:
-                tables += [{"engine": name, **t} for t in answers(job, TABLE_SILENCE_S)]
+                tables += [{"engine": name, **t} for t in answers(job)]
             except WorkerDied as why:
                 raise RunFailed(f"numerics: {name}: tables: {why}") from why
         costs = scenes.costs(measure=not quick, progress=tell)

@@ -14,12 +14,15 @@ from typing import Any
 from ..errors import RunFailed
 from .worker import THREAD_VARIABLES
 
+# A reference takes a minute on a quiet core and several on a busy one; this ends what hangs.
+SILENCE_S = 600.0
+
 
 class WorkerDied(RunFailed):
     """The process ended, or was silent for too long, before it had answered."""
 
 
-def answers(job: dict[str, Any], silence_s: float) -> Iterator[dict[str, Any]]:
+def answers(job: dict[str, Any], silence_s: float = SILENCE_S) -> Iterator[dict[str, Any]]:
     """The answers of a job as they come; the process is ended after silence_s without one.
 
     Raises WorkerDied, after what was answered, when the process did not end by itself and well.

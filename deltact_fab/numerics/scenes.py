@@ -23,7 +23,6 @@ from typing import Any
 from .. import cache
 
 REPEATS = 3
-SILENCE_S = 120.0
 KIND = "scene-costs"
 
 # layer: (what it is, the process with it, the process without)
@@ -184,7 +183,7 @@ def _measured(progress: Callable[[int, int, str], None]) -> list[dict[str, Any]]
         for j, name in enumerate(names):
             progress(i * len(names) + j, REPEATS * len(names), f"scene: {name}")
             job = {"kind": "scene", "probe": name, "threads": 1}
-            runs[name] += list(answers(job, SILENCE_S))
+            runs[name] += list(answers(job))
     # Whatever else is at work only ever adds.
     found = {name: {k: min(r[k] for r in rows) for k in rows[0]} for name, rows in runs.items()}
     rows = []

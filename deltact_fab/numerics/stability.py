@@ -8,9 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from .engine import Case, Engine
-from .process import WorkerDied, answers
-
-SILENCE_S = 120.0
+from .process import SILENCE_S, WorkerDied, answers
 
 
 @dataclass(frozen=True)

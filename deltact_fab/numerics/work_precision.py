@@ -11,8 +11,6 @@ from ..errors import RunFailed
 from .engine import Engine, Setting
 from .process import WorkerDied, answers
 
-SILENCE_S = 180.0
-
 
 @dataclass(frozen=True)
 class CurveRow:
@@ -58,7 +56,7 @@ def measure(
             "quick": quick,
         }
         try:
-            (found,) = answers(job, SILENCE_S)
+            (found,) = answers(job)
         except WorkerDied as why:
             raise RunFailed(f"numerics: {engine.name}: {setting.key}: {why}") from why
         yield CurveRow(
