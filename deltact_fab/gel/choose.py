@@ -12,7 +12,7 @@ from typing import Literal
 
 from ..errors import InputError
 from ..shapes import Indenter, SkinDimensions
-from .contact import DEPTH_LIMIT
+from .contact_limits import DEPTH_LIMIT
 from .finite.mesh import unknowns
 from .footprint import (
     contact_radius_mm,

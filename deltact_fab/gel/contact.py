@@ -20,24 +20,19 @@ from collections.abc import Iterator
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import ndimage
 
 from ..errors import InputError, SolverError
 from ..shapes import Indenter
 from .complementarity import friction_contact, normal_contact, normal_violation
-from .contact_patch import Patch, footprint, patch_below, span
+from .contact_limits import Point, least_det, refuse_bad_contact, refuse_out_of_range
+from .contact_patch import Patch, footprint, patch_below
 from .contact_state import ContactState, untouched
 from .face import FaceOperator, Field
 from .mixing import Mixer
 
-Point = tuple[float, float, float]
-Mask = NDArray[np.bool_]
 Kinematics = Literal["deformed", "reference"]
 
-DEPTH_LIMIT = 0.25  # of the thickness: force is still within some per cent of finite strain there
 SMALL_STRAIN = 0.10  # of the thickness: beyond, the in-plane field is no longer to be trusted
-FOLD_LIMIT = 0.2  # least det(I + grad u) of the face; at 0 the printed pattern folds over
 
 
 class LayerContact:
@@ -105,7 +100,7 @@ class LayerContact:
         if tip[2] <= 0:
             yield self.solve(previous, tip)
             return
-        self._refuse_out_of_range(tip)  # before any of the way is solved
+        refuse_out_of_range(self.layer, self.indenter, tip)  # before any of the way is solved
         start, end = np.array(previous.tip_mm), np.array(tip)
         if start[2] < 0:
             start = start + (end - start) * (-start[2] / (end[2] - start[2]))
@@ -132,7 +127,7 @@ class LayerContact:
             )
         if tip[2] <= 0:
             return self.rest(tip)
-        self._refuse_out_of_range(tip)
+        refuse_out_of_range(self.layer, self.indenter, tip)
         self._applications = 0
         for grow_mm in tip[2] * np.array([0.0, 2.0, 8.0, 32.0, np.inf]):
             patch = patch_below(
@@ -149,26 +144,6 @@ class LayerContact:
         )
 
     # -- geometry ------------------------------------------------------------------------------
-
-    def _refuse_out_of_range(self, tip: Point) -> None:
-        x, y, depth = tip
-        limit = DEPTH_LIMIT * self.layer.thickness_mm
-        if depth > limit * (1 + 1e-12):
-            raise InputError(
-                f"contact: depth {depth:g} mm is over {limit:g} mm, 25 % of the gel's thickness: "
-                "the linear layer stops there and a finite-strain level is needed"
-            )
-        if depth >= self.indenter.equator_mm:
-            raise InputError(
-                f"contact: depth {depth:g} mm presses {self.indenter.name} to its equator; "
-                f"it reaches below {self.indenter.equator_mm:g} mm"
-            )
-        half_x, half_y = self.layer.face_half_mm
-        if abs(x) > half_x or abs(y) > half_y:
-            raise InputError(
-                f"contact: tip at ({x:g}, {y:g}) mm is off the face of "
-                f"+-{half_x:g} x +-{half_y:g} mm"
-            )
 
     def _moved(self, u: Field) -> Field | None:
         """The displacement that the indenter minds."""
@@ -252,13 +227,8 @@ class LayerContact:
         if self.kinematics == "deformed":
             arm += np.moveaxis(at, -1, 0)
         height = self.indenter.height_mm(arm[0] - tip[0], arm[1] - tip[1])
-        self._refuse_bad_contact(height, contact, x, y, tip)
-        det = self._least_det(u)
-        if det < FOLD_LIMIT:
-            raise SolverError(
-                f"contact: the face is squeezed to det(I + grad u) = {det:.2f} at depth "
-                f"{tip[2]:g} mm, below {FOLD_LIMIT}: a finite-strain level is needed"
-            )
+        refuse_bad_contact(layer, self.indenter, tip, height, contact, x, y)
+        det = least_det(layer, u, tip)
         force = traction.sum(axis=(1, 2)) * layer.cell_mm2
         torque = np.cross(arm, traction, axis=0).sum(axis=(1, 2)) * layer.cell_mm2
         pressure, shear = np.zeros(layer.shape), np.zeros((*layer.shape, 2))
@@ -281,43 +251,6 @@ class LayerContact:
             least_det=det,
         )
         return state, outside
-
-    def _refuse_bad_contact(
-        self, height: Field, contact: Mask, x: Field, y: Field, tip: Point
-    ) -> None:
-        if not contact.any():
-            raise SolverError(
-                f"contact: {self.indenter.name} at depth {tip[2]:g} mm found no node under pressure"
-            )
-        beside = ndimage.binary_dilation(contact) & ~np.isfinite(height)
-        if beside.any():
-            raise SolverError(
-                f"contact: at depth {tip[2]:g} mm the contact reaches the edge of "
-                f"{self.indenter.name}, where its height field ends; less depth is needed"
-            )
-        reach = (
-            float(np.abs(x[contact.any(axis=0)]).max()),
-            float(np.abs(y[contact.any(axis=1)]).max()),
-        )
-        half = self.layer.face_half_mm
-        if reach[0] > half[0] or reach[1] > half[1]:
-            raise SolverError(
-                f"contact: it runs to ({reach[0]:.2f}, {reach[1]:.2f}) mm from the centre, over "
-                f"the face of +-{half[0]:g} x +-{half[1]:g} mm"
-            )
-
-    def _least_det(self, u: Field) -> float:
-        """Smallest in-plane det(I + grad u) on the face."""
-        half = self.layer.face_half_mm
-        rows, columns = (
-            span(np.abs(self.layer.y_mm) <= half[1]),
-            span(np.abs(self.layer.x_mm) <= half[0]),
-        )
-        dx, dy = self.layer.spacing_mm
-        ux, uy = u[rows, columns, 0], u[rows, columns, 1]
-        xy, xx = np.gradient(ux, dy, dx)
-        yy, yx = np.gradient(uy, dy, dx)
-        return float(((1 + xx) * (1 + yy) - xy * yx).min())
 
 
 def _drag(before: Point, now: Point) -> Field:

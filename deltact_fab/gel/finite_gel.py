@@ -33,9 +33,14 @@ LONGEST_RUB = 1 / 8  # of the thickness: longest increment with friction, a firs
 
 @dataclass(frozen=True, eq=False)
 class HyperelasticState:
-    """A state at finite strain; see `level.State`. inner: of the mesh, which may be a part."""
+    """A state at finite strain; see `level.State`. inner: of the mesh, which may be a part.
+
+    jumped: since first touch, friction was that of the pressures before a jump; the slip that is
+    left of it belongs to the history of all that follows.
+    """
 
     inner: FiniteState
+    jumped: bool
     force_n: Point
     torque_nmm: Point
     diagnostics: Diagnostics
@@ -91,7 +96,7 @@ class FiniteGel:
 
     def rest(self, tip_mm: Point = (0.0, 0.0, 0.0)) -> HyperelasticState:
         """Without contact."""
-        return self._state(self.press.rest(tip_mm))
+        return self._state(self.press.rest(tip_mm), jumped=False)
 
     def solve(
         self, previous: HyperelasticState, tip_mm: Point, seconds: float = 0.0
@@ -108,8 +113,10 @@ class FiniteGel:
         if self.choice.friction > 0 and tip_mm[2] > 0:
             longest_mm = max(self.choice.step_mm, LONGEST_RUB * self._skin.thickness_mm)
         if _rubbed_mm(inner.tip_mm, tip_mm) <= longest_mm:
-            return self._state(self.press.solve(inner, tip_mm, seconds))
-        return self._state(_as_one(list(self._parts(inner, tip_mm, longest_mm, seconds))))
+            found = self.press.solve(inner, tip_mm, seconds)
+        else:
+            found = _as_one(list(self._parts(inner, tip_mm, longest_mm, seconds)))
+        return self._state(found, previous.jumped)
 
     def path(
         self,
@@ -124,8 +131,11 @@ class FiniteGel:
         if tip_mm[2] <= 0:
             yield self.solve(previous, tip_mm, seconds)
             return
-        for state in self._parts(previous.inner, tip_mm, step, seconds):
-            yield self._state(state)
+        jumped = previous.jumped
+        for inner in self._parts(previous.inner, tip_mm, step, seconds):
+            state = self._state(inner, jumped)
+            jumped = state.jumped
+            yield state
 
     def _parts(
         self, inner: FiniteState, tip_mm: Point, step_mm: float, seconds: float
@@ -158,8 +168,10 @@ class FiniteGel:
                     "is asked; the reach has to hold every tip"
                 )
 
-    def _state(self, inner: FiniteState) -> HyperelasticState:
+    def _state(self, inner: FiniteState, jumped: bool) -> HyperelasticState:
+        """jumped: of the state before."""
         d = inner.diagnostics
+        jumped = inner.contact_points > 0 and (jumped or d.lagged > 0)
         depth = max(inner.tip_mm[2], 0.0)
         flags = []
         coarse = self.choice.spacing_mm / self.choice.asked_mm if self.choice.asked_mm else 1.0
@@ -184,9 +196,15 @@ class FiniteGel:
                 "friction: the gel jumped, and friction is bounded by the pressures before the "
                 "jump: no rest was found with those after it"
             )
+        elif jumped:
+            flags.append(
+                "friction: the gel jumped on the way here, with friction bounded by the pressures "
+                "before the jump; its slip is part of the history"
+            )
         force, torque = whole_wrench(self.press.mesh, inner)
         return HyperelasticState(
             inner,
+            jumped,
             (float(force[0]), float(force[1]), float(force[2])),
             (float(torque[0]), float(torque[1]), float(torque[2])),
             Diagnostics(

@@ -154,7 +154,8 @@ def _layer(
     depths_mm: Sequence[float],
 ) -> dict[float, float]:
     """Forces at those depths that the layer does not refuse."""
-    from ..gel.contact import DEPTH_LIMIT, LayerContact
+    from ..gel.contact import LayerContact
+    from ..gel.contact_limits import DEPTH_LIMIT
     from ..gel.layer import BondedLayer
 
     most = min(DEPTH_LIMIT * skin.thickness_mm, indenter.equator_mm)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..errors import InputError
-from ..gel.contact import DEPTH_LIMIT
+from ..gel.contact_limits import DEPTH_LIMIT
 from ..gel.finite.material import MOST_POISSON
 from ..protocols.plan import Protocol
 from ..rig.config import GelConfig

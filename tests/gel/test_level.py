@@ -147,6 +147,28 @@ def test_a_coarse_mesh_at_a_sharp_edge_is_flagged() -> None:
     assert any(f.startswith("penetration: ") and "below 2 mm" in f for f in flags)
 
 
+def test_what_a_jump_left_in_the_history_stays_flagged_until_the_contact_is_left() -> None:
+    """The star on cells as coarse: its points snap over the edges one after the other."""
+    tip = (0.0, 0.0, 4.5)
+    contact = opened("hyperelastic", [tip], indenter="star", spacing_mm=1.6)
+
+    def friction(state: State) -> str:
+        return "; ".join(f for f in state.diagnostics.flags if f.startswith("friction: "))
+
+    states = list(contact.path(contact.rest(), tip, 0.5))
+    told = [friction(s) for s in states]
+    first = next(i for i, text in enumerate(told) if text)
+    assert 0 < first < len(states) - 1
+    assert "no rest was found" in told[first]
+    assert all(told[first:])
+    assert "on the way here" in told[first + 1]
+    # In one increment, too; and only what has let go starts afresh.
+    assert friction(contact.solve(contact.rest(), tip))
+    free = contact.solve(states[-1], (0.0, 0.0, -1.0))
+    assert not friction(free)
+    assert not friction(contact.solve(free, (0.0, 0.0, 0.5)))
+
+
 def test_a_long_increment_with_friction_is_parted_and_tells_the_work_of_all_parts() -> None:
     tip = (0.0, 0.0, 10.0)
     contact = opened("hyperelastic", [tip], spacing_mm=2.0)

@@ -7,20 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from deltact_fab.gel import press as module
+from deltact_fab.gel import refine as module
 from deltact_fab.gel.choose import Choice, pick
 from deltact_fab.gel.level import Reach
 from deltact_fab.gel.material import GelMaterial
-from deltact_fab.gel.press import (
-    AIM,
-    MOST_WORK,
-    WORK_POWER,
-    _afforded,
-    _Errors,
-    _Problem,
-    _Run,
-    press,
-)
+from deltact_fab.gel.press import press
+from deltact_fab.gel.refine import AIM, MOST_WORK, WORK_POWER, Errors, Problem, Run, afforded
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 
@@ -28,8 +20,8 @@ TOLERANCE = 0.03
 
 
 @pytest.fixture
-def problem() -> _Problem:
-    return _Problem(SkinDimensions(), GelMaterial(), parse("sphere:15"), [(0, 0, 3.0)], TOLERANCE)
+def problem() -> Problem:
+    return Problem(SkinDimensions(), GelMaterial(), parse("sphere:15"), [(0, 0, 3.0)], TOLERANCE)
 
 
 @dataclass
@@ -38,7 +30,7 @@ class Contact:
 
 
 @dataclass
-class Run:
+class Done:
     contact: Contact
     states: list[Any] = field(default_factory=list)
 
@@ -46,14 +38,14 @@ class Run:
 @pytest.mark.parametrize(
     ("by_mesh", "by_step"),
     [
-        (_Errors(0.042, 0.030), _Errors(0.014, 0.028)),
-        (_Errors(0.029, 0.0), _Errors(0.007, 0.0)),
-        (_Errors(0.0, 0.01), _Errors(0.0, 0.06)),
-        (_Errors(0.01, 0.09), _Errors(0.04, 0.0)),
+        (Errors(0.042, 0.030), Errors(0.014, 0.028)),
+        (Errors(0.029, 0.0), Errors(0.007, 0.0)),
+        (Errors(0.0, 0.01), Errors(0.0, 0.06)),
+        (Errors(0.01, 0.09), Errors(0.04, 0.0)),
     ],
 )
 def test_what_is_left_of_both_errors_comes_to_the_aim(
-    problem: _Problem, by_mesh: _Errors, by_step: _Errors
+    problem: Problem, by_mesh: Errors, by_step: Errors
 ) -> None:
     spacing, step = problem._finer(by_mesh, by_step)
     left = [m * spacing**2 + s * step for m, s in zip(by_mesh, by_step, strict=True)]
@@ -62,9 +54,9 @@ def test_what_is_left_of_both_errors_comes_to_the_aim(
     assert max(shares) > 0.5  # no finer than needed
 
 
-def test_no_other_split_of_the_errors_takes_less_work(problem: _Problem) -> None:
+def test_no_other_split_of_the_errors_takes_less_work(problem: Problem) -> None:
     mesh, steps = 0.05, 0.03
-    spacing, step = problem._finer(_Errors(mesh, 0.0), _Errors(steps, 0.0))
+    spacing, step = problem._finer(Errors(mesh, 0.0), Errors(steps, 0.0))
 
     def work(for_steps: float) -> float:
         h = ((AIM * TOLERANCE - for_steps) / mesh) ** 0.5
@@ -77,8 +69,8 @@ def test_no_other_split_of_the_errors_takes_less_work(problem: _Problem) -> None
 @pytest.mark.parametrize("dofs", [2000, 20_000, 60_000])
 @pytest.mark.parametrize("states", [5, 40])
 def test_a_refinement_stays_within_the_work_and_coarsens_nothing(dofs: int, states: int) -> None:
-    run = Run(Contact(dofs), [None] * states)
-    spacing, step = _afforded(run, 0.5, 0.3)  # type: ignore[arg-type]
+    run = Done(Contact(dofs), [None] * states)
+    spacing, step = afforded(run, 0.5, 0.3)  # type: ignore[arg-type]
     assert 0.5 <= spacing <= 1
     assert 0.3 <= step <= 1
     done = states * dofs**WORK_POWER
@@ -102,12 +94,12 @@ def test_what_the_work_does_not_afford_is_refined_in_part(monkeypatch: pytest.Mo
 
 @pytest.mark.parametrize("longest_mm", [10.0, 0.4])
 def test_steps_that_were_cut_do_not_hide_what_steps_cost(
-    problem: _Problem, monkeypatch: pytest.MonkeyPatch, longest_mm: float
+    problem: Problem, monkeypatch: pytest.MonkeyPatch, longest_mm: float
 ) -> None:
     """A press whose solver cuts what is longer than longest_mm, and is off by .01 of its steps."""
     tried = []
 
-    def run(choice: Choice) -> _Run:
+    def run(choice: Choice) -> Run:
         tried.append(choice.step_mm)
         cuts = 1 if choice.step_mm > longest_mm else 0
         step = min(choice.step_mm, longest_mm)
@@ -116,7 +108,7 @@ def test_steps_that_were_cut_do_not_hide_what_steps_cost(
             displacement_mm=np.full((3, 3, 3), 0.01 * step),
             diagnostics=SimpleNamespace(cuts=cuts),
         )
-        return _Run(Contact(1000), [state], ())  # type: ignore[arg-type, list-item]
+        return Run(Contact(1000), [state], ())  # type: ignore[arg-type, list-item]
 
     monkeypatch.setattr(problem, "_run", run)
     choice = pick(

@@ -1,0 +1,172 @@
+"""The way of one press solved on several meshes: its estimated error, and cells that keep to it.
+
+The estimate is the sum of MESH_FACTOR x the change against a mesh COARSER times as large, with
+friction STEP_FACTOR x the change on that mesh with steps FEWER times as large (both again times
+IN_PLANE_FACTOR for the displacement), and for a linear level what its model leaves out by the
+measured rule of `choose`. The factors are such that at least nine of ten smooth presses lie within
+it (docs/decisions/0009-gel-levels.md).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from ..shapes import Indenter, SkinDimensions
+from .choose import IN_PLANE_MM, MOST_DOFS, TOLERANCE, Choice
+from .level import GelContact, Point, State, contact_of
+from .material import GelMaterial
+
+COARSER, MESH_FACTOR = 1.5, 1.7
+FEWER, STEP_FACTOR = 2.0, 1.55
+IN_PLANE_FACTOR = 1.1  # x both in plane, where errors of several places add up
+REFINEMENTS = 2
+FINEST = 0.45  # least factor of a refinement
+# Most increments x unknowns^WORK_POWER of a refinement, about a minute on one core. Counted, not
+# timed: a busy machine must not change a result.
+MOST_WORK = 1.2e7
+WORK_POWER = 1.3
+DOFS_POWER = 2.5  # of the cells' number on their size
+AIM = 0.85  # of the tolerance
+MESH_SHARE = DOFS_POWER * WORK_POWER / (DOFS_POWER * WORK_POWER + 2)
+WORTH = 0.9  # a refinement by less is not made
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """The way solved once. states: at rest first. flags: of the states at its corners."""
+
+    contact: GelContact
+    states: list[State]
+    flags: tuple[str, ...]
+
+    @property
+    def last(self) -> State:
+        """At the end of the way."""
+        return self.states[-1]
+
+    @property
+    def cuts(self) -> int:
+        """Of all increments."""
+        return sum(s.diagnostics.cuts for s in self.states)
+
+
+class Problem:
+    """One way to go, on any mesh: corners (x, y, depth), the first one straight below the start."""
+
+    def __init__(
+        self,
+        skin: SkinDimensions,
+        material: GelMaterial,
+        indenter: Indenter,
+        corners: list[Point],
+        tolerance: float,
+    ) -> None:
+        self._skin, self._material, self._indenter = skin, material, indenter
+        self._corners, self.tolerance = corners, tolerance
+        self.in_plane_mm = IN_PLANE_MM * tolerance / TOLERANCE
+
+    def holds(self, estimate: dict[str, float]) -> bool:
+        """Whether an estimate is within the tolerance."""
+        force, in_plane = estimate["force_rel"], estimate["displacement_mm"]
+        return force <= self.tolerance and in_plane <= self.in_plane_mm
+
+    def solve(self, choice: Choice, free: bool) -> tuple[Run, dict[str, float]]:
+        """The finest run and its estimate; free: mesh and steps may be refined."""
+        fine, by_mesh, by_step = self._three(choice)
+        estimate = _sum(choice, by_mesh, by_step)
+        for _ in range(REFINEMENTS if free and choice.level == "hyperelastic" else 0):
+            if self.holds(estimate):
+                break
+            spacing, step = self._finer(by_mesh, by_step)
+            spacing, step = afforded(fine, spacing, step)
+            if min(spacing, step) > WORTH:
+                break
+            choice = choice.times(spacing, step)
+            text = f"{choice.spacing_mm:.3g} mm, steps of {choice.step_mm:.3g} mm"
+            choice = replace(choice, why=f"{choice.why.split('; refined')[0]}; refined to {text}")
+            fine, by_mesh, by_step = self._three(choice)
+            estimate = _sum(choice, by_mesh, by_step)
+        return fine, estimate
+
+    def _three(self, choice: Choice) -> tuple[Run, Errors, Errors]:
+        """The run, and what its mesh and its steps are estimated to be off by.
+
+        Both errors may be of either sign and cancel: they are measured one by one.
+        """
+        coarse = self._run(choice.times(COARSER))
+        fine = self._run(choice)
+        by_mesh = _change(fine, coarse, MESH_FACTOR)
+        # Without friction a state does not depend on the way to it.
+        if choice.friction == 0 or choice.level != "hyperelastic":
+            return fine, by_mesh, Errors(0.0, 0.0)
+        fewer = self._run(choice.times(COARSER, FEWER))
+        if fewer.cuts == coarse.cuts:
+            return fine, by_mesh, _change(coarse, fewer, STEP_FACTOR)
+        # Longer steps were cut to shorter ones, and show nothing.
+        more = self._run(choice.times(COARSER, 1 / FEWER))
+        return fine, by_mesh, _change(more, coarse, FEWER * STEP_FACTOR)
+
+    def _finer(self, by_mesh: Errors, by_step: Errors) -> tuple[float, float]:
+        """Factors of cells and steps by which the estimate comes to AIM, with the least work.
+
+        Errors go with the square of the cells and with the steps, work with powers of both: of
+        equal work where the mesh's part is to the steps' as MESH_SHARE to the rest.
+        """
+        spacing = step = 1.0
+        tolerances = (self.tolerance, self.in_plane_mm)
+        for mesh, steps, tolerance in zip(by_mesh, by_step, tolerances, strict=True):
+            goal = AIM * tolerance
+            if mesh + steps <= tolerance:
+                continue
+            for_steps = min(steps, max((1 - MESH_SHARE) * goal, goal - mesh))
+            for_mesh = min(mesh, goal - for_steps)
+            spacing = min(spacing, math.sqrt(for_mesh / mesh) if mesh else 1.0)
+            step = min(step, for_steps / steps if steps else 1.0)
+        return max(spacing, FINEST), max(step, FINEST / 2)
+
+    def _run(self, choice: Choice) -> Run:
+        contact = contact_of(self._skin, self._material, self._indenter, choice)
+        x, y, _ = self._corners[0]
+        states: list[State] = [contact.rest((x, y, 0.0))]
+        flags: dict[str, str] = {}
+        for corner in self._corners:
+            for state in contact.path(states[-1], corner):
+                states.append(state)
+            # At the corners; on the way in, the first increments are coarse by intention.
+            flags.update({f.partition(":")[0]: f for f in states[-1].diagnostics.flags})
+        return Run(contact, states, tuple(flags.values()))
+
+
+def afforded(run: Run, spacing: float, step: float) -> tuple[float, float]:
+    """As much of a refinement as MOST_DOFS and MOST_WORK leave, the mesh giving way first."""
+    dofs = run.contact.dofs
+    spacing = max(spacing, min(1.0, (dofs / MOST_DOFS) ** (1 / DOFS_POWER)))
+    work = len(run.states) * dofs**WORK_POWER / MOST_WORK
+    spacing = max(spacing, min(1.0, (work / step) ** (1 / (DOFS_POWER * WORK_POWER))))
+    return spacing, max(step, min(1.0, work / spacing ** (DOFS_POWER * WORK_POWER)))
+
+
+class Errors(NamedTuple):
+    """What one cause is estimated to put the end of the way off by."""
+
+    force_rel: float
+    in_plane_mm: float
+
+
+def _change(fine: Run, coarse: Run, factor: float) -> Errors:
+    """factor x the change of force, and IN_PLANE_FACTOR x that of in-plane displacement, rms over
+    the lattice."""
+    size = math.dist(fine.last.force_n, (0.0, 0.0, 0.0))
+    change = math.dist(fine.last.force_n, coarse.last.force_n)
+    off = (fine.last.displacement_mm - coarse.last.displacement_mm)[..., :2]
+    rms = math.sqrt(float((off**2).sum(axis=-1).mean()))
+    return Errors(factor * change / size if size else 0.0, IN_PLANE_FACTOR * factor * rms)
+
+
+def _sum(choice: Choice, *errors: Errors) -> dict[str, float]:
+    return {
+        "force_rel": choice.model_force_rel + sum(e.force_rel for e in errors),
+        "displacement_mm": choice.model_in_plane_mm + sum(e.in_plane_mm for e in errors),
+    }
