@@ -71,15 +71,17 @@ def rows() -> Iterator[Row]:
     for i in range(RANDOM_PRESSES):
         sources = (*LEVELS, "numerics/evidence_presses.py")
         yield Row(f"press: {i + 1}", partial(press_row, i), sources)
+    yield from (_case_row("straight", case) for case in straight_cases())
     yield from (_case_row("drag", case) for case in long_cases())
 
 
 def _case_row(table: str, case: Any) -> Row:
-    from .engines.gel_sources import CASES, ENERGY, FINITE, LEVELS, PRISM
+    from .engines.gel_sources import CASES, ENERGY, FINITE, LEVELS, PRISM, STRAIGHT
 
     words, modules = _spelled(case.check)
     asked = f"{case.expectation}, {case.bound}, {case.says!r}: {words}"
-    files = {f"deltact_fab.{path[:-3].replace('/', '.')}": path for path in (*CASES, ENERGY)}
+    checks = (*CASES, ENERGY, STRAIGHT)
+    files = {f"deltact_fab.{path[:-3].replace('/', '.')}": path for path in checks}
     if modules <= files.keys():
         sources = {*FINITE, *CASES, *(files[m] for m in modules)}
     else:
@@ -116,6 +118,39 @@ def long_cases() -> Sequence[Any]:
             out.append(Case(f"{name} to 10 mm, sheared +-10 mm in {letter}", "right or refused",
                             call, 0.05, "of the force", "t"))  # fmt: skip
     return out
+
+
+def straight_cases() -> Sequence[Any]:
+    """Sharp indenters straight to 10 mm: the star on what the default tolerance picks.
+
+    The others have two mirrors and are pressed into a whole block, so that none is assumed. The
+    star has one; across it only the mesh can tell its points apart, so half a block shows it.
+    """
+    from ..gel.choose import TOLERANCE, pick
+    from ..gel.level import Reach
+    from ..gel.material import GelMaterial
+    from ..shapes import SkinDimensions
+    from ..shapes.indenter import parse
+    from .engine import Case
+    from .engines import gel_cases, gel_straight
+    from .engines.gel_scene import Scene
+
+    friction, depth_mm, box = 0.5, 10.0, (-6.0, 6.0, -6.0, 6.0)
+    picked = pick(
+        SkinDimensions(), GelMaterial(friction=friction), parse("star"), Reach(deepest_mm=depth_mm)
+    )
+    tried = [
+        (Scene(name, 1.2, friction, focus=box, mirrors=(False, False)), 0.5, 1e-6)
+        for name in gel_cases.SHARP
+        if name != "star"
+    ]
+    star = Scene("star", picked.spacing_mm, friction, focus=picked.focus, mirrors=picked.mirrors)
+    return [
+        Case(f"{scene.indenter}, cells of {scene.spacing_mm:g} mm: no side force", "right",
+             partial(gel_straight.worst_side_force, scene, step_mm, depth_mm), bound,
+             "of the force")
+        for scene, step_mm, bound in (*tried, (star, picked.step_mm, TOLERANCE))
+    ]  # fmt: skip
 
 
 # -- running ---------------------------------------------------------------------------------------

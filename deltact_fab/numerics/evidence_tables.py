@@ -40,6 +40,7 @@ def write_up(folder: Path, keys: Sequence[dict[str, Any]]) -> Path:
     writers: dict[str, Callable[[Sequence[dict[str, Any]]], list[str]]] = {
         "stability": partial(_stability, "Stiff and extreme cases"), "reference": _references,
         "curve": _curves, "press": _presses,
+        "straight": partial(_stability, "Sharp indenters straight to 10 mm, friction 0.5"),
         "drag": partial(_stability, "Sharp indenters to 10 mm, sheared +-10 mm"),
     }  # fmt: skip
     for name, write in writers.items():

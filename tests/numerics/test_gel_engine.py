@@ -14,7 +14,14 @@ import pytest
 from deltact_fab.gel.finite import FiniteState
 from deltact_fab.numerics import evidence, evidence_presses, evidence_tables
 from deltact_fab.numerics.engine import Flagged
-from deltact_fab.numerics.engines import gel, gel_energy, gel_run, gel_scene, gel_sources
+from deltact_fab.numerics.engines import (
+    gel,
+    gel_energy,
+    gel_run,
+    gel_scene,
+    gel_sources,
+    gel_straight,
+)
 from deltact_fab.numerics.engines.gel_run import Run
 from deltact_fab.numerics.engines.gel_scene import Scene, Solved
 
@@ -126,7 +133,7 @@ def test_rows_have_names_and_files_of_their_own() -> None:
     assert len({r.name for r in rows}) == len(rows)
     assert len({r.file for r in rows}) == len(rows)
     kinds = {r.name.partition(":")[0] for r in rows}
-    assert kinds == {"stability", "reference", "curve", "press", "drag"}
+    assert kinds == {"stability", "reference", "curve", "press", "straight", "drag"}
 
 
 def imported(path: Path) -> set[Path]:
@@ -144,12 +151,13 @@ def imported(path: Path) -> set[Path]:
 def test_a_line_of_the_table_depends_on_no_more_than_its_key_says() -> None:
     """Else an edit elsewhere would leave it standing as if it were measured."""
     root = gel_sources.PACKAGE
-    own = (*gel_sources.FINITE, *gel_sources.CASES, gel_sources.ENERGY, gel_sources.PRISM)
+    checks = (*gel_sources.CASES, gel_sources.ENERGY, gel_sources.STRAIGHT)
+    own = (*gel_sources.FINITE, *checks, gel_sources.PRISM)
     said = {p for g in own for p in root.glob(g)}
     # What these hold cannot change a figure: errors, factors of units, the names of a package.
     said |= {root / "errors.py", root / "numerics/engine.py", root / "catalog.py"}
     known: set[Path] = set()
-    todo = {root / name for name in (*gel_sources.CASES, gel_sources.ENERGY)}
+    todo = {root / name for name in checks}
     while todo:
         path = todo.pop()
         known.add(path)
@@ -170,8 +178,23 @@ def test_a_key_holds_arguments_bounds_and_the_sources_of_its_own_level() -> None
     worked = rows["stability: edges, no friction, 4 mm deep: work but for jumps"].sources
     assert gel_sources.ENERGY in worked
     assert gel_sources.PRISM not in worked
+    (star,) = (r for name, r in rows.items() if name.startswith("straight: star"))
+    assert {gel_sources.STRAIGHT, gel_sources.PRISM} <= set(star.sources)
+    assert "gel/**/*.py" not in star.sources  # what is picked stands in its words
     opened = rows["stability: depth 12 of 12 mm, announced"]
     assert set(gel_sources.LEVELS) <= set(opened.sources)
+
+
+def test_only_a_mesh_that_is_no_mirror_makes_a_side_force() -> None:
+    scene = Scene("hexprism", 2.5, 0.5, mirrors=(False, False))
+    none, told = gel_straight.worst_side_force(scene, 0.5, 1.5, Path())
+    assert none < 1e-9
+    assert "0 of 3 states not trusted" not in told  # so coarse that the edges stand in the gel
+    star, told = gel_straight.worst_side_force(
+        replace(scene, indenter="star", mirrors=(False, True)), 0.5, 1.5, Path()
+    )
+    assert 1e-3 < star < 0.2
+    assert "largest at " in told
 
 
 def test_evidence_goes_on_where_it_stopped(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ FINITE = ("gel/finite/*.py", "gel/material.py", "gel/footprint.py", *SHAPES)
 LEVELS = ("gel/**/*.py", *SHAPES)
 CASES = ("numerics/engines/gel_scene.py", "numerics/engines/gel_checks.py")
 ENERGY = "numerics/engines/gel_energy.py"
+STRAIGHT = "numerics/engines/gel_straight.py"
 RUNS = ("numerics/engines/gel.py", "numerics/engines/gel_run.py")
 
 
