@@ -71,8 +71,12 @@ def press(
     from ..gel.press import press as run
     from ..shapes import SkinDimensions
     from ..shapes.indenter import parse
-    from .output import echo_json
+    from .output import echo_json, progress
 
+    if plot_path is not None:
+        from ..gel.figure_file import require_place
+
+        require_place(plot_path)
     skin = validate(
         SkinDimensions,
         {
@@ -91,22 +95,12 @@ def press(
         "options",
     )
     shape = parse(indenter)
-    pressed = run(
-        skin, material, shape, at_mm, depth_mm, (shear_x_mm, shear_y_mm),
-        model, tolerance, spacing_mm,  # type: ignore[arg-type]  # click.Choice has checked it
-    )  # fmt: skip
+    with progress("gel press") as report:
+        pressed = run(
+            skin, material, shape, at_mm, depth_mm, (shear_x_mm, shear_y_mm),
+            model, tolerance, spacing_mm, report,  # type: ignore[arg-type]  # click.Choice did
+        )  # fmt: skip
     result = pressed.result
-    if plot_path is not None and result["converged"]:
-        from ..gel.press_figure import save_figure
-
-        sheared = "".join(
-            f", sheared {v:g} mm in {n}" for n, v in (("x", shear_x_mm), ("y", shear_y_mm)) if v
-        )
-        title = (
-            f"{shape.name} {depth_mm:g} mm deep{sheared}; {thickness_mm:g} mm gel, "
-            f"{modulus_mpa:g} MPa, friction {friction:g}; {result['model']}"
-        )
-        save_figure(pressed, plot_path, title)
     if as_json:
         echo_json(result)
     elif result["converged"]:
@@ -114,6 +108,17 @@ def press(
     if result["converged"]:
         for flag in result["flags"]:
             click.echo(f"warning: {flag}", err=True)
+        if plot_path is not None:
+            from ..gel.press_figure import save_figure
+
+            sheared = "".join(
+                f", sheared {v:g} mm in {n}" for n, v in (("x", shear_x_mm), ("y", shear_y_mm)) if v
+            )
+            title = (
+                f"{shape.name} {depth_mm:g} mm deep{sheared}; {thickness_mm:g} mm gel, "
+                f"{modulus_mpa:g} MPa, friction {friction:g}; {result['model']}"
+            )
+            save_figure(pressed, plot_path, title)
         return
     if not as_json:
         click.echo(f"deltact-fab: {result['reason']}", err=True)

@@ -79,13 +79,16 @@ def fit(
     """
     from ..catalog import validate
     from ..gel.fit import fit_press
-    from ..gel.fit_figure import save_figure
     from ..gel.material import GelMaterial
     from ..gel.measured import read_csv
     from ..shapes import SkinDimensions
     from ..shapes.indenter import parse
     from .output import echo_json, progress
 
+    if plot_path is not None:
+        from ..gel.figure_file import require_place
+
+        require_place(plot_path)
     skin = validate(
         SkinDimensions,
         {
@@ -115,13 +118,15 @@ def fit(
             spacing_mm=spacing_mm,
             progress=report,
         )
-    if plot_path is not None:
-        save_figure(found, plot_path, f"{data.name}, {shape.name}, {thickness_mm:g} mm gel")
     result = found.as_dict()
     if as_json:
         echo_json(result)
-        return
-    _show(result)
+    else:
+        _show(result)
+    if plot_path is not None:
+        from ..gel.fit_figure import save_figure
+
+        save_figure(found, plot_path, f"{data.name}, {shape.name}, {thickness_mm:g} mm gel")
 
 
 def _show(result: dict[str, Any]) -> None:

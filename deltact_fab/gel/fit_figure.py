@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError, MissingLibrary
+from .figure_file import require_place, save
 from .fit import GelFit
 
 LABELS = ("normal", "side force x", "side force y")
@@ -15,14 +15,10 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73")
 
 
 def save_figure(fit: GelFit, path: Path, title: str) -> None:
-    """Draw to a file of a kind that matplotlib writes (.png, .svg, .pdf).
+    """Draw to a file; raises what `figure_file.save` raises."""
+    require_place(path)
+    from matplotlib.figure import Figure
 
-    Raises MissingLibrary without matplotlib, InputError for another kind or an unwritable place.
-    """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as why:
-        raise MissingLibrary("figures need matplotlib: pip install 'deltact-fab[report]'") from why
     figure = Figure(figsize=(6.4, 5.6), layout="constrained")
     side = bool((fit.channel > 0).any())
     # Over depth a drag would stand on one spot.
@@ -47,15 +43,7 @@ def save_figure(fit: GelFit, path: Path, title: str) -> None:
     for axes in (top, bottom):
         axes.grid(color="#dddddd", linewidth=0.6)
         axes.spines[["top", "right"]].set_visible(False)
-    kind = path.suffix.lower().lstrip(".")
-    valid = ("png", "svg", "pdf")
-    if kind not in valid:
-        raise InputError(f"--plot {path}: {', '.join('.' + v for v in valid)} is needed")
-    try:
-        dates: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
-        figure.savefig(path, dpi=150, metadata=dates.get(kind))
-    except OSError as why:
-        raise InputError(f"--plot {path}: {why.strerror or why}") from why
+    save(figure, path)
 
 
 def _first(fit: GelFit, channel: int) -> int:

@@ -15,7 +15,7 @@ from ..shapes import Indenter, SkinDimensions
 from .choose import LEAST_TOLERANCE, MOST_TOLERANCE, TOLERANCE, Choice, pick
 from .level import Level, Point, Reach
 from .material import GelMaterial
-from .refine import Problem
+from .refine import Problem, Progress
 
 Field = NDArray[np.float64]
 
@@ -46,11 +46,13 @@ def press(
     model: Level | Literal["auto"] = "auto",
     tolerance: float = TOLERANCE,
     spacing_mm: float | None = None,
+    progress: Progress | None = None,
 ) -> Pressed:
     """Press to a depth, then shear.
 
     tolerance: of the force; IN_PLANE_MM in proportion goes with it. Where the estimate is over it,
     the mesh is refined, at most REFINEMENTS times and to MOST_WORK, unless spacing_mm names it.
+    progress: told the increments done and to do of the mesh under way, and which that is.
     Raises InputError for numbers that make no press; a refusal or a failure of the solver is in
     the result, `converged` False and `force_n` None.
     """
@@ -67,7 +69,7 @@ def press(
     end = (x + shear_mm[0], y + shear_mm[1], depth_mm)
     corners: list[Point] = [(x, y, depth_mm)] if end[:2] == at_mm else [(x, y, depth_mm), end]
     reach = Reach.around(corners)
-    problem = Problem(skin, material, indenter, corners, tolerance)
+    problem = Problem(skin, material, indenter, corners, tolerance, progress)
     picked: Choice | None = None
     try:
         picked = pick(

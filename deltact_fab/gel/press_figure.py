@@ -7,36 +7,24 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError, MissingLibrary
+from .figure_file import require_place, save
 from .press import Pressed
 
-KINDS = ("png", "svg", "pdf")
 ARROWS = 17  # along the longer side of the face
 COLOURS = ("#D55E00", "#009E73", "#0072B2")
 
 
 def save_figure(pressed: Pressed, path: Path, title: str) -> None:
-    """Draw to a file of a kind that matplotlib writes (.png, .svg, .pdf).
+    """Draw to a file; raises what `figure_file.save` raises."""
+    require_place(path)
+    from matplotlib.figure import Figure
 
-    Raises MissingLibrary without matplotlib, InputError for another kind or an unwritable place.
-    """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as why:
-        raise MissingLibrary("figures need matplotlib: pip install 'deltact-fab[report]'") from why
-    kind = path.suffix.lower().lstrip(".")
-    if kind not in KINDS:
-        raise InputError(f"--plot {path}: {', '.join('.' + k for k in KINDS)} is needed")
     figure = Figure(figsize=(10.4, 4.6), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1, 1.2))
     _forces(left, pressed)
     _face(figure, right, pressed)
     figure.suptitle(f"simulated: {title}", fontsize=10, x=0.01, ha="left")
-    dates: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
-    try:
-        figure.savefig(path, dpi=150, metadata=dates.get(kind))
-    except OSError as why:
-        raise InputError(f"--plot {path}: {why.strerror or why}") from why
+    save(figure, path)
 
 
 def _forces(axes: Any, pressed: Pressed) -> None:

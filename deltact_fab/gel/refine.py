@@ -9,7 +9,9 @@ it (docs/decisions/0009-gel-levels.md).
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -17,6 +19,8 @@ from ..shapes import Indenter, SkinDimensions
 from .choose import IN_PLANE_MM, MOST_DOFS, TOLERANCE, Choice
 from .level import GelContact, Point, State, contact_of
 from .material import GelMaterial
+
+Progress = Callable[[int, int, str], None]
 
 COARSER, MESH_FACTOR = 1.5, 1.7
 FEWER, STEP_FACTOR = 2.0, 1.55
@@ -62,7 +66,9 @@ class Problem:
         indenter: Indenter,
         corners: list[Point],
         tolerance: float,
+        progress: Progress | None = None,
     ) -> None:
+        self._tell = progress or (lambda done, total, what: None)
         self._skin, self._material, self._indenter = skin, material, indenter
         self._corners, self.tolerance = corners, tolerance
         self.in_plane_mm = IN_PLANE_MM * tolerance / TOLERANCE
@@ -130,10 +136,15 @@ class Problem:
         contact = contact_of(self._skin, self._material, self._indenter, choice)
         x, y, _ = self._corners[0]
         states: list[State] = [contact.rest((x, y, 0.0))]
+        ways = itertools.pairwise([(x, y, 0.0), *self._corners])
+        total = sum(max(1, math.ceil(math.dist(a, b) / choice.step_mm - 1e-9)) for a, b in ways)
+        what = f"{contact.level}, {choice.spacing_mm:.3g} mm"
+        self._tell(0, total, what)
         flags: dict[str, str] = {}
         for corner in self._corners:
             for state in contact.path(states[-1], corner):
                 states.append(state)
+                self._tell(len(states) - 1, total, what)
             # At the corners; on the way in, the first increments are coarse by intention.
             flags.update({f.partition(":")[0]: f for f in states[-1].diagnostics.flags})
         return Run(contact, states, tuple(flags.values()))

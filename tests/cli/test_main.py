@@ -183,6 +183,21 @@ def test_gel_press_refused_has_the_same_keys_and_exit_1(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    ("place", "says"),
+    [("f.gif", ".png, .svg, .pdf is needed"), ("no/f.png", "there is no folder no")],
+)
+def test_gel_refuses_a_figures_place_before_it_solves(
+    tmp_path: Path, place: str, says: str
+) -> None:
+    (tmp_path / "press.csv").write_text("depth_mm,normal_n\n")  # fit would refuse it, later
+    for words in (["press", "--depth", "11.9"], ["fit", "press.csv", "--indenter", "sphere:10"]):
+        done = call("gel", *words, "--plot", place, cwd=tmp_path)
+        assert done.returncode == 2
+        assert done.stdout == ""
+        assert done.stderr.splitlines() == [f"deltact-fab: --plot {place}: {says}"]
+
+
 def test_gel_press_picks_finite_strain_and_estimates_its_error(tmp_path: Path) -> None:
     words = ["--depth", "2", "--shear-x", "1", "--tolerance", "0.15", "--plot", "f.png"]
     done = call("gel", "press", "--model", "hyperelastic", *words, "--json", cwd=tmp_path)

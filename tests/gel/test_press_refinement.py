@@ -120,3 +120,21 @@ def test_steps_that_were_cut_do_not_hide_what_steps_cost(
     assert by_step.force_rel >= 0.01 * 0.4 / (1 + 0.01 * 0.4)
     assert by_step.in_plane_mm >= 0.01 * 0.4 * 2**0.5
     assert min(tried) == pytest.approx(0.4 if longest_mm > 1 else 0.2)
+
+
+@pytest.mark.parametrize(
+    ("depth_mm", "shear_mm", "model"), [(0.6, 0.0, "layer"), (1.2, 0.5, "hyperelastic")]
+)
+def test_every_mesh_tells_its_increments_to_the_last(
+    depth_mm: float, shear_mm: float, model: Any
+) -> None:
+    told: list[tuple[int, int, str]] = []
+    press(
+        SkinDimensions(), GelMaterial(), parse("sphere:15"), (0.0, 0.0), depth_mm, (shear_mm, 0.0),
+        model, 0.5, 2.4 if model == "hyperelastic" else 0.5, lambda *of: told.append(of),
+    )  # fmt: skip
+    starts = [i for i, (done, *_) in enumerate(told) if done == 0]
+    assert len(starts) >= 2
+    for a, b in zip(starts, [*starts[1:], len(told)], strict=True):
+        assert [done for done, *_ in told[a:b]] == list(range(told[a][1] + 1))
+        assert model in told[a][2]
