@@ -146,9 +146,10 @@ def straight_cases() -> Sequence[Any]:
     ]
     star = Scene("star", picked.spacing_mm, friction, focus=picked.focus, mirrors=picked.mirrors)
     return [
-        Case(f"{scene.indenter}, cells of {scene.spacing_mm:g} mm: no side force", "right",
-             partial(gel_straight.worst_side_force, scene, step_mm, depth_mm), bound,
-             "of the force")
+        Case(f"{scene.indenter}, cells of {scene.spacing_mm:g} mm: no side force",
+             "right or refused",
+             partial(gel_straight.worst_side_force, scene, step_mm, depth_mm, bound), bound,
+             "of the force", "press:")
         for scene, step_mm, bound in (*tried, (star, picked.step_mm, TOLERANCE))
     ]  # fmt: skip
 

@@ -7,11 +7,13 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from deltact_fab.gel.finite import FiniteState
+from deltact_fab.errors import SolverError
+from deltact_fab.gel.finite import FinitePress, FiniteState
 from deltact_fab.numerics import evidence, evidence_presses, evidence_tables
 from deltact_fab.numerics.engine import Flagged
 from deltact_fab.numerics.engines import (
@@ -185,16 +187,29 @@ def test_a_key_holds_arguments_bounds_and_the_sources_of_its_own_level() -> None
     assert set(gel_sources.LEVELS) <= set(opened.sources)
 
 
-def test_only_a_mesh_that_is_no_mirror_makes_a_side_force() -> None:
+def test_only_a_mesh_that_is_no_mirror_makes_a_side_force(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = Scene("hexprism", 2.5, 0.5, mirrors=(False, False))
-    none, told = gel_straight.worst_side_force(scene, 0.5, 1.5, Path())
+    none, told = gel_straight.worst_side_force(scene, 0.5, 1.5, 1e-6, Path())
     assert none < 1e-9
-    assert "0 of 3 states not trusted" not in told  # so coarse that the edges stand in the gel
-    star, told = gel_straight.worst_side_force(
-        replace(scene, indenter="star", mirrors=(False, True)), 0.5, 1.5, Path()
-    )
-    assert 1e-3 < star < 0.2
-    assert "largest at " in told
+    assert "the largest to 1.5 mm; first not trusted at 0.5 mm" in told
+    star = replace(scene, indenter="star", mirrors=(False, True))
+    some, told = gel_straight.worst_side_force(star, 0.5, 1.5, 0.03, Path())
+    assert 1e-3 < some < 0.2
+
+    # Refused on the way: what was found before decides whether that is all there is to say.
+    solve = FinitePress.solve
+
+    def to_1_mm(press: FinitePress, previous: Any, tip: Any, seconds: Any = None) -> Any:
+        if tip[2] > 1.01:
+            raise SolverError("press: too deep for a test")
+        return solve(press, previous, tip, seconds)
+
+    monkeypatch.setattr(FinitePress, "solve", to_1_mm)
+    with pytest.raises(Flagged, match=r"the largest to 1 mm.*press: too deep for a test"):
+        gel_straight.worst_side_force(star, 0.5, 1.5, 0.5, Path())
+    found, told = gel_straight.worst_side_force(star, 0.5, 1.5, 1e-6, Path())
+    assert found > 1e-6
+    assert "too deep for a test" in told
 
 
 def test_evidence_goes_on_where_it_stopped(tmp_path: Path) -> None:

@@ -9,21 +9,36 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+from ...errors import SolverError
 from ...gel.finite.field import whole_wrench
-from .gel_scene import Scene, down, solved
+from ..engine import Flagged
+from .gel_scene import Scene, down
 
 
 def worst_side_force(
-    scene: Scene, step_mm: float, depth_mm: float, scratch: Path
+    scene: Scene, step_mm: float, depth_mm: float, most: float, scratch: Path
 ) -> tuple[float, str]:
-    """The largest side force on the way over the normal force then, trusted states or not."""
-    found = solved(scene, step_mm, down(depth_mm))
-    worst, where, doubted = 0.0, 0.0, 0
-    for state in found.states[1:]:
-        x, y, z = whole_wrench(found.press.mesh, state)[0]
-        share = math.hypot(x, y) / abs(z)
-        if share > worst:
-            worst, where = share, state.tip_mm[2]
-        doubted += not state.trusted
-    told = f"largest at {where:g} mm; {doubted} of {len(found.states) - 1} states not trusted"
-    return worst, f"{told}; {found.note()}"
+    """The largest side force on the way over the normal force then, trusted states or not.
+
+    most: that is allowed. Where the solver refuses to go on, Flagged is raised with what was found
+    until then, unless that was over `most`.
+    """
+    press = scene.press()
+    state = press.rest()
+    worst, where, doubted_mm, why = 0.0, 0.0, math.inf, ""
+    try:
+        for state in press.path(press.rest(), down(depth_mm), step_mm):
+            x, y, z = whole_wrench(press.mesh, state)[0]
+            share = math.hypot(x, y) / abs(z)
+            if share > worst:
+                worst, where = share, state.tip_mm[2]
+            if not state.trusted:
+                doubted_mm = min(doubted_mm, state.tip_mm[2])
+    except SolverError as error:
+        why = str(error)
+    told = f"{worst:.2g} at {where:g} mm, the largest to {state.tip_mm[2]:g} mm"
+    told += f"; first not trusted at {doubted_mm:g} mm" if math.isfinite(doubted_mm) else ""
+    told += f"; {-whole_wrench(press.mesh, state)[0][2]:.4g} N in the end"
+    if why and worst <= most:
+        raise Flagged(f"{told}; {why}")
+    return worst, f"{told}; {why}" if why else told
