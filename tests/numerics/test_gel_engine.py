@@ -14,6 +14,7 @@ import pytest
 
 from deltact_fab.errors import SolverError
 from deltact_fab.gel.finite import FinitePress, FiniteState
+from deltact_fab.gel.finite.state import with_diagnostics
 from deltact_fab.numerics import evidence, evidence_presses, evidence_tables
 from deltact_fab.numerics.engine import Flagged
 from deltact_fab.numerics.engines import (
@@ -191,18 +192,22 @@ def test_only_a_mesh_that_is_no_mirror_makes_a_side_force(monkeypatch: pytest.Mo
     scene = Scene("hexprism", 2.5, 0.5, mirrors=(False, False))
     none, told = gel_straight.worst_side_force(scene, 0.5, 1.5, 1e-6, Path())
     assert none < 1e-9
-    assert "the largest to 1.5 mm; first not trusted at 0.5 mm" in told
+    assert "the largest to 1.5 mm" in told
     star = replace(scene, indenter="star", mirrors=(False, True))
     some, told = gel_straight.worst_side_force(star, 0.5, 1.5, 0.03, Path())
     assert 1e-3 < some < 0.2
 
     # Refused on the way: what was found before decides whether that is all there is to say.
-    solve = FinitePress.solve
+    solve, deep = FinitePress.solve, 0.0
 
     def to_1_mm(press: FinitePress, previous: Any, tip: Any, seconds: Any = None) -> Any:
         if tip[2] > 1.01:
-            raise SolverError("press: too deep for a test")
-        return solve(press, previous, tip, seconds)
+            if not deep:
+                raise SolverError("press: too deep for a test")
+            state = solve(press, previous, tip, seconds)
+            return with_diagnostics(state, replace(state.diagnostics, penetration_mm=deep))
+        state = solve(press, previous, tip, seconds)
+        return with_diagnostics(state, replace(state.diagnostics, penetration_mm=0.01))
 
     monkeypatch.setattr(FinitePress, "solve", to_1_mm)
     with pytest.raises(Flagged, match=r"the largest to 1 mm.*press: too deep for a test"):
@@ -210,6 +215,9 @@ def test_only_a_mesh_that_is_no_mirror_makes_a_side_force(monkeypatch: pytest.Mo
     found, told = gel_straight.worst_side_force(star, 0.5, 1.5, 1e-6, Path())
     assert found > 1e-6
     assert "too deep for a test" in told
+    deep = 0.08
+    with pytest.raises(Flagged, match=r"the largest to 1 mm.*0.08 mm inside the gel at 1.5 mm"):
+        gel_straight.worst_side_force(star, 0.5, 1.5, 0.5, Path())
 
 
 def test_evidence_goes_on_where_it_stopped(tmp_path: Path) -> None:

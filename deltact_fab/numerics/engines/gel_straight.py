@@ -11,6 +11,7 @@ from pathlib import Path
 
 from ...errors import SolverError
 from ...gel.finite.field import whole_wrench
+from ...gel.finite.state import PENETRATION_LIMIT
 from ..engine import Flagged
 from .gel_scene import Scene, down
 
@@ -18,27 +19,31 @@ from .gel_scene import Scene, down
 def worst_side_force(
     scene: Scene, step_mm: float, depth_mm: float, most: float, scratch: Path
 ) -> tuple[float, str]:
-    """The largest side force on the way over the normal force then, trusted states or not.
+    """The largest side force on the way over the normal force then.
 
-    most: that is allowed. Where the solver refuses to go on, Flagged is raised with what was found
-    until then, unless that was over `most`.
+    most: that is allowed. Where the solver refuses to go on, or the indenter comes too deep inside
+    the gel that it was not in before, Flagged is raised with what was found until then, unless that
+    was over `most`.
     """
     press = scene.press()
     state = press.rest()
-    worst, where, doubted_mm, why = 0.0, 0.0, math.inf, ""
+    worst, where, held, why = 0.0, 0.0, False, ""
     try:
-        for state in press.path(press.rest(), down(depth_mm), step_mm):
+        for found in press.path(state, down(depth_mm), step_mm):
+            inside_mm = found.diagnostics.penetration_mm
+            outside = inside_mm <= PENETRATION_LIMIT * found.tip_mm[2]
+            if held and not outside:
+                why = f"press: {inside_mm:.2g} mm inside the gel at {found.tip_mm[2]:g} mm"
+                break
+            state, held = found, outside
             x, y, z = whole_wrench(press.mesh, state)[0]
             share = math.hypot(x, y) / abs(z)
             if share > worst:
                 worst, where = share, state.tip_mm[2]
-            if not state.trusted:
-                doubted_mm = min(doubted_mm, state.tip_mm[2])
     except SolverError as error:
         why = str(error)
     told = f"{worst:.2g} at {where:g} mm, the largest to {state.tip_mm[2]:g} mm"
-    told += f"; first not trusted at {doubted_mm:g} mm" if math.isfinite(doubted_mm) else ""
-    told += f"; {-whole_wrench(press.mesh, state)[0][2]:.4g} N in the end"
+    told += f", {-whole_wrench(press.mesh, state)[0][2]:.4g} N there"
     if why and worst <= most:
         raise Flagged(f"{told}; {why}")
     return worst, f"{told}; {why}" if why else told
