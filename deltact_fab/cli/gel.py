@@ -7,18 +7,11 @@ from typing import Any
 
 import click
 
+from . import gel_options
 from .gel_fit import fit
 from .gel_path import path
 
 MODELS = ("auto", "layer", "block", "hyperelastic")
-
-
-def _point(ctx: click.Context, param: click.Parameter, value: str) -> tuple[float, float]:
-    try:
-        x, y = (float(part) for part in value.split(","))
-    except ValueError as why:
-        raise click.BadParameter(f"{value!r}: two numbers in mm are needed, as in 0,0") from why
-    return x, y
 
 
 @click.group()
@@ -31,7 +24,7 @@ def gel() -> None:
 @click.option("--depth", "depth_mm", required=True, type=float, help="mm into the gel.")
 @click.option("--shear-x", "shear_x_mm", default=0.0, show_default=True, help="mm, after pressing.")
 @click.option("--shear-y", "shear_y_mm", default=0.0, show_default=True, help="mm, after pressing.")
-@click.option("--at", "at_mm", default="0,0", show_default=True, callback=_point, help="x,y in mm.")
+@gel_options.at
 @click.option("--model", type=click.Choice(MODELS), default="auto", show_default=True)
 @click.option("--thickness", "thickness_mm", default=12.0, show_default=True)
 @click.option("--width", "width_mm", default=36.0, show_default=True)
@@ -41,7 +34,7 @@ def gel() -> None:
 @click.option("--friction", default=0.5, show_default=True)
 @click.option("--tolerance", default=0.03, show_default=True, help="Of the force, relative.")
 @click.option("--spacing", "spacing_mm", type=float, help="Grid or cells, mm. [default: chosen]")
-@click.option("--plot", "plot_path", type=click.Path(path_type=Path), help="Figure: png, svg, pdf.")
+@gel_options.plot
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def press(
     indenter: str,
@@ -69,26 +62,10 @@ def press(
     from ..catalog import validate
     from ..gel.material import GelMaterial
     from ..gel.press import press as run
-    from ..shapes import SkinDimensions
     from ..shapes.indenter import parse
     from .output import echo_json, progress
 
-    if plot_path is not None:
-        from ..gel.figure_file import require_place
-
-        require_place(plot_path)
-    skin = validate(
-        SkinDimensions,
-        {
-            "width_mm": width_mm,
-            "length_mm": length_mm,
-            "thickness_mm": thickness_mm,
-            # No level has a frame or a fillet: these need only be consistent.
-            "protrusion_mm": thickness_mm,
-            "edge_fillet_mm": min(2.0, thickness_mm / 2, width_mm / 4, length_mm / 4),
-        },
-        "options",
-    )
+    skin = gel_options.block(width_mm, length_mm, thickness_mm)
     material = validate(
         GelMaterial,
         {"modulus_mpa": modulus_mpa, "poisson": poisson, "friction": friction},

@@ -7,13 +7,7 @@ from typing import Any
 
 import click
 
-
-def _point(ctx: click.Context, param: click.Parameter, value: str) -> tuple[float, float]:
-    try:
-        x, y = (float(part) for part in value.split(","))
-    except ValueError as why:
-        raise click.BadParameter(f"{value!r}: two numbers in mm are needed, as in 0,0") from why
-    return x, y
+from . import gel_options
 
 
 def _friction(ctx: click.Context, param: click.Parameter, value: str | None) -> float | str | None:
@@ -37,7 +31,7 @@ def _offset(ctx: click.Context, param: click.Parameter, value: str) -> float | N
 @click.command()
 @click.argument("csv", type=click.Path(path_type=Path))
 @click.option("--indenter", required=True, help="What was pressed, as in sphere:15.")
-@click.option("--at", "at_mm", default="0,0", show_default=True, callback=_point, help="x,y in mm.")
+@gel_options.at
 @click.option("--thickness", "thickness_mm", default=12.0, show_default=True)
 @click.option("--width", "width_mm", default=36.0, show_default=True)
 @click.option("--length", "length_mm", default=34.0, show_default=True)
@@ -56,7 +50,7 @@ def _offset(ctx: click.Context, param: click.Parameter, value: str) -> float | N
     help="depth_mm at first touch, or 'fit'.",
 )
 @click.option("--spacing", "spacing_mm", type=float, help="Mesh below the indenter, mm.")
-@click.option("--plot", "plot_path", type=click.Path(path_type=Path), help="Figure: png, svg, pdf.")
+@gel_options.plot
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def fit(
     csv: Path,
@@ -81,26 +75,10 @@ def fit(
     from ..gel.fit import fit_press
     from ..gel.material import GelMaterial
     from ..gel.measured import read_csv
-    from ..shapes import SkinDimensions
     from ..shapes.indenter import parse
     from .output import echo_json, progress
 
-    if plot_path is not None:
-        from ..gel.figure_file import require_place
-
-        require_place(plot_path)
-    skin = validate(
-        SkinDimensions,
-        {
-            "width_mm": width_mm,
-            "length_mm": length_mm,
-            "thickness_mm": thickness_mm,
-            # The block has neither frame nor fillet: these need only be consistent.
-            "protrusion_mm": thickness_mm,
-            "edge_fillet_mm": min(2.0, thickness_mm / 2, width_mm / 4, length_mm / 4),
-        },
-        "options",
-    )
+    skin = gel_options.block(width_mm, length_mm, thickness_mm)
     known = friction if isinstance(friction, float) else None
     validate(GelMaterial, {"poisson": poisson, "friction": known or 0.0}, "options")
     shape = parse(indenter)
