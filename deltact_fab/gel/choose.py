@@ -32,6 +32,7 @@ SHARE = 0.5  # of a tolerance that the model may take
 
 # Model errors of the linear levels.
 BEND_FORCE = 1.0  # x (depth/thickness)^2, of the force
+TIP_FORCE = 0.07  # x (depth/contact radius)^2, of the force; the larger of the two counts
 BEND_IN_PLANE = 0.16  # x depth^2 sqrt(pi/face)
 SIDE_FORCE = 2.6  # x contact radius/thickness x sum over sides of exp(-SIDE_DECAY distance/thick.)
 SIDE_DECAY = 3.0
@@ -219,12 +220,14 @@ def model_error(
 ) -> tuple[float, float]:
     """What a level leaves out: relative force error and in-plane rms (mm) over the face.
 
-    The linear levels: large strain, growing with depth^2; the layer also the free sides.
+    The linear levels: large strain, of the gel over its thickness or under the tip, both growing
+    with depth^2; the layer also the free sides.
     """
     depth, t = max(reach.deepest_mm, 0.0), skin.thickness_mm
     if level == "hyperelastic" or depth == 0:
         return 0.0, 0.0
-    force = BEND_FORCE * (depth / t) ** 2
+    under_tip = TIP_FORCE * (depth / contact_radius_mm(indenter, depth)) ** 2
+    force = max(BEND_FORCE * (depth / t) ** 2, under_tip)
     in_plane = BEND_IN_PLANE * depth**2 * math.sqrt(math.pi / (skin.width_mm * skin.length_mm))
     if level == "layer":
         away = []

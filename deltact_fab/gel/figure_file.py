@@ -29,8 +29,10 @@ def require_place(path: Path) -> None:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write whole or not at all, without the date. Raises InputError where the place refuses."""
-    require_place(path)
+    """Write whole or not at all, without the date, where `require_place` has been.
+
+    Raises InputError where the place refuses all the same.
+    """
     kind = _kind(path)
     dates: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
     drawn = io.BytesIO()

@@ -1,10 +1,11 @@
 """The way of one press solved on several meshes: its estimated error, and cells that keep to it.
 
-The estimate is the sum of MESH_FACTOR x the change against a mesh COARSER times as large, with
-friction STEP_FACTOR x the change on that mesh with steps FEWER times as large (both again times
-IN_PLANE_FACTOR for the displacement), and for a linear level what its model leaves out by the
-measured rule of `choose`. The factors are such that at least nine of ten smooth presses lie within
-it (docs/decisions/0009-gel-levels.md).
+A mesh COARSER times as large shows the mesh's part of the error; with friction, steps FEWER times
+as large on that mesh show the steps' part. Of the force the parts are signed: cells are too stiff,
+steps lose friction, and they cancel; SPREAD is what stays of either however they do. In plane they
+add up. A linear level has besides what its model leaves out by the measured rule of `choose`. The
+factors are to keep nine of ten smooth presses within the estimate; how many do is in docs/evidence,
+on presses that did not set them (docs/decisions/0009-gel-levels.md).
 """
 
 from __future__ import annotations
@@ -15,16 +16,23 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..shapes import Indenter, SkinDimensions
 from .choose import IN_PLANE_MM, MOST_DOFS, TOLERANCE, Choice
 from .level import GelContact, Point, State, contact_of
 from .material import GelMaterial
 
+Field = NDArray[np.float64]
 Progress = Callable[[int, int, str], None]
 
-COARSER, MESH_FACTOR = 1.5, 1.7
-FEWER, STEP_FACTOR = 2.0, 1.55
-IN_PLANE_FACTOR = 1.1  # x both in plane, where errors of several places add up
+COARSER, FEWER = 1.5, 2.0
+MESH_FORCE = 1 / (COARSER**2 - 1)  # x change of force: cells are of second order
+STEP_FORCE = 1 / (FEWER - 1)  # steps are of first
+SPREAD = 0.7  # of either part, however they cancel
+MESH_IN_PLANE, STEP_IN_PLANE = 1.9, 1.75  # x change of displacement: errors of places add up
+LINEAR_FORCE, LINEAR_IN_PLANE = 1.7, 1.9  # x change with the grid of a linear level
 REFINEMENTS = 2
 FINEST = 0.45  # least factor of a refinement
 # Most increments x unknowns^WORK_POWER of a refinement, about a minute on one core. Counted, not
@@ -97,22 +105,24 @@ class Problem:
         return fine, estimate
 
     def _three(self, choice: Choice) -> tuple[Run, Errors, Errors]:
-        """The run, and what its mesh and its steps are estimated to be off by.
-
-        Both errors may be of either sign and cancel: they are measured one by one.
-        """
+        """The run, and the shares of its mesh and its steps in the estimate."""
         coarse = self._run(choice.times(COARSER))
         fine = self._run(choice)
-        by_mesh = _change(fine, coarse, MESH_FACTOR)
+        nothing = Change(np.zeros(3), 0.0)
+        if choice.level != "hyperelastic":
+            change = _change(fine, coarse, LINEAR_FORCE, LINEAR_IN_PLANE)
+            return fine, *_shares(fine, change, nothing, spread=0.0)
+        by_mesh = _change(fine, coarse, MESH_FORCE, MESH_IN_PLANE)
         # Without friction a state does not depend on the way to it.
-        if choice.friction == 0 or choice.level != "hyperelastic":
-            return fine, by_mesh, Errors(0.0, 0.0)
+        if choice.friction == 0:
+            return fine, *_shares(fine, by_mesh, nothing)
         fewer = self._run(choice.times(COARSER, FEWER))
         if fewer.cuts == coarse.cuts:
-            return fine, by_mesh, _change(coarse, fewer, STEP_FACTOR)
-        # Longer steps were cut to shorter ones, and show nothing.
-        more = self._run(choice.times(COARSER, 1 / FEWER))
-        return fine, by_mesh, _change(more, coarse, FEWER * STEP_FACTOR)
+            by_step = _change(coarse, fewer, STEP_FORCE, STEP_IN_PLANE)
+        else:  # Longer steps were cut to shorter ones, and show nothing.
+            more = self._run(choice.times(COARSER, 1 / FEWER))
+            by_step = _change(more, coarse, FEWER * STEP_FORCE, FEWER * STEP_IN_PLANE)
+        return fine, *_shares(fine, by_mesh, by_step)
 
     def _finer(self, by_mesh: Errors, by_step: Errors) -> tuple[float, float]:
         """Factors of cells and steps by which the estimate comes to AIM, with the least work.
@@ -159,21 +169,37 @@ def afforded(run: Run, spacing: float, step: float) -> tuple[float, float]:
     return spacing, max(step, min(1.0, work / spacing ** (DOFS_POWER * WORK_POWER)))
 
 
+class Change(NamedTuple):
+    """What one cause puts the end of the way off by: force with its sign, in plane rms."""
+
+    force_n: Field
+    in_plane_mm: float
+
+
 class Errors(NamedTuple):
-    """What one cause is estimated to put the end of the way off by."""
+    """A share of the estimate."""
 
     force_rel: float
     in_plane_mm: float
 
 
-def _change(fine: Run, coarse: Run, factor: float) -> Errors:
-    """factor x the change of force, and IN_PLANE_FACTOR x that of in-plane displacement, rms over
-    the lattice."""
-    size = math.dist(fine.last.force_n, (0.0, 0.0, 0.0))
-    change = math.dist(fine.last.force_n, coarse.last.force_n)
-    off = (fine.last.displacement_mm - coarse.last.displacement_mm)[..., :2]
+def _change(fine: Run, coarse: Run, force: float, in_plane: float) -> Change:
+    """coarse - fine, times the factors; in plane rms over the lattice."""
+    off = (coarse.last.displacement_mm - fine.last.displacement_mm)[..., :2]
     rms = math.sqrt(float((off**2).sum(axis=-1).mean()))
-    return Errors(factor * change / size if size else 0.0, IN_PLANE_FACTOR * factor * rms)
+    change = np.subtract(coarse.last.force_n, fine.last.force_n)
+    return Change(force * change, in_plane * rms)
+
+
+def _shares(
+    run: Run, by_mesh: Change, by_step: Change, spread: float = SPREAD
+) -> tuple[Errors, Errors]:
+    """The estimate, parted among mesh and steps as the sizes of their own parts are."""
+    mesh, steps = (float(np.linalg.norm(c.force_n)) for c in (by_mesh, by_step))
+    whole = float(np.linalg.norm(by_mesh.force_n + by_step.force_n)) + spread * (mesh + steps)
+    size = math.hypot(*run.last.force_n) * (mesh + steps)
+    each = whole / size if size else 0.0
+    return Errors(each * mesh, by_mesh.in_plane_mm), Errors(each * steps, by_step.in_plane_mm)
 
 
 def _sum(choice: Choice, *errors: Errors) -> dict[str, float]:

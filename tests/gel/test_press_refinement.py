@@ -12,7 +12,17 @@ from deltact_fab.gel.choose import Choice, pick
 from deltact_fab.gel.level import Reach
 from deltact_fab.gel.material import GelMaterial
 from deltact_fab.gel.press import press
-from deltact_fab.gel.refine import AIM, MOST_WORK, WORK_POWER, Errors, Problem, Run, afforded
+from deltact_fab.gel.refine import (
+    AIM,
+    MOST_WORK,
+    SPREAD,
+    WORK_POWER,
+    Change,
+    Errors,
+    Problem,
+    Run,
+    afforded,
+)
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 
@@ -64,6 +74,24 @@ def test_no_other_split_of_the_errors_takes_less_work(problem: Problem) -> None:
 
     least = min(work(AIM * TOLERANCE * k / 100) for k in range(1, 100))
     assert spacing ** -(module.DOFS_POWER * WORK_POWER) / step == pytest.approx(least, rel=1e-3)
+
+
+def test_parts_of_a_force_cancel_but_never_wholly() -> None:
+    def estimate(mesh: float, steps: float, in_plane: float = 0.0) -> tuple[Errors, Errors]:
+        parts = (Change(np.array([0.0, 0.0, f]), in_plane) for f in (mesh, steps))
+        return module._shares(run, *parts)
+
+    state = SimpleNamespace(force_n=(0.0, 0.0, -10.0))
+    run = Run(Contact(1000), [state], ())  # type: ignore[arg-type, list-item]
+    by_mesh, by_step = estimate(0.3, -0.1, 0.02)
+    assert by_mesh.force_rel + by_step.force_rel == pytest.approx((0.2 + SPREAD * 0.4) / 10)
+    assert by_mesh.force_rel == pytest.approx(3 * by_step.force_rel)
+    assert by_mesh.in_plane_mm == by_step.in_plane_mm == 0.02  # no sign is known there
+    alike = sum(e.force_rel for e in estimate(0.3, 0.1))
+    assert alike == pytest.approx((1 + SPREAD) * 0.04)
+    opposite = sum(e.force_rel for e in estimate(0.3, -0.3))
+    assert opposite == pytest.approx(SPREAD * 0.06)
+    assert estimate(0.0, 0.0)[0] == Errors(0.0, 0.0)
 
 
 @pytest.mark.parametrize("dofs", [2000, 20_000, 60_000])
