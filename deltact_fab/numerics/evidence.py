@@ -20,6 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from .evidence_held import every_held, held_row
 from .evidence_presses import press_row
 from .evidence_rows import case_row, curve_row, reference_row
 from .evidence_tables import write_up
@@ -71,6 +72,9 @@ def rows() -> Iterator[Row]:
     for i in range(RANDOM_PRESSES):
         sources = (*LEVELS, "numerics/evidence_presses.py")
         yield Row(f"press: {i + 1}", partial(press_row, i), sources)
+    for held in every_held():
+        sources = (*LEVELS, "numerics/evidence_held.py")
+        yield Row(f"held: {held.name}", partial(held_row, held), sources, repr(held))
     yield from (_case_row("straight", case) for case in straight_cases())
     yield from (_case_row("drag", case) for case in long_cases())
 

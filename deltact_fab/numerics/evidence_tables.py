@@ -39,7 +39,7 @@ def write_up(folder: Path, keys: Sequence[dict[str, Any]]) -> Path:
     ]  # fmt: skip
     writers: dict[str, Callable[[Sequence[dict[str, Any]]], list[str]]] = {
         "stability": partial(_stability, "Stiff and extreme cases"), "reference": _references,
-        "curve": _curves, "press": _presses,
+        "curve": _curves, "press": _presses, "held": _held,
         "straight": partial(_stability, "Sharp indenters straight to 10 mm, friction 0.5"),
         "drag": partial(_stability, "Sharp indenters to 10 mm, sheared +-10 mm"),
     }  # fmt: skip
@@ -193,5 +193,28 @@ def _presses(entries: Sequence[dict[str, Any]]) -> list[str]:
         f"Goals: covered at least {COVERED:.0%}, median at most {MEDIAN:g}. {'; '.join(told)}; "
         f"{len(good)} of {len(entries)} were solved. True: against the next mesh (1.5 times as "
         "fine) at second order and, for friction, half the steps at first order.", "",
+        *_table(head, body),
+    ]  # fmt: skip
+
+
+def _held(entries: Sequence[dict[str, Any]]) -> list[str]:
+    body: list[Sequence[Any]] = []
+    for e in entries:
+        r = e["result"]
+        if "capped" not in r:
+            body.append((e["key"]["row"].partition(": ")[2], *[None] * 7, r.get("failed")))
+            continue
+        normal_n, largest = -r["force_n"][2], r["largest_in_plane_mm"]
+        keys = ("spacing_mm", "unknowns", "force_percent", "in_plane_mm", "cpu_s")
+        for c in r["capped"]:
+            body.append((r["press"], r["asked_mm"], normal_n, largest, *(c[k] for k in keys)))
+    head = ("press", "cells asked, mm", "its normal force, N", "its largest in plane, mm",
+            "cells afforded, mm", "unknowns", "force off, %", "in plane off, mm rms",
+            "CPU, s")  # fmt: skip
+    return [
+        "## What a cap on a path's unknowns costs", "",
+        "Meshes for the whole way of the pattern selection, pressed in the middle in its "
+        "increments, against the cells that the default tolerance asks for (below this press "
+        "alone) in half of them. Flagged `mesh`.", "",
         *_table(head, body),
     ]  # fmt: skip

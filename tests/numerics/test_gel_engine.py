@@ -15,7 +15,7 @@ import pytest
 from deltact_fab.errors import SolverError
 from deltact_fab.gel.finite import FinitePress, FiniteState
 from deltact_fab.gel.finite.state import with_diagnostics
-from deltact_fab.numerics import evidence, evidence_presses, evidence_tables
+from deltact_fab.numerics import evidence, evidence_held, evidence_presses, evidence_tables
 from deltact_fab.numerics.engine import Flagged
 from deltact_fab.numerics.engines import (
     gel,
@@ -136,7 +136,7 @@ def test_rows_have_names_and_files_of_their_own() -> None:
     assert len({r.name for r in rows}) == len(rows)
     assert len({r.file for r in rows}) == len(rows)
     kinds = {r.name.partition(":")[0] for r in rows}
-    assert kinds == {"stability", "reference", "curve", "press", "straight", "drag"}
+    assert kinds == {"stability", "reference", "curve", "press", "held", "straight", "drag"}
 
 
 def imported(path: Path) -> set[Path]:
@@ -218,6 +218,29 @@ def test_only_a_mesh_that_is_no_mirror_makes_a_side_force(monkeypatch: pytest.Mo
     deep = 0.08
     with pytest.raises(Flagged, match=r"the largest to 1 mm.*0.08 mm inside the gel at 1.5 mm"):
         gel_straight.worst_side_force(star, 0.5, 1.5, 0.5, Path())
+
+
+def test_a_larger_cap_comes_closer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    dragged = evidence_held.Held("ellipsoid", 2.0, 1.0, 1.0, 1.0)
+    assert dragged.tips(1) == [(0, 0, 1.0), (0, 0, 2.0), (1.0, 0, 2.0)]
+    assert len(dragged.tips(2)) == 6
+    held = replace(dragged, shear_mm=0.0)
+    monkeypatch.setattr(evidence_held, "CAPS", (1500, 6000))
+    result = evidence_held.held_row(held)
+    small, large = result["capped"]
+    assert small["unknowns"] <= 1500 < large["unknowns"] <= 6000
+    assert 0 < large["force_percent"] < small["force_percent"] < 50
+    assert 0 < large["in_plane_mm"] < small["in_plane_mm"] < result["largest_in_plane_mm"]
+    (row,) = (r for r in evidence.rows() if r.name == "held: star to 5 mm")
+    assert "press_increment_mm=0.5" in row.asked
+    machine = {"processor": "", "cores": 1}
+    entry = {"key": evidence.key_of(row), "result": result, "machine": machine,
+             "threads": 1, "load": None, "versions": {}}  # fmt: skip
+    (tmp_path / "rows").mkdir()
+    (tmp_path / "rows" / row.file).write_text(json.dumps(entry))
+    text = evidence_tables.write_up(tmp_path, [evidence.key_of(row)]).read_text()
+    assert "What a cap on a path's unknowns costs" in text
+    assert text.count("| ellipsoid to 2 mm |") == 2
 
 
 def test_evidence_goes_on_where_it_stopped(tmp_path: Path) -> None:
