@@ -19,28 +19,21 @@ count at once while the carriage coasts on (at most v^2/2a), which is how a posi
 from __future__ import annotations
 
 import math
-import re
 from collections import deque
-from collections.abc import Generator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Generator, Iterable, Mapping
+from dataclasses import dataclass
 from typing import Literal
 
 from ..units import MM_PER_INCH
+from . import grbl_report
 from .clock import NS_PER_S, NsClock, to_ns
+from .gcode import Modal, Refused, parse
+from .grbl_settings import SETTINGS, change, listed
 from .motion import Path, Segment, Vec3, along_line, brake, trapezoid
+from .steps import divide, minus, plus, replaced, steps
 
 BANNER = "Grbl 1.1f ['$' for help]"
-SETTINGS: dict[int, float] = {
-    0: 10, 1: 25, 2: 0, 3: 0, 4: 0, 5: 0, 6: 0,
-    10: 3, 11: 0.01, 12: 0.002, 13: 0,
-    20: 1, 21: 1, 22: 1, 23: 0, 24: 100, 25: 600, 26: 250, 27: 1,
-    30: 1000, 31: 0, 32: 0,
-    100: 800, 101: 800, 102: 800, 110: 1500, 111: 1500, 112: 1200,
-    120: 50, 121: 50, 122: 50, 130: 120, 131: 120, 132: 60,
-}  # fmt: skip
-_WHOLE = frozenset((0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 32))
 _PLANNER_BLOCKS, _RX_BYTES, _LINE_CHARS = 15, 128, 79
-_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)")
 
 State = Literal["Idle", "Run", "Jog", "Hold", "Home", "Alarm", "Sleep"]
 Fault = Literal["reboot", "silence", "limit"]
@@ -50,35 +43,6 @@ Wait = Literal["slot", "sync", "still"] | int
 Task = Generator[Wait, None, int]
 
 
-def settings_for(
-    travel_mm: Vec3, max_feed_mm_min: Vec3, acceleration_mm_s2: Vec3
-) -> dict[int, float]:
-    """The `$` settings of a stage with these limits; the rest are a bench's usual ones."""
-    own = dict(SETTINGS)
-    for axis in range(3):
-        own[110 + axis] = max_feed_mm_min[axis]
-        own[120 + axis] = acceleration_mm_s2[axis]
-        own[130 + axis] = travel_mm[axis]
-    return own
-
-
-@dataclass
-class _Modal:
-    """What a G-code line leaves behind for the next one (cleared by a reset)."""
-
-    motion: int = 0
-    plane: int = 17
-    inches: bool = False
-    relative: bool = False
-    system: int = 54
-    spindle: int = 5
-    coolant: int = 9
-    feed_mm_min: float = 0.0
-    spindle_rpm: float = 0.0
-    tool: int = 0
-    g92_mm: Vec3 = (0.0, 0.0, 0.0)
-
-
 @dataclass(frozen=True)
 class _Block:
     """A line in the planner: its end in steps, its programmed feed (None: as fast as allowed)."""
@@ -86,22 +50,6 @@ class _Block:
     number: int
     target_steps: tuple[int, int, int]
     feed_mm_min: float | None
-
-
-@dataclass
-class _Words:
-    """A parsed line: commands per modal group, values per letter."""
-
-    groups: dict[str, float] = field(default_factory=dict)
-    values: dict[str, float] = field(default_factory=dict)
-
-
-class _Refused(Exception):
-    """A line that answers error:N."""
-
-    def __init__(self, code: int) -> None:
-        super().__init__(code)
-        self.code = code
 
 
 class GrblController:
@@ -259,7 +207,7 @@ class GrblController:
                 if self._blank:
                     self._blank = False
                     self._say("error:7")
-                    self._print_settings()
+                    self._say_all(listed(self.settings))
                 self._greet()
             if self._moving is not None and self._moving.end_ns <= t:
                 self._segment_done()
@@ -292,6 +240,10 @@ class GrblController:
         if not self._mute:
             self._out.append((self._t, text.encode("ascii") + b"\r\n"))
 
+    def _say_all(self, lines: Iterable[str]) -> None:
+        for line in lines:
+            self._say(line)
+
     def _greet(self) -> None:
         if not self._mute:
             self._out.append((self._t, b"\r\n"))
@@ -314,9 +266,9 @@ class GrblController:
         self._soft_limited = False  # braking because the next line leaves the travel
         self._locked = False  # a critical alarm: only a reset is heard
         self._deferred = []
-        self._modal = _Modal()
+        self._modal = Modal()
         self._wco_in = self._ov_in = 0
-        self._programmed_mm = _divide(self._count, self._steps_per_mm)
+        self._programmed_mm = divide(self._count, self._steps_per_mm)
 
     def _pump(self) -> None:
         """Run lines until one has to wait, or there is none."""
@@ -382,7 +334,7 @@ class GrblController:
             if self._state in ("Alarm", "Jog"):
                 return 9
             return (yield from self._gcode(line, jog=False))
-        except _Refused as why:
+        except Refused as why:
             return why.code
 
     # ---- realtime bytes -----------------------------------------------------------------------
@@ -456,14 +408,14 @@ class GrblController:
     def _count_mm(self) -> Vec3:
         """The controller's own idea of its position."""
         count = self._counted(self._t) if self._moving is not None else self._count
-        return _divide(count, self._steps_per_mm)
+        return divide(count, self._steps_per_mm)
 
     def _counted(self, t_ns: int) -> tuple[int, int, int]:
-        return _steps(_minus(self._path.position_mm(t_ns), self._slip_mm), self._steps_per_mm)
+        return steps(minus(self._path.position_mm(t_ns), self._slip_mm), self._steps_per_mm)
 
     def _plan(self, target_mm: Vec3, feed_mm_min: float | None) -> None:
         self._blocks_made += 1
-        target = _steps(target_mm, self._steps_per_mm)
+        target = steps(target_mm, self._steps_per_mm)
         before = self._queue[-1].target_steps if self._queue else self._count
         self._programmed_mm = target_mm
         if target != before:
@@ -474,7 +426,7 @@ class GrblController:
         self._catch()
         while self._queue and self._state in ("Run", "Jog"):
             block = self._queue[0]
-            end = _plus(_divide(block.target_steps, self._steps_per_mm), self._slip_mm)
+            end = plus(divide(block.target_steps, self._steps_per_mm), self._slip_mm)
             segment = self._line_to(end, block.feed_mm_min, block.number)
             if segment.end_ns > self._t:
                 self._moving = segment
@@ -488,11 +440,11 @@ class GrblController:
         """Motors that are driven again hold a carriage that still coasts from a reset."""
         if self._moving is None and self._path.moving(self._t) is not None:
             self._path.replace_last(self._t)
-            self._slip_mm = _minus(self._path.end_mm, _divide(self._count, self._steps_per_mm))
+            self._slip_mm = minus(self._path.end_mm, divide(self._count, self._steps_per_mm))
 
     def _line_to(self, end_mm: Vec3, feed_mm_min: float | None, number: int) -> Segment:
         start = self._path.end_mm
-        delta = _minus(end_mm, start)
+        delta = minus(end_mm, start)
         if not any(delta):
             return trapezoid(start, end_mm, 1.0, 1.0, self._t, number)
         rate = along_line(delta, self._axes(110))
@@ -510,7 +462,7 @@ class GrblController:
             self._holding = False
             if self._state == "Jog":
                 self._queue.clear()
-                self._programmed_mm = _divide(self._count, self._steps_per_mm)
+                self._programmed_mm = divide(self._count, self._steps_per_mm)
                 self._state = "Idle"
             return
         self._count = self._queue.popleft().target_steps
@@ -524,7 +476,7 @@ class GrblController:
             coast = brake(moving, self._t)
             self._path.replace_last(self._t)
             self._path.add(coast)
-            self._slip_mm = _minus(self._path.end_mm, _divide(self._count, self._steps_per_mm))
+            self._slip_mm = minus(self._path.end_mm, divide(self._count, self._steps_per_mm))
         self._moving = None
         self._holding = False
         self._queue.clear()
@@ -545,9 +497,9 @@ class GrblController:
             for goal, rate in ((switch, seek), (clear, seek), (switch, feed), (clear, seek)):
                 yield from self._home_leg(goal, rate)
                 yield self._t + to_ns(self.settings[26] / 1000)
-        self._count = _steps(self._path.end_mm, self._steps_per_mm)
+        self._count = steps(self._path.end_mm, self._steps_per_mm)
         self._slip_mm = (0.0, 0.0, 0.0)
-        self._programmed_mm = _divide(self._count, self._steps_per_mm)
+        self._programmed_mm = divide(self._count, self._steps_per_mm)
         self._state = "Idle"
         return 0
 
@@ -593,7 +545,8 @@ class GrblController:
             # Asleep it answers nothing at all, not even this line: a task that never goes on.
             yield "still"
         elif what == "#":
-            self._print_parameters()
+            inches = bool(self.settings[13])
+            self._say_all(grbl_report.parameters(self._systems, self._modal.g92_mm, inches))
         elif what == "I":
             self._say("[VER:1.1f.20170801:]")
             self._say(f"[OPT:V,{_PLANNER_BLOCKS},{_RX_BYTES}]")
@@ -603,7 +556,8 @@ class GrblController:
         elif what[0] in "#HISRNC":
             return 3
         else:
-            self._set(what)
+            change(self.settings, what)
+            self._wco_in = 0
         return 0
 
     def _print_or_unlock(self, what: str) -> int:
@@ -612,95 +566,38 @@ class GrblController:
         if what == "$":
             if self._state in ("Run", "Hold"):
                 return 8
-            self._print_settings()
+            self._say_all(listed(self.settings))
         elif what == "G":
-            self._print_modal()
+            self._say(grbl_report.modal(self._modal))
         elif self._state == "Alarm":
             self._say("[MSG:Caution: Unlocked]")
             self._state = "Idle"
         return 0
 
-    def _set(self, what: str) -> None:
-        """`N=value`: numbers first, then the rules of the setting."""
-        key = _NUMBER.match(what)
-        if key is None:
-            raise _Refused(2)
-        rest = what[key.end() :]
-        if not rest.startswith("="):
-            raise _Refused(3)
-        number = _NUMBER.match(rest, 1)
-        if number is None:
-            raise _Refused(2)
-        if number.end() != len(rest):
-            raise _Refused(3)
-        n, value = int(float(key[0])), float(number[0])
-        if value < 0:
-            raise _Refused(4)
-        if n not in SETTINGS:
-            raise _Refused(3)
-        if n == 0 and value < 3:
-            raise _Refused(6)
-        if n == 20 and value and not self.settings[22]:
-            raise _Refused(10)
-        self.settings[n] = float(int(value)) if n in _WHOLE else value
-        if n == 22 and not value:
-            self.settings[20] = 0
-        self._wco_in = 0
-
-    def _print_settings(self) -> None:
-        for n, value in self.settings.items():
-            self._say(f"${n}={value:.0f}" if n in _WHOLE or n in (30, 31) else f"${n}={value:.3f}")
-
-    def _print_modal(self) -> None:
-        m = self._modal
-        self._say(
-            f"[GC:G{m.motion} G{m.system} G{m.plane} G{20 if m.inches else 21} "
-            f"G{91 if m.relative else 90} G94 M{m.spindle} M{m.coolant} T{m.tool} "
-            f"F{m.feed_mm_min:.0f} S{m.spindle_rpm:.0f}]"
-        )
-
-    def _print_parameters(self) -> None:
-        for system, offset in self._systems.items():
-            self._say(f"[G{system}:{self._coordinates(offset)}]")
-        zero = self._coordinates((0.0, 0.0, 0.0))
-        self._say(f"[G28:{zero}]")
-        self._say(f"[G30:{zero}]")
-        self._say(f"[G92:{self._coordinates(self._modal.g92_mm)}]")
-        self._say(f"[TLO:{zero.split(',', 1)[0]}]")
-        self._say(f"[PRB:{zero}:0]")
-
-    def _coordinates(self, mm: Vec3) -> str:
-        """Three numbers as reported: 3 decimals of a millimetre, or 4 of an inch."""
-        if self.settings[13]:
-            return ",".join(f"{p / MM_PER_INCH + 0.0:.4f}" for p in mm)
-        return ",".join(f"{p + 0.0:.3f}" for p in mm)
-
     def _offset_mm(self) -> Vec3:
         """Work coordinate offset: machine = work + this."""
-        return _plus(self._systems[self._modal.system], self._modal.g92_mm)
+        return plus(self._systems[self._modal.system], self._modal.g92_mm)
 
     def _report(self) -> None:
         name = f"Hold:{int(self._holding)}" if self._state == "Hold" else self._state
-        mm = self._count_mm()
-        mask = int(self.settings[10])
+        mm, mask, inches = self._count_mm(), int(self.settings[10]), bool(self.settings[13])
         if mask & 1:
-            parts = [name, f"MPos:{self._coordinates(mm)}"]
+            parts = [name, f"MPos:{grbl_report.coordinates(mm, inches)}"]
         else:
-            parts = [name, f"WPos:{self._coordinates(_minus(mm, self._offset_mm()))}"]
+            work_mm = minus(mm, self._offset_mm())
+            parts = [name, f"WPos:{grbl_report.coordinates(work_mm, inches)}"]
         if mask & 2:
             free = _PLANNER_BLOCKS - len(self._queue), _RX_BYTES - len(self._rx)
             parts.append(f"Bf:{free[0]},{free[1]}")
         speed = self._moving.speed_mm_s(self._t) * 60 if self._moving is not None else 0.0
-        rate = f"{speed / MM_PER_INCH:.1f}" if self.settings[13] else f"{speed:.0f}"
-        spindle = 0.0 if self._modal.spindle == 5 else self._modal.spindle_rpm
-        parts.append(f"FS:{rate},{spindle:.0f}")
+        parts.append(grbl_report.rates(speed, self._modal, inches))
         busy = self._state in ("Run", "Jog", "Hold")
         if self._wco_in:
             self._wco_in -= 1
         else:
             self._wco_in = 29 if busy else 9
             self._ov_in = self._ov_in or 1
-            parts.append(f"WCO:{self._coordinates(self._offset_mm())}")
+            parts.append(f"WCO:{grbl_report.coordinates(self._offset_mm(), inches)}")
         if self._ov_in:
             self._ov_in -= 1
         else:
@@ -711,7 +608,7 @@ class GrblController:
     # ---- G-code -------------------------------------------------------------------------------
 
     def _gcode(self, line: str, *, jog: bool) -> Task:
-        words = _parse(line)
+        words = parse(line)
         groups, values, modal = words.groups, words.values, self._modal
         inches = groups.get("units", 20 if modal.inches else 21) == 20
         relative = groups.get("distance", 91 if modal.relative else 90) == 91
@@ -723,12 +620,12 @@ class GrblController:
             axes = {a: v * MM_PER_INCH for a, v in axes.items()}
         moves = action not in (10, 92) and (bool(axes) or "motion" in groups)
         if jog and "F" not in values:
-            raise _Refused(22)
+            raise Refused(22)
         feed = values["F"] * (MM_PER_INCH if inches else 1) if "F" in values else modal.feed_mm_min
         used = {"F", "N", "S", "T", "X", "Y", "Z"}
         if action == 4:
             if "P" not in values:
-                raise _Refused(28)
+                raise Refused(28)
             used.add("P")
         coordinates: tuple[int, Vec3] | None = None
         g92 = modal.g92_mm
@@ -737,25 +634,25 @@ class GrblController:
             used |= {"L", "P"}
         elif action == 92:
             if not axes:
-                raise _Refused(26)
-            base = _minus(self._programmed_mm, self._systems[system])
-            g92 = _replace(g92, {a: base[a] - v for a, v in axes.items()})
+                raise Refused(26)
+            base = minus(self._programmed_mm, self._systems[system])
+            g92 = replaced(g92, {a: base[a] - v for a, v in axes.items()})
         elif action == 92.1:
             g92 = (0.0, 0.0, 0.0)
         if action == 53 and motion not in (0, 1):
-            raise _Refused(30)
+            raise Refused(30)
         if moves and motion == 80 and axes:
-            raise _Refused(31)
+            raise Refused(31)
         if moves and motion == 1 and feed == 0:
-            raise _Refused(22)
+            raise Refused(22)
         if jog:
             used = {"F", "N", "X", "Y", "Z"}
         if set(values) - used:
-            raise _Refused(36)
+            raise Refused(36)
         target = self._target(axes, system, absolute=action == 53, relative=relative)
         if jog:
             if set(groups) - {"distance", "units", "action"} or action not in (None, 53):
-                raise _Refused(16)
+                raise Refused(16)
             return (yield from self._jog(target, feed))
 
         if "spindle" in groups or "S" in values or "system" in groups or coordinates is not None:
@@ -785,18 +682,18 @@ class GrblController:
     ) -> tuple[int, Vec3]:
         """G10 L2 sets a coordinate system, G10 L20 makes the present position read as given."""
         if not axes:
-            raise _Refused(26)
+            raise Refused(26)
         if "P" not in values or "L" not in values:
-            raise _Refused(28)
+            raise Refused(28)
         if values["P"] >= 7:
-            raise _Refused(29)
+            raise Refused(29)
         if values["L"] not in (2, 20):
-            raise _Refused(20)
+            raise Refused(20)
         chosen = 53 + int(values["P"]) if values["P"] >= 1 else system
         if values["L"] == 20:
-            base = _minus(self._programmed_mm, self._modal.g92_mm)
+            base = minus(self._programmed_mm, self._modal.g92_mm)
             axes = {a: base[a] - v for a, v in axes.items()}
-        return chosen, _replace(self._systems[chosen], axes)
+        return chosen, replaced(self._systems[chosen], axes)
 
     def _target(
         self, axes: dict[int, float], system: int, *, absolute: bool, relative: bool
@@ -805,12 +702,12 @@ class GrblController:
         if absolute:
             base: Vec3 = (0.0, 0.0, 0.0)
         else:
-            base = at if relative else _plus(self._systems[system], self._modal.g92_mm)
-        return _replace(at, {a: base[a] + v for a, v in axes.items()})
+            base = at if relative else plus(self._systems[system], self._modal.g92_mm)
+        return replaced(at, {a: base[a] + v for a, v in axes.items()})
 
     def _jog(self, target_mm: Vec3, feed_mm_min: float) -> Task:
         if feed_mm_min == 0:
-            raise _Refused(22)
+            raise Refused(22)
         if self.settings[20] and self._outside(target_mm):
             return 15
         yield "slot"
@@ -847,87 +744,3 @@ class GrblController:
             m.motion, m.plane, m.system, m.relative, m.spindle, m.coolant = 1, 17, 54, False, 5, 9
             self._say("[MSG:Pgm End]")
         return 0
-
-
-_GROUPS: dict[str, dict[str, tuple[float, ...]]] = {
-    "G": {
-        "action": (4, 10, 53, 92, 92.1),
-        "motion": (0, 1, 80),
-        "plane": (17, 18, 19),
-        "distance": (90, 91),
-        "arc": (91.1,),
-        "rate": (94,),
-        "units": (20, 21),
-        "cutter": (40,),
-        "length": (49,),
-        "system": (54, 55, 56, 57, 58, 59),
-        "control": (61,),
-    },
-    "M": {"flow": (0, 1, 2, 30), "spindle": (3, 4, 5), "coolant": (8, 9)},
-}
-_GROUP_OF = {(c, v): g for c, groups in _GROUPS.items() for g, vs in groups.items() for v in vs}
-
-
-def _parse(line: str) -> _Words:
-    """Split a line into words; raises _Refused with the firmware's codes."""
-    words = _Words()
-    at = 0
-    axis_command = False
-    while at < len(line):
-        letter = line[at]
-        if not ("A" <= letter <= "Z"):
-            raise _Refused(1)
-        number = _NUMBER.match(line, at + 1)
-        if number is None:
-            raise _Refused(2)
-        at, value = number.end(), float(number[0])
-        if letter in "GM":
-            value = round(value, 2)
-            group = _GROUP_OF.get((letter, value))
-            if group is None:
-                whole = int(value) not in (90, 91, 92) and (letter, int(value)) in _GROUP_OF
-                raise _Refused(23 if whole else 20)
-            if letter == "G" and value in (0, 1, 10, 92):
-                if axis_command:
-                    raise _Refused(24)
-                axis_command = True
-            if group in words.groups:
-                raise _Refused(21)
-            words.groups[group] = value
-            continue
-        if letter not in "FIJKLNPRSTXYZ":
-            raise _Refused(20)
-        if letter in words.values:
-            raise _Refused(25)
-        if letter in "FNPTS" and value < 0:
-            raise _Refused(4)
-        if letter == "T" and value > 255:
-            raise _Refused(38)
-        words.values[letter] = value
-    if words.values.get("N", 0) > 10_000_000:
-        raise _Refused(27)
-    return words
-
-
-def _steps(mm: Vec3, per_mm: Vec3) -> tuple[int, int, int]:
-    """Whole steps, halves away from zero as the firmware rounds."""
-    x, y, z = (
-        int(math.copysign(math.floor(abs(p * k) + 0.5), p)) for p, k in zip(mm, per_mm, strict=True)
-    )
-    return x, y, z
-
-
-def _divide(steps: tuple[int, int, int], per_mm: Vec3) -> Vec3:
-    return (steps[0] / per_mm[0], steps[1] / per_mm[1], steps[2] / per_mm[2])
-
-
-def _plus(a: Vec3, b: Vec3) -> Vec3:
-    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
-
-
-def _minus(a: Vec3, b: Vec3) -> Vec3:
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
-
-
-def _replace(mm: Vec3, axes: dict[int, float]) -> Vec3:
-    return (axes.get(0, mm[0]), axes.get(1, mm[1]), axes.get(2, mm[2]))

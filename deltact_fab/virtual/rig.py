@@ -19,7 +19,8 @@ from ..rig.interface import Camera
 from ..rig.runner import Devices
 from ..shapes import SensorDimensions
 from .clock import VirtualClock
-from .controller import GrblController, settings_for
+from .controller import GrblController
+from .grbl_settings import settings_for
 from .netft import NetFTBox
 from .presses import LINEAR, Presses
 from .scene import GelScene, LatticeCrop

@@ -1,0 +1,103 @@
+"""A line of G-code as GRBL 1.1f reads it: words by modal group, refused with its error codes."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+
+from .motion import Vec3
+
+NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)")
+
+
+class Refused(Exception):
+    """A line that answers error:N."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(code)
+        self.code = code
+
+
+@dataclass
+class Modal:
+    """What a G-code line leaves behind for the next one (cleared by a reset)."""
+
+    motion: int = 0
+    plane: int = 17
+    inches: bool = False
+    relative: bool = False
+    system: int = 54
+    spindle: int = 5
+    coolant: int = 9
+    feed_mm_min: float = 0.0
+    spindle_rpm: float = 0.0
+    tool: int = 0
+    g92_mm: Vec3 = (0.0, 0.0, 0.0)
+
+
+@dataclass
+class Words:
+    """A parsed line: commands per modal group, values per letter."""
+
+    groups: dict[str, float] = field(default_factory=dict)
+    values: dict[str, float] = field(default_factory=dict)
+
+
+_GROUPS: dict[str, dict[str, tuple[float, ...]]] = {
+    "G": {
+        "action": (4, 10, 53, 92, 92.1),
+        "motion": (0, 1, 80),
+        "plane": (17, 18, 19),
+        "distance": (90, 91),
+        "arc": (91.1,),
+        "rate": (94,),
+        "units": (20, 21),
+        "cutter": (40,),
+        "length": (49,),
+        "system": (54, 55, 56, 57, 58, 59),
+        "control": (61,),
+    },
+    "M": {"flow": (0, 1, 2, 30), "spindle": (3, 4, 5), "coolant": (8, 9)},
+}
+_GROUP_OF = {(c, v): g for c, groups in _GROUPS.items() for g, vs in groups.items() for v in vs}
+
+
+def parse(line: str) -> Words:
+    """Split a line into words; raises Refused with the firmware's codes."""
+    words = Words()
+    at = 0
+    axis_command = False
+    while at < len(line):
+        letter = line[at]
+        if not ("A" <= letter <= "Z"):
+            raise Refused(1)
+        number = NUMBER.match(line, at + 1)
+        if number is None:
+            raise Refused(2)
+        at, value = number.end(), float(number[0])
+        if letter in "GM":
+            value = round(value, 2)
+            group = _GROUP_OF.get((letter, value))
+            if group is None:
+                whole = int(value) not in (90, 91, 92) and (letter, int(value)) in _GROUP_OF
+                raise Refused(23 if whole else 20)
+            if letter == "G" and value in (0, 1, 10, 92):
+                if axis_command:
+                    raise Refused(24)
+                axis_command = True
+            if group in words.groups:
+                raise Refused(21)
+            words.groups[group] = value
+            continue
+        if letter not in "FIJKLNPRSTXYZ":
+            raise Refused(20)
+        if letter in words.values:
+            raise Refused(25)
+        if letter in "FNPTS" and value < 0:
+            raise Refused(4)
+        if letter == "T" and value > 255:
+            raise Refused(38)
+        words.values[letter] = value
+    if words.values.get("N", 0) > 10_000_000:
+        raise Refused(27)
+    return words

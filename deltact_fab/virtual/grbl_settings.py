@@ -1,0 +1,65 @@
+"""The `$` settings of GRBL 1.1f: a bench's usual ones, as they are set and as they are listed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from .gcode import NUMBER, Refused
+from .motion import Vec3
+
+SETTINGS: dict[int, float] = {
+    0: 10, 1: 25, 2: 0, 3: 0, 4: 0, 5: 0, 6: 0,
+    10: 3, 11: 0.01, 12: 0.002, 13: 0,
+    20: 1, 21: 1, 22: 1, 23: 0, 24: 100, 25: 600, 26: 250, 27: 1,
+    30: 1000, 31: 0, 32: 0,
+    100: 800, 101: 800, 102: 800, 110: 1500, 111: 1500, 112: 1200,
+    120: 50, 121: 50, 122: 50, 130: 120, 131: 120, 132: 60,
+}  # fmt: skip
+WHOLE = frozenset((0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 32))
+
+
+def settings_for(
+    travel_mm: Vec3, max_feed_mm_min: Vec3, acceleration_mm_s2: Vec3
+) -> dict[int, float]:
+    """The `$` settings of a stage with these limits; the rest are a bench's usual ones."""
+    own = dict(SETTINGS)
+    for axis in range(3):
+        own[110 + axis] = max_feed_mm_min[axis]
+        own[120 + axis] = acceleration_mm_s2[axis]
+        own[130 + axis] = travel_mm[axis]
+    return own
+
+
+def change(settings: dict[int, float], what: str) -> None:
+    """`N=value`: numbers first, then the rules of the setting. Raises Refused, nothing changed."""
+    key = NUMBER.match(what)
+    if key is None:
+        raise Refused(2)
+    rest = what[key.end() :]
+    if not rest.startswith("="):
+        raise Refused(3)
+    number = NUMBER.match(rest, 1)
+    if number is None:
+        raise Refused(2)
+    if number.end() != len(rest):
+        raise Refused(3)
+    n, value = int(float(key[0])), float(number[0])
+    if value < 0:
+        raise Refused(4)
+    if n not in SETTINGS:
+        raise Refused(3)
+    if n == 0 and value < 3:
+        raise Refused(6)
+    if n == 20 and value and not settings[22]:
+        raise Refused(10)
+    settings[n] = float(int(value)) if n in WHOLE else value
+    if n == 22 and not value:
+        settings[20] = 0
+
+
+def listed(settings: Mapping[int, float]) -> list[str]:
+    """The answer to `$$`."""
+    return [
+        f"${n}={value:.0f}" if n in WHOLE or n in (30, 31) else f"${n}={value:.3f}"
+        for n, value in settings.items()
+    ]

@@ -1,0 +1,31 @@
+"""Positions of three axes, in millimetres and in whole steps."""
+
+from __future__ import annotations
+
+import math
+
+from .motion import Vec3
+
+
+def steps(mm: Vec3, per_mm: Vec3) -> tuple[int, int, int]:
+    """Whole steps, halves away from zero as the firmware rounds."""
+    x, y, z = (
+        int(math.copysign(math.floor(abs(p * k) + 0.5), p)) for p, k in zip(mm, per_mm, strict=True)
+    )
+    return x, y, z
+
+
+def divide(steps: tuple[int, int, int], per_mm: Vec3) -> Vec3:
+    return (steps[0] / per_mm[0], steps[1] / per_mm[1], steps[2] / per_mm[2])
+
+
+def plus(a: Vec3, b: Vec3) -> Vec3:
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def minus(a: Vec3, b: Vec3) -> Vec3:
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def replaced(mm: Vec3, axes: dict[int, float]) -> Vec3:
+    return (axes.get(0, mm[0]), axes.get(1, mm[1]), axes.get(2, mm[2]))
