@@ -215,7 +215,7 @@ def _held(entries: Sequence[dict[str, Any]]) -> list[str]:
         "## What a cap on a path's unknowns costs", "",
         "Meshes for the whole way of the pattern selection, pressed in the middle in its "
         "increments, against the cells that the default tolerance asks for (below this press "
-        "alone) in half of them. Flagged `mesh`. Where the gel jumps on the way (sharp tips, and the "
+        "alone) in half of them. Flagged `mesh`. Where the gel jumps on the way (sharp tips, the "
         "ellipsoid beyond 8 mm) the finer solve is itself one of several rests.", "",
         *_table(head, body),
     ]  # fmt: skip
