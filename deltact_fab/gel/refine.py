@@ -30,9 +30,9 @@ Progress = Callable[[int, int, str], None]
 COARSER, FEWER = 1.5, 2.0
 MESH_FORCE = 1 / (COARSER**2 - 1)  # x change of force: cells are of second order
 STEP_FORCE = 1 / (FEWER - 1)  # steps are of first
-SPREAD = 1.2  # of either part, however they cancel
+SPREAD = 0.9  # of either part, however they cancel
 MESH_IN_PLANE, STEP_IN_PLANE = 1.9, 1.75  # x change of displacement: errors of places add up
-LINEAR_FORCE, LINEAR_IN_PLANE = 1.7, 1.9  # x change with the grid of a linear level
+LINEAR_FORCE, LINEAR_IN_PLANE = 0.9, 1.9  # x change with the grid of a linear level
 REFINEMENTS = 2
 FINEST = 0.45  # least factor of a refinement
 # Most increments x unknowns^WORK_POWER of a refinement, about a minute on one core. Counted, not
@@ -89,40 +89,40 @@ class Problem:
     def solve(self, choice: Choice, free: bool) -> tuple[Run, dict[str, float]]:
         """The finest run and its estimate; free: mesh and steps may be refined."""
         fine, by_mesh, by_step = self._three(choice)
-        estimate = _sum(choice, by_mesh, by_step)
+        estimate = _sum(choice, *_shares(fine, by_mesh, by_step))
         for _ in range(REFINEMENTS if free and choice.level == "hyperelastic" else 0):
             if self.holds(estimate):
                 break
-            spacing, step = self._finer(by_mesh, by_step)
+            spacing, step = self._finer(*_shares(fine, by_mesh, by_step))
             spacing, step = afforded(fine, spacing, step)
             if min(spacing, step) > WORTH:
                 break
             choice = choice.times(spacing, step)
             text = f"{choice.spacing_mm:.3g} mm, steps of {choice.step_mm:.3g} mm"
             choice = replace(choice, why=f"{choice.why.split('; refined')[0]}; refined to {text}")
-            fine, by_mesh, by_step = self._three(choice)
-            estimate = _sum(choice, by_mesh, by_step)
+            fine, mesh, steps = self._three(choice)
+            by_mesh = _larger(mesh, by_mesh.times(spacing**2))
+            by_step = _larger(steps, by_step.times(step))
+            estimate = _sum(choice, *_shares(fine, by_mesh, by_step))
         return fine, estimate
 
-    def _three(self, choice: Choice) -> tuple[Run, Errors, Errors]:
-        """The run, and the shares of its mesh and its steps in the estimate."""
+    def _three(self, choice: Choice) -> tuple[Run, Change, Change]:
+        """The run, and what its mesh and its steps put it off by."""
         coarse = self._run(choice.times(COARSER))
         fine = self._run(choice)
         nothing = Change(np.zeros(3), 0.0)
         if choice.level != "hyperelastic":
-            change = _change(fine, coarse, LINEAR_FORCE, LINEAR_IN_PLANE)
-            return fine, *_shares(fine, change, nothing, spread=0.0)
+            return fine, _change(fine, coarse, LINEAR_FORCE, LINEAR_IN_PLANE), nothing
         by_mesh = _change(fine, coarse, MESH_FORCE, MESH_IN_PLANE)
         # Without friction a state does not depend on the way to it.
         if choice.friction == 0:
-            return fine, *_shares(fine, by_mesh, nothing)
+            return fine, by_mesh, nothing
         fewer = self._run(choice.times(COARSER, FEWER))
         if fewer.cuts == coarse.cuts:
-            by_step = _change(coarse, fewer, STEP_FORCE, STEP_IN_PLANE)
-        else:  # Longer steps were cut to shorter ones, and show nothing.
-            more = self._run(choice.times(COARSER, 1 / FEWER))
-            by_step = _change(more, coarse, FEWER * STEP_FORCE, FEWER * STEP_IN_PLANE)
-        return fine, *_shares(fine, by_mesh, by_step)
+            return fine, by_mesh, _change(coarse, fewer, STEP_FORCE, STEP_IN_PLANE)
+        # Longer steps were cut to shorter ones, and show nothing.
+        more = self._run(choice.times(COARSER, 1 / FEWER))
+        return fine, by_mesh, _change(more, coarse, FEWER * STEP_FORCE, FEWER * STEP_IN_PLANE)
 
     def _finer(self, by_mesh: Errors, by_step: Errors) -> tuple[float, float]:
         """Factors of cells and steps by which the estimate comes to AIM, with the least work.
@@ -175,6 +175,10 @@ class Change(NamedTuple):
     force_n: Field
     in_plane_mm: float
 
+    def times(self, factor: float) -> Change:
+        """So many times as large."""
+        return Change(factor * self.force_n, factor * self.in_plane_mm)
+
 
 class Errors(NamedTuple):
     """A share of the estimate."""
@@ -191,12 +195,20 @@ def _change(fine: Run, coarse: Run, force: float, in_plane: float) -> Change:
     return Change(force * change, in_plane * rms)
 
 
-def _shares(
-    run: Run, by_mesh: Change, by_step: Change, spread: float = SPREAD
-) -> tuple[Errors, Errors]:
+def _larger(seen: Change, foreseen: Change) -> Change:
+    """What a refinement shows, or what it should have left where that is more.
+
+    A change that happens to be small ends the refinement, so that one is not to be believed.
+    """
+    size = np.linalg.norm
+    force_n = max(seen.force_n, foreseen.force_n, key=lambda f: float(size(f)))
+    return Change(force_n, max(seen.in_plane_mm, foreseen.in_plane_mm))
+
+
+def _shares(run: Run, by_mesh: Change, by_step: Change) -> tuple[Errors, Errors]:
     """The estimate, parted among mesh and steps as the sizes of their own parts are."""
     mesh, steps = (float(np.linalg.norm(c.force_n)) for c in (by_mesh, by_step))
-    whole = float(np.linalg.norm(by_mesh.force_n + by_step.force_n)) + spread * (mesh + steps)
+    whole = float(np.linalg.norm(by_mesh.force_n + by_step.force_n)) + SPREAD * (mesh + steps)
     size = math.hypot(*run.last.force_n) * (mesh + steps)
     each = whole / size if size else 0.0
     return Errors(each * mesh, by_mesh.in_plane_mm), Errors(each * steps, by_step.in_plane_mm)
