@@ -57,7 +57,7 @@ class Row:
 def rows() -> Iterator[Row]:
     """All rows, the cheap tables first."""
     from .engines import gel, gel_cases
-    from .engines.gel_sources import FINITE, LEVELS, RUNS
+    from .engines.gel_sources import FINITE, LEVELS, RUNS, SOLVED
 
     own = "numerics/evidence_rows.py"
     yield from (_case_row("stability", case) for case in gel_cases.every_case())
@@ -66,14 +66,14 @@ def rows() -> Iterator[Row]:
             name = f"reference: {depth:g} mm, friction {mu:g}"
             yield Row(name, partial(reference_row, depth, mu), (*FINITE, *RUNS, own))
     for run in gel.every_run():
-        levels = FINITE if run.level in ("hyperelastic", "felupe") else LEVELS
+        levels = {"auto": LEVELS, "layer": SOLVED, "block": SOLVED}.get(run.level, FINITE)
         name = f"curve: {run.case}: {run.series}: {run.name}"
         yield Row(name, partial(curve_row, run), (*levels, *RUNS, own), repr(run))
     for i in range(RANDOM_PRESSES):
         sources = (*LEVELS, "numerics/evidence_presses.py")
         yield Row(f"press: {i + 1}", partial(press_row, i), sources)
     for held in every_held():
-        sources = (*LEVELS, "numerics/evidence_held.py")
+        sources = (*SOLVED, "numerics/evidence_held.py")
         yield Row(f"held: {held.name}", partial(held_row, held), sources, repr(held))
     yield from (_case_row("straight", case) for case in straight_cases())
     yield from (_case_row("drag", case) for case in long_cases())

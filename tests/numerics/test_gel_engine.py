@@ -151,23 +151,41 @@ def imported(path: Path) -> set[Path]:
     return out
 
 
-def test_a_line_of_the_table_depends_on_no_more_than_its_key_says() -> None:
-    """Else an edit elsewhere would leave it standing as if it were measured."""
+def reached(*names: str) -> set[Path]:
+    """Files of the package that these import, and what those do; of `gel/__init__` none."""
     root = gel_sources.PACKAGE
-    checks = (*gel_sources.CASES, gel_sources.ENERGY, gel_sources.STRAIGHT)
-    own = (*gel_sources.FINITE, *checks, gel_sources.PRISM)
-    said = {p for g in own for p in root.glob(g)}
-    # What these hold cannot change a figure: errors, factors of units, the names of a package.
-    said |= {root / "errors.py", root / "numerics/engine.py", root / "catalog.py"}
     known: set[Path] = set()
-    todo = {root / name for name in checks}
+    todo = {root / name for name in names}
     while todo:
         path = todo.pop()
         known.add(path)
         if path != root / "gel/__init__.py":
             todo |= imported(path) - known
-    assert root / "gel/finite/newton.py" in known
-    assert known - said - {root / "gel/__init__.py"} == set()
+    return known - {root / "gel/__init__.py", root / "__init__.py"}
+
+
+def said(*patterns: str) -> set[Path]:
+    """Files that a key names, and those that hold no figure: errors, units, names, the store."""
+    root = gel_sources.PACKAGE
+    free = ("errors.py", "numerics/engine.py", "catalog.py", "cache.py")
+    return {p for g in patterns for p in root.glob(g)} | {root / name for name in free}
+
+
+def test_a_line_of_the_table_depends_on_no_more_than_its_key_says() -> None:
+    """Else an edit elsewhere would leave it standing as if it were measured."""
+    checks = (*gel_sources.CASES, gel_sources.ENERGY, gel_sources.STRAIGHT)
+    known = reached(*checks)
+    assert gel_sources.PACKAGE / "gel/finite/newton.py" in known
+    assert known <= said(*gel_sources.FINITE, *checks, gel_sources.PRISM)
+
+
+def test_a_picked_mesh_depends_on_no_more_than_its_key_says() -> None:
+    known = reached("gel/choose.py", "gel/level.py")
+    assert gel_sources.PACKAGE / "gel/sides.py" in known
+    assert known <= said(*gel_sources.SOLVED)
+    rows = {r.name: r for r in evidence.rows()}
+    assert "gel/**/*.py" not in rows["held: star to 5 mm"].sources
+    assert set(gel_sources.SOLVED) <= set(rows["held: star to 5 mm"].sources)
 
 
 def test_a_key_holds_arguments_bounds_and_the_sources_of_its_own_level() -> None:

@@ -13,7 +13,21 @@ PRISM = "shapes/prism.py"
 """Of what presses a prism or a star, and of nothing else."""
 FINITE = ("gel/finite/*.py", "gel/material.py", "gel/footprint.py", *SHAPES)
 """The finite-strain level by itself; a test holds it to what it imports."""
+SOLVED = (
+    *FINITE,
+    PRISM,
+    *(
+        f"gel/{n}.py"
+        for n in (
+            "block", "choose", "complementarity", "contact", "contact_limits", "contact_patch",
+            "contact_state", "face", "finite_gel", "layer", "level", "linear_gel", "mixing",
+            "sides",
+        )
+    ),
+)  # fmt: skip
+"""All levels on a mesh or grid that is picked or named; a test holds it to what these import."""
 LEVELS = ("gel/**/*.py", *SHAPES)
+"""The same with its error estimated and the mesh refined, and all else that is done with a gel."""
 CASES = ("numerics/engines/gel_scene.py", "numerics/engines/gel_checks.py")
 ENERGY = "numerics/engines/gel_energy.py"
 STRAIGHT = "numerics/engines/gel_straight.py"
