@@ -198,6 +198,7 @@ def _presses(entries: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def _held(entries: Sequence[dict[str, Any]]) -> list[str]:
+    keys = ("spacing_mm", "unknowns", "force_percent", "in_plane_mm", "cpu_s")
     body: list[Sequence[Any]] = []
     for e in entries:
         r = e["result"]
@@ -205,7 +206,6 @@ def _held(entries: Sequence[dict[str, Any]]) -> list[str]:
             body.append((e["key"]["row"].partition(": ")[2], *[None] * 7, r.get("failed")))
             continue
         normal_n, largest = -r["force_n"][2], r["largest_in_plane_mm"]
-        keys = ("spacing_mm", "unknowns", "force_percent", "in_plane_mm", "cpu_s")
         for c in r["capped"]:
             body.append((r["press"], r["asked_mm"], normal_n, largest, *(c[k] for k in keys)))
     head = ("press", "cells asked, mm", "its normal force, N", "its largest in plane, mm",

@@ -1,10 +1,20 @@
-"""How long a stage takes for a straight move; planning and driving use the same."""
+"""Straight moves of a stage and how long they take; planning and driving use the same."""
 
 from __future__ import annotations
 
 import math
 
 Vec3 = tuple[float, float, float]
+
+
+def plus(a: Vec3, b: Vec3) -> Vec3:
+    """a + b."""
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def minus(a: Vec3, b: Vec3) -> Vec3:
+    """a - b."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 def move_duration_s(

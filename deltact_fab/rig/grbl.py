@@ -22,10 +22,9 @@ import serial
 
 from ..errors import InputError, StageError
 from ..optics import StageFrame
-from ..protocols.motion import move_duration_s
+from ..protocols.motion import Vec3, minus, move_duration_s
 from .interface import Clock, StageState
 
-Vec3 = tuple[float, float, float]
 T = TypeVar("T")
 
 AXES = "XYZ"
@@ -175,7 +174,7 @@ class GrblStage:
         if self._move is not None:
             self._fail("a move is under way: wait for it or stop it first")
         machine = self._checked_target(target_mm)
-        delta = _minus(machine, self._at_mm)
+        delta = minus(machine, self._at_mm)
         self._check_feed(delta, feed_mm_min)
         planned_s = move_duration_s(delta, feed_mm_min, self._axes(110), self._axes(120))
         words = "".join(f"{axis}{p:.4f}" for axis, p in zip(AXES, machine, strict=True))
@@ -531,10 +530,6 @@ def _explain(text: str, meanings: dict[int, str]) -> str:
     number = text.partition(":")[2]
     known = meanings.get(int(number)) if number.isdigit() else None
     return f"{text} ({known})" if known else text
-
-
-def _minus(a: Vec3, b: Vec3) -> Vec3:
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 def _mm(p: Vec3) -> str:

@@ -24,13 +24,14 @@ from collections.abc import Generator, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from ..protocols.motion import Vec3, minus, plus
 from ..units import MM_PER_INCH
 from . import grbl_report
 from .clock import NS_PER_S, NsClock, to_ns
 from .gcode import Modal, Refused, parse
 from .grbl_settings import SETTINGS, change, listed
-from .motion import Path, Segment, Vec3, along_line, brake, trapezoid
-from .steps import divide, minus, plus, replaced, steps
+from .motion import Path, Segment, along_line, brake, trapezoid
+from .steps import divide, replaced, steps
 
 BANNER = "Grbl 1.1f ['$' for help]"
 _PLANNER_BLOCKS, _RX_BYTES, _LINE_CHARS = 15, 128, 79

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
-from .motion import Vec3
+from ..protocols.motion import Vec3
 
 NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)")
 

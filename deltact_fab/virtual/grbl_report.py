@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from ..protocols.motion import Vec3
 from ..units import MM_PER_INCH
 from .gcode import Modal
-from .motion import Vec3
 
 
 def coordinates(mm: Vec3, inches: bool) -> str:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from ..protocols.motion import Vec3
 from .gcode import NUMBER, Refused
-from .motion import Vec3
 
 SETTINGS: dict[int, float] = {
     0: 10, 1: 25, 2: 0, 3: 0, 4: 0, 5: 0, 6: 0,
@@ -15,7 +15,7 @@ SETTINGS: dict[int, float] = {
     100: 800, 101: 800, 102: 800, 110: 1500, 111: 1500, 112: 1200,
     120: 50, 121: 50, 122: 50, 130: 120, 131: 120, 132: 60,
 }  # fmt: skip
-WHOLE = frozenset((0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 32))
+_WHOLE = frozenset((0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 32))
 
 
 def settings_for(
@@ -52,7 +52,7 @@ def change(settings: dict[int, float], what: str) -> None:
         raise Refused(6)
     if n == 20 and value and not settings[22]:
         raise Refused(10)
-    settings[n] = float(int(value)) if n in WHOLE else value
+    settings[n] = float(int(value)) if n in _WHOLE else value
     if n == 22 and not value:
         settings[20] = 0
 
@@ -60,6 +60,6 @@ def change(settings: dict[int, float], what: str) -> None:
 def listed(settings: Mapping[int, float]) -> list[str]:
     """The answer to `$$`."""
     return [
-        f"${n}={value:.0f}" if n in WHOLE or n in (30, 31) else f"${n}={value:.3f}"
+        f"${n}={value:.0f}" if n in _WHOLE or n in (30, 31) else f"${n}={value:.3f}"
         for n, value in settings.items()
     ]

@@ -11,9 +11,9 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from ..protocols.motion import Vec3
 from .clock import NS_PER_S
 
-Vec3 = tuple[float, float, float]
 Phase = tuple[float, float, float, float]  # from t (s), travelled (mm), speed (mm/s), a (mm/s2)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from .motion import Vec3
+from ..protocols.motion import Vec3
 
 
 def steps(mm: Vec3, per_mm: Vec3) -> tuple[int, int, int]:
@@ -16,16 +16,10 @@ def steps(mm: Vec3, per_mm: Vec3) -> tuple[int, int, int]:
 
 
 def divide(steps: tuple[int, int, int], per_mm: Vec3) -> Vec3:
+    """Where so many steps are, mm."""
     return (steps[0] / per_mm[0], steps[1] / per_mm[1], steps[2] / per_mm[2])
 
 
-def plus(a: Vec3, b: Vec3) -> Vec3:
-    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
-
-
-def minus(a: Vec3, b: Vec3) -> Vec3:
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
-
-
 def replaced(mm: Vec3, axes: dict[int, float]) -> Vec3:
+    """The position with some axes, by number, set anew."""
     return (axes.get(0, mm[0]), axes.get(1, mm[1]), axes.get(2, mm[2]))

@@ -27,6 +27,8 @@ from deltact_fab.numerics.engines import (
 )
 from deltact_fab.numerics.engines.gel_run import Run
 from deltact_fab.numerics.engines.gel_scene import Scene, Solved
+from deltact_fab.protocols.plan import load
+from deltact_fab.rig.config import FiniteGelConfig
 
 
 def test_extrapolation_removes_an_error_of_second_order() -> None:
@@ -161,14 +163,13 @@ def reached(*names: str) -> set[Path]:
         known.add(path)
         if path != root / "gel/__init__.py":
             todo |= imported(path) - known
-    return known - {root / "gel/__init__.py", root / "__init__.py"}
+    return known - {root / "gel/__init__.py"}
 
 
 def said(*patterns: str) -> set[Path]:
-    """Files that a key names, and those that hold no figure: errors, units, names, the store."""
-    root = gel_sources.PACKAGE
-    free = ("errors.py", "numerics/engine.py", "catalog.py", "cache.py")
-    return {p for g in patterns for p in root.glob(g)} | {root / name for name in free}
+    """Files that a key names, and those that hold no figure: errors, units, names of a package."""
+    free = ("errors.py", "numerics/engine.py", "catalog.py")
+    return {p for g in (*patterns, *free) for p in gel_sources.PACKAGE.glob(g)}
 
 
 def test_a_line_of_the_table_depends_on_no_more_than_its_key_says() -> None:
@@ -182,7 +183,8 @@ def test_a_line_of_the_table_depends_on_no_more_than_its_key_says() -> None:
 def test_a_picked_mesh_depends_on_no_more_than_its_key_says() -> None:
     known = reached("gel/choose.py", "gel/level.py")
     assert gel_sources.PACKAGE / "gel/sides.py" in known
-    assert known <= said(*gel_sources.SOLVED)
+    # The store of what is solved once for all goes by the hash of what it is made from.
+    assert known <= said(*gel_sources.SOLVED, "cache.py", "__init__.py")
     rows = {r.name: r for r in evidence.rows()}
     assert "gel/**/*.py" not in rows["held: star to 5 mm"].sources
     assert set(gel_sources.SOLVED) <= set(rows["held: star to 5 mm"].sources)
@@ -236,6 +238,16 @@ def test_only_a_mesh_that_is_no_mirror_makes_a_side_force(monkeypatch: pytest.Mo
     deep = 0.08
     with pytest.raises(Flagged, match=r"the largest to 1 mm.*0.08 mm inside the gel at 1.5 mm"):
         gel_straight.worst_side_force(star, 0.5, 1.5, 0.5, Path())
+
+
+def test_caps_are_held_against_the_protocol_and_the_rig_as_they_stand() -> None:
+    (protocol, _), config = load("pattern-selection"), FiniteGelConfig()
+    every = evidence_held.every_held()
+    assert {h.indenter for h in every} == set(protocol.indenters)
+    assert {h.depth_mm for h in every} == set(protocol.depths_mm)
+    assert max(protocol.depths_mm) == protocol.shear.amplitude_mm == evidence_held.REACH_MM
+    assert evidence_held.CAPS[0] == config.most_unknowns
+    assert {h.press_increment_mm for h in every} == {config.press_increment_mm}
 
 
 def test_a_larger_cap_comes_closer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
