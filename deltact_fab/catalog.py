@@ -62,8 +62,8 @@ def read(path: Path) -> dict[str, Any]:
 def validate(kind: type[T], data: object, source: str) -> T:
     """Build a pydantic model or dataclass from plain data, strictly.
 
-    Raises InputError of one line: `source: key: what is wrong (got value)`; further faults follow
-    on the same line, separated by ' | '.
+    Raises InputError of one line: `source: key: what is wrong (got value)`, without a key where
+    values do not go together; further faults follow on the same line, separated by ' | '.
     """
     from pydantic import TypeAdapter, ValidationError
 
@@ -75,17 +75,18 @@ def validate(kind: type[T], data: object, source: str) -> T:
 
 
 def _line(source: str, kind: type, fault: Any) -> str:
-    key = ".".join(str(part) for part in fault["loc"]) or "(whole file)"
+    key = ".".join(str(part) for part in fault["loc"])
+    where = f"{source}: {key}" if key else source
     if fault["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         known = _fields_at(kind, fault["loc"][:-1])
         hint = did_you_mean(str(fault["loc"][-1]), known) if known else "remove it"
-        return f"{source}: {key}: unknown key; {hint}"
+        return f"{where}: unknown key; {hint}"
     if fault["type"] in ("missing", "missing_argument"):
-        return f"{source}: {key}: missing key"
+        return f"{where}: missing key"
     message = fault["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, ")
     got = fault.get("input")
     shown = "" if isinstance(got, dict) else f" (got {got!r})"
-    return f"{source}: {key}: {message}{shown}"
+    return f"{where}: {message}{shown}"
 
 
 def _fields_at(kind: Any, loc: tuple[Any, ...]) -> list[str]:

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict
 
 from deltact_fab import catalog
 from deltact_fab.errors import InputError
+from deltact_fab.gel.material import GelMaterial
 from deltact_fab.shapes import SensorDimensions
 
 
@@ -54,6 +55,12 @@ def test_faults_name_file_and_key(kind: type, data: object, says: str) -> None:
         catalog.validate(kind, data, "f")
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_fault_of_no_one_key_names_the_file_alone() -> None:
+    with pytest.raises(InputError) as caught:
+        catalog.validate(GelMaterial, {"modulus_mpa": 0.56, "poisson": 0.49, "friction": -1.0}, "f")
+    assert str(caught.value) == "f: friction >= 0 and finite: -1.0 fails"
 
 
 def test_whole_numbers_and_lists_are_taken() -> None:
