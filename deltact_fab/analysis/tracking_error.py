@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from .. import record
 from ..errors import InputError, RunFailed
 from ..measure.flow import FLOW_METHODS, FlowTracker, Reference, Renewal
+from ..occlusion import in_dispute
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -388,6 +389,10 @@ class _TrueFrame:
         y, x = np.mgrid[:h, :w]
         to_x, to_y = x + flow[..., 0], y + flow[..., 1]
         visible = (to_x >= 0) & (to_x <= w - 1) & (to_y >= 0) & (to_y <= h - 1)
+        # Where a steep flank hides what is behind it, no one point of the face is the true one.
+        disputed = in_dispute(np.stack((to_x, to_y), -1), off.shape)
+        ends = np.rint(to_y[visible]).astype(int), np.rint(to_x[visible]).astype(int)
+        visible[visible] = ~disputed[ends]
         length_mm = np.hypot(flow[..., 0], flow[..., 1]) * scale
         moving = visible & off & (length_mm >= MOVING_MM)
         still = visible & off & (length_mm < MOVING_MM)

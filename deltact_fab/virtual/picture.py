@@ -1,7 +1,8 @@
 """What the camera sees: the printed pattern carried by the deformed surface, drawn by inverse map.
 
 For every image pixel the material point that projects there is found by iteration on the same
-displacement field that the truth stores; the texture is sampled four times a pixel.
+displacement field that the truth stores; where the surface hides a part of itself, the nearest
+point on the pixel's ray (`occlusion`). The texture is sampled four times a pixel.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import SolverError
 from ..imaging import Float, Sensor
+from ..occlusion import in_dispute, nearest
 from ..optics import LatticeSampler, Pinhole, SurfaceLattice
 
 MARGIN_PX = 64
@@ -60,7 +62,7 @@ class Picture:
     ) -> NDArray[np.uint8]:
         """Image (h, w, 3) BGR of a surface displacement (ny, nx, 3) on the lattice, None at rest.
 
-        Raises SolverError when the inverse map does not converge (the surface folds in the view).
+        Raises SolverError where a pixel sees no point of the surface.
         """
         at = self._target if displacement_mm is None else self.material_px(displacement_mm)
         fine = cv2.resize(at, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)[2:-2, 2:-2]
@@ -81,18 +83,22 @@ class Picture:
 
     def forward_px(self, displacement_mm: NDArray[np.float64]) -> Float:
         """Projected displacement of the rest pixels and their margin, (h + 2m, w + 2m, 2)."""
+        return self._forward(displacement_mm)[0]
+
+    def _forward(self, displacement_mm: NDArray[np.float64]) -> tuple[Float, NDArray[np.float64]]:
+        """The same, and how far out these points stand, mm."""
         u = self._sampler(displacement_mm)
         x, y = np.meshgrid(self._xs_mm, self._ys_mm)
         rest = np.stack((x, y, np.zeros_like(x)), axis=-1)
         moved = self._camera.project_px(rest + u) - self._camera.rest_px(rest[..., :2])
-        return np.asarray(moved, np.float32)
+        return np.asarray(moved, np.float32), u[..., 2]
 
     def material_px(self, displacement_mm: NDArray[np.float64]) -> Float:
         """Rest position (px) of the material point seen by each pixel, with a border of one pixel.
 
         Solves X + g(X) = p for X with g the projected displacement; shape (h + 2, w + 2, 2).
         """
-        field = self.forward_px(displacement_mm)
+        field, out_mm = self._forward(displacement_mm)
         at = self._target.copy()
         for _ in range(FIXED_POINT_ITERATIONS):
             moved = cv2.remap(
@@ -106,18 +112,45 @@ class Picture:
             open_ = np.max(np.abs(new - at), axis=-1) >= TOLERANCE_PX
             at = new
         # Fixed point needs a gradient below 1; the stretched skin behind a sliding tip has more.
-        at[open_] = _newton(field, self._target[open_], at[open_])
+        found, missed = _newton(field, self._target[open_], at[open_])
+        at[open_] = found
+        lost = np.zeros(open_.shape, bool)
+        lost[open_] = missed
+        return self._unhidden(at, lost, field, out_mm)
+
+    def _unhidden(
+        self, at: Float, lost: NDArray[np.bool_], field: Float, out_mm: NDArray[np.float64]
+    ) -> Float:
+        """With the nearest of several points where the surface hides a part of itself."""
+        rows, columns = np.mgrid[: field.shape[0], : field.shape[1]] - MARGIN_PX
+        # The grid's first pixel is the border's: its indices are one more than the image's.
+        at_px = field.astype(float) + np.stack((columns, rows), -1) + 1
+        wanted = lost | in_dispute(at_px, lost.shape)
+        if not wanted.any():
+            return at
+        points = nearest(at_px, out_mm, wanted) - MARGIN_PX
+        blind = int(np.isnan(points[:, 0]).sum())
+        if blind:
+            raise SolverError(
+                f"{blind} pixels of the picture see no point of the surface within {MARGIN_PX} px "
+                "of the view"
+            )
+        at = at.copy()
+        at[wanted] = points
         return at
 
 
-def _newton(field: Float, target: Float, start: Float) -> Float:
-    """Solve X + g(X) = p for points (n, 2) px, g bilinear on the field with its margin."""
+def _newton(field: Float, target: Float, start: Float) -> tuple[Float, NDArray[np.bool_]]:
+    """Solve X + g(X) = p for points (n, 2) px, g bilinear on the field with its margin.
+
+    And which of them were not found.
+    """
     height, width = field.shape[:2]
     p, at = target.astype(float), start.astype(float)
     left = np.arange(len(at))
     for _ in range(NEWTON_ITERATIONS):
         if not len(left):
-            return at.astype(np.float32)
+            break
         x = np.clip(at[left, 0] + MARGIN_PX, 0, width - 1.001)
         y = np.clip(at[left, 1] + MARGIN_PX, 0, height - 1.001)
         j, i = x.astype(int), y.astype(int)
@@ -135,9 +168,6 @@ def _newton(field: Float, target: Float, start: Float) -> Float:
         step = np.stack((yy * miss[:, 0] - xy * miss[:, 1], xx * miss[:, 1] - yx * miss[:, 0]), -1)
         at[left] -= np.clip(step / det[:, None], -MAX_STEP_PX, MAX_STEP_PX)
         left = left[np.max(np.abs(miss), axis=-1) >= TOLERANCE_PX]
-    if not len(left):
-        return at.astype(np.float32)
-    raise SolverError(
-        f"the drawn surface folds: {len(left)} pixels see no single point of it after "
-        f"{NEWTON_ITERATIONS} Newton steps (tolerance {TOLERANCE_PX} px)"
-    )
+    missed = np.zeros(len(at), bool)
+    missed[left] = True
+    return at.astype(np.float32), missed

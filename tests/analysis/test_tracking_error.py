@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from deltact_fab import record
 from deltact_fab.analysis import tracking_error as te
@@ -78,6 +79,31 @@ def test_one_frame_recounted_by_hand(mini_run: Path, result: te.TrackingResult) 
     # The product draws its discs with whole pixels, so the masks differ at their rims.
     assert reported["mean_off_dots_mm"].iloc[0] == pytest.approx(by_hand, rel=0.03)
     assert reported["n_moving_px"].iloc[0] == pytest.approx(moving.sum(), rel=0.05)
+
+
+class Shelf(record.Truth):
+    """A face whose columns up to 19 have moved 8 px to the right, over the next ones."""
+
+    def __init__(self) -> None:
+        pass
+
+    def flow_px(self, frame_id: str) -> NDArray[np.float64]:
+        flow = np.zeros((10, 60, 2))
+        flow[:, :20, 0] = 8.0
+        return flow
+
+    def in_plane_mm(self, frame_id: str) -> NDArray[np.float64]:
+        return 0.04 * self.flow_px(frame_id)
+
+    def points_px(self, frame_id: str, xy_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+        return xy_mm
+
+
+def test_what_the_face_hides_of_itself_is_not_counted() -> None:
+    frame = te._TrueFrame.read(Shelf(), "f", np.ones((10, 60), bool), np.zeros((1, 2)), 0.04)
+    # Columns 12 to 19 lie over 20 to 27 now: which of the two is seen, the flow does not tell.
+    assert (np.flatnonzero(frame.moving[5]) == np.arange(12)).all()
+    assert (np.flatnonzero(frame.still[5]) == np.arange(28, 60)).all()
 
 
 def test_percentile_of_the_histogram_is_the_percentile() -> None:

@@ -85,7 +85,46 @@ def test_noise_repeats_with_its_seed_and_not_with_another() -> None:
     assert not np.array_equal(first, other)
 
 
-def test_a_fold_is_refused_not_drawn() -> None:
+def test_where_the_face_hides_a_part_of_itself_the_nearest_is_seen() -> None:
     picture = Picture(CAMERA, LATTICE, ramp_texture(), NOISELESS)
-    with pytest.raises(SolverError, match="folds"):
-        picture.render(bump(3.5), np.random.default_rng(0))
+    u = bump(3.5)
+    at = picture.material_px(u)[1:-1, 1:-1].astype(float)
+    # All that could be seen, on a grid twelve times as fine as the pixels.
+    fine = np.arange(-3.9, 3.9, CAMERA.mm_per_px / 12)
+    x, y = (v.ravel() for v in np.meshgrid(fine, fine))
+    moved = LatticeSampler.make(LATTICE, fine, fine)(u).reshape(-1, 3)
+    points = np.column_stack((x, y, np.zeros_like(x))) + moved
+    projected = CAMERA.project_px(points)
+    pixel = np.rint(projected).astype(int)
+    kept = np.abs(projected - pixel).max(1) < 0.1
+    kept &= ((pixel >= 0) & (pixel < (CAMERA.width_px, CAMERA.height_px))).all(1)
+    foremost = np.full((CAMERA.height_px, CAMERA.width_px), np.inf)
+    np.minimum.at(foremost, (pixel[kept, 1], pixel[kept, 0]), points[kept, 2])
+    back = np.full_like(foremost, -np.inf)
+    np.maximum.at(back, (pixel[kept, 1], pixel[kept, 0]), points[kept, 2])
+
+    xy = CAMERA.rest_mm(at)
+    flat = xy.reshape(-1, 2)
+    seen = np.column_stack((flat, np.zeros(len(flat))))
+    seen += LatticeSampler.make(LATTICE, flat[:, 0], flat[:, 1]).at_points(u)
+    landed = CAMERA.project_px(seen).reshape(at.shape)
+    rows, columns = np.mgrid[: CAMERA.height_px, : CAMERA.width_px]
+    missed_px = np.hypot(landed[..., 0] - columns, landed[..., 1] - rows)
+    depth_mm = seen[:, 2].reshape(foremost.shape)
+
+    several = back - foremost > 0.3  # mm
+    assert several.sum() > 1000
+    assert missed_px.max() < 0.1
+    # Pixels on the very edge of what hides see one or the other.
+    assert np.quantile((depth_mm - foremost)[several], 0.98) < 0.05
+    image = picture.render(u, np.random.default_rng(0))
+    assert image.shape == (CAMERA.height_px, CAMERA.width_px, 3)
+
+
+def test_a_face_turned_over_is_refused_not_drawn() -> None:
+    x, _ = np.meshgrid(*nodes())
+    mirrored = np.zeros((LATTICE.ny, LATTICE.nx, 3))
+    mirrored[..., 0] = -2 * x
+    picture = Picture(CAMERA, LATTICE, ramp_texture(), NOISELESS)
+    with pytest.raises(SolverError, match="see no point of the surface"):
+        picture.render(mirrored, np.random.default_rng(0))
