@@ -38,7 +38,7 @@ def nearest(at_px: Points, depth: Points, wanted: NDArray[np.bool_]) -> Points:
     pixels (h, w) of the image. nan where nothing projects; linear within a triangle.
     """
     columns = depth.shape[1]
-    facing = _triangles(_doubled_areas(at_px) > 0)
+    facing = _triangles((_doubled_areas(at_px) > 0) & _reaches(at_px, wanted))
     best = np.full(wanted.size, np.inf)
     found = np.full((wanted.size, 2), np.nan)
     for pixel, corners, share in _covered(at_px, facing, wanted):
@@ -68,6 +68,17 @@ def _triangles(chosen: NDArray[np.bool_]) -> Int:
     first = np.where(half, a + columns + 1, a)
     second = np.where(half, a + columns, a + 1)
     return np.stack((first, second, np.where(half, a + 1, a + columns)), -1)
+
+
+def _reaches(at_px: Points, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Cells with a wanted pixel in the box around them, (rows - 1, columns - 1)."""
+    corners = at_px[:-1, :-1], at_px[:-1, 1:], at_px[1:, :-1], at_px[1:, 1:]
+    most = np.array(wanted.shape[::-1])
+    low = np.clip(np.ceil(np.minimum.reduce(corners)), 0, most).astype(np.intp)
+    high = np.clip(np.floor(np.maximum.reduce(corners)) + 1, low, most).astype(np.intp)
+    until = np.pad(wanted.astype(np.intp).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
+    (x0, y0), (x1, y1) = (np.moveaxis(v, -1, 0) for v in (low, high))
+    return until[y1, x1] - until[y0, x1] - until[y1, x0] + until[y0, x0] > 0
 
 
 def _cross(a: Points, b: Points) -> NDArray[np.float64]:
