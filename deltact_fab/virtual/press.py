@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -30,7 +31,8 @@ class Press:
 
     contact: opens what solves, at the first solve, for a modulus of 1 MPa. key: of the store; None
     stores nothing. mirror: takes the press to the one that is solved and stored; all else here is
-    the press itself. solves, seconds: of knots solved here, not of those found.
+    the press itself. floor_mm: depth of the gel's floor. solves, seconds: of knots solved here, not
+    of those found.
     """
 
     def __init__(
@@ -42,8 +44,10 @@ class Press:
         fields: bool = True,
         name: str = "",
         mirror: Mirror | None = None,
+        floor_mm: float = math.inf,
     ) -> None:
         self.name = name
+        self._floor_mm = floor_mm
         self._mirror = mirror or Mirror()
         self.poses, self.waypoints = tuple(planned), tuple(waypoints)
         self._open = contact
@@ -149,13 +153,16 @@ class Press:
         start_s = time.perf_counter()
         x, y, z = self._mirror.point(pose.tip_mm)
         state = self.contact.solve(start, (x, y, -z), pose.seconds)
-        field = state.displacement_mm.astype(np.float32) if self._fields else None
+        flags = list(state.diagnostics.flags)
+        field = None
+        if self._fields:
+            field, below = on_floor(state.displacement_mm.astype(np.float32), self._floor_mm)
+            flags += below
         self.solves += 1
         self.seconds += time.perf_counter() - start_s
         solved = Solved(
-            state.force_n, state.torque_nmm, state.contact_area_mm2, field,
-            tuple(state.diagnostics.flags),
-        )  # fmt: skip
+            state.force_n, state.torque_nmm, state.contact_area_mm2, field, tuple(flags)
+        )
         return state, self._mirror.solved(solved)
 
     def _compare(self, start: State, pose: Pose, before: int, after: Solved) -> None:
@@ -214,3 +221,22 @@ class Press:
                 self.between = found.between
                 return replace(found, knots=())
         return None
+
+
+def on_floor(
+    displacement_mm: NDArray[np.float32], floor_mm: float
+) -> tuple[NDArray[np.float32], list[str]]:
+    """A face's displacement (ny, nx, 3) with nothing below the gel's floor, and a flag if it was.
+
+    The solver knows no contact of the gel with itself or its floor: where a deep drag folds the
+    face between large cells, a part of it can come out where the window is.
+    """
+    below = -floor_mm - displacement_mm[..., 2]
+    if not (below > 0).any():
+        return displacement_mm, []
+    kept = displacement_mm.copy()
+    kept[..., 2] = np.maximum(kept[..., 2], np.float32(-floor_mm))
+    return kept, [
+        f"floor: {int((below > 0).sum())} of {below.size} points of the face come out below the "
+        f"gel's floor, by {below.max():.2g} mm at most, and are kept on it: no gel lies so"
+    ]

@@ -78,7 +78,10 @@ class Presses:
         x, y = ((max(v - a, -h), min(v + a, h)) for v, h in zip(at_mm, half, strict=True))
         shape = parse_indenter(indenter)
         choice = self._pick(shape, (x, y, self._deepest_mm))
-        return self._opened(Press(self._opener(shape, choice), fields=self.fields))
+        floor_mm = self._skin.thickness_mm
+        return self._opened(
+            Press(self._opener(shape, choice), fields=self.fields, floor_mm=floor_mm)
+        )
 
     def of(self, path: PressPath) -> Press:
         """A planned press."""
@@ -118,6 +121,7 @@ class Presses:
             self.fields,
             path.press,
             mirror,
+            self._skin.thickness_mm,
         )
 
     def _key(self, path: PressPath, indenter: Indenter, choice: Choice) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from ..protocols.plan import Protocol, expand
 Point = tuple[float, float, float]
 Field = NDArray[np.float64]
 
-VERSION = 5
+VERSION = 6
 """Of the code that solves; raise it when solved knots change by more than their tolerance."""
 KIND = "gel-trajectory"
 KEEP_BYTES = 8 * 10**9

@@ -186,6 +186,22 @@ def test_the_same_motion_later_gives_the_same_bits() -> None:
     assert np.array_equal(seen[0], seen[1])
 
 
+def test_a_face_below_the_floor_is_kept_on_it_and_flagged() -> None:
+    free, held = (Press(lambda: UNIT, floor_mm=mm) for mm in (12.0, 0.7))
+    (_, above), (_, below) = (p.next(0, (0.0, 0.0, -1.0), 1.0) for p in (free, held))
+    assert above.displacement_mm is not None
+    assert below.displacement_mm is not None
+    deep = above.displacement_mm[..., 2] < -0.7
+    assert deep.sum() > 5
+    assert np.all(below.displacement_mm[deep, 2] == np.float32(-0.7))
+    assert np.array_equal(below.displacement_mm[~deep], above.displacement_mm[~deep])
+    assert np.array_equal(below.displacement_mm[..., :2], above.displacement_mm[..., :2])
+    assert not any(flag.startswith("floor: ") for flag in above.flags)
+    told = f"floor: {deep.sum()} of {deep.size} points of the face come out below the gel's floor"
+    assert any(flag.startswith(told) for flag in below.flags)
+    assert below.force_n == above.force_n
+
+
 def test_a_creeping_gel_goes_on_while_the_tip_rests() -> None:
     """A rest of the plan is one knot more: the force falls from the end of the line to its end."""
     gel = GelMaterial(1.0, prony=((1.0, 2.0),))
