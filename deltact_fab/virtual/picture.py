@@ -85,20 +85,23 @@ class Picture:
         """Projected displacement of the rest pixels and their margin, (h + 2m, w + 2m, 2)."""
         return self._forward(displacement_mm)[0]
 
-    def _forward(self, displacement_mm: NDArray[np.float64]) -> tuple[Float, NDArray[np.float64]]:
-        """The same, and how far out these points stand, mm."""
+    def _forward(
+        self, displacement_mm: NDArray[np.float64]
+    ) -> tuple[Float, NDArray[np.float64], NDArray[np.float64]]:
+        """The same, where in the image these points are, px, and how far out they stand, mm."""
         u = self._sampler(displacement_mm)
         x, y = np.meshgrid(self._xs_mm, self._ys_mm)
         rest = np.stack((x, y, np.zeros_like(x)), axis=-1)
-        moved = self._camera.project_px(rest + u) - self._camera.rest_px(rest[..., :2])
-        return np.asarray(moved, np.float32), u[..., 2]
+        seen_px = self._camera.project_px(rest + u)
+        moved = seen_px - self._camera.rest_px(rest[..., :2])
+        return np.asarray(moved, np.float32), seen_px, u[..., 2]
 
     def material_px(self, displacement_mm: NDArray[np.float64]) -> Float:
         """Rest position (px) of the material point seen by each pixel, with a border of one pixel.
 
         Solves X + g(X) = p for X with g the projected displacement; shape (h + 2, w + 2, 2).
         """
-        field, out_mm = self._forward(displacement_mm)
+        field, seen_px, out_mm = self._forward(displacement_mm)
         at = self._target.copy()
         for _ in range(FIXED_POINT_ITERATIONS):
             moved = cv2.remap(
@@ -112,38 +115,25 @@ class Picture:
             open_ = np.max(np.abs(new - at), axis=-1) >= TOLERANCE_PX
             at = new
         # Fixed point needs a gradient below 1; the stretched skin behind a sliding tip has more.
-        found, missed = _newton(field, self._target[open_], at[open_])
-        at[open_] = found
-        lost = np.zeros(open_.shape, bool)
-        lost[open_] = missed
-        return self._unhidden(at, lost, field, out_mm)
-
-    def _unhidden(
-        self, at: Float, lost: NDArray[np.bool_], field: Float, out_mm: NDArray[np.float64]
-    ) -> Float:
-        """With the nearest of several points where the surface hides a part of itself."""
-        rows, columns = np.mgrid[: field.shape[0], : field.shape[1]] - MARGIN_PX
-        # The grid's first pixel is the border's: its indices are one more than the image's.
-        at_px = field.astype(float) + np.stack((columns, rows), -1) + 1
-        wanted = lost | in_dispute(at_px, lost.shape)
-        if not wanted.any():
-            return at
-        points = nearest(at_px, out_mm, wanted) - MARGIN_PX
-        blind = int(np.isnan(points[:, 0]).sum())
-        if blind:
-            raise SolverError(
-                f"{blind} pixels of the picture see no point of the surface within {MARGIN_PX} px "
-                "of the view"
-            )
-        at = at.copy()
-        at[wanted] = points
+        at[open_] = _newton(field, self._target[open_], at[open_])
+        # The border's first pixel has the index 0, and lies at -1.
+        at_px = seen_px + 1
+        wanted = np.isnan(at[..., 0]) | in_dispute(at_px, at.shape[:2])
+        if wanted.any():
+            at[wanted] = nearest(at_px, out_mm, wanted) - MARGIN_PX
+            blind = int(np.isnan(at[..., 0]).sum())
+            if blind:
+                raise SolverError(
+                    f"{blind} pixels of the picture see no point of the surface within "
+                    f"{MARGIN_PX} px of the view"
+                )
         return at
 
 
-def _newton(field: Float, target: Float, start: Float) -> tuple[Float, NDArray[np.bool_]]:
+def _newton(field: Float, target: Float, start: Float) -> Float:
     """Solve X + g(X) = p for points (n, 2) px, g bilinear on the field with its margin.
 
-    And which of them were not found.
+    nan for those that no step brings home.
     """
     height, width = field.shape[:2]
     p, at = target.astype(float), start.astype(float)
@@ -168,6 +158,5 @@ def _newton(field: Float, target: Float, start: Float) -> tuple[Float, NDArray[n
         step = np.stack((yy * miss[:, 0] - xy * miss[:, 1], xx * miss[:, 1] - yx * miss[:, 0]), -1)
         at[left] -= np.clip(step / det[:, None], -MAX_STEP_PX, MAX_STEP_PX)
         left = left[np.max(np.abs(miss), axis=-1) >= TOLERANCE_PX]
-    missed = np.zeros(len(at), bool)
-    missed[left] = True
-    return at.astype(np.float32), missed
+    at[left] = np.nan
+    return at.astype(np.float32)
