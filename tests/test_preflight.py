@@ -13,9 +13,9 @@ from deltact_fab import bench, preflight
 from deltact_fab.cad.design import load_design
 from deltact_fab.cli.protocol import protocol as command
 from deltact_fab.errors import InputError, SolverError
-from deltact_fab.gel.contact import LayerContact
 from deltact_fab.gel.finite import FinitePress
-from deltact_fab.gel.layer import BondedLayer
+from deltact_fab.gel.linear.contact import LayerContact
+from deltact_fab.gel.linear.layer import BondedLayer
 from deltact_fab.gel.material import GelMaterial
 from deltact_fab.preflight import ForceLimits, judge, limits_of, predict, require
 from deltact_fab.preflight.press import PressCurve, grown_n, press_curve

@@ -72,9 +72,9 @@ def fit(
     shear_y_mm, fx_n, fy_n (the force on the sensor); rows in the order measured.
     """
     from ..catalog import validate
-    from ..gel.fit import fit_press
+    from ..gel.fit.fit import fit_press
+    from ..gel.fit.measured import read_csv
     from ..gel.material import GelMaterial
-    from ..gel.measured import read_csv
     from ..shapes.indenter import parse
     from .output import echo_json, progress
 
@@ -102,7 +102,7 @@ def fit(
     else:
         _show(result)
     if plot_path is not None:
-        from ..gel.fit_figure import save_figure
+        from ..gel.fit.figure import save_figure
 
         save_figure(found, plot_path, f"{data.name}, {shape.name}, {thickness_mm:g} mm gel")
 

@@ -4,9 +4,9 @@ Level one is the linear bonded layer: `BondedLayer` (tractions to displacement) 
 (one indenter, state to state). `reference` holds the solutions they are measured against.
 """
 
-from .contact import LayerContact
-from .contact_state import ContactState
-from .layer import BondedLayer
+from .linear.contact import LayerContact
+from .linear.layer import BondedLayer
+from .linear.state import ContactState
 from .material import GelMaterial
 
 __all__ = ["BondedLayer", "ContactState", "GelMaterial", "LayerContact"]

@@ -12,7 +12,6 @@ from typing import Literal
 
 from ..errors import InputError
 from ..shapes import Indenter, SkinDimensions
-from .contact_limits import DEPTH_LIMIT
 from .finite.mesh import unknowns
 from .footprint import (
     contact_radius_mm,
@@ -22,6 +21,7 @@ from .footprint import (
     whole_radius_mm,
 )
 from .level import Level, Reach
+from .linear.limits import DEPTH_LIMIT
 from .material import GelMaterial
 
 LINEAR: tuple[Level, ...] = ("layer", "block")  # the cheaper first

@@ -184,10 +184,10 @@ def contact_of(
     """The contact that a choice describes; lattice_mm as in `open_contact`."""
     x, y = (_lattice(half, lattice_mm) for half in skin.opening_half_mm)
     if choice.level == "hyperelastic":
-        from .finite_gel import FiniteGel
+        from .finite.gel import FiniteGel
 
         return FiniteGel(skin, material, indenter, choice, x, y)
-    from .linear_gel import LinearGel
+    from .linear.gel import LinearGel
 
     return LinearGel(skin, material, indenter, choice, x, y)
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .layer import surface_compliance
+from .linear.layer import surface_compliance
 from .material import GelMaterial
 
 Field = NDArray[np.float64]

@@ -17,7 +17,7 @@ Each depth gets the first answer that holds:
 4. `bound`: a flat punch over the whole footprint (`reference.flat_punch_factor`), times h/(h - d);
    also the ceiling of 3.
 
-The depth-force curve of `gel.curve` is not used: it raises where the engine refuses and does not
+The depth-force curve of `gel.fit.curve` is not used: it raises where the engine refuses and does not
 say how far the indenter is inside the mesh, which is what decides here.
 """
 
@@ -154,9 +154,9 @@ def _layer(
     depths_mm: Sequence[float],
 ) -> dict[float, float]:
     """Forces at those depths that the layer does not refuse."""
-    from ..gel.contact import LayerContact
-    from ..gel.contact_limits import DEPTH_LIMIT
-    from ..gel.layer import BondedLayer
+    from ..gel.linear.contact import LayerContact
+    from ..gel.linear.layer import BondedLayer
+    from ..gel.linear.limits import DEPTH_LIMIT
 
     most = min(DEPTH_LIMIT * skin.thickness_mm, indenter.equator_mm)
     shallow = [d for d in depths_mm if d <= most]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from ..errors import InputError
-from ..gel.contact_limits import DEPTH_LIMIT
 from ..gel.finite.material import MOST_POISSON
+from ..gel.linear.limits import DEPTH_LIMIT
 from ..protocols.plan import Protocol
 from ..rig.config import GelConfig
 from ..shapes import SensorDimensions

@@ -138,7 +138,7 @@ class Presses:
             "mirrors": choice.mirrors,
             # The linear levels' grids know no focus.
             "focus": None if choice.level in LINEAR else choice.focus,
-            # It parts long increments, see `gel.finite_gel`.
+            # It parts long increments, see `gel.finite.gel`.
             "step_mm": None if choice.level in LINEAR else choice.step_mm,
             "lattice_mm": self._lattice_mm,
             "increments": asdict(self.increments),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..gel.contact import SMALL_STRAIN
+from ..gel.linear.contact import SMALL_STRAIN
 from ..optics import Pinhole
 from ..patterns.recipe import PatternRecipe
 from ..protocols.plan import Protocol

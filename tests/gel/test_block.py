@@ -9,17 +9,17 @@ from hypothesis import strategies as st
 from scipy.interpolate import RectBivariateSpline
 
 from deltact_fab.errors import InputError
-from deltact_fab.gel.block import FreeBlock
-from deltact_fab.gel.contact import LayerContact
-from deltact_fab.gel.contact_state import ContactState
 from deltact_fab.gel.finite import FinitePress, block_mesh
 from deltact_fab.gel.finite.assembly import BulkAssembly
 from deltact_fab.gel.finite.linear import make_solver
 from deltact_fab.gel.finite.material import NeoHooke
 from deltact_fab.gel.finite.pattern import Pattern
-from deltact_fab.gel.layer import BondedLayer
+from deltact_fab.gel.linear.block import FreeBlock
+from deltact_fab.gel.linear.contact import LayerContact
+from deltact_fab.gel.linear.layer import BondedLayer
+from deltact_fab.gel.linear.sides import bricks, free_sides
+from deltact_fab.gel.linear.state import ContactState
 from deltact_fab.gel.material import GelMaterial
-from deltact_fab.gel.sides import bricks, free_sides
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 

@@ -182,7 +182,7 @@ def test_a_line_of_the_table_depends_on_no_more_than_its_key_says() -> None:
 
 def test_a_picked_mesh_depends_on_no_more_than_its_key_says() -> None:
     known = reached("gel/choose.py", "gel/level.py")
-    assert gel_sources.PACKAGE / "gel/sides.py" in known
+    assert gel_sources.PACKAGE / "gel/linear/sides.py" in known
     # The store of what is solved once for all goes by the hash of what it is made from.
     assert known <= said(*gel_sources.SOLVED, "cache.py", "__init__.py")
     rows = {r.name: r for r in evidence.rows()}

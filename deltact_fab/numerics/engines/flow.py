@@ -79,7 +79,7 @@ def frames(scratch: Path, motion: str) -> Frames:
 
 
 def _draw(motion: str) -> Frames:
-    from ...gel.layer import BondedLayer
+    from ...gel.linear.layer import BondedLayer
     from ...gel.material import GelMaterial
     from ...imaging import Printer, Sensor
     from ...patterns.raster import albedo
@@ -116,7 +116,7 @@ def _draw(motion: str) -> Frames:
 
 
 def _pressed(layer: Any) -> Field:
-    from ...gel.contact import LayerContact
+    from ...gel.linear.contact import LayerContact
     from ...shapes.indenter import parse
 
     contact = LayerContact(layer, parse("sphere:10"))

@@ -11,20 +11,15 @@ SHAPES = tuple(
 )
 PRISM = "shapes/prism.py"
 """Of what presses a prism or a star, and of nothing else."""
-FINITE = ("gel/finite/*.py", "gel/material.py", "gel/footprint.py", *SHAPES)
+FINITE = ("gel/finite/[!g]*.py", "gel/material.py", "gel/footprint.py", *SHAPES)
 """The finite-strain level by itself; a test holds it to what it imports."""
 SOLVED = (
     *FINITE,
     PRISM,
-    *(
-        f"gel/{n}.py"
-        for n in (
-            "block", "choose", "complementarity", "contact", "contact_limits", "contact_patch",
-            "contact_state", "face", "finite_gel", "layer", "level", "linear_gel", "mixing",
-            "sides",
-        )
-    ),
-)  # fmt: skip
+    "gel/linear/*.py",
+    "gel/choose.py",
+    "gel/level.py",
+)
 """All levels on a mesh or grid that is picked or named; a test holds it to what these import."""
 LEVELS = ("gel/**/*.py", *SHAPES)
 """The same with its error estimated and the mesh refined, and all else that is done with a gel."""

@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...gel import reference
-from ...gel.complementarity import normal_contact
-from ...gel.contact import LayerContact
-from ...gel.contact_state import ContactState
-from ...gel.layer import BondedLayer
+from ...gel.linear.complementarity import normal_contact
+from ...gel.linear.contact import LayerContact
+from ...gel.linear.layer import BondedLayer
+from ...gel.linear.state import ContactState
 from ...gel.material import GelMaterial
 from ...shapes import SkinDimensions
 from ...shapes.indenter import Indenter, parse

@@ -25,14 +25,14 @@ import scipy.linalg
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from .. import cache
-from ..errors import InputError
-from ..shapes import SkinDimensions
-from .finite.assembly import BulkAssembly
-from .finite.material import NeoHooke
-from .finite.mesh import HexMesh
-from .finite.pattern import Pattern
-from .material import GelMaterial
+from ... import cache
+from ...errors import InputError
+from ...shapes import SkinDimensions
+from ..finite.assembly import BulkAssembly
+from ..finite.material import NeoHooke
+from ..finite.mesh import HexMesh
+from ..finite.pattern import Pattern
+from ..material import GelMaterial
 
 Field = NDArray[np.float64]
 Index = NDArray[np.int64]

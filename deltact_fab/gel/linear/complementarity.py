@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import SolverError
+from ...errors import SolverError
 from .face import Field, PatchOperator
 
 Mask = NDArray[np.bool_]

@@ -21,14 +21,14 @@ from typing import Literal
 
 import numpy as np
 
-from ..errors import InputError, SolverError
-from ..shapes import Indenter
+from ...errors import InputError, SolverError
+from ...shapes import Indenter
 from .complementarity import friction_contact, normal_contact, normal_violation
-from .contact_limits import Point, least_det, refuse_bad_contact, refuse_out_of_range
-from .contact_patch import Patch, footprint, patch_below
-from .contact_state import ContactState, untouched
 from .face import FaceOperator, Field
+from .limits import Point, least_det, refuse_bad_contact, refuse_out_of_range
 from .mixing import Mixer
+from .patch import Patch, footprint, patch_below
+from .state import ContactState, untouched
 
 Kinematics = Literal["deformed", "reference"]
 

@@ -21,11 +21,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import cache
-from ..errors import InputError
-from ..shapes import Indenter, SkinDimensions
-from .finite import FinitePress, FiniteState, HexMesh, block_mesh
-from .material import GelMaterial
+from ... import cache
+from ...errors import InputError
+from ...shapes import Indenter, SkinDimensions
+from ..finite import FinitePress, FiniteState, HexMesh, block_mesh
+from ..material import GelMaterial
 from .power_law import PowerLaw, evaluated, interpolant, left_out
 from .shallow import layer_forces, seen_from_mm, widest_mm
 

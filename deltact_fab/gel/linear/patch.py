@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import SolverError
-from ..shapes import Indenter
+from ...errors import SolverError
+from ...shapes import Indenter
 from .face import FaceOperator, PatchOperator
 
 Field = NDArray[np.float64]

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from ..errors import InputError, SolverError
-from ..shapes import Indenter
-from .contact_patch import span
+from ...errors import InputError, SolverError
+from ...shapes import Indenter
 from .face import FaceOperator, Field
+from .patch import span
 
 Point = tuple[float, float, float]
 Mask = NDArray[np.bool_]

@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
-from ..shapes import Indenter, SkinDimensions
-from .finite.field import FaceLattice, tractions_mpa, whole_wrench
-from .finite.mesh import block_mesh
-from .finite.press import FinitePress
-from .finite.state import PENETRATION_LIMIT, FiniteState, sum_of, with_diagnostics
-from .level import Diagnostics, Level, Point
-from .material import GelMaterial
+from ...errors import InputError
+from ...shapes import Indenter, SkinDimensions
+from ..level import Diagnostics, Level, Point
+from ..material import GelMaterial
+from .field import FaceLattice, tractions_mpa, whole_wrench
+from .mesh import block_mesh
+from .press import FinitePress
+from .state import PENETRATION_LIMIT, FiniteState, sum_of, with_diagnostics
 
 if TYPE_CHECKING:
-    from .choose import Choice
+    from ..choose import Choice
 
 Field = NDArray[np.float64]
 

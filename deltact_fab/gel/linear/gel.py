@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..shapes import Indenter, SkinDimensions
+from ...shapes import Indenter, SkinDimensions
+from ..finite.field import hermite
+from ..level import Diagnostics, Level, Point
+from ..material import GelMaterial
 from .contact import LayerContact
-from .contact_state import ContactState
 from .face import FaceOperator
-from .finite.field import hermite
-from .level import Diagnostics, Level, Point
-from .material import GelMaterial
+from .state import ContactState
 
 if TYPE_CHECKING:
-    from .choose import Choice
+    from ..choose import Choice
 
 Field = NDArray[np.float64]
 

@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
-from ..shapes import SkinDimensions
+from ...errors import InputError
+from ...shapes import SkinDimensions
+from ..material import GelMaterial
 from .layer import BondedLayer, WindowOperator, _even_fast_length
-from .material import GelMaterial
 from .sides import PADDING, FreeSides, free_sides, halves
 
 Field = NDArray[np.float64]

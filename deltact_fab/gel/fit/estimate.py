@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import RunFailed
+from ...errors import RunFailed
 from .press_model import PressModel
 
 Field = NDArray[np.float64]

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
-from ..shapes import Indenter, SkinDimensions
+from ...errors import InputError
+from ...shapes import Indenter, SkinDimensions
 from .curve import DEEPEST, Point2, Progress, default_spacing_mm
 from .estimate import WIDER, Bounds, Estimate, Solution, best_touch, own_share, smooth_part, solve
 from .measured import Measured, before_drag

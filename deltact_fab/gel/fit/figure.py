@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .figure_file import require_place, save
+from ..figure_file import require_place, save
 from .fit import GelFit
 
 LABELS = ("normal", "side force x", "side force y")

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, did_you_mean
+from ...errors import InputError, did_you_mean
 
 Field = NDArray[np.float64]
 

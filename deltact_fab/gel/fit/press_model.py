@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..shapes import Indenter, SkinDimensions
+from ...shapes import Indenter, SkinDimensions
+from ..material import GelMaterial
 from .curve import ForceCurve, Point2, Progress, force_curve, force_path
-from .material import GelMaterial
 from .measured import Measured
 
 Field = NDArray[np.float64]

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import DeltactFabError
-from ..shapes import Indenter, SkinDimensions
-from .contact import LayerContact
-from .layer import BondedLayer
-from .material import GelMaterial
+from ...errors import DeltactFabError
+from ...shapes import Indenter, SkinDimensions
+from ..linear.contact import LayerContact
+from ..linear.layer import BondedLayer
+from ..material import GelMaterial
 
 CELLS = 3.0  # contact radius over cell size, from which a mesh is trusted
 PARTS = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 3 / 4)  # of the first solved depth
