@@ -109,7 +109,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     import serial
 
     from deltact_fab import imaging
-    from deltact_fab.gel import contact
+    from deltact_fab.gel.linear import contact
     from deltact_fab.rig import force
     from deltact_fab.virtual import netft, picture
 

@@ -17,8 +17,8 @@ Each depth gets the first answer that holds:
 4. `bound`: a flat punch over the whole footprint (`reference.flat_punch_factor`), times h/(h - d);
    also the ceiling of 3.
 
-The depth-force curve of `gel.fit.curve` is not used: it raises where the engine refuses and does not
-say how far the indenter is inside the mesh, which is what decides here.
+The depth-force curve of `gel.fit.curve` is not used: it raises where the engine refuses and does
+not say how far the indenter is inside the mesh, which is what decides here.
 """
 
 from __future__ import annotations
