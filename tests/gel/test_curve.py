@@ -9,7 +9,7 @@ from deltact_fab import cache
 from deltact_fab.errors import InputError
 from deltact_fab.gel.finite import FinitePress, block_mesh
 from deltact_fab.gel.fit import curve as module
-from deltact_fab.gel.fit.fit.curve import ForceCurve, default_spacing_mm, force_curve, force_path
+from deltact_fab.gel.fit.curve import ForceCurve, default_spacing_mm, force_curve, force_path
 from deltact_fab.gel.material import GelMaterial
 from deltact_fab.gel.reference import hertz_force_n
 from deltact_fab.shapes import SkinDimensions
