@@ -171,7 +171,7 @@ def _knots(name: str) -> None:
     gel = GelConfig(hyperelastic=finite)
     presses = Presses(protocol, SkinDimensions(), gel)
     for path in presses.paths:
-        presses.of(path).solve_all()
+        presses.of(path).solver.solve_all()
 
 
 def _measured(progress: Callable[[int, int, str], None]) -> list[dict[str, Any]]:

@@ -79,11 +79,11 @@ def solve_ahead(
             row = Row(path.press, 0, failure=" ".join(str(why).split()))
         else:
             row = _row(press, presses.modulus_mpa)
-            name = press.stored_as or press.name
-            if press.found is None and name in todo:
+            name = press.solver.stored_as or press.name
+            if press.solver.found is None and name in todo:
                 row.like = todo[name].press
                 waiting.append((row, todo[name]))
-            elif press.found is None:
+            elif press.solver.found is None:
                 todo[name] = row
         rows.append(row)
         if not row.like:
@@ -177,7 +177,7 @@ def _solved(
     press = presses.of(path_of(presses, name))
     failure = ""
     try:
-        press.solve_all(hear)
+        press.solver.solve_all(hear)
     except DeltactFabError as why:
         failure = " ".join(str(why).split())
     except (ArithmeticError, ValueError, MemoryError) as why:
@@ -190,13 +190,14 @@ def _solved(
 def _row(press: Press, modulus_mpa: float) -> Row:
     return Row(
         press.name,
-        len(press.poses),
-        done=len(press.knots),
-        found=press.found is not None,
-        seconds=press.found.seconds if press.found else 0.0,
-        between_mm=press.between.displacement_mm,
-        between_n=modulus_mpa * press.between.force_n,
-        flags=press.flags,
+        len(press.solver.poses),
+        done=len(press.solver.knots),
+        found=press.solver.found is not None,
+        seconds=press.solver.found.seconds if press.solver.found else 0.0,
+        between_mm=press.solver.between.displacement_mm,
+        between_n=modulus_mpa * press.solver.between.force_n,
+        flags=press.solver.flags,
+        failure=press.solver.ended,
     )
 
 

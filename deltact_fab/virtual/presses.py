@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import asdict
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..gel.choose import pick
+from ..gel.level import Reach
 from ..gel.material import GelMaterial
+from ..gel.path.knots import Between, Increments, Observed, Pose
+from ..gel.path.open import choose, open_path
+from ..gel.path.solver import PathSolver
 from ..protocols.plan import Protocol
 from ..rig.config import GelConfig
-from ..shapes import Indenter, SkinDimensions
+from ..shapes import SkinDimensions
 from ..shapes.indenter import parse as parse_indenter
-from .mirror import to_solved
+from .paths import PressPath, paths, poses
 from .press import SAME_MM, Press
-from .trajectory import VERSION, Between, Increments, Line, PressPath, paths, poses
 
 if TYPE_CHECKING:
     from ..gel.choose import Choice
-    from ..gel.level import GelContact, Level
+    from ..gel.level import Level
 
 Field = NDArray[np.float64]
-Box = tuple[tuple[float, float], tuple[float, float], float]
 
 LINEAR = ("layer", "block")
 
@@ -47,9 +49,9 @@ class Presses:
         self.material = GelMaterial(1.0, specimen.poisson, specimen.friction, specimen.prony)
         self.paths = paths(protocol)
         self.opened: list[Press] = []
-        self._skin, self._config = skin, config
+        self._skin = skin
         finite = config.hyperelastic
-        self._lattice_mm, self.increments = (
+        lattice_mm, self.increments = (
             (config.spacing_mm, Increments(config.press_increment_mm, config.shear_increment_mm))
             if self.level in LINEAR
             else (
@@ -57,6 +59,16 @@ class Presses:
                 Increments(finite.press_increment_mm, finite.shear_increment_mm),
             )
         )
+        self.observed = Observed(
+            "all" if self.fields else "none", between=True, lattice_mm=lattice_mm
+        )
+        self._wishes: dict[str, Any] = {
+            "tolerance": finite.tolerance,
+            "level": self.level,
+            "observe_shear": self.shears,
+            "spacing_mm": config.spacing_mm if self.level in LINEAR else finite.cell_mm,
+            "most_unknowns": finite.most_unknowns,
+        }
         self._deepest_mm = max(protocol.depths_mm)
         self._amplitude_mm = protocol.shear.amplitude_mm if protocol.shear else 0.0
         self._waiting: dict[str, Press] = {}
@@ -65,7 +77,7 @@ class Presses:
         """The lattice's nodes along x and y, the same for all presses."""
         first = self.paths[0]
         press = self._waiting[first.press] = self._press(first)
-        return press.axes_mm
+        return press.solver.axes_mm
 
     def open(self, indenter: str, at_mm: tuple[float, float]) -> Press:
         """The press of an indenter at a place; one that is not planned is solved and not kept."""
@@ -75,13 +87,13 @@ class Presses:
                 return self.of(path)
         a = self._amplitude_mm
         half = self._skin.opening_half_mm
-        x, y = ((max(v - a, -h), min(v + a, h)) for v, h in zip(at_mm, half, strict=True))
-        shape = parse_indenter(indenter)
-        choice = self._pick(shape, (x, y, self._deepest_mm))
-        floor_mm = self._skin.thickness_mm
-        return self._opened(
-            Press(self._opener(shape, choice), fields=self.fields, floor_mm=floor_mm)
+        (x0, x1), (y0, y1) = (
+            (max(v - a, -h), min(v + a, h)) for v, h in zip(at_mm, half, strict=True)
         )
+        shape = parse_indenter(indenter)
+        reach = Reach((x0, x1), (y0, y1), self._deepest_mm)
+        choice = pick(self._skin, self.material, shape, reach, **self._wishes)
+        return self._opened(Press(self._solver(indenter, (), choice)))
 
     def of(self, path: PressPath) -> Press:
         """A planned press."""
@@ -90,7 +102,7 @@ class Presses:
 
     def _opened(self, press: Press) -> Press:
         if self.opened:
-            self.opened[-1].close()
+            self.opened[-1].solver.close()
         self.opened.append(press)
         return press
 
@@ -99,77 +111,25 @@ class Presses:
         """Worst interpolation of the presses opened, forces for a modulus of 1 MPa."""
         worst = Between()
         for press in self.opened:
-            worst = worst.joined(press.between)
+            worst = worst.joined(press.solver.between)
         return worst
 
     def choice(self, path: PressPath) -> Choice:
-        """Mesh and friction of a planned press. Raises InputError where the level has none.
-
-        Of the press's mirror image, where that is solved instead.
-        """
-        indenter = parse_indenter(path.indenter)
-        return self._pick(indenter, to_solved(path, indenter).path(path).box_mm)
+        """Mesh and friction of a planned press. Raises InputError where the level has none."""
+        return self._choose(path.indenter, poses(path, self.increments, self.timed))
 
     def _press(self, path: PressPath) -> Press:
-        indenter, choice = parse_indenter(path.indenter), self.choice(path)
-        mirror = to_solved(path, indenter)
-        return Press(
-            self._opener(indenter, choice),
-            poses(path, self.increments, self.timed),
-            path.waypoints,
-            self._key(mirror.path(path), indenter, choice),
-            self.fields,
-            path.press,
-            mirror,
-            self._skin.thickness_mm,
-        )
+        planned = poses(path, self.increments, self.timed)
+        solver = self._solver(path.indenter, planned, self._choose(path.indenter, planned))
+        return Press(solver, path.press, path.waypoints)
 
-    def _key(self, path: PressPath, indenter: Indenter, choice: Choice) -> dict[str, Any]:
-        material, skin = self.material, self._skin
-        return {
-            "version": VERSION,
-            "skin": [skin.width_mm, skin.length_mm, skin.thickness_mm],
-            "poisson": material.poisson,
-            "friction": choice.friction,
-            "prony": material.prony,
-            "indenter": repr(indenter),
-            "level": choice.level,
-            "spacing_mm": choice.spacing_mm,
-            "mirrors": choice.mirrors,
-            # The linear levels' grids know no focus.
-            "focus": None if choice.level in LINEAR else choice.focus,
-            # It parts long increments, see `gel.finite.gel`.
-            "step_mm": None if choice.level in LINEAR else choice.step_mm,
-            "lattice_mm": self._lattice_mm,
-            "increments": asdict(self.increments),
-            "lines": [_untimed(line, self.timed) for line in path.lines],
-            "fields": self.fields,
-        }
+    def _choose(self, indenter: str, planned: Sequence[Pose]) -> Choice:
+        shape = parse_indenter(indenter)
+        return choose(self._skin, self.material, shape, planned, **self._wishes)
 
-    def _pick(self, indenter: Indenter, box: Box) -> Choice:
-        from ..gel.choose import pick
-        from ..gel.level import Reach
-
-        finite = self._config.hyperelastic
-        return pick(
-            self._skin,
-            self.material,
-            indenter,
-            Reach(*box),
-            finite.tolerance,
-            level=self.level,
-            observe_shear=self.shears,
-            spacing_mm=self._config.spacing_mm if self.level in LINEAR else finite.cell_mm,
-            most_unknowns=finite.most_unknowns,
-        )
-
-    def _opener(self, indenter: Indenter, choice: Choice) -> Callable[[], GelContact]:
-        def opened() -> GelContact:
-            from ..gel.level import contact_of
-
-            return contact_of(self._skin, self.material, indenter, choice, self._lattice_mm)
-
-        return opened
+    def _solver(self, indenter: str, planned: Sequence[Pose], choice: Choice) -> PathSolver:
+        shape = parse_indenter(indenter)
+        return open_path(self._skin, self.material, shape, planned, self.observed, choice)
 
 
 def path_of(presses: Presses, name: str) -> PressPath:
@@ -179,8 +139,3 @@ def path_of(presses: Presses, name: str) -> PressPath:
             return path
     known = ", ".join(path.press for path in presses.paths)
     raise InputError(f"no press {name!r}; valid: {known}")
-
-
-def _untimed(line: Line, timed: bool) -> list[Any]:
-    """A line as the store's key has it: feeds and rests only matter to a gel that creeps."""
-    return [line.start_mm, line.end_mm, *((line.seconds, line.dwell_s) if timed else ())]

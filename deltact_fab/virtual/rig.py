@@ -164,8 +164,8 @@ class VirtualRig:
         """What a reader of the results must know."""
         presses = self.presses
         opened = presses.opened
-        solved = sum(p.solves for p in opened)
-        found = sum(len(p.knots) for p in opened if p.found is not None)
+        solved = sum(p.solver.solves for p in opened)
+        found = sum(len(p.solver.knots) for p in opened if p.solver.found is not None)
         lines = [
             f"{solved} contact problems solved, {found} found in the store (no pattern, camera or "
             "modulus matters to them); between them displacements and forces are interpolated "
@@ -235,9 +235,9 @@ def _flag_notes(presses: Presses) -> list[str]:
     where: dict[str, list[str]] = {}
     example: dict[str, str] = {}
     for press in presses.opened:
-        for name, count in press.flags.items():
+        for name, count in press.solver.flags.items():
             where.setdefault(name, []).append(f"{press.name} ({count})")
-        for flag in (f for knot in press.knots for f in knot.flags):
+        for flag in (f for knot in press.solver.knots for f in knot.flags):
             example[flag.partition(":")[0]] = flag
     return [
         f"WARNING: {example[name]}; so or alike at knots of {', '.join(found)}"

@@ -15,12 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..gel.path.knots import CONTACT_EPS_MM, Increments, Point, Solved, divide
 from ..optics import StageFrame, SurfaceLattice
 from .clock import NS_PER_S, NsClock
 from .controller import GrblController
 from .motion import Segment
 from .press import Press
-from .trajectory import CONTACT_EPS_MM, Increments, Point, Solved, divide
 
 Wrench = tuple[Point, Point]
 SQUARE = 1e-6  # of the spacing: rounding of a lattice
@@ -174,7 +174,7 @@ class GelScene:
         press = self._press = self._presses(self._indenter, (x, y))
         rest = None
         if self._crop is not None:
-            x_mm, y_mm = press.axes_mm
+            x_mm, y_mm = press.solver.axes_mm
             rest = np.zeros_like(self._crop(np.zeros((len(y_mm), len(x_mm), 3))))
         self._rest = Knot(0, 0, rest, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
         self._settle(self._rest, 0)
@@ -203,8 +203,8 @@ class GelScene:
         if rest_s is None:
             return Observation(self._here, self._here, 0.0)
         assert self._press is not None
-        tip = self._press.poses[self._here.key].tip_mm
-        after = self._knot(self._press.next(self._here.key, tip, rest_s))
+        tip = self._press.solver.poses[self._here.key].tip_mm
+        after = self._knot(self._press.solver.next(self._here.key, tip, rest_s))
         fraction = min((now_ns - self._arrived_ns) / NS_PER_S / rest_s, 1.0)
         if fraction == 1.0:
             self._settle(after, self._arrived_ns)
@@ -275,7 +275,7 @@ class GelScene:
             assert self._press is not None, "begin() comes before the first press"
             whole_s = (line.segment.end_ns - line.segment.start_ns) / NS_PER_S
             seconds = (line.at[k] - line.at[k - 1]) * whole_s
-            line.knots.append(self._knot(self._press.next(line.knots[-1].key, tip, seconds)))
+            line.knots.append(self._knot(self._press.solver.next(line.knots[-1].key, tip, seconds)))
 
     def _knot(self, found: tuple[int, Solved]) -> Knot:
         key, solved = found

@@ -16,7 +16,7 @@ from click.testing import CliRunner, Result
 
 from deltact_fab import bench, cache
 from deltact_fab.cli.gel_path import path as command
-from deltact_fab.virtual.trajectory import KIND
+from deltact_fab.gel.path.store import KIND
 
 PROTOCOL = """
 name = "ahead"
@@ -95,7 +95,12 @@ def test_a_press_that_fails_is_one_line_and_exit_1(tmp_path: Path) -> None:
     assert lines[0].startswith("failed: sphere-12/p1: contact: sphere:12 at depth 0.02 ")
     assert "sphere-12/p1: 0 of" in told.stderr
     assert re.search(r"sphere-12/p2: (\d+) of \1 knots in \d+ s, solved", told.stderr)
-    assert len(list((cache.user_folder() / KIND).glob("*.bin"))) == 1
+    # The refusal is kept as well: asked again, nothing is solved and the same is said.
+    assert len(list((cache.user_folder() / KIND).glob("*.bin"))) == 2
+    again = ask(protocol, rig, "--jobs", "1")
+    assert again.exit_code == 1
+    assert lines[0] in again.stderr.splitlines()
+    assert "0 knots solved" in again.stdout
 
 
 def test_an_override_says_what_run_would_need(tmp_path: Path) -> None:

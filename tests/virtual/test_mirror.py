@@ -8,17 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+from deltact_fab.gel.path import open as open_module
+from deltact_fab.gel.path.knots import Increments, Pose, Solved
+from deltact_fab.gel.path.mirror import Mirror, to_solved
+from deltact_fab.gel.path.solver import PathSolver
 from deltact_fab.protocols import plan
 from deltact_fab.protocols.plan import Protocol
 from deltact_fab.rig.config import FiniteGelConfig, GelConfig
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
-from deltact_fab.virtual import presses as presses_module
 from deltact_fab.virtual.ahead import solve_ahead
-from deltact_fab.virtual.mirror import Mirror, to_solved
-from deltact_fab.virtual.press import Press
+from deltact_fab.virtual.paths import PressPath, paths, poses
 from deltact_fab.virtual.presses import Presses
-from deltact_fab.virtual.trajectory import Solved, paths
 
 GELS = {
     "layer": GelConfig(spacing_mm=1.0, press_increment_mm=0.25, shear_increment_mm=0.5),
@@ -50,9 +51,9 @@ def _own_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DELTACT_FAB_CACHE", str(tmp_path / "store"))
 
 
-def whole(protocol: Protocol, number: int, level: str) -> Press:
+def whole(protocol: Protocol, number: int, level: str) -> PathSolver:
     presses = Presses(protocol, SKIN, GELS[level])
-    press = presses.of(presses.paths[number])
+    press = presses.of(presses.paths[number]).solver
     press.solve_all()
     return press
 
@@ -81,7 +82,7 @@ def test_the_image_of_a_solved_press_is_what_a_solve_of_its_own_finds(
     assert first.solves == len(first.poses)
     assert image.found is not None
     assert image.solves == 0
-    monkeypatch.setattr(presses_module, "to_solved", lambda *_: Mirror())
+    monkeypatch.setattr(open_module, "to_solved", lambda *_: Mirror())
     own = whole(protocol, number, level)
     assert own.found is None
     tips = [pose.tip_mm for pose in own.poses]
@@ -95,22 +96,27 @@ def test_off_the_plan_an_image_is_solved_in_its_own_frame() -> None:
     whole(protocol, 0, "layer")
     presses = Presses(protocol, SKIN, GELS["layer"])
     (_, a), (_, b) = (
-        presses.of(presses.paths[n]).next(2, (x, 2.0, -0.5), 1.0) for n, x in ((0, 3.3), (1, -3.3))
+        presses.of(presses.paths[n]).solver.next(2, (x, 2.0, -0.5), 1.0)
+        for n, x in ((0, 3.3), (1, -3.3))
     )
     assert b.force_n == pytest.approx((-a.force_n[0], *a.force_n[1:]), rel=1e-9)
     assert b.torque_nmm == pytest.approx((a.torque_nmm[0], *(-t for t in a.torque_nmm[1:])))
 
 
+def way(path: PressPath) -> list[Pose]:
+    return poses(path, Increments(1.0, 1.0), timed=False)
+
+
 def test_only_planes_that_indenter_and_path_share_are_used() -> None:
     outward, positive = declared(), declared(shear={"amplitude_mm": 1.0})
-    there = [to_solved(p, parse("ellipsoid")) for p in paths(outward)]
+    there = [to_solved(way(p), parse("ellipsoid")) for p in paths(outward)]
     assert there == [Mirror(False, False), Mirror(True, False), Mirror(True, True),
                      Mirror(False, True)]  # fmt: skip
     # A star of five points has no mirror plane x = 0.
-    assert to_solved(paths(outward)[1], parse("star")) == Mirror(False, False)
-    assert to_solved(paths(outward)[2], parse("star")) == Mirror(False, True)
+    assert to_solved(way(paths(outward)[1]), parse("star")) == Mirror(False, False)
+    assert to_solved(way(paths(outward)[2]), parse("star")) == Mirror(False, True)
     # All go to + first: images in place, but not in path.
-    seen = {Presses(positive, SKIN, GELS["layer"]).of(p).stored_as for p in paths(positive)}
+    seen = {Presses(positive, SKIN, GELS["layer"]).of(p).solver.stored_as for p in paths(positive)}
     assert len(seen) == 4
 
 
@@ -138,4 +144,4 @@ def test_pattern_selection_takes_six_solves_for_its_twenty_presses() -> None:
     protocol, _ = plan.load("pattern-selection")
     presses = Presses(protocol, SKIN, GelConfig())
     assert len(presses.paths) == 20
-    assert len({presses.of(path).stored_as for path in presses.paths}) == 6
+    assert len({presses.of(path).solver.stored_as for path in presses.paths}) == 6

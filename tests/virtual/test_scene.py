@@ -7,6 +7,8 @@ import pytest
 
 from deltact_fab.gel.level import GelContact, Reach, State, open_contact
 from deltact_fab.gel.material import GelMaterial
+from deltact_fab.gel.path.knots import Increments, Observed, Pose
+from deltact_fab.gel.path.solver import PathSolver
 from deltact_fab.optics import StageFrame
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
@@ -14,7 +16,6 @@ from deltact_fab.virtual.clock import VirtualClock
 from deltact_fab.virtual.controller import GrblController
 from deltact_fab.virtual.press import Press
 from deltact_fab.virtual.scene import GelScene, LatticeCrop
-from deltact_fab.virtual.trajectory import Increments, Pose
 
 FRAME = StageFrame((-60.0, -60.0, -40.0))
 E_MPA = 0.56
@@ -29,6 +30,7 @@ def layer(modulus_mpa: float) -> GelContact:
 
 
 UNIT = layer(1.0)  # what a press is solved with
+ALL = Observed("all")
 
 
 class Bench:
@@ -52,12 +54,12 @@ class Bench:
 
     def press(self, indenter: str, at_mm: tuple[float, float]) -> Press:
         assert indenter == "sphere:10"
-        self.presses.append(Press(lambda: UNIT))
+        self.presses.append(Press(PathSolver(lambda: UNIT, observed=ALL)))
         return self.presses[-1]
 
     @property
     def solves(self) -> int:
-        return sum(p.solves for p in self.presses)
+        return sum(p.solver.solves for p in self.presses)
 
     def line(self, text: str) -> None:
         self.controller.write(text.encode() + b"\n")
@@ -187,7 +189,7 @@ def test_the_same_motion_later_gives_the_same_bits() -> None:
 
 
 def test_a_face_below_the_floor_is_kept_on_it_and_flagged() -> None:
-    free, held = (Press(lambda: UNIT, floor_mm=mm) for mm in (12.0, 0.7))
+    free, held = (PathSolver(lambda: UNIT, observed=ALL, floor_mm=mm) for mm in (12.0, 0.7))
     (_, above), (_, below) = (p.next(0, (0.0, 0.0, -1.0), 1.0) for p in (free, held))
     assert above.displacement_mm is not None
     assert below.displacement_mm is not None
@@ -212,7 +214,7 @@ def test_a_creeping_gel_goes_on_while_the_tip_rests() -> None:
     )  # fmt: skip
     down = (0.0, 0.0, -1.0)
     planned = [Pose((0.0, 0.0, -0.5), 0.05, 0.5), Pose(down, 0.05, 1.0), Pose(down, 4.0, 0.0)]
-    press = Press(lambda: contact, planned, [(0.0, 0.0, 0.0), down], fields=False)
+    press = Press(PathSolver(lambda: contact, planned), "", ((0.0, 0.0, 0.0), down))
     bench = Bench(drawn=False)
     bench.scene = GelScene(
         bench.controller, bench.clock, FRAME, Increments(0.5, 0.5), lambda name, at: press, None
@@ -225,7 +227,7 @@ def test_a_creeping_gel_goes_on_while_the_tip_rests() -> None:
         bench.clock.sleep_s(wait_s)
         forces.append(-bench.scene.observe().wrench()[0][2])
     assert forces[0] > forces[1] > 1.2 * forces[2]
-    assert forces[2] == forces[3] == -press.knots[2].force_n[2]
+    assert forces[2] == forces[3] == -press.solver.knots[2].force_n[2]
     bench.go(0.5, 0.0, -1.0, 1200.0)  # the next line starts from the rested gel
     bench.scene.observe()
     assert [k.key for k in bench.scene.knots[:4]] == [0, 1, 2, 3]

@@ -13,14 +13,15 @@ import pytest
 
 from deltact_fab import cache
 from deltact_fab.errors import InputError, SolverError
+from deltact_fab.gel.path.knots import Increments, divide
+from deltact_fab.gel.path.solver import PathSolver
+from deltact_fab.gel.path.store import KIND, load
 from deltact_fab.protocols.plan import Protocol
 from deltact_fab.rig.config import FiniteGelConfig, GelConfig
 from deltact_fab.shapes import SkinDimensions
-from deltact_fab.virtual import presses as presses_module
 from deltact_fab.virtual.ahead import solve_ahead
-from deltact_fab.virtual.press import Press
+from deltact_fab.virtual.paths import paths, poses
 from deltact_fab.virtual.presses import Presses
-from deltact_fab.virtual.trajectory import KIND, Increments, divide, load, paths, poses
 
 COARSE = GelConfig(spacing_mm=1.0, press_increment_mm=0.25, shear_increment_mm=0.5)
 SKIN = SkinDimensions()
@@ -48,10 +49,10 @@ def _own_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DELTACT_FAB_CACHE", str(tmp_path / "store"))
 
 
-def solved(protocol: Protocol, config: GelConfig = COARSE) -> Press:
+def solved(protocol: Protocol, config: GelConfig = COARSE) -> PathSolver:
     """The first press, whole."""
     presses = Presses(protocol, SKIN, config)
-    press = presses.of(presses.paths[0])
+    press = presses.of(presses.paths[0]).solver
     press.solve_all()
     return press
 
@@ -124,13 +125,7 @@ def test_only_what_changes_the_mechanics_is_solved_again(
 ) -> None:
     solved(declared())
     presses = Presses(other(), SKIN, COARSE)
-    assert (presses.of(presses.paths[0]).found is not None) == shared
-
-
-def test_another_version_of_the_solver_solves_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    solved(declared())
-    monkeypatch.setattr(presses_module, "VERSION", 10**6)
-    assert solved(declared()).found is None
+    assert (presses.of(presses.paths[0]).solver.found is not None) == shared
 
 
 def test_forces_are_in_proportion_to_the_modulus() -> None:
@@ -178,8 +173,8 @@ def test_a_damaged_entry_is_solved_again(damage: str) -> None:
 def test_an_entry_of_another_length_is_none() -> None:
     press = solved(declared())
     assert press._key is not None
-    assert load(press._key, len(press.poses)) is not None
-    assert load(press._key, len(press.poses) + 1) is None
+    assert load(press._key, press.observed, len(press.poses)) is not None
+    assert load(press._key, press.observed, len(press.poses) + 1) is None
 
 
 def test_without_images_no_field_is_kept_and_one_with_fields_serves() -> None:
@@ -228,12 +223,12 @@ def test_off_the_plan_a_found_press_is_solved_from_its_start() -> None:
 
 def test_a_press_at_no_planned_place_is_solved_and_not_kept() -> None:
     presses = Presses(declared(), SKIN, COARSE)
-    press = presses.open("sphere:12", (5.0, 5.0))
+    press = presses.open("sphere:12", (5.0, 5.0)).solver
     assert press.poses == ()
     _, knot = press.next(0, (5.0, 5.0, -0.3), 1.0)
     assert knot.force_n[2] < 0
     assert not (cache.user_folder() / KIND).exists()
-    assert presses.open("sphere:12", (2.0005, -1.0)).poses  # a motor step off
+    assert presses.open("sphere:12", (2.0005, -1.0)).solver.poses  # a motor step off
 
 
 def test_a_failure_ends_one_press_and_the_rest_is_kept() -> None:
@@ -252,12 +247,12 @@ def test_a_failure_ends_one_press_and_the_rest_is_kept() -> None:
     assert [row.found for row in again] == [True]
     presses = Presses(far, SKIN, COARSE)
     with pytest.raises((SolverError, InputError)):
-        presses.of(presses.paths[1]).solve_all()
+        presses.of(presses.paths[1]).solver.solve_all()
 
 
 def test_opening_the_next_press_lets_the_fields_of_the_last_go() -> None:
     presses = Presses(declared(), SKIN, COARSE)
-    first = presses.of(presses.paths[0])
+    first = presses.of(presses.paths[0]).solver
     first.solve_all()
     forces, flags = [knot.force_n for knot in first.knots], first.flags
     presses.of(presses.paths[1])
@@ -266,6 +261,6 @@ def test_opening_the_next_press_lets_the_fields_of_the_last_go() -> None:
     assert (first.flags, first.solves) == (flags, len(forces))
     with pytest.raises(AssertionError, match="has begun"):
         first.next(0, first.poses[0].tip_mm, 1.0)
-    again = Presses(declared(), SKIN, COARSE).of(presses.paths[0])
+    again = Presses(declared(), SKIN, COARSE).of(presses.paths[0]).solver
     assert again.found is not None
     assert all(knot.displacement_mm is not None for knot in again.knots)

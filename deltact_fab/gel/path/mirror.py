@@ -6,14 +6,15 @@ at (-x, y) whose path is the image of another's needs no solve of its own.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from numpy.typing import NDArray
 
-from ..gel.footprint import is_mirrored
-from ..shapes import Indenter
-from .trajectory import Line, Point, PressPath, Solved
+from ...shapes import Indenter
+from ..footprint import is_mirrored
+from .knots import Point, Pose, Solved
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Mirror:
         return sign * x, sign * y, sign * z
 
     def field(self, u: NDArray[Any]) -> NDArray[Any]:
-        """The image of displacements (ny, nx, 3) on a lattice that is centred on 0."""
+        """The image of vectors (ny, nx, 3) on a lattice that is centred on 0."""
         if not (self.x or self.y):
             return u
         u = u[:: -1 if self.y else 1, :: -1 if self.x else 1].copy()
@@ -46,28 +47,20 @@ class Mirror:
 
     def solved(self, knot: Solved) -> Solved:
         """The image of a solved knot."""
-        u = knot.displacement_mm
+        u, t = knot.displacement_mm, knot.traction_mpa
         return replace(
             knot,
             force_n=self.point(knot.force_n),
             torque_nmm=self.torque(knot.torque_nmm),
             displacement_mm=None if u is None else self.field(u),
+            traction_mpa=None if t is None else self.field(t),
         )
 
-    def path(self, path: PressPath) -> PressPath:
-        """The image of a press's path; it keeps its name."""
-        lines = tuple(
-            Line(self.point(at.start_mm), self.point(at.end_mm), at.seconds, at.dwell_s)
-            for at in path.lines
-        )
-        return replace(path, at_mm=self.point((*path.at_mm, 0.0))[:2], lines=lines)
 
-
-def to_solved(path: PressPath, indenter: Indenter) -> Mirror:
+def to_solved(poses: Sequence[Pose], indenter: Indenter) -> Mirror:
     """What takes a press to the one of its images that is solved: it leaves 0 towards +x and +y."""
     flip = []
     for axis in (0, 1):
-        along = (p[axis] for line in path.lines for p in (line.start_mm, line.end_mm))
-        first = next((v for v in along if v != 0), 0.0)
+        first = next((p.tip_mm[axis] for p in poses if p.tip_mm[axis] != 0), 0.0)
         flip.append(first < 0 and is_mirrored(indenter, axis))
     return Mirror(*flip)

@@ -1,0 +1,148 @@
+"""A press as poses to be solved, and what is kept of each when it is.
+
+Positions are of the tip in the sensor frame, z < 0 in the gel. Forces are for a modulus of 1 MPa:
+all stresses of the gel are in proportion to it.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Point = tuple[float, float, float]
+Field = NDArray[np.float64]
+
+CONTACT_EPS_MM = 1e-9  # rounding of a stage's transform; a motor step is 1e-3
+
+
+@dataclass(frozen=True)
+class Increments:
+    """Longest way between two knots, in mm: along the gel's normal and across it."""
+
+    press_mm: float
+    shear_mm: float
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where and when a knot is solved: tip (x, y, z < 0), seconds since the knot before.
+
+    part: the fraction of its line; 0 when the tip has rested since the end of the line before.
+    """
+
+    tip_mm: Point
+    seconds: float
+    part: float
+
+
+@dataclass(frozen=True)
+class Observed:
+    """What of a trajectory someone looks at; nothing else is computed or kept.
+
+    fields: of which knots the face's displacement is kept. traction: the face's traction of the
+    same knots. between: intervals are solved half-way too, here and there, to see how far linear
+    interpolation is off. lattice_mm: largest distance of the lattice's nodes.
+    """
+
+    fields: Literal["none", "last", "all"] = "none"
+    traction: bool = False
+    between: bool = False
+    lattice_mm: float = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """What is kept of a solved pose, for a modulus of 1 MPa.
+
+    displacement_mm, traction_mpa (ny, nx, 3): on the lattice, None unless observed. most_stretch:
+    None at a linear level. flags: what a reader of the results must know of this state.
+    """
+
+    force_n: Point
+    torque_nmm: Point
+    contact_area_mm2: float
+    displacement_mm: NDArray[np.float32] | None
+    flags: tuple[str, ...]
+    traction_mpa: NDArray[np.float32] | None = None
+    penetration_mm: float = 0.0
+    most_stretch: float | None = None
+    cuts: int = 0
+
+
+@dataclass(frozen=True)
+class Between:
+    """How far linear interpolation was from a solve half-way between knots.
+
+    samples: how many were tried; failed: of them did not converge. displacement_mm: largest, in
+    plane (0 where no field is kept). force_n: largest norm, for a modulus of 1 MPa.
+    """
+
+    samples: int = 0
+    failed: int = 0
+    displacement_mm: float = 0.0
+    force_n: float = 0.0
+
+    def joined(self, other: Between) -> Between:
+        """The worst of both."""
+        return Between(
+            self.samples + other.samples,
+            self.failed + other.failed,
+            max(self.displacement_mm, other.displacement_mm),
+            max(self.force_n, other.force_n),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Knots in order, the lattice's axes, and how it was made.
+
+    ended: (kind of error, why) where the gel could not be solved at the knot after these.
+    """
+
+    knots: tuple[Solved, ...]
+    x_mm: Field
+    y_mm: Field
+    between: Between
+    seconds: float
+    dofs: int = 0
+    ended: tuple[str, str] | None = None
+
+
+def divide(start: Point, end: Point, increments: Increments) -> tuple[list[float], list[Point]]:
+    """Fractions and points of the knots of a line, one of them exactly at first touch."""
+    cuts = [0.0, 1.0]
+    if min(start[2], end[2]) < 0 < max(start[2], end[2]):
+        cuts.insert(1, start[2] / (start[2] - end[2]))
+    at = [0.0]
+    for a, b in itertools.pairwise(cuts):
+        dx, dy, dz = ((q - p) * (b - a) for p, q in zip(start, end, strict=True))
+        z = (start[2] + f * (end[2] - start[2]) for f in (a, b))
+        pieces = 1 if max(z) > CONTACT_EPS_MM else max(
+            1,
+            math.ceil(abs(dz) / increments.press_mm - 1e-9),
+            math.ceil(math.hypot(dx, dy) / increments.shear_mm - 1e-9),
+        )  # fmt: skip
+        at += [a + (b - a) * k / pieces for k in range(1, pieces + 1)]
+    where = []
+    for f in at:
+        x, y, z_mm = (p + f * (q - p) for p, q in zip(start, end, strict=True))
+        where.append((x, y, 0.0 if abs(z_mm) < CONTACT_EPS_MM else z_mm))
+    return at, where
+
+
+def along(corners_mm: Sequence[Point], step_mm: float) -> tuple[Pose, ...]:
+    """Poses of a way with corners (x, y, z), straight between them, in increments of step_mm.
+
+    The first corner is where the tip comes from. Ways through the air have no pose.
+    """
+    found = []
+    for start, end in itertools.pairwise(corners_mm):
+        at, where = divide(start, end, Increments(step_mm, step_mm))
+        found += [Pose(tip, 0.0, f) for f, tip in zip(at[1:], where[1:], strict=True) if tip[2] < 0]
+    return tuple(found)

@@ -1,0 +1,258 @@
+"""A press followed knot by knot: each taken from the store, or solved and then kept."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import DeltactFabError, InputError, SolverError
+from . import store
+from .knots import Between, Field, Observed, Point, Pose, Solved, Trajectory
+from .mirror import Mirror
+
+if TYPE_CHECKING:
+    from ..level import GelContact, State
+
+Told = Callable[[int, int, float], None]  # knots done, of all, seconds of the last
+
+SAMPLE = 16  # beside the first of each line, every so many intervals are solved half-way too
+ENDS: dict[str, type[DeltactFabError]] = {"input": InputError, "solver": SolverError}
+
+
+class PathSolver:
+    """The knots of one press: key 0 is rest, 1 to len(poses) are the planned knots, more others.
+
+    contact: opens what solves, at the first solve, for a modulus of 1 MPa. key: of the store; None
+    stores nothing. mirror: takes the press to the one that is solved and stored; all else here is
+    the press itself. floor_mm: depth of the gel's floor. solves, seconds: of knots solved here, not
+    of those found. A press that cannot be solved to its end is kept as far as it goes, with why:
+    the same is not tried twice.
+    """
+
+    def __init__(
+        self,
+        contact: Callable[[], GelContact],
+        planned: Sequence[Pose] = (),
+        key: dict[str, Any] | None = None,
+        observed: Observed | None = None,
+        mirror: Mirror | None = None,
+        floor_mm: float = math.inf,
+    ) -> None:
+        self.poses, self.observed = tuple(planned), observed or Observed()
+        self._floor_mm = floor_mm
+        self._mirror = mirror or Mirror()
+        self._open = contact
+        self._contact: GelContact | None = None
+        self._key = key
+        self._knots: list[Solved] = []
+        self._states: dict[int, State] = {}
+        self._others = len(self.poses)
+        self._closed = False
+        self.solves, self.seconds, self.between = 0, 0.0, Between()
+        self.found = self._load()
+
+    @property
+    def contact(self) -> GelContact:
+        """What solves."""
+        if self._contact is None:
+            self._contact = self._open()
+        return self._contact
+
+    @property
+    def axes_mm(self) -> tuple[Field, Field]:
+        """The lattice's nodes along x and y."""
+        if self.found is not None:
+            return self.found.x_mm, self.found.y_mm
+        return self.contact.x_mm, self.contact.y_mm
+
+    @property
+    def dofs(self) -> int:
+        """Unknowns of the deformable body."""
+        return self.found.dofs if self.found is not None else self.contact.dofs
+
+    @property
+    def stored_as(self) -> str | None:
+        """Equal for presses that one solution serves; None: nothing is stored."""
+        return None if self._key is None else json.dumps(self._key)
+
+    @property
+    def knots(self) -> tuple[Solved, ...]:
+        """The planned knots found or solved so far."""
+        return tuple(self._knots)
+
+    @property
+    def ended(self) -> str:
+        """Why the planned knots after those found cannot be solved; empty where they can."""
+        return self.found.ended[1] if self.found is not None and self.found.ended else ""
+
+    @property
+    def flags(self) -> dict[str, int]:
+        """Flags of these knots, by name as in `NAME: sentence`, and how many carry each."""
+        names = [flag.partition(":")[0] for knot in self._knots for flag in knot.flags]
+        return {name: names.count(name) for name in sorted(set(names))}
+
+    def next(self, before: int, tip_mm: Point, seconds: float) -> tuple[int, Solved]:
+        """The knot at tip (x, y, z < 0), coming straight from knot `before`, and its key.
+
+        seconds: that it takes; those of the plan where it is planned. Raises SolverError and
+        InputError when the gel cannot be solved there.
+        """
+        assert not self._closed, "the next press has begun"
+        if before < len(self.poses) and self.poses[before].tip_mm == tip_mm:
+            if before == len(self._knots):
+                self._solve_planned(before)
+            return before + 1, self._knots[before]
+        state, solved = self._solve(self._state(before, tip_mm), Pose(tip_mm, seconds, 1.0), True)
+        self._others += 1
+        self._remember(before, self._others, state)
+        return self._others, solved
+
+    def solve_all(self, told: Told | None = None) -> tuple[Solved, ...]:
+        """Every planned knot. Raises as `next` does."""
+        for k in range(len(self._knots), len(self.poses)):
+            start_s = time.perf_counter()
+            self.next(k, self.poses[k].tip_mm, 0.0)
+            if told:
+                told(k + 1, len(self.poses), time.perf_counter() - start_s)
+        return self.knots
+
+    def close(self) -> None:
+        """Let go of fields and solver, a quarter of a gigabyte and more; counts and flags stay."""
+        self._knots = [replace(k, displacement_mm=None, traction_mpa=None) for k in self._knots]
+        self._states, self._contact, self._closed = {}, None, True
+
+    # -- solving ---------------------------------------------------------------------------------
+
+    def _solve_planned(self, before: int) -> None:
+        if self.found is not None and self.found.ended is not None:
+            kind, why = self.found.ended
+            raise ENDS[kind](why)
+        pose = self.poses[before]
+        last = before + 1 == len(self.poses)
+        try:
+            start = self._state(before, pose.tip_mm)
+            state, solved = self._solve(start, pose, last)
+        except tuple(ENDS.values()) as why:
+            kind = next(name for name, error in ENDS.items() if type(why) is error)
+            self._keep((kind, str(why)))
+            raise
+        if self.observed.between:
+            first = pose.part != 0 and (before == 0 or self.poses[before - 1].part in (0.0, 1.0))
+            if first or before % SAMPLE == SAMPLE // 2:
+                self._compare(start, pose, before, solved)
+        self._knots.append(solved)
+        self._remember(before, before + 1, state)
+        if last:
+            self._keep(None)
+
+    def _solve(self, start: State, pose: Pose, last: bool) -> tuple[State, Solved]:
+        start_s = time.perf_counter()
+        x, y, z = self._mirror.point(pose.tip_mm)
+        state = self.contact.solve(start, (x, y, -z), pose.seconds)
+        flags = list(state.diagnostics.flags)
+        field = traction = None
+        shown = self.observed.fields
+        if shown == "all" or (shown == "last" and last):
+            field, below = on_floor(state.displacement_mm.astype(np.float32), self._floor_mm)
+            flags += below
+            if self.observed.traction:
+                traction = state.traction_mpa.astype(np.float32)
+        self.solves += 1
+        self.seconds += time.perf_counter() - start_s
+        d = state.diagnostics
+        solved = Solved(
+            state.force_n, state.torque_nmm, state.contact_area_mm2, field, tuple(flags), traction,
+            d.penetration_mm, d.most_stretch, d.cuts,
+        )  # fmt: skip
+        return state, self._mirror.solved(solved)
+
+    def _compare(self, start: State, pose: Pose, before: int, after: Solved) -> None:
+        """A solve half-way between two knots against the mean of both."""
+        a = np.array(start.tip_mm) * (1, 1, -1)
+        x, y, z = ((a + self._mirror.point(pose.tip_mm)) / 2).tolist()
+        start_s = time.perf_counter()
+        try:
+            half = self.contact.solve(start, (x, y, -z), pose.seconds / 2)
+        except SolverError:
+            self.between = self.between.joined(Between(1, 1))
+            return
+        finally:
+            self.seconds += time.perf_counter() - start_s
+        knot = self._knots[before - 1] if before else None
+        force = (np.array(after.force_n) + (knot.force_n if knot else 0.0)) / 2
+        half_n = self._mirror.point(half.force_n)
+        off_mm = 0.0
+        if after.displacement_mm is not None:
+            mean = after.displacement_mm.astype(float)
+            if knot is not None and knot.displacement_mm is not None:
+                mean = mean + knot.displacement_mm
+            off = self._mirror.field(half.displacement_mm) - mean / 2
+            off_mm = float(np.hypot(off[..., 0], off[..., 1]).max())
+        off_n = float(np.linalg.norm(force - half_n))
+        self.between = self.between.joined(Between(1, 0, off_mm, off_n))
+
+    # -- states ----------------------------------------------------------------------------------
+
+    def _state(self, key: int, tip_mm: Point) -> State:
+        """The solver's state at a knot; planned ones that came from the store are solved again."""
+        if key == 0:
+            return self.contact.rest(self._mirror.point((tip_mm[0], tip_mm[1], 0.0)))
+        if key in self._states:
+            return self._states[key]
+        assert key <= len(self.poses), "a hold can throw back by one knot, never by two"
+        state = self.contact.rest(self._mirror.point((*self.poses[0].tip_mm[:2], 0.0)))
+        for pose in self.poses[:key]:
+            state, _ = self._solve(state, pose, False)
+        self._states[key] = state
+        return state
+
+    def _remember(self, before: int, key: int, state: State) -> None:
+        # Two are enough: a hold can throw back by one knot, never by two.
+        self._states = {k: s for k, s in self._states.items() if k == before} | {key: state}
+
+    # -- the store -------------------------------------------------------------------------------
+
+    def _load(self) -> Trajectory | None:
+        """What is in the store, less its knots: those are this press's own from here on."""
+        if self._key is None:
+            return None
+        found = store.load(self._key, self.observed, len(self.poses))
+        if found is None:
+            return None
+        self._knots = [self._mirror.solved(knot) for knot in found.knots]
+        self.between = found.between
+        return replace(found, knots=())
+
+    def _keep(self, ended: tuple[str, str] | None) -> None:
+        if self._key is None:
+            return
+        x_mm, y_mm = self.axes_mm
+        knots = tuple(self._mirror.solved(knot) for knot in self._knots)
+        made = Trajectory(knots, x_mm, y_mm, self.between, self.seconds, self.contact.dofs, ended)
+        store.keep(self._key, self.observed, made)
+
+
+def on_floor(
+    displacement_mm: NDArray[np.float32], floor_mm: float
+) -> tuple[NDArray[np.float32], list[str]]:
+    """A face's displacement (ny, nx, 3) with nothing below the gel's floor, and a flag if it was.
+
+    The solver knows no contact of the gel with itself or its floor: where a deep drag folds the
+    face between large cells, a part of it can come out where the window is.
+    """
+    below = -floor_mm - displacement_mm[..., 2]
+    if not (below > 0).any():
+        return displacement_mm, []
+    kept = displacement_mm.copy()
+    kept[..., 2] = np.maximum(kept[..., 2], np.float32(-floor_mm))
+    return kept, [
+        f"floor: {int((below > 0).sum())} of {below.size} points of the face come out below the "
+        f"gel's floor, by {below.max():.2g} mm at most, and are kept on it: no gel lies so"
+    ]

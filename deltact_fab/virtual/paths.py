@@ -1,0 +1,77 @@
+"""The planned ways of a protocol's presses: known before anything moves.
+
+Straight lines between the tip points of the protocol's steps, each cut into increments; the poses
+at their ends are the knots that `gel.path` solves.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, replace
+
+from ..gel.path.knots import CONTACT_EPS_MM, Increments, Point, Pose, divide
+from ..protocols.plan import Protocol, expand
+
+
+@dataclass(frozen=True)
+class Line:
+    """A straight way between two tip points (sensor frame), in seconds, and the rest at its end."""
+
+    start_mm: Point
+    end_mm: Point
+    seconds: float
+    dwell_s: float
+
+
+@dataclass(frozen=True)
+class PressPath:
+    """The planned way of a press: what of it ends in contact. press: `indenter/position`."""
+
+    press: str
+    indenter: str
+    at_mm: tuple[float, float]
+    lines: tuple[Line, ...]
+
+    @property
+    def waypoints(self) -> tuple[Point, ...]:
+        """Ends of the lines, in order, each once."""
+        return tuple(dict.fromkeys(p for line in self.lines for p in (line.start_mm, line.end_mm)))
+
+    @property
+    def box_mm(self) -> tuple[tuple[float, float], tuple[float, float], float]:
+        """Tip positions in contact, (low, high) in x and in y, and the deepest depth."""
+        x, y, z = zip(*(line.end_mm for line in self.lines), strict=True)
+        return (min(x), max(x)), (min(y), max(y)), -min(z)
+
+
+def paths(protocol: Protocol) -> list[PressPath]:
+    """The press paths of a protocol, in its order. Ways that end in the air are not in them."""
+    found: dict[str, PressPath] = {}
+    here: Point = (0.0, 0.0, protocol.motion.park_mm)
+    for step in expand(protocol):
+        start, here = here, step.target_mm
+        if step.kind == "change":
+            continue
+        held = found.setdefault(step.press, PressPath(step.press, step.indenter, here[:2], ()))
+        if here[2] < -CONTACT_EPS_MM:
+            seconds = math.dist(start, here) / (step.feed_mm_min / 60)
+            line = Line(start, here, seconds, step.settle_s)
+            found[step.press] = replace(held, lines=(*held.lines, line))
+    return list(found.values())
+
+
+def poses(path: PressPath, increments: Increments, timed: bool) -> list[Pose]:
+    """All knots of a press that have to be solved, in order; timed: rests count, as the gel creeps.
+
+    A rest is one knot more at the same place.
+    """
+    found = []
+    for line in path.lines:
+        at, where = divide(line.start_mm, line.end_mm, increments)
+        for (a, b), tip in zip(itertools.pairwise(at), where[1:], strict=True):
+            if tip[2] < 0:
+                found.append(Pose(tip, (b - a) * line.seconds, b))
+        if timed and line.dwell_s > 0:
+            found.append(Pose(line.end_mm, line.dwell_s, 0.0))
+    return found
