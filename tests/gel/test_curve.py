@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deltact_fab import cache
 from deltact_fab.errors import InputError
+from deltact_fab.gel import level
 from deltact_fab.gel.finite import FinitePress, block_mesh
-from deltact_fab.gel.fit import curve as module
-from deltact_fab.gel.fit.curve import ForceCurve, default_spacing_mm, force_curve, force_path
+from deltact_fab.gel.fit.curve import ForceCurve, cells_mm, force_curve, force_path
 from deltact_fab.gel.material import GelMaterial
 from deltact_fab.gel.reference import hertz_force_n
 from deltact_fab.shapes import SkinDimensions
@@ -40,19 +39,15 @@ def test_forces_scale_with_the_modulus_in_the_engine_itself() -> None:
 
 def test_one_curve_serves_every_modulus(monkeypatch: pytest.MonkeyPatch) -> None:
     one = curve(0.56)
-    monkeypatch.setattr(module, "FinitePress", None)  # nothing more may be solved
+    monkeypatch.setattr(level, "contact_of", None)  # nothing more may be solved
     other = curve(1.12)
     np.testing.assert_allclose(other.force_n, 2 * one.force_n, rtol=1e-12)
     assert curve(0.56).force_n.tobytes() == one.force_n.tobytes()
     np.testing.assert_allclose(one.scaled(1.12).force_n, other.force_n, rtol=1e-12)
 
 
-def test_a_deeper_curve_serves_a_shallower_one_with_the_same_numbers(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    deep = curve(deepest=4.0)
-    monkeypatch.setattr(module, "FinitePress", None)
-    short = curve(deepest=3.4)
+def test_a_deeper_curve_has_the_same_numbers_on_the_way() -> None:
+    deep, short = curve(deepest=4.0), curve(deepest=3.4)
     n = len(short.depth_mm)
     assert short.depth_mm[-1] == 3.5
     assert short.force_n.tobytes() == deep.force_n[:n].tobytes()
@@ -100,23 +95,6 @@ def test_refusals() -> None:
         curve().normal_n(np.array([4.5]))
 
 
-def test_the_engines_refusal_comes_through_and_what_was_solved_stays(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    class Refusing(FinitePress):
-        def solve(self, previous, tip_mm, *more):  # type: ignore[no-untyped-def]
-            if tip_mm[2] > 3.6:
-                raise InputError("this far and no further")
-            return super().solve(previous, tip_mm, *more)
-
-    monkeypatch.setattr(module, "FinitePress", Refusing)
-    with pytest.raises(InputError, match="this far and no further"):
-        force_curve(SKIN, SMOOTH, SPHERE, (1.0, 0.0), 5.0, spacing_mm=COARSE)
-    monkeypatch.setattr(module, "FinitePress", None)
-    kept = force_curve(SKIN, SMOOTH, SPHERE, (1.0, 0.0), 3.5, spacing_mm=COARSE)
-    assert kept.depth_mm[-1] == 3.5
-
-
 def test_path_is_the_engines_own_and_cached(monkeypatch: pytest.MonkeyPatch) -> None:
     material = GelMaterial(0.7, 0.49, 0.4)
     tips = np.array([[0.0, 0, 0], [0, 0, 1.5], [1.0, 0, 1.5], [1.0, 0, 0]])
@@ -124,24 +102,16 @@ def test_path_is_the_engines_own_and_cached(monkeypatch: pytest.MonkeyPatch) -> 
     assert found.shape == (4, 3)
     assert found[2, 0] > 0.1  # the gel is dragged to +x, which is the force on the sensor
     assert np.abs(found[[0, 3]]).max() < 1e-6
-    monkeypatch.setattr(module, "FinitePress", None)
+    monkeypatch.setattr(level, "contact_of", None)
     again = force_path(SKIN, material, SPHERE, tips, spacing_mm=COARSE)
     assert again.tobytes() == found.tobytes()
 
 
-def test_default_spacing_follows_indenter_and_gel() -> None:
-    assert default_spacing_mm(SKIN, SPHERE) == pytest.approx(1.5, abs=0.05)
-    assert default_spacing_mm(SKIN, parse("sphere:4")) == pytest.approx(0.4, abs=0.05)
+def test_cells_follow_the_contact_and_the_gel() -> None:
+    def cells(name: str, depth_mm: float, skin: SkinDimensions = SKIN) -> float:
+        return cells_mm(skin, parse(name), 0.49, np.array([(0.0, 0.0, depth_mm)]))
+
+    assert cells("sphere:15", 5.0) > cells("sphere:4", 5.0)
+    assert cells("sphere:15", 5.0) > cells("sphere:15", 1.0)
     thin = SkinDimensions(thickness_mm=2.0, protrusion_mm=1.0, edge_fillet_mm=0.5)
-    assert default_spacing_mm(thin, SPHERE) == 0.5
-
-
-def test_key_knows_geometry_and_physics_but_no_modulus() -> None:
-    def key(skin: SkinDimensions = SKIN, name: str = "sphere:15", **m: float) -> str:
-        material = GelMaterial(**{"modulus_mpa": 1.0, "poisson": 0.49, "friction": 0.0, **m})
-        return str(cache._path("k", module._key(skin, material, parse(name), 1.0)))
-
-    assert key() == key(modulus_mpa=3.0)
-    different = {key(), key(poisson=0.48), key(friction=0.1), key(name="sphere:14")}
-    different.add(key(SkinDimensions(width_mm=37.0)))
-    assert len(different) == 5
+    assert cells("sphere:15", 1.0, thin) <= 0.25

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...shapes import Indenter, SkinDimensions
-from .curve import DEEPEST, Point2, Progress, default_spacing_mm
+from ..choose import SHARE, TOLERANCE
+from .curve import DEEPEST, Point2, Progress, cells_mm
 from .estimate import WIDER, Bounds, Estimate, Solution, best_touch, own_share, smooth_part, solve
 from .measured import Measured, before_drag
 from .press_model import PressModel
@@ -27,6 +28,7 @@ Mask = NDArray[np.bool_]
 
 ASSUMED_FRICTION = 0.5
 COARSER = 1.5
+CELLS_REL = SHARE * TOLERANCE  # of the force: what cells by the default tolerance may be off
 MODEL_REL = 0.01  # of the force: what the model itself may be off
 WIDEST = 0.5  # of friction: half an interval from which it counts as not determined
 TOUCHED = 0.02  # of the largest force, for a first guess of the first touch
@@ -106,7 +108,10 @@ def fit_press(
     known = ASSUMED_FRICTION if friction is None else friction
     looks = (data.has_tangential and friction is None) if fit_friction is None else fit_friction
     bounds, deepest = _reach(data, skin, fit_offset)
-    h = default_spacing_mm(skin, indenter) if spacing_mm is None else spacing_mm
+    moved = np.vstack([np.zeros((1, 2)), data.shear_mm[data.sheared]])
+    tips = np.column_stack([np.array(at_mm) + moved, np.full(len(moved), deepest)])
+    asked = cells_mm(skin, indenter, poisson, tips)
+    h = asked if spacing_mm is None else spacing_mm
 
     def model(what: Measured, spacing: float, touch_mm: float) -> PressModel:
         return PressModel(
@@ -137,7 +142,10 @@ def fit_press(
                 "mm, until the side force stays level, determines it"
             )
     coarse = model(data, h * COARSER, touch)
-    error = _mesh_error(fine, coarse, solution, bounds) if mesh_error else None
+    error = None
+    if mesh_error:
+        # One pair of meshes may agree by chance: never less than what the cells were chosen for.
+        error = max(_mesh_error(fine, coarse, solution, bounds), CELLS_REL * (h / asked) ** 2)
     residual = fine.measured_n - solution.model_n
     used = solution.used
     scale = float(np.sqrt(np.mean(fine.measured_n[used] ** 2)))

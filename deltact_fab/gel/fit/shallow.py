@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ...errors import DeltactFabError
+from ...errors import InputError, SolverError
 from ...shapes import Indenter, SkinDimensions
-from ..linear.contact import LayerContact
-from ..linear.layer import BondedLayer
 from ..material import GelMaterial
+from ..path.knots import Observed, Pose
+from ..path.open import choose, open_path
+
+Field = NDArray[np.float64]
 
 CELLS = 3.0  # contact radius over cell size, from which a mesh is trusted
 PARTS = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 3 / 4)  # of the first solved depth
@@ -50,22 +52,23 @@ def layer_forces(
     indenter: Indenter,
     at_mm: tuple[float, float],
     first_mm: float,
-) -> list[Any]:
-    """Depths above the first solved one, normal forces there and at it, of the bonded layer.
+) -> tuple[Field, Field, float] | None:
+    """Depths above the first solved one, the bonded layer's normal forces there, and that at it.
 
-    Empty where the layer refuses that depth.
+    None where the layer refuses that depth.
     """
-    layer = BondedLayer.for_skin(skin, unit, spacing_mm=SPACING_MM)
-    contact = LayerContact(layer, indenter, observe_shear=False)
-    depths, normal = [], []
-    for part in (*PARTS, 1.0):
+    depths = [part * first_mm for part in (*PARTS, 1.0)]
+    poses = [Pose((*at_mm, -d), 0.0, 1.0) for d in depths]
+    # Too light a touch hides in its grid: deeper ones may do.
+    for skipped in range(len(PARTS) - 1):
         try:
-            state = contact.solve(contact.rest((*at_mm, 0.0)), (*at_mm, part * first_mm))
-        except DeltactFabError:
-            # Too shallow for its grid: deeper ones may do.
-            if part == 1.0:
-                return []
+            choice = choose(
+                skin, unit, indenter, poses[skipped:],
+                level="layer", friction=0.0, spacing_mm=SPACING_MM,
+            )  # fmt: skip
+            solver = open_path(skin, unit, indenter, poses[skipped:], Observed(), choice)
+            normal = np.array([-knot.force_n[2] for knot in solver.solve_all()])
+        except (InputError, SolverError):
             continue
-        depths.append(part * first_mm)
-        normal.append(-state.force_n[2])
-    return [depths[:-1], normal[:-1], normal[-1]]
+        return np.array(depths[skipped:-1]), normal[:-1], float(normal[-1])
+    return None
