@@ -1,0 +1,71 @@
+"""The normal force of one press as `gel press`, `gel fit`, `run` and the prediction have it.
+
+Run as a program in an environment that names a package and a cache: prints the four figures and how
+often the gel was solved. All for a modulus of 1 MPa.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+
+
+def four(indenter: str, depth_mm: float, spacing_mm: float | None) -> dict[str, float]:
+    """One press in the middle of the standard block, friction .5."""
+    from deltact_fab.gel.fit.curve import force_curve
+    from deltact_fab.gel.material import GelMaterial
+    from deltact_fab.gel.press import press
+    from deltact_fab.preflight.press import press_curve
+    from deltact_fab.protocols.plan import Protocol
+    from deltact_fab.rig.config import FiniteGelConfig, GelConfig
+    from deltact_fab.shapes import SkinDimensions
+    from deltact_fab.shapes.indenter import parse
+    from deltact_fab.virtual.presses import Presses
+
+    skin, unit, shape, middle = SkinDimensions(), GelMaterial(1.0), parse(indenter), (0.0, 0.0)
+    pressed = press(
+        skin, unit, shape, middle, depth_mm, model="hyperelastic", spacing_mm=spacing_mm
+    ).result
+    curve = force_curve(skin, unit, shape, middle, depth_mm, spacing_mm=spacing_mm)
+    protocol = Protocol.model_validate(
+        {
+            "name": "one",
+            "indenters": [indenter],
+            "positions_mm": [middle],
+            "depths_mm": [depth_mm],
+            "channels": ["force"],
+            "capture": {"mode": "step"},
+            "specimen": {"gel_model": "hyperelastic", "modulus_mpa": 1.0},
+        }
+    )
+    config = GelConfig(hyperelastic=FiniteGelConfig(cell_mm=spacing_mm))
+    run = Presses(protocol, skin, config)
+    predicted = press_curve(skin, unit, shape, middle, [depth_mm])
+    assert predicted is not None
+    return {
+        "press": -pressed["force_n"][2],
+        "fit": float(curve.normal_n([depth_mm])[0]),
+        "run": -run.of(run.paths[0]).solver.solve_all()[-1].force_n[2],
+        "predicted": predicted.normal_n(depth_mm)[0],
+    }
+
+
+def main(indenter: str, depth_mm: str, spacing_mm: str) -> None:
+    """Count what is solved from here on, and print."""
+    from deltact_fab.gel.finite.press import FinitePress
+
+    solved = 0
+    solve = FinitePress.solve
+
+    def counted(*given: object) -> object:
+        nonlocal solved
+        solved += 1
+        return solve(*given)  # type: ignore[arg-type]
+
+    FinitePress.solve = counted  # type: ignore[method-assign]
+    figures = four(indenter, float(depth_mm), float(spacing_mm))
+    print(json.dumps({**figures, "solved": solved}))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
