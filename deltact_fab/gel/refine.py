@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..shapes import Indenter, SkinDimensions
-from .choose import IN_PLANE_MM, MOST_DOFS, TOLERANCE, Choice
-from .level import GelContact, Point, State, contact_of
+from .choose import IN_PLANE_MM, MOST_DOFS, TOLERANCE
+from .level import Choice, GelContact, Point, State
 from .material import GelMaterial
+from .open import contact_of
 
 Field = NDArray[np.float64]
 Progress = Callable[[int, int, str], None]

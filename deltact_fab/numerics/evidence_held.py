@@ -62,8 +62,9 @@ def held_row(held: Held) -> dict[str, Any]:
     import numpy as np
 
     from ..gel.choose import pick
-    from ..gel.level import Reach, contact_of
+    from ..gel.level import Reach
     from ..gel.material import GelMaterial
+    from ..gel.open import contact_of
     from ..shapes import SkinDimensions
     from ..shapes.indenter import parse
     from .engines.gel import rms_mm

@@ -32,8 +32,9 @@ def press_row(i: int) -> dict[str, Any]:
     import numpy as np
 
     from ..gel.choose import pick
-    from ..gel.level import Reach, contact_of
+    from ..gel.level import Reach
     from ..gel.material import GelMaterial
+    from ..gel.open import contact_of
     from ..gel.press import press
     from ..shapes import SkinDimensions
     from ..shapes.indenter import parse

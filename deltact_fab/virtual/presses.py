@@ -20,8 +20,7 @@ from .press import SAME_MM, Press
 from .trajectory import VERSION, Between, Increments, Line, PressPath, paths, poses
 
 if TYPE_CHECKING:
-    from ..gel.choose import Choice
-    from ..gel.level import GelContact, Level
+    from ..gel.level import Choice, GelContact, Level
 
 Field = NDArray[np.float64]
 Box = tuple[tuple[float, float], tuple[float, float], float]
@@ -165,7 +164,7 @@ class Presses:
 
     def _opener(self, indenter: Indenter, choice: Choice) -> Callable[[], GelContact]:
         def opened() -> GelContact:
-            from ..gel.level import contact_of
+            from ..gel.open import contact_of
 
             return contact_of(self._skin, self.material, indenter, choice, self._lattice_mm)
 

@@ -6,8 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from ...gel.choose import pick
-from ...gel.level import Reach, open_contact
+from ...gel.level import Reach
 from ...gel.material import GelMaterial
+from ...gel.open import open_contact
 from ...shapes import SkinDimensions
 from ...shapes.indenter import parse
 from .gel_scene import SPHERE, Scene, down

@@ -14,8 +14,9 @@ from ...gel.choose import pick
 from ...gel.finite import FinitePress, block_mesh
 from ...gel.finite.field import FaceLattice, whole_wrench
 from ...gel.finite.linear import Name
-from ...gel.level import Reach, contact_of
+from ...gel.level import Reach
 from ...gel.material import GelMaterial
+from ...gel.open import contact_of
 from ...gel.press import press
 from ...shapes import SkinDimensions
 from ...shapes.indenter import parse
@@ -87,7 +88,7 @@ class Answer:
 
 
 def lattice_mm(skin: SkinDimensions) -> tuple[Field, Field]:
-    """x (nx,) and y (ny,), as `level.contact_of` lays them."""
+    """x (nx,) and y (ny,), as `open.contact_of` lays them."""
     counts = [math.ceil(half / LATTICE_MM - 1e-9) for half in skin.opening_half_mm]
     axes: list[Field] = [
         np.arange(-n, n + 1, dtype=np.float64) * (half / n)
