@@ -24,7 +24,7 @@ from .evidence_held import every_held, held_row
 from .evidence_presses import press_row
 from .evidence_rows import case_row, curve_row, reference_row
 from .evidence_tables import write_up
-from .worker import THREAD_VARIABLES
+from .process import THREAD_VARIABLES
 
 FOLDER = Path("docs") / "evidence"
 LIMIT_S = 3600.0

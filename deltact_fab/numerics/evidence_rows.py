@@ -38,7 +38,7 @@ def curve_row(run: Any) -> dict[str, Any]:
     from dataclasses import replace
 
     from .engines import gel, gel_run
-    from .worker import peak_resident_mb, reset_peak_mb
+    from .memory import peak_resident_mb, reset_peak_mb
 
     truth = gel.reference(run.depth_mm, run.friction)
     warm = "layer" if run.level == "layer" else "hyperelastic"

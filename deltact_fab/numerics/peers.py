@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ..errors import InputError, RunFailed
 from ..gel.finite import FinitePress
 from ..shapes import SphereTip
-from .worker import THREAD_VARIABLES
+from .process import THREAD_VARIABLES
 
 Field = NDArray[np.float64]
 Index = NDArray[np.int64]

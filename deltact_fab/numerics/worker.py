@@ -7,7 +7,6 @@ a library costs to load is not yet paid.
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
 import os
@@ -17,17 +16,11 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .memory import peak_resident_mb, reset_peak_mb
+
 if TYPE_CHECKING:
     from .engine import Case, Setting
 
-THREAD_VARIABLES = (
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "NUMEXPR_NUM_THREADS",
-    "NUMBA_NUM_THREADS",
-    "VECLIB_MAXIMUM_THREADS",
-)
 REPEATS = 5
 MAX_REPEATS = 25
 LONG_ENOUGH_S = 0.3  # with five repeats done, no more are added past this
@@ -132,28 +125,6 @@ def judge(case: Case, scratch: Path) -> dict[str, Any]:
         "note": note,
         "seconds": time.perf_counter() - start_s,
     }
-
-
-def reset_peak_mb() -> float:
-    """Start the record of the peak anew where the system can, and return the memory held now."""
-    with contextlib.suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5")
-        for line in Path("/proc/self/status").read_text().splitlines():
-            if line.startswith("VmRSS:"):
-                return int(line.split()[1]) / 1024
-    return peak_resident_mb()
-
-
-def peak_resident_mb() -> float:
-    """Largest resident memory since `reset_peak_mb`; since the start where that cannot be reset."""
-    with contextlib.suppress(OSError):
-        for line in Path("/proc/self/status").read_text().splitlines():
-            if line.startswith("VmHWM:"):
-                return int(line.split()[1]) / 1024
-    import resource
-
-    unit = 1024 * 1024 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
 
 
 def _pin(threads: int) -> None:
