@@ -16,14 +16,15 @@ PACKAGE = Path(__file__).parent
 # They say what went wrong, where things are kept and how far it is: no result depends on them.
 SILENT = ("errors", "cache", "digest")
 
-# (module, names) of each import: the module's parts below the package.
+# (module, names) of each import: the module's parts, the package's name first.
 Imports = tuple[tuple[tuple[str, ...], list[str]], ...]
 
 
 def of(*modules: str, package: Path = PACKAGE) -> str:
     """The digest of modules, named from the package as in "gel.path", and all that they import.
 
-    Raises ValueError for a module that is not there.
+    package: another one's folder; what it imports of this one counts too. Raises ValueError for a
+    module that is not there.
     """
     return _digest(tuple(sorted(set(modules))), package)
 
@@ -32,7 +33,8 @@ def of(*modules: str, package: Path = PACKAGE) -> str:
 def _digest(modules: tuple[str, ...], package: Path) -> str:
     text = hashlib.sha256()
     for path in files(*modules, package=package):
-        text.update(f"{path.relative_to(package).as_posix()} {_read(path, package)[0]}\n".encode())
+        name = path.relative_to(_home(path, package)).as_posix()
+        text.update(f"{name} {_read(path, package)[0]}\n".encode())
     return text.hexdigest()[:16]
 
 
@@ -40,7 +42,7 @@ def files(*modules: str, package: Path = PACKAGE) -> list[Path]:
     """The files whose text counts, sorted. Raises ValueError for a module that is not there."""
     todo, found = [], set()
     for name in modules:
-        path = _file(tuple(name.split(".")), package)
+        path = _file((package.name, *name.split(".")), package)
         if path is None:
             raise ValueError(f"digest: no module {name!r} in {package.name}")
         todo.append(path)
@@ -97,7 +99,11 @@ def imported(path: Path, package: Path = PACKAGE) -> tuple[Path, ...]:
 
 
 def _silent(file: Path, package: Path) -> bool:
-    return file.parent == package and file.stem in SILENT
+    return file.parent in (package, PACKAGE) and file.stem in SILENT
+
+
+def _home(path: Path, package: Path) -> Path:
+    return PACKAGE if path.is_relative_to(PACKAGE) else package
 
 
 @cache
@@ -108,7 +114,9 @@ def _read(path: Path, package: Path) -> tuple[str, Imports]:
 
 
 def _imports(tree: ast.Module, path: Path, package: Path) -> Imports:
-    here = path.relative_to(package).parent.parts
+    home = _home(path, package)
+    here = (home.name, *path.relative_to(home).parent.parts)
+    known = (package.name, PACKAGE.name)
     found: list[tuple[tuple[str, ...], list[str]]] = []
     todo: list[ast.AST] = [tree]
     while todo:
@@ -122,17 +130,14 @@ def _imports(tree: ast.Module, path: Path, package: Path) -> Imports:
         if isinstance(node, ast.ImportFrom):
             tail = tuple(node.module.split(".")) if node.module else ()
             if node.level:
-                base = here[: len(here) - node.level + 1]
-            elif tail and tail[0] == package.name:
-                base, tail = (), tail[1:]
-            else:
-                continue
-            found.append((base + tail, [alias.name for alias in node.names]))
+                tail = here[: len(here) - node.level + 1] + tail
+            if tail[0] in known:
+                found.append((tail, [alias.name for alias in node.names]))
         elif isinstance(node, ast.Import):
             for alias in node.names:
                 parts = tuple(alias.name.split("."))
-                if parts[0] == package.name and len(parts) > 1:
-                    found.append((parts[1:-1], [parts[-1]]))
+                if parts[0] in known and len(parts) > 1:
+                    found.append((parts[:-1], [parts[-1]]))
     return tuple(found)
 
 
@@ -151,8 +156,8 @@ def _defining(module: tuple[str, ...], name: str, package: Path) -> Path | None:
 
 
 def _file(module: tuple[str, ...], package: Path) -> Path | None:
-    path = package.joinpath(*module)
-    for file in (path / "__init__.py", path.with_name(path.name + ".py") if module else path):
+    path = (PACKAGE if module[0] == PACKAGE.name else package).joinpath(*module[1:])
+    for file in (path / "__init__.py", path.with_name(path.name + ".py")):
         if file.is_file():
             return file
     return None

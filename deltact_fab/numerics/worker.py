@@ -8,7 +8,6 @@ a library costs to load is not yet paid.
 from __future__ import annotations
 
 import json
-import math
 import os
 import statistics
 import sys
@@ -16,10 +15,11 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .judge import judge, plain
 from .memory import peak_resident_mb, reset_peak_mb
 
 if TYPE_CHECKING:
-    from .engine import Case, Setting
+    from .engine import Setting
 
 REPEATS = 5
 MAX_REPEATS = 25
@@ -61,7 +61,7 @@ def _answers(job: dict[str, Any]) -> Any:
                 "title": table.title,
                 "note": table.note,
                 "columns": list(table.columns),
-                "rows": [[_plain(v) for v in row] for row in table.rows],
+                "rows": [[plain(v) for v in row] for row in table.rows],
             }
 
 
@@ -87,43 +87,8 @@ def time_setting(setting: Setting, scratch: Path) -> dict[str, Any]:
         "cpu_s": statistics.median(cpu_s),
         "compile_s": max(0.0, first_s - median_s),
         "peak_mb": max(0.0, peak_mb),
-        "error": _plain(float(work.error(result))),
+        "error": plain(float(work.error(result))),
         "repeats": len(wall_s),
-    }
-
-
-def judge(case: Case, scratch: Path) -> dict[str, Any]:
-    """One row of the stability table: what was expected, what came, and the verdict."""
-    from ..errors import DeltactFabError
-
-    start_s = time.perf_counter()
-    figure: float | None = None
-    note = ""
-    try:
-        found = case.check(scratch)
-        figure, note = found if isinstance(found, tuple) else (found, "")
-        figure = float(figure)
-    except DeltactFabError as why:
-        note = " ".join(str(why).split())
-        came = "refused"
-    except Exception as why:  # a crash is a verdict of its own
-        note = f"{type(why).__name__}: {' '.join(str(why).split())}"[:300]
-        came = "crashed"
-    else:
-        within = case.bound is not None and math.isfinite(figure) and abs(figure) <= case.bound
-        came = "right" if within else "off"
-    if came == "refused" and case.says not in note:
-        came, note = "off", f"refused for another reason: {note}"
-    wanted = case.expectation.split(" or ")
-    return {
-        "case": case.name,
-        "expectation": case.expectation,
-        "bound": case.bound,
-        "unit": case.unit,
-        "figure": _plain(figure),
-        "outcome": came if came in wanted else "wrong",
-        "note": note,
-        "seconds": time.perf_counter() - start_s,
     }
 
 
@@ -138,13 +103,6 @@ def _limit_threads(threads: int) -> None:
     """OpenCV reads no variable of the environment."""
     if "cv2" in sys.modules:
         sys.modules["cv2"].setNumThreads(threads)
-
-
-def _plain(value: Any) -> Any:
-    """JSON knows no NaN: a figure that is none is null."""
-    if hasattr(value, "item"):
-        value = value.item()
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 if __name__ == "__main__":
