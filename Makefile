@@ -39,10 +39,10 @@ pins: .venv/.ready
 	$(V)/python -m uv pip compile --universal --all-extras --no-header --no-annotate \
 	  --no-emit-index-url --python-version 3.11 -o constraints.txt pyproject.toml
 
-# Programs to compare with whose licence (felupe: GPL-3) or pins do not fit ours; see tests/peers.
+# Programs to compare with whose licence (felupe: GPL-3) or pins do not fit ours; see benchmarks/peers.
 peers: .venv-peers/.ready
 
-.venv-peers/.ready: tests/peers/requirements.txt
+.venv-peers/.ready: benchmarks/peers/requirements.txt
 	@test -x .venv-peers/bin/python || $(PYTHON) -m venv .venv-peers 2>/dev/null \
 	  || $(PYTHON) -m virtualenv -q .venv-peers || virtualenv -q -p $(PYTHON) .venv-peers \
 	  || { echo "make: no venv and no virtualenv for $(PYTHON); install one: apt-get install python3-venv"; exit 1; }
@@ -52,7 +52,7 @@ peers: .venv-peers/.ready
 
 # Hours; goes on where it was stopped. Wants the extra `fast`, and `make peers` for felupe's rows.
 evidence: .venv/.ready
-	$(V)/python -m deltact_fab.numerics.evidence --threads 2
+	$(V)/python -m benchmarks.evidence --threads 2
 
 clean:
 	rm -rf .venv demo-out .pytest_cache .mypy_cache .ruff_cache .import_linter_cache

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import ast
 import hashlib
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -17,11 +16,15 @@ PACKAGE = Path(__file__).parent
 # They say what went wrong, where things are kept and how far it is: no result depends on them.
 SILENT = ("errors", "cache", "digest")
 
+# (module, names) of each import: the module's parts, the package's name first.
+Imports = tuple[tuple[tuple[str, ...], list[str]], ...]
+
 
 def of(*modules: str, package: Path = PACKAGE) -> str:
     """The digest of modules, named from the package as in "gel.path", and all that they import.
 
-    Raises ValueError for a module that is not there.
+    package: another one's folder; what it imports of this one counts too. Raises ValueError for a
+    module that is not there.
     """
     return _digest(tuple(sorted(set(modules))), package)
 
@@ -30,8 +33,8 @@ def of(*modules: str, package: Path = PACKAGE) -> str:
 def _digest(modules: tuple[str, ...], package: Path) -> str:
     text = hashlib.sha256()
     for path in files(*modules, package=package):
-        text.update(path.relative_to(package).as_posix().encode() + b"\0")
-        text.update(meaning(path.read_text(encoding="utf-8")).encode() + b"\0")
+        name = path.relative_to(_home(path, package)).as_posix()
+        text.update(f"{name} {_read(path, package)[0]}\n".encode())
     return text.hexdigest()[:16]
 
 
@@ -39,7 +42,7 @@ def files(*modules: str, package: Path = PACKAGE) -> list[Path]:
     """The files whose text counts, sorted. Raises ValueError for a module that is not there."""
     todo, found = [], set()
     for name in modules:
-        path = _file(tuple(name.split(".")), package)
+        path = _file((package.name, *name.split(".")), package)
         if path is None:
             raise ValueError(f"digest: no module {name!r} in {package.name}")
         todo.append(path)
@@ -47,23 +50,36 @@ def files(*modules: str, package: Path = PACKAGE) -> list[Path]:
         path = todo.pop()
         if path not in found:
             found.add(path)
-            todo += _imported(path, package)
+            todo += (f for f in imported(path, package) if not _silent(f, package))
     return sorted(found)
 
 
-def meaning(source: str) -> str:
-    """The syntax tree of a source text without docstrings and places."""
-    tree = ast.parse(source)
-    for node in ast.walk(tree):
-        if not isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+def meaning(tree: ast.AST) -> str:
+    """A syntax tree in words, without docstrings and places; the same for all Pythons from 3.11."""
+    words: list[str] = []
+    _tell(tree, words)
+    return " ".join(words)
+
+
+def _tell(node: ast.AST, words: list[str]) -> None:
+    words.append(node.__class__.__name__)
+    for name in node._fields:
+        value = getattr(node, name, None)
+        # What is left empty differs from one Python to the next, and the context is in the place.
+        if value is None or value == [] or name == "ctx":
             continue
-        # A string that stands alone is a docstring, of whatever is above it.
-        node.body = [at for at in node.body if not _is_text(at)] or [ast.Pass()]
-    return ast.dump(tree)
+        words.append(name)
+        for one in value if isinstance(value, list) else (value,):
+            if not isinstance(one, ast.AST):
+                words.append(repr(one))
+            elif not _says_nothing(one):
+                _tell(one, words)
+    words.append(".")
 
 
-def _is_text(node: ast.stmt) -> bool:
-    return (
+def _says_nothing(node: ast.AST) -> bool:
+    """`pass`, and a string that stands alone: the docstring of whatever is above it."""
+    return isinstance(node, ast.Pass) or (
         isinstance(node, ast.Expr)
         and isinstance(node.value, ast.Constant)
         and isinstance(node.value.value, str)
@@ -71,45 +87,58 @@ def _is_text(node: ast.stmt) -> bool:
 
 
 @cache
-def _imported(path: Path, package: Path) -> tuple[Path, ...]:
-    """Files of the package that this one imports when it runs."""
+def imported(path: Path, package: Path = PACKAGE) -> tuple[Path, ...]:
+    """Files of the package that one imports when it runs, in functions too."""
     found = []
-    for module, names in _imports(path, package):
+    for module, names in _read(path, package)[1]:
         for name in names:
             file = _defining(module, name, package)
-            if file is not None and file != path and _silent(file, package) is False:
+            if file is not None and file != path:
                 found.append(file)
     return tuple(found)
 
 
 def _silent(file: Path, package: Path) -> bool:
-    return file.parent == package and file.stem in SILENT
+    return file.parent in (package, PACKAGE) and file.stem in SILENT
 
 
-def _imports(path: Path, package: Path) -> Iterator[tuple[tuple[str, ...], list[str]]]:
-    """(module, names) of each import from the package: the module's parts below the package."""
-    here = path.relative_to(package).parent.parts
-    todo: list[ast.AST] = [ast.parse(path.read_text(encoding="utf-8"))]
+def _home(path: Path, package: Path) -> Path:
+    return PACKAGE if path.is_relative_to(PACKAGE) else package
+
+
+@cache
+def _read(path: Path, package: Path) -> tuple[str, Imports]:
+    """The hash of what a file means, and what it imports from the package."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    return hashlib.sha256(meaning(tree).encode()).hexdigest(), _imports(tree, path, package)
+
+
+def _imports(tree: ast.Module, path: Path, package: Path) -> Imports:
+    home = _home(path, package)
+    here = (home.name, *path.relative_to(home).parent.parts)
+    known = (package.name, PACKAGE.name)
+    found: list[tuple[tuple[str, ...], list[str]]] = []
+    todo: list[ast.AST] = [tree]
     while todo:
         node = todo.pop()
         if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
             todo += node.orelse
             continue
-        todo += ast.iter_child_nodes(node)
+        # Statements hold imports, expressions do not.
+        for inside in ("body", "orelse", "finalbody", "handlers", "cases"):
+            todo += getattr(node, inside, ())
         if isinstance(node, ast.ImportFrom):
             tail = tuple(node.module.split(".")) if node.module else ()
             if node.level:
-                base = here[: len(here) - node.level + 1]
-            elif tail and tail[0] == package.name:
-                base, tail = (), tail[1:]
-            else:
-                continue
-            yield base + tail, [alias.name for alias in node.names]
+                tail = here[: len(here) - node.level + 1] + tail
+            if tail[0] in known:
+                found.append((tail, [alias.name for alias in node.names]))
         elif isinstance(node, ast.Import):
             for alias in node.names:
                 parts = tuple(alias.name.split("."))
-                if parts[0] == package.name and len(parts) > 1:
-                    yield parts[1:-1], [parts[-1]]
+                if parts[0] in known and len(parts) > 1:
+                    found.append((parts[:-1], [parts[-1]]))
+    return tuple(found)
 
 
 def _defining(module: tuple[str, ...], name: str, package: Path) -> Path | None:
@@ -120,15 +149,15 @@ def _defining(module: tuple[str, ...], name: str, package: Path) -> Path | None:
     file = _file(module, package)
     if file is None or file.name != "__init__.py":
         return file
-    for inner, names in _imports(file, package):
+    for inner, names in _read(file, package)[1]:
         if name in names:
             return _defining(inner, name, package)
     return file
 
 
 def _file(module: tuple[str, ...], package: Path) -> Path | None:
-    path = package.joinpath(*module)
-    for file in (path / "__init__.py", path.with_name(path.name + ".py") if module else path):
+    path = (PACKAGE if module[0] == PACKAGE.name else package).joinpath(*module[1:])
+    for file in (path / "__init__.py", path.with_name(path.name + ".py")):
         if file.is_file():
             return file
     return None

@@ -70,3 +70,9 @@ def test_the_gel_knows_its_solver_and_no_picture() -> None:
     names = {p.relative_to(digest.PACKAGE).as_posix() for p in digest.files("gel.press")}
     assert {"gel/finite/newton.py", "gel/linear/sides.py", "shapes/prism.py"} <= names
     assert not any(name.startswith(("virtual/", "cli/", "imaging", "cache")) for name in names)
+
+
+def test_another_package_s_digest_holds_what_it_imports_of_this_one(package: Path) -> None:
+    (package / "top.py").write_text("def run():\n    from deltact_fab.shapes import parse\n")
+    names = {p.name for p in digest.files("top", package=package)}
+    assert {"top.py", "indenter.py", "prism.py"} <= names

@@ -7,7 +7,6 @@ a tolerance is left to the model, the other half to the mesh.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from typing import Literal
 
 from ..errors import InputError
@@ -20,7 +19,7 @@ from .footprint import (
     section_half_mm,
     whole_radius_mm,
 )
-from .level import Level, Reach
+from .level import Choice, Level, Reach
 from .linear.limits import DEPTH_LIMIT
 from .material import GelMaterial
 
@@ -56,34 +55,6 @@ MOST_DOFS = 120_000
 LINEAR_MM = 0.25  # grid of the linear levels
 LEAST_MM = 0.15  # smallest cell that is chosen
 HIDDEN = 1.5  # x contact radius: cells beyond may miss the tip
-
-
-@dataclass(frozen=True)
-class Choice:
-    """What `pick` picked.
-
-    spacing_mm: of the linear grid, or of cells at the contact. step_mm: of a path's increments.
-    mirrors: planes x = 0, y = 0 at which the mesh ends. focus: box of fine cells
-    (x_low, x_high, y_low, y_high). friction: as it is solved, 0 where it was left out.
-    model_force_rel, model_in_plane_mm: what the level itself leaves out, by the measured rule; 0
-    for the finest level. why: one line for a reader. asked_mm: the cells that the tolerance asks
-    for, smaller than spacing_mm where most_unknowns does not afford them; 0: not chosen so.
-    """
-
-    level: Level
-    spacing_mm: float
-    step_mm: float
-    mirrors: tuple[bool, bool]
-    focus: tuple[float, float, float, float]
-    friction: float
-    model_force_rel: float
-    model_in_plane_mm: float
-    why: str
-    asked_mm: float = 0.0
-
-    def times(self, spacing: float = 1.0, step: float = 1.0) -> Choice:
-        """The same with cells or grid, and steps, so many times as large."""
-        return replace(self, spacing_mm=self.spacing_mm * spacing, step_mm=self.step_mm * step)
 
 
 def pick(

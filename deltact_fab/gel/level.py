@@ -1,4 +1,4 @@
-"""One gel, three levels of mechanics behind one interface; `open_contact` picks or takes one.
+"""One gel, three levels of mechanics behind one interface; `open.open_contact` makes one.
 
 layer: linear, bonded, no sides (`layer`). block: linear with free sides (`block`). hyperelastic:
 finite strain, free sides (`finite`). All press an `Indenter`, keep their history in the state and
@@ -9,18 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
+from dataclasses import dataclass, replace
+from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-
-from ..errors import InputError
-from ..shapes import Indenter, SkinDimensions
-from .material import GelMaterial
-
-if TYPE_CHECKING:
-    from .choose import Choice
 
 Field = NDArray[np.float64]
 Point = tuple[float, float, float]
@@ -54,6 +47,34 @@ class Reach:
         return cls(
             (float(x.min()), float(x.max())), (float(y.min()), float(y.max())), float(depth.max())
         )
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What `choose.pick` picked.
+
+    spacing_mm: of the linear grid, or of cells at the contact. step_mm: of a path's increments.
+    mirrors: planes x = 0, y = 0 at which the mesh ends. focus: box of fine cells
+    (x_low, x_high, y_low, y_high). friction: as it is solved, 0 where it was left out.
+    model_force_rel, model_in_plane_mm: what the level itself leaves out, by the measured rule; 0
+    for the finest level. why: one line for a reader. asked_mm: the cells that the tolerance asks
+    for, smaller than spacing_mm where most_unknowns does not afford them; 0: not chosen so.
+    """
+
+    level: Level
+    spacing_mm: float
+    step_mm: float
+    mirrors: tuple[bool, bool]
+    focus: tuple[float, float, float, float]
+    friction: float
+    model_force_rel: float
+    model_in_plane_mm: float
+    why: str
+    asked_mm: float = 0.0
+
+    def times(self, spacing: float = 1.0, step: float = 1.0) -> Choice:
+        """The same with cells or grid, and steps, so many times as large."""
+        return replace(self, spacing_mm=self.spacing_mm * spacing, step_mm=self.step_mm * step)
 
 
 @dataclass(frozen=True)
@@ -135,64 +156,3 @@ class GelContact(Protocol):
 
         The way above the face is skipped.
         """
-
-
-def open_contact(
-    skin: SkinDimensions,
-    material: GelMaterial,
-    indenter: Indenter,
-    *,
-    level: Level | Literal["auto"] = "auto",
-    tolerance: float = 0.03,
-    friction: float | None = None,
-    observe_shear: bool = True,
-    reach: Reach,
-    lattice_mm: float = 0.25,
-    spacing_mm: float | None = None,
-) -> GelContact:
-    """The contact that keeps to a tolerance, or that of a named level.
-
-    tolerance: of the force, relative; in plane `choose.IN_PLANE_MM` rms goes with the default.
-    friction: None takes the material's. observe_shear: False leaves friction out where the path
-    does not shear and it changes the force by little; see `choose.pick`.
-    lattice_mm: largest distance of lattice nodes. spacing_mm: of the grid or mesh, None: chosen.
-    Raises InputError where the level cannot do it, naming what can.
-    """
-    from .choose import pick
-
-    if level != "auto" and level not in LEVELS:
-        raise InputError(f"gel: level {level!r}: valid: auto, {', '.join(LEVELS)}")
-    if not (math.isfinite(lattice_mm) and 0.02 <= lattice_mm <= skin.length_mm / 8):
-        raise InputError(
-            f"gel: lattice_mm must be 0.02 to {skin.length_mm / 8:g} mm: {lattice_mm} fails"
-        )
-    mu = material.friction if friction is None else friction
-    choice = pick(
-        skin, material, indenter, reach, tolerance,
-        level=level, friction=mu, observe_shear=observe_shear, spacing_mm=spacing_mm,
-    )  # fmt: skip
-    return contact_of(skin, material, indenter, choice, lattice_mm)
-
-
-def contact_of(
-    skin: SkinDimensions,
-    material: GelMaterial,
-    indenter: Indenter,
-    choice: Choice,
-    lattice_mm: float = 0.25,
-) -> GelContact:
-    """The contact that a choice describes; lattice_mm as in `open_contact`."""
-    x, y = (_lattice(half, lattice_mm) for half in skin.opening_half_mm)
-    if choice.level == "hyperelastic":
-        from .finite.gel import FiniteGel
-
-        return FiniteGel(skin, material, indenter, choice, x, y)
-    from .linear.gel import LinearGel
-
-    return LinearGel(skin, material, indenter, choice, x, y)
-
-
-def _lattice(half_mm: float, spacing_mm: float) -> Field:
-    """From -half to half; 0 is a node."""
-    n = max(1, math.ceil(half_mm / spacing_mm - 1e-9))
-    return np.linspace(-half_mm, half_mm, 2 * n + 1)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from ..errors import DeltactFabError, InputError
 from ..shapes import Indenter, SkinDimensions
-from .choose import LEAST_TOLERANCE, MOST_TOLERANCE, TOLERANCE, Choice, pick
-from .level import Level, Point, Reach
+from .choose import LEAST_TOLERANCE, MOST_TOLERANCE, TOLERANCE, pick
+from .level import Choice, Level, Point, Reach
 from .material import GelMaterial
 from .refine import Problem, Progress
 

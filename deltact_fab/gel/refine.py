@@ -4,8 +4,8 @@ A mesh COARSER times as large shows the mesh's part of the error; with friction,
 as large on that mesh show the steps' part. Of the force the parts are signed: cells are too stiff,
 steps lose friction, and they cancel; SPREAD is what stays of either however they do. In plane they
 add up. A linear level has besides what its model leaves out by the measured rule of `choose`. The
-factors are to keep nine of ten smooth presses within the estimate; how many do is in docs/evidence,
-on presses that did not set them (docs/decisions/0009-gel-levels.md).
+factors are to keep nine of ten smooth presses within the estimate; how many do is in
+benchmarks/EVIDENCE.md, on presses that did not set them (docs/decisions/0009-gel-levels.md).
 """
 
 from __future__ import annotations
@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..shapes import Indenter, SkinDimensions
-from .choose import IN_PLANE_MM, MOST_DOFS, TOLERANCE, Choice
-from .level import GelContact, Point, State, contact_of
+from .choose import IN_PLANE_MM, MOST_DOFS, TOLERANCE
+from .level import Choice, GelContact, Point, State
 from .material import GelMaterial
+from .open import contact_of
 
 Field = NDArray[np.float64]
 Progress = Callable[[int, int, str], None]

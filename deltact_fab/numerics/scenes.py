@@ -9,7 +9,6 @@ saved.
 
 from __future__ import annotations
 
-import hashlib
 import os
 import platform
 import sys
@@ -20,7 +19,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from .. import cache
+from .. import cache, digest
+from .memory import peak_resident_mb
+from .process import answers
 
 REPEATS = 3
 KIND = "scene-costs"
@@ -106,8 +107,6 @@ def probe(name: str) -> dict[str, float]:
     """Run one process's part, in that process: its cost from the start of the process on."""
     import importlib
 
-    from .worker import peak_resident_mb
-
     start_s, start_cpu_s = time.perf_counter(), time.process_time()
     if name in _IMPORTS:
         for module in _IMPORTS[name]:
@@ -175,8 +174,6 @@ def _knots(name: str) -> None:
 
 
 def _measured(progress: Callable[[int, int, str], None]) -> list[dict[str, Any]]:
-    from .process import answers
-
     names = [*_CHANNELS, *_GELS, *_IMPORTS]
     runs: dict[str, list[dict[str, float]]] = {name: [] for name in names}
     for i in range(REPEATS):
@@ -202,14 +199,10 @@ def _measured(progress: Callable[[int, int, str], None]) -> list[dict[str, Any]]
 
 
 def _key() -> dict[str, Any]:
-    """Everything that could change a cost: this package's own text, its libraries, the machine."""
+    """Everything that could change a cost: what the processes run, its libraries, the machine."""
     from ..bench import versions
 
-    text = hashlib.sha256()
-    package = Path(__file__).parent.parent
-    for path in sorted(package.rglob("*.py")):
-        text.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes())
-    return {"source": text.hexdigest(), "machine": machine(), **versions()}
+    return {"source": digest.of("numerics.scenes"), "machine": machine(), **versions()}
 
 
 def machine() -> dict[str, Any]:

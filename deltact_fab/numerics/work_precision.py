@@ -1,4 +1,4 @@
-"""Error against run time: every setting of an engine in a process of its own."""
+"""Error against CPU time: every setting of an engine in a process of its own."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from .process import WorkerDied, answers
 
 @dataclass(frozen=True)
 class CurveRow:
-    """One point. wall_s, cpu_s: median of `repeats` after one warm-up call.
+    """One point. cpu_s, cpu_most_s: best and slowest of `repeats` after one warm-up call.
 
-    compile_s: what the warm-up took beyond the median (compiling, plans, caches). peak_mb: memory
-    above what libraries and inputs hold. error, reference_error: in `unit`. pareto: no setting of
-    the case is both faster and nearer.
+    All threads' together. wall_s: best. compile_s: CPU time of the warm-up beyond the best
+    (compiling, plans, caches). peak_mb: memory above what libraries and inputs hold. error,
+    reference_error: in `unit`. pareto: no setting of the case takes less CPU time and is nearer.
     """
 
     engine: str
@@ -26,8 +26,9 @@ class CurveRow:
     series: str
     setting: str
     threads: int
-    wall_s: float
     cpu_s: float
+    cpu_most_s: float
+    wall_s: float
     compile_s: float
     peak_mb: float
     error: float | None
@@ -83,7 +84,7 @@ def _dominated(row: CurveRow, rows: list[CurveRow]) -> bool:
     for other in rows:
         if (other.engine, other.case) != (row.engine, row.case) or other.error is None:
             continue
-        no_worse = other.wall_s <= row.wall_s and other.error <= row.error
-        if no_worse and (other.wall_s, other.error) != (row.wall_s, row.error):
+        no_worse = other.cpu_s <= row.cpu_s and other.error <= row.error
+        if no_worse and (other.cpu_s, other.error) != (row.cpu_s, row.error):
             return True
     return False

@@ -7,27 +7,19 @@ a library costs to load is not yet paid.
 
 from __future__ import annotations
 
-import contextlib
 import json
-import math
 import os
-import statistics
 import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    from .engine import Case, Setting
+from .judge import judge, plain
+from .memory import peak_resident_mb, reset_peak_mb
 
-THREAD_VARIABLES = (
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "NUMEXPR_NUM_THREADS",
-    "NUMBA_NUM_THREADS",
-    "VECLIB_MAXIMUM_THREADS",
-)
+if TYPE_CHECKING:
+    from .engine import Setting
+
 REPEATS = 5
 MAX_REPEATS = 25
 LONG_ENOUGH_S = 0.3  # with five repeats done, no more are added past this
@@ -68,92 +60,39 @@ def _answers(job: dict[str, Any]) -> Any:
                 "title": table.title,
                 "note": table.note,
                 "columns": list(table.columns),
-                "rows": [[_plain(v) for v in row] for row in table.rows],
+                "rows": [[plain(v) for v in row] for row in table.rows],
             }
 
 
 def time_setting(setting: Setting, scratch: Path) -> dict[str, Any]:
-    """Times, memory and error of one setting; the warm-up is apart."""
+    """Times, memory and error of one setting; the warm-up is apart.
+
+    The best of several runs, for whatever else is at work only ever adds, and the slowest.
+    """
     work = setting.build(scratch)
     _limit_threads(setting.threads)  # after build: only then is it known which libraries are in
     before_mb = reset_peak_mb()
-    start_s = time.perf_counter()
+    start_s = time.process_time()
     result = work.run()
-    first_s = time.perf_counter() - start_s
+    first_s = time.process_time() - start_s
     wall_s: list[float] = []
     cpu_s: list[float] = []
-    while len(wall_s) < REPEATS or (sum(wall_s) < LONG_ENOUGH_S and len(wall_s) < MAX_REPEATS):
+    while len(cpu_s) < REPEATS or (sum(cpu_s) < LONG_ENOUGH_S and len(cpu_s) < MAX_REPEATS):
         start_s, start_cpu_s = time.perf_counter(), time.process_time()
         result = work.run()
         wall_s.append(time.perf_counter() - start_s)
         cpu_s.append(time.process_time() - start_cpu_s)
     peak_mb = peak_resident_mb() - before_mb
-    median_s = statistics.median(wall_s)
+    best_s = min(cpu_s)
     return {
-        "wall_s": median_s,
-        "cpu_s": statistics.median(cpu_s),
-        "compile_s": max(0.0, first_s - median_s),
+        "cpu_s": best_s,
+        "cpu_most_s": max(cpu_s),
+        "wall_s": min(wall_s),
+        "compile_s": max(0.0, first_s - best_s),
         "peak_mb": max(0.0, peak_mb),
-        "error": _plain(float(work.error(result))),
-        "repeats": len(wall_s),
+        "error": plain(float(work.error(result))),
+        "repeats": len(cpu_s),
     }
-
-
-def judge(case: Case, scratch: Path) -> dict[str, Any]:
-    """One row of the stability table: what was expected, what came, and the verdict."""
-    from ..errors import DeltactFabError
-
-    start_s = time.perf_counter()
-    figure: float | None = None
-    note = ""
-    try:
-        found = case.check(scratch)
-        figure, note = found if isinstance(found, tuple) else (found, "")
-        figure = float(figure)
-    except DeltactFabError as why:
-        note = " ".join(str(why).split())
-        came = "refused"
-    except Exception as why:  # a crash is a verdict of its own
-        note = f"{type(why).__name__}: {' '.join(str(why).split())}"[:300]
-        came = "crashed"
-    else:
-        within = case.bound is not None and math.isfinite(figure) and abs(figure) <= case.bound
-        came = "right" if within else "off"
-    if came == "refused" and case.says not in note:
-        came, note = "off", f"refused for another reason: {note}"
-    wanted = case.expectation.split(" or ")
-    return {
-        "case": case.name,
-        "expectation": case.expectation,
-        "bound": case.bound,
-        "unit": case.unit,
-        "figure": _plain(figure),
-        "outcome": came if came in wanted else "wrong",
-        "note": note,
-        "seconds": time.perf_counter() - start_s,
-    }
-
-
-def reset_peak_mb() -> float:
-    """Start the record of the peak anew where the system can, and return the memory held now."""
-    with contextlib.suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5")
-        for line in Path("/proc/self/status").read_text().splitlines():
-            if line.startswith("VmRSS:"):
-                return int(line.split()[1]) / 1024
-    return peak_resident_mb()
-
-
-def peak_resident_mb() -> float:
-    """Largest resident memory since `reset_peak_mb`; since the start where that cannot be reset."""
-    with contextlib.suppress(OSError):
-        for line in Path("/proc/self/status").read_text().splitlines():
-            if line.startswith("VmHWM:"):
-                return int(line.split()[1]) / 1024
-    import resource
-
-    unit = 1024 * 1024 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
 
 
 def _pin(threads: int) -> None:
@@ -167,13 +106,6 @@ def _limit_threads(threads: int) -> None:
     """OpenCV reads no variable of the environment."""
     if "cv2" in sys.modules:
         sys.modules["cv2"].setNumThreads(threads)
-
-
-def _plain(value: Any) -> Any:
-    """JSON knows no NaN: a figure that is none is null."""
-    if hasattr(value, "item"):
-        value = value.item()
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 if __name__ == "__main__":

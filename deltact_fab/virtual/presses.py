@@ -23,8 +23,7 @@ from .paths import PressPath, paths, poses
 from .press import SAME_MM, Press
 
 if TYPE_CHECKING:
-    from ..gel.choose import Choice
-    from ..gel.level import Level
+    from ..gel.level import Choice, Level
 
 Field = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.export import batch as export
 from deltact_fab.cad.export.batch import export_parts
 from deltact_fab.cad.export.part_files import FORMATS, Made, applicable
-from deltact_fab.cad.export.stored import Store, sources_sha256
+from deltact_fab.cad.export.stored import Store, sources
 from deltact_fab.cad.parts import skin_frame
 from deltact_fab.cli.cad import cad
 from deltact_fab.errors import InputError, RunFailed
@@ -280,17 +280,11 @@ def test_a_mesh_is_found_by_its_tolerance_and_an_indenter_by_its_own_numbers(tmp
     assert Store(DESIGN, 0.01, True).get([replace(ball, indenter=thicker)], "stl") is None
 
 
-def test_the_sources_count_by_content(tmp_path):
-    for folder in ("cad/parts", "shapes", "gel"):
-        (tmp_path / folder).mkdir(parents=True)
-    (tmp_path / "cad/parts/skin.py").write_text("a = 1")
-    first = sources_sha256(tmp_path)
-    (tmp_path / "gel/layer.py").write_text("not among what parts are made from")
-    assert sources_sha256(tmp_path) == first
-    (tmp_path / "cad/parts/skin.py").write_text("a = 2")
-    second = sources_sha256(tmp_path)
-    (tmp_path / "cad/parts/skin.py").rename(tmp_path / "shapes/skin.py")
-    assert len({first, second, sources_sha256(tmp_path)}) == 3
+def test_a_part_counts_its_own_builder_and_an_assembly_all_of_them():
+    skin, cover, shell = (registry.find(name) for name in ("skin", "cover", "shell"))
+    assert len({sources([skin]), sources([cover]), sources([skin, cover])}) == 3
+    assert sources([skin, cover]) == sources([cover, skin])
+    assert sources([skin, cover]) != sources([skin, shell])
 
 
 # What goes wrong.

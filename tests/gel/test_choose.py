@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltact_fab.errors import InputError
-from deltact_fab.gel.choose import Choice, model_error, pick
+from deltact_fab.gel.choose import model_error, pick
 from deltact_fab.gel.finite import block_mesh
 from deltact_fab.gel.footprint import (
     contact_radius_mm,
@@ -17,7 +17,7 @@ from deltact_fab.gel.footprint import (
     is_mirrored,
     section_half_mm,
 )
-from deltact_fab.gel.level import Reach
+from deltact_fab.gel.level import Choice, Reach
 from deltact_fab.gel.material import GelMaterial
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import KINDS, parse

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from deltact_fab.errors import InputError
-from deltact_fab.gel import level
+from deltact_fab.gel import open as opening
 from deltact_fab.gel.finite import FinitePress, block_mesh
 from deltact_fab.gel.fit.curve import ForceCurve, cells_mm, force_curve, force_path
 from deltact_fab.gel.material import GelMaterial
@@ -39,7 +39,7 @@ def test_forces_scale_with_the_modulus_in_the_engine_itself() -> None:
 
 def test_one_curve_serves_every_modulus(monkeypatch: pytest.MonkeyPatch) -> None:
     one = curve(0.56)
-    monkeypatch.setattr(level, "contact_of", None)  # nothing more may be solved
+    monkeypatch.setattr(opening, "contact_of", None)  # nothing more may be solved
     other = curve(1.12)
     np.testing.assert_allclose(other.force_n, 2 * one.force_n, rtol=1e-12)
     assert curve(0.56).force_n.tobytes() == one.force_n.tobytes()
@@ -102,7 +102,7 @@ def test_path_is_the_engines_own_and_cached(monkeypatch: pytest.MonkeyPatch) -> 
     assert found.shape == (4, 3)
     assert found[2, 0] > 0.1  # the gel is dragged to +x, which is the force on the sensor
     assert np.abs(found[[0, 3]]).max() < 1e-6
-    monkeypatch.setattr(level, "contact_of", None)
+    monkeypatch.setattr(opening, "contact_of", None)
     again = force_path(SKIN, material, SPHERE, tips, spacing_mm=COARSE)
     assert again.tobytes() == found.tobytes()
 

@@ -11,8 +11,9 @@ import pytest
 from deltact_fab.errors import InputError
 from deltact_fab.gel.choose import pick
 from deltact_fab.gel.finite.field import hermite
-from deltact_fab.gel.level import GelContact, Level, Reach, State, contact_of, open_contact
+from deltact_fab.gel.level import GelContact, Level, Reach, State
 from deltact_fab.gel.material import GelMaterial
+from deltact_fab.gel.open import contact_of, open_contact
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from deltact_fab.gel import refine as module
-from deltact_fab.gel.choose import Choice, pick
-from deltact_fab.gel.level import Reach
+from deltact_fab.gel.choose import pick
+from deltact_fab.gel.level import Choice, Reach
 from deltact_fab.gel.material import GelMaterial
 from deltact_fab.gel.press import press
 from deltact_fab.gel.refine import (

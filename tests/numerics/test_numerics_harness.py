@@ -25,8 +25,10 @@ from deltact_fab.numerics.engine import Case, Engine, Flagged, Setting, Work
 def build(n, scratch):
     calls = []
     def run():
+        start_s = time.process_time()
         if not calls:
-            time.sleep(0.15)
+            while time.process_time() - start_s < 0.15:
+                pass
         calls.append(1)
         print("noise on stdout")
         block = b"x" * (40_000_000 if n == 2 else 1)
@@ -116,7 +118,7 @@ def test_times_memory_and_threads_of_a_setting(toy: str, tmp_path: Path) -> None
     for row in rows:
         assert row.repeats >= 5
         assert row.compile_s > 0.12
-        assert row.wall_s < 0.1
+        assert row.cpu_s <= row.cpu_most_s < 0.1
     assert large.peak_mb > 35 > small.peak_mb
 
 
@@ -129,8 +131,10 @@ def test_a_setting_that_fails_is_named(toy: str, tmp_path: Path) -> None:
 
 
 def test_pareto_front() -> None:
-    def row(case: str, wall_s: float, error: float | None) -> CurveRow:
-        return CurveRow("e", case, "s", "n", 1, wall_s, 0, 0, 0, error, "mm", "truth", 0, 5)
+    def row(case: str, cpu_s: float, error: float | None) -> CurveRow:
+        # A setting that waited for the processor is not slower for it.
+        return CurveRow("e", case, "s", "n", 1, cpu_s, 9, 9 / cpu_s, 0, 0, error, "mm", "truth",
+                        0, 5)  # fmt: skip
 
     rows = [row("a", 1, 4), row("a", 2, 2), row("a", 3, 3), row("a", 4, 1), row("a", 0.5, None),
             row("b", 9, 9)]  # fmt: skip
@@ -153,8 +157,8 @@ def test_a_wrong_row_fails_the_command_and_stays_in_every_file(toy: str, tmp_pat
     assert not re.search(r"""(src|href)=["'](http|//)|url\(http|@import""", page)
     header, *lines = (out / "curves.csv").read_text().splitlines()
     assert len(lines) == 2
-    for column in ("wall_s", "cpu_s", "compile_s", "peak_mb", "error", "unit", "reference",
-                   "reference_error", "repeats", "threads"):  # fmt: skip
+    for column in ("cpu_s", "cpu_most_s", "wall_s", "compile_s", "peak_mb", "error", "unit",
+                   "reference", "reference_error", "repeats", "threads"):  # fmt: skip
         assert column in header.split(",")
 
 

@@ -26,8 +26,8 @@ ROOT = Path(__file__).parents[2]
 CATALOGUE = ("cad", "patterns", "protocols")
 # Whatever else lies in a checkout (environments, run folders, caches) stays there.
 TRAVELS = {
-    *CATALOGUE, "deltact_fab", "tests", "docs", ".ci", ".gitignore", "Makefile", "README.md",
-    "CHANGELOG.md", "CONTRIBUTING.md", "PKG-INFO", "constraints.txt", "pyproject.toml",
+    *CATALOGUE, "benchmarks", "deltact_fab", "tests", "docs", ".ci", ".gitignore", "Makefile",
+    "README.md", "CHANGELOG.md", "CONTRIBUTING.md", "PKG-INFO", "constraints.txt", "pyproject.toml",
 }  # fmt: skip
 SHORT = """
 name = "short"
@@ -136,7 +136,7 @@ def test_the_sdist_holds_what_builds_tests_and_reads_and_nothing_else(built: Pat
     with tarfile.open(next(built.glob("*.tar.gz"))) as archive:
         names = {name.split("/", 1)[1] for name in archive.getnames()}
     assert {name.split("/")[0] for name in names} == TRAVELS
-    assert names >= set(of_the_checkout("deltact_fab", *CATALOGUE, "tests", ".ci"))
+    assert names >= set(of_the_checkout("deltact_fab", *CATALOGUE, "tests", "benchmarks", ".ci"))
     assert not [name for name in names if "__pycache__" in name or name.endswith(".pyc")]
 
 

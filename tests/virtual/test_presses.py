@@ -130,8 +130,9 @@ def test_only_what_changes_the_mechanics_is_solved_again(
 
 def test_forces_are_in_proportion_to_the_modulus() -> None:
     """What lets all moduli share a trajectory: the solver itself, with another one."""
-    from deltact_fab.gel.level import Reach, open_contact
+    from deltact_fab.gel.level import Reach
     from deltact_fab.gel.material import GelMaterial
+    from deltact_fab.gel.open import open_contact
     from deltact_fab.shapes.indenter import parse
 
     press = solved(specimen(gel_model="hyperelastic"), finite(2.5))

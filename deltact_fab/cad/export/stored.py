@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib.metadata
 import platform
 import zlib
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
-from ... import __version__, cache
+from ... import __version__, cache, digest
 from ..dimensions import Design
 from ..registry import Part
 from .part_files import MESHED, Made
@@ -20,7 +18,6 @@ from .part_files import MESHED, Made
 KIND = "cad"
 # About ten designs at 0.01 mm; the longest unused go first.
 LIMIT_BYTES = 512 * 2**20
-_SOURCES = ("cad/**/*.py", "shapes/*.py", "catalog.py")
 _PACKAGES = ("cadquery", "cadquery-ocp", "ezdxf", "numpy", "scipy")
 
 
@@ -68,7 +65,8 @@ class Store:
             "design": None if alone else plain(self._design),
             "format": kind,
             "tolerance_mm": self._tolerance_mm if kind in MESHED else None,
-            "made_by": made_by(),
+            "sources": sources(parts),
+            "made_by": libraries(),
         }
 
 
@@ -82,30 +80,21 @@ def plain(value: Any) -> Any:
     return value
 
 
-@lru_cache(maxsize=1)
-def made_by() -> dict[str, str]:
-    """What else decides the bytes: sources of this package by content, and the libraries.
+def sources(parts: Sequence[Part]) -> str:
+    """The digest of what makes these parts' solids and files: of other parts' builders, nothing."""
+    builders = {part.builder.partition(":")[0].removeprefix("deltact_fab.") for part in parts}
+    return digest.of("cad.export.part_files", *builders)
 
-    Once a process, for a source that changes later is not what this process runs.
-    """
-    versions = {name: _version(name) for name in _PACKAGES}
+
+@lru_cache(maxsize=1)
+def libraries() -> dict[str, str]:
+    """Versions and machine that decide the bytes as well."""
     return {
         "deltact-fab": __version__,
-        "sources": sources_sha256(Path(__file__).resolve().parents[2]),
         "machine": platform.machine(),
         "zlib": zlib.ZLIB_RUNTIME_VERSION,
-        **versions,
+        **{name: _version(name) for name in _PACKAGES},
     }
-
-
-def sources_sha256(package: Path) -> str:
-    """One digest of names and contents of the sources that make solids and files."""
-    digest = hashlib.sha256()
-    for pattern in _SOURCES:
-        for path in sorted(package.glob(pattern)):
-            content = hashlib.sha256(path.read_bytes()).hexdigest()
-            digest.update(f"{path.relative_to(package).as_posix()} {content}\n".encode())
-    return digest.hexdigest()
 
 
 def _version(package: str) -> str:

@@ -6,22 +6,18 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...shapes import Indenter, SkinDimensions
-from ..level import Diagnostics, Level, Point
+from ..level import Choice, Diagnostics, Level, Point
 from ..material import GelMaterial
 from .field import FaceLattice, tractions_mpa, whole_wrench
 from .mesh import block_mesh
 from .press import FinitePress
 from .state import PENETRATION_LIMIT, FiniteState, sum_of, with_diagnostics
-
-if TYPE_CHECKING:
-    from ..choose import Choice
 
 Field = NDArray[np.float64]
 

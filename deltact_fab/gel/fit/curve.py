@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...shapes import Indenter, SkinDimensions
-from ..choose import Choice
+from ..level import Choice
 from ..material import GelMaterial
 from ..path.knots import Increments, Observed, Point, Pose, divide
 from ..path.open import choose, open_path

@@ -5,21 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...shapes import Indenter, SkinDimensions
 from ..finite.field import hermite
-from ..level import Diagnostics, Level, Point
+from ..level import Choice, Diagnostics, Level, Point
 from ..material import GelMaterial
 from .contact import LayerContact
 from .face import FaceOperator
 from .state import ContactState
-
-if TYPE_CHECKING:
-    from ..choose import Choice
 
 Field = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 from ...shapes import Indenter, SkinDimensions
-from ..choose import TOLERANCE, Choice, pick
-from ..level import GelContact, Reach
+from ..choose import TOLERANCE, pick
+from ..level import Choice, GelContact, Reach
 from ..material import GelMaterial
 from .knots import Observed, Pose
 from .mirror import to_solved
@@ -54,7 +54,7 @@ def open_path(
     solved = [replace(p, tip_mm=mirror.point(p.tip_mm)) for p in poses]
 
     def contact() -> GelContact:
-        from ..level import contact_of
+        from ..open import contact_of
 
         return contact_of(skin, unit, indenter, choice, observed.lattice_mm)
 

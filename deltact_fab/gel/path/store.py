@@ -13,7 +13,7 @@ import numpy as np
 
 from ... import cache, digest
 from ...shapes import Indenter, SkinDimensions
-from ..choose import Choice
+from ..level import Choice
 from ..material import GelMaterial
 from .knots import Between, Field, Observed, Point, Pose, Solved, Trajectory
 

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from ...gel.finite.field import whole_wrench
 from .gel_scene import (
     Point,
     Scene,
@@ -82,34 +81,6 @@ def stick(scratch: Path) -> tuple[float, str]:
     return float(np.abs(f - g).max() / np.abs(f).max()), a.note()
 
 
-def thickness(
-    scene: Scene, step_mm: float, depth_mm: float, what: str, scratch: Path
-) -> tuple[float, str]:
-    """`mesh_change` of a press, or the worse of a fall of its force and `imbalance`."""
-    tip = down(depth_mm)
-    if what == "force":
-        return mesh_change(scene, step_mm, tip)
-    found = trusted(solved(scene, step_mm, tip))
-    force = np.array([-s.force_n[2] for s in found.states])
-    fall = max(0.0, -float(np.diff(force).min())) / force[-1]
-    return max(fall, imbalance(found)), found.note()
-
-
-def corners(scene: Scene, at_mm: tuple[float, float], depth_mm: float, scratch: Path) -> Any:
-    """Largest difference of the four corners' forces, mirrored, over the force."""
-    forces, last = [], None
-    for sx in (1, -1):
-        for sy in (1, -1):
-            x, y = sx * at_mm[0], sy * at_mm[1]
-            box = (x - 4, x + 4, y - 4, y + 4)
-            here = replace(scene, mirrors=(False, False), focus=box)
-            last = trusted(solved(here, 1.0, (x, y, depth_mm)))
-            forces.append(np.array(last.last.force_n) * [sx, sy, 1])
-    assert last is not None
-    spread = np.ptp(np.array(forces), axis=0).max()
-    return float(spread / np.abs(forces[0]).max()), last.note()
-
-
 def one_increment(scene: Scene, depth_mm: float, scratch: Path) -> tuple[float, str]:
     """Force of a press in one step over that in ten, less 1."""
     one = solved(scene, depth_mm, down(depth_mm))
@@ -137,13 +108,6 @@ def depth_zero(scratch: Path) -> float:
     return float(np.abs(state.displacement_mm).max() + np.abs(state.force_n).max())
 
 
-def side_force_of_a_press(scene: Scene, depth_mm: float, scratch: Path) -> tuple[float, str]:
-    """Side force of a straight press that symmetry forbids, over the force."""
-    found = trusted(solved(scene, 0.5, down(depth_mm)))
-    force, _ = whole_wrench(found.press.mesh, found.last)
-    return float(np.abs(force[:2]).max() / abs(force[2])), found.note()
-
-
 def drag_mirrored(scene: Scene, depth_mm: float, by_mm: float, axis: int, step_mm: float) -> Any:
     """Drags to + and to - along an axis across which the indenter is symmetric: worst difference
     of the forces, mirrored, over the largest."""
@@ -169,20 +133,3 @@ def run(call: Callable[[], Any], scratch: Path) -> float:
     """For calls that must be refused: there is no figure."""
     call()
     return math.nan
-
-
-def long_drag(scene: Scene, axis: int, scratch: Path) -> tuple[float, str]:
-    """Worst breach of balance, cone and, where the indenter has it, mirror symmetry, 10 mm deep
-    and dragged 10 mm each way."""
-    found = []
-    for sign in (1.0, -1.0):
-        end = [0.0, 0.0, 10.0]
-        end[axis] = sign * 10.0
-        found.append(trusted(solved(scene, 0.5, down(10.0), (end[0], end[1], end[2]))))
-    worst = max(max(imbalance(f), cone_excess(f)) for f in found)
-    note = "; ".join(f.note() for f in found)
-    if not (scene.indenter == "star" and axis == 0):
-        a, b = (max(abs(s.force_n[axis]) for s in f.states) for f in found)
-        worst = max(worst, abs(a / b - 1))
-        note += f"; largest side force {a:.4g} and {b:.4g} N"
-    return worst, note

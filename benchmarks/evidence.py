@@ -1,0 +1,202 @@
+"""The long tables: every row in a process of its own, kept in one file, written up as markdown.
+
+`python -m benchmarks.evidence [--only PREFIX] [--stale] [--limit-s N]`; `make evidence` runs it.
+What is there already is skipped, so an interrupted run goes on where it stopped. A row whose code
+or arguments have changed since is stale: it is kept and marked, and run again only when asked for.
+A row that fails or dies is kept with its reason.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from deltact_fab import bench, digest
+from deltact_fab.gel.finite.linear import Name
+from deltact_fab.numerics.engine import Case
+from deltact_fab.numerics.engines import gel_cases, gel_finite, gel_run
+from deltact_fab.numerics.engines.gel_finite import Run
+from deltact_fab.numerics.process import THREAD_VARIABLES
+from deltact_fab.numerics.scenes import machine
+
+from . import felupe, gel_long, store
+from .held import every_held, held_row
+from .measure import case_row, curve_row, reference_row
+from .presses import press_row
+from .tables import write_up
+
+HERE = Path(__file__).resolve().parent
+ROWS, TABLES = "evidence.jsonl", "EVIDENCE.md"
+LIMIT_S = 3600.0
+RANDOM_PRESSES = 30
+
+
+@dataclass(frozen=True)
+class Row:
+    """name: unique, starts with its table. call: made in the row's own process."""
+
+    name: str
+    call: Callable[[], dict[str, Any]]
+
+    @property
+    def key(self) -> dict[str, str]:
+        """What its result follows from: the call in words, and the digest of the code behind it."""
+        words, modules = _spelled(self.call)
+        own = {m.partition(".")[2] for m in modules if m.startswith(f"{HERE.name}.")}
+        package = {m.partition(".")[2] for m in modules if m.startswith("deltact_fab.")}
+        source = f"{digest.of(*own, package=HERE)}+{digest.of(*package)}"
+        return {"row": self.name, "asked": words, "source": source}
+
+
+# -- rows ------------------------------------------------------------------------------------------
+
+
+def rows() -> Iterator[Row]:
+    """All rows, the cheap tables first."""
+    yield from _of_cases("stability", [*gel_cases.cases(), *gel_long.cases()])
+    for depth in (2.0, 5.0):
+        for mu in (0.0, 0.5):
+            name = f"reference: {depth:g} mm, friction {mu:g}"
+            yield Row(name, partial(reference_row, depth, mu))
+    for solve, run in every_run():
+        yield Row(f"curve: {run.case}: {run.series}: {run.name}", partial(curve_row, solve, run))
+    for i in range(RANDOM_PRESSES):
+        yield Row(f"press: {i + 1}", partial(press_row, i))
+    for held in every_held():
+        yield Row(f"held: {held.name}", partial(held_row, held))
+    yield from _of_cases("straight", gel_long.straight_cases())
+    yield from _of_cases("drag", gel_long.drag_cases())
+
+
+def _of_cases(table: str, cases: list[Case]) -> Iterator[Row]:
+    for case in cases:
+        yield Row(f"{table}: {case.name}", partial(case_row, case))
+
+
+def every_run() -> Iterator[tuple[Callable[[Any], Any], Run]]:
+    """The points of the curves, each with what solves it; the longest take minutes."""
+    solvers: tuple[Name, ...] = ("pardiso", "superlu", "cg")
+    finite, linear, auto = gel_finite.solve, gel_run.solve_linear, gel_run.solve_auto
+    for depth in (2.0, 5.0):
+        for mu in (0.0, 0.5):
+            for h in (3.0, 2.0, 1.5, 1.0, 0.75):
+                yield finite, Run("hyperelastic", depth, mu, h)
+            for h in (3.0, 2.0, 1.5, 1.0):
+                yield finite, Run("hyperelastic", depth, mu, h, "whole")
+            for tolerance in (0.1, 0.03, 0.01):
+                yield auto, Run("auto", depth, mu, tolerance=tolerance)
+            if depth == 2.0:  # beyond a quarter of the thickness the linear levels refuse
+                for h in (0.5, 0.25, 0.125):
+                    yield linear, Run("layer", depth, mu, h)
+                for h in (0.5, 0.25):
+                    yield linear, Run("block", depth, mu, h)
+        for solver in solvers:
+            for h in (3.0, 2.0, 1.5):
+                yield finite, Run("hyperelastic", depth, 0.0, h, "whole", solver)
+        for h in (3.0, 2.0, 1.5):
+            yield finite, Run("hyperelastic", depth, 0.0, h, "even")
+        for h in (3.0, 2.0, 1.5):
+            yield felupe.solve, felupe.FelupeRun("hyperelastic", depth, 0.0, h, "even")
+
+
+def _spelled(call: Any) -> tuple[str, set[str]]:
+    """A call and its arguments in words, and the modules of the functions in it."""
+    if isinstance(call, Case):
+        check, its_modules = _spelled(call.check)
+        return f"{call.expectation}, {call.bound}, {call.says!r}: {check}", its_modules
+    if not isinstance(call, partial):
+        return (call.__qualname__, {call.__module__}) if callable(call) else (repr(call), set())
+    told, modules = zip(*map(_spelled, (call.func, *call.args)), strict=True)
+    keywords = "".join(f", {k}={v!r}" for k, v in call.keywords.items())
+    return f"{told[0]}({', '.join(told[1:])}{keywords})", set().union(*modules)
+
+
+# -- running ---------------------------------------------------------------------------------------
+
+
+def run_row(name: str, threads: int, limit_s: float) -> dict[str, Any]:
+    """One row in a fresh process; a failure is a result too."""
+    environment = {**os.environ, **dict.fromkeys(THREAD_VARIABLES, str(threads))}
+    command = [sys.executable, "-m", f"{HERE.name}.evidence", "--row", name]
+    try:
+        ended = subprocess.run(
+            command, capture_output=True, text=True, env=environment, timeout=limit_s, check=False,
+            cwd=HERE.parent,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return {"failed": f"no answer within {limit_s:g} s"}
+    if ended.returncode:
+        words = ended.stderr.strip().splitlines()
+        return {"failed": words[-1] if words else f"exit {ended.returncode}"}
+    answer: dict[str, Any] = json.loads(ended.stdout.splitlines()[-1])
+    return answer
+
+
+def fill(
+    path: Path, only: str = "", stale: bool = False, threads: int = 1, limit_s: float = LIMIT_S
+) -> int:
+    """Run what is missing in a file of rows; returns the number of rows that were run.
+
+    only: a prefix of their names; those of them that are stale are run as well. stale: all such.
+    """
+    known = store.compact(path)
+    wanted = [row for row in rows() if row.name.startswith(only)]
+    ran = 0
+    for i, row in enumerate(wanted, 1):
+        key = row.key
+        if row.name in known and (known[row.name]["key"] == key or not (stale or only)):
+            continue
+        started = time.monotonic()
+        result = run_row(row.name, threads, limit_s)
+        seconds = time.monotonic() - started
+        print(f"{i}/{len(wanted)} {row.name}: {seconds:.0f} s", file=sys.stderr, flush=True)
+        store.append(path, {
+            "key": key, "result": result, "seconds": round(seconds, 1), "threads": threads,
+            "load": [round(v, 1) for v in os.getloadavg()] if hasattr(os, "getloadavg") else None,
+            "machine": machine(), "versions": _versions(),
+        })  # fmt: skip
+        ran += 1
+    return ran
+
+
+def _versions() -> dict[str, str]:
+    found = {k: bench.versions()[k] for k in ("deltact-fab", "python", "numpy", "scipy")}
+    for name in ("numba", "pypardiso", "mkl"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found
+
+
+def main() -> None:
+    """Run what is missing and write it up; `--row NAME` is one row's own process."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--row", help=argparse.SUPPRESS)
+    parser.add_argument("--only", default="", help="rows whose name starts with this, stale or not")
+    parser.add_argument("--stale", action="store_true", help="run the stale ones again")
+    parser.add_argument("--limit-s", type=float, default=LIMIT_S, help="longest a row may take")
+    parser.add_argument("--threads", type=int, default=1)
+    given = parser.parse_args()
+    if given.row is not None:
+        print(json.dumps(next(r for r in rows() if r.name == given.row).call(), allow_nan=False))
+        return
+    ran = fill(HERE / ROWS, given.only, given.stale, given.threads, given.limit_s)
+    entries = store.compact(HERE / ROWS)
+    out = HERE / TABLES
+    write_up(out, entries, [row.key for row in rows()])
+    print(f"{ran} rows run; {out.relative_to(HERE.parent)} written")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,175 @@
+"""Other people's programs as a second opinion, each in a process and an environment of its own.
+
+felupe is GPL-3, so nothing here imports it: `make peers` puts it into `.venv-peers`, and the
+script peers/felupe_press.py exchanges files. Where the environment is absent, `None` says
+"not run".
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltact_fab.errors import InputError, RunFailed
+from deltact_fab.gel.finite import FinitePress
+from deltact_fab.gel.finite.surface import HARDENING, HARDEST, SHALLOW
+from deltact_fab.numerics.engines.gel_finite import Answer, Run, prepared
+from deltact_fab.numerics.process import THREAD_VARIABLES
+from deltact_fab.shapes import SphereTip
+
+Field = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+VARIABLE = "DELTACT_PEERS"
+HERE = Path(__file__).resolve().parent
+PYTHON = HERE.parent / ".venv-peers" / "bin" / "python"
+SCRIPT = HERE / "peers" / "felupe_press.py"
+
+
+@dataclass(frozen=True, eq=False)
+class FelupeCase:
+    """A frictionless press of a sphere on a mesh of eight-node bricks.
+
+    nodes_mm (n, 3), cells (m, 8), faces (f, 4), base (b,): as in `gel.finite.HexMesh`. mu_mpa,
+    lambda_mpa, local_mpa: the law of `gel.finite.material`, local its b. The penalty is stiffness x
+    ramp x (1 + hardening x ramp^2), straight on from a ramp of straight_mm; stiffness (f,) in
+    MPa/mm; the ramp is the penetration, rounded over width_mm (f,), at most shallow x depth.
+    tips_mm (k, 3): (x, y, depth) in turn. tolerance: of unbalanced over contact forces, these
+    taken as floor_n at least. most_iterations: before felupe's increment is halved.
+    """
+
+    nodes_mm: Field
+    cells: Index
+    faces: Index
+    base: Index
+    mu_mpa: float
+    lambda_mpa: float
+    local_mpa: float
+    radius_mm: float
+    stiffness: Field
+    hardening_per_mm2: Field
+    straight_mm: Field
+    width_mm: Field
+    shallow: float
+    tips_mm: Field
+    tolerance: float
+    floor_n: float
+    most_iterations: int = 16
+
+
+def felupe_case(press: FinitePress, tips_mm: Sequence[tuple[float, float, float]]) -> FelupeCase:
+    """What `press` solves, for felupe: the same mesh, law, penalty, rounding and tolerance.
+
+    Raises InputError for friction, for indenters other than one sphere and for other than 2 x 2
+    contact points a face, which the script lacks.
+    """
+    tips = press.indenter.tips
+    if len(tips) != 1 or not isinstance(tips[0], SphereTip) or press.friction > 0:
+        raise InputError(
+            f"felupe: a sphere without friction is needed, {press.indenter.name} with friction "
+            f"{press.friction:g} was given"
+        )
+    mesh, surface = press.mesh, press.surface
+    if surface.weights_mm2.shape[1] != 4:
+        raise InputError("felupe: 2 x 2 contact points a face are needed: points = 2")
+    if int((~press.pattern.free).sum()) != 3 * len(mesh.base):
+        raise InputError("felupe: a mesh without planes of symmetry is needed")
+    doubled = HARDENING * np.sqrt(surface.weights_mm2.sum(axis=1))
+    return FelupeCase(
+        mesh.nodes_mm, mesh.cells, mesh.faces, mesh.base, press.law.mu_mpa, press.law.lambda_mpa,
+        press.law.local_mpa, tips[0].radius_mm, surface.stiffness[:, 0], 1 / doubled**2,
+        HARDEST * doubled, surface.width_mm[:, 0], SHALLOW,
+        np.array(tips_mm, dtype=np.float64), press.tolerance, press._floor_n,
+    )  # fmt: skip
+
+
+def peers_python() -> Path | None:
+    """The interpreter that DELTACT_PEERS names, else that of the checkout's .venv-peers; None if
+    there is none. RunFailed if the variable points nowhere."""
+    named = os.environ.get(VARIABLE)
+    if named:
+        if not Path(named).is_file():
+            raise RunFailed(f"{VARIABLE}: {named} is no file; an interpreter with felupe is meant")
+        return Path(named).absolute()
+    return PYTHON if PYTHON.is_file() else None
+
+
+def felupe_press(
+    case: FelupeCase, threads: int = 1, timeout_s: float = 3600.0
+) -> dict[str, Any] | None:
+    """felupe's answer, or None ("not run") where `peers_python` finds nothing.
+
+    force_n (k, 3) on the indented face's sensor, displacement_mm (k, s, 3) of the nodes `surface`
+    (s,), iterations (k,), seconds (k,), all only up to where it converged; converged, reason,
+    threads, unknowns, setup_s, press_s, solver_s, felupe (its version). Raises RunFailed when the
+    script itself breaks or takes longer than timeout_s.
+    """
+    python = peers_python()
+    if python is None:
+        return None
+    environment = dict(os.environ)
+    environment.update(dict.fromkeys(THREAD_VARIABLES, str(threads)))
+    with tempfile.TemporaryDirectory() as scratch:
+        given, out = Path(scratch) / "case.npz", Path(scratch) / "answer"
+        np.savez(given, **{k: getattr(case, k) for k in case.__dataclass_fields__})
+        try:
+            ended = subprocess.run(
+                [str(python), str(SCRIPT), str(given), str(out)], capture_output=True, text=True,
+                env=environment, timeout=timeout_s, check=False,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired as why:
+            raise RunFailed(f"felupe: no answer within {timeout_s:g} s") from why
+        if ended.returncode:
+            words = ended.stderr.strip().splitlines()
+            raise RunFailed(
+                f"felupe: exit {ended.returncode}: {words[-1] if words else 'without a word'}"
+            )
+        answer: dict[str, Any] = json.loads(out.with_suffix(".json").read_text(encoding="utf-8"))
+        with np.load(out.with_suffix(".npz")) as arrays:
+            answer.update({key: arrays[key] for key in arrays.files})
+    return answer
+
+
+class FelupeRun(Run):
+    """The same press, solved by felupe."""
+
+    @property
+    def series(self) -> str:
+        """As the curve is called."""
+        return "felupe, whole, cells of one size"
+
+
+def solve(run: FelupeRun) -> Answer:
+    """Raises RunFailed where there is no felupe, or where it does not converge."""
+    press, lattice = prepared(run)
+    n = max(1, math.ceil(run.depth_mm / run.step_mm - 1e-9))
+    tips = [(0.0, 0.0, run.depth_mm * (i / n)) for i in range(1, n + 1)]
+    found = felupe_press(felupe_case(press, tips))
+    if found is None:
+        raise RunFailed("felupe: not run: no .venv-peers (make peers)")
+    if not found["converged"]:
+        raise RunFailed(f"felupe: {found['reason']}")
+    u = np.zeros_like(press.mesh.nodes_mm)
+    u[found["surface"]] = found["displacement_mm"][-1]
+    note = {
+        "dofs": found["unknowns"],
+        "iterations": int(np.sum(found["iterations"])),
+        "version": found["felupe"],
+        "setup_s": found["setup_s"],
+        "press_s": found["press_s"],
+        "solver_s": found["solver_s"],
+    }
+    inner_s = float(found["setup_s"] + found["press_s"])
+    return Answer(
+        -float(found["force_n"][-1][2]), lattice.displacement_mm(u)[..., :2], note, inner_s
+    )

@@ -1,0 +1,53 @@
+"""What a row of evidence computes, in the row's own process."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from deltact_fab.numerics.engine import Case
+from deltact_fab.numerics.engines import gel_finite
+from deltact_fab.numerics.engines.gel_finite import Answer, Run
+from deltact_fab.numerics.engines.gel_reference import FINE, errors, reference
+from deltact_fab.numerics.judge import judge
+from deltact_fab.numerics.memory import peak_resident_mb, reset_peak_mb
+
+
+def case_row(case: Case) -> dict[str, Any]:
+    """A line of a stability table, judged."""
+    with tempfile.TemporaryDirectory() as scratch:
+        return judge(case, Path(scratch))
+
+
+def reference_row(depth_mm: float, friction: float) -> dict[str, Any]:
+    """A reference of the curves, and what it says of its own error."""
+    truth = reference(depth_mm, friction)
+    coarse, fine, step, _ = FINE[friction == 0]
+    return {
+        "depth_mm": depth_mm, "friction": friction, "meshes_mm": [coarse, fine], "step_mm": step,
+        "normal_n": truth.normal_n, "own_force_percent": truth.force_error,
+        "own_in_plane_mm": truth.in_plane_error,
+    }  # fmt: skip
+
+
+def curve_row(solve: Callable[[Any], Answer], run: Run) -> dict[str, Any]:
+    """A point on a curve: time, memory and error, once after a warm-up."""
+    truth = reference(run.depth_mm, run.friction)
+    gel_finite.solve(Run("hyperelastic", 0.5, run.friction, 3.0))
+    if run.level in ("layer", "block"):
+        solve(replace(run, depth_mm=0.5, spacing_mm=1.0))
+    before = reset_peak_mb()
+    wall, cpu = time.perf_counter(), time.process_time()
+    answer = solve(run)
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    force, in_plane = errors(answer, truth)
+    return {
+        "case": run.case, "series": run.series, "setting": run.name,
+        "wall_s": answer.inner_s or wall, "cpu_s": None if answer.inner_s else cpu,
+        "peak_mb": None if answer.inner_s else max(0.0, peak_resident_mb() - before),
+        "force_percent": force, "in_plane_mm": in_plane, "note": answer.note,
+    }  # fmt: skip

@@ -1,0 +1,73 @@
+"""Random presses: the estimate of `gel press` against a reference."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from deltact_fab.gel.choose import pick
+from deltact_fab.gel.level import Reach
+from deltact_fab.gel.material import GelMaterial
+from deltact_fab.gel.open import contact_of
+from deltact_fab.gel.press import press
+from deltact_fab.numerics.engines.gel_reference import rms_mm
+from deltact_fab.shapes import SkinDimensions
+from deltact_fab.shapes.indenter import parse
+
+SEED = 23  # seeds 20 to 22 set the factors of `gel.refine` and the rules of `gel.choose`
+
+
+def random_press(i: int) -> tuple[str, tuple[float, float], float]:
+    """Indenter, place and depth of a random press of a smooth indenter, the i-th of the seed."""
+    rng = np.random.default_rng([SEED, i])
+    if rng.random() < 0.75:
+        size = round(float(rng.uniform(6.0, 22.0)), 1)
+        name, half = f"sphere:{size:g}", size / 2
+    else:
+        size = round(float(rng.uniform(7.0, 14.0)), 1)
+        name, half = f"ellipsoid:{size:g}", size / 2
+    x, y = (round(float(rng.uniform(-1, 1)) * max(0.0, s - half), 1) for s in (18.0, 17.0))
+    return name, (x, y), round(float(rng.uniform(0.3, 6.0)), 2)
+
+
+def press_row(i: int) -> dict[str, Any]:
+    """The estimate of `gel press` against the next mesh and Richardson's extrapolation."""
+    name, (x, y), depth = random_press(i)
+    skin, material, indenter = SkinDimensions(), GelMaterial(), parse(name)
+    found = press(skin, material, indenter, (x, y), depth)
+    out: dict[str, Any] = {"indenter": name, "at_mm": [x, y], "depth_mm": depth}
+    result = found.result
+    if result["force_n"] is None:
+        return {**out, "refused": result["reason"]}
+    tip = (x, y, depth)
+    level = result["model"]
+    # A linear level is judged by finite strain, on the mesh that this would be given.
+    asked = result["picked"]["spacing_mm"] if level == "hyperelastic" else None
+    choice = pick(skin, material, indenter, Reach.around([tip]), level="hyperelastic",
+                  spacing_mm=asked)  # fmt: skip
+    choice = replace(choice, step_mm=result["picked"]["step_mm"])
+
+    def solved(spacing: float, step: float) -> tuple[Any, Any]:
+        contact = contact_of(skin, material, indenter, choice.times(spacing, step))
+        *_, last = contact.path(contact.rest((x, y, 0.0)), tip)
+        return np.array(last.force_n), last.displacement_mm[..., :2]
+
+    known = np.array(result["force_n"]), found.displacement_mm[..., :2]
+    own = known if level == "hyperelastic" else solved(1.0, 1.0)
+    # The mesh's part from the next mesh, second order; friction's from half the steps, first order.
+    weight = 1 + 1 / (1.5**2 - 1)
+    force, u = (
+        base + weight * (finer - base) + 2 * (half - base)
+        for base, finer, half in zip(own, solved(1 / 1.5, 1.0), solved(1.0, 0.5), strict=True)
+    )
+    true_force = float(np.linalg.norm(np.array(result["force_n"]) - force) / np.linalg.norm(force))
+    true_mm = rms_mm(found.displacement_mm[..., :2] - u)
+    estimate = result["error_estimate"]
+    return {
+        **out, "model": level, "spacing_mm": result["picked"]["spacing_mm"],
+        "seconds": result["seconds"], "within_tolerance": result["within_tolerance"],
+        "force": {"estimate": estimate["force_rel"], "true": true_force},
+        "in_plane_mm": {"estimate": estimate["displacement_mm"], "true": true_mm},
+    }  # fmt: skip

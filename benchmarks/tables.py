@@ -1,0 +1,229 @@
+"""The rows of evidence, as kept in their file, written up as markdown."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from deltact_fab.record.files import write_whole
+
+COMMAND = "make evidence"
+AGAIN = "python -m benchmarks.evidence --stale"
+STALE = "†"
+COVERED, MEDIAN = 0.9, 5.0  # goals for the estimates
+
+
+def write_up(
+    out: Path, entries: Mapping[str, dict[str, Any]], keys: Sequence[dict[str, str]]
+) -> None:
+    """The tables of the rows that are there.
+
+    keys: of all rows as they would be made now, in the order in which they are written up. A row
+    with another key is stale and marked.
+    """
+    known = [entries[key["row"]] | {"now": key} for key in keys if key["row"] in entries]
+    stale = sum(map(_is_stale, known))
+    tables: dict[str, list[dict[str, Any]]] = {}
+    for e in known:
+        tables.setdefault(e["key"]["row"].partition(":")[0], []).append(e)
+    lines = [
+        "# Evidence", "",
+        f"Written by `{COMMAND}` from `evidence.jsonl`, a line a row; rerun, it goes on where it "
+        "stopped. Do not edit.", "",
+        *_made_on(known), "",
+        f"{len(known)} of {len(keys)} rows are there, {stale} of them stale"
+        + (f" ({STALE}): code that they depend on, or what they ask, has changed since; "
+           f"`{AGAIN}` runs them again." if stale else "."), "",
+    ]  # fmt: skip
+    writers: dict[str, Callable[[Sequence[dict[str, Any]]], list[str]]] = {
+        "stability": partial(_stability, "Stiff and extreme cases"), "reference": _references,
+        "curve": _curves, "press": _presses, "held": _held,
+        "straight": partial(_stability, "Sharp indenters straight to 10 mm, friction 0.5"),
+        "drag": partial(_stability, "Sharp indenters to 10 mm, sheared +-10 mm"),
+    }  # fmt: skip
+    for name, write in writers.items():
+        if name in tables:
+            lines += [*write(tables[name]), ""]
+    write_whole(out, ("\n".join(lines).rstrip() + "\n").encode())
+
+
+def _is_stale(entry: dict[str, Any]) -> bool:
+    return bool(entry["key"] != entry["now"])
+
+
+def _marked(entry: dict[str, Any], name: Any) -> str:
+    return f"{name} {STALE}" if _is_stale(entry) else str(name)
+
+
+def _made_on(entries: Sequence[dict[str, Any]]) -> list[str]:
+    machines = sorted({f"{m['processor']}, {m['cores']} cores" for m in _each(entries, "machine")})
+    threads = sorted({str(e["threads"]) for e in entries})
+    loads = [e["load"][0] for e in entries if e["load"]]
+    names = sorted({f"{k} {v}" for v in _each(entries, "versions") for k, v in v.items()})
+    out = [
+        f"Machine: {'; '.join(machines)}. Threads: {', '.join(threads)}.",
+        f"Versions: {', '.join(names)}.",
+    ]
+    if loads:
+        out.append(
+            f"Load of the machine when a row ended: {min(loads):g} to {max(loads):g}; over its "
+            "cores, wall times are long and CPU times are the ones to read."
+        )
+    return out
+
+
+def _each(entries: Sequence[dict[str, Any]], key: str) -> list[dict[str, Any]]:
+    return [e[key] for e in entries]
+
+
+def _table(head: Sequence[str], body: Sequence[Sequence[Any]]) -> list[str]:
+    def cell(value: Any) -> str:
+        if value is None:
+            return ""
+        if isinstance(value, float):
+            return f"{value:.4g}"
+        return str(value).replace("|", "/").replace("\n", " ")
+
+    return [
+        "| " + " | ".join(head) + " |",
+        "|" + "---|" * len(head),
+        *("| " + " | ".join(cell(v) for v in row) + " |" for row in body),
+    ]
+
+
+def _stability(title: str, entries: Sequence[dict[str, Any]]) -> list[str]:
+    body: list[Sequence[Any]] = []
+    counts: dict[str, int] = {}
+    for e in entries:
+        r = e["result"]
+        outcome = r.get("outcome", "wrong")
+        counts[outcome] = counts.get(outcome, 0) + 1
+        body.append((
+            _marked(e, r.get("case", e["key"]["row"].partition(": ")[2])), r.get("expectation"),
+            r.get("bound"), r.get("figure"), r.get("unit"), outcome,
+            r.get("note") or r.get("failed"), r.get("seconds"),
+        ))  # fmt: skip
+    told = ", ".join(f"{n} {k}" for k, n in sorted(counts.items()))
+    head = ("case", "expected", "bound", "figure", "unit", "outcome", "note", "s")
+    return [f"## {title}", "", f"{told}.", "", *_table(head, body)]
+
+
+def _references(entries: Sequence[dict[str, Any]]) -> list[str]:
+    head = ("depth, mm", "friction", "meshes, mm", "step, mm", "force, N", "own error, %",
+            "own error in plane, mm")  # fmt: skip
+    keys = ("depth_mm", "friction", "meshes_mm", "step_mm", "normal_n", "own_force_percent",
+            "own_in_plane_mm")  # fmt: skip
+    body = [
+        [_marked(e, e["result"]["depth_mm"]), *(e["result"][k] for k in keys[1:])]
+        if "failed" not in e["result"]
+        else [_marked(e, e["key"]["row"]), e["result"]["failed"]] for e in entries
+    ]  # fmt: skip
+    return ["## References of the curves", "", *_table(head, body)]
+
+
+def _curves(entries: Sequence[dict[str, Any]]) -> list[str]:
+    out = ["## Error against run time", "",
+           "One run each after a warm-up. Times as fast: CPU time (felupe: wall time) of "
+           "`hyperelastic, whole, cells of one size` at the same spacing over the row's; felupe "
+           "has the same mesh and contact."]  # fmt: skip
+    by_case: dict[str, list[dict[str, Any]]] = {}
+    for e in entries:
+        case = e["result"].get("case") or e["key"]["row"].split(": ")[1]
+        by_case.setdefault(case, []).append(
+            {"series": None, **e["result"], "row": e["key"]["row"], "entry": e}
+        )
+    head = ("series", "setting", "wall, s", "CPU, s", "times as fast", "MB", "force error, %",
+            "in plane, mm rms", "note")  # fmt: skip
+    for case, found in by_case.items():
+        even = "hyperelastic, whole, cells of one size"
+        base = {r["setting"]: (r["wall_s"], r["cpu_s"]) for r in found if r["series"] == even}
+        body: list[Sequence[Any]] = []
+        for r in found:
+            if "failed" in r:
+                name = _marked(r["entry"], r["row"].partition(": ")[2])
+                body.append((name, *[None] * 7, r["failed"]))
+                continue
+            wall, cpu = base.get(r["setting"], (None, None))
+            times = None
+            if wall and r["cpu_s"] is None:
+                times = wall / r["wall_s"]
+            elif cpu and r["cpu_s"]:
+                times = cpu / r["cpu_s"]
+            note = ", ".join(
+                f"{k} {v:.3g}" if isinstance(v, float) else f"{k} {v}"
+                for k, v in r["note"].items() if not isinstance(v, dict)
+            )  # fmt: skip
+            body.append((_marked(r["entry"], r["series"]), r["setting"], r["wall_s"], r["cpu_s"],
+                         times, r["peak_mb"], r["force_percent"], r["in_plane_mm"],
+                         note))  # fmt: skip
+        out += ["", f"### {case}", "", *_table(head, body)]
+    return out
+
+
+def coverage(pairs: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Of (estimate, true): share with estimate >= true, and the median of estimate / true."""
+    if not pairs:
+        return math.nan, math.nan
+    share = sum(estimate >= true for estimate, true in pairs) / len(pairs)
+    return share, statistics.median(e / t if t > 0 else math.inf for e, t in pairs)
+
+
+def _presses(entries: Sequence[dict[str, Any]]) -> list[str]:
+    body: list[Sequence[Any]] = []
+    good: list[dict[str, Any]] = []
+    for e in entries:
+        r = e["result"]
+        if "force" not in r:
+            reason = r.get("refused") or r.get("failed")
+            body.append((_marked(e, r.get("indenter")), r.get("at_mm"), r.get("depth_mm"), reason))
+            continue
+        good.append(r)
+        body.append((_marked(e, r["indenter"]), r["at_mm"], r["depth_mm"], r["model"],
+                     r["spacing_mm"],
+                     100 * r["force"]["estimate"], 100 * r["force"]["true"],
+                     r["in_plane_mm"]["estimate"], r["in_plane_mm"]["true"],
+                     r["within_tolerance"], r["seconds"]))  # fmt: skip
+    told = []
+    for what, name in (("force", "force"), ("in_plane_mm", "in plane")):
+        share, median = coverage([(r[what]["estimate"], r[what]["true"]) for r in good])
+        told.append(f"{name}: covered {share:.0%}, median estimate / true {median:.2g}")
+    head = ("indenter", "at, mm", "depth, mm", "model", "cells, mm", "force: estimate, %",
+            "true, %", "in plane: estimate, mm", "true, mm", "within tolerance", "s")  # fmt: skip
+    return [
+        "## Estimates of random presses", "",
+        f"Goals: covered at least {COVERED:.0%}, median at most {MEDIAN:g}. {'; '.join(told)}; "
+        f"{len(good)} of {len(entries)} were solved. True: against the next mesh (1.5 times as "
+        "fine) at second order and, for friction, half the steps at first order.", "",
+        *_table(head, body),
+    ]  # fmt: skip
+
+
+def _held(entries: Sequence[dict[str, Any]]) -> list[str]:
+    keys = ("spacing_mm", "unknowns", "force_percent", "in_plane_mm", "cpu_s")
+    body: list[Sequence[Any]] = []
+    for e in entries:
+        r = e["result"]
+        if "capped" not in r:
+            name = _marked(e, e["key"]["row"].partition(": ")[2])
+            body.append((name, *[None] * 7, r.get("failed")))
+            continue
+        normal_n, largest = -r["force_n"][2], r["largest_in_plane_mm"]
+        for c in r["capped"]:
+            body.append(
+                (_marked(e, r["press"]), r["asked_mm"], normal_n, largest, *(c[k] for k in keys))
+            )
+    head = ("press", "cells asked, mm", "its normal force, N", "its largest in plane, mm",
+            "cells afforded, mm", "unknowns", "force off, %", "in plane off, mm rms",
+            "CPU, s")  # fmt: skip
+    return [
+        "## What a cap on a path's unknowns costs", "",
+        "Meshes for the whole way of the pattern selection, pressed in the middle in its "
+        "increments, against the cells that the default tolerance asks for (below this press "
+        "alone) in half of them. Flagged `mesh`. Where the gel jumps on the way (sharp tips, the "
+        "ellipsoid beyond 8 mm) the finer solve is itself one of several rests.", "",
+        *_table(head, body),
+    ]  # fmt: skip

@@ -1,0 +1,156 @@
+"""Evidence: what a row depends on, one file of rows that goes on where it stopped, its tables."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from benchmarks import evidence, held, presses, store, tables
+from deltact_fab import digest
+from deltact_fab.errors import InputError
+from deltact_fab.protocols.plan import load
+from deltact_fab.rig.config import FiniteGelConfig
+
+MACHINE = {"machine": {"processor": "", "cores": 1}, "threads": 1, "load": None, "versions": {}}
+
+
+def test_coverage() -> None:
+    share, median = tables.coverage([(2.0, 1.0), (1.0, 2.0), (9.0, 3.0), (1.0, 1.0)])
+    assert share == 0.75
+    assert median == 1.5
+    assert math.isnan(tables.coverage([])[0])
+
+
+def test_random_presses_are_repeatable_and_on_the_face() -> None:
+    drawn = [presses.random_press(i) for i in range(evidence.RANDOM_PRESSES)]
+    assert drawn == [presses.random_press(i) for i in range(evidence.RANDOM_PRESSES)]
+    assert len(set(drawn)) == len(drawn)
+    for name, (x, y), depth in drawn:
+        assert name.startswith(("sphere:", "ellipsoid:"))
+        assert abs(x) < 18
+        assert abs(y) < 17
+        assert 0 < depth <= 6
+
+
+def test_caps_are_held_against_the_protocol_and_the_rig_as_they_stand() -> None:
+    (protocol, _), config = load("pattern-selection"), FiniteGelConfig()
+    every = held.every_held()
+    assert {h.indenter for h in every} == set(protocol.indenters)
+    assert {h.depth_mm for h in every} == set(protocol.depths_mm)
+    assert max(protocol.depths_mm) == protocol.shear.amplitude_mm == held.REACH_MM
+    assert held.CAPS[0] == config.most_unknowns
+    assert {h.press_increment_mm for h in every} == {config.press_increment_mm}
+
+
+def test_rows_have_names_of_their_own_and_the_file_has_them_all() -> None:
+    names = [r.name for r in evidence.rows()]
+    assert len(set(names)) == len(names)
+    kinds = {name.partition(":")[0] for name in names}
+    assert kinds == {"stability", "reference", "curve", "press", "held", "straight", "drag"}
+    assert set(store.read(evidence.HERE / evidence.ROWS)) == set(names)
+
+
+def of(row: evidence.Row) -> set[str]:
+    """Files of the package that a row's digest is of."""
+    modules = evidence._spelled(row.call)[1]
+    own = {m.partition(".")[2] for m in modules if m.startswith("benchmarks.")}
+    known = digest.files(*own, package=evidence.HERE)
+    known += digest.files(*(m.partition(".")[2] for m in modules if m.startswith("deltact_fab.")))
+    here = digest.PACKAGE
+    return {p.relative_to(here).as_posix() for p in known if p.is_relative_to(here)}
+
+
+def test_a_row_depends_on_its_own_level_and_an_edit_elsewhere_leaves_it() -> None:
+    rows = {r.name: r for r in evidence.rows()}
+    finite = of(rows["curve: sphere:15 pressed 2 mm, no friction: hyperelastic, quarter: 2 mm"])
+    assert {"gel/finite/newton.py", "numerics/engines/gel_reference.py"} <= finite
+    assert not finite & {"gel/press.py", "gel/choose.py", "gel/linear/contact.py", "bench.py"}
+    assert {"gel/press.py", "gel/refine.py"} <= of(rows["press: 1"])
+    picked = of(rows["held: star to 5 mm"])
+    assert "gel/linear/sides.py" in picked
+    assert "gel/press.py" not in picked
+    energy = rows["stability: edges, no friction, 4 mm deep: work but for jumps"]
+    assert "gel/choose.py" not in of(energy)
+    assert "gel/choose.py" in of(rows["stability: depth 12 of 12 mm, announced"])
+
+
+def test_a_key_holds_arguments_and_bounds() -> None:
+    rows = {r.name: r for r in evidence.rows()}
+    thin = rows["stability: thickness 1 mm, 5% deep: finer mesh"].key
+    assert "thickness_mm=1.0" in thin["asked"]
+    assert "right, 3.0, 't': thickness(" in thin["asked"]
+    assert "press_increment_mm=0.5" in rows["held: star to 5 mm"].key["asked"]
+
+
+def test_a_larger_cap_comes_closer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    dragged = held.Held("ellipsoid", 2.0, 1.0, 1.0, 1.0)
+    assert dragged.tips(1) == [(0, 0, 1.0), (0, 0, 2.0), (1.0, 0, 2.0)]
+    assert len(dragged.tips(2)) == 6
+    monkeypatch.setattr(held, "CAPS", (1500, 6000))
+    result = held.held_row(replace(dragged, shear_mm=0.0))
+    small, large = result["capped"]
+    assert small["unknowns"] <= 1500 < large["unknowns"] <= 6000
+    assert 0 < large["force_percent"] < small["force_percent"] < 50
+    assert 0 < large["in_plane_mm"] < small["in_plane_mm"] < result["largest_in_plane_mm"]
+    store.append(tmp_path / "rows.jsonl", {
+        "key": {"row": "held: star to 5 mm"}, "result": result, **MACHINE,
+    })  # fmt: skip
+    text = told(tmp_path / "rows.jsonl")
+    assert "What a cap on a path's unknowns costs" in text
+    assert text.count("| ellipsoid to 2 mm † |") == 2
+
+
+def test_evidence_goes_on_where_it_stopped_and_marks_what_is_stale(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, name = tmp_path / "rows.jsonl", "stability: nu 0.5"
+    (row,) = (r for r in evidence.rows() if r.name == name)
+    monkeypatch.setattr(evidence, "rows", lambda: [row])
+    assert evidence.fill(path) == 1
+    (entry,) = store.read(path).values()
+    assert entry["result"]["outcome"] == "refused"
+    assert evidence.fill(path, only=name) == 0
+    assert "1 of 1 rows are there, 0 of them stale." in told(path)
+    entry["key"]["source"] = "older"
+    store.append(path, entry)
+    assert evidence.fill(path) == 0  # not unasked
+    text = told(path)
+    assert "| nu 0.5 † | refused |" in text
+    assert "1 refused." in text
+    assert "1 of them stale (†)" in text
+    assert "make evidence" in text
+    monkeypatch.setattr(evidence, "run_row", lambda *_: {"failed": "asked"})
+    assert evidence.fill(path, only="press") == 0
+    assert evidence.fill(path, only="stab") == evidence.fill(path, stale=True) + 1 == 1
+    assert "0 of them stale." in told(path)
+
+
+def told(path: Path) -> str:
+    out = path.with_suffix(".md")
+    tables.write_up(out, store.read(path), [r.key for r in evidence.rows()])
+    return out.read_text()
+
+
+def test_rows_are_one_file_sorted_each_row_once(tmp_path: Path) -> None:
+    path = tmp_path / "rows.jsonl"
+    entries = [{"key": {"row": name}, "result": i} for i, name in enumerate("bab")]
+    for entry in entries:
+        store.append(path, entry)
+    assert store.read(path) == {"a": entries[1], "b": entries[2]}
+    with path.open("a") as out:
+        out.write('{"key": {"row": "c"')  # cut off while it was written
+    assert list(store.compact(path)) == ["a", "b"]
+    assert path.read_text().splitlines() == [json.dumps(e, separators=(",", ":"))
+                                             for e in (entries[1], entries[2])]  # fmt: skip
+    path.write_text('{"key": {"row": "a"}}\n<<<<<<< ours\n')
+    with pytest.raises(InputError, match="line 2: no row of evidence"):
+        store.read(path)
+
+
+def test_a_row_that_fails_or_takes_too_long_says_so() -> None:
+    assert "StopIteration" in evidence.run_row("no such row", 1, 60.0)["failed"]
+    assert evidence.run_row("curve: x", 1, 0.01) == {"failed": "no answer within 0.01 s"}

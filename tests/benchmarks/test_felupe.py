@@ -1,0 +1,86 @@
+"""felupe in its own environment: the same press, or a clear "not run"."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from benchmarks import felupe
+from deltact_fab.errors import InputError, RunFailed
+from deltact_fab.gel.finite import FinitePress, block_mesh
+from deltact_fab.gel.material import GelMaterial
+from deltact_fab.shapes import SkinDimensions, indenter
+
+TIPS = [(1.0, -0.5, 1.0), (1.0, -0.5, 2.0)]
+
+
+def pressing(name="sphere:15", friction=0.0, points=2, **mesh):
+    block = block_mesh(SkinDimensions(), 4.0, **mesh)
+    return FinitePress(block, GelMaterial(), indenter.parse(name), friction=friction, points=points)
+
+
+def test_without_the_environment_it_is_not_run(monkeypatch, tmp_path):
+    monkeypatch.delenv(felupe.VARIABLE, raising=False)
+    monkeypatch.setattr(felupe, "PYTHON", tmp_path / "python")
+    assert felupe.peers_python() is None
+    assert felupe.felupe_press(felupe.felupe_case(pressing(), TIPS)) is None
+
+
+def test_a_variable_that_points_nowhere_is_an_error(monkeypatch, tmp_path):
+    monkeypatch.setenv(felupe.VARIABLE, str(tmp_path / "python"))
+    with pytest.raises(RunFailed, match="is no file"):
+        felupe.peers_python()
+
+
+def test_a_script_that_breaks_is_an_error(monkeypatch):
+    """Our own interpreter has no felupe."""
+    monkeypatch.setenv(felupe.VARIABLE, sys.executable)
+    with pytest.raises(RunFailed, match=r"exit 1: .*felupe"):
+        felupe.felupe_press(felupe.felupe_case(pressing(), TIPS))
+
+
+@pytest.mark.parametrize(
+    ("bad", "says"),
+    [
+        ({"friction": 0.5}, "without friction"),
+        ({"name": "edges"}, "a sphere"),
+        ({"points": 5}, "2 x 2"),
+        ({"mirrors": (True, True)}, "planes of symmetry"),
+    ],
+)
+def test_what_the_script_lacks_is_refused(bad, says):
+    with pytest.raises(InputError, match=says):
+        felupe.felupe_case(pressing(**bad), TIPS)
+
+
+def test_the_case_is_the_contact_that_the_press_has():
+    """The numbers that travel give the pressure of `Surface`, so that both solve the same."""
+    press = pressing()
+    case = felupe.felupe_case(press, TIPS)
+    u, tip = np.zeros_like(press.mesh.nodes_mm), np.array(TIPS[0])
+    seen = press.surface.evaluate(u, tip, tangent=False)
+    inside = -seen.gap.distance_mm.reshape(-1, 4)
+    k, more = case.stiffness[:, None], case.hardening_per_mm2[:, None]
+    cap = case.straight_mm[:, None]
+    w = np.minimum(case.width_mm, case.shallow * tip[2])[:, None]
+    s = np.clip(inside + w / 2, 0, w)
+    ramp = s**2 / (2 * w) + np.maximum(inside - w / 2, 0)
+    low = np.minimum(ramp, cap)
+    pressure = k * (low * (1 + more * low**2) + (1 + 3 * more * cap**2) * (ramp - low))
+    assert (seen.pressure_mpa > 0).sum() > 4
+    assert pressure == pytest.approx(seen.pressure_mpa, rel=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(felupe.peers_python() is None, reason="not run: `make peers` brings felupe")
+def test_felupe_agrees_on_the_same_mesh():
+    """Force to 1e-4 is asked for; both stop at 1e-8, and off the centre too."""
+    press = pressing()
+    states = [s for tip in [TIPS[0]] for s in press.path(press.rest((1.0, -0.5, 0.0)), tip, 1.0)]
+    states += list(press.path(states[-1], TIPS[1], 1.0))
+    answer = felupe.felupe_press(felupe.felupe_case(press, TIPS))
+    assert answer["converged"], answer["reason"]
+    ours = np.array([s.force_n for s in states])
+    assert answer["force_n"] == pytest.approx(ours, rel=1e-6, abs=1e-6)
+    moved = np.array([s.displacement_mm[answer["surface"]] for s in states])
+    assert np.abs(answer["displacement_mm"] - moved).max() < 1e-6
