@@ -1,4 +1,4 @@
-"""A GRBL 1.1f motion controller as a pure state machine: bytes in, bytes out, a carriage in time.
+"""A GRBL 1.1h motion controller as a pure state machine: bytes in, bytes out, a carriage in time.
 
 What it does follows the firmware's documents and behaviour: send-response lines, realtime bytes,
 the planner's queue, jogging, homing, soft limits, alarms, status reports with WCO and Ov now and
@@ -8,8 +8,10 @@ Where it is simpler than the firmware:
 - every block is a trapezoid from rest to rest; there is no junction look-ahead, so a chain of
   blocks takes longer than on a real board (a host with one line outstanding sees no difference);
 - homing comes to rest at the switches instead of running into them;
-- arcs, probing, G28/G30, G93, check mode, startup lines, overrides and the safety door are not
-  modelled: the commands answer error:20 or error:3, the realtime bytes are ignored.
+- its switches are read while homing only: a move onto one is no hard limit;
+- arcs, probing, G28/G30, G93, check mode, startup lines and overrides are not modelled: the
+  commands answer error:20 or error:3, the realtime bytes are ignored.
+What the firmware itself answered stands in tests/data; a test compares.
 
 Two positions are kept apart: the step count, which is all that a controller knows and reports, and
 the carriage, which is where the tip really is. They agree after homing. A reset in motion stops the
@@ -20,7 +22,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Generator, Iterable, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -29,12 +31,14 @@ from ..units import MM_PER_INCH
 from . import grbl_report
 from .clock import NS_PER_S, NsClock, to_ns
 from .gcode import Modal, Refused, parse
-from .grbl_settings import SETTINGS, change, listed
+from .grbl_settings import FACTORY, SETTINGS, change, listed
 from .motion import Path, Segment, along_line, brake, trapezoid
 from .steps import divide, replaced, steps
 
-BANNER = "Grbl 1.1f ['$' for help]"
+BANNER = "Grbl 1.1h ['$' for help]"
 _PLANNER_BLOCKS, _RX_BYTES, _LINE_CHARS = 15, 128, 79
+# The firmware waits for its alarm message to get out, deaf to everything, before it does the rest.
+_ALARM_PAUSE_NS = NS_PER_S // 2
 
 State = Literal["Idle", "Run", "Jog", "Hold", "Home", "Alarm", "Sleep"]
 Fault = Literal["reboot", "silence", "limit"]
@@ -64,6 +68,7 @@ class GrblController:
 
     _state: State
     _boot_ns: int | None
+    _after_alarm: tuple[int, Callable[[], None]] | None
     _wait_ns: int | None
     _waiting: Wait | None
     _moving: Segment | None
@@ -96,6 +101,7 @@ class GrblController:
         self._out: list[tuple[int, bytes]] = []
         self._faults: list[tuple[int, Fault]] = []
         self._mute = False
+        self._user_info = ""
         self._blocks_made = 0
         self._power_on()
 
@@ -111,8 +117,7 @@ class GrblController:
                 self._realtime(byte)
             elif len(self._rx) < _RX_BYTES:
                 self._rx.append(byte)
-                if byte in b"\r\n":
-                    self._pump()
+                self._pump()
 
     def read_available(self) -> bytes:
         """Everything said up to now and not yet read."""
@@ -192,6 +197,8 @@ class GrblController:
         times = [t for t in (self._boot_ns, self._wait_ns) if t is not None]
         if self._moving is not None:
             times.append(self._moving.end_ns)
+        if self._after_alarm is not None:
+            times.append(self._after_alarm[0])
         if self._faults:
             times.append(self._faults[0][0])
         return min(times, default=None)
@@ -203,6 +210,10 @@ class GrblController:
             if self._faults and self._faults[0][0] <= t:
                 self._strike(self._faults.pop(0)[1])
                 continue
+            if self._after_alarm is not None and self._after_alarm[0] <= t:
+                _, then = self._after_alarm
+                self._after_alarm = None
+                then()
             if self._boot_ns is not None and self._boot_ns <= t:
                 self._boot_ns = None
                 if self._blank:
@@ -231,9 +242,9 @@ class GrblController:
         elif kind == "reboot":
             self._stop_dead()
             self._power_on()
-        elif self._boot_ns is None and not self._locked:
+        elif self._boot_ns is None and self._state != "Alarm":
             self._stop_dead()
-            self._lock(1)
+            self._alarm(1, self._lock)
 
     # ---- lines --------------------------------------------------------------------------------
 
@@ -254,6 +265,7 @@ class GrblController:
 
     def _clear(self) -> None:
         """What every kind of reset forgets."""
+        self._after_alarm = None
         self._rx = deque()
         self._line = ""
         self._overflow = False
@@ -264,6 +276,7 @@ class GrblController:
         self._queue = deque()
         self._moving = None
         self._holding = False  # braking for a hold or a jog cancel
+        self._door = False  # what holds, or will, is the safety door
         self._soft_limited = False  # braking because the next line leaves the travel
         self._locked = False  # a critical alarm: only a reset is heard
         self._deferred = []
@@ -275,9 +288,11 @@ class GrblController:
         """Run lines until one has to wait, or there is none."""
         while not (
             self._locked
+            or self._after_alarm is not None
             or self._boot_ns is not None
             or self._state == "Sleep"
             or (self._state == "Hold" and not self._soft_limited)
+            or (self._state == "Jog" and self._holding)
         ):
             if self._task is None:
                 if not self._next_line():
@@ -292,6 +307,8 @@ class GrblController:
             except StopIteration as end:
                 self._task = self._waiting = None
                 self._say(f"error:{end.value}" if end.value else "ok")
+                if self._state == "Sleep":
+                    self._say("[MSG:Sleeping]")
                 deferred, self._deferred = self._deferred, []
                 for byte in deferred:
                     self._realtime(byte)
@@ -341,9 +358,11 @@ class GrblController:
     # ---- realtime bytes -----------------------------------------------------------------------
 
     def _realtime(self, byte: int) -> None:
+        if self._after_alarm is not None:
+            return
         if byte == 0x18:
             self._soft_reset()
-        elif self._locked or self._state == "Sleep":
+        elif self._locked or (self._state == "Sleep" and byte != ord("?")):
             return
         elif self._state == "Home":
             if byte in b"?!" and byte not in self._deferred:
@@ -352,8 +371,13 @@ class GrblController:
             self._report()
         elif byte == ord("!") or (byte == 0x85 and self._state == "Jog"):
             self._hold()
+        elif byte == 0x84 and self._state != "Alarm":
+            self._say("[MSG:Check Door]")
+            self._door = True
+            self._hold()
         elif byte == ord("~") and self._state == "Hold" and not self._holding:
             self._state = "Run" if self._queue else "Idle"
+            self._door = False
             self._begin()
             self._pump()
 
@@ -373,29 +397,30 @@ class GrblController:
             self._segment_done()
 
     def _soft_reset(self) -> None:
-        stale = self._task is not None and self._state != "Sleep"
-        if not self._locked:
-            if self._state == "Home":
-                self._stop_dead()
-                self._say("ALARM:6")
-                self._state = "Alarm"
-            elif self._moving is not None:
-                self._stop_dead()
-                self._say("ALARM:3")
-                self._state = "Alarm"
+        homing, moving = self._state == "Home", self._moving is not None
+        if homing or moving:
+            self._stop_dead()
+            self._alarm(6 if homing else 3, self._restart)
+        else:
+            self._restart()
+
+    def _restart(self) -> None:
         # The line that was under way still gets its answer, just before the banner.
-        if stale:
+        if self._task is not None:
             self._say("ok")
         self._state = "Alarm" if self._state in ("Alarm", "Sleep") else "Idle"
         self._clear()
         self._greet()
 
-    def _lock(self, alarm: int) -> None:
+    def _alarm(self, number: int, then: Callable[[], None]) -> None:
         self._state = "Alarm"
-        self._say(f"ALARM:{alarm}")
+        self._queue.clear()
+        self._say(f"ALARM:{number}")
+        self._after_alarm = self._t + _ALARM_PAUSE_NS, then
+
+    def _lock(self) -> None:
         self._say("[MSG:Reset to continue]")
         self._locked = True
-        self._queue.clear()
 
     # ---- motion -------------------------------------------------------------------------------
 
@@ -464,7 +489,7 @@ class GrblController:
             if self._state == "Jog":
                 self._queue.clear()
                 self._programmed_mm = divide(self._count, self._steps_per_mm)
-                self._state = "Idle"
+                self._state = "Hold" if self._door else "Idle"
             return
         self._count = self._queue.popleft().target_steps
         self._begin()
@@ -531,9 +556,9 @@ class GrblController:
                 return 3
             return (yield from self._gcode(what[2:], jog=True))
         if what == "":
-            self._say("[HLP:$$ $# $G $I $N $x=val $J=line $SLP $X $H ~ ! ? ctrl-x]")
+            self._say("[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x]")
             return 0
-        if what[0] in "$GX":
+        if what[0] in "$GXC":
             return self._print_or_unlock(what)
         if self._state not in ("Idle", "Alarm"):
             return 8
@@ -543,18 +568,20 @@ class GrblController:
             return (yield from self._home())
         if what == "SLP":
             self._state = "Sleep"
-            # Asleep it answers nothing at all, not even this line: a task that never goes on.
-            yield "still"
+        elif what.startswith("RST="):
+            return self._restore(what[4:])
         elif what == "#":
             inches = bool(self.settings[13])
             self._say_all(grbl_report.parameters(self._systems, self._modal.g92_mm, inches))
         elif what == "I":
-            self._say("[VER:1.1f.20170801:]")
+            self._say(f"[VER:1.1h.20190830:{self._user_info}]")
             self._say(f"[OPT:V,{_PLANNER_BLOCKS},{_RX_BYTES}]")
+        elif what.startswith("I="):
+            self._user_info = what[2:]
         elif what == "N":
             self._say("$N0=")
             self._say("$N1=")
-        elif what[0] in "#HISRNC":
+        elif what[0] in "#HISRN":
             return 3
         else:
             change(self.settings, what)
@@ -570,9 +597,22 @@ class GrblController:
             self._say_all(listed(self.settings))
         elif what == "G":
             self._say(grbl_report.modal(self._modal))
+        elif what == "C":
+            return 3 if self._state == "Idle" else 8
         elif self._state == "Alarm":
             self._say("[MSG:Caution: Unlocked]")
             self._state = "Idle"
+        return 0
+
+    def _restore(self, what: str) -> int:
+        if what not in ("$", "#", "*"):
+            return 3
+        if what != "#":
+            self.settings.update(FACTORY)
+        if what != "$":
+            self._systems = dict.fromkeys(self._systems, (0.0, 0.0, 0.0))
+        self._say("[MSG:Restoring defaults]")
+        self._deferred.append(0x18)
         return 0
 
     def _offset_mm(self) -> Vec3:
@@ -580,7 +620,9 @@ class GrblController:
         return plus(self._systems[self._modal.system], self._modal.g92_mm)
 
     def _report(self) -> None:
-        name = f"Hold:{int(self._holding)}" if self._state == "Hold" else self._state
+        name: str = self._state
+        if name == "Hold":
+            name = f"Door:{2 * self._holding}" if self._door else f"Hold:{int(self._holding)}"
         mm, mask, inches = self._count_mm(), int(self.settings[10]), bool(self.settings[13])
         if mask & 1:
             parts = [name, f"MPos:{grbl_report.coordinates(mm, inches)}"]
@@ -603,7 +645,7 @@ class GrblController:
             self._ov_in -= 1
         else:
             self._ov_in = 19 if busy else 9
-            parts.append("Ov:100,100,100")
+            parts.append("Ov:100,100,100" + grbl_report.accessories(self._modal))
         self._say(f"<{'|'.join(parts)}>")
 
     # ---- G-code -------------------------------------------------------------------------------
@@ -724,7 +766,7 @@ class GrblController:
                 self._soft_limited = True
                 self._hold()
                 yield "still"
-            self._lock(2)
+            self._alarm(2, self._lock)
             yield "still"
         yield "slot"
         self._plan(target_mm, feed_mm_min)
