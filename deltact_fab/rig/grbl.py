@@ -5,16 +5,20 @@ machine coordinates: a jog outside of the travel is refused without an alarm, an
 stops it cleanly. The end of a move is read from the controller (`?` until Idle at the target), for
 an `ok` only says that a line was understood.
 
-After an alarm, a restart of the controller or silence nothing moves by itself: motion commands are
-refused until `home` succeeds, and `$X` is never sent. Pulling the cable does not stop a move; it
-runs to its target. This is no emergency stop.
+A StageError leaves nothing moving, as far as a byte can still reach the controller: before it is
+raised the stop byte goes out, 0x85 in a move and 0x18 while homing. After an alarm, a restart of
+the controller or silence motion commands are refused until `home` succeeds, which begins with a
+reset (0x18) then; `$X` is never sent. A cable that is out carries no byte, and a move runs to its
+target. This is no emergency stop.
 """
 
 from __future__ import annotations
 
 import math
 import re
+import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NoReturn, TypeVar
 
@@ -53,7 +57,11 @@ ALARMS = {
     8: "homing: pull-off did not clear the switch",
     9: "homing: no switch found",
 }
-CRITICAL_ALARMS = ("1", "2")  # the controller hears nothing but a reset afterwards
+JOG_CANCEL, RESET = b"\x85", b"\x18"
+RESET_S = 1.0  # to the banner after a reset; half a second of that is for the message of an alarm
+QUIET_S = 0.2  # nothing said for so long: nothing more is to come
+SETTLE_S = 0.02  # from the end of a line to the start of its jog, before which 0x85 does nothing
+REOPEN_S = 1.0  # a cable that was only loose is back by then
 SLICE_S = 0.05  # one read; a longer wait is several
 BANNER_S = 2.5  # an Arduino's boot loader takes up to 2 s
 ANSWER_S = 1.0
@@ -106,6 +114,8 @@ class GrblStage:
         self._require_feed_mm_min = require_feed_mm_min
         self._port: Any = None
         self._partial = b""
+        self._talker = 0  # the thread that last asked for something
+        self._unfit = "not connected: connect before homing"
         self._banner = ""
         self._info: list[str] = []
         self._settings: dict[int, float] = {}
@@ -115,48 +125,58 @@ class GrblStage:
         self._homing = False
         self._awaiting_ok = False
         self._trouble = ""
-        self._critical = False  # an alarm after which the controller hears nothing but a reset
+        self._reset_due = False  # before the next homing
+        self._stopping = False  # told to stop by a fault, not seen at rest yet
 
     # ---- the Stage interface ------------------------------------------------------------------
 
     def connect(self) -> None:
         """Open the port, wait for the controller, read and check its settings. Nothing moves.
 
-        A controller that does not restart on opening is asked for its status instead; it is never
-        reset. Raises InputError for an unknown kind of URL, StageError for all else.
+        A controller that does not restart on opening is asked for its status instead. It is reset
+        only where it hears nothing else: asleep, or locked by ALARM:1 or 2. Raises InputError for
+        an unknown kind of URL, StageError for all else.
         """
         self.close()
         self._open()
-        self._homed, self._homing, self._awaiting_ok, self._critical = False, False, False, False
-        self._trouble, self._move, self._partial = "", None, b""
+        self._homed, self._awaiting_ok, self._reset_due = False, False, False
+        self._trouble, self._stopping, self._partial = "", False, b""
+        self._unfit = "not connected: connect before homing"
         self._banner = self._await_banner(BANNER_S)
         if self._banner:
-            self._check_version()
-            while self._line(self._deadline(0.2)) is not None:
-                pass
+            self._await_quiet()
         else:
             state = self._first_status()
-            if state not in ("Idle", "Alarm"):
+            if state in ("", "Sleep"):
+                if not self._greeted():
+                    self._fail(
+                        f"no banner within {BANNER_S:g} s and no answer to '?' at {self._baud} "
+                        "baud, nor to a reset (0x18); expected a GRBL 1.1 controller"
+                    )
+            elif state not in ("Idle", "Alarm"):
                 self._fail(f"the controller is in {state}; wait until it is Idle, or reset it")
+        self._check_version()
         self._info = [d for d in self._command("$I") if d.startswith("[")]
         found = (_SETTING.match(d) for d in self._command("$$"))
         self._settings = {int(m[1]): float(m[2]) for m in found if m}
+        self._unfit = "its settings were refused: set them right and connect again"
         self._check_settings()
+        self._unfit = ""
 
     def home(self) -> None:
-        """Run the homing cycle; positions are known afterwards. Raises StageError."""
+        """Run the homing cycle, after a fault behind a reset; positions are known afterwards.
+
+        Raises StageError; with nothing sent when `connect` refused the controller.
+        """
         self._require_port()
-        if not self._settings:
-            self._fail("not connected: connect before homing")
-        if self._critical:
-            self._fail(f"{self._trouble}; it hears nothing but a reset")
-        self._homed, self._trouble, self._move = False, "", None
+        if self._unfit:
+            self._fail(self._unfit)
+        if self._reset_due:
+            self.reset()
+        self._homed, self._trouble, self._stopping, self._move = False, "", False, None
+        self._drain()
         self._homing = True
-        try:
-            self._command("$H", self._homing_limit_s())
-        except StageError:
-            self._homing = False
-            raise
+        self._command("$H", self._homing_limit_s())
         self._homing = False
         state = self._query()
         if state.state != "Idle":
@@ -173,18 +193,16 @@ class GrblStage:
         self._require_ready()
         if self._move is not None:
             self._fail("a move is under way: wait for it or stop it first")
+        if self._stopping:
+            self.stop()
         machine = self._checked_target(target_mm)
         delta = minus(machine, self._at_mm)
         self._check_feed(delta, feed_mm_min)
         planned_s = move_duration_s(delta, feed_mm_min, self._axes(110), self._axes(120))
         words = "".join(f"{axis}{p:.4f}" for axis, p in zip(AXES, machine, strict=True))
+        self._drain()
         self._move = _Move(machine, self._now_ns(), planned_s)
-        try:
-            self._command(f"$J=G90G21G53{words}F{feed_mm_min:.3f}")
-        except StageError:
-            if not self._trouble:
-                self._move = None
-            raise
+        self._command(f"$J=G90G21G53{words}F{feed_mm_min:.3f}")
         return planned_s
 
     def wait(self) -> StageState:
@@ -232,10 +250,14 @@ class GrblStage:
         """Halt motion with the controller's own deceleration and wait for Idle.
 
         The position is kept and the next move may start, unless it was homing, which only a reset
-        ends. Raises StageError when it does not come to rest.
+        ends. While another thread talks to the controller the byte is written and no more: that
+        thread hears what comes of it. Raises StageError when it does not come to rest.
         """
+        if threading.get_ident() != self._talker:
+            self._blurt(RESET if self._homing else JOG_CANCEL)
+            return
         if self._homing:
-            self.abort()
+            self.reset()
             return
         self.cancel_now()
         if self._trouble:
@@ -250,7 +272,8 @@ class GrblStage:
             if self._now_ns() > deadline:
                 self._fail(f"still {state.state} at {_mm(state.machine_mm)} after a jog cancel")
             self._clock.sleep_s(POLL_END_S)
-        self._move = None
+            self.cancel_now()  # the first came to nothing if the jog had not begun
+        self._move, self._stopping = None, False
 
     def identity(self) -> dict[str, Any]:
         """Banner, version, options and settings as the controller gave them, and the frame."""
@@ -265,7 +288,8 @@ class GrblStage:
         }
 
     def close(self) -> None:
-        """Close the port. A move under way goes on to its target."""
+        """Close the port; a move under way is told to stop, for nobody will watch it."""
+        self._halt()
         port, self._port = self._port, None
         if port is not None:
             port.close()
@@ -275,6 +299,8 @@ class GrblStage:
     def poll(self) -> StageState:
         """Ask the controller once. Raises StageError for an alarm, a restart or silence."""
         self._require_port()
+        if self._trouble:
+            self._fail(self._trouble)
         state = self._query()
         self._at_mm = state.machine_mm
         if state.state in ("Alarm", "Sleep"):
@@ -283,18 +309,27 @@ class GrblStage:
 
     def cancel_now(self) -> None:
         """Write the jog cancel byte and nothing else: for a guard that cannot wait its turn."""
-        self._write(b"\x85")
+        self._blurt(JOG_CANCEL)
 
     def abort(self) -> None:
-        """Reset the controller at once (0x18). The position is lost; `home` comes next."""
-        self._homed, self._homing, self._move, self._awaiting_ok = False, False, None, False
-        self._trouble = "the controller was reset: home again"
-        self._write(b"\x18")
-        if not self._await_banner(LISTEN_S):
+        """Write the reset byte and nothing else: for a signal handler.
+
+        The position is lost; `home` comes next.
+        """
+        self._blurt(RESET)
+        self._lose("the controller was reset: home again")
+        self._homing, self._move = False, None
+
+    def reset(self) -> None:
+        """Reset the controller (0x18) and wait for its banner. The position is lost; `home` next.
+
+        Raises StageError when no banner comes.
+        """
+        self._require_port()
+        self._lose("the controller was reset: home again")
+        self._homing, self._move = False, None
+        if not self._greeted():
             self._break("no banner after a reset (0x18)")
-        self._critical = False
-        while self._line(self._deadline(0.2)) is not None:
-            pass
 
     # ---- checks before anything is sent -------------------------------------------------------
 
@@ -399,16 +434,31 @@ class GrblStage:
                 return text[found.start() :]
         return ""
 
+    def _greeted(self) -> bool:
+        """Reset, and hear the banner and all that comes with it; False if none comes."""
+        self._talker = threading.get_ident()
+        # Within half a second of an alarm a reset is not heard; the banner of one that came before
+        # may still be under way. Neither is worth a word.
+        for limit_s in (RESET_S, LISTEN_S):
+            self._write(RESET)
+            if banner := self._await_banner(limit_s):
+                self._banner, self._reset_due = banner, False
+                self._await_quiet()
+                return True
+        return False
+
+    def _await_quiet(self) -> None:
+        while self._line(self._deadline(QUIET_S)) is not None:
+            pass
+
     def _first_status(self) -> str:
+        """What it is doing, "" when it does not answer."""
         self._write(b"?")
         deadline = self._deadline(ANSWER_S)
         while (text := self._line(deadline)) is not None:
             if found := _STATUS.search(text):
                 return found[1].partition(":")[0]
-        return self._fail(
-            f"no banner within {BANNER_S:g} s and no answer to '?' at {self._baud} baud; expected "
-            "a GRBL 1.1 controller (after ALARM:1 or 2 it needs a reset or power off and on)"
-        )
+        return ""
 
     def _command(self, line: str, limit_s: float = ANSWER_S) -> list[str]:
         """Send a line, wait for its ok, return what came before it."""
@@ -423,10 +473,11 @@ class GrblStage:
                 return data
             if text.startswith("error:"):
                 self._awaiting_ok = False
+                self._halt()  # it may have been the error of another line
                 self._fail(f"{line} was refused: {_explain(text, ERRORS)}")
             self._watch(text)
             data.append(text)
-        return self._break(f"no answer to {line} within {limit_s:.1f} s; motion may be going on")
+        return self._break(f"no answer to {line} within {limit_s:.1f} s")
 
     def _query(self) -> StageState:
         """One status report. Silence is borne once, then a restarting controller gets its say."""
@@ -448,15 +499,12 @@ class GrblStage:
                         float(rate[1]) if rate else 0.0,
                         self._clock.now_s(),
                     )
-        going = f"; the move to {_mm(self._move.target_mm)} goes on" if self._move else ""
-        return self._break(f"no answer to '?' within {STATUS_S + LISTEN_S:g} s{going}")
+        return self._break(f"no answer to '?' within {STATUS_S + LISTEN_S:g} s")
 
     def _watch(self, text: str) -> None:
         """Raise for what nobody asked to hear: an alarm, or the banner of a restart."""
         if text.startswith("ALARM:"):
-            why = _explain(text, ALARMS)
-            self._critical = text[6:] in CRITICAL_ALARMS
-            self._break(f"{why}; {'reset, then home' if self._critical else 'home'} again")
+            self._break(f"{_explain(text, ALARMS)}; home again")
         if found := _BANNER.search(text):
             self._break(f"the controller restarted ({found[0]}): its position is lost, home again")
         if text == "ok" and self._awaiting_ok:
@@ -464,6 +512,7 @@ class GrblStage:
 
     def _drain(self) -> None:
         """Hear what has come since the last exchange, so that it is not taken for an answer."""
+        self._talker = threading.get_ident()
         while self._io(lambda: self._port.in_waiting):
             text = self._line(self._deadline(SLICE_S))
             if text is not None:
@@ -481,6 +530,11 @@ class GrblStage:
             elif self._now_ns() >= deadline_ns:
                 return None
 
+    def _blurt(self, data: bytes) -> None:
+        """Write from any thread or signal handler; whoever talks to the port hears its faults."""
+        with suppress(Exception):
+            self._port.write(data)
+
     def _write(self, data: bytes) -> None:
         self._io(lambda: self._port.write(data))
 
@@ -489,9 +543,42 @@ class GrblStage:
         try:
             return what()
         except OSError as why:
+            came_of_it = self._halt()
             self.close()
-            going = f"; the move to {_mm(self._move.target_mm)} goes on" if self._move else ""
-            self._break(f"the link is lost ({why}){going}")
+            self._break(f"the link is lost ({why}){came_of_it}")
+
+    def _halt(self) -> str:
+        """Write the byte that ends what may be moving; say what came of it, "" if nothing was."""
+        move, homing = self._move, self._homing
+        self._move, self._homing = None, False
+        if move is None and not homing:
+            return ""
+        self._stopping, self._reset_due = True, self._reset_due or homing
+        what = "homing" if move is None else f"the move to {_mm(move.target_mm)}"
+        reached = self._reach(RESET if homing else JOG_CANCEL)
+        return f"; {what} {'was told to stop' if reached else 'goes on'}"
+
+    def _reach(self, stop: bytes) -> bool:
+        """Write a stop byte, through a port opened anew if this one is gone; True if it went out.
+
+        Opening the port restarts an Arduino: that stops a move as well.
+        """
+        deadline = self._deadline(REOPEN_S)
+        while True:
+            with suppress(OSError, InputError, StageError):
+                if self._port is None:
+                    self._open()
+                self._port.write(stop)
+                self._clock.sleep_s(SETTLE_S)
+                self._port.write(stop)
+                return True
+            port, self._port = self._port, None
+            with suppress(OSError):
+                if port is not None:
+                    port.close()
+            if self._now_ns() >= deadline:
+                return False
+            self._clock.sleep_s(POLL_S)
 
     # ---- state --------------------------------------------------------------------------------
 
@@ -508,12 +595,16 @@ class GrblStage:
 
     def _break(self, why: str) -> NoReturn:
         """A fault that leaves the position in doubt: nothing moves until it is homed."""
-        self._trouble = why
-        self._homed = self._homing = self._awaiting_ok = False
+        self._lose(why)
         self._fail(why)
 
+    def _lose(self, why: str) -> None:
+        # The first reason is the one to tell: silence after an alarm is no news.
+        self._trouble = self._trouble or why
+        self._homed, self._awaiting_ok, self._reset_due = False, False, True
+
     def _fail(self, why: str) -> NoReturn:
-        raise StageError(f"{self._url}: {why}")
+        raise StageError(f"{self._url}: {why}{self._halt()}")
 
     def _now_ns(self) -> int:
         # Whole nanoseconds: sums and differences do not depend on how far the clock has come.
