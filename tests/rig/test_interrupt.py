@@ -107,21 +107,22 @@ def test_the_first_signal_stops_and_lets_the_lift_go_on() -> None:
         assert it.at_mm()[2] == -2.0
 
 
-# A run in lockstep whose own operator interrupts it twice, the second time in the lift.
+# A run in lockstep whose operator interrupts it in its first press, and again in the lift.
 RUN = """
-import os, signal, sys
-from pathlib import Path
+import os, signal
 signal.signal(signal.SIGINT, signal.default_int_handler)
-from deltact_fab import bench
-from deltact_fab.rig import runner
+from deltact_fab.cli.main import entry
 from deltact_fab.rig.grbl import GrblStage
 from deltact_fab.virtual import wire
 
 start_move, send = GrblStage.start_move, wire.Link.send
+pressed = False
 
 def interrupted(self, target_mm, feed_mm_min):
+    global pressed
     planned_s = start_move(self, target_mm, feed_mm_min)
-    if feed_mm_min == runner.LIFT_FEED_MM_MIN:
+    if pressed or target_mm[2] < 0:
+        pressed = True
         os.kill(os.getpid(), signal.SIGINT)
     return planned_s
 
@@ -130,12 +131,8 @@ def watched(self, data):
     if data == bytes([0x18]):
         print(self.controller.state, flush=True)
 
-def press_ctrl_c(done, total, what):
-    if what.endswith("press"):
-        os.kill(os.getpid(), signal.SIGINT)
-
 GrblStage.start_move, wire.Link.send = interrupted, watched
-bench.run(sys.argv[1], sys.argv[2], Path(sys.argv[3]), progress=press_ctrl_c)
+entry()
 """
 
 
@@ -144,7 +141,10 @@ def test_a_run_that_is_interrupted_in_its_lift(mini: tuple[Path, Path], tmp_path
     text = mini[0].read_text().replace('"sphere:10", "4dots"', '"sphere:6"')
     short.write_text(text.replace("depths_mm = [1.0]", "depths_mm = [0.4]"))
     done = subprocess.run(
-        [sys.executable, "-c", RUN, str(short), str(mini[1]), str(tmp_path / "r")],
+        [
+            sys.executable, "-c", RUN,
+            "run", str(short), "--rig", str(mini[1]), "--out", str(tmp_path / "r"),
+        ],
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 130
