@@ -12,31 +12,26 @@ Where it is simpler than the firmware:
 - arcs, probing, G28/G30, G93, check mode, startup lines and overrides are not modelled: the
   commands answer error:20 or error:3, the realtime bytes are ignored.
 What the firmware itself answered stands in tests/data; a test compares.
-
-Two positions are kept apart: the step count, which is all that a controller knows and reports, and
-the carriage, which is where the tip really is. They agree after homing. A reset in motion stops the
-count at once while the carriage coasts on (at most v^2/2a), which is how a position gets lost.
 """
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Mapping
-from dataclasses import dataclass
 from typing import Literal
 
 from ..protocols.motion import Vec3, minus, plus
 from ..units import MM_PER_INCH
 from . import grbl_report
+from .carriage import PLANNER_BLOCKS, Carriage
 from .clock import NS_PER_S, NsClock, to_ns
 from .gcode import Modal, Refused, parse
 from .grbl_settings import FACTORY, SETTINGS, change, listed
-from .motion import Path, Segment, along_line, brake, trapezoid
-from .steps import divide, replaced, steps
+from .motion import Segment
+from .steps import replaced
 
 BANNER = "Grbl 1.1h ['$' for help]"
-_PLANNER_BLOCKS, _RX_BYTES, _LINE_CHARS = 15, 128, 79
+_RX_BYTES, _LINE_CHARS = 128, 79
 # The firmware waits for its alarm message to get out, deaf to everything, before it does the rest.
 _ALARM_PAUSE_NS = NS_PER_S // 2
 
@@ -46,15 +41,6 @@ Fault = Literal["reboot", "silence", "limit"]
 # rest, or a moment (ns).
 Wait = Literal["slot", "sync", "still"] | int
 Task = Generator[Wait, None, int]
-
-
-@dataclass(frozen=True)
-class _Block:
-    """A line in the planner: its end in steps, its programmed feed (None: as fast as allowed)."""
-
-    number: int
-    target_steps: tuple[int, int, int]
-    feed_mm_min: float | None
 
 
 class GrblController:
@@ -71,10 +57,8 @@ class GrblController:
     _after_alarm: tuple[int, Callable[[], None]] | None
     _wait_ns: int | None
     _waiting: Wait | None
-    _moving: Segment | None
     _task: Task | None
     _rx: deque[int]
-    _queue: deque[_Block]
     _deferred: list[int]
 
     def __init__(
@@ -96,13 +80,12 @@ class GrblController:
         self._t = clock.now_ns()
         self._boot = to_ns(boot_s)
         self._blank = blank_eeprom
-        self._path = Path(start_mm, self._t)
+        self._carriage = Carriage(self.settings, start_mm, self._t)
         self._systems: dict[int, Vec3] = dict.fromkeys(range(54, 60), (0.0, 0.0, 0.0))
         self._out: list[tuple[int, bytes]] = []
         self._faults: list[tuple[int, Fault]] = []
         self._mute = False
         self._user_info = ""
-        self._blocks_made = 0
         self._power_on()
 
     # ---- the wire -----------------------------------------------------------------------------
@@ -162,7 +145,7 @@ class GrblController:
     def segments(self) -> list[Segment]:
         """Every straight piece of the carriage's path, the planned one last."""
         self._advance()
-        return self._path.segments
+        return self._carriage.path.segments
 
     def position_mm(self, t_s: float | None = None) -> Vec3:
         """Where the carriage is, machine mm, now or at a past time.
@@ -173,12 +156,12 @@ class GrblController:
         t_ns = self._t if t_s is None else to_ns(t_s)
         if t_ns > self._t:
             raise ValueError(f"{t_s} s has not come yet: it is {self._t / NS_PER_S} s")
-        return self._path.position_mm(t_ns)
+        return self._carriage.path.position_mm(t_ns)
 
     def path_since(self, t0_s: float) -> list[Vec3]:
         """The way of the carriage since t0, machine mm: from there, every corner, to here."""
         self._advance()
-        return self._path.since(to_ns(t0_s), self._t)
+        return self._carriage.path.since(to_ns(t0_s), self._t)
 
     def planned_segment(self) -> tuple[Vec3, Vec3, float, float] | None:
         """The straight piece under way (start mm, end mm, start s, end s), None at rest.
@@ -186,7 +169,7 @@ class GrblController:
         It can still be cut short by a hold, a jog cancel or a reset.
         """
         self._advance()
-        s = self._path.moving(self._t)
+        s = self._carriage.path.moving(self._t)
         if s is None:
             return None
         return s.start_mm, s.end_mm, s.start_ns / NS_PER_S, s.end_ns / NS_PER_S
@@ -195,8 +178,8 @@ class GrblController:
 
     def _next_ns(self) -> int | None:
         times = [t for t in (self._boot_ns, self._wait_ns) if t is not None]
-        if self._moving is not None:
-            times.append(self._moving.end_ns)
+        if self._carriage.moving is not None:
+            times.append(self._carriage.moving.end_ns)
         if self._after_alarm is not None:
             times.append(self._after_alarm[0])
         if self._faults:
@@ -221,7 +204,7 @@ class GrblController:
                     self._say("error:7")
                     self._say_all(listed(self.settings))
                 self._greet()
-            if self._moving is not None and self._moving.end_ns <= t:
+            if self._carriage.moving is not None and self._carriage.moving.end_ns <= t:
                 self._segment_done()
             if self._wait_ns is not None and self._wait_ns <= t:
                 self._wait_ns = None
@@ -231,8 +214,7 @@ class GrblController:
     def _power_on(self) -> None:
         """Only the settings are remembered: the count starts at 0 wherever the carriage is."""
         self._state = "Alarm" if self.settings[22] else "Idle"
-        self._count = (0, 0, 0)
-        self._slip_mm = self._path.end_mm
+        self._carriage.forget()
         self._boot_ns = self._t + self._boot
         self._clear()
 
@@ -273,8 +255,7 @@ class GrblController:
         self._task = None
         self._waiting = None
         self._wait_ns = None
-        self._queue = deque()
-        self._moving = None
+        self._carriage.drop()
         self._holding = False  # braking for a hold or a jog cancel
         self._door = False  # what holds, or will, is the safety door
         self._soft_limited = False  # braking because the next line leaves the travel
@@ -282,7 +263,7 @@ class GrblController:
         self._deferred = []
         self._modal = Modal()
         self._wco_in = self._ov_in = 0
-        self._programmed_mm = divide(self._count, self._steps_per_mm)
+        self._programmed_mm = self._carriage.count_mm()
 
     def _pump(self) -> None:
         """Run lines until one has to wait, or there is none."""
@@ -315,11 +296,11 @@ class GrblController:
 
     def _may_go_on(self) -> bool:
         if self._waiting == "slot":
-            return len(self._queue) < _PLANNER_BLOCKS
+            return self._carriage.free_blocks > 0
         if self._waiting == "sync":
-            return not self._queue and self._moving is None
+            return self._carriage.idle
         if self._waiting == "still":
-            return self._moving is None
+            return self._carriage.moving is None
         return self._wait_ns is None
 
     def _next_line(self) -> bool:
@@ -376,7 +357,7 @@ class GrblController:
             self._door = True
             self._hold()
         elif byte == ord("~") and self._state == "Hold" and not self._holding:
-            self._state = "Run" if self._queue else "Idle"
+            self._state = "Run" if self._carriage.queued else "Idle"
             self._door = False
             self._begin()
             self._pump()
@@ -389,15 +370,11 @@ class GrblController:
         if self._state == "Run":
             self._state = "Hold"
         self._holding = True
-        assert self._moving is not None
-        ramp = brake(self._moving, self._t)
-        self._path.replace_last(self._t)
-        self._moving = self._path.add(ramp)
-        if ramp.end_ns == ramp.start_ns:
+        if not self._carriage.brake(self._t):
             self._segment_done()
 
     def _soft_reset(self) -> None:
-        homing, moving = self._state == "Home", self._moving is not None
+        homing, moving = self._state == "Home", self._carriage.moving is not None
         if homing or moving:
             self._stop_dead()
             self._alarm(6 if homing else 3, self._restart)
@@ -414,7 +391,7 @@ class GrblController:
 
     def _alarm(self, number: int, then: Callable[[], None]) -> None:
         self._state = "Alarm"
-        self._queue.clear()
+        self._carriage.drop()
         self._say(f"ALARM:{number}")
         self._after_alarm = self._t + _ALARM_PAUSE_NS, then
 
@@ -424,126 +401,39 @@ class GrblController:
 
     # ---- motion -------------------------------------------------------------------------------
 
-    @property
-    def _steps_per_mm(self) -> Vec3:
-        return self._axes(100)
-
-    def _axes(self, first: int) -> Vec3:
-        return (self.settings[first], self.settings[first + 1], self.settings[first + 2])
-
-    def _count_mm(self) -> Vec3:
-        """The controller's own idea of its position."""
-        count = self._counted(self._t) if self._moving is not None else self._count
-        return divide(count, self._steps_per_mm)
-
-    def _counted(self, t_ns: int) -> tuple[int, int, int]:
-        return steps(minus(self._path.position_mm(t_ns), self._slip_mm), self._steps_per_mm)
-
-    def _plan(self, target_mm: Vec3, feed_mm_min: float | None) -> None:
-        self._blocks_made += 1
-        target = steps(target_mm, self._steps_per_mm)
-        before = self._queue[-1].target_steps if self._queue else self._count
-        self._programmed_mm = target_mm
-        if target != before:
-            self._queue.append(_Block(self._blocks_made, target, feed_mm_min))
-
     def _begin(self) -> None:
-        """Start the next block of the queue, if the state is one that moves."""
-        self._catch()
-        while self._queue and self._state in ("Run", "Jog"):
-            block = self._queue[0]
-            end = plus(divide(block.target_steps, self._steps_per_mm), self._slip_mm)
-            segment = self._line_to(end, block.feed_mm_min, block.number)
-            if segment.end_ns > self._t:
-                self._moving = segment
-                return
-            self._count = block.target_steps
-            self._queue.popleft()
-        if self._state in ("Run", "Jog") and not self._queue:
+        """Start the next line of the queue, if the state is one that moves."""
+        self._carriage.catch(self._t)
+        if self._state in ("Run", "Jog") and not self._carriage.begin(self._t):
             self._state = "Idle"
 
-    def _catch(self) -> None:
-        """Motors that are driven again hold a carriage that still coasts from a reset."""
-        if self._moving is None and self._path.moving(self._t) is not None:
-            self._path.replace_last(self._t)
-            self._slip_mm = minus(self._path.end_mm, divide(self._count, self._steps_per_mm))
-
-    def _line_to(self, end_mm: Vec3, feed_mm_min: float | None, number: int) -> Segment:
-        start = self._path.end_mm
-        delta = minus(end_mm, start)
-        if not any(delta):
-            return trapezoid(start, end_mm, 1.0, 1.0, self._t, number)
-        rate = along_line(delta, self._axes(110))
-        feed = rate if feed_mm_min is None else min(feed_mm_min, rate)
-        accel = along_line(delta, self._axes(120))
-        return self._path.add(trapezoid(start, end_mm, feed / 60, accel, self._t, number))
-
     def _segment_done(self) -> None:
-        assert self._moving is not None
-        self._count = self._counted(self._moving.end_ns)
-        self._moving = None
-        if self._state == "Home":
-            return
-        if self._holding:
+        arrived = self._state != "Home" and not self._holding
+        self._carriage.done(arrived)
+        if arrived:
+            self._begin()
+        elif self._holding:
             self._holding = False
             if self._state == "Jog":
-                self._queue.clear()
-                self._programmed_mm = divide(self._count, self._steps_per_mm)
+                self._carriage.drop()
+                self._programmed_mm = self._carriage.count_mm()
                 self._state = "Hold" if self._door else "Idle"
-            return
-        self._count = self._queue.popleft().target_steps
-        self._begin()
 
     def _stop_dead(self) -> None:
-        """Pulses end now: the count freezes, the carriage coasts to rest."""
-        moving = self._path.moving(self._t)
-        if moving is not None and self._moving is not None:
-            self._count = self._counted(self._t)
-            coast = brake(moving, self._t)
-            self._path.replace_last(self._t)
-            self._path.add(coast)
-            self._slip_mm = minus(self._path.end_mm, divide(self._count, self._steps_per_mm))
-        self._moving = None
+        self._carriage.stop_dead(self._t)
         self._holding = False
-        self._queue.clear()
-
-    def _outside(self, target_mm: Vec3) -> bool:
-        travel = self._axes(130)
-        return any(not -m <= p <= 0 for p, m in zip(target_mm, travel, strict=True))
 
     def _home(self) -> Task:
         self._state = "Home"
-        self._catch()
-        far = int(self.settings[23])
-        pull = self.settings[27]
-        seek, feed = self.settings[25], self.settings[24]
-        for axes in ((2,), (0, 1)):
-            switch = {a: -self.settings[130 + a] if far >> a & 1 else 0.0 for a in axes}
-            clear = {a: s + pull if far >> a & 1 else s - pull for a, s in switch.items()}
-            for goal, rate in ((switch, seek), (clear, seek), (switch, feed), (clear, seek)):
-                yield from self._home_leg(goal, rate)
-                yield self._t + to_ns(self.settings[26] / 1000)
-        self._count = steps(self._path.end_mm, self._steps_per_mm)
-        self._slip_mm = (0.0, 0.0, 0.0)
-        self._programmed_mm = divide(self._count, self._steps_per_mm)
+        self._carriage.catch(self._t)
+        for goal, rate in self._carriage.homing_legs():
+            while self._carriage.seek(goal, rate, self._t):
+                yield "still"
+            yield self._t + to_ns(self.settings[26] / 1000)
+        self._carriage.homed()
+        self._programmed_mm = self._carriage.count_mm()
         self._state = "Idle"
         return 0
-
-    def _home_leg(self, goal: dict[int, float], rate_mm_min: float) -> Task:
-        """Axes start together at the same rate; each stops at its goal."""
-        while True:
-            here = self._path.end_mm
-            left = {a: g - here[a] for a, g in goal.items() if g != here[a]}
-            if not left:
-                return 0
-            way = min(abs(d) for d in left.values())
-            end = list(here)
-            for a, d in left.items():
-                end[a] = goal[a] if abs(d) == way else here[a] + math.copysign(way, d)
-            self._blocks_made += 1
-            rate = rate_mm_min * math.sqrt(len(left))
-            self._moving = self._line_to((end[0], end[1], end[2]), rate, self._blocks_made)
-            yield "still"
 
     # ---- $ commands ---------------------------------------------------------------------------
 
@@ -575,7 +465,7 @@ class GrblController:
             self._say_all(grbl_report.parameters(self._systems, self._modal.g92_mm, inches))
         elif what == "I":
             self._say(f"[VER:1.1h.20190830:{self._user_info}]")
-            self._say(f"[OPT:V,{_PLANNER_BLOCKS},{_RX_BYTES}]")
+            self._say(f"[OPT:V,{PLANNER_BLOCKS},{_RX_BYTES}]")
         elif what.startswith("I="):
             self._user_info = what[2:]
         elif what == "N":
@@ -623,16 +513,16 @@ class GrblController:
         name: str = self._state
         if name == "Hold":
             name = f"Door:{2 * self._holding}" if self._door else f"Hold:{int(self._holding)}"
-        mm, mask, inches = self._count_mm(), int(self.settings[10]), bool(self.settings[13])
+        mm = self._carriage.count_mm(self._t)
+        mask, inches = int(self.settings[10]), bool(self.settings[13])
         if mask & 1:
             parts = [name, f"MPos:{grbl_report.coordinates(mm, inches)}"]
         else:
             work_mm = minus(mm, self._offset_mm())
             parts = [name, f"WPos:{grbl_report.coordinates(work_mm, inches)}"]
         if mask & 2:
-            free = _PLANNER_BLOCKS - len(self._queue), _RX_BYTES - len(self._rx)
-            parts.append(f"Bf:{free[0]},{free[1]}")
-        speed = self._moving.speed_mm_s(self._t) * 60 if self._moving is not None else 0.0
+            parts.append(f"Bf:{self._carriage.free_blocks},{_RX_BYTES - len(self._rx)}")
+        speed = self._carriage.speed_mm_min(self._t)
         parts.append(grbl_report.rates(speed, self._modal, inches))
         busy = self._state in ("Run", "Jog", "Hold")
         if self._wco_in:
@@ -751,17 +641,14 @@ class GrblController:
     def _jog(self, target_mm: Vec3, feed_mm_min: float) -> Task:
         if feed_mm_min == 0:
             raise Refused(22)
-        if self.settings[20] and self._outside(target_mm):
+        if self.settings[20] and self._carriage.outside(target_mm):
             return 15
         yield "slot"
-        self._plan(target_mm, feed_mm_min)
-        if self._state == "Idle" and self._queue:
-            self._state = "Jog"
-            self._begin()
+        self._follow(target_mm, feed_mm_min, "Jog")
         return 0
 
     def _move(self, target_mm: Vec3, feed_mm_min: float | None) -> Task:
-        if self.settings[20] and self._outside(target_mm):
+        if self.settings[20] and self._carriage.outside(target_mm):
             if self._state == "Run":
                 self._soft_limited = True
                 self._hold()
@@ -769,11 +656,15 @@ class GrblController:
             self._alarm(2, self._lock)
             yield "still"
         yield "slot"
-        self._plan(target_mm, feed_mm_min)
-        if self._state == "Idle" and self._queue:
-            self._state = "Run"
-            self._begin()
+        self._follow(target_mm, feed_mm_min, "Run")
         return 0
+
+    def _follow(self, target_mm: Vec3, feed_mm_min: float | None, state: State) -> None:
+        self._carriage.plan(target_mm, feed_mm_min)
+        self._programmed_mm = target_mm
+        if self._state == "Idle" and self._carriage.queued:
+            self._state = state
+            self._begin()
 
     def _program_flow(self, flow: float | None) -> Task:
         if flow is None or flow == 1:
