@@ -73,9 +73,10 @@ MARGIN_S = 2.0
 HOMING_MARGIN_S = 10.0
 
 _BANNER = re.compile(r"Grbl(?:HAL)? (\d+)\.(\d+)\S*", re.IGNORECASE)
-_SETTING = re.compile(r"\$(\d+)=(-?\d+(?:\.\d*)?)")
-_STATUS = re.compile(r"<([A-Za-z]+(?::\d)?)\|(M|W)Pos:([-\d.]+),([-\d.]+),([-\d.]+)[^<>]*>")
-_RATE = re.compile(r"\|FS?:([\d.]+)")
+_NUMBER = r"(-?\d+(?:\.\d*)?)"
+_SETTING = re.compile(rf"\$(\d+)={_NUMBER}")
+_STATUS = re.compile(rf"<([A-Za-z]+(?::\d)?)\|(M|W)Pos:{_NUMBER},{_NUMBER},{_NUMBER}(?:\|[^<>]*)?>")
+_RATE = re.compile(rf"\|FS?:{_NUMBER}[,|>]")
 
 
 @dataclass(frozen=True)
@@ -480,9 +481,16 @@ class GrblStage:
         return self._break(f"no answer to {line} within {limit_s:.1f} s")
 
     def _query(self) -> StageState:
-        """One status report. Silence is borne once, then a restarting controller gets its say."""
+        """One status report.
+
+        Silence is borne once. After the second time what moves is stopped, then a restarting
+        controller gets its say.
+        """
         self._drain()
-        for limit_s in (STATUS_S, LISTEN_S):
+        stopped = ""
+        for limit_s in (STATUS_S, STATUS_S, LISTEN_S):
+            if limit_s == LISTEN_S:
+                stopped = self._halt()
             self._write(b"?")
             deadline = self._deadline(limit_s)
             while (text := self._line(deadline)) is not None:
@@ -491,7 +499,7 @@ class GrblStage:
                     self._watch(text)
                 elif found[2] == "W":
                     self._fail("status reports give the work position; set $10=1 or $10=3")
-                else:
+                elif not stopped:
                     rate = _RATE.search(text)
                     return StageState(
                         (float(found[3]), float(found[4]), float(found[5])),
@@ -499,7 +507,7 @@ class GrblStage:
                         float(rate[1]) if rate else 0.0,
                         self._clock.now_s(),
                     )
-        return self._break(f"no answer to '?' within {STATUS_S + LISTEN_S:g} s")
+        return self._break(f"no answer to '?' within {2 * STATUS_S:g} s{stopped}")
 
     def _watch(self, text: str) -> None:
         """Raise for what nobody asked to hear: an alarm, or the banner of a restart."""
@@ -565,7 +573,7 @@ class GrblStage:
         """
         deadline = self._deadline(REOPEN_S)
         while True:
-            with suppress(OSError, InputError, StageError):
+            with suppress(Exception):  # a terminal that is gone has errors of its own
                 if self._port is None:
                     self._open()
                 self._port.write(stop)

@@ -140,10 +140,23 @@ def test_a_false_error_in_answer_to_a_move_that_was_begun() -> None:
 def test_silence() -> None:
     bench = Bench().moving()
     bench.drop(b"")
-    with pytest.raises(StageError, match=r"no answer to '\?' within 2.5 s; .*was told to stop"):
+    silent_mm = bench.grbl.position_mm()
+    with pytest.raises(StageError, match=r"no answer to '\?' within 1 s; .*was told to stop"):
+        bench.stage.wait()
+    assert bench.came_to_rest() == 0  # a second and the braking after the silence began
+    assert math.dist(silent_mm, bench.grbl.position_mm()) < 1.2 * FEED_MM_MIN / 60 + COAST_MM
+    bench.homes_at_once()
+
+
+def test_a_voice_that_comes_back_too_late_does_not_hide_the_stop() -> None:
+    bench = Bench().moving()
+    back_ns = bench.clock.now_ns() + to_ns(1.2)
+    bench.grbl.tamper = lambda said: said if bench.clock.now_ns() > back_ns else []
+    with pytest.raises(StageError, match="was told to stop"):
+        bench.stage.position_mm()
+    with pytest.raises(StageError, match="no motion after a fault"):
         bench.stage.wait()
     assert bench.came_to_rest() < COAST_MM
-    bench.homes_at_once()
 
 
 @pytest.mark.parametrize("resets_on_open", [True, False])
