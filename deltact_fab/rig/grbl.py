@@ -14,8 +14,6 @@ target. This is no emergency stop.
 
 from __future__ import annotations
 
-import math
-import re
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -27,36 +25,13 @@ import serial
 from ..errors import InputError, StageError
 from ..optics import StageFrame
 from ..protocols.motion import Vec3, minus, move_duration_s
+from .grbl_limits import Limits
+from .grbl_words import ALARMS, BANNER, ERRORS, RATE, SETTING, STATUS, explain
 from .interface import Clock, StageState
 
 T = TypeVar("T")
 
 AXES = "XYZ"
-ERRORS = {
-    1: "a letter is missing",
-    2: "bad number",
-    3: "unknown $ command",
-    4: "negative value",
-    5: "homing is off ($22=0)",
-    7: "settings memory was unreadable and was reset",
-    8: "only allowed when idle",
-    9: "locked in an alarm or a jog",
-    10: "soft limits need homing ($22=1)",
-    11: "line too long",
-    15: "target outside of the travel",
-    16: "not a jog command",
-    20: "unsupported command",
-    22: "no feed rate",
-}
-ALARMS = {
-    1: "hard limit: a switch was hit",
-    2: "soft limit: a move would leave the travel",
-    3: "reset while moving",
-    6: "reset while homing",
-    7: "door opened while homing",
-    8: "homing: pull-off did not clear the switch",
-    9: "homing: no switch found",
-}
 JOG_CANCEL, RESET = b"\x85", b"\x18"
 RESET_S = 1.0  # to the banner after a reset; half a second of that is for the message of an alarm
 QUIET_S = 0.2  # nothing said for so long: nothing more is to come
@@ -70,13 +45,6 @@ LISTEN_S = 2.0  # after silence: time for a restarting controller to say so
 POLL_S = 0.1  # while a move is under way; the firmware's documents ask for at most 10 a second
 POLL_END_S = 0.02
 MARGIN_S = 2.0
-HOMING_MARGIN_S = 10.0
-
-_BANNER = re.compile(r"Grbl(?:HAL)? (\d+)\.(\d+)\S*", re.IGNORECASE)
-_NUMBER = r"(-?\d+(?:\.\d*)?)"
-_SETTING = re.compile(rf"\$(\d+)={_NUMBER}")
-_STATUS = re.compile(rf"<([A-Za-z]+(?::\d)?)\|(M|W)Pos:{_NUMBER},{_NUMBER},{_NUMBER}(?:\|[^<>]*)?>")
-_RATE = re.compile(rf"\|FS?:{_NUMBER}[,|>]")
 
 
 @dataclass(frozen=True)
@@ -119,7 +87,7 @@ class GrblStage:
         self._unfit = "not connected: connect before homing"
         self._banner = ""
         self._info: list[str] = []
-        self._settings: dict[int, float] = {}
+        self._limits = Limits({})
         self._at_mm: Vec3 = (0.0, 0.0, 0.0)
         self._move: _Move | None = None
         self._homed = False
@@ -158,10 +126,11 @@ class GrblStage:
                 self._fail(f"the controller is in {state}; wait until it is Idle, or reset it")
         self._check_version()
         self._info = [d for d in self._command("$I") if d.startswith("[")]
-        found = (_SETTING.match(d) for d in self._command("$$"))
-        self._settings = {int(m[1]): float(m[2]) for m in found if m}
+        found = (SETTING.match(d) for d in self._command("$$"))
+        self._limits = Limits({int(m[1]): float(m[2]) for m in found if m})
         self._unfit = "its settings were refused: set them right and connect again"
-        self._check_settings()
+        if why := self._limits.refusal(self._require_travel_mm, self._require_feed_mm_min):
+            self._fail(why)
         self._unfit = ""
 
     def home(self) -> None:
@@ -177,7 +146,7 @@ class GrblStage:
         self._homed, self._trouble, self._stopping, self._move = False, "", False, None
         self._drain()
         self._homing = True
-        self._command("$H", self._homing_limit_s())
+        self._command("$H", self._limits.homing_s())
         self._homing = False
         state = self._query()
         if state.state != "Idle":
@@ -196,10 +165,13 @@ class GrblStage:
             self._fail("a move is under way: wait for it or stop it first")
         if self._stopping:
             self.stop()
-        machine = self._checked_target(target_mm)
+        limits = self._limits
+        x, y, z = (round(p, 4) + 0.0 for p in self._frame.to_machine_mm(target_mm))
+        machine = (x, y, z)
         delta = minus(machine, self._at_mm)
-        self._check_feed(delta, feed_mm_min)
-        planned_s = move_duration_s(delta, feed_mm_min, self._axes(110), self._axes(120))
+        if why := limits.target_refusal(machine) or limits.feed_refusal(delta, feed_mm_min):
+            raise InputError(f"{self._url}: {why}")
+        planned_s = move_duration_s(delta, feed_mm_min, limits.axes(110), limits.axes(120))
         words = "".join(f"{axis}{p:.4f}" for axis, p in zip(AXES, machine, strict=True))
         self._drain()
         self._move = _Move(machine, self._now_ns(), planned_s)
@@ -223,7 +195,7 @@ class GrblStage:
                 self._clock.sleep_s(min(POLL_S, max(left_s + 0.002, POLL_END_S)))
             state = self.poll()
             if state.state == "Idle":
-                if self._is_at(move.target_mm, state.machine_mm):
+                if self._limits.same_place(move.target_mm, state.machine_mm):
                     self._move = None
                     # The next move starts from what was commanded, not from its rounding.
                     self._at_mm = move.target_mm
@@ -263,9 +235,7 @@ class GrblStage:
         self.cancel_now()
         if self._trouble:
             self._fail(self._trouble)
-        slowest = min((v for k, v in self._settings.items() if k in (120, 121, 122)), default=1.0)
-        fastest = max((v for k, v in self._settings.items() if k in (110, 111, 112)), default=0.0)
-        deadline = self._deadline(fastest / 60 / slowest + MARGIN_S)
+        deadline = self._deadline(self._limits.braking_s() + MARGIN_S)
         while (state := self.poll()).state != "Idle":
             if state.state != "Jog":
                 self._write(b"!")
@@ -283,7 +253,7 @@ class GrblStage:
             "port": self._url,
             "banner": self._banner,
             "info": list(self._info),
-            "settings": {f"${n}": v for n, v in sorted(self._settings.items())},
+            "settings": {f"${n}": v for n, v in sorted(self._limits.settings.items())},
             "origin_machine_mm": list(self._frame.origin_machine_mm),
             "angle_deg": self._frame.angle_deg,
         }
@@ -335,84 +305,9 @@ class GrblStage:
     # ---- checks before anything is sent -------------------------------------------------------
 
     def _check_version(self) -> None:
-        version = _BANNER.search(self._banner)
+        version = BANNER.search(self._banner)
         if version is not None and (int(version[1]), int(version[2])) < (1, 1):
             self._fail(f"found {version[0]!r}; jogging needs GRBL 1.1 or later")
-
-    def _check_settings(self) -> None:
-        wanted = (10, 13, 20, 22, *(k + a for k in (100, 110, 120, 130) for a in range(3)))
-        missing = [f"${n}" for n in wanted if n not in self._settings]
-        if missing:
-            self._fail(f"the answer to $$ lacks {', '.join(missing)}")
-        rules = (
-            (10, 1, "status reports give the work position", "$10=1 or $10=3"),
-            (13, 0, "status reports are in inches", "$13=0"),
-            (20, 1, "soft limits are off", "$20=1"),
-            (22, 1, "homing is off", "$22=1"),
-        )
-        for n, bit, what, needed in rules:
-            if int(self._settings[n]) & 1 != bit:
-                self._fail(f"${n}={self._settings[n]:g} ({what}); set {needed} and connect again")
-        for first, unit in ((100, "steps/mm"), (110, "mm/min"), (120, "mm/s2"), (130, "mm")):
-            for axis in range(3):
-                if not self._settings[first + axis] > 0:
-                    self._fail(f"${first + axis}={self._settings[first + axis]:g} {unit}; not > 0")
-        for first, need, what in (
-            (130, self._require_travel_mm, "mm of travel"),
-            (110, self._require_feed_mm_min, "mm/min"),
-        ):
-            for axis, needed_value in enumerate(need or ()):
-                found = self._settings[first + axis]
-                if found < needed_value:
-                    self._fail(
-                        f"{AXES[axis]} has {found:g} {what} (${first + axis}); "
-                        f"{needed_value:g} needed"
-                    )
-
-    def _checked_target(self, target_mm: Vec3) -> Vec3:
-        if not all(math.isfinite(p) for p in target_mm):
-            raise InputError(f"{self._url}: target {target_mm} mm is not finite")
-        x, y, z = (round(p, 4) + 0.0 for p in self._frame.to_machine_mm(target_mm))
-        for axis, p, travel in zip(AXES, (x, y, z), self._axes(130), strict=True):
-            if not -travel <= p <= 0:
-                raise InputError(
-                    f"{self._url}: target {axis} {p:.3f} mm (machine) is outside of "
-                    f"-{travel:g} .. 0, the controller's travel"
-                )
-        return x, y, z
-
-    def _check_feed(self, delta_mm: Vec3, feed_mm_min: float) -> None:
-        """GRBL clips a feed silently; here it is an error."""
-        if not (math.isfinite(feed_mm_min) and feed_mm_min >= 0.001):
-            raise InputError(f"{self._url}: feed {feed_mm_min} mm/min; at least 0.001 is needed")
-        length = math.hypot(*delta_mm)
-        for axis, d, limit in zip(AXES, delta_mm, self._axes(110), strict=True):
-            if abs(d) * feed_mm_min > limit * length * (1 + 1e-9):
-                raise InputError(
-                    f"{self._url}: feed {feed_mm_min:g} mm/min moves {axis} at "
-                    f"{feed_mm_min * abs(d) / length:g}; its limit is {limit:g}"
-                )
-
-    def _is_at(self, target_mm: Vec3, machine_mm: Vec3) -> bool:
-        """Within half a step, and the rounding of the line sent and of the report."""
-        return all(
-            abs(p - t) <= 0.5 / steps + 0.0006
-            for p, t, steps in zip(machine_mm, target_mm, self._axes(100), strict=True)
-        )
-
-    def _axes(self, first: int) -> Vec3:
-        s = self._settings
-        return (s[first], s[first + 1], s[first + 2])
-
-    def _homing_limit_s(self) -> float:
-        """Longest that the firmware searches: 1.5 travels and back for Z, then X and Y together."""
-        s = self._settings
-        seek, feed, pull = (max(s.get(n, 0.0), 1e-3) for n in (25, 24, 27))
-        travel = 1.5 * (s[132] + max(s[130], s[131]))
-        pause_s = 8 * s.get(26, 0.0) / 1000
-        slow = 2 * 5 * pull / feed + 4 * pull / seek
-        ramps = 16 * seek / 60 / min(self._axes(120))
-        return 60 * (travel / seek + slow) + pause_s + ramps + HOMING_MARGIN_S
 
     # ---- talking ------------------------------------------------------------------------------
 
@@ -431,7 +326,7 @@ class GrblStage:
         """Wait for the banner; whatever a first boot prints before it is no concern of ours."""
         deadline = self._deadline(limit_s)
         while (text := self._line(deadline)) is not None:
-            if found := _BANNER.search(text):
+            if found := BANNER.search(text):
                 return text[found.start() :]
         return ""
 
@@ -457,7 +352,7 @@ class GrblStage:
         self._write(b"?")
         deadline = self._deadline(ANSWER_S)
         while (text := self._line(deadline)) is not None:
-            if found := _STATUS.search(text):
+            if found := STATUS.search(text):
                 return found[1].partition(":")[0]
         return ""
 
@@ -475,7 +370,7 @@ class GrblStage:
             if text.startswith("error:"):
                 self._awaiting_ok = False
                 self._halt()  # it may have been the error of another line
-                self._fail(f"{line} was refused: {_explain(text, ERRORS)}")
+                self._fail(f"{line} was refused: {explain(text, ERRORS)}")
             self._watch(text)
             data.append(text)
         return self._break(f"no answer to {line} within {limit_s:.1f} s")
@@ -494,13 +389,13 @@ class GrblStage:
             self._write(b"?")
             deadline = self._deadline(limit_s)
             while (text := self._line(deadline)) is not None:
-                found = _STATUS.search(text)
+                found = STATUS.search(text)
                 if found is None:
                     self._watch(text)
                 elif found[2] == "W":
                     self._fail("status reports give the work position; set $10=1 or $10=3")
                 elif not stopped:
-                    rate = _RATE.search(text)
+                    rate = RATE.search(text)
                     return StageState(
                         (float(found[3]), float(found[4]), float(found[5])),
                         found[1],
@@ -512,8 +407,8 @@ class GrblStage:
     def _watch(self, text: str) -> None:
         """Raise for what nobody asked to hear: an alarm, or the banner of a restart."""
         if text.startswith("ALARM:"):
-            self._break(f"{_explain(text, ALARMS)}; home again")
-        if found := _BANNER.search(text):
+            self._break(f"{explain(text, ALARMS)}; home again")
+        if found := BANNER.search(text):
             self._break(f"the controller restarted ({found[0]}): its position is lost, home again")
         if text == "ok" and self._awaiting_ok:
             self._awaiting_ok = False
@@ -623,12 +518,6 @@ class GrblStage:
 
     def _deadline(self, seconds: float) -> int:
         return self._now_ns() + round(seconds * 1e9)
-
-
-def _explain(text: str, meanings: dict[int, str]) -> str:
-    number = text.partition(":")[2]
-    known = meanings.get(int(number)) if number.isdigit() else None
-    return f"{text} ({known})" if known else text
 
 
 def _mm(p: Vec3) -> str:

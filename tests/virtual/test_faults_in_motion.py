@@ -278,3 +278,5 @@ def test_no_homing_after_the_settings_were_refused() -> None:
     with pytest.raises(StageError, match="its settings were refused"):
         bench.stage.home()
     assert len(bench.trace) == before
+    bench.stage.stop()  # this it can always be asked for
+    assert bench.sent()[-1] == b"\x85"
