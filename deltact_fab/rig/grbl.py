@@ -124,7 +124,9 @@ class GrblStage:
                     )
             elif state not in ("Idle", "Alarm"):
                 self._fail(f"the controller is in {state}; wait until it is Idle, or reset it")
-        self._check_version()
+        version = BANNER.search(self._banner)
+        if version is not None and (int(version[1]), int(version[2])) < (1, 1):
+            self._fail(f"found {version[0]!r}; jogging needs GRBL 1.1 or later")
         self._info = [d for d in self._command("$I") if d.startswith("[")]
         found = (SETTING.match(d) for d in self._command("$$"))
         self._limits = Limits({int(m[1]): float(m[2]) for m in found if m})
@@ -235,6 +237,8 @@ class GrblStage:
         self.cancel_now()
         if self._trouble:
             self._fail(self._trouble)
+        if not self._homed:
+            return  # no move was begun
         deadline = self._deadline(self._limits.braking_s() + MARGIN_S)
         while (state := self.poll()).state != "Idle":
             if state.state != "Jog":
@@ -301,13 +305,6 @@ class GrblStage:
         self._homing, self._move = False, None
         if not self._greeted():
             self._break("no banner after a reset (0x18)")
-
-    # ---- checks before anything is sent -------------------------------------------------------
-
-    def _check_version(self) -> None:
-        version = BANNER.search(self._banner)
-        if version is not None and (int(version[1]), int(version[2])) < (1, 1):
-            self._fail(f"found {version[0]!r}; jogging needs GRBL 1.1 or later")
 
     # ---- talking ------------------------------------------------------------------------------
 
@@ -453,12 +450,12 @@ class GrblStage:
     def _halt(self) -> str:
         """Write the byte that ends what may be moving; say what came of it, "" if nothing was."""
         move, homing = self._move, self._homing
-        self._move, self._homing = None, False
         if move is None and not homing:
             return ""
         self._stopping, self._reset_due = True, self._reset_due or homing
         what = "homing" if move is None else f"the move to {_mm(move.target_mm)}"
         reached = self._reach(RESET if homing else JOG_CANCEL)
+        self._move, self._homing = None, False
         return f"; {what} {'was told to stop' if reached else 'goes on'}"
 
     def _reach(self, stop: bytes) -> bool:
