@@ -5,16 +5,18 @@ machine coordinates: a jog outside of the travel is refused without an alarm, an
 stops it cleanly. The end of a move is read from the controller (`?` until Idle at the target), for
 an `ok` only says that a line was understood.
 
-After an alarm, a restart of the controller or silence nothing moves by itself: motion commands are
-refused until `home` succeeds, and `$X` is never sent. Pulling the cable does not stop a move; it
-runs to its target. This is no emergency stop.
+A StageError leaves nothing moving, as far as a byte can still reach the controller: before it is
+raised the stop byte goes out, 0x85 in a move and 0x18 while homing. After an alarm, a restart of
+the controller or silence motion commands are refused until `home` succeeds, which begins with a
+reset (0x18) then; `$X` is never sent. A cable that is out carries no byte, and a move runs to its
+target. This is no emergency stop.
 """
 
 from __future__ import annotations
 
-import math
-import re
+import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NoReturn, TypeVar
 
@@ -23,37 +25,18 @@ import serial
 from ..errors import InputError, StageError
 from ..optics import StageFrame
 from ..protocols.motion import Vec3, minus, move_duration_s
+from .grbl_limits import Limits
+from .grbl_words import ALARMS, BANNER, ERRORS, RATE, SETTING, STATUS, explain
 from .interface import Clock, StageState
 
 T = TypeVar("T")
 
 AXES = "XYZ"
-ERRORS = {
-    1: "a letter is missing",
-    2: "bad number",
-    3: "unknown $ command",
-    4: "negative value",
-    5: "homing is off ($22=0)",
-    7: "settings memory was unreadable and was reset",
-    8: "only allowed when idle",
-    9: "locked in an alarm or a jog",
-    10: "soft limits need homing ($22=1)",
-    11: "line too long",
-    15: "target outside of the travel",
-    16: "not a jog command",
-    20: "unsupported command",
-    22: "no feed rate",
-}
-ALARMS = {
-    1: "hard limit: a switch was hit",
-    2: "soft limit: a move would leave the travel",
-    3: "reset while moving",
-    6: "reset while homing",
-    7: "door opened while homing",
-    8: "homing: pull-off did not clear the switch",
-    9: "homing: no switch found",
-}
-CRITICAL_ALARMS = ("1", "2")  # the controller hears nothing but a reset afterwards
+JOG_CANCEL, RESET = b"\x85", b"\x18"
+RESET_S = 1.0  # to the banner after a reset; half a second of that is for the message of an alarm
+QUIET_S = 0.2  # nothing said for so long: nothing more is to come
+SETTLE_S = 0.02  # from the end of a line to the start of its jog, before which 0x85 does nothing
+REOPEN_S = 1.0  # a cable that was only loose is back by then
 SLICE_S = 0.05  # one read; a longer wait is several
 BANNER_S = 2.5  # an Arduino's boot loader takes up to 2 s
 ANSWER_S = 1.0
@@ -62,12 +45,6 @@ LISTEN_S = 2.0  # after silence: time for a restarting controller to say so
 POLL_S = 0.1  # while a move is under way; the firmware's documents ask for at most 10 a second
 POLL_END_S = 0.02
 MARGIN_S = 2.0
-HOMING_MARGIN_S = 10.0
-
-_BANNER = re.compile(r"Grbl(?:HAL)? (\d+)\.(\d+)\S*", re.IGNORECASE)
-_SETTING = re.compile(r"\$(\d+)=(-?\d+(?:\.\d*)?)")
-_STATUS = re.compile(r"<([A-Za-z]+(?::\d)?)\|(M|W)Pos:([-\d.]+),([-\d.]+),([-\d.]+)[^<>]*>")
-_RATE = re.compile(r"\|FS?:([\d.]+)")
 
 
 @dataclass(frozen=True)
@@ -106,57 +83,72 @@ class GrblStage:
         self._require_feed_mm_min = require_feed_mm_min
         self._port: Any = None
         self._partial = b""
+        self._talker = 0  # the thread that last asked for something
+        self._unfit = "not connected: connect before homing"
         self._banner = ""
         self._info: list[str] = []
-        self._settings: dict[int, float] = {}
+        self._limits = Limits({})
         self._at_mm: Vec3 = (0.0, 0.0, 0.0)
         self._move: _Move | None = None
         self._homed = False
         self._homing = False
         self._awaiting_ok = False
         self._trouble = ""
-        self._critical = False  # an alarm after which the controller hears nothing but a reset
+        self._reset_due = False  # before the next homing
+        self._stopping = False  # told to stop by a fault, not seen at rest yet
 
     # ---- the Stage interface ------------------------------------------------------------------
 
     def connect(self) -> None:
         """Open the port, wait for the controller, read and check its settings. Nothing moves.
 
-        A controller that does not restart on opening is asked for its status instead; it is never
-        reset. Raises InputError for an unknown kind of URL, StageError for all else.
+        A controller that does not restart on opening is asked for its status instead. It is reset
+        only where it hears nothing else: asleep, or locked by ALARM:1 or 2. Raises InputError for
+        an unknown kind of URL, StageError for all else.
         """
         self.close()
         self._open()
-        self._homed, self._homing, self._awaiting_ok, self._critical = False, False, False, False
-        self._trouble, self._move, self._partial = "", None, b""
+        self._homed, self._awaiting_ok, self._reset_due = False, False, False
+        self._trouble, self._stopping, self._partial = "", False, b""
+        self._unfit = "not connected: connect before homing"
         self._banner = self._await_banner(BANNER_S)
         if self._banner:
-            self._check_version()
-            while self._line(self._deadline(0.2)) is not None:
-                pass
+            self._await_quiet()
         else:
             state = self._first_status()
-            if state not in ("Idle", "Alarm"):
+            if state in ("", "Sleep"):
+                if not self._greeted():
+                    self._fail(
+                        f"no banner within {BANNER_S:g} s and no answer to '?' at {self._baud} "
+                        "baud, nor to a reset (0x18); expected a GRBL 1.1 controller"
+                    )
+            elif state not in ("Idle", "Alarm"):
                 self._fail(f"the controller is in {state}; wait until it is Idle, or reset it")
+        version = BANNER.search(self._banner)
+        if version is not None and (int(version[1]), int(version[2])) < (1, 1):
+            self._fail(f"found {version[0]!r}; jogging needs GRBL 1.1 or later")
         self._info = [d for d in self._command("$I") if d.startswith("[")]
-        found = (_SETTING.match(d) for d in self._command("$$"))
-        self._settings = {int(m[1]): float(m[2]) for m in found if m}
-        self._check_settings()
+        found = (SETTING.match(d) for d in self._command("$$"))
+        self._limits = Limits({int(m[1]): float(m[2]) for m in found if m})
+        self._unfit = "its settings were refused: set them right and connect again"
+        if why := self._limits.refusal(self._require_travel_mm, self._require_feed_mm_min):
+            self._fail(why)
+        self._unfit = ""
 
     def home(self) -> None:
-        """Run the homing cycle; positions are known afterwards. Raises StageError."""
+        """Run the homing cycle, after a fault behind a reset; positions are known afterwards.
+
+        Raises StageError; with nothing sent when `connect` refused the controller.
+        """
         self._require_port()
-        if not self._settings:
-            self._fail("not connected: connect before homing")
-        if self._critical:
-            self._fail(f"{self._trouble}; it hears nothing but a reset")
-        self._homed, self._trouble, self._move = False, "", None
+        if self._unfit:
+            self._fail(self._unfit)
+        if self._reset_due:
+            self.reset()
+        self._homed, self._trouble, self._stopping, self._move = False, "", False, None
+        self._drain()
         self._homing = True
-        try:
-            self._command("$H", self._homing_limit_s())
-        except StageError:
-            self._homing = False
-            raise
+        self._command("$H", self._limits.homing_s())
         self._homing = False
         state = self._query()
         if state.state != "Idle":
@@ -173,18 +165,19 @@ class GrblStage:
         self._require_ready()
         if self._move is not None:
             self._fail("a move is under way: wait for it or stop it first")
-        machine = self._checked_target(target_mm)
+        if self._stopping:
+            self.stop()
+        limits = self._limits
+        x, y, z = (round(p, 4) + 0.0 for p in self._frame.to_machine_mm(target_mm))
+        machine = (x, y, z)
         delta = minus(machine, self._at_mm)
-        self._check_feed(delta, feed_mm_min)
-        planned_s = move_duration_s(delta, feed_mm_min, self._axes(110), self._axes(120))
+        if why := limits.target_refusal(machine) or limits.feed_refusal(delta, feed_mm_min):
+            raise InputError(f"{self._url}: {why}")
+        planned_s = move_duration_s(delta, feed_mm_min, limits.axes(110), limits.axes(120))
         words = "".join(f"{axis}{p:.4f}" for axis, p in zip(AXES, machine, strict=True))
+        self._drain()
         self._move = _Move(machine, self._now_ns(), planned_s)
-        try:
-            self._command(f"$J=G90G21G53{words}F{feed_mm_min:.3f}")
-        except StageError:
-            if not self._trouble:
-                self._move = None
-            raise
+        self._command(f"$J=G90G21G53{words}F{feed_mm_min:.3f}")
         return planned_s
 
     def wait(self) -> StageState:
@@ -204,7 +197,7 @@ class GrblStage:
                 self._clock.sleep_s(min(POLL_S, max(left_s + 0.002, POLL_END_S)))
             state = self.poll()
             if state.state == "Idle":
-                if self._is_at(move.target_mm, state.machine_mm):
+                if self._limits.same_place(move.target_mm, state.machine_mm):
                     self._move = None
                     # The next move starts from what was commanded, not from its rounding.
                     self._at_mm = move.target_mm
@@ -232,17 +225,21 @@ class GrblStage:
         """Halt motion with the controller's own deceleration and wait for Idle.
 
         The position is kept and the next move may start, unless it was homing, which only a reset
-        ends. Raises StageError when it does not come to rest.
+        ends. While another thread talks to the controller the byte is written and no more: that
+        thread hears what comes of it. Raises StageError when it does not come to rest.
         """
+        if threading.get_ident() != self._talker:
+            self._blurt(RESET if self._homing else JOG_CANCEL)
+            return
         if self._homing:
-            self.abort()
+            self.reset()
             return
         self.cancel_now()
         if self._trouble:
             self._fail(self._trouble)
-        slowest = min((v for k, v in self._settings.items() if k in (120, 121, 122)), default=1.0)
-        fastest = max((v for k, v in self._settings.items() if k in (110, 111, 112)), default=0.0)
-        deadline = self._deadline(fastest / 60 / slowest + MARGIN_S)
+        if not self._homed:
+            return  # no move was begun
+        deadline = self._deadline(self._limits.braking_s() + MARGIN_S)
         while (state := self.poll()).state != "Idle":
             if state.state != "Jog":
                 self._write(b"!")
@@ -250,7 +247,8 @@ class GrblStage:
             if self._now_ns() > deadline:
                 self._fail(f"still {state.state} at {_mm(state.machine_mm)} after a jog cancel")
             self._clock.sleep_s(POLL_END_S)
-        self._move = None
+            self.cancel_now()  # the first came to nothing if the jog had not begun
+        self._move, self._stopping = None, False
 
     def identity(self) -> dict[str, Any]:
         """Banner, version, options and settings as the controller gave them, and the frame."""
@@ -259,13 +257,14 @@ class GrblStage:
             "port": self._url,
             "banner": self._banner,
             "info": list(self._info),
-            "settings": {f"${n}": v for n, v in sorted(self._settings.items())},
+            "settings": {f"${n}": v for n, v in sorted(self._limits.settings.items())},
             "origin_machine_mm": list(self._frame.origin_machine_mm),
             "angle_deg": self._frame.angle_deg,
         }
 
     def close(self) -> None:
-        """Close the port. A move under way goes on to its target."""
+        """Close the port; a move under way is told to stop, for nobody will watch it."""
+        self._halt()
         port, self._port = self._port, None
         if port is not None:
             port.close()
@@ -275,6 +274,8 @@ class GrblStage:
     def poll(self) -> StageState:
         """Ask the controller once. Raises StageError for an alarm, a restart or silence."""
         self._require_port()
+        if self._trouble:
+            self._fail(self._trouble)
         state = self._query()
         self._at_mm = state.machine_mm
         if state.state in ("Alarm", "Sleep"):
@@ -283,100 +284,27 @@ class GrblStage:
 
     def cancel_now(self) -> None:
         """Write the jog cancel byte and nothing else: for a guard that cannot wait its turn."""
-        self._write(b"\x85")
+        self._blurt(JOG_CANCEL)
 
     def abort(self) -> None:
-        """Reset the controller at once (0x18). The position is lost; `home` comes next."""
-        self._homed, self._homing, self._move, self._awaiting_ok = False, False, None, False
-        self._trouble = "the controller was reset: home again"
-        self._write(b"\x18")
-        if not self._await_banner(LISTEN_S):
+        """Write the reset byte and nothing else: for a signal handler.
+
+        The position is lost; `home` comes next.
+        """
+        self._blurt(RESET)
+        self._lose("the controller was reset: home again")
+        self._homing, self._move = False, None
+
+    def reset(self) -> None:
+        """Reset the controller (0x18) and wait for its banner. The position is lost; `home` next.
+
+        Raises StageError when no banner comes.
+        """
+        self._require_port()
+        self._lose("the controller was reset: home again")
+        self._homing, self._move = False, None
+        if not self._greeted():
             self._break("no banner after a reset (0x18)")
-        self._critical = False
-        while self._line(self._deadline(0.2)) is not None:
-            pass
-
-    # ---- checks before anything is sent -------------------------------------------------------
-
-    def _check_version(self) -> None:
-        version = _BANNER.search(self._banner)
-        if version is not None and (int(version[1]), int(version[2])) < (1, 1):
-            self._fail(f"found {version[0]!r}; jogging needs GRBL 1.1 or later")
-
-    def _check_settings(self) -> None:
-        wanted = (10, 13, 20, 22, *(k + a for k in (100, 110, 120, 130) for a in range(3)))
-        missing = [f"${n}" for n in wanted if n not in self._settings]
-        if missing:
-            self._fail(f"the answer to $$ lacks {', '.join(missing)}")
-        rules = (
-            (10, 1, "status reports give the work position", "$10=1 or $10=3"),
-            (13, 0, "status reports are in inches", "$13=0"),
-            (20, 1, "soft limits are off", "$20=1"),
-            (22, 1, "homing is off", "$22=1"),
-        )
-        for n, bit, what, needed in rules:
-            if int(self._settings[n]) & 1 != bit:
-                self._fail(f"${n}={self._settings[n]:g} ({what}); set {needed} and connect again")
-        for first, unit in ((100, "steps/mm"), (110, "mm/min"), (120, "mm/s2"), (130, "mm")):
-            for axis in range(3):
-                if not self._settings[first + axis] > 0:
-                    self._fail(f"${first + axis}={self._settings[first + axis]:g} {unit}; not > 0")
-        for first, need, what in (
-            (130, self._require_travel_mm, "mm of travel"),
-            (110, self._require_feed_mm_min, "mm/min"),
-        ):
-            for axis, needed_value in enumerate(need or ()):
-                found = self._settings[first + axis]
-                if found < needed_value:
-                    self._fail(
-                        f"{AXES[axis]} has {found:g} {what} (${first + axis}); "
-                        f"{needed_value:g} needed"
-                    )
-
-    def _checked_target(self, target_mm: Vec3) -> Vec3:
-        if not all(math.isfinite(p) for p in target_mm):
-            raise InputError(f"{self._url}: target {target_mm} mm is not finite")
-        x, y, z = (round(p, 4) + 0.0 for p in self._frame.to_machine_mm(target_mm))
-        for axis, p, travel in zip(AXES, (x, y, z), self._axes(130), strict=True):
-            if not -travel <= p <= 0:
-                raise InputError(
-                    f"{self._url}: target {axis} {p:.3f} mm (machine) is outside of "
-                    f"-{travel:g} .. 0, the controller's travel"
-                )
-        return x, y, z
-
-    def _check_feed(self, delta_mm: Vec3, feed_mm_min: float) -> None:
-        """GRBL clips a feed silently; here it is an error."""
-        if not (math.isfinite(feed_mm_min) and feed_mm_min >= 0.001):
-            raise InputError(f"{self._url}: feed {feed_mm_min} mm/min; at least 0.001 is needed")
-        length = math.hypot(*delta_mm)
-        for axis, d, limit in zip(AXES, delta_mm, self._axes(110), strict=True):
-            if abs(d) * feed_mm_min > limit * length * (1 + 1e-9):
-                raise InputError(
-                    f"{self._url}: feed {feed_mm_min:g} mm/min moves {axis} at "
-                    f"{feed_mm_min * abs(d) / length:g}; its limit is {limit:g}"
-                )
-
-    def _is_at(self, target_mm: Vec3, machine_mm: Vec3) -> bool:
-        """Within half a step, and the rounding of the line sent and of the report."""
-        return all(
-            abs(p - t) <= 0.5 / steps + 0.0006
-            for p, t, steps in zip(machine_mm, target_mm, self._axes(100), strict=True)
-        )
-
-    def _axes(self, first: int) -> Vec3:
-        s = self._settings
-        return (s[first], s[first + 1], s[first + 2])
-
-    def _homing_limit_s(self) -> float:
-        """Longest that the firmware searches: 1.5 travels and back for Z, then X and Y together."""
-        s = self._settings
-        seek, feed, pull = (max(s.get(n, 0.0), 1e-3) for n in (25, 24, 27))
-        travel = 1.5 * (s[132] + max(s[130], s[131]))
-        pause_s = 8 * s.get(26, 0.0) / 1000
-        slow = 2 * 5 * pull / feed + 4 * pull / seek
-        ramps = 16 * seek / 60 / min(self._axes(120))
-        return 60 * (travel / seek + slow) + pause_s + ramps + HOMING_MARGIN_S
 
     # ---- talking ------------------------------------------------------------------------------
 
@@ -395,20 +323,35 @@ class GrblStage:
         """Wait for the banner; whatever a first boot prints before it is no concern of ours."""
         deadline = self._deadline(limit_s)
         while (text := self._line(deadline)) is not None:
-            if found := _BANNER.search(text):
+            if found := BANNER.search(text):
                 return text[found.start() :]
         return ""
 
+    def _greeted(self) -> bool:
+        """Reset, and hear the banner and all that comes with it; False if none comes."""
+        self._talker = threading.get_ident()
+        # Within half a second of an alarm a reset is not heard; the banner of one that came before
+        # may still be under way. Neither is worth a word.
+        for limit_s in (RESET_S, LISTEN_S):
+            self._write(RESET)
+            if banner := self._await_banner(limit_s):
+                self._banner, self._reset_due = banner, False
+                self._await_quiet()
+                return True
+        return False
+
+    def _await_quiet(self) -> None:
+        while self._line(self._deadline(QUIET_S)) is not None:
+            pass
+
     def _first_status(self) -> str:
+        """What it is doing, "" when it does not answer."""
         self._write(b"?")
         deadline = self._deadline(ANSWER_S)
         while (text := self._line(deadline)) is not None:
-            if found := _STATUS.search(text):
+            if found := STATUS.search(text):
                 return found[1].partition(":")[0]
-        return self._fail(
-            f"no banner within {BANNER_S:g} s and no answer to '?' at {self._baud} baud; expected "
-            "a GRBL 1.1 controller (after ALARM:1 or 2 it needs a reset or power off and on)"
-        )
+        return ""
 
     def _command(self, line: str, limit_s: float = ANSWER_S) -> list[str]:
         """Send a line, wait for its ok, return what came before it."""
@@ -423,47 +366,53 @@ class GrblStage:
                 return data
             if text.startswith("error:"):
                 self._awaiting_ok = False
-                self._fail(f"{line} was refused: {_explain(text, ERRORS)}")
+                self._halt()  # it may have been the error of another line
+                self._fail(f"{line} was refused: {explain(text, ERRORS)}")
             self._watch(text)
             data.append(text)
-        return self._break(f"no answer to {line} within {limit_s:.1f} s; motion may be going on")
+        return self._break(f"no answer to {line} within {limit_s:.1f} s")
 
     def _query(self) -> StageState:
-        """One status report. Silence is borne once, then a restarting controller gets its say."""
+        """One status report.
+
+        Silence is borne once. After the second time what moves is stopped, then a restarting
+        controller gets its say.
+        """
         self._drain()
-        for limit_s in (STATUS_S, LISTEN_S):
+        stopped = ""
+        for limit_s in (STATUS_S, STATUS_S, LISTEN_S):
+            if limit_s == LISTEN_S:
+                stopped = self._halt()
             self._write(b"?")
             deadline = self._deadline(limit_s)
             while (text := self._line(deadline)) is not None:
-                found = _STATUS.search(text)
+                found = STATUS.search(text)
                 if found is None:
                     self._watch(text)
                 elif found[2] == "W":
                     self._fail("status reports give the work position; set $10=1 or $10=3")
-                else:
-                    rate = _RATE.search(text)
+                elif not stopped:
+                    rate = RATE.search(text)
                     return StageState(
                         (float(found[3]), float(found[4]), float(found[5])),
                         found[1],
                         float(rate[1]) if rate else 0.0,
                         self._clock.now_s(),
                     )
-        going = f"; the move to {_mm(self._move.target_mm)} goes on" if self._move else ""
-        return self._break(f"no answer to '?' within {STATUS_S + LISTEN_S:g} s{going}")
+        return self._break(f"no answer to '?' within {2 * STATUS_S:g} s{stopped}")
 
     def _watch(self, text: str) -> None:
         """Raise for what nobody asked to hear: an alarm, or the banner of a restart."""
         if text.startswith("ALARM:"):
-            why = _explain(text, ALARMS)
-            self._critical = text[6:] in CRITICAL_ALARMS
-            self._break(f"{why}; {'reset, then home' if self._critical else 'home'} again")
-        if found := _BANNER.search(text):
+            self._break(f"{explain(text, ALARMS)}; home again")
+        if found := BANNER.search(text):
             self._break(f"the controller restarted ({found[0]}): its position is lost, home again")
         if text == "ok" and self._awaiting_ok:
             self._awaiting_ok = False
 
     def _drain(self) -> None:
         """Hear what has come since the last exchange, so that it is not taken for an answer."""
+        self._talker = threading.get_ident()
         while self._io(lambda: self._port.in_waiting):
             text = self._line(self._deadline(SLICE_S))
             if text is not None:
@@ -481,6 +430,11 @@ class GrblStage:
             elif self._now_ns() >= deadline_ns:
                 return None
 
+    def _blurt(self, data: bytes) -> None:
+        """Write from any thread or signal handler; whoever talks to the port hears its faults."""
+        with suppress(Exception):
+            self._port.write(data)
+
     def _write(self, data: bytes) -> None:
         self._io(lambda: self._port.write(data))
 
@@ -489,9 +443,42 @@ class GrblStage:
         try:
             return what()
         except OSError as why:
+            came_of_it = self._halt()
             self.close()
-            going = f"; the move to {_mm(self._move.target_mm)} goes on" if self._move else ""
-            self._break(f"the link is lost ({why}){going}")
+            self._break(f"the link is lost ({why}){came_of_it}")
+
+    def _halt(self) -> str:
+        """Write the byte that ends what may be moving; say what came of it, "" if nothing was."""
+        move, homing = self._move, self._homing
+        if move is None and not homing:
+            return ""
+        self._stopping, self._reset_due = True, self._reset_due or homing
+        what = "homing" if move is None else f"the move to {_mm(move.target_mm)}"
+        reached = self._reach(RESET if homing else JOG_CANCEL)
+        self._move, self._homing = None, False
+        return f"; {what} {'was told to stop' if reached else 'goes on'}"
+
+    def _reach(self, stop: bytes) -> bool:
+        """Write a stop byte, through a port opened anew if this one is gone; True if it went out.
+
+        Opening the port restarts an Arduino: that stops a move as well.
+        """
+        deadline = self._deadline(REOPEN_S)
+        while True:
+            with suppress(Exception):  # a terminal that is gone has errors of its own
+                if self._port is None:
+                    self._open()
+                self._port.write(stop)
+                self._clock.sleep_s(SETTLE_S)
+                self._port.write(stop)
+                return True
+            port, self._port = self._port, None
+            with suppress(OSError):
+                if port is not None:
+                    port.close()
+            if self._now_ns() >= deadline:
+                return False
+            self._clock.sleep_s(POLL_S)
 
     # ---- state --------------------------------------------------------------------------------
 
@@ -508,12 +495,16 @@ class GrblStage:
 
     def _break(self, why: str) -> NoReturn:
         """A fault that leaves the position in doubt: nothing moves until it is homed."""
-        self._trouble = why
-        self._homed = self._homing = self._awaiting_ok = False
+        self._lose(why)
         self._fail(why)
 
+    def _lose(self, why: str) -> None:
+        # The first reason is the one to tell: silence after an alarm is no news.
+        self._trouble = self._trouble or why
+        self._homed, self._awaiting_ok, self._reset_due = False, False, True
+
     def _fail(self, why: str) -> NoReturn:
-        raise StageError(f"{self._url}: {why}")
+        raise StageError(f"{self._url}: {why}{self._halt()}")
 
     def _now_ns(self) -> int:
         # Whole nanoseconds: sums and differences do not depend on how far the clock has come.
@@ -524,12 +515,6 @@ class GrblStage:
 
     def _deadline(self, seconds: float) -> int:
         return self._now_ns() + round(seconds * 1e9)
-
-
-def _explain(text: str, meanings: dict[int, str]) -> str:
-    number = text.partition(":")[2]
-    known = meanings.get(int(number)) if number.isdigit() else None
-    return f"{text} ({known})" if known else text
 
 
 def _mm(p: Vec3) -> str:

@@ -71,6 +71,9 @@ class Stage(Protocol):
     def stop(self) -> None:
         """Halt motion now, keep the position, leave the controller able to move again."""
 
+    def abort(self) -> None:
+        """Halt at once, whatever is lost by it, and never raise: written in a signal handler."""
+
     def identity(self) -> dict[str, Any]:
         """What the record keeps of the device: firmware, options, settings."""
 

@@ -1,7 +1,8 @@
 """Runs the steps of a protocol on whatever rig it is given, and journals each of them.
 
 An operator's interrupt (Ctrl-C, SIGTERM, SIGHUP) or any failure but the stage's own stops the
-motion and lifts the tip; an error of the stage leaves it alone, for its position may be lost.
+motion and lifts the tip; a second interrupt resets the controller and ends the process. An error
+of the stage leaves it where it stopped, for its position may be lost.
 Presses that the record holds complete are skipped; the first step of any other is reached by the
 same move as in an undisturbed run, from where the step before it ended, so that it takes the same
 time. What is driven again for that is not journalled again.
@@ -10,17 +11,14 @@ Forces are read with the frames, so this is no force guard: between two frames n
 
 from __future__ import annotations
 
-import signal
-import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from types import FrameType
 
 from ..errors import DeltactFabError, RunFailed, SensorError, StageError
 from ..protocols.plan import Step
 from ..record import RunWriter
 from .interface import Camera, Clock, ForceSensor, Stage
+from .interrupt import interruptible
 
 Progress = Callable[[int, int, str], None]
 LIFT_FEED_MM_MIN = 120.0
@@ -63,7 +61,7 @@ class Runner:
         kept = done = total - sum(steps[i].frames for i in todo)
         before = -1
         stage = self._d.stage
-        with _signals_interrupt():
+        with interruptible(stage.abort):
             try:
                 stage.connect()
                 if todo:
@@ -197,6 +195,9 @@ class Runner:
             x, y, z = stage.position_mm()
             stage.start_move((x, y, max(z, height_mm)), LIFT_FEED_MM_MIN)
             stage.wait()
+        except KeyboardInterrupt:
+            stage.stop()
+            return "the lift was stopped by the operator"
         except DeltactFabError as why:
             return f"the tip could NOT be lifted: {why}"
         return "the tip was lifted"
@@ -204,21 +205,3 @@ class Runner:
 
 def _ns(seconds: float) -> int:
     return round(seconds * 1e9)
-
-
-@contextmanager
-def _signals_interrupt() -> Iterator[None]:
-    """SIGTERM and SIGHUP end a run as Ctrl-C does; only the main thread may say so."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    before = {n: signal.signal(n, interrupt) for n in (signal.SIGTERM, signal.SIGHUP)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -1,4 +1,4 @@
-"""A GRBL 1.1f motion controller as a pure state machine: bytes in, bytes out, a carriage in time.
+"""A GRBL 1.1h motion controller as a pure state machine: bytes in, bytes out, a carriage in time.
 
 What it does follows the firmware's documents and behaviour: send-response lines, realtime bytes,
 the planner's queue, jogging, homing, soft limits, alarms, status reports with WCO and Ov now and
@@ -8,33 +8,32 @@ Where it is simpler than the firmware:
 - every block is a trapezoid from rest to rest; there is no junction look-ahead, so a chain of
   blocks takes longer than on a real board (a host with one line outstanding sees no difference);
 - homing comes to rest at the switches instead of running into them;
-- arcs, probing, G28/G30, G93, check mode, startup lines, overrides and the safety door are not
-  modelled: the commands answer error:20 or error:3, the realtime bytes are ignored.
-
-Two positions are kept apart: the step count, which is all that a controller knows and reports, and
-the carriage, which is where the tip really is. They agree after homing. A reset in motion stops the
-count at once while the carriage coasts on (at most v^2/2a), which is how a position gets lost.
+- its switches are read while homing only: a move onto one is no hard limit;
+- arcs, probing, G28/G30, G93, check mode, startup lines and overrides are not modelled: the
+  commands answer error:20 or error:3, the realtime bytes are ignored.
+What the firmware itself answered stands in tests/data; a test compares.
 """
 
 from __future__ import annotations
 
-import math
 from collections import deque
-from collections.abc import Generator, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Iterable, Mapping
 from typing import Literal
 
 from ..protocols.motion import Vec3, minus, plus
 from ..units import MM_PER_INCH
 from . import grbl_report
+from .carriage import PLANNER_BLOCKS, Carriage
 from .clock import NS_PER_S, NsClock, to_ns
 from .gcode import Modal, Refused, parse
-from .grbl_settings import SETTINGS, change, listed
-from .motion import Path, Segment, along_line, brake, trapezoid
-from .steps import divide, replaced, steps
+from .grbl_settings import FACTORY, SETTINGS, change, listed
+from .motion import Segment
+from .steps import replaced
 
-BANNER = "Grbl 1.1f ['$' for help]"
-_PLANNER_BLOCKS, _RX_BYTES, _LINE_CHARS = 15, 128, 79
+BANNER = "Grbl 1.1h ['$' for help]"
+_RX_BYTES, _LINE_CHARS = 128, 79
+# The firmware waits for its alarm message to get out, deaf to everything, before it does the rest.
+_ALARM_PAUSE_NS = NS_PER_S // 2
 
 State = Literal["Idle", "Run", "Jog", "Hold", "Home", "Alarm", "Sleep"]
 Fault = Literal["reboot", "silence", "limit"]
@@ -42,15 +41,6 @@ Fault = Literal["reboot", "silence", "limit"]
 # rest, or a moment (ns).
 Wait = Literal["slot", "sync", "still"] | int
 Task = Generator[Wait, None, int]
-
-
-@dataclass(frozen=True)
-class _Block:
-    """A line in the planner: its end in steps, its programmed feed (None: as fast as allowed)."""
-
-    number: int
-    target_steps: tuple[int, int, int]
-    feed_mm_min: float | None
 
 
 class GrblController:
@@ -64,12 +54,11 @@ class GrblController:
 
     _state: State
     _boot_ns: int | None
+    _after_alarm: tuple[int, Callable[[], None]] | None
     _wait_ns: int | None
     _waiting: Wait | None
-    _moving: Segment | None
     _task: Task | None
     _rx: deque[int]
-    _queue: deque[_Block]
     _deferred: list[int]
 
     def __init__(
@@ -91,12 +80,12 @@ class GrblController:
         self._t = clock.now_ns()
         self._boot = to_ns(boot_s)
         self._blank = blank_eeprom
-        self._path = Path(start_mm, self._t)
+        self._carriage = Carriage(self.settings, start_mm, self._t)
         self._systems: dict[int, Vec3] = dict.fromkeys(range(54, 60), (0.0, 0.0, 0.0))
         self._out: list[tuple[int, bytes]] = []
         self._faults: list[tuple[int, Fault]] = []
         self._mute = False
-        self._blocks_made = 0
+        self._user_info = ""
         self._power_on()
 
     # ---- the wire -----------------------------------------------------------------------------
@@ -111,8 +100,7 @@ class GrblController:
                 self._realtime(byte)
             elif len(self._rx) < _RX_BYTES:
                 self._rx.append(byte)
-                if byte in b"\r\n":
-                    self._pump()
+                self._pump()
 
     def read_available(self) -> bytes:
         """Everything said up to now and not yet read."""
@@ -157,7 +145,7 @@ class GrblController:
     def segments(self) -> list[Segment]:
         """Every straight piece of the carriage's path, the planned one last."""
         self._advance()
-        return self._path.segments
+        return self._carriage.path.segments
 
     def position_mm(self, t_s: float | None = None) -> Vec3:
         """Where the carriage is, machine mm, now or at a past time.
@@ -168,12 +156,12 @@ class GrblController:
         t_ns = self._t if t_s is None else to_ns(t_s)
         if t_ns > self._t:
             raise ValueError(f"{t_s} s has not come yet: it is {self._t / NS_PER_S} s")
-        return self._path.position_mm(t_ns)
+        return self._carriage.path.position_mm(t_ns)
 
     def path_since(self, t0_s: float) -> list[Vec3]:
         """The way of the carriage since t0, machine mm: from there, every corner, to here."""
         self._advance()
-        return self._path.since(to_ns(t0_s), self._t)
+        return self._carriage.path.since(to_ns(t0_s), self._t)
 
     def planned_segment(self) -> tuple[Vec3, Vec3, float, float] | None:
         """The straight piece under way (start mm, end mm, start s, end s), None at rest.
@@ -181,7 +169,7 @@ class GrblController:
         It can still be cut short by a hold, a jog cancel or a reset.
         """
         self._advance()
-        s = self._path.moving(self._t)
+        s = self._carriage.path.moving(self._t)
         if s is None:
             return None
         return s.start_mm, s.end_mm, s.start_ns / NS_PER_S, s.end_ns / NS_PER_S
@@ -190,8 +178,10 @@ class GrblController:
 
     def _next_ns(self) -> int | None:
         times = [t for t in (self._boot_ns, self._wait_ns) if t is not None]
-        if self._moving is not None:
-            times.append(self._moving.end_ns)
+        if self._carriage.moving is not None:
+            times.append(self._carriage.moving.end_ns)
+        if self._after_alarm is not None:
+            times.append(self._after_alarm[0])
         if self._faults:
             times.append(self._faults[0][0])
         return min(times, default=None)
@@ -203,6 +193,10 @@ class GrblController:
             if self._faults and self._faults[0][0] <= t:
                 self._strike(self._faults.pop(0)[1])
                 continue
+            if self._after_alarm is not None and self._after_alarm[0] <= t:
+                _, then = self._after_alarm
+                self._after_alarm = None
+                then()
             if self._boot_ns is not None and self._boot_ns <= t:
                 self._boot_ns = None
                 if self._blank:
@@ -210,7 +204,7 @@ class GrblController:
                     self._say("error:7")
                     self._say_all(listed(self.settings))
                 self._greet()
-            if self._moving is not None and self._moving.end_ns <= t:
+            if self._carriage.moving is not None and self._carriage.moving.end_ns <= t:
                 self._segment_done()
             if self._wait_ns is not None and self._wait_ns <= t:
                 self._wait_ns = None
@@ -220,8 +214,7 @@ class GrblController:
     def _power_on(self) -> None:
         """Only the settings are remembered: the count starts at 0 wherever the carriage is."""
         self._state = "Alarm" if self.settings[22] else "Idle"
-        self._count = (0, 0, 0)
-        self._slip_mm = self._path.end_mm
+        self._carriage.forget()
         self._boot_ns = self._t + self._boot
         self._clear()
 
@@ -231,9 +224,9 @@ class GrblController:
         elif kind == "reboot":
             self._stop_dead()
             self._power_on()
-        elif self._boot_ns is None and not self._locked:
+        elif self._boot_ns is None and self._state != "Alarm":
             self._stop_dead()
-            self._lock(1)
+            self._alarm(1, self._lock)
 
     # ---- lines --------------------------------------------------------------------------------
 
@@ -254,6 +247,7 @@ class GrblController:
 
     def _clear(self) -> None:
         """What every kind of reset forgets."""
+        self._after_alarm = None
         self._rx = deque()
         self._line = ""
         self._overflow = False
@@ -261,23 +255,25 @@ class GrblController:
         self._task = None
         self._waiting = None
         self._wait_ns = None
-        self._queue = deque()
-        self._moving = None
+        self._carriage.drop()
         self._holding = False  # braking for a hold or a jog cancel
+        self._door = False  # what holds, or will, is the safety door
         self._soft_limited = False  # braking because the next line leaves the travel
         self._locked = False  # a critical alarm: only a reset is heard
         self._deferred = []
         self._modal = Modal()
         self._wco_in = self._ov_in = 0
-        self._programmed_mm = divide(self._count, self._steps_per_mm)
+        self._programmed_mm = self._carriage.count_mm()
 
     def _pump(self) -> None:
         """Run lines until one has to wait, or there is none."""
         while not (
             self._locked
+            or self._after_alarm is not None
             or self._boot_ns is not None
             or self._state == "Sleep"
             or (self._state == "Hold" and not self._soft_limited)
+            or (self._state == "Jog" and self._holding)
         ):
             if self._task is None:
                 if not self._next_line():
@@ -292,17 +288,19 @@ class GrblController:
             except StopIteration as end:
                 self._task = self._waiting = None
                 self._say(f"error:{end.value}" if end.value else "ok")
+                if self._state == "Sleep":
+                    self._say("[MSG:Sleeping]")
                 deferred, self._deferred = self._deferred, []
                 for byte in deferred:
                     self._realtime(byte)
 
     def _may_go_on(self) -> bool:
         if self._waiting == "slot":
-            return len(self._queue) < _PLANNER_BLOCKS
+            return self._carriage.free_blocks > 0
         if self._waiting == "sync":
-            return not self._queue and self._moving is None
+            return self._carriage.idle
         if self._waiting == "still":
-            return self._moving is None
+            return self._carriage.moving is None
         return self._wait_ns is None
 
     def _next_line(self) -> bool:
@@ -341,9 +339,11 @@ class GrblController:
     # ---- realtime bytes -----------------------------------------------------------------------
 
     def _realtime(self, byte: int) -> None:
+        if self._after_alarm is not None:
+            return
         if byte == 0x18:
             self._soft_reset()
-        elif self._locked or self._state == "Sleep":
+        elif self._locked or (self._state == "Sleep" and byte != ord("?")):
             return
         elif self._state == "Home":
             if byte in b"?!" and byte not in self._deferred:
@@ -352,8 +352,13 @@ class GrblController:
             self._report()
         elif byte == ord("!") or (byte == 0x85 and self._state == "Jog"):
             self._hold()
+        elif byte == 0x84 and self._state != "Alarm":
+            self._say("[MSG:Check Door]")
+            self._door = True
+            self._hold()
         elif byte == ord("~") and self._state == "Hold" and not self._holding:
-            self._state = "Run" if self._queue else "Idle"
+            self._state = "Run" if self._carriage.queued else "Idle"
+            self._door = False
             self._begin()
             self._pump()
 
@@ -365,160 +370,70 @@ class GrblController:
         if self._state == "Run":
             self._state = "Hold"
         self._holding = True
-        assert self._moving is not None
-        ramp = brake(self._moving, self._t)
-        self._path.replace_last(self._t)
-        self._moving = self._path.add(ramp)
-        if ramp.end_ns == ramp.start_ns:
+        if not self._carriage.brake(self._t):
             self._segment_done()
 
     def _soft_reset(self) -> None:
-        stale = self._task is not None and self._state != "Sleep"
-        if not self._locked:
-            if self._state == "Home":
-                self._stop_dead()
-                self._say("ALARM:6")
-                self._state = "Alarm"
-            elif self._moving is not None:
-                self._stop_dead()
-                self._say("ALARM:3")
-                self._state = "Alarm"
+        homing, moving = self._state == "Home", self._carriage.moving is not None
+        if homing or moving:
+            self._stop_dead()
+            self._alarm(6 if homing else 3, self._restart)
+        else:
+            self._restart()
+
+    def _restart(self) -> None:
         # The line that was under way still gets its answer, just before the banner.
-        if stale:
+        if self._task is not None:
             self._say("ok")
         self._state = "Alarm" if self._state in ("Alarm", "Sleep") else "Idle"
         self._clear()
         self._greet()
 
-    def _lock(self, alarm: int) -> None:
+    def _alarm(self, number: int, then: Callable[[], None]) -> None:
         self._state = "Alarm"
-        self._say(f"ALARM:{alarm}")
+        self._carriage.drop()
+        self._say(f"ALARM:{number}")
+        self._after_alarm = self._t + _ALARM_PAUSE_NS, then
+
+    def _lock(self) -> None:
         self._say("[MSG:Reset to continue]")
         self._locked = True
-        self._queue.clear()
 
     # ---- motion -------------------------------------------------------------------------------
 
-    @property
-    def _steps_per_mm(self) -> Vec3:
-        return self._axes(100)
-
-    def _axes(self, first: int) -> Vec3:
-        return (self.settings[first], self.settings[first + 1], self.settings[first + 2])
-
-    def _count_mm(self) -> Vec3:
-        """The controller's own idea of its position."""
-        count = self._counted(self._t) if self._moving is not None else self._count
-        return divide(count, self._steps_per_mm)
-
-    def _counted(self, t_ns: int) -> tuple[int, int, int]:
-        return steps(minus(self._path.position_mm(t_ns), self._slip_mm), self._steps_per_mm)
-
-    def _plan(self, target_mm: Vec3, feed_mm_min: float | None) -> None:
-        self._blocks_made += 1
-        target = steps(target_mm, self._steps_per_mm)
-        before = self._queue[-1].target_steps if self._queue else self._count
-        self._programmed_mm = target_mm
-        if target != before:
-            self._queue.append(_Block(self._blocks_made, target, feed_mm_min))
-
     def _begin(self) -> None:
-        """Start the next block of the queue, if the state is one that moves."""
-        self._catch()
-        while self._queue and self._state in ("Run", "Jog"):
-            block = self._queue[0]
-            end = plus(divide(block.target_steps, self._steps_per_mm), self._slip_mm)
-            segment = self._line_to(end, block.feed_mm_min, block.number)
-            if segment.end_ns > self._t:
-                self._moving = segment
-                return
-            self._count = block.target_steps
-            self._queue.popleft()
-        if self._state in ("Run", "Jog") and not self._queue:
+        """Start the next line of the queue, if the state is one that moves."""
+        self._carriage.catch(self._t)
+        if self._state in ("Run", "Jog") and not self._carriage.begin(self._t):
             self._state = "Idle"
 
-    def _catch(self) -> None:
-        """Motors that are driven again hold a carriage that still coasts from a reset."""
-        if self._moving is None and self._path.moving(self._t) is not None:
-            self._path.replace_last(self._t)
-            self._slip_mm = minus(self._path.end_mm, divide(self._count, self._steps_per_mm))
-
-    def _line_to(self, end_mm: Vec3, feed_mm_min: float | None, number: int) -> Segment:
-        start = self._path.end_mm
-        delta = minus(end_mm, start)
-        if not any(delta):
-            return trapezoid(start, end_mm, 1.0, 1.0, self._t, number)
-        rate = along_line(delta, self._axes(110))
-        feed = rate if feed_mm_min is None else min(feed_mm_min, rate)
-        accel = along_line(delta, self._axes(120))
-        return self._path.add(trapezoid(start, end_mm, feed / 60, accel, self._t, number))
-
     def _segment_done(self) -> None:
-        assert self._moving is not None
-        self._count = self._counted(self._moving.end_ns)
-        self._moving = None
-        if self._state == "Home":
-            return
-        if self._holding:
+        arrived = self._state != "Home" and not self._holding
+        self._carriage.done(arrived)
+        if arrived:
+            self._begin()
+        elif self._holding:
             self._holding = False
             if self._state == "Jog":
-                self._queue.clear()
-                self._programmed_mm = divide(self._count, self._steps_per_mm)
-                self._state = "Idle"
-            return
-        self._count = self._queue.popleft().target_steps
-        self._begin()
+                self._carriage.drop()
+                self._programmed_mm = self._carriage.count_mm()
+                self._state = "Hold" if self._door else "Idle"
 
     def _stop_dead(self) -> None:
-        """Pulses end now: the count freezes, the carriage coasts to rest."""
-        moving = self._path.moving(self._t)
-        if moving is not None and self._moving is not None:
-            self._count = self._counted(self._t)
-            coast = brake(moving, self._t)
-            self._path.replace_last(self._t)
-            self._path.add(coast)
-            self._slip_mm = minus(self._path.end_mm, divide(self._count, self._steps_per_mm))
-        self._moving = None
+        self._carriage.stop_dead(self._t)
         self._holding = False
-        self._queue.clear()
-
-    def _outside(self, target_mm: Vec3) -> bool:
-        travel = self._axes(130)
-        return any(not -m <= p <= 0 for p, m in zip(target_mm, travel, strict=True))
 
     def _home(self) -> Task:
         self._state = "Home"
-        self._catch()
-        far = int(self.settings[23])
-        pull = self.settings[27]
-        seek, feed = self.settings[25], self.settings[24]
-        for axes in ((2,), (0, 1)):
-            switch = {a: -self.settings[130 + a] if far >> a & 1 else 0.0 for a in axes}
-            clear = {a: s + pull if far >> a & 1 else s - pull for a, s in switch.items()}
-            for goal, rate in ((switch, seek), (clear, seek), (switch, feed), (clear, seek)):
-                yield from self._home_leg(goal, rate)
-                yield self._t + to_ns(self.settings[26] / 1000)
-        self._count = steps(self._path.end_mm, self._steps_per_mm)
-        self._slip_mm = (0.0, 0.0, 0.0)
-        self._programmed_mm = divide(self._count, self._steps_per_mm)
+        self._carriage.catch(self._t)
+        for goal, rate in self._carriage.homing_legs():
+            while self._carriage.seek(goal, rate, self._t):
+                yield "still"
+            yield self._t + to_ns(self.settings[26] / 1000)
+        self._carriage.homed()
+        self._programmed_mm = self._carriage.count_mm()
         self._state = "Idle"
         return 0
-
-    def _home_leg(self, goal: dict[int, float], rate_mm_min: float) -> Task:
-        """Axes start together at the same rate; each stops at its goal."""
-        while True:
-            here = self._path.end_mm
-            left = {a: g - here[a] for a, g in goal.items() if g != here[a]}
-            if not left:
-                return 0
-            way = min(abs(d) for d in left.values())
-            end = list(here)
-            for a, d in left.items():
-                end[a] = goal[a] if abs(d) == way else here[a] + math.copysign(way, d)
-            self._blocks_made += 1
-            rate = rate_mm_min * math.sqrt(len(left))
-            self._moving = self._line_to((end[0], end[1], end[2]), rate, self._blocks_made)
-            yield "still"
 
     # ---- $ commands ---------------------------------------------------------------------------
 
@@ -531,9 +446,9 @@ class GrblController:
                 return 3
             return (yield from self._gcode(what[2:], jog=True))
         if what == "":
-            self._say("[HLP:$$ $# $G $I $N $x=val $J=line $SLP $X $H ~ ! ? ctrl-x]")
+            self._say("[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x]")
             return 0
-        if what[0] in "$GX":
+        if what[0] in "$GXC":
             return self._print_or_unlock(what)
         if self._state not in ("Idle", "Alarm"):
             return 8
@@ -543,18 +458,20 @@ class GrblController:
             return (yield from self._home())
         if what == "SLP":
             self._state = "Sleep"
-            # Asleep it answers nothing at all, not even this line: a task that never goes on.
-            yield "still"
+        elif what.startswith("RST="):
+            return self._restore(what[4:])
         elif what == "#":
             inches = bool(self.settings[13])
             self._say_all(grbl_report.parameters(self._systems, self._modal.g92_mm, inches))
         elif what == "I":
-            self._say("[VER:1.1f.20170801:]")
-            self._say(f"[OPT:V,{_PLANNER_BLOCKS},{_RX_BYTES}]")
+            self._say(f"[VER:1.1h.20190830:{self._user_info}]")
+            self._say(f"[OPT:V,{PLANNER_BLOCKS},{_RX_BYTES}]")
+        elif what.startswith("I="):
+            self._user_info = what[2:]
         elif what == "N":
             self._say("$N0=")
             self._say("$N1=")
-        elif what[0] in "#HISRNC":
+        elif what[0] in "#HISRN":
             return 3
         else:
             change(self.settings, what)
@@ -570,9 +487,22 @@ class GrblController:
             self._say_all(listed(self.settings))
         elif what == "G":
             self._say(grbl_report.modal(self._modal))
+        elif what == "C":
+            return 3 if self._state == "Idle" else 8
         elif self._state == "Alarm":
             self._say("[MSG:Caution: Unlocked]")
             self._state = "Idle"
+        return 0
+
+    def _restore(self, what: str) -> int:
+        if what not in ("$", "#", "*"):
+            return 3
+        if what != "#":
+            self.settings.update(FACTORY)
+        if what != "$":
+            self._systems = dict.fromkeys(self._systems, (0.0, 0.0, 0.0))
+        self._say("[MSG:Restoring defaults]")
+        self._deferred.append(0x18)
         return 0
 
     def _offset_mm(self) -> Vec3:
@@ -580,17 +510,19 @@ class GrblController:
         return plus(self._systems[self._modal.system], self._modal.g92_mm)
 
     def _report(self) -> None:
-        name = f"Hold:{int(self._holding)}" if self._state == "Hold" else self._state
-        mm, mask, inches = self._count_mm(), int(self.settings[10]), bool(self.settings[13])
+        name: str = self._state
+        if name == "Hold":
+            name = f"Door:{2 * self._holding}" if self._door else f"Hold:{int(self._holding)}"
+        mm = self._carriage.count_mm(self._t)
+        mask, inches = int(self.settings[10]), bool(self.settings[13])
         if mask & 1:
             parts = [name, f"MPos:{grbl_report.coordinates(mm, inches)}"]
         else:
             work_mm = minus(mm, self._offset_mm())
             parts = [name, f"WPos:{grbl_report.coordinates(work_mm, inches)}"]
         if mask & 2:
-            free = _PLANNER_BLOCKS - len(self._queue), _RX_BYTES - len(self._rx)
-            parts.append(f"Bf:{free[0]},{free[1]}")
-        speed = self._moving.speed_mm_s(self._t) * 60 if self._moving is not None else 0.0
+            parts.append(f"Bf:{self._carriage.free_blocks},{_RX_BYTES - len(self._rx)}")
+        speed = self._carriage.speed_mm_min(self._t)
         parts.append(grbl_report.rates(speed, self._modal, inches))
         busy = self._state in ("Run", "Jog", "Hold")
         if self._wco_in:
@@ -603,7 +535,7 @@ class GrblController:
             self._ov_in -= 1
         else:
             self._ov_in = 19 if busy else 9
-            parts.append("Ov:100,100,100")
+            parts.append("Ov:100,100,100" + grbl_report.accessories(self._modal))
         self._say(f"<{'|'.join(parts)}>")
 
     # ---- G-code -------------------------------------------------------------------------------
@@ -709,29 +641,30 @@ class GrblController:
     def _jog(self, target_mm: Vec3, feed_mm_min: float) -> Task:
         if feed_mm_min == 0:
             raise Refused(22)
-        if self.settings[20] and self._outside(target_mm):
+        if self.settings[20] and self._carriage.outside(target_mm):
             return 15
         yield "slot"
-        self._plan(target_mm, feed_mm_min)
-        if self._state == "Idle" and self._queue:
-            self._state = "Jog"
-            self._begin()
+        self._follow(target_mm, feed_mm_min, "Jog")
         return 0
 
     def _move(self, target_mm: Vec3, feed_mm_min: float | None) -> Task:
-        if self.settings[20] and self._outside(target_mm):
+        if self.settings[20] and self._carriage.outside(target_mm):
             if self._state == "Run":
                 self._soft_limited = True
                 self._hold()
                 yield "still"
-            self._lock(2)
+            self._alarm(2, self._lock)
             yield "still"
         yield "slot"
-        self._plan(target_mm, feed_mm_min)
-        if self._state == "Idle" and self._queue:
-            self._state = "Run"
-            self._begin()
+        self._follow(target_mm, feed_mm_min, "Run")
         return 0
+
+    def _follow(self, target_mm: Vec3, feed_mm_min: float | None, state: State) -> None:
+        self._carriage.plan(target_mm, feed_mm_min)
+        self._programmed_mm = target_mm
+        if self._state == "Idle" and self._carriage.queued:
+            self._state = state
+            self._begin()
 
     def _program_flow(self, flow: float | None) -> Task:
         if flow is None or flow == 1:

@@ -1,4 +1,4 @@
-"""A line of G-code as GRBL 1.1f reads it: words by modal group, refused with its error codes."""
+"""A line of G-code as GRBL 1.1h reads it: words by modal group, refused with its error codes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What GRBL 1.1f says of itself: positions, modes and parameters as it prints them."""
+"""What GRBL 1.1h says of itself: positions, modes and parameters as it prints them."""
 
 from __future__ import annotations
 
@@ -43,3 +43,9 @@ def rates(speed_mm_min: float, m: Modal, inches: bool) -> str:
     rate = f"{speed_mm_min / MM_PER_INCH:.1f}" if inches else f"{speed_mm_min:.0f}"
     spindle = 0.0 if m.spindle == 5 else m.spindle_rpm
     return f"FS:{rate},{spindle:.0f}"
+
+
+def accessories(m: Modal) -> str:
+    """What is switched on, as it follows the overrides of a status report."""
+    on = {3: "S", 4: "C"}.get(m.spindle, "") + ("F" if m.coolant == 8 else "")
+    return f"|A:{on}" if on else ""

@@ -1,4 +1,4 @@
-"""The `$` settings of GRBL 1.1f: a bench's usual ones, as they are set and as they are listed."""
+"""The `$` settings of GRBL 1.1h: a bench's usual ones, as they are set and as they are listed."""
 
 from __future__ import annotations
 
@@ -14,6 +14,12 @@ SETTINGS: dict[int, float] = {
     30: 1000, 31: 0, 32: 0,
     100: 800, 101: 800, 102: 800, 110: 1500, 111: 1500, 112: 1200,
     120: 50, 121: 50, 122: 50, 130: 120, 131: 120, 132: 60,
+}  # fmt: skip
+# What $RST=$ brings back.
+FACTORY: dict[int, float] = {
+    **SETTINGS, 10: 1, 20: 0, 21: 0, 22: 0, 24: 25, 25: 500,
+    100: 250, 101: 250, 102: 250, 110: 500, 111: 500, 112: 500,
+    120: 10, 121: 10, 122: 10, 130: 200, 131: 200, 132: 200,
 }  # fmt: skip
 _WHOLE = frozenset((0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 32))
 

@@ -9,6 +9,7 @@ controller next speaks. No threads.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 from typing import Literal
@@ -54,20 +55,23 @@ class Link:
         self._trace = trace
         self._arriving: deque[_Chunk] = deque()
         self._free_ns = clock.now_ns()
-        self._plugged = True
+        self._out_until_ns: float = 0  # the cable is out until then
 
     @property
     def url(self) -> str:
         """What the host opens."""
         return f"{SCHEME}://{self.name}"
 
-    def unplug(self) -> None:
-        """Pull the cable: the host's reads and writes fail, the controller's motion goes on."""
-        self._plugged = False
+    def unplug(self, for_s: float = math.inf) -> None:
+        """Pull the cable: the host's reads and writes fail, the controller's motion goes on.
+
+        What is said until it is back is lost.
+        """
+        self._out_until_ns = self._clock.now_ns() + for_s * NS_PER_S
 
     def plug(self) -> None:
-        """Put the cable back. What was said meanwhile is lost."""
-        self._plugged = True
+        """Put the cable back."""
+        self.unplug(0)
         self.discard()
 
     def opened(self) -> None:
@@ -154,7 +158,7 @@ class Link:
     def _collect(self) -> None:
         """Put what the controller said on the wire, one byte after the other."""
         for t_ns, data in self.controller.take_output():
-            if self._plugged:
+            if t_ns >= self._out_until_ns:
                 start = max(t_ns, self._free_ns)
                 self._arriving.append(_Chunk(start, data))
                 self._free_ns = start + self._duration_ns(len(data))
@@ -171,7 +175,7 @@ class Link:
         return n * _BITS_PER_BYTE * NS_PER_S // self._baud
 
     def _require_cable(self) -> None:
-        if not self._plugged:
+        if self._clock.now_ns() < self._out_until_ns:
             raise serial.SerialException(f"{self.url}: device disconnected")
 
 

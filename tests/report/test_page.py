@@ -61,7 +61,7 @@ def test_the_figures_ids_do_not_meet(page: str) -> None:
 
 def test_it_says_simulated_seed_versions_paper_and_what_was_left_out(page: str) -> None:
     for words in (
-        "simulated", "seed 3", "0.08 mm", "left out: finite-strain gel", "Grbl 1.1f",
+        "simulated", "seed 3", "0.08 mm", "left out: finite-strain gel", "Grbl 1.1h",
         "opencv-contrib-python-headless", "The parts were left out: no libGL",
         "Why ours differs",
     ):  # fmt: skip

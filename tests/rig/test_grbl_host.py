@@ -41,6 +41,7 @@ INFO = b"[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n"
 IDLE = b"<Idle|MPos:%b|FS:0,0>\r\n"
 CONNECT = [(b"$I\n", INFO), (b"$$\n", SETTINGS + b"ok\r\n")]
 HOME = [(b"$H\n", b"ok\r\n"), (b"?", IDLE % b"-1.000,-1.000,-1.000")]
+STOP = [(b"\x85", b""), (b"\x85", b"")]
 JOG = b"$J=G90G21G53X-50.0000Y-50.0000Z-15.0000F600.000\n"
 
 
@@ -153,14 +154,14 @@ def test_messages_between_command_and_ok_are_not_answers(monkeypatch: pytest.Mon
     [
         (b"error:9\r\n", r"error:9 \(locked in an alarm or a jog\)"),
         (b"error:77\r\n", "was refused: error:77$"),
-        (b"ALARM:2\r\n[MSG:Reset to continue]\r\n", r"ALARM:2 \(soft limit.*reset, then home"),
+        (b"ALARM:2\r\n[MSG:Reset to continue]\r\n", r"ALARM:2 \(soft limit.*\); home again; the"),
         (b"ALARM:9\r\n", r"ALARM:9 \(homing: no switch found\); home again"),
-        (b"", "no answer to .J=.* within 1.0 s; motion may be going on"),
+        (b"", "no answer to .J=.* within 1.0 s; the move to .* was told to stop"),
         (b"\r\nGrbl 1.1h ['$' for help]\r\n", r"the controller restarted \(Grbl 1.1h\)"),
     ],
 )
 def test_bad_answers_to_a_move(monkeypatch: pytest.MonkeyPatch, answer: bytes, said: str) -> None:
-    stage, port = scripted(monkeypatch, [*CONNECT, *HOME, (JOG, answer)])
+    stage, port = scripted(monkeypatch, [*CONNECT, *HOME, (JOG, answer), *STOP])
     stage.connect()
     stage.home()
     with pytest.raises(StageError, match=said):
@@ -187,12 +188,14 @@ def test_a_status_that_is_lost_once_is_asked_again(monkeypatch: pytest.MonkeyPat
 @pytest.mark.parametrize("state", [b"Hold:0", b"Door:1", b"Run"])
 def test_a_state_that_no_jog_has_is_a_fault(monkeypatch: pytest.MonkeyPatch, state: bytes) -> None:
     status = b"<%b|MPos:-1.000,-1.000,-1.000|FS:0,0>\r\n" % state
-    stage, _ = scripted(monkeypatch, [*CONNECT, *HOME, (JOG, b"ok\r\n"), (b"?", status)])
+    exchanges = [*CONNECT, *HOME, (JOG, b"ok\r\n"), (b"?", status), *STOP]
+    stage, port = scripted(monkeypatch, exchanges)
     stage.connect()
     stage.home()
     stage.start_move((0.0, 0.0, 5.0), 600.0)
     with pytest.raises(StageError, match=f"{state.decode()} during a move .*expected Jog"):
         stage.wait()
+    assert port.left == []
 
 
 def test_settings_that_are_missing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,7 +12,7 @@ from deltact_fab.virtual.controller import GrblController
 from deltact_fab.virtual.grbl_settings import settings_for
 
 LOCK = "[MSG:'$H'|'$X' to unlock]"
-BANNER = ["", "Grbl 1.1f ['$' for help]"]
+BANNER = ["", "Grbl 1.1h ['$' for help]"]
 
 
 class Bench:
@@ -55,7 +55,7 @@ def test_nothing_is_said_before_the_boot_is_over() -> None:
     grbl.write(b"?")
     assert grbl.read_available() == b""
     clock.sleep_s(0.001)
-    assert grbl.read_available().startswith(b"\r\nGrbl 1.1f")
+    assert grbl.read_available().startswith(b"\r\nGrbl 1.1h")
 
 
 def test_first_boot_prints_an_error_and_its_settings_before_the_banner() -> None:
@@ -165,6 +165,13 @@ def test_errors_have_the_firmware_s_codes(line: str, code: int) -> None:
     assert bench.grbl.position_mm() == (-1.0, -1.0, -1.0)
 
 
+@pytest.mark.parametrize("length", [80, 127, 128, 129, 251, 1000])
+def test_a_line_of_any_length_is_answered_once(length: int) -> None:
+    bench = Bench().homed()
+    assert bench.say("G21" * (length // 3 + 1) + "\n") == ["error:11"]
+    assert bench.say("G21\n") == ["ok"]
+
+
 def test_longest_line_comments_and_line_ends() -> None:
     bench = Bench().homed()
     assert bench.say("G1X-1.0" + "0" * 68 + "F10\n") == ["ok"]  # 78 characters
@@ -187,7 +194,7 @@ def test_the_lock_refuses_motion_until_unlocked() -> None:
     assert bench.say("G1X-1F10\n$J=X-1F10\n$I\n") == [
         "error:9",
         "error:8",
-        "[VER:1.1f.20170801:]",
+        "[VER:1.1h.20190830:]",
         "[OPT:V,15,128]",
         "ok",
     ]
@@ -269,7 +276,9 @@ def test_feed_hold_resumes_and_a_reset_in_hold_keeps_the_position() -> None:
 def test_reset_while_moving_loses_the_position() -> None:
     bench = Bench().homed()
     bench.say("$J=X-50F600\n", 1)
-    assert bench.say(b"\x18") == ["ALARM:3", *BANNER, LOCK]
+    assert bench.say(b"\x18") == ["ALARM:3"]
+    assert bench.say(b"?\x18", 0.49) == []  # deaf until its message is out
+    assert bench.say("", 0.02) == [*BANNER, LOCK]
     bench.clock.sleep_s(1)
     assert bench.say("?")[0].startswith("<Alarm|")
     bench.say("$X\n")
@@ -286,7 +295,7 @@ def test_reset_while_moving_loses_the_position() -> None:
 def test_a_move_right_after_a_reset_starts_where_the_carriage_is() -> None:
     bench = Bench().homed()
     bench.say("$J=X-50F1500\n", 2)
-    bench.say(b"\x18", 0.05)
+    bench.say(b"\x18", 0.5)
     bench.say("$X\n$J=X-60F600\n", 20)
     path = bench.grbl.segments
     assert all(a.end_mm == b.start_mm for a, b in itertools.pairwise(path))
@@ -297,7 +306,7 @@ def test_reset_while_homing_is_alarm_6() -> None:
     bench = Bench()
     bench.heard()
     bench.say("$H\n", 1)
-    assert bench.say(b"\x18") == ["ALARM:6", "ok", *BANNER, LOCK]
+    assert bench.say(b"\x18", 0.5) == ["ALARM:6", "ok", *BANNER, LOCK]
 
 
 @pytest.mark.parametrize("moving", [False, True])
@@ -320,10 +329,51 @@ def test_travel_limits_themselves_are_inside() -> None:
     assert bench.mpos() == (-120.0, 0.0, -60.0)
 
 
-def test_sleep_is_silent_until_a_reset() -> None:
-    bench = Bench().homed()
-    assert bench.say("$SLP\n?$$\n", 1) == []
+@pytest.mark.parametrize("homed", [True, False])
+def test_sleep_hears_a_status_request_and_a_reset_only(homed: bool) -> None:
+    bench = Bench().homed() if homed else Bench()
+    bench.heard()
+    assert bench.say("$SLP\n") == ["ok", "[MSG:Sleeping]"]
+    assert bench.say("$$\n$X\n!~\n", 1) == []
+    assert bench.say("?")[0].startswith("<Sleep|MPos:")
     assert bench.say(b"\x18") == [*BANNER, LOCK]
+    assert bench.say("$I\n")[-1] == "ok"
+
+
+def test_a_door_holds_until_it_is_closed_and_ends_a_jog() -> None:
+    bench = Bench().homed()
+    bench.say("G1X-50F600\n", 1)
+    said, status = bench.say(b"\x84?")
+    assert said == "[MSG:Check Door]"
+    assert status.startswith("<Door:2|")
+    bench.clock.sleep_s(1)
+    assert bench.say("?")[0].startswith("<Door:0|")
+    assert bench.say("~", 10) == []
+    assert bench.mpos() == (-50.0, -1.0, -1.0)
+    bench.say("$J=X-1F600\n", 1)
+    assert bench.say(b"\x84", 1) == ["[MSG:Check Door]"]
+    assert bench.say("?")[0].startswith("<Door:0|")
+    bench.say("~")
+    assert bench.say("?")[0].startswith("<Idle|")
+    assert bench.mpos()[0] < -38
+
+
+def test_a_line_in_a_jog_cancel_waits_for_its_end() -> None:
+    bench = Bench().homed()
+    bench.say("$J=X-50F600\n", 1)
+    assert bench.say(b"\x85$J=X-5F600\n", 0.19) == []
+    assert bench.say("", 10) == ["ok"]
+    assert bench.mpos()[0] == -5.0
+
+
+def test_defaults_are_restored_by_a_reset_after_the_answer() -> None:
+    bench = Bench().homed()
+    assert bench.say("G10L2P1X-5\n$RST=%\n") == ["ok", "error:3"]
+    assert bench.say("$RST=$\n") == ["[MSG:Restoring defaults]", "ok", *BANNER]
+    assert "$130=200.000" in bench.say("$$\n")
+    assert "[G54:-5.000,0.000,0.000]" in bench.say("$#\n")
+    bench.say("$RST=*\n")
+    assert "[G54:0.000,0.000,0.000]" in bench.say("$#\n")
 
 
 def test_dwell_waits_for_the_motion_and_then_its_time() -> None:
@@ -378,7 +428,8 @@ def test_faults_come_at_their_time() -> None:
     bench.say("$J=X-50F600\n")
     bench.grbl.fault("limit", at_s=bench.clock.now_s() + 1)
     assert bench.say("?", 0.9)[-1].startswith("<Jog|")
-    assert bench.say("", 0.2) == ["ALARM:1", "[MSG:Reset to continue]"]
+    assert bench.say("", 0.2) == ["ALARM:1"]
+    assert bench.say(b"\x18", 1) == ["[MSG:Reset to continue]"]  # it came too early
     assert bench.say(b"\x18") == [*BANNER, LOCK]
 
     bench = Bench().homed()

@@ -1,0 +1,282 @@
+"""A fault in mid-move stops the carriage before it is told, and one homing mends it.
+
+The real host on the simulated controller; what is asserted is where the carriage comes to rest.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import pytest
+
+from deltact_fab.errors import StageError
+from deltact_fab.optics import StageFrame
+from deltact_fab.rig.grbl import GrblStage
+from deltact_fab.virtual import wire
+from deltact_fab.virtual.clock import VirtualClock, to_ns
+from deltact_fab.virtual.controller import GrblController
+
+FRAME = StageFrame((-60.0, -50.0, -40.0))
+TARGET_MM = (0.0, 0.0, 5.0)  # some 84 mm from home
+MACHINE_MM = (-60.0, -50.0, -35.0)
+FEED_MM_MIN = 600.0
+Said = list[tuple[int, bytes]]
+
+
+class Noisy(GrblController):
+    """A controller whose words are tampered with on their way to the host."""
+
+    tamper: Callable[[Said], Said] = staticmethod(lambda said: said)
+
+    def take_output(self) -> Said:
+        return self.tamper(super().take_output())
+
+
+class Bench:
+    def __init__(self, *, resets_on_open: bool = True) -> None:
+        self.clock = VirtualClock()
+        self.trace: list[wire.Exchange] = []
+        self.grbl = Noisy(None, self.clock)
+        self.link = wire.connect(
+            self.grbl, self.clock, "faults", resets_on_open=resets_on_open, trace=self.trace
+        )
+        self.clock.sleep_s(2)
+        self.stage = GrblStage(self.link.url, self.clock, FRAME)
+        self.stage.connect()
+        self.stage.home()
+
+    def sent(self) -> list[bytes]:
+        return [data for _, who, data in self.trace if who == "host" and data != b"?"]
+
+    def moving(self) -> Bench:
+        """In mid-move, 1 s after its start."""
+        self.stage.start_move(TARGET_MM, FEED_MM_MIN)
+        self.clock.sleep_s(1.0)
+        return self
+
+    def insert(self, text: bytes) -> None:
+        """The host hears these words, which the controller never said."""
+        pending = [(self.clock.now_ns(), text)]
+
+        def tamper(said: Said) -> Said:
+            extra = list(pending)
+            pending.clear()
+            return extra + said
+
+        self.grbl.tamper = tamper
+
+    def replace(self, begins: bytes, words: bytes) -> None:
+        """Every line that begins so arrives as other words."""
+        self.grbl.tamper = lambda said: [(t, words if d.startswith(begins) else d) for t, d in said]
+
+    def drop(self, unwanted: bytes) -> None:
+        """Every line that begins so is lost."""
+        self.grbl.tamper = lambda said: [(t, d) for t, d in said if not d.startswith(unwanted)]
+
+    def came_to_rest(self) -> float:
+        """How far from where the fault was the carriage ends up, mm; it must be short of the end.
+
+        The wires work again from here on.
+        """
+        before = self.grbl.position_mm()
+        self.grbl.tamper = lambda said: said
+        self.clock.sleep_s(30)
+        after = self.grbl.position_mm()
+        assert math.dist(after, MACHINE_MM) > 40
+        return math.dist(before, after)
+
+    def homes_at_once(self) -> None:
+        self.stage.home()
+        assert self.grbl.position_mm() == (-1.0, -1.0, -1.0)
+        self.stage.start_move(TARGET_MM, FEED_MM_MIN)
+        assert self.stage.wait().machine_mm == MACHINE_MM
+
+
+COAST_MM = 10**2 / (2 * 50) * 1.3  # v^2/2a along the line, where the axes together brake harder
+
+
+def test_a_dropped_ok() -> None:
+    bench = Bench()
+    bench.drop(b"ok")
+    with pytest.raises(StageError, match=r"no answer to \$J=.*was told to stop"):
+        bench.stage.start_move(TARGET_MM, FEED_MM_MIN)
+    assert bench.came_to_rest() < COAST_MM
+    bench.homes_at_once()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (b"\r\nGrbl 1.1h ['$' for help]\r\n", "the controller restarted"),
+        (b"ALARM:1\r\n", "ALARM:1 "),
+        (b"ALARM:3\r\n", "ALARM:3 "),
+        (b"<Alarm|MPos:0.000,0.000,0.000|FS:0,0>\r\n", "the controller is in Alarm"),
+        (b"<Hold:0|MPos:0.000,0.000,0.000|FS:0,0>\r\n", "Hold:0 during a move"),
+        (b"<Idle|WPos:0.000,0.000,0.000|FS:0,0>\r\n", "status reports give the work position"),
+    ],
+)
+def test_words_that_the_controller_never_said(words: bytes, said: str) -> None:
+    bench = Bench().moving()
+    if words.startswith(b"<"):
+        bench.replace(b"<", words)
+    else:
+        bench.insert(words)
+    with pytest.raises(StageError, match=f"{said}.*was told to stop"):
+        bench.stage.wait()
+    assert bench.came_to_rest() < COAST_MM
+    bench.homes_at_once()
+
+
+def test_a_false_error_in_answer_to_a_move_that_was_begun() -> None:
+    bench = Bench()
+    bench.replace(b"ok", b"error:9\r\n")
+    with pytest.raises(StageError, match="was refused: error:9"):
+        bench.stage.start_move(TARGET_MM, FEED_MM_MIN)
+    assert bench.came_to_rest() < COAST_MM
+    bench.homes_at_once()
+
+
+def test_silence() -> None:
+    bench = Bench().moving()
+    bench.drop(b"")
+    silent_mm = bench.grbl.position_mm()
+    with pytest.raises(StageError, match=r"no answer to '\?' within 1 s; .*was told to stop"):
+        bench.stage.wait()
+    assert bench.came_to_rest() == 0  # a second and the braking after the silence began
+    assert math.dist(silent_mm, bench.grbl.position_mm()) < 1.2 * FEED_MM_MIN / 60 + COAST_MM
+    bench.homes_at_once()
+
+
+def test_a_voice_that_comes_back_too_late_does_not_hide_the_stop() -> None:
+    bench = Bench().moving()
+    back_ns = bench.clock.now_ns() + to_ns(1.2)
+    bench.grbl.tamper = lambda said: said if bench.clock.now_ns() > back_ns else []
+    with pytest.raises(StageError, match="was told to stop"):
+        bench.stage.position_mm()
+    with pytest.raises(StageError, match="no motion after a fault"):
+        bench.stage.wait()
+    assert bench.came_to_rest() < COAST_MM
+
+
+@pytest.mark.parametrize("resets_on_open", [True, False])
+def test_a_cable_that_is_back_within_a_second(resets_on_open: bool) -> None:
+    bench = Bench(resets_on_open=resets_on_open).moving()
+    bench.link.unplug(for_s=0.5)
+    with pytest.raises(StageError, match=r"the link is lost .*was told to stop"):
+        bench.stage.wait()
+    assert bench.came_to_rest() < COAST_MM
+    with pytest.raises(StageError, match=r"no motion after a fault .*the link is lost"):
+        bench.stage.start_move(TARGET_MM, FEED_MM_MIN)
+    bench.stage.connect()
+    bench.homes_at_once()
+
+
+def test_a_cable_that_stays_out_carries_no_byte() -> None:
+    bench = Bench().moving()
+    bench.link.unplug()
+    begin = bench.clock.now_s()
+    with pytest.raises(StageError, match=r"the link is lost .*; the move to .* goes on"):
+        bench.stage.wait()
+    assert bench.clock.now_s() - begin < 2
+    bench.clock.sleep_s(30)
+    assert bench.grbl.position_mm() == pytest.approx(MACHINE_MM, abs=1e-12)
+    bench.link.plug()
+    bench.stage.connect()
+    bench.homes_at_once()
+
+
+def test_a_port_that_is_closed_in_mid_move() -> None:
+    bench = Bench().moving()
+    bench.stage.close()
+    assert bench.came_to_rest() < COAST_MM
+
+
+@pytest.mark.parametrize("wait_s", [0.0, 0.3, 2.0])
+@pytest.mark.parametrize("when", ["moving", "resting"])
+def test_a_hard_limit_keeps_its_reason_and_one_homing_is_enough(wait_s: float, when: str) -> None:
+    bench = Bench()
+    if when == "moving":
+        bench.moving()
+    bench.grbl.fault("limit")
+    with pytest.raises(StageError, match=r"ALARM:1 \(hard limit.*\); home again"):
+        bench.stage.wait()
+    bench.clock.sleep_s(wait_s)
+    for ask in (bench.stage.poll, bench.stage.position_mm, bench.stage.stop):
+        with pytest.raises(StageError, match=r"ALARM:1 \(hard limit"):
+            ask()
+    bench.homes_at_once()
+
+
+@pytest.mark.parametrize("wait_s", [0.0, 0.4, 0.6, 5.0])
+def test_after_a_reset_in_motion_one_homing_is_enough(wait_s: float) -> None:
+    bench = Bench().moving()
+    bench.stage.abort()
+    with pytest.raises(StageError, match="the controller was reset: home again"):
+        bench.stage.wait()
+    bench.clock.sleep_s(wait_s)
+    bench.homes_at_once()
+
+
+@pytest.mark.parametrize("asleep", [False, True])
+def test_a_board_that_hears_nothing_but_a_reset_is_connected_to(asleep: bool) -> None:
+    bench = Bench(resets_on_open=False)
+    if asleep:
+        bench.grbl.write(b"$SLP\n")
+    else:
+        bench.grbl.fault("limit")
+        bench.clock.sleep_s(1)
+    other = GrblStage(bench.link.url, bench.clock, FRAME)
+    other.connect()
+    assert other.identity()["banner"].startswith("Grbl 1.1h")
+    other.home()
+    assert bench.grbl.position_mm() == (-1.0, -1.0, -1.0)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (b"ALARM:9\r\n", r"ALARM:9 \(homing: no switch found\); .*homing was told to stop"),
+        (b"error:5\r\n", r"was refused: error:5 \(homing is off"),
+        (b"\r\nGrbl 1.1h ['$' for help]\r\n", "restarted .*homing was told to stop"),
+    ],
+)
+def test_homing_that_fails_is_stopped_by_a_reset(words: bytes, said: str) -> None:
+    bench = Bench()
+    bench.stage.start_move(TARGET_MM, FEED_MM_MIN)
+    bench.stage.wait()
+    start_ns = bench.clock.now_ns() + to_ns(0.3)
+    bench.insert(words)
+    insert = bench.grbl.tamper
+    bench.grbl.tamper = lambda s: insert(s) if bench.clock.now_ns() > start_ns else s
+    with pytest.raises(StageError, match=said):
+        bench.stage.home()
+    assert bench.sent()[-1] == b"\x18"
+    begin_mm = bench.grbl.position_mm()
+    bench.clock.sleep_s(30)
+    assert math.dist(begin_mm, bench.grbl.position_mm()) < 2
+    assert bench.grbl.position_mm()[2] < -10  # Z was on its way to its switch
+    bench.homes_at_once()
+
+
+def test_homing_without_an_end_is_stopped_by_a_reset() -> None:
+    bench = Bench()
+    bench.drop(b"ok")
+    with pytest.raises(StageError, match=r"no answer to \$H within .*homing was told to stop"):
+        bench.stage.home()
+    assert bench.sent()[-1] == b"\x18"
+    bench.drop(b"nothing")
+    bench.homes_at_once()
+
+
+def test_no_homing_after_the_settings_were_refused() -> None:
+    bench = Bench()
+    bench.grbl.settings[20] = 0
+    with pytest.raises(StageError, match=r"\$20=0 \(soft limits are off\)"):
+        bench.stage.connect()
+    before = len(bench.trace)
+    with pytest.raises(StageError, match="its settings were refused"):
+        bench.stage.home()
+    assert len(bench.trace) == before
+    bench.stage.stop()  # this it can always be asked for
+    assert bench.sent()[-1] == b"\x85"
