@@ -61,8 +61,8 @@ def mini(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 @pytest.fixture(scope="session")
 def mini_run(mini: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a recorded run of the short protocol."""
-    from deltact_fab import bench
+    from deltact_fab import experiment
 
     out = tmp_path_factory.mktemp("runs") / "mini"
-    bench.run(str(mini[0]), str(mini[1]), out, seed=3)
+    experiment.run(str(mini[0]), str(mini[1]), out, seed=3)
     return out

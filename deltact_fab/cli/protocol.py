@@ -45,7 +45,7 @@ def list_(as_json: bool) -> None:
 @JSON
 def check(name: str, rig_name: str, as_json: bool) -> None:
     """Every static check of a protocol on a rig; exit 1 when one fails."""
-    from ..bench import checks
+    from ..experiment import checks
     from .output import echo_json
 
     rows = checks(name, rig_name)
@@ -71,8 +71,8 @@ def show(name: str, rig_name: str, forces: bool, as_json: bool) -> None:
     """
     from dataclasses import asdict
 
-    from ..bench import forces as predict
-    from ..bench import show as expand
+    from ..experiment import forces as predict
+    from ..experiment import show as expand
     from ..preflight import PAPER_REMARK
     from .output import echo_json, echo_table, progress
 

@@ -20,7 +20,7 @@ def run(protocol: str, rig_name: str, seed: int, out: Path, resume: bool, as_jso
     With --resume an interrupted run goes on: complete presses are kept, the interrupted one is
     done again whole. Where there is no folder yet the run starts; a finished one stays as it is.
     """
-    from ..bench import run as carry_out
+    from ..experiment import run as carry_out
     from .output import echo_json, progress
 
     with progress("run") as report:

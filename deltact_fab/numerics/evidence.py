@@ -222,7 +222,7 @@ def fill(
 def _versions() -> dict[str, str]:
     from importlib.metadata import PackageNotFoundError, version
 
-    from ..bench import versions
+    from ..experiment import versions
 
     found = {k: versions()[k] for k in ("deltact-fab", "python", "numpy", "scipy")}
     for name in ("numba", "pypardiso", "mkl"):

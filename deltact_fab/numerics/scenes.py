@@ -129,7 +129,7 @@ def probe(name: str) -> dict[str, float]:
 
 
 def _press(name: str) -> None:
-    from .. import bench
+    from .. import experiment
 
     lines = [
         'name = "reference-scene"',
@@ -144,7 +144,7 @@ def _press(name: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         protocol = Path(folder) / "scene.toml"
         protocol.write_text("\n".join(lines) + "\n")
-        bench.run(str(protocol), "virtual", Path(folder) / "run", seed=0)
+        experiment.run(str(protocol), "virtual", Path(folder) / "run", seed=0)
 
 
 def _knots(name: str) -> None:
@@ -203,7 +203,7 @@ def _measured(progress: Callable[[int, int, str], None]) -> list[dict[str, Any]]
 
 def _key() -> dict[str, Any]:
     """Everything that could change a cost: this package's own text, its libraries, the machine."""
-    from ..bench import versions
+    from ..experiment import versions
 
     text = hashlib.sha256()
     package = Path(__file__).parent.parent
