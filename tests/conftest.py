@@ -35,7 +35,7 @@ max_force_n = [60.0, 60.0, 60.0]
 [force]
 range_n = [25.0, 25.0, 35.0]
 range_nmm = [250.0, 250.0, 250.0]
-[gel]
+[virtual.gel]
 spacing_mm = 0.25
 """
 

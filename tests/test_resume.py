@@ -55,7 +55,7 @@ max_force_n = [60.0, 60.0, 60.0]
 [force]
 range_n = [25.0, 25.0, 35.0]
 range_nmm = [250.0, 250.0, 250.0]
-[gel]
+[virtual.gel]
 spacing_mm = 0.5
 press_increment_mm = 0.4
 shear_increment_mm = 0.5

@@ -43,7 +43,7 @@ class Held:
 
 def every_held() -> list[Held]:
     """The pattern selection's indenters at its first depth; drags where few folds blur them."""
-    from ..rig.config import FiniteGelConfig
+    from ..rig.simulator import FiniteGelConfig
 
     given = FiniteGelConfig()
     steps = given.press_increment_mm, given.shear_increment_mm

@@ -150,7 +150,7 @@ def _press(name: str) -> None:
 def _knots(name: str) -> None:
     """Every knot of one press (sphere:10, 1 mm deep, 1 mm of shear) at finite strain."""
     from ..protocols.plan import Protocol
-    from ..rig.config import FiniteGelConfig, GelConfig
+    from ..rig.simulator import FiniteGelConfig, GelConfig
     from ..shapes import SkinDimensions
     from ..virtual.presses import Presses
 

@@ -12,6 +12,7 @@ from ..rig.interface import Clock
 
 COUNTS_PER_N = 1_000_000.0
 COUNTS_PER_NMM = 100_000.0
+MOST_COUNTS = 1e9  # of a range: a record holds twice that, so a sample less its bias fits
 Vector = tuple[float, float, float]
 Wrench = tuple[Vector, Vector]
 
@@ -24,9 +25,17 @@ class NetFTBox:
     """
 
     def __init__(
-        self, config: ForceConfig, clock: Clock, seed: int, wrench: Callable[[], Wrench]
+        self,
+        config: ForceConfig,
+        clock: Clock,
+        seed: int,
+        wrench: Callable[[], Wrench],
+        noise_n: float = 0.0,
     ) -> None:
         self._config = config
+        self._noise_n = noise_n
+        self._counts_per_n = min(COUNTS_PER_N, MOST_COUNTS / max(config.range_n))
+        self._counts_per_nmm = min(COUNTS_PER_NMM, MOST_COUNTS / max(config.range_nmm))
         self._clock = clock
         self._seed = seed
         self._wrench = wrench
@@ -41,7 +50,7 @@ class NetFTBox:
 
     def settings(self) -> NetFTSettings:
         """What the box's configuration page tells."""
-        return NetFTSettings(COUNTS_PER_N, COUNTS_PER_NMM, "simulated")
+        return NetFTSettings(self._counts_per_n, self._counts_per_nmm, "simulated")
 
     def send(self, command: bytes) -> None:
         """Take one command datagram; unknown headers are ignored, as on the wire."""
@@ -66,8 +75,8 @@ class NetFTBox:
 
     def _gauges(self) -> np.ndarray:
         force_n, torque_nmm = self._wrench()
-        noise_nmm = self._config.noise_n * 10.0  # a 10 mm arm
-        scale = np.repeat([self._config.noise_n, noise_nmm], 3)
+        noise_nmm = self._noise_n * 10.0  # a 10 mm arm
+        scale = np.repeat([self._noise_n, noise_nmm], 3)
         return np.asarray([*force_n, *torque_nmm]) + scale * self._rng.standard_normal(6)
 
     def _record(self) -> bytes:
@@ -77,5 +86,6 @@ class NetFTBox:
         gauges = self._gauges()
         status = SATURATED if np.any(np.abs(gauges) > limits) else 0
         values = np.clip(gauges, -limits, limits) - self._bias
-        counts = np.rint(values * np.repeat([COUNTS_PER_N, COUNTS_PER_NMM], 3)).astype(int)
+        scale = np.repeat([self._counts_per_n, self._counts_per_nmm], 3)
+        counts = np.rint(values * scale).astype(int)
         return RECORD.pack(self._sequence, self._sequence, status, *(int(c) for c in counts))

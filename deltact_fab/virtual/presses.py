@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..gel.material import GelMaterial
 from ..protocols.plan import Protocol
-from ..rig.config import GelConfig
+from ..rig.simulator import GelConfig
 from ..shapes import Indenter, SkinDimensions
 from ..shapes.indenter import parse as parse_indenter
 from .mirror import to_solved
@@ -43,6 +43,7 @@ class Presses:
         self.modulus_mpa = specimen.modulus_mpa
         self.shears = "shear" in protocol.channels
         self.fields = "image" in protocol.channels
+        self.observed = not protocol.channels.isdisjoint(("image", "force"))
         self.timed = bool(specimen.prony)
         self.material = GelMaterial(1.0, specimen.poisson, specimen.friction, specimen.prony)
         self.paths = paths(protocol)

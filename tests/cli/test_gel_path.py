@@ -41,9 +41,9 @@ max_force_n = [60.0, 60.0, 60.0]
 [force]
 range_n = [25.0, 25.0, 35.0]
 range_nmm = [250.0, 250.0, 250.0]
-[gel]
+[virtual.gel]
 spacing_mm = 1.0
-[gel.hyperelastic]
+[virtual.gel.hyperelastic]
 cell_mm = 2.5
 press_increment_mm = 0.25
 """
@@ -102,8 +102,8 @@ def test_an_override_says_what_run_would_need(tmp_path: Path) -> None:
     protocol, rig = files(tmp_path, positions="[[0, 0]]")
     told = ask(protocol, rig, "--jobs", "1", "--spacing", "1.5")
     assert told.exit_code == 0, told.output
-    assert "[gel] spacing_mm = 1.5" in told.stderr
-    assert "[gel]" not in ask(protocol, rig, "--spacing", "1.0").stderr
+    assert "[virtual.gel] spacing_mm = 1.5" in told.stderr
+    assert "[virtual.gel]" not in ask(protocol, rig, "--spacing", "1.0").stderr
     refused = CliRunner().invoke(command, [protocol, "--rig", rig, "--tolerance", "0.1"])
     assert refused.exit_code != 0
 

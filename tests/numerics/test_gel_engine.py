@@ -28,7 +28,7 @@ from deltact_fab.numerics.engines import (
 from deltact_fab.numerics.engines.gel_run import Run
 from deltact_fab.numerics.engines.gel_scene import Scene, Solved
 from deltact_fab.protocols.plan import load
-from deltact_fab.rig.config import FiniteGelConfig
+from deltact_fab.rig.simulator import FiniteGelConfig
 
 
 def test_extrapolation_removes_an_error_of_second_order() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from deltact_fab.protocols import plan
 from deltact_fab.protocols.plan import Protocol
-from deltact_fab.rig.config import FiniteGelConfig, GelConfig
+from deltact_fab.rig.simulator import FiniteGelConfig, GelConfig
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 from deltact_fab.virtual import presses as presses_module

@@ -26,7 +26,7 @@ class Hand:
 
 def bench(noise_n: float = 0.0) -> tuple[NetFTSensor, NetFTBox, Hand, VirtualClock]:
     hand, clock = Hand(), VirtualClock()
-    box = NetFTBox(ForceConfig(noise_n=noise_n), clock, 1, hand)
+    box = NetFTBox(ForceConfig(), clock, 1, hand, noise_n)
     return NetFTSensor(box, clock), box, hand, clock
 
 

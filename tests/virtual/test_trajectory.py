@@ -14,7 +14,7 @@ import pytest
 from deltact_fab import cache
 from deltact_fab.errors import InputError, SolverError
 from deltact_fab.protocols.plan import Protocol
-from deltact_fab.rig.config import FiniteGelConfig, GelConfig
+from deltact_fab.rig.simulator import FiniteGelConfig, GelConfig
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.virtual import presses as presses_module
 from deltact_fab.virtual.ahead import solve_ahead
