@@ -28,7 +28,7 @@ from .shapes import SensorDimensions
 Progress = Callable[[int, int, str], None]
 
 
-def _kind(rig: RigConfig) -> RigKind:
+def kind_of(rig: RigConfig) -> RigKind:
     """What a kind of rig says and builds. Only the one that is asked for is imported."""
     if rig.kind == "grbl":
         from .rig.grbl_rig import GrblKind
@@ -44,7 +44,7 @@ def checks(protocol_name: str, rig_name: str, air: bool = False) -> list[limits.
     protocol, source = plan.load(protocol_name)
     rig, path = rig_config.load(rig_name)
     sensor = load_design(protocol.specimen.design)
-    kind = _kind(rig)
+    kind = kind_of(rig)
     rows = limits.check(protocol, sensor, rig.stage.box, plan.expand(protocol, air))
     refused = kind.refusals(protocol, sensor, str(source))
     rows += [_check(kind.part, "refusals", refused)]
@@ -121,7 +121,7 @@ def run(
     sensor = load_design(protocol.specimen.design)
     steps = plan.expand(protocol, air)
     limits.require(limits.check(protocol, sensor, rig.stage.box, steps), str(source))
-    kind = _kind(rig)
+    kind = kind_of(rig)
     _require_none(kind.refusals(protocol, sensor, str(source)))
     job = Job(protocol, sensor, load_recipe(protocol.specimen.pattern), seed, out, air)
     text = source.read_bytes()

@@ -146,6 +146,50 @@ def test_without_shear_no_friction_is_solved(mini: tuple[Path, Path], tmp_path: 
     assert any("friction" in line for line in summary["left_out"])
 
 
+def test_in_air_the_virtual_rig_touches_nothing_and_says_so(
+    mini: tuple[Path, Path], tmp_path: Path
+) -> None:
+    def press_ctrl_c(done: int, total: int, what: str) -> None:
+        if done > 3:
+            raise KeyboardInterrupt
+
+    protocol = tmp_path / "force.toml"
+    protocol.write_text(mini[0].read_text().replace('"image", "dots", ', ""))
+    out, words = tmp_path / "r", (str(protocol), str(mini[1]))
+    with pytest.raises(RunFailed):
+        experiment.run(*words, out, seed=3, progress=press_ctrl_c, air=True)
+    with pytest.raises(InputError, match="air: true in the folder, false now"):
+        experiment.run(*words, out, seed=3, resume=True)
+    summary = experiment.run(*words, out, seed=3, resume=True, air=True)
+    run = record.open(out)
+    declared = plan.load(str(protocol))[0]
+    steps = plan.expand(declared, air=True)
+    assert [s.id for s in steps] == [s.id for s in plan.expand(declared)]
+    assert min(s.target_mm[2] for s in steps) == declared.motion.clearance_mm
+    frames = run.frames()
+    assert len(frames) == sum(s.frames for s in steps)
+    assert frames["z_mm"].min() >= declared.motion.clearance_mm - 2e-3
+    assert frames[["fx_n", "fy_n", "fz_n"]].abs().to_numpy().max() < 0.1  # noise alone
+    assert summary["air"] is run.meta["air"] is True
+    assert summary["notes"][0].startswith("an air run: ")
+    assert not any("WARNING" in note or "solved" in note.split(";")[0] for note in summary["notes"])
+
+
+def test_without_any_channel_poses_are_recorded_and_no_gel_is_solved(
+    mini: tuple[Path, Path], tmp_path: Path
+) -> None:
+    text = mini[0].read_text().replace('["image", "dots", "force", "shear"]', "[]")
+    bare = tmp_path / "bare.toml"
+    bare.write_text(text.replace('[shear]\namplitude_mm = 1.5\naxes = ["x"]\n', ""))
+    summary = experiment.run(str(bare), str(mini[1]), tmp_path / "r")
+    assert any(line.startswith("gel: ") for line in summary["left_out"])
+    assert not any("solved" in note for note in summary["notes"])
+    frames = record.open(tmp_path / "r").frames()
+    assert len(frames) == summary["frames"] > 0
+    assert frames[["file", "fz_n"]].isna().all(axis=None)
+    assert frames["z_mm"].min() == pytest.approx(-1.0, abs=2e-3)
+
+
 def test_nothing_is_made_when_a_check_fails(mini: tuple[Path, Path], tmp_path: Path) -> None:
     bad = tmp_path / "bad.toml"
     bad.write_text(mini[0].read_text().replace("[[0.5, -0.5]]", "[[15.0, 0.0]]"))
