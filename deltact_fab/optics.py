@@ -64,6 +64,8 @@ class Pinhole:
     height_px: int
     eye_distance_mm: float
 
+    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by catalog.validate
+
     @classmethod
     def of(cls, sensor: SensorDimensions) -> Pinhole:
         """The camera of a design."""

@@ -32,8 +32,9 @@ class NetFTBox:
         wrench: Callable[[], Wrench],
         noise_n: float = 0.0,
     ) -> None:
-        self._config = config
+        self._rate_hz = config.rate_hz
         self._noise_n = noise_n
+        self._limits = np.asarray([*config.range_n, *config.range_nmm])
         self._counts_per_n = min(COUNTS_PER_N, MOST_COUNTS / max(config.range_n))
         self._counts_per_nmm = min(COUNTS_PER_NMM, MOST_COUNTS / max(config.range_nmm))
         self._clock = clock
@@ -58,7 +59,7 @@ class NetFTBox:
         if header != HEADER:
             return
         if word == BIAS:
-            self._bias = self._gauges()
+            self._bias = np.clip(self._gauges(), -self._limits, self._limits)
         elif word == STREAM:
             self._out += [self._record() for _ in range(count)]
 
@@ -81,11 +82,10 @@ class NetFTBox:
 
     def _record(self) -> bytes:
         # The clock of the box, not the host's: samples are numbered at the box's own rate.
-        self._sequence = max(self._sequence + 1, round(self._clock.now_s() * self._config.rate_hz))
-        limits = np.asarray([*self._config.range_n, *self._config.range_nmm])
+        self._sequence = max(self._sequence + 1, round(self._clock.now_s() * self._rate_hz))
         gauges = self._gauges()
-        status = SATURATED if np.any(np.abs(gauges) > limits) else 0
-        values = np.clip(gauges, -limits, limits) - self._bias
+        status = SATURATED if np.any(np.abs(gauges) > self._limits) else 0
+        values = np.clip(gauges, -self._limits, self._limits) - self._bias
         scale = np.repeat([self._counts_per_n, self._counts_per_nmm], 3)
         counts = np.rint(values * scale).astype(int)
         return RECORD.pack(self._sequence, self._sequence, status, *(int(c) for c in counts))
