@@ -21,7 +21,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from deltact_fab import bench, digest
+from deltact_fab import digest, experiment
 from deltact_fab.gel.finite.linear import Name
 from deltact_fab.numerics.engine import Case
 from deltact_fab.numerics.engines import gel_cases, gel_finite, gel_run
@@ -170,7 +170,7 @@ def fill(
 
 
 def _versions() -> dict[str, str]:
-    found = {k: bench.versions()[k] for k in ("deltact-fab", "python", "numpy", "scipy")}
+    found = {k: experiment.versions()[k] for k in ("deltact-fab", "python", "numpy", "scipy")}
     for name in ("numba", "pypardiso", "mkl"):
         try:
             found[name] = version(name)

@@ -10,7 +10,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
-from . import bench
+from . import experiment
 from .errors import InputError, MissingLibrary
 
 Bar = Callable[[str], AbstractContextManager[Callable[[int, int, str], None]]]
@@ -32,7 +32,7 @@ def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
     say(f"pattern: {made}")
     run_folder = out / "run"
     with bar("indentation (simulated)") as tick:
-        summary = bench.run("smoke", "virtual", run_folder, seed=seed, progress=tick)
+        summary = experiment.run("smoke", "virtual", run_folder, seed=seed, progress=tick)
     say(
         f"run: {summary['frames']} frames, {summary['rig_seconds']:.0f} s of rig time in "
         f"{summary['wall_seconds']:.0f} s"

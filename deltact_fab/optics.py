@@ -1,23 +1,55 @@
 """Frames: the only module that converts between image, sensor and stage.
 
-The camera at this level is a pinhole on the axis, looking along +z at the inside of the pattern:
-image x = +x, image y = +y, no flip. Its apparent distance is the paraxial one through air, acrylic
-and gel. One model draws and rectifies.
+A camera looks along +z at the inside of the pattern: image x = +x, image y = +y, no flip. What
+draws, records and analyses knows a `CameraModel`; one model draws and rectifies. The one that
+exists is a pinhole on the axis, at the paraxial distance through air, acrylic and gel.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import InputError
-from .shapes.sensor import N_ACRYLIC, N_SILICONE
+from . import catalog
+from .errors import InputError, did_you_mean
+from .shapes.sensor import N_ACRYLIC, N_SILICONE, SensorDimensions
 
 Array = NDArray[Any]
+
+
+class CameraModel(Protocol):
+    """Where the points of the sensor are in the image. Pixel (0, 0) is the first one's centre."""
+
+    @property
+    def width_px(self) -> int: ...
+    @property
+    def height_px(self) -> int: ...
+    @property
+    def mm_per_px(self) -> float:
+        """Of the resting face, at the image's centre."""
+
+    @property
+    def centre_px(self) -> tuple[float, float]:
+        """Where the axis meets the image."""
+
+    def project_px(self, xyz_mm: Array) -> Array:
+        """Sensor points (..., 3) in mm to image points (..., 2) in px. Raises InputError."""
+
+    def rest_mm(self, px: Array) -> Array:
+        """Image points (..., 2) in px to the resting face (..., 2) in mm."""
+
+    def rest_px(self, xy_mm: Array) -> Array:
+        """Points of the resting face (..., 2) in mm to image points (..., 2) in px."""
+
+    def axes_mm(self, margin_px: int = 0) -> tuple[Array, Array]:
+        """Columns' x (w + 2 margin,) and rows' y (h + 2 margin,) on the resting face, mm."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data for the record, its class under "model"; `camera_from_dict` reads it."""
 
 
 @dataclass(frozen=True)
@@ -32,15 +64,18 @@ class Pinhole:
     height_px: int
     eye_distance_mm: float
 
+    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by catalog.validate
+
+    @classmethod
+    def of(cls, sensor: SensorDimensions) -> Pinhole:
+        """The camera of a design."""
+        o = sensor.optics
+        return cls(o.mm_per_px, o.image_width_px, o.image_height_px, sensor.eye_distance_mm)
+
     @property
     def centre_px(self) -> tuple[float, float]:
         """Where the axis meets the image."""
         return ((self.width_px - 1) / 2, (self.height_px - 1) / 2)
-
-    @property
-    def view_mm(self) -> tuple[float, float]:
-        """Size of the view on the resting face, (x, y)."""
-        return (self.width_px * self.mm_per_px, self.height_px * self.mm_per_px)
 
     def project_px(self, xyz_mm: Array) -> Array:
         """Sensor points (..., 3) in mm to image points (..., 2) in px.
@@ -63,9 +98,32 @@ class Pinhole:
         """Points of the resting face (..., 2) in mm to image points (..., 2) in px."""
         return xy_mm / self.mm_per_px + np.asarray(self.centre_px)
 
+    def axes_mm(self, margin_px: int = 0) -> tuple[Array, Array]:
+        """Columns' x (w + 2 margin,) and rows' y (h + 2 margin,) on the resting face, mm."""
+        cols, rows = (
+            np.arange(-margin_px, n + margin_px) - c
+            for n, c in zip((self.width_px, self.height_px), self.centre_px, strict=True)
+        )
+        return cols * self.mm_per_px, rows * self.mm_per_px
+
     def as_dict(self) -> dict[str, Any]:
         """Plain data for the record."""
-        return asdict(self)
+        return {"model": "pinhole", **asdict(self)}
+
+
+_MODELS: dict[str, type[Pinhole]] = {"pinhole": Pinhole}
+
+
+def camera_from_dict(data: dict[str, Any], source: str = "camera") -> CameraModel:
+    """The model that `as_dict` wrote; one without a name is from when all were pinholes.
+
+    Raises InputError, with the source in front, for an unknown model or values that are not its.
+    """
+    values = dict(data)
+    name = values.pop("model", "pinhole")
+    if name not in _MODELS:
+        raise InputError(f"{source}: model: {name!r}; {did_you_mean(str(name), _MODELS)}")
+    return catalog.validate(_MODELS[name], values, source)
 
 
 def reached_mm(half_angle_rad: float, air_gap_mm: float, acrylic_mm: float, gel_mm: float) -> float:

@@ -35,7 +35,7 @@ max_force_n = [60.0, 60.0, 60.0]
 [force]
 range_n = [25.0, 25.0, 35.0]
 range_nmm = [250.0, 250.0, 250.0]
-[gel]
+[virtual.gel]
 spacing_mm = 0.25
 """
 
@@ -61,8 +61,8 @@ def mini(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 @pytest.fixture(scope="session")
 def mini_run(mini: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a recorded run of the short protocol."""
-    from deltact_fab import bench
+    from deltact_fab import experiment
 
     out = tmp_path_factory.mktemp("runs") / "mini"
-    bench.run(str(mini[0]), str(mini[1]), out, seed=3)
+    experiment.run(str(mini[0]), str(mini[1]), out, seed=3)
     return out

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from deltact_fab import bench, record
+from deltact_fab import experiment, record
 from deltact_fab.errors import InputError
 
 DESIGN = """
@@ -45,7 +45,7 @@ class Short:
             )
         )
         self.finished = folder / "finished"
-        bench.run(str(self.protocol), str(self.rig), self.finished, seed=3)
+        experiment.run(str(self.protocol), str(self.rig), self.finished, seed=3)
 
     def arguments(self, out: Path, *more: str) -> list[str]:
         return [
@@ -137,7 +137,7 @@ def assert_nothing_half_written(out: Path) -> None:
 
 def assert_completes(short: Short, out: Path) -> None:
     """The run that failed goes on to the same images as the undisturbed one."""
-    bench.run(str(short.protocol), str(short.rig), out, seed=3, resume=True)
+    experiment.run(str(short.protocol), str(short.rig), out, seed=3, resume=True)
     wanted, found = (record.open(p).frames()["sha256"] for p in (short.finished, out))
     assert list(found) == list(wanted)
 
@@ -279,7 +279,7 @@ def test_a_folder_that_is_no_run(short: Short, tmp_path: Path, text: str) -> Non
     run = short.unfinished(tmp_path / "run")
     (run / "run.json").write_text(text)
     with pytest.raises(InputError, match=r"run\.json"):
-        bench.run(str(short.protocol), str(short.rig), run, seed=3, resume=True)
+        experiment.run(str(short.protocol), str(short.rig), run, seed=3, resume=True)
 
 
 # ---- the input --------------------------------------------------------------------------------

@@ -47,7 +47,7 @@ max_force_n = [60.0, 60.0, 60.0]
 [force]
 range_n = [25.0, 25.0, 35.0]
 range_nmm = [250.0, 250.0, 250.0]
-[gel]
+[virtual.gel]
 spacing_mm = 0.5
 """
 SCENES = {
@@ -64,8 +64,8 @@ print("@@" + json.dumps([name for name in {watched!r} if name in sys.modules]))
 """
 RUN = """
 from pathlib import Path
-from deltact_fab import bench
-bench.run({protocol!r}, {rig!r}, Path("run"), seed=3)
+from deltact_fab import experiment
+experiment.run({protocol!r}, {rig!r}, Path("run"), seed=3)
 """
 COMMAND = """
 sys.argv = ["deltact-fab", *{words!r}]
@@ -138,10 +138,10 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
 
 
 def calls_of(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
-    from deltact_fab import bench
+    from deltact_fab import experiment
 
     calls = counted(monkeypatch)
-    summary = bench.run(*scene(name, folder), folder / "run", seed=3)
+    summary = experiment.run(*scene(name, folder), folder / "run", seed=3)
     calls["frames"] = summary["frames"]
     assert calls["frames"] >= 3
     return calls

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from deltact_fab import bench, preflight
+from deltact_fab import experiment, preflight
 from deltact_fab.cad.design import load_design
 from deltact_fab.cli.protocol import protocol as command
 from deltact_fab.errors import InputError, SolverError
@@ -181,7 +181,7 @@ def test_a_run_on_a_weak_virtual_rig_keeps_the_warning(
     protocol = tmp_path / "force.toml"
     words = mini[0].read_text().replace('"image", "dots", ', "").replace(', "4dots"', "")
     protocol.write_text(words)
-    summary = bench.run(str(protocol), str(rig), tmp_path / "run")
+    summary = experiment.run(str(protocol), str(rig), tmp_path / "run")
     warned = [n for n in summary["notes"] if n.startswith("WARNING: mini:")]
     # The stage is too weak, and the rig file does not write the sensor's range down.
     assert len(warned) == 2

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from deltact_fab import bench, record
+from deltact_fab import experiment, record
 from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.protocols import plan
@@ -55,7 +55,7 @@ max_force_n = [60.0, 60.0, 60.0]
 [force]
 range_n = [25.0, 25.0, 35.0]
 range_nmm = [250.0, 250.0, 250.0]
-[gel]
+[virtual.gel]
 spacing_mm = 0.5
 press_increment_mm = 0.4
 shear_increment_mm = 0.5
@@ -277,7 +277,9 @@ def cut_off(tiny: Bench, out: Path, press: str) -> None:
 def resume(
     tiny: Bench, out: Path, seed: int = 3, protocol: Path | None = None
 ) -> dict[str, object]:
-    return bench.run(str(protocol or tiny.protocol), str(tiny.rig), out, seed=seed, resume=True)
+    return experiment.run(
+        str(protocol or tiny.protocol), str(tiny.rig), out, seed=seed, resume=True
+    )
 
 
 def test_the_indenter_is_mounted_again_without_a_second_row(tiny: Bench, tmp_path: Path) -> None:
@@ -342,7 +344,9 @@ def test_ctrl_c_and_resume(tiny: Bench, tmp_path: Path) -> None:
             raise KeyboardInterrupt
 
     with pytest.raises(RunFailed, match="go on with --resume"):
-        bench.run(str(tiny.protocol), str(tiny.rig), tmp_path / "r", seed=3, progress=press_ctrl_c)
+        experiment.run(
+            str(tiny.protocol), str(tiny.rig), tmp_path / "r", seed=3, progress=press_ctrl_c
+        )
     resume(tiny, tmp_path / "r")
     assert_equal(tiny, tmp_path / "r")
 
@@ -351,7 +355,7 @@ def test_a_force_only_run_is_resumed_too(tiny: Bench, tmp_path: Path) -> None:
     quiet = tmp_path / "quiet.toml"
     text = tiny.protocol.read_text()
     quiet.write_text(text.replace('["image", "dots", "force", "shear"]', '["force", "shear"]'))
-    bench.run(str(quiet), str(tiny.rig), tmp_path / "whole", seed=3)
+    experiment.run(str(quiet), str(tiny.rig), tmp_path / "whole", seed=3)
 
     def press_ctrl_c(done: int, total: int, what: str) -> None:
         if done == 21:
@@ -359,7 +363,7 @@ def test_a_force_only_run_is_resumed_too(tiny: Bench, tmp_path: Path) -> None:
 
     out = tmp_path / "r"
     with pytest.raises(RunFailed, match="go on with --resume"):
-        bench.run(str(quiet), str(tiny.rig), out, seed=3, progress=press_ctrl_c)
+        experiment.run(str(quiet), str(tiny.rig), out, seed=3, progress=press_ctrl_c)
     assert resume(tiny, out, protocol=quiet)["kept_frames"] == 16
     for table in ("frames", "steps"):
         assert rows(out, table) == rows(tmp_path / "whole", table)
@@ -382,10 +386,10 @@ def test_other_conditions_are_refused_by_name(tiny: Bench, tmp_path: Path) -> No
     rig = tmp_path / "rig.toml"
     rig.write_text(tiny.rig.read_text().replace("spacing_mm = 0.5", "spacing_mm = 0.4"))
     with pytest.raises(InputError, match=r"rig\.gel\.spacing_mm: 0\.5 in the folder, 0\.4 now"):
-        bench.run(str(tiny.protocol), str(rig), out, seed=3, resume=True)
+        experiment.run(str(tiny.protocol), str(rig), out, seed=3, resume=True)
     assert files(out) == before
     # The frozen copy is the protocol, so it may be given instead of the original.
-    bench.run(str(out / "protocol.toml"), str(tiny.rig), out, seed=3, resume=True)
+    experiment.run(str(out / "protocol.toml"), str(tiny.rig), out, seed=3, resume=True)
     assert_equal(tiny, out)
 
 
@@ -424,6 +428,6 @@ def test_an_existing_folder_names_resume_when_it_would_help(tiny: Bench, tmp_pat
     out = tmp_path / "r"
     cut_off(tiny, out, "sphere-8/p2")
     with pytest.raises(InputError, match="unfinished run of this protocol: go on with --resume"):
-        bench.run(str(tiny.protocol), str(tiny.rig), out, seed=3)
+        experiment.run(str(tiny.protocol), str(tiny.rig), out, seed=3)
     with pytest.raises(InputError, match="already there; name a new --out folder"):
-        bench.run(str(tiny.protocol), str(tiny.rig), tiny.undisturbed, seed=3)
+        experiment.run(str(tiny.protocol), str(tiny.rig), tiny.undisturbed, seed=3)

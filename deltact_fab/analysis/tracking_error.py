@@ -25,6 +25,7 @@ from .. import record
 from ..errors import InputError, RunFailed
 from ..measure.flow import FLOW_METHODS, FlowTracker, Reference, Renewal
 from ..occlusion import in_dispute
+from ..optics import CameraModel
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -407,7 +408,9 @@ class _TrueFrame:
         )
 
 
-def _off_dots(camera: Any, dots_mm: NDArray[np.float64], radius_px: float) -> NDArray[np.bool_]:
+def _off_dots(
+    camera: CameraModel, dots_mm: NDArray[np.float64], radius_px: float
+) -> NDArray[np.bool_]:
     """Rest pixels that lie on no dot, with a margin for its blurred edge."""
     import cv2
 

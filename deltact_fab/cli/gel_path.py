@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from ..rig.config import GelConfig
+    from ..rig.simulator import GelConfig
     from ..virtual.ahead import Row, Told
 
 
 @click.command()
 @click.argument("protocol")
-@click.option("--rig", "rig_name", default="virtual", show_default=True, help="Its [gel] counts.")
+@click.option("--rig", "rig_name", default="virtual", show_default=True, help="Its gel counts.")
 @click.option(
     "--jobs", default=2, show_default=True, type=click.IntRange(1, 256), help="Presses at a time."
 )
@@ -35,9 +35,11 @@ def path(
     """Solve every press of PROTOCOL on the simulated gel and keep it for `run`.
 
     Stopped or killed, it goes on where it was: presses that are whole are kept. A press that fails
-    stops no other; exit 1 when one did. `run` finds what was solved with the rig file's [gel].
+    stops no other; exit 1 when one did. `run` finds what was solved with the [virtual.gel] of the
+    rig file.
     """
     from ..cad.design import load_design
+    from ..errors import InputError
     from ..protocols import plan
     from ..rig import config as rig_config
     from ..virtual.ahead import solve_ahead
@@ -46,10 +48,12 @@ def path(
 
     declared, source = plan.load(protocol)
     rig, rig_source = rig_config.load(rig_name)
+    if rig.kind != "virtual":
+        raise InputError(f"{rig_source}: kind: {rig.kind!r} has no gel; name a virtual rig")
     sensor = load_design(declared.specimen.design)
     require_gel_level(declared, sensor, str(source))
     level = declared.specimen.gel_model
-    gel, differs = _chosen(rig.gel, level, spacing_mm, tolerance)
+    gel, differs = _chosen(rig.virtual.gel, level, spacing_mm, tolerance)
     started = time.monotonic()
     with _bar(as_json) as told:
         rows = solve_ahead(declared, sensor.skin, gel, jobs, told)
@@ -77,13 +81,13 @@ def _chosen(
     """The rig's resolution with what the command line overrides, and what that is."""
     from ..catalog import validate
     from ..errors import InputError
-    from ..rig.config import GelConfig
+    from ..rig.simulator import GelConfig
 
     data = gel.model_dump()
     if level == "hyperelastic":
-        table, words, name = data["hyperelastic"], "[gel.hyperelastic]", "cell_mm"
+        table, words, name = data["hyperelastic"], "[virtual.gel.hyperelastic]", "cell_mm"
     else:
-        table, words, name = data, "[gel]", "spacing_mm"
+        table, words, name = data, "[virtual.gel]", "spacing_mm"
         if tolerance is not None:
             raise InputError(f"--tolerance: the level {level!r} takes its grid from --spacing")
     changes = {name: spacing_mm, "tolerance": tolerance}

@@ -42,19 +42,20 @@ def list_(as_json: bool) -> None:
 @protocol.command()
 @click.argument("name")
 @RIG
+@click.option("--air", is_flag=True, help="As `run --air`: nothing is touched.")
 @JSON
-def check(name: str, rig_name: str, as_json: bool) -> None:
+def check(name: str, rig_name: str, air: bool, as_json: bool) -> None:
     """Every static check of a protocol on a rig; exit 1 when one fails."""
-    from ..bench import checks
+    from ..experiment import checks
     from .output import echo_json
 
-    rows = checks(name, rig_name)
+    rows = checks(name, rig_name, air)
     if as_json:
         echo_json([r.as_dict() for r in rows])
     else:
         for row in rows:
             click.echo(row.line() + ("" if row.ok and not row.warns else f"  at {row.where}"))
-        if all(r.ok for r in rows) and not any("force" in r.name for r in rows):
+        if not air and all(r.ok for r in rows) and not any("force" in r.name for r in rows):
             click.echo(UNSOLVED)
     raise click.exceptions.Exit(0 if all(r.ok for r in rows) else 1)
 
@@ -71,8 +72,8 @@ def show(name: str, rig_name: str, forces: bool, as_json: bool) -> None:
     """
     from dataclasses import asdict
 
-    from ..bench import forces as predict
-    from ..bench import show as expand
+    from ..experiment import forces as predict
+    from ..experiment import show as expand
     from ..preflight import PAPER_REMARK
     from .output import echo_json, echo_table, progress
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import click
 
 
@@ -28,7 +30,7 @@ def list_(as_json: bool) -> None:
 @click.argument("name")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def show(name: str, as_json: bool) -> None:
-    """A rig's stage, camera and force sensor as they will be used, defaults filled in."""
+    """A rig's settings as they will be used, defaults filled in. No device is opened."""
     from ..rig import config
     from .output import echo_json
 
@@ -37,7 +39,13 @@ def show(name: str, as_json: bool) -> None:
     if as_json:
         echo_json(data)
         return
-    click.echo(f"{name} ({path.name}): {data['kind']}")
-    for part in ("stage", "camera", "printer", "force", "gel"):
-        for key, value in data[part].items():
-            click.echo(f"  {part}.{key} = {value}")
+    click.echo(f"{name} ({path.name}): {data.pop('kind')}")
+    _echo(data, "  ")
+
+
+def _echo(table: dict[str, Any], before: str) -> None:
+    for key, value in table.items():
+        if isinstance(value, dict):
+            _echo(value, f"{before}{key}.")
+        else:
+            click.echo(f"{before}{key} = {value}")

@@ -13,18 +13,22 @@ import click
 @click.option("--seed", default=0, show_default=True, help="Of everything that is drawn.")
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="New run folder.")
 @click.option("--resume", is_flag=True, help="Go on with the unfinished run in --out.")
+@click.option("--air", is_flag=True, help="Touch nothing: no height below the clearance plane.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
-def run(protocol: str, rig_name: str, seed: int, out: Path, resume: bool, as_json: bool) -> None:
+def run(
+    protocol: str, rig_name: str, seed: int, out: Path, resume: bool, air: bool, as_json: bool
+) -> None:
     """Run PROTOCOL on a rig and record it in a new folder.
 
     With --resume an interrupted run goes on: complete presses are kept, the interrupted one is
     done again whole. Where there is no folder yet the run starts; a finished one stays as it is.
+    A real rig (kind = "grbl") runs with --air only: it has neither touch-off nor force guard yet.
     """
-    from ..bench import run as carry_out
+    from ..experiment import run as carry_out
     from .output import echo_json, progress
 
     with progress("run") as report:
-        summary = carry_out(protocol, rig_name, out, seed=seed, progress=report, resume=resume)
+        summary = carry_out(protocol, rig_name, out, seed, report, resume, air)
     if as_json:
         echo_json(summary)
         return
@@ -37,7 +41,8 @@ def run(protocol: str, rig_name: str, seed: int, out: Path, resume: bool, as_jso
             click.echo(f"  done again: {press}: {why}")
     click.echo(
         f"{out}: {summary['frames']} frames of {summary['protocol']} on {summary['rig']}"
-        f"{' (simulated)' if summary['simulated'] else ''}, seed {seed}: "
+        f"{' (simulated)' if summary['simulated'] else ''}{' in air' if summary['air'] else ''}, "
+        f"seed {seed}: "
         f"{summary['rig_seconds']:.1f} s of rig time in {summary['wall_seconds']:.1f} s"
     )
     for line in summary["left_out"]:

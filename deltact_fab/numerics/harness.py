@@ -122,7 +122,7 @@ def run(
             except WorkerDied as why:
                 raise RunFailed(f"numerics: {name}: tables: {why}") from why
         costs = scenes.costs(measure=not quick, progress=tell)
-    from ..bench import versions
+    from ..experiment import versions
 
     return Numerics(
         engines=[{"name": e.name, "title": e.title, "about": e.about} for e in engines.values()],

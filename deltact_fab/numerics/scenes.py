@@ -128,7 +128,7 @@ def probe(name: str) -> dict[str, float]:
 
 
 def _press(name: str) -> None:
-    from .. import bench
+    from .. import experiment
 
     lines = [
         'name = "reference-scene"',
@@ -143,13 +143,13 @@ def _press(name: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         protocol = Path(folder) / "scene.toml"
         protocol.write_text("\n".join(lines) + "\n")
-        bench.run(str(protocol), "virtual", Path(folder) / "run", seed=0)
+        experiment.run(str(protocol), "virtual", Path(folder) / "run", seed=0)
 
 
 def _knots(name: str) -> None:
     """Every knot of one press (sphere:10, 1 mm deep, 1 mm of shear) at finite strain."""
     from ..protocols.plan import Protocol
-    from ..rig.config import FiniteGelConfig, GelConfig
+    from ..rig.simulator import FiniteGelConfig, GelConfig
     from ..shapes import SkinDimensions
     from ..virtual.presses import Presses
 
@@ -200,7 +200,7 @@ def _measured(progress: Callable[[int, int, str], None]) -> list[dict[str, Any]]
 
 def _key() -> dict[str, Any]:
     """Everything that could change a cost: what the processes run, its libraries, the machine."""
-    from ..bench import versions
+    from ..experiment import versions
 
     return {"source": digest.of("numerics.scenes"), "machine": machine(), **versions()}
 

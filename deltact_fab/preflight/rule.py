@@ -50,16 +50,16 @@ class ForceLimits:
 
 def limits_of(rig: RigConfig, source: str, protocol: Protocol) -> ForceLimits:
     """The limits that a rig file declares; a default that it does not write down is none."""
-    force = rig.force
-    declared = force.model_fields_set if "force" in rig.model_fields_set else set()
+    force = rig.force if "force" in rig.model_fields_set else None
+    declared = force.model_fields_set if force is not None else set()
     return ForceLimits(
-        simulated=rig.kind == "virtual",
+        simulated=rig.simulated,
         source=source,
         stage_n=rig.stage.max_force_n,
-        has_sensor="force" in rig.model_fields_set or "force" in protocol.channels,
-        sensor_n=force.range_n if "range_n" in declared else None,
-        sensor_nmm=force.range_nmm if "range_nmm" in declared else None,
-        origin_mm=force.origin_mm,
+        has_sensor=force is not None or "force" in protocol.channels,
+        sensor_n=force.range_n if force and "range_n" in declared else None,
+        sensor_nmm=force.range_nmm if force and "range_nmm" in declared else None,
+        origin_mm=force.origin_mm if force else None,
     )
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -99,8 +99,9 @@ class Protocol(_Strict):
     indenters: tuple[str, ...] = Field(min_length=1)
     positions_mm: tuple[tuple[Finite, Finite], ...] = Field(min_length=1)
     depths_mm: tuple[Positive, ...] = Field(min_length=1)
-    channels: frozenset[Literal["image", "dots", "force", "shear"]] = Field(min_length=1)
-    """What the analysis will ask for; what is not named here is not built and not solved."""
+    channels: frozenset[Literal["image", "dots", "force", "shear"]]
+    """What the analysis will ask for; what is not named here is not built and not solved. None at
+    all leaves the poses of the stage."""
     shear: Shear | None = None
     capture: Capture
     motion: Motion = Motion()
@@ -149,9 +150,18 @@ def load(name: str) -> tuple[Protocol, Path]:
     return catalog.validate(Protocol, catalog.read(path), str(path)), path
 
 
-def expand(protocol: Protocol) -> list[Step]:
-    """All steps in order. Ids read `indenter/position/depth/leg`; a press is indenter/position."""
-    return list(_steps(protocol))
+def expand(protocol: Protocol, air: bool = False) -> list[Step]:
+    """All steps in order. Ids read `indenter/position/depth/leg`; a press is indenter/position.
+
+    air: the clearance plane stands for every height below it, so that nothing is touched; steps,
+    ids and frames stay what they are.
+    """
+    steps = list(_steps(protocol))
+    if not air:
+        return steps
+    floor_mm = protocol.motion.clearance_mm
+    lifted = ((x, y, max(z, floor_mm)) for x, y, z in (s.target_mm for s in steps))
+    return [replace(s, target_mm=p) for s, p in zip(steps, lifted, strict=True)]
 
 
 def _steps(protocol: Protocol) -> Iterator[Step]:

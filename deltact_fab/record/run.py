@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, RunFailed
-from ..optics import LatticeSampler, Pinhole, SurfaceLattice
+from ..optics import CameraModel, LatticeSampler, SurfaceLattice, camera_from_dict
 from .files import FORMAT, lattice_file, truth_file
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ class Truth:
     Displacements are interpolated linearly between two solved knots, as the drawing camera does.
     """
 
-    camera: Pinhole
+    camera: CameraModel
     lattice: SurfaceLattice
     frames: dict[str, tuple[str, float]]  # frame id -> (knot key "press:a:b", fraction)
     folder: Path  # of the run
@@ -54,14 +54,14 @@ class Truth:
 
     def flow_px(self, frame_id: str) -> NDArray[np.float64]:
         """Projected displacement of every rest pixel, (h, w, 2) px."""
-        xs, ys = self._pixels_mm()
+        xs, ys = self.camera.axes_mm()
         return self._project(
             self._grid(xs, ys)(self.displacement_mm(frame_id)), *np.meshgrid(xs, ys)
         )
 
     def in_plane_mm(self, frame_id: str) -> NDArray[np.float64]:
         """In-plane displacement of every rest pixel, (h, w, 2) mm: not what is projected."""
-        xs, ys = self._pixels_mm()
+        xs, ys = self.camera.axes_mm()
         return self._grid(xs, ys)(self.displacement_mm(frame_id)[..., :2])
 
     def points_px(self, frame_id: str, xy_mm: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -69,13 +69,6 @@ class Truth:
         sampler = LatticeSampler.make(self.lattice, xy_mm[:, 0], xy_mm[:, 1])
         moved = sampler.at_points(self.displacement_mm(frame_id))
         return self._project(moved, xy_mm[:, 0], xy_mm[:, 1])
-
-    def _pixels_mm(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Columns and rows of the image on the resting face: x (w,) and y (h,) mm."""
-        camera = self.camera
-        xs = camera.rest_mm(np.stack([np.arange(camera.width_px)] * 2, -1))[:, 0]
-        ys = camera.rest_mm(np.stack([np.arange(camera.height_px)] * 2, -1))[:, 1]
-        return xs, ys
 
     def _project(self, u_mm: NDArray[Any], x_mm: NDArray[Any], y_mm: NDArray[Any]) -> NDArray[Any]:
         rest = np.stack((x_mm, y_mm, np.zeros_like(x_mm)), axis=-1)
@@ -123,9 +116,12 @@ class Run:
         return self._table("steps")
 
     @cached_property
-    def camera(self) -> Pinhole:
-        """The projection the images were taken with."""
-        return Pinhole(**self.meta["camera"])
+    def camera(self) -> CameraModel:
+        """The projection the images were taken with. Raises InputError when none took any."""
+        stored = self.meta["camera"]
+        if stored is None:
+            raise InputError(f"{self.folder}: recorded without a camera")
+        return camera_from_dict(stored, f"{self.folder}/run.json: camera")
 
     @property
     def simulated(self) -> bool:

@@ -11,7 +11,9 @@ from .files import json_bytes
 from .run import Run
 
 # What a run may be continued with although it differs: it changes no number and no byte.
-_MAY_DIFFER = ("format", "name", "rig_name", "versions.python", "versions.cadquery")
+_MAY_DIFFER = (
+    "format", "name", "rig_name", "rig.stage.port", "versions.python", "versions.cadquery",
+)  # fmt: skip
 _ABSENT = object()
 
 

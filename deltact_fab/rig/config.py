@@ -1,19 +1,32 @@
-"""A rig file: where the stage stands, what it can do, and what is attached."""
+"""A rig file: where the stage stands, what it can do, and what is attached. Nothing is opened.
+
+`kind` decides what a rig is: `virtual` simulates everything below the wire and has the tables of
+its simulators under `[virtual]`; `grbl` drives a real controller on `stage.port`. `[stage]` and
+`[force]` are the same for both: what the devices are.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from .. import catalog
-from ..optics import StageFrame
-from ..protocols.limits import StageBox
+from ..errors import InputError, did_you_mean
+from .simulator import SimulatorConfig
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+if TYPE_CHECKING:
+    from ..optics import StageFrame
+    from ..protocols.limits import StageBox
+
+# Beyond these no bench goes: what is further out is a slip of the pen.
+Place = Annotated[float, Field(ge=-10_000, le=10_000)]  # mm
+Travel = Annotated[float, Field(ge=1, le=10_000)]  # mm
+Feed = Annotated[float, Field(ge=1, le=100_000)]  # mm/min
+Acceleration = Annotated[float, Field(ge=0.1, le=100_000)]  # mm/s2
+Force = Annotated[float, Field(gt=0, le=100_000)]  # N
+Torque = Annotated[float, Field(gt=0, le=10_000_000)]  # N mm
 
 
 class _Strict(BaseModel):
@@ -23,42 +36,30 @@ class _Strict(BaseModel):
 class StageConfig(_Strict):
     """The 3-axis stage; machine coordinates are 0 at the homed end and negative below."""
 
-    origin_machine_mm: tuple[Finite, Finite, Finite]
-    angle_deg: Finite = 0.0
-    travel_mm: tuple[Positive, Positive, Positive]
-    max_feed_mm_min: tuple[Positive, Positive, Positive]
-    acceleration_mm_s2: tuple[Positive, Positive, Positive]
-    baud: int = Field(default=115200, ge=1200)
-    max_force_n: tuple[Positive, Positive, Positive] | None = None
+    port: str | None = Field(default=None, min_length=1)
+    """Serial device of the controller, as /dev/ttyACM0; the virtual rig has its own wire."""
+    origin_machine_mm: tuple[Place, Place, Place]
+    angle_deg: float = Field(default=0.0, ge=-360, le=360)
+    travel_mm: tuple[Travel, Travel, Travel]
+    max_feed_mm_min: tuple[Feed, Feed, Feed]
+    acceleration_mm_s2: tuple[Acceleration, Acceleration, Acceleration]
+    baud: int = Field(default=115200, ge=1200, le=10_000_000)
+    max_force_n: tuple[Force, Force, Force] | None = None
     """What the axes can push without losing steps, x, y, z; None: not declared."""
 
     @property
     def frame(self) -> StageFrame:
         """The rigid transform of this stage."""
+        from ..optics import StageFrame
+
         return StageFrame(self.origin_machine_mm, self.angle_deg)
 
     @property
     def box(self) -> StageBox:
         """What the static checks need to know of this stage."""
+        from ..protocols.limits import StageBox
+
         return StageBox(self.frame, self.travel_mm, self.max_feed_mm_min, self.acceleration_mm_s2)
-
-
-class CameraConfig(_Strict):
-    """The simulated camera's sensor and lens faults."""
-
-    blur_px: Positive = 0.6
-    shading: float = Field(default=0.35, ge=0, lt=1)
-    full_well_electrons: Positive = 8000.0
-    read_noise_electrons: NotNegative = 6.0
-
-
-class PrinterConfig(_Strict):
-    """The printer that made the sticker."""
-
-    dpi: int = Field(default=1200, ge=72, le=9600)
-    levels: int = Field(default=4, ge=2, le=256)
-    misregistration_um: NotNegative = 15.0
-    spread_um: NotNegative = 20.0
 
 
 class ForceConfig(_Strict):
@@ -69,53 +70,72 @@ class ForceConfig(_Strict):
     box; `preflight` takes what a rig file does not write down for undeclared.
     """
 
-    range_n: tuple[Positive, Positive, Positive] = (25.0, 25.0, 35.0)
-    range_nmm: tuple[Positive, Positive, Positive] = (250.0, 250.0, 250.0)
-    origin_mm: tuple[Finite, Finite, Finite] | None = None
+    range_n: tuple[Force, Force, Force] = (25.0, 25.0, 35.0)
+    range_nmm: tuple[Torque, Torque, Torque] = (250.0, 250.0, 250.0)
+    origin_mm: tuple[Place, Place, Place] | None = None
     """Where its moments count from, in the sensor frame of the gel; None: not declared."""
-    noise_n: NotNegative = 0.01
-    rate_hz: Positive = 1000.0
+    rate_hz: float = Field(default=1000.0, ge=1, le=10_000)
 
 
-class FiniteGelConfig(_Strict):
-    """Resolution of the simulated gel at the level 'hyperelastic'."""
+class VirtualConfig(_Strict):
+    """The simulated bench."""
 
-    cell_mm: float | None = Field(default=None, ge=0.1, le=12.0)
-    """Cells below the indenter; None: chosen from its shape and the tolerance."""
-    tolerance: float = Field(default=0.03, ge=0.001, le=0.5)
-    """Of force, for that choice."""
-    most_unknowns: int = Field(default=8_000, ge=500, le=1_000_000)
-    """Of a mesh chosen so: thousands of knots are solved on it. Larger cells are flagged."""
-    lattice_mm: float = Field(default=0.5, ge=0.05, le=2.0)
-    """Lattice on which displacements are kept."""
-    press_increment_mm: float = Field(default=0.5, gt=0, le=5.0)
-    shear_increment_mm: float = Field(default=1.0, gt=0, le=5.0)
-
-
-class GelConfig(_Strict):
-    """Resolution of the simulated gel: at the linear levels, and apart from them at finite strain.
-
-    One solve per increment of motion; between them displacements and forces are interpolated.
-    """
-
-    spacing_mm: float = Field(default=0.25, ge=0.05, le=2.0)
-    press_increment_mm: float = Field(default=0.1, gt=0, le=1.0)
-    shear_increment_mm: float = Field(default=0.25, gt=0, le=2.0)
-    hyperelastic: FiniteGelConfig = FiniteGelConfig()
-
-
-class RigConfig(_Strict):
-    """One bench. Only the simulated one can be driven so far."""
-
+    simulated: ClassVar[bool] = True
     kind: Literal["virtual"]
     stage: StageConfig
-    camera: CameraConfig = CameraConfig()
-    printer: PrinterConfig = PrinterConfig()
     force: ForceConfig = ForceConfig()
-    gel: GelConfig = GelConfig()
+    virtual: SimulatorConfig = SimulatorConfig()
+
+
+class GrblConfig(_Strict):
+    """A real GRBL stage. No driver of a camera or a force sensor exists yet."""
+
+    simulated: ClassVar[bool] = False
+    kind: Literal["grbl"]
+    stage: StageConfig
+    force: ForceConfig | None = None
+    """A sensor that stands in the way of the force, read or not."""
+
+    @model_validator(mode="after")
+    def _port(self) -> Self:
+        if self.stage.port is None:
+            raise ValueError(
+                "stage.port: missing key; a 'grbl' rig needs the controller's serial device, as "
+                'port = "/dev/ttyACM0"'
+            )
+        return self
+
+
+RigConfig = VirtualConfig | GrblConfig
+_KINDS: dict[str, type[VirtualConfig] | type[GrblConfig]] = {
+    "virtual": VirtualConfig,
+    "grbl": GrblConfig,
+}
+_MOVED = ("camera", "printer", "gel")  # simulator's tables that stood beside the real settings
 
 
 def load(name: str) -> tuple[RigConfig, Path]:
     """Read a rig by catalogue name or path. Raises InputError."""
     path = catalog.find("protocols/rigs", name)
-    return catalog.validate(RigConfig, catalog.read(path), str(path)), path
+    data = catalog.read(path)
+    kind = data.get("kind")
+    if not isinstance(kind, str) or kind not in _KINDS:
+        found = "missing key" if kind is None else f"unknown kind {kind!r}"
+        raise InputError(f"{path}: kind: {found}; {did_you_mean(str(kind), _KINDS)}")
+    _require_new_places(data, kind, str(path))
+    return catalog.validate(_KINDS[kind], data, str(path)), path
+
+
+def _require_new_places(data: dict[str, Any], kind: str, source: str) -> None:
+    """Refuse a file with the simulator's keys where they once stood, saying where each went."""
+    moved = [(f"[{table}]", f"[virtual.{table}]") for table in _MOVED if table in data]
+    if isinstance(data.get("gel"), dict) and "hyperelastic" in data["gel"]:
+        moved.append(("[gel.hyperelastic]", "[virtual.gel.hyperelastic]"))
+    if isinstance(data.get("force"), dict) and "noise_n" in data["force"]:
+        moved.append(("noise_n of [force]", "noise_n of [virtual.force]"))
+    if moved:
+        where = ", ".join(f"{old} is now {new}" for old, new in moved)
+        of = "" if kind == "virtual" else f"; a {kind!r} rig has none of them"
+        raise InputError(
+            f"{source}: settings of the simulator have moved, keys unchanged: {where}{of}"
+        )

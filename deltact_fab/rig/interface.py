@@ -6,12 +6,19 @@ of the sensor, z = 0 at the resting face; a depth d is z = -d. Times are seconds
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from ..optics import CameraModel
+    from ..patterns.recipe import PatternRecipe
+    from ..protocols import plan
+    from ..shapes import SensorDimensions
 
 Image = NDArray[np.uint8]
 
@@ -111,3 +118,61 @@ class ForceSensor(Protocol):
 
     def identity(self) -> dict[str, Any]: ...
     def close(self) -> None: ...
+
+
+@dataclass
+class Devices:
+    """What a run drives. A camera or force sensor that the protocol does not ask for is None."""
+
+    clock: Clock
+    stage: Stage
+    camera: Camera | None
+    force: ForceSensor | None
+    change_indenter: Callable[[str], None]
+    force_limit_n: float | None = None
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run as it was asked for: what a rig is built from. folder: of the run."""
+
+    protocol: plan.Protocol
+    sensor: SensorDimensions
+    recipe: PatternRecipe
+    seed: int
+    folder: Path
+    air: bool = False
+    """Nothing is touched, see `protocols.plan.expand`."""
+
+
+class Rig(Protocol):
+    """All devices of one run. Whoever builds it closes it, however the run ends."""
+
+    def devices(self) -> Devices: ...
+    def identity(self) -> dict[str, Any]:
+        """What the summary keeps of each device; None for one that is not there."""
+
+    def notes(self) -> list[str]:
+        """What a reader of the results must know, once the run is over."""
+
+    def left_out(self) -> list[str]:
+        """What was not built, driven or solved, and why."""
+
+    def close(self) -> None:
+        """Close every device, also after one that fails to; again does nothing."""
+
+
+class RigKind(Protocol):
+    """What one kind of rig says before any device is opened, and how it is built."""
+
+    part: str
+    """What `refusals` speaks of, for a table of checks."""
+
+    def refusals(self, protocol: plan.Protocol, sensor: SensorDimensions, source: str) -> list[str]:
+        """Why a protocol cannot be carried out on it, a line each; source: of the protocol."""
+
+    def camera(self, sensor: SensorDimensions) -> CameraModel | None:
+        """The projection that its images have; None without a camera."""
+
+    def build(self, job: Job) -> Rig:
+        """Every device of the run, or none: what was opened is closed when another fails."""

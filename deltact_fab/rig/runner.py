@@ -12,12 +12,11 @@ Forces are read with the frames, so this is no force guard: between two frames n
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 from ..errors import DeltactFabError, RunFailed, SensorError, StageError
 from ..protocols.plan import Step
 from ..record import RunWriter
-from .interface import Camera, Clock, ForceSensor, Stage
+from .interface import Devices
 from .interrupt import interruptible
 
 Progress = Callable[[int, int, str], None]
@@ -25,18 +24,6 @@ LIFT_FEED_MM_MIN = 120.0
 # A frame at the end of a move is taken this long after the planned end, not when the host happens
 # to hear of it: status reports differ in length with what was asked before, by milliseconds.
 ARRIVAL_S = 0.1
-
-
-@dataclass
-class Devices:
-    """What a run drives. A camera or force sensor that the protocol does not ask for is None."""
-
-    clock: Clock
-    stage: Stage
-    camera: Camera | None
-    force: ForceSensor | None
-    change_indenter: Callable[[str], None]
-    force_limit_n: float | None = None
 
 
 class Runner:

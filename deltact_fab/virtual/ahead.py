@@ -19,7 +19,7 @@ from typing import Any
 
 from ..errors import DeltactFabError
 from ..protocols.plan import Protocol
-from ..rig.config import GelConfig
+from ..rig.simulator import GelConfig
 from ..shapes import SkinDimensions
 from .press import Press
 from .presses import Presses, path_of

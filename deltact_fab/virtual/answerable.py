@@ -6,7 +6,7 @@ from ..errors import InputError
 from ..gel.finite.material import MOST_POISSON
 from ..gel.linear.limits import DEPTH_LIMIT
 from ..protocols.plan import Protocol
-from ..rig.config import GelConfig
+from ..rig.simulator import GelConfig
 from ..shapes import SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
 from .presses import Presses
@@ -21,6 +21,8 @@ def unanswered(
         presses = Presses(protocol, sensor.skin, config)
     except InputError as why:
         return [str(why)]
+    if not presses.observed:
+        return []
     reasons = []
     for path in presses.paths:
         try:
@@ -28,16 +30,6 @@ def unanswered(
         except InputError as why:
             reasons.append(f"{source}: press {path.press}: {why}")
     return reasons
-
-
-def require_answers(
-    protocol: Protocol, sensor: SensorDimensions, config: GelConfig, source: str
-) -> None:
-    """Refuse a protocol with a press that cannot be simulated. Raises InputError."""
-    reasons = unanswered(protocol, sensor, config, source)
-    if reasons:
-        more = f"; and {len(reasons) - 1} more presses" if len(reasons) > 1 else ""
-        raise InputError(reasons[0] + more)
 
 
 def require_gel_level(protocol: Protocol, sensor: SensorDimensions, source: str) -> None:

@@ -83,7 +83,7 @@ class VirtualCamera:
 
     def identity(self) -> dict[str, Any]:
         """What the record keeps."""
-        return {"kind": "virtual", "projection": "pinhole"}
+        return {"kind": "virtual", "projection": self._picture.camera.as_dict()["model"]}
 
     def close(self) -> None:
         """Nothing is held open."""

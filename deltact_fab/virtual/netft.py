@@ -12,6 +12,7 @@ from ..rig.interface import Clock
 
 COUNTS_PER_N = 1_000_000.0
 COUNTS_PER_NMM = 100_000.0
+MOST_COUNTS = 1e9  # of a range: a record holds twice that, so a sample less its bias fits
 Vector = tuple[float, float, float]
 Wrench = tuple[Vector, Vector]
 
@@ -24,9 +25,18 @@ class NetFTBox:
     """
 
     def __init__(
-        self, config: ForceConfig, clock: Clock, seed: int, wrench: Callable[[], Wrench]
+        self,
+        config: ForceConfig,
+        clock: Clock,
+        seed: int,
+        wrench: Callable[[], Wrench],
+        noise_n: float = 0.0,
     ) -> None:
-        self._config = config
+        self._rate_hz = config.rate_hz
+        self._noise_n = noise_n
+        self._limits = np.asarray([*config.range_n, *config.range_nmm])
+        self._counts_per_n = min(COUNTS_PER_N, MOST_COUNTS / max(config.range_n))
+        self._counts_per_nmm = min(COUNTS_PER_NMM, MOST_COUNTS / max(config.range_nmm))
         self._clock = clock
         self._seed = seed
         self._wrench = wrench
@@ -41,7 +51,7 @@ class NetFTBox:
 
     def settings(self) -> NetFTSettings:
         """What the box's configuration page tells."""
-        return NetFTSettings(COUNTS_PER_N, COUNTS_PER_NMM, "simulated")
+        return NetFTSettings(self._counts_per_n, self._counts_per_nmm, "simulated")
 
     def send(self, command: bytes) -> None:
         """Take one command datagram; unknown headers are ignored, as on the wire."""
@@ -49,7 +59,7 @@ class NetFTBox:
         if header != HEADER:
             return
         if word == BIAS:
-            self._bias = self._gauges()
+            self._bias = np.clip(self._gauges(), -self._limits, self._limits)
         elif word == STREAM:
             self._out += [self._record() for _ in range(count)]
 
@@ -66,16 +76,16 @@ class NetFTBox:
 
     def _gauges(self) -> np.ndarray:
         force_n, torque_nmm = self._wrench()
-        noise_nmm = self._config.noise_n * 10.0  # a 10 mm arm
-        scale = np.repeat([self._config.noise_n, noise_nmm], 3)
+        noise_nmm = self._noise_n * 10.0  # a 10 mm arm
+        scale = np.repeat([self._noise_n, noise_nmm], 3)
         return np.asarray([*force_n, *torque_nmm]) + scale * self._rng.standard_normal(6)
 
     def _record(self) -> bytes:
         # The clock of the box, not the host's: samples are numbered at the box's own rate.
-        self._sequence = max(self._sequence + 1, round(self._clock.now_s() * self._config.rate_hz))
-        limits = np.asarray([*self._config.range_n, *self._config.range_nmm])
+        self._sequence = max(self._sequence + 1, round(self._clock.now_s() * self._rate_hz))
         gauges = self._gauges()
-        status = SATURATED if np.any(np.abs(gauges) > limits) else 0
-        values = np.clip(gauges, -limits, limits) - self._bias
-        counts = np.rint(values * np.repeat([COUNTS_PER_N, COUNTS_PER_NMM], 3)).astype(int)
+        status = SATURATED if np.any(np.abs(gauges) > self._limits) else 0
+        values = np.clip(gauges, -self._limits, self._limits) - self._bias
+        scale = np.repeat([self._counts_per_n, self._counts_per_nmm], 3)
+        counts = np.rint(values * scale).astype(int)
         return RECORD.pack(self._sequence, self._sequence, status, *(int(c) for c in counts))

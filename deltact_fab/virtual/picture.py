@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..errors import SolverError
 from ..imaging import Float, Sensor
 from ..occlusion import in_dispute, nearest
-from ..optics import LatticeSampler, Pinhole, SurfaceLattice
+from ..optics import CameraModel, LatticeSampler, SurfaceLattice
 
 MARGIN_PX = 64
 TOLERANCE_PX = 2e-3
@@ -37,16 +37,13 @@ class Picture:
     """Draws frames of one pattern through one camera."""
 
     def __init__(
-        self, camera: Pinhole, lattice: SurfaceLattice, texture: Texture, sensor: Sensor
+        self, camera: CameraModel, lattice: SurfaceLattice, texture: Texture, sensor: Sensor
     ) -> None:
-        self._camera = camera
+        self.camera = camera
         self._texture = texture
         self._sensor = sensor
         self._shade = sensor.shade(camera.height_px, camera.width_px)
-        cols = np.arange(-MARGIN_PX, camera.width_px + MARGIN_PX)
-        rows = np.arange(-MARGIN_PX, camera.height_px + MARGIN_PX)
-        self._xs_mm = camera.rest_mm(np.stack([cols, cols], -1).astype(float))[:, 0]
-        self._ys_mm = camera.rest_mm(np.stack([rows, rows], -1).astype(float))[:, 1]
+        self._xs_mm, self._ys_mm = camera.axes_mm(MARGIN_PX)
         self._sampler = LatticeSampler.make(lattice, self._xs_mm, self._ys_mm)
         # One pixel of border, so that the halved grid below is interpolated at the edge too.
         self._target = np.stack(
@@ -66,8 +63,8 @@ class Picture:
         """
         at = self._target if displacement_mm is None else self.material_px(displacement_mm)
         fine = cv2.resize(at, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)[2:-2, 2:-2]
-        cx, cy = self._camera.centre_px
-        texels = self._camera.mm_per_px / self._texture.mm_per_texel
+        cx, cy = self.camera.centre_px
+        texels = self.camera.mm_per_px / self._texture.mm_per_texel
         h, w = self._texture.values.shape[:2]
         map_x = (fine[..., 0] - np.float32(cx)) * np.float32(texels) + np.float32((w - 1) / 2)
         map_y = (fine[..., 1] - np.float32(cy)) * np.float32(texels) + np.float32((h - 1) / 2)
@@ -76,7 +73,7 @@ class Picture:
         )
         radiance = cv2.resize(
             seen,
-            (self._camera.width_px, self._camera.height_px),
+            (self.camera.width_px, self.camera.height_px),
             interpolation=cv2.INTER_AREA,
         )
         return self._sensor.expose(np.asarray(radiance, np.float32), self._shade, rng)
@@ -92,8 +89,8 @@ class Picture:
         u = self._sampler(displacement_mm)
         x, y = np.meshgrid(self._xs_mm, self._ys_mm)
         rest = np.stack((x, y, np.zeros_like(x)), axis=-1)
-        seen_px = self._camera.project_px(rest + u)
-        moved = seen_px - self._camera.rest_px(rest[..., :2])
+        seen_px = self.camera.project_px(rest + u)
+        moved = seen_px - self.camera.rest_px(rest[..., :2])
         return np.asarray(moved, np.float32), seen_px, u[..., 2]
 
     def material_px(self, displacement_mm: NDArray[np.float64]) -> Float:

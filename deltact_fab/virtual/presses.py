@@ -16,7 +16,7 @@ from ..gel.path.knots import Between, Increments, Observed, Pose
 from ..gel.path.open import choose, open_path
 from ..gel.path.solver import PathSolver
 from ..protocols.plan import Protocol
-from ..rig.config import GelConfig
+from ..rig.simulator import GelConfig
 from ..shapes import SkinDimensions
 from ..shapes.indenter import parse as parse_indenter
 from .paths import PressPath, paths, poses
@@ -44,6 +44,7 @@ class Presses:
         self.modulus_mpa = specimen.modulus_mpa
         self.shears = "shear" in protocol.channels
         self.fields = "image" in protocol.channels
+        self.observed = not protocol.channels.isdisjoint(("image", "force"))
         self.timed = bool(specimen.prony)
         self.material = GelMaterial(1.0, specimen.poisson, specimen.friction, specimen.prony)
         self.paths = paths(protocol)
@@ -58,7 +59,7 @@ class Presses:
                 Increments(finite.press_increment_mm, finite.shear_increment_mm),
             )
         )
-        self.observed = Observed(
+        self._shown = Observed(
             "all" if self.fields else "none", between=True, lattice_mm=lattice_mm
         )
         self._wishes: dict[str, Any] = {
@@ -128,7 +129,7 @@ class Presses:
 
     def _solver(self, indenter: str, planned: Sequence[Pose], choice: Choice) -> PathSolver:
         shape = parse_indenter(indenter)
-        return open_path(self._skin, self.material, shape, planned, self.observed, choice)
+        return open_path(self._skin, self.material, shape, planned, self._shown, choice)
 
 
 def path_of(presses: Presses, name: str) -> PressPath:

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import itertools
-from pathlib import Path
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..gel.linear.contact import SMALL_STRAIN
 from ..optics import Pinhole
-from ..patterns.recipe import PatternRecipe
 from ..protocols.plan import Protocol
-from ..rig.config import RigConfig
+from ..rig.config import VirtualConfig
 from ..rig.force import NetFTSensor
 from ..rig.grbl import GrblStage
-from ..rig.interface import Camera
-from ..rig.runner import Devices
+from ..rig.interface import Camera, Devices, Job
 from ..shapes import SensorDimensions
+from .answerable import unanswered
 from .clock import VirtualClock
 from .controller import GrblController
 from .grbl_settings import settings_for
@@ -44,12 +43,25 @@ _LEVEL_NOTES = {
 }
 
 
-def pinhole(sensor: SensorDimensions) -> Pinhole:
-    """The camera of a design."""
-    optics = sensor.optics
-    return Pinhole(
-        optics.mm_per_px, optics.image_width_px, optics.image_height_px, sensor.eye_distance_mm
-    )
+class VirtualKind:
+    """Implements rig.interface.RigKind."""
+
+    part = "simulated gel"
+
+    def __init__(self, config: VirtualConfig) -> None:
+        self._config = config
+
+    def refusals(self, protocol: Protocol, sensor: SensorDimensions, source: str) -> list[str]:
+        """Presses that are observed and for which the gel has no level or no mesh."""
+        return unanswered(protocol, sensor, self._config.virtual.gel, source)
+
+    def camera(self, sensor: SensorDimensions) -> Pinhole:
+        """The camera of the design."""
+        return Pinhole.of(sensor)
+
+    def build(self, job: Job) -> VirtualRig:
+        """Everything below the wire that the protocol asks for, and the drivers above it."""
+        return VirtualRig(self._config, job)
 
 
 class VirtualForce(NetFTSensor):
@@ -72,30 +84,30 @@ class VirtualForce(NetFTSensor):
 class VirtualRig:
     """Clock, controller behind its wire, gel, camera and force box of one run."""
 
-    def __init__(
-        self,
-        config: RigConfig,
-        protocol: Protocol,
-        sensor: SensorDimensions,
-        recipe: PatternRecipe,
-        seed: int,
-        folder: Path,
-    ) -> None:
-        """folder: the run folder, where the truth goes."""
-        self._protocol = protocol
-        self._folder = folder
-        self._thickness_mm = sensor.skin.thickness_mm
+    def __init__(self, config: VirtualConfig, job: Job) -> None:
+        self._job = job
+        self._config = config
+        self._open = ExitStack()
+        try:
+            self._build()
+        except BaseException:
+            self.close()
+            raise
+
+    def _build(self) -> None:
+        """Each device that is built is closed with the rig, the last one first."""
+        job, stage, simulator = self._job, self._config.stage, self._config.virtual
+        channels, sensor = job.protocol.channels, job.sensor
         self.clock = VirtualClock()
-        stage = config.stage
         self.controller = GrblController(
             settings_for(stage.travel_mm, stage.max_feed_mm_min, stage.acceleration_mm_s2),
             self.clock,
         )
-        self.presses = Presses(protocol, sensor.skin, config.gel)
-        self._choices = [self.presses.choice(path) for path in self.presses.paths]
-        drawn = "image" in protocol.channels
+        self.presses = Presses(job.protocol, sensor.skin, simulator.gel)
+        paths = self.presses.paths if self.presses.observed else ()
+        self._choices = [self.presses.choice(path) for path in paths]
         crop = None
-        if drawn:
+        if "image" in channels:
             from .picture import MARGIN_PX
 
             view = sensor.optics.view_mm
@@ -112,15 +124,8 @@ class VirtualRig:
             crop,
             self.presses.modulus_mpa,
         )
-        self.camera: VirtualCamera | None = None
-        if crop is not None:
-            self.camera = self._camera(config, sensor, recipe, seed, crop)
-        self.force: VirtualForce | None = None
-        if "force" in protocol.channels:
-            box = NetFTBox(config.force, self.clock, seed, lambda: self.scene.observe().wrench())
-            self.force = VirtualForce(box, self.clock, None if drawn else self.scene)
         # A name of its own, so that several runs can share one process.
-        name = f"{folder.name}-{next(_NUMBER)}"
+        name = f"{job.folder.name}-{next(_NUMBER)}"
         self._link = connect(self.controller, self.clock, name, baud=stage.baud)
         self.stage = GrblStage(
             self._link.url,
@@ -130,6 +135,22 @@ class VirtualRig:
             require_travel_mm=stage.travel_mm,
             require_feed_mm_min=stage.max_feed_mm_min,
         )
+        self._open.callback(self.stage.close)
+        self.camera: VirtualCamera | None = None
+        if crop is not None:
+            self.camera = self._camera(crop)
+            self._open.callback(self.camera.close)
+        self.force: VirtualForce | None = None
+        if "force" in channels:
+            box = NetFTBox(
+                self._config.force,
+                self.clock,
+                job.seed,
+                lambda: self.scene.observe().wrench(),
+                simulator.force.noise_n,
+            )
+            self.force = VirtualForce(box, self.clock, self.scene if crop is None else None)
+            self._open.callback(self.force.close)
 
     def devices(self) -> Devices:
         """What the runner drives."""
@@ -142,6 +163,18 @@ class VirtualRig:
             change_indenter=self.scene.mount,
         )
 
+    def identity(self) -> dict[str, Any]:
+        """What the summary keeps of the devices."""
+        return {
+            "stage": self.stage.identity(),
+            "camera": self.camera.identity() if self.camera else None,
+            "force": self.force.identity() if self.force else None,
+        }
+
+    def close(self) -> None:
+        """Close what was built; again does nothing."""
+        self._open.close()
+
     def left_out(self) -> list[str]:
         """What this scene did not build or solve, and why."""
         lines = []
@@ -149,20 +182,29 @@ class VirtualRig:
             lines.append("camera, picture and printer model: no channel asks for images")
         if self.force is None:
             lines.append("force sensor: the channel 'force' is not asked for")
-        if not self.presses.shears and not any(c.friction for c in self._choices):
-            lines.append("friction: the channel 'shear' is not asked for")
-        if self.presses.level != "hyperelastic":
-            lines.append(f"finite-strain gel: the level {self.presses.level!r} is asked for")
-        elif not self.presses.fields:
-            lines.append("the gel's surface field: no channel asks for images")
-        if not self.presses.timed:
-            lines.append("viscosity: the specimen has no Prony series")
+        lines += self._gel_left_out()
         lines.append("solid models: a run needs the numbers of the shapes only")
+        return lines
+
+    def _gel_left_out(self) -> list[str]:
+        presses, lines = self.presses, []
+        if not presses.observed:
+            return ["gel: no channel asks for what it does"]
+        if not presses.shears and not any(c.friction for c in self._choices):
+            lines.append("friction: the channel 'shear' is not asked for")
+        if presses.level != "hyperelastic":
+            lines.append(f"finite-strain gel: the level {presses.level!r} is asked for")
+        elif not presses.fields:
+            lines.append("the gel's surface field: no channel asks for images")
+        if not presses.timed:
+            lines.append("viscosity: the specimen has no Prony series")
         return lines
 
     def notes(self) -> list[str]:
         """What a reader of the results must know."""
         presses = self.presses
+        if self._job.air or not presses.observed:
+            return []
         opened = presses.opened
         solved = sum(p.solver.solves for p in opened)
         found = sum(len(p.solver.knots) for p in opened if p.solver.found is not None)
@@ -176,7 +218,7 @@ class VirtualRig:
         if not presses.shears and any(c.friction for c in self._choices):
             lines.append("friction is solved, for it changes the force of these presses")
         # From the plan, for the presses that a resumed run kept are not solved again.
-        limit_mm = SMALL_STRAIN * self._thickness_mm * (1 + 1e-9)
+        limit_mm = SMALL_STRAIN * self._job.sensor.skin.thickness_mm * (1 + 1e-9)
         if presses.level in LINEAR and max(p.box_mm[2] for p in presses.paths) > limit_mm:
             lines.append("WARNING: pressed beyond 10 % of the thickness, past small strain")
         if presses.timed:
@@ -186,33 +228,23 @@ class VirtualRig:
             )
         return lines + _flag_notes(presses)
 
-    def _camera(
-        self,
-        config: RigConfig,
-        sensor: SensorDimensions,
-        recipe: PatternRecipe,
-        seed: int,
-        crop: LatticeCrop,
-    ) -> VirtualCamera:
+    def _camera(self, crop: LatticeCrop) -> VirtualCamera:
         from ..imaging import Printer, Sensor
         from ..patterns.raster import albedo
         from .devices import VirtualCamera
         from .picture import Picture, Texture
 
-        printer = Printer(**config.printer.model_dump())
-        rng = np.random.default_rng(np.random.SeedSequence([seed, 3]))
-        printed = printer.print_(albedo(recipe, printer.mm_per_dot), rng)
-        camera = config.camera
-        sensor_model = Sensor(
-            blur_px=camera.blur_px,
-            shading=camera.shading,
-            full_well_electrons=camera.full_well_electrons,
-            read_noise_electrons=camera.read_noise_electrons,
-        )
+        job, simulator = self._job, self._config.virtual
+        printer = Printer(**simulator.printer.model_dump())
+        rng = np.random.default_rng(np.random.SeedSequence([job.seed, 3]))
+        printed = printer.print_(albedo(job.recipe, printer.mm_per_dot), rng)
         picture = Picture(
-            pinhole(sensor), crop.lattice, Texture(printed, printer.mm_per_dot), sensor_model
+            Pinhole.of(job.sensor),
+            crop.lattice,
+            Texture(printed, printer.mm_per_dot),
+            Sensor(**simulator.camera.model_dump()),
         )
-        return VirtualCamera(picture, self.scene, self.clock, seed, crop.lattice, self._folder)
+        return VirtualCamera(picture, self.scene, self.clock, job.seed, crop.lattice, job.folder)
 
 
 def _bound(presses: Presses) -> str:
@@ -243,12 +275,3 @@ def _flag_notes(presses: Presses) -> list[str]:
         f"WARNING: {example[name]}; so or alike at knots of {', '.join(found)}"
         for name, found in sorted(where.items())
     ]
-
-
-def identity(rig: VirtualRig) -> dict[str, Any]:
-    """What the summary keeps of the devices."""
-    return {
-        "stage": rig.stage.identity(),
-        "camera": rig.camera.identity() if rig.camera else None,
-        "force": rig.force.identity() if rig.force else None,
-    }

@@ -13,7 +13,7 @@ from benchmarks import evidence, held, presses, store, tables
 from deltact_fab import digest
 from deltact_fab.errors import InputError
 from deltact_fab.protocols.plan import load
-from deltact_fab.rig.config import FiniteGelConfig
+from deltact_fab.rig.simulator import FiniteGelConfig
 
 MACHINE = {"machine": {"processor": "", "cores": 1}, "threads": 1, "load": None, "versions": {}}
 

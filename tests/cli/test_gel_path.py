@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from deltact_fab import bench, cache
+from deltact_fab import cache, experiment
 from deltact_fab.cli.gel_path import path as command
 from deltact_fab.gel.path.store import KIND
 
@@ -41,9 +41,9 @@ max_force_n = [60.0, 60.0, 60.0]
 [force]
 range_n = [25.0, 25.0, 35.0]
 range_nmm = [250.0, 250.0, 250.0]
-[gel]
+[virtual.gel]
 spacing_mm = 1.0
-[gel.hyperelastic]
+[virtual.gel.hyperelastic]
 cell_mm = 2.5
 press_increment_mm = 0.25
 """
@@ -79,7 +79,7 @@ def test_what_is_solved_ahead_is_found_again_and_by_run(tmp_path: Path) -> None:
     assert again.exit_code == 0
     assert again.stdout.count("store") == 2
     assert " 0 knots solved" in again.stdout
-    summary = bench.run(protocol, rig, tmp_path / "run")
+    summary = experiment.run(protocol, rig, tmp_path / "run")
     assert any(note.startswith("0 contact problems solved, 4 found") for note in summary["notes"])
 
 
@@ -107,8 +107,8 @@ def test_an_override_says_what_run_would_need(tmp_path: Path) -> None:
     protocol, rig = files(tmp_path, positions="[[0, 0]]")
     told = ask(protocol, rig, "--jobs", "1", "--spacing", "1.5")
     assert told.exit_code == 0, told.output
-    assert "[gel] spacing_mm = 1.5" in told.stderr
-    assert "[gel]" not in ask(protocol, rig, "--spacing", "1.0").stderr
+    assert "[virtual.gel] spacing_mm = 1.5" in told.stderr
+    assert "[virtual.gel]" not in ask(protocol, rig, "--spacing", "1.0").stderr
     refused = CliRunner().invoke(command, [protocol, "--rig", rig, "--tolerance", "0.1"])
     assert refused.exit_code != 0
 

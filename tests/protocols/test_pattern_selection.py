@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from deltact_fab import bench
+from deltact_fab import experiment
 from deltact_fab.cad.design import load_design
 from deltact_fab.cli.protocol import protocol as command
 from deltact_fab.errors import InputError
@@ -61,7 +61,7 @@ def test_the_frames_of_a_leg_lie_evenly_along_its_axis(steps: list[Step]) -> Non
 
 
 def test_every_check_passes_on_the_virtual_rig() -> None:
-    rows = bench.checks(NAME, "virtual")
+    rows = experiment.checks(NAME, "virtual")
     assert [r.line() for r in rows if not r.ok] == []
     reach = {r.what: r.figure for r in rows if r.name.startswith("footprint")}
     assert reach == pytest.approx({"reach in x (mm)": 17.5, "reach in y (mm)": 16.5})
@@ -98,7 +98,7 @@ def test_a_linear_run_is_refused_before_anything_moves(level: str, tmp_path: Pat
     with pytest.raises(
         InputError, match=rf"10 mm is over 3 mm.*level '{level}'.*needs the level 'hyperelastic'"
     ) as e:
-        bench.run(str(protocol), "virtual", out)
+        experiment.run(str(protocol), "virtual", out)
     assert "\n" not in str(e.value)
     assert "linear.toml" in str(e.value)
     assert not out.exists()

@@ -26,7 +26,7 @@ class Hand:
 
 def bench(noise_n: float = 0.0) -> tuple[NetFTSensor, NetFTBox, Hand, VirtualClock]:
     hand, clock = Hand(), VirtualClock()
-    box = NetFTBox(ForceConfig(noise_n=noise_n), clock, 1, hand)
+    box = NetFTBox(ForceConfig(), clock, 1, hand, noise_n)
     return NetFTSensor(box, clock), box, hand, clock
 
 
@@ -84,3 +84,16 @@ def test_a_stale_or_short_record_is_an_error() -> None:
     box.receive = lambda timeout_s: b"\0" * 20  # type: ignore[method-assign]
     with pytest.raises(SensorError, match="20 bytes"):
         sensor.read()
+
+
+def test_the_largest_sensor_and_the_most_noise_fit_into_a_record() -> None:
+    hand = Hand()
+    most = ForceConfig(range_n=(1e5, 1e5, 1e5), range_nmm=(1e7, 1e7, 1e7))
+    sensor = NetFTSensor(NetFTBox(most, VirtualClock(), 1, hand, 100.0), VirtualClock())
+    hand.wrench = ((-2e5, 0.0, 0.0), (0.0, 0.0, 0.0))  # on the bias as well
+    sensor.begin("press")
+    hand.wrench = ((2e5, 0.0, -9e4), (0.0, 3e7, -8e6))
+    reading = sensor.read()
+    assert reading.saturated
+    assert reading.force_n[2] == pytest.approx(-9e4, abs=1e3)
+    assert reading.torque_nmm[2] == pytest.approx(-8e6, abs=1e4)

@@ -17,7 +17,7 @@ from deltact_fab.gel.path.knots import Increments, divide
 from deltact_fab.gel.path.solver import PathSolver
 from deltact_fab.gel.path.store import KIND, load
 from deltact_fab.protocols.plan import Protocol
-from deltact_fab.rig.config import FiniteGelConfig, GelConfig
+from deltact_fab.rig.simulator import FiniteGelConfig, GelConfig
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.virtual.ahead import solve_ahead
 from deltact_fab.virtual.paths import paths, poses

@@ -82,10 +82,10 @@ def _draw(motion: str) -> Frames:
     from ...gel.linear.layer import BondedLayer
     from ...gel.material import GelMaterial
     from ...imaging import Printer, Sensor
+    from ...optics import Pinhole
     from ...patterns.raster import albedo
     from ...patterns.recipe import load_recipe
     from ...virtual.picture import Picture, Texture
-    from ...virtual.rig import pinhole
     from ...virtual.scene import LatticeCrop
 
     cv2.setNumThreads(1)
@@ -105,7 +105,7 @@ def _draw(motion: str) -> Frames:
     rng = np.random.default_rng(SEED)
     printer = Printer()
     printed = printer.print_(albedo(load_recipe("dense-with-dots"), printer.mm_per_dot), rng)
-    camera = pinhole(sensor)
+    camera = Pinhole.of(sensor)
     picture = Picture(camera, crop.lattice, Texture(printed, printer.mm_per_dot), Sensor())
     inner = slice(MARGIN_PX, -MARGIN_PX)
     truth = np.ascontiguousarray(picture.forward_px(on_lattice)[inner, inner])

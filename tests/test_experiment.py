@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deltact_fab import bench, record
+from deltact_fab import experiment, record
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.protocols import plan
 from deltact_fab.record import WALL_COLUMNS
@@ -66,7 +66,7 @@ def test_the_record_says_it_is_simulated_with_its_seed(mini_run: Path) -> None:
 def test_two_runs_are_the_same_but_for_wall_time(
     mini: tuple[Path, Path], mini_run: Path, tmp_path: Path
 ) -> None:
-    bench.run(str(mini[0]), str(mini[1]), tmp_path / "again", seed=3)
+    experiment.run(str(mini[0]), str(mini[1]), tmp_path / "again", seed=3)
     for table in ("frames", "steps"):
         rows = []
         for folder in (mini_run, tmp_path / "again"):
@@ -84,7 +84,7 @@ def test_another_seed_gives_other_images(mini: tuple[Path, Path], tmp_path: Path
     short.write_text(text.replace("amplitude_mm = 1.5", "amplitude_mm = 0.25"))
     hashes = []
     for seed in (1, 2):
-        bench.run(str(short), str(mini[1]), tmp_path / f"s{seed}", seed=seed)
+        experiment.run(str(short), str(mini[1]), tmp_path / f"s{seed}", seed=seed)
         hashes.append(list(record.open(tmp_path / f"s{seed}").frames()["sha256"]))
     assert not set(hashes[0]) & set(hashes[1])
 
@@ -97,7 +97,7 @@ def test_ctrl_c_stops_lifts_the_tip_and_keeps_the_frames(
             raise KeyboardInterrupt
 
     with pytest.raises(RunFailed, match=r"shear-x\+; the tip was lifted"):
-        bench.run(str(mini[0]), str(mini[1]), tmp_path / "r", progress=press_ctrl_c)
+        experiment.run(str(mini[0]), str(mini[1]), tmp_path / "r", progress=press_ctrl_c)
     frames = record.open(tmp_path / "r").frames()
     assert list(frames["kind"])[-1] == "shear"
     assert record.open(tmp_path / "r").summary() == {}
@@ -110,7 +110,7 @@ def test_sigterm_does_the_same(mini: tuple[Path, Path], tmp_path: Path) -> None:
 
     before = signal.getsignal(signal.SIGTERM)
     with pytest.raises(RunFailed, match="the tip was lifted"):
-        bench.run(str(mini[0]), str(mini[1]), tmp_path / "r", progress=kill)
+        experiment.run(str(mini[0]), str(mini[1]), tmp_path / "r", progress=kill)
     assert signal.getsignal(signal.SIGTERM) is before
 
 
@@ -120,7 +120,7 @@ def test_an_overloaded_force_sensor_stops_and_lifts(
     weak = tmp_path / "weak.toml"
     weak.write_text(mini[1].read_text().replace("[25.0, 25.0, 35.0]", "[25.0, 25.0, 0.5]"))
     with pytest.raises(RunFailed, match=r"saturated .*the tip was lifted"):
-        bench.run(str(mini[0]), str(weak), tmp_path / "r")
+        experiment.run(str(mini[0]), str(weak), tmp_path / "r")
 
 
 def test_a_force_only_scene_has_no_images_and_no_truth(
@@ -129,7 +129,7 @@ def test_a_force_only_scene_has_no_images_and_no_truth(
     text = mini[0].read_text().replace('["image", "dots", "force", "shear"]', '["force", "shear"]')
     quiet = tmp_path / "quiet.toml"
     quiet.write_text(text)
-    summary = bench.run(str(quiet), str(mini[1]), tmp_path / "r", seed=3)
+    summary = experiment.run(str(quiet), str(mini[1]), tmp_path / "r", seed=3)
     frames = record.open(tmp_path / "r").frames()
     assert frames["file"].isna().all()
     assert frames["fz_n"].min() < -1.0
@@ -142,15 +142,59 @@ def test_without_shear_no_friction_is_solved(mini: tuple[Path, Path], tmp_path: 
     text = text.replace('[shear]\namplitude_mm = 1.5\naxes = ["x"]\n', "")
     plain = tmp_path / "plain.toml"
     plain.write_text(text)
-    summary = bench.run(str(plain), str(mini[1]), tmp_path / "r", seed=3)
+    summary = experiment.run(str(plain), str(mini[1]), tmp_path / "r", seed=3)
     assert any("friction" in line for line in summary["left_out"])
+
+
+def test_in_air_the_virtual_rig_touches_nothing_and_says_so(
+    mini: tuple[Path, Path], tmp_path: Path
+) -> None:
+    def press_ctrl_c(done: int, total: int, what: str) -> None:
+        if done > 3:
+            raise KeyboardInterrupt
+
+    protocol = tmp_path / "force.toml"
+    protocol.write_text(mini[0].read_text().replace('"image", "dots", ', ""))
+    out, words = tmp_path / "r", (str(protocol), str(mini[1]))
+    with pytest.raises(RunFailed):
+        experiment.run(*words, out, seed=3, progress=press_ctrl_c, air=True)
+    with pytest.raises(InputError, match="air: true in the folder, false now"):
+        experiment.run(*words, out, seed=3, resume=True)
+    summary = experiment.run(*words, out, seed=3, resume=True, air=True)
+    run = record.open(out)
+    declared = plan.load(str(protocol))[0]
+    steps = plan.expand(declared, air=True)
+    assert [s.id for s in steps] == [s.id for s in plan.expand(declared)]
+    assert min(s.target_mm[2] for s in steps) == declared.motion.clearance_mm
+    frames = run.frames()
+    assert len(frames) == sum(s.frames for s in steps)
+    assert frames["z_mm"].min() >= declared.motion.clearance_mm - 2e-3
+    assert frames[["fx_n", "fy_n", "fz_n"]].abs().to_numpy().max() < 0.1  # noise alone
+    assert summary["air"] is run.meta["air"] is True
+    assert summary["notes"][0].startswith("an air run: ")
+    assert not any("WARNING" in note or "solved" in note.split(";")[0] for note in summary["notes"])
+
+
+def test_without_any_channel_poses_are_recorded_and_no_gel_is_solved(
+    mini: tuple[Path, Path], tmp_path: Path
+) -> None:
+    text = mini[0].read_text().replace('["image", "dots", "force", "shear"]', "[]")
+    bare = tmp_path / "bare.toml"
+    bare.write_text(text.replace('[shear]\namplitude_mm = 1.5\naxes = ["x"]\n', ""))
+    summary = experiment.run(str(bare), str(mini[1]), tmp_path / "r")
+    assert any(line.startswith("gel: ") for line in summary["left_out"])
+    assert not any("solved" in note for note in summary["notes"])
+    frames = record.open(tmp_path / "r").frames()
+    assert len(frames) == summary["frames"] > 0
+    assert frames[["file", "fz_n"]].isna().all(axis=None)
+    assert frames["z_mm"].min() == pytest.approx(-1.0, abs=2e-3)
 
 
 def test_nothing_is_made_when_a_check_fails(mini: tuple[Path, Path], tmp_path: Path) -> None:
     bad = tmp_path / "bad.toml"
     bad.write_text(mini[0].read_text().replace("[[0.5, -0.5]]", "[[15.0, 0.0]]"))
     with pytest.raises(InputError, match="footprint"):
-        bench.run(str(bad), str(mini[1]), tmp_path / "r")
+        experiment.run(str(bad), str(mini[1]), tmp_path / "r")
     assert not (tmp_path / "r").exists()
 
 
@@ -160,10 +204,10 @@ def test_a_press_that_no_mesh_serves_is_told_by_the_check_and_before_a_run(
     bad = tmp_path / "bad.toml"
     text = mini[0].read_text() + '[specimen]\ngel_model = "hyperelastic"\n'
     bad.write_text(text.replace("sphere:10", "sphere:0.5"))
-    row = next(r for r in bench.checks(str(bad), str(mini[1])) if r.name == "simulated gel")
+    row = next(r for r in experiment.checks(str(bad), str(mini[1])) if r.name == "simulated gel")
     assert not row.ok
     assert "sphere-0p5/p1" in row.where
     assert "hides between cells" in row.where
     with pytest.raises(InputError, match="hides between cells"):
-        bench.run(str(bad), str(mini[1]), tmp_path / "r")
+        experiment.run(str(bad), str(mini[1]), tmp_path / "r")
     assert not (tmp_path / "r").exists()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 import time
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -20,37 +21,55 @@ from .record import RunWriter
 from .record import open as open_run
 from .rig import config as rig_config
 from .rig.config import RigConfig
+from .rig.interface import Job, RigKind
 from .rig.runner import Runner
 from .shapes import SensorDimensions
 
 Progress = Callable[[int, int, str], None]
 
 
-def checks(protocol_name: str, rig_name: str) -> list[limits.Check]:
+def kind_of(rig: RigConfig) -> RigKind:
+    """What a kind of rig says and builds. Only the one that is asked for is imported."""
+    if rig.kind == "grbl":
+        from .rig.grbl_rig import GrblKind
+
+        return GrblKind(rig)
+    from .virtual.rig import VirtualKind
+
+    return VirtualKind(rig)
+
+
+def checks(protocol_name: str, rig_name: str, air: bool = False) -> list[limits.Check]:
     """Static checks of a protocol on a rig; of forces those that take seconds to predict."""
     protocol, source = plan.load(protocol_name)
     rig, path = rig_config.load(rig_name)
     sensor = load_design(protocol.specimen.design)
-    rows = limits.check(protocol, sensor, rig.stage.box)
-    if rig.kind == "virtual":
-        rows.append(_answered(protocol, sensor, rig, str(source)))
+    kind = kind_of(rig)
+    rows = limits.check(protocol, sensor, rig.stage.box, plan.expand(protocol, air))
+    refused = kind.refusals(protocol, sensor, str(source))
+    rows += [_check(kind.part, "refusals", refused)]
+    if not rig.simulated:
+        rows += [_check("contact", "refusals", _in_air_only(rig, air))]
     # What leaves the gel or the stage is said already, and has no force.
-    if all(row.ok for row in rows):
+    if all(row.ok for row in rows) and not air:
         declared = preflight.limits_of(rig, str(path), protocol)
         peaks = preflight.predict(protocol, sensor, declared.origin_mm, solve=False)
         rows += [] if peaks is None else preflight.checks(peaks, declared)
     return rows
 
 
-def _answered(
-    protocol: Protocol, sensor: SensorDimensions, rig: RigConfig, source: str
-) -> limits.Check:
-    """Whether the simulated gel has a level and a mesh for every press."""
-    from .virtual.answerable import unanswered
+def _check(name: str, what: str, reasons: list[str]) -> limits.Check:
+    return limits.Check(name, not reasons, what, len(reasons), 0, "; ".join(reasons))
 
-    why = unanswered(protocol, sensor, rig.gel, source)
-    what = "refusals for lack of a level or a mesh"
-    return limits.Check("simulated gel", not why, what, len(why), 0, "; ".join(why))
+
+def _in_air_only(rig: RigConfig, air: bool) -> list[str]:
+    """Why a run may not begin: no declared limit makes a press on a real rig safe by itself."""
+    if rig.simulated or air:
+        return []
+    return [
+        f"a {rig.kind!r} rig has neither touch-off nor force guard yet and moves in air only: give "
+        "--air, and nothing goes below the clearance plane"
+    ]
 
 
 def show(protocol_name: str, rig_name: str) -> tuple[list[Step], limits.Estimate]:
@@ -85,28 +104,29 @@ def run(
     seed: int = 0,
     progress: Progress | None = None,
     resume: bool = False,
+    air: bool = False,
 ) -> dict[str, Any]:
     """Check everything, run every step, return the summary.
 
     resume: continue the unfinished run in `out`, or start it when there is none; a finished one is
     left as it is, and its summary comes with "already_finished" true. The summary's times, notes
-    and devices are those of the last session. Raises InputError or RunFailed.
+    and devices are those of the last session. air: nothing goes below the clearance plane, and no
+    force is predicted. Raises InputError or RunFailed.
     """
     started = time.monotonic()
     protocol, source = plan.load(protocol_name)
     rig, rig_path = rig_config.load(rig_name)
+    if refused := _in_air_only(rig, air):
+        raise InputError(f"{rig_path}: {refused[0]}")
     sensor = load_design(protocol.specimen.design)
-    recipe = load_recipe(protocol.specimen.pattern)
-    steps = plan.expand(protocol)
+    steps = plan.expand(protocol, air)
     limits.require(limits.check(protocol, sensor, rig.stage.box, steps), str(source))
-
-    from .virtual.answerable import require_answers
-    from .virtual.rig import VirtualRig, identity
-
-    require_answers(protocol, sensor, rig.gel, str(source))
+    kind = kind_of(rig)
+    _require_none(kind.refusals(protocol, sensor, str(source)))
+    job = Job(protocol, sensor, load_recipe(protocol.specimen.pattern), seed, out, air)
     text = source.read_bytes()
-    meta = _meta(protocol, rig, rig_name, sensor, seed, out.name)
-    pattern = _pattern(recipe)
+    meta = _meta(job, rig, rig_name, kind)
+    pattern = _pattern(job.recipe)
     resuming = out.exists() and resume
     if resuming:
         found = open_run(out)
@@ -115,36 +135,54 @@ def run(
             return {**found.summary(), "already_finished": True}
     else:
         _require_new(out, text)
-    warnings = _force_warnings(protocol, rig, str(rig_path), sensor, progress)
+    warnings = [] if air else _force_warnings(protocol, rig, str(rig_path), sensor, progress)
     if resuming:
         writer = RunWriter.resume(out, steps, progress)
     else:
         writer = RunWriter.create(out, meta, text, pattern, steps)
     try:
-        bench = VirtualRig(rig, protocol, sensor, recipe, seed, out)
-        taken = Runner(bench.devices(), writer, progress).run(steps)
-        frames = sum(step.frames for step in steps)
-        summary = {
-            "protocol": protocol.name,
-            "rig": rig_name,
-            "simulated": rig.kind == "virtual",
-            "seed": seed,
-            "steps": len(steps),
-            "frames": frames,
-            "sessions": writer.session,
-            "kept_frames": frames - taken,
-            "redone": writer.redone,
-            "rig_seconds": bench.clock.now_s(),
-            "wall_seconds": time.monotonic() - started,
-            "left_out": bench.left_out(),
-            "notes": [*bench.notes(), *warnings, *_resumed(writer.session, frames - taken)],
-            "devices": identity(bench),
-        }
+        with closing(kind.build(job)) as bench:
+            devices = bench.devices()
+            start_s = devices.clock.now_s()
+            taken = Runner(devices, writer, progress).run(steps)
+            frames = sum(step.frames for step in steps)
+            summary = {
+                "protocol": protocol.name,
+                "rig": rig_name,
+                "simulated": rig.simulated,
+                "air": air,
+                "seed": seed,
+                "steps": len(steps),
+                "frames": frames,
+                "sessions": writer.session,
+                "kept_frames": frames - taken,
+                "redone": writer.redone,
+                "rig_seconds": devices.clock.now_s() - start_s,
+                "wall_seconds": time.monotonic() - started,
+                "left_out": bench.left_out(),
+                "notes": [
+                    *_air_note(air), *bench.notes(), *warnings,
+                    *_resumed(writer.session, frames - taken),
+                ],
+                "devices": bench.identity(),
+            }  # fmt: skip
         writer.close(summary)
     except BaseException:
         writer.abandon()
         raise
     return {**summary, "already_finished": False}
+
+
+def _require_none(reasons: list[str]) -> None:
+    if reasons:
+        more = f"; and {len(reasons) - 1} more" if len(reasons) > 1 else ""
+        raise InputError(reasons[0] + more)
+
+
+def _air_note(air: bool) -> list[str]:
+    if not air:
+        return []
+    return ["an air run: the clearance plane stood for every height below it; nothing was touched"]
 
 
 def _force_warnings(
@@ -185,27 +223,20 @@ def _resumed(sessions: int, kept_frames: int) -> list[str]:
     ]
 
 
-def _meta(
-    protocol: Protocol,
-    rig: RigConfig,
-    rig_name: str,
-    sensor: SensorDimensions,
-    seed: int,
-    name: str,
-) -> dict[str, Any]:
-    from .virtual.rig import pinhole
-
-    dumped = protocol.model_dump(mode="json")
+def _meta(job: Job, rig: RigConfig, rig_name: str, kind: RigKind) -> dict[str, Any]:
+    dumped = job.protocol.model_dump(mode="json")
     dumped["channels"] = sorted(dumped["channels"])
+    camera = kind.camera(job.sensor)
     return {
-        "name": name,
+        "name": job.folder.name,
         "protocol": dumped,
         "rig_name": rig_name,
         "rig": rig.model_dump(mode="json"),
-        "sensor": asdict(sensor),
-        "camera": pinhole(sensor).as_dict(),
-        "simulated": rig.kind == "virtual",
-        "seed": seed,
+        "sensor": asdict(job.sensor),
+        "camera": camera.as_dict() if camera is not None else None,
+        "simulated": rig.simulated,
+        "air": job.air,
+        "seed": job.seed,
         "versions": versions(),
     }
 

@@ -1,0 +1,69 @@
+"""The tables under `[virtual]` of a rig file: faults and resolution of what is simulated."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class CameraConfig(_Strict):
+    """The simulated camera's sensor and lens faults."""
+
+    blur_px: float = Field(default=0.6, ge=0.01, le=50)
+    shading: float = Field(default=0.35, ge=0, lt=1)
+    full_well_electrons: float = Field(default=8000.0, ge=1, le=10_000_000)
+    read_noise_electrons: float = Field(default=6.0, ge=0, le=100_000)
+
+
+class PrinterConfig(_Strict):
+    """The printer that made the sticker."""
+
+    dpi: int = Field(default=1200, ge=72, le=9600)
+    levels: int = Field(default=4, ge=2, le=256)
+    misregistration_um: float = Field(default=15.0, ge=0, le=1000)
+    spread_um: float = Field(default=20.0, ge=0, le=500)
+
+
+class NoiseConfig(_Strict):
+    """What the simulated force box adds to a reading."""
+
+    noise_n: float = Field(default=0.01, ge=0, le=100)
+
+
+class FiniteGelConfig(_Strict):
+    """Resolution of the simulated gel at the level 'hyperelastic'."""
+
+    cell_mm: float | None = Field(default=None, ge=0.1, le=12.0)
+    """Cells below the indenter; None: chosen from its shape and the tolerance."""
+    tolerance: float = Field(default=0.03, ge=0.001, le=0.5)
+    """Of force, for that choice."""
+    most_unknowns: int = Field(default=8_000, ge=500, le=1_000_000)
+    """Of a mesh chosen so: thousands of knots are solved on it. Larger cells are flagged."""
+    lattice_mm: float = Field(default=0.5, ge=0.05, le=2.0)
+    """Lattice on which displacements are kept."""
+    press_increment_mm: float = Field(default=0.5, ge=0.001, le=5.0)
+    shear_increment_mm: float = Field(default=1.0, ge=0.001, le=5.0)
+
+
+class GelConfig(_Strict):
+    """Resolution of the simulated gel: at the linear levels, and apart from them at finite strain.
+
+    One solve per increment of motion; between them displacements and forces are interpolated.
+    """
+
+    spacing_mm: float = Field(default=0.25, ge=0.05, le=2.0)
+    press_increment_mm: float = Field(default=0.1, ge=0.001, le=1.0)
+    shear_increment_mm: float = Field(default=0.25, ge=0.001, le=2.0)
+    hyperelastic: FiniteGelConfig = FiniteGelConfig()
+
+
+class SimulatorConfig(_Strict):
+    """All that only a virtual rig has."""
+
+    camera: CameraConfig = CameraConfig()
+    printer: PrinterConfig = PrinterConfig()
+    force: NoiseConfig = NoiseConfig()
+    gel: GelConfig = GelConfig()

@@ -1,0 +1,155 @@
+"""Rig files: of which kind, what they may hold, where old keys went; nothing is opened for it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import serial
+from click.testing import CliRunner
+from powered import powered, rig_file
+from pydantic import TypeAdapter
+
+from deltact_fab.cli.gel_path import path as gel_path
+from deltact_fab.cli.rig import rig as command
+from deltact_fab.errors import InputError
+from deltact_fab.rig import config
+
+STAGE = """
+[stage]
+origin_machine_mm = [-60.0, -60.0, -40.0]
+travel_mm = [120.0, 120.0, 60.0]
+max_feed_mm_min = [1500.0, 1500.0, 1200.0]
+acceleration_mm_s2 = [50.0, 50.0, 50.0]
+"""
+OLD = """
+[camera]
+blur_px = 0.5
+[printer]
+dpi = 600
+[force]
+range_n = [25.0, 25.0, 35.0]
+noise_n = 0.02
+[gel]
+spacing_mm = 0.5
+[gel.hyperelastic]
+tolerance = 0.1
+"""
+
+
+def loaded(folder: Path, text: str) -> config.RigConfig:
+    path = folder / "rig.toml"
+    path.write_text(text)
+    return config.load(str(path))[0]
+
+
+def test_each_kind_has_its_own_tables(tmp_path: Path) -> None:
+    virtual = loaded(tmp_path, f'kind = "virtual"\n{STAGE}[virtual.gel]\nspacing_mm = 0.5\n')
+    assert virtual.kind == "virtual"
+    assert virtual.simulated
+    assert virtual.virtual.gel.spacing_mm == 0.5
+    grbl = loaded(tmp_path, f'kind = "grbl"\n{STAGE}port = "/dev/ttyACM0"\nbaud = 250000\n')
+    assert not grbl.simulated
+    assert (grbl.stage.port, grbl.stage.baud, grbl.force) == ("/dev/ttyACM0", 250000, None)
+    assert grbl.stage.box == virtual.stage.box
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (STAGE, r"kind: missing key; valid: grbl, virtual"),
+        ('kind = "gbrl"' + STAGE, r"kind: unknown kind 'gbrl'; did you mean 'grbl'\?"),
+        ("kind = 3" + STAGE, r"kind: unknown kind 3; valid: grbl, virtual"),
+        ('kind = "grbl"' + STAGE, r"rig\.toml: stage\.port: missing key; .* as port = "),
+        ('kind = "grbl"' + STAGE + 'port = ""', r"stage\.port: "),
+        ('kind = "grbl"' + STAGE + 'port = "p"\n[virtual.gel]', r"virtual: unknown key"),
+        ('kind = "virtual"' + STAGE + "prot = 1", r"stage\.prot: unknown key; .*'port'"),
+        ('kind = "virtual"' + STAGE + "[virtual.gle]", r"virtual\.gle: unknown key; .*'gel'"),
+    ],
+)
+def test_a_bad_file_is_one_line(text: str, says: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=says) as why:
+        loaded(tmp_path, text)
+    assert "\n" not in str(why.value)
+
+
+@pytest.mark.parametrize("kind", ["virtual", "grbl"])
+def test_an_old_file_is_told_where_each_key_went(kind: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError) as why:
+        loaded(tmp_path, f'kind = "{kind}"\n{STAGE}{OLD}')
+    line = str(why.value)
+    for new in ("camera", "printer", "gel", "gel.hyperelastic"):
+        assert f"[{new}] is now [virtual.{new}]" in line
+    assert "noise_n of [force] is now noise_n of [virtual.force]" in line
+    assert "\n" not in line
+    assert ("a 'grbl' rig has none of them" in line) == (kind == "grbl")
+
+
+def test_an_old_file_with_its_keys_moved_is_read(tmp_path: Path) -> None:
+    moved = OLD.replace("noise_n = 0.02\n", "").replace("[camera]", "[virtual.camera]")
+    moved = moved.replace("[printer]", "[virtual.printer]").replace("[gel", "[virtual.gel")
+    rig = loaded(tmp_path, f'kind = "virtual"\n{STAGE}{moved}[virtual.force]\nnoise_n = 0.02\n')
+    assert rig.kind == "virtual"
+    assert rig.virtual.force.noise_n == 0.02
+    assert rig.virtual.gel.hyperelastic.tolerance == 0.1
+
+
+def numbers(schema: Any, at: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
+    """Every number of a JSON schema and where it stands."""
+    if isinstance(schema, dict):
+        if schema.get("type") in ("number", "integer"):
+            yield at, schema
+        for key, value in schema.items():
+            yield from numbers(value, f"{at}/{key}")
+    elif isinstance(schema, list):
+        for i, value in enumerate(schema):
+            yield from numbers(value, f"{at}/{i}")
+
+
+def test_every_number_has_a_limit_on_both_sides() -> None:
+    found = dict(numbers(TypeAdapter(config.RigConfig).json_schema()))
+    assert len(found) > 25
+    for at, schema in found.items():
+        assert {"maximum", "exclusiveMaximum"} & set(schema), at
+        assert {"minimum", "exclusiveMinimum"} & set(schema), at
+
+
+@pytest.mark.parametrize("value", ["1e300", "-1e300", "inf", "nan", "0.0"])
+@pytest.mark.parametrize("key", ["travel_mm", "max_feed_mm_min", "acceleration_mm_s2"])
+def test_what_no_stage_has_is_refused(key: str, value: str, tmp_path: Path) -> None:
+    lines = [f"{key} = [{value}, 1.0, 1.0]" if key in line else line for line in STAGE.split("\n")]
+    with pytest.raises(InputError, match=rf"stage\.{key}\.0: "):
+        loaded(tmp_path, 'kind = "virtual"' + "\n".join(lines))
+
+
+def test_show_prints_both_kinds_and_opens_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def opened(*args: Any, **options: Any) -> None:
+        raise AssertionError("a port was opened")
+
+    monkeypatch.setattr(serial, "serial_for_url", opened)
+    monkeypatch.setattr(serial.Serial, "open", opened)
+    with powered() as board:
+        path = str(rig_file(tmp_path, board.port))
+        shown = CliRunner().invoke(command, ["show", path])
+        data = json.loads(CliRunner().invoke(command, ["show", path, "--json"]).stdout)
+    assert board.saw["links"] == []
+    assert f"  stage.port = {board.port}\n" in shown.stdout
+    assert "virtual" not in shown.stdout
+    assert (data["kind"], data["stage"]["port"]) == ("grbl", board.port)
+    shipped = CliRunner().invoke(command, ["list"]).stdout.split()
+    assert {"virtual", "grbl-bench"} <= set(shipped)
+    for name in shipped:
+        assert CliRunner().invoke(command, ["show", name]).exit_code == 0
+    simulated = CliRunner().invoke(command, ["show", "virtual"]).stdout
+    assert "  virtual.gel.hyperelastic.tolerance = 0.03\n" in simulated
+
+
+def test_gel_path_needs_a_rig_with_a_gel() -> None:
+    told = CliRunner().invoke(gel_path, ["smoke", "--rig", "grbl-bench"])
+    assert isinstance(told.exception, InputError)
+    assert str(told.exception).endswith("kind: 'grbl' has no gel; name a virtual rig")

@@ -1,0 +1,136 @@
+"""A rig of kind `grbl` over a real terminal device, at the wall clock, in air."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from powered import Board, powered, rig_file
+
+from deltact_fab import experiment, record
+from deltact_fab.errors import InputError, RunFailed
+from deltact_fab.protocols import plan
+
+PROTOCOL = """
+name = "poses"
+indenters = ["sphere:10", "4dots"]
+positions_mm = [[0.0, 0.0], [2.0, -1.0]]
+depths_mm = [1.0, 2.0]
+channels = {channels}
+[capture]
+mode = "step"
+settle_s = 0.02
+[motion]
+clearance_mm = 4.0
+park_mm = 8.0
+travel_feed_mm_min = 6000.0
+press_feed_mm_min = 3000.0
+"""
+FLOOR_MM = -40.0 + 4.0  # of the carriage: the clearance plane in machine coordinates
+RUN = """
+import sys
+from deltact_fab.cli.main import entry
+sys.argv = ["deltact-fab", *sys.argv[1:]]
+try:
+    entry()
+finally:
+    print("loaded:", *(m for m in sys.modules if m.startswith("deltact_fab.virtual")),
+          file=sys.stderr)
+"""
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")
+
+
+def files(folder: Path, board: Board, channels: str = "[]") -> tuple[str, str]:
+    """Paths of a short protocol and of the board's rig file."""
+    protocol = folder / "poses.toml"
+    protocol.write_text(PROTOCOL.format(channels=channels))
+    return str(protocol), str(rig_file(folder, board.port))
+
+
+def test_a_protocol_runs_from_end_to_end_in_air_without_the_simulator(tmp_path: Path) -> None:
+    with powered() as board:
+        protocol, rig = files(tmp_path, board)
+        words = ["run", protocol, "--rig", rig, "--air", "--out", "r", "--json"]
+        done = subprocess.run(
+            [sys.executable, "-c", RUN, *words],
+            capture_output=True, text=True, cwd=tmp_path, timeout=120, check=False,
+        )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.splitlines()[-1] == "loaded:"
+    summary = json.loads(done.stdout)
+    assert (summary["simulated"], summary["air"]) == (False, True)
+    assert summary["devices"]["stage"]["port"] == board.port
+    assert summary["devices"]["stage"]["banner"].startswith("Grbl 1.1")
+    assert board.saw["links"] == ["opened", "closed"]
+    assert board.saw["lowest_mm"] == FLOOR_MM
+
+    run = record.open(tmp_path / "r")
+    steps = plan.expand(plan.load(protocol)[0], air=True)
+    assert run.finished
+    assert run.meta["air"] is True
+    assert not run.simulated
+    assert list(run.steps()["step_id"]) == [s.id for s in steps]
+    assert board.saw["jogs"] == len(steps)
+    frames = run.frames()
+    assert len(frames) == sum(s.frames for s in steps) == summary["frames"]
+    at = {s.id: s.target_mm for s in steps}
+    for row in frames.itertuples():
+        assert (row.x_mm, row.y_mm, row.z_mm) == pytest.approx(at[str(row.step_id)], abs=2e-3)
+    assert frames["t_s"].is_monotonic_increasing
+    planned_s = run.steps()["planned_s"].sum()
+    assert 1 < planned_s < summary["rig_seconds"] <= summary["wall_seconds"]
+    with pytest.raises(InputError, match="without a camera"):
+        _ = run.camera
+
+
+def test_without_air_or_with_a_device_that_is_not_there_nothing_is_opened(tmp_path: Path) -> None:
+    with powered() as board:
+        protocol, rig = files(tmp_path, board)
+        declared = Path(rig).read_text() + "max_force_n = [60.0, 60.0, 60.0]\n"
+        declared += "[force]\nrange_n = [50.0, 50.0, 70.0]\nrange_nmm = [500.0, 500.0, 500.0]\n"
+        for text in (Path(rig).read_text(), declared):
+            Path(rig).write_text(text)
+            with pytest.raises(InputError, match=r"bench\.toml: .* moves in air only: give --air"):
+                experiment.run(protocol, rig, tmp_path / "r")
+        protocol, rig = files(tmp_path, board, '["image", "force"]')
+        with pytest.raises(InputError, match=r"force, image asked for, .* has only shear"):
+            experiment.run(protocol, rig, tmp_path / "r", air=True)
+    assert board.saw["links"] == []
+    assert not (tmp_path / "r").exists()
+
+
+def test_the_port_is_closed_after_an_operator_s_stop_too(tmp_path: Path) -> None:
+    def press_ctrl_c(done: int, total: int, what: str) -> None:
+        if what.endswith("/press"):
+            raise KeyboardInterrupt
+
+    with powered() as board:
+        protocol, rig = files(tmp_path, board)
+        with pytest.raises(RunFailed, match="stopped by the operator"):
+            experiment.run(protocol, rig, tmp_path / "r", progress=press_ctrl_c, air=True)
+        board.off()  # while this process, which had the port, lives on
+    assert board.saw["links"] == ["opened", "closed"]
+
+
+def test_a_run_that_a_reboot_broke_off_goes_on_at_another_port(tmp_path: Path) -> None:
+    """Six jogs a press and one to change: the tenth is in the second press."""
+    with powered(reboot_at_jog=10) as board:
+        protocol, rig = files(tmp_path, board)
+        with pytest.raises(RunFailed, match="restarted"):
+            experiment.run(protocol, rig, tmp_path / "r", air=True)
+        board.off()
+    assert board.saw["links"] == ["opened", "closed"]
+    with powered() as again:
+        rig = str(rig_file(tmp_path, again.port))
+        summary = experiment.run(protocol, rig, tmp_path / "r", resume=True, air=True)
+    run = record.open(tmp_path / "r")
+    steps = plan.expand(plan.load(protocol)[0], air=True)
+    assert run.finished
+    assert summary["kept_frames"] > 0
+    assert set(run.steps()["step_id"]) == {s.id for s in steps}
+    assert len(run.frames()) == summary["frames"]
