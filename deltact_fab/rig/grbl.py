@@ -40,6 +40,7 @@ REOPEN_S = 1.0  # a cable that was only loose is back by then
 SLICE_S = 0.05  # one read; a longer wait is several
 BANNER_S = 2.5  # an Arduino's boot loader takes up to 2 s
 ANSWER_S = 1.0
+JOG_ANSWER_S = 0.5  # it comes within .1 s, and without it the carriage may be on its way
 STATUS_S = 0.5  # a `?` is answered within milliseconds
 LISTEN_S = 2.0  # after silence: time for a restarting controller to say so
 POLL_S = 0.1  # while a move is under way; the firmware's documents ask for at most 10 a second
@@ -177,7 +178,7 @@ class GrblStage:
         words = "".join(f"{axis}{p:.4f}" for axis, p in zip(AXES, machine, strict=True))
         self._drain()
         self._move = _Move(machine, self._now_ns(), planned_s)
-        self._command(f"$J=G90G21G53{words}F{feed_mm_min:.3f}")
+        self._command(f"$J=G90G21G53{words}F{feed_mm_min:.3f}", JOG_ANSWER_S)
         return planned_s
 
     def wait(self) -> StageState:

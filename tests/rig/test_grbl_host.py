@@ -156,7 +156,7 @@ def test_messages_between_command_and_ok_are_not_answers(monkeypatch: pytest.Mon
         (b"error:77\r\n", "was refused: error:77$"),
         (b"ALARM:2\r\n[MSG:Reset to continue]\r\n", r"ALARM:2 \(soft limit.*\); home again; the"),
         (b"ALARM:9\r\n", r"ALARM:9 \(homing: no switch found\); home again"),
-        (b"", "no answer to .J=.* within 1.0 s; the move to .* was told to stop"),
+        (b"", "no answer to .J=.* within 0.5 s; the move to .* was told to stop"),
         (b"\r\nGrbl 1.1h ['$' for help]\r\n", r"the controller restarted \(Grbl 1.1h\)"),
     ],
 )

@@ -150,8 +150,7 @@ def test_silence() -> None:
 
 def test_a_voice_that_comes_back_too_late_does_not_hide_the_stop() -> None:
     bench = Bench().moving()
-    back_ns = bench.clock.now_ns() + to_ns(1.2)
-    bench.grbl.tamper = lambda said: said if bench.clock.now_ns() > back_ns else []
+    bench.grbl.tamper = lambda said: said if b"\x85" in bench.sent() else []
     with pytest.raises(StageError, match="was told to stop"):
         bench.stage.position_mm()
     with pytest.raises(StageError, match="no motion after a fault"):
@@ -184,6 +183,30 @@ def test_a_cable_that_stays_out_carries_no_byte() -> None:
     bench.link.plug()
     bench.stage.connect()
     bench.homes_at_once()
+
+
+def test_the_first_reason_is_the_one_that_is_kept() -> None:
+    bench = Bench().moving()
+    bench.grbl.fault("limit")
+    with pytest.raises(StageError, match="ALARM:1"):
+        bench.stage.wait()
+    bench.drop(b"")
+    with pytest.raises(StageError, match=r"no banner after a reset \(0x18\)"):
+        bench.stage.home()
+    with pytest.raises(StageError, match=r"no motion after a fault \(ALARM:1"):
+        bench.stage.start_move(TARGET_MM, FEED_MM_MIN)
+
+
+def test_a_move_after_a_stop_is_planned_from_where_the_carriage_is() -> None:
+    bench = Bench().moving()
+    bench.replace(b"<", b"<Hold:0|MPos:0.000,0.000,0.000|FS:0,0>\r\n")
+    with pytest.raises(StageError, match="Hold:0 during a move"):
+        bench.stage.wait()
+    bench.drop(b"nothing")
+    planned_s = bench.stage.start_move(TARGET_MM, FEED_MM_MIN)
+    bench.stage.wait()
+    last = bench.grbl.segments[-1]
+    assert planned_s == pytest.approx((last.end_ns - last.start_ns) / 1e9, abs=1e-3)
 
 
 def test_a_port_that_is_closed_in_mid_move() -> None:
