@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 import serial
-from board import powered, rig_file
 from click.testing import CliRunner
 from pydantic import TypeAdapter
+from served import powered, rig_file
 
 from deltact_fab.cli.gel_path import path as gel_path
 from deltact_fab.cli.rig import rig as command
