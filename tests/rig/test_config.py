@@ -10,8 +10,9 @@ from typing import Any
 import pytest
 import serial
 from click.testing import CliRunner
-from powered import powered, rig_file
+from served import powered, rig_file
 from pydantic import TypeAdapter
+from served import powered, rig_file
 
 from deltact_fab.cli.gel_path import path as gel_path
 from deltact_fab.cli.rig import rig as command

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from powered import powered, rig_file
+from served import powered, rig_file
 
 import deltact_fab
 from deltact_fab.errors import DeltactFabError, InputError, RunFailed, SensorError

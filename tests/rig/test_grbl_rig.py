@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from powered import Board, powered, rig_file
+from served import Board, powered, rig_file
 
 from deltact_fab import experiment, record
 from deltact_fab.errors import InputError, RunFailed
