@@ -67,7 +67,7 @@ def test_two_runs_are_the_same_but_for_wall_time(
     mini: tuple[Path, Path], mini_run: Path, tmp_path: Path
 ) -> None:
     bench.run(str(mini[0]), str(mini[1]), tmp_path / "again", seed=3)
-    for table in ("frames", "steps"):
+    for table in ("frames", "samples", "events", "steps"):
         rows = []
         for folder in (mini_run, tmp_path / "again"):
             with sqlite3.connect(folder / "journal.sqlite") as db:

@@ -12,7 +12,6 @@ from .run import Run
 
 # What a run may be continued with although it differs: it changes no number and no byte.
 _MAY_DIFFER = ("format", "name", "rig_name", "versions.python", "versions.cadquery")
-_ABSENT = object()
 
 
 def require_same(
@@ -33,7 +32,7 @@ def require_same(
     for part in dict.fromkeys(("protocol", "seed", "rig", "sensor", "pattern", *given, *stored)):
         if part == "versions" and not with_versions:
             continue
-        found = _difference(stored.get(part, _ABSENT), given.get(part, _ABSENT), part)
+        found = _difference(stored.get(part), given.get(part), part)
         if found is not None:
             key, was, now = found
             raise InputError(
@@ -54,12 +53,15 @@ def require_same(
 
 
 def _difference(a: Any, b: Any, at: str) -> tuple[str, Any, Any] | None:
-    """The first place where two trees of plain data differ: its key and both values."""
+    """The first place where two trees of plain data differ: its key and both values.
+
+    What is not there is None: a field that was not known to who began the run was not used.
+    """
     if at in _MAY_DIFFER:
         return None
     if isinstance(a, dict) and isinstance(b, dict):
         for key in sorted(a.keys() | b.keys()):
-            found = _difference(a.get(key, _ABSENT), b.get(key, _ABSENT), f"{at}.{key}")
+            found = _difference(a.get(key), b.get(key), f"{at}.{key}")
             if found is not None:
                 return found
         return None
@@ -67,7 +69,7 @@ def _difference(a: Any, b: Any, at: str) -> tuple[str, Any, Any] | None:
 
 
 def _short(value: Any) -> str:
-    if value is _ABSENT:
+    if value is None:
         return "nothing"
     text = json.dumps(value)
     return text if len(text) <= 60 else f"{text[:57]}..."

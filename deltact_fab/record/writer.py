@@ -29,14 +29,16 @@ from .files import (
     truth_file,
     write_whole,
 )
-from .journal import SCHEMA, claim, connect, journal_errors
+from .journal import PRESS_TABLES, SCHEMA, claim, connect, journal_errors
 from .run import Run
+from .streams import Chunk, pack
 
 Progress = Callable[[int, int, str], None]
 
 
 class RunWriter:
-    """Writes one run. Every frame and every step is committed before the next one starts.
+    """Writes one run. Every frame and every step is committed before the next one starts; with a
+    step come the samples that force sensor and stage gave in it.
 
     Rows are numbered by their place in the plan, so a press that is redone gets its old numbers.
     """
@@ -89,7 +91,7 @@ class RunWriter:
             with journal_errors(made), closing(connect(made, new=True)) as db:
                 db.executescript(SCHEMA)
                 with db:
-                    db.execute("INSERT INTO sessions VALUES (1, ?, 0, '')", (time.time(),))
+                    _event(db, "session", "begun")
             write_whole(made / "run.json", json_bytes({"format": FORMAT, **meta}))
             with refusing(folder):
                 made.rename(folder)
@@ -112,6 +114,11 @@ class RunWriter:
         that cannot be written; RunFailed for a damaged journal.
         """
         run = Run(folder)
+        if run.format != FORMAT:
+            raise InputError(
+                f"{folder}: format {run.format}: it can be read, but only the version that began "
+                "it can go on with it"
+            )
         if not os.access(folder, os.W_OK):
             raise InputError(f"{folder}: cannot be written; a run is continued where it stands")
         writer = cls(folder, steps)
@@ -131,9 +138,7 @@ class RunWriter:
         image: NDArray[np.uint8] | None,
         t_s: float,
         t_step_s: float,
-        position_mm: tuple[float, float, float],
-        force_n: tuple[float, float, float] | None,
-        torque_nmm: tuple[float, float, float] | None,
+        t_press_s: float,
     ) -> str:
         """Store one frame (image may be left out by the scene) and return its id."""
         frame_id = _frame_id(step, k)
@@ -145,21 +150,40 @@ class RunWriter:
             digest = hashlib.sha256(data).hexdigest()
         row = (
             frame_id, self._frames_before[step.id] + k, step.id, step.press, step.indenter,
-            step.kind, k, file, digest, t_s, t_step_s, *position_mm, *(force_n or (None,) * 3),
-            *(torque_nmm or (None,) * 3), time.time(),
+            step.kind, k, file, digest, t_s, t_step_s, t_press_s, time.time(),
         )  # fmt: skip
-        self._insert("frames", row)
+        with journal_errors(self.folder), self._db:
+            _insert(self._db, "frames", row)
         return frame_id
 
-    def step(self, step: Step, planned_s: float, t_start_s: float, t_end_s: float) -> None:
-        """Journal a finished step. The last step of a press completes the press."""
-        self._insert(
-            "steps",
-            (
-                self._step_seq[step.id], step.id, step.press, step.indenter, step.kind,
-                *step.target_mm, step.feed_mm_min, planned_s, t_start_s, t_end_s, time.time(),
-            ),
+    def step(
+        self,
+        step: Step,
+        planned_s: float,
+        t_start_s: float,
+        t_end_s: float,
+        chunks: Iterable[Chunk] = (),
+    ) -> None:
+        """Journal a finished step and its samples. A press's last step completes the press."""
+        row = (
+            self._step_seq[step.id], step.id, step.press, step.indenter, step.kind,
+            *step.target_mm, step.feed_mm_min, planned_s, t_start_s, t_end_s, time.time(),
         )  # fmt: skip
+        with journal_errors(self.folder), self._db:
+            self._insert_samples(step, chunks)
+            _insert(self._db, "steps", row)
+
+    def cut_off(self, step: Step, chunks: Iterable[Chunk]) -> None:
+        """Keep the samples of a step that will not be finished, until its press is done again."""
+        with journal_errors(self.folder), self._db:
+            self._insert_samples(step, chunks)
+
+    def event(
+        self, kind: str, text: str, t_s: float | None = None, step: Step | None = None
+    ) -> None:
+        """Note what happened, at a time of the rig's clock."""
+        with journal_errors(self.folder), self._db:
+            _event(self._db, kind, text, t_s, step)
 
     def close(self, summary: dict[str, Any]) -> None:
         """Finish the run: fold the journal into one plain file, then write the summary.
@@ -184,10 +208,13 @@ class RunWriter:
             self._db.close()
         self._claim.close()
 
-    def _insert(self, table: str, row: tuple[Any, ...]) -> None:
-        marks = ",".join("?" * len(row))
-        with journal_errors(self.folder), self._db:
-            self._db.execute(f"INSERT INTO {table} VALUES ({marks})", row)
+    def _insert_samples(self, step: Step, chunks: Iterable[Chunk]) -> None:
+        for chunk in chunks:
+            row = (
+                self._step_seq[step.id], chunk.stream, step.press, step.id, len(chunk),
+                chunk.origin_s, *pack(chunk),
+            )  # fmt: skip
+            _insert(self._db, "samples", row)
 
     def _find_kept(self, run: Run, steps: Sequence[Step], progress: Progress | None) -> None:
         """Judge every press by what the journal and the disk hold of it."""
@@ -239,6 +266,11 @@ class RunWriter:
                 return f"{file}: {why.strerror}"
             if hashlib.sha256(data).hexdigest() != digest:
                 return f"{file}: differs from its hash in the journal"
+        try:
+            for _ in run.samples_of(press):
+                pass
+        except RunFailed:
+            return "its samples are damaged"
         if drawn and run.simulated:
             if not lattice_file(self.folder).is_file():
                 return "its truth is missing"
@@ -260,19 +292,16 @@ class RunWriter:
         Raises RunFailed when a file cannot be removed.
         """
         with self._db:
-            rows = self._db.execute(
-                "SELECT DISTINCT press FROM frames UNION SELECT press FROM steps"
-            )
-            gone = [(press,) for (press,) in rows.fetchall() if press not in self.kept]
-            self._db.executemany("DELETE FROM frames WHERE press = ?", gone)
-            self._db.executemany("DELETE FROM steps WHERE press = ?", gone)
+            for table in PRESS_TABLES:
+                rows = self._db.execute(f"SELECT DISTINCT press FROM {table}").fetchall()
+                gone = [(press,) for (press,) in rows if press not in self.kept]
+                self._db.executemany(f"DELETE FROM {table} WHERE press = ?", gone)
             kept_frames = self._db.execute("SELECT count(*) FROM frames").fetchone()[0]
-            why = "; ".join(f"{press}: {text}" for press, text in self.redone.items())
-            self.session = 1 + self._db.execute("SELECT max(seq) FROM sessions").fetchone()[0]
-            self._db.execute(
-                "INSERT INTO sessions VALUES (?, ?, ?, ?)",
-                (self.session, time.time(), kept_frames, why),
-            )
+            again = "; ".join(f"{press}: {text}" for press, text in self.redone.items())
+            count = "SELECT count(*) FROM events WHERE kind = 'session'"
+            self.session = 1 + self._db.execute(count).fetchone()[0]
+            text = f"resumed: {kept_frames} frames kept"
+            _event(self._db, "session", f"{text}; done again: {again}" if again else text)
         files = self._db.execute("SELECT file FROM frames WHERE file IS NOT NULL")
         keep = {self.folder / file for (file,) in files}
         keep |= {truth_file(self.folder, press) for press in self.kept}
@@ -282,6 +311,21 @@ class RunWriter:
                     path.unlink()
                 except OSError as why_not:
                     raise RunFailed(f"{path}: cannot be removed: {why_not.strerror}") from why_not
+
+
+def _insert(db: sqlite3.Connection, table: str, row: Sequence[Any]) -> None:
+    db.execute(f"INSERT INTO {table} VALUES ({','.join('?' * len(row))})", row)
+
+
+def _event(
+    db: sqlite3.Connection,
+    kind: str,
+    text: str,
+    t_s: float | None = None,
+    step: Step | None = None,
+) -> None:
+    where = (None, None) if step is None else (step.press, step.id)
+    _insert(db, "events", (None, kind, *where, text, t_s, time.time()))
 
 
 def _frame_id(step: Step, k: int) -> str:

@@ -117,7 +117,7 @@ class VirtualRig:
             self.camera = self._camera(config, sensor, recipe, seed, crop)
         self.force: VirtualForce | None = None
         if "force" in protocol.channels:
-            box = NetFTBox(config.force, self.clock, seed, lambda: self.scene.observe().wrench())
+            box = NetFTBox(config.force, self.clock, seed, self.scene.wrenches)
             self.force = VirtualForce(box, self.clock, None if drawn else self.scene)
         # A name of its own, so that several runs can share one process.
         name = f"{folder.name}-{next(_NUMBER)}"
