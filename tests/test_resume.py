@@ -301,8 +301,15 @@ def test_a_damaged_press_is_done_again_in_its_place(tiny: Bench, tmp_path: Path)
     data = bytearray(truth.read_bytes())
     data[len(data) // 2] ^= 1
     truth.write_bytes(bytes(data))
+    with sqlite3.connect(out / "journal.sqlite") as db:
+        which = "WHERE stream = 'force' AND step_id = 'sphere-6/p1/d0.40/press'"
+        packed = bytearray(db.execute(f"SELECT data FROM samples {which}").fetchone()[0])
+        packed[len(packed) // 2] ^= 1
+        db.execute(f"UPDATE samples SET data = ? {which}", (bytes(packed),))
+    db.close()
     summary = resume(tiny, out)
     assert summary["redone"] == {
+        "sphere-6/p1": "its samples are damaged",
         "sphere-6/p2": f"images/{image.name}: differs from its hash in the journal",
         "sphere-8/p1": "its truth is damaged",
     }

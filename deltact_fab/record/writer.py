@@ -7,8 +7,7 @@ import os
 import shutil
 import sqlite3
 import time
-import zipfile
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
@@ -23,17 +22,15 @@ from .files import (
     encode_png,
     image_file,
     json_bytes,
-    lattice_file,
     refusing,
     sync_folder,
     truth_file,
     write_whole,
 )
 from .journal import PRESS_TABLES, SCHEMA, claim, connect, journal_errors
+from .kept import Progress, frame_id_of, judged
 from .run import Run
 from .streams import Chunk, pack
-
-Progress = Callable[[int, int, str], None]
 
 
 class RunWriter:
@@ -89,7 +86,7 @@ class RunWriter:
             write_whole(made / "protocol.toml", protocol)
             write_whole(made / "pattern.json", json_bytes(pattern))
             with journal_errors(made), closing(connect(made, new=True)) as db:
-                db.executescript(SCHEMA)
+                db.executescript(f"BEGIN;{SCHEMA}COMMIT;")
                 with db:
                     _event(db, "session", "begun")
             write_whole(made / "run.json", json_bytes({"format": FORMAT, **meta}))
@@ -109,9 +106,8 @@ class RunWriter:
     ) -> RunWriter:
         """Continue an unfinished run: keep complete presses, clear away all else.
 
-        A press is kept when all its steps and frames are journalled, every image has its hash and
-        its truth is whole. Raises InputError for no run folder, one that is being written or one
-        that cannot be written; RunFailed for a damaged journal.
+        Raises InputError for no run folder, one that is being written, one that cannot be written
+        and one of an older format; RunFailed for a damaged journal.
         """
         run = Run(folder)
         if run.format != FORMAT:
@@ -124,7 +120,7 @@ class RunWriter:
         writer = cls(folder, steps)
         try:
             with journal_errors(folder):
-                writer._find_kept(run, steps, progress)
+                writer.kept, writer.redone = judged(writer._db, run, steps, progress)
                 writer._clear()
         except BaseException:
             writer.abandon()
@@ -141,7 +137,7 @@ class RunWriter:
         t_press_s: float,
     ) -> str:
         """Store one frame (image may be left out by the scene) and return its id."""
-        frame_id = _frame_id(step, k)
+        frame_id = frame_id_of(step, k)
         file = digest = None
         if image is not None:
             data = encode_png(image)
@@ -216,76 +212,6 @@ class RunWriter:
             )  # fmt: skip
             _insert(self._db, "samples", row)
 
-    def _find_kept(self, run: Run, steps: Sequence[Step], progress: Progress | None) -> None:
-        """Judge every press by what the journal and the disk hold of it."""
-        verdict = self._db.execute("PRAGMA quick_check(1)").fetchone()[0]
-        if verdict != "ok":
-            raise sqlite3.DatabaseError(verdict)
-        done = {row[0] for row in self._db.execute("SELECT step_id FROM steps")}
-        found = {
-            frame_id: (file, digest)
-            for frame_id, file, digest in self._db.execute(
-                "SELECT frame_id, file, sha256 FROM frames"
-            )
-        }
-        plan: dict[str, list[Step]] = {}
-        for step in steps:
-            plan.setdefault(step.press, []).append(step)
-        checked = 0
-        kept = set()
-        for press, part in plan.items():
-            ids = [_frame_id(step, k) for step in part for k in range(1, step.frames + 1)]
-            have = [i for i in ids if i in found]
-            if not have and not any(step.id in done for step in part):
-                continue
-            if len(have) < len(ids) or any(step.id not in done for step in part):
-                self.redone[press] = f"cut off after {len(have)} of {len(ids)} frames"
-                continue
-            why = self._damage(run, press, {i: found[i] for i in ids})
-            checked += len(ids)
-            if progress is not None and ids:
-                progress(checked, len(found), f"checking {press}")
-            if why:
-                self.redone[press] = why
-            else:
-                kept.add(press)
-        self.kept = frozenset(kept)
-
-    def _damage(
-        self, run: Run, press: str, frames: dict[str, tuple[str | None, str | None]]
-    ) -> str:
-        """What is wrong with the files of a press whose rows are all there; empty when nothing."""
-        drawn = False
-        for file, digest in frames.values():
-            if file is None:
-                continue
-            drawn = True
-            try:
-                data = (self.folder / file).read_bytes()
-            except OSError as why:
-                return f"{file}: {why.strerror}"
-            if hashlib.sha256(data).hexdigest() != digest:
-                return f"{file}: differs from its hash in the journal"
-        try:
-            for _ in run.samples_of(press):
-                pass
-        except RunFailed:
-            return "its samples are damaged"
-        if drawn and run.simulated:
-            if not lattice_file(self.folder).is_file():
-                return "its truth is missing"
-            path = truth_file(self.folder, press)
-            try:
-                with zipfile.ZipFile(path) as packed:
-                    bad = packed.testzip()
-                with np.load(path) as data:
-                    ids = data["frame_id"].tolist()
-            except (OSError, ValueError, KeyError, zipfile.BadZipFile):
-                return "its truth is missing or damaged"
-            if bad is not None or ids != list(frames):
-                return "its truth is damaged"
-        return ""
-
     def _clear(self) -> None:
         """Remove all but the kept presses: rows first, for a file without a row is cleared again.
 
@@ -326,10 +252,6 @@ def _event(
 ) -> None:
     where = (None, None) if step is None else (step.press, step.id)
     _insert(db, "events", (None, kind, *where, text, t_s, time.time()))
-
-
-def _frame_id(step: Step, k: int) -> str:
-    return f"{step.id}#{k:03d}"
 
 
 def _written(folder: Path) -> Iterable[Path]:
