@@ -40,6 +40,52 @@ def test_the_stage_was_where_the_plan_says(mini: tuple[Path, Path], mini_run: Pa
         assert (row.x_mm, row.y_mm, row.z_mm) == pytest.approx(targets[str(row.step_id)], abs=2e-3)
 
 
+def test_force_and_pose_are_streams_of_their_own_rates(mini_run: Path) -> None:
+    run = record.open(mini_run)
+    frames, steps = run.frames(), run.steps().set_index("step_id")
+    assert frames["pose_skew_s"].max() == 0.0
+    assert frames["force_skew_s"].max() <= 1.1e-3
+    for press, part in run.force().groupby("press"):
+        felt_s = part["t_press_s"].diff().dropna()
+        gaps = felt_s[felt_s > 1.5e-3]
+        assert felt_s[felt_s < 1.5e-3].to_numpy() == pytest.approx(1e-3, abs=2e-9)
+        assert len(gaps) == 1  # the way out of the gel
+        legs = part.groupby("step_id").size()
+        assert f"{press}/retract" not in legs
+        seconds = steps.loc[legs.index, "t_end_s"] - steps.loc[legs.index, "t_start_s"]
+        whole = legs.index[~legs.index.str.endswith("/rest")]
+        assert (legs[whole] / seconds[whole]).to_numpy() == pytest.approx(1000.0, rel=0.06)
+    pose = run.pose("sphere-10/p1")
+    assert pose["t_press_s"].diff().dropna().min() >= 0.0999
+    down = pose[pose["step_id"].str.endswith("/d1.00/press")]
+    assert len(down) > 20  # 1.5 mm at .5 mm/s
+    assert (down["z_mm"].diff().dropna() <= 0).all()
+
+
+def test_the_force_between_two_frames_is_what_the_gel_gives_there(mini_run: Path) -> None:
+    run = record.open(mini_run)
+    force = run.force("sphere-10/p1")
+    press = force[force["step_id"].str.endswith("/d1.00/press")]
+    pose = run.pose("sphere-10/p1")
+    depth_mm = -np.interp(press["t_press_s"], pose["t_press_s"], pose["z_mm"])
+    fz_n = press["fz_n"].rolling(51, center=True).mean().to_numpy()
+    assert (
+        np.abs(fz_n[(depth_mm < -0.05) & (fz_n == fz_n)]).max() < 0.05
+    )  # in the air, but for the tare
+    deep = np.flatnonzero((depth_mm > 0.2) & (fz_n == fz_n))
+    assert (np.diff(fz_n[deep[::100]]) < 0).all()
+    assert fz_n[deep[-1]] == pytest.approx(press["fz_n"].iloc[-100:].mean(), abs=0.01)
+
+
+def test_events_are_few_and_tell_the_run(mini_run: Path) -> None:
+    events = record.open(mini_run).events()
+    assert events["kind"].tolist() == [
+        "session", "homed", "indenter", "begun", "complete", "indenter", "begun", "complete",
+    ]  # fmt: skip
+    assert events["press"].dropna().unique().tolist() == ["sphere-10/p1", "4dots/p1"]
+    assert events["t_s"].dropna().is_monotonic_increasing
+
+
 def test_signs_a_press_pushes_down_and_shear_to_plus_x_pulls_to_plus_x(mini_run: Path) -> None:
     run = record.open(mini_run)
     frames = run.frames().set_index("frame_id")
@@ -67,7 +113,7 @@ def test_two_runs_are_the_same_but_for_wall_time(
     mini: tuple[Path, Path], mini_run: Path, tmp_path: Path
 ) -> None:
     experiment.run(str(mini[0]), str(mini[1]), tmp_path / "again", seed=3)
-    for table in ("frames", "steps"):
+    for table in ("frames", "samples", "events", "steps"):
         rows = []
         for folder in (mini_run, tmp_path / "again"):
             with sqlite3.connect(folder / "journal.sqlite") as db:
@@ -121,6 +167,18 @@ def test_an_overloaded_force_sensor_stops_and_lifts(
     weak.write_text(mini[1].read_text().replace("[25.0, 25.0, 35.0]", "[25.0, 25.0, 0.5]"))
     with pytest.raises(RunFailed, match=r"saturated .*the tip was lifted"):
         experiment.run(str(mini[0]), str(weak), tmp_path / "r")
+    run = record.open(tmp_path / "r")
+    # Between two frames, and what was felt until then is kept.
+    assert run.frames()["frame_id"].tolist()[1:] == ["sphere-10/p1/d1.00/press#001"]  # of two
+    force = run.force()
+    assert force["saturated"].sum() >= 1
+    felt_s = force["t_press_s"].iloc[-1] - force["t_press_s"][force["saturated"]].iloc[0]
+    assert felt_s < 0.12
+    assert force["fz_n"].min() == pytest.approx(-0.5, abs=0.05)
+    last = run.events().iloc[-1]
+    assert (last.kind, last.step_id) == ("fault", "sphere-10/p1/d1.00/press")
+    assert "saturated" in last.text
+    assert "lifted" in last.text
 
 
 def test_a_force_only_scene_has_no_images_and_no_truth(

@@ -156,7 +156,7 @@ def test_the_full_scene_calls_everything_but_a_real_port(
     assert calls["friction"] >= 3
     assert calls["normal"] >= 3
     assert calls["force"] >= calls["frames"]
-    assert calls["force box"] > calls["force"]
+    assert calls["force box"] >= 3  # bias, start, stop
     assert calls["port"] == 0
 
 

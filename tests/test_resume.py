@@ -21,7 +21,7 @@ from deltact_fab import experiment, record
 from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.protocols import plan
-from deltact_fab.record import CLOCK_COLUMNS, RunWriter
+from deltact_fab.record import CLOCK_COLUMNS, PRESS_TABLES, RunWriter
 
 # Two positions of two indenters, so that a resume may start after a change or after a press.
 PROTOCOL = """
@@ -150,7 +150,7 @@ def rows(folder: Path, table: str) -> list[tuple[object, ...]]:
     with sqlite3.connect(folder / "journal.sqlite") as db:
         names = [c[1] for c in db.execute(f"PRAGMA table_info({table})")]
         keep = ",".join(n for n in names if n not in CLOCK_COLUMNS)
-        found = db.execute(f"SELECT {keep} FROM {table} ORDER BY seq").fetchall()
+        found = db.execute(f"SELECT {keep} FROM {table} ORDER BY 1, 2").fetchall()
     db.close()
     return found
 
@@ -166,7 +166,7 @@ def files(folder: Path) -> dict[str, str]:
 
 def assert_equal(tiny: Bench, resumed: Path) -> None:
     """The resumed record is the undisturbed one but for clocks, and whole in itself."""
-    for table in ("frames", "steps"):
+    for table in PRESS_TABLES:
         assert rows(resumed, table) == rows(tiny.undisturbed, table)
     run = record.open(resumed)
     planned = [s.id for s in plan.expand(plan.load(str(tiny.protocol))[0])]
@@ -237,7 +237,11 @@ def test_killed_inside_the_writing_of_an_image(tiny: Bench, tmp_path: Path) -> N
     assert "8 frames kept" in text
     assert "done again: sphere-6/p2: cut off after 3 of 8 frames" in text
     assert_equal(tiny, out)
-    assert list(record.open(out).sessions()["kept_frames"]) == [0, 8, 8]
+    events = record.open(out).events()
+    sessions = events[events["kind"] == "session"]["text"]
+    assert [text.partition(";")[0] for text in sessions] == [
+        "begun", "resumed: 8 frames kept", "resumed: 8 frames kept",
+    ]  # fmt: skip
 
 
 @pytest.mark.slow
@@ -269,7 +273,7 @@ def cut_off(tiny: Bench, out: Path, press: str) -> None:
     gone = presses[presses.index(press) :]
     with sqlite3.connect(out / "journal.sqlite") as db:
         for name in gone:
-            for table in ("frames", "steps"):
+            for table in PRESS_TABLES:
                 db.execute(f"DELETE FROM {table} WHERE press = ?", (name,))
     db.close()
 
@@ -299,8 +303,15 @@ def test_a_damaged_press_is_done_again_in_its_place(tiny: Bench, tmp_path: Path)
     data = bytearray(truth.read_bytes())
     data[len(data) // 2] ^= 1
     truth.write_bytes(bytes(data))
+    with sqlite3.connect(out / "journal.sqlite") as db:
+        which = "WHERE stream = 'force' AND step_id = 'sphere-6/p1/d0.40/press'"
+        packed = bytearray(db.execute(f"SELECT data FROM samples {which}").fetchone()[0])
+        packed[len(packed) // 2] ^= 1
+        db.execute(f"UPDATE samples SET data = ? {which}", (bytes(packed),))
+    db.close()
     summary = resume(tiny, out)
     assert summary["redone"] == {
+        "sphere-6/p1": "its samples are damaged",
         "sphere-6/p2": f"images/{image.name}: differs from its hash in the journal",
         "sphere-8/p1": "its truth is damaged",
     }
@@ -365,7 +376,7 @@ def test_a_force_only_run_is_resumed_too(tiny: Bench, tmp_path: Path) -> None:
     with pytest.raises(RunFailed, match="go on with --resume"):
         experiment.run(str(quiet), str(tiny.rig), out, seed=3, progress=press_ctrl_c)
     assert resume(tiny, out, protocol=quiet)["kept_frames"] == 16
-    for table in ("frames", "steps"):
+    for table in PRESS_TABLES:
         assert rows(out, table) == rows(tmp_path / "whole", table)
 
 
@@ -385,7 +396,7 @@ def test_other_conditions_are_refused_by_name(tiny: Bench, tmp_path: Path) -> No
         resume(tiny, out, protocol=other)
     rig = tmp_path / "rig.toml"
     rig.write_text(tiny.rig.read_text().replace("spacing_mm = 0.5", "spacing_mm = 0.4"))
-    with pytest.raises(InputError, match=r"rig\.virtual\.gel\.spacing_mm: 0\.5 in the folder, 0\.4 now"):
+    with pytest.raises(InputError, match=r"virtual\.gel\.spacing_mm: 0\.5 in the folder, 0\.4 now"):
         experiment.run(str(tiny.protocol), str(rig), out, seed=3, resume=True)
     assert files(out) == before
     # The frozen copy is the protocol, so it may be given instead of the original.

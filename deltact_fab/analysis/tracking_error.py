@@ -311,8 +311,7 @@ def analyse_press(job: Job) -> PressResult:
     run = record.open(job.folder)
     camera, truth = run.camera, run.truth()
     scale = camera.mm_per_px
-    frames = run.frames()
-    frames = frames[frames["press"] == job.press]
+    frames = run.frames(job.press)
     dots_mm = run.dots_mm()
     if not len(dots_mm):
         raise InputError(f"{job.folder}: the pattern has no dots; the error at the dots needs them")

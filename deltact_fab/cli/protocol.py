@@ -75,8 +75,10 @@ def show(name: str, rig_name: str, forces: bool, as_json: bool) -> None:
     from ..experiment import forces as predict
     from ..experiment import show as expand
     from ..preflight import PAPER_REMARK
+    from ..protocols import plan
     from .output import echo_json, echo_table, progress
 
+    specimen = plan.load(name)[0].specimen
     steps, estimate = expand(name, rig_name)
     with progress("peak forces") as report:
         predicted = predict(name, rig_name, report, solve=forces)
@@ -84,6 +86,7 @@ def show(name: str, rig_name: str, forces: bool, as_json: bool) -> None:
         peaks, findings = predicted or (None, None)
         echo_json(
             {
+                "specimen": specimen.model_dump(mode="json"),
                 "steps": [asdict(s) for s in steps],
                 "estimate": estimate.as_dict(),
                 "peaks": None if peaks is None else [p.as_dict() for p in peaks],
@@ -91,6 +94,8 @@ def show(name: str, rig_name: str, forces: bool, as_json: bool) -> None:
             }
         )
         return
+    serial = f", serial number {specimen.serial}" if specimen.serial else ""
+    click.echo(f"specimen: design {specimen.design}, pattern {specimen.pattern}{serial}\n")
     echo_table(
         ("step", "kind", "x_mm", "y_mm", "z_mm", "feed_mm_min", "frames"),
         [(s.id, s.kind, *s.target_mm, s.feed_mm_min, s.frames) for s in steps],

@@ -78,6 +78,8 @@ class Motion(_Strict):
 class Specimen(_Strict):
     """The sensor under test: which design and pattern, and what its gel is believed to be."""
 
+    serial: str | None = Field(default=None, min_length=1, max_length=64)
+    """The sensor's own number, as it is written on it; a second sensor of a design has another."""
     design: str = "deltact"
     pattern: str = "dense-with-dots"
     gel_model: Literal["layer", "block", "hyperelastic"] = "layer"
@@ -89,6 +91,13 @@ class Specimen(_Strict):
     slow press."""
     depth_margin_mm: Positive = 1.0
     """Gel that must remain below the deepest press."""
+
+    @field_validator("serial")
+    @classmethod
+    def _printable(cls, value: str | None) -> str | None:
+        if value is not None and not (value.isprintable() and value == value.strip()):
+            raise ValueError("printable characters, with no blank at either end")
+        return value
 
 
 class Protocol(_Strict):

@@ -3,27 +3,32 @@
 RUN/run.json          name, seed, versions, protocol, rig, sensor, camera model
 RUN/protocol.toml     the protocol as it was given, byte for byte
 RUN/pattern.json      recipe and dot centres as data
-RUN/journal.sqlite    steps, frames, sessions (WAL, synchronous=FULL)
+RUN/journal.sqlite    steps, frames, samples, events (WAL, synchronous=FULL)
 RUN/images/*.png      temporary file, fsync, rename
 RUN/truth/            written by a virtual rig only; read through `Run.truth()` in analysis only
 RUN/summary.json      written last: its presence says that the run is finished
 
 The folder appears whole, by one rename. A press is complete when its last step is journalled; what
-else it leaves (images, truth) is on the disk before that. See docs/decisions/0005-resume.md.
+else it leaves (images, truth) is on the disk before that, and the samples of a step's streams come
+with its row. See docs/decisions/0005-resume.md and 0012-streams.md.
 """
 
 from __future__ import annotations
 
 from .files import FORMAT, encode_png, image_file, lattice_file, truth_file, write_whole
-from .journal import CLOCK_COLUMNS, WALL_COLUMNS
-from .run import Run, Truth, open
+from .journal import CLOCK_COLUMNS, PRESS_TABLES, WALL_COLUMNS
+from .run import Run, open
 from .same import require_same
+from .streams import Chunk
+from .truth import Truth
 from .writer import RunWriter
 
 __all__ = [
     "CLOCK_COLUMNS",
     "FORMAT",
+    "PRESS_TABLES",
     "WALL_COLUMNS",
+    "Chunk",
     "Run",
     "RunWriter",
     "Truth",

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, RunFailed
 
-FORMAT = 2
+FORMAT = 3
 
 
 def write_whole(path: Path, data: bytes) -> None:

@@ -20,18 +20,24 @@ CREATE TABLE steps (
 CREATE TABLE frames (
   frame_id TEXT PRIMARY KEY, seq INTEGER NOT NULL UNIQUE, step_id TEXT NOT NULL,
   press TEXT NOT NULL, indenter TEXT NOT NULL, kind TEXT NOT NULL, k INTEGER NOT NULL,
-  file TEXT, sha256 TEXT, t_s REAL NOT NULL, t_step_s REAL NOT NULL,
-  x_mm REAL NOT NULL, y_mm REAL NOT NULL, z_mm REAL NOT NULL,
-  fx_n REAL, fy_n REAL, fz_n REAL, tx_nmm REAL, ty_nmm REAL, tz_nmm REAL,
+  file TEXT, sha256 TEXT, t_s REAL NOT NULL, t_step_s REAL NOT NULL, t_press_s REAL NOT NULL,
   wall_s REAL NOT NULL
 );
-CREATE TABLE sessions (
-  seq INTEGER PRIMARY KEY, wall_s REAL NOT NULL, kept_frames INTEGER NOT NULL, redone TEXT NOT NULL
+CREATE TABLE samples (
+  seq INTEGER NOT NULL, stream TEXT NOT NULL, press TEXT NOT NULL, step_id TEXT NOT NULL,
+  n INTEGER NOT NULL, origin_s REAL NOT NULL, columns TEXT NOT NULL, data BLOB NOT NULL,
+  PRIMARY KEY (seq, stream)
+);
+CREATE TABLE events (
+  seq INTEGER PRIMARY KEY, kind TEXT NOT NULL, press TEXT, step_id TEXT, text TEXT NOT NULL,
+  t_s REAL, wall_s REAL NOT NULL
 );
 """
+PRESS_TABLES = ("frames", "samples", "steps")  # whose rows belong to a press and go with it
 WALL_COLUMNS = ("wall_s",)  # the only columns in which two equal runs may differ
-# A resumed run may also differ in the rig's clock, which starts anew with each session.
-CLOCK_COLUMNS = (*WALL_COLUMNS, "t_s", "t_start_s", "t_end_s")
+# A resumed run may also differ in the rig's clock, which starts anew with each session; and in its
+# events, which tell what became of it.
+CLOCK_COLUMNS = (*WALL_COLUMNS, "t_s", "t_start_s", "t_end_s", "origin_s")
 
 
 class Claim:

@@ -1,14 +1,12 @@
-"""Reading a run: its tables, images and, on a virtual rig, its truth."""
+"""Reading a run: its tables, streams, images and, on a virtual rig, its truth."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import sqlite3
-import zipfile
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,77 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, RunFailed
-from ..optics import CameraModel, LatticeSampler, SurfaceLattice, camera_from_dict
-from .files import FORMAT, lattice_file, truth_file
+from ..optics import CameraModel, camera_from_dict
+from .files import FORMAT, lattice_file
+from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, at_times, unpack
+from .truth import Truth, load
 
 if TYPE_CHECKING:
     import pandas as pd
 
-
-@dataclass(frozen=True)
-class Truth:
-    """What a virtual rig knows exactly: the surface's displacement at every frame.
-
-    Displacements are interpolated linearly between two solved knots, as the drawing camera does.
-    """
-
-    camera: CameraModel
-    lattice: SurfaceLattice
-    frames: dict[str, tuple[str, float]]  # frame id -> (knot key "press:a:b", fraction)
-    folder: Path  # of the run
-
-    def displacement_mm(self, frame_id: str) -> NDArray[np.float64]:
-        """Surface displacement on the lattice, (ny, nx, 3).
-
-        Raises RunFailed for a frame of a press that was cut off: truth is stored press by press.
-        """
-        if frame_id not in self.frames:
-            raise RunFailed(
-                f"{self.folder}: no truth of frame {frame_id}: its press was cut off; finish the "
-                "run with --resume"
-            )
-        key, fraction = self.frames[frame_id]
-        press, a, b = key.rsplit(":", 2)
-        knots = self._knots(press)
-        first = knots[int(a)].astype(float)
-        return first + fraction * (knots[int(b)].astype(float) - first)
-
-    def flow_px(self, frame_id: str) -> NDArray[np.float64]:
-        """Projected displacement of every rest pixel, (h, w, 2) px."""
-        xs, ys = self.camera.axes_mm()
-        return self._project(
-            self._grid(xs, ys)(self.displacement_mm(frame_id)), *np.meshgrid(xs, ys)
-        )
-
-    def in_plane_mm(self, frame_id: str) -> NDArray[np.float64]:
-        """In-plane displacement of every rest pixel, (h, w, 2) mm: not what is projected."""
-        xs, ys = self.camera.axes_mm()
-        return self._grid(xs, ys)(self.displacement_mm(frame_id)[..., :2])
-
-    def points_px(self, frame_id: str, xy_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Projected displacement (n, 2) px of rest points (n, 2) mm."""
-        sampler = LatticeSampler.make(self.lattice, xy_mm[:, 0], xy_mm[:, 1])
-        moved = sampler.at_points(self.displacement_mm(frame_id))
-        return self._project(moved, xy_mm[:, 0], xy_mm[:, 1])
-
-    def _project(self, u_mm: NDArray[Any], x_mm: NDArray[Any], y_mm: NDArray[Any]) -> NDArray[Any]:
-        rest = np.stack((x_mm, y_mm, np.zeros_like(x_mm)), axis=-1)
-        return self.camera.project_px(rest + u_mm) - self.camera.project_px(rest)
-
-    def _grid(self, xs: NDArray[Any], ys: NDArray[Any]) -> LatticeSampler:
-        if "grid" not in self.__dict__:
-            self.__dict__["grid"] = LatticeSampler.make(self.lattice, xs, ys)
-        sampler: LatticeSampler = self.__dict__["grid"]
-        return sampler
-
-    def _knots(self, press: str) -> NDArray[np.float32]:
-        held = self.__dict__.setdefault("held", {})
-        if press not in held:
-            held.clear()  # one press at a time: knots of a press fill some ten megabytes
-            with _reading(truth_file(self.folder, press)) as data:
-                held[press] = data["displacement_mm"]
-        knots: NDArray[np.float32] = held[press]
-        return knots
+_STREAMS = {"pose": POSE_COLUMNS, "force": FORCE_COLUMNS}
+_SAMPLED = (*POSE_COLUMNS, *FORCE_COLUMNS)
+_SKEWS = ("pose_skew_s", "force_skew_s")
 
 
 class Run:
@@ -103,13 +41,70 @@ class Run:
             self.pattern: dict[str, Any] = json.loads((folder / "pattern.json").read_text())
         except (OSError, ValueError) as why:
             raise InputError(f"{folder}: run.json or pattern.json cannot be read: {why}") from why
-        found = self.meta.get("format") if isinstance(self.meta, dict) else None
-        if found != FORMAT:
-            raise InputError(f"{folder}/run.json: format: {found}, this version reads {FORMAT}")
+        self.format = self.meta.get("format") if isinstance(self.meta, dict) else None
+        """Of the folder; 2: force and pose stand with the frames."""
+        if self.format not in (2, FORMAT):
+            raise InputError(
+                f"{folder}/run.json: format: {self.format}, this version reads 2 and {FORMAT}"
+            )
 
-    def frames(self) -> pd.DataFrame:
-        """One row a frame, in order of capture; columns as in the journal."""
-        return self._table("frames")
+    def frames(self, press: str | None = None) -> pd.DataFrame:
+        """One row a frame (of one press), in order of capture.
+
+        Pose (x_mm, y_mm, z_mm) and force (fx_n to tz_nmm) are interpolated linearly to the frame's
+        time between the samples of its step; pose_skew_s and force_skew_s: how far in time the
+        nearest sample is. All are nan where there is none. t_s: on the rig's clock; t_step_s,
+        t_press_s: since the step, the press began. In format 2 force and pose are those that were
+        read after the frame, and the skews are not known.
+        """
+        table = self._table("frames", press)
+        if self.format == 2:
+            return table
+        rows = table.groupby("step_id").indices
+        found = {name: np.full(len(table), np.nan) for name in (*_SAMPLED, *_SKEWS)}
+        for stream, names in _STREAMS.items():
+            for _, step_id, chunk in self._chunks(stream, press):
+                if step_id not in rows:
+                    continue
+                at = rows[step_id]
+                values, skew_s = at_times(chunk, table["t_press_s"].to_numpy()[at], names)
+                for name, column in zip(names, values.T, strict=True):
+                    found[name][at] = column
+                found[f"{stream}_skew_s"][at] = skew_s
+        table = table.assign(**found)
+        last = ["wall_s", "t_press_s", *_SKEWS]
+        first = [name for name in table if name not in (*last, *_SAMPLED)]
+        return table[[*first, *_SAMPLED, *last]]
+
+    def force(self, press: str | None = None) -> pd.DataFrame:
+        """One row a sample of the force sensor (of one press), in order of time.
+
+        fx_n to tz_nmm: on the sensor. t_s: on the rig's clock; t_press_s: since the press's tare.
+        saturated: a gauge was out of range. A run of 45 presses of an hour each has 160 million
+        rows: ask press by press. Of format 2: what was read with the frames, saturation unknown.
+        """
+        return self._samples("force", press, "saturated")
+
+    def pose(self, press: str | None = None) -> pd.DataFrame:
+        """One row a position that the stage reported (of one press): x_mm, y_mm, z_mm of the tip.
+
+        t_s is when it was asked for. Times and format 2 as in `force`.
+        """
+        return self._samples("pose", press)
+
+    def events(self) -> pd.DataFrame:
+        """One row an event, in the order in which they were written, over all sessions.
+
+        t_s: on the clock of the rig in that session, nan before it ran; wall_s: of the day.
+        Empty for format 2.
+        """
+        import pandas as pd
+
+        if self.format == 2:
+            return pd.DataFrame(
+                columns=["seq", "kind", "press", "step_id", "text", "t_s", "wall_s"]
+            )
+        return self._table("events")
 
     def steps(self) -> pd.DataFrame:
         """One row a finished step."""
@@ -135,10 +130,6 @@ class Run:
     def dot_diameter_mm(self) -> float:
         """Diameter of the pattern's dots."""
         return float(self.pattern["dot_diameter_mm"])
-
-    def sessions(self) -> pd.DataFrame:
-        """One row a session of writing: the first, then each resume and what it kept and redid."""
-        return self._table("sessions")
 
     def image(self, file: str) -> NDArray[np.uint8]:
         """(h, w, 3) BGR of one frame.
@@ -180,23 +171,12 @@ class Run:
 
         Raises RunFailed when it is damaged.
         """
-        index = lattice_file(self.folder)
-        if not index.is_file():
+        if not lattice_file(self.folder).is_file():
             return None
-        try:
-            lattice = SurfaceLattice(**json.loads(index.read_text()))
-        except (OSError, ValueError, TypeError) as why:
-            raise RunFailed(f"{index}: cannot be read: {why}") from why
-        frames: dict[str, tuple[str, float]] = {}
-        for press in dict.fromkeys(self.frames()["press"]):
-            path = truth_file(self.folder, press)
-            if not path.is_file():
-                continue
-            with _reading(path) as data:
-                rows = (data[name].tolist() for name in ("frame_id", "knots", "fraction"))
-                for frame_id, (a, b), fraction in zip(*rows, strict=True):
-                    frames[frame_id] = (f"{press}:{a}:{b}", fraction)
-        return Truth(self.camera, lattice, frames, self.folder)
+        with self._reader() as db:
+            rows = db.execute("SELECT press FROM frames GROUP BY press ORDER BY min(seq)")
+            presses = [press for (press,) in rows]
+        return load(self.folder, self.camera, presses)
 
     def _hash_of(self, file: str) -> str | None:
         held: dict[str, str] = self.__dict__.setdefault("hashes", {})
@@ -205,12 +185,65 @@ class Run:
                 held.update(db.execute("SELECT file, sha256 FROM frames WHERE file IS NOT NULL"))
         return held.get(file)
 
-    def _table(self, name: str) -> pd.DataFrame:
+    def _samples(self, stream: str, press: str | None, *more: str) -> pd.DataFrame:
         import pandas as pd
 
+        names = _STREAMS[stream]
+        if self.format == 2:
+            table = self._table("frames", press).dropna(subset=[*names])
+            begun_s = table.groupby("press")["t_s"].transform("first")
+            table = table.assign(t_press_s=table["t_s"] - begun_s, **dict.fromkeys(more))
+            return table[["press", "step_id", "t_s", "t_press_s", *names, *more]]
+        parts = []
+        for of_press, step_id, chunk in self._chunks(stream, press):
+            t_press_s = chunk.t_press_s()
+            parts.append(
+                pd.DataFrame(
+                    {
+                        "press": of_press,
+                        "step_id": step_id,
+                        "t_s": chunk.origin_s + t_press_s,
+                        "t_press_s": t_press_s,
+                        **{name: chunk.values(name) for name in names},
+                        **{name: chunk.columns[name] for name in more},
+                    }
+                )
+            )
+        if not parts:
+            return pd.DataFrame(columns=["press", "step_id", "t_s", "t_press_s", *names, *more])
+        return pd.concat(parts, ignore_index=True)
+
+    def samples_of(self, press: str) -> Iterator[Chunk]:
+        """All chunks of a press. Raises RunFailed for a damaged one."""
+        for stream in _STREAMS:
+            for _, _, chunk in self._chunks(stream, press):
+                yield chunk
+
+    def _chunks(self, stream: str, press: str | None) -> Iterator[tuple[str, str, Chunk]]:
+        """Press, step and samples, step by step. Raises RunFailed for a damaged chunk."""
+        with self._reader() as db:
+            rows = db.execute(
+                "SELECT press, step_id, stream, origin_s, n, columns, data FROM samples "
+                "WHERE stream = ? AND press = coalesce(?, press) ORDER BY seq",
+                (stream, press),
+            )
+            for of_press, step_id, *stored in rows:
+                try:
+                    yield of_press, step_id, unpack(*stored)
+                except ValueError as why:
+                    raise RunFailed(
+                        f"{self.folder / 'journal.sqlite'}: {stream} of {step_id}: damaged: {why}"
+                    ) from why
+
+    def _table(self, name: str, press: str | None = None) -> pd.DataFrame:
+        import pandas as pd
+
+        which = "" if press is None else "WHERE press = :press "
         with self._reader() as db:
             try:
-                return pd.read_sql_query(f"SELECT * FROM {name} ORDER BY seq", db)
+                return pd.read_sql_query(
+                    f"SELECT * FROM {name} {which}ORDER BY seq", db, params={"press": press}
+                )
             except pd.errors.DatabaseError as why:
                 raise sqlite3.DatabaseError(str(why.__cause__ or why)) from why
 
@@ -224,16 +257,6 @@ class Run:
                 yield db
         except sqlite3.Error as why:
             raise RunFailed(f"{path}: the journal cannot be read: {why}") from why
-
-
-@contextmanager
-def _reading(path: Path) -> Iterator[Any]:
-    """An npz of the truth. Raises RunFailed naming it when it is missing or damaged."""
-    try:
-        with np.load(path) as data:
-            yield data
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as why:
-        raise RunFailed(f"{path}: the truth cannot be read: {why}") from why
 
 
 def open(folder: str | Path) -> Run:

@@ -14,7 +14,6 @@ from .run import Run
 _MAY_DIFFER = (
     "format", "name", "rig_name", "rig.stage.port", "versions.python", "versions.cadquery",
 )  # fmt: skip
-_ABSENT = object()
 
 
 def require_same(
@@ -35,7 +34,7 @@ def require_same(
     for part in dict.fromkeys(("protocol", "seed", "rig", "sensor", "pattern", *given, *stored)):
         if part == "versions" and not with_versions:
             continue
-        found = _difference(stored.get(part, _ABSENT), given.get(part, _ABSENT), part)
+        found = _difference(stored.get(part), given.get(part), part)
         if found is not None:
             key, was, now = found
             raise InputError(
@@ -56,12 +55,15 @@ def require_same(
 
 
 def _difference(a: Any, b: Any, at: str) -> tuple[str, Any, Any] | None:
-    """The first place where two trees of plain data differ: its key and both values."""
+    """The first place where two trees of plain data differ: its key and both values.
+
+    What is not there is None: a field that was not known to who began the run was not used.
+    """
     if at in _MAY_DIFFER:
         return None
     if isinstance(a, dict) and isinstance(b, dict):
         for key in sorted(a.keys() | b.keys()):
-            found = _difference(a.get(key, _ABSENT), b.get(key, _ABSENT), f"{at}.{key}")
+            found = _difference(a.get(key), b.get(key), f"{at}.{key}")
             if found is not None:
                 return found
         return None
@@ -69,7 +71,7 @@ def _difference(a: Any, b: Any, at: str) -> tuple[str, Any, Any] | None:
 
 
 def _short(value: Any) -> str:
-    if value is _ABSENT:
+    if value is None:
         return "nothing"
     text = json.dumps(value)
     return text if len(text) <= 60 else f"{text[:57]}..."

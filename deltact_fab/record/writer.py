@@ -7,8 +7,7 @@ import os
 import shutil
 import sqlite3
 import time
-import zipfile
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
@@ -23,20 +22,20 @@ from .files import (
     encode_png,
     image_file,
     json_bytes,
-    lattice_file,
     refusing,
     sync_folder,
     truth_file,
     write_whole,
 )
-from .journal import SCHEMA, claim, connect, journal_errors
+from .journal import PRESS_TABLES, SCHEMA, claim, connect, journal_errors
+from .kept import Progress, frame_id_of, judged
 from .run import Run
-
-Progress = Callable[[int, int, str], None]
+from .streams import Chunk, pack
 
 
 class RunWriter:
-    """Writes one run. Every frame and every step is committed before the next one starts.
+    """Writes one run. Every frame and every step is committed before the next one starts; with a
+    step come the samples that force sensor and stage gave in it.
 
     Rows are numbered by their place in the plan, so a press that is redone gets its old numbers.
     """
@@ -87,9 +86,9 @@ class RunWriter:
             write_whole(made / "protocol.toml", protocol)
             write_whole(made / "pattern.json", json_bytes(pattern))
             with journal_errors(made), closing(connect(made, new=True)) as db:
-                db.executescript(SCHEMA)
+                db.executescript(f"BEGIN;{SCHEMA}COMMIT;")
                 with db:
-                    db.execute("INSERT INTO sessions VALUES (1, ?, 0, '')", (time.time(),))
+                    _event(db, "session", "begun")
             write_whole(made / "run.json", json_bytes({"format": FORMAT, **meta}))
             with refusing(folder):
                 made.rename(folder)
@@ -107,17 +106,21 @@ class RunWriter:
     ) -> RunWriter:
         """Continue an unfinished run: keep complete presses, clear away all else.
 
-        A press is kept when all its steps and frames are journalled, every image has its hash and
-        its truth is whole. Raises InputError for no run folder, one that is being written or one
-        that cannot be written; RunFailed for a damaged journal.
+        Raises InputError for no run folder, one that is being written, one that cannot be written
+        and one of an older format; RunFailed for a damaged journal.
         """
         run = Run(folder)
+        if run.format != FORMAT:
+            raise InputError(
+                f"{folder}: format {run.format}: it can be read, but only the version that began "
+                "it can go on with it"
+            )
         if not os.access(folder, os.W_OK):
             raise InputError(f"{folder}: cannot be written; a run is continued where it stands")
         writer = cls(folder, steps)
         try:
             with journal_errors(folder):
-                writer._find_kept(run, steps, progress)
+                writer.kept, writer.redone = judged(writer._db, run, steps, progress)
                 writer._clear()
         except BaseException:
             writer.abandon()
@@ -131,12 +134,10 @@ class RunWriter:
         image: NDArray[np.uint8] | None,
         t_s: float,
         t_step_s: float,
-        position_mm: tuple[float, float, float],
-        force_n: tuple[float, float, float] | None,
-        torque_nmm: tuple[float, float, float] | None,
+        t_press_s: float,
     ) -> str:
         """Store one frame (image may be left out by the scene) and return its id."""
-        frame_id = _frame_id(step, k)
+        frame_id = frame_id_of(step, k)
         file = digest = None
         if image is not None:
             data = encode_png(image)
@@ -145,21 +146,40 @@ class RunWriter:
             digest = hashlib.sha256(data).hexdigest()
         row = (
             frame_id, self._frames_before[step.id] + k, step.id, step.press, step.indenter,
-            step.kind, k, file, digest, t_s, t_step_s, *position_mm, *(force_n or (None,) * 3),
-            *(torque_nmm or (None,) * 3), time.time(),
+            step.kind, k, file, digest, t_s, t_step_s, t_press_s, time.time(),
         )  # fmt: skip
-        self._insert("frames", row)
+        with journal_errors(self.folder), self._db:
+            _insert(self._db, "frames", row)
         return frame_id
 
-    def step(self, step: Step, planned_s: float, t_start_s: float, t_end_s: float) -> None:
-        """Journal a finished step. The last step of a press completes the press."""
-        self._insert(
-            "steps",
-            (
-                self._step_seq[step.id], step.id, step.press, step.indenter, step.kind,
-                *step.target_mm, step.feed_mm_min, planned_s, t_start_s, t_end_s, time.time(),
-            ),
+    def step(
+        self,
+        step: Step,
+        planned_s: float,
+        t_start_s: float,
+        t_end_s: float,
+        chunks: Iterable[Chunk] = (),
+    ) -> None:
+        """Journal a finished step and its samples. A press's last step completes the press."""
+        row = (
+            self._step_seq[step.id], step.id, step.press, step.indenter, step.kind,
+            *step.target_mm, step.feed_mm_min, planned_s, t_start_s, t_end_s, time.time(),
         )  # fmt: skip
+        with journal_errors(self.folder), self._db:
+            self._insert_samples(step, chunks)
+            _insert(self._db, "steps", row)
+
+    def cut_off(self, step: Step, chunks: Iterable[Chunk]) -> None:
+        """Keep the samples of a step that will not be finished, until its press is done again."""
+        with journal_errors(self.folder), self._db:
+            self._insert_samples(step, chunks)
+
+    def event(
+        self, kind: str, text: str, t_s: float | None = None, step: Step | None = None
+    ) -> None:
+        """Note what happened, at a time of the rig's clock."""
+        with journal_errors(self.folder), self._db:
+            _event(self._db, kind, text, t_s, step)
 
     def close(self, summary: dict[str, Any]) -> None:
         """Finish the run: fold the journal into one plain file, then write the summary.
@@ -184,75 +204,13 @@ class RunWriter:
             self._db.close()
         self._claim.close()
 
-    def _insert(self, table: str, row: tuple[Any, ...]) -> None:
-        marks = ",".join("?" * len(row))
-        with journal_errors(self.folder), self._db:
-            self._db.execute(f"INSERT INTO {table} VALUES ({marks})", row)
-
-    def _find_kept(self, run: Run, steps: Sequence[Step], progress: Progress | None) -> None:
-        """Judge every press by what the journal and the disk hold of it."""
-        verdict = self._db.execute("PRAGMA quick_check(1)").fetchone()[0]
-        if verdict != "ok":
-            raise sqlite3.DatabaseError(verdict)
-        done = {row[0] for row in self._db.execute("SELECT step_id FROM steps")}
-        found = {
-            frame_id: (file, digest)
-            for frame_id, file, digest in self._db.execute(
-                "SELECT frame_id, file, sha256 FROM frames"
-            )
-        }
-        plan: dict[str, list[Step]] = {}
-        for step in steps:
-            plan.setdefault(step.press, []).append(step)
-        checked = 0
-        kept = set()
-        for press, part in plan.items():
-            ids = [_frame_id(step, k) for step in part for k in range(1, step.frames + 1)]
-            have = [i for i in ids if i in found]
-            if not have and not any(step.id in done for step in part):
-                continue
-            if len(have) < len(ids) or any(step.id not in done for step in part):
-                self.redone[press] = f"cut off after {len(have)} of {len(ids)} frames"
-                continue
-            why = self._damage(run, press, {i: found[i] for i in ids})
-            checked += len(ids)
-            if progress is not None and ids:
-                progress(checked, len(found), f"checking {press}")
-            if why:
-                self.redone[press] = why
-            else:
-                kept.add(press)
-        self.kept = frozenset(kept)
-
-    def _damage(
-        self, run: Run, press: str, frames: dict[str, tuple[str | None, str | None]]
-    ) -> str:
-        """What is wrong with the files of a press whose rows are all there; empty when nothing."""
-        drawn = False
-        for file, digest in frames.values():
-            if file is None:
-                continue
-            drawn = True
-            try:
-                data = (self.folder / file).read_bytes()
-            except OSError as why:
-                return f"{file}: {why.strerror}"
-            if hashlib.sha256(data).hexdigest() != digest:
-                return f"{file}: differs from its hash in the journal"
-        if drawn and run.simulated:
-            if not lattice_file(self.folder).is_file():
-                return "its truth is missing"
-            path = truth_file(self.folder, press)
-            try:
-                with zipfile.ZipFile(path) as packed:
-                    bad = packed.testzip()
-                with np.load(path) as data:
-                    ids = data["frame_id"].tolist()
-            except (OSError, ValueError, KeyError, zipfile.BadZipFile):
-                return "its truth is missing or damaged"
-            if bad is not None or ids != list(frames):
-                return "its truth is damaged"
-        return ""
+    def _insert_samples(self, step: Step, chunks: Iterable[Chunk]) -> None:
+        for chunk in chunks:
+            row = (
+                self._step_seq[step.id], chunk.stream, step.press, step.id, len(chunk),
+                chunk.origin_s, *pack(chunk),
+            )  # fmt: skip
+            _insert(self._db, "samples", row)
 
     def _clear(self) -> None:
         """Remove all but the kept presses: rows first, for a file without a row is cleared again.
@@ -260,19 +218,16 @@ class RunWriter:
         Raises RunFailed when a file cannot be removed.
         """
         with self._db:
-            rows = self._db.execute(
-                "SELECT DISTINCT press FROM frames UNION SELECT press FROM steps"
-            )
-            gone = [(press,) for (press,) in rows.fetchall() if press not in self.kept]
-            self._db.executemany("DELETE FROM frames WHERE press = ?", gone)
-            self._db.executemany("DELETE FROM steps WHERE press = ?", gone)
+            for table in PRESS_TABLES:
+                rows = self._db.execute(f"SELECT DISTINCT press FROM {table}").fetchall()
+                gone = [(press,) for (press,) in rows if press not in self.kept]
+                self._db.executemany(f"DELETE FROM {table} WHERE press = ?", gone)
             kept_frames = self._db.execute("SELECT count(*) FROM frames").fetchone()[0]
-            why = "; ".join(f"{press}: {text}" for press, text in self.redone.items())
-            self.session = 1 + self._db.execute("SELECT max(seq) FROM sessions").fetchone()[0]
-            self._db.execute(
-                "INSERT INTO sessions VALUES (?, ?, ?, ?)",
-                (self.session, time.time(), kept_frames, why),
-            )
+            again = "; ".join(f"{press}: {text}" for press, text in self.redone.items())
+            count = "SELECT count(*) FROM events WHERE kind = 'session'"
+            self.session = 1 + self._db.execute(count).fetchone()[0]
+            text = f"resumed: {kept_frames} frames kept"
+            _event(self._db, "session", f"{text}; done again: {again}" if again else text)
         files = self._db.execute("SELECT file FROM frames WHERE file IS NOT NULL")
         keep = {self.folder / file for (file,) in files}
         keep |= {truth_file(self.folder, press) for press in self.kept}
@@ -284,8 +239,19 @@ class RunWriter:
                     raise RunFailed(f"{path}: cannot be removed: {why_not.strerror}") from why_not
 
 
-def _frame_id(step: Step, k: int) -> str:
-    return f"{step.id}#{k:03d}"
+def _insert(db: sqlite3.Connection, table: str, row: Sequence[Any]) -> None:
+    db.execute(f"INSERT INTO {table} VALUES ({','.join('?' * len(row))})", row)
+
+
+def _event(
+    db: sqlite3.Connection,
+    kind: str,
+    text: str,
+    t_s: float | None = None,
+    step: Step | None = None,
+) -> None:
+    where = (None, None) if step is None else (step.press, step.id)
+    _insert(db, "events", (None, kind, *where, text, t_s, time.time()))
 
 
 def _written(folder: Path) -> Iterable[Path]:

@@ -52,13 +52,27 @@ class Frame:
 
 
 @dataclass(frozen=True)
-class ForceReading:
-    """Force on the sensor about the centre of the resting face (n: newtons, nmm: N mm)."""
+class ForceSamples:
+    """Samples of force on the sensor about the centre of the resting face, in order of time.
 
-    force_n: tuple[float, float, float]
-    torque_nmm: tuple[float, float, float]
-    t_s: float
-    saturated: bool
+    Kept in the sensor's own counts, so that a record of them loses nothing.
+    """
+
+    t_ns: NDArray[np.int64]  # (n,) of the host's clock
+    counts: NDArray[np.int32]  # (n, 6): three of force, three of torque
+    per_unit: NDArray[np.float64]  # (6,) counts in a newton, in a newton millimetre
+    saturated: NDArray[np.bool_]  # (n,)
+    lost: int = 0  # samples that are missing before and between these
+
+    @property
+    def force_n(self) -> NDArray[np.float64]:
+        """(n, 3) newtons."""
+        return np.asarray(self.counts[:, :3] / self.per_unit[:3], float)
+
+    @property
+    def torque_nmm(self) -> NDArray[np.float64]:
+        """(n, 3) newton millimetres."""
+        return np.asarray(self.counts[:, 3:] / self.per_unit[3:], float)
 
 
 class Stage(Protocol):
@@ -108,13 +122,22 @@ class Camera(Protocol):
 
 
 class ForceSensor(Protocol):
-    """A six-axis force sensor read at the host's pace."""
+    """A six-axis force sensor that streams at its own rate."""
 
     def begin(self, stream: str) -> None:
-        """Tare with nothing touching, at the start of a press."""
+        """Tare with nothing touching, at the start of a press, and start the stream."""
 
-    def read(self) -> ForceReading:
-        """Newest sample. Raises SensorError when silent, saturated beyond use or faulted."""
+    def start(self) -> None:
+        """Let samples come again after a stop, on the same tare."""
+
+    def read(self) -> ForceSamples:
+        """All samples since the last read, at least one; waits for the next to come.
+
+        Raises SensorError when it is silent, faulted or has lost too many to go on.
+        """
+
+    def stop(self) -> None:
+        """Let no more samples come; those not read are dropped."""
 
     def identity(self) -> dict[str, Any]: ...
     def close(self) -> None: ...

@@ -11,6 +11,9 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..protocols.motion import Vec3
 from .clock import NS_PER_S
 
@@ -48,6 +51,13 @@ class Segment:
     def cut(self, t_ns: int) -> Segment:
         """The same motion, ended at t_ns (not at rest there: a braking ramp has to follow)."""
         return replace(self, end_mm=self.position_mm(t_ns), end_ns=t_ns)
+
+    def travelled_mm(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Way along the line at times (n,) of its duration."""
+        t = np.maximum(t_ns - self.start_ns, 0) / NS_PER_S
+        phases = np.array(self.phases)
+        t0, s0, v0, a = phases[np.searchsorted(phases[:, 0], t, "right") - 1].T
+        return np.asarray(s0 + (v0 + 0.5 * a * (t - t0)) * (t - t0), float)
 
     def _travelled(self, t_ns: int) -> tuple[float, float]:
         t = max(t_ns - self.start_ns, 0) / NS_PER_S

@@ -146,7 +146,7 @@ class VirtualRig:
                 self._config.force,
                 self.clock,
                 job.seed,
-                lambda: self.scene.observe().wrench(),
+                self.scene.wrenches,
                 simulator.force.noise_n,
             )
             self.force = VirtualForce(box, self.clock, self.scene if crop is None else None)

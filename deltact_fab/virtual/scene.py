@@ -22,7 +22,6 @@ from .controller import GrblController
 from .motion import Segment
 from .press import Press
 
-Wrench = tuple[Point, Point]
 SQUARE = 1e-6  # of the spacing: rounding of a lattice
 
 
@@ -35,6 +34,11 @@ class Knot:
     displacement_mm: NDArray[np.float32] | None  # (ny, nx, 3) on the lattice; None unless drawn
     force_n: Point
     torque_nmm: Point
+
+    @property
+    def wrench(self) -> tuple[float, ...]:
+        """Force (N), then torque (N mm), on the sensor."""
+        return (*self.force_n, *self.torque_nmm)
 
 
 @dataclass(frozen=True)
@@ -53,18 +57,6 @@ class Observation:
         assert self.b.displacement_mm is not None
         first = self.a.displacement_mm.astype(float)
         return first + self.fraction * (self.b.displacement_mm.astype(float) - first)
-
-    def wrench(self) -> Wrench:
-        """Force (N) and torque (N mm) on the sensor."""
-
-        def mix(p: Point, q: Point) -> Point:
-            x, y, z = (u + self.fraction * (v - u) for u, v in zip(p, q, strict=True))
-            return (x, y, z)
-
-        return (
-            mix(self.a.force_n, self.b.force_n),
-            mix(self.a.torque_nmm, self.b.torque_nmm),
-        )
 
 
 @dataclass
@@ -183,6 +175,29 @@ class GelScene:
     def observe(self) -> Observation:
         """The surface now. Raises SolverError or InputError when the gel cannot be solved."""
         now_ns = self._clock.now_ns()
+        segment = self._reach(now_ns)
+        if segment is None:
+            return self._resting(now_ns)
+        return self._between(self._line_of(segment), segment, now_ns)
+
+    def wrenches(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Forces (N) and torques (N mm) on the sensor (n, 6) at times (n,), ascending.
+
+        None is later than now or earlier than what was looked at before. Raises as `observe`.
+        """
+        found = np.empty((len(t_ns), 6))
+        k = 0
+        while k < len(t_ns):
+            segment = self._reach(int(t_ns[k]))
+            until_ns = self._next_start_ns() if segment is None else segment.end_ns
+            last = k + int(np.searchsorted(t_ns[k:], until_ns))
+            part = t_ns[k:last]
+            found[k:last] = self._still(part) if segment is None else self._along(segment, part)
+            k = last
+        return found
+
+    def _reach(self, now_ns: int) -> Segment | None:
+        """Carry the state over all lines that are over; the line under way, None at rest."""
         started = [
             s for s in self._controller.segments[self._next_segment :] if s.start_ns <= now_ns
         ]
@@ -193,9 +208,37 @@ class GelScene:
         for segment in started[lifted[-1] + 1 if lifted else 0 : over]:
             self._finish(segment)
         self._next_segment += over
-        if over < len(started):
-            return self._between(self._line_of(started[over]), started[over], now_ns)
-        return self._resting(now_ns)
+        return started[over] if over < len(started) else None
+
+    def _next_start_ns(self) -> float:
+        segments = self._controller.segments
+        return (
+            segments[self._next_segment].start_ns
+            if self._next_segment < len(segments)
+            else math.inf
+        )
+
+    def _along(self, segment: Segment, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Wrenches (n, 6) at times (n,) of a line under way."""
+        line = self._line_of(segment)
+        length = math.dist(segment.start_mm, segment.end_mm)
+        done = np.clip(segment.travelled_mm(t_ns) / length, 0.0, 1.0)
+        ends = np.minimum(np.searchsorted(line.at, done[[0, -1]], "right"), len(line.at) - 1)
+        first, last = max(int(ends[0]) - 1, 0), int(ends[1])
+        self._solve_up_to(line, last)
+        knots = np.array([knot.wrench for knot in line.knots[first : last + 1]])
+        at = line.at[first : last + 1]
+        return np.stack([np.interp(done, at, column) for column in knots.T], axis=1)
+
+    def _still(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Wrenches (n, 6) at times (n,) of a rest."""
+        rest_s, here, since_ns = self._rest_s(), self._here, self._arrived_ns
+        after = self._resting(int(t_ns[-1])).b
+        share = np.zeros(len(t_ns))
+        if rest_s is not None:
+            share = np.minimum((t_ns - since_ns) / NS_PER_S / rest_s, 1.0)
+        a, b = np.array(here.wrench), np.array(after.wrench)
+        return np.asarray(a + share[:, None] * (b - a), float)
 
     def _resting(self, now_ns: int) -> Observation:
         """Where no line is under way: still, unless the gel creeps under a resting tip."""

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from deltact_fab import catalog
 from deltact_fab.cli.main import COMMANDS
 
 HEAVY = ("cadquery", "OCP", "scipy.sparse", "plotly", "matplotlib", "pandas", "cv2", "numpy",
@@ -107,6 +108,17 @@ def test_bad_input_is_one_line_and_exit_2(words: list[str], says: str, tmp_path:
     assert "Traceback" not in done.stderr
     assert done.stdout == ""
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_sensor_s_number_is_shown_with_its_protocol(tmp_path: Path) -> None:
+    text = catalog.find("protocols", "smoke").read_text()
+    (tmp_path / "mine.toml").write_text(text.replace("[specimen]", '[specimen]\nserial = "DT-007"'))
+    shown = call("protocol", "show", "mine.toml", cwd=tmp_path).stdout
+    assert shown.startswith(
+        "specimen: design deltact, pattern dense-with-dots, serial number DT-007\n"
+    )
+    data = json.loads(call("protocol", "show", "mine.toml", "--json", cwd=tmp_path).stdout)
+    assert data["specimen"]["serial"] == "DT-007"
 
 
 def test_debug_shows_the_traceback(tmp_path: Path) -> None:

@@ -97,6 +97,10 @@ def test_smoke_is_what_the_issue_asks_for() -> None:
         ({"depth_mm": [1.0]}, ["depth_mm", "unknown key", "depths_mm"]),
         ({"capture": {"mode": "film"}}, ["capture.mode", "'sweep'", "'film'"]),
         ({"motion": {"clearance_mm": 0.1}}, ["motion", "approach_gap_mm"]),
+        ({"specimen": {"serial": ""}}, ["specimen.serial", "1 character"]),
+        ({"specimen": {"serial": "n" * 65}}, ["specimen.serial", "64 characters"]),
+        ({"specimen": {"serial": "DT\n7"}}, ["specimen.serial", "printable"]),
+        ({"specimen": {"serial": " 7"}}, ["specimen.serial", "no blank"]),
     ],
 )
 def test_bad_declarations_are_one_line_with_file_key_and_what_would_be_right(

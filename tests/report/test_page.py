@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import re
+import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -93,3 +95,16 @@ def test_a_run_in_which_nothing_moved_enough_still_has_a_report(
     assert touched.methods[0]["mean_off_dots_mm"] is None
     page = write(tmp_path / "r", tmp_path / "r.html", touched).read_text()
     assert "(at dots)" in page
+
+
+def test_it_names_the_sensor_that_was_pressed(
+    mini_run: Path, result: TrackingResult, page: str, tmp_path: Path
+) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(mini_run, run)
+    meta = json.loads((run / "run.json").read_text())
+    assert meta["protocol"]["specimen"]["serial"] is None
+    assert "sensor <b>" not in page
+    meta["protocol"]["specimen"]["serial"] = "DT-007 <i>"
+    (run / "run.json").write_text(json.dumps(meta))
+    assert "sensor <b>DT-007 &lt;i&gt;</b>" in write(run, tmp_path / "r.html", result).read_text()

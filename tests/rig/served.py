@@ -1,84 +1,123 @@
-"""A simulated controller on a pseudo terminal, on the wall clock: a port like any other."""
+"""A board on a pseudo terminal: the simulated controller, served by a process of its own.
+
+As a script: prints the terminal's path, restarts as an Arduino does when a host opens it, ends when
+its standard input does, and prints what it saw. `powered` starts and ends it for a test.
+"""
 
 from __future__ import annotations
 
+import json
 import os
 import select
-import threading
+import subprocess
+import sys
 import time
 import tty
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
 
-from deltact_fab.rig.clock import WallClock
-from deltact_fab.virtual.controller import GrblController
-
-# Homed within a second or so.
-QUICK = {24: 1200, 25: 1200, 26: 5, 27: 0.2, 120: 2000, 121: 2000, 122: 2000}
+# Fast enough for tests at the wall clock.
+QUICK = {
+    24: 1200, 25: 3000, 26: 5, 27: 0.2, 110: 6000, 111: 6000, 112: 6000,
+    120: 2000, 121: 2000, 122: 2000,
+}  # fmt: skip
 
 
 class Board:
-    """port: what a host opens. heard: every piece of what it sent, with the time it came (s)."""
+    """The process; `port` is what a host opens, `saw` is there once it is off."""
 
-    def __init__(self, grbl: GrblController, port: str) -> None:
-        self.grbl = grbl
+    def __init__(self, process: subprocess.Popen[str], port: str) -> None:
+        self._process = process
         self.port = port
-        self.heard: list[tuple[float, bytes]] = []
-        self.lock = threading.Lock()  # the controller is no more than one thread's at a time
+        self.saw: dict[str, Any] = {}
 
-    def hears(self, what: bytes, within_s: float = 30.0) -> float:
-        """Wait for these bytes; when they came (monotonic s)."""
-        return await_(lambda: next((t for t, data in self.heard if what in data), None), within_s)
-
-    def at_mm(self) -> tuple[float, float, float]:
-        """Where the carriage is now."""
-        with self.lock:
-            return self.grbl.position_mm()
-
-    def state(self) -> str:
-        """What the controller is doing now."""
-        with self.lock:
-            return self.grbl.state
-
-
-def await_(what: Callable[[], float | None], within_s: float = 30.0) -> float:
-    """Poll until there is something; it."""
-    deadline = time.monotonic() + within_s
-    while time.monotonic() < deadline:
-        if (found := what()) is not None:
-            return found
-        time.sleep(0.002)
-    raise AssertionError(f"waited {within_s} s for nothing")
+    def off(self) -> None:
+        """End the process and read what it saw."""
+        if not self.saw:
+            told, _ = self._process.communicate(timeout=20)
+            self.saw = json.loads(told)
 
 
 @contextmanager
-def board(settings: dict[int, float] | None = None) -> Iterator[Board]:
-    """A board that does not restart on opening, plugged in for as long as the context lasts."""
+def powered(reboot_at_jog: int | None = None) -> Iterator[Board]:
+    """A board that runs while the block does. reboot_at_jog: a brown-out at that jog, once."""
+    process = subprocess.Popen(
+        [sys.executable, __file__, json.dumps(reboot_at_jog)],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        assert process.stdout is not None
+        board = Board(process, process.stdout.readline().strip())
+        yield board
+        board.off()
+    finally:
+        process.kill()
+        process.wait()
+        for pipe in (process.stdin, process.stdout):
+            if pipe is not None:
+                pipe.close()
+
+
+def rig_file(folder: Path, port: str) -> Path:
+    """A rig of kind `grbl` on that port."""
+    path = folder / "bench.toml"
+    path.write_text(
+        f"""
+kind = "grbl"
+[stage]
+port = "{port}"
+origin_machine_mm = [-60.0, -60.0, -40.0]
+travel_mm = [120.0, 120.0, 60.0]
+max_feed_mm_min = [6000.0, 6000.0, 6000.0]
+acceleration_mm_s2 = [2000.0, 2000.0, 2000.0]
+"""
+    )
+    return path
+
+
+def _serve(reboot_at_jog: int | None) -> None:
+    from deltact_fab.rig.clock import WallClock
+    from deltact_fab.virtual.controller import GrblController
+
     ours, theirs = os.openpty()
     tty.setraw(theirs)
-    grbl = GrblController(
-        {**QUICK, **(settings or {})}, WallClock(), start_mm=(-1, -1, -1), boot_s=0.3
-    )
-    it = Board(grbl, os.ttyname(theirs))
-    done = threading.Event()
+    grbl = GrblController(QUICK, WallClock(), start_mm=(-1, -1, -1), boot_s=0.2)
+    print(os.ttyname(theirs), flush=True)
+    os.close(theirs)
+    links, jogs, line = [], 0, b""
+    poll = select.poll()
+    poll.register(ours, select.POLLIN)
+    poll.register(0, select.POLLIN)
+    while True:
+        events = dict(poll.poll(2))
+        if 0 in events:
+            break
+        if events.get(ours, 0) & select.POLLHUP:  # no host has it open
+            if links[-1:] == ["opened"]:
+                links.append("closed")
+            time.sleep(0.002)
+            continue
+        if links[-1:] != ["opened"]:
+            links.append("opened")
+            grbl.hard_reset()
+            grbl.take_output()  # nobody heard what it said before
+        if events.get(ours, 0) & select.POLLIN:
+            data = os.read(ours, 4096)
+            grbl.write(data)
+            *lines, line = (line + data).split(b"\n")
+            for whole in lines:
+                jogs += b"$J=" in whole
+                if reboot_at_jog is not None and jogs == reboot_at_jog:
+                    grbl.fault("reboot")
+                    reboot_at_jog = None
+        if said := grbl.read_available():
+            os.write(ours, said)
+    ends = [z for segment in grbl.segments for z in (segment.start_mm[2], segment.end_mm[2])]
+    saw = {"links": links, "jogs": jogs, "lowest_mm": min(ends, default=None)}
+    print(json.dumps(saw))
 
-    def pump() -> None:
-        while not done.is_set():
-            ready = select.select([ours], [], [], 0.002)[0]
-            with it.lock:
-                if ready:
-                    data = os.read(ours, 4096)
-                    it.heard.append((time.monotonic(), data))
-                    grbl.write(data)
-                if said := grbl.read_available():
-                    os.write(ours, said)
 
-    thread = threading.Thread(target=pump)
-    thread.start()
-    try:
-        yield it
-    finally:
-        done.set()
-        thread.join()
-        os.close(ours)
-        os.close(theirs)
+if __name__ == "__main__":
+    _serve(json.loads(sys.argv[1]))

@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 import serial
 from click.testing import CliRunner
-from served import powered, rig_file
 from pydantic import TypeAdapter
 from served import powered, rig_file
 

@@ -190,15 +190,21 @@ def test_a_force_sensor(kind: str, build: Any, request: pytest.FixtureRequest) -
     assert_plain(force.identity())
     over_the_sensor(devices)
     force.begin("one/p1")
-    readings = []
+    t_ns, force_n = [], []
     for _ in range(3):
         devices.clock.sleep_s(0.01)
-        readings.append(force.read())
-    assert all(a.t_s < b.t_s for a, b in itertools.pairwise(readings))
-    assert readings[-1].t_s <= devices.clock.now_s()
-    assert all(np.isfinite([*r.force_n, *r.torque_nmm]).all() for r in readings)
-    assert max(abs(v) for r in readings for v in r.force_n) < 0.1  # nothing touches
-    assert not any(r.saturated for r in readings)
+        samples = force.read()
+        assert not samples.saturated.any()
+        assert np.isfinite(samples.torque_nmm).all()
+        t_ns += samples.t_ns.tolist()
+        force_n += samples.force_n.tolist()
+    assert all(a < b for a, b in itertools.pairwise(t_ns))
+    assert t_ns[-1] <= devices.clock.now_s() * 1e9
+    assert np.abs(force_n).max() < 0.1  # nothing touches
+    force.stop()
+    force.start()
+    devices.clock.sleep_s(0.01)
+    assert force.read().t_ns[0] > t_ns[-1]
     force.close()
     force.close()
 

@@ -1,99 +1,189 @@
-"""The real Net F/T client on the simulated box."""
+"""The real Net F/T client on the simulated box, which streams at its own rate in virtual time."""
 
 from __future__ import annotations
 
-import struct
-
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from deltact_fab.errors import SensorError
+from deltact_fab.errors import SensorError, SolverError
 from deltact_fab.rig.config import ForceConfig
-from deltact_fab.rig.force import RECORD, NetFTSensor
+from deltact_fab.rig.force import COMMAND, HEADER, RECORD, STREAM, NetFTSensor
 from deltact_fab.virtual.clock import VirtualClock
-from deltact_fab.virtual.netft import NetFTBox, Wrench
+from deltact_fab.virtual.netft import NetFTBox
 
 
 class Hand:
-    """A force that the test sets."""
+    """A wrench that the test sets, and that grows by so much a second."""
 
     def __init__(self) -> None:
-        self.wrench: Wrench = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        self.wrench = np.zeros(6)
+        self.growth = np.zeros(6)
 
-    def __call__(self) -> Wrench:
-        return self.wrench
+    def __call__(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+        return np.asarray(self.wrench + t_ns[:, None] / 1e9 * self.growth)
 
 
-def bench(noise_n: float = 0.0) -> tuple[NetFTSensor, NetFTBox, Hand, VirtualClock]:
+def bench(
+    noise_n: float = 0.0, rate_hz: float = 1000.0
+) -> tuple[NetFTSensor, NetFTBox, Hand, VirtualClock]:
     hand, clock = Hand(), VirtualClock()
-    box = NetFTBox(ForceConfig(), clock, 1, hand, noise_n)
+    box = NetFTBox(ForceConfig(rate_hz=rate_hz), clock, 1, hand, noise_n)
     return NetFTSensor(box, clock), box, hand, clock
 
 
 def test_a_record_is_36_bytes_and_carries_newtons_and_signs() -> None:
-    sensor, _, hand, clock = bench()
-    hand.wrench = ((1.25, -0.5, -3.0), (2.0, -4.0, 0.125))
-    clock.sleep_s(1.0)
-    reading = sensor.read()
-    assert RECORD.size == 36
-    assert reading.force_n == pytest.approx((1.25, -0.5, -3.0), abs=1e-6)
-    assert reading.torque_nmm == pytest.approx((2.0, -4.0, 0.125), abs=1e-5)
-    assert not reading.saturated
+    sensor, _, hand, _ = bench()
+    hand.wrench = np.array([1.25, -0.5, -3.0, 2.0, -4.0, 0.125])
+    sensor.start()
+    samples = sensor.read()
+    assert RECORD.itemsize == 36
+    assert samples.force_n[-1] == pytest.approx((1.25, -0.5, -3.0), abs=1e-6)
+    assert samples.torque_nmm[-1] == pytest.approx((2.0, -4.0, 0.125), abs=1e-5)
+    assert not samples.saturated.any()
+
+
+@pytest.mark.parametrize("rate_hz", [1000.0, 700.0])
+def test_every_sample_comes_once_with_its_own_time(rate_hz: float) -> None:
+    sensor, _, hand, clock = bench(rate_hz=rate_hz)
+    hand.growth = np.array([0.0, 0.0, -2.0, 0.0, 0.0, 0.0])
+    clock.sleep_s(0.4321)
+    sensor.start()
+    parts = []
+    for wait_s in (0.0, 0.0123, 0.2, 1e-5, 0.7):
+        clock.sleep_s(wait_s)
+        parts.append(sensor.read())
+        assert parts[-1].t_ns[-1] == clock.now_ns()  # the last one was waited for
+        assert parts[-1].lost == 0
+    t_ns = np.concatenate([part.t_ns for part in parts])
+    assert len(t_ns) == pytest.approx(0.9123 * rate_hz, abs=6)
+    assert np.abs(np.diff(t_ns) - 1e9 / rate_hz).max() <= 1
+    fz_n = np.concatenate([part.force_n[:, 2] for part in parts])
+    assert fz_n == pytest.approx(-2.0 * t_ns / 1e9, abs=2e-6)
 
 
 def test_bias_takes_away_what_pulls_when_nothing_touches() -> None:
     sensor, _, hand, _ = bench()
-    hand.wrench = ((0.3, 0.0, -0.2), (0.0, 0.0, 0.0))
+    hand.wrench = np.array([0.3, 0.0, -0.2, 0.0, 0.0, 0.0])
     sensor.begin("p1")
-    hand.wrench = ((0.3, 0.0, -2.2), (0.0, 0.0, 0.0))
-    assert sensor.read().force_n == pytest.approx((0.0, 0.0, -2.0), abs=1e-6)
+    hand.wrench = np.array([0.3, 0.0, -2.2, 0.0, 0.0, 0.0])
+    assert sensor.read().force_n[-1] == pytest.approx((0.0, 0.0, -2.0), abs=1e-6)
 
 
 def test_out_of_range_is_flagged_and_clipped_as_the_box_does() -> None:
-    sensor, _, hand, _ = bench()
-    hand.wrench = ((0.0, 0.0, -50.0), (0.0, 0.0, 0.0))
-    reading = sensor.read()
-    assert reading.saturated
-    assert reading.force_n[2] == pytest.approx(-35.0)
+    sensor, _, hand, clock = bench()
+    hand.growth = np.array([0.0, 0.0, -50.0, 0.0, 0.0, 0.0])
+    sensor.start()
+    clock.sleep_s(0.8)
+    samples = sensor.read()
+    over = samples.t_ns > 0.7e9  # 35 N
+    assert (samples.saturated == over).all()
+    assert over.any()
+    assert samples.force_n[over, 2] == pytest.approx(-35.0)
 
 
-def test_noise_has_the_stated_size() -> None:
-    sensor, _, _, clock = bench(noise_n=0.02)
-    samples = []
-    for _ in range(2000):
-        clock.sleep_s(0.001)
-        samples.append(sensor.read().force_n)
-    assert np.std(samples) == pytest.approx(0.02, rel=0.05)
+def test_noise_has_the_stated_size_and_does_not_know_how_it_was_read() -> None:
+    runs = []
+    for pause_s in (2.0, 0.017):
+        sensor, box, _, clock = bench(noise_n=0.02)
+        box.reseed(7)
+        sensor.start()
+        parts = []
+        while clock.now_s() < 2.0:
+            clock.sleep_s(pause_s)
+            parts.append(sensor.read().counts)
+        runs.append(np.concatenate(parts)[:1900])
+    assert np.array_equal(*runs)
+    assert np.std(runs[0][:, :3] / 1e6) == pytest.approx(0.02, rel=0.05)
 
 
 def test_silence_takes_the_time_out_and_is_an_error() -> None:
     sensor, box, _, clock = bench()
-    box.send = lambda command: None  # type: ignore[method-assign]
+    sensor.start()
+    sensor.read()
+    box.send(COMMAND.pack(HEADER, 0, 0))  # someone else stops it
     before = clock.now_s()
     with pytest.raises(SensorError, match="no sample within 50 ms"):
         sensor.read()
     assert clock.now_s() - before == pytest.approx(0.05)
 
 
-def test_a_stale_or_short_record_is_an_error() -> None:
-    sensor, box, _, _ = bench()
+def test_lost_datagrams_are_counted_and_too_many_are_an_error() -> None:
+    sensor, box, _, clock = bench()
+    sensor.start()
     sensor.read()
-    box.receive = lambda timeout_s: struct.pack(">9i", 1, 1, 0, 0, 0, 0, 0, 0, 0)  # type: ignore[method-assign]
-    with pytest.raises(SensorError, match="stale"):
+    clock.sleep_s(0.02)
+    for _ in range(3):
+        box.receive(0.0)
+    samples = sensor.read()
+    assert samples.lost == 3
+    assert np.diff(samples.t_ns).max() == 1_000_000
+    assert samples.t_ns[-1] == clock.now_ns()
+    clock.sleep_s(0.1)
+    for _ in range(60):
+        box.receive(0.0)
+    with pytest.raises(SensorError, match="60 samples in a row were lost"):
         sensor.read()
-    box.receive = lambda timeout_s: b"\0" * 20  # type: ignore[method-assign]
-    with pytest.raises(SensorError, match="20 bytes"):
+
+
+def test_a_stale_a_short_and_a_faulty_record_are_errors() -> None:
+    sensor, box, _, clock = bench()
+    sensor.start()
+    sensor.read()
+    box.send(COMMAND.pack(HEADER, STREAM, 0))  # someone else starts it anew
+    with pytest.raises(SensorError, match="stale sample 1 after 1"):
         sensor.read()
+    for record, words in (
+        (b"\0" * 20, "20 bytes"),
+        (np.array([(2, 2, 1 << 31, [0] * 6)], RECORD).tobytes(), "status word 0x80000000"),
+    ):
+        clock.sleep_s(0.01)
+        sensor.stop()
+        sensor.start()
+        sensor.read()
+        box._out.append(record)
+        with pytest.raises(SensorError, match=words):
+            sensor.read()
+
+
+def test_what_the_scene_cannot_answer_is_told_to_who_reads() -> None:
+    sensor, box, _, clock = bench()
+    sensor.start()
+
+    def unsolved(t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+        raise SolverError("no convergence")
+
+    sensor.read()
+    box._wrenches = unsolved
+    clock.sleep_s(0.5)  # the host sleeps on, whatever becomes of the gel
+    with pytest.raises(SolverError, match="no convergence"):
+        sensor.read()
+
+
+def test_a_count_of_records_and_what_was_under_way_at_a_stop() -> None:
+    sensor, box, _, clock = bench()
+    box.send(COMMAND.pack(HEADER, STREAM, 5))
+    clock.sleep_s(0.1)
+    got = []
+    while data := box.receive(0.0):
+        got.append(int(np.frombuffer(data, RECORD)["rdt"][0]))
+    assert got == [1, 2, 3, 4, 5]
+    sensor.start()
+    clock.sleep_s(0.1)
+    sensor.stop()
+    sensor.start()
+    assert len(sensor.read().t_ns) == 1  # nothing of the stream before
 
 
 def test_the_largest_sensor_and_the_most_noise_fit_into_a_record() -> None:
-    hand = Hand()
+    hand, clock = Hand(), VirtualClock()
     most = ForceConfig(range_n=(1e5, 1e5, 1e5), range_nmm=(1e7, 1e7, 1e7))
-    sensor = NetFTSensor(NetFTBox(most, VirtualClock(), 1, hand, 100.0), VirtualClock())
-    hand.wrench = ((-2e5, 0.0, 0.0), (0.0, 0.0, 0.0))  # on the bias as well
+    sensor = NetFTSensor(NetFTBox(most, clock, 1, hand, 100.0), clock)
+    hand.wrench = np.array([-2e5, 0, 0, 0, 0, 0])  # on the bias as well
     sensor.begin("press")
-    hand.wrench = ((2e5, 0.0, -9e4), (0.0, 3e7, -8e6))
-    reading = sensor.read()
-    assert reading.saturated
-    assert reading.force_n[2] == pytest.approx(-9e4, abs=1e3)
-    assert reading.torque_nmm[2] == pytest.approx(-8e6, abs=1e4)
+    hand.wrench = np.array([2e5, 0, -9e4, 0, 3e7, -8e6])
+    clock.sleep_s(0.01)
+    samples = sensor.read()
+    assert samples.saturated[-1]
+    assert samples.force_n[-1, 2] == pytest.approx(-9e4, abs=1e3)
+    assert samples.torque_nmm[-1, 2] == pytest.approx(-8e6, abs=1e4)

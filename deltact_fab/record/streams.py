@@ -1,0 +1,92 @@
+"""Streams of a run: samples with their own times, packed losslessly, a chunk a step.
+
+A chunk holds columns of equal length. Times are whole nanoseconds since the press began, so that a
+press that is done again gives the same bytes; `origin_s` puts them on the rig's clock. Values are
+kept as the device gave them, with how many make up one unit. Packed: of times the differences, of
+every column all first bytes of its little-endian values, then all second ones, and so on, all of it
+deflated (which also guards it with a checksum).
+"""
+
+from __future__ import annotations
+
+import json
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+TIME = "t_ns"
+LEVEL = 1  # of deflate: higher ones take ten times as long for a hundredth of the size
+FORCE_COLUMNS = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
+POSE_COLUMNS = ("x_mm", "y_mm", "z_mm")
+Column = NDArray[np.int64] | NDArray[np.int32] | NDArray[np.float64] | NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Chunk:
+    """Samples of one stream in one step. columns: t_ns first; per_unit: 1 where it is left out."""
+
+    stream: str
+    origin_s: float
+    columns: Mapping[str, Column]
+    per_unit: Mapping[str, float] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.columns[TIME])
+
+    def t_press_s(self) -> NDArray[np.float64]:
+        """(n,) seconds since the press began."""
+        return np.asarray(self.columns[TIME] / 1e9, float)
+
+    def values(self, name: str) -> NDArray[np.float64]:
+        """(n,) of a column in its unit."""
+        return np.asarray(self.columns[name] / self.per_unit.get(name, 1.0), float)
+
+
+def pack(chunk: Chunk) -> tuple[str, bytes]:
+    """What the columns are, as JSON, and their bytes."""
+    heads, parts = [], []
+    for name, column in chunk.columns.items():
+        values = np.diff(column, prepend=0) if name == TIME else column
+        little = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
+        heads.append([name, little.dtype.str, chunk.per_unit.get(name, 1.0)])
+        parts.append(little.view(np.uint8).reshape(-1, little.itemsize).T.tobytes())
+    return json.dumps(heads), zlib.compress(b"".join(parts), LEVEL)
+
+
+def unpack(stream: str, origin_s: float, n: int, heads: str, data: bytes) -> Chunk:
+    """The chunk of n samples that was packed. Raises ValueError when it is damaged."""
+    try:
+        raw = zlib.decompress(data)
+        columns: dict[str, Column] = {}
+        per_unit, at = {}, 0
+        for name, kind, unit in json.loads(heads):
+            dtype = np.dtype(kind)
+            part = np.frombuffer(raw, np.uint8, n * dtype.itemsize, at)
+            at += part.size
+            values = np.ascontiguousarray(part.reshape(dtype.itemsize, n).T).view(dtype)[:, 0]
+            columns[name] = np.cumsum(values) if name == TIME else values
+            per_unit[name] = unit
+        if at != len(raw) or TIME not in columns:
+            raise ValueError("its columns do not fill it")
+    except (zlib.error, TypeError, IndexError) as why:
+        raise ValueError(str(why)) from why
+    return Chunk(stream, origin_s, columns, per_unit)
+
+
+def at_times(
+    chunk: Chunk, t_press_s: NDArray[np.float64], names: tuple[str, ...]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Columns (m, len(names)) interpolated linearly to times (m,), and the skew (m,) in s.
+
+    The skew is the way in time to the nearest sample. Before the first sample and after the last
+    the nearest one counts.
+    """
+    t_s = chunk.t_press_s()
+    values = [np.interp(t_press_s, t_s, chunk.values(name)) for name in names]
+    k = np.searchsorted(t_s, t_press_s)
+    before, after = t_s[np.maximum(k - 1, 0)], t_s[np.minimum(k, len(t_s) - 1)]
+    skew_s = np.minimum(np.abs(t_press_s - before), np.abs(t_press_s - after))
+    return np.stack(values, axis=1), skew_s
