@@ -69,7 +69,9 @@ def test_the_force_between_two_frames_is_what_the_gel_gives_there(mini_run: Path
     pose = run.pose("sphere-10/p1")
     depth_mm = -np.interp(press["t_press_s"], pose["t_press_s"], pose["z_mm"])
     fz_n = press["fz_n"].rolling(51, center=True).mean().to_numpy()
-    assert np.abs(fz_n[(depth_mm < -0.05) & (fz_n == fz_n)]).max() < 0.05  # in the air, but for the tare
+    assert (
+        np.abs(fz_n[(depth_mm < -0.05) & (fz_n == fz_n)]).max() < 0.05
+    )  # in the air, but for the tare
     deep = np.flatnonzero((depth_mm > 0.2) & (fz_n == fz_n))
     assert (np.diff(fz_n[deep[::100]]) < 0).all()
     assert fz_n[deep[-1]] == pytest.approx(press["fz_n"].iloc[-100:].mean(), abs=0.01)
