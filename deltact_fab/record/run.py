@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, RunFailed
 from ..optics import Pinhole
-from .files import FORMAT
+from .files import FORMAT, lattice_file
 from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, at_times, unpack
 from .truth import Truth, load
 
@@ -168,6 +168,8 @@ class Run:
 
         Raises RunFailed when it is damaged.
         """
+        if not lattice_file(self.folder).is_file():
+            return None
         with self._reader() as db:
             rows = db.execute("SELECT press FROM frames GROUP BY press ORDER BY min(seq)")
             presses = [press for (press,) in rows]

@@ -91,14 +91,9 @@ class Truth:
         return knots
 
 
-def load(folder: Path, camera: Pinhole, presses: Iterable[str]) -> Truth | None:
-    """The truth of all complete ones of these presses, None on a real run.
-
-    Raises RunFailed when it is damaged.
-    """
+def load(folder: Path, camera: Pinhole, presses: Iterable[str]) -> Truth:
+    """The truth of all complete ones of these presses. Raises RunFailed when it is damaged."""
     index = lattice_file(folder)
-    if not index.is_file():
-        return None
     try:
         lattice = SurfaceLattice(**json.loads(index.read_text()))
     except (OSError, ValueError, TypeError) as why:
