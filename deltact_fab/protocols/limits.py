@@ -19,6 +19,7 @@ from .motion import move_duration_s
 from .plan import Point, Protocol, Step, expand
 
 PNG_BYTES_PER_PX = 2.2  # measured on rendered frames of a dense pattern: 1.9-2.3
+FORCE_BYTES_PER_S = 14_000  # measured on the simulated sensor at 1 kHz, noise 0.01 N
 EPS_MM = 1e-9
 
 
@@ -108,12 +109,13 @@ def estimate(protocol: Protocol, sensor: SensorDimensions, stage: StageBox) -> E
     frames = sum(s.frames for s in steps)
     optics = sensor.optics
     px = optics.image_width_px * optics.image_height_px if "image" in protocol.channels else 0
+    stream_bytes = FORCE_BYTES_PER_S * seconds if "force" in protocol.channels else 0
     return Estimate(
         steps=len(steps),
         presses=len({s.press for s in steps if s.kind == "press"}),
         frames=frames,
         seconds=seconds,
-        disk_mb=frames * (px * PNG_BYTES_PER_PX + 2000) / 1e6,
+        disk_mb=(frames * (px * PNG_BYTES_PER_PX + 2000) + stream_bytes) / 1e6,
     )
 
 

@@ -103,4 +103,6 @@ def test_estimate_counts_frames_time_and_disk() -> None:
     shear_s = 2 * 24 / (30 / 60)
     assert shear_s < estimate.seconds < shear_s + 60
     without = limits.estimate(protocol(channels=["force", "shear"]), SENSOR, BOX)
-    assert without.disk_mb < estimate.disk_mb / 100
+    assert without.disk_mb < estimate.disk_mb / 50
+    silent = limits.estimate(protocol(channels=["image", "shear"]), SENSOR, BOX)
+    assert estimate.disk_mb - silent.disk_mb == pytest.approx(0.014 * estimate.seconds)

@@ -135,7 +135,7 @@ def test_a_stale_a_short_and_a_faulty_record_are_errors() -> None:
         sensor.read()
     for record, words in (
         (b"\0" * 20, "20 bytes"),
-        (np.array([(2, 2, 1 << 31, [0] * 6)], RECORD).tobytes(), "status word 0x80000000"),
+        (np.array([(9, 9, 1 << 31, [0] * 6)], RECORD).tobytes(), "status word 0x80000000"),
     ):
         clock.sleep_s(0.01)
         sensor.stop()

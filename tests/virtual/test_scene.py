@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -154,6 +156,49 @@ def test_a_jog_that_is_cancelled_keeps_the_true_path() -> None:
     assert ahead is not None
     peak = float(np.abs(ahead[..., 0]).max())
     assert peak == pytest.approx(float(np.abs(state.displacement_mm[..., 0]).max()), rel=0.01)
+
+
+def test_wrenches_of_many_times_are_those_of_single_looks() -> None:
+    many, single = Bench(drawn=False), Bench(drawn=False)
+    for bench in (many, single):
+        bench.go(0.0, 0.0, 0.5)
+
+    def drive(bench: Bench, look: Callable[[], None]) -> None:
+        """Down through first touch, a rest, a shear that is cut short, a rest, out of the gel."""
+        for line, waits in (
+            ((0.0, 0.0, -0.8, 60.0), [0.3] * 7),
+            ((1.5, 0.0, -0.8, 60.0), [0.3] * 3),
+        ):
+            bench.jog(*line)
+            for wait_s in waits:
+                bench.clock.sleep_s(wait_s)
+                look()
+        bench.controller.write(b"\x85")
+        bench.clock.sleep_s(0.4)
+        look()
+        bench.jog(1.5, 0.0, 0.5, 60.0)
+        bench.clock.sleep_s(2.5)
+        look()
+
+    found: list[np.ndarray] = []
+    last_ns = [many.clock.now_ns()]
+
+    def look_back() -> None:
+        times = np.arange(last_ns[0] + 10**8, many.clock.now_ns() + 1, 10**8)
+        found.append(many.scene.wrenches(times))
+        last_ns[0] = int(times[-1])
+
+    looks: list[float] = []
+    ticks = single.clock.every(
+        10.0, lambda t: looks.extend(single.scene.wrenches(t[i : i + 1])[0] for i in range(len(t)))
+    )
+    drive(many, look_back)
+    drive(single, lambda: None)
+    ticks.cancel()
+    assert np.concatenate(found) == pytest.approx(np.array(looks), abs=1e-9)
+    assert np.concatenate(found)[:, 2].min() < -0.5
+    assert np.concatenate(found)[:, 0].max() > 0.1
+    assert not found[-1][-1].any()
 
 
 def test_history_is_gone_after_the_tip_left() -> None:
