@@ -237,16 +237,6 @@ def test_useless_options_are_refused(bad):
 
 
 @pytest.mark.slow
-def test_the_axisymmetric_twin():
-    """felupe, axisymmetric, disc of equal area, frictionless: 3.417 10.671 21.01 33.87 48.76 N."""
-    mesh = disc_mesh(float(np.sqrt(36 * 34 / np.pi)), 12.0, 1.5)
-    press = pressing(mesh=mesh)
-    states = list(press.path(press.rest(), (0.0, 0.0, 5.0), 1.0))
-    forces = [-s.force_n[2] for s in states]
-    assert forces[1:] == pytest.approx([10.671, 21.01, 33.87, 48.76], rel=0.03)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["pardiso", "superlu", "cg"])
 def test_every_solver_gives_the_same_press(name):
     if name == "pardiso":
