@@ -61,14 +61,12 @@ def mini(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return protocol, rig
 
 
-def common(
-    tmp_path_factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]
-) -> Path:
+def common(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]) -> Path:
     """A folder that whichever worker needs it first makes for all; who changes it copies it."""
-    base = tmp_path_factory.getbasetemp()
+    base = factory.getbasetemp()
     folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / f"common-{name}"
     if not folder.exists():
-        made = tmp_path_factory.mktemp(name) / "out"
+        made = factory.mktemp(name) / "out"
         make(made)
         with contextlib.suppress(OSError):  # another worker was quicker
             made.rename(folder)

@@ -296,8 +296,13 @@ def test_a_row_that_fails_or_takes_too_long_says_so() -> None:
     assert evidence.run_row("curve: x", 1, 0.01) == {"failed": "no answer within 0.01 s"}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("what", gel.OWN_ERROR)
+@pytest.mark.parametrize(
+    "what",
+    [
+        pytest.param(what, marks=pytest.mark.slow if what[2] else pytest.mark.evidence)
+        for what in gel.OWN_ERROR
+    ],
+)
 def test_a_reference_is_as_good_as_it_says(what: tuple[float, float, bool]) -> None:
     truth = gel.reference(*what)
     force, in_plane = gel.OWN_ERROR[what]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from concurrent.futures import ThreadPoolExecutor
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -15,7 +16,8 @@ from deltact_fab.report.page import write
 
 @pytest.fixture(scope="module")
 def result(mini_run: Path) -> TrackingResult:
-    return analyse(mini_run, ["dis-fast", "dis-fast/static"])
+    with ThreadPoolExecutor(1) as executor:
+        return analyse(mini_run, ["dis-fast", "dis-fast/static"], executor)
 
 
 @pytest.fixture(scope="module")
