@@ -55,6 +55,7 @@ peers: .venv-peers/.ready
 
 # Hours; goes on where it was stopped. Wants the extra `fast`, and `make peers` for felupe's rows.
 evidence: .venv/.ready
+	$(PYTEST) -m evidence
 	$(V)/python -m deltact_fab.numerics.evidence --threads 2
 
 clean:
