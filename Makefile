@@ -1,6 +1,9 @@
 # Two commands are the whole set-up: `make demo` and `make test`.
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do command -v $$p && break; done)
 V := .venv/bin
+# A worker a core, up to 8: each may take 1 GB. JOBS=0: none, all in one process.
+JOBS ?= logical
+PYTEST := $(V)/python -m pytest -n $(JOBS) --maxprocesses 8 --dist worksteal
 
 .PHONY: demo test test-slow lint pins peers evidence clean
 
@@ -30,10 +33,10 @@ lint: .venv/.ready
 	$(V)/lint-imports
 
 test: lint
-	$(V)/python -m pytest
+	$(PYTEST)
 
 test-slow: .venv/.ready
-	$(V)/python -m pytest -m slow
+	$(PYTEST) -m 'slow and not evidence'
 
 pins: .venv/.ready
 	$(V)/python -m uv pip compile --universal --all-extras --no-header --no-annotate \
@@ -52,6 +55,7 @@ peers: .venv-peers/.ready
 
 # Hours; goes on where it was stopped. Wants the extra `fast`, and `make peers` for felupe's rows.
 evidence: .venv/.ready
+	$(PYTEST) -m evidence
 	$(V)/python -m benchmarks.evidence --threads 2
 
 clean:

@@ -1,9 +1,12 @@
-"""One short run on the virtual rig, shared by the tests that need a recorded run."""
+"""A short run on the virtual rig and the demo: each made once, for all tests that read it."""
 
 from __future__ import annotations
 
+import contextlib
 import os
-from collections.abc import Iterator
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -58,11 +61,37 @@ def mini(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return protocol, rig
 
 
+def common(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]) -> Path:
+    """A folder that whichever worker needs it first makes for all; who changes it copies it."""
+    base = factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / f"common-{name}"
+    if not folder.exists():
+        made = factory.mktemp(name) / "out"
+        make(made)
+        with contextlib.suppress(OSError):  # another worker was quicker
+            made.rename(folder)
+    return folder
+
+
 @pytest.fixture(scope="session")
 def mini_run(mini: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a recorded run of the short protocol."""
     from deltact_fab import experiment
 
-    out = tmp_path_factory.mktemp("runs") / "mini"
-    experiment.run(str(mini[0]), str(mini[1]), out, seed=3)
-    return out
+    protocol, rig = map(str, mini)
+    return common(tmp_path_factory, "run", lambda out: experiment.run(protocol, rig, out, seed=3))
+
+
+@pytest.fixture(scope="session")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder that the command `demo` fills."""
+
+    def make(out: Path) -> None:
+        done = subprocess.run(
+            [sys.executable, "-m", "deltact_fab.cli.main", "demo", "--out", str(out)],
+            capture_output=True, text=True, cwd=out.parent, timeout=900, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        assert f"report: {out / 'report.html'}" in done.stdout
+
+    return common(tmp_path_factory, "demo", make)

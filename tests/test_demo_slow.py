@@ -40,22 +40,6 @@ exec "$@"
 """
 
 
-def call(*words: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*PROGRAM, *map(str, words)],
-        capture_output=True, text=True, cwd=cwd, timeout=900, check=False,
-    )  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("demo")
-    done = call("demo", "--out", folder / "out", cwd=folder)
-    assert done.returncode == 0, done.stderr
-    assert f"report: {folder / 'out' / 'report.html'}" in done.stdout
-    return folder / "out"
-
-
 def test_the_demo_makes_parts_pattern_run_and_report(demo: Path) -> None:
     made = {f["file"] for f in json.loads((demo / "cad" / "manifest.json").read_text())["files"]}
     assert {"assembly.step", "assembly.glb", "skin.stl", "shell.3mf", "acrylic.dxf"} <= made
@@ -101,21 +85,6 @@ def rows(run: Path) -> dict[str, list[tuple[Any, ...]]]:
     return found
 
 
-def test_two_smoke_runs_of_one_seed_are_the_same(tmp_path: Path) -> None:
-    folders = [tmp_path / "one", tmp_path / "two"]
-    for folder in folders:
-        done = call("run", "smoke", "--seed", "3", "--out", folder, cwd=tmp_path)
-        assert done.returncode == 0, done.stderr
-    one, two = (images(folder) for folder in folders)
-    assert len(one) > 50
-    assert len(set(one.values())) == len(one)
-    assert one == two
-    first, second = (rows(folder) for folder in folders)
-    assert len(first["frames"]) == len(one)
-    assert len(first["steps"]) > 10
-    assert first == second
-
-
 def without_libgl(how: str, *words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     """Run the program where the loader finds no usable libGL.so.1; skips where that is barred."""
     if os.name != "posix" or shutil.which("unshare") is None:
@@ -143,20 +112,40 @@ def without_libgl(how: str, *words: str, cwd: Path) -> subprocess.CompletedProce
     return done
 
 
-def test_the_demo_leaves_cad_out_where_libgl_is_broken(tmp_path: Path) -> None:
-    done = without_libgl("broken", "demo", "--out", "out", cwd=tmp_path)
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
+    """What a demo without the CAD kernel says, and its folder."""
+    folder = tmp_path_factory.mktemp("bare")
+    done = without_libgl("broken", "demo", "--out", "out", cwd=folder)
     assert done.returncode == 0, done.stderr
-    (line,) = [line for line in done.stdout.splitlines() if "apt-get" in line]
+    assert "Traceback" not in done.stderr
+    return done.stdout, folder / "out"
+
+
+def test_the_demo_leaves_cad_out_where_libgl_is_broken(bare: tuple[str, Path]) -> None:
+    said, out = bare
+    (line,) = [line for line in said.splitlines() if "apt-get" in line]
     assert line == (
         "cad: left out: cadquery needs libGL.so.1, and the one here is broken (file too short): "
         "apt-get install --reinstall libgl1 libegl1 libx11-6"
     )
-    assert "Traceback" not in done.stderr
-    assert not list((tmp_path / "out").glob("cad/*"))
-    page = (tmp_path / "out" / "report.html").read_text()
+    assert not list(out.glob("cad/*"))
+    page = (out / "report.html").read_text()
     assert f"The parts were {line.removeprefix('cad: ')}" in page
-    tracking = json.loads((tmp_path / "out/run/analysis/tracking.json").read_text())
+    tracking = json.loads((out / "run/analysis/tracking.json").read_text())
     assert tracking["methods"][0]["mean_off_dots_mm"] <= 0.03
+
+
+def test_two_smoke_runs_of_one_seed_are_the_same(demo: Path, bare: tuple[str, Path]) -> None:
+    folders = [demo / "run", bare[1] / "run"]
+    one, two = (images(folder) for folder in folders)
+    assert len(one) > 50
+    assert len(set(one.values())) == len(one)
+    assert one == two
+    first, second = (rows(folder) for folder in folders)
+    assert len(first["frames"]) == len(one)
+    assert len(first["steps"]) > 10
+    assert first == second
 
 
 def test_an_export_says_what_to_install_where_libgl_is_missing(tmp_path: Path) -> None:

@@ -21,7 +21,8 @@ METHODS = ("dis-medium", "dis-medium/summed-every", "dis-medium/composed-every")
 
 @pytest.fixture(scope="module")
 def result(mini_run: Path) -> te.TrackingResult:
-    return te.analyse(mini_run, METHODS)
+    with ThreadPoolExecutor(1) as executor:
+        return te.analyse(mini_run, METHODS, executor)
 
 
 def test_the_json_has_what_the_issue_names(result: te.TrackingResult) -> None:

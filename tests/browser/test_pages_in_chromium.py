@@ -16,9 +16,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from deltact_fab.analysis.tracking_error import analyse
 from deltact_fab.numerics import harness
-from deltact_fab.report.page import write
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -94,17 +92,10 @@ def outside(seen: Visit, page: Path) -> list[str]:
     return [url for url in seen.fetched if url != page.as_uri() and not url.startswith("data:")]
 
 
-@pytest.fixture(scope="module")
-def report(mini_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("browser") / "report.html"
-    result = analyse(mini_run, ["dis-fast", "dis-fast/static"])
-    note = "The parts were left out: no libGL"
-    return write(mini_run, out, result, {"parts": [], "note": note})
-
-
 def test_the_report_opens_without_error_fetches_nothing_and_is_drawn(
-    browser: Browser, report: Path
+    browser: Browser, demo: Path
 ) -> None:
+    report = demo / "report.html"
     seen = visit(browser, report)
     assert seen.said == []
     assert outside(seen, report) == []

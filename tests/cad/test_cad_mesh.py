@@ -51,7 +51,6 @@ def test_an_open_mesh_is_seen():
     assert not is_closed(flipped)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("tolerance_mm", [0.1, 0.05, 0.02, 0.01, 0.005])
 def test_the_tolerance_holds_on_the_largest_sphere(tolerance_mm):
     solid, _ = build_part(registry.find("sphere:22"), DESIGN)

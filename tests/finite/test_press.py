@@ -5,7 +5,7 @@ import pytest
 import scipy.sparse as sp
 
 from deltact_fab.errors import InputError, SolverError
-from deltact_fab.gel.finite import FinitePress, block_mesh, disc_mesh
+from deltact_fab.gel.finite import FinitePress, block_mesh
 from deltact_fab.gel.finite.descent import descend
 from deltact_fab.gel.finite.problem import Equilibrium
 from deltact_fab.gel.finite.surface import Grip
@@ -15,6 +15,7 @@ from deltact_fab.shapes import SkinDimensions, indenter
 SKIN = SkinDimensions()
 COARSE = block_mesh(SKIN, 2.0)
 FOCUS = block_mesh(SKIN, 2.0, (-6.0, 6.0, -6.0, 6.0))
+ROUGH = block_mesh(SKIN, 3.0, (-6.0, 6.0, -6.0, 6.0))  # for what holds on any mesh
 
 
 def pressing(name="sphere:15", mesh=COARSE, friction=0.0, **options) -> FinitePress:
@@ -203,10 +204,9 @@ def test_a_thin_indenter_that_passed_through_the_gel_is_refused():
         last(press, press.rest(), (0.0, 0.0, 11.0))
 
 
-def test_scaling_the_modulus_scales_forces_and_changes_no_count(pressed):
-    _, s = pressed
-    hard = pressing(material=GelMaterial(modulus_mpa=560.0))
-    t = last(hard, hard.rest(), (0.0, 0.0, 5.0))
+def test_scaling_the_modulus_scales_forces_and_changes_no_count():
+    soft, hard = (pressing(mesh=ROUGH, material=GelMaterial(modulus_mpa=e)) for e in (0.56, 560.0))
+    s, t = (last(press, press.rest(), (0.0, 0.0, 5.0)) for press in (soft, hard))
     assert t.force_n[2] == pytest.approx(1000 * s.force_n[2], rel=1e-6)
     assert t.diagnostics.iterations == s.diagnostics.iterations
 
@@ -224,7 +224,7 @@ def test_a_tip_that_hides_between_the_points_is_an_error():
 
 
 def test_what_does_not_converge_is_an_error_and_no_number():
-    press = pressing(mesh=FOCUS)
+    press = pressing(mesh=ROUGH)
     press.tolerance = 1e-30
     with pytest.raises(SolverError, match="halvings of the increment"):
         press.solve(press.rest(), (0.0, 0.0, 1.0))
@@ -237,23 +237,12 @@ def test_useless_options_are_refused(bad):
 
 
 @pytest.mark.slow
-def test_the_axisymmetric_twin():
-    """felupe, axisymmetric, disc of equal area, frictionless: 3.417 10.671 21.01 33.87 48.76 N."""
-    mesh = disc_mesh(float(np.sqrt(36 * 34 / np.pi)), 12.0, 1.5)
-    press = pressing(mesh=mesh)
-    states = list(press.path(press.rest(), (0.0, 0.0, 5.0), 1.0))
-    forces = [-s.force_n[2] for s in states]
-    assert forces[1:] == pytest.approx([10.671, 21.01, 33.87, 48.76], rel=0.03)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["pardiso", "superlu", "cg"])
 def test_every_solver_gives_the_same_press(name):
     if name == "pardiso":
         pytest.importorskip("pypardiso")
-    mesh = block_mesh(SKIN, 3.0, (-6.0, 6.0, -6.0, 6.0))
-    press = pressing(mesh=mesh, solver=name, friction=0.5)
+    press = pressing(mesh=ROUGH, solver=name, friction=0.5)
     s = last(press, press.rest(), (0.0, 0.0, 3.0))
-    reference = pressing(mesh=mesh, solver="superlu", friction=0.5)
+    reference = pressing(mesh=ROUGH, solver="superlu", friction=0.5)
     t = last(reference, reference.rest(), (0.0, 0.0, 3.0))
     assert s.force_n == pytest.approx(t.force_n, rel=1e-5, abs=1e-5)

@@ -116,7 +116,7 @@ def test_a_disc_of_quarter_symmetry_comes_close(twin):
     assert got[:, 2].max() < 0.05
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_the_twin_within_one_per_cent_and_two_hundredths_of_a_millimetre(fine_twin):
     """The goal of the finite-strain level, with cells of 0.4 mm at the contact, to 5 mm."""
     got = differences(quarter_disc(0.4), fine_twin, share=0.25)

@@ -148,6 +148,7 @@ def test_a_coarse_mesh_at_a_sharp_edge_is_flagged() -> None:
     assert any(f.startswith("penetration: ") and "below 2 mm" in f for f in flags)
 
 
+@pytest.mark.slow
 def test_what_a_jump_left_in_the_history_stays_flagged_until_the_contact_is_left() -> None:
     """The star on cells as coarse: its points snap over the edges one after the other."""
     tip = (0.0, 0.0, 4.5)

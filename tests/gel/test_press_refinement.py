@@ -139,6 +139,7 @@ def test_a_refinement_stays_within_the_work_and_coarsens_nothing(dofs: int, stat
     assert after <= max(MOST_WORK, done) * (1 + 1e-9)
 
 
+@pytest.mark.slow
 def test_what_the_work_does_not_afford_is_refined_in_part(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = (SkinDimensions(), GelMaterial(friction=0.0), parse("sphere:20"), (0.0, 0.0), 6.0)
     monkeypatch.setattr(module, "REFINEMENTS", 0)

@@ -76,8 +76,13 @@ def test_shear_beyond_the_cone_is_seen() -> None:
     assert gel_scene.cone_excess(Solved(rubbed.press, (more,))) > 0.05
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("what", gel_reference.OWN_ERROR)
+@pytest.mark.parametrize(
+    "what",
+    [
+        pytest.param(what, marks=pytest.mark.slow if what[2] else pytest.mark.evidence)
+        for what in gel_reference.OWN_ERROR
+    ],
+)
 def test_a_reference_is_as_good_as_it_says(what: tuple[float, float, bool]) -> None:
     truth = gel_reference.reference(*what)
     force, in_plane = gel_reference.OWN_ERROR[what]

@@ -180,12 +180,25 @@ def test_quick_pattern_end_to_end(tmp_path: Path) -> None:
     assert all(r["error"] > 0 for r in data["curves"])
 
 
-@pytest.mark.slow
-def test_everything_end_to_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "quick",
+    [pytest.param(True, marks=pytest.mark.slow), pytest.param(False, marks=pytest.mark.evidence)],
+)
+def test_everything_end_to_end(
+    quick: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("DELTACT_FAB_CACHE", str(tmp_path))
-    found = harness.run()
+    found = harness.run(quick=quick)
     assert [f"{r.engine}: {r.case}: {r.note or r.figure}" for r in found.wrong] == []
-    costs = {c.layer: c for c in found.scenes}
+    assert {r.engine for r in found.curves} == {r.engine for r in found.stability}
+    assert {r.engine for r in found.curves} == set(engines.REGISTRY)
+
+
+@pytest.mark.slow
+def test_what_the_layers_cost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DELTACT_FAB_CACHE", str(tmp_path))
+    monkeypatch.setattr(scenes, "REPEATS", 1)
+    costs = {c.layer: c for c in scenes.costs(measure=True)}
     assert costs["camera, picture, printer"].seconds > 0
     assert costs["camera, picture, printer"].megabytes > 50
     assert costs["cadquery"].modules > 100

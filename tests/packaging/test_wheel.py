@@ -204,7 +204,7 @@ def check_run(folder: Path, frames: int) -> None:
 
 
 @pytest.mark.slow
-def test_a_full_install_from_the_index_runs_smoke(
+def test_a_full_install_from_the_index_runs_and_reports(
     wheel: Path, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     """Every dependency installed anew, at the versions of constraints.txt."""
@@ -231,9 +231,10 @@ def test_a_full_install_from_the_index_runs_smoke(
     full("cad", "export", "sphere:10", "--out", "parts")
     assert (elsewhere / "parts" / "manifest.json").is_file()
     full("pattern", "make", "dense", "-o", "x.png")
-    planned = json.loads(full("protocol", "show", "smoke", "--json"))
-    summary = json.loads(full("run", "smoke", "--seed", "3", "--out", "smoke-run", "--json"))
+    (elsewhere / "short.toml").write_text(SHORT)
+    planned = json.loads(full("protocol", "show", "short.toml", "--json"))
+    summary = json.loads(full("run", "short.toml", "--seed", "3", "--out", "r", "--json"))
     assert summary["frames"] == sum(step["frames"] for step in planned["steps"])
-    check_run(elsewhere / "smoke-run", summary["frames"])
-    full("report", "smoke-run", "-o", "smoke.html")
-    assert "simulated" in (elsewhere / "smoke.html").read_text()
+    check_run(elsewhere / "r", summary["frames"])
+    full("report", "r", "-o", "short.html")
+    assert "simulated" in (elsewhere / "short.html").read_text()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -17,7 +18,8 @@ from deltact_fab.report.page import write
 
 @pytest.fixture(scope="module")
 def result(mini_run: Path) -> TrackingResult:
-    return analyse(mini_run, ["dis-fast", "dis-fast/static"])
+    with ThreadPoolExecutor(1) as executor:
+        return analyse(mini_run, ["dis-fast", "dis-fast/static"], executor)
 
 
 @pytest.fixture(scope="module")
