@@ -141,7 +141,7 @@ def _label(axis: Axes, rows: Sequence[dict[str, Any]], series: Sequence[str]) ->
         long = 4.2 * len(r["setting"])
         for dx, dy in ((7, 3), (7, -10), (-7 - long, 3), (-7 - long, -10), (-long / 2, 9)):
             box = (x + dx, y + dy, x + dx + long, y + dy + 8)
-            if any(
+            if box[0] < 0 or any(
                 box[0] < b[2] and b[0] < box[2] and box[1] < b[3] and b[1] < box[3] for b in taken
             ):
                 continue
