@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import textwrap
 from collections.abc import Sequence
@@ -120,19 +121,27 @@ def _label(axis: Axes, rows: Sequence[dict[str, Any]], series: Sequence[str]) ->
     width, height = 340.0, 230.0  # of the axes in points, about
     (x0, x1), (y0, y1) = axis.get_xlim(), axis.get_ylim()
     taken: list[tuple[float, float, float, float]] = []
-    marks = [
-        (
-            width * math.log(r["cpu_s"] * 1e3 / x0) / math.log(x1 / x0),
-            height * math.log(r["error"] / y0) / math.log(y1 / y0),
-        )
-        for r in rows
-    ]
+
+    def place(seconds: float, error: float) -> tuple[float, float]:
+        x = width * math.log(seconds * 1e3 / x0) / math.log(x1 / x0)
+        return x, height * math.log(error / y0) / math.log(y1 / y0)
+
+    marks = [place(r["cpu_s"], r["error"]) for r in rows]
     taken += [(x - 4, y - 4, x + 4, y + 4) for x, y in marks]
     for r, (x, y) in zip(rows, marks, strict=True):
+        taken.append((x, y - 1.5, place(r["cpu_most_s"], r["error"])[0], y + 1.5))
+    for name in series:
+        part = sorted((r for r in rows if r["series"] == name), key=lambda r: r["cpu_s"])
+        along = [place(r["cpu_s"], r["error"]) for r in part] if _is_ladder(part) else []
+        for (xa, ya), (xb, yb) in itertools.pairwise(along):
+            shares = [i / 24 for i in range(1, 24)]
+            line = [(xa + s * (xb - xa), ya + s * (yb - ya)) for s in shares]
+            taken += [(x - 0.5, y - 0.5, x + 0.5, y + 0.5) for x, y in line]
+    for r, (x, y) in zip(rows, marks, strict=True):
         long = 4.2 * len(r["setting"])
-        for dx, dy in ((7, 3), (7, -10), (-7 - long, 3), (-7 - long, -10)):
+        for dx, dy in ((7, 3), (7, -10), (-7 - long, 3), (-7 - long, -10), (-long / 2, 9)):
             box = (x + dx, y + dy, x + dx + long, y + dy + 8)
-            if any(
+            if box[0] < 0 or any(
                 box[0] < b[2] and b[0] < box[2] and box[1] < b[3] and b[1] < box[3] for b in taken
             ):
                 continue
