@@ -30,9 +30,12 @@ IN_PLANE_MM = 0.05  # rms over the face, at TOLERANCE
 SHARE = 0.5  # of a tolerance that the model may take
 
 # Model errors of the linear levels.
-BEND_FORCE = 1.0  # x (depth/thickness)^2, of the force
-TIP_FORCE = 0.07  # x (depth/contact radius)^2, of the force; the larger of the two counts
-BEND_IN_PLANE = 0.16  # x depth^2 sqrt(pi/face)
+TIP_FORCE = 1.05  # x (poisson - EVEN_POISSON) x depth/contact radius: too stiff above it
+EVEN_POISSON = 0.42
+BEND_FORCE = 1.0  # x (depth/thickness)^2, of the force: too soft
+SPREAD_FORCE = 0.02  # x depth/contact radius: what the two do not tell
+# First + second x (contact radius/thickness)^2, x depth^2 sqrt(pi/face).
+BEND_IN_PLANE = (0.13, 0.4)
 SIDE_FORCE = 2.6  # x contact radius/thickness x sum over sides of exp(-SIDE_DECAY distance/thick.)
 SIDE_DECAY = 3.0
 SIDE_IN_PLANE = 0.24  # x the same with its own decay x depth
@@ -99,7 +102,7 @@ def pick(
     effect = friction_force_rel(mu, max(depth, 0.0) / thickness)
     if not (observe_shear or moves) and effect <= SHARE * tolerance:
         mu = 0.0
-    errors = {name: model_error(name, skin, indenter, reach) for name in LINEAR}
+    errors = {name: model_error(name, skin, indenter, reach, material.poisson) for name in LINEAR}
     refusals = {name: linear_refusal(name, skin, material, indenter, reach) for name in LINEAR}
     if level == "auto":
         level, reason = _level(errors, refusals, tolerance)
@@ -187,19 +190,23 @@ def linear_refusal(
 
 
 def model_error(
-    level: Level, skin: SkinDimensions, indenter: Indenter, reach: Reach
+    level: Level, skin: SkinDimensions, indenter: Indenter, reach: Reach, poisson: float
 ) -> tuple[float, float]:
     """What a level leaves out: relative force error and in-plane rms (mm) over the face.
 
-    The linear levels: large strain, of the gel over its thickness or under the tip, both growing
-    with depth^2; the layer also the free sides.
+    The linear levels: large strain under the tip, of the order depth/contact radius and with a sign
+    that Poisson's ratio sets, and of the gel over its thickness; the layer also the free sides.
     """
     depth, t = max(reach.deepest_mm, 0.0), skin.thickness_mm
     if level == "hyperelastic" or depth == 0:
         return 0.0, 0.0
-    under_tip = TIP_FORCE * (depth / contact_radius_mm(indenter, depth)) ** 2
-    force = max(BEND_FORCE * (depth / t) ** 2, under_tip)
-    in_plane = BEND_IN_PLANE * depth**2 * math.sqrt(math.pi / (skin.width_mm * skin.length_mm))
+    radius = contact_radius_mm(indenter, depth)
+    steep = depth / radius
+    tip, bend = TIP_FORCE * (poisson - EVEN_POISSON) * steep, BEND_FORCE * (depth / t) ** 2
+    # Of opposite signs, they are not relied on to cancel.
+    force = max(tip, bend + max(-tip, 0.0)) + SPREAD_FORCE * steep
+    in_plane = BEND_IN_PLANE[0] + BEND_IN_PLANE[1] * (radius / t) ** 2
+    in_plane *= depth**2 * math.sqrt(math.pi / (skin.width_mm * skin.length_mm))
     if level == "layer":
         away = []
         for (low, high), half in zip((reach.x_mm, reach.y_mm), skin.opening_half_mm, strict=True):

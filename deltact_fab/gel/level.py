@@ -100,8 +100,11 @@ class State(Protocol):
     """A solved position; also the history that the next one needs. Fields are on the lattice.
 
     force_n, torque_nmm: on the sensor, about the centre of the resting face.
-    displacement_mm (ny, nx, 3): z out of the sensor. pressure_mpa (ny, nx), traction_mpa
-    (ny, nx, 3): on the gel, per resting area.
+    displacement_mm (ny, nx, 3): at the nodes, z out of the sensor.
+    pressure_mpa (ny, nx) >= 0, traction_mpa (ny, nx, 3): on the gel, per resting area. A node holds
+    no sample but the mean around it, weighted with its hat (1 at the node, 0 at its neighbours), so
+    `lattice.over_face` gives force_n to rounding; and with every traction at its node's displaced
+    place, torque_nmm within 1 % of the force times the contact's radius.
     """
 
     @property

@@ -219,6 +219,30 @@ class Cylinder:
             out.append(Pressed(goal, force, r, face[:, 0], face[:, 1], overlap, count))
         return out
 
+    def linear_force_n(self, radius_mm: float, depth_mm: float) -> float:
+        """The same sphere at small strain: stiffness at rest, every point held against the sphere
+        above where it rested. Contact points in or out by turns until none changes."""
+        rows, columns = np.repeat(self.dofs, 18, axis=1), np.tile(self.dofs, 18)
+        entries = (self.at_rest.ravel(), (rows.ravel(), columns.ravel()))
+        stiffness = sp.csc_matrix(entries, shape=(self.nodes.size, self.nodes.size))
+        r = self.nodes[self.edges, 0] @ self.edge_value.T
+        edge, point = np.nonzero(r < min(1.3 * np.sqrt(2 * radius_mm * depth_mm), radius_mm))
+        drop = depth_mm - radius_mm + np.sqrt(radius_mm**2 - r[edge, point] ** 2)
+        load = np.zeros((self.nodes.size, len(edge)))
+        for a in range(3):
+            load[2 * self.edges[edge, a] + 1, np.arange(len(edge))] = self.edge_value[point, a]
+        load = load[self.free]
+        soft = load.T @ spla.splu(stiffness[self.free][:, self.free]).solve(load)
+        on = drop > 0
+        for _ in range(100):
+            force = np.zeros(len(edge))
+            force[on] = np.linalg.solve(soft[np.ix_(on, on)], drop[on])
+            now = np.where(on, force > 0, soft @ force < drop)
+            if (now == on).all():
+                return float(force.sum())
+            on = now
+        raise RuntimeError(f"twin: the contact at small strain swings at {depth_mm} mm")
+
     def _newton(
         self, u: Field, radius: float, depth: float, multiplier: Field, k: float
     ) -> tuple[Field, int]:

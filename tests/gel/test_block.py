@@ -195,14 +195,12 @@ def test_wide_gel_is_the_layer(nu: float, within: float) -> None:
 
 
 def test_sides_take_force_off(block: FreeBlock) -> None:
-    """Like with like, sphere:15 at 2 mm. The trial's .95 and .88 (facts on the gel) put the layer's
-    textbook contact below the block's on the deformed face."""
+    """sphere:15 at 2 mm. In the middle a disc of equal area, an axisymmetric solution of its own
+    (tests/finite/test_linear_levels.py), has .9724."""
     layer = BondedLayer.for_skin(SKIN, GEL, 0.5)
-    textbook = normal_n(layer, 0, 0, name="sphere:15", kinematics="reference")
-    for x, like, trial in ((0.0, 0.967, 0.95), (10.0, 0.898, 0.88)):
+    for x, like in ((0.0, 0.9724), (10.0, 0.898)):
         force = normal_n(block, x, 0, name="sphere:15")
         assert force / normal_n(layer, x, 0, name="sphere:15") == pytest.approx(like, abs=0.005)
-        assert force / textbook == pytest.approx(trial, abs=0.01)
     corner = normal_n(block, 13, 12) / normal_n(layer, 13, 12)
     assert 0.6 < corner < 0.8
 
@@ -218,8 +216,9 @@ def test_force_converges_with_the_cells() -> None:
     fine = np.array(forces[1.5])
     assert np.abs(np.array(forces[2.0]) / fine - 1).max() < 3e-3
     assert np.abs(np.array(forces[3.0]) / fine - 1).max() < 0.02
-    # Values at 1 mm, which takes seconds to build.
-    assert fine == pytest.approx([7.980, 7.547, 5.341], rel=6e-3)
+    # In the middle the disc's of equal area (tests/finite/test_linear_levels.py), the others with
+    # cells of 1 mm, which take seconds to build.
+    assert fine == pytest.approx([8.056, 7.597, 5.116], rel=6e-3)
 
 
 def test_mirrored_presses(block: FreeBlock) -> None:

@@ -30,16 +30,17 @@ def picked(name: str, x: float, y: float, depth: float, tolerance: float = 0.03)
 
 
 def test_deeper_or_nearer_to_a_side_wants_a_better_level() -> None:
-    assert picked("sphere:10", 0, 0, 0.1).level == "layer"
-    assert picked("sphere:10", 13, 0, 0.1).level == "block"
-    assert picked("sphere:10", 0, 0, 1.0).level == "block"
-    assert picked("sphere:10", 0, 0, 2.0).level == "hyperelastic"
-    assert picked("sphere:10", 0, 0, 2.0, 0.1).level == "block"
+    assert picked("sphere:10", 0, 0, 0.03).level == "layer"
+    assert picked("sphere:10", 13, 0, 0.03).level == "block"
+    assert picked("sphere:10", 0, 0, 0.1).level == "block"
+    assert picked("sphere:10", 0, 0, 1.0).level == "hyperelastic"
+    assert picked("sphere:10", 0, 0, 1.0, 0.1).level == "block"
+    assert picked("sphere:10", 0, 0, 2.0, 0.1).level == "hyperelastic"
 
 
 def test_it_says_why() -> None:
     why = picked("sphere:10", 0, 0, 2.0).why
-    assert "block is off by about 3.1% of force" in why
+    assert "block is off by about 6.2% of force" in why
     assert "contact radius" in why
     assert "quarter block" in why
 
@@ -73,7 +74,9 @@ def test_a_mesh_over_its_unknowns_is_enlarged_and_says_so() -> None:
 @given(st.floats(0.0, 12.0), st.floats(0.0, 12.0), st.floats(0.1, 2.5))
 def test_the_layer_leaves_out_more_than_the_block(x: float, y: float, d: float) -> None:
     reach = Reach((-x, x), (-y, y), d)
-    layer, block = (model_error(m, SKIN, parse("sphere:10"), reach) for m in ("layer", "block"))
+    layer, block = (
+        model_error(m, SKIN, parse("sphere:10"), reach, 0.49) for m in ("layer", "block")
+    )
     assert layer[0] > block[0] > 0
     assert layer[1] > block[1] > 0
 
@@ -94,25 +97,31 @@ def test_the_sides_rule_covers_what_was_measured(
 ) -> None:
     skin = SkinDimensions(thickness_mm=thickness, protrusion_mm=min(6.0, thickness))
     reach = Reach((x, x), (y, y), d)
-    rule = model_error("layer", skin, parse(name), reach)
+    layer, block = (model_error(m, skin, parse(name), reach, 0.49) for m in ("layer", "block"))
+    rule = (layer[0] - block[0], layer[1] - block[1])
     assert force * 0.95 <= rule[0] <= 4 * force + 0.01
     assert rms * 0.95 <= rule[1] <= 4 * rms + 0.01
 
 
-# Block to finite strain, measured (docs/decisions/0009-gel-levels.md, "Estimates, held out").
+# A bonded layer to finite strain, d/h and d/R to 0: the integral equation against the axisymmetric
+# solver of tests/finite on a disc of six thicknesses, whose error is below .1 %.
 @pytest.mark.parametrize(
-    ("name", "d", "force"),
+    ("nu", "h", "radius", "d", "force"),
     [
-        ("ellipsoid:7.5", 0.61, 0.0149),
-        ("ellipsoid:9.4", 0.52, 0.0107),
-        ("ellipsoid:9.1", 0.56, 0.0107),
-        ("sphere:10.2", 1.09, 0.0126),
-        ("sphere:11.8", 0.98, 0.0094),
+        (0.485, 9.7, 11.8, 0.1, 0.0054),
+        (0.485, 9.7, 11.8, 0.45, 0.0106),
+        (0.49, 12.0, 5.0, 0.1, 0.0088),
+        (0.49, 12.0, 5.0, 0.45, 0.0195),
+        (0.35, 9.0, 8.0, 0.1, 0.0067),
+        (0.35, 9.0, 8.0, 0.9, 0.0293),
     ],
 )
-def test_the_rule_of_large_strain_knows_the_tip(name: str, d: float, force: float) -> None:
-    rule, _ = model_error("block", SKIN, parse(name), Reach(deepest_mm=d))
-    assert force <= rule <= 1.6 * force
+def test_the_rule_of_large_strain_knows_tip_and_material(
+    nu: float, h: float, radius: float, d: float, force: float
+) -> None:
+    skin = SkinDimensions(thickness_mm=h)
+    rule, _ = model_error("block", skin, parse(f"sphere:{2 * radius:g}"), Reach(deepest_mm=d), nu)
+    assert force <= rule <= 2 * force
 
 
 def test_an_edge_gets_smaller_cells_than_a_ball() -> None:

@@ -3,8 +3,8 @@
 Displacements: a cubic through the four nodes next to a point, along x and then along y (piecewise
 Hermite, slopes of the parabola through three nodes). It is C1, exact for parabolas at any grading,
 and a kink at the contact's edge is felt one cell away at most; a spline would ring.
-Tractions: every contact point stands for a part of its face as large as its weight, so that their
-sum over the resting face is the force.
+Tractions: every contact point stands for a part of its face as large as its weight, and the parts
+go to the nodes by areas (`lattice.means`), so that their sum over the resting face is the force.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..lattice import hermite, means
 from .mesh import HexMesh
 
 if TYPE_CHECKING:
@@ -40,10 +41,8 @@ class FaceLattice:
             hermite(unfolded(k) if mirror else k, at)
             for k, at, mirror in zip(knots, (x_mm, y_mm), mesh.mirrors, strict=True)
         ]
-        self._cells = [
-            _cells(k, np.abs(at) if mirror else at)
-            for k, at, mirror in zip(knots, (x_mm, y_mm), mesh.mirrors, strict=True)
-        ]
+        self._knots = knots
+        self._means: dict[int, list[Field]] = {}
 
     def displacement_mm(self, nodes_mm: Field) -> Field:
         """(ny, nx, 3) of the displacements (n, 3) of all nodes."""
@@ -61,20 +60,29 @@ class FaceLattice:
     def of_points(self, values: Field) -> Field:
         """Scalars (ny, nx) or vectors (ny, nx, 3) of those at the contact points, (f, q, ...)."""
         n = math.isqrt(values.shape[1])
-        ends = np.cumsum(np.polynomial.legendre.leggauss(n)[1][:-1]) / 2
-        (i, s), (j, t) = self._cells
-        point = np.searchsorted(ends, t, side="right")[:, None] * n
-        point = point + np.searchsorted(ends, s, side="right")
-        face = j[:, None] * (self._shape[1] - 1) + i
-        found = values[face, point]
-        if found.ndim == 3:
-            found[..., 0] *= self._sign(0)[None, :]
-            found[..., 1] *= self._sign(1)[:, None]
-        return found
+        ny, nx = (size - 1 for size in self._shape)
+        parts = values.reshape(ny, nx, n, n, -1).swapaxes(1, 2).reshape(ny * n, nx * n, -1)
+        for axis, mirror in enumerate(self.mesh.mirrors):
+            if mirror:
+                image = np.flip(parts, axis=1 - axis).copy()
+                if values.ndim == 3:
+                    image[..., axis] *= -1
+                parts = np.concatenate([image, parts], axis=1 - axis)
+        wx, wy = self._to_means(n)
+        found = np.moveaxis(wy @ np.moveaxis(parts, -1, 0) @ wx.T, 0, -1)
+        return np.ascontiguousarray(found if values.ndim == 3 else found[..., 0])
 
-    def _sign(self, axis: int) -> Field:
-        at = (self.x_mm, self.y_mm)[axis]
-        return np.where((at < 0) & self.mesh.mirrors[axis], -1.0, 1.0)
+    def _to_means(self, n: int) -> list[Field]:
+        """Along x and y, of n parts a cell."""
+        if n not in self._means:
+            ends = np.cumsum(np.polynomial.legendre.leggauss(n)[1]) / 2
+            self._means[n] = []
+            for k, at, mirror in zip(
+                self._knots, (self.x_mm, self.y_mm), self.mesh.mirrors, strict=True
+            ):
+                edges = np.append(k[0], k[:-1, None] + np.diff(k)[:, None] * ends)
+                self._means[n].append(means(unfolded(edges) if mirror else edges, at))
+        return self._means[n]
 
 
 def whole_wrench(mesh: HexMesh, state: FiniteState) -> tuple[Field, Field]:
@@ -98,41 +106,3 @@ def tractions_mpa(press: FinitePress, state: FiniteState) -> Field:
 def unfolded(half: Field) -> Field:
     """Coordinates from 0 on, continued to the other side of the mirror."""
     return np.concatenate([-half[:0:-1], half])
-
-
-def hermite(knots: Field, at: Field) -> Field:
-    """Matrix (points, knots) of the local cubic; outside of the knots the last parabola goes on."""
-    n = len(knots)
-    slope = _slopes(knots)
-    i = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, n - 2)
-    h = knots[i + 1] - knots[i]
-    t = (at - knots[i]) / h
-    rows = np.arange(len(at))
-    found = np.zeros((len(at), n))
-    found[rows, i] += 1 - t**2 * (3 - 2 * t)
-    found[rows, i + 1] += t**2 * (3 - 2 * t)
-    found += (h * t * (1 - t) ** 2)[:, None] * slope[i]
-    found -= (h * t**2 * (1 - t))[:, None] * slope[i + 1]
-    return found
-
-
-def _slopes(knots: Field) -> Field:
-    """Matrix (knots, knots) from values to slopes, of parabolas through three neighbours."""
-    n = len(knots)
-    if n < 3:
-        return np.tile(np.array([-1.0, 1.0]) / (knots[1] - knots[0]), (2, 1))
-    found = np.zeros((n, n))
-    for k in range(n):
-        m = min(max(k, 1), n - 2)
-        a, b, c = knots[m - 1 : m + 2]
-        x = knots[k]
-        found[k, m - 1] = (2 * x - b - c) / ((a - b) * (a - c))
-        found[k, m] = (2 * x - a - c) / ((b - a) * (b - c))
-        found[k, m + 1] = (2 * x - a - b) / ((c - a) * (c - b))
-    return found
-
-
-def _cells(knots: Field, at: Field) -> tuple[NDArray[np.int64], Field]:
-    """Cell of every point, and where in it, 0 to 1."""
-    i = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(knots) - 2)
-    return i, (at - knots[i]) / (knots[i + 1] - knots[i])

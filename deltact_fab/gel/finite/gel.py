@@ -60,12 +60,12 @@ class HyperelasticState:
 
     @cached_property
     def pressure_mpa(self) -> Field:
-        """(ny, nx) on the lattice, constant over the quarters of faces."""
+        """(ny, nx) on the lattice, means of what is constant over the parts of faces."""
         return self._lattice.of_points(self.inner.pressure_mpa)
 
     @cached_property
     def traction_mpa(self) -> Field:
-        """(ny, nx, 3) on the lattice, constant over the quarters of faces."""
+        """(ny, nx, 3) on the lattice, means of what is constant over the parts of faces."""
         return self._lattice.of_points(tractions_mpa(self._press, self.inner))
 
 

@@ -1,38 +1,50 @@
 """A rigid indenter pressed into and dragged over the bonded layer: pressure, friction, history.
 
-The nodes are points of the skin and the indenter moves over them. The layer is linear, but a node
-is held against the indenter's surface above where it has moved to, not above where it rested:
-else a point that sticks to the indenter would leave the contact when both move together. The
-textbook condition, at the resting place, is kept as `kinematics="reference"`.
-
 Normal contact is the complementarity problem of Polonsky and Keer (Wear 231, 1999) at a given
 depth. Coulomb friction is one incremental potential per step: with the slip increment
 s = u - u_before - (movement of the indenter) it minimises 1/2 q.C q + q.(C_tn p - u_before -
 movement) over |q| <= friction x pressure at every node, so that s = 0 in stick and q opposes s in
-slip. The two are alternated (Panagiotopoulos), the heights following the in-plane displacement,
-until all hold together.
+slip. The two are alternated (Panagiotopoulos) until all hold together.
+
+The nodes are points of the skin and the indenter moves over them. A press is held against the
+indenter by the textbook's condition, every node above where it rested (Johnson, Contact Mechanics,
+4.2): taking the displaced place is one second-order term out of many, and makes a press too stiff.
+A drag is no small displacement beside the indenter's slopes: what sticks travels with it. So a
+node is looked for at its resting place plus `drag`, the displacement by what the sideways travel
+added to the shear: q less the q of the same pressures put on without any travel, which the same
+potential gives with the movement left out of it. A straight press, and any path without friction,
+is the textbook's; a point that sticks from its touch on has drag = travel and keeps its place
+under the indenter; unloading lets go of both.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Literal
+from typing import NamedTuple
 
 import numpy as np
 
 from ...errors import InputError, SolverError
 from ...shapes import Indenter
 from .complementarity import friction_contact, normal_contact, normal_violation
-from .face import FaceOperator, Field
+from .face import FaceOperator, Field, PatchOperator
 from .limits import Point, least_det, refuse_bad_contact, refuse_out_of_range
 from .mixing import Mixer
 from .patch import Patch, footprint, patch_below
 from .state import ContactState, untouched
 
-Kinematics = Literal["deformed", "reference"]
-
 SMALL_STRAIN = 0.10  # of the thickness: beyond, the in-plane field is no longer to be trusted
+
+
+class _Solved(NamedTuple):
+    """Pressure (my, mx), shear (2, my, mx), of it what a drag added, and the worst violation over
+    the depth."""
+
+    pressure: Field
+    shear: Field
+    drag: Field
+    residual: float
 
 
 class LayerContact:
@@ -41,7 +53,6 @@ class LayerContact:
     layer: a `BondedLayer`, or a `FreeBlock`.
     friction: Coulomb coefficient; None takes the material's.
     observe_shear: False drops the tangential problem, that is, it solves without friction.
-    kinematics: where a node meets the indenter, see the module's text.
     tolerance: allowed `ContactState.residual`. tangential_solves: calls made so far.
     """
 
@@ -51,23 +62,19 @@ class LayerContact:
         indenter: Indenter,
         friction: float | None = None,
         observe_shear: bool = True,
-        kinematics: Kinematics = "deformed",
         tolerance: float = 1e-6,
-        max_alternations: int = 60,
+        max_alternations: int = 80,
         max_iterations: int = 4000,
     ) -> None:
         friction = layer.material.friction if friction is None else friction
         if not (math.isfinite(friction) and friction >= 0):
             raise InputError(f"contact: friction >= 0 and finite: {friction} fails")
-        if kinematics not in ("deformed", "reference"):
-            raise InputError(f"contact: kinematics {kinematics!r}: valid: deformed, reference")
         if not 1e-12 <= tolerance <= 1e-2:
             raise InputError(f"contact: tolerance must be 1e-12 to 1e-2: {tolerance} fails")
         self.layer = layer
         self.indenter = indenter
         self.friction = friction
         self.observe_shear = observe_shear
-        self.kinematics = kinematics
         self.tolerance = tolerance
         self.max_alternations = max_alternations
         self.max_iterations = max_iterations
@@ -130,11 +137,8 @@ class LayerContact:
         refuse_out_of_range(self.layer, self.indenter, tip)
         self._applications = 0
         for grow_mm in tip[2] * np.array([0.0, 2.0, 8.0, 32.0, np.inf]):
-            patch = patch_below(
-                self.layer, self.indenter, tip, grow_mm, self._moved(previous.displacement_mm)
-            )
-            p, q, residual = self._solve_patch(patch, previous, tip)
-            state, outside = self._state(patch, p, q, residual, tip)
+            patch = patch_below(self.layer, self.indenter, tip, grow_mm, previous.drag_mm)
+            state, outside = self._state(patch, self._solve_patch(patch, previous, tip), tip)
             # The patch is a guess at where contact can be; the whole grid decides.
             if outside <= self.tolerance * tip[2]:
                 return state
@@ -143,60 +147,58 @@ class LayerContact:
             f"{outside:.1e} mm outside the window that was solved"
         )
 
-    # -- geometry ------------------------------------------------------------------------------
-
-    def _moved(self, u: Field) -> Field | None:
-        """The displacement that the indenter minds."""
-        return u if self.kinematics == "deformed" else None
-
     # -- the coupled problem ---------------------------------------------------------------------
 
-    def _solve_patch(
-        self, patch: Patch, previous: ContactState, tip: Point
-    ) -> tuple[Field, Field, float]:
-        """Pressure (my, mx), shear (2, my, mx) and residual on a patch."""
+    def _solve_patch(self, patch: Patch, previous: ContactState, tip: Point) -> _Solved:
         op, depth = patch.operator, tip[2]
         at = (patch.rows, patch.columns)
         goal = self.tolerance * depth
-        rubs = self.observe_shear and self.friction > 0
-        moves = self.kinematics == "deformed"
-        before = np.moveaxis(previous.displacement_mm[at], -1, 0)[:2]
-        target = before + _drag(previous.tip_mm, tip)[:, None, None]
         p = previous.pressure_mpa[at]
-        q = np.zeros((2, *op.shape))
-        # What pressure and friction tell each other: in-plane shift (2) and lift by shear (1).
-        trial = np.concatenate([before, np.zeros((1, *op.shape))])
-        if rubs:
-            q[:] = np.moveaxis(previous.shear_mpa[at], -1, 0)
-            trial[2] = op.normal_of_shear(q)
-        mixer = Mixer()
-        once = not rubs and not moves
-        inner = goal / 4 if once else 1e-3 * depth
-        slip_worst = 0.0
-        for _ in range(self.max_alternations):
-            gap = patch.height_mm(trial[:2] if moves else None) - depth + trial[2]
+        none = np.zeros((2, *op.shape))
+        if not (self.observe_shear and self.friction > 0):
+            gap = patch.height_mm(none) - depth
             p, worst, used = normal_contact(
+                op, np.where(np.isfinite(gap), p, 0.0), gap, goal / 4, self.max_iterations
+            )
+            self._applications += used
+            return _Solved(p, none, none, worst / depth)
+        travel = _travel(previous.tip_mm, tip)
+        dragged = bool(travel.any() or previous.drag_mm.any())
+        before, dragged_before, q, more = (
+            np.moveaxis(field[at], -1, 0)[:2]
+            for field in (
+                previous.displacement_mm, previous.drag_mm, previous.shear_mpa, previous.drag_mpa
+            )
+        )  # fmt: skip
+        alone = q - more
+        target, held = before + travel[:, None, None], before - dragged_before
+        # What pressure and friction tell each other: drag in plane (2) and lift by shear (1).
+        trial = np.concatenate([dragged_before, op.normal_of_shear(q)[None]])
+        mixer = Mixer()
+        inner = 1e-3 * depth
+        for i in range(1, self.max_alternations + 1):
+            gap = patch.height_mm(trial[:2]) - depth + trial[2]
+            p, _, used = normal_contact(
                 op, np.where(np.isfinite(gap), p, 0.0), gap, inner, self.max_iterations
             )
             self._applications += used
-            if once:
-                return p, q, worst / depth
-            found = np.concatenate([op.shear_of_pressure(p), np.zeros((1, *op.shape))])
-            if rubs:
-                q, slip, slip_worst, used = friction_contact(
-                    op, q, found[:2] - target, self.friction * p, inner, self.max_iterations
-                )
-                self.tangential_solves += 1
-                self._applications += used
-                found[:2] = target + slip
-                found[2] = op.normal_of_shear(q)
-            gap = patch.height_mm(found[:2] if moves else None) - depth + found[2]
-            gap = gap + op.normal_of_pressure(p)
+            spread, bound = op.shear_of_pressure(p), self.friction * p
+            q, slip, worst = self._rub(op, q, spread - target, bound, inner)
+            found = np.zeros_like(trial)
+            if dragged:
+                alone, slip_alone, worst_alone = self._rub(op, alone, spread - held, bound, inner)
+                worst = max(worst, worst_alone)
+                found[:2] = (target + slip) - (held + slip_alone)
+            found[2] = op.normal_of_shear(q)
+            gap = patch.height_mm(found[:2]) - depth + found[2] + op.normal_of_pressure(p)
             self._applications += 3
-            worst = max(normal_violation(gap, p), slip_worst)
+            worst = max(normal_violation(gap, p), worst)
             if worst <= goal:
-                return p, q, worst / depth
+                return _Solved(p, q, q - alone if dragged else none, worst / depth)
             inner = max(goal / 4, min(0.02 * worst, inner))
+            if 2 * i == self.max_alternations:
+                # A node that comes and goes spoils a long memory.
+                mixer = Mixer(memory=2)
             trial = mixer.next(trial, found)
         raise SolverError(
             f"contact: pressure and friction do not agree after {self.max_alternations} "
@@ -205,16 +207,29 @@ class LayerContact:
             "help (steep flanks under high friction lock, and have no solution at this level)"
         )
 
+    def _rub(
+        self, op: PatchOperator, shear: Field, free_slip: Field, bound: Field, goal_mm: float
+    ) -> tuple[Field, Field, float]:
+        """Shear and slip (2, my, mx) and the worst violation (mm), counted."""
+        q, slip, worst, used = friction_contact(
+            op, shear, free_slip, bound, goal_mm, self.max_iterations
+        )
+        self.tangential_solves += 1
+        self._applications += used
+        return q, slip, worst
+
     # -- the result ------------------------------------------------------------------------------
 
-    def _state(
-        self, patch: Patch, p: Field, q: Field, residual: float, tip: Point
-    ) -> tuple[ContactState, float]:
+    def _state(self, patch: Patch, found: _Solved, tip: Point) -> tuple[ContactState, float]:
         """The state on the whole grid, and the worst penetration (mm) outside the patch."""
-        layer = self.layer
-        traction = np.concatenate([q, -p[None]])
+        layer, p = self.layer, found.pressure
+        traction = np.concatenate([found.shear, -p[None]])
         u = layer.apply_patch(traction, patch.rows.start, patch.columns.start)
-        rows, columns, xx, yy = footprint(layer, self.indenter, tip, self._moved(u))
+        drag = np.zeros((*layer.shape, 2))
+        if found.drag.any():
+            added = np.concatenate([found.drag, np.zeros_like(p)[None]])
+            drag = layer.apply_patch(added, patch.rows.start, patch.columns.start)[..., :2]
+        rows, columns, xx, yy = footprint(layer, self.indenter, tip, drag)
         gap = self.indenter.height_mm(xx, yy) - tip[2] - u[rows, columns, 2]
         inside = np.zeros(layer.shape, dtype=bool)
         inside[patch.rows, patch.columns] = True
@@ -222,29 +237,30 @@ class LayerContact:
 
         contact = p > 0
         x, y = layer.x_mm[patch.columns], layer.y_mm[patch.rows]
-        at = u[patch.rows, patch.columns]
-        arm = np.stack([*np.meshgrid(x, y), np.zeros(p.shape)])
-        if self.kinematics == "deformed":
-            arm += np.moveaxis(at, -1, 0)
-        height = self.indenter.height_mm(arm[0] - tip[0], arm[1] - tip[1])
+        at = (patch.rows, patch.columns)
+        height = patch.height_mm(np.moveaxis(drag[at], -1, 0))
         refuse_bad_contact(layer, self.indenter, tip, height, contact, x, y)
+        arm = np.stack([*np.meshgrid(x, y), np.zeros(p.shape)]) + np.moveaxis(u[at], -1, 0)
         det = least_det(layer, u, tip)
         force = traction.sum(axis=(1, 2)) * layer.cell_mm2
         torque = np.cross(arm, traction, axis=0).sum(axis=(1, 2)) * layer.cell_mm2
-        pressure, shear = np.zeros(layer.shape), np.zeros((*layer.shape, 2))
-        pressure[patch.rows, patch.columns] = p
-        shear[patch.rows, patch.columns] = np.moveaxis(q, 0, -1)
+        pressure = np.zeros(layer.shape)
+        shear, more = np.zeros((2, *layer.shape, 2))
+        pressure[at] = p
+        shear[at], more[at] = np.moveaxis(found.shear, 0, -1), np.moveaxis(found.drag, 0, -1)
         nodes = int(contact.sum())
         state = ContactState(
             tip_mm=tip,
             pressure_mpa=pressure,
             shear_mpa=shear,
             displacement_mm=u,
+            drag_mpa=more,
+            drag_mm=drag,
             force_n=(float(force[0]), float(force[1]), float(force[2])),
             torque_nmm=(float(torque[0]), float(torque[1]), float(torque[2])),
             contact_area_mm2=nodes * layer.cell_mm2,
             contact_nodes=nodes,
-            residual=residual,
+            residual=found.residual,
             iterations=self._applications,
             converged=True,
             beyond_small_strain=tip[2] > SMALL_STRAIN * layer.thickness_mm * (1 + 1e-9),
@@ -253,7 +269,7 @@ class LayerContact:
         return state, outside
 
 
-def _drag(before: Point, now: Point) -> Field:
+def _travel(before: Point, now: Point) -> Field:
     """In-plane movement (2,) of the indenter while it touched: what lies above the face is free."""
     share = 1.0 if before[2] >= 0 else now[2] / (now[2] - before[2])
     return share * np.array([now[0] - before[0], now[1] - before[1]])

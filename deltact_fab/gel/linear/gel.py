@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...shapes import Indenter, SkinDimensions
-from ..finite.field import hermite
+from ..lattice import hermite, means
 from ..level import Choice, Diagnostics, Level, Point
 from ..material import GelMaterial
 from .contact import LayerContact
@@ -26,7 +26,8 @@ class LinearState:
 
     inner: ContactState
     diagnostics: Diagnostics
-    _to_lattice: tuple[Field, Field]
+    _sampled: tuple[Field, Field]
+    _means: tuple[Field, Field]
 
     @property
     def tip_mm(self) -> Point:
@@ -51,24 +52,18 @@ class LinearState:
     @cached_property
     def displacement_mm(self) -> Field:
         """(ny, nx, 3) on the lattice."""
-        return self._laid(self.inner.displacement_mm)
+        return _laid(self._sampled, self.inner.displacement_mm)
 
     @cached_property
     def pressure_mpa(self) -> Field:
-        """(ny, nx) on the lattice; interpolated, so it may undershoot 0 at the contact's edge."""
-        return self._laid(self.inner.pressure_mpa[..., None])[..., 0]
+        """(ny, nx) on the lattice, never negative."""
+        return _laid(self._means, self.inner.pressure_mpa[..., None])[..., 0]
 
     @cached_property
     def traction_mpa(self) -> Field:
         """(ny, nx, 3) on the lattice; linear, so pressure acts along -z."""
-        return np.concatenate(
-            [self._laid(self.inner.shear_mpa), -self.pressure_mpa[..., None]], axis=-1
-        )
-
-    def _laid(self, field: Field) -> Field:
-        wx, wy = self._to_lattice
-        found = np.moveaxis(wy @ np.moveaxis(field, -1, 0) @ wx.T, 0, -1)
-        return np.ascontiguousarray(found)
+        shear = _laid(self._means, self.inner.shear_mpa)
+        return np.concatenate([shear, -self.pressure_mpa[..., None]], axis=-1)
 
 
 class LinearGel:
@@ -90,7 +85,13 @@ class LinearGel:
         self.contact = LayerContact(
             face, indenter, friction=choice.friction, observe_shear=choice.friction > 0
         )
-        self._to_lattice = hermite(face.x_mm, x_mm), hermite(face.y_mm, y_mm)
+        self._sampled = hermite(face.x_mm, x_mm), hermite(face.y_mm, y_mm)
+        # A traction at a node of the grid is that of the cell around it.
+        edges = (
+            np.append(at - step / 2, at[-1] + step / 2)
+            for at, step in zip((face.x_mm, face.y_mm), face.spacing_mm, strict=True)
+        )
+        self._means = means(next(edges), x_mm), means(next(edges), y_mm)
 
     def rest(self, tip_mm: Point = (0.0, 0.0, 0.0)) -> LinearState:
         """Without contact."""
@@ -126,7 +127,12 @@ class LinearGel:
             least_j=inner.least_det,
             flags=flags,
         )
-        return LinearState(inner, diagnostics, self._to_lattice)
+        return LinearState(inner, diagnostics, self._sampled, self._means)
+
+
+def _laid(to_lattice: tuple[Field, Field], field: Field) -> Field:
+    wx, wy = to_lattice
+    return np.ascontiguousarray(np.moveaxis(wy @ np.moveaxis(field, -1, 0) @ wx.T, 0, -1))
 
 
 def _face(skin: SkinDimensions, material: GelMaterial, choice: Choice) -> FaceOperator:

@@ -30,23 +30,21 @@ class Patch:
     indenter: Indenter
     operator: PatchOperator
 
-    def height_mm(self, shift_mm: Field | None) -> Field:
+    def height_mm(self, shift_mm: Field) -> Field:
         """Height above the nodes where they are after an in-plane shift (2, my, mx)."""
-        if shift_mm is None:
-            return self.indenter.height_mm(self.x_mm, self.y_mm)
         return self.indenter.height_mm(self.x_mm + shift_mm[0], self.y_mm + shift_mm[1])
 
 
 def patch_below(
-    layer: FaceOperator, indenter: Indenter, tip: Point, grow_mm: float, u: Field | None
+    layer: FaceOperator, indenter: Indenter, tip: Point, grow_mm: float, shift_mm: Field
 ) -> Patch:
     """Nodes that can come into contact: those below the indenter's underside, and a margin.
 
-    grow_mm: of the depth within which a node counts as below. u: as in `footprint`.
+    grow_mm: of the depth within which a node counts as below. shift_mm: as in `footprint`.
     Raises SolverError where a tip of the indenter meets no node.
     """
     x, y, depth = tip
-    rows, columns, xx, yy = footprint(layer, indenter, tip, u)
+    rows, columns, xx, yy = footprint(layer, indenter, tip, shift_mm)
     height = indenter.height_mm(xx, yy)
     for t in indenter.tips:
         at_x, at_y = t.lowest_mm
@@ -66,19 +64,18 @@ def patch_below(
 
 
 def footprint(
-    layer: FaceOperator, indenter: Indenter, tip: Point, u: Field | None
+    layer: FaceOperator, indenter: Indenter, tip: Point, shift_mm: Field
 ) -> tuple[slice, slice, Field, Field]:
     """Rows and columns below the whole indenter, and their positions (my, mx) from the tip.
 
-    u (ny, nx, 3): displacement of the nodes; None: where they rested.
+    shift_mm (ny, nx, 2): of the nodes in plane.
     """
-    slack = 0.0 if u is None else float(np.abs(u[..., :2]).max())
+    slack = float(np.abs(shift_mm).max())
     half_x, half_y = indenter.footprint_half_mm
     columns = span(np.abs(layer.x_mm - tip[0]) <= half_x + slack)
     rows = span(np.abs(layer.y_mm - tip[1]) <= half_y + slack)
     xx, yy = np.meshgrid(layer.x_mm[columns] - tip[0], layer.y_mm[rows] - tip[1])
-    if u is not None:
-        xx, yy = xx + u[rows, columns, 0], yy + u[rows, columns, 1]
+    xx, yy = xx + shift_mm[rows, columns, 0], yy + shift_mm[rows, columns, 1]
     return rows, columns, xx, yy
 
 

@@ -18,8 +18,10 @@ class ContactState:
     tip_mm: (x, y, depth) of the indenter's lowest point, depth positive into the gel.
     pressure_mpa: (ny, nx). shear_mpa: (ny, nx, 2), on the sensor.
     displacement_mm: (ny, nx, 3) of the face, z out of the sensor, so pressed is negative.
+    drag_mpa (ny, nx, 2): what the indenter's sideways travel added to the shear; drag_mm
+    (ny, nx, 2): displacement by it, see `contact`. Both 0 in a straight press.
     force_n, torque_nmm: on the sensor, about the centre of the resting face; the torque takes each
-    traction where it acts, on the displaced face (on the resting one with reference kinematics).
+    traction where it acts, on the displaced face.
     contact_area_mm2: area of the nodes under pressure. contact_nodes: their number.
     residual: worst violation of the contact conditions, as a length over the depth.
     iterations: operator applications over both problems. converged: always True from `solve`.
@@ -31,6 +33,8 @@ class ContactState:
     pressure_mpa: Field
     shear_mpa: Field
     displacement_mm: Field
+    drag_mpa: Field
+    drag_mm: Field
     force_n: Point
     torque_nmm: Point
     contact_area_mm2: float
@@ -43,7 +47,8 @@ class ContactState:
 
     def __post_init__(self) -> None:
         # A state is handed on as history; a caller that wrote into it would rewrite the past.
-        for array in (self.pressure_mpa, self.shear_mpa, self.displacement_mm):
+        fields = (self.displacement_mm, self.drag_mm)
+        for array in (self.pressure_mpa, self.shear_mpa, self.drag_mpa, *fields):
             array.setflags(write=False)
 
 
@@ -51,7 +56,8 @@ def untouched(shape: tuple[int, int], tip_mm: Point) -> ContactState:
     """Without contact on a grid (ny, nx): nothing displaced, nothing remembered."""
     nothing = (0.0, 0.0, 0.0)
     return ContactState(
-        tip_mm, np.zeros(shape), np.zeros((*shape, 2)), np.zeros((*shape, 3)), nothing, nothing,
+        tip_mm, np.zeros(shape), np.zeros((*shape, 2)), np.zeros((*shape, 3)),
+        np.zeros((*shape, 2)), np.zeros((*shape, 2)), nothing, nothing,
         contact_area_mm2=0.0, contact_nodes=0, residual=0.0, iterations=0, converged=True,
         beyond_small_strain=False, least_det=1.0,
     )  # fmt: skip

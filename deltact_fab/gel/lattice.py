@@ -1,0 +1,87 @@
+"""The common lattice over the resting face: what its nodes hold, and how a field is summed.
+
+Displacements are sampled at the nodes (`hermite`). Tractions, which jump, are not: what a level has
+on parts of the face, each with one value, goes to the nodes by areas (`means`). A node holds the
+mean around it, weighted with its hat: 1 at the node, 0 from the next ones on. Hats are nowhere
+negative, add up to 1 and reproduce x and y, so `over_face` gives the parts' own force, and on the
+resting face their moment.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Field = NDArray[np.float64]
+
+
+def over_face(x_mm: Field, y_mm: Field, field: Field) -> Field:
+    """Integral over the face of a lattice field (ny, nx, ...), in its unit times mm2; shape (...).
+
+    A traction in MPa gives newtons. The quadrature is the trapezoids', which is exact for what
+    `means` makes of a level's tractions.
+    """
+    return np.einsum("y,x,yx...->...", _areas(y_mm), _areas(x_mm), field)
+
+
+def means(edges_mm: Field, at_mm: Field) -> Field:
+    """Matrix (nodes, parts) from values on the parts between edges to the nodes' means, one way.
+
+    edges_mm (parts + 1,), at_mm (nodes,): rising. What lies beyond the last node is counted to it.
+    """
+    shares = np.diff(_hats_up_to(edges_mm, at_mm), axis=0).T
+    return np.ascontiguousarray(shares / _areas(at_mm)[:, None])
+
+
+def _areas(at: Field) -> Field:
+    """Integrals of the nodes' hats: the trapezoids' weights."""
+    half = np.diff(at) / 2
+    return np.append(half, 0.0) + np.append(0.0, half)
+
+
+def _hats_up_to(x: Field, at: Field) -> Field:
+    """(points, nodes): integrals of the hats from the first node on; outer ones go on as 1."""
+    n, width = len(at), np.diff(at)
+    i = np.clip(np.searchsorted(at, x, side="right") - 1, 0, n - 2)
+    rows, s = np.arange(len(x)), np.clip((x - at[i]) / width[i], 0.0, 1.0)
+    passed = (np.arange(n - 1) < i[:, None]) * (width / 2)
+    found = np.zeros((len(x), n))
+    found[:, :-1] += passed
+    found[:, 1:] += passed
+    found[rows, i] += width[i] * (s - s**2 / 2)
+    found[rows, i + 1] += width[i] * s**2 / 2
+    found[:, 0] += np.minimum(x - at[0], 0.0)
+    found[:, -1] += np.maximum(x - at[-1], 0.0)
+    return found
+
+
+def hermite(knots: Field, at: Field) -> Field:
+    """Matrix (points, knots) of the local cubic; outside of the knots the last parabola goes on."""
+    n = len(knots)
+    slope = _slopes(knots)
+    i = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, n - 2)
+    h = knots[i + 1] - knots[i]
+    t = (at - knots[i]) / h
+    rows = np.arange(len(at))
+    found = np.zeros((len(at), n))
+    found[rows, i] += 1 - t**2 * (3 - 2 * t)
+    found[rows, i + 1] += t**2 * (3 - 2 * t)
+    found += (h * t * (1 - t) ** 2)[:, None] * slope[i]
+    found -= (h * t**2 * (1 - t))[:, None] * slope[i + 1]
+    return found
+
+
+def _slopes(knots: Field) -> Field:
+    """Matrix (knots, knots) from values to slopes, of parabolas through three neighbours."""
+    n = len(knots)
+    if n < 3:
+        return np.tile(np.array([-1.0, 1.0]) / (knots[1] - knots[0]), (2, 1))
+    found = np.zeros((n, n))
+    for k in range(n):
+        m = min(max(k, 1), n - 2)
+        a, b, c = knots[m - 1 : m + 2]
+        x = knots[k]
+        found[k, m - 1] = (2 * x - b - c) / ((a - b) * (a - c))
+        found[k, m] = (2 * x - a - c) / ((b - a) * (b - c))
+        found[k, m + 1] = (2 * x - a - b) / ((c - a) * (c - b))
+    return found

@@ -1,0 +1,130 @@
+"""The linear levels against independent solutions of a cylinder with the face's area."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from axisymmetric import Cylinder, graded
+
+from deltact_fab.gel import reference
+from deltact_fab.gel.choose import model_error
+from deltact_fab.gel.level import Reach
+from deltact_fab.gel.material import GelMaterial
+from deltact_fab.gel.open import open_contact
+from deltact_fab.shapes import SkinDimensions
+from deltact_fab.shapes.indenter import parse
+
+FACE_MM = float(np.sqrt(36 * 34 / np.pi))
+
+
+class Held(NamedTuple):
+    """True errors, of the force and in plane (rms over the face), and what the level says."""
+
+    force_rel: float
+    in_plane_mm: float
+    told_force_rel: float
+    told_in_plane_mm: float
+
+
+def body(face_mm: float, thickness_mm: float, poisson: float, contact_mm: float) -> Cylinder:
+    """Ten cells over the contact's radius, larger ones away from it."""
+    size = contact_mm / 10
+    r = graded(face_mm, size, 1.6 * contact_mm, most=2 / size)
+    z = -graded(thickness_mm, size, 0.8 * contact_mm, most=1.2 / size)[::-1]
+    return Cylinder(r, z, GelMaterial().modulus_mpa, poisson)
+
+
+def force_n(level: str, skin: SkinDimensions, nu: float, name: str, depth: float) -> float:
+    """What a user gets of a press without friction."""
+    reach = Reach(deepest_mm=depth)
+    material = GelMaterial(poisson=nu)
+    gel = open_contact(skin, material, parse(name), level=level, reach=reach, friction=0.0)  # type: ignore[arg-type]
+    *_, state = gel.path(gel.rest(), (0.0, 0.0, depth))
+    return -state.force_n[2]
+
+
+@pytest.mark.parametrize("nu", [0.35, 0.42, 0.49, 0.499])
+def test_the_layer_is_the_integral_equation_and_the_disc(nu: float) -> None:
+    """Two solutions that share nothing, and what the interface of the levels gives."""
+    wide = SkinDimensions(width_mm=80, length_mm=80)
+    exact, _ = reference.sphere_on_layer(5.0, 1.5, 12.0, GelMaterial(poisson=nu))
+    assert body(60.0, 12.0, nu, 2.7).linear_force_n(5.0, 1.5) == pytest.approx(exact, rel=2e-3)
+    assert force_n("layer", wide, nu, "sphere:10", 1.5) == pytest.approx(exact, rel=2e-3)
+
+
+@pytest.mark.parametrize(("nu", "thickness"), [(0.35, 12.0), (0.49, 12.0), (0.499, 8.0)])
+def test_the_block_is_the_disc_of_equal_area(nu: float, thickness: float) -> None:
+    """Its sides, too: they take 2 to 3 % off the layer here, the corners' part of it is small."""
+    skin = SkinDimensions(thickness_mm=thickness)
+    disc = body(FACE_MM, thickness, nu, 3.9).linear_force_n(7.5, 2.0)
+    assert force_n("block", skin, nu, "sphere:15", 2.0) == pytest.approx(disc, rel=4e-3)
+
+
+# -- against finite strain ----------------------------------------------------------------------
+
+
+def held(level: str, nu: float, thickness: float, radius: float, depth: float) -> Held:
+    """A press in the middle against the cylinder at finite strain."""
+    skin = SkinDimensions(thickness_mm=thickness)
+    contact = np.sqrt(radius * depth)
+    # Nearly incompressible, the twin's Newton takes short steps only.
+    step = contact / 30 if nu > 0.49 else None
+    true = body(FACE_MM, thickness, nu, contact).press(radius, [depth], step)[0]
+    reach, indenter = Reach(deepest_mm=depth), parse(f"sphere:{2 * radius:g}")
+    gel = open_contact(
+        skin, GelMaterial(poisson=nu), indenter, level=level, reach=reach, friction=0.0
+    )  # type: ignore[call-overload]
+    *_, state = gel.path(gel.rest(), (0.0, 0.0, depth))
+    x, y = np.meshgrid(gel.x_mm, gel.y_mm)
+    r = np.hypot(x, y)
+    on = r <= FACE_MM
+    out = np.stack([x[on], y[on]], axis=1) / np.maximum(r[on], 1e-12)[:, None]
+    off = state.displacement_mm[on][:, :2] - true.radial_mm(r[on])[:, None] * out
+    return Held(
+        abs(-state.force_n[2] / true.force_n - 1),
+        float(np.sqrt((off**2).sum(axis=1).mean())),
+        gel.choice.model_force_rel,
+        gel.choice.model_in_plane_mm,
+    )
+
+
+@pytest.mark.parametrize(
+    ("level", "nu", "thickness", "radius", "depth"),
+    [
+        ("block", 0.35, 9.0, 8.0, 0.45),
+        ("block", 0.406, 7.4, 13.2, 0.59),
+        ("block", 0.485, 9.7, 11.8, 0.6),
+        ("block", 0.46, 12.0, 3.0, 0.5),
+        ("layer", 0.499, 8.0, 6.0, 0.4),
+    ],
+)
+def test_a_linear_level_is_within_its_estimate(
+    level: str, nu: float, thickness: float, radius: float, depth: float
+) -> None:
+    found = held(level, nu, thickness, radius, depth)
+    assert found.force_rel <= found.told_force_rel < 0.05
+    assert found.in_plane_mm <= found.told_in_plane_mm < 0.08
+
+
+@pytest.mark.slow
+def test_linear_levels_are_within_their_estimates() -> None:
+    """Drawn with a seed that set no constant: nu .35 to .499, 6 to 20 mm thick, spheres of R 3 to
+    15 mm, to depths that a tolerance of .1 would give to the level."""
+    rng = np.random.default_rng(17)
+    found = []
+    while len(found) < 10:
+        nu, thickness, radius = rng.uniform((0.35, 6.0, 3.0), (0.499, 20.0, 15.0))
+        depth = float(rng.uniform(0.02, 0.15) * min(thickness, 2 * radius))
+        case = (float(nu), float(thickness), float(f"{radius:.3g}"), depth)
+        skin = SkinDimensions(thickness_mm=case[1])
+        told, _ = model_error(
+            "block", skin, parse(f"sphere:{2 * case[2]:g}"), Reach(deepest_mm=depth), case[0]
+        )
+        if told <= 0.05:
+            found.append(held("block", *case))
+    ratio = np.array([f.told_force_rel / f.force_rel for f in found])
+    assert (ratio >= 1).sum() >= 9
+    assert np.median(ratio) <= 3
+    assert sum(f.told_in_plane_mm >= f.in_plane_mm for f in found) >= 9
