@@ -12,7 +12,7 @@ from typing import Literal
 
 from ..errors import InputError
 from ..shapes import Indenter, SkinDimensions
-from .finite.mesh import unknowns
+from .finite.mesh import GROWTH, unknowns
 from .footprint import (
     contact_radius_mm,
     edge_radius_mm,
@@ -41,17 +41,18 @@ SIDE_IN_PLANE_DECAY = 1.2
 FRICTION_FORCE = 0.5  # x min(friction, 1) x (depth/thickness)^1.6
 
 # Cells of the finite-strain mesh.
-CELLS_ACROSS = 3.0  # contact radius over cell size at TOLERANCE
+CELLS_ACROSS = 3.2  # contact radius over cell size at TOLERANCE
 DRAGGED = 0.85  # x cells of a path that moves in plane: its steps take more of the tolerance
 LAYERS = 8  # least cells over the thickness
 EDGE_CELL_MM = 0.5  # largest cell at TOLERANCE where an edge is sharper than it
-MOST_EDGE_CELL_MM = 0.6  # at any tolerance: a star's points slip between larger ones
+MOST_EDGE_CELL_MM = 0.9  # at any tolerance
 EDGE_MM = 0.75  # radius below which an edge is sharp
 STEP = 0.12  # of the thickness, where friction does not ask for less
 STEP_ERROR = 3.5  # x friction's part of the force, over the number of increments
 STEP_SHARE = 0.4  # of the tolerance for that
 SHEAR_STEP = 0.08  # of the contact radius, when dragged, at TOLERANCE
-LEAST_STEPS, MOST_STEPS = 4, 40
+LEAST_STEPS, MOST_STEPS = 4, 40  # the least at TOLERANCE, in proportion beyond, and 2
+MOST_GROWTH = 1.5  # of cells away from the contact, at any tolerance
 MOST_DOFS = 120_000
 LINEAR_MM = 0.25  # grid of the linear levels
 LEAST_MM = 0.15  # smallest cell that is chosen
@@ -68,6 +69,7 @@ class Choice:
     model_force_rel, model_in_plane_mm: what the level itself leaves out, by the measured rule; 0
     for the finest level. why: one line for a reader. asked_mm: the cells that the tolerance asks
     for, smaller than spacing_mm where most_unknowns does not afford them; 0: not chosen so.
+    growth: of cells away from the focus.
     """
 
     level: Level
@@ -80,10 +82,20 @@ class Choice:
     model_in_plane_mm: float
     why: str
     asked_mm: float = 0.0
+    growth: float = GROWTH
 
     def times(self, spacing: float = 1.0, step: float = 1.0) -> Choice:
-        """The same with cells or grid, and steps, so many times as large."""
-        return replace(self, spacing_mm=self.spacing_mm * spacing, step_mm=self.step_mm * step)
+        """The same with cells or grid, and steps, so many times as large.
+
+        So many cells become one, those that grow too: with one growth for all meshes the cells away
+        from the contact were alike, and a comparison did not show what they cost.
+        """
+        return replace(
+            self,
+            spacing_mm=self.spacing_mm * spacing,
+            step_mm=self.step_mm * step,
+            growth=self.growth**spacing,
+        )
 
 
 def pick(
@@ -167,7 +179,7 @@ def pick(
         level, h, step, mirrors, focus_mm(skin, indenter, reach, h), mu, 0.0, 0.0,
         f"hyperelastic ({reason}): cells {h:.3g} mm ({what}), steps {step:.3g} mm, {part}"
         + ("" if mu > 0 or material.friction == 0 else ", friction left out"),
-        asked,
+        asked, growth=min(GROWTH ** math.sqrt(tolerance / TOLERANCE), MOST_GROWTH),
     )  # fmt: skip
 
 
@@ -274,7 +286,8 @@ def step_mm(
     if depth_mm <= 0:
         return STEP * thickness_mm
     lost = STEP_ERROR * friction_force_rel(friction, depth_mm / thickness_mm)
-    steps = min(max(lost / (STEP_SHARE * tolerance), LEAST_STEPS), MOST_STEPS)
+    least = max(LEAST_STEPS * min(TOLERANCE / tolerance, 1.0), 2.0)
+    steps = min(max(lost / (STEP_SHARE * tolerance), least), MOST_STEPS)
     step = min(depth_mm / math.ceil(steps - 1e-9), STEP * thickness_mm)
     if moves and friction > 0:
         shear = SHEAR_STEP * contact_radius_mm(indenter, depth_mm) * tolerance / TOLERANCE

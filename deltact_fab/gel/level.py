@@ -8,7 +8,7 @@ show the face on one and the same lattice, whatever they compute on.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
 
@@ -130,10 +130,12 @@ class GelContact(Protocol):
         tip_mm: Point,
         max_step_mm: float | None = None,
         seconds: float = 0.0,
+        like: Sequence[Any] = (),
     ) -> Iterator[State]:
         """The straight way in equal increments of at most max_step_mm (None: `choice.step_mm`).
 
-        The way above the face is skipped.
+        The way above the face is skipped. like: states of a coarser mesh of this level along the
+        same way, which the solver then starts from; they do not change what is solved.
         """
 
 
