@@ -41,7 +41,7 @@ SIDE_IN_PLANE_DECAY = 1.2
 FRICTION_FORCE = 0.5  # x min(friction, 1) x (depth/thickness)^1.6
 
 # Cells of the finite-strain mesh.
-CELLS_ACROSS = 3.2  # contact radius over cell size at TOLERANCE
+CELLS_ACROSS = 3.0  # contact radius over cell size at TOLERANCE
 DRAGGED = 0.85  # x cells of a path that moves in plane: its steps take more of the tolerance
 LAYERS = 8  # least cells over the thickness
 EDGE_CELL_MM = 0.5  # largest cell at TOLERANCE where an edge is sharper than it

@@ -31,7 +31,7 @@ Progress = Callable[[int, int, str], None]
 
 COARSER, FEWER = 1.5, 2.0
 APART = 1.4  # least ratio of the cells of two meshes that are compared
-EDGE = 0.22  # x (cell / contact radius)^2, of the force: what the contact's edge costs at least
+EDGE = 0.2  # x (cell / contact radius)^2, of the force: what the contact's edge costs at least
 ALONE = 3.0  # times that, and all of the in-plane field, where there is one mesh to go by
 STEP_FORCE = 1 / (FEWER - 1)  # steps are of first order
 MESH_IN_PLANE, STEP_IN_PLANE = 2.4, 1.75  # x change of displacement: errors of places add up
@@ -112,7 +112,7 @@ class Ladder:
         self.tolerance = tolerance
         self.in_plane_mm = IN_PLANE_MM * tolerance / TOLERANCE
         self._runs: list[Run] = []
-        self._by_step = Errors(0.0, 0.0)
+        self._by_step, self._steps_seen = Errors(0.0, 0.0), False
 
     def holds(self, estimate: dict[str, float]) -> bool:
         """Whether an estimate is within the tolerance."""
@@ -125,7 +125,7 @@ class Ladder:
         A limit of time (`limit`) ends it with what there is; raises TimeLimit where that is
         nothing, SolverError where no mesh is solved.
         """
-        self._runs, self._by_step = [], Errors(0.0, 0.0)
+        self._runs, self._by_step, self._steps_seen = [], Errors(0.0, 0.0), False
         try:
             self._climb(choice, free)
         except TimeLimit:
@@ -167,12 +167,13 @@ class Ladder:
             except SolverError:
                 # Too coarse for the tip; the mesh that was asked for may not be.
                 return choice
-            if choice.friction == 0:
+            if choice.friction == 0 or self._steps_seen:
                 return choice
             self._by_step = self._steps_part(self._runs[-1])
             goals = AIM * STEP_SHARE * self.tolerance, AIM * STEP_SHARE * self.in_plane_mm
             over = max(e / g for e, g in zip(self._by_step, goals, strict=True))
             if not free or over <= 1 or choice.step_mm <= least:
+                self._steps_seen = True
                 return choice
             choice = choice.times(1.0, max(1 / over, 0.5))
             self._runs.pop()
