@@ -158,10 +158,11 @@ def pick(
             f"{level} ({reason}): grid {h:.3g} mm",
         )  # fmt: skip
     mirrors = mirrors_of(indenter, reach)
+    growth = min(GROWTH ** math.sqrt(tolerance / TOLERANCE), MOST_GROWTH)
     h, what = (spacing_mm, "as asked") if spacing_mm else cell_mm(skin, indenter, reach, tolerance)
     asked = h
     if spacing_mm is None and most_unknowns is not None:
-        h = _affordable_mm(skin, indenter, reach, mirrors, h, most_unknowns)
+        h = _affordable_mm(skin, indenter, reach, mirrors, h, most_unknowns, growth)
         if h > asked:
             what = f"{most_unknowns} unknowns; the tolerance asks for {asked:.3g} mm by its {what}"
     if not (math.isfinite(h) and 0.02 <= h <= thickness / 2):
@@ -179,17 +180,20 @@ def pick(
         level, h, step, mirrors, focus_mm(skin, indenter, reach, h), mu, 0.0, 0.0,
         f"hyperelastic ({reason}): cells {h:.3g} mm ({what}), steps {step:.3g} mm, {part}"
         + ("" if mu > 0 or material.friction == 0 else ", friction left out"),
-        asked, growth=min(GROWTH ** math.sqrt(tolerance / TOLERANCE), MOST_GROWTH),
+        asked, growth,
     )  # fmt: skip
 
 
 def _affordable_mm(
     skin: SkinDimensions, indenter: Indenter, reach: Reach, mirrors: tuple[bool, bool],
-    spacing_mm: float, most: int,
+    spacing_mm: float, most: int, growth: float,
 ) -> float:  # fmt: skip
     """The smallest cells from spacing_mm on whose mesh has at most so many unknowns."""
     h, largest = spacing_mm, skin.thickness_mm / 2
-    while unknowns(skin, h, focus_mm(skin, indenter, reach, h), mirrors) > most and h < largest:
+    while h < largest:
+        focus = focus_mm(skin, indenter, reach, h)
+        if unknowns(skin, h, focus, mirrors, growth) <= most:
+            break
         h = min(h * 1.03, largest)
     return h if h == spacing_mm else float(f"{h:.3g}")
 

@@ -37,7 +37,7 @@ STEP_FORCE = 1 / (FEWER - 1)  # steps are of first order
 MESH_IN_PLANE, STEP_IN_PLANE = 2.4, 1.75  # x change of displacement: errors of places add up
 LINEAR_FORCE, LINEAR_IN_PLANE = 0.9, 1.9  # x change with the grid of a linear level
 BELOW = 2  # meshes coarser than the one asked for
-ABOVE = 2  # and finer, where that does not do
+ABOVE = 3  # that follow, as fine as the estimate wants them
 FINEST_STEP = 0.25  # least factor of the steps
 # Most increments x unknowns^WORK_POWER of a mesh, about a minute on one core. Counted, not timed: a
 # busy machine must not change a result.
@@ -46,7 +46,8 @@ WORK_POWER = 1.3
 DOFS_POWER = 2.5  # of the cells' number on their size
 AIM = 0.85  # of the tolerance
 STEP_SHARE = 0.4  # of the tolerance that steps may take
-WORTH = 0.9  # a refinement by less is not made
+LEAST_FINER = 0.85  # factor of a mesh that follows; closer ones tell nothing of each other
+WORTH = 0.9  # a refinement that work affords by less is not made
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,17 +147,16 @@ class Ladder:
             choice = self._low(choice, factor, free)
             if free and self._done():
                 return
-        self._add(choice)
+        if not (free and self._runs):
+            self._add(choice)
         for _ in range(ABOVE if free else 0):
             if self._done():
                 return
-            factor = afforded(self._runs[-1], self._wanted())
+            last = self._runs[-1]
+            factor = afforded(last, self._wanted())
             if factor > WORTH:
                 return
-            choice = choice.times(factor)
-            text = f"{choice.spacing_mm:.3g} mm, steps of {choice.step_mm:.3g} mm"
-            choice = replace(choice, why=f"{choice.why.split('; refined')[0]}; refined to {text}")
-            self._add(choice)
+            self._add(choice.times(factor * last.cell_mm / choice.spacing_mm))
 
     def _low(self, choice: Choice, factor: float, free: bool) -> Choice:
         """Solve a coarser mesh, and find on it the steps that the tolerance needs."""
@@ -182,6 +182,8 @@ class Ladder:
         return len(self._runs) > 1 and self.holds(self.estimate())
 
     def _add(self, choice: Choice) -> None:
+        text = f"{choice.spacing_mm:.3g} mm, steps of {choice.step_mm:.3g} mm"
+        choice = replace(choice, why=f"{choice.why.split('; taken')[0]}; taken {text}")
         self._runs.append(self._run(choice, self._runs[-1] if self._runs else None))
 
     def estimate(self) -> dict[str, float]:
@@ -226,7 +228,7 @@ class Ladder:
             math.sqrt(max(goal - s, goal / 4) / m) if m > 0 else 1.0
             for m, s, goal in zip(mesh, step, goals, strict=True)
         ]
-        return max(min(*least, 1.0), 1 / COARSER)
+        return max(min(*least, LEAST_FINER), 1 / COARSER)
 
     def _run(self, choice: Choice, like: Run | None = None) -> Run:
         """The way by a choice; like: on a coarser mesh, to start from its increments."""
@@ -244,13 +246,7 @@ class Ladder:
                 self._tell(len(states) - 1, total, what)
             # At the corners; on the way in, the first increments are coarse by intention.
             flags.update({f.partition(":")[0]: f for f in states[-1].diagnostics.flags})
-        lacking = 0.0
-        if contact.level == "hyperelastic":
-            from .finite.gel import FiniteGel
-
-            assert isinstance(contact, FiniteGel)
-            lacking = contact.lacking_rel(states[-1])
-        return Run(contact, states, tuple(flags.values()), lacking)
+        return Run(contact, states, tuple(flags.values()), _lacking_rel(contact, states[-1]))
 
 
 def afforded(run: Run, factor: float) -> float:
@@ -259,6 +255,17 @@ def afforded(run: Run, factor: float) -> float:
     factor = max(factor, min(1.0, (dofs / MOST_DOFS) ** (1 / DOFS_POWER)))
     work = len(run.states) * dofs**WORK_POWER / MOST_WORK
     return max(factor, min(1.0, work ** (1 / (DOFS_POWER * WORK_POWER))))
+
+
+def _lacking_rel(contact: GelContact, state: State) -> float:
+    """Of the normal force, what a hard contact would give more; the linear levels' is hard."""
+    if contact.level != "hyperelastic":
+        return 0.0
+    from .finite.gel import FiniteGel, HyperelasticState
+
+    assert isinstance(contact, FiniteGel)
+    assert isinstance(state, HyperelasticState)
+    return contact.lacking_rel(state)
 
 
 def _change(fine: Run, coarse: Run) -> tuple[Field, float]:

@@ -1,4 +1,4 @@
-"""A cylinder under a rigid sphere, solved on its own: axisymmetric, finite strain, Coulomb friction.
+"""A cylinder under a rigid sphere, solved on its own: axisymmetric, finite strain, friction.
 
 Shares no line with `deltact_fab.gel.finite`. Nine-node quadrilaterals in (r, z); energy
     mu/2 (I1 - 3) - mu ln J + lambda/2 P(ln J)^2,
@@ -47,8 +47,8 @@ def graded(
 
 @dataclass
 class Rub:
-    """Friction of one step at the edges' points. at (e, q, 2): relative to the sphere at its start;
-    along (e, q, 2): tangent there; shear, bound (e, q): multipliers and what they may reach, MPa."""
+    """Friction of one step at the edges' points. at (e, q, 2): from the sphere's centre at its
+    start; along (e, q, 2): tangent there; shear, bound (e, q): multipliers and their limit, MPa."""
 
     at: Field
     along: Field

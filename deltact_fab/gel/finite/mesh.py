@@ -94,10 +94,14 @@ def block_mesh(
 
 
 def unknowns(
-    skin: SkinDimensions, spacing_mm: float, focus: Box, mirrors: tuple[bool, bool]
+    skin: SkinDimensions,
+    spacing_mm: float,
+    focus: Box,
+    mirrors: tuple[bool, bool],
+    growth: float = GROWTH,
 ) -> int:
     """About how many displacements `block_mesh` would leave free: those across mirrors count."""
-    x, y, z = _axes(skin, spacing_mm, focus, mirrors)
+    x, y, z = _axes(skin, spacing_mm, focus, mirrors, growth)
     return 3 * len(x) * len(y) * (len(z) - 1)
 
 

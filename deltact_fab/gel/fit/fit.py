@@ -207,8 +207,8 @@ def _modulus(solution: Solution, mesh_error: float | None) -> Estimate:
     if not found.low > 0:
         raise RunFailed(
             f"gel fit: {found.value:.3g} MPa with an interval of {found.low:.3g} to "
-            f"{found.high:.3g}, which holds 0: these data give no modulus; less noise, more rows or "
-            "a deeper press is needed"
+            f"{found.high:.3g}, which holds 0: these data give no modulus; less noise, more rows "
+            "or a deeper press is needed"
         )
     return found
 
@@ -260,9 +260,9 @@ def _remarks(
     notes = []
     if not USUAL_MPA[0] <= modulus.value <= USUAL_MPA[1]:
         notes.append(
-            f"warning: {modulus.value:.3g} MPa is outside {USUAL_MPA[0]:g} to {USUAL_MPA[1]:g} MPa, "
-            "where soft gels and rubbers lie; normal_n in N (not mN or g) and depth_mm in mm are "
-            "needed"
+            f"warning: {modulus.value:.3g} MPa is outside {USUAL_MPA[0]:g} to {USUAL_MPA[1]:g} "
+            "MPa, where soft gels and rubbers lie; normal_n in N (not mN or g) and depth_mm in mm "
+            "are needed"
         )
     out = int((~solution.used).sum())
     if out:
