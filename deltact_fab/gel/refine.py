@@ -109,7 +109,7 @@ class Ladder:
         progress: Progress | None = None,
     ) -> None:
         self._tell = progress or (lambda done, total, what: None)
-        self._open, self._corners, self._radius_mm = opener, corners, radius_mm
+        self._open, self._corners, self._radius_mm = opener, corners, float(radius_mm)
         self.tolerance = tolerance
         self.in_plane_mm = IN_PLANE_MM * tolerance / TOLERANCE
         self._runs: list[Run] = []
@@ -118,7 +118,7 @@ class Ladder:
     def holds(self, estimate: dict[str, float]) -> bool:
         """Whether an estimate is within the tolerance."""
         force, in_plane = estimate["force_rel"], estimate["displacement_mm"]
-        return force <= self.tolerance and in_plane <= self.in_plane_mm
+        return bool(force <= self.tolerance and in_plane <= self.in_plane_mm)
 
     def climb(self, choice: Choice, free: bool) -> Answer:
         """The finest run and its estimate; free: mesh and steps may be other than chosen.

@@ -1,8 +1,9 @@
 """The finite-strain level against an independent axisymmetric solution of the same cylinder.
 
-Sphere R 7.5 mm, no friction but where it is said, cylinder of the block's face area, 12 mm, E 0.56 MPa, nu 0.49. The
-twin at cells of 1/8 mm (31 410 unknowns) gives TWIN_N; half the cell from 1/4 to 1/8 changes these
-by at most 0.1 % at 1 mm and 0.02 % beyond. Facts of felupe's first trial lie 0.2 to 0.9 % above.
+Sphere R 7.5 mm, no friction but where it is said, cylinder of the block's face area, 12 mm, E 0.56
+MPa, nu 0.49. The twin at cells of 1/8 mm (31 410 unknowns) gives TWIN_N; half the cell from 1/4 to
+1/8 changes these by at most 0.1 % at 1 mm and 0.02 % beyond. Facts of felupe's first trial lie 0.2
+to 0.9 % above.
 """
 
 import numpy as np
@@ -88,7 +89,7 @@ def test_the_twins_own_refinement(fine_twin):
 
 
 def test_the_twins_friction_is_a_third_codes():
-    """felupe with friction 1 adds .4 % of force at 1 mm and 2.3 % at 2 mm; the steps count little."""
+    """felupe with friction 1 adds .4 % of force at 1 mm and 2.3 % at 2 mm; steps count little."""
     body = cylinder(0.7, RADIUS, THICKNESS)
     free = body.press(SPHERE, [1.0, 2.0])
     long, short = (
@@ -109,7 +110,7 @@ def estimated(nu, thickness, radius, depth, friction):
     """True and estimated relative error of the force; the block's sides are far away."""
     side = round(2 * (2.5 * thickness + np.sqrt(radius * depth)), 1)
     fillet = min(2.0, thickness / 2)
-    skin = SkinDimensions(side, side, thickness, thickness, edge_fillet_mm=fillet)
+    skin = SkinDimensions(side, side, thickness, fillet, thickness)
     cell = np.sqrt(radius * depth) / 6
     r = graded(side / np.sqrt(np.pi), cell, 10 * cell, growth=1.35, most=24.0)
     z = -graded(thickness, cell, 4 * cell, growth=1.35, most=12.0)[::-1]

@@ -23,6 +23,7 @@ from .lost import refuse_lost
 from .material import NeoHooke
 from .mesh import HexMesh
 from .pattern import Pattern
+from .predict import start_of
 from .problem import Equilibrium, bulk_at
 from .state import Diagnostics, FiniteState, Point, sum_of, with_diagnostics
 from .surface import Grip, Surface
@@ -32,7 +33,6 @@ from .viscous import Memory, Viscosity
 Field = NDArray[np.float64]
 
 MOST_CUTS = 6  # halvings of one increment
-PREDICTABLE = 0.75  # of the smallest cell: longest move that is extrapolated
 SHARP, MANY = 2.0, 5  # cells: least radius that 2 x 2 points a face can feel, and else how many
 LONGEST = 1.0  # cells that a node may move in one iteration, over twice the tip's own move
 FLOOR = 1e-2  # x E x thickness x cell size: least force that a residual is compared with
@@ -192,7 +192,7 @@ class FinitePress:
         stays: first order in the increment, as friction is anyway.
         """
         tip = np.array(tip_mm)
-        u, pressure = self._predicted(previous, tip, change)
+        u, pressure = start_of(self.bulk, previous, tip, self._cell_mm, change)
         moved = tip - np.array(previous.tip_mm)
         grip = self._grip(previous, moved) if self.friction > 0 and tip_mm[2] > 0 else None
         longest = LONGEST * self._cell_mm + 2 * float(np.abs(moved).max())
@@ -243,35 +243,6 @@ class FinitePress:
         at = np.where(coming[..., None], at - t[..., None] * move, at)
         normal = self.surface.normals(at)
         return Grip(at, previous.slip_mm, normal, held | coming, self.friction)
-
-    def _share(self, previous: FiniteState, tip: Field) -> float:
-        """How much of the last increment is repeated; 0 where the path turns or the move is long.
-
-        Backwards the contact does not come off as it went on. A move of a cell or more shears cells
-        so much that Newton from rest takes half the factors.
-        """
-        if previous.rate is None:
-            return 0.0
-        moved = previous.rate[1]
-        move = tip - np.array(previous.tip_mm)
-        length2, goal2 = float(moved @ moved), float(move @ move)
-        along = float(move @ moved) / length2 if length2 > 0 else 0.0
-        turned = along <= 0 or along**2 * length2 < 0.9 * goal2
-        return 0.0 if turned or goal2 > (PREDICTABLE * self._cell_mm) ** 2 else min(along, 2.0)
-
-    def _predicted(
-        self, previous: FiniteState, tip: Field, change: tuple[Field, Field] | None
-    ) -> tuple[Field, Field]:
-        """Displacements and cell pressures, by a change or the last increment repeated."""
-        u, pressure = previous.displacement_mm, previous.cell_pressure_mpa
-        if change is None:
-            share = self._share(previous, tip)
-            if previous.rate is None or share == 0:
-                return u, pressure
-            change = share * previous.rate[0], share * previous.rate[2]
-        trial = u + change[0]
-        kept = self.bulk.evaluate(trial, False).least_j > 0.2 * previous.diagnostics.least_j
-        return (trial, pressure + change[1]) if kept else (u, pressure)
 
     def _state(
         self, previous: FiniteState, tip_mm: Point, u: Field, grip: Grip | None,
