@@ -197,7 +197,8 @@ class Ladder:
 
     def _mesh_part(self) -> Errors:
         fine = self._runs[-1]
-        edge = EDGE * (fine.cell_mm / self._radius_mm) ** 2
+        # The ramp of the contact pushes before it is touched: a light press is too stiff by it.
+        edge = EDGE * (fine.cell_mm / self._radius_mm) ** 2 + max(0.0, -fine.lacking_rel)
         before = [r for r in self._runs if r.cell_mm >= APART * fine.cell_mm]
         if not before:
             return Errors(ALONE * edge, _rms_mm(fine.last.displacement_mm))
