@@ -29,6 +29,10 @@ class SolverError(RunFailed):
     """A numerical method did not reach its stated tolerance, or left its range of validity."""
 
 
+class TimeLimit(RunFailed):
+    """A limit of time that the caller set was reached."""
+
+
 class StageError(RunFailed):
     """The motion controller refused, alarmed, restarted or fell silent."""
 

@@ -34,6 +34,13 @@ def gel() -> None:
 @click.option("--friction", default=0.5, show_default=True)
 @click.option("--tolerance", default=0.03, show_default=True, help="Of the force, relative.")
 @click.option("--spacing", "spacing_mm", type=float, help="Grid or cells, mm. [default: chosen]")
+@click.option(
+    "--limit-s",
+    "limit_s",
+    default=120.0,
+    show_default=True,
+    help="Wall seconds; then the best mesh so far answers.",
+)
 @gel_options.plot
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def press(
@@ -51,6 +58,7 @@ def press(
     friction: float,
     tolerance: float,
     spacing_mm: float | None,
+    limit_s: float,
     plot_path: Path | None,
     as_json: bool,
 ) -> None:
@@ -75,7 +83,7 @@ def press(
     with progress("gel press") as report:
         pressed = run(
             skin, material, shape, at_mm, depth_mm, (shear_x_mm, shear_y_mm),
-            model, tolerance, spacing_mm, report,  # type: ignore[arg-type]  # click.Choice did
+            model, tolerance, spacing_mm, report, limit_s,  # type: ignore[arg-type]  # click.Choice
         )  # fmt: skip
     result = pressed.result
     if as_json:

@@ -121,7 +121,9 @@ def _show(result: dict[str, Any]) -> None:
         f"{100 * result['rms_rel']:.2g} % of the rms force; smooth part "
         f"{100 * result['trend_rel']:.2g} %"
     )
-    click.echo(f"mesh      about {100 * result['mesh_error_rel']:.2g} % of the modulus")
+    click.echo(
+        f"mesh      about {100 * result['mesh_error_rel']:.2g} % of the modulus, in its interval"
+    )
     for note in result["notes"]:
         click.echo(note, err=True)
     click.echo(f"\n[specimen]\nmodulus_mpa = {result['modulus_mpa']['value']:.4g}")

@@ -11,7 +11,7 @@ from typing import Literal
 
 from ..errors import InputError
 from ..shapes import Indenter, SkinDimensions
-from .finite.mesh import unknowns
+from .finite.mesh import GROWTH, unknowns
 from .footprint import (
     contact_radius_mm,
     edge_radius_mm,
@@ -47,13 +47,14 @@ CELLS_ACROSS = 3.0  # contact radius over cell size at TOLERANCE
 DRAGGED = 0.85  # x cells of a path that moves in plane: its steps take more of the tolerance
 LAYERS = 8  # least cells over the thickness
 EDGE_CELL_MM = 0.5  # largest cell at TOLERANCE where an edge is sharper than it
-MOST_EDGE_CELL_MM = 0.6  # at any tolerance: a star's points slip between larger ones
+MOST_EDGE_CELL_MM = 0.9  # at any tolerance
 EDGE_MM = 0.75  # radius below which an edge is sharp
 STEP = 0.12  # of the thickness, where friction does not ask for less
 STEP_ERROR = 3.5  # x friction's part of the force, over the number of increments
 STEP_SHARE = 0.4  # of the tolerance for that
 SHEAR_STEP = 0.08  # of the contact radius, when dragged, at TOLERANCE
-LEAST_STEPS, MOST_STEPS = 4, 40
+LEAST_STEPS, MOST_STEPS = 4, 40  # the least at TOLERANCE, in proportion beyond, and 2
+MOST_GROWTH = 1.5  # of cells away from the contact, at any tolerance
 MOST_DOFS = 120_000
 LINEAR_MM = 0.25  # grid of the linear levels
 LEAST_MM = 0.15  # smallest cell that is chosen
@@ -120,10 +121,11 @@ def pick(
             f"{level} ({reason}): grid {h:.3g} mm",
         )  # fmt: skip
     mirrors = mirrors_of(indenter, reach)
+    growth = min(GROWTH ** math.sqrt(tolerance / TOLERANCE), MOST_GROWTH)
     h, what = (spacing_mm, "as asked") if spacing_mm else cell_mm(skin, indenter, reach, tolerance)
     asked = h
     if spacing_mm is None and most_unknowns is not None:
-        h = _affordable_mm(skin, indenter, reach, mirrors, h, most_unknowns)
+        h = _affordable_mm(skin, indenter, reach, mirrors, h, most_unknowns, growth)
         if h > asked:
             what = f"{most_unknowns} unknowns; the tolerance asks for {asked:.3g} mm by its {what}"
     if not (math.isfinite(h) and 0.02 <= h <= thickness / 2):
@@ -141,17 +143,20 @@ def pick(
         level, h, step, mirrors, focus_mm(skin, indenter, reach, h), mu, 0.0, 0.0,
         f"hyperelastic ({reason}): cells {h:.3g} mm ({what}), steps {step:.3g} mm, {part}"
         + ("" if mu > 0 or material.friction == 0 else ", friction left out"),
-        asked,
+        asked, growth,
     )  # fmt: skip
 
 
 def _affordable_mm(
     skin: SkinDimensions, indenter: Indenter, reach: Reach, mirrors: tuple[bool, bool],
-    spacing_mm: float, most: int,
+    spacing_mm: float, most: int, growth: float,
 ) -> float:  # fmt: skip
     """The smallest cells from spacing_mm on whose mesh has at most so many unknowns."""
     h, largest = spacing_mm, skin.thickness_mm / 2
-    while unknowns(skin, h, focus_mm(skin, indenter, reach, h), mirrors) > most and h < largest:
+    while h < largest:
+        focus = focus_mm(skin, indenter, reach, h)
+        if unknowns(skin, h, focus, mirrors, growth) <= most:
+            break
         h = min(h * 1.03, largest)
     return h if h == spacing_mm else float(f"{h:.3g}")
 
@@ -252,7 +257,8 @@ def step_mm(
     if depth_mm <= 0:
         return STEP * thickness_mm
     lost = STEP_ERROR * friction_force_rel(friction, depth_mm / thickness_mm)
-    steps = min(max(lost / (STEP_SHARE * tolerance), LEAST_STEPS), MOST_STEPS)
+    least = max(LEAST_STEPS * min(TOLERANCE / tolerance, 1.0), 2.0)
+    steps = min(max(lost / (STEP_SHARE * tolerance), least), MOST_STEPS)
     step = min(depth_mm / math.ceil(steps - 1e-9), STEP * thickness_mm)
     if moves and friction > 0:
         shear = SHEAR_STEP * contact_radius_mm(indenter, depth_mm) * tolerance / TOLERANCE

@@ -8,7 +8,7 @@ show the face on one and the same lattice, whatever they compute on.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol, get_args
 
@@ -59,6 +59,7 @@ class Choice:
     model_force_rel, model_in_plane_mm: what the level itself leaves out, by the measured rule; 0
     for the finest level. why: one line for a reader. asked_mm: the cells that the tolerance asks
     for, smaller than spacing_mm where most_unknowns does not afford them; 0: not chosen so.
+    growth: of cells away from the focus, from one to the next; 1: of a linear grid.
     """
 
     level: Level
@@ -71,10 +72,20 @@ class Choice:
     model_in_plane_mm: float
     why: str
     asked_mm: float = 0.0
+    growth: float = 1.0
 
     def times(self, spacing: float = 1.0, step: float = 1.0) -> Choice:
-        """The same with cells or grid, and steps, so many times as large."""
-        return replace(self, spacing_mm=self.spacing_mm * spacing, step_mm=self.step_mm * step)
+        """The same with cells or grid, and steps, so many times as large.
+
+        So many cells become one, those that grow too: with one growth for all meshes the cells away
+        from the contact were alike, and a comparison did not show what they cost.
+        """
+        return replace(
+            self,
+            spacing_mm=self.spacing_mm * spacing,
+            step_mm=self.step_mm * step,
+            growth=self.growth**spacing,
+        )
 
 
 @dataclass(frozen=True)
@@ -154,8 +165,10 @@ class GelContact(Protocol):
         tip_mm: Point,
         max_step_mm: float | None = None,
         seconds: float = 0.0,
+        like: Sequence[Any] = (),
     ) -> Iterator[State]:
         """The straight way in equal increments of at most max_step_mm (None: `choice.step_mm`).
 
-        The way above the face is skipped.
+        The way above the face is skipped. like: states of a coarser mesh of this level along the
+        same way, which the solver then starts from; they do not change what is solved.
         """

@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import DeltactFabError, InputError
+from ..errors import DeltactFabError, InputError, TimeLimit
 from ..shapes import Indenter, SkinDimensions
+from . import limit
 from .choose import LEAST_TOLERANCE, MOST_TOLERANCE, TOLERANCE, pick
+from .footprint import contact_radius_mm
 from .level import Choice, Level, Point, Reach
 from .material import GelMaterial
-from .refine import Problem, Progress
+from .open import contact_of
+from .refine import Answer, Ladder, Progress
 
 Field = NDArray[np.float64]
+
+LIMIT_S = 120.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +52,14 @@ def press(
     tolerance: float = TOLERANCE,
     spacing_mm: float | None = None,
     progress: Progress | None = None,
+    limit_s: float = LIMIT_S,
 ) -> Pressed:
     """Press to a depth, then shear.
 
-    tolerance: of the force; IN_PLANE_MM in proportion goes with it. Where the estimate is over it,
-    the mesh is refined, at most REFINEMENTS times and to MOST_WORK, unless spacing_mm names it.
+    tolerance: of the force; IN_PLANE_MM in proportion goes with it. Meshes are refined until the
+    estimate is within it, as far as `refine` allows, unless spacing_mm names one.
     progress: told the increments done and to do of the mesh under way, and which that is.
+    limit_s: of wall time; then the best mesh so far is the answer, flagged `limit`.
     Raises InputError for numbers that make no press; a refusal or a failure of the solver is in
     the result, `converged` False and `force_n` None.
     """
@@ -64,37 +71,56 @@ def press(
         raise InputError(
             f"--tolerance {tolerance}: {LEAST_TOLERANCE} to {MOST_TOLERANCE} of the force is needed"
         )
+    if not limit_s > 0:
+        raise InputError(f"--limit-s {limit_s}: more than 0 seconds are needed")
     started = time.perf_counter()
     x, y = at_mm
     end = (x + shear_mm[0], y + shear_mm[1], depth_mm)
     corners: list[Point] = [(x, y, depth_mm)] if end[:2] == at_mm else [(x, y, depth_mm), end]
     reach = Reach.around(corners)
-    problem = Problem(skin, material, indenter, corners, tolerance, progress)
+    radius_mm = contact_radius_mm(indenter, depth_mm) if depth_mm > 0 else math.inf
+    ladder = Ladder(
+        lambda choice: contact_of(skin, material, indenter, choice),
+        corners, radius_mm, tolerance, progress,
+    )  # fmt: skip
     picked: Choice | None = None
+    found: Answer | None = None
     try:
-        picked = pick(
-            skin, material, indenter, reach, tolerance, level=model, spacing_mm=spacing_mm
-        )
-        fine, estimate = problem.solve(picked, free=spacing_mm is None)
-        if not problem.holds(estimate) and model == "auto" and picked.level != "hyperelastic":
+        with limit.within(limit_s):
             picked = pick(
-                skin, material, indenter, reach, tolerance,
-                level="hyperelastic", spacing_mm=spacing_mm,
-            )  # fmt: skip
-            fine, estimate = problem.solve(picked, free=spacing_mm is None)
+                skin, material, indenter, reach, tolerance, level=model, spacing_mm=spacing_mm
+            )
+            found = ladder.climb(picked, free=spacing_mm is None)
+            linear = model == "auto" and picked.level != "hyperelastic"
+            if linear and not (found.limited or ladder.holds(found.estimate)):
+                picked = pick(
+                    skin, material, indenter, reach, tolerance,
+                    level="hyperelastic", spacing_mm=spacing_mm,
+                )  # fmt: skip
+                found = ladder.climb(picked, free=spacing_mm is None)
+    except TimeLimit:
+        if found is None:
+            why = f"--limit-s {limit_s:g}: no mesh was solved in that time; more is needed"
+            return _refused(depth_mm, picked, model, why, time.perf_counter() - started)
+        found = replace(found, limited=True)
     except DeltactFabError as why:
-        level = picked.level if picked else (model if model != "auto" else None)
-        return _refused(depth_mm, level, str(why), time.perf_counter() - started)
+        return _refused(depth_mm, picked, model, str(why), time.perf_counter() - started)
+    fine, estimate = found.run, found.estimate
     contact, last = fine.contact, fine.last
-    within = problem.holds(estimate)
+    within = ladder.holds(estimate)
     flags = list(fine.flags)
     if depth_mm > 0 and last.contact_area_mm2 == 0:
         flags.append(f"contact lost: at depth {depth_mm:g} mm nothing is touched")
+    if found.limited:
+        flags.append(
+            f"limit: {limit_s:g} s were over before the tolerance was kept to; "
+            f"cells of {contact.choice.spacing_mm:.3g} mm are the finest that were solved"
+        )
     if not within:
         flags.append(
             f"tolerance: estimated error {estimate['force_rel']:.2g} of force, "
             f"{estimate['displacement_mm']:.2g} mm in plane; {tolerance:g} and "
-            f"{problem.in_plane_mm:.2g} mm were asked"
+            f"{ladder.in_plane_mm:.2g} mm were asked"
         )
     u = last.displacement_mm
     choice = contact.choice
@@ -128,14 +154,17 @@ def press(
     )
 
 
-def _refused(depth_mm: float, model: str | None, reason: str, seconds: float) -> Pressed:
+def _refused(
+    depth_mm: float, picked: Choice | None, model: str, reason: str, seconds: float
+) -> Pressed:
+    level = picked.level if picked else (model if model != "auto" else None)
     none = np.empty((0, 3))
     result: dict[str, Any] = {
         "force_n": None,
         "depth_mm": depth_mm,
         "contact_area_mm2": None,
         "max_stretch": None,
-        "model": model,
+        "model": level,
         "converged": False,
         "error_estimate": None,
         "within_tolerance": False,

@@ -1,11 +1,13 @@
-"""The way of one press solved on several meshes: its estimated error, and cells that keep to it.
+"""The way of one press solved on a ladder of meshes: its error, and cells that keep to it.
 
-A mesh COARSER times as large shows the mesh's part of the error; with friction, steps FEWER times
-as large on that mesh show the steps' part. Of the force the parts are signed: cells are too stiff,
-steps lose friction, and they cancel; SPREAD is what stays of either however they do. In plane they
-add up. A linear level has besides what its model leaves out by the measured rule of `choose`. The
-factors are to keep nine of ten smooth presses within the estimate; how many do is in
-benchmarks/EVIDENCE.md, on presses that did not set them (docs/decisions/0009-gel-levels.md).
+Each mesh is COARSER times as fine as the one before and starts from that one's increments. Two of
+them show the mesh's part of the error, forces being as a hard contact would have them
+(`finite.give`), which the meshes share otherwise; the contact's edge falls into cells by chance, so
+a change may be small by chance too, and the part is never taken as less than what cells of that
+size under such a contact are known to cost. With friction, steps FEWER times as large on the
+coarser mesh show the steps' part. A linear level has besides what its model leaves out by the
+measured rule of `choose`. How many presses keep within the estimate, on cases that did not set the
+factors, is in docs/decisions/0009-gel-levels.md.
 """
 
 from __future__ import annotations
@@ -19,40 +21,46 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..shapes import Indenter, SkinDimensions
-from .choose import IN_PLANE_MM, MOST_DOFS, TOLERANCE
+from ..errors import SolverError, TimeLimit
+from .choose import HIDDEN, IN_PLANE_MM, MOST_DOFS, TOLERANCE
 from .level import Choice, GelContact, Point, State
-from .material import GelMaterial
-from .open import contact_of
 
 Field = NDArray[np.float64]
+Opener = Callable[[Choice], GelContact]
 Progress = Callable[[int, int, str], None]
 
 COARSER, FEWER = 1.5, 2.0
-MESH_FORCE = 1 / (COARSER**2 - 1)  # x change of force: cells are of second order
-STEP_FORCE = 1 / (FEWER - 1)  # steps are of first
-SPREAD = 0.9  # of either part, however they cancel
-MESH_IN_PLANE, STEP_IN_PLANE = 1.9, 1.75  # x change of displacement: errors of places add up
+APART = 1.4  # least ratio of the cells of two meshes that are compared
+EDGE = 0.2  # x (cell / contact radius)^2, of the force: what the contact's edge costs at least
+ALONE = 3.0  # times that, and all of the in-plane field, where there is one mesh to go by
+STEP_FORCE = 1 / (FEWER - 1)  # steps are of first order
+MESH_IN_PLANE, STEP_IN_PLANE = 2.4, 1.75  # x change of displacement: errors of places add up
 LINEAR_FORCE, LINEAR_IN_PLANE = 0.9, 1.9  # x change with the grid of a linear level
-REFINEMENTS = 2
-FINEST = 0.45  # least factor of a refinement
-# Most increments x unknowns^WORK_POWER of a refinement, about a minute on one core. Counted, not
-# timed: a busy machine must not change a result.
+BELOW = 2  # meshes coarser than the one asked for
+ABOVE = 3  # that follow, as fine as the estimate wants them
+FINEST_STEP = 0.25  # least factor of the steps
+# Most increments x unknowns^WORK_POWER of a mesh, about a minute on one core. Counted, not timed: a
+# busy machine must not change a result.
 MOST_WORK = 1.2e7
 WORK_POWER = 1.3
 DOFS_POWER = 2.5  # of the cells' number on their size
 AIM = 0.85  # of the tolerance
-MESH_SHARE = DOFS_POWER * WORK_POWER / (DOFS_POWER * WORK_POWER + 2)
-WORTH = 0.9  # a refinement by less is not made
+STEP_SHARE = 0.4  # of the tolerance that steps may take
+LEAST_FINER = 0.85  # factor of a mesh that follows; closer ones tell nothing of each other
+WORTH = 0.9  # a refinement that work affords by less is not made
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """The way solved once. states: at rest first. flags: of the states at its corners."""
+    """The way solved once. states: at rest first. flags: of the states at its corners.
+
+    lacking_rel: of the force, what it would be more with a hard contact.
+    """
 
     contact: GelContact
     states: list[State]
     flags: tuple[str, ...]
+    lacking_rel: float = 0.0
 
     @property
     def last(self) -> State:
@@ -64,87 +72,168 @@ class Run:
         """Of all increments."""
         return sum(s.diagnostics.cuts for s in self.states)
 
+    @property
+    def cell_mm(self) -> float:
+        """Cells or grid at the contact."""
+        return self.contact.choice.spacing_mm
 
-class Problem:
-    """One way to go, on any mesh: corners (x, y, depth), the first one straight below the start."""
+
+class Errors(NamedTuple):
+    """A part of the estimate, in plane rms over the face."""
+
+    force_rel: float
+    in_plane_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """The finest run and its estimate; limited: a limit of time ended it before it was done."""
+
+    run: Run
+    estimate: dict[str, float]
+    limited: bool
+
+
+class Ladder:
+    """One way to go, on any mesh: corners (x, y, depth), the first one straight below the start.
+
+    opener: the contact that a choice describes. radius_mm: of the contact at its deepest.
+    """
 
     def __init__(
         self,
-        skin: SkinDimensions,
-        material: GelMaterial,
-        indenter: Indenter,
+        opener: Opener,
         corners: list[Point],
+        radius_mm: float,
         tolerance: float,
         progress: Progress | None = None,
     ) -> None:
         self._tell = progress or (lambda done, total, what: None)
-        self._skin, self._material, self._indenter = skin, material, indenter
-        self._corners, self.tolerance = corners, tolerance
+        self._open, self._corners, self._radius_mm = opener, corners, float(radius_mm)
+        self.tolerance = tolerance
         self.in_plane_mm = IN_PLANE_MM * tolerance / TOLERANCE
+        self._runs: list[Run] = []
+        self._by_step, self._steps_seen = Errors(0.0, 0.0), False
 
     def holds(self, estimate: dict[str, float]) -> bool:
         """Whether an estimate is within the tolerance."""
         force, in_plane = estimate["force_rel"], estimate["displacement_mm"]
-        return force <= self.tolerance and in_plane <= self.in_plane_mm
+        return bool(force <= self.tolerance and in_plane <= self.in_plane_mm)
 
-    def solve(self, choice: Choice, free: bool) -> tuple[Run, dict[str, float]]:
-        """The finest run and its estimate; free: mesh and steps may be refined."""
-        fine, by_mesh, by_step = self._three(choice)
-        estimate = _sum(choice, *_shares(fine, by_mesh, by_step))
-        for _ in range(REFINEMENTS if free and choice.level == "hyperelastic" else 0):
-            if self.holds(estimate):
-                break
-            spacing, step = self._finer(*_shares(fine, by_mesh, by_step))
-            spacing, step = afforded(fine, spacing, step)
-            if min(spacing, step) > WORTH:
-                break
-            choice = choice.times(spacing, step)
-            text = f"{choice.spacing_mm:.3g} mm, steps of {choice.step_mm:.3g} mm"
-            choice = replace(choice, why=f"{choice.why.split('; refined')[0]}; refined to {text}")
-            fine, mesh, steps = self._three(choice)
-            by_mesh = _larger(mesh, by_mesh.times(spacing**2))
-            by_step = _larger(steps, by_step.times(step))
-            estimate = _sum(choice, *_shares(fine, by_mesh, by_step))
-        return fine, estimate
+    def climb(self, choice: Choice, free: bool) -> Answer:
+        """The finest run and its estimate; free: mesh and steps may be other than chosen.
 
-    def _three(self, choice: Choice) -> tuple[Run, Change, Change]:
-        """The run, and what its mesh and its steps put it off by."""
-        coarse = self._run(choice.times(COARSER))
-        fine = self._run(choice)
-        nothing = Change(np.zeros(3), 0.0)
-        if choice.level != "hyperelastic":
-            return fine, _change(fine, coarse, LINEAR_FORCE, LINEAR_IN_PLANE), nothing
-        by_mesh = _change(fine, coarse, MESH_FORCE, MESH_IN_PLANE)
-        # Without friction a state does not depend on the way to it.
-        if choice.friction == 0:
-            return fine, by_mesh, nothing
-        fewer = self._run(choice.times(COARSER, FEWER))
-        if fewer.cuts == coarse.cuts:
-            return fine, by_mesh, _change(coarse, fewer, STEP_FORCE, STEP_IN_PLANE)
-        # Longer steps were cut to shorter ones, and show nothing.
-        more = self._run(choice.times(COARSER, 1 / FEWER))
-        return fine, by_mesh, _change(more, coarse, FEWER * STEP_FORCE, FEWER * STEP_IN_PLANE)
-
-    def _finer(self, by_mesh: Errors, by_step: Errors) -> tuple[float, float]:
-        """Factors of cells and steps by which the estimate comes to AIM, with the least work.
-
-        Errors go with the square of the cells and with the steps, work with powers of both: of
-        equal work where the mesh's part is to the steps' as MESH_SHARE to the rest.
+        A limit of time (`limit`) ends it with what there is; raises TimeLimit where that is
+        nothing, SolverError where no mesh is solved.
         """
-        spacing = step = 1.0
-        tolerances = (self.tolerance, self.in_plane_mm)
-        for mesh, steps, tolerance in zip(by_mesh, by_step, tolerances, strict=True):
-            goal = AIM * tolerance
-            if mesh + steps <= tolerance:
-                continue
-            for_steps = min(steps, max((1 - MESH_SHARE) * goal, goal - mesh))
-            for_mesh = min(mesh, goal - for_steps)
-            spacing = min(spacing, math.sqrt(for_mesh / mesh) if mesh else 1.0)
-            step = min(step, for_steps / steps if steps else 1.0)
-        return max(spacing, FINEST), max(step, FINEST / 2)
+        self._runs, self._by_step, self._steps_seen = [], Errors(0.0, 0.0), False
+        try:
+            self._climb(choice, free)
+        except TimeLimit:
+            if not self._runs:
+                raise
+            return Answer(self._runs[-1], self.estimate(), True)
+        return Answer(self._runs[-1], self.estimate(), False)
 
-    def _run(self, choice: Choice) -> Run:
-        contact = contact_of(self._skin, self._material, self._indenter, choice)
+    def _climb(self, choice: Choice, free: bool) -> None:
+        if choice.level != "hyperelastic":
+            self._runs.append(self._run(choice.times(COARSER)))
+            self._runs.append(self._run(choice))
+            return
+        if free:
+            choice = replace(choice, asked_mm=0.0)  # the estimate says what a mesh is worth
+        below = [COARSER**k for k in range(BELOW, 0, -1)]
+        for factor in [f for f in below if f * choice.spacing_mm <= HIDDEN * self._radius_mm]:
+            choice = self._low(choice, factor, free)
+            if free and self._done():
+                return
+        if not (free and self._runs):
+            self._add(choice)
+        for _ in range(ABOVE if free else 0):
+            if self._done():
+                return
+            last = self._runs[-1]
+            factor = afforded(last, self._wanted())
+            if factor > WORTH:
+                return
+            self._add(choice.times(factor * last.cell_mm / choice.spacing_mm))
+
+    def _low(self, choice: Choice, factor: float, free: bool) -> Choice:
+        """Solve a coarser mesh, and find on it the steps that the tolerance needs."""
+        least = choice.step_mm * FINEST_STEP
+        while True:
+            try:
+                self._add(choice.times(factor))
+            except SolverError:
+                # Too coarse for the tip; the mesh that was asked for may not be.
+                return choice
+            if choice.friction == 0 or self._steps_seen:
+                return choice
+            self._by_step = self._steps_part(self._runs[-1])
+            goals = AIM * STEP_SHARE * self.tolerance, AIM * STEP_SHARE * self.in_plane_mm
+            over = max(e / g for e, g in zip(self._by_step, goals, strict=True))
+            if not free or over <= 1 or choice.step_mm <= least:
+                self._steps_seen = True
+                return choice
+            choice = choice.times(1.0, max(1 / over, 0.5))
+            self._runs.pop()
+
+    def _done(self) -> bool:
+        return len(self._runs) > 1 and self.holds(self.estimate())
+
+    def _add(self, choice: Choice) -> None:
+        text = f"{choice.spacing_mm:.3g} mm, steps of {choice.step_mm:.3g} mm"
+        choice = replace(choice, why=f"{choice.why.split('; taken')[0]}; taken {text}")
+        self._runs.append(self._run(choice, self._runs[-1] if self._runs else None))
+
+    def estimate(self) -> dict[str, float]:
+        """Of the finest run, by those before it."""
+        choice = self._runs[-1].contact.choice
+        parts = [self._mesh_part(), self._by_step]
+        return {
+            "force_rel": choice.model_force_rel + sum(e.force_rel for e in parts),
+            "displacement_mm": choice.model_in_plane_mm + sum(e.in_plane_mm for e in parts),
+        }
+
+    def _mesh_part(self) -> Errors:
+        fine = self._runs[-1]
+        # The ramp of the contact pushes before it is touched: a light press is too stiff by it.
+        edge = EDGE * (fine.cell_mm / self._radius_mm) ** 2 + max(0.0, -fine.lacking_rel)
+        before = [r for r in self._runs if r.cell_mm >= APART * fine.cell_mm]
+        if not before:
+            return Errors(ALONE * edge, _rms_mm(fine.last.displacement_mm))
+        coarse = before[-1]
+        force, in_plane = _change(fine, coarse)
+        if fine.contact.level != "hyperelastic":
+            return Errors(LINEAR_FORCE * _size(force, fine), LINEAR_IN_PLANE * in_plane)
+        left = 1 / ((coarse.cell_mm / fine.cell_mm) ** 2 - 1)  # cells are of second order
+        off = left * force - fine.lacking_rel * np.array(fine.last.force_n)
+        return Errors(max(edge, _size(off, fine)), MESH_IN_PLANE * left * in_plane)
+
+    def _steps_part(self, run: Run) -> Errors:
+        """What its steps put a run off by: friction's part of the force comes late in each."""
+        choice = run.contact.choice
+        fewer = self._run(choice.times(1.0, FEWER), run)
+        if fewer.cuts == run.cuts:
+            force, in_plane = _change(run, fewer)
+            return Errors(STEP_FORCE * _size(force, run), STEP_IN_PLANE * in_plane)
+        # Longer steps were cut to shorter ones, and show nothing.
+        force, in_plane = _change(self._run(choice.times(1.0, 1 / FEWER)), run)
+        return Errors(FEWER * STEP_FORCE * _size(force, run), FEWER * STEP_IN_PLANE * in_plane)
+
+    def _wanted(self) -> float:
+        """Factor of the cells by which the estimate comes to AIM."""
+        mesh, step = self._mesh_part(), self._by_step
+        goals = AIM * self.tolerance, AIM * self.in_plane_mm
+        least = [
+            math.sqrt(max(goal - s, goal / 4) / m) if m > 0 else 1.0
+            for m, s, goal in zip(mesh, step, goals, strict=True)
+        ]
+        return max(min(*least, LEAST_FINER), 1 / COARSER)
+
+    def _run(self, choice: Choice, like: Run | None = None) -> Run:
+        """The way by a choice; like: on a coarser mesh, to start from its increments."""
+        contact = self._open(choice)
         x, y, _ = self._corners[0]
         states: list[State] = [contact.rest((x, y, 0.0))]
         ways = itertools.pairwise([(x, y, 0.0), *self._corners])
@@ -153,70 +242,45 @@ class Problem:
         self._tell(0, total, what)
         flags: dict[str, str] = {}
         for corner in self._corners:
-            for state in contact.path(states[-1], corner):
+            for state in contact.path(states[-1], corner, like=like.states if like else ()):
                 states.append(state)
                 self._tell(len(states) - 1, total, what)
             # At the corners; on the way in, the first increments are coarse by intention.
             flags.update({f.partition(":")[0]: f for f in states[-1].diagnostics.flags})
-        return Run(contact, states, tuple(flags.values()))
+        return Run(contact, states, tuple(flags.values()), _lacking_rel(contact, states[-1]))
 
 
-def afforded(run: Run, spacing: float, step: float) -> tuple[float, float]:
-    """As much of a refinement as MOST_DOFS and MOST_WORK leave, the mesh giving way first."""
+def afforded(run: Run, factor: float) -> float:
+    """As much of a refinement of the cells as MOST_DOFS and MOST_WORK leave."""
     dofs = run.contact.dofs
-    spacing = max(spacing, min(1.0, (dofs / MOST_DOFS) ** (1 / DOFS_POWER)))
+    factor = max(factor, min(1.0, (dofs / MOST_DOFS) ** (1 / DOFS_POWER)))
     work = len(run.states) * dofs**WORK_POWER / MOST_WORK
-    spacing = max(spacing, min(1.0, (work / step) ** (1 / (DOFS_POWER * WORK_POWER))))
-    return spacing, max(step, min(1.0, work / spacing ** (DOFS_POWER * WORK_POWER)))
+    return max(factor, min(1.0, work ** (1 / (DOFS_POWER * WORK_POWER))))
 
 
-class Change(NamedTuple):
-    """What one cause puts the end of the way off by: force with its sign, in plane rms."""
+def _lacking_rel(contact: GelContact, state: State) -> float:
+    """Of the normal force, what a hard contact would give more; the linear levels' is hard."""
+    if contact.level != "hyperelastic":
+        return 0.0
+    from .finite.gel import FiniteGel, HyperelasticState
 
-    force_n: Field
-    in_plane_mm: float
-
-    def times(self, factor: float) -> Change:
-        """So many times as large."""
-        return Change(factor * self.force_n, factor * self.in_plane_mm)
-
-
-class Errors(NamedTuple):
-    """A share of the estimate."""
-
-    force_rel: float
-    in_plane_mm: float
+    assert isinstance(contact, FiniteGel)
+    assert isinstance(state, HyperelasticState)
+    return contact.lacking_rel(state)
 
 
-def _change(fine: Run, coarse: Run, force: float, in_plane: float) -> Change:
-    """coarse - fine, times the factors; in plane rms over the lattice."""
-    off = (coarse.last.displacement_mm - fine.last.displacement_mm)[..., :2]
-    rms = math.sqrt(float((off**2).sum(axis=-1).mean()))
-    change = np.subtract(coarse.last.force_n, fine.last.force_n)
-    return Change(force * change, in_plane * rms)
+def _change(fine: Run, coarse: Run) -> tuple[Field, float]:
+    """From one run to a coarser: forces (3,) as a hard contact would have them, rms in plane."""
+    a, b = ((1 + r.lacking_rel) * np.array(r.last.force_n) for r in (fine, coarse))
+    return b - a, _rms_mm(coarse.last.displacement_mm - fine.last.displacement_mm)
 
 
-def _larger(seen: Change, foreseen: Change) -> Change:
-    """What a refinement shows, or what it should have left where that is more.
-
-    A change that happens to be small ends the refinement, so that one is not to be believed.
-    """
-    size = np.linalg.norm
-    force_n = max(seen.force_n, foreseen.force_n, key=lambda f: float(size(f)))
-    return Change(force_n, max(seen.in_plane_mm, foreseen.in_plane_mm))
+def _size(force_n: Field, run: Run) -> float:
+    """Over the force of a run."""
+    whole = math.hypot(*run.last.force_n)
+    return float(np.linalg.norm(force_n)) / whole if whole else 0.0
 
 
-def _shares(run: Run, by_mesh: Change, by_step: Change) -> tuple[Errors, Errors]:
-    """The estimate, parted among mesh and steps as the sizes of their own parts are."""
-    mesh, steps = (float(np.linalg.norm(c.force_n)) for c in (by_mesh, by_step))
-    whole = float(np.linalg.norm(by_mesh.force_n + by_step.force_n)) + SPREAD * (mesh + steps)
-    size = math.hypot(*run.last.force_n) * (mesh + steps)
-    each = whole / size if size else 0.0
-    return Errors(each * mesh, by_mesh.in_plane_mm), Errors(each * steps, by_step.in_plane_mm)
-
-
-def _sum(choice: Choice, *errors: Errors) -> dict[str, float]:
-    return {
-        "force_rel": choice.model_force_rel + sum(e.force_rel for e in errors),
-        "displacement_mm": choice.model_in_plane_mm + sum(e.in_plane_mm for e in errors),
-    }
+def _rms_mm(displacement_mm: Field) -> float:
+    """In plane, over the lattice."""
+    return math.sqrt(float((displacement_mm[..., :2] ** 2).sum(axis=-1).mean()))

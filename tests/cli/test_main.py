@@ -77,6 +77,7 @@ def test_every_command_stands_in_the_readme() -> None:
         (["gel", "press", "--indenter", "cube", "--depth", "1"], "valid: sphere:DIAMETER_MM"),
         (["gel", "press", "--depth", "nan"], "--depth nan"),
         (["gel", "press", "--depth", "1", "--tolerance", "2"], "0.001 to 0.5"),
+        (["gel", "press", "--depth", "1", "--limit-s", "0"], "more than 0 seconds"),
         (["gel", "press", "--depth", "1", "--poisson", "0.6"], "poisson"),
         (["gel", "press", "--depth", "1", "--at", "3"], "two numbers"),
         (["analyze", "tracking", "."], "not a run folder"),
@@ -203,6 +204,16 @@ def test_gel_press_refused_has_the_same_keys_and_exit_1(tmp_path: Path) -> None:
     assert done.stdout == ""
     assert done.stderr.splitlines() == [
         "deltact-fab: gel: depth 12 mm is not below the gel's thickness of 12 mm"
+    ]
+
+
+def test_gel_press_ends_at_its_limit_of_time(tmp_path: Path) -> None:
+    words = ["gel", "press", "--indenter", "star", "--at", "1,0", "--depth", "3"]
+    done = call(*words, "--tolerance", "0.005", "--limit-s", "0.01", cwd=tmp_path)
+    assert done.returncode == 1
+    assert done.stdout == ""
+    assert done.stderr.splitlines() == [
+        "deltact-fab: --limit-s 0.01: no mesh was solved in that time; more is needed"
     ]
 
 

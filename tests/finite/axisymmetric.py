@@ -1,10 +1,12 @@
-"""A cylinder under a rigid sphere, solved on its own: axisymmetric, finite strain, no friction.
+"""A cylinder under a rigid sphere, solved on its own: axisymmetric, finite strain, friction.
 
 Shares no line with `deltact_fab.gel.finite`. Nine-node quadrilaterals in (r, z); energy
     mu/2 (I1 - 3) - mu ln J + lambda/2 P(ln J)^2,
 P the projection on linear functions in each cell (Q2/P1: a mixed pressure, eliminated); contact by
 augmented Lagrange at two points an edge, so that no penalty is left in the answer; SuperLU.
 For lambda/2 ln(J)^2 this is the exact stationary value over a discontinuous linear pressure.
+Friction: what sticks does not move against the sphere within a step, by the same multipliers, up to
+friction times the pressure; of first order in the steps.
 """
 
 from __future__ import annotations
@@ -41,6 +43,20 @@ def graded(
         rest.append(step)
     scale = (length - fine) / sum(rest)
     return np.concatenate([[0.0], np.cumsum(steps + [s * scale for s in rest])])
+
+
+@dataclass
+class Rub:
+    """Friction of one step at the edges' points. at (e, q, 2): from the sphere's centre at its
+    start; along (e, q, 2): tangent there; shear, bound (e, q): multipliers and their limit, MPa."""
+
+    at: Field
+    along: Field
+    shear: Field
+    bound: Field
+
+    def trial(self, at: Field, k: float) -> Field:
+        return self.shear + k * ((at - self.at) * self.along).sum(axis=2)
 
 
 @dataclass(frozen=True)
@@ -154,24 +170,37 @@ class Cylinder:
         whole = np.matmul(np.swapaxes(self.w[..., None] * self.phi, 1, 2), cb)
         return energy, force, k + self.lam * np.matmul(np.swapaxes(whole, 1, 2), whole)
 
+    def away(self, u: Field, radius: float, depth: float) -> Field:
+        """Edge points (e, q, 2) from the sphere's centre."""
+        at = np.einsum("qa,eai->eqi", self.edge_value, (self.nodes + u)[self.edges])
+        return at - np.array([0.0, radius - depth])
+
     def gaps(self, u: Field, radius: float, depth: float) -> tuple[Field, Field]:
         """Distance from the sphere and unit normal at the edge points (e, 2)."""
-        at = np.einsum("qa,eai->eqi", self.edge_value, (self.nodes + u)[self.edges])
-        away = at - np.array([0.0, radius - depth])
+        away = self.away(u, radius, depth)
         size = np.linalg.norm(away, axis=2)
         return size - radius, away / size[..., None]
 
     def contact(
-        self, u: Field, radius: float, depth: float, multiplier: Field, k: float
-    ) -> tuple[float, Field, Field]:
+        self, u: Field, radius: float, depth: float, multiplier: Field, k: float,
+        rub: Rub | None = None,
+    ) -> tuple[float, Field, Field]:  # fmt: skip
         """Augmented potential, edge forces (e, 6) and stiffnesses (e, 6, 6)."""
         g, n = self.gaps(u, radius, depth)
         p = np.maximum(multiplier - k * g, 0.0)
         energy = float((self.edge_w * (p**2 - multiplier**2)).sum() / (2 * k))
-        force = np.einsum("eq,qa,eqi->eai", -self.edge_w * p, self.edge_value, n)
+        pull = -p[..., None] * n
         nn = n[..., :, None] * n[..., None, :]
         bend = (np.eye(2) - nn) / (g + radius)[..., None, None]
         block = (k * (p > 0))[..., None, None] * nn - p[..., None, None] * bend
+        if rub is not None:
+            y, b, t = rub.trial(self.away(u, radius, depth), k), rub.bound, rub.along
+            held = np.abs(y) <= b
+            huber = np.where(held, y**2 / 2, b * (np.abs(y) - b / 2))
+            energy += float((self.edge_w * huber).sum()) / k
+            pull = pull + np.clip(y, -b, b)[..., None] * t
+            block += (k * held)[..., None, None] * t[..., :, None] * t[..., None, :]
+        force = np.einsum("eq,qa,eqi->eai", self.edge_w, self.edge_value, pull)
         block *= self.edge_w[..., None, None]
         v = self.edge_value
         ke = np.einsum("qa,qb,eqij->eaibj", v, v, block, optimize=True)
@@ -179,7 +208,7 @@ class Cylinder:
 
     def press(
         self, radius_mm: float, depths_mm: list[float], step_mm: float | None = None,
-        penalty: float | None = None, closed_mm: float = 1e-5,
+        penalty: float | None = None, closed_mm: float = 1e-5, friction: float = 0.0,
     ) -> list[Pressed]:  # fmt: skip
         """Solve at increasing depths; closed_mm: what points under pressure may overlap or gape.
 
@@ -190,29 +219,41 @@ class Cylinder:
         penalty = 50 * self.mu / cell if penalty is None else penalty
         step_mm = min(0.25, 0.6 * cell) if step_mm is None else step_mm
         u = last = np.zeros_like(self.nodes)
-        multiplier = np.zeros(self.edge_w.shape)
+        multiplier, shear, rub = np.zeros(self.edge_w.shape), np.zeros(self.edge_w.shape), None
         out, depth = [], 0.0
         for goal in depths_mm:
             n, before, count = max(1, round((goal - depth) / step_mm)), depth, 0
             for i in range(1, n + 1):
-                depth = before + (goal - before) * i / n
+                old, depth = depth, before + (goal - before) * i / n
+                if friction > 0:
+                    normal = self.gaps(u, radius_mm, old)[1]
+                    along = np.stack([-normal[..., 1], normal[..., 0]], axis=-1)
+                    rub = Rub(self.away(u, radius_mm, old), along, shear, friction * multiplier)
                 # A start that overlaps by a whole step crushes the cells under the face.
                 ahead = 2 * u - last
                 u, last = (ahead if np.isfinite(self.bulk(ahead, False)[0]) else u), u
                 # Only the depths asked for need the constraint closed.
-                for _ in range(60 if i == n else 1):
-                    u, took = self._newton(u, radius_mm, depth, multiplier, penalty)
+                for _ in range(60 if i == n else 4 if friction > 0 else 1):
+                    u, took = self._newton(u, radius_mm, depth, multiplier, penalty, rub)
                     count += took
                     g, _ = self.gaps(u, radius_mm, depth)
                     new = np.maximum(multiplier - penalty * g, 0.0)
                     change = float(np.abs(new - multiplier).max()) / penalty
                     multiplier = new
+                    if rub is not None:
+                        y = rub.trial(self.away(u, radius_mm, depth), penalty)
+                        rub.bound = friction * multiplier
+                        shear = np.clip(y, -rub.bound, rub.bound)
+                        change = max(change, float(np.abs(shear - rub.shear).max()) / penalty)
+                        rub.shear = shear
                     if change < closed_mm:
                         break
             if change > closed_mm:
                 raise RuntimeError(f"twin: contact still open by {change:.1e} mm at {goal} mm")
             g, normal = self.gaps(u, radius_mm, goal)
             force = -float((self.edge_w * multiplier * normal[..., 1]).sum())
+            if rub is not None:
+                force += float((self.edge_w * rub.shear * rub.along[..., 1]).sum())
             face = u[self.top]
             overlap = max(0.0, -float(g.min()))
             r = self.nodes[self.top, 0]
@@ -244,7 +285,7 @@ class Cylinder:
         raise RuntimeError(f"twin: the contact at small strain swings at {depth_mm} mm")
 
     def _newton(
-        self, u: Field, radius: float, depth: float, multiplier: Field, k: float
+        self, u: Field, radius: float, depth: float, multiplier: Field, k: float, rub: Rub | None
     ) -> tuple[Field, int]:
         edge_dofs = (2 * self.edges[..., None] + np.arange(2)).reshape(-1, 6)
         rows = np.concatenate([np.repeat(d, d.shape[1], axis=1).ravel()
@@ -253,7 +294,7 @@ class Cylinder:
         size = self.nodes.size
         for count in range(40):
             energy, force, ke = self.bulk(u)
-            more, push, kc = self.contact(u, radius, depth, multiplier, k)
+            more, push, kc = self.contact(u, radius, depth, multiplier, k, rub)
             assert ke is not None
             total = np.bincount(self.dofs.ravel(), force.ravel(), size)
             pushed = np.bincount(edge_dofs.ravel(), push.ravel(), size)
@@ -275,7 +316,7 @@ class Cylinder:
             while length > 1e-6:
                 trial = u + length * step.reshape(-1, 2)
                 now = self.bulk(trial, False)[0]
-                now += self.contact(trial, radius, depth, multiplier, k)[0]
+                now += self.contact(trial, radius, depth, multiplier, k, rub)[0]
                 # The last steps change the energy by less than its rounding.
                 noise = 1e-10 * abs(energy) + self.noise_nmm
                 if now <= energy + more + 1e-4 * length * slope + noise:

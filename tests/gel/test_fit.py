@@ -84,10 +84,14 @@ def test_a_finer_meshs_data_are_met_within_the_told_mesh_error() -> None:
     n = truth(spacing=1.8).normal_n(d) + np.random.default_rng(2).normal(0, 0.02, len(d))
     found = fitted(pressed(d, n), mesh_error=True)
     assert found.mesh_error_rel is not None
-    off = abs(found.modulus_mpa.value / TRUTH - 1)
     assert 0 < found.mesh_error_rel < 0.1
-    assert off < 2 * found.mesh_error_rel
-    assert any("mesh" in note for note in found.notes)
+    alone = fitted(pressed(d, n)).modulus_mpa
+    more = found.mesh_error_rel * alone.value
+    assert found.modulus_mpa.low == pytest.approx(alone.low - more, rel=1e-9)
+    assert found.modulus_mpa.high == pytest.approx(alone.high + more, rel=1e-9)
+    # Of the noise alone it would not hold it.
+    assert not alone.low < TRUTH < alone.high
+    assert found.modulus_mpa.low < TRUTH < found.modulus_mpa.high
 
 
 def test_an_outlier_is_left_out_and_told() -> None:
@@ -202,6 +206,27 @@ def test_depths_beyond_the_gel_are_refused() -> None:
     d = np.linspace(0.0, 12.0, 30)
     with pytest.raises(InputError, match=r"press\.csv: column depth_mm: a press of 12 mm"):
         fitted(pressed(d, d**1.5))
+
+
+@pytest.mark.parametrize("touch", [0.0, 5.0])
+def test_depths_without_spread_are_refused(touch: float) -> None:
+    d = touch + 2.0 + np.linspace(-0.05, 0.05, 30)
+    with pytest.raises(InputError, match=r"press\.csv: column depth_mm: all rows are .* spread"):
+        fitted(pressed(d, np.full(30, 8.0)), fit_offset=touch > 0)
+
+
+def test_an_interval_that_holds_0_is_no_modulus() -> None:
+    d = np.linspace(0.0, 3.0, 12)
+    n = truth().normal_n(d) * 0.02 + np.random.default_rng(11).normal(0, 5.0, 12)
+    with pytest.raises(RunFailed, match=r"an interval of -.* which holds 0"):
+        fitted(pressed(d, n))
+
+
+@pytest.mark.parametrize(("factor", "told"), [(1000.0, True), (1e-3, True), (5.0, False)])
+def test_forces_in_other_units_are_told(factor: float, told: bool) -> None:
+    d = np.linspace(0.0, 3.0, 30)
+    notes = fitted(pressed(d, factor * truth().normal_n(d))).notes
+    assert any("outside 0.01 to 10 MPa" in note and "mN" in note for note in notes) == told
 
 
 def test_no_modulus_above_zero() -> None:

@@ -1,187 +1,213 @@
-"""How `gel press` refines: to the tolerance with the least work, and as far as work goes."""
+"""How `gel press` refines: up a ladder of meshes to the tolerance, and as far as work goes."""
 
-from dataclasses import dataclass, field, replace
+from __future__ import annotations
+
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from deltact_fab.gel import refine as module
+from deltact_fab.errors import SolverError
+from deltact_fab.gel import limit, refine
 from deltact_fab.gel.choose import pick
 from deltact_fab.gel.level import Choice, Reach
 from deltact_fab.gel.material import GelMaterial
 from deltact_fab.gel.press import press
-from deltact_fab.gel.refine import (
-    AIM,
-    MOST_WORK,
-    SPREAD,
-    WORK_POWER,
-    Change,
-    Errors,
-    Problem,
-    Run,
-    afforded,
-)
+from deltact_fab.gel.refine import EDGE, MOST_WORK, WORK_POWER, Ladder, Run, afforded
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 
-TOLERANCE = 0.03
+TOLERANCE, RADIUS_MM, DEPTH_MM = 0.03, 4.0, 3.0
 
 
-@pytest.fixture
-def problem() -> Problem:
-    return Problem(SkinDimensions(), GelMaterial(), parse("sphere:15"), [(0, 0, 3.0)], TOLERANCE)
+class Gel:
+    """A contact whose force is off by given functions of cell and step; nothing is solved."""
 
+    level = "layer"  # the ladder asks nothing else of it then
 
-@dataclass
-class Contact:
-    dofs: int
+    def __init__(self, choice: Choice, force: Any, dofs: int = 1000) -> None:
+        self.choice, self.dofs, self._force = choice, dofs, force
 
+    def rest(self, tip_mm: Any) -> Any:
+        return self._state(tip_mm, 0.0)
 
-@dataclass
-class Done:
-    contact: Contact
-    states: list[Any] = field(default_factory=list)
+    def path(self, previous: Any, tip_mm: Any, like: Any = ()) -> Any:
+        yield self._state(tip_mm, self._force(self.choice.spacing_mm, self.choice.step_mm))
 
-
-@pytest.mark.parametrize(
-    ("by_mesh", "by_step"),
-    [
-        (Errors(0.042, 0.030), Errors(0.014, 0.028)),
-        (Errors(0.029, 0.0), Errors(0.007, 0.0)),
-        (Errors(0.0, 0.01), Errors(0.0, 0.06)),
-        (Errors(0.01, 0.09), Errors(0.04, 0.0)),
-    ],
-)
-def test_what_is_left_of_both_errors_comes_to_the_aim(
-    problem: Problem, by_mesh: Errors, by_step: Errors
-) -> None:
-    spacing, step = problem._finer(by_mesh, by_step)
-    left = [m * spacing**2 + s * step for m, s in zip(by_mesh, by_step, strict=True)]
-    shares = (left[0] / TOLERANCE, left[1] / problem.in_plane_mm)
-    assert max(shares) <= AIM * (1 + 1e-9) or (max(shares) <= 1 and spacing == step == 1)
-    assert max(shares) > 0.5  # no finer than needed
-
-
-def test_no_other_split_of_the_errors_takes_less_work(problem: Problem) -> None:
-    mesh, steps = 0.05, 0.03
-    spacing, step = problem._finer(Errors(mesh, 0.0), Errors(steps, 0.0))
-
-    def work(for_steps: float) -> float:
-        h = ((AIM * TOLERANCE - for_steps) / mesh) ** 0.5
-        return h ** -(module.DOFS_POWER * WORK_POWER) * (steps / for_steps)
-
-    least = min(work(AIM * TOLERANCE * k / 100) for k in range(1, 100))
-    assert spacing ** -(module.DOFS_POWER * WORK_POWER) / step == pytest.approx(least, rel=1e-3)
-
-
-def test_parts_of_a_force_cancel_but_never_wholly() -> None:
-    def estimate(mesh: float, steps: float, in_plane: float = 0.0) -> tuple[Errors, Errors]:
-        parts = (Change(np.array([0.0, 0.0, f]), in_plane) for f in (mesh, steps))
-        return module._shares(run, *parts)
-
-    state = SimpleNamespace(force_n=(0.0, 0.0, -10.0))
-    run = Run(Contact(1000), [state], ())  # type: ignore[arg-type, list-item]
-    by_mesh, by_step = estimate(0.3, -0.1, 0.02)
-    assert by_mesh.force_rel + by_step.force_rel == pytest.approx((0.2 + SPREAD * 0.4) / 10)
-    assert by_mesh.force_rel == pytest.approx(3 * by_step.force_rel)
-    assert by_mesh.in_plane_mm == by_step.in_plane_mm == 0.02  # no sign is known there
-    alike = sum(e.force_rel for e in estimate(0.3, 0.1))
-    assert alike == pytest.approx((1 + SPREAD) * 0.04)
-    opposite = sum(e.force_rel for e in estimate(0.3, -0.3))
-    assert opposite == pytest.approx(SPREAD * 0.06)
-    assert estimate(0.0, 0.0)[0] == Errors(0.0, 0.0)
-
-
-def test_a_change_that_happens_to_be_small_is_not_believed(
-    problem: Problem, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A force that falls with the square of the cells, but not between the last two meshes."""
-
-    def run(choice: Choice) -> Run:
-        h = max(choice.spacing_mm, 1.2)
-        state = SimpleNamespace(
-            force_n=(0.0, 0.0, -(1 + 0.02 * h**2)),
+    def _state(self, tip_mm: Any, size_n: float) -> Any:
+        return SimpleNamespace(
+            tip_mm=tip_mm,
+            force_n=(0.0, 0.0, -size_n),
             displacement_mm=np.zeros((3, 3, 3)),
-            diagnostics=SimpleNamespace(cuts=0),
+            diagnostics=SimpleNamespace(cuts=0, flags=()),
         )
-        return Run(Contact(1000), [state] * 5, ())  # type: ignore[arg-type, list-item]
 
-    monkeypatch.setattr(problem, "_run", run)
-    choice = pick(
-        SkinDimensions(), GelMaterial(friction=0.0), parse("sphere:15"), Reach(deepest_mm=3.0),
-        level="hyperelastic", spacing_mm=1.6,
+
+def chosen(friction: float, spacing_mm: float = 1.6) -> Choice:
+    return pick(
+        SkinDimensions(), GelMaterial(friction=friction), parse("sphere:15"),
+        Reach(deepest_mm=DEPTH_MM), TOLERANCE, level="hyperelastic", spacing_mm=spacing_mm,
     )  # fmt: skip
-    _, first = problem.solve(choice, free=False)
-    assert first["force_rel"] > TOLERANCE
-    fine, last = problem.solve(choice, free=True)
-    spacing = AIM * TOLERANCE / first["force_rel"]
-    size = -fine.last.force_n[2]
-    assert last["force_rel"] == pytest.approx(
-        first["force_rel"] * spacing * (1 + 0.02 * 1.6**2) / size, rel=1e-6
-    )
-    # What a refinement shows is believed where it is more.
-    more, less = (Change(np.array([0.0, 0.0, f]), f) for f in (-0.2, 0.1))
-    assert module._larger(more, less) == (more.force_n, 0.1)
-    assert module._larger(less, more).force_n is more.force_n
+
+
+def ladder(monkeypatch: pytest.MonkeyPatch, force: Any, dofs: int = 1000) -> Ladder:
+    """Of a gel that is solved by formula, at the level of finite strain."""
+    monkeypatch.setattr(Gel, "level", "hyperelastic")
+    made = Ladder(
+        lambda choice: Gel(choice, force, dofs),  # type: ignore[arg-type, return-value]
+        [(0.0, 0.0, DEPTH_MM)], RADIUS_MM, TOLERANCE,
+    )  # fmt: skip
+    monkeypatch.setattr(refine, "_lacking_rel", lambda contact, state: 0.0)
+    return made
+
+
+def test_the_first_mesh_that_keeps_to_the_tolerance_answers(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found = ladder(monkeypatch, lambda h, step: 10.0).climb(chosen(0.0), free=True)
+    edge = EDGE * (found.run.cell_mm / RADIUS_MM) ** 2
+    assert found.estimate["force_rel"] == pytest.approx(edge)
+    assert edge < TOLERANCE < edge * refine.COARSER**2
+    assert not found.limited
+
+
+def test_a_mesh_that_was_asked_for_is_the_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    for spacing in (0.8, 2.4):
+        found = ladder(monkeypatch, lambda h, step: 10.0).climb(chosen(0.0, spacing), free=False)
+        assert found.run.cell_mm == pytest.approx(spacing)
+
+
+def test_an_error_of_second_order_is_what_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def force(h: float, step: float) -> float:
+        return 10 * (1 + 0.04 * h**2)
+
+    found = ladder(monkeypatch, force).climb(chosen(0.0), free=False)
+    true = 0.04 * 1.6**2 / (1 + 0.04 * 1.6**2)
+    assert found.estimate["force_rel"] == pytest.approx(true, rel=1e-9)
+    finer = ladder(monkeypatch, force).climb(chosen(0.0), free=True)
+    assert finer.estimate["force_rel"] <= TOLERANCE
+    assert f"taken {finer.run.cell_mm:.3g} mm" in finer.run.contact.choice.why
+    assert finer.estimate["force_rel"] > TOLERANCE / 2  # no finer than needed
+
+
+def test_steps_that_cost_too_much_are_made_smaller_on_the_coarsest_mesh(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    solved = []
+
+    def force(h: float, step: float) -> float:
+        solved.append((h, step))
+        return 10 * (1 - 0.06 * step)
+
+    found = ladder(monkeypatch, force).climb(chosen(0.5), free=True)
+    step = found.run.contact.choice.step_mm
+    assert step < chosen(0.5).step_mm
+    assert {s for h, s in solved if h < max(h for h, _ in solved)} == {step}
+    assert found.estimate["force_rel"] >= 0.06 * step
+    assert found.estimate["force_rel"] <= TOLERANCE
+
+
+def test_a_mesh_too_coarse_to_be_solved_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    def force(h: float, step: float) -> float:
+        if h > 1.7:
+            raise SolverError("hides")
+        return 10.0
+
+    found = ladder(monkeypatch, force).climb(chosen(0.0), free=True)
+    assert found.run.cell_mm < 1.6
+    assert found.estimate["force_rel"] <= TOLERANCE
+    with pytest.raises(SolverError, match="hides"):
+        ladder(monkeypatch, force).climb(chosen(0.0, 1.8), free=False)
 
 
 @pytest.mark.parametrize("dofs", [2000, 20_000, 60_000])
 @pytest.mark.parametrize("states", [5, 40])
 def test_a_refinement_stays_within_the_work_and_coarsens_nothing(dofs: int, states: int) -> None:
-    run = Done(Contact(dofs), [None] * states)
-    spacing, step = afforded(run, 0.5, 0.3)  # type: ignore[arg-type]
-    assert 0.5 <= spacing <= 1
-    assert 0.3 <= step <= 1
+    run = Run(SimpleNamespace(dofs=dofs), [None] * states, ())  # type: ignore[arg-type, list-item]
+    factor = afforded(run, 0.7)
+    assert 0.7 <= factor <= 1
     done = states * dofs**WORK_POWER
-    after = done / step / spacing ** (module.DOFS_POWER * WORK_POWER)
+    after = done / factor ** (refine.DOFS_POWER * WORK_POWER)
     assert after <= max(MOST_WORK, done) * (1 + 1e-9)
 
 
-@pytest.mark.slow
-def test_what_the_work_does_not_afford_is_refined_in_part(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = (SkinDimensions(), GelMaterial(friction=0.0), parse("sphere:20"), (0.0, 0.0), 6.0)
-    monkeypatch.setattr(module, "REFINEMENTS", 0)
-    first = press(*asked, tolerance=0.02).result
-    monkeypatch.setattr(module, "REFINEMENTS", 1)
-    monkeypatch.setattr(module, "MOST_WORK", 2.5e5)  # .7 of the cells would take 4e5
-    second = press(*asked, tolerance=0.02).result
-    assert not first["within_tolerance"]
-    assert 0.75 < second["picked"]["spacing_mm"] / first["picked"]["spacing_mm"] < 0.95
-    assert "refined to" in second["picked"]["why"]
-    a, b = (r["error_estimate"]["displacement_mm"] for r in (first, second))
-    assert b < a
+def test_a_limit_of_time_ends_with_the_best_mesh_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The clock stands still until the second mesh is solved."""
+    now = [0.0]
+    monkeypatch.setattr(limit.time, "perf_counter", lambda: now[0])
+
+    def force(h: float, step: float) -> float:
+        limit.check()
+        now[0] += 1.0
+        return 10 * (1 + 0.1 * h**2)
+
+    def within(seconds: float) -> refine.Answer:
+        now[0] = 0.0
+        with limit.within(seconds):
+            return ladder(monkeypatch, force).climb(chosen(0.0), free=True)
+
+    two, one = within(1.5), within(0.5)
+    assert two.limited
+    assert two.run.cell_mm == pytest.approx(1.6 * refine.COARSER)
+    true = 0.1 * two.run.cell_mm**2 / (1 + 0.1 * two.run.cell_mm**2)
+    assert two.estimate["force_rel"] == pytest.approx(true)
+    # One mesh has nothing to be compared with.
+    assert one.limited
+    assert one.run.cell_mm > two.run.cell_mm
+    assert one.estimate["force_rel"] > 0.1
+    assert not within(100).limited
 
 
-@pytest.mark.parametrize("longest_mm", [10.0, 0.4])
-def test_steps_that_were_cut_do_not_hide_what_steps_cost(
-    problem: Problem, monkeypatch: pytest.MonkeyPatch, longest_mm: float
-) -> None:
-    """A press whose solver cuts what is longer than longest_mm, and is off by .01 of its steps."""
-    tried = []
+def test_a_press_that_no_mesh_ends_in_time_is_refused_and_one_is_flagged() -> None:
+    asked = (SkinDimensions(), GelMaterial(), parse("star"), (0.3, 0.0), 1.2)
+    result = press(*asked, tolerance=0.02, limit_s=1e-3).result
+    assert result["force_n"] is None
+    assert "--limit-s 0.001: no mesh was solved" in result["reason"]
+    assert "\n" not in result["reason"]
 
-    def run(choice: Choice) -> Run:
-        tried.append(choice.step_mm)
-        cuts = 1 if choice.step_mm > longest_mm else 0
-        step = min(choice.step_mm, longest_mm)
-        state = SimpleNamespace(
-            force_n=(0.0, 0.0, -(1 + 0.01 * step)),
-            displacement_mm=np.full((3, 3, 3), 0.01 * step),
-            diagnostics=SimpleNamespace(cuts=cuts),
-        )
-        return Run(Contact(1000), [state], ())  # type: ignore[arg-type, list-item]
 
-    monkeypatch.setattr(problem, "_run", run)
-    choice = pick(
-        SkinDimensions(), GelMaterial(), parse("sphere:15"), Reach(deepest_mm=3.0),
-        level="hyperelastic",
-    )  # fmt: skip
-    choice = replace(choice, step_mm=0.4)
-    *_, by_step = problem._three(choice)
-    assert by_step.force_n.tolist() == pytest.approx([0, 0, -0.01 * 0.4])
-    assert by_step.in_plane_mm >= 0.01 * 0.4 * 2**0.5
-    assert min(tried) == pytest.approx(0.4 if longest_mm > 1 else 0.2)
+def test_a_start_from_a_coarser_mesh_changes_the_work_and_not_the_answer() -> None:
+    from deltact_fab.gel.open import contact_of
+
+    skin, ball, gel = SkinDimensions(), parse("sphere:15"), GelMaterial()
+    choice = pick(skin, gel, ball, Reach(deepest_mm=1.5), level="hyperelastic", spacing_mm=1.5)
+    contacts = [contact_of(skin, gel, ball, choice.times(k)) for k in (1.5, 1.0)]
+
+    def way(contact: Any, like: Any = ()) -> list[Any]:
+        rest = contact.rest()
+        return [rest, *contact.path(rest, (0.0, 0.0, 1.5), like=like)]
+
+    coarse = way(contacts[0])
+    alone, led = way(contacts[1]), way(contacts[1], coarse)
+    assert len(alone) == len(led)
+    for a, b in zip(alone[1:], led[1:], strict=True):
+        assert b.force_n[2] == pytest.approx(a.force_n[2], rel=1e-6)
+    work = [sum(s.inner.diagnostics.factorisations for s in w) for w in (alone, led)]
+    assert work[1] < 0.7 * work[0]
+
+
+def test_what_the_contacts_give_takes_of_the_force_is_its_energys_slope() -> None:
+    from deltact_fab.gel.finite.give import lacking_n
+    from deltact_fab.gel.open import contact_of
+
+    skin, ball, gel = SkinDimensions(), parse("sphere:8"), GelMaterial(friction=0.0)
+    choice = pick(skin, gel, ball, Reach(deepest_mm=2.0), level="hyperelastic", spacing_mm=1.5)
+    contact: Any = contact_of(skin, gel, ball, choice)
+    *_, first = contact.path(contact.rest(), (0.0, 0.0, 1.99))
+    middle = contact.solve(first, (0.0, 0.0, 2.0))
+    last = contact.solve(middle, (0.0, 0.0, 2.01))
+
+    def energy(state: Any) -> float:
+        tip = np.array(state.inner.tip_mm)
+        return float(contact.press.surface.give(state.inner.displacement_mm, tip)[0])
+
+    slope = (energy(last) - energy(first)) / 0.02
+    assert slope > 0
+    assert lacking_n(contact.press, middle.inner) == pytest.approx(slope, rel=1e-3)
+    # The indenter stands inside the gel: a hard contact would be pressed deeper.
+    force = -middle.force_n[2] / contact.press.mesh.copies
+    assert 0 < contact.lacking_rel(middle) == pytest.approx(slope / force, rel=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,9 +15,11 @@ from ...shapes import Indenter, SkinDimensions
 from ..level import Choice, Diagnostics, Level, Point
 from ..material import GelMaterial
 from .field import FaceLattice, tractions_mpa, whole_wrench
+from .give import lacking_n
 from .mesh import block_mesh
 from .press import FinitePress
 from .state import PENETRATION_LIMIT, FiniteState, sum_of, with_diagnostics
+from .transfer import Guide
 
 Field = NDArray[np.float64]
 
@@ -85,7 +87,7 @@ class FiniteGel:
     ) -> None:
         self.choice, self.x_mm, self.y_mm = choice, x_mm, y_mm
         self._skin = skin
-        mesh = block_mesh(skin, choice.spacing_mm, choice.focus, choice.mirrors)
+        mesh = block_mesh(skin, choice.spacing_mm, choice.focus, choice.mirrors, choice.growth)
         self.dofs = mesh.free_dofs
         self.press = FinitePress(mesh, material, indenter, friction=choice.friction)
         self._lattice = FaceLattice(mesh, x_mm, y_mm)
@@ -120,6 +122,7 @@ class FiniteGel:
         tip_mm: Point,
         max_step_mm: float | None = None,
         seconds: float = 0.0,
+        like: Sequence[HyperelasticState] = (),
     ) -> Iterator[HyperelasticState]:
         """The straight way in equal increments from first touch on."""
         self._refuse(tip_mm)
@@ -128,13 +131,27 @@ class FiniteGel:
             yield self.solve(previous, tip_mm, seconds)
             return
         jumped = previous.jumped
-        for inner in self._parts(previous.inner, tip_mm, step, seconds):
+        guide = None
+        if like:
+            coarse = like[0]._press.mesh
+            guide = Guide(coarse, [s.inner for s in like], self.press.mesh)
+        for inner in self._parts(previous.inner, tip_mm, step, seconds, guide):
             state = self._state(inner, jumped)
             jumped = state.jumped
             yield state
 
+    def lacking_rel(self, state: HyperelasticState) -> float:
+        """What more of the normal force a hard contact would give, relative; see `give`."""
+        force = -state.inner.force_n[2]
+        return lacking_n(self.press, state.inner) / force if force > 0 else 0.0
+
     def _parts(
-        self, inner: FiniteState, tip_mm: Point, step_mm: float, seconds: float
+        self,
+        inner: FiniteState,
+        tip_mm: Point,
+        step_mm: float,
+        seconds: float,
+        guide: Guide | None = None,
     ) -> Iterator[FiniteState]:
         """Equal increments of a way that ends in the gel, from first touch on."""
         start, end = np.array(inner.tip_mm), np.array(tip_mm, dtype=np.float64)
@@ -143,7 +160,7 @@ class FiniteGel:
             at = end + (start - end) * left
             touch = (float(at[0]), float(at[1]), 0.0)
             inner = self.press.solve(inner, touch, seconds * (1 - left))
-        yield from self.press.path(inner, tip_mm, step_mm, seconds * left)
+        yield from self.press.path(inner, tip_mm, step_mm, seconds * left, guide)
 
     def _refuse(self, tip_mm: Point) -> None:
         x, y, depth = tip_mm

@@ -19,7 +19,7 @@ Index = NDArray[np.int64]
 Box = tuple[float, float, float, float]
 
 GROWTH = 1.25  # of neighbouring cells; more costs accuracy at the transition
-COARSEST = 3.5  # largest cell over smallest
+COARSEST = 5.0  # largest cell over smallest
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,12 +70,13 @@ def block_mesh(
     spacing_mm: float,
     focus: Box | None = None,
     mirrors: tuple[bool, bool] = (False, False),
+    growth: float = GROWTH,
 ) -> HexMesh:
     """A block width x length x thickness; the edges' fillet and the frame are left out.
 
     spacing_mm: cell size, everywhere or, with a focus, inside it and at the face.
-    focus: (x_low, x_high, y_low, y_high) in mm; cells grow from it by GROWTH up to COARSEST, and
-        from the face towards the base.
+    focus: (x_low, x_high, y_low, y_high) in mm; cells grow from it by `growth` up to COARSEST,
+        and from the face towards the base.
     mirrors: keep only x >= 0, y >= 0; a focus must be symmetric there.
     Raises InputError for a spacing that is not a usable length.
     """
@@ -83,7 +84,7 @@ def block_mesh(
         raise InputError(
             f"block mesh: 0 < spacing_mm <= {skin.thickness_mm:g} mm: {spacing_mm} fails"
         )
-    x, y, z = _axes(skin, spacing_mm, focus, mirrors)
+    x, y, z = _axes(skin, spacing_mm, focus, mirrors, growth)
     yy, xx = np.meshgrid(y, x, indexing="ij")
     plane = np.stack([xx.ravel(), yy.ravel()], axis=1)
     row, column = np.meshgrid(np.arange(len(y) - 1), np.arange(len(x) - 1), indexing="ij")
@@ -93,15 +94,23 @@ def block_mesh(
 
 
 def unknowns(
-    skin: SkinDimensions, spacing_mm: float, focus: Box, mirrors: tuple[bool, bool]
+    skin: SkinDimensions,
+    spacing_mm: float,
+    focus: Box,
+    mirrors: tuple[bool, bool],
+    growth: float = GROWTH,
 ) -> int:
     """About how many displacements `block_mesh` would leave free: those across mirrors count."""
-    x, y, z = _axes(skin, spacing_mm, focus, mirrors)
+    x, y, z = _axes(skin, spacing_mm, focus, mirrors, growth)
     return 3 * len(x) * len(y) * (len(z) - 1)
 
 
 def _axes(
-    skin: SkinDimensions, spacing_mm: float, focus: Box | None, mirrors: tuple[bool, bool]
+    skin: SkinDimensions,
+    spacing_mm: float,
+    focus: Box | None,
+    mirrors: tuple[bool, bool],
+    growth: float = GROWTH,
 ) -> tuple[Field, Field, Field]:
     """Coordinates of a block's nodes along x, y and z."""
     halves = skin.opening_half_mm
@@ -114,12 +123,12 @@ def _axes(
             start, end = focus[2 * axis], focus[2 * axis + 1]
             if mirrors[axis] and abs(start + end) > 1e-9 * half:
                 raise InputError(f"block mesh: a focus from {start:g} to {end:g} mm has no mirror")
-            axes.append(_graded(low, half, max(start, low), end, spacing_mm))
+            axes.append(_graded(low, half, max(start, low), end, spacing_mm, growth))
     if focus is None:
         z = _uniform(-skin.thickness_mm, 0.0, spacing_mm)
     else:
         # Two equal layers below the face, then growing: strain decays with depth.
-        z = _graded(-skin.thickness_mm, 0.0, -2 * spacing_mm, 0.0, spacing_mm)
+        z = _graded(-skin.thickness_mm, 0.0, -2 * spacing_mm, 0.0, spacing_mm, growth)
     return axes[0], axes[1], z
 
 
@@ -177,23 +186,34 @@ def _uniform(low: float, high: float, spacing: float) -> Field:
     return np.linspace(low, high, max(1, round((high - low) / spacing)) + 1)
 
 
-def _graded(low: float, high: float, inner_low: float, inner_high: float, spacing: float) -> Field:
+def _graded(
+    low: float, high: float, inner_low: float, inner_high: float, spacing: float, growth: float
+) -> Field:
     """Points from low to high: equal cells between the inner bounds, growing outside of them."""
     a, b = max(low, min(inner_low, high - spacing)), min(high, max(inner_high, low + spacing))
-    middle = np.linspace(a, b, max(1, math.ceil((b - a) / spacing - 1e-9)) + 1)
-    left = a - _growing(a - low, spacing)[::-1]
-    right = b + _growing(high - b, spacing)
+    count = max(1, math.ceil((b - a) / spacing - 1e-9))
+    # A whole number of cells, where there is room: meshes are then as fine as they say.
+    more = count * spacing - (b - a)
+    if a > low and b < high:
+        a, b = max(low, a - more / 2), min(high, b + more / 2)
+    elif b < high:
+        b = min(high, b + more)
+    elif a > low:
+        a = max(low, a - more)
+    middle = np.linspace(a, b, count + 1)
+    left = a - _growing(a - low, spacing, growth)[::-1]
+    right = b + _growing(high - b, spacing, growth)
     return np.concatenate([left, middle, right])
 
 
-def _growing(length: float, spacing: float) -> Field:
+def _growing(length: float, spacing: float, growth: float) -> Field:
     """Distances of points from 0 (left out) to `length`, their steps growing from `spacing`."""
     if length < 1e-9 * spacing:
         return np.empty(0)
     steps: list[float] = []
     step = spacing
     while sum(steps) < length:
-        step = min(step * GROWTH, spacing * COARSEST)
+        step = min(step * growth, spacing * COARSEST)
         steps.append(step)
     # One step fewer where that is nearer; then all are scaled to fit.
     if len(steps) > 1 and length - sum(steps[:-1]) < sum(steps) - length:

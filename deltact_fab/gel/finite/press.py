@@ -23,15 +23,16 @@ from .lost import refuse_lost
 from .material import NeoHooke
 from .mesh import HexMesh
 from .pattern import Pattern
+from .predict import start_of
 from .problem import Equilibrium, bulk_at
 from .state import Diagnostics, FiniteState, Point, sum_of, with_diagnostics
 from .surface import Grip, Surface
+from .transfer import Guide
 from .viscous import Memory, Viscosity
 
 Field = NDArray[np.float64]
 
 MOST_CUTS = 6  # halvings of one increment
-PREDICTABLE = 0.75  # of the smallest cell: longest move that is extrapolated
 SHARP, MANY = 2.0, 5  # cells: least radius that 2 x 2 points a face can feel, and else how many
 LONGEST = 1.0  # cells that a node may move in one iteration, over twice the tip's own move
 FLOOR = 1e-2  # x E x thickness x cell size: least force that a residual is compared with
@@ -94,10 +95,11 @@ class FinitePress:
         tip_mm: Point,
         max_step_mm: float = 1.0,
         seconds: float | None = None,
+        guide: Guide | None = None,
     ) -> Iterator[FiniteState]:
         """Solve along the straight way to tip_mm in equal increments; above the face one does.
 
-        seconds: of the whole way, at an even feed; see `solve`.
+        seconds: of the whole way, at an even feed; guide: see `solve`.
         """
         if not (math.isfinite(max_step_mm) and max_step_mm > 0):
             raise InputError(f"press: max_step_mm > 0 and finite: {max_step_mm} fails")
@@ -107,17 +109,21 @@ class FinitePress:
         state = previous
         for i in range(1, n + 1):
             part = None if seconds is None else seconds / n
-            state = self.solve(state, _point(start + (end - start) * (i / n)), part)
+            state = self.solve(state, _point(start + (end - start) * (i / n)), part, guide)
             yield state
 
     def solve(
-        self, previous: FiniteState, tip_mm: Point, seconds: float | None = None
+        self,
+        previous: FiniteState,
+        tip_mm: Point,
+        seconds: float | None = None,
+        guide: Guide | None = None,
     ) -> FiniteState:
         """One increment, cut in halves where it does not converge.
 
         seconds: that it takes, 0 (sudden) to infinity (long rest), evenly along the way; a gel with
         a Prony series needs it (InputError), to any other it makes no difference. The same tip
-        again is a hold.
+        again is a hold. guide: of a coarser mesh on the same way, to start from its increments.
         Raises SolverError when MOST_CUTS do not help, when the tip slips through the mesh, and
         when contact is lost while the depth grows.
         """
@@ -131,13 +137,18 @@ class FinitePress:
         start, move = np.array(previous.tip_mm), np.array(tip_mm) - np.array(previous.tip_mm)
         done, part, cuts = 0.0, 1.0, 0
         state, work = previous, Diagnostics()
+        change = None if guide is None else guide.change(previous.tip_mm, tip_mm)
         while done < 1.0:
             goal = min(1.0, done + part)
             tip = start + goal * move
             memory = self._memory(state, seconds, goal - done)
             try:
-                state = self._increment(state, tip_mm if goal == 1.0 else _point(tip), memory)
+                at = tip_mm if goal == 1.0 else _point(tip)
+                state = self._increment(state, at, memory, change)
             except SolverError as why:
+                if change is not None:
+                    change = None
+                    continue
                 cuts += 1
                 part /= 2
                 if part < 2.0**-MOST_CUTS and part * np.linalg.norm(move) < self._cell_mm:
@@ -146,6 +157,7 @@ class FinitePress:
                         f"{MOST_CUTS} halvings of the increment did not help"
                     ) from why
                 continue
+            change = None
             work = sum_of(work, state.diagnostics)
             done = goal
         refuse_lost(self.surface, self.indenter, self._cell_mm, previous, state)
@@ -165,16 +177,22 @@ class FinitePress:
         return self.viscosity.memory(f, state.overstress_mpa, seconds * part)
 
     def _increment(
-        self, previous: FiniteState, tip_mm: Point, memory: Memory | None
+        self,
+        previous: FiniteState,
+        tip_mm: Point,
+        memory: Memory | None,
+        change: tuple[Field, Field] | None = None,
     ) -> FiniteState:
         """Predict and solve by Newton's method; where that finds no way, down the energy.
+
+        change: of displacements and cell pressures, as it is foreseen; None: by the last increment.
 
         The energy needs the bound of friction held, at the pressures of the start; from the minimum
         that is found the bound is released. Where the gel has no equilibrium then, the held one
         stays: first order in the increment, as friction is anyway.
         """
         tip = np.array(tip_mm)
-        u, pressure = self._predicted(previous, tip)
+        u, pressure = start_of(self.bulk, previous, tip, self._cell_mm, change)
         moved = tip - np.array(previous.tip_mm)
         grip = self._grip(previous, moved) if self.friction > 0 and tip_mm[2] > 0 else None
         longest = LONGEST * self._cell_mm + 2 * float(np.abs(moved).max())
@@ -189,7 +207,7 @@ class FinitePress:
         try:
             found = solved(grip, u[self.pattern.free], pressure)
         except SolverError:
-            if float(np.linalg.norm(moved)) > self._cell_mm * (1 + 1e-9):
+            if change is not None or float(np.linalg.norm(moved)) > self._cell_mm * (1 + 1e-9):
                 raise  # from far away there may be several minima; shorter increments tell
             held = grip and replace(grip, bound_mpa=grip.friction * previous.pressure_mpa)
             at = Equilibrium(self.bulk, self.surface, tip, held, memory, self._floor_n)
@@ -225,31 +243,6 @@ class FinitePress:
         at = np.where(coming[..., None], at - t[..., None] * move, at)
         normal = self.surface.normals(at)
         return Grip(at, previous.slip_mm, normal, held | coming, self.friction)
-
-    def _share(self, previous: FiniteState, tip: Field) -> float:
-        """How much of the last increment is repeated; 0 where the path turns or the move is long.
-
-        Backwards the contact does not come off as it went on. A move of a cell or more shears cells
-        so much that Newton from rest takes half the factors.
-        """
-        if previous.rate is None:
-            return 0.0
-        moved = previous.rate[1]
-        move = tip - np.array(previous.tip_mm)
-        length2, goal2 = float(moved @ moved), float(move @ move)
-        along = float(move @ moved) / length2 if length2 > 0 else 0.0
-        turned = along <= 0 or along**2 * length2 < 0.9 * goal2
-        return 0.0 if turned or goal2 > (PREDICTABLE * self._cell_mm) ** 2 else min(along, 2.0)
-
-    def _predicted(self, previous: FiniteState, tip: Field) -> tuple[Field, Field]:
-        """Displacements and cell pressures, the last increment repeated."""
-        u, pressure = previous.displacement_mm, previous.cell_pressure_mpa
-        share = self._share(previous, tip)
-        if previous.rate is None or share == 0:
-            return u, pressure
-        trial = u + share * previous.rate[0]
-        kept = self.bulk.evaluate(trial, False).least_j > 0.2 * previous.diagnostics.least_j
-        return (trial, pressure + share * previous.rate[2]) if kept else (u, pressure)
 
     def _state(
         self, previous: FiniteState, tip_mm: Point, u: Field, grip: Grip | None,

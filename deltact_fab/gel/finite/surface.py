@@ -161,6 +161,18 @@ class Surface:
             data = self._matrix_entries(block * w[..., None, None], np.any(some, axis=1))
         return Contact(energy, force, data, coupling, pressure, shear, near)
 
+    def give(self, displacement_mm: Field, tip_mm: Field) -> tuple[float, Field]:
+        """Complementary energy (Nmm) of the penalty, and its slope (n, 3) over the displacements.
+
+        It is what the elastic energy at a depth lacks, to first order, because the contact gives.
+        """
+        near = self._near(self.points(displacement_mm, tip_mm))
+        q = -near.distance_mm.reshape(self.weights_mm2.shape)
+        psi, pressure, rise = self._ramp(-q, float(tip_mm[2]))
+        energy = float((self.weights_mm2 * (pressure * q - psi)).sum())
+        pull = (self.weights_mm2 * q * rise)[..., None] * near.normal.reshape(*q.shape, 3)
+        return energy, -self._scatter(np.matmul(self.shape.T, pull))
+
     def coupled(self, coupling: Coupling, step_mm: Field) -> Field:
         """Change (n, 3) of the nodal forces with displacements (n, 3), by the coupling alone."""
         move = np.matmul(self.shape, step_mm[self.faces])

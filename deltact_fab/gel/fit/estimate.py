@@ -32,6 +32,11 @@ class Estimate:
     low: float
     high: float
 
+    def widened(self, rel: float) -> Estimate:
+        """With a share of the value more on either side, for what no residual shows."""
+        more = rel * abs(self.value)
+        return Estimate(self.value, self.low - more, self.high + more)
+
     def as_dict(self) -> dict[str, float]:
         """Plain data."""
         return {"value": self.value, "low": self.low, "high": self.high}

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError
+from ...errors import InputError, RunFailed
 from ...shapes import Indenter, SkinDimensions
 from ..choose import SHARE, TOLERANCE
 from .curve import DEEPEST, Point2, Progress, cells_mm
@@ -33,6 +33,8 @@ MODEL_REL = 0.01  # of the force: what the model itself may be off
 WIDEST = 0.5  # of friction: half an interval from which it counts as not determined
 TOUCHED = 0.02  # of the largest force, for a first guess of the first touch
 BEFORE, AFTER = 0.4, 0.15  # of the press, round that guess
+LEAST_SPREAD = 0.1  # of the deepest press: range of the depths
+USUAL_MPA = 0.01, 10.0  # silicone gels and rubbers, with room on both sides
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +44,7 @@ class GelFit:
     friction: None where it was given or is not determined; friction_used: what the model took.
     offset_mm: depth_mm at first touch, None where it was not fitted. rms_n, rms_rel: of all
     residuals, over the rms of the forces. mesh_error_rel: of the modulus, from a mesh COARSER as
-    coarse, not in the intervals; None where it was not asked for. trend_rel: rms of the smooth
+    coarse, part of its interval; None where it was not asked for. trend_rel: rms of the smooth
     part of the normal residual over the rms force. depth_mm (p,) from first touch and channel (p,)
     (0 normal, 1 x, 2 y) of measured_n (p,) and model_n (p,); used (p,): False where a value
     was left out as an outlier.
@@ -101,9 +103,10 @@ def fit_press(
 
     friction: taken as known; None: ASSUMED_FRICTION. fit_friction None: fitted where the file has
     side forces of a drag and no friction was given. mesh_error: solve on the coarser mesh too.
-    Raises InputError where the file's depths do not fit the gel, RunFailed where no modulus
-    follows, and what the engine raises.
+    Raises InputError where the file's depths do not fit the gel or are all one, RunFailed where no
+    modulus follows or its interval holds 0, and what the engine raises.
     """
+    _require_spread(data)
     notes: list[str] = []
     known = ASSUMED_FRICTION if friction is None else friction
     looks = (data.has_tangential and friction is None) if fit_friction is None else fit_friction
@@ -151,9 +154,10 @@ def fit_press(
     scale = float(np.sqrt(np.mean(fine.measured_n[used] ** 2)))
     rms = float(np.sqrt(np.mean(residual[used] ** 2)))
     trend, told = _trend(data, fine, solution, residual, scale)
-    notes += told + _remarks(data, solution, error, bounds)
+    modulus = _modulus(solution, error)
+    notes += told + _remarks(data, solution, modulus, bounds)
     return GelFit(
-        modulus_mpa=solution.estimate("modulus"),
+        modulus_mpa=modulus,
         friction=estimate,
         friction_used=solution.friction,
         offset_mm=solution.estimate("touch") if bounds is not None else None,
@@ -193,6 +197,28 @@ def _reach(data: Measured, skin: SkinDimensions, fit_offset: bool) -> tuple[Boun
             f"{limit:g} mm, {DEEPEST:.0%} of the gel's thickness, is needed"
         )
     return bounds, min(deepest, limit)
+
+
+def _require_spread(data: Measured) -> None:
+    """At one depth a force gives no more than one number, whatever it means."""
+    low, high = float(data.depth_mm.min()), float(data.depth_mm.max())
+    if not high - low >= LEAST_SPREAD * high:
+        raise InputError(
+            f"{data.name}: column depth_mm: all rows are {low:.3g} to {high:.3g} mm deep; depths "
+            f"spread over at least {LEAST_SPREAD:.0%} of the deepest are needed"
+        )
+
+
+def _modulus(solution: Solution, mesh_error: float | None) -> Estimate:
+    """With its interval, the mesh's error added to the residuals' part."""
+    found = solution.estimate("modulus").widened(mesh_error or 0.0)
+    if not found.low > 0:
+        raise RunFailed(
+            f"gel fit: {found.value:.3g} MPa with an interval of {found.low:.3g} to "
+            f"{found.high:.3g}, which holds 0: these data give no modulus; less noise, more rows "
+            "or a deeper press is needed"
+        )
+    return found
 
 
 def _undetermined(solution: Solution) -> str | None:
@@ -237,10 +263,15 @@ def _trend(
 
 
 def _remarks(
-    data: Measured, solution: Solution, mesh_error: float | None, bounds: Bounds | None
+    data: Measured, solution: Solution, modulus: Estimate, bounds: Bounds | None
 ) -> list[str]:
     notes = []
-    modulus = solution.estimate("modulus")
+    if not USUAL_MPA[0] <= modulus.value <= USUAL_MPA[1]:
+        notes.append(
+            f"warning: {modulus.value:.3g} MPa is outside {USUAL_MPA[0]:g} to {USUAL_MPA[1]:g} "
+            "MPa, where soft gels and rubbers lie; normal_n in N (not mN or g) and depth_mm in mm "
+            "are needed"
+        )
     out = int((~solution.used).sum())
     if out:
         notes.append(f"{out} of {len(solution.used)} values left out as outliers")
@@ -261,9 +292,4 @@ def _remarks(
         bias, doubt = float(away.mean()), float(away.std(ddof=1)) / math.sqrt(len(away))
         if abs(bias) > 4 * doubt and abs(bias) > 1e-3 * float(data.normal_n.max()):
             notes.append(f"warning: the sensor reads {bias:.3g} N before touch; tare it")
-    if mesh_error is not None and mesh_error * modulus.value > (modulus.high - modulus.low) / 2:
-        notes.append(
-            f"the mesh's own error, about {mesh_error:.1%}, is more than the interval shows; a "
-            "smaller --spacing lowers it"
-        )
     return notes

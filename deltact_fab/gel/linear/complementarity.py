@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import SolverError
+from .. import limit
 from .face import Field, PatchOperator
 
 Mask = NDArray[np.bool_]
@@ -38,6 +39,7 @@ def normal_contact(
     direction = np.zeros_like(p)
     old = 0.0
     for _ in range(max_iterations):
+        limit.check()
         worst = normal_violation(gap, p)
         if worst <= goal_mm:
             return p, worst, applications
@@ -89,6 +91,7 @@ def friction_contact(
     applications = _POWER_STEPS + 1
     ahead, ahead_slip, momentum = q, slip, 1.0
     for _ in range(max_iterations):
+        limit.check()
         worst = float(np.abs(q - _on_disc(q - step * slip, bound_mpa)).max()) / step
         if worst <= goal_mm:
             return q, slip, worst, applications

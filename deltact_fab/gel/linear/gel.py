@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -107,6 +107,7 @@ class LinearGel:
         tip_mm: Point,
         max_step_mm: float | None = None,
         seconds: float = 0.0,
+        like: Sequence[LinearState] = (),
     ) -> Iterator[LinearState]:
         """The straight way in equal increments."""
         step = self.choice.step_mm if max_step_mm is None else max_step_mm

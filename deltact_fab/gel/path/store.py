@@ -46,6 +46,7 @@ def key_of(
         "level": choice.level,
         "spacing_mm": choice.spacing_mm,
         "asked_mm": choice.asked_mm,
+        "growth": choice.growth,
         "mirrors": list(choice.mirrors),
         "focus": None if linear else list(choice.focus),
         "step_mm": None if linear else choice.step_mm,
