@@ -152,12 +152,21 @@ class GelContact(Protocol):
     def rest(self, tip_mm: Point = (0.0, 0.0, 0.0)) -> State:
         """Without contact: nothing displaced, nothing remembered."""
 
-    def solve(self, previous: Any, tip_mm: Point, seconds: float = 0.0) -> State:
+    def solve(self, previous: Any, tip_mm: Point, seconds: float = 0.0, guide: Any = None) -> State:
         """One increment, straight from `previous`, which must be of this contact.
 
-        seconds: that it takes; only a gel with a Prony series minds.
+        seconds: that it takes; only a gel with a Prony series minds. guide: see `guide`.
         Raises InputError out of range, SolverError where it is not solved.
         """
+
+    def guide(self, states: Sequence[Any]) -> Any:
+        """From states of a coarser mesh along the same way, what `solve` then starts from.
+
+        It changes the work and not what is solved. None where that is of no use.
+        """
+
+    def lacking_rel(self, state: Any) -> float:
+        """Of the normal force, what a hard contact would give more."""
 
     def path(
         self,
@@ -165,10 +174,8 @@ class GelContact(Protocol):
         tip_mm: Point,
         max_step_mm: float | None = None,
         seconds: float = 0.0,
-        like: Sequence[Any] = (),
     ) -> Iterator[State]:
         """The straight way in equal increments of at most max_step_mm (None: `choice.step_mm`).
 
-        The way above the face is skipped. like: states of a coarser mesh of this level along the
-        same way, which the solver then starts from; they do not change what is solved.
+        The way above the face is skipped.
         """

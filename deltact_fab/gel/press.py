@@ -13,16 +13,19 @@ from numpy.typing import NDArray
 from ..errors import DeltactFabError, InputError, TimeLimit
 from ..shapes import Indenter, SkinDimensions
 from . import limit
-from .choose import LEAST_TOLERANCE, MOST_TOLERANCE, TOLERANCE, pick
+from .choose import LEAST_TOLERANCE, MOST_TOLERANCE, TOLERANCE
 from .footprint import contact_radius_mm
-from .level import Choice, Level, Point, Reach
+from .level import Choice, Level, Point
 from .material import GelMaterial
-from .open import contact_of
+from .path.knots import Observed, Pose, along
+from .path.open import choose, open_path
+from .path.solver import PathSolver
 from .refine import Answer, Ladder, Progress
 
 Field = NDArray[np.float64]
 
 LIMIT_S = 120.0
+OBSERVED = Observed(fields="last", lacking=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,28 +78,33 @@ def press(
         raise InputError(f"--limit-s {limit_s}: more than 0 seconds are needed")
     started = time.perf_counter()
     x, y = at_mm
-    end = (x + shear_mm[0], y + shear_mm[1], depth_mm)
-    corners: list[Point] = [(x, y, depth_mm)] if end[:2] == at_mm else [(x, y, depth_mm), end]
-    reach = Reach.around(corners)
+    corners: list[Point] = [(x, y, 0.0), (x, y, -depth_mm)]
+    if shear_mm != (0.0, 0.0):
+        corners.append((x + shear_mm[0], y + shear_mm[1], -depth_mm))
+
+    def way(step_mm: float) -> tuple[Pose, ...]:
+        return along(corners, step_mm) or (Pose(corners[-1], 0.0, 1.0),)
+
+    def picks(level: Level | Literal["auto"]) -> Choice:
+        return choose(
+            skin, material, indenter, way(math.inf), tolerance, level=level, spacing_mm=spacing_mm
+        )
+
+    def solver(choice: Choice, like: PathSolver | None) -> PathSolver:
+        poses = way(choice.step_mm)
+        return open_path(skin, material, indenter, poses, OBSERVED, choice, like, True)
+
     radius_mm = contact_radius_mm(indenter, depth_mm) if depth_mm > 0 else math.inf
-    ladder = Ladder(
-        lambda choice: contact_of(skin, material, indenter, choice),
-        corners, radius_mm, tolerance, progress,
-    )  # fmt: skip
+    ladder = Ladder(solver, radius_mm, tolerance, progress)
     picked: Choice | None = None
     found: Answer | None = None
     try:
         with limit.within(limit_s):
-            picked = pick(
-                skin, material, indenter, reach, tolerance, level=model, spacing_mm=spacing_mm
-            )
+            picked = picks(model)
             found = ladder.climb(picked, free=spacing_mm is None)
             linear = model == "auto" and picked.level != "hyperelastic"
             if linear and not (found.limited or ladder.holds(found.estimate)):
-                picked = pick(
-                    skin, material, indenter, reach, tolerance,
-                    level="hyperelastic", spacing_mm=spacing_mm,
-                )  # fmt: skip
+                picked = picks("hyperelastic")
                 found = ladder.climb(picked, free=spacing_mm is None)
     except TimeLimit:
         if found is None:
@@ -106,7 +114,7 @@ def press(
     except DeltactFabError as why:
         return _refused(depth_mm, picked, model, str(why), time.perf_counter() - started)
     fine, estimate = found.run, found.estimate
-    contact, last = fine.contact, fine.last
+    choice, last = fine.choice, fine.last
     within = ladder.holds(estimate)
     flags = list(fine.flags)
     if depth_mm > 0 and last.contact_area_mm2 == 0:
@@ -114,7 +122,7 @@ def press(
     if found.limited:
         flags.append(
             f"limit: {limit_s:g} s were over before the tolerance was kept to; "
-            f"cells of {contact.choice.spacing_mm:.3g} mm are the finest that were solved"
+            f"cells of {choice.spacing_mm:.3g} mm are the finest that were solved"
         )
     if not within:
         flags.append(
@@ -123,13 +131,17 @@ def press(
             f"{ladder.in_plane_mm:.2g} mm were asked"
         )
     u = last.displacement_mm
-    choice = contact.choice
+    assert u is not None, "the last field is observed"
+    tips = [(x, y, 0.0), *((px, py, -pz) for px, py, pz in (p.tip_mm for p in fine.solver.poses))]
+    forces = material.modulus_mpa * np.array(
+        [(0.0, 0.0, 0.0), *(k.force_n for k in fine.solver.knots)]
+    )
     result = {
-        "force_n": list(last.force_n),
+        "force_n": forces[-1].tolist(),
         "depth_mm": depth_mm,
         "contact_area_mm2": last.contact_area_mm2,
-        "max_stretch": last.diagnostics.most_stretch,
-        "model": contact.level,
+        "max_stretch": last.most_stretch,
+        "model": choice.level,
         "converged": True,
         "error_estimate": estimate,
         "within_tolerance": within,
@@ -138,20 +150,13 @@ def press(
             "spacing_mm": choice.spacing_mm,
             "step_mm": choice.step_mm,
             "mirrors": list(choice.mirrors),
-            "dofs": contact.dofs,
+            "dofs": fine.solver.dofs,
             "why": choice.why,
         },
         "peak_in_plane_mm": float(np.hypot(u[..., 0], u[..., 1]).max()),
         "flags": flags,
     }
-    return Pressed(
-        result,
-        np.array([s.tip_mm for s in fine.states]),
-        np.array([s.force_n for s in fine.states]),
-        contact.x_mm,
-        contact.y_mm,
-        u,
-    )
+    return Pressed(result, np.array(tips), forces, *fine.solver.axes_mm, u.astype(np.float64))
 
 
 def _refused(

@@ -12,7 +12,6 @@ factors, is in docs/decisions/0009-gel-levels.md.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -23,10 +22,12 @@ from numpy.typing import NDArray
 
 from ..errors import SolverError, TimeLimit
 from .choose import HIDDEN, IN_PLANE_MM, MOST_DOFS, TOLERANCE
-from .level import Choice, GelContact, Point, State
+from .level import Choice
+from .path.knots import Solved
+from .path.solver import PathSolver
 
 Field = NDArray[np.float64]
-Opener = Callable[[Choice], GelContact]
+Opener = Callable[[Choice, PathSolver | None], PathSolver]
 Progress = Callable[[int, int, str], None]
 
 COARSER, FEWER = 1.5, 2.0
@@ -52,30 +53,34 @@ WORTH = 0.9  # a refinement that work affords by less is not made
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """The way solved once. states: at rest first. flags: of the states at its corners.
+    """The way solved once, on what was chosen for it."""
 
-    lacking_rel: of the force, what it would be more with a hard contact.
-    """
-
-    contact: GelContact
-    states: list[State]
-    flags: tuple[str, ...]
-    lacking_rel: float = 0.0
+    choice: Choice
+    solver: PathSolver
 
     @property
-    def last(self) -> State:
+    def last(self) -> Solved:
         """At the end of the way."""
-        return self.states[-1]
+        return self.solver.knots[-1]
 
     @property
     def cuts(self) -> int:
         """Of all increments."""
-        return sum(s.diagnostics.cuts for s in self.states)
+        return sum(knot.cuts for knot in self.solver.knots)
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """At the corners; on the way in, the first increments are coarse by intention."""
+        found: dict[str, str] = {}
+        for pose, knot in zip(self.solver.poses, self.solver.knots, strict=True):
+            if pose.part == 1.0:
+                found.update({flag.partition(":")[0]: flag for flag in knot.flags})
+        return tuple(found.values())
 
     @property
     def cell_mm(self) -> float:
         """Cells or grid at the contact."""
-        return self.contact.choice.spacing_mm
+        return self.choice.spacing_mm
 
 
 class Errors(NamedTuple):
@@ -95,21 +100,21 @@ class Answer:
 
 
 class Ladder:
-    """One way to go, on any mesh: corners (x, y, depth), the first one straight below the start.
+    """One way to go, on any mesh.
 
-    opener: the contact that a choice describes. radius_mm: of the contact at its deepest.
+    opener: solves it on a choice, given the solver on a coarser mesh to start from, if any.
+    radius_mm: of the contact at its deepest.
     """
 
     def __init__(
         self,
         opener: Opener,
-        corners: list[Point],
         radius_mm: float,
         tolerance: float,
         progress: Progress | None = None,
     ) -> None:
         self._tell = progress or (lambda done, total, what: None)
-        self._open, self._corners, self._radius_mm = opener, corners, float(radius_mm)
+        self._open, self._radius_mm = opener, float(radius_mm)
         self.tolerance = tolerance
         self.in_plane_mm = IN_PLANE_MM * tolerance / TOLERANCE
         self._runs: list[Run] = []
@@ -188,7 +193,7 @@ class Ladder:
 
     def estimate(self) -> dict[str, float]:
         """Of the finest run, by those before it."""
-        choice = self._runs[-1].contact.choice
+        choice = self._runs[-1].choice
         parts = [self._mesh_part(), self._by_step]
         return {
             "force_rel": choice.model_force_rel + sum(e.force_rel for e in parts),
@@ -198,21 +203,21 @@ class Ladder:
     def _mesh_part(self) -> Errors:
         fine = self._runs[-1]
         # The ramp of the contact pushes before it is touched: a light press is too stiff by it.
-        edge = EDGE * (fine.cell_mm / self._radius_mm) ** 2 + max(0.0, -fine.lacking_rel)
+        edge = EDGE * (fine.cell_mm / self._radius_mm) ** 2 + max(0.0, -fine.last.lacking_rel)
         before = [r for r in self._runs if r.cell_mm >= APART * fine.cell_mm]
         if not before:
-            return Errors(ALONE * edge, _rms_mm(fine.last.displacement_mm))
+            return Errors(ALONE * edge, _rms_mm(_field_mm(fine)))
         coarse = before[-1]
         force, in_plane = _change(fine, coarse)
-        if fine.contact.level != "hyperelastic":
+        if fine.choice.level != "hyperelastic":
             return Errors(LINEAR_FORCE * _size(force, fine), LINEAR_IN_PLANE * in_plane)
         left = 1 / ((coarse.cell_mm / fine.cell_mm) ** 2 - 1)  # cells are of second order
-        off = left * force - fine.lacking_rel * np.array(fine.last.force_n)
+        off = left * force - fine.last.lacking_rel * np.array(fine.last.force_n)
         return Errors(max(edge, _size(off, fine)), MESH_IN_PLANE * left * in_plane)
 
     def _steps_part(self, run: Run) -> Errors:
         """What its steps put a run off by: friction's part of the force comes late in each."""
-        choice = run.contact.choice
+        choice = run.choice
         fewer = self._run(choice.times(1.0, FEWER), run)
         if fewer.cuts == run.cuts:
             force, in_plane = _change(run, fewer)
@@ -233,52 +238,38 @@ class Ladder:
 
     def _run(self, choice: Choice, like: Run | None = None) -> Run:
         """The way by a choice; like: on a coarser mesh, to start from its increments."""
-        contact = self._open(choice)
-        x, y, _ = self._corners[0]
-        states: list[State] = [contact.rest((x, y, 0.0))]
-        ways = itertools.pairwise([(x, y, 0.0), *self._corners])
-        total = sum(max(1, math.ceil(math.dist(a, b) / choice.step_mm - 1e-9)) for a, b in ways)
-        what = f"{contact.level}, {choice.spacing_mm:.3g} mm"
-        self._tell(0, total, what)
-        flags: dict[str, str] = {}
-        for corner in self._corners:
-            for state in contact.path(states[-1], corner, like=like.states if like else ()):
-                states.append(state)
-                self._tell(len(states) - 1, total, what)
-            # At the corners; on the way in, the first increments are coarse by intention.
-            flags.update({f.partition(":")[0]: f for f in states[-1].diagnostics.flags})
-        return Run(contact, states, tuple(flags.values()), _lacking_rel(contact, states[-1]))
+        solver = self._open(choice, like.solver if like else None)
+        what = f"{choice.level}, {choice.spacing_mm:.3g} mm"
+        self._tell(0, len(solver.poses), what)
+        solver.solve_all(lambda done, of, _: self._tell(done, of, what))
+        return Run(choice, solver)
 
 
 def afforded(run: Run, factor: float) -> float:
     """As much of a refinement of the cells as MOST_DOFS and MOST_WORK leave."""
-    dofs = run.contact.dofs
+    dofs = run.solver.dofs
     factor = max(factor, min(1.0, (dofs / MOST_DOFS) ** (1 / DOFS_POWER)))
-    work = len(run.states) * dofs**WORK_POWER / MOST_WORK
+    work = len(run.solver.poses) * dofs**WORK_POWER / MOST_WORK
     return max(factor, min(1.0, work ** (1 / (DOFS_POWER * WORK_POWER))))
-
-
-def _lacking_rel(contact: GelContact, state: State) -> float:
-    """Of the normal force, what a hard contact would give more; the linear levels' is hard."""
-    if contact.level != "hyperelastic":
-        return 0.0
-    from .finite.gel import FiniteGel, HyperelasticState
-
-    assert isinstance(contact, FiniteGel)
-    assert isinstance(state, HyperelasticState)
-    return contact.lacking_rel(state)
 
 
 def _change(fine: Run, coarse: Run) -> tuple[Field, float]:
     """From one run to a coarser: forces (3,) as a hard contact would have them, rms in plane."""
-    a, b = ((1 + r.lacking_rel) * np.array(r.last.force_n) for r in (fine, coarse))
-    return b - a, _rms_mm(coarse.last.displacement_mm - fine.last.displacement_mm)
+    a, b = ((1 + r.last.lacking_rel) * np.array(r.last.force_n) for r in (fine, coarse))
+    return b - a, _rms_mm(_field_mm(coarse) - _field_mm(fine))
 
 
 def _size(force_n: Field, run: Run) -> float:
     """Over the force of a run."""
     whole = math.hypot(*run.last.force_n)
     return float(np.linalg.norm(force_n)) / whole if whole else 0.0
+
+
+def _field_mm(run: Run) -> Field:
+    """The face's displacement at the end, (ny, nx, 3)."""
+    field = run.last.displacement_mm
+    assert field is not None, "the last field is observed"
+    return field.astype(np.float64)
 
 
 def _rms_mm(displacement_mm: Field) -> float:

@@ -11,9 +11,11 @@ import pytest
 from deltact_fab.errors import SolverError
 from deltact_fab.gel import limit, refine
 from deltact_fab.gel.choose import pick
-from deltact_fab.gel.level import Choice, Reach
+from deltact_fab.gel.level import Choice, Diagnostics, Reach
 from deltact_fab.gel.material import GelMaterial
-from deltact_fab.gel.press import press
+from deltact_fab.gel.path.knots import Pose
+from deltact_fab.gel.path.solver import PathSolver
+from deltact_fab.gel.press import OBSERVED, press
 from deltact_fab.gel.refine import EDGE, MOST_WORK, WORK_POWER, Ladder, Run, afforded
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
@@ -24,23 +26,30 @@ TOLERANCE, RADIUS_MM, DEPTH_MM = 0.03, 4.0, 3.0
 class Gel:
     """A contact whose force is off by given functions of cell and step; nothing is solved."""
 
-    level = "layer"  # the ladder asks nothing else of it then
-
-    def __init__(self, choice: Choice, force: Any, dofs: int = 1000) -> None:
+    def __init__(self, choice: Choice, force: Any, dofs: int) -> None:
         self.choice, self.dofs, self._force = choice, dofs, force
+        self.x_mm = self.y_mm = np.arange(3.0)
 
     def rest(self, tip_mm: Any) -> Any:
         return self._state(tip_mm, 0.0)
 
-    def path(self, previous: Any, tip_mm: Any, like: Any = ()) -> Any:
-        yield self._state(tip_mm, self._force(self.choice.spacing_mm, self.choice.step_mm))
+    def guide(self, states: Any) -> None:
+        return None
+
+    def lacking_rel(self, state: Any) -> float:
+        return 0.0
+
+    def solve(self, previous: Any, tip_mm: Any, seconds: float, guide: Any) -> Any:
+        return self._state(tip_mm, self._force(self.choice.spacing_mm, self.choice.step_mm))
 
     def _state(self, tip_mm: Any, size_n: float) -> Any:
         return SimpleNamespace(
             tip_mm=tip_mm,
             force_n=(0.0, 0.0, -size_n),
+            torque_nmm=(0.0, 0.0, 0.0),
+            contact_area_mm2=1.0,
             displacement_mm=np.zeros((3, 3, 3)),
-            diagnostics=SimpleNamespace(cuts=0, flags=()),
+            diagnostics=Diagnostics(),
         )
 
 
@@ -51,80 +60,77 @@ def chosen(friction: float, spacing_mm: float = 1.6) -> Choice:
     )  # fmt: skip
 
 
-def ladder(monkeypatch: pytest.MonkeyPatch, force: Any, dofs: int = 1000) -> Ladder:
+def ladder(force: Any, dofs: int = 1000) -> Ladder:
     """Of a gel that is solved by formula, at the level of finite strain."""
-    monkeypatch.setattr(Gel, "level", "hyperelastic")
-    made = Ladder(
-        lambda choice: Gel(choice, force, dofs),  # type: ignore[arg-type, return-value]
-        [(0.0, 0.0, DEPTH_MM)], RADIUS_MM, TOLERANCE,
-    )  # fmt: skip
-    monkeypatch.setattr(refine, "_lacking_rel", lambda contact, state: 0.0)
-    return made
+    down = Pose((0.0, 0.0, -DEPTH_MM), 0.0, 1.0)
+
+    def opener(choice: Choice, like: PathSolver | None) -> PathSolver:
+        gel: Any = Gel(choice, force, dofs)
+        return PathSolver(lambda: gel, [down], observed=OBSERVED, like=like, keeps_states=True)
+
+    return Ladder(opener, RADIUS_MM, TOLERANCE)
 
 
-def test_the_first_mesh_that_keeps_to_the_tolerance_answers(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    found = ladder(monkeypatch, lambda h, step: 10.0).climb(chosen(0.0), free=True)
+def test_the_first_mesh_that_keeps_to_the_tolerance_answers() -> None:
+    found = ladder(lambda h, step: 10.0).climb(chosen(0.0), free=True)
     edge = EDGE * (found.run.cell_mm / RADIUS_MM) ** 2
     assert found.estimate["force_rel"] == pytest.approx(edge)
     assert edge < TOLERANCE < edge * refine.COARSER**2
     assert not found.limited
 
 
-def test_a_mesh_that_was_asked_for_is_the_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_mesh_that_was_asked_for_is_the_one() -> None:
     for spacing in (0.8, 2.4):
-        found = ladder(monkeypatch, lambda h, step: 10.0).climb(chosen(0.0, spacing), free=False)
+        found = ladder(lambda h, step: 10.0).climb(chosen(0.0, spacing), free=False)
         assert found.run.cell_mm == pytest.approx(spacing)
 
 
-def test_an_error_of_second_order_is_what_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_of_second_order_is_what_is_told() -> None:
     def force(h: float, step: float) -> float:
         return 10 * (1 + 0.04 * h**2)
 
-    found = ladder(monkeypatch, force).climb(chosen(0.0), free=False)
+    found = ladder(force).climb(chosen(0.0), free=False)
     true = 0.04 * 1.6**2 / (1 + 0.04 * 1.6**2)
     assert found.estimate["force_rel"] == pytest.approx(true, rel=1e-9)
-    finer = ladder(monkeypatch, force).climb(chosen(0.0), free=True)
+    finer = ladder(force).climb(chosen(0.0), free=True)
     assert finer.estimate["force_rel"] <= TOLERANCE
-    assert f"taken {finer.run.cell_mm:.3g} mm" in finer.run.contact.choice.why
+    assert f"taken {finer.run.cell_mm:.3g} mm" in finer.run.choice.why
     assert finer.estimate["force_rel"] > TOLERANCE / 2  # no finer than needed
 
 
-def test_steps_that_cost_too_much_are_made_smaller_on_the_coarsest_mesh(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_steps_that_cost_too_much_are_made_smaller_on_the_coarsest_mesh() -> None:
     solved = []
 
     def force(h: float, step: float) -> float:
         solved.append((h, step))
         return 10 * (1 - 0.06 * step)
 
-    found = ladder(monkeypatch, force).climb(chosen(0.5), free=True)
-    step = found.run.contact.choice.step_mm
+    found = ladder(force).climb(chosen(0.5), free=True)
+    step = found.run.choice.step_mm
     assert step < chosen(0.5).step_mm
     assert {s for h, s in solved if h < max(h for h, _ in solved)} == {step}
     assert found.estimate["force_rel"] >= 0.06 * step
     assert found.estimate["force_rel"] <= TOLERANCE
 
 
-def test_a_mesh_too_coarse_to_be_solved_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_mesh_too_coarse_to_be_solved_is_passed_over() -> None:
     def force(h: float, step: float) -> float:
         if h > 1.7:
             raise SolverError("hides")
         return 10.0
 
-    found = ladder(monkeypatch, force).climb(chosen(0.0), free=True)
+    found = ladder(force).climb(chosen(0.0), free=True)
     assert found.run.cell_mm < 1.6
     assert found.estimate["force_rel"] <= TOLERANCE
     with pytest.raises(SolverError, match="hides"):
-        ladder(monkeypatch, force).climb(chosen(0.0, 1.8), free=False)
+        ladder(force).climb(chosen(0.0, 1.8), free=False)
 
 
 @pytest.mark.parametrize("dofs", [2000, 20_000, 60_000])
 @pytest.mark.parametrize("states", [5, 40])
 def test_a_refinement_stays_within_the_work_and_coarsens_nothing(dofs: int, states: int) -> None:
-    run = Run(SimpleNamespace(dofs=dofs), [None] * states, ())  # type: ignore[arg-type, list-item]
+    solver: Any = SimpleNamespace(dofs=dofs, poses=[None] * states)
+    run = Run(chosen(0.5), solver)
     factor = afforded(run, 0.7)
     assert 0.7 <= factor <= 1
     done = states * dofs**WORK_POWER
@@ -145,7 +151,7 @@ def test_a_limit_of_time_ends_with_the_best_mesh_so_far(monkeypatch: pytest.Monk
     def within(seconds: float) -> refine.Answer:
         now[0] = 0.0
         with limit.within(seconds):
-            return ladder(monkeypatch, force).climb(chosen(0.0), free=True)
+            return ladder(force).climb(chosen(0.0), free=True)
 
     two, one = within(1.5), within(0.5)
     assert two.limited
@@ -176,7 +182,10 @@ def test_a_start_from_a_coarser_mesh_changes_the_work_and_not_the_answer() -> No
 
     def way(contact: Any, like: Any = ()) -> list[Any]:
         rest = contact.rest()
-        return [rest, *contact.path(rest, (0.0, 0.0, 1.5), like=like)]
+        guide, states = contact.guide(like), [rest]
+        for k in range(1, 5):
+            states.append(contact.solve(states[-1], (0.0, 0.0, 1.5 * k / 4), 0.0, guide))
+        return states
 
     coarse = way(contacts[0])
     alone, led = way(contacts[1]), way(contacts[1], coarse)

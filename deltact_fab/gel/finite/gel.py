@@ -97,7 +97,11 @@ class FiniteGel:
         return self._state(self.press.rest(tip_mm), jumped=False)
 
     def solve(
-        self, previous: HyperelasticState, tip_mm: Point, seconds: float = 0.0
+        self,
+        previous: HyperelasticState,
+        tip_mm: Point,
+        seconds: float = 0.0,
+        guide: Guide | None = None,
     ) -> HyperelasticState:
         """One increment, halved where it does not converge.
 
@@ -111,9 +115,9 @@ class FiniteGel:
         if self.choice.friction > 0 and tip_mm[2] > 0:
             longest_mm = max(self.choice.step_mm, LONGEST_RUB * self._skin.thickness_mm)
         if _rubbed_mm(inner.tip_mm, tip_mm) <= longest_mm:
-            found = self.press.solve(inner, tip_mm, seconds)
+            found = self.press.solve(inner, tip_mm, seconds, guide)
         else:
-            found = _as_one(list(self._parts(inner, tip_mm, longest_mm, seconds)))
+            found = _as_one(list(self._parts(inner, tip_mm, longest_mm, seconds, guide)))
         return self._state(found, previous.jumped)
 
     def path(
@@ -122,7 +126,6 @@ class FiniteGel:
         tip_mm: Point,
         max_step_mm: float | None = None,
         seconds: float = 0.0,
-        like: Sequence[HyperelasticState] = (),
     ) -> Iterator[HyperelasticState]:
         """The straight way in equal increments from first touch on."""
         self._refuse(tip_mm)
@@ -131,14 +134,16 @@ class FiniteGel:
             yield self.solve(previous, tip_mm, seconds)
             return
         jumped = previous.jumped
-        guide = None
-        if like:
-            coarse = like[0]._press.mesh
-            guide = Guide(coarse, [s.inner for s in like], self.press.mesh)
-        for inner in self._parts(previous.inner, tip_mm, step, seconds, guide):
+        for inner in self._parts(previous.inner, tip_mm, step, seconds):
             state = self._state(inner, jumped)
             jumped = state.jumped
             yield state
+
+    def guide(self, states: Sequence[HyperelasticState]) -> Guide | None:
+        """What a coarser mesh moved, for this one to start from."""
+        if not states:
+            return None
+        return Guide(states[0]._press.mesh, [s.inner for s in states], self.press.mesh)
 
     def lacking_rel(self, state: HyperelasticState) -> float:
         """What more of the normal force a hard contact would give, relative; see `give`."""

@@ -97,9 +97,18 @@ class LinearGel:
         """Without contact."""
         return self._state(self.contact.rest(tip_mm))
 
-    def solve(self, previous: LinearState, tip_mm: Point, seconds: float = 0.0) -> LinearState:
+    def solve(
+        self, previous: LinearState, tip_mm: Point, seconds: float = 0.0, guide: None = None
+    ) -> LinearState:
         """One increment; `seconds` makes no difference at a linear level."""
         return self._state(self.contact.solve(previous.inner, tip_mm))
+
+    def guide(self, states: Sequence[LinearState]) -> None:
+        """None: a linear problem needs no start."""
+
+    def lacking_rel(self, state: LinearState) -> float:
+        """0: the contact is hard."""
+        return 0.0
 
     def path(
         self,
@@ -107,7 +116,6 @@ class LinearGel:
         tip_mm: Point,
         max_step_mm: float | None = None,
         seconds: float = 0.0,
-        like: Sequence[LinearState] = (),
     ) -> Iterator[LinearState]:
         """The straight way in equal increments."""
         step = self.choice.step_mm if max_step_mm is None else max_step_mm

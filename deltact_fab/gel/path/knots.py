@@ -53,6 +53,7 @@ class Observed:
     fields: Literal["none", "last", "all"] = "none"
     traction: bool = False
     between: bool = False
+    lacking: bool = False
     lattice_mm: float = 0.25
 
 
@@ -61,7 +62,8 @@ class Solved:
     """What is kept of a solved pose, for a modulus of 1 MPa.
 
     displacement_mm, traction_mpa (ny, nx, 3): on the lattice, None unless observed. most_stretch:
-    None at a linear level. flags: what a reader of the results must know of this state.
+    None at a linear level. lacking_rel: of the normal force, what a hard contact would give more, 0
+    unless observed. flags: what a reader of the results must know of this state.
     """
 
     force_n: Point
@@ -73,6 +75,7 @@ class Solved:
     penetration_mm: float = 0.0
     most_stretch: float | None = None
     cuts: int = 0
+    lacking_rel: float = 0.0
 
 
 @dataclass(frozen=True)

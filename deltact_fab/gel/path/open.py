@@ -47,8 +47,13 @@ def open_path(
     poses: Sequence[Pose],
     observed: Observed,
     choice: Choice,
+    like: PathSolver | None = None,
+    keeps_states: bool = False,
 ) -> PathSolver:
-    """The solver of a press on what was chosen for it; forces for a modulus of 1 MPa, kept."""
+    """The solver of a press on what was chosen for it; forces for a modulus of 1 MPa, kept.
+
+    like, keeps_states: see `PathSolver`.
+    """
     unit = replace(material, modulus_mpa=1.0)
     mirror = to_solved(poses, indenter)
     solved = [replace(p, tip_mm=mirror.point(p.tip_mm)) for p in poses]
@@ -65,4 +70,6 @@ def open_path(
         observed,
         mirror,
         skin.thickness_mm,
+        like,
+        keeps_states,
     )

@@ -33,7 +33,8 @@ class PathSolver:
     stores nothing. mirror: takes the press to the one that is solved and stored; all else here is
     the press itself. floor_mm: depth of the gel's floor. solves, seconds: of knots solved here, not
     of those found. A press that cannot be solved to its end is kept as far as it goes, with why:
-    the same is not tried twice.
+    the same is not tried twice. like: the solver of the same way on a coarser mesh; where it keeps
+    its states (keeps_states), this one starts from them.
     """
 
     def __init__(
@@ -44,7 +45,11 @@ class PathSolver:
         observed: Observed | None = None,
         mirror: Mirror | None = None,
         floor_mm: float = math.inf,
+        like: PathSolver | None = None,
+        keeps_states: bool = False,
     ) -> None:
+        self.states: list[State] = []
+        self._keeps_states, self._like, self._guide = keeps_states, like, None
         self.poses, self.observed = tuple(planned), observed or Observed()
         self._floor_mm = floor_mm
         self._mirror = mirror or Mirror()
@@ -126,7 +131,7 @@ class PathSolver:
     def close(self) -> None:
         """Let go of fields and solver, a quarter of a gigabyte and more; counts and flags stay."""
         self._knots = [replace(k, displacement_mm=None, traction_mpa=None) for k in self._knots]
-        self._states, self._contact, self._closed = {}, None, True
+        self._states, self.states, self._contact, self._closed = {}, [], None, True
 
     # -- solving ---------------------------------------------------------------------------------
 
@@ -149,13 +154,17 @@ class PathSolver:
                 self._compare(start, pose, before, solved)
         self._knots.append(solved)
         self._remember(before, before + 1, state)
+        if self._keeps_states:
+            self.states += [start, state] if before == 0 else [state]
         if last:
             self._keep(None)
 
     def _solve(self, start: State, pose: Pose, last: bool) -> tuple[State, Solved]:
         start_s = time.perf_counter()
         x, y, z = self._mirror.point(pose.tip_mm)
-        state = self.contact.solve(start, (x, y, -z), pose.seconds)
+        if self._like is not None and self._guide is None and self._like.states:
+            self._guide = self.contact.guide(self._like.states)
+        state = self.contact.solve(start, (x, y, -z), pose.seconds, self._guide)
         flags = list(state.diagnostics.flags)
         field = traction = None
         shown = self.observed.fields
@@ -170,6 +179,7 @@ class PathSolver:
         solved = Solved(
             state.force_n, state.torque_nmm, state.contact_area_mm2, field, tuple(flags), traction,
             d.penetration_mm, d.most_stretch, d.cuts,
+            self.contact.lacking_rel(state) if last and self.observed.lacking else 0.0,
         )  # fmt: skip
         return state, self._mirror.solved(solved)
 

@@ -7,7 +7,7 @@ import json
 import zipfile
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -19,8 +19,9 @@ from .knots import Between, Field, Observed, Point, Pose, Solved, Trajectory
 
 KIND = "gel-trajectory"
 KEEP_BYTES = 8 * 10**9
-FIELDS = ("none", "last", "all")  # each serves those before it
-NUMBERS = 10  # of a knot: force, torque, area, penetration, stretch, cuts
+FIELDS: tuple[Literal["none", "last", "all"], ...] = ("none", "last", "all")
+"""Each serves those before it."""
+NUMBERS = 11  # of a knot: force, torque, area, penetration, stretch, cuts, what it lacks
 
 
 def key_of(
@@ -70,7 +71,7 @@ def keep(key: dict[str, Any], observed: Observed, made: Trajectory) -> bool:
     """Store a trajectory; False when the folder refuses. The longest unused make room."""
     numbers = [
         (*k.force_n, *k.torque_nmm, k.contact_area_mm2, k.penetration_mm,
-         np.nan if k.most_stretch is None else k.most_stretch, k.cuts)
+         np.nan if k.most_stretch is None else k.most_stretch, k.cuts, k.lacking_rel)
         for k in made.knots
     ]  # fmt: skip
     arrays: dict[str, Any] = {
@@ -103,7 +104,7 @@ def _serving(observed: Observed) -> Iterator[Observed]:
     for fields in FIELDS[FIELDS.index(observed.fields) :]:
         for traction in dict.fromkeys((observed.traction, True)):
             for between in dict.fromkeys((observed.between, True)):
-                yield replace(observed, fields=fields, traction=traction, between=between)  # type: ignore[arg-type]
+                yield replace(observed, fields=fields, traction=traction, between=between)
 
 
 def _load(key: dict[str, Any], count: int) -> Trajectory | None:
@@ -146,6 +147,7 @@ def _knot(numbers: Field, flags: Sequence[str], fields: dict[str, Any]) -> Solve
         float(numbers[7]),
         None if np.isnan(stretch) else stretch,
         int(numbers[9]),
+        float(numbers[10]),
     )
 
 
