@@ -34,8 +34,9 @@ TIP_FORCE = 1.05  # x (poisson - EVEN_POISSON) x depth/contact radius: too stiff
 EVEN_POISSON = 0.42
 BEND_FORCE = 1.0  # x (depth/thickness)^2, of the force: too soft
 SPREAD_FORCE = 0.02  # x depth/contact radius: what the two do not tell
-# First + second x (contact radius/thickness)^2, x depth^2 sqrt(pi/face).
+# x depth^2 sqrt(pi/face): first + second x (contact radius/thickness)^2.
 BEND_IN_PLANE = (0.13, 0.4)
+LEAST_IN_PLANE = 0.002  # x depth: what the reference, a disc for the block, tells apart
 SIDE_FORCE = 2.6  # x contact radius/thickness x sum over sides of exp(-SIDE_DECAY distance/thick.)
 SIDE_DECAY = 3.0
 SIDE_IN_PLANE = 0.24  # x the same with its own decay x depth
@@ -212,6 +213,7 @@ def model_error(
     force = max(tip, bend + max(-tip, 0.0)) + SPREAD_FORCE * steep
     in_plane = BEND_IN_PLANE[0] + BEND_IN_PLANE[1] * (radius / t) ** 2
     in_plane *= depth**2 * math.sqrt(math.pi / (skin.width_mm * skin.length_mm))
+    in_plane += LEAST_IN_PLANE * depth
     if level == "layer":
         away = []
         for (low, high), half in zip((reach.x_mm, reach.y_mm), skin.opening_half_mm, strict=True):
