@@ -14,7 +14,7 @@ from ..errors import DeltactFabError, InputError, TimeLimit
 from ..shapes import Indenter, SkinDimensions
 from . import limit
 from .choose import LEAST_TOLERANCE, MOST_TOLERANCE, TOLERANCE, Choice, pick
-from .footprint import contact_radius_mm
+from .footprint import contact_radius_mm, edge_radius_mm
 from .level import Level, Point, Reach, contact_of
 from .material import GelMaterial
 from .refine import Answer, Ladder, Progress
@@ -80,7 +80,7 @@ def press(
     radius_mm = contact_radius_mm(indenter, depth_mm) if depth_mm > 0 else math.inf
     ladder = Ladder(
         lambda choice: contact_of(skin, material, indenter, choice),
-        corners, radius_mm, tolerance, progress,
+        corners, radius_mm, min(edge_radius_mm(t) for t in indenter.tips), tolerance, progress,
     )  # fmt: skip
     picked: Choice | None = None
     found: Answer | None = None

@@ -51,12 +51,14 @@ def chosen(friction: float, spacing_mm: float = 1.6) -> Choice:
     )  # fmt: skip
 
 
-def ladder(monkeypatch: pytest.MonkeyPatch, force: Any, dofs: int = 1000) -> Ladder:
+def ladder(
+    monkeypatch: pytest.MonkeyPatch, force: Any, dofs: int = 1000, edge_mm: float = 5.0
+) -> Ladder:
     """Of a gel that is solved by formula, at the level of finite strain."""
     monkeypatch.setattr(Gel, "level", "hyperelastic")
     made = Ladder(
         lambda choice: Gel(choice, force, dofs),  # type: ignore[arg-type, return-value]
-        [(0.0, 0.0, DEPTH_MM)], RADIUS_MM, TOLERANCE,
+        [(0.0, 0.0, DEPTH_MM)], RADIUS_MM, edge_mm, TOLERANCE,
     )  # fmt: skip
     monkeypatch.setattr(refine, "_lacking_rel", lambda contact, state: 0.0)
     return made
@@ -76,6 +78,14 @@ def test_a_mesh_that_was_asked_for_is_the_one(monkeypatch: pytest.MonkeyPatch) -
     for spacing in (0.8, 2.4):
         found = ladder(monkeypatch, lambda h, step: 10.0).climb(chosen(0.0, spacing), free=False)
         assert found.run.cell_mm == pytest.approx(spacing)
+
+
+def test_a_mesh_that_rounds_an_edge_off_is_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
+    sharp = ladder(monkeypatch, lambda h, step: 10.0, edge_mm=0.3)
+    found = sharp.climb(chosen(0.0), free=False)
+    assert found.estimate["force_rel"] == pytest.approx(refine.BLUNTED * 1.6 / RADIUS_MM)
+    finer = sharp.climb(chosen(0.0, 0.55), free=False)
+    assert finer.estimate["force_rel"] == pytest.approx(EDGE * (0.55 / RADIUS_MM) ** 2)
 
 
 def test_an_error_of_second_order_is_what_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
