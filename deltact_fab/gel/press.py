@@ -14,7 +14,7 @@ from ..errors import DeltactFabError, InputError, TimeLimit
 from ..shapes import Indenter, SkinDimensions
 from . import limit
 from .choose import LEAST_TOLERANCE, MOST_TOLERANCE, TOLERANCE
-from .footprint import contact_radius_mm
+from .footprint import contact_radius_mm, edge_radius_mm
 from .level import Choice, Level, Point
 from .material import GelMaterial
 from .path.knots import Observed, Pose, along
@@ -95,7 +95,8 @@ def press(
         return open_path(skin, material, indenter, poses, OBSERVED, choice, like, True)
 
     radius_mm = contact_radius_mm(indenter, depth_mm) if depth_mm > 0 else math.inf
-    ladder = Ladder(solver, radius_mm, tolerance, progress)
+    edge_mm = min(edge_radius_mm(tip) for tip in indenter.tips)
+    ladder = Ladder(solver, radius_mm, edge_mm, tolerance, progress)
     picked: Choice | None = None
     found: Answer | None = None
     try:

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ..errors import SolverError, TimeLimit
 from .choose import HIDDEN, IN_PLANE_MM, MOST_DOFS, TOLERANCE
+from .finite.blunt import BLUNT
 from .level import Choice
 from .path.knots import Solved
 from .path.solver import PathSolver
@@ -33,6 +34,7 @@ Progress = Callable[[int, int, str], None]
 COARSER, FEWER = 1.5, 2.0
 APART = 1.4  # least ratio of the cells of two meshes that are compared
 EDGE = 0.2  # x (cell / contact radius)^2, of the force: what the contact's edge costs at least
+BLUNTED = 0.2  # x cell / contact radius, of the force: what a mesh costs that rounds an edge off
 ALONE = 3.0  # times that, and all of the in-plane field, where there is one mesh to go by
 STEP_FORCE = 1 / (FEWER - 1)  # steps are of first order
 MESH_IN_PLANE, STEP_IN_PLANE = 2.4, 1.75  # x change of displacement: errors of places add up
@@ -103,18 +105,19 @@ class Ladder:
     """One way to go, on any mesh.
 
     opener: solves it on a choice, given the solver on a coarser mesh to start from, if any.
-    radius_mm: of the contact at its deepest.
+    radius_mm: of the contact at its deepest. edge_mm: the smallest of the indenter's edges.
     """
 
     def __init__(
         self,
         opener: Opener,
         radius_mm: float,
+        edge_mm: float,
         tolerance: float,
         progress: Progress | None = None,
     ) -> None:
         self._tell = progress or (lambda done, total, what: None)
-        self._open, self._radius_mm = opener, float(radius_mm)
+        self._open, self._radius_mm, self._edge_mm = opener, float(radius_mm), float(edge_mm)
         self.tolerance = tolerance
         self.in_plane_mm = IN_PLANE_MM * tolerance / TOLERANCE
         self._runs: list[Run] = []
@@ -202,8 +205,7 @@ class Ladder:
 
     def _mesh_part(self) -> Errors:
         fine = self._runs[-1]
-        # The ramp of the contact pushes before it is touched: a light press is too stiff by it.
-        edge = EDGE * (fine.cell_mm / self._radius_mm) ** 2 + max(0.0, -fine.last.lacking_rel)
+        edge = self._edge_part(fine)
         before = [r for r in self._runs if r.cell_mm >= APART * fine.cell_mm]
         if not before:
             return Errors(ALONE * edge, _rms_mm(_field_mm(fine)))
@@ -214,6 +216,15 @@ class Ladder:
         left = 1 / ((coarse.cell_mm / fine.cell_mm) ** 2 - 1)  # cells are of second order
         off = left * force - fine.last.lacking_rel * np.array(fine.last.force_n)
         return Errors(max(edge, _size(off, fine)), MESH_IN_PLANE * left * in_plane)
+
+    def _edge_part(self, run: Run) -> float:
+        """Of the force, what cells of this size cost under such a contact at least."""
+        cells = run.cell_mm / self._radius_mm
+        known = EDGE * cells**2
+        if run.choice.level == "hyperelastic" and BLUNT * run.cell_mm > self._edge_mm:
+            known = max(known, BLUNTED * cells)
+        # The ramp of the contact pushes before it is touched: a light press is too stiff by it.
+        return known + max(0.0, -run.last.lacking_rel)
 
     def _steps_part(self, run: Run) -> Errors:
         """What its steps put a run off by: friction's part of the force comes late in each."""

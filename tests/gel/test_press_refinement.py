@@ -60,7 +60,7 @@ def chosen(friction: float, spacing_mm: float = 1.6) -> Choice:
     )  # fmt: skip
 
 
-def ladder(force: Any, dofs: int = 1000) -> Ladder:
+def ladder(force: Any, dofs: int = 1000, edge_mm: float = 5.0) -> Ladder:
     """Of a gel that is solved by formula, at the level of finite strain."""
     down = Pose((0.0, 0.0, -DEPTH_MM), 0.0, 1.0)
 
@@ -68,7 +68,7 @@ def ladder(force: Any, dofs: int = 1000) -> Ladder:
         gel: Any = Gel(choice, force, dofs)
         return PathSolver(lambda: gel, [down], observed=OBSERVED, like=like, keeps_states=True)
 
-    return Ladder(opener, RADIUS_MM, TOLERANCE)
+    return Ladder(opener, RADIUS_MM, edge_mm, TOLERANCE)
 
 
 def test_the_first_mesh_that_keeps_to_the_tolerance_answers() -> None:
@@ -83,6 +83,14 @@ def test_a_mesh_that_was_asked_for_is_the_one() -> None:
     for spacing in (0.8, 2.4):
         found = ladder(lambda h, step: 10.0).climb(chosen(0.0, spacing), free=False)
         assert found.run.cell_mm == pytest.approx(spacing)
+
+
+def test_a_mesh_that_rounds_an_edge_off_is_not_believed() -> None:
+    sharp = ladder(lambda h, step: 10.0, edge_mm=0.3)
+    found = sharp.climb(chosen(0.0), free=False)
+    assert found.estimate["force_rel"] == pytest.approx(refine.BLUNTED * 1.6 / RADIUS_MM)
+    finer = sharp.climb(chosen(0.0, 0.55), free=False)
+    assert finer.estimate["force_rel"] == pytest.approx(EDGE * (0.55 / RADIUS_MM) ** 2)
 
 
 def test_an_error_of_second_order_is_what_is_told() -> None:
