@@ -108,9 +108,10 @@ class Protocol(_Strict):
     indenters: tuple[str, ...] = Field(min_length=1)
     positions_mm: tuple[tuple[Finite, Finite], ...] = Field(min_length=1)
     depths_mm: tuple[Positive, ...] = Field(min_length=1)
-    channels: frozenset[Literal["image", "dots", "force", "shear"]]
+    channels: frozenset[Literal["image", "dots", "force", "shear", "traction"]]
     """What the analysis will ask for; what is not named here is not built and not solved. None at
-    all leaves the poses of the stage."""
+    all leaves the poses of the stage. traction: what presses and shears the face, of every frame,
+    which only a virtual rig knows."""
     shear: Shear | None = None
     capture: Capture
     motion: Motion = Motion()
@@ -131,6 +132,8 @@ class Protocol(_Strict):
     def _channels_and_depths(self) -> Self:
         if "dots" in self.channels and "image" not in self.channels:
             raise ValueError("channels: 'dots' needs 'image'")
+        if "traction" in self.channels and "image" not in self.channels:
+            raise ValueError("channels: 'traction' needs 'image': it is kept for the frames")
         if self.shear and "shear" not in self.channels:
             raise ValueError("channels: a protocol with [shear] needs 'shear'")
         if list(self.depths_mm) != sorted(set(self.depths_mm)):

@@ -17,6 +17,8 @@ from ..errors import RunFailed
 from ..optics import CameraModel, LatticeSampler, SurfaceLattice
 from .files import lattice_file, truth_file
 
+KEPT = ("displacement_mm", "traction_mpa", "x_mm", "y_mm")
+
 
 @dataclass(frozen=True)
 class Truth:
@@ -35,6 +37,30 @@ class Truth:
 
         Raises RunFailed for a frame of a press that was cut off: truth is stored press by press.
         """
+        return self._at(frame_id, "displacement_mm")
+
+    def traction_mpa(self, frame_id: str) -> NDArray[np.float64]:
+        """What presses and shears the face, (ny, nx, 3) MPa per resting area, on `face_mm`.
+
+        z is minus the pressure. A node holds the mean around it, weighted with its hat (1 at the
+        node, 0 at its neighbours), so that trapezoids over the face give the force on the sensor.
+        Raises RunFailed as `displacement_mm` does, and where the protocol did not ask for it.
+        """
+        return self._at(frame_id, "traction_mpa")
+
+    def face_mm(self, frame_id: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Nodes (nx,) and (ny,) along x and y of the whole face, where tractions are given."""
+        held = self._held(self._place(frame_id)[0], "traction_mpa")
+        return held["x_mm"], held["y_mm"]
+
+    def _at(self, frame_id: str, name: str) -> NDArray[np.float64]:
+        press, a, b, fraction = self._place(frame_id)
+        knots = self._held(press, name)[name]
+        first = knots[a].astype(float)
+        return np.asarray(first + fraction * (knots[b].astype(float) - first))
+
+    def _place(self, frame_id: str) -> tuple[str, int, int, float]:
+        """The press of a frame, the knots before and after it, and how far it is between them."""
         if frame_id not in self.frames:
             raise RunFailed(
                 f"{self.folder}: no truth of frame {frame_id}: its press was cut off; finish the "
@@ -42,9 +68,7 @@ class Truth:
             )
         key, fraction = self.frames[frame_id]
         press, a, b = key.rsplit(":", 2)
-        knots = self._knots(press)
-        first = knots[int(a)].astype(float)
-        return first + fraction * (knots[int(b)].astype(float) - first)
+        return press, int(a), int(b), fraction
 
     def flow_px(self, frame_id: str) -> NDArray[np.float64]:
         """Projected displacement of every rest pixel, (h, w, 2) px."""
@@ -74,14 +98,19 @@ class Truth:
         sampler: LatticeSampler = self.__dict__["grid"]
         return sampler
 
-    def _knots(self, press: str) -> NDArray[np.float32]:
-        held = self.__dict__.setdefault("held", {})
+    def _held(self, press: str, name: str) -> dict[str, NDArray[Any]]:
+        """The arrays of a press, `name` among them."""
+        held: dict[str, dict[str, NDArray[Any]]] = self.__dict__.setdefault("held", {})
+        path = truth_file(self.folder, press)
         if press not in held:
             held.clear()  # one press at a time: knots of a press fill some ten megabytes
-            with _reading(truth_file(self.folder, press)) as data:
-                held[press] = data["displacement_mm"]
-        knots: NDArray[np.float32] = held[press]
-        return knots
+            with _reading(path) as data:
+                held[press] = {key: data[key] for key in data if key in KEPT}
+        if name not in held[press]:
+            raise RunFailed(
+                f"{path}: no {name}: the protocol's channels did not ask for 'traction'"
+            )
+        return held[press]
 
 
 def load(folder: Path, camera: CameraModel, presses: Iterable[str]) -> Truth:

@@ -70,6 +70,11 @@ class VirtualCamera:
             lattice_file(self._folder), (json.dumps(self._lattice.as_dict()) + "\n").encode()
         )
         knots = [k.displacement_mm for k in self._scene.knots if k.displacement_mm is not None]
+        tractions = [k.traction_mpa for k in self._scene.knots if k.traction_mpa is not None]
+        asked: dict[str, Any] = {}
+        if tractions:
+            x_mm, y_mm = self._scene.axes_mm
+            asked = {"traction_mpa": np.stack(tractions), "x_mm": x_mm, "y_mm": y_mm}
         packed = io.BytesIO()
         np.savez(
             packed,
@@ -77,6 +82,7 @@ class VirtualCamera:
             frame_id=np.asarray(frame_ids, dtype=np.str_),
             knots=np.asarray([(a, b) for a, b, _ in self._seen], dtype=np.int64).reshape(-1, 2),
             fraction=np.asarray([f for _, _, f in self._seen], dtype=float),
+            **asked,
         )
         write_whole(path, packed.getvalue())
         self._stream = None

@@ -45,6 +45,7 @@ class Presses:
         self.shears = "shear" in protocol.channels
         self.fields = "image" in protocol.channels
         self.observed = not protocol.channels.isdisjoint(("image", "force"))
+        self.tractions = "traction" in protocol.channels
         self.timed = bool(specimen.prony)
         self.material = GelMaterial(1.0, specimen.poisson, specimen.friction, specimen.prony)
         self.paths = paths(protocol)
@@ -60,7 +61,10 @@ class Presses:
             )
         )
         self._shown = Observed(
-            "all" if self.fields else "none", between=True, lattice_mm=lattice_mm
+            "all" if self.fields else "none",
+            traction=self.tractions,
+            between=True,
+            lattice_mm=lattice_mm,
         )
         self._wishes: dict[str, Any] = {
             "tolerance": finite.tolerance,

@@ -196,6 +196,8 @@ class VirtualRig:
             lines.append(f"finite-strain gel: the level {presses.level!r} is asked for")
         elif not presses.fields:
             lines.append("the gel's surface field: no channel asks for images")
+        if not presses.tractions:
+            lines.append("the face's tractions: the channel 'traction' is not asked for")
         if not presses.timed:
             lines.append("viscosity: the specimen has no Prony series")
         return lines

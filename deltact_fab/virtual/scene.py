@@ -34,6 +34,8 @@ class Knot:
     displacement_mm: NDArray[np.float32] | None  # (ny, nx, 3) on the lattice; None unless drawn
     force_n: Point
     torque_nmm: Point
+    traction_mpa: NDArray[np.float32] | None = None
+    """(ny, nx, 3) on the whole lattice of the face, where it is asked for."""
 
     @property
     def wrench(self) -> tuple[float, ...]:
@@ -164,13 +166,20 @@ class GelScene:
         self.observe()
         x, y, _ = self._frame.to_sensor_mm(self._controller.position_mm())
         press = self._press = self._presses(self._indenter, (x, y))
-        rest = None
+        rest = still = None
         if self._crop is not None:
-            x_mm, y_mm = press.solver.axes_mm
-            rest = np.zeros_like(self._crop(np.zeros((len(y_mm), len(x_mm), 3))))
-        self._rest = Knot(0, 0, rest, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+            nothing = np.zeros((len(self.axes_mm[1]), len(self.axes_mm[0]), 3), np.float32)
+            rest = np.zeros_like(self._crop(nothing))
+            still = nothing if press.solver.observed.traction else None
+        self._rest = Knot(0, 0, rest, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), still)
         self._settle(self._rest, 0)
         self.knots = [self._rest]
+
+    @property
+    def axes_mm(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The nodes along x and y of the face's whole lattice; a press has begun."""
+        assert self._press is not None, "begin() comes first"
+        return self._press.solver.axes_mm
 
     def observe(self) -> Observation:
         """The surface now. Raises SolverError or InputError when the gel cannot be solved."""
@@ -331,6 +340,10 @@ class GelScene:
             field = self._crop(solved.displacement_mm)
         e = self._modulus_mpa
         (fx, fy, fz), (tx, ty, tz) = solved.force_n, solved.torque_nmm
-        knot = Knot(len(self.knots), key, field, (e * fx, e * fy, e * fz), (e * tx, e * ty, e * tz))
+        traction = solved.traction_mpa
+        knot = Knot(
+            len(self.knots), key, field, (e * fx, e * fy, e * fz), (e * tx, e * ty, e * tz),
+            None if traction is None else np.float32(e) * traction,
+        )  # fmt: skip
         self.knots.append(knot)
         return knot

@@ -236,7 +236,10 @@ class PathSolver:
         found = store.load(self._key, self.observed, len(self.poses))
         if found is None:
             return None
-        self._knots = [self._mirror.solved(knot) for knot in found.knots]
+        more: dict[str, Any] = {} if self.observed.traction else {"traction_mpa": None}
+        if self.observed.fields == "none":
+            more["displacement_mm"] = None
+        self._knots = [self._mirror.solved(replace(knot, **more)) for knot in found.knots]
         self.between = found.between
         return replace(found, knots=())
 

@@ -1,0 +1,99 @@
+"""The channel `traction`: what presses and shears the face at every frame adds up to its force."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from deltact_fab import experiment, record
+from deltact_fab.errors import InputError, RunFailed
+from deltact_fab.gel.lattice import over_face
+from deltact_fab.protocols import plan
+
+PROTOCOL = """
+name = "tractions"
+indenters = ["sphere:12"]
+positions_mm = [[2.0, -1.0]]
+depths_mm = [1.0]
+channels = {channels}
+[shear]
+amplitude_mm = 0.8
+axes = ["y"]
+[capture]
+mode = "step"
+settle_s = 0.2
+[specimen]
+gel_model = "{level}"
+"""
+ALL = '["image", "force", "shear", "traction"]'
+
+
+def rig(folder: Path) -> str:
+    """The shipped bench, coarse and without noise."""
+    path = folder / "quiet.toml"
+    path.write_text(
+        """
+kind = "virtual"
+[stage]
+origin_machine_mm = [-60.0, -60.0, -40.0]
+travel_mm = [120.0, 120.0, 60.0]
+max_feed_mm_min = [1500.0, 1500.0, 1200.0]
+acceleration_mm_s2 = [50.0, 50.0, 50.0]
+[virtual.force]
+noise_n = 0.0
+[virtual.gel]
+spacing_mm = 0.5
+press_increment_mm = 0.5
+shear_increment_mm = 0.4
+[virtual.gel.hyperelastic]
+cell_mm = 2.0
+"""
+    )
+    return str(path)
+
+
+def run(folder: Path, level: str, channels: str = ALL) -> record.Run:
+    protocol = folder / "p.toml"
+    protocol.write_text(PROTOCOL.format(level=level, channels=channels))
+    experiment.run(str(protocol), rig(folder), folder / "run", seed=1)
+    return record.open(folder / "run")
+
+
+@pytest.mark.parametrize("level", ["layer", "hyperelastic"])
+def test_tractions_of_a_frame_add_up_to_its_force(level: str, tmp_path: Path) -> None:
+    found = run(tmp_path, level)
+    truth, frames = found.truth(), found.frames()
+    assert truth is not None
+    pressed = frames[frames["z_mm"] < -0.1]
+    assert len(pressed) >= 3
+    for row in pressed.itertuples():
+        x_mm, y_mm = truth.face_mm(row.frame_id)
+        assert (x_mm[0], x_mm[-1], y_mm[-1]) == pytest.approx((-18, 18, 17), abs=0.51)
+        traction = truth.traction_mpa(row.frame_id)
+        force = over_face(x_mm, y_mm, traction)
+        measured = np.array([row.fx_n, row.fy_n, row.fz_n])
+        assert np.linalg.norm(force - measured) < 1e-3 * np.linalg.norm(measured)
+        assert (traction[..., 2] <= 1e-6).all()  # it is pressed, nowhere pulled
+    dragged = truth.traction_mpa(pressed["frame_id"].iloc[-1])
+    assert np.abs(dragged[..., 1]).max() > 5 * np.abs(truth.traction_mpa(
+        frames["frame_id"].iloc[0]
+    )).max()  # fmt: skip
+
+
+def test_what_was_not_asked_for_is_neither_kept_nor_found(tmp_path: Path) -> None:
+    found = run(tmp_path, "layer", '["image", "force", "shear"]')
+    truth = found.truth()
+    assert truth is not None
+    frame_id = found.frames()["frame_id"].iloc[-1]
+    truth.displacement_mm(frame_id)
+    with pytest.raises(RunFailed, match=r"no traction_mpa: .*did not ask for 'traction'"):
+        truth.traction_mpa(frame_id)
+
+
+def test_it_needs_frames(tmp_path: Path) -> None:
+    path = tmp_path / "p.toml"
+    path.write_text(PROTOCOL.format(level="layer", channels='["force", "shear", "traction"]'))
+    with pytest.raises(InputError, match="'traction' needs 'image'"):
+        plan.load(str(path))
