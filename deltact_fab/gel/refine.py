@@ -178,12 +178,12 @@ class Ladder:
             if choice.friction == 0 or self._steps_seen:
                 return choice
             self._by_step = self._steps_part(self._runs[-1])
-            goals = AIM * STEP_SHARE * self.tolerance, AIM * STEP_SHARE * self.in_plane_mm
+            goals = STEP_SHARE * self.tolerance, STEP_SHARE * self.in_plane_mm
             over = max(e / g for e, g in zip(self._by_step, goals, strict=True))
             if not free or over <= 1 or choice.step_mm <= least:
                 self._steps_seen = True
                 return choice
-            choice = choice.times(1.0, max(1 / over, 0.5))
+            choice = choice.times(1.0, min(max(1 / over, 0.5), 0.75))
             self._runs.pop()
 
     def _done(self) -> bool:

@@ -117,6 +117,7 @@ def test_steps_that_cost_too_much_are_made_smaller_on_the_coarsest_mesh() -> Non
     step = found.run.choice.step_mm
     assert step < chosen(0.5).step_mm
     assert {s for h, s in solved if h < max(h for h, _ in solved)} == {step}
+    assert len(solved) < 12  # each try is a good deal smaller than the one before
     assert found.estimate["force_rel"] >= 0.06 * step
     assert found.estimate["force_rel"] <= TOLERANCE
 
