@@ -55,13 +55,13 @@ def test_only_a_mesh_that_is_no_mirror_makes_a_side_force(monkeypatch: pytest.Mo
     # Refused on the way: what was found before decides whether that is all there is to say.
     solve, deep = FinitePress.solve, 0.0
 
-    def to_1_mm(press: FinitePress, previous: Any, tip: Any, seconds: Any = None) -> Any:
+    def to_1_mm(press: FinitePress, previous: Any, tip: Any, *more: Any) -> Any:
         if tip[2] > 1.01:
             if not deep:
                 raise SolverError("press: too deep for a test")
-            state = solve(press, previous, tip, seconds)
+            state = solve(press, previous, tip, *more)
             return with_diagnostics(state, replace(state.diagnostics, penetration_mm=deep))
-        state = solve(press, previous, tip, seconds)
+        state = solve(press, previous, tip, *more)
         return with_diagnostics(state, replace(state.diagnostics, penetration_mm=0.01))
 
     monkeypatch.setattr(FinitePress, "solve", to_1_mm)

@@ -136,11 +136,11 @@ def test_an_increment_that_is_cut_shares_its_time(monkeypatch):
     right = last(press, 0.4, tip, 0.5)
     whole, calls = press._increment, []
 
-    def once(previous, to, memory):
+    def once(previous, to, memory, change):
         calls.append(to)
         if len(calls) == 1:
             raise SolverError("not this time")
-        return whole(previous, to, memory)
+        return whole(previous, to, memory, change)
 
     monkeypatch.setattr(press, "_increment", once)
     cut = press.solve(press.rest(), tip, 0.4)
