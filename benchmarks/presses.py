@@ -16,7 +16,7 @@ from deltact_fab.numerics.engines.gel_reference import rms_mm
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 
-SEED = 23  # seeds 20 to 22 set the factors of `gel.refine` and the rules of `gel.choose`
+SEED = 23  # sets no rule of the gel; docs/decisions/0009 tells which seeds did
 
 
 def random_press(i: int) -> tuple[str, tuple[float, float], float]:

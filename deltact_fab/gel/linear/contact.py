@@ -27,7 +27,7 @@ import numpy as np
 
 from ...errors import InputError, SolverError
 from ...shapes import Indenter
-from .complementarity import friction_contact, normal_contact, normal_violation
+from .complementarity import Compliance, friction_contact, normal_contact, normal_violation
 from .face import FaceOperator, Field, PatchOperator
 from .limits import Point, least_det, refuse_bad_contact, refuse_out_of_range
 from .mixing import Mixer
@@ -174,7 +174,7 @@ class LayerContact:
         target, held = before + travel[:, None, None], before - dragged_before
         # What pressure and friction tell each other: drag in plane (2) and lift by shear (1).
         trial = np.concatenate([dragged_before, op.normal_of_shear(q)[None]])
-        mixer = Mixer()
+        mixer, compliance = Mixer(), Compliance(op)
         inner = 1e-3 * depth
         for i in range(1, self.max_alternations + 1):
             gap = patch.height_mm(trial[:2]) - depth + trial[2]
@@ -183,10 +183,12 @@ class LayerContact:
             )
             self._applications += used
             spread, bound = op.shear_of_pressure(p), self.friction * p
-            q, slip, worst = self._rub(op, q, spread - target, bound, inner)
+            q, slip, worst = self._rub(op, q, spread - target, bound, inner, compliance)
             found = np.zeros_like(trial)
             if dragged:
-                alone, slip_alone, worst_alone = self._rub(op, alone, spread - held, bound, inner)
+                alone, slip_alone, worst_alone = self._rub(
+                    op, alone, spread - held, bound, inner, compliance
+                )
                 worst = max(worst, worst_alone)
                 found[:2] = (target + slip) - (held + slip_alone)
             found[2] = op.normal_of_shear(q)
@@ -208,11 +210,17 @@ class LayerContact:
         )
 
     def _rub(
-        self, op: PatchOperator, shear: Field, free_slip: Field, bound: Field, goal_mm: float
+        self,
+        op: PatchOperator,
+        shear: Field,
+        free_slip: Field,
+        bound: Field,
+        goal_mm: float,
+        compliance: Compliance,
     ) -> tuple[Field, Field, float]:
         """Shear and slip (2, my, mx) and the worst violation (mm), counted."""
         q, slip, worst, used = friction_contact(
-            op, shear, free_slip, bound, goal_mm, self.max_iterations
+            op, shear, free_slip, bound, goal_mm, compliance, self.max_iterations
         )
         self.tangential_solves += 1
         self._applications += used
