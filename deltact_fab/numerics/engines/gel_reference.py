@@ -32,7 +32,7 @@ QUICK_FINE = (1.5, 1.0, 1.0, None)
 # What `reference` says of itself, measured; a slow test holds it to that.
 OWN_ERROR: dict[tuple[float, float, bool], tuple[float, float]] = {
     # (depth, friction, quick): % of the force, mm rms in plane
-    (2.0, 0.0, True): (0.20, 0.0040),
+    (2.0, 0.0, True): (0.24, 0.0042),
     (2.0, 0.0, False): (0.17, 0.0015),
     (5.0, 0.0, False): (0.08, 0.005),
     (5.0, 0.5, False): (0.9, 0.018),
