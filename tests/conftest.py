@@ -39,7 +39,9 @@ max_force_n = [60.0, 60.0, 60.0]
 range_n = [25.0, 25.0, 35.0]
 range_nmm = [250.0, 250.0, 250.0]
 [virtual.gel]
-spacing_mm = 0.25
+spacing_mm = 0.4
+press_increment_mm = 0.2
+shear_increment_mm = 0.5
 """
 
 

@@ -3,9 +3,10 @@
 Each depth gets the first answer that holds:
 
 1. `layer`, `hyperelastic`: the one solver of presses (`gel.path`), times one and TOLERANCE, or
-   what the level itself leaves out by its own estimate where that is more. The layer as far as it
-   goes, 25 % of the gel; then finite strain on few cells, on more where the tip hides between them
-   or is lost. Coarse cells are stiff, so they err to the safe side as well.
+   what the level itself leaves out by its own estimate where that is more, and more in proportion
+   on larger cells than the tolerance asks for. The layer as far as it goes, 25 % of the gel; then
+   finite strain on few cells, on more where the tip hides between them or is lost. Coarse cells
+   are stiff, so they err to the safe side as well.
    Where the indenter cuts into the mesh by over a tenth of the depth, the state counts as one of
    that much less depth: the force is then reached earlier. Beyond INSIDE, or with the force
    falling, the mesh has lost the tip and the state is not used.
@@ -40,6 +41,7 @@ ATTEMPTS: tuple[tuple[Literal["layer", "hyperelastic"], int | None], ...] = (
 )
 """Levels and most unknowns of a mesh, until one gets far enough."""
 ENOUGH = 0.75  # of the deepest depth: what is missing is then extrapolated by a factor of about 2
+MOST_LARGER = 2.0  # cells than the tolerance asks for, that its share of the force grows with
 INSIDE = 0.3  # of the depth; a state with more penetration is not used
 NOTICED = 0.1  # of the depth; from here on penetration is taken off the depth
 FALL = 0.1  # of the largest force so far; a larger fall means that the mesh has lost the tip
@@ -165,7 +167,8 @@ def _attempt(
         ended = str(why)
     for pose, knot in zip(poses, solver.knots, strict=False):
         lost = _add(points, -pose.tip_mm[2], -knot.force_n[2], knot.penetration_mm)
-    margin = 1 + max(TOLERANCE, choice.model_force_rel)
+    larger = choice.spacing_mm / choice.asked_mm if choice.asked_mm else 1.0
+    margin = 1 + max(TOLERANCE, choice.model_force_rel) * min(max(larger, 1.0), MOST_LARGER)
     return tuple((d, f * margin) for d, f in points), lost or ended
 
 

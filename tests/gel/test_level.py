@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from deltact_fab.errors import InputError
+from deltact_fab.errors import InputError, SolverError
 from deltact_fab.gel.choose import pick
 from deltact_fab.gel.lattice import hermite, means, over_face
 from deltact_fab.gel.level import GelContact, Level, Reach, State
+from deltact_fab.gel.linear.gel import LinearGel
+from deltact_fab.gel.linear.state import ContactState
 from deltact_fab.gel.material import GelMaterial
 from deltact_fab.gel.open import contact_of, open_contact
 from deltact_fab.shapes import SkinDimensions
@@ -246,3 +248,27 @@ def test_a_long_increment_from_above_is_parted_from_first_touch_on() -> None:
     touch = contact.solve(contact.rest(), tip)
     above = contact.solve(contact.rest((0.0, 0.0, -8.0)), tip)
     assert above.force_n == pytest.approx(touch.force_n, rel=1e-6, abs=1e-9)
+
+
+def test_an_increment_on_which_pressure_and_friction_do_not_agree_is_halved(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    contact = open_contact(
+        SKIN, GEL, parse("sphere:15"), level="layer", reach=Reach((0.0, 1.0), (0.0, 0.0), 1.0),
+        spacing_mm=0.5,
+    )  # fmt: skip
+    assert isinstance(contact, LinearGel)
+    pressed = contact.solve(contact.rest(), (0.0, 0.0, 1.0))
+    halves = contact.solve(contact.solve(pressed, (0.5, 0.0, 1.0)), (1.0, 0.0, 1.0))
+    inner, solve = contact.contact, contact.contact.solve
+
+    def short(before: ContactState, tip_mm: tuple[float, float, float]) -> ContactState:
+        if tip_mm[0] - before.tip_mm[0] > 0.6:
+            raise SolverError("pressure and friction do not agree")
+        return solve(before, tip_mm)
+
+    monkeypatch.setattr(inner, "solve", short)
+    assert contact.solve(pressed, (1.0, 0.0, 1.0)).force_n == halves.force_n
+    monkeypatch.setattr(inner, "solve", lambda *_: short(pressed.inner, (9.0, 0.0, 1.0)))
+    with pytest.raises(SolverError, match="do not agree"):
+        contact.solve(pressed, (1.0, 0.0, 1.0))

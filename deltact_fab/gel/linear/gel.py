@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import SolverError
 from ...shapes import Indenter, SkinDimensions
 from ..lattice import hermite, means
 from ..level import Choice, Diagnostics, Level, Point
@@ -18,6 +19,8 @@ from .face import FaceOperator
 from .state import ContactState
 
 Field = NDArray[np.float64]
+
+MOST_CUTS = 2  # halvings of an increment
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +103,20 @@ class LinearGel:
     def solve(
         self, previous: LinearState, tip_mm: Point, seconds: float = 0.0, guide: None = None
     ) -> LinearState:
-        """One increment; `seconds` makes no difference at a linear level."""
-        return self._state(self.contact.solve(previous.inner, tip_mm))
+        """One increment, halved where pressure and friction do not agree.
+
+        `seconds` makes no difference at a linear level.
+        """
+        return self._state(self._cut(previous.inner, tip_mm, MOST_CUTS))
+
+    def _cut(self, inner: ContactState, tip_mm: Point, left: int) -> ContactState:
+        try:
+            return self.contact.solve(inner, tip_mm)
+        except SolverError:
+            if left == 0 or self.choice.friction == 0 or not inner.contact_nodes:
+                raise
+        x, y, z = ((a + b) / 2 for a, b in zip(inner.tip_mm, tip_mm, strict=True))
+        return self._cut(self._cut(inner, (x, y, z), left - 1), tip_mm, left - 1)
 
     def guide(self, states: Sequence[LinearState]) -> None:
         """None: a linear problem needs no start."""
