@@ -86,6 +86,7 @@ def test_a_key_holds_arguments_and_bounds() -> None:
     assert "press_increment_mm=0.5" in rows["held: star to 5 mm"].key["asked"]
 
 
+@pytest.mark.slow
 def test_a_larger_cap_comes_closer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     dragged = held.Held("ellipsoid", 2.0, 1.0, 1.0, 1.0)
     assert dragged.tips(1) == [(0, 0, 1.0), (0, 0, 2.0), (1.0, 0, 2.0)]

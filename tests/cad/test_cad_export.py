@@ -66,6 +66,7 @@ def _export(names, kinds, folder, **options):
     return export_parts(DESIGN, registry.select(names), kinds, 0.01, folder, **options)
 
 
+@pytest.mark.slow
 def test_two_processes_write_the_same_bytes_in_any_order(exported, tmp_path):
     """Workers, reversed, so that the kernel's counters stand elsewhere when a part's turn comes."""
     folder, files, _ = exported

@@ -107,6 +107,7 @@ def test_down_the_energy_is_a_minimum():
     assert press.solver.negative == 0
 
 
+@pytest.mark.slow
 def test_a_sharp_tip_is_met_at_more_points():
     """A face that wraps an edge is stretched: between 2 x 2 points the tip stands deep inside."""
     mesh = block_mesh(SKIN, 2.0, (-5.0, 5.0, -5.0, 5.0))
@@ -179,6 +180,7 @@ def test_a_drag_pulls_the_gel_along_up_to_the_bound():
     assert abs(path[-1].force_n[1]) < 1e-6
 
 
+@pytest.mark.slow
 def test_a_drag_goes_on_where_the_gel_folds():
     """Ahead of the indenter the equilibrium ends; a way down the energy finds the next one."""
     press = pressing("edges", block_mesh(SKIN, 2.5), friction=0.5)

@@ -88,6 +88,7 @@ def test_the_twins_own_refinement(fine_twin):
     assert [s.force_n for s in fine_twin] == pytest.approx(list(TWIN_N), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_twins_friction_is_a_third_codes():
     """felupe with friction 1 adds .4 % of force at 1 mm and 2.3 % at 2 mm; steps count little."""
     body = cylinder(0.7, RADIUS, THICKNESS)

@@ -69,7 +69,13 @@ def off(a: Solved, b: Solved) -> tuple[float, float, float]:
 
 
 @pytest.mark.parametrize(
-    ("level", "number"), [("layer", 1), ("layer", 2), ("layer", 3), ("hyperelastic", 2)]
+    ("level", "number"),
+    [
+        ("layer", 1),
+        ("layer", 2),
+        ("layer", 3),
+        pytest.param("hyperelastic", 2, marks=pytest.mark.slow),
+    ],
 )
 def test_the_image_of_a_solved_press_is_what_a_solve_of_its_own_finds(
     level: str, number: int, monkeypatch: pytest.MonkeyPatch
