@@ -396,7 +396,9 @@ def test_other_conditions_are_refused_by_name(tiny: Bench, tmp_path: Path) -> No
         resume(tiny, out, protocol=other)
     rig = tmp_path / "rig.toml"
     rig.write_text(tiny.rig.read_text().replace("spacing_mm = 0.5", "spacing_mm = 0.4"))
-    with pytest.raises(InputError, match=r"virtual\.gel\.spacing_mm: 0\.5 in the folder, 0\.4 now"):
+    with pytest.raises(
+        InputError, match=r"rig\.virtual\.gel\.spacing_mm: 0\.5 in the folder, 0\.4 now"
+    ):
         experiment.run(str(tiny.protocol), str(rig), out, seed=3, resume=True)
     assert files(out) == before
     # The frozen copy is the protocol, so it may be given instead of the original.
