@@ -69,11 +69,11 @@ def test_a_push_to_plus_x_moves_the_picture_to_plus_x() -> None:
 
 
 def test_the_press_is_seen_larger() -> None:
-    """A point at depth w projects at x eye / (eye - w): pressed in, nearer to the camera."""
+    """Pressed in, nearer to the camera: a depth w of gel is seen as w / n (paraxial Snell)."""
     rest = CAMERA.project_px(np.array([2.0, 0.0, 0.0]))
     pressed = CAMERA.project_px(np.array([2.0, 0.0, -1.2]))
     cx = CAMERA.centre_px[0]
-    assert (pressed[0] - cx) / (rest[0] - cx) == pytest.approx(12.85 / (12.85 - 1.2))
+    assert (pressed[0] - cx) / (rest[0] - cx) == pytest.approx(12.85 / (12.85 - 1.2 / 1.41))
 
 
 def test_noise_repeats_with_its_seed_and_not_with_another() -> None:

@@ -1,12 +1,4 @@
-"""Dense optical flow of the colour pattern, and its total from the first image on.
-
-The paper (Dense Optical Flow and Adaptive Reference) uses Farneback's algorithm on a GPU, gives no
-parameters, and adds an adaptive reference after Du et al. 2021. `FlowMethod` is one flow between
-two images; `FlowTracker` keeps the reference and the bookkeeping.
-
-Results of DIS depend on cv2's number of threads (it splits the image by thread): the caller fixes
-it with cv2.setNumThreads, and records it where bytes must repeat.
-"""
+"""Total flow through a sequence, its reference renewed (paper, after Du et al. 2021)."""
 
 from __future__ import annotations
 
@@ -14,121 +6,18 @@ import time
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, SensorError, did_you_mean
-from .compose import block_ncc, blocks_to_pixels, compose, inside, landing_px, sample_mask
+from ...errors import InputError, SensorError, did_you_mean
+from ..compose import block_ncc, blocks_to_pixels, compose, inside, landing_px, sample_mask
+from .image import to_gray
+from .method import DEFAULT_METHOD, MIN_SIDE_PX, FlowMethod
+from .observation import FlowDiagnostics, FlowObservation
 
 Array = NDArray[Any]
 Reference = Literal["composed", "summed", "static"]
 Renewal = Literal["adaptive", "every-frame"]
-
-MIN_SIDE_PX = 64  # below it the pyramids of every method degenerate
-
-
-@dataclass(frozen=True)
-class FlowPreset:
-    """One named method: what it is, and the library's own options."""
-
-    about: str
-    kind: Literal["farneback", "dis"]
-    options: tuple[tuple[str, float], ...] = ()
-    dis_preset: int = 0
-
-
-# 5 levels and a window of 13 are the defaults of OpenCV's GPU version, which the paper cites; 3
-# iterations (CPU default) instead of its 10 cost a third of the time.
-FLOW_METHODS: dict[str, FlowPreset] = {
-    "farneback": FlowPreset(
-        "Farneback 2003 as in the paper: 5 levels, window 13, 3 iterations",
-        "farneback",
-        (
-            ("pyr_scale", 0.5),
-            ("levels", 5),
-            ("winsize", 13),
-            ("iterations", 3),
-            ("poly_n", 5),
-            ("poly_sigma", 1.1),
-        ),
-    ),
-    "dis-ultrafast": FlowPreset(
-        "Dense Inverse Search (Kroeger 2016), coarsest and quickest preset",
-        "dis",
-        dis_preset=cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST,
-    ),
-    "dis-fast": FlowPreset(
-        "Dense Inverse Search, to half resolution",
-        "dis",
-        dis_preset=cv2.DISOPTICAL_FLOW_PRESET_FAST,
-    ),
-    "dis-medium": FlowPreset(
-        "Dense Inverse Search, finer patches and refinement; the default",
-        "dis",
-        dis_preset=cv2.DISOPTICAL_FLOW_PRESET_MEDIUM,
-    ),
-}
-DEFAULT_METHOD = "dis-medium"
-
-
-class FlowMethod:
-    """One way to find the flow between two grey images.
-
-    name: a key of FLOW_METHODS. Raises InputError for any other.
-    """
-
-    def __init__(self, name: str = DEFAULT_METHOD) -> None:
-        if name not in FLOW_METHODS:
-            raise InputError(
-                f"flow method {name!r}: unknown; {did_you_mean(str(name), FLOW_METHODS)}"
-            )
-        self.name = name
-        self.preset = FLOW_METHODS[name]
-        self._options: dict[str, Any] = dict(self.preset.options)
-        self._dis = (
-            cv2.DISOpticalFlow.create(self.preset.dis_preset) if self.preset.kind == "dis" else None
-        )
-
-    def between(self, ref_gray: Array, cur_gray: Array, initial: Array | None = None) -> Array:
-        """Flow from the reference to the current image at the reference's pixels.
-
-        ref_gray, cur_gray: (h, w) uint8; initial: (h, w, 2) px to start from, or None for a cold
-        start. Returns (h, w, 2) float32 px, never the array given as initial. Raises InputError
-        for shapes or types that do not fit.
-        """
-        for what, image in (("reference", ref_gray), ("current", cur_gray)):
-            if image.ndim != 2 or image.dtype != np.uint8:
-                raise InputError(
-                    f"flow: the {what} image is {image.dtype} {image.shape}; "
-                    "a grey image (h, w) of uint8 is needed"
-                )
-        if ref_gray.shape != cur_gray.shape:
-            raise InputError(
-                f"flow: the images are {ref_gray.shape} and {cur_gray.shape}; one size is needed"
-            )
-        if min(ref_gray.shape) < MIN_SIDE_PX:
-            raise InputError(
-                f"flow: the image is {ref_gray.shape}; sides of {MIN_SIDE_PX} px or more are needed"
-            )
-        start: Any = None
-        if initial is not None:
-            if initial.shape != (*ref_gray.shape, 2):
-                raise InputError(
-                    f"flow: the initial flow is {initial.shape}, not {(*ref_gray.shape, 2)}"
-                )
-            # Both methods write into the array they start from, and need it contiguous.
-            start = np.array(initial, dtype=np.float32, order="C")
-        if self._dis is not None:
-            return self._dis.calc(ref_gray, cur_gray, start)
-        flags = cv2.OPTFLOW_USE_INITIAL_FLOW if start is not None else 0
-        return cv2.calcOpticalFlowFarneback(
-            ref_gray,
-            cur_gray,
-            start,
-            flags=flags,
-            **self._options,
-        )
 
 
 @dataclass(frozen=True)
@@ -170,47 +59,6 @@ class RenewalRule:
                 "block_px >= 8 and a multiple of stride_px: "
                 f"{self.block_px}, {self.stride_px} fails"
             )
-
-
-@dataclass(frozen=True)
-class FlowDiagnostics:
-    """What is known of one frame's flow besides the flow.
-
-    frame: 0 for the first image. reference_frame: the frame it was matched against.
-    n_reference_switches: since the first image. n_flows: flows computed for this frame.
-    bad_share: share of textured blocks with an NCC below ncc_min. trusted: bad_share is within the
-    rule's trust_share. confident_share: share of the visible pixels that are confident.
-    cpu_ms: process time of the update, over all threads.
-    """
-
-    frame: int
-    reference_frame: int
-    n_reference_switches: int
-    n_flows: int
-    bad_share: float
-    ncc_min: float
-    trusted: bool
-    confident_share: float
-    cpu_ms: float
-
-
-@dataclass(frozen=True)
-class FlowObservation:
-    """Total flow of one frame; the arrays are read-only.
-
-    flow_px: (h, w, 2) float32, from the first image, at its pixels (Lagrangian).
-    visible: (h, w) bool, the pixel's path has stayed inside the images it was followed through.
-    confident: (h, w) bool, the pixel's block matched in every flow that its total is made of; what
-    was composed from a bad block stays out, though later flows match.
-    ncc: (h // block, w // block) float32 by block of this frame's *reference* image (NaN where
-    nothing can be said).
-    """
-
-    flow_px: Array
-    visible: Array
-    confident: Array
-    ncc: Array
-    diagnostics: FlowDiagnostics
 
 
 @dataclass(frozen=True)
@@ -408,21 +256,6 @@ class FlowTracker:
                 total = compose(ref.flow_px, match.flow_px)
         # What left the image before the reference was continued from the border, so it stays out.
         return total, ref.visible & inside(landing_px(total), *total.shape[:2]), good
-
-
-def to_gray(image: Array) -> Array:
-    """BGR (h, w, 3) or grey (h, w) uint8 to a contiguous grey (h, w) uint8 that is our own.
-
-    Raises InputError for anything else.
-    """
-    if image.dtype == np.uint8 and image.ndim == 3 and image.shape[2] == 3:
-        return cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-    if image.dtype == np.uint8 and image.ndim == 2:
-        # Kept across frames, while a camera may reuse its buffer.
-        return np.array(image, order="C")
-    raise InputError(
-        f"image is {image.dtype} {image.shape}; (h, w, 3) BGR or (h, w) grey of uint8 is needed"
-    )
 
 
 def _bad_share(ncc: Array, ncc_min: float) -> float:

@@ -1,0 +1,29 @@
+"""Dense optical flow of the colour pattern, and its total from the first image on.
+
+The paper (Dense Optical Flow and Adaptive Reference) uses Farneback's algorithm on a GPU, gives no
+parameters, and adds an adaptive reference after Du et al. 2021. `FlowMethod` is one flow between
+two images; `FlowTracker` keeps the reference and the bookkeeping.
+
+Results of DIS depend on cv2's number of threads (it splits the image by thread): the caller fixes
+it with cv2.setNumThreads, and records it where bytes must repeat.
+"""
+
+from .image import to_gray
+from .method import DEFAULT_METHOD, FLOW_METHODS, MIN_SIDE_PX, FlowMethod, FlowPreset
+from .observation import FlowDiagnostics, FlowObservation
+from .renewed import FlowTracker, Reference, Renewal, RenewalRule
+
+__all__ = [
+    "DEFAULT_METHOD",
+    "FLOW_METHODS",
+    "MIN_SIDE_PX",
+    "FlowDiagnostics",
+    "FlowMethod",
+    "FlowObservation",
+    "FlowPreset",
+    "FlowTracker",
+    "Reference",
+    "Renewal",
+    "RenewalRule",
+    "to_gray",
+]

@@ -1,0 +1,28 @@
+"""Images as the flow takes them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+
+Array = NDArray[Any]
+
+
+def to_gray(image: Array) -> Array:
+    """BGR (h, w, 3) or grey (h, w) uint8 to a contiguous grey (h, w) uint8 that is our own.
+
+    Raises InputError for anything else.
+    """
+    if image.dtype == np.uint8 and image.ndim == 3 and image.shape[2] == 3:
+        return cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    if image.dtype == np.uint8 and image.ndim == 2:
+        # Kept across frames, while a camera may reuse its buffer.
+        return np.array(image, order="C")
+    raise InputError(
+        f"image is {image.dtype} {image.shape}; (h, w, 3) BGR or (h, w) grey of uint8 is needed"
+    )
