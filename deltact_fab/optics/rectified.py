@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
@@ -12,7 +13,8 @@ from numpy.typing import NDArray
 from ..shapes.bounded import check_limits, number
 from ..shapes.sensor import SensorDimensions
 from .camera import Medium
-from .fisheye import Fisheye
+from .fisheye import Fisheye, on_face
+from .table import CrossingTable
 
 Array = NDArray[Any]
 
@@ -47,7 +49,12 @@ class Rectified:
         return ((self.width_px - 1) / 2, (self.height_px - 1) / 2)
 
     def project_px(self, xyz_mm: Array, medium: Medium = "gel") -> Array:
-        """Sensor points (..., 3) in mm to image points (..., 2) in px. Raises as the lens does."""
+        """Sensor points (..., 3) in mm to image points (..., 2) in px, by a table in the gel.
+
+        To 1e-4 px in the gel (`table`) and 1e-9 px in air. Raises as the lens does.
+        """
+        if medium == "gel":
+            return self.rest_px(self._table(xyz_mm))
         return self.rest_px(self.lens.crossing_mm(xyz_mm, medium))
 
     def rest_mm(self, px: Array) -> Array:
@@ -63,7 +70,7 @@ class Rectified:
 
         origin + z direction is the ray's point at z, in the gel or in the air beyond the face.
         """
-        return self.lens.ray(self.lens.rest_px(self.rest_mm(px)), medium)
+        return self.lens.ray_to(on_face(self.rest_mm(px)), medium)
 
     def maps(self) -> tuple[Array, Array]:
         """Column and row (h, w) float32 of the raw image for each pixel; made once, .3 s."""
@@ -95,6 +102,13 @@ class Rectified:
     def as_dict(self) -> dict[str, Any]:
         """Plain data for the record."""
         return {"model": "rectified", **asdict(self), "lens": self.lens.as_dict()}
+
+    @cached_property
+    def _table(self) -> CrossingTable:
+        half_mm = math.hypot(self.width_px, self.height_px) * self.mm_per_px / 2
+        foot_mm = math.hypot(self.lens.x0_mm, self.lens.y0_mm)
+        # A view beyond the view, and what is so deep that its ray runs aside by the gel's height.
+        return CrossingTable(self.lens, 1.5 * half_mm + foot_mm + self.lens.gel_mm)
 
     @cached_property
     def _maps(self) -> tuple[Array, Array]:
