@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import InputError
 from ..shapes.bounded import check_limits, number
 from ..shapes.sensor import SensorDimensions
 from .camera import Medium
@@ -73,7 +74,10 @@ class Rectified:
         return self.lens.ray_to(on_face(self.rest_mm(px)), medium)
 
     def maps(self) -> tuple[Array, Array]:
-        """Column and row (h, w) float32 of the raw image for each pixel; made once, .3 s."""
+        """Column and row (h, w) float32 of the raw image for each pixel; made once, .3 to .6 s.
+
+        Raises InputError where the view goes beyond the lens's field.
+        """
         return self._maps
 
     def seen(self) -> NDArray[np.bool_]:
@@ -88,8 +92,6 @@ class Rectified:
         Raises InputError for an image that is not of the lens's size.
         """
         import cv2
-
-        from ..errors import InputError
 
         if image.shape[:2] != (self.lens.height_px, self.lens.width_px):
             h, w = image.shape[:2]
