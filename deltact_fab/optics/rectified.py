@@ -81,10 +81,10 @@ class Rectified:
         return self._maps
 
     def seen(self) -> NDArray[np.bool_]:
-        """(h, w) the pixels that the raw image holds."""
+        """(h, w) the pixels that the raw image holds, with what cubic interpolation takes."""
         x, y = self._maps
-        inside_x = (x >= 0) & (x <= self.lens.width_px - 1)
-        return np.asarray(inside_x & (y >= 0) & (y <= self.lens.height_px - 1))
+        inside_x = (x >= 1) & (x < self.lens.width_px - 2)
+        return np.asarray(inside_x & (y >= 1) & (y < self.lens.height_px - 2))
 
     def rectify(self, image: Array) -> Array:
         """The view of a raw image (h, w) or (h, w, 3), by cubic interpolation, 0 where not seen.

@@ -28,9 +28,12 @@ NODES = 4096
 """Of r0^2."""
 SKEW_NODES, SKEW_BETWEEN = 129, 4
 """Of x and of y, of what breaks the symmetry; each step cut in so many by a cubic spline."""
+DEEPEST = 0.85
+"""Share of the gel's height: near the plate the smallest error aside is a large one at rest."""
 SETTLED_MM = 1e-5
 """Newton's last step: what it leaves is of the order of its square."""
 MAX_ITERATIONS = 40
+NOT_FOUND = f"lens: no crossing was found in {MAX_ITERATIONS} iterations"
 BLOCK = 16384
 """Points at once: what they need stays in the processor's cache."""
 
@@ -71,52 +74,54 @@ class CrossingTable:
 
     def _block(self, points: Array) -> Array:
         aim, z = points[:, 0] + 1j * points[:, 1] - self._foot, points[:, 2]
-        # Below, a point is all but at the plate, and a ray's crossing anywhere.
-        held = (np.abs(aim) < self._reach_mm) & (z > -0.97 * self.lens.gel_mm)
+        held = (np.abs(aim) < self._reach_mm) & (z > -DEEPEST * self.lens.gel_mm)
         out = np.empty((len(points), 2))
         if not held.all():
             out[~held] = self.lens.crossing_mm(points[~held])
             if held.any():
                 out[held] = self._block(points[held])
             return out
-        crossing = self._upright(aim, z, None)
-        settled = self._skew is None
-        while not settled:
-            again = self._upright(aim - z * self._skewed(crossing), z, np.abs(crossing))
-            # The skew at the crossing changes by less than a hundredth of what the crossing does.
-            settled = float(np.max(np.abs(again - crossing))) < 100 * SETTLED_MM
-            crossing = again
+        crossing = self._crossing(aim, z)
+        lost = np.abs(crossing) >= self._reach_mm - SETTLED_MM
         crossing += self._foot
         out[:, 0], out[:, 1] = crossing.real, crossing.imag
-        lost = np.isnan(out[:, 0])
         if lost.any():
             out[lost] = self.lens.crossing_mm(points[lost])
         return out
 
+    def _crossing(self, aim: Array, z: Array) -> Array:
+        crossing = self._upright(aim, z, None)
+        if self._skew is None:
+            return crossing
+        for _ in range(MAX_ITERATIONS):
+            before = crossing
+            crossing = self._upright(aim - z * self._skewed(before), z, np.abs(before))
+            # The skew at the crossing changes by less than a hundredth of what the crossing does.
+            if float(np.max(np.abs(crossing - before))) < 100 * SETTLED_MM:
+                return crossing
+        raise SolverError(NOT_FOUND)
+
     def _upright(self, aim: Array, z: Array, r0: Array | None) -> Array:
-        """Crossings of an upright lens, nan where they leave the table; r0: where to start."""
+        """Crossings of an upright lens, at the reach where they leave it; r0: where to start."""
         r = np.abs(aim)
         if r0 is None:
             # Convex below the face and concave above, and this is the side Newton cannot leave.
             r0 = r / (1 + z * self._k[0])
             r0 = np.minimum(r0, r + np.abs(z) * self._k[-1] * self._reach_mm)
-        for _ in range(MAX_ITERATIONS):
             np.minimum(r0, self._reach_mm, out=r0)
+        for _ in range(MAX_ITERATIONS):
             at = r0 * r0 / self._square_step
             node = np.minimum(at.astype(np.intp), NODES - 2)
             k_step = self._k_step.take(node)
             k = self._k.take(node) + (at - node) * k_step
             per = 1 + z * k
-            step = (r0 * per - r) / (per + 2 * z * at * k_step)
-            r0 = np.abs(r0 - step)
-            if float(np.max(np.abs(step), initial=0.0)) < SETTLED_MM:
-                break
-        else:
-            raise SolverError(f"lens: no crossing was found in {MAX_ITERATIONS} iterations")
-        with np.errstate(invalid="ignore", divide="ignore"):
-            crossing = np.where(r > 0, r0 / r, 1.0) * aim
-        crossing[r0 >= self._reach_mm] = np.nan
-        return np.asarray(crossing)
+            before = r0
+            r0 = np.abs(r0 - (r0 * per - r) / (per + 2 * z * at * k_step))
+            np.minimum(r0, self._reach_mm, out=r0)
+            if float(np.max(np.abs(r0 - before))) < SETTLED_MM:
+                with np.errstate(invalid="ignore", divide="ignore"):
+                    return np.asarray(np.where(r > 0, r0 / r, 1.0) * aim)
+        raise SolverError(NOT_FOUND)
 
     def _skewed(self, crossing: Array) -> Array:
         """What breaks the symmetry, bilinear between the nodes."""
@@ -124,7 +129,7 @@ class CrossingTable:
         columns = self._skew.shape[1]
         x = (crossing.real + self._reach_mm) / self._skew_step
         y = (crossing.imag + self._reach_mm) / self._skew_step
-        j, i = x.astype(np.intp), y.astype(np.intp)
+        j, i = (np.minimum(at.astype(np.intp), columns - 2) for at in (x, y))
         first = i * columns + j
         x -= j
         y -= i
