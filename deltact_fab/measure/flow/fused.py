@@ -132,7 +132,7 @@ class Refined(NamedTuple):
 
 class _Level(NamedTuple):
     cells: Array  # what a step reads of the image
-    nodes: Array  # (11, rows, cols), see `_nodes`
+    nodes: Array  # (rows, 11, cols), see `_prepared`
     scale: Array  # (2, rows, cols): 1 / degrees of freedom, and variance of the fit for noise of 1
     size_px: tuple[int, int]
 
@@ -253,7 +253,10 @@ def _prepared(plane: Plane, k: int, by: ModuleType) -> _Level:
     weight = (WINDOW**2).sum() ** 2 / WINDOW.sum() ** 2
     scale = [1 / np.maximum(n - 4 * weight, weight), (i11 + i22) * weight * plane.spread**2]
     return _Level(
-        by.reference(image), np.stack(nodes).astype(np.float32), np.float32(scale), (h, w)
+        by.reference(image),
+        np.stack(nodes, axis=1).astype(np.float32),
+        np.array(scale, np.float32),
+        (h, w),
     )
 
 

@@ -49,7 +49,7 @@ def step(
 ) -> tuple[Array, Array, Array]:  # fmt: skip
     """One step of every node, then one pass of 1 2 1 over the flow.
 
-    corners: of `target`; reference: of `reference`; nodes (11, rows, cols), see `fused`; size_px
+    corners: of `target`; reference: of `reference`; nodes (rows, 11, cols), see `fused`; size_px
     (height, width) of the image within its padding; flow (2, rows, cols) float32 px. Returns the
     new flow and, if `last`, of the flow that was given the correlation and the weighted sum of
     squares of what the fit leaves, each (rows, cols).
@@ -76,7 +76,7 @@ def step(
         if last:
             cv2.accumulateSquare(d, part[4])
     sx, sy, sd, sr, *squares = map(around, sums)
-    i11, i12, i22, ex, ey, fx, fy, mean, power, one_over, least = nodes
+    i11, i12, i22, ex, ey, fx, fy, mean, power, one_over, least = nodes.transpose(1, 0, 2)
     dx = np.clip(i11 * sx + i12 * sy - ex * sd - fx * sr, -MAX_STEP_PX, MAX_STEP_PX)
     dy = np.clip(i12 * sx + i22 * sy - ey * sd - fy * sr, -MAX_STEP_PX, MAX_STEP_PX)
     moved = np.stack(
