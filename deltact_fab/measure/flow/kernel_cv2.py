@@ -10,9 +10,12 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 NAME = "cv2"
-WINDOW = np.float32([1, 2, 3, 4, 5, 5, 5, 4, 3, 2, 1])  # a box of 7 of a box of 5
+# A box of 6 of a box of 5 of a box of 2: its transfer function has hardly a negative part, which
+# steps would amplify.
+WINDOW = np.array([1, 3, 5, 7, 9, 10, 9, 7, 5, 3, 1], np.float32)
+ROUNDING = 1 / 6  # variance of the difference of two images of whole grey levels
 MAX_STEP_PX = 1.0
-_SOFT = np.float32([0.25, 0.5, 0.25])
+_SOFT = np.array([0.25, 0.5, 0.25], np.float32)
 
 
 def reference(image: Array) -> Array:
@@ -23,10 +26,10 @@ def reference(image: Array) -> Array:
 
 
 def target(image: Array) -> Array:
-    """The four pixels of the cell that begins at each pixel: (rows, cols, 4) float32."""
+    """The four pixels of the cell that begins at each pixel, less 128: (rows, cols, 4) float32."""
     wide = cv2.copyMakeBorder(image, 0, 1, 0, 1, cv2.BORDER_REPLICATE)
     corners = cv2.merge([wide[:-1, :-1], wide[:-1, 1:], wide[1:, :-1], wide[1:, 1:]])
-    return np.asarray(corners, np.float32)
+    return np.subtract(corners, 128, dtype=np.float32)
 
 
 def gradients(gray: Array) -> tuple[Array, Array]:
@@ -40,7 +43,7 @@ def gradients(gray: Array) -> tuple[Array, Array]:
 
 def around(cells: Array) -> Array:
     """Weighted sums over the window, with nothing outside."""
-    return cv2.sepFilter2D(cells, -1, WINDOW, WINDOW, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(cv2.sepFilter2D(cells, -1, WINDOW, WINDOW, borderType=cv2.BORDER_CONSTANT))
 
 
 def step(
@@ -49,10 +52,10 @@ def step(
 ) -> tuple[Array, Array, Array]:  # fmt: skip
     """One step of every node, then one pass of 1 2 1 over the flow.
 
-    corners: of `target`; reference: of `reference`; nodes (rows, 11, cols), see `fused`; size_px
+    corners: of `target`; reference: of `reference`; nodes (rows, 13, cols), see `fused`; size_px
     (height, width) of the image within its padding; flow (2, rows, cols) float32 px. Returns the
-    new flow and, if `last`, of the flow that was given the correlation and the weighted sum of
-    squares of what the fit leaves, each (rows, cols).
+    new flow and, if `last`, correlation and deviation in px of the flow that was given, each
+    (rows, cols).
     """
     height, width = size_px
     rows, cols = flow.shape[1:]
@@ -67,7 +70,6 @@ def step(
     part = sums[inner]
     for current, r, gx, gy in zip(found, *reference[inner], strict=True):
         d: Array = cv2.subtract(r, current)
-        d += np.float32(128)
         d *= mask
         cv2.accumulateProduct(d, gx, part[0])
         cv2.accumulateProduct(d, gy, part[1])
@@ -76,7 +78,9 @@ def step(
         if last:
             cv2.accumulateSquare(d, part[4])
     sx, sy, sd, sr, *squares = map(around, sums)
-    i11, i12, i22, ex, ey, fx, fy, mean, power, one_over, least = nodes.transpose(1, 0, 2)
+    i11, i12, i22, ex, ey, fx, fy, mean, power, one_over, least, freedom, spread = nodes.transpose(
+        1, 0, 2
+    )
     dx = np.clip(i11 * sx + i12 * sy - ex * sd - fx * sr, -MAX_STEP_PX, MAX_STEP_PX)
     dy = np.clip(i12 * sx + i22 * sy - ey * sd - fy * sr, -MAX_STEP_PX, MAX_STEP_PX)
     moved = np.stack(
@@ -92,4 +96,5 @@ def step(
     seen_power = np.maximum(power - 2 * shared + rest, least)
     correlation = np.clip((power - shared) / np.sqrt(power * seen_power), -1, 1)
     explained = (i22 * dx * dx - 2 * i12 * dx * dy + i11 * dy * dy) / (i11 * i22 - i12 * i12)
-    return moved, correlation, np.maximum(rest - shared * shared / power - explained, 0)
+    left = np.maximum(rest - shared * shared / power - explained, 0)
+    return moved, correlation, np.sqrt((left * freedom + np.float32(ROUNDING)) * spread)

@@ -12,10 +12,12 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from .kernel_cv2 import ROUNDING
+
 Array = NDArray[Any]
 NAME = "numba"
-_OUTER, _INNER = 7, 5  # the window: a box of a box
-_REACH = (_OUTER + _INNER) // 2 - 1  # cells to each side of its own
+_OUTER, _INNER = 6, 5  # the window is a box of 6 of a box of 5 of a box of 2
+_REACH = 5  # cells to each side of its own
 _SUMS = 5
 _BYTE = np.uint32(255)
 _compiled = numba.njit(cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
@@ -39,20 +41,20 @@ def step(
     """See `kernel_cv2.step`."""
     rows, cols = flow.shape[1:]
     out = np.empty_like(flow)
-    correlation, left = np.empty((2, rows if last else 0, cols), np.float32)
+    correlation, deviation = np.empty((2, rows if last else 0, cols), np.float32)
     # From each pixel on, four of its row in one word.
     words: Array = np.ndarray((image.size - 3,), np.uint32, image, strides=(1,))
     _step(
         words, image.shape[1], reference, nodes, size_px[0], size_px[1], flow, last,
-        out, correlation, left,
+        out, correlation, deviation,
     )  # fmt: skip
-    return out, correlation, left
+    return out, correlation, deviation
 
 
 @_compiled
 def _step(
     words: Any, stride: int, reference: Any, nodes: Any, height: int, width: int, flow: Any,
-    last: bool, out: Any, correlation: Any, left: Any,
+    last: bool, out: Any, correlation: Any, deviation: Any,
 ) -> None:  # fmt: skip
     rows, cols = flow.shape[1], flow.shape[2]
     seen_rows, seen_cols = height // 2, width // 2
@@ -61,6 +63,7 @@ def _step(
     where = np.zeros((3, cols), np.float32)
     d = np.zeros((4, cols), np.float32)
     new = np.zeros((_SUMS, cols), np.float32)
+    before = np.zeros((_SUMS, cols), np.float32)
     old = np.zeros((_OUTER, _SUMS, cols), np.float32)
     outer = np.zeros((_SUMS, cols), np.float32)
     old_outer = np.zeros((_INNER, _SUMS, cols), np.float32)
@@ -80,7 +83,7 @@ def _step(
             new[:] = 0
         for k in range(n_sums):
             _down(
-                new[k], old[i % _OUTER, k], outer[k], old_outer[i % _INNER, k],
+                new[k], before[k], old[i % _OUTER, k], outer[k], old_outer[i % _INNER, k],
                 column[k, _REACH : _REACH + cols],
             )  # fmt: skip
         i0 = i - _REACH
@@ -90,7 +93,7 @@ def _step(
             _across(column[k], cols, box[k])
         _solve(box, nodes, flow, i0, cols, moved)
         if last:
-            _judge(box, nodes, flow, i0, cols, moved, shared, rest, correlation[i0], left[i0])
+            _judge(box, nodes, flow, i0, cols, moved, shared, rest, correlation[i0], deviation[i0])
         for k in range(2):
             moved[k, 0], moved[k, cols + 1] = moved[k, 1], moved[k, cols]
             _soften(moved[k], cols, smooth[i0 % 3, k])
@@ -194,11 +197,13 @@ def _sum(d: Any, reference: Any, i: int, n: int, last: bool, new: Any) -> None:
 
 
 @_compiled
-def _down(new: Any, old: Any, outer: Any, old_outer: Any, column: Any) -> None:
+def _down(new: Any, before: Any, old: Any, outer: Any, old_outer: Any, column: Any) -> None:
     """The window's sums down the columns, carried on by one row."""
     for j in range(len(new)):
-        s = outer[j] + (new[j] - old[j])
-        old[j] = new[j]
+        two = new[j] + before[j]
+        before[j] = new[j]
+        s = outer[j] + (two - old[j])
+        old[j] = two
         outer[j] = s
         column[j] += s - old_outer[j]
         old_outer[j] = s
@@ -206,14 +211,16 @@ def _down(new: Any, old: Any, outer: Any, old_outer: Any, column: Any) -> None:
 
 @_compiled
 def _across(v: Any, n: int, box: Any) -> None:
-    two, three, four, five = np.float32(2), np.float32(3), np.float32(4), np.float32(5)
+    three, five, seven, nine = np.float32(3), np.float32(5), np.float32(7), np.float32(9)
+    ten = np.float32(10)
     for j in range(n):
         box[j] = (
             (v[j] + v[j + 10])
-            + two * (v[j + 1] + v[j + 9])
-            + three * (v[j + 2] + v[j + 8])
-            + four * (v[j + 3] + v[j + 7])
-            + five * (v[j + 4] + v[j + 5] + v[j + 6])
+            + three * (v[j + 1] + v[j + 9])
+            + five * (v[j + 2] + v[j + 8])
+            + seven * (v[j + 3] + v[j + 7])
+            + nine * (v[j + 4] + v[j + 6])
+            + ten * v[j + 5]
         )
 
 
@@ -236,7 +243,7 @@ def _solve(box: Any, nodes: Any, flow: Any, i: int, n: int, moved: Any) -> None:
 @_compiled
 def _judge(
     box: Any, nodes: Any, flow: Any, i: int, n: int, moved: Any, shared: Any, rest: Any,
-    correlation: Any, left: Any,
+    correlation: Any, deviation: Any,
 ) -> None:  # fmt: skip
     zero, one, two = np.float32(0), np.float32(1), np.float32(2)
     b2, b3, b4 = box[2], box[3], box[4]
@@ -249,13 +256,15 @@ def _judge(
         found = (power[j] - shared[j]) / np.sqrt(power[j] * current)
         correlation[j] = min(max(found, -one), one)
     i11, i12, i22 = nodes[i, 0], nodes[i, 1], nodes[i, 2]
+    freedom, spread, rounding = nodes[i, 11], nodes[i, 12], np.float32(ROUNDING)
     ux, uy, mx, my = flow[0, i], flow[1, i], moved[0], moved[1]
     for j in range(n):
         dx, dy = mx[j + 1] - ux[j], my[j + 1] - uy[j]
         explained = (i22[j] * dx * dx - two * i12[j] * dx * dy + i11[j] * dy * dy) / (
             i11[j] * i22[j] - i12[j] * i12[j]
         )
-        left[j] = max(rest[j] - shared[j] * shared[j] / power[j] - explained, zero)
+        left = max(rest[j] - shared[j] * shared[j] / power[j] - explained, zero)
+        deviation[j] = np.sqrt((left * freedom[j] + rounding) * spread[j])
 
 
 @_compiled
