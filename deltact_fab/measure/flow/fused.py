@@ -24,14 +24,13 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from . import kernel_cv2
 from .image import MIN_SIDE_PX
-from .kernel_cv2 import WINDOW, around, gradients
+from .kernel_cv2 import LEAST_VARIANCE, around, gradients
 
 Array = NDArray[Any]
 
 STEPS = (6, 4, 2)  # on a quarter, half and the full size
 _LEVELS = 3
 _BEYOND_PX = 4  # pixels behind the last one that a warp may read
-_LEAST_STD = 0.5  # grey levels: less is no texture
 _DAMPING = 0.01  # grey levels^2 / px^2 a pixel, on the normal matrix
 # Steps and smoothing pass more noise than one fit does: by the transfer functions of window and
 # smoothing, after two steps on the full size.
@@ -62,7 +61,6 @@ class Plane:
 
     def __init__(self, gray: Array) -> None:
         self.gray = gray
-        self.spread = _GAIN
         h, w = gray.shape
         self.shape = (h, w)
         block = 2**_LEVELS
@@ -131,7 +129,7 @@ class Refined(NamedTuple):
 
 class _Level(NamedTuple):
     cells: Array  # what a step reads of the image
-    nodes: Array  # (rows, 13, cols), see `_prepared`
+    nodes: Array  # (rows, 10, cols), see `_prepared`
     size_px: tuple[int, int]
 
 
@@ -169,9 +167,8 @@ class Reference:
             size = (n_cols >> k, n_rows >> k)
             planes = _resized(planes, size)
             for i in range(n):
-                planes, correlation, deviation = self._step(
-                    current, k, planes, k == 0 and i == n - 1
-                )
+                last = k == 0 and i == n - 1
+                planes, correlation, deviation = self._step(current, k, planes, last)
         return self._cut(cv2.merge(list(planes)), correlation, deviation)
 
     def evaluate(self, current: Plane, flow_px: Array) -> Refined:
@@ -204,7 +201,7 @@ class Reference:
     ) -> tuple[Array, Array, Array]:
         level, target = self._levels[k], current.target(k, self._by)
         moved, correlation, deviation = self._by.step(
-            target, level.cells, level.nodes, level.size_px, planes, last
+            target, level.cells, level.nodes, level.size_px, planes, _GAIN if last else 0.0
         )
         return moved, correlation, deviation
 
@@ -226,9 +223,8 @@ def _prepared(plane: Plane, k: int, by: ModuleType) -> _Level:
         return around(cell.astype(np.float64))
 
     n = np.maximum(box(mask), 1)
-    least = n * _LEAST_STD**2
     mean = box(r) / n
-    power = np.maximum(box(r * r) - n * mean**2, least)
+    power = np.maximum(box(r * r) - n * mean**2, n * LEAST_VARIANCE)
     sx, sy = box(gx), box(gy)
     kx, ky = box(gx * r) - mean * sx, box(gy * r) - mean * sy
     a11 = box(gx * gx) - sx * sx / n - kx * kx / power + _DAMPING * n
@@ -239,14 +235,10 @@ def _prepared(plane: Plane, k: int, by: ModuleType) -> _Level:
     # A step is i (gx D - c D - k R D), summed: gain and offset are projected out of D.
     kx, ky = kx / power, ky / power
     cx, cy = sx / n - kx * mean, sy / n - ky * mean
-    # Noise of 1 a pixel gives the fit this variance; what the fit leaves has so many freedoms.
-    weight = (WINDOW**2).sum() ** 2 / WINDOW.sum() ** 2
-    spread = (i11 + i22) * weight * plane.spread**2
-    freedom = np.maximum(n - 4 * weight, weight)
     nodes = [
         i11, i12, i22,
         i11 * cx + i12 * cy, i12 * cx + i22 * cy, i11 * kx + i12 * ky, i12 * kx + i22 * ky,
-        mean, power, 1 / n, least, 1 / freedom, spread,
+        mean, power, n,
     ]  # fmt: skip
     return _Level(by.reference(image), np.stack(nodes, axis=1).astype(np.float32), (h, w))
 

@@ -12,7 +12,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernel_cv2 import ROUNDING
+from .kernel_cv2 import LEAST_VARIANCE, OWN_WEIGHT, ROUNDING
 
 Array = NDArray[Any]
 NAME = "numba"
@@ -36,16 +36,22 @@ def target(image: Array) -> Array:
 
 
 def step(
-    image: Array, reference: Array, nodes: Array, size_px: tuple[int, int], flow: Array, last: bool
+    image: Array,
+    reference: Array,
+    nodes: Array,
+    size_px: tuple[int, int],
+    flow: Array,
+    gain: float,
 ) -> tuple[Array, Array, Array]:
     """See `kernel_cv2.step`."""
+    last = gain > 0
     rows, cols = flow.shape[1:]
     out = np.empty_like(flow)
     correlation, deviation = np.empty((2, rows if last else 0, cols), np.float32)
     # From each pixel on, four of its row in one word.
     words: Array = np.ndarray((image.size - 3,), np.uint32, image, strides=(1,))
     _step(
-        words, image.shape[1], reference, nodes, size_px[0], size_px[1], flow, last,
+        words, image.shape[1], reference, nodes, size_px[0], size_px[1], flow, gain,
         out, correlation, deviation,
     )  # fmt: skip
     return out, correlation, deviation
@@ -54,7 +60,7 @@ def step(
 @_compiled
 def _step(
     words: Any, stride: int, reference: Any, nodes: Any, height: int, width: int, flow: Any,
-    last: bool, out: Any, correlation: Any, deviation: Any,
+    gain: float, out: Any, correlation: Any, deviation: Any,
 ) -> None:  # fmt: skip
     rows, cols = flow.shape[1], flow.shape[2]
     seen_rows, seen_cols = height // 2, width // 2
@@ -72,6 +78,7 @@ def _step(
     moved = np.zeros((2, cols + 2), np.float32)
     shared, rest = np.zeros(cols, np.float32), np.zeros(cols, np.float32)
     smooth = np.zeros((3, 2, cols), np.float32)
+    last = gain > 0
     n_sums = _SUMS if last else _SUMS - 1
     for i in range(rows + _REACH):
         if i < seen_rows:
@@ -93,7 +100,19 @@ def _step(
             _across(column[k], cols, box[k])
         _solve(box, nodes, flow, i0, cols, moved)
         if last:
-            _judge(box, nodes, flow, i0, cols, moved, shared, rest, correlation[i0], deviation[i0])
+            _judge(
+                box,
+                nodes,
+                flow,
+                i0,
+                cols,
+                moved,
+                shared,
+                rest,
+                gain,
+                correlation[i0],
+                deviation[i0],
+            )
         for k in range(2):
             moved[k, 0], moved[k, cols + 1] = moved[k, 1], moved[k, cols]
             _soften(moved[k], cols, smooth[i0 % 3, k])
@@ -243,28 +262,31 @@ def _solve(box: Any, nodes: Any, flow: Any, i: int, n: int, moved: Any) -> None:
 @_compiled
 def _judge(
     box: Any, nodes: Any, flow: Any, i: int, n: int, moved: Any, shared: Any, rest: Any,
-    correlation: Any, deviation: Any,
+    gain: float, correlation: Any, deviation: Any,
 ) -> None:  # fmt: skip
     zero, one, two = np.float32(0), np.float32(1), np.float32(2)
     b2, b3, b4 = box[2], box[3], box[4]
-    mean, power, one_over, least = nodes[i, 7], nodes[i, 8], nodes[i, 9], nodes[i, 10]
+    mean, power, weights = nodes[i, 7], nodes[i, 8], nodes[i, 9]
     for j in range(n):
         shared[j] = b3[j] - mean[j] * b2[j]
-        rest[j] = max(b4[j] - b2[j] * b2[j] * one_over[j], zero)
+        rest[j] = max(b4[j] - b2[j] * b2[j] / weights[j], zero)
+    least = np.float32(LEAST_VARIANCE)
     for j in range(n):
-        current = max(power[j] - two * shared[j] + rest[j], least[j])
+        current = max(power[j] - two * shared[j] + rest[j], least * weights[j])
         found = (power[j] - shared[j]) / np.sqrt(power[j] * current)
         correlation[j] = min(max(found, -one), one)
     i11, i12, i22 = nodes[i, 0], nodes[i, 1], nodes[i, 2]
-    freedom, spread, rounding = nodes[i, 11], nodes[i, 12], np.float32(ROUNDING)
     ux, uy, mx, my = flow[0, i], flow[1, i], moved[0], moved[1]
+    lost, own = np.float32(4 * OWN_WEIGHT), np.float32(OWN_WEIGHT)
+    factor, rounding = np.float32(gain * gain * OWN_WEIGHT), np.float32(ROUNDING)
     for j in range(n):
         dx, dy = mx[j + 1] - ux[j], my[j + 1] - uy[j]
         explained = (i22[j] * dx * dx - two * i12[j] * dx * dy + i11[j] * dy * dy) / (
             i11[j] * i22[j] - i12[j] * i12[j]
         )
         left = max(rest[j] - shared[j] * shared[j] / power[j] - explained, zero)
-        deviation[j] = np.sqrt((left * freedom[j] + rounding) * spread[j])
+        noise = left / max(weights[j] - lost, own) + rounding
+        deviation[j] = np.sqrt(factor * noise * (i11[j] + i22[j]))
 
 
 @_compiled
