@@ -36,7 +36,7 @@ class Board:
                 f"{option}: {words!r}; as in 9x7x3: squares along x and y and their side in mm"
             )
         nx, ny, square_mm = int(found[1]), int(found[2]), float(found[3])
-        if not (4 <= min(nx, ny) and max(nx, ny) <= MOST_SQUARES):
+        if not (min(nx, ny) >= 4 and max(nx, ny) <= MOST_SQUARES):
             raise InputError(f"{option}: {words!r}: a board has 4 to {MOST_SQUARES} squares a side")
         if not 0.05 <= square_mm <= 100:
             raise InputError(f"{option}: {words!r}: a square has a side of 0.05 to 100 mm")

@@ -21,6 +21,7 @@ FEWEST = 5
 WINDOW = 0.3
 """Half side of the window that refines a corner, in distances to the nearest corner."""
 WINDOWS_PX = (2, 7)
+BORDER_PX = 4
 OFF_MIDDLE_MM = 0.8
 """So far from its guess the skin's middle may lie, where nothing but colours tells it."""
 
@@ -30,16 +31,13 @@ class Corners:
     """What one image shows of a board.
 
     px: (n, 2) in the image. index: (n, 2) whole numbers, column and row of each among the board's
-    inner corners; of a board that is no skin up to half a turn, which its pose takes up. grid: (n, 2)
-    column and row in the rectangle that was found, (rows, columns) its size.
+    inner corners; of a board that is no skin up to half a turn, which its pose takes up.
     """
 
     source: str
     board: Board
     px: NDArray[np.float64]
     index: NDArray[np.int64]
-    rows: int
-    columns: int
 
     @property
     def board_mm(self) -> NDArray[np.float64]:
@@ -76,8 +74,8 @@ def find(image: Array, board: Board, source: str, middle_px: Array | None = None
     if not seen:
         return None
     grid = _upright(np.asarray(px, np.float64).reshape(*meta.shape[:2], 2))
-    if not board.skin and grid.shape[:2] != (rows, columns):
-        # The finder counts from any side; upright, the longer side may lie along y.
+    if not board.skin and grid.shape[:2] == (columns, rows) != (rows, columns):
+        # A board that lies across: count along its own sides.
         grid = np.ascontiguousarray(grid.transpose(1, 0, 2)[::-1])
     found = grid.shape[1], grid.shape[0]
     if (board.skin and (found[0] > columns or found[1] > rows)) or (
@@ -87,13 +85,14 @@ def find(image: Array, board: Board, source: str, middle_px: Array | None = None
             f"{source}: {found[0]} x {found[1]} inner corners found, and a board of {board} has "
             f"{columns} x {rows}: another board?"
         )
-    grid = _refined(grey, grid)
+    inside = _inside(grey, grid)
+    grid = _refined(grey, grid, inside)
     index = np.stack(np.meshgrid(np.arange(found[0]), np.arange(found[1])), -1)
     if board.skin:
         height, width = grey.shape
         middle = np.array([(width - 1) / 2, (height - 1) / 2]) if middle_px is None else middle_px
-        index = index + _shift(grey, grid, board, middle, source)
-    return Corners(source, board, grid.reshape(-1, 2), index.reshape(-1, 2), *grid.shape[:2])
+        index = index + _shift(grey, grid, inside, board, middle, source)
+    return Corners(source, board, grid[inside], index[inside])
 
 
 def _upright(grid: Array) -> Array:
@@ -111,7 +110,13 @@ def _upright(grid: Array) -> Array:
     return np.ascontiguousarray(grid)
 
 
-def _refined(grey: Array, grid: Array) -> Array:
+def _inside(grey: Array, grid: Array) -> NDArray[np.bool_]:
+    """Which corners lie well in the image; the finder also guesses some beyond its border."""
+    limits = np.array(grey.shape[::-1]) - 1 - BORDER_PX
+    return np.asarray(np.all((grid >= BORDER_PX) & (grid <= limits), axis=-1))
+
+
+def _refined(grey: Array, grid: Array, inside: Array) -> Array:
     """The same corners, each refined in a window as large as its neighbours allow."""
     rows, columns = grid.shape[:2]
     nearest_px = np.full((rows, columns), np.inf)
@@ -128,7 +133,9 @@ def _refined(grey: Array, grid: Array) -> Array:
     refined = grid.copy()
     stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-4)
     for half in np.unique(half_px):
-        at = half_px == half
+        at = (half_px == half) & inside
+        if not at.any():
+            continue
         start = grid[at].astype(np.float32).reshape(-1, 1, 2)
         new = cv2.cornerSubPix(grey, start, (int(half), int(half)), (-1, -1), stop).reshape(-1, 2)
         # One that wanders off has met something else than its corner.
@@ -138,7 +145,7 @@ def _refined(grey: Array, grid: Array) -> Array:
 
 
 def _shift(
-    grey: Array, grid: Array, board: Board, middle_px: Array, source: str
+    grey: Array, grid: Array, inside: Array, board: Board, middle_px: Array, source: str
 ) -> NDArray[np.int64]:
     """What to add to (column, row) in the rectangle to have the skin's own. Raises InputError."""
     rows, columns = grid.shape[:2]
@@ -148,7 +155,7 @@ def _shift(
     px = np.column_stack((grid.reshape(-1, 2)[near] - middle_px, np.ones(len(near))))
     guess = np.linalg.lstsq(px, where[near], rcond=None)[0][2]
     # The square right of and below corner (i, j) of the skin is (i + 1, j + 1), dark where even.
-    dark_even = _dark_even(grey, grid)
+    dark_even = _dark_even(grey, grid, inside)
     half = np.array([board.nx, board.ny]) / 2 - 1  # the origin, counted in the skin's corners
     options: list[tuple[float, tuple[int, int]]] = []
     for shift in itertools.product(
@@ -158,7 +165,9 @@ def _shift(
             off_mm = float(np.linalg.norm(guess + shift - half)) * board.square_mm
             options.append((off_mm, shift))
     if not options:
-        raise InputError(f"{source}: the squares have the colours of another board, or its negative")
+        raise InputError(
+            f"{source}: the squares have the colours of another board, or its negative"
+        )
     options.sort()
     (off_mm, shift), others = options[0], options[1:]
     limit_mm = min(OFF_MIDDLE_MM, others[0][0] / 2) if others else np.inf
@@ -170,11 +179,12 @@ def _shift(
     return np.array(shift)
 
 
-def _dark_even(grey: Array, grid: Array) -> bool:
+def _dark_even(grey: Array, grid: Array, inside: Array) -> bool:
     """Whether squares whose first corner has an even column + row are the dark ones."""
     middles = (grid[1:, 1:] + grid[:-1, 1:] + grid[1:, :-1] + grid[:-1, :-1]) / 4
-    at = np.rint(middles).astype(int)
-    values = grey[at[..., 1], at[..., 0]].astype(float)
-    rows, columns = values.shape
+    rows, columns = middles.shape[:2]
     even = (np.arange(rows)[:, None] + np.arange(columns)) % 2 == 0
+    whole = inside[1:, 1:] & inside[:-1, 1:] & inside[1:, :-1] & inside[:-1, :-1]
+    at = np.rint(middles[whole]).astype(int)
+    values, even = grey[at[:, 1], at[:, 0]].astype(float), even[whole]
     return bool(values[even].mean() < values[~even].mean())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -73,17 +74,18 @@ class Problem:
         self.base, self.priors, self.seen = base, dict(priors), tuple(seen)
         self.names = tuple(priors)
         ends = len(self.names) + np.cumsum([0, *(s.dof for s in self.seen)])
-        self.poses = [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        self.poses = [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
         self.size = int(ends[-1])
         counts = np.cumsum([0, *(len(s.corners.px) for s in self.seen)])
-        self.rows = [slice(int(a), int(b)) for a, b in zip(counts[:-1], counts[1:], strict=True)]
+        self.rows = [slice(int(a), int(b)) for a, b in itertools.pairwise(counts)]
         self.px = np.concatenate([s.corners.px for s in self.seen])
         self.in_air = np.concatenate([np.full(len(s.corners.px), not s.contact) for s in self.seen])
 
     def lens(self, x: Array) -> Fisheye:
         """The lens of a vector. Raises ShapeError beyond what a lens may be."""
         pairs = zip(self.priors.items(), x, strict=False)
-        return replace(self.base, **{n: p.mean + float(v) * p.sigma for (n, p), v in pairs})
+        values: dict[str, Any] = {n: p.mean + float(v) * p.sigma for (n, p), v in pairs}
+        return replace(self.base, **values)
 
     def start(self, poses: Sequence[Array]) -> NDArray[np.float64]:
         """The vector of the priors' means and these poses."""

@@ -1,0 +1,94 @@
+"""The flat field: how the light falls off over the image, from a frame of a blank skin.
+
+Shading multiplies the light; behind a camera's gamma it multiplies the coded values too, so coded
+values are divided by those of the blank frame. Kept beside the camera file, as 16-bit PNG.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError, RunFailed
+from ...optics import Rectified, load_camera
+from .corners import read_image
+
+SMOOTH = 0.01
+"""Sigma of the blur that takes the blank frame's noise away, of its width."""
+MOST_GAIN = 4.0
+"""Where it is darker than that, beyond the skin's window, nothing is to be made bright."""
+FULL = 65535
+
+
+@dataclass(frozen=True)
+class FlatField:
+    """Share of the full light that each pixel and channel gets, (h, w, 3) float32 BGR, 1 at most."""
+
+    share: NDArray[np.float32]
+
+    @classmethod
+    def of_blank(cls, path: Path, size_px: tuple[int, int]) -> FlatField:
+        """From an image file of a blank skin. Raises InputError.
+
+        size_px: (width, height) of the images that it is for.
+        """
+        image = read_image(path)
+        if image.shape[1::-1] != size_px:
+            raise InputError(
+                f"--flat {path}: {image.shape[1]} x {image.shape[0]} px, and the boards' images "
+                f"have {size_px[0]} x {size_px[1]}"
+            )
+        # The brightest channel of a pixel in the middle may be full: then its share is unknown.
+        if np.mean(image == 255) > 0.001:
+            raise InputError(f"--flat {path}: over-exposed; take the blank frame with less light")
+        smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), SMOOTH * image.shape[1])
+        top = smooth.reshape(-1, 3).max(axis=0)
+        if not np.all(top >= 16):
+            raise InputError(f"--flat {path}: too dark to tell how the light falls off")
+        return cls(np.maximum(smooth / top, np.float32(1 / MOST_GAIN)))
+
+    @classmethod
+    def beside(cls, camera_file: Path) -> FlatField | None:
+        """The one that a camera file names, None where it names none. Raises InputError."""
+        _, tables = load_camera(camera_file)
+        if "flat" not in tables:
+            return None
+        table = tables["flat"]
+        if not (isinstance(table, dict) and isinstance(table.get("file"), str)):
+            raise InputError(f"{camera_file}: flat.file: missing; the name of an image beside it")
+        path = camera_file.parent / table["file"]
+        kept = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
+        if kept is None or kept.dtype != np.uint16 or kept.ndim != 3 or not kept.min() > 0:
+            raise InputError(f"{camera_file}: flat.file: {path} is no 16-bit image of the light")
+        return cls((kept / FULL).astype(np.float32))
+
+    def png(self) -> bytes:
+        """As 16-bit PNG."""
+        done, data = cv2.imencode(".png", np.rint(self.share * FULL).astype(np.uint16))
+        if not done:
+            raise RunFailed("the flat field could not be encoded as PNG")
+        return bytes(data)
+
+    def seen_by(self, view: Rectified) -> FlatField:
+        """The same for rectified images: rectify first, then apply, which is cheaper."""
+        x, y = view.maps()
+        share: Any = cv2.remap(self.share, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return FlatField(np.asarray(share, np.float32))
+
+    def apply(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """An image (h, w, 3) BGR or (h, w) grey as under even light, uint8; full stays full.
+
+        Raises InputError for an image of another size.
+        """
+        if image.shape[:2] != self.share.shape[:2]:
+            raise InputError(
+                f"flat field of {self.share.shape[1]} x {self.share.shape[0]} px for an image of "
+                f"{image.shape[1]} x {image.shape[0]}"
+            )
+        share = self.share if image.ndim == 3 else self.share.mean(axis=2)
+        return np.asarray(cv2.divide(image, share, dtype=cv2.CV_8U), np.uint8)
