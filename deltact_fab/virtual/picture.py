@@ -99,18 +99,13 @@ class Picture:
         Solves X + g(X) = p for X with g the projected displacement; shape (h + 2, w + 2, 2).
         """
         field, seen_px, out_mm = self._forward(displacement_mm)
-        at = self._target.copy()
+        at = before = self._target
         for _ in range(FIXED_POINT_ITERATIONS):
-            moved = cv2.remap(
-                field,
-                at[..., 0] + np.float32(MARGIN_PX),
-                at[..., 1] + np.float32(MARGIN_PX),
-                cv2.INTER_LINEAR,
-                borderMode=cv2.BORDER_REPLICATE,
-            )
-            new = self._target - moved
-            open_ = np.max(np.abs(new - at), axis=-1) >= TOLERANCE_PX
-            at = new
+            x, y = cv2.split(at + np.float32(MARGIN_PX))
+            moved = cv2.remap(field, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            before, at = at, self._target - moved
+        x, y = cv2.split(cv2.absdiff(at, before))
+        open_ = cv2.max(x, y) >= TOLERANCE_PX
         # Fixed point needs a gradient below 1; the stretched skin behind a sliding tip has more.
         at[open_] = _newton(field, self._target[open_], at[open_])
         # The border's first pixel has the index 0, and lies at -1.
