@@ -5,7 +5,7 @@ draws, records and analyses knows a `CameraModel`; one model draws and rectifies
 """
 
 from .camera import CameraModel, Medium
-from .lattice import LatticeSampler, SurfaceLattice
+from .lattice import LatticeSampler, PointSampler, SurfaceLattice
 from .pinhole import Pinhole
 from .snell import half_angle_rad, reached_mm
 from .stage import StageFrame
@@ -16,6 +16,7 @@ __all__ = [
     "LatticeSampler",
     "Medium",
     "Pinhole",
+    "PointSampler",
     "StageFrame",
     "SurfaceLattice",
     "camera_from_dict",

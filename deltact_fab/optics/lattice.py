@@ -54,19 +54,49 @@ class LatticeSampler:
         columns = [self.along_y @ values[..., c] @ self.along_x.T for c in range(values.shape[-1])]
         return np.stack(columns, axis=-1)
 
-    def at_points(self, values: Array) -> NDArray[np.float64]:
-        """(ny, nx, c) on the lattice to (n, c) at the points (xs[i], ys[i]) taken in pairs."""
-        return np.einsum("py,yxc,px->pc", self.along_y, values, self.along_x, optimize=True)
+
+class PointSampler:
+    """The same spline at points that stand on no tensor grid."""
+
+    def __init__(self, lattice: SurfaceLattice, xy_mm: Array) -> None:
+        """xy_mm: points (n, 2). Raises InputError when one lies outside the lattice."""
+        from scipy.sparse import csr_array
+
+        x, self._x = _spline_terms(lattice.x0_mm, lattice.spacing_mm, lattice.nx, xy_mm[:, 0])
+        y, self._y = _spline_terms(lattice.y0_mm, lattice.spacing_mm, lattice.ny, xy_mm[:, 1])
+        shares = y.data.reshape(-1, 4, 1) * x.data.reshape(-1, 1, 4)
+        at = y.indices.reshape(-1, 4, 1) * lattice.nx + x.indices.reshape(-1, 1, 4)
+        self._shares = csr_array(
+            (shares.ravel(), at.ravel(), np.arange(0, shares.size + 1, 16)),
+            shape=(len(xy_mm), lattice.ny * lattice.nx),
+        )
+
+    def __call__(self, values: Array) -> NDArray[np.float64]:
+        """(ny, nx, c) on the lattice to (n, c) at the points."""
+        terms = self._y @ np.moveaxis(np.asarray(values, float), -1, 0) @ self._x.T
+        return np.asarray(self._shares @ terms.reshape(len(terms), -1).T)
+
+
+def _spline_terms(x0: float, step: float, n: int, points: Array) -> tuple[Any, Array]:
+    """The four basis functions at each point (sparse), and what makes coefficients of nodes."""
+    from scipy.interpolate import BSpline, make_interp_spline
+
+    spline = make_interp_spline(_nodes(x0, step, n, points), np.eye(n), k=3)
+    return BSpline.design_matrix(points, spline.t, 3), spline.c
 
 
 def _spline_matrix(x0: float, step: float, n: int, points: Array) -> NDArray[np.float64]:
     """Matrix (len(points), n) of cubic B-spline interpolation with not-a-knot ends."""
     from scipy.interpolate import make_interp_spline
 
+    return np.asarray(make_interp_spline(_nodes(x0, step, n, points), np.eye(n), k=3)(points))
+
+
+def _nodes(x0: float, step: float, n: int, points: Array) -> Array:
     nodes = x0 + step * np.arange(n)
     if np.min(points) < nodes[0] - 1e-9 or np.max(points) > nodes[-1] + 1e-9:
         raise InputError(
             f"points from {np.min(points):.3f} to {np.max(points):.3f} mm leave the lattice "
             f"{nodes[0]:.3f} to {nodes[-1]:.3f} mm"
         )
-    return np.asarray(make_interp_spline(nodes, np.eye(n), k=3)(points))
+    return nodes

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import RunFailed
-from ..optics import CameraModel, LatticeSampler, SurfaceLattice
+from ..optics import CameraModel, LatticeSampler, PointSampler, SurfaceLattice
 from .files import lattice_file, truth_file
 
 KEPT = ("displacement_mm", "traction_mpa", "x_mm", "y_mm")
@@ -84,8 +84,7 @@ class Truth:
 
     def points_px(self, frame_id: str, xy_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Projected displacement (n, 2) px of rest points (n, 2) mm."""
-        sampler = LatticeSampler.make(self.lattice, xy_mm[:, 0], xy_mm[:, 1])
-        moved = sampler.at_points(self.displacement_mm(frame_id))
+        moved = PointSampler(self.lattice, xy_mm)(self.displacement_mm(frame_id))
         return self._project(moved, xy_mm[:, 0], xy_mm[:, 1])
 
     def _project(self, u_mm: NDArray[Any], x_mm: NDArray[Any], y_mm: NDArray[Any]) -> NDArray[Any]:
