@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import RunFailed
-from ..optics import CameraModel, LatticeSampler, PointSampler, SurfaceLattice
+from ..optics import CameraModel, LatticeSampler, PointSampler, SurfaceLattice, axes_mm
 from .files import lattice_file, truth_file
 
 KEPT = ("displacement_mm", "traction_mpa", "x_mm", "y_mm")
@@ -72,14 +72,14 @@ class Truth:
 
     def flow_px(self, frame_id: str) -> NDArray[np.float64]:
         """Projected displacement of every rest pixel, (h, w, 2) px."""
-        xs, ys = self.camera.axes_mm()
+        xs, ys = axes_mm(self.camera)
         return self._project(
             self._grid(xs, ys)(self.displacement_mm(frame_id)), *np.meshgrid(xs, ys)
         )
 
     def in_plane_mm(self, frame_id: str) -> NDArray[np.float64]:
         """In-plane displacement of every rest pixel, (h, w, 2) mm: not what is projected."""
-        xs, ys = self.camera.axes_mm()
+        xs, ys = axes_mm(self.camera)
         return self._grid(xs, ys)(self.displacement_mm(frame_id)[..., :2])
 
     def points_px(self, frame_id: str, xy_mm: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..errors import SolverError
 from ..imaging import Float, Sensor
 from ..occlusion import in_dispute, nearest
-from ..optics import CameraModel, LatticeSampler, SurfaceLattice
+from ..optics import CameraModel, LatticeSampler, SurfaceLattice, axes_mm
 
 MARGIN_PX = 64
 TOLERANCE_PX = 2e-3
@@ -43,7 +43,7 @@ class Picture:
         self._texture = texture
         self._sensor = sensor
         self._shade = sensor.shade(camera.height_px, camera.width_px)
-        self._xs_mm, self._ys_mm = camera.axes_mm(MARGIN_PX)
+        self._xs_mm, self._ys_mm = axes_mm(camera, MARGIN_PX)
         self._sampler = LatticeSampler.make(lattice, self._xs_mm, self._ys_mm)
         # One pixel of border, so that the halved grid below is interpolated at the edge too.
         self._target = np.stack(

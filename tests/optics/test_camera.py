@@ -11,7 +11,7 @@ import pytest
 
 from deltact_fab import record
 from deltact_fab.errors import InputError
-from deltact_fab.optics import Pinhole, camera_from_dict
+from deltact_fab.optics import Pinhole, axes_mm, camera_from_dict
 from deltact_fab.shapes import SensorDimensions
 
 CAMERA = Pinhole.of(SensorDimensions())
@@ -37,7 +37,7 @@ def test_data_of_no_model_is_one_line(change: dict[str, object], says: str) -> N
 
 
 def test_axes_are_where_the_pixels_are_at_rest() -> None:
-    xs_mm, ys_mm = CAMERA.axes_mm(2)
+    xs_mm, ys_mm = axes_mm(CAMERA, 2)
     assert (len(xs_mm), len(ys_mm)) == (CAMERA.width_px + 4, CAMERA.height_px + 4)
     corners_px = np.array([[-2.0, -2.0], [CAMERA.width_px + 1.0, CAMERA.height_px + 1.0]])
     ends_mm = np.array([[xs_mm[0], ys_mm[0]], [xs_mm[-1], ys_mm[-1]]])
