@@ -6,7 +6,8 @@ draws, records and analyses knows a `CameraModel`; one model draws and rectifies
 
 from .camera import CameraModel, Medium, axes_mm
 from .fisheye import Fisheye
-from .lattice import LatticeSampler, SurfaceLattice
+from .lattice import LatticeSampler, PointSampler, SurfaceLattice
+from .motion import FaceMotion
 from .pinhole import Pinhole
 from .rectified import Rectified
 from .snell import half_angle_rad, reached_mm
@@ -15,10 +16,12 @@ from .stored import as_toml, camera_from_dict, load_camera
 
 __all__ = [
     "CameraModel",
+    "FaceMotion",
     "Fisheye",
     "LatticeSampler",
     "Medium",
     "Pinhole",
+    "PointSampler",
     "Rectified",
     "StageFrame",
     "SurfaceLattice",
