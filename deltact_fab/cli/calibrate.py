@@ -53,12 +53,12 @@ def calibrate(
     below the face; alone they leave the face undetermined.
     """
     from ..cad.design import load_design
-    from ..measure.lens import Board, FlatField, calibrate
+    from ..measure.lens import FlatField, calibrate
     from ..record import write_whole
     from .output import echo_json
 
-    wanted = _board(board, "--board")
-    held = None if air_board is None else Board.parse(air_board, "--air-board")
+    wanted = board_named(board, "--board")
+    held = None if air_board is None else board_named(air_board, "--air-board")
     if out.suffix != ".toml":
         raise click.BadParameter(f"{out}: a camera file ends in .toml", param_hint="-o")
     if not out.parent.is_dir():
@@ -80,7 +80,7 @@ def calibrate(
         click.echo(f"written: {out}" + ("" if field is None else f", {beside}"))
 
 
-def _board(words: str, option: str) -> Board:
+def board_named(words: str, option: str) -> Board:
     """A board by its numbers, or the catalogue's chessboard skin."""
     from ..measure.lens import Board
     from ..patterns import load_recipe

@@ -19,8 +19,9 @@ from scipy.spatial.transform import Rotation
 from ..errors import InputError
 from ..imaging import Float, Sensor
 from ..measure.lens import Board
-from ..optics import Fisheye, Medium
+from ..optics import Fisheye, Medium, Rectified
 from ..shapes import SensorDimensions
+from .raw_view import RawView
 
 Array = NDArray[Any]
 
@@ -60,7 +61,7 @@ class Studio:
     def __init__(self, lens: Fisheye, sensor: Sensor, design: SensorDimensions) -> None:
         self.lens, self.design = lens, design
         self._sensor = sensor
-        self._shade = sensor.shade(lens.height_px, lens.width_px)
+        self._shade = RawView(lens, Rectified.of(design, lens)).shade(sensor.shading)
         rows, columns = np.arange(-1.0, lens.height_px + 1), np.arange(-1.0, lens.width_px + 1)
         self._origin, self._slope = lens.ray(np.stack(np.meshgrid(columns, rows), -1), "air")
 

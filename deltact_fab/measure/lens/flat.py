@@ -27,7 +27,7 @@ FULL = 65535
 
 @dataclass(frozen=True)
 class FlatField:
-    """Share of the full light that each pixel and channel gets, (h, w, 3) float32 BGR, 1 at most."""
+    """Share of the full light that each pixel and channel gets, (h, w, 3) float32 BGR, <= 1."""
 
     share: NDArray[np.float32]
 

@@ -131,8 +131,8 @@ def _refuse_misfit(problem: Problem, fit: Solution) -> None:
         off, kept = fit.off_px[rows], fit.kept[rows]
         if not seen.contact and at[rows, 2].min() < LEAST_HEIGHT_MM:
             raise InputError(
-                f"{seen.corners.source}: its board touches the face, and the image was given as one "
-                "in air: is it a contact image?"
+                f"{seen.corners.source}: its board touches the face, and the image was given as "
+                "one in air: is it a contact image?"
             )
         rms = _rms(off)
         lost = 1 - kept.mean()
