@@ -22,8 +22,8 @@ WINDOW = 0.3
 """Half side of the window that refines a corner, in distances to the nearest corner."""
 WINDOWS_PX = (2, 7)
 BORDER_PX = 4
-OFF_MIDDLE_MM = 0.8
-"""So far from its guess the skin's middle may lie, where nothing but colours tells it."""
+CLEARLY = 0.6
+"""The skin's middle must lie so much nearer to its guess than the next square that might be it."""
 
 
 @dataclass(frozen=True)
@@ -55,13 +55,13 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     return np.asarray(image, np.uint8)
 
 
-def find(image: Array, board: Board, source: str, middle_px: Array | None = None) -> Corners | None:
+def find(image: Array, board: Board, source: str) -> Corners | None:
     """The board's inner corners in an image (h, w, 3) BGR, None where no board is found.
 
     Sector-based detection (Duda and Frese, 2018), each corner refined on its gradients in a window
     that stays clear of its neighbours. A board must be seen whole. A skin is seen in part: the
     camera is taken to be turned by less than 45 degrees about its axis, and the skin's middle is
-    the square of the right colour nearest to middle_px (default: the image's middle).
+    the square of the right colour nearest to the image's middle.
 
     Raises InputError where more or other corners are found than the board has, or where the middle
     of a skin cannot be told.
@@ -89,9 +89,7 @@ def find(image: Array, board: Board, source: str, middle_px: Array | None = None
     grid = _refined(grey, grid, inside)
     index = np.stack(np.meshgrid(np.arange(found[0]), np.arange(found[1])), -1)
     if board.skin:
-        height, width = grey.shape
-        middle = np.array([(width - 1) / 2, (height - 1) / 2]) if middle_px is None else middle_px
-        index = index + _shift(grey, grid, inside, board, middle, source)
+        index = index + _shift(grey, grid, inside, board, source)
     return Corners(source, board, grid[inside], index[inside])
 
 
@@ -145,10 +143,11 @@ def _refined(grey: Array, grid: Array, inside: Array) -> Array:
 
 
 def _shift(
-    grey: Array, grid: Array, inside: Array, board: Board, middle_px: Array, source: str
+    grey: Array, grid: Array, inside: Array, board: Board, source: str
 ) -> NDArray[np.int64]:
     """What to add to (column, row) in the rectangle to have the skin's own. Raises InputError."""
     rows, columns = grid.shape[:2]
+    middle_px = (np.array(grey.shape[::-1]) - 1) / 2
     # Where the guess of the origin lies in the rectangle, from an affine map of the corners near it
     near = np.argsort(np.linalg.norm(grid.reshape(-1, 2) - middle_px, axis=1))[:16]
     where = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1).reshape(-1, 2)
@@ -170,11 +169,10 @@ def _shift(
         )
     options.sort()
     (off_mm, shift), others = options[0], options[1:]
-    limit_mm = min(OFF_MIDDLE_MM, others[0][0] / 2) if others else np.inf
-    if off_mm > limit_mm:
+    if others and off_mm > CLEARLY * others[0][0]:
         raise InputError(
             f"{source}: the skin's middle lies {off_mm:.2f} mm off the image's, so that it might "
-            "be one square or another: put the skin or the camera in the middle"
+            "be one square or another: put skin and camera in the middle"
         )
     return np.array(shift)
 
