@@ -8,9 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltact_fab.measure.lens import Board
+from deltact_fab.measure.lens.corners import Corners
+from deltact_fab.measure.lens.problem import Seen
 from deltact_fab.measure.lens.trust import view_mm
 from deltact_fab.optics import Fisheye
 from deltact_fab.shapes import SensorDimensions
+from deltact_fab.virtual.boards import ON_FACE, Pose
 
 DESIGN = SensorDimensions()
 SKIN = Board(23, 23, 1.5, skin=True)
@@ -66,3 +69,29 @@ def off_px(
 def p95_px(found: Fisheye, true: Fisheye, aligned: bool = False) -> dict[float, float]:
     """The 95th percentile over the view, at each depth of the limits."""
     return {d: float(np.percentile(off_px(found, true, d, aligned), 95)) for d in LIMITS_PX}
+
+
+def exact(
+    true: Fisheye,
+    board: Board,
+    pose: Pose = ON_FACE,
+    *,
+    contact: bool = True,
+    noise_px: float = 0.05,
+    outliers: int = 0,
+    printed: tuple[float, float] = (1.0, 1.0),
+    seed: int = 0,
+) -> Seen:
+    """A board's corners where the lens sees them, with noise; some moved by 3 px.
+
+    printed: what became of its sides in x and y.
+    """
+    rng = np.random.default_rng(seed)
+    index = np.stack(np.meshgrid(*(np.arange(n) for n in board.corners)), -1).reshape(-1, 2)
+    at = pose.points_mm(board.at_mm(index) * printed)
+    px = true.project_px(at, "gel" if contact else "air")
+    last = np.array([true.width_px, true.height_px]) - 1
+    seen = np.all((px >= 5) & (px <= last - 5), axis=1)
+    px = px[seen] + noise_px * rng.standard_normal((int(seen.sum()), 2))
+    px[rng.choice(len(px), outliers, replace=False)] += 3.0
+    return Seen(Corners("board.png", board, px, index[seen]), contact)
