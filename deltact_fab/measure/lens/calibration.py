@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ...errors import InputError, SolverError
 from ...optics import Fisheye, as_toml
 from ...shapes import SensorDimensions
+from ...shapes.bounded import ShapeError
 from . import trust
 from .board import Board
 from .corners import find, read_image
@@ -180,7 +181,7 @@ def of_corners(
             more = [pose(s, lens) for s in held]
             problem = Problem(base, known, [*touching, *held])
             fit = solve(problem, np.concatenate((fit.x, *more)))
-    except SolverError as why:
+    except (SolverError, ShapeError) as why:
         raise InputError(f"{seen[0].corners.source}: {why}") from why
     n = len(problem.names)
     left = np.sqrt(np.diag(fit.covariance))[:n]

@@ -142,9 +142,7 @@ def _refined(grey: Array, grid: Array, inside: Array) -> Array:
     return refined
 
 
-def _shift(
-    grey: Array, grid: Array, inside: Array, board: Board, source: str
-) -> NDArray[np.int64]:
+def _shift(grey: Array, grid: Array, inside: Array, board: Board, source: str) -> NDArray[np.int64]:
     """What to add to (column, row) in the rectangle to have the skin's own. Raises InputError."""
     rows, columns = grid.shape[:2]
     middle_px = (np.array(grey.shape[::-1]) - 1) / 2
