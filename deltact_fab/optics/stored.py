@@ -28,7 +28,7 @@ def camera_from_dict(data: Mapping[str, Any], source: str = "camera") -> CameraM
     """
     values = dict(data)
     name = values.pop("model", "pinhole")
-    if name not in _MODELS:
+    if not isinstance(name, str) or name not in _MODELS:
         raise InputError(f"{source}: model: {name!r}; {did_you_mean(str(name), _MODELS)}")
     lens = values.get("lens")
     if name == "rectified" and isinstance(lens, Mapping):

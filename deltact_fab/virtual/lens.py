@@ -13,15 +13,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import InputError
-from ..optics import Fisheye, Rectified, camera_from_dict, load_camera
+from ..optics import (
+    Fisheye,
+    Rectified,
+    aliased_share,
+    camera_from_dict,
+    load_camera,
+    raw_mm_per_px,
+)
+from ..optics.sampling import LEAST_PX
 from ..shapes import SensorDimensions
 from .raw_view import BAND_PX
 
 if TYPE_CHECKING:
     from ..rig.config import VirtualConfig
-
-FINE_PX = 2.0
-"""Raw pixels that a patch needs; with less, a pattern aliases."""
 
 
 def true_lens(config: VirtualConfig, sensor: SensorDimensions) -> Fisheye:
@@ -92,13 +97,18 @@ def lens_notes(config: VirtualConfig, view: Rectified, patch_mm: float | None) -
             "chessboard skin on this rig, `deltact-fab calibrate` the raw image, and name the file "
             "it makes as [camera] model"
         )
-    finest, coarsest = scales_mm(view)
-    line = f"the lens takes {finest:.3f} mm a pixel in the middle, {coarsest:.3f} mm in the corners"
-    if patch_mm is not None:
-        line += f", {patch_mm / coarsest:.2f} px a patch of the pattern"
-        if patch_mm < FINE_PX * coarsest:
-            line = f"WARNING: {line}: it aliases there"
-    lines.append(line)
+    w, h = view.width_px, view.height_px
+    scales = raw_mm_per_px(view, np.array([[w / 2, h / 2], [0, 0], [w, 0], [0, h], [w, h]]))
+    middle, corner = scales[0].min(), scales[1:].max()
+    lines.append(
+        f"the lens takes {middle:.3f} mm a pixel in the middle, {corner:.3f} in the corners"
+    )
+    aliased = 0.0 if patch_mm is None else aliased_share(view, patch_mm)
+    if aliased >= 0.005:
+        lines.append(
+            f"WARNING: patches of {patch_mm:g} mm alias over {aliased:.0%} of the view: the lens "
+            f"has less than {LEAST_PX:g} pixels for one there"
+        )
     blank = np.zeros((view.lens.height_px, view.lens.width_px, 3), np.uint8)
     view.rectify(blank)
     start_s = time.process_time()
@@ -107,12 +117,3 @@ def lens_notes(config: VirtualConfig, view: Rectified, patch_mm: float | None) -
     ms = (time.process_time() - start_s) / 5 * 1e3
     lines.append(f"images are stored raw and rectified when they are read: {ms:.1f} ms of CPU each")
     return lines
-
-
-def scales_mm(view: Rectified) -> tuple[float, float]:
-    """The finest and the coarsest mm on the resting face that a raw pixel takes, in the view."""
-    step = 8
-    raw = np.stack([m[::step, ::step].astype(float) for m in view.maps()], axis=-1)
-    by_row, by_column = (np.gradient(raw, step, axis=k) for k in (0, 1))
-    stretch = np.linalg.svd(np.stack((by_column, by_row), axis=-1), compute_uv=False)
-    return view.mm_per_px / float(stretch.max()), view.mm_per_px / float(stretch.min())

@@ -1,4 +1,4 @@
-"""Camera models: what the record keeps of one, and what is read from an old record."""
+"""A camera's axes at rest, and the camera of an old record."""
 
 from __future__ import annotations
 
@@ -7,33 +7,12 @@ import shutil
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from deltact_fab import record
-from deltact_fab.errors import InputError
-from deltact_fab.optics import Pinhole, axes_mm, camera_from_dict
+from deltact_fab.optics import Pinhole, axes_mm
 from deltact_fab.shapes import SensorDimensions
 
 CAMERA = Pinhole.of(SensorDimensions())
-
-
-def test_a_model_comes_back_from_its_plain_data() -> None:
-    data = json.loads(json.dumps(CAMERA.as_dict()))
-    assert data["model"] == "pinhole"
-    assert camera_from_dict(data) == CAMERA
-
-
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        ({"model": "pinhoel"}, "model: 'pinhoel'; did you mean 'pinhole'"),
-        ({"width_px": "wide"}, "width_px: .*'wide'"),
-        ({"f_px": 3.0}, "f_px: unknown key"),
-    ],
-)
-def test_data_of_no_model_is_one_line(change: dict[str, object], says: str) -> None:
-    with pytest.raises(InputError, match=rf"^run\.json: {says}"):
-        camera_from_dict({**CAMERA.as_dict(), **change}, "run.json")
 
 
 def test_axes_are_where_the_pixels_are_at_rest() -> None:
