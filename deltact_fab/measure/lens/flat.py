@@ -23,6 +23,8 @@ SMOOTH = 0.01
 MOST_GAIN = 4.0
 """Where it is darker than that, beyond the skin's window, nothing is to be made bright."""
 FULL = 65535
+COARSE = 8
+"""Pixels a side that one of the kept image stands for: less than the blur's sigma."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ class FlatField:
     @classmethod
     def beside(cls, camera_file: Path) -> FlatField | None:
         """The one that a camera file names, None where it names none. Raises InputError."""
-        _, tables = load_camera(camera_file)
+        lens, tables = load_camera(camera_file)
         if "flat" not in tables:
             return None
         table = tables["flat"]
@@ -65,11 +67,15 @@ class FlatField:
         kept = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
         if kept is None or kept.dtype != np.uint16 or kept.ndim != 3 or not kept.min() > 0:
             raise InputError(f"{camera_file}: flat.file: {path} is no 16-bit image of the light")
-        return cls((kept / FULL).astype(np.float32))
+        size = (lens.width_px, lens.height_px)
+        share = cv2.resize((kept / FULL).astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
+        return cls(np.asarray(share, np.float32))
 
     def png(self) -> bytes:
-        """As 16-bit PNG."""
-        done, data = cv2.imencode(".png", np.rint(self.share * FULL).astype(np.uint16))
+        """As 16-bit PNG, COARSE times smaller, for it is smooth."""
+        size = tuple(-(-side // COARSE) for side in self.share.shape[1::-1])
+        coarse = cv2.resize(self.share, size, interpolation=cv2.INTER_AREA)
+        done, data = cv2.imencode(".png", np.rint(coarse * FULL).astype(np.uint16))
         if not done:
             raise RunFailed("the flat field could not be encoded as PNG")
         return bytes(data)
