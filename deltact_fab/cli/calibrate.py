@@ -53,7 +53,7 @@ def calibrate(
     below the face; alone they leave the face undetermined.
     """
     from ..cad.design import load_design
-    from ..measure.lens import FlatField, calibrate
+    from ..measure.lens import calibrate, flat_field
     from ..record import write_whole
     from .output import echo_json
 
@@ -64,9 +64,7 @@ def calibrate(
     if not out.parent.is_dir():
         raise click.BadParameter(f"{out.parent}: no such folder", param_hint="-o")
     found = calibrate(_files(images), wanted, _files(air), held, load_design(design))
-    field = None
-    if flat is not None:
-        field = FlatField.of_blank(flat, (found.lens.width_px, found.lens.height_px))
+    field = None if flat is None else flat_field(flat, found.lens)
     beside = out.with_suffix(".flat.png")
     if field is not None:
         write_whole(beside, field.png())

@@ -14,8 +14,7 @@ from click.testing import CliRunner, Result
 from deltact_fab.cli.calibrate import calibrate
 from deltact_fab.cli.rig import rig
 from deltact_fab.errors import InputError
-from deltact_fab.measure.lens import FlatField
-from deltact_fab.optics import Fisheye, Rectified, load_camera
+from deltact_fab.optics import Fisheye, FlatField, Rectified, load_camera
 
 RIG = """
 kind = "virtual"

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError, SolverError
-from ...optics import Fisheye, as_toml
+from ...optics import Fisheye, FlatField, as_toml
 from ...shapes import SensorDimensions
 from ...shapes.bounded import ShapeError
 from . import trust
@@ -159,6 +159,18 @@ def calibrate(
         names = ", ".join(map(str, contact[:3])) + (", ..." if len(contact) > 3 else "")
         raise InputError(f"{names}: {sides} was not found in any contact image")
     return of_corners(seen, size[0], sensor or SensorDimensions(), unread, _seeds(contact, air))
+
+
+def flat_field(blank: Path, lens: Fisheye) -> FlatField:
+    """From an image file of a blank skin, taken with this lens. Raises InputError."""
+    image = read_image(blank)
+    height, width = image.shape[:2]
+    if (width, height) != (lens.width_px, lens.height_px):
+        raise InputError(
+            f"--flat {blank}: {width} x {height} px, and the boards' images have "
+            f"{lens.width_px} x {lens.height_px}"
+        )
+    return FlatField.of_blank(image, f"--flat {blank}")
 
 
 def of_corners(

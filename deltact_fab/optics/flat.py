@@ -1,7 +1,7 @@
-"""The flat field: how the light falls off over the image, from a frame of a blank skin.
+"""The flat field: how the light falls off over a camera's image, and images as under even light.
 
 Shading multiplies the light; behind a camera's gamma it multiplies the coded values too, so coded
-values are divided by those of the blank frame. Kept beside the camera file, as 16-bit PNG.
+values are divided by those of a frame of a blank skin. Kept beside the camera file, as 16-bit PNG.
 """
 
 from __future__ import annotations
@@ -10,13 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError, RunFailed
-from ...optics import Rectified, load_camera
-from .corners import read_image
+from ..errors import InputError, RunFailed
+from .rectified import Rectified
+from .stored import load_camera
 
 SMOOTH = 0.01
 """Sigma of the blur that takes the blank frame's noise away, of its width."""
@@ -34,25 +33,28 @@ class FlatField:
     share: NDArray[np.float32]
 
     @classmethod
-    def of_blank(cls, path: Path, size_px: tuple[int, int]) -> FlatField:
-        """From an image file of a blank skin. Raises InputError.
+    def of_blank(cls, image: NDArray[np.uint8], source: str) -> FlatField:
+        """From a frame (h, w, 3) BGR of a blank skin. Raises InputError naming the source."""
+        import cv2
 
-        size_px: (width, height) of the images that it is for.
-        """
-        image = read_image(path)
-        if image.shape[1::-1] != size_px:
-            raise InputError(
-                f"--flat {path}: {image.shape[1]} x {image.shape[0]} px, and the boards' images "
-                f"have {size_px[0]} x {size_px[1]}"
-            )
-        # The brightest channel of a pixel in the middle may be full: then its share is unknown.
         if np.mean(image == 255) > 0.001:
-            raise InputError(f"--flat {path}: over-exposed; take the blank frame with less light")
+            raise InputError(f"{source}: over-exposed; take the blank frame with less light")
         smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), SMOOTH * image.shape[1])
         top = smooth.reshape(-1, 3).max(axis=0)
         if not np.all(top >= 16):
-            raise InputError(f"--flat {path}: too dark to tell how the light falls off")
+            raise InputError(f"{source}: too dark to tell how the light falls off")
         return cls(np.maximum(smooth / top, np.float32(1 / MOST_GAIN)))
+
+    @classmethod
+    def read(cls, path: Path, size_px: tuple[int, int]) -> FlatField:
+        """From the file that `png` makes, for images of (width, height). Raises InputError."""
+        import cv2
+
+        kept = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
+        if kept is None or kept.dtype != np.uint16 or kept.ndim != 3 or not kept.min() > 0:
+            raise InputError(f"{path}: no 16-bit image of the light")
+        share = (kept / FULL).astype(np.float32)
+        return cls(np.asarray(cv2.resize(share, size_px, interpolation=cv2.INTER_LINEAR)))
 
     @classmethod
     def beside(cls, camera_file: Path) -> FlatField | None:
@@ -63,16 +65,15 @@ class FlatField:
         table = tables["flat"]
         if not (isinstance(table, dict) and isinstance(table.get("file"), str)):
             raise InputError(f"{camera_file}: flat.file: missing; the name of an image beside it")
-        path = camera_file.parent / table["file"]
-        kept = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
-        if kept is None or kept.dtype != np.uint16 or kept.ndim != 3 or not kept.min() > 0:
-            raise InputError(f"{camera_file}: flat.file: {path} is no 16-bit image of the light")
-        size = (lens.width_px, lens.height_px)
-        share = cv2.resize((kept / FULL).astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
-        return cls(np.asarray(share, np.float32))
+        try:
+            return cls.read(camera_file.parent / table["file"], (lens.width_px, lens.height_px))
+        except InputError as why:
+            raise InputError(f"{camera_file}: flat.file: {why}") from why
 
     def png(self) -> bytes:
         """As 16-bit PNG, COARSE times smaller, for it is smooth."""
+        import cv2
+
         size = tuple(-(-side // COARSE) for side in self.share.shape[1::-1])
         coarse = cv2.resize(self.share, size, interpolation=cv2.INTER_AREA)
         done, data = cv2.imencode(".png", np.rint(coarse * FULL).astype(np.uint16))
@@ -82,6 +83,8 @@ class FlatField:
 
     def seen_by(self, view: Rectified) -> FlatField:
         """The same for rectified images: rectify first, then apply, which is cheaper."""
+        import cv2
+
         x, y = view.maps()
         share: Any = cv2.remap(self.share, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return FlatField(np.asarray(share, np.float32))
@@ -91,6 +94,8 @@ class FlatField:
 
         Raises InputError for an image of another size.
         """
+        import cv2
+
         if image.shape[:2] != self.share.shape[:2]:
             raise InputError(
                 f"flat field of {self.share.shape[1]} x {self.share.shape[0]} px for an image of "
