@@ -13,6 +13,7 @@ from typing import Any
 from . import __version__, preflight, record
 from .cad.design import load_design
 from .errors import InputError
+from .optics import Rectified
 from .patterns.dots import centres_mm
 from .patterns.recipe import PatternRecipe, load_recipe
 from .protocols import limits, plan
@@ -28,15 +29,18 @@ from .shapes import SensorDimensions
 Progress = Callable[[int, int, str], None]
 
 
-def kind_of(rig: RigConfig) -> RigKind:
-    """What a kind of rig says and builds. Only the one that is asked for is imported."""
+def kind_of(rig: RigConfig, source: Path) -> RigKind:
+    """What a kind of rig says and builds. Only the one that is asked for is imported.
+
+    source: of the rig file, from which the paths in it count.
+    """
     if rig.kind == "grbl":
         from .rig.grbl_rig import GrblKind
 
         return GrblKind(rig)
     from .virtual.rig import VirtualKind
 
-    return VirtualKind(rig)
+    return VirtualKind(rig, source)
 
 
 def checks(protocol_name: str, rig_name: str, air: bool = False) -> list[limits.Check]:
@@ -44,7 +48,8 @@ def checks(protocol_name: str, rig_name: str, air: bool = False) -> list[limits.
     protocol, source = plan.load(protocol_name)
     rig, path = rig_config.load(rig_name)
     sensor = load_design(protocol.specimen.design)
-    kind = kind_of(rig)
+    kind = kind_of(rig, path)
+    kind.camera(protocol, sensor)  # a file that cannot be used is said now
     rows = limits.check(protocol, sensor, rig.stage.box, plan.expand(protocol, air))
     refused = kind.refusals(protocol, sensor, str(source))
     rows += [_check(kind.part, "refusals", refused)]
@@ -75,9 +80,11 @@ def _in_air_only(rig: RigConfig, air: bool) -> list[str]:
 def show(protocol_name: str, rig_name: str) -> tuple[list[Step], limits.Estimate]:
     """Steps and estimate of a protocol on a rig."""
     protocol, _ = plan.load(protocol_name)
-    rig, _ = rig_config.load(rig_name)
-    sensor = load_design(protocol.specimen.design)
-    return plan.expand(protocol), limits.estimate(protocol, sensor, rig.stage.box)
+    rig, path = rig_config.load(rig_name)
+    camera = kind_of(rig, path).camera(protocol, load_design(protocol.specimen.design))
+    stored = camera.lens if isinstance(camera, Rectified) else camera
+    image_px = stored.width_px * stored.height_px if stored is not None else 0
+    return plan.expand(protocol), limits.estimate(protocol, image_px, rig.stage.box)
 
 
 def forces(
@@ -121,7 +128,7 @@ def run(
     sensor = load_design(protocol.specimen.design)
     steps = plan.expand(protocol, air)
     limits.require(limits.check(protocol, sensor, rig.stage.box, steps), str(source))
-    kind = kind_of(rig)
+    kind = kind_of(rig, rig_path)
     _require_none(kind.refusals(protocol, sensor, str(source)))
     job = Job(protocol, sensor, load_recipe(protocol.specimen.pattern), seed, out, air)
     text = source.read_bytes()
@@ -139,7 +146,7 @@ def run(
     if resuming:
         writer = RunWriter.resume(out, steps, progress)
     else:
-        writer = RunWriter.create(out, meta, text, pattern, steps)
+        writer = RunWriter.create(out, meta, text, pattern, steps, kind.flat(protocol))
     try:
         with closing(kind.build(job)) as bench:
             devices = bench.devices()
@@ -226,12 +233,12 @@ def _resumed(sessions: int, kept_frames: int) -> list[str]:
 def _meta(job: Job, rig: RigConfig, rig_name: str, kind: RigKind) -> dict[str, Any]:
     dumped = job.protocol.model_dump(mode="json")
     dumped["channels"] = sorted(dumped["channels"])
-    camera = kind.camera(job.sensor)
+    camera = kind.camera(job.protocol, job.sensor)
     return {
         "name": job.folder.name,
         "protocol": dumped,
         "rig_name": rig_name,
-        "rig": rig.model_dump(mode="json"),
+        "rig": rig.recorded(),
         "sensor": asdict(job.sensor),
         "camera": camera.as_dict() if camera is not None else None,
         "simulated": rig.simulated,

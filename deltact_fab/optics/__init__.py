@@ -7,7 +7,9 @@ lens as it is, behind air, acrylic and gel, and `Rectified` the view of the face
 
 from .camera import CameraModel, Medium, axes_mm
 from .fisheye import Fisheye
-from .lattice import LatticeSampler, SurfaceLattice
+from .flat import FlatField
+from .lattice import LatticeSampler, PointSampler, SurfaceLattice
+from .motion import FaceMotion
 from .pinhole import Pinhole
 from .rectified import Rectified
 from .sampling import aliased_share, raw_mm_per_px
@@ -17,10 +19,13 @@ from .stored import as_toml, camera_from_dict, load_camera
 
 __all__ = [
     "CameraModel",
+    "FaceMotion",
     "Fisheye",
+    "FlatField",
     "LatticeSampler",
     "Medium",
     "Pinhole",
+    "PointSampler",
     "Rectified",
     "StageFrame",
     "SurfaceLattice",

@@ -33,8 +33,11 @@ class GrblKind:
             "channels = [] records the poses"
         ]
 
-    def camera(self, sensor: SensorDimensions) -> None:
+    def camera(self, protocol: Protocol, sensor: SensorDimensions) -> None:
         """There is none."""
+
+    def flat(self, protocol: Protocol) -> None:
+        """There is no camera."""
 
     def build(self, job: Job) -> GrblRig:
         """The stage, its port not yet open."""
