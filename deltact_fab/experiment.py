@@ -146,7 +146,7 @@ def run(
     if resuming:
         writer = RunWriter.resume(out, steps, progress)
     else:
-        writer = RunWriter.create(out, meta, text, pattern, steps)
+        writer = RunWriter.create(out, meta, text, pattern, steps, kind.flat(protocol))
     try:
         with closing(kind.build(job)) as bench:
             devices = bench.devices()

@@ -14,7 +14,7 @@ import pytest
 from deltact_fab import catalog, experiment, record
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.measure.flow import FlowMethod
-from deltact_fab.optics import Fisheye, PointSampler, Rectified, as_toml
+from deltact_fab.optics import Fisheye, FlatField, PointSampler, Rectified, as_toml
 from deltact_fab.protocols import plan
 from deltact_fab.rig import config
 from deltact_fab.shapes import SensorDimensions
@@ -107,6 +107,23 @@ def test_frames_are_stored_raw_and_read_as_the_calibrated_lens_has_them(run: Pat
     view = opened.camera
     assert view == Rectified(CALIBRATED, 0.0378, 200, 160)
     assert np.array_equal(image, view.rectify(raw))
+
+
+def test_the_flat_field_of_the_camera_file_is_frozen_and_applied(tmp_path: Path) -> None:
+    protocol, rig = written(tmp_path, '["image"]')
+    before, _, after = Path(protocol).read_text().partition("[shear]")
+    press = before.replace(", [0.8, 0.5]", "") + after[after.index("[capture]") :]
+    Path(protocol).write_text(press.replace('"sweep"', '"step"').replace("rate_hz = 0.5", ""))
+    share = np.full((340, 420, 3), 0.5, np.float32)
+    (tmp_path / "light.png").write_bytes(FlatField(share).png())
+    (tmp_path / "camera.toml").write_text(as_toml(CALIBRATED, {"flat": {"file": "light.png"}}))
+    experiment.run(protocol, rig, tmp_path / "run")
+    (tmp_path / "light.png").unlink()
+    opened = record.open(tmp_path / "run")
+    file = opened.frames().iloc[0].file
+    assert isinstance(opened.camera, Rectified)
+    dim = opened.camera.rectify(opened.raw(file)).astype(int)
+    assert np.abs(opened.image(file) - np.minimum(2 * dim, 255)).max() <= 1
 
 
 def test_what_the_run_file_says_of_the_true_lens_is_a_digest(run: Path) -> None:

@@ -17,6 +17,7 @@ COMMANDS = {
     "pattern": ("pattern", "pattern", "Pattern stickers: generate and inspect."),
     "protocol": ("protocol", "protocol", "Indentation experiments: check, show, list."),
     "rig": ("rig", "rig", "Benches: list and show."),
+    "calibrate": ("calibrate", "calibrate", "The lens, from images of boards."),
     "gel": ("gel", "gel", "Gel mechanics: press, fit, path."),
     "analyze": ("analyze", "analyze", "Analyses of recorded runs."),
     "report": ("report", "report", "One offline page of a run."),

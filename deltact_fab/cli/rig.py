@@ -1,7 +1,8 @@
-"""`deltact-fab rig`: list and show benches."""
+"""`deltact-fab rig`: list and show benches, and photograph boards on a virtual one."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import click
@@ -9,7 +10,7 @@ import click
 
 @click.group()
 def rig() -> None:
-    """Benches: list and show."""
+    """Benches: list, show, photograph boards."""
 
 
 @rig.command("list")
@@ -41,6 +42,60 @@ def show(name: str, as_json: bool) -> None:
         return
     click.echo(f"{name} ({path.name}): {data.pop('kind')}")
     _echo(data, "  ")
+
+
+@rig.command()
+@click.argument("name")
+@click.option("--board", required=True, metavar="skin|NXxNYxMM", help="What lies on the face.")
+@click.option("--contact", default=5, show_default=True, help="Images of it; of a skin, one.")
+@click.option("--air", default=0, show_default=True, help="Images of a board in the air beyond.")
+@click.option("--air-board", metavar="NXxNYxMM", help="That board; default: as --board.")
+@click.option("--design", default="deltact", show_default=True, help="Design of the sensor.")
+@click.option("--seed", default=0, show_default=True, help="Of places, tilts and noise.")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="A new folder.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def photograph(
+    name: str,
+    board: str,
+    contact: int,
+    air: int,
+    air_board: str | None,
+    design: str,
+    seed: int,
+    out: Path,
+    as_json: bool,
+) -> None:
+    """Photograph boards with a virtual rig's camera, through its true lens, to calibrate it.
+
+    --board skin is the shipped chessboard skin; 9x7x3 is 9 x 7 squares of 3 mm, wetted onto the
+    face. OUT gets contact/, air/, a blank frame for the flat field, and truth/.
+    """
+    from ..cad.design import load_design
+    from ..errors import InputError
+    from ..rig import config
+    from ..virtual.photographs import take
+    from .calibrate import board_named
+    from .output import echo_json
+
+    bench, path = config.load(name)
+    if not isinstance(bench, config.VirtualConfig) or bench.virtual.lens is None:
+        raise InputError(f"{path}: a virtual rig with [virtual.lens] is needed, as fisheye")
+    files = take(
+        bench,
+        load_design(design),
+        board_named(board, "--board"),
+        out,
+        contact=contact,
+        air=air,
+        air_board=None if air_board is None else board_named(air_board, "--air-board"),
+        seed=seed,
+    )
+    if as_json:
+        echo_json({"simulated": True, "seed": seed, "files": [str(f) for f in files]})
+        return
+    for file in files:
+        click.echo(file)
+    click.echo(f"simulated, seed {seed}; the true lens is in {out / 'truth'}")
 
 
 def _echo(table: dict[str, Any], before: str) -> None:

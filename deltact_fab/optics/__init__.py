@@ -7,6 +7,7 @@ lens as it is, behind air, acrylic and gel, and `Rectified` the view of the face
 
 from .camera import CameraModel, Medium, axes_mm
 from .fisheye import Fisheye
+from .flat import FlatField
 from .lattice import LatticeSampler, PointSampler, SurfaceLattice
 from .motion import FaceMotion
 from .pinhole import Pinhole
@@ -20,6 +21,7 @@ __all__ = [
     "CameraModel",
     "FaceMotion",
     "Fisheye",
+    "FlatField",
     "LatticeSampler",
     "Medium",
     "Pinhole",

@@ -4,6 +4,7 @@ RUN/run.json          name, seed, versions, protocol, rig, sensor, camera as it 
 RUN/protocol.toml     the protocol as it was given, byte for byte
 RUN/pattern.json      recipe and dot centres as data
 RUN/journal.sqlite    steps, frames, samples, events (WAL, synchronous=FULL)
+RUN/camera.flat.png   how the light falls off, where the camera file names it
 RUN/images/*.png      as the camera gave them, raw; temporary file, fsync, rename
 RUN/truth/            written by a virtual rig only; read through `Run.truth()` in analysis only
 RUN/summary.json      written last: its presence says that the run is finished

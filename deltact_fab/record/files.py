@@ -73,6 +73,11 @@ def lattice_file(folder: Path) -> Path:
     return folder / "truth" / "lattice.json"
 
 
+def flat_file(folder: Path) -> Path:
+    """Where a run keeps the flat field of its calibrated camera, if that has one."""
+    return folder / "camera.flat.png"
+
+
 def lens_file(folder: Path) -> Path:
     """Where a virtual rig keeps the lens that it draws through, which is not the calibrated one."""
     return folder / "truth" / "lens.json"

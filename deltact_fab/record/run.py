@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, RunFailed
-from ..optics import CameraModel, Rectified, camera_from_dict
-from .files import FORMAT, lattice_file
+from ..optics import CameraModel, FlatField, Rectified, camera_from_dict
+from .files import FORMAT, flat_file, lattice_file
 from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, at_times, unpack
 from .truth import Truth, load
 
@@ -134,6 +134,8 @@ class Run:
     def image(self, file: str) -> NDArray[np.uint8]:
         """(h, w, 3) BGR of one frame as it is tracked: rectified where a lens was calibrated.
 
+        Where the camera has a flat field, as under even light.
+
         Raises RunFailed when it is missing, differs from its hash, does not decode or is not of
         the lens's size.
         """
@@ -141,9 +143,19 @@ class Run:
         if self.meta["camera"] is None or not isinstance(self.camera, Rectified):
             return raw
         try:
-            return np.asarray(self.camera.rectify(raw), np.uint8)
+            seen = np.asarray(self.camera.rectify(raw), np.uint8)
+            return seen if self._flat is None else self._flat.apply(seen)
         except InputError as why:
             raise RunFailed(f"{self.folder / file}: {why}") from why
+
+    @cached_property
+    def _flat(self) -> FlatField | None:
+        """Of the rectified view. Raises InputError when it is damaged."""
+        path, view = flat_file(self.folder), self.camera
+        if not path.is_file():
+            return None
+        assert isinstance(view, Rectified), "a flat field comes with a lens"
+        return FlatField.read(path, (view.lens.width_px, view.lens.height_px)).seen_by(view)
 
     def raw(self, file: str) -> NDArray[np.uint8]:
         """(h, w, 3) BGR of one frame as the camera gave it. Raises as `image` does."""

@@ -16,10 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, RunFailed
+from ..optics import FlatField
 from ..protocols.plan import Step
 from .files import (
     FORMAT,
     encode_png,
+    flat_file,
     image_file,
     json_bytes,
     refusing,
@@ -69,9 +71,11 @@ class RunWriter:
         protocol: bytes,
         pattern: dict[str, Any],
         steps: Sequence[Step],
+        flat: FlatField | None = None,
     ) -> RunWriter:
         """Start a run in a new folder, which appears whole or not at all.
 
+        flat: of the camera that meta names; what is read is corrected by it.
         Raises InputError when it is there or cannot be made there, RunFailed on a bad disk.
         """
         if folder.exists():
@@ -85,6 +89,8 @@ class RunWriter:
                 (made / "images").mkdir(parents=True)
             write_whole(made / "protocol.toml", protocol)
             write_whole(made / "pattern.json", json_bytes(pattern))
+            if flat is not None:
+                write_whole(flat_file(made), flat.png())
             with journal_errors(made), closing(connect(made, new=True)) as db:
                 db.executescript(f"BEGIN;{SCHEMA}COMMIT;")
                 with db:

@@ -36,6 +36,9 @@ class GrblKind:
     def camera(self, protocol: Protocol, sensor: SensorDimensions) -> None:
         """There is none."""
 
+    def flat(self, protocol: Protocol) -> None:
+        """There is no camera."""
+
     def build(self, job: Job) -> GrblRig:
         """The stage, its port not yet open."""
         return GrblRig(self._config, job)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from ..optics import CameraModel
+    from ..optics import CameraModel, FlatField
     from ..patterns.recipe import PatternRecipe
     from ..protocols import plan
     from ..shapes import SensorDimensions
@@ -199,6 +199,9 @@ class RigKind(Protocol):
 
         Raises InputError for a calibration that cannot be read, or not serve here.
         """
+
+    def flat(self, protocol: plan.Protocol) -> FlatField | None:
+        """How the light falls off in that camera's images, where it is known. Raises InputError."""
 
     def build(self, job: Job) -> Rig:
         """Every device of the run, or none: what was opened is closed when another fails."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..optics import Pinhole, Rectified
+from ..optics import FlatField, Pinhole, Rectified
 from ..protocols.plan import Protocol
 from ..rig.config import VirtualConfig
 from ..rig.force import NetFTSensor
@@ -56,6 +56,12 @@ class VirtualKind:
         from .lens import tracked_view
 
         return tracked_view(self._config, sensor, self._source)
+
+    def flat(self, protocol: Protocol) -> FlatField | None:
+        """What the camera file says of the light; only where images are taken."""
+        if self._config.camera is None or "image" not in protocol.channels:
+            return None
+        return FlatField.beside(self._source.parent / self._config.camera.model)
 
     def build(self, job: Job) -> VirtualRig:
         """Everything below the wire that the protocol asks for, and the drivers above it."""

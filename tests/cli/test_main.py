@@ -29,7 +29,8 @@ SUBCOMMANDS = [
     *(["cad", name] for name in ("list", "show", "check", "export", "bom", "guide")),
     *(["pattern", name] for name in ("make", "quality", "sheet", "from", "series")),
     ["protocol", "check"],
-    ["protocol", "show"], ["rig", "show"], ["gel", "press"], ["analyze", "tracking"],
+    ["protocol", "show"], ["rig", "show"], ["rig", "photograph"],
+    ["gel", "press"], ["analyze", "tracking"],
 ]  # fmt: skip
 
 

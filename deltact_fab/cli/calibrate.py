@@ -1,0 +1,132 @@
+"""`deltact-fab calibrate`: the lens from images of boards."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from ..measure.lens import Board, Calibration
+
+IMAGE_NAMES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+
+
+@click.command()
+@click.argument("images", nargs=-1, type=click.Path(path_type=Path))
+@click.option("--board", required=True, metavar="skin|NXxNYxMM", help="What IMAGES show.")
+@click.option(
+    "--air",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    help="Image, or folder of images, of a board held in the air beyond the face; repeatable.",
+)
+@click.option("--air-board", metavar="NXxNYxMM", help="What --air shows; default: as --board.")
+@click.option("--flat", type=click.Path(path_type=Path), help="Image of a blank skin: its shading.")
+@click.option(
+    "--design", default="deltact", help="Design of the sensor, whose thicknesses are the priors."
+)
+@click.option(
+    "-o", "out", required=True, type=click.Path(path_type=Path), help="Camera file, as camera.toml."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def calibrate(
+    images: tuple[Path, ...],
+    board: str,
+    air: tuple[Path, ...],
+    air_board: str | None,
+    flat: Path | None,
+    design: str,
+    out: Path,
+    as_json: bool,
+) -> None:
+    """Calibrate the camera through its lens, plate and gel, from IMAGES of a board on the face.
+
+    IMAGES (files, or folders of them) are contact images: the board touches the clear gel's outer
+    face without air between. Best is one image of the shipped chessboard skin (`pattern sheet
+    chessboard`): --board skin. Its middle is the sensor's origin; it is taken to lie within .8 mm
+    of the image's middle, turned by less than 45 degrees. Else wet a board onto the face at five
+    places or more that cover the view: --board 9x7x3 is 9 x 7 squares of 3 mm.
+
+    Boards in the air beyond the face (--air), tilted and at several heights, sharpen what lies
+    below the face; alone they leave the face undetermined.
+    """
+    from ..cad.design import load_design
+    from ..measure.lens import calibrate, flat_field
+    from ..record import write_whole
+    from .output import echo_json
+
+    wanted = board_named(board, "--board")
+    held = None if air_board is None else board_named(air_board, "--air-board")
+    if out.suffix != ".toml":
+        raise click.BadParameter(f"{out}: a camera file ends in .toml", param_hint="-o")
+    if not out.parent.is_dir():
+        raise click.BadParameter(f"{out.parent}: no such folder", param_hint="-o")
+    found = calibrate(_files(images), wanted, _files(air), held, load_design(design))
+    field = None if flat is None else flat_field(flat, found.lens)
+    beside = out.with_suffix(".flat.png")
+    if field is not None:
+        write_whole(beside, field.png())
+    write_whole(out, found.camera_toml(None if field is None else beside.name).encode())
+    data = {"camera": found.lens.as_dict(), **found.as_dict()}
+    data["flat"] = None if field is None else beside.name
+    if as_json:
+        echo_json(data)
+    else:
+        _tell(found)
+        click.echo(f"written: {out}" + ("" if field is None else f", {beside}"))
+
+
+def board_named(words: str, option: str) -> Board:
+    """A board by its numbers, or the catalogue's chessboard skin."""
+    from ..measure.lens import Board
+    from ..patterns import load_recipe
+
+    if words != "skin":
+        return Board.parse(words, option)
+    recipe = load_recipe("chessboard")
+    assert recipe.patch_mm is not None
+    return Board(recipe.n, recipe.n, recipe.patch_mm, skin=True)
+
+
+def _files(names: tuple[Path, ...]) -> list[Path]:
+    """Files as they are named, and the images in the folders among them."""
+    from ..errors import InputError
+
+    files: list[Path] = []
+    for name in names:
+        inside = sorted(p for p in name.glob("*") if p.suffix.lower() in IMAGE_NAMES)
+        if name.is_dir() and not inside:
+            raise InputError(f"{name}: no image in this folder ({', '.join(IMAGE_NAMES)})")
+        files += inside if name.is_dir() else [name]
+    return files
+
+
+def _tell(found: Calibration) -> None:
+    from .output import echo_table
+
+    said = found.as_dict()
+    rows = [
+        (name, p["value"], p["sigma"], p["prior"], p["prior_sigma"])
+        for name, p in said["parameters"].items()
+    ]
+    echo_table(("parameter", "value", "sigma", "prior", "prior sigma"), rows)
+    click.echo("")
+    echo_table(
+        ("image", "board", "on", "corners", "outliers", "rms_px"),
+        [
+            (i["file"], i["board"], "face" if i["contact"] else "air", i["corners"],
+             i["outliers"], i["rms_px"])
+            for i in said["images"]
+        ],
+    )  # fmt: skip
+    click.echo(
+        f"\nknown to, px of the raw image (one sigma, 95 % of the view): face {found.face_px:.3f}, "
+        f"3 mm below {found.depth_px[3.0]:.2f}, 6 mm below {found.depth_px[6.0]:.2f}"
+    )
+    click.echo(f"contact corners cover {found.cover:.0%} of the view")
+    if found.simulated is not None:
+        click.echo(f"simulated images, seed {', '.join(map(str, found.simulated))}")
+    for line in found.notes():
+        click.echo(f"note: {line}")

@@ -1,0 +1,114 @@
+"""The fit of a lens to corners that are known exactly: what it finds, what it says of itself."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from lenses import DESIGN, LIMITS_PX, SKIN, exact, lens_of, p95_px
+from scipy.spatial.transform import Rotation
+
+from deltact_fab.errors import InputError
+from deltact_fab.measure.lens import Board, Calibration, calibrate, of_corners
+from deltact_fab.measure.lens.problem import Seen
+from deltact_fab.virtual.boards import Pose
+
+SIZE_PX = (1280, 720)
+PLATE = Board(9, 7, 3.0)
+
+
+def at(x: float, y: float, z: float = 0.0, tilt_x: float = 0.0, tilt_y: float = 0.0) -> Pose:
+    return Pose((x, y, z), Rotation.from_euler("xyz", (tilt_x, tilt_y, 4.0), degrees=True))
+
+
+WETTED = [at(0, 0), at(5, 4.5), at(-5, 4.5), at(5, -4.5), at(-5, -4.5)]
+HELD = [at(1, 0, 8, 20, 5), at(-2, 1, 12, -15, 18), at(0, -2, 16, 5, -24), at(2, 2, 6, -8, -12)]
+
+
+def fitted(*seen: Seen) -> Calibration:
+    return of_corners(seen, SIZE_PX, DESIGN)
+
+
+def check(found: Calibration, off: dict[float, float]) -> None:
+    own = {0.0: found.face_px, **found.depth_px}
+    for depth_mm, limit_px in LIMITS_PX.items():
+        assert off[depth_mm] < limit_px
+        assert off[depth_mm] < 2 * own[depth_mm]
+
+
+def test_one_image_of_the_skin_gives_the_lens_and_says_how_well() -> None:
+    true = lens_of(1)
+    found = fitted(exact(true, SKIN, outliers=8))
+    check(found, p95_px(found.lens, true))
+    assert found.images[0]["outliers"] == 8
+    assert found.noise_px == pytest.approx(0.05, rel=0.1)
+    assert found.cover == 1
+    # Off centre, turned and shifted as it was put together: the skin is the sensor's frame.
+    assert found.lens.cx_px == pytest.approx(true.cx_px, abs=0.2)
+    assert found.lens.x0_mm == pytest.approx(true.x0_mm, abs=0.01)
+    assert found.lens.roll_deg == pytest.approx(true.roll_deg, abs=0.01)
+    # A thickness that no image tells is said, and keeps its prior's sigma.
+    assert found.share["acrylic_mm"] > 0.9
+    assert found.sigma["acrylic_mm"] == pytest.approx(0.05, rel=0.1)
+    assert "known from the design alone: acrylic_mm" in found.notes()[0]
+    data = found.as_dict()
+    assert data["parameters"]["acrylic_mm"]["prior"] == DESIGN.optics.acrylic_mm
+    sigma = np.sqrt(np.diag(found.covariance))[data["order"].index("f_px")]
+    assert sigma == pytest.approx(found.sigma["f_px"])
+
+
+def test_wetted_boards_and_boards_in_air_give_the_same_but_for_the_frame() -> None:
+    true = lens_of(2)
+    touching = [exact(true, PLATE, p, seed=k, noise_px=0.03) for k, p in enumerate(WETTED)]
+    held = [
+        exact(true, PLATE, p, contact=False, seed=k, noise_px=0.03) for k, p in enumerate(HELD, 9)
+    ]
+    found = fitted(*touching, *held)
+    check(found, p95_px(found.lens, true, aligned=True))
+    assert (found.lens.x0_mm, found.lens.roll_deg) == (0, 0)
+    assert "below the pupil" in " ".join(found.notes())
+
+
+@pytest.mark.parametrize(
+    ("seen", "says"),
+    [
+        ({"pose": at(0, 0), "board": PLATE}, "cover 6.% of the view; at least 80%"),
+        ({"board": Board(5, 4, 7.0, skin=True)}, "air_gap_mm.*: known from a guess alone"),
+        ({"board": Board(7, 5, 5.0, skin=True)}, r"the face is known to 0.\d+ px .* at most 0.1"),
+        ({"board": SKIN, "printed": (1.003, 1.0)}, "board.png: .* not a board of 23x23x1.5, or"),
+        ({"board": SKIN, "outliers": 70}, "board.png: its corners miss the fit by 1.* px rms"),
+        ({"board": SKIN, "noise_px": 0.3}, r"miss the fit by 0\.\d+ px rms; at most 0.25: blurred"),
+        ({"board": PLATE, "pose": at(0, 0, 6, 15), "contact": False}, "not flat on the face"),
+    ],
+    ids=["small", "few", "coarse", "stretched", "misread", "noisy", "in-air"],
+)
+def test_what_is_not_known_well_enough_is_refused(seen: dict[str, object], says: str) -> None:
+    wrong = exact(lens_of(1), **seen)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=says) as refused:
+        # As the user says: they are all contact images.
+        fitted(Seen(wrong.corners, contact=True))
+    assert "\n" not in str(refused.value)
+
+
+def test_a_contact_image_given_as_one_in_air_is_refused() -> None:
+    true = lens_of(0)
+    wrong = exact(true, PLATE, at(1, 1))
+    with pytest.raises(InputError, match=r"touches the face.*is it a contact image"):
+        fitted(exact(true, SKIN), Seen(wrong.corners, contact=False))
+
+
+def test_boards_in_air_alone_are_refused() -> None:
+    with pytest.raises(InputError, match=r"^no contact image: boards in air leave the face"):
+        calibrate([], PLATE, [])
+
+
+@pytest.mark.parametrize("words", ["9x7", "9x7x", "9x7x0", "3x7x2", "9x7x3mm", "999x7x1", "skins"])
+def test_a_board_of_no_sense_is_refused(words: str) -> None:
+    with pytest.raises(InputError, match="--board: "):
+        Board.parse(words)
+
+
+def test_a_board_is_named_by_its_numbers() -> None:
+    board = Board.parse("9x7x2.5")
+    assert (board, str(board)) == (Board(9, 7, 2.5), "9x7x2.5")
+    ends = board.at_mm(np.array([[0, 0], [7, 5]]))
+    assert ends.tolist() == [[-8.75, -6.25], [8.75, 6.25]]

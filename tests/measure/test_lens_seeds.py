@@ -1,0 +1,63 @@
+"""Calibration against the true lens, from rendered images: decision 0019 has the table."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from lenses import DESIGN, LIMITS_PX, SKIN, lens_of, p95_px
+
+from deltact_fab.imaging import Sensor
+from deltact_fab.measure.lens import Board, Calibration, of_corners
+from deltact_fab.measure.lens.corners import find
+from deltact_fab.measure.lens.problem import Seen
+from deltact_fab.optics import Fisheye
+from deltact_fab.virtual.boards import ON_FACE, Studio
+
+PLATE = Board(9, 7, 3.0)
+SEEDS = range(10)
+
+
+def photographed(true: Fisheye, seed: int, skin: bool, air: int) -> Calibration:
+    """One image of the skin, or five of a board wetted onto the face, and some in air."""
+    studio, rng = Studio(true, Sensor(), DESIGN), np.random.default_rng(seed)
+    board = SKIN if skin else PLATE
+    poses = [ON_FACE] if skin else list(studio.contact_poses(PLATE, 5, rng))
+    found = [(find(studio.photograph(board, p, rng), board, "contact"), True) for p in poses]
+    for pose in studio.air_poses(PLATE, air, rng):
+        found.append(
+            (find(studio.photograph(PLATE, pose, rng, contact=False), PLATE, "air"), False)
+        )
+    seen = [Seen(corners, contact) for corners, contact in found if corners is not None]
+    assert len(seen) >= len(found) - 1
+    return of_corners(seen, (true.width_px, true.height_px), DESIGN)
+
+
+def misses(true: Fisheye, found: Calibration, aligned: bool) -> list[str]:
+    """What is off by more than its limit, or than twice its own sigma."""
+    off, own = p95_px(found.lens, true, aligned), {0.0: found.face_px, **found.depth_px}
+    print(" ".join(f"{off[d]:.3f}/{own[d]:.3f}" for d in off))  # of the table; pytest -s
+    return [
+        f"{d:g} mm: {off[d]:.3f} px, own sigma {own[d]:.3f}"
+        for d, limit in LIMITS_PX.items()
+        if off[d] > min(limit, 2 * own[d])
+    ]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("skin", [True, False], ids=["skin", "boards"])
+def test_a_lens_from_rendered_images(skin: bool) -> None:
+    true = lens_of(3)
+    found = photographed(true, 3, skin, air=0 if skin else 9)
+    assert misses(true, found, aligned=not skin) == []
+
+
+@pytest.mark.evidence
+@pytest.mark.parametrize(
+    ("skin", "air"), [(True, 0), (True, 9), (False, 9)], ids=["skin", "skin-and-air", "boards"]
+)
+def test_ten_lenses_from_rendered_images(skin: bool, air: int) -> None:
+    off = {}
+    for seed in SEEDS:
+        true = lens_of(seed)
+        off[seed] = misses(true, photographed(true, seed, skin, air), aligned=not skin)
+    assert {seed: missed for seed, missed in off.items() if missed} == {}
