@@ -317,6 +317,8 @@ def test_what_does_not_fit_is_refused(scene):
         reference.refine(Plane.of(image[:200]))
     with pytest.raises(InputError, match=r"start is \(8, 8, 2\)"):
         reference.refine(plane, np.zeros((8, 8, 2), np.float32))
+    with pytest.raises(InputError, match="the last 1 or more"):
+        reference.refine(plane, steps=(2, 2, 0))
     start = predict(plane, plane)
     start[3, 4] = np.nan
     with pytest.raises(InputError, match="not finite"):

@@ -162,9 +162,13 @@ class Reference:
 
         start_px: (hh, ww, 2) float32 to start from; `predict` by default. steps: on a quarter,
         half and the full size, the last of them 1 or more. Correlation and deviation are those
-        before the last step. Raises InputError for another size of image or start, or a start that
-        is not finite.
+        before the last step. Raises InputError for another size of image or start, a start that is
+        not finite, or other steps.
         """
+        if len(steps) != _LEVELS or min(steps) < 0 or steps[-1] < 1:
+            raise InputError(
+                f"flow: steps {tuple(steps)}; {_LEVELS} are needed, the last 1 or more"
+            )
         self._check_size(current)
         start = predict(self.plane, current) if start_px is None else start_px
         planes = self._padded(start)
@@ -193,13 +197,13 @@ class Reference:
         hh, ww = self.plane.small.shape
         if flow_px.shape != (hh, ww, 2):
             raise InputError(f"flow: the start is {flow_px.shape}, not {(hh, ww, 2)}")
-        if not np.isfinite(flow_px).all():
-            raise InputError("flow: the start is not finite everywhere")
         rows, cols = (s // 2 for s in self.plane.level(0).shape)
         planes = np.empty((2, rows, cols), np.float32)
         planes[:, :hh, :ww] = flow_px.transpose(2, 0, 1)
         planes[:, hh:, :ww] = planes[:, hh - 1 : hh, :ww]
         planes[:, :, ww:] = planes[:, :, ww - 1 : ww]
+        if not np.isfinite(planes).all():
+            raise InputError("flow: the start is not finite everywhere")
         return planes
 
     def _step(

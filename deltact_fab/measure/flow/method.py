@@ -44,10 +44,6 @@ def _farneback(iterations: int) -> FlowPreset:
 
 
 FLOW_METHODS: dict[str, FlowPreset] = {
-    "fused": FlowPreset(
-        "Dense Inverse Search at half the size, then inverse-compositional steps",
-        "fused",
-    ),
     # The GPU version's 10 iterations, as the paper; 3 (CPU default) cost a third of the time.
     "farneback-paper": _farneback(10),
     "farneback": _farneback(3),
@@ -65,6 +61,10 @@ FLOW_METHODS: dict[str, FlowPreset] = {
         "Dense Inverse Search, finer patches and refinement",
         "dis",
         dis_preset=cv2.DISOPTICAL_FLOW_PRESET_MEDIUM,
+    ),
+    "fused": FlowPreset(
+        "Dense Inverse Search at half the size, then inverse-compositional steps",
+        "fused",
     ),
 }
 DEFAULT_METHOD = "dis-medium"
