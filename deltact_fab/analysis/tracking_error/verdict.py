@@ -52,10 +52,10 @@ def percent(share: float) -> str:
 RULE = (
     f"A method can be believed when it trusts {percent(MIN_TRUSTED)} of the frames or more, is "
     f"sure of {percent(MIN_COVERAGE)} of the moving pattern or more (of the image, where no truth "
-    f"is known), and is wrong by more than {WRONG_MM:g} mm on at most {percent(MAX_WRONG)} of what it "
-    "is sure of. Of those that can be believed, the front are the ones that no other beats in both "
-    "error and CPU time; the one with the least error is the one to take. An experiment can be "
-    "trusted when a method can be believed on it."
+    f"is known), and is off by more than {WRONG_MM:g} mm on at most {percent(MAX_WRONG)} of what "
+    "it is sure of. Of those that can be believed, the front are the ones that no other beats in "
+    "both error and CPU time; the one with the least error is the one to take. An experiment can "
+    "be trusted when a method can be believed on it."
 )
 
 
