@@ -78,7 +78,7 @@ def test_the_table_holds_the_computed_figures(page: str, result: TrackingResult)
 
 
 def test_figures_are_the_same_bytes_each_time(result: TrackingResult) -> None:
-    drawn = [figures.to_svg(figures.error_by_indenter(result.by_indenter, 0.08)) for _ in range(2)]
+    drawn = [figures.to_svg(figures.error_by_indenter(result.by_indenter, result.verdict, 0.08)) for _ in range(2)]
     assert drawn[0] == drawn[1]
     assert "<dc:date>" not in drawn[0]
 
@@ -96,7 +96,7 @@ def test_a_run_in_which_nothing_moved_enough_still_has_a_report(
     touched = analyse(tmp_path / "r", ["dis-fast"])
     assert touched.methods[0]["mean_off_dots_mm"] is None
     page = write(tmp_path / "r", tmp_path / "r.html", touched).read_text()
-    assert "(at dots)" in page
+    assert "(at the dots)" in page
 
 
 def test_it_names_the_sensor_that_was_pressed(
