@@ -1,4 +1,4 @@
-"""The white dots of one press: what the flow is compared with, and their own error."""
+"""The dots of one press: what the flow is compared with, and their own error."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ... import record
 from ...measure.compose import inside
-from ...measure.dots import DotTracker
+from ...measure.dots import DotTracker, Polarity
 from .tally import MOVING_MM, Tally, confident_figures, largest
 
 Points = NDArray[np.float64]
@@ -76,7 +76,9 @@ class Dots:
         self.rest_px = camera.rest_px(self.rest_mm)
         self.mm_per_px = camera.mm_per_px
         self.shape = camera.height_px, camera.width_px
-        self.tracker = DotTracker(self.rest_px, run.dot_diameter_mm() / self.mm_per_px)
+        self.tracker = DotTracker(
+            self.rest_px, run.dot_diameter_mm() / self.mm_per_px, polarity=_polarity(run)
+        )
         self.tally = DotTally()
 
     def follow(
@@ -138,3 +140,10 @@ class Dots:
             "n_moving_px": n,
             "peak_true_mm": peak,
         }
+
+
+def _polarity(run: record.Run) -> Polarity:
+    """Dark on light, where the recipe's dots are nearer to black; else white on colours."""
+    colour = str((run.pattern["recipe"].get("dots") or {}).get("colour", "#ffffff"))
+    levels = [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
+    return "dark" if sum(levels) < 3 * 128 else "white"

@@ -169,6 +169,7 @@ def _front(rows: Sequence[dict[str, Any]], error: str | None) -> list[dict[str, 
 def _to_take(
     take: dict[str, Any], cheaper: dict[str, Any] | None, error: str | None, simulated: bool
 ) -> str:
+    dots = take["name"] == DOTS
     known, what = _coverage(take)
     says = f"Take {take['name']}: "
     if error is not None:
@@ -178,11 +179,13 @@ def _to_take(
         says += (
             f" ({cheaper['name']} has {cheaper[error]:.4f} mm at {cheaper['cpu_ms']['p50']:.0f} ms)"
         )
+    how = "were found" if dots else "is known for sure"
     says += (
         f". The experiment can be trusted: {percent(take['trusted_share'])} of "
-        f"{take['n_frames']} frames were matched, {percent(known)} of {what} is known for sure"
+        f"{take['n_frames']} frames were matched, {percent(known)} of {what} {how}"
     )
     wrong = take["confident_wrong_share"]
     if wrong is not None:
-        says += f", and {percent(wrong)} of that is off by more than {WRONG_MM:g} mm"
+        of = "these" if dots else "that"
+        says += f", {percent(wrong)} of {of} off by more than {WRONG_MM:g} mm"
     return says + (" (simulated)." if simulated else " (no truth to hold it against).")

@@ -53,9 +53,7 @@ class Identities:
             # 1. Dots seen in the last frame, by their last place and the motion around them
             expected = self._seen + self._motion
             rule = self._rule
-            match = self._skin.grow(
-                expected, blobs.centre_px, self._gate_px, rule.step_tolerance
-            )
+            match = self._skin.grow(expected, blobs.centre_px, self._gate_px, rule.step_tolerance)
             self._take(position, np.flatnonzero(match >= 0), match[match >= 0], blobs)
             ncc, refused = self._check(position, blobs, image)
             ncc, more = self._find_lost(position, ncc, blobs, image)
