@@ -18,7 +18,7 @@ def analyze() -> None:
     "--method",
     "methods",
     multiple=True,
-    help="METHOD or METHOD/REFERENCE, repeatable; as in dis-fast or farneback/summed.",
+    help="METHOD, METHOD/REFERENCE or paper, repeatable; as in fused or dis-medium/static.",
 )
 @click.option("--out", type=click.Path(path_type=Path), help="Folder; default RUN/analysis.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")

@@ -77,7 +77,8 @@ def hash_text(text: str) -> int:
 
 def _label(name: str) -> str:
     method, _, reference = name.partition("/")
-    words = {"farneback": "Farneback", "dis-medium": "DIS medium", "dis-fast": "DIS fast"}
+    words = {"farneback": "Farneback", "dis-medium": "DIS medium", "dis-fast": "DIS fast",
+             "paper": "as the paper has it"}  # fmt: skip
     shown = words.get(method, method)
     notes = {
         "static": "static reference",

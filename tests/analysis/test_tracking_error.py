@@ -17,7 +17,7 @@ from deltact_fab.analysis.tracking_error.truth import DOT_MARGIN_PX, TrueFrame
 from deltact_fab.errors import InputError
 from deltact_fab.measure.flow import FlowTracker
 
-METHODS = ("dis-medium", "dis-medium/summed-every", "dis-medium/composed-every")
+METHODS = ("fused", "dis-medium/summed-every", "dis-medium/composed-every")
 
 
 @pytest.fixture(scope="module")
@@ -38,11 +38,23 @@ def test_the_json_has_what_the_issue_names(result: te.TrackingResult) -> None:
     assert data["paper"]["best_mean_at_dots_mm"] == 0.08
 
 
-def test_dis_and_the_dots_hold_the_bounds(result: te.TrackingResult) -> None:
+def test_the_default_and_the_dots_hold_the_bounds(result: te.TrackingResult) -> None:
     best = result.methods[0]
-    assert best["mean_off_dots_mm"] <= 0.03
+    assert best["mean_off_dots_mm"] <= 0.004
+    assert best["mean_confident_mm"] <= 0.003
+    assert best["coverage"] >= 0.95
+    assert best["confident_wrong_share"] <= 0.0005
     assert best["peak_true_mm"] > 0.5
     assert result.dots["mean_vs_truth_mm"] <= 0.01
+
+
+def test_the_states_of_a_frame_are_shares_of_the_image(result: te.TrackingResult) -> None:
+    shares = result.frames[["matched_share", "predicted_share", "lost_share"]]
+    assert shares.sum(axis=1).to_numpy() == pytest.approx(1.0)
+    assert shares["matched_share"].min() > 0.9  # nothing is hidden here
+    assert result.methods[0]["matched_share"] == pytest.approx(
+        shares["matched_share"][result.frames["method"] == "fused"].mean()
+    )
 
 
 def test_composition_beats_the_plain_sum(result: te.TrackingResult) -> None:
@@ -65,7 +77,7 @@ def test_one_frame_recounted_by_hand(mini_run: Path, result: te.TrackingResult) 
     assert truth is not None
     press = run.frames()
     press = press[press["press"] == "sphere-10/p1"]
-    tracker = FlowTracker("dis-medium")
+    tracker = FlowTracker()
     for row in press.itertuples():
         seen = tracker.update(run.image(str(row.file)))
         if str(row.step_id).endswith("shear-x+"):
@@ -80,7 +92,7 @@ def test_one_frame_recounted_by_hand(mini_run: Path, result: te.TrackingResult) 
     error_mm = np.linalg.norm(seen.flow_px - true, axis=-1) * 0.0378
     by_hand = float(error_mm[moving].mean())
     table = result.frames
-    reported = table[(table["frame_id"] == row.frame_id) & (table["method"] == "dis-medium")]
+    reported = table[(table["frame_id"] == row.frame_id) & (table["method"] == "fused")]
     # The product draws its discs with whole pixels, so the masks differ at their rims.
     assert reported["mean_off_dots_mm"].iloc[0] == pytest.approx(by_hand, rel=0.03)
     assert reported["n_moving_px"].iloc[0] == pytest.approx(moving.sum(), rel=0.05)
@@ -146,7 +158,7 @@ def test_saved_and_loaded_it_is_the_same(result: te.TrackingResult, tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    ("name", "says"), [("dis", "valid: farneback"), ("farneback/sum", "valid: composed")]
+    ("name", "says"), [("dis", "flow method 'dis'"), ("farneback/sum", "flow reference 'sum'")]
 )
 def test_unknown_methods_are_refused_before_any_work(mini_run: Path, name: str, says: str) -> None:
     with pytest.raises(InputError, match=says):

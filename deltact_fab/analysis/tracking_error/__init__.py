@@ -11,9 +11,8 @@ the projected flow is taken for it stands in its own column.
 from .press import ARROW_STEP_PX
 from .result import PAPER_BEST_MM, TrackingResult
 from .run import analyse
-from .scene import Scene
+from .scene import DEFAULT_METHODS, Scene
 from .tally import MOVING_MM, WRONG_MM, shown
-from .trackers import DEFAULT_METHODS
 from .verdict import RULE, Verdict, judge, percent
 
 __all__ = [

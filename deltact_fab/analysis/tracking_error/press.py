@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 
 from ... import record
 from ...errors import RunFailed, SensorError
-from ...measure.flow import FlowObservation
+from ...measure.flow import FlowObservation, FlowState, named_tracker
 from .dots import DOTS, DotFrame, Dots, DotTally
 from .scene import Scene
 from .tally import MOVING_MM, Tally, confident_figures, largest, ratio
-from .trackers import tracker
 from .truth import TrueFrame, off_dots
 
 ARROW_STEP_PX = 26
 COLUMNS = [
     "frame_id", "seq", "press", "indenter", "step_id", "method", "mean_at_dots_mm",
     "mean_off_dots_mm", "p95_off_dots_mm", "mean_confident_mm", "coverage",
-    "confident_wrong_share", "n_moving_px", "peak_true_mm", "confident_share", "trusted", "ms",
+    "confident_wrong_share", "n_moving_px", "peak_true_mm", "confident_share", "matched_share",
+    "predicted_share", "lost_share", "trusted", "ms",
 ]  # fmt: skip
 """Of the table of frames; empty where a thing was left out."""
 
@@ -59,7 +59,7 @@ def analyse_press(job: Job) -> PressResult:
     camera, truth, scene = run.camera, run.truth(), job.scene
     scale = camera.mm_per_px
     dots = Dots(run) if scene.dots else None
-    flows = {name: tracker(name) for name in scene.dense}
+    flows = {name: named_tracker(name) for name in scene.dense}
     off = off_dots(camera, run.dots_mm(), run.dot_diameter_mm())
     tallies = {name: Tally() for name in scene.methods}
     result = PressResult(tallies)
@@ -120,6 +120,11 @@ def _take(
     tally.bad_frames += not last.trusted
     tally.switches = last.n_reference_switches
     tally.believed.take(last.confident_share)
+    counts = np.bincount(observed.state.ravel(), minlength=len(FlowState)) / observed.state.size
+    shares = {state: float(counts[state]) for state in FlowState}
+    tally.matched.take(shares[FlowState.MATCHED])
+    tally.predicted.take(shares[FlowState.PREDICTED])
+    tally.lost.take(shares[FlowState.LOST])
     figures: dict[str, Any] = {}
     if dots is not None:
         figures |= _at_dots(tally, observed.flow_px, dots, scale)
@@ -128,6 +133,9 @@ def _take(
     return {
         **figures,
         "confident_share": last.confident_share,
+        "matched_share": shares[FlowState.MATCHED],
+        "predicted_share": shares[FlowState.PREDICTED],
+        "lost_share": shares[FlowState.LOST],
         "trusted": last.trusted,
         "ms": last.cpu_ms,
     }

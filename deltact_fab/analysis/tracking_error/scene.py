@@ -7,9 +7,18 @@ from dataclasses import dataclass
 
 from ... import record
 from ...errors import InputError
+from ...measure.flow import named_tracker
 from .dots import DOTS
-from .trackers import DEFAULT_METHODS, check_name
 
+# The one to use, what it is compared with, and what the paper says.
+DEFAULT_METHODS = (
+    "fused",
+    "dis-medium",
+    "dis-medium/static",
+    "dis-medium/composed-every",
+    "dis-fast",
+    "paper",
+)
 ONLY_DOTS = "dot-matrix"  # the law of patterns with nothing between the dots
 
 
@@ -33,7 +42,7 @@ def scene_of(run: record.Run, methods: Sequence[str] | None) -> Scene:
     Raises InputError for a method that is not known, or of dense flow where there are only dots.
     """
     for name in methods or ():
-        check_name(name)
+        named_tracker(name)
     n_dots = len(run.dots_mm())
     if run.pattern["recipe"]["law"] == ONLY_DOTS:
         if methods:
