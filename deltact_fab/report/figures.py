@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 # Okabe and Ito's palette: told apart by people who see colours differently.
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#000000")
 PAPER_COLOUR = "#666666"
+NAME_WIDTH_PT, NAME_HEIGHT_PT = 130, 10  # of a method's name beside its mark
 FRONT_COLOUR = "#d9e2ec"
 ARROW_BGR = (90, 235, 255)
 
@@ -102,11 +103,14 @@ def by_step(
             axis.plot(index, rows[column].astype(float), color=colour, lw=1.4, label=_label(name),
                       ls="-" if "/" not in name else "--")  # fmt: skip
         _mark_legs(axis, part[part["method"] == methods[0]].sort_values("seq"))
-        if log:
-            _log_ticks(axis, "y")
         axis.set_xlabel("frame")
         axis.set_title(indenter, loc="left", fontweight="bold")
     axes[0].set_ylabel(words)
+    if log:
+        _log_ticks(axes[0], "y")
+    # Room for the names of the legs.
+    low, high = axes[0].get_ylim()
+    axes[0].set_ylim(low, high * (high / low) ** 0.15 if log else high + 0.15 * (high - low))
     _legend_below(figure, axes[-1])
     return figure
 
@@ -161,6 +165,7 @@ def error_by_time(
         y = [row[error] for row in front]
         axis.step([*x, right_ms], [*y, y[-1]], where="post", color=FRONT_COLOUR, lw=5, zorder=0,
                   label="the front: no other one beats it in both")  # fmt: skip
+    names = []
     for colour, row in zip(cycle(COLOURS), methods, strict=False):
         if row not in rows:
             continue
@@ -170,9 +175,7 @@ def error_by_time(
         at_dots = row["mean_at_dots_mm"]
         if at_dots is not None and error != "mean_at_dots_mm":
             axis.plot(x_ms, at_dots, "s", color=colour, mfc="none", ms=6, mew=1.2)
-        axis.annotate(_label(row["name"]), (x_ms, y_mm), xytext=(8, 5),
-                      textcoords="offset points", fontsize=8.5, color=colour,
-                      fontweight="bold" if row["name"] == verdict.take else None)  # fmt: skip
+        names.append((x_ms, y_mm, row["name"], colour))
     axis.axhline(paper_mm, color=PAPER_COLOUR, lw=1.2, ls=":",
                  label=f"paper, at the dots, real sensor: {paper_mm} mm")  # fmt: skip
     _log_ticks(axis, "xy")
@@ -186,7 +189,29 @@ def error_by_time(
     ):
         axis.plot([], [], marker, color="#444444", mfc=face, label=words)
     _legend_below(figure, axis)
+    _write_names(figure, axis, names, verdict.take)
     return figure
+
+
+def _write_names(
+    figure: Figure,
+    axis: Axes,
+    names: Sequence[tuple[float, float, str, str]],
+    bold: str | None,
+) -> None:
+    """Names beside their marks (x, y, name, colour), each above those that it would cover."""
+    figure.draw_without_rendering()  # the layout says how many points lie between two marks
+    written: list[tuple[float, float]] = []
+    for x, y, name, colour in sorted(names, key=lambda mark: mark[1]):
+        at_x, at_y = axis.transData.transform((x, y)) * 72 / figure.dpi
+        up = 4.0
+        while any(abs(at_x - a) < NAME_WIDTH_PT and abs(at_y + up - b) < NAME_HEIGHT_PT
+                  for a, b in written):  # fmt: skip
+            up += 1.0
+        written.append((at_x, at_y + up))
+        axis.annotate(_label(name), (x, y), xytext=(8, up), textcoords="offset points",
+                      fontsize=8.5, color=colour,
+                      fontweight="bold" if name == bold else None)  # fmt: skip
 
 
 def error_by_indenter(
@@ -206,7 +231,7 @@ def error_by_indenter(
         at = np.array([k for k, _ in known]) + (i - (len(names) - 1) / 2) * width
         axis.bar(at, [v for _, v in known], width * 0.9, color=colour, label=_label(name))
         for x, (_, value) in zip(at, known, strict=True):
-            axis.text(x, value, f"{value:.3f}", ha="center", va="bottom", fontsize=7.5)
+            axis.text(x, value, f"{value:.2g}", ha="center", va="bottom", fontsize=7.5)
     axis.axhline(
         paper_mm, color=PAPER_COLOUR, lw=1.2, ls=":", label=f"paper: {paper_mm} mm, at dots"
     )
