@@ -28,15 +28,18 @@ from .shapes import SensorDimensions
 Progress = Callable[[int, int, str], None]
 
 
-def kind_of(rig: RigConfig) -> RigKind:
-    """What a kind of rig says and builds. Only the one that is asked for is imported."""
+def kind_of(rig: RigConfig, source: Path) -> RigKind:
+    """What a kind of rig says and builds. Only the one that is asked for is imported.
+
+    source: of the rig file, from which the paths in it count.
+    """
     if rig.kind == "grbl":
         from .rig.grbl_rig import GrblKind
 
         return GrblKind(rig)
     from .virtual.rig import VirtualKind
 
-    return VirtualKind(rig)
+    return VirtualKind(rig, source)
 
 
 def checks(protocol_name: str, rig_name: str, air: bool = False) -> list[limits.Check]:
@@ -44,7 +47,8 @@ def checks(protocol_name: str, rig_name: str, air: bool = False) -> list[limits.
     protocol, source = plan.load(protocol_name)
     rig, path = rig_config.load(rig_name)
     sensor = load_design(protocol.specimen.design)
-    kind = kind_of(rig)
+    kind = kind_of(rig, path)
+    kind.camera(protocol, sensor)  # a file that cannot be used is said now
     rows = limits.check(protocol, sensor, rig.stage.box, plan.expand(protocol, air))
     refused = kind.refusals(protocol, sensor, str(source))
     rows += [_check(kind.part, "refusals", refused)]
@@ -121,7 +125,7 @@ def run(
     sensor = load_design(protocol.specimen.design)
     steps = plan.expand(protocol, air)
     limits.require(limits.check(protocol, sensor, rig.stage.box, steps), str(source))
-    kind = kind_of(rig)
+    kind = kind_of(rig, rig_path)
     _require_none(kind.refusals(protocol, sensor, str(source)))
     job = Job(protocol, sensor, load_recipe(protocol.specimen.pattern), seed, out, air)
     text = source.read_bytes()
@@ -226,12 +230,12 @@ def _resumed(sessions: int, kept_frames: int) -> list[str]:
 def _meta(job: Job, rig: RigConfig, rig_name: str, kind: RigKind) -> dict[str, Any]:
     dumped = job.protocol.model_dump(mode="json")
     dumped["channels"] = sorted(dumped["channels"])
-    camera = kind.camera(job.sensor)
+    camera = kind.camera(job.protocol, job.sensor)
     return {
         "name": job.folder.name,
         "protocol": dumped,
         "rig_name": rig_name,
-        "rig": rig.model_dump(mode="json"),
+        "rig": rig.recorded(),
         "sensor": asdict(job.sensor),
         "camera": camera.as_dict() if camera is not None else None,
         "simulated": rig.simulated,

@@ -52,6 +52,12 @@ range_nmm = [250.0, 250.0, 250.0]
 [virtual.gel]
 spacing_mm = 0.5
 """
+# Frames through a lens, tracked by the design's.
+LENS = """
+[virtual.lens]
+f_px = 390.0
+"""
+THROUGH = ("deltact_fab.virtual.lens", "deltact_fab.virtual.raw_view")
 SCENES = {
     "force": ('["force"]', ""),
     "force and shear": ('["force", "shear"]', SHEAR),
@@ -61,7 +67,7 @@ SCENES = {
 }
 CAD = ("cadquery", "OCP")
 PAGES = ("matplotlib", "jinja2", "plotly")
-WATCHED = ("cv2", "scipy.interpolate", *CAD, *PAGES)
+WATCHED = ("cv2", "scipy.interpolate", *THROUGH, *CAD, *PAGES)
 LOADED = """
 print("@@" + json.dumps([name for name in {watched!r} if name in sys.modules]))
 """
@@ -86,12 +92,12 @@ def _own_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DELTACT_FAB_CACHE", str(tmp_path / "store"))
 
 
-def scene(name: str, folder: Path) -> tuple[str, str]:
+def scene(name: str, folder: Path, lens: str = "") -> tuple[str, str]:
     """Paths of the scene's protocol and rig file."""
     channels, shear = SCENES[name]
     protocol, rig = folder / "short.toml", folder / "bench.toml"
     protocol.write_text(PROTOCOL.format(channels=channels, shear=shear))
-    rig.write_text(RIG)
+    rig.write_text(RIG + lens)
     return str(protocol), str(rig)
 
 
@@ -111,12 +117,12 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     """Counts the calls of whatever a scene may leave out; the real function still runs."""
     import serial
 
-    from deltact_fab import imaging
+    from deltact_fab import imaging, optics
     from deltact_fab.analysis.tracking_error import truth
     from deltact_fab.gel.linear import contact
     from deltact_fab.measure.dots import DotTracker
     from deltact_fab.rig import force
-    from deltact_fab.virtual import netft, picture
+    from deltact_fab.virtual import netft, picture, raw_view
 
     calls: Counter[str] = Counter()
 
@@ -132,6 +138,9 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
 
     count(picture.Picture, "render", "render")
     count(picture.Picture, "__init__", "picture")
+    count(raw_view.RawView, "__init__", "raw view")
+    count(optics.Rectified, "maps", "maps")
+    count(optics.Rectified, "rectify", "rectify")
     count(imaging.Printer, "print_", "print")
     count(imaging.Sensor, "expose", "expose")
     count(contact, "friction_contact", "friction")
@@ -144,12 +153,16 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     return calls
 
 
-def calls_of(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
+def calls_of(
+    name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, lens: str = ""
+) -> Counter[str]:
     from deltact_fab import experiment
 
     calls = counted(monkeypatch)
-    summary = experiment.run(*scene(name, folder), folder / "run", seed=3)
+    summary = experiment.run(*scene(name, folder, lens), folder / "run", seed=3)
     calls["frames"] = summary["frames"]
+    said = [line for line in summary["left_out"] if line.startswith("lens, its maps")]
+    assert len(said) == (calls["raw view"] == 0)
     assert calls["frames"] >= 3
     return calls
 
@@ -168,11 +181,13 @@ def test_the_full_scene_calls_everything_but_a_real_port(
 
 
 @pytest.mark.parametrize("name", ["force", "force and shear"])
+@pytest.mark.parametrize("lens", ["", LENS], ids=["pinhole", "lens"])
 def test_a_force_only_scene_never_draws(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, lens: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    calls = calls_of(name, tmp_path, monkeypatch)
+    calls = calls_of(name, tmp_path, monkeypatch, lens)
     assert calls["render"] == calls["picture"] == calls["print"] == calls["expose"] == 0
+    assert calls["raw view"] == calls["maps"] == calls["rectify"] == 0
     assert calls["port"] == 0
     assert calls["normal"] >= 3
     assert calls["force"] >= calls["frames"]
@@ -211,6 +226,18 @@ def test_an_analysis_follows_the_dots_only_where_they_are_asked_for(
     assert bare.left_out[-1] == "error against truth: a real rig knows none"
 
 
+def test_a_lens_is_laid_out_once_and_only_where_the_rig_has_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = calls_of("tracking", tmp_path, monkeypatch, LENS)
+    assert calls["raw view"] == 1
+    assert calls["render"] == calls["frames"]
+    assert calls["rectify"] > 0  # its time, for the summary
+    (tmp_path / "pinhole").mkdir()
+    calls = calls_of("tracking", tmp_path / "pinhole", monkeypatch)
+    assert calls["raw view"] == calls["maps"] == calls["rectify"] == 0
+
+
 def test_a_real_port_is_seen_by_the_count(monkeypatch: pytest.MonkeyPatch) -> None:
     import serial
 
@@ -225,7 +252,7 @@ def test_a_real_port_is_seen_by_the_count(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_a_force_only_run_imports_nothing_that_draws(tmp_path: Path) -> None:
-    protocol, rig = scene("force and shear", tmp_path)
+    protocol, rig = scene("force and shear", tmp_path, LENS)
     assert loaded_by(RUN.format(protocol=protocol, rig=rig), cwd=tmp_path) == [set()]
 
 
@@ -243,7 +270,7 @@ write("run", Path("page.html"), result)
 """,
         cwd=tmp_path,
     )
-    assert run == {"cv2", "scipy.interpolate"}
+    assert run == {"cv2", "scipy.interpolate", "deltact_fab.virtual.raw_view"}
     assert not analysed & {*CAD, *PAGES}
     assert {"matplotlib", "jinja2"} <= reported
     assert not reported & {*CAD, "plotly"}

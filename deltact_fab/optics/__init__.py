@@ -1,24 +1,38 @@
 """Frames: the only package that converts between image, sensor and stage.
 
 A camera looks along +z at the inside of the pattern: image x = +x, image y = +y, no flip. What
-draws, records and analyses knows a `CameraModel`; one model draws and rectifies.
+draws, records and analyses knows a `CameraModel`. `Pinhole` is the simple one. `Fisheye` is the
+lens as it is, behind air, acrylic and gel, and `Rectified` the view of the face out of its image.
 """
 
-from .camera import CameraModel, Medium
-from .lattice import LatticeSampler, SurfaceLattice
+from .camera import CameraModel, Medium, axes_mm
+from .fisheye import Fisheye
+from .lattice import LatticeSampler, PointSampler, SurfaceLattice
+from .motion import FaceMotion
 from .pinhole import Pinhole
+from .rectified import Rectified
+from .sampling import aliased_share, raw_mm_per_px
 from .snell import half_angle_rad, reached_mm
 from .stage import StageFrame
-from .stored import camera_from_dict
+from .stored import as_toml, camera_from_dict, load_camera
 
 __all__ = [
     "CameraModel",
+    "FaceMotion",
+    "Fisheye",
     "LatticeSampler",
     "Medium",
     "Pinhole",
+    "PointSampler",
+    "Rectified",
     "StageFrame",
     "SurfaceLattice",
+    "aliased_share",
+    "as_toml",
+    "axes_mm",
     "camera_from_dict",
     "half_angle_rad",
+    "load_camera",
+    "raw_mm_per_px",
     "reached_mm",
 ]

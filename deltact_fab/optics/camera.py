@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Literal, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[Any]
@@ -30,13 +31,42 @@ class CameraModel(Protocol):
         """Sensor points (..., 3) in mm to image points (..., 2) in px. Raises InputError."""
 
     def rest_mm(self, px: Array) -> Array:
-        """Image points (..., 2) in px to the resting face (..., 2) in mm."""
+        """Image points (..., 2) in px to the resting face (..., 2) in mm; nan where none is."""
 
     def rest_px(self, xy_mm: Array) -> Array:
         """Points of the resting face (..., 2) in mm to image points (..., 2) in px."""
 
-    def axes_mm(self, margin_px: int = 0) -> tuple[Array, Array]:
-        """Columns' x (w + 2 margin,) and rows' y (h + 2 margin,) on the resting face, mm."""
+    def ray(self, px: Array, medium: Medium = "gel") -> tuple[Array, Array]:
+        """Origins and directions (..., 3) of image points (..., 2) in px, nan where none is.
+
+        An origin is on the resting face and a direction has 1 as its z, so origin + z direction
+        is what the pixel sees at z: in the gel that moved there, or in the air beyond the face.
+        """
+
+    def maps(self) -> tuple[Array, Array] | None:
+        """Column and row (h, w) float32 of the raw image for each pixel; None: it is the raw one.
+
+        A raw image becomes this one by cv2.remap.
+        """
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for the record, its class under "model"; `camera_from_dict` reads it."""
+
+
+def axes_mm(camera: CameraModel, margin_px: int = 0) -> tuple[Array, Array]:
+    """Columns' x (w + 2 margin,) and rows' y (h + 2 margin,) on the resting face, mm.
+
+    Of an image in which a column is one x, as a pinhole's or a rectified one. Raises ValueError
+    for a lens with distortion.
+    """
+    columns, rows = (
+        np.arange(-margin_px, n + margin_px, dtype=float)
+        for n in (camera.width_px, camera.height_px)
+    )
+    cx, cy = camera.centre_px
+    xs = camera.rest_mm(np.stack((columns, np.full_like(columns, cy)), axis=-1))[:, 0]
+    ys = camera.rest_mm(np.stack((np.full_like(rows, cx), rows), axis=-1))[:, 1]
+    corners = camera.rest_mm(np.array([[columns[0], rows[0]], [columns[-1], rows[-1]]]))
+    if not np.allclose(corners, [[xs[0], ys[0]], [xs[-1], ys[-1]]], rtol=0, atol=1e-9):
+        raise ValueError("a column of this camera's image is not one x; use its rectified view")
+    return xs, ys

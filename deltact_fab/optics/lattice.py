@@ -26,6 +26,13 @@ class SurfaceLattice:
     nx: int
     ny: int
 
+    def axes_mm(self) -> tuple[Array, Array]:
+        """Nodes along x (nx,) and along y (ny,)."""
+        return (
+            self.x0_mm + self.spacing_mm * np.arange(self.nx),
+            self.y0_mm + self.spacing_mm * np.arange(self.ny),
+        )
+
     def as_dict(self) -> dict[str, Any]:
         """Plain data for the record."""
         return asdict(self)
@@ -44,29 +51,58 @@ class LatticeSampler:
     @classmethod
     def make(cls, lattice: SurfaceLattice, xs_mm: Array, ys_mm: Array) -> LatticeSampler:
         """Build the matrices. Raises InputError when a point lies outside the lattice."""
-        return cls(
-            _spline_matrix(lattice.x0_mm, lattice.spacing_mm, lattice.nx, xs_mm),
-            _spline_matrix(lattice.y0_mm, lattice.spacing_mm, lattice.ny, ys_mm),
-        )
+        x_mm, y_mm = lattice.axes_mm()
+        return cls(_spline_matrix(x_mm, xs_mm), _spline_matrix(y_mm, ys_mm))
 
     def __call__(self, values: Array) -> NDArray[np.float64]:
         """(ny, nx, c) on the lattice to (len(ys), len(xs), c)."""
         columns = [self.along_y @ values[..., c] @ self.along_x.T for c in range(values.shape[-1])]
         return np.stack(columns, axis=-1)
 
-    def at_points(self, values: Array) -> NDArray[np.float64]:
-        """(ny, nx, c) on the lattice to (n, c) at the points (xs[i], ys[i]) taken in pairs."""
-        return np.einsum("py,yxc,px->pc", self.along_y, values, self.along_x, optimize=True)
+
+class PointSampler:
+    """The same spline at points that stand on no tensor grid."""
+
+    def __init__(self, lattice: SurfaceLattice, xy_mm: Array) -> None:
+        """xy_mm: points (n, 2). Raises InputError when one lies outside the lattice."""
+        from scipy.sparse import csr_array
+
+        x_mm, y_mm = lattice.axes_mm()
+        x, self._x = _spline_terms(x_mm, xy_mm[:, 0])
+        y, self._y = _spline_terms(y_mm, xy_mm[:, 1])
+        shares = y.data.reshape(-1, 4, 1) * x.data.reshape(-1, 1, 4)
+        at = y.indices.reshape(-1, 4, 1) * lattice.nx + x.indices.reshape(-1, 1, 4)
+        self._shares = csr_array(
+            (shares.ravel(), at.ravel(), np.arange(0, shares.size + 1, 16)),
+            shape=(len(xy_mm), lattice.ny * lattice.nx),
+        )
+
+    def __call__(self, values: Array) -> NDArray[np.float64]:
+        """(ny, nx, c) on the lattice to (n, c) at the points."""
+        terms = self._y @ np.moveaxis(np.asarray(values, float), -1, 0) @ self._x.T
+        return np.asarray(self._shares @ terms.reshape(len(terms), -1).T)
 
 
-def _spline_matrix(x0: float, step: float, n: int, points: Array) -> NDArray[np.float64]:
+def _spline_terms(nodes: Array, points: Array) -> tuple[Any, Array]:
+    """The four basis functions at each point (sparse), and what makes coefficients of nodes."""
+    from scipy.interpolate import BSpline
+
+    spline = _spline(nodes, points)
+    return BSpline.design_matrix(points, spline.t, 3), spline.c
+
+
+def _spline_matrix(nodes: Array, points: Array) -> NDArray[np.float64]:
     """Matrix (len(points), n) of cubic B-spline interpolation with not-a-knot ends."""
+    return np.asarray(_spline(nodes, points)(points))
+
+
+def _spline(nodes: Array, points: Array) -> Any:
+    """The spline of each node's unit value. Raises InputError for points outside the nodes."""
     from scipy.interpolate import make_interp_spline
 
-    nodes = x0 + step * np.arange(n)
     if np.min(points) < nodes[0] - 1e-9 or np.max(points) > nodes[-1] + 1e-9:
         raise InputError(
             f"points from {np.min(points):.3f} to {np.max(points):.3f} mm leave the lattice "
             f"{nodes[0]:.3f} to {nodes[-1]:.3f} mm"
         )
-    return np.asarray(make_interp_spline(nodes, np.eye(n), k=3)(points))
+    return make_interp_spline(nodes, np.eye(len(nodes)), k=3)

@@ -63,13 +63,19 @@ class Pinhole:
         """Points of the resting face (..., 2) in mm to image points (..., 2) in px."""
         return xy_mm / self.mm_per_px + np.asarray(self.centre_px)
 
-    def axes_mm(self, margin_px: int = 0) -> tuple[Array, Array]:
-        """Columns' x (w + 2 margin,) and rows' y (h + 2 margin,) on the resting face, mm."""
-        cols, rows = (
-            np.arange(-margin_px, n + margin_px) - c
-            for n, c in zip((self.width_px, self.height_px), self.centre_px, strict=True)
-        )
-        return cols * self.mm_per_px, rows * self.mm_per_px
+    def ray(self, px: Array, medium: Medium = "gel") -> tuple[Array, Array]:
+        """The rays of image points (..., 2): origins on the resting face and directions (..., 3).
+
+        origin + z direction is the ray's point at z, in the gel or in the air beyond the face.
+        """
+        index = N_SILICONE if medium == "gel" else 1.0
+        at = self.rest_mm(px)
+        flat, one = np.zeros_like(at[..., :1]), np.ones_like(at[..., :1])
+        slope = at / (self.eye_distance_mm * index)
+        return np.concatenate((at, flat), axis=-1), np.concatenate((slope, one), axis=-1)
+
+    def maps(self) -> None:
+        """None: there is no other image."""
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for the record."""

@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from typing import Any
 
 from ..shapes.sensor import N_ACRYLIC, N_SILICONE
 
 
-def reached_mm(half_angle_rad: float, air_gap_mm: float, acrylic_mm: float, gel_mm: float) -> float:
-    """Radius on the gel's face that a ray leaving the lens at half_angle_rad reaches.
+def across(tan_squared: Any, index: float) -> Any:
+    """Tangent of a ray in a layer over its tangent in air, both against the common normal.
 
-    Snell at plane faces: r = g tan t + sum of d sin t / sqrt(n^2 - sin^2 t) over acrylic and gel.
+    Snell at plane faces: n sin t' = sin t, so tan t' / tan t = 1 / sqrt(n^2 + (n^2 - 1) tan^2 t),
+    which stays finite up to grazing rays. tan_squared: tan^2 t in air, a number or an array.
     """
-    s = math.sin(half_angle_rad)
-    layers = ((acrylic_mm, N_ACRYLIC), (gel_mm, N_SILICONE))
-    behind = sum(d * s / math.sqrt(n**2 - s**2) for d, n in layers)
-    return air_gap_mm * math.tan(half_angle_rad) + behind
+    return (index**2 + (index**2 - 1) * tan_squared) ** -0.5
+
+
+def reached_mm(half_angle_rad: float, air_gap_mm: float, acrylic_mm: float, gel_mm: float) -> float:
+    """Radius on the gel's face that a ray leaving the lens at half_angle_rad reaches."""
+    t = math.tan(half_angle_rad)
+    return t * _per_tangent_mm(t, _layers(air_gap_mm, acrylic_mm, gel_mm))
 
 
 def half_angle_rad(radius_mm: float, air_gap_mm: float, acrylic_mm: float, gel_mm: float) -> float:
@@ -33,3 +39,11 @@ def half_angle_rad(radius_mm: float, air_gap_mm: float, acrylic_mm: float, gel_m
         else:
             high = middle
     return high
+
+
+def _layers(air_gap_mm: float, acrylic_mm: float, gel_mm: float) -> tuple[tuple[float, float], ...]:
+    return ((air_gap_mm, 1.0), (acrylic_mm, N_ACRYLIC), (gel_mm, N_SILICONE))
+
+
+def _per_tangent_mm(tangent: float, layers: Iterable[tuple[float, float]]) -> float:
+    return float(sum(d * across(tangent**2, n) for d, n in layers))

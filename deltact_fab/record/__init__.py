@@ -1,10 +1,10 @@
 """A run is a folder that survives: frozen inputs, an SQLite journal, images written whole.
 
-RUN/run.json          name, seed, versions, protocol, rig, sensor, camera model
+RUN/run.json          name, seed, versions, protocol, rig, sensor, camera as it was calibrated
 RUN/protocol.toml     the protocol as it was given, byte for byte
 RUN/pattern.json      recipe and dot centres as data
 RUN/journal.sqlite    steps, frames, samples, events (WAL, synchronous=FULL)
-RUN/images/*.png      temporary file, fsync, rename
+RUN/images/*.png      as the camera gave them, raw; temporary file, fsync, rename
 RUN/truth/            written by a virtual rig only; read through `Run.truth()` in analysis only
 RUN/summary.json      written last: its presence says that the run is finished
 
@@ -15,7 +15,7 @@ with its row. See docs/decisions/0005-resume.md and 0012-streams.md.
 
 from __future__ import annotations
 
-from .files import FORMAT, encode_png, image_file, lattice_file, truth_file, write_whole
+from .files import FORMAT, encode_png, image_file, lattice_file, lens_file, truth_file, write_whole
 from .journal import CLOCK_COLUMNS, PRESS_TABLES, WALL_COLUMNS
 from .run import Run, open
 from .same import require_same
@@ -35,6 +35,7 @@ __all__ = [
     "encode_png",
     "image_file",
     "lattice_file",
+    "lens_file",
     "open",
     "require_same",
     "truth_file",

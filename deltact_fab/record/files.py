@@ -73,6 +73,11 @@ def lattice_file(folder: Path) -> Path:
     return folder / "truth" / "lattice.json"
 
 
+def lens_file(folder: Path) -> Path:
+    """Where a virtual rig keeps the lens that it draws through, which is not the calibrated one."""
+    return folder / "truth" / "lens.json"
+
+
 def encode_png(image: NDArray[np.uint8]) -> bytes:
     """(h, w, 3) BGR to PNG bytes, tuned for noisy frames (fast filter, Huffman only)."""
     import cv2

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import RunFailed
 from ..protocols.plan import Step
-from .files import lattice_file, truth_file
+from .files import lattice_file, lens_file, truth_file
 from .run import Run
 
 Progress = Callable[[int, int, str], None]
@@ -83,7 +83,10 @@ def _damage(run: Run, press: str, frames: dict[str, tuple[str | None, str | None
     except RunFailed:
         return "its samples are damaged"
     if drawn and run.simulated:
-        if not lattice_file(run.folder).is_file():
+        needed = [lattice_file(run.folder)]
+        if (run.meta["camera"] or {}).get("model") == "rectified":
+            needed.append(lens_file(run.folder))
+        if not all(path.is_file() for path in needed):
             return "its truth is missing"
         path = truth_file(run.folder, press)
         try:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, RunFailed
-from ..optics import CameraModel, camera_from_dict
+from ..optics import CameraModel, Rectified, camera_from_dict
 from .files import FORMAT, lattice_file
 from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, at_times, unpack
 from .truth import Truth, load
@@ -112,7 +112,7 @@ class Run:
 
     @cached_property
     def camera(self) -> CameraModel:
-        """The projection the images were taken with. Raises InputError when none took any."""
+        """The projection of the images as they are tracked. Raises InputError without a camera."""
         stored = self.meta["camera"]
         if stored is None:
             raise InputError(f"{self.folder}: recorded without a camera")
@@ -132,10 +132,21 @@ class Run:
         return float(self.pattern["dot_diameter_mm"])
 
     def image(self, file: str) -> NDArray[np.uint8]:
-        """(h, w, 3) BGR of one frame.
+        """(h, w, 3) BGR of one frame as it is tracked: rectified where a lens was calibrated.
 
-        Raises RunFailed when it is missing, differs from its hash or does not decode.
+        Raises RunFailed when it is missing, differs from its hash, does not decode or is not of
+        the lens's size.
         """
+        raw = self.raw(file)
+        if self.meta["camera"] is None or not isinstance(self.camera, Rectified):
+            return raw
+        try:
+            return np.asarray(self.camera.rectify(raw), np.uint8)
+        except InputError as why:
+            raise RunFailed(f"{self.folder / file}: {why}") from why
+
+    def raw(self, file: str) -> NDArray[np.uint8]:
+        """(h, w, 3) BGR of one frame as the camera gave it. Raises as `image` does."""
         import cv2
 
         path = self.folder / file

@@ -7,15 +7,26 @@ import zipfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import RunFailed
-from ..optics import CameraModel, LatticeSampler, SurfaceLattice
-from .files import lattice_file, truth_file
+from ..errors import InputError, RunFailed
+from ..optics import (
+    CameraModel,
+    FaceMotion,
+    Fisheye,
+    LatticeSampler,
+    PointSampler,
+    Rectified,
+    SurfaceLattice,
+    axes_mm,
+    camera_from_dict,
+)
+from .files import lattice_file, lens_file, truth_file
 
 KEPT = ("displacement_mm", "traction_mpa", "x_mm", "y_mm")
 
@@ -25,12 +36,16 @@ class Truth:
     """What a virtual rig knows exactly: the surface's displacement at every frame.
 
     Displacements are interpolated linearly between two solved knots, as the drawing camera does.
+    Pixels are those of the record's camera, which is the calibrated one; what they see they see
+    through the true lens.
     """
 
     camera: CameraModel
     lattice: SurfaceLattice
     frames: dict[str, tuple[str, float]]  # frame id -> (knot key "press:a:b", fraction)
     folder: Path  # of the run
+    lens: Fisheye | None = None
+    """What the frames were drawn through; None: through the record's camera itself."""
 
     def displacement_mm(self, frame_id: str) -> NDArray[np.float64]:
         """Surface displacement on the lattice, (ny, nx, 3).
@@ -71,32 +86,37 @@ class Truth:
         return press, int(a), int(b), fraction
 
     def flow_px(self, frame_id: str) -> NDArray[np.float64]:
-        """Projected displacement of every rest pixel, (h, w, 2) px."""
-        xs, ys = self.camera.axes_mm()
-        return self._project(
-            self._grid(xs, ys)(self.displacement_mm(frame_id)), *np.meshgrid(xs, ys)
-        )
+        """Projected displacement of what every pixel sees at rest, (h, w, 2) px."""
+        u_mm = self.displacement_mm(frame_id)
+        if self._through is not None:
+            return self._through.flow_px(u_mm)
+        return self._moved_px(self._grid(u_mm), *np.meshgrid(*axes_mm(self.camera)))
 
     def in_plane_mm(self, frame_id: str) -> NDArray[np.float64]:
-        """In-plane displacement of every rest pixel, (h, w, 2) mm: not what is projected."""
-        xs, ys = self.camera.axes_mm()
-        return self._grid(xs, ys)(self.displacement_mm(frame_id)[..., :2])
+        """In-plane displacement of what every pixel sees at rest, (h, w, 2) mm: not projected."""
+        u_mm = self.displacement_mm(frame_id)[..., :2]
+        return self._grid(u_mm) if self._through is None else self._through.at_rest(u_mm)
 
     def points_px(self, frame_id: str, xy_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Projected displacement (n, 2) px of rest points (n, 2) mm."""
-        sampler = LatticeSampler.make(self.lattice, xy_mm[:, 0], xy_mm[:, 1])
-        moved = sampler.at_points(self.displacement_mm(frame_id))
-        return self._project(moved, xy_mm[:, 0], xy_mm[:, 1])
+        """Projected displacement (n, 2) px of points of the resting face (n, 2) mm."""
+        moved = PointSampler(self.lattice, xy_mm)(self.displacement_mm(frame_id))
+        return self._moved_px(moved, xy_mm[:, 0], xy_mm[:, 1])
 
-    def _project(self, u_mm: NDArray[Any], x_mm: NDArray[Any], y_mm: NDArray[Any]) -> NDArray[Any]:
+    def _moved_px(self, u_mm: NDArray[Any], x_mm: NDArray[Any], y_mm: NDArray[Any]) -> NDArray[Any]:
         rest = np.stack((x_mm, y_mm, np.zeros_like(x_mm)), axis=-1)
-        return self.camera.project_px(rest + u_mm) - self.camera.project_px(rest)
+        project_px = (self._through or self.camera).project_px
+        return project_px(rest + u_mm) - project_px(rest)
 
-    def _grid(self, xs: NDArray[Any], ys: NDArray[Any]) -> LatticeSampler:
-        if "grid" not in self.__dict__:
-            self.__dict__["grid"] = LatticeSampler.make(self.lattice, xs, ys)
-        sampler: LatticeSampler = self.__dict__["grid"]
-        return sampler
+    @cached_property
+    def _grid(self) -> LatticeSampler:
+        return LatticeSampler.make(self.lattice, *axes_mm(self.camera))
+
+    @cached_property
+    def _through(self) -> _Through | None:
+        if self.lens is None:
+            return None
+        assert isinstance(self.camera, Rectified), "a lens's frames are rectified"
+        return _Through(self.lens, self.camera, self.lattice)
 
     def _held(self, press: str, name: str) -> dict[str, NDArray[Any]]:
         """The arrays of a press, `name` among them."""
@@ -113,6 +133,31 @@ class Truth:
         return held[press]
 
 
+class _Through:
+    """What a rectified view shows of frames that were drawn through another lens than it holds."""
+
+    def __init__(self, lens: Fisheye, view: Rectified, lattice: SurfaceLattice) -> None:
+        self._lens, self._view = lens, view
+        columns, rows = np.meshgrid(np.arange(view.width_px), np.arange(view.height_px))
+        px = np.stack((columns, rows), axis=-1).astype(float)
+        seen_mm = lens.rest_mm(view.lens.rest_px(view.rest_mm(px))).reshape(-1, 2)
+        self._shape = px.shape
+        self._motion = FaceMotion(lattice, self.project_px)
+        self._at_seen = PointSampler(self._motion.lattice, seen_mm)
+
+    def project_px(self, xyz_mm: NDArray[Any]) -> NDArray[Any]:
+        """Points (..., 3) mm, through the lens, to where the view takes them to be (..., 2) px."""
+        return self._view.rest_px(self._view.lens.rest_mm(self._lens.project_px(xyz_mm)))
+
+    def flow_px(self, u_mm: NDArray[Any]) -> NDArray[Any]:
+        """Motion (h, w, 2) px of what each pixel sees at rest, from displacements (ny, nx, 3)."""
+        return self._at_seen(self._motion(u_mm)).reshape(self._shape)
+
+    def at_rest(self, u_mm: NDArray[Any]) -> NDArray[Any]:
+        """Displacements (ny, nx, 2) at what each pixel sees at rest, (h, w, 2)."""
+        return self._at_seen(self._motion.displaced(u_mm)).reshape(self._shape)
+
+
 def load(folder: Path, camera: CameraModel, presses: Iterable[str]) -> Truth:
     """The truth of all complete ones of these presses. Raises RunFailed when it is damaged."""
     index = lattice_file(folder)
@@ -120,6 +165,7 @@ def load(folder: Path, camera: CameraModel, presses: Iterable[str]) -> Truth:
         lattice = SurfaceLattice(**json.loads(index.read_text()))
     except (OSError, ValueError, TypeError) as why:
         raise RunFailed(f"{index}: cannot be read: {why}") from why
+    lens = _lens(lens_file(folder)) if isinstance(camera, Rectified) else None
     frames: dict[str, tuple[str, float]] = {}
     for press in presses:
         path = truth_file(folder, press)
@@ -129,7 +175,20 @@ def load(folder: Path, camera: CameraModel, presses: Iterable[str]) -> Truth:
             rows = (data[name].tolist() for name in ("frame_id", "knots", "fraction"))
             for frame_id, (a, b), fraction in zip(*rows, strict=True):
                 frames[frame_id] = (f"{press}:{a}:{b}", fraction)
-    return Truth(camera, lattice, frames, folder)
+    return Truth(camera, lattice, frames, folder, lens)
+
+
+def _lens(path: Path) -> Fisheye:
+    """The lens that the frames were drawn through. Raises RunFailed."""
+    try:
+        lens = camera_from_dict(json.loads(path.read_text()), str(path))
+    except (OSError, ValueError, AttributeError) as why:
+        raise RunFailed(f"{path}: cannot be read: {why}") from why
+    except InputError as why:
+        raise RunFailed(str(why)) from why
+    if not isinstance(lens, Fisheye):
+        raise RunFailed(f"{path}: model: not a lens that a virtual rig draws through")
+    return lens
 
 
 @contextmanager

@@ -2,11 +2,14 @@
 
 `kind` decides what a rig is: `virtual` simulates everything below the wire and has the tables of
 its simulators under `[virtual]`; `grbl` drives a real controller on `stage.port`. `[stage]` and
-`[force]` are the same for both: what the devices are.
+`[force]` are the same for both: what the devices are. `[camera]` names what is known of a lens, and
+`[virtual.lens]` is the one that a simulated camera has: nothing that estimates may read it.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
@@ -77,6 +80,13 @@ class ForceConfig(_Strict):
     rate_hz: float = Field(default=1000.0, ge=1, le=10_000)
 
 
+class CameraFile(_Strict):
+    """The camera that looks at the gel, as it was calibrated."""
+
+    model: str = Field(min_length=1, max_length=4096)
+    """A camera file, as `deltact-fab calibrate` writes it; its path counts from the rig file."""
+
+
 class VirtualConfig(_Strict):
     """The simulated bench."""
 
@@ -84,7 +94,25 @@ class VirtualConfig(_Strict):
     kind: Literal["virtual"]
     stage: StageConfig
     force: ForceConfig = ForceConfig()
+    camera: CameraFile | None = None
     virtual: SimulatorConfig = SimulatorConfig()
+
+    @model_validator(mode="after")
+    def _lens(self) -> Self:
+        if self.camera is not None and self.virtual.lens is None:
+            raise ValueError(
+                "camera.model: a virtual rig without [virtual.lens] draws through a pinhole, which "
+                "needs no calibration; add [virtual.lens] or remove [camera]"
+            )
+        return self
+
+    def recorded(self) -> dict[str, Any]:
+        """What a record keeps: of the true lens no more than whether it is the same."""
+        data = self.model_dump(mode="json")
+        if self.virtual.lens is not None:
+            text = json.dumps(self.virtual.lens, sort_keys=True)
+            data["virtual"]["lens"] = {"sha256": hashlib.sha256(text.encode()).hexdigest()}
+        return data
 
 
 class GrblConfig(_Strict):
@@ -105,6 +133,10 @@ class GrblConfig(_Strict):
             )
         return self
 
+    def recorded(self) -> dict[str, Any]:
+        """What a record keeps."""
+        return self.model_dump(mode="json")
+
 
 RigConfig = VirtualConfig | GrblConfig
 _KINDS: dict[str, type[VirtualConfig] | type[GrblConfig]] = {
@@ -123,12 +155,25 @@ def load(name: str) -> tuple[RigConfig, Path]:
         found = "missing key" if kind is None else f"unknown kind {kind!r}"
         raise InputError(f"{path}: kind: {found}; {did_you_mean(str(kind), _KINDS)}")
     _require_new_places(data, kind, str(path))
+    if kind == "grbl" and "camera" in data:
+        raise InputError(f"{path}: camera: no driver of a camera exists yet for a 'grbl' rig")
+    if isinstance(lens := _table(data, "virtual").get("lens"), dict):
+        from ..optics import camera_from_dict
+
+        camera_from_dict({**lens, "model": "fisheye"}, f"{path}: virtual.lens")
     return catalog.validate(_KINDS[kind], data, str(path)), path
+
+
+def _table(data: dict[str, Any], name: str) -> dict[str, Any]:
+    found = data.get(name)
+    return found if isinstance(found, dict) else {}
 
 
 def _require_new_places(data: dict[str, Any], kind: str, source: str) -> None:
     """Refuse a file with the simulator's keys where they once stood, saying where each went."""
     moved = [(f"[{table}]", f"[virtual.{table}]") for table in _MOVED if table in data]
+    if set(_table(data, "camera")) <= {"model"}:
+        moved = [(old, new) for old, new in moved if old != "[camera]"]
     if isinstance(data.get("gel"), dict) and "hyperelastic" in data["gel"]:
         moved.append(("[gel.hyperelastic]", "[virtual.gel.hyperelastic]"))
     if isinstance(data.get("force"), dict) and "noise_n" in data["force"]:

@@ -33,7 +33,7 @@ class GrblKind:
             "channels = [] records the poses"
         ]
 
-    def camera(self, sensor: SensorDimensions) -> None:
+    def camera(self, protocol: Protocol, sensor: SensorDimensions) -> None:
         """There is none."""
 
     def build(self, job: Job) -> GrblRig:

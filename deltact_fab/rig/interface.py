@@ -194,8 +194,11 @@ class RigKind(Protocol):
     def refusals(self, protocol: plan.Protocol, sensor: SensorDimensions, source: str) -> list[str]:
         """Why a protocol cannot be carried out on it, a line each; source: of the protocol."""
 
-    def camera(self, sensor: SensorDimensions) -> CameraModel | None:
-        """The projection that its images have; None without a camera."""
+    def camera(self, protocol: plan.Protocol, sensor: SensorDimensions) -> CameraModel | None:
+        """The projection of the images that are tracked; None without a camera.
+
+        Raises InputError for a calibration that cannot be read, or not serve here.
+        """
 
     def build(self, job: Job) -> Rig:
         """Every device of the run, or none: what was opened is closed when another fails."""

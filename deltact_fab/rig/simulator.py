@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 from pydantic import BaseModel, ConfigDict, Field
+
+# Of any one parameter of a lens; `optics.Fisheye` has the limits of each.
+Whole = Annotated[int, Field(ge=-100_000, le=100_000)]
+Real = Annotated[float, Field(ge=-100_000, le=100_000)]
 
 
 class _Strict(BaseModel):
@@ -64,6 +70,8 @@ class SimulatorConfig(_Strict):
     """All that only a virtual rig has."""
 
     camera: CameraConfig = CameraConfig()
+    lens: dict[str, Whole | Real] | None = None
+    """The true lens, what differs from the design's: as `optics.Fisheye`. None: a pinhole."""
     printer: PrinterConfig = PrinterConfig()
     force: NoiseConfig = NoiseConfig()
     gel: GelConfig = GelConfig()

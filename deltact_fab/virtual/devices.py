@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import RunFailed
-from ..optics import SurfaceLattice
-from ..record import lattice_file, truth_file, write_whole
+from ..optics import Fisheye, SurfaceLattice
+from ..record import lattice_file, lens_file, truth_file, write_whole
 from ..rig.interface import Clock, Frame
 from .picture import Picture
 from .scene import GelScene
@@ -30,14 +30,19 @@ class VirtualCamera:
         seed: int,
         lattice: SurfaceLattice,
         folder: Path,
+        lens: Fisheye | None = None,
     ) -> None:
-        """lattice: where the scene's knots have their displacements. folder: of the run."""
+        """lattice: where the scene's knots have their displacements. folder: of the run.
+
+        lens: what the picture is drawn through, for the truth.
+        """
         self._picture = picture
         self._scene = scene
         self._clock = clock
         self._seed = seed
         self._lattice = lattice
         self._folder = folder
+        self._lens = lens
         self._stream: str | None = None
         self._seen: list[tuple[int, int, float]] = []
         self._rng = np.random.default_rng(0)
@@ -66,9 +71,11 @@ class VirtualCamera:
             path.parent.mkdir(exist_ok=True)
         except OSError as why:
             raise RunFailed(f"{path.parent}: cannot be made: {why.strerror}") from why
-        write_whole(
-            lattice_file(self._folder), (json.dumps(self._lattice.as_dict()) + "\n").encode()
-        )
+        about: dict[Path, SurfaceLattice | Fisheye] = {lattice_file(self._folder): self._lattice}
+        if self._lens is not None:
+            about[lens_file(self._folder)] = self._lens
+        for where, what in about.items():
+            write_whole(where, (json.dumps(what.as_dict()) + "\n").encode())
         knots = [k.displacement_mm for k in self._scene.knots if k.displacement_mm is not None]
         tractions = [k.traction_mpa for k in self._scene.knots if k.traction_mpa is not None]
         asked: dict[str, Any] = {}
@@ -89,7 +96,8 @@ class VirtualCamera:
 
     def identity(self) -> dict[str, Any]:
         """What the record keeps."""
-        return {"kind": "virtual", "projection": self._picture.camera.as_dict()["model"]}
+        projection = "pinhole" if self._lens is None else "fisheye"
+        return {"kind": "virtual", "projection": projection}
 
     def close(self) -> None:
         """Nothing is held open."""

@@ -2,7 +2,8 @@
 
 For every image pixel the material point that projects there is found by iteration on the same
 displacement field that the truth stores; where the surface hides a part of itself, the nearest
-point on the pixel's ray (`occlusion`). The texture is sampled four times a pixel.
+point on the pixel's ray (`occlusion`). The texture is sampled four times a pixel. Through a lens
+this is done in its flat view, and what each pixel of the raw image sees is looked up there.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from numpy.typing import NDArray
 from ..errors import SolverError
 from ..imaging import Float, Sensor
 from ..occlusion import in_dispute, nearest
-from ..optics import CameraModel, LatticeSampler, SurfaceLattice
+from ..optics import CameraModel, FaceMotion, LatticeSampler, SurfaceLattice, axes_mm
+from .raw_view import RawView
 
 MARGIN_PX = 64
 TOLERANCE_PX = 2e-3
@@ -34,17 +36,38 @@ class Texture:
 
 
 class Picture:
-    """Draws frames of one pattern through one camera."""
+    """Draws frames of one pattern through one camera, which is flat or the raw view of a lens."""
 
     def __init__(
-        self, camera: CameraModel, lattice: SurfaceLattice, texture: Texture, sensor: Sensor
+        self,
+        camera: CameraModel | RawView,
+        lattice: SurfaceLattice,
+        texture: Texture,
+        sensor: Sensor,
     ) -> None:
-        self.camera = camera
+        self._raw = camera if isinstance(camera, RawView) else None
+        self.camera = camera = camera.flat if isinstance(camera, RawView) else camera
         self._texture = texture
         self._sensor = sensor
-        self._shade = sensor.shade(camera.height_px, camera.width_px)
-        self._xs_mm, self._ys_mm = camera.axes_mm(MARGIN_PX)
-        self._sampler = LatticeSampler.make(lattice, self._xs_mm, self._ys_mm)
+        self._motion: FaceMotion | None = None
+        if self._raw is None:
+            self._shade = sensor.shade(camera.height_px, camera.width_px)
+            self._beyond = cv2.BORDER_REPLICATE
+        else:
+            self._shade = self._raw.shade(sensor.shading)
+            self._beyond = cv2.BORDER_CONSTANT  # beyond the print it is dark
+            self._motion = FaceMotion(lattice, camera.project_px)
+        xs_mm, ys_mm = axes_mm(camera, MARGIN_PX)
+        if self._raw is not None:  # the larger view may reach over the edge of the face
+            xs_mm, ys_mm = (
+                _within(v, w) for v, w in zip((xs_mm, ys_mm), lattice.axes_mm(), strict=True)
+            )
+        self._sampler = LatticeSampler.make(lattice, xs_mm, ys_mm)
+        if self._motion is not None:
+            self._motion_sampler = LatticeSampler.make(self._motion.lattice, xs_mm, ys_mm)
+        self._rest = np.stack((*np.meshgrid(xs_mm, ys_mm), np.zeros((len(ys_mm), len(xs_mm)))), -1)
+        self._rest_px = camera.rest_px(self._rest[..., :2])
+        self._margin_px = np.asarray(-np.rint(self._rest_px[0, 0]), np.float32)
         # One pixel of border, so that the halved grid below is interpolated at the edge too.
         self._target = np.stack(
             np.meshgrid(
@@ -62,6 +85,8 @@ class Picture:
         Raises SolverError where a pixel sees no point of the surface.
         """
         at = self._target if displacement_mm is None else self.material_px(displacement_mm)
+        if self._raw is not None:
+            at = self._raw.look(at)
         fine = cv2.resize(at, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)[2:-2, 2:-2]
         cx, cy = self.camera.centre_px
         texels = self.camera.mm_per_px / self._texture.mm_per_texel
@@ -69,55 +94,47 @@ class Picture:
         map_x = (fine[..., 0] - np.float32(cx)) * np.float32(texels) + np.float32((w - 1) / 2)
         map_y = (fine[..., 1] - np.float32(cy)) * np.float32(texels) + np.float32((h - 1) / 2)
         seen = cv2.remap(
-            self._texture.values, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+            self._texture.values, map_x, map_y, cv2.INTER_LINEAR, borderMode=self._beyond
         )
-        radiance = cv2.resize(
-            seen,
-            (self.camera.width_px, self.camera.height_px),
-            interpolation=cv2.INTER_AREA,
-        )
-        return self._sensor.expose(np.asarray(radiance, np.float32), self._shade, rng)
+        size = (at.shape[1] - 2, at.shape[0] - 2)
+        radiance = np.asarray(cv2.resize(seen, size, interpolation=cv2.INTER_AREA), np.float32)
+        if self._raw is not None:
+            radiance = self._raw.framed(radiance)
+        return self._sensor.expose(radiance, self._shade, rng)
 
     def forward_px(self, displacement_mm: NDArray[np.float64]) -> Float:
         """Projected displacement of the rest pixels and their margin, (h + 2m, w + 2m, 2)."""
         return self._forward(displacement_mm)[0]
 
-    def _forward(
-        self, displacement_mm: NDArray[np.float64]
-    ) -> tuple[Float, NDArray[np.float64], NDArray[np.float64]]:
-        """The same, where in the image these points are, px, and how far out they stand, mm."""
-        u = self._sampler(displacement_mm)
-        x, y = np.meshgrid(self._xs_mm, self._ys_mm)
-        rest = np.stack((x, y, np.zeros_like(x)), axis=-1)
-        seen_px = self.camera.project_px(rest + u)
-        moved = seen_px - self.camera.rest_px(rest[..., :2])
-        return np.asarray(moved, np.float32), seen_px, u[..., 2]
+    def _forward(self, displacement_mm: NDArray[np.float64]) -> tuple[Float, NDArray[np.float64]]:
+        """Projected displacement of the grid's points, and where in the image they are, px."""
+        if self._motion is not None:
+            moved = self._motion_sampler(self._motion(displacement_mm))
+            return np.asarray(moved, np.float32), self._rest_px + moved
+        seen_px = self.camera.project_px(self._rest + self._sampler(displacement_mm))
+        return np.asarray(seen_px - self._rest_px, np.float32), seen_px
 
     def material_px(self, displacement_mm: NDArray[np.float64]) -> Float:
         """Rest position (px) of the material point seen by each pixel, with a border of one pixel.
 
         Solves X + g(X) = p for X with g the projected displacement; shape (h + 2, w + 2, 2).
         """
-        field, seen_px, out_mm = self._forward(displacement_mm)
-        at = self._target.copy()
+        field, seen_px = self._forward(displacement_mm)
+        at = before = self._target
         for _ in range(FIXED_POINT_ITERATIONS):
-            moved = cv2.remap(
-                field,
-                at[..., 0] + np.float32(MARGIN_PX),
-                at[..., 1] + np.float32(MARGIN_PX),
-                cv2.INTER_LINEAR,
-                borderMode=cv2.BORDER_REPLICATE,
-            )
-            new = self._target - moved
-            open_ = np.max(np.abs(new - at), axis=-1) >= TOLERANCE_PX
-            at = new
+            x, y = cv2.split(at + self._margin_px)
+            moved = cv2.remap(field, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            before, at = at, self._target - moved
+        x, y = cv2.split(cv2.absdiff(at, before))
+        open_ = cv2.max(x, y) >= TOLERANCE_PX
         # Fixed point needs a gradient below 1; the stretched skin behind a sliding tip has more.
-        at[open_] = _newton(field, self._target[open_], at[open_])
+        at[open_] = _newton(field, self._margin_px, self._target[open_], at[open_])
         # The border's first pixel has the index 0, and lies at -1.
         at_px = seen_px + 1
         wanted = np.isnan(at[..., 0]) | in_dispute(at_px, at.shape[:2])
         if wanted.any():
-            at[wanted] = nearest(at_px, out_mm, wanted) - MARGIN_PX
+            out_mm = self._sampler(displacement_mm[..., 2:])[..., 0]
+            at[wanted] = nearest(at_px, out_mm, wanted) - self._margin_px
             blind = int(np.isnan(at[..., 0]).sum())
             if blind:
                 raise SolverError(
@@ -127,7 +144,11 @@ class Picture:
         return at
 
 
-def _newton(field: Float, target: Float, start: Float) -> Float:
+def _within(points_mm: NDArray[np.float64], nodes_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+    return points_mm[(points_mm >= nodes_mm[0]) & (points_mm <= nodes_mm[-1])]
+
+
+def _newton(field: Float, margin_px: Float, target: Float, start: Float) -> Float:
     """Solve X + g(X) = p for points (n, 2) px, g bilinear on the field with its margin.
 
     nan for those that no step brings home.
@@ -138,8 +159,8 @@ def _newton(field: Float, target: Float, start: Float) -> Float:
     for _ in range(NEWTON_ITERATIONS):
         if not len(left):
             break
-        x = np.clip(at[left, 0] + MARGIN_PX, 0, width - 1.001)
-        y = np.clip(at[left, 1] + MARGIN_PX, 0, height - 1.001)
+        x = np.clip(at[left, 0] + margin_px[0], 0, width - 1.001)
+        y = np.clip(at[left, 1] + margin_px[1], 0, height - 1.001)
         j, i = x.astype(int), y.astype(int)
         a, b = (x - j)[:, None], (y - i)[:, None]
         q00, q01 = field[i, j], field[i, j + 1]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import itertools
 from contextlib import ExitStack
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..gel.linear.contact import SMALL_STRAIN
-from ..optics import Pinhole
+from ..optics import Pinhole, Rectified
 from ..protocols.plan import Protocol
 from ..rig.config import VirtualConfig
 from ..rig.force import NetFTSensor
@@ -19,9 +19,10 @@ from ..shapes import SensorDimensions
 from .answerable import unanswered
 from .clock import VirtualClock
 from .controller import GrblController
+from .gel_notes import gel_left_out, gel_notes
 from .grbl_settings import settings_for
 from .netft import NetFTBox
-from .presses import LINEAR, Presses
+from .presses import Presses
 from .scene import GelScene, LatticeCrop
 from .streams import stream_number
 from .wire import connect
@@ -30,17 +31,6 @@ if TYPE_CHECKING:
     from .devices import VirtualCamera
 
 _NUMBER = itertools.count(1)
-_LEVEL_NOTES = {
-    "layer": [
-        "the layer level ignores the free sides of the block and large strain: its in-plane "
-        "motion is off by some tenths of a millimetre from 2 mm of depth on"
-    ],
-    "block": [
-        "the block level ignores large strain: its in-plane motion is off by some tenths of a "
-        "millimetre from 2 mm of depth on"
-    ],
-    "hyperelastic": [],
-}
 
 
 class VirtualKind:
@@ -48,20 +38,28 @@ class VirtualKind:
 
     part = "simulated gel"
 
-    def __init__(self, config: VirtualConfig) -> None:
+    def __init__(self, config: VirtualConfig, source: Path) -> None:
+        """source: of the rig file."""
         self._config = config
+        self._source = source
 
     def refusals(self, protocol: Protocol, sensor: SensorDimensions, source: str) -> list[str]:
         """Presses that are observed and for which the gel has no level or no mesh."""
         return unanswered(protocol, sensor, self._config.virtual.gel, source)
 
-    def camera(self, sensor: SensorDimensions) -> Pinhole:
-        """The camera of the design."""
-        return Pinhole.of(sensor)
+    def camera(self, protocol: Protocol, sensor: SensorDimensions) -> Pinhole | Rectified | None:
+        """The design's pinhole, or the view through the lens; that only where images are taken."""
+        if self._config.virtual.lens is None:
+            return Pinhole.of(sensor)
+        if "image" not in protocol.channels:
+            return None
+        from .lens import tracked_view
+
+        return tracked_view(self._config, sensor, self._source)
 
     def build(self, job: Job) -> VirtualRig:
         """Everything below the wire that the protocol asks for, and the drivers above it."""
-        return VirtualRig(self._config, job)
+        return VirtualRig(self._config, job, self.camera(job.protocol, job.sensor))
 
 
 class VirtualForce(NetFTSensor):
@@ -84,9 +82,11 @@ class VirtualForce(NetFTSensor):
 class VirtualRig:
     """Clock, controller behind its wire, gel, camera and force box of one run."""
 
-    def __init__(self, config: VirtualConfig, job: Job) -> None:
+    def __init__(self, config: VirtualConfig, job: Job, view: Pinhole | Rectified | None) -> None:
+        """view: of the images that are tracked."""
         self._job = job
         self._config = config
+        self._view = view
         self._open = ExitStack()
         try:
             self._build()
@@ -109,9 +109,11 @@ class VirtualRig:
         crop = None
         if "image" in channels:
             from .picture import MARGIN_PX
+            from .raw_view import BAND_PX
 
             view = sensor.optics.view_mm
-            margin_mm = MARGIN_PX * sensor.optics.mm_per_px
+            margin_px = MARGIN_PX + (BAND_PX if simulator.lens is not None else 0)
+            margin_mm = margin_px * sensor.optics.mm_per_px
             crop = LatticeCrop(
                 *self.presses.axes_mm(), (view[0] / 2 + margin_mm, view[1] / 2 + margin_mm)
             )
@@ -180,100 +182,51 @@ class VirtualRig:
         lines = []
         if self.camera is None:
             lines.append("camera, picture and printer model: no channel asks for images")
+        if self._config.virtual.lens is None:
+            lines.append("lens, its maps and rectification: the rig draws through a pinhole")
+        elif self.camera is None:
+            lines.append("lens, its maps and rectification: no channel asks for images")
         if self.force is None:
             lines.append("force sensor: the channel 'force' is not asked for")
-        lines += self._gel_left_out()
+        lines += gel_left_out(self.presses, self._choices)
         lines.append("solid models: a run needs the numbers of the shapes only")
-        return lines
-
-    def _gel_left_out(self) -> list[str]:
-        presses, lines = self.presses, []
-        if not presses.observed:
-            return ["gel: no channel asks for what it does"]
-        if not presses.shears and not any(c.friction for c in self._choices):
-            lines.append("friction: the channel 'shear' is not asked for")
-        if presses.level != "hyperelastic":
-            lines.append(f"finite-strain gel: the level {presses.level!r} is asked for")
-        elif not presses.fields:
-            lines.append("the gel's surface field: no channel asks for images")
-        if not presses.tractions:
-            lines.append("the face's tractions: the channel 'traction' is not asked for")
-        if not presses.timed:
-            lines.append("viscosity: the specimen has no Prony series")
         return lines
 
     def notes(self) -> list[str]:
         """What a reader of the results must know."""
-        presses = self.presses
-        if self._job.air or not presses.observed:
-            return []
-        opened = presses.opened
-        solved = sum(p.solver.solves for p in opened)
-        found = sum(len(p.solver.knots) for p in opened if p.solver.found is not None)
-        lines = [
-            f"{solved} contact problems solved, {found} found in the store (no pattern, camera or "
-            "modulus matters to them); between them displacements and forces are interpolated "
-            f"linearly{_bound(presses)}"
-        ]
-        lines += _LEVEL_NOTES[presses.level]
-        lines += dict.fromkeys(f"gel: {choice.why}" for choice in self._choices)
-        if not presses.shears and any(c.friction for c in self._choices):
-            lines.append("friction is solved, for it changes the force of these presses")
-        # From the plan, for the presses that a resumed run kept are not solved again.
-        limit_mm = SMALL_STRAIN * self._job.sensor.skin.thickness_mm * (1 + 1e-9)
-        if presses.level in LINEAR and max(p.box_mm[2] for p in presses.paths) > limit_mm:
-            lines.append("WARNING: pressed beyond 10 % of the thickness, past small strain")
-        if presses.timed:
-            lines.append(
-                "the gel's time is the plan's: lines at their feed, rests as long as they settle; "
-                "ramps of the stage and the host's delays, some hundredths of a second, are not in"
-            )
-        return lines + _flag_notes(presses)
+        lines = []
+        if self.camera is not None and isinstance(self._view, Rectified):
+            from .lens import lens_notes
+
+            lines = lens_notes(self._config, self._view, self._job.recipe.patch_mm)
+        if not self._job.air and self.presses.observed:
+            lines += gel_notes(self.presses, self._choices, self._job.sensor.skin)
+        return lines
 
     def _camera(self, crop: LatticeCrop) -> VirtualCamera:
         from ..imaging import Printer, Sensor
         from ..patterns.raster import albedo
         from .devices import VirtualCamera
         from .picture import Picture, Texture
+        from .raw_view import RawView
 
         job, simulator = self._job, self._config.virtual
         printer = Printer(**simulator.printer.model_dump())
         rng = np.random.default_rng(np.random.SeedSequence([job.seed, 3]))
         printed = printer.print_(albedo(job.recipe, printer.mm_per_dot), rng)
-        picture = Picture(
-            Pinhole.of(job.sensor),
-            crop.lattice,
-            Texture(printed, printer.mm_per_dot),
-            Sensor(**simulator.camera.model_dump()),
+        texture = Texture(printed, printer.mm_per_dot)
+        exposure = Sensor(**simulator.camera.model_dump())
+        lens = None
+        assert self._view is not None, "images are asked for"
+        camera: Pinhole | RawView
+        if isinstance(self._view, Rectified):
+            from .lens import true_lens
+
+            lens = true_lens(self._config, job.sensor)
+            camera = RawView(lens, self._view)
+        else:
+            camera = self._view
+        picture = Picture(camera, crop.lattice, texture, exposure)
+        return VirtualCamera(
+            picture, self.scene, self.clock, job.seed, crop.lattice, job.folder, lens
         )
-        return VirtualCamera(picture, self.scene, self.clock, job.seed, crop.lattice, job.folder)
-
-
-def _bound(presses: Presses) -> str:
-    """What linear interpolation costs, as far as it was tried."""
-    between = presses.between
-    if between.samples == 0:
-        return ""
-    parts = [f"{presses.modulus_mpa * between.force_n:.2g} N"]
-    if presses.fields:
-        parts.insert(0, f"{between.displacement_mm:.2g} mm in plane")
-    failed = f"; {between.failed} did not converge" if between.failed else ""
-    return (
-        f": half-way between knots off by at most {' and '.join(parts)} ({between.samples} "
-        f"intervals solved half-way{failed})"
-    )
-
-
-def _flag_notes(presses: Presses) -> list[str]:
-    """One line for each kind of flag: where, at how many knots, and the last of them in full."""
-    where: dict[str, list[str]] = {}
-    example: dict[str, str] = {}
-    for press in presses.opened:
-        for name, count in press.solver.flags.items():
-            where.setdefault(name, []).append(f"{press.name} ({count})")
-        for flag in (f for knot in press.solver.knots for f in knot.flags):
-            example[flag.partition(":")[0]] = flag
-    return [
-        f"WARNING: {example[name]}; so or alike at knots of {', '.join(found)}"
-        for name, found in sorted(where.items())
-    ]

@@ -120,10 +120,20 @@ class Shelf(record.Truth):
 
 
 def test_what_the_face_hides_of_itself_is_not_counted() -> None:
-    frame = TrueFrame.read(Shelf(), "f", np.ones((10, 60), bool), 0.04)
+    everywhere = np.ones((10, 60), bool)
+    frame = TrueFrame.read(Shelf(), "f", everywhere, everywhere, 0.04)
     # Columns 12 to 19 lie over 20 to 27 now: which of the two is seen, the flow does not tell.
     assert (np.flatnonzero(frame.moving[5]) == np.arange(12)).all()
     assert (np.flatnonzero(frame.still[5]) == np.arange(28, 60)).all()
+
+
+def test_what_the_camera_does_not_see_is_not_counted_before_or_after() -> None:
+    seen = np.ones((10, 60), bool)
+    seen[:, :3] = seen[:, 15:17] = seen[:, 50:] = False
+    frame = TrueFrame.read(Shelf(), "f", np.ones((10, 60), bool), seen, 0.04)
+    # Columns 7 and 8 land on 15 and 16.
+    assert (np.flatnonzero(frame.moving[5]) == [3, 4, 5, 6, 9, 10, 11]).all()
+    assert (np.flatnonzero(frame.still[5]) == np.arange(28, 50)).all()
 
 
 def test_without_truth_the_error_at_the_dots_remains(mini_run: Path, tmp_path: Path) -> None:

@@ -25,6 +25,8 @@ travel_mm = [120.0, 120.0, 60.0]
 max_feed_mm_min = [1500.0, 1500.0, 1200.0]
 acceleration_mm_s2 = [50.0, 50.0, 50.0]
 """
+CAMERA = '[camera]\nmodel = "camera.toml"\n'
+LENS = "[virtual.lens]\n"
 OLD = """
 [camera]
 blur_px = 0.5
@@ -66,6 +68,26 @@ def test_each_kind_has_its_own_tables(tmp_path: Path) -> None:
         ('kind = "grbl"' + STAGE, r"rig\.toml: stage\.port: missing key; .* as port = "),
         ('kind = "grbl"' + STAGE + 'port = ""', r"stage\.port: "),
         ('kind = "grbl"' + STAGE + 'port = "p"\n[virtual.gel]', r"virtual: unknown key"),
+        (
+            'kind = "grbl"' + STAGE + 'port = "p"\n' + CAMERA,
+            r"camera: no driver of a camera exists",
+        ),
+        ('kind = "virtual"' + STAGE + CAMERA, r"camera\.model: .* \[virtual\.lens\] .* a pinhole"),
+        ('kind = "virtual"' + STAGE + "[camera]\n" + LENS, r"camera\.model: missing key"),
+        (
+            'kind = "virtual"' + STAGE + CAMERA + "blur = 1\n",
+            r"\[camera\] is now \[virtual\.camera\]",
+        ),
+        (
+            'kind = "virtual"' + STAGE + LENS + "fpx = 3.0",
+            r"virtual\.lens: fpx: unknown key; .*'f_px'",
+        ),
+        (
+            'kind = "virtual"' + STAGE + LENS + "gel_mm = -1.0",
+            r"virtual\.lens: .*gel_mm <= 100: -1 ",
+        ),
+        ('kind = "virtual"' + STAGE + LENS + "f_px = 'no'", r"virtual\.lens: f_px: .*'no'"),
+        ('kind = "virtual"' + STAGE + "[virtual]\nlens = 3", r"virtual\.lens: "),
         ('kind = "virtual"' + STAGE + "prot = 1", r"stage\.prot: unknown key; .*'port'"),
         ('kind = "virtual"' + STAGE + "[virtual.gle]", r"virtual\.gle: unknown key; .*'gel'"),
     ],
@@ -86,6 +108,16 @@ def test_an_old_file_is_told_where_each_key_went(kind: str, tmp_path: Path) -> N
     assert "noise_n of [force] is now noise_n of [virtual.force]" in line
     assert "\n" not in line
     assert ("a 'grbl' rig has none of them" in line) == (kind == "grbl")
+
+
+def test_a_lens_that_draws_and_one_that_tracks_stand_apart(tmp_path: Path) -> None:
+    rig = loaded(tmp_path, f'kind = "virtual"\n{STAGE}{CAMERA}{LENS}k1 = -0.01\nwidth_px = 640\n')
+    assert rig.kind == "virtual"
+    assert rig.camera is not None
+    assert rig.camera.model == "camera.toml"
+    assert rig.virtual.lens == {"k1": -0.01, "width_px": 640}
+    nominal = loaded(tmp_path, f'kind = "virtual"\n{STAGE}{LENS}')
+    assert (nominal.camera, nominal.virtual.lens) == (None, {})
 
 
 def test_an_old_file_with_its_keys_moved_is_read(tmp_path: Path) -> None:

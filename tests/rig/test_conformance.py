@@ -52,7 +52,7 @@ def build(mini: tuple[Path, Path], tmp_path: Path) -> Iterator[Any]:
             settings, _ = config.load(str(path))
             recipe = load_recipe(protocol.specimen.pattern)
             job = Job(protocol, SensorDimensions(), recipe, 3, tmp_path / "run")
-            rig = kind_of(settings).build(job)
+            rig = kind_of(settings, path).build(job)
             open_.callback(rig.close)
             return rig
 

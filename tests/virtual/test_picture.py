@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from deltact_fab.errors import SolverError
 from deltact_fab.imaging import Sensor
-from deltact_fab.optics import LatticeSampler, Pinhole, SurfaceLattice
+from deltact_fab.optics import LatticeSampler, Pinhole, PointSampler, SurfaceLattice
 from deltact_fab.virtual.picture import Picture, Texture
 
 CAMERA = Pinhole(0.0378, 160, 120, 12.85)
@@ -40,7 +40,7 @@ def test_every_pixel_sees_the_point_that_projects_there() -> None:
     u = bump(0.9)
     at = picture.material_px(u)[1:-1, 1:-1].astype(float)
     xy = CAMERA.rest_mm(at).reshape(-1, 2)[::37]
-    moved = LatticeSampler.make(LATTICE, xy[:, 0], xy[:, 1]).at_points(u)
+    moved = PointSampler(LATTICE, xy)(u)
     landed = CAMERA.project_px(np.column_stack((xy, np.zeros(len(xy)))) + moved)
     rows, columns = np.mgrid[: CAMERA.height_px, : CAMERA.width_px]
     wanted = np.stack((columns, rows), -1).reshape(-1, 2)[::37]
@@ -106,7 +106,7 @@ def test_where_the_face_hides_a_part_of_itself_the_nearest_is_seen() -> None:
     xy = CAMERA.rest_mm(at)
     flat = xy.reshape(-1, 2)
     seen = np.column_stack((flat, np.zeros(len(flat))))
-    seen += LatticeSampler.make(LATTICE, flat[:, 0], flat[:, 1]).at_points(u)
+    seen += PointSampler(LATTICE, flat)(u)
     landed = CAMERA.project_px(seen).reshape(at.shape)
     rows, columns = np.mgrid[: CAMERA.height_px, : CAMERA.width_px]
     missed_px = np.hypot(landed[..., 0] - columns, landed[..., 1] - rows)

@@ -14,7 +14,7 @@ from ...measure.flow import FlowObservation, FlowState, named_tracker
 from .dots import DOTS, DotFrame, Dots, DotTally
 from .scene import Scene
 from .tally import MOVING_MM, Tally, confident_figures, largest, ratio
-from .truth import TrueFrame, off_dots
+from .truth import TrueFrame, off_dots, seen_by
 
 ARROW_STEP_PX = 26
 COLUMNS = [
@@ -60,7 +60,7 @@ def analyse_press(job: Job) -> PressResult:
     scale = camera.mm_per_px
     dots = Dots(run) if scene.dots else None
     flows = {name: named_tracker(name) for name in scene.dense}
-    off = off_dots(camera, run.dots_mm(), run.dot_diameter_mm())
+    off, in_view = off_dots(camera, run.dots_mm(), run.dot_diameter_mm()), seen_by(camera)
     tallies = {name: Tally() for name in scene.methods}
     result = PressResult(tallies)
     for at, row in enumerate(run.frames(job.press).itertuples()):
@@ -77,7 +77,9 @@ def analyse_press(job: Job) -> PressResult:
             # The flow has its error against truth, and its own word, without them.
             result.left_out.append(f"error at the dots of {job.press}: {why}")
             dots = None
-        frame = TrueFrame.read(truth, frame_id, off, scale) if truth and flows and at else None
+        frame = None
+        if truth and flows and at:
+            frame = TrueFrame.read(truth, frame_id, off, in_view, scale)
         said: dict[str, dict[str, Any]] = {}
         for name, flow in flows.items():
             observed = flow.update(image)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ... import record
 from ...occlusion import in_dispute
-from ...optics import CameraModel
+from ...optics import CameraModel, Rectified
 from .tally import MOVING_MM
 
 DOT_MARGIN_PX = 3.0
@@ -32,9 +32,14 @@ class TrueFrame:
 
     @classmethod
     def read(
-        cls, truth: record.Truth, frame_id: str, off: NDArray[np.bool_], mm_per_px: float
+        cls,
+        truth: record.Truth,
+        frame_id: str,
+        off: NDArray[np.bool_],
+        seen: NDArray[np.bool_],
+        mm_per_px: float,
     ) -> TrueFrame:
-        """Of one frame; off: (h, w) rest pixels that lie on no dot."""
+        """Of one frame; off: (h, w) rest pixels that lie on no dot; seen: that the camera sees."""
         flow = truth.flow_px(frame_id)
         in_plane = truth.in_plane_mm(frame_id)
         h, w = off.shape
@@ -44,13 +49,20 @@ class TrueFrame:
         # Where a steep flank hides what is behind it, no one point of the face is the true one.
         disputed = in_dispute(np.stack((to_x, to_y), -1), off.shape)
         ends = np.rint(to_y[visible]).astype(int), np.rint(to_x[visible]).astype(int)
-        visible[visible] = ~disputed[ends]
+        visible[visible] = seen[visible] & seen[ends] & ~disputed[ends]
         length_mm = np.hypot(flow[..., 0], flow[..., 1]) * mm_per_px
         moves = length_mm >= MOVING_MM
         peaks = (length_mm, np.hypot(in_plane[..., 0], in_plane[..., 1]))
         peak, in_plane_peak = (float(v[visible].max()) if visible.any() else None for v in peaks)
-        seen = visible & off
-        return cls(flow, in_plane, seen & moves, seen & ~moves, peak, in_plane_peak)
+        taken = visible & off
+        return cls(flow, in_plane, taken & moves, taken & ~moves, peak, in_plane_peak)
+
+
+def seen_by(camera: CameraModel) -> NDArray[np.bool_]:
+    """(h, w) the pixels that hold an image: a rectified view may go beyond what the lens saw."""
+    if isinstance(camera, Rectified):
+        return camera.seen()
+    return np.ones((camera.height_px, camera.width_px), bool)
 
 
 def off_dots(

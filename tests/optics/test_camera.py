@@ -1,4 +1,4 @@
-"""Camera models: what the record keeps of one, and what is read from an old record."""
+"""A camera's axes at rest, and the camera of an old record."""
 
 from __future__ import annotations
 
@@ -7,37 +7,16 @@ import shutil
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from deltact_fab import record
-from deltact_fab.errors import InputError
-from deltact_fab.optics import Pinhole, camera_from_dict
+from deltact_fab.optics import Pinhole, axes_mm
 from deltact_fab.shapes import SensorDimensions
 
 CAMERA = Pinhole.of(SensorDimensions())
 
 
-def test_a_model_comes_back_from_its_plain_data() -> None:
-    data = json.loads(json.dumps(CAMERA.as_dict()))
-    assert data["model"] == "pinhole"
-    assert camera_from_dict(data) == CAMERA
-
-
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        ({"model": "pinhoel"}, "model: 'pinhoel'; did you mean 'pinhole'"),
-        ({"width_px": "wide"}, "width_px: .*'wide'"),
-        ({"f_px": 3.0}, "f_px: unknown key"),
-    ],
-)
-def test_data_of_no_model_is_one_line(change: dict[str, object], says: str) -> None:
-    with pytest.raises(InputError, match=rf"^run\.json: {says}"):
-        camera_from_dict({**CAMERA.as_dict(), **change}, "run.json")
-
-
 def test_axes_are_where_the_pixels_are_at_rest() -> None:
-    xs_mm, ys_mm = CAMERA.axes_mm(2)
+    xs_mm, ys_mm = axes_mm(CAMERA, 2)
     assert (len(xs_mm), len(ys_mm)) == (CAMERA.width_px + 4, CAMERA.height_px + 4)
     corners_px = np.array([[-2.0, -2.0], [CAMERA.width_px + 1.0, CAMERA.height_px + 1.0]])
     ends_mm = np.array([[xs_mm[0], ys_mm[0]], [xs_mm[-1], ys_mm[-1]]])

@@ -1,0 +1,99 @@
+"""What the summary of a run says of its simulated gel: what was solved, how well, what was not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from ..gel.linear.contact import SMALL_STRAIN
+from ..shapes import SkinDimensions
+from .presses import LINEAR, Presses
+
+if TYPE_CHECKING:
+    from ..gel.level import Choice
+
+_LEVEL_NOTES = {
+    "layer": [
+        "the layer level ignores the free sides of the block and large strain: its in-plane "
+        "motion is off by some tenths of a millimetre from 2 mm of depth on"
+    ],
+    "block": [
+        "the block level ignores large strain: its in-plane motion is off by some tenths of a "
+        "millimetre from 2 mm of depth on"
+    ],
+    "hyperelastic": [],
+}
+
+
+def gel_left_out(presses: Presses, choices: Sequence[Choice]) -> list[str]:
+    """What this scene's gel did not solve or keep, and why."""
+    lines = []
+    if not presses.observed:
+        return ["gel: no channel asks for what it does"]
+    if not presses.shears and not any(c.friction for c in choices):
+        lines.append("friction: the channel 'shear' is not asked for")
+    if presses.level != "hyperelastic":
+        lines.append(f"finite-strain gel: the level {presses.level!r} is asked for")
+    elif not presses.fields:
+        lines.append("the gel's surface field: no channel asks for images")
+    if not presses.tractions:
+        lines.append("the face's tractions: the channel 'traction' is not asked for")
+    if not presses.timed:
+        lines.append("viscosity: the specimen has no Prony series")
+    return lines
+
+
+def gel_notes(presses: Presses, choices: Sequence[Choice], skin: SkinDimensions) -> list[str]:
+    """What a reader of a run on the simulated gel must know."""
+    opened = presses.opened
+    solved = sum(p.solver.solves for p in opened)
+    found = sum(len(p.solver.knots) for p in opened if p.solver.found is not None)
+    lines = [
+        f"{solved} contact problems solved, {found} found in the store (no pattern, camera or "
+        "modulus matters to them); between them displacements and forces are interpolated "
+        f"linearly{_bound(presses)}"
+    ]
+    lines += _LEVEL_NOTES[presses.level]
+    lines += dict.fromkeys(f"gel: {choice.why}" for choice in choices)
+    if not presses.shears and any(c.friction for c in choices):
+        lines.append("friction is solved, for it changes the force of these presses")
+    # From the plan, for the presses that a resumed run kept are not solved again.
+    limit_mm = SMALL_STRAIN * skin.thickness_mm * (1 + 1e-9)
+    if presses.level in LINEAR and max(p.box_mm[2] for p in presses.paths) > limit_mm:
+        lines.append("WARNING: pressed beyond 10 % of the thickness, past small strain")
+    if presses.timed:
+        lines.append(
+            "the gel's time is the plan's: lines at their feed, rests as long as they settle; "
+            "ramps of the stage and the host's delays, some hundredths of a second, are not in"
+        )
+    return lines + _flag_notes(presses)
+
+
+def _bound(presses: Presses) -> str:
+    """What linear interpolation costs, as far as it was tried."""
+    between = presses.between
+    if between.samples == 0:
+        return ""
+    parts = [f"{presses.modulus_mpa * between.force_n:.2g} N"]
+    if presses.fields:
+        parts.insert(0, f"{between.displacement_mm:.2g} mm in plane")
+    failed = f"; {between.failed} did not converge" if between.failed else ""
+    return (
+        f": half-way between knots off by at most {' and '.join(parts)} ({between.samples} "
+        f"intervals solved half-way{failed})"
+    )
+
+
+def _flag_notes(presses: Presses) -> list[str]:
+    """One line for each kind of flag: where, at how many knots, and the last of them in full."""
+    where: dict[str, list[str]] = {}
+    example: dict[str, str] = {}
+    for press in presses.opened:
+        for name, count in press.solver.flags.items():
+            where.setdefault(name, []).append(f"{press.name} ({count})")
+        for flag in (f for knot in press.solver.knots for f in knot.flags):
+            example[flag.partition(":")[0]] = flag
+    return [
+        f"WARNING: {example[name]}; so or alike at knots of {', '.join(found)}"
+        for name, found in sorted(where.items())
+    ]

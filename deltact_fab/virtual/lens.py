@@ -1,0 +1,119 @@
+"""The two lenses of a virtual rig: the true one, which draws, and the calibrated one, which tracks.
+
+A real bench knows its lens only as it was calibrated; so does all that estimates here. The true
+one is in the rig file's `[virtual.lens]` and goes to the run's `truth/`, nowhere else.
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import InputError
+from ..optics import (
+    Fisheye,
+    Rectified,
+    aliased_share,
+    camera_from_dict,
+    load_camera,
+    raw_mm_per_px,
+)
+from ..optics.sampling import LEAST_PX
+from ..shapes import SensorDimensions
+from .raw_view import BAND_PX
+
+if TYPE_CHECKING:
+    from ..rig.config import VirtualConfig
+
+
+def true_lens(config: VirtualConfig, sensor: SensorDimensions) -> Fisheye:
+    """What the rig draws through: the design's lens with what `[virtual.lens]` changes of it."""
+    values = {**Fisheye.of(sensor).as_dict(), **(config.virtual.lens or {})}
+    lens = camera_from_dict(values, "virtual.lens")
+    assert isinstance(lens, Fisheye), "as_dict names its class"
+    return lens
+
+
+def tracked_view(config: VirtualConfig, sensor: SensorDimensions, source: Path) -> Rectified:
+    """The view that trackers take, by the calibrated lens; by the design's where none was.
+
+    source: of the rig file. Raises InputError for a camera file that is missing, holds no fisheye,
+    or is so far off that its view is not in the picture.
+    """
+    lens, named = Fisheye.of(sensor), "the design's lens"
+    if config.camera is not None:
+        path = source.parent / config.camera.model
+        named = str(path)
+        if not path.is_file():
+            raise InputError(
+                f"{source}: camera.model: {path}: no such file; `deltact-fab calibrate` makes one"
+            )
+        model, _ = load_camera(path)
+        if not isinstance(model, Fisheye):
+            raise InputError(
+                f"{path}: camera.model: {model.as_dict()['model']!r}; a rig needs a 'fisheye'"
+            )
+        lens = model
+    view = Rectified.of(sensor, lens)
+    _require_drawn(true_lens(config, sensor), view, f"{source}: camera.model: {named}")
+    return view
+
+
+def _require_drawn(true: Fisheye, view: Rectified, source: str) -> None:
+    """Refuse a view of which the border is not in the drawn picture."""
+    if (true.width_px, true.height_px) != (view.lens.width_px, view.lens.height_px):
+        raise InputError(
+            f"{source}: an image of {view.lens.width_px} x {view.lens.height_px} px, and "
+            f"[virtual.lens] makes {true.width_px} x {true.height_px} px"
+        )
+    w, h = view.width_px - 1, view.height_px - 1
+    x, y = np.linspace(0, w, 65), np.linspace(0, h, 65)
+    sides = [(x, 0 * x), (x, 0 * x + h), (0 * y, y), (0 * y + w, y)]
+    border_mm = view.rest_mm(np.concatenate([np.stack(side, axis=-1) for side in sides]))
+    try:
+        raw = view.lens.rest_px(border_mm)
+    except InputError as why:
+        raise InputError(f"{source}: the view's border: {why}") from why
+    looks_mm = true.rest_mm(raw)
+    inside = ((raw >= 0) & (raw <= (true.width_px - 1, true.height_px - 1))).all()
+    off_mm = np.nan_to_num(np.hypot(*(looks_mm - border_mm).T), nan=np.inf).max()
+    most_mm = BAND_PX * view.mm_per_px
+    if not inside or off_mm > most_mm:
+        raise InputError(
+            f"{source}: the view's border lies up to {off_mm:.2g} mm from where [virtual.lens] has "
+            f"it, and {most_mm:.2g} mm beyond it are drawn; calibrate this rig's own camera"
+        )
+
+
+def lens_notes(config: VirtualConfig, view: Rectified, patch_mm: float | None) -> list[str]:
+    """What a reader of a run through the lens must know. Times a rectification, .4 s."""
+    lines = []
+    if config.camera is None:
+        lines.append(
+            "WARNING: the lens is not calibrated, the design's stands for it: photograph the "
+            "chessboard skin on this rig, `deltact-fab calibrate` the raw image, and name the file "
+            "it makes as [camera] model"
+        )
+    w, h = view.width_px, view.height_px
+    scales = raw_mm_per_px(view, np.array([[w / 2, h / 2], [0, 0], [w, 0], [0, h], [w, h]]))
+    middle, corner = scales[0].min(), scales[1:].max()
+    lines.append(
+        f"the lens takes {middle:.3f} mm a pixel in the middle, {corner:.3f} in the corners"
+    )
+    aliased = 0.0 if patch_mm is None else aliased_share(view, patch_mm)
+    if aliased >= 0.005:
+        lines.append(
+            f"WARNING: patches of {patch_mm:g} mm alias over {aliased:.0%} of the view: the lens "
+            f"has less than {LEAST_PX:g} pixels for one there"
+        )
+    blank = np.zeros((view.lens.height_px, view.lens.width_px, 3), np.uint8)
+    view.rectify(blank)
+    start_s = time.process_time()
+    for _ in range(5):
+        view.rectify(blank)
+    ms = (time.process_time() - start_s) / 5 * 1e3
+    lines.append(f"images are stored raw and rectified when they are read: {ms:.1f} ms of CPU each")
+    return lines

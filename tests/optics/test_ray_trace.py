@@ -1,0 +1,202 @@
+"""Every projection against rays that are traced face by face with Snell's law of vectors.
+
+The tracer shares nothing with the package but a lens's numbers: it starts from angles at the
+lens, turns them with matrices of its own, and refracts vectors at planes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from deltact_fab.optics import Fisheye, Pinhole, Rectified
+from deltact_fab.shapes import SensorDimensions
+
+Array = NDArray[np.float64]
+SENSOR = SensorDimensions()
+NORMAL = np.array([0.0, 0.0, 1.0])
+
+NOMINAL = Fisheye.of(SENSOR)
+REAL = Fisheye(
+    f_px=391.3,
+    k1=-0.021,
+    k2=0.0034,
+    cx_px=646.2,
+    cy_px=351.7,
+    tilt_x_deg=1.6,
+    tilt_y_deg=-2.1,
+    roll_deg=0.8,
+    x0_mm=0.35,
+    y0_mm=-0.22,
+    air_gap_mm=2.7,
+    pupil_shift_mm=-0.31,
+    acrylic_mm=2.08,
+    gel_mm=11.8,
+    n_acrylic=1.492,
+    n_gel=1.405,
+)
+LENSES = {
+    "nominal": NOMINAL,
+    "decentred": replace(NOMINAL, cx_px=655.0, cy_px=340.0, x0_mm=0.6, y0_mm=0.4, roll_deg=-33.0),
+    "tilted": replace(NOMINAL, tilt_x_deg=-3.0, tilt_y_deg=2.0),
+    "moving pupil": replace(NOMINAL, pupil_shift_mm=0.4, k1=0.01),
+    "as a real one": REAL,
+    "far from any": replace(REAL, tilt_x_deg=8.0, tilt_y_deg=-6.0, pupil_shift_mm=-0.7),
+}
+DEPTHS = [("gel", z) for z in (0.8, 0.0, -1.0, -3.0, -6.0, -9.0)] + [
+    ("air", z) for z in (0.0, 1.0, 5.0, 20.0)
+]
+
+
+@dataclass
+class Traced:
+    """What a ray was at the lens, and where it is: pixels (n, 2), at rest and at z (n, 3)."""
+
+    px: Array
+    rest_mm: Array
+    points_mm: Array
+
+
+def turned(lens: Fisheye) -> Array:
+    """(3, 3): roll about the axis, then the turn about y, then the one about x."""
+
+    def about(axis: int, degrees: float) -> Array:
+        a, b = [i for i in range(3) if i != axis]
+        matrix = np.eye(3)
+        c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+        matrix[a, a] = matrix[b, b] = c
+        matrix[a, b], matrix[b, a] = (s, -s) if axis == 1 else (-s, s)
+        return matrix
+
+    return about(0, lens.tilt_x_deg) @ about(1, lens.tilt_y_deg) @ about(2, lens.roll_deg)
+
+
+def refracted(way: Array, n_before: float, n_after: float) -> Array:
+    """Snell's law of unit vectors (n, 3) at a plane whose normal is z."""
+    ratio = n_before / n_after
+    cosine = way @ NORMAL
+    along = np.sqrt(1 - ratio**2 * (1 - cosine**2)) - ratio * cosine
+    return ratio * way + along[:, None] * NORMAL
+
+
+def to_plane(start: Array, way: Array, z: float) -> Array:
+    return start + way * ((z - start[:, 2]) / way[:, 2])[:, None]
+
+
+def trace(lens: Fisheye, medium: str, z_mm: float, widest_deg: float = 66.0) -> Traced:
+    """Rays at angles all over the image, up to z in the gel or in the air beyond the face."""
+    rng = np.random.default_rng(5)
+    theta = np.radians(np.concatenate(([0.0], rng.uniform(0, widest_deg, 400))))
+    turn = rng.uniform(0, 2 * np.pi, len(theta))
+    aside = np.stack((np.cos(turn), np.sin(turn)), axis=-1)
+    radius = lens.f_px * (theta + lens.k1 * theta**3 + lens.k2 * theta**5)
+    px = np.array([lens.cx_px, lens.cy_px]) + aside * radius[:, None]
+    way = np.column_stack((np.sin(theta)[:, None] * aside, np.cos(theta))) @ turned(lens).T
+
+    foot = np.array([lens.x0_mm, lens.y0_mm, -lens.gel_mm - lens.acrylic_mm - lens.air_gap_mm])
+    axis = turned(lens) @ NORMAL
+    at = foot - np.outer(lens.pupil_shift_mm * theta**2, axis)
+    at = to_plane(at, way, -lens.gel_mm - lens.acrylic_mm)
+    way = refracted(way, 1.0, lens.n_acrylic)
+    at = to_plane(at, way, -lens.gel_mm)
+    way = refracted(way, lens.n_acrylic, lens.n_gel)
+    rest = to_plane(at, way, 0.0)
+    if medium == "air":
+        way = refracted(way, lens.n_gel, 1.0)
+    return Traced(px, rest[:, :2], to_plane(rest, way, z_mm))
+
+
+@pytest.mark.parametrize(("medium", "z_mm"), DEPTHS)
+@pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES.keys())
+def test_a_fisheye_is_the_rays_that_were_traced(lens, medium, z_mm):
+    traced = trace(lens, medium, z_mm)
+    np.testing.assert_allclose(lens.project_px(traced.points_mm, medium), traced.px, atol=1e-9)
+    np.testing.assert_allclose(lens.rest_mm(traced.px), traced.rest_mm, atol=1e-11)
+    np.testing.assert_allclose(lens.rest_px(traced.rest_mm), traced.px, atol=1e-9)
+    np.testing.assert_allclose(
+        lens.crossing_mm(traced.points_mm, medium), traced.rest_mm, atol=1e-11
+    )
+    for origin, way in (lens.ray(traced.px, medium), lens.ray_to(traced.points_mm, medium)):
+        np.testing.assert_allclose(origin + z_mm * way, traced.points_mm, atol=1e-11)
+
+
+@pytest.mark.parametrize(("medium", "z_mm"), DEPTHS)
+@pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES.keys())
+def test_a_rectified_view_has_a_point_where_its_ray_crosses_the_face(lens, medium, z_mm):
+    view = Rectified.of(SENSOR, lens)
+    traced = trace(lens, medium, z_mm)
+    px = traced.rest_mm / view.mm_per_px + (np.array([view.width_px, view.height_px]) - 1) / 2
+    # The table's share is largest with a tilt of 10 degrees and a pupil that moves by a millimetre.
+    limit_px = 5e-3 if lens is LENSES["far from any"] else 2e-4
+    if medium == "air" or z_mm == 0.0:
+        limit_px = 1e-9
+    np.testing.assert_allclose(view.project_px(traced.points_mm, medium), px, atol=limit_px)
+    np.testing.assert_allclose(view.rest_mm(px), traced.rest_mm, atol=1e-12)
+    origin, way = view.ray(px, medium)
+    np.testing.assert_allclose(origin + z_mm * way, traced.points_mm, atol=1e-10)
+
+
+@pytest.mark.parametrize(("medium", "z_mm"), DEPTHS)
+def test_a_pinhole_is_the_lens_near_the_axis(medium, z_mm):
+    camera = Pinhole.of(SENSOR)
+    in_px, in_mm = [], []
+    for widest_deg in (2.0, 1.0):
+        traced = trace(NOMINAL, medium, z_mm, widest_deg)
+        px = camera.rest_px(traced.rest_mm)
+        in_px.append(np.max(np.abs(camera.project_px(traced.points_mm, medium) - px)))
+        origin, way = camera.ray(px, medium)
+        in_mm.append(np.max(np.abs(origin + z_mm * way - traced.points_mm)))
+    assert in_px[0] < 0.03
+    assert in_mm[0] < 0.002
+    if z_mm:  # what is left grows with the cube of the angle
+        assert in_px[0] / in_px[1] == pytest.approx(8, rel=0.1)
+        assert in_mm[0] / in_mm[1] == pytest.approx(8, rel=0.1)
+
+
+@pytest.mark.parametrize(("z_mm", "edge_px", "corner_px"), [(-1.0, 2.8, 5.8), (-3.0, 13.6, 26.2)])
+def test_a_pinhole_sees_too_much_parallax_off_the_axis(z_mm, edge_px, corner_px):
+    """It claims the axis only: the true chief rays are flatter, so its parallax is too large."""
+    points = np.array([[15.08, 0.0, z_mm], [15.08, 11.08, z_mm]])
+    apart = Pinhole.of(SENSOR).project_px(points) - Rectified.of(SENSOR).project_px(points)
+    np.testing.assert_allclose(np.hypot(*apart.T), [edge_px, corner_px], rtol=0.02)
+
+
+def test_the_parallax_of_the_sensor_s_lens():
+    """How far the gel's points move aside as they sink, over the view: no map at rest removes it.
+
+    A ray's own run aside in the gel, and what the view shows: more, by the perspective.
+    """
+    view = Rectified.of(SENSOR)
+    px = np.stack(np.meshgrid(np.arange(3, 798, 8.0), np.arange(3, 586, 8.0)), axis=-1)
+    origin, way = view.ray(px)
+    seen = []
+    for z_mm, middle_px, largest_px in [(-1, 14, 22), (-3, 43, 67), (-6, 87, 135), (-9, 130, 202)]:
+        aside = np.linalg.norm(way[..., :2], axis=-1) * -z_mm / view.mm_per_px
+        assert np.median(aside) == pytest.approx(middle_px, abs=0.7)
+        assert np.max(aside) == pytest.approx(largest_px, abs=1.5)
+        moved = view.project_px(origin + [0, 0, z_mm]) - px
+        seen.append(float(np.median(np.hypot(moved[..., 0], moved[..., 1]))))
+    np.testing.assert_allclose(seen, [15.1, 50.1, 116.4, 198.0], atol=0.6)
+
+
+def test_the_angles_under_which_the_view_is_seen():
+    view = Rectified.of(SENSOR)
+    ends_mm = np.array([[15.08, 0.0, 0.0], [0.0, 11.08, 0.0], [15.08, 11.08, 0.0]])
+    px = view.rest_px(ends_mm[:, :2])
+    for medium, degrees in (("air", [57.6, 45.2, 66.5]), ("gel", [36.8, 30.2, 40.6])):
+        way = view.ray(px, medium)[1]
+        found = np.degrees(np.arctan(np.hypot(way[:, 0], way[:, 1])))
+        np.testing.assert_allclose(found, degrees, atol=0.06)
+
+
+def test_no_single_pupil_serves_all_depths():
+    """Rays of one image do not meet in a point, so a central camera cannot be this lens."""
+    radii_mm = np.array([1.0, 8.0, 15.0])
+    face = np.column_stack((radii_mm, np.zeros(3), np.zeros(3)))
+    origin, way = NOMINAL.ray_to(face)
+    meets_mm = -origin[:, 0] / way[:, 0]  # where the ray in the gel, run back, meets the axis
+    assert meets_mm[0] == pytest.approx(-1.41 * SENSOR.eye_distance_mm, rel=0.01)
+    assert np.all(np.diff(meets_mm) < [-0.4, -1.5])

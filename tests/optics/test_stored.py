@@ -1,0 +1,96 @@
+"""Camera models as plain data, and camera files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from deltact_fab.errors import InputError
+from deltact_fab.optics import (
+    CameraModel,
+    Fisheye,
+    Pinhole,
+    Rectified,
+    as_toml,
+    camera_from_dict,
+    load_camera,
+)
+from deltact_fab.shapes import SensorDimensions
+
+LENS = Fisheye(k1=-0.02, air_gap_mm=2.7, pupil_shift_mm=-0.3)
+MODELS: list[CameraModel] = [
+    Pinhole.of(SensorDimensions()),
+    LENS,
+    Rectified.of(SensorDimensions(), LENS),
+]
+
+
+@pytest.mark.parametrize("camera", MODELS, ids=lambda camera: type(camera).__name__.lower())
+def test_a_model_comes_back_from_its_plain_data(camera: CameraModel, tmp_path: Path) -> None:
+    data = json.loads(json.dumps(camera.as_dict()))
+    assert data["model"] == type(camera).__name__.lower()
+    assert camera_from_dict(data) == camera
+    file = tmp_path / "camera.toml"
+    file.write_text(as_toml(camera))
+    assert load_camera(file) == (camera, {})
+
+
+@pytest.mark.parametrize(
+    ("data", "says"),
+    [
+        ({"model": "pinhoel"}, "model: 'pinhoel'; did you mean 'pinhole'"),
+        ({**MODELS[0].as_dict(), "width_px": "wide"}, "width_px: .*'wide'"),
+        ({**MODELS[0].as_dict(), "f_px": 3.0}, "f_px: unknown key"),
+        ({**LENS.as_dict(), "f_pix": 3.0}, "f_pix: unknown key; did you mean 'f_px'"),
+        ({**LENS.as_dict(), "f_px": -1.0}, "10 <= f_px <= 10000: -1 fails"),
+        ({**MODELS[2].as_dict(), "lens": {"model": "pinhole"}}, "lens.model: 'pinhole'; valid: "),
+        ({**MODELS[2].as_dict(), "lens": {"k7": 1.0}}, "lens.k7: unknown key"),
+        ({"model": "rectified"}, "lens: missing key"),
+    ],
+)
+def test_data_of_no_model_is_one_line(data: dict[str, object], says: str) -> None:
+    with pytest.raises(InputError, match=rf"^run\.json: {says}") as refused:
+        camera_from_dict(data, "run.json")
+    assert "\n" not in str(refused.value)
+
+
+def test_a_file_keeps_what_stands_beside_the_camera(tmp_path: Path) -> None:
+    tables = {
+        "calibration": {
+            "free": ["f_px", "k1"],
+            "covariance": [[1e-9, -2.5e-12], [-2.5e-12, 3e-7]],
+            "rms_px": 0.04,
+            "face": {"sigma_px": 0.021, "wetted": True},
+        }
+    }
+    file = tmp_path / "camera.toml"
+    file.write_text(as_toml(LENS, tables, ["of a chessboard skin", 'by "hand"']))
+    assert load_camera(file) == (LENS, tables)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("f_px = 388.0", "camera: missing table"),
+        ("camera = 3", "camera: missing table"),
+        ("[camera]\nf_px = 388.0", "camera.model: missing key; valid: fisheye, pinhole, rectified"),
+        ('[camera]\nmodel = "fish"', "camera: model: 'fish'; did you mean 'fisheye'"),
+        ('[camera]\nmodel = ["fisheye"]', r"camera: model: \['fisheye'\]; did you mean 'fisheye'"),
+        ('[camera]\nmodel = "fisheye"\nf_px = "long"', "camera: f_px: .*'long'"),
+        ('[camera]\nmodel = "fisheye"\nn_gel = 0.5', "camera: 1 <= n_gel <= 3: 0.5 fails"),
+        ("[camera", "not valid TOML"),
+    ],
+)
+def test_a_file_that_is_no_camera_is_one_line(tmp_path: Path, text: str, says: str) -> None:
+    file = tmp_path / "camera.toml"
+    file.write_text(text)
+    with pytest.raises(InputError, match=rf"camera\.toml: {says}") as refused:
+        load_camera(file)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_file_that_is_missing_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"none\.toml: cannot be read: No such file"):
+        load_camera(tmp_path / "none.toml")
