@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -190,3 +192,16 @@ def test_an_unfinished_run_is_not_analysed(mini_run: Path, tmp_path: Path) -> No
     shutil.copytree(mini_run, tmp_path / "r", ignore=ignore)
     with pytest.raises(InputError, match=r"not finished; go on with `run --resume`"):
         te.analyse(tmp_path / "r")
+
+
+def test_the_command_says_first_which_method_to_take(mini_run: Path, tmp_path: Path) -> None:
+    words = ["analyze", "tracking", str(mini_run), "--method", "fused", "--out", str(tmp_path)]
+    program = [sys.executable, "-m", "deltact_fab.cli.main"]
+    done = subprocess.run(
+        [*program, *words], capture_output=True, text=True, check=True, timeout=300
+    )
+    stored = json.loads((tmp_path / "tracking.json").read_text())
+    first = done.stdout.splitlines()[0]
+    assert first == stored["verdict"]["line"]
+    assert first.startswith("Take fused: mean error 0.00")
+    assert (tmp_path / "tracking.svg").is_file()
