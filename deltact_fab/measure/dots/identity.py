@@ -28,67 +28,96 @@ class Identities:
     """
 
     def __init__(
-        self,
-        skin: Skin,
-        rule: DotRule,
-        first_px: Array,
-        area_px: Array,
-        rings: Rings | None = None,
+        self, skin: Skin, rule: DotRule, first_px: Array, area_px: Array, rings: Rings | None = None
     ) -> None:
         self._skin, self._rule, self._rings = skin, rule, rings
         self._gate_px = rule.gate_pitch * skin.pitch_px
-        self.first_px = first_px
+        self.first_px, self._first_area = first_px, area_px
         self._known = np.isfinite(first_px[:, 0])
-        self._area_px = area_px
-        self._seen = first_px.copy()
-        self._shape = first_px.copy()  # the last places known of all dots, for a new start
+        n = len(first_px)
+        self._place = first_px.copy()  # where each dot is, or would be if it were seen
+        self._missed = np.where(self._known, 0, np.iinfo(int).max // 2)  # frames since then
         self._motion = np.zeros_like(first_px)
-        self._blob = np.full(len(first_px), -1)  # of each dot found in the frame at hand
+        # Of the frame at hand
+        self._position = first_px.copy()
+        self._blob = np.full(n, -1)
+        self._whole = np.ones(n, bool)  # not covered in part, nor merged with another
+        self._ncc = np.full(n, np.nan)
+        self._refused = 0
 
     def follow(self, blobs: Blobs, image: Array | None = None) -> tuple[Array, Array, int]:
         """(n, 2) places, NaN where lost; (n,) likeness of the colours; how many were refused."""
-        n = len(self.first_px)
-        position, ncc, refused = np.full((n, 2), np.nan), np.full(n, np.nan), 0
+        before = self._position
+        self._position, self._refused = np.full_like(before, np.nan), 0
+        self._ncc = np.full(len(before), np.nan)
         if len(blobs):
-            # 1. Dots seen in the last frame, by their last place and the motion around them
-            expected = self._seen + self._motion
-            rule = self._rule
-            match = self._skin.grow(expected, blobs.centre_px, self._gate_px, rule.step_tolerance)
-            self._take(position, np.flatnonzero(match >= 0), match[match >= 0], blobs)
-            ncc, refused = self._check(position, blobs, image)
-            ncc, more = self._find_lost(position, ncc, blobs, image)
-            refused += more
-        self._remember(position)
-        return position, ncc, refused
+            self._by_steps(blobs, image)
+            self._by_neighbours(blobs, image)
+            self._anew(blobs, image)
+        self._remember(before)
+        # A dot seen in part keeps its blob, lest another take it; its centroid is not reported
+        part = self._found & ~self._whole
+        seen = np.where(part[:, None], np.nan, self._position)
+        return seen, self._ncc.copy(), self._refused + int(part.sum())
 
-    def _find_lost(
-        self, position: Array, ncc: Array, blobs: Blobs, image: Array | None
-    ) -> tuple[Array, int]:
-        n, refused = len(position), 0
-        # 2. Where the neighbours' affine motion puts a dot; what is found helps its neighbours
+    @property
+    def _found(self) -> Array:
+        found: Array = np.isfinite(self._position[:, 0])
+        return found
+
+    def _by_steps(self, blobs: Blobs, image: Array | None) -> None:
+        """Dots seen lately, by their last place and the motion around them."""
+        lately = self._known & (self._missed <= self._rule.keep_frames)
+        if not (self._known & (self._missed == 0)).any():
+            return
+        skin, tolerance = self._skin, self._rule.step_tolerance
+        expected = np.where(lately[:, None], self._place + self._motion, np.nan)
+        match = skin.grow(expected, blobs.centre_px, self._gate_px, tolerance)
+        here = self._at(blobs, match)
+        lost = int((self._missed == 0).sum() - (match >= 0).sum())
+        odd = skin.bent(self.first_px, here) + max(0, lost)
+        if odd > max(4, self._rule.odd_share * self._known.sum()):
+            # A skin that was let go between two frames lies as it did in the first one
+            other = skin.grow(self.first_px, blobs.centre_px, self._gate_px / 2, tolerance)
+            bent = skin.bent(self.first_px, self._at(blobs, other))
+            if (other >= 0).sum() - bent > (match >= 0).sum() - odd:
+                match = other
+        self._take(np.flatnonzero(match >= 0), match[match >= 0], blobs, image)
+
+    def _by_neighbours(self, blobs: Blobs, image: Array | None) -> None:
+        """Lost dots, where the neighbours' affine motion puts them; each helps its neighbours.
+
+        A blob must be near for the distances there, and far nearer to its dot than to another.
+        """
+        from scipy.spatial import cKDTree
+
         for _ in range(6):
-            lost = self._known & ~np.isfinite(position[:, 0])
-            free = self._free(position, blobs)
-            if not lost.any() or not len(free):
-                return ncc, refused
-            _, at, good = self._skin.fit(self.first_px, position)
+            lost = self._known & ~self._found
+            free = self._free(blobs)
+            if not lost.any() or not len(free) or self._found.sum() < 3:
+                return
+            _, at, good = self._skin.fit(self.first_px, self._position)
+            rows = np.flatnonzero(good & lost)
+            if not len(rows):
+                return
+            all_ = np.where(self._found[:, None], self._position, at)
+            all_ = all_[np.isfinite(all_[:, 0])]
+            distance = cKDTree(all_).query(at[rows], 2)[0]
+            gate = np.full(len(at), np.nan)
+            gate[rows] = self._rule.gate_pitch * np.minimum(distance[:, 1], self._skin.pitch_px)
             at[~(good & lost)] = np.nan
-            who, which = mutual(at, blobs.centre_px[free], self._gate_px)
-            if not len(who):
-                break
-            before = n - lost.sum()
-            self._take(position, who, free[which], blobs)
-            ncc, more = self._check(position, blobs, image)
-            refused += more
-            if np.isfinite(position[:, 0]).sum() <= before:
-                break
-        # 3. Dots that moved beyond any prediction
-        lost = np.flatnonzero(self._known & ~np.isfinite(position[:, 0]))
-        free = self._free(position, blobs)
-        if len(lost) <= 0.1 * n or not len(free):
-            return ncc, refused
+            who, which = mutual(at, blobs.centre_px[free], gate)
+            if not self._take(who, free[which], blobs, image):
+                return
+
+    def _anew(self, blobs: Blobs, image: Array | None) -> None:
+        """Dots that moved beyond any prediction: by their colours, or all of them as a whole."""
+        lost = np.flatnonzero(self._known & ~self._found)
+        free = self._free(blobs)
+        if len(lost) <= 0.1 * len(self._known) or not len(free):
+            return
         if self._rings is not None and image is not None:
-            matrix = np.median(self._skin.affine(self.first_px, position), axis=0)
+            matrix = np.median(self._skin.affine(self.first_px, self._position), axis=0)
             who, which = self._rings.best(
                 image,
                 lost,
@@ -96,75 +125,74 @@ class Identities:
                 np.repeat(matrix[None], len(free), axis=0),
                 self._rule.ncc_found,
             )
-            self._take(position, lost[who], free[which], blobs)
-        elif len(lost) == self._known.sum():
-            who, which = self._as_a_whole(blobs.centre_px)
-            self._take(position, who, which, blobs)
-        else:
-            return ncc, refused
-        ncc, more = self._check(position, blobs, image)
-        return ncc, refused + more
+            self._take(lost[who], free[which], blobs, image)
+        elif not self._found.any():
+            self._take(*self._as_a_whole(blobs.centre_px), blobs, image)
+            self._by_neighbours(blobs, image)
 
     def _as_a_whole(self, blobs: Array) -> tuple[Array, Array]:
-        """All dots anew, by the one shift of their last places that explains far more than others.
+        """All dots by the one shift of their last places that explains far more than others do.
 
         A grid that fills the view looks the same after a shift by a pitch: then none does.
         """
         from scipy.spatial import cKDTree
 
-        nothing = np.zeros(0, int), np.zeros(0, int)
         known = np.flatnonzero(self._known)
-        shape = self._shape[known]
+        shape = self._place[known]
         middle = shape[np.argmin(np.hypot(*(shape - np.median(shape, axis=0)).T))]
         shifts = blobs - middle
-        places = shape[None] + shifts[:, None]
-        hit = cKDTree(blobs).query(places.reshape(-1, 2))[0].reshape(len(shifts), -1)
-        count = (hit < 0.5 * self._gate_px).sum(axis=1)
-        first, *others = np.sort(count)[::-1]
+        hit = cKDTree(blobs).query((shape[None] + shifts[:, None]).reshape(-1, 2))[0]
+        count = (hit.reshape(len(shifts), -1) < 0.5 * self._gate_px).sum(axis=1)
+        first = count.max()
+        others = np.delete(count, np.argmax(count)).max(initial=0)
         enough = max(4, self._rule.min_found_share * len(known))
-        if first < enough or (others and others[0] > first - max(3, 0.03 * first)):
-            return nothing
-        expected = np.full_like(self._shape, np.nan)
+        if first < enough or others > first - max(3, 0.03 * first):
+            return known[:0], known[:0]
+        expected = np.full_like(self._place, np.nan)
         expected[known] = shape + shifts[np.argmax(count)]
         return mutual(expected, blobs, self._gate_px)
 
-    def _take(self, position: Array, who: Array, which: Array, blobs: Blobs) -> None:
-        position[who] = blobs.centre_px[which]
+    def _at(self, blobs: Blobs, match: Array) -> Array:
+        here: Array = np.where((match >= 0)[:, None], blobs.centre_px[match], np.nan)
+        return here
+
+    def _free(self, blobs: Blobs) -> Array:
+        return np.setdiff1d(np.arange(len(blobs)), self._blob[self._found])
+
+    def _take(self, who: Array, which: Array, blobs: Blobs, image: Array | None) -> bool:
+        """Match dots and blobs; order, colours and area are checked. Whether any was won."""
+        if not len(who):
+            return False
+        before = int(self._found.sum())
+        self._position[who] = blobs.centre_px[which]
         self._blob[who] = which
-
-    def _free(self, position: Array, blobs: Blobs) -> Array:
-        taken = self._blob[np.isfinite(position[:, 0])]
-        return np.setdiff1d(np.arange(len(blobs)), taken)
-
-    def _check(self, position: Array, blobs: Blobs, image: Array | None) -> tuple[Array, int]:
-        """Order, identity and area; what fails is set to NaN. Returns likeness and how many."""
-        before = int(np.isfinite(position[:, 0]).sum())
-        self._skin.keep_order(position)
-        ncc = np.full(len(position), np.nan)
+        self._skin.keep_order(self._position)
+        matrix = self._skin.affine(self.first_px, self._position)
         if self._rings is not None and image is not None:
-            have = np.flatnonzero(np.isfinite(position[:, 0]))
-            if len(have):
-                matrix = self._skin.affine(self.first_px, position)[have]
-                ncc[have] = self._rings.alike(image, have, position[have], matrix)
-            position[~(ncc >= self._rule.ncc_min)] = np.nan
-        have = np.flatnonzero(np.isfinite(position[:, 0]))
-        if len(have):
-            swelling = np.abs(np.linalg.det(self._skin.affine(self.first_px, position)[have]))
-            expected = self._area_px[have] * np.clip(swelling, 0.1, 10.0)
-            ratio = blobs.area_px[self._blob[have]] / expected
-            limit = self._rule.area_factor
-            position[have[(ratio > limit) | (ratio < 1 / limit)]] = np.nan
-        return ncc, before - int(np.isfinite(position[:, 0]).sum())
+            have = np.flatnonzero(self._found)
+            self._ncc[have] = self._rings.alike(image, have, self._position[have], matrix[have])
+            self._position[~(self._ncc >= self._rule.ncc_min)] = np.nan
+        self._ncc[~self._found] = np.nan
+        have = np.flatnonzero(self._found)
+        swelling = np.clip(np.abs(np.linalg.det(matrix[have])), 0.1, 10.0)
+        ratio = blobs.area_px[self._blob[have]] / (self._first_area[have] * swelling)
+        change = np.abs(np.log(ratio)) / np.log(self._rule.area_factor)
+        self._whole[have] = change <= 1
+        self._position[have[change > 3]] = np.nan
+        after = int(self._found.sum())
+        self._refused += before + len(who) - after
+        return after > before
 
-    def _remember(self, position: Array) -> None:
-        near = (position - self._seen)[self._skin.near]
+    def _remember(self, before: Array) -> None:
+        """Places and motions for the next frame; lost dots go along with their neighbours."""
+        found = self._found
+        near = (self._position - before)[self._skin.near]
         have = np.isfinite(near[..., 0]).any(axis=1)
-        self._motion = np.zeros_like(position)
+        self._motion = np.zeros_like(self._position)
         if have.any():
             self._motion[have] = np.nanmedian(near[have], axis=1)
-        found = np.isfinite(position[:, 0])
-        if found.any():
-            _, at, good = self._skin.fit(self.first_px, position)
-            self._shape = np.where(good[:, None], at, self._shape)
-            self._shape[found] = position[found]
-        self._seen = position
+        along = self._skin.step(before, self._position)
+        self._place = np.where(
+            found[:, None], self._position, self._place + np.nan_to_num(along)
+        )
+        self._missed = np.where(found, 0, self._missed + 1)

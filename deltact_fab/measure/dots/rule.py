@@ -16,7 +16,9 @@ class DotRule:
     of the whiteness. level: where between the background and the dots the contour is cut.
     area_factor: a dot's area against what the neighbours' motion predicts may differ by this
     factor; beyond, it is partly covered or merged. gate_pitch: how far from its prediction a dot is
-    looked for. step_tolerance: how much the steps of two neighbours within one frame may differ, in
+    looked for. keep_frames: how long a lost dot is looked for where its neighbours have carried it;
+    then where the affine motion around it puts it. odd_share: of dots out of line with their
+    neighbours or lost at once, from which a skin let go at once is thought of. step_tolerance: how much the steps of two neighbours within one frame may differ, in
     their distance. ncc_min: identity of the ring of colours. ncc_found: the same for a dot found
     again anywhere in the image. ring_d: inner and outer radius of the ring. min_texture: standard
     deviation (grey levels) of the ring below which a pattern has no colours to identify dots by,
@@ -29,6 +31,8 @@ class DotRule:
     level: float = 0.5
     area_factor: float = 1.7
     gate_pitch: float = 0.45
+    keep_frames: int = 10
+    odd_share: float = 0.05
     step_tolerance: float = 0.3
     ncc_min: float = 0.5
     ncc_found: float = 0.65

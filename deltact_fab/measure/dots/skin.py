@@ -90,15 +90,13 @@ class Skin:
         match = match.copy()
         open_ = np.isfinite(expected[:, 0])
         while True:
-            steps = self._steps(expected, blobs, match)[self.near]
-            have = np.isfinite(steps[..., 0])
-            rows = np.flatnonzero(open_ & (match < 0) & (have.sum(axis=1) >= 2))
+            taken = np.where((match >= 0)[:, None], blobs[match], np.nan)
+            have = (match >= 0)[self.near].sum(axis=1)
+            rows = np.flatnonzero(open_ & (match < 0) & (have >= 2))
             free = np.setdiff1d(np.arange(len(blobs)), match[match >= 0])
             if not len(rows) or not len(free):
                 return match
-            weight = (have / self.span_px**2)[rows]
-            step = (weight[..., None] * np.nan_to_num(steps[rows])).sum(1)
-            step /= weight.sum(1)[:, None]
+            step = self.step(expected, taken)[rows]
             a, b = mutual(expected[rows] + step, blobs[free], gate_px)
             if not len(a):
                 return match
@@ -132,11 +130,10 @@ class Skin:
     def fit(self, first: Array, position: Array) -> tuple[Array, Array, Array]:
         """The affine motion around each dot, from `first` to `position`, both (n, 2) with NaN.
 
-        Least squares over the dot and its neighbours. Returns (n, 2, 2) matrices, (n, 2) where
-        they put the dot, and (n,) whether four points or more, spread over the plane, tell it.
+        Least squares over the neighbours; the dot itself has no say. Returns (n, 2, 2) matrices,
+        (n, 2) where they put the dot, and (n,) whether three or more, spread over the plane, tell.
         """
-        group = np.concatenate((np.arange(len(position))[:, None], self.near), axis=1)
-        p, q = first[group], position[group]
+        p, q = first[self.near], position[self.near]
         weight = (np.isfinite(p[..., 0]) & np.isfinite(q[..., 0])).astype(float)
         p, q = np.nan_to_num(p), np.nan_to_num(q)
         total = np.maximum(weight.sum(1), 1.0)[:, None]
@@ -145,12 +142,28 @@ class Skin:
         dq = (q - m[:, None]) * weight[..., None]
         pp, qp = dp.transpose(0, 2, 1) @ dp, dq.transpose(0, 2, 1) @ dp
         # Spread both ways: the smaller eigenvalue of pp, against a quarter of a pitch squared.
-        spread = np.linalg.eigvalsh(pp)[:, 0]
-        good = (weight.sum(1) >= 4) & (spread > 0.25 * self.pitch_px**2)
+        xx, xy, yy = pp[:, 0, 0], pp[:, 0, 1], pp[:, 1, 1]
+        spread = (xx + yy) / 2 - np.hypot((xx - yy) / 2, xy)
+        good = (weight.sum(1) >= 3) & (spread > 0.25 * self.pitch_px**2)
         pp[~good] = np.eye(2)
         matrix = qp @ np.linalg.inv(pp)
         at = m + np.einsum("nij,nj->ni", matrix, np.nan_to_num(first) - c)
-        return matrix, at, good & np.isfinite(first[:, 0])
+        good &= np.isfinite(first[:, 0])
+        at[~good] = np.nan
+        return matrix, at, good
+
+    def step(self, before: Array, after: Array) -> Array:
+        """(n, 2) the mean step of each dot's neighbours, the near ones more; NaN without any."""
+        near = (after - before)[self.near]
+        weight = np.isfinite(near[..., 0]) / self.span_px**2
+        total = weight.sum(axis=1)[:, None]
+        step: Array = (weight[..., None] * np.nan_to_num(near)).sum(axis=1)
+        return np.divide(step, total, out=np.full_like(step, np.nan), where=total > 0)
+
+    def bent(self, first: Array, position: Array) -> int:
+        """How many dots lie half a pitch from where their neighbours put them."""
+        _, at, _ = self.fit(first, position)
+        return int((np.hypot(*(position - at).T) > 0.5 * self.pitch_px).sum())
 
     def affine(self, first: Array, position: Array) -> Array:
         """(n, 2, 2) as `fit`; the median over the others where the neighbours do not tell."""
@@ -159,8 +172,8 @@ class Skin:
         return matrix
 
 
-def mutual(expected: Array, blobs: Array, gate_px: float) -> tuple[Array, Array]:
-    """Rows of `expected` and blobs that are each other's nearest, at most gate_px apart."""
+def mutual(expected: Array, blobs: Array, gate_px: float | Array) -> tuple[Array, Array]:
+    """Rows of `expected` and blobs that are each other's nearest, at most gate_px (or (n,)) apart."""
     from scipy.spatial import cKDTree
 
     rows = np.flatnonzero(np.isfinite(expected[:, 0]))
@@ -168,7 +181,8 @@ def mutual(expected: Array, blobs: Array, gate_px: float) -> tuple[Array, Array]
         return rows[:0], rows[:0]
     distance, nearest = cKDTree(blobs).query(expected[rows])
     _, back = cKDTree(expected[rows]).query(blobs)
-    ok = (back[nearest] == np.arange(len(rows))) & (distance <= gate_px)
+    gate = np.broadcast_to(gate_px, len(expected))[rows]
+    ok = (back[nearest] == np.arange(len(rows))) & (distance <= gate)
     return rows[ok], nearest[ok]
 
 
