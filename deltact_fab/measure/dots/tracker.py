@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ...errors import InputError, SensorError
 from .colours import Rings
 from .detect import Blobs, Detector
+from .found import find_dots
 from .identity import Identities
 from .rule import DotRule, Polarity
 from .skin import Skin, mutual
@@ -87,6 +88,17 @@ class DotTracker:
         self._detector = Detector(self.diameter_px, self.pitch_px, polarity, self.rule)
         self.reset()
 
+    @classmethod
+    def found_in(
+        cls, image: Array, *, polarity: Polarity | None = None, rule: DotRule | None = None
+    ) -> DotTracker:
+        """A tracker of the dots that an image of a foreign skin shows; `update` with it comes next.
+
+        polarity: None takes the one of which more dots are there. Raises as `find_dots` does.
+        """
+        dots = find_dots(image, polarity)
+        return cls(dots.position_px, dots.diameter_px, polarity=dots.polarity, rule=rule)
+
     def reset(self) -> None:
         """Forget everything: the next image is the first."""
         self._shape: tuple[int, ...] | None = None
@@ -134,7 +146,9 @@ class DotTracker:
             (time.process_time() - start_s) * 1e3,
         )
 
-    def _register(self, shape: tuple[int, ...], small: Array, signal: Array) -> tuple[Blobs, Array]:
+    def _register(
+        self, shape: tuple[int, ...], small: Array, signal: Array
+    ) -> tuple[Blobs, Array]:
         """The first image: level, places, areas and colours of the dots."""
         rest, (h, w) = self.rest_px, shape[:2]
         seen = (rest >= 0).all(1) & (rest[:, 0] <= w - 1) & (rest[:, 1] <= h - 1)
