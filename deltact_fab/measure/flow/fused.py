@@ -1,10 +1,11 @@
 """Dense inverse-compositional refinement of a flow, the reference prepared once.
 
-A translation is fitted at every node, one node a cell of 2 x 2 pixels, over a window of 7 x 7
-cells, in Lucas-Kanade steps on images of a quarter, a half and the full size (Baker and Matthews
-2004, "Lucas-Kanade 20 years on"). Gradients and normal matrix are the reference's, and gain and
-offset of the light are projected out, so a step is one warp, five products summed, and a box. The
-sums give the local correlation and the deviation to be expected from what the fit leaves.
+A translation is fitted at every node, one node a cell of 2 x 2 pixels, over a window that falls to
+half within 7 cells, in Lucas-Kanade steps on images of a quarter, a half and the full size (Baker
+and Matthews 2004, "Lucas-Kanade 20 years on"). Gradients and normal matrix are the reference's, and
+gain and offset of the light are projected out, so a step is one warp, four products summed, and the
+window. The sums also give the local correlation, and with what the fit leaves the deviation that is
+to be expected.
 
 Grey images are tracked as they are, colour images in the green channel blurred by sigma 1: half
 of a Bayer sensor's pixels are green, and the blur takes the mosaic's pattern away.
@@ -24,19 +25,20 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from . import kernel_cv2
 from .image import MIN_SIDE_PX
-from .kernel_cv2 import WINDOW, around, gradients
+from .kernel_cv2 import LEAST_VARIANCE, around, gradients
 
 Array = NDArray[Any]
 
-STEPS = (6, 4, 3)  # on a quarter, half and the full size
+STEPS = (6, 4, 2)  # on a quarter, half and the full size
 _LEVELS = 3
 _BEYOND_PX = 4  # pixels behind the last one that a warp may read
-_LEAST_STD = 0.5  # grey levels: less is no texture
-_ROUNDING = 1 / 6  # variance of the difference of two images of whole grey levels
 _DAMPING = 0.01  # grey levels^2 / px^2 a pixel, on the normal matrix
 # Steps and smoothing pass more noise than one fit does: by the transfer functions of window and
-# smoothing, after three steps.
-_GAIN = 1.39
+# smoothing, after two steps on the full size.
+_GAIN = 1.24
+# The blur makes the noise of neighbours alike: the fit leaves less of it than it takes. Measured on
+# drawn frames: 2.1 to 2.4 through a Bayer mosaic, 1.5 to 2.1 without.
+_BLURRED_GAIN = 2.0
 
 
 @cache
@@ -61,9 +63,9 @@ class Plane:
     node.
     """
 
-    def __init__(self, gray: Array) -> None:
+    def __init__(self, gray: Array, blurred: bool = False) -> None:
         self.gray = gray
-        self.spread = _GAIN
+        self.noise_gain = _GAIN * (_BLURRED_GAIN if blurred else 1.0)
         h, w = gray.shape
         self.shape = (h, w)
         block = 2**_LEVELS
@@ -96,7 +98,7 @@ class Plane:
             )
         if image.ndim == 2:
             return cls(np.array(image, order="C"))
-        return cls(cv2.GaussianBlur(cv2.extractChannel(image, 1), (0, 0), 1.0))
+        return cls(cv2.GaussianBlur(cv2.extractChannel(image, 1), (0, 0), 1.0), blurred=True)
 
     def level(self, k: int) -> Array:
         """The image at 1 / 2^k of its size, padded to whole cells at every level."""
@@ -121,8 +123,9 @@ class Refined(NamedTuple):
     """What a refinement gives at the nodes of the half grid.
 
     flow_px (hh, ww, 2) float32, in px of the full image. correlation (hh, ww) float32 in -1..1, of
-    the windows of reference and warped image. deviation_px (hh, ww) float32: standard deviation
-    of the flow's endpoint, from what the fit leaves and the normal matrix.
+    the windows of reference and warped image, where the current image shows them; 0 where it does
+    not. deviation_px (hh, ww) float32: standard deviation of the flow's endpoint, from what the fit
+    leaves and the normal matrix; it knows noise, not a match that is wrong.
     """
 
     flow_px: Array
@@ -132,8 +135,7 @@ class Refined(NamedTuple):
 
 class _Level(NamedTuple):
     cells: Array  # what a step reads of the image
-    nodes: Array  # (11, rows, cols), see `_nodes`
-    scale: Array  # (2, rows, cols): 1 / degrees of freedom, and variance of the fit for noise of 1
+    nodes: Array  # (rows, 10, cols), see `_prepared`
     size_px: tuple[int, int]
 
 
@@ -165,27 +167,21 @@ class Reference:
         """
         self._check_size(current)
         start = predict(self.plane, current) if start_px is None else start_px
-        flow = self._padded(start)
-        n_rows, n_cols = flow.shape[:2]
-        for k in reversed(range(_LEVELS)):
+        planes = self._padded(start)
+        n_rows, n_cols = planes.shape[1:]
+        for k, n in zip(reversed(range(_LEVELS)), steps, strict=True):
             size = (n_cols >> k, n_rows >> k)
-            if k == _LEVELS - 1:
-                flow = cv2.resize(flow, size, interpolation=cv2.INTER_AREA) * np.float32(0.5**k)
-            else:
-                flow = cv2.resize(flow, size, interpolation=cv2.INTER_LINEAR) * np.float32(2)
-            planes = np.stack(cv2.split(flow))
-            n = steps[_LEVELS - 1 - k]
+            planes = _resized(planes, size)
             for i in range(n):
-                planes, correlation, left = self._step(current, k, planes, k == 0 and i == n - 1)
-            flow = cv2.merge(list(planes))
-        return self._cut(flow, correlation, left)
+                last = k == 0 and i == n - 1
+                planes, correlation, deviation = self._step(current, k, planes, last)
+        return self._cut(cv2.merge(list(planes)), correlation, deviation)
 
     def evaluate(self, current: Plane, flow_px: Array) -> Refined:
         """Correlation and deviation, as in `refine`, of a flow (hh, ww, 2) found elsewhere."""
         self._check_size(current)
-        planes = np.stack(cv2.split(self._padded(flow_px)))
-        _, correlation, left = self._step(current, 0, planes, True)
-        return self._cut(flow_px, correlation, left)
+        _, correlation, deviation = self._step(current, 0, self._padded(flow_px), True)
+        return self._cut(flow_px, correlation, deviation)
 
     def _check_size(self, current: Plane) -> None:
         if current.shape != self.plane.shape:
@@ -200,22 +196,24 @@ class Reference:
         if not np.isfinite(flow_px).all():
             raise InputError("flow: the start is not finite everywhere")
         rows, cols = (s // 2 for s in self.plane.level(0).shape)
-        flow = np.asarray(flow_px, np.float32)
-        return cv2.copyMakeBorder(flow, 0, rows - hh, 0, cols - ww, cv2.BORDER_REPLICATE)
+        planes = np.empty((2, rows, cols), np.float32)
+        planes[:, :hh, :ww] = flow_px.transpose(2, 0, 1)
+        planes[:, hh:, :ww] = planes[:, hh - 1 : hh, :ww]
+        planes[:, :, ww:] = planes[:, :, ww - 1 : ww]
+        return planes
 
     def _step(
         self, current: Plane, k: int, planes: Array, last: bool
     ) -> tuple[Array, Array, Array]:
         level, target = self._levels[k], current.target(k, self._by)
-        moved, correlation, left = self._by.step(
-            target, level.cells, level.nodes, level.size_px, planes, last
+        gain = self.plane.noise_gain if last else 0.0
+        moved, correlation, deviation = self._by.step(
+            target, level.cells, level.nodes, level.size_px, planes, gain
         )
-        return moved, correlation, left
+        return moved, correlation, deviation
 
-    def _cut(self, flow: Array, correlation: Array, left: Array) -> Refined:
+    def _cut(self, flow: Array, correlation: Array, deviation: Array) -> Refined:
         hh, ww = self.plane.small.shape
-        freedom, spread = self._levels[0].scale
-        deviation = np.sqrt((left * freedom + np.float32(_ROUNDING)) * spread)
         return Refined(*(np.ascontiguousarray(a[:hh, :ww]) for a in (flow, correlation, deviation)))
 
 
@@ -232,9 +230,8 @@ def _prepared(plane: Plane, k: int, by: ModuleType) -> _Level:
         return around(cell.astype(np.float64))
 
     n = np.maximum(box(mask), 1)
-    least = n * _LEAST_STD**2
     mean = box(r) / n
-    power = np.maximum(box(r * r) - n * mean**2, least)
+    power = np.maximum(box(r * r) - n * mean**2, n * LEAST_VARIANCE)
     sx, sy = box(gx), box(gy)
     kx, ky = box(gx * r) - mean * sx, box(gy * r) - mean * sy
     a11 = box(gx * gx) - sx * sx / n - kx * kx / power + _DAMPING * n
@@ -248,13 +245,22 @@ def _prepared(plane: Plane, k: int, by: ModuleType) -> _Level:
     nodes = [
         i11, i12, i22,
         i11 * cx + i12 * cy, i12 * cx + i22 * cy, i11 * kx + i12 * ky, i12 * kx + i22 * ky,
-        mean, power, 1 / n, least,
+        mean, power, n,
     ]  # fmt: skip
-    weight = (WINDOW**2).sum() ** 2 / WINDOW.sum() ** 2
-    scale = [1 / np.maximum(n - 4 * weight, weight), (i11 + i22) * weight * plane.spread**2]
-    return _Level(
-        by.reference(image), np.stack(nodes).astype(np.float32), np.float32(scale), (h, w)
-    )
+    return _Level(by.reference(image), np.stack(nodes, axis=1).astype(np.float32), (h, w))
+
+
+def _resized(planes: Array, size: tuple[int, int]) -> Array:
+    """Flow planes (2, rows, cols) in px on a grid (cols, rows) that is coarser or twice as fine."""
+    if planes.shape[:0:-1] == size:
+        return planes
+    scale = size[0] / planes.shape[2]
+    out = np.empty((2, size[1], size[0]), np.float32)
+    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    for plane, into in zip(planes, out, strict=True):
+        cv2.resize(plane, size, into, interpolation=how)
+    out *= np.float32(scale)
+    return out
 
 
 @lru_cache(maxsize=4)
@@ -262,6 +268,7 @@ def _dis(shape: tuple[int, int]) -> cv2.DISOpticalFlow:
     # One for each size: cv2 rewrites the settings of one that meets a small image.
     dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
     dis.setFinestScale(2)
+    dis.setGradientDescentIterations(25)
     dis.setVariationalRefinementIterations(2)
     return dis
 
