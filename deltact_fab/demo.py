@@ -15,6 +15,7 @@ from .errors import InputError, MissingLibrary
 
 Bar = Callable[[str], AbstractContextManager[Callable[[int, int, str], None]]]
 MARKER = "demo.json"
+RIG = "fisheye"
 
 
 def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
@@ -32,10 +33,10 @@ def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
     say(f"pattern: {made}")
     run_folder = out / "run"
     with bar("indentation (simulated)") as tick:
-        summary = experiment.run("smoke", "virtual", run_folder, seed=seed, progress=tick)
+        summary = experiment.run("smoke", RIG, run_folder, seed=seed, progress=tick)
     say(
-        f"run: {summary['frames']} frames, {summary['rig_seconds']:.0f} s of rig time in "
-        f"{summary['wall_seconds']:.0f} s"
+        f"run: {summary['frames']} frames through the fisheye, {summary['rig_seconds']:.0f} s of "
+        f"rig time in {summary['wall_seconds']:.0f} s"
     )
 
     from .analysis.tracking_error import analyse

@@ -13,6 +13,7 @@ from typing import Any
 from . import __version__, preflight, record
 from .cad.design import load_design
 from .errors import InputError
+from .optics import Rectified
 from .patterns.dots import centres_mm
 from .patterns.recipe import PatternRecipe, load_recipe
 from .protocols import limits, plan
@@ -79,9 +80,11 @@ def _in_air_only(rig: RigConfig, air: bool) -> list[str]:
 def show(protocol_name: str, rig_name: str) -> tuple[list[Step], limits.Estimate]:
     """Steps and estimate of a protocol on a rig."""
     protocol, _ = plan.load(protocol_name)
-    rig, _ = rig_config.load(rig_name)
-    sensor = load_design(protocol.specimen.design)
-    return plan.expand(protocol), limits.estimate(protocol, sensor, rig.stage.box)
+    rig, path = rig_config.load(rig_name)
+    camera = kind_of(rig, path).camera(protocol, load_design(protocol.specimen.design))
+    stored = camera.lens if isinstance(camera, Rectified) else camera
+    image_px = stored.width_px * stored.height_px if stored is not None else 0
+    return plan.expand(protocol), limits.estimate(protocol, image_px, rig.stage.box)
 
 
 def forces(

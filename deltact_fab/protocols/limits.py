@@ -95,8 +95,11 @@ def require(rows: Iterable[Check], source: str) -> None:
         raise InputError(f"{source}: {text}")
 
 
-def estimate(protocol: Protocol, sensor: SensorDimensions, stage: StageBox) -> Estimate:
-    """Frames, time and disk of a whole run, from the steps and the stage's acceleration."""
+def estimate(protocol: Protocol, image_px: int, stage: StageBox) -> Estimate:
+    """Frames, time and disk of a whole run, from the steps and the stage's acceleration.
+
+    image_px: pixels of a frame as it is stored.
+    """
     steps = expand(protocol)
     here: Point = (0.0, 0.0, protocol.motion.park_mm)
     seconds = 0.0
@@ -107,8 +110,7 @@ def estimate(protocol: Protocol, sensor: SensorDimensions, stage: StageBox) -> E
         )
         here = step.target_mm
     frames = sum(s.frames for s in steps)
-    optics = sensor.optics
-    px = optics.image_width_px * optics.image_height_px if "image" in protocol.channels else 0
+    px = image_px if "image" in protocol.channels else 0
     stream_bytes = FORCE_BYTES_PER_S * seconds if "force" in protocol.channels else 0
     return Estimate(
         steps=len(steps),

@@ -97,12 +97,12 @@ def test_require_names_file_figure_bound_and_step() -> None:
 
 
 def test_estimate_counts_frames_time_and_disk() -> None:
-    estimate = limits.estimate(protocol(), SENSOR, BOX)
+    estimate = limits.estimate(protocol(), 798 * 586, BOX)
     steps = plan.expand(protocol())
     assert estimate.frames == sum(s.frames for s in steps)
     shear_s = 2 * 24 / (30 / 60)
     assert shear_s < estimate.seconds < shear_s + 60
-    without = limits.estimate(protocol(channels=["force", "shear"]), SENSOR, BOX)
+    without = limits.estimate(protocol(channels=["force", "shear"]), 798 * 586, BOX)
     assert without.disk_mb < estimate.disk_mb / 50
-    silent = limits.estimate(protocol(channels=["image", "shear"]), SENSOR, BOX)
+    silent = limits.estimate(protocol(channels=["image", "shear"]), 798 * 586, BOX)
     assert estimate.disk_mb - silent.disk_mb == pytest.approx(0.014 * estimate.seconds)
