@@ -6,6 +6,7 @@ What the order of nearness says is only a first guess. Every match has to stand 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,7 @@ class Identities:
         self._place = first_px.copy()  # where each dot is, or would be if it were seen
         self._missed = np.where(self._known, 0, np.iinfo(int).max // 2)  # frames since then
         self._motion = np.zeros_like(first_px)
+        self._last_worth = float(self._known.sum())
         # Of the frame at hand
         self._position = first_px.copy()
         self._blob = np.full(n, -1)
@@ -66,23 +68,42 @@ class Identities:
         return found
 
     def _by_steps(self, blobs: Blobs, image: Array | None) -> None:
-        """Dots seen lately, by their last place and the motion around them."""
-        lately = self._known & (self._missed <= self._rule.keep_frames)
-        if not (self._known & (self._missed == 0)).any():
+        """Dots seen lately, by the first guess of the skin's motion that loses and bends none."""
+        seen = int((self._missed == 0).sum())
+        if not seen:
             return
-        skin, tolerance = self._skin, self._rule.step_tolerance
-        expected = np.where(lately[:, None], self._place + self._motion, np.nan)
-        match = skin.grow(expected, blobs.centre_px, self._gate_px, tolerance)
+        best, most = np.full(len(self._place), -1), -np.inf
+        for expected in self._guesses(blobs):
+            match = self._skin.grow(
+                self.first_px, expected, blobs.centre_px, self._gate_px, self._rule.step_tolerance
+            )
+            worth = self._worth(expected, match, blobs)
+            if worth > most + (2 if np.isfinite(most) else 0):
+                best, most = match, worth
+            if most >= self._last_worth - max(2.0, self._rule.odd_share * seen):
+                break
+        self._last_worth = most
+        self._take(np.flatnonzero(best >= 0), best[best >= 0], blobs, image)
+
+    def _worth(self, expected: Array, match: Array, blobs: Blobs) -> float:
+        """Dots in line with their neighbours, less what is strange: surprise and idle blobs."""
+        have = match >= 0
         here = self._at(blobs, match)
-        lost = int((self._missed == 0).sum() - (match >= 0).sum())
-        odd = skin.bent(self.first_px, here) + max(0, lost)
-        if odd > max(4, self._rule.odd_share * self._known.sum()):
-            # A skin that was let go between two frames lies as it did in the first one
-            other = skin.grow(self.first_px, blobs.centre_px, self._gate_px / 2, tolerance)
-            bent = skin.bent(self.first_px, self._at(blobs, other))
-            if (other >= 0).sum() - bent > (match >= 0).sum() - odd:
-                match = other
-        self._take(np.flatnonzero(match >= 0), match[match >= 0], blobs, image)
+        off = np.hypot(*(here - expected)[have].T).sum() / self._skin.pitch_px
+        idle = len(blobs) - have.sum()
+        return float(have.sum() - self._skin.bent(self.first_px, here) - 0.25 * off - 0.5 * idle)
+
+    def _guesses(self, blobs: Blobs) -> Iterator[Array]:
+        """(n, 2) where the dots might be: going on, turned back, at rest, shifted as a whole, let go."""
+        lately = (self._known & (self._missed <= self._rule.keep_frames))[:, None]
+        place = np.where(lately, self._place, np.nan)
+        yield place + self._motion
+        yield place - self._motion  # a stage that turns back
+        yield place
+        shift, count, _ = self._shift(place, blobs.centre_px)
+        if count > 0:
+            yield place + shift
+        yield np.where(lately, self.first_px, np.nan)
 
     def _by_neighbours(self, blobs: Blobs, image: Array | None) -> None:
         """Lost dots, where the neighbours' affine motion puts them; each helps its neighbours.
@@ -135,22 +156,24 @@ class Identities:
 
         A grid that fills the view looks the same after a shift by a pitch: then none does.
         """
+        place = np.where(self._known[:, None], self._place, np.nan)
+        shift, most, next_ = self._shift(place, blobs)
+        enough = max(4, self._rule.min_found_share * self._known.sum())
+        if most < enough or next_ > most - max(3, 0.03 * most):
+            return np.zeros(0, int), np.zeros(0, int)
+        return mutual(place + shift, blobs, self._gate_px)
+
+    def _shift(self, place: Array, blobs: Array) -> tuple[Array, int, int]:
+        """The shift that puts most places on blobs, how many, and how many the next best puts."""
         from scipy.spatial import cKDTree
 
-        known = np.flatnonzero(self._known)
-        shape = self._place[known]
-        middle = shape[np.argmin(np.hypot(*(shape - np.median(shape, axis=0)).T))]
+        place = place[np.isfinite(place[:, 0])]
+        middle = place[np.argmin(np.hypot(*(place - np.median(place, axis=0)).T))]
         shifts = blobs - middle
-        hit = cKDTree(blobs).query((shape[None] + shifts[:, None]).reshape(-1, 2))[0]
+        hit = cKDTree(blobs).query((place[None] + shifts[:, None]).reshape(-1, 2))[0]
         count = (hit.reshape(len(shifts), -1) < 0.5 * self._gate_px).sum(axis=1)
-        first = count.max()
-        others = np.delete(count, np.argmax(count)).max(initial=0)
-        enough = max(4, self._rule.min_found_share * len(known))
-        if first < enough or others > first - max(3, 0.03 * first):
-            return known[:0], known[:0]
-        expected = np.full_like(self._place, np.nan)
-        expected[known] = shape + shifts[np.argmax(count)]
-        return mutual(expected, blobs, self._gate_px)
+        best = int(np.argmax(count))
+        return shifts[best], int(count[best]), int(np.delete(count, best).max(initial=0))
 
     def _at(self, blobs: Blobs, match: Array) -> Array:
         here: Array = np.where((match >= 0)[:, None], blobs.centre_px[match], np.nan)

@@ -32,7 +32,7 @@ class DotRule:
     area_factor: float = 1.7
     gate_pitch: float = 0.45
     keep_frames: int = 10
-    odd_share: float = 0.05
+    odd_share: float = 0.02
     step_tolerance: float = 0.3
     ncc_min: float = 0.5
     ncc_found: float = 0.65

@@ -32,13 +32,15 @@ class Skin:
         self.pitch_px = float(self.span_px.min())
         self.triangles = _triangles(rest_px)
 
-    def grow(self, expected: Array, blobs: Array, gate_px: float, tolerance: float) -> Array:
+    def grow(
+        self, first: Array, expected: Array, blobs: Array, gate_px: float, tolerance: float
+    ) -> Array:
         """(n,) the blob of each dot, -1 for none, such that neighbours step almost alike.
 
         expected: (n, 2), NaN for dots not to be looked for. Each dot takes the nearest blob at
         first. Where the step passes half a pitch that is another dot's, for all dots of a region:
-        so the regions of like steps are found, each is grown over the rest, and the growth that
-        explains most dots stands; of equal ones that with the smaller steps.
+        so the regions of like steps are found, each is grown over the rest, and the growth stands
+        that finds most dots in line with their neighbours; of equal ones that with smaller steps.
         """
         match = np.full(len(expected), -1)
         who, which = mutual(expected, blobs, gate_px)
@@ -53,14 +55,16 @@ class Skin:
                 break
             grown = np.where(regions == region, match, -1)
             grown = self._spread(expected, blobs, grown, gate_px)
+            if sizes[region] > 0.9 * len(who):
+                best = grown
+                break
             have = grown >= 0
+            bent = self.bent(first, np.where(have[:, None], blobs[grown], np.nan))
             steps = np.hypot(*(blobs[grown[have]] - expected[have]).T) / self.pitch_px
             # A step of a pitch weighs as much as a twentieth of a dot that was found
-            worth = float(have.sum() - 0.05 * steps.sum())
+            worth = float(have.sum() - bent - 0.05 * steps.sum())
             if worth > best_worth:
                 best, best_worth = grown, worth
-            if sizes[region] > 0.9 * len(who):
-                break
         return self._without_odd(expected, blobs, best, tolerance)
 
     def _steps(self, expected: Array, blobs: Array, match: Array) -> Array:
@@ -131,7 +135,7 @@ class Skin:
         """The affine motion around each dot, from `first` to `position`, both (n, 2) with NaN.
 
         Least squares over the neighbours; the dot itself has no say. Returns (n, 2, 2) matrices,
-        (n, 2) where they put the dot, and (n,) whether three or more, spread over the plane, tell.
+        (n, 2) where they put the dot, and (n,) whether four or more, spread over the plane, tell.
         """
         p, q = first[self.near], position[self.near]
         weight = (np.isfinite(p[..., 0]) & np.isfinite(q[..., 0])).astype(float)
@@ -144,7 +148,7 @@ class Skin:
         # Spread both ways: the smaller eigenvalue of pp, against a quarter of a pitch squared.
         xx, xy, yy = pp[:, 0, 0], pp[:, 0, 1], pp[:, 1, 1]
         spread = (xx + yy) / 2 - np.hypot((xx - yy) / 2, xy)
-        good = (weight.sum(1) >= 3) & (spread > 0.25 * self.pitch_px**2)
+        good = (weight.sum(1) >= 4) & (spread > 0.25 * self.pitch_px**2)
         pp[~good] = np.eye(2)
         matrix = qp @ np.linalg.inv(pp)
         at = m + np.einsum("nij,nj->ni", matrix, np.nan_to_num(first) - c)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ...errors import InputError, SensorError
 from .colours import Rings
 from .detect import Blobs, Detector
+from .found import find_dots
 from .identity import Identities
 from .rule import DotRule, Polarity
 from .skin import Skin, mutual
@@ -86,6 +87,17 @@ class DotTracker:
         self.offset_px = min(float(offset_px), self.rule.gate_pitch * self.pitch_px)
         self._detector = Detector(self.diameter_px, self.pitch_px, polarity, self.rule)
         self.reset()
+
+    @classmethod
+    def found_in(
+        cls, image: Array, *, polarity: Polarity | None = None, rule: DotRule | None = None
+    ) -> DotTracker:
+        """A tracker of the dots that an image of a foreign skin shows; `update` with it comes next.
+
+        polarity: None takes the one of which more dots are there. Raises as `find_dots` does.
+        """
+        dots = find_dots(image, polarity)
+        return cls(dots.position_px, dots.diameter_px, polarity=dots.polarity, rule=rule)
 
     def reset(self) -> None:
         """Forget everything: the next image is the first."""
