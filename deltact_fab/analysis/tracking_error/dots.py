@@ -81,37 +81,35 @@ class Dots:
         )
         self.tally = DotTally()
 
-    def follow(
-        self, image: NDArray[np.uint8], truth: record.Truth | None, frame_id: str
-    ) -> DotFrame:
+    def follow(self, image: NDArray[np.uint8]) -> DotFrame:
         """The dots of the next frame. Raises SensorError when the first one does not show them."""
         seen = self.tracker.update(image)
         frame = DotFrame(self.tracker.first_px, seen.displacement_px, seen.cpu_ms)
         self.tally.seen += int(frame.found.sum())
         self.tally.lost += int((~frame.found).sum())
-        if truth is not None:
-            errors, swapped = self._against(truth, frame_id, frame)
-            self.tally.errors_mm += errors.tolist()
-            self.tally.swapped = (self.tally.swapped or 0) + swapped
         return frame
 
-    def _against(self, truth: record.Truth, frame_id: str, frame: DotFrame) -> tuple[Points, int]:
-        """(found,) errors in mm, and how many dots bear another one's name."""
-        true_px = truth.points_px(frame_id, self.rest_mm)
-        found = frame.found
-        errors = np.linalg.norm(frame.moved_px[found] - true_px[found], axis=1) * self.mm_per_px
-        at = self.rest_px[found] + frame.moved_px[found]
-        places = self.rest_px + true_px
-        nearest = np.hypot(*(at[:, None] - places[None]).transpose(2, 0, 1)).argmin(axis=1)
-        return errors, int((nearest != np.flatnonzero(found)).sum())
+    def take(self, frame: DotFrame, true_px: Points) -> None:
+        """Count a frame's errors in. true_px: (n, 2) motion of the dots, NaN where not known."""
+        known = frame.found & np.isfinite(true_px[:, 0])
+        errors = np.linalg.norm((frame.moved_px - true_px)[known], axis=1) * self.mm_per_px
+        self.tally.errors_mm += errors.tolist()
+        places = frame.first_px + true_px
+        at = (frame.first_px + frame.moved_px)[known]
+        apart = np.hypot(*(at[:, None] - places[None]).transpose(2, 0, 1))
+        nearest = np.nan_to_num(apart, nan=np.inf).argmin(axis=1)
+        swapped = int((nearest != np.flatnonzero(known)).sum())
+        self.tally.swapped = (self.tally.swapped or 0) + swapped
 
-    def as_method(
-        self, tally: Tally, frame: DotFrame, truth: record.Truth | None, frame_id: str
-    ) -> dict[str, Any]:
+    def true_px(self, truth: record.Truth, frame_id: str) -> Points:
+        """(n, 2) motion of the dots by the truth itself, one by one."""
+        return truth.points_px(frame_id, self.rest_mm)
+
+    def as_method(self, tally: Tally, frame: DotFrame, true_px: Points | None) -> dict[str, Any]:
         """Count a frame as that of a method whose pixels are the dots; its figures.
 
-        A dot that is found is a confident pixel; one that is lost has no error, so that there is
-        none over all of them.
+        true_px: (n, 2) motion of the dots, None where no truth is known. A dot that is found is a
+        confident pixel; one that is lost has no error, so that there is none over all of them.
         """
         found = frame.found
         share = float(found.mean())
@@ -123,9 +121,8 @@ class Dots:
             "trusted": share >= MIN_FOUND_SHARE,
             "ms": frame.cpu_ms,
         }
-        if truth is None:
+        if true_px is None:
             return figures
-        true_px = truth.points_px(frame_id, self.rest_mm)
         visible = inside(self.rest_px + true_px, *self.shape)
         moved_mm = np.hypot(*true_px.T) * self.mm_per_px
         moving = visible & (moved_mm >= MOVING_MM)

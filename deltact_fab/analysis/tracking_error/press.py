@@ -14,7 +14,7 @@ from ...measure.flow import FlowObservation, FlowState, named_tracker
 from .dots import DOTS, DotFrame, Dots, DotTally
 from .scene import Scene
 from .tally import MOVING_MM, Tally, confident_figures, largest, ratio
-from .truth import TrueFrame, off_dots, seen_by
+from .truth import TrueFrame, off_dots, sampled, seen_by
 
 ARROW_STEP_PX = 26
 COLUMNS = [
@@ -70,7 +70,7 @@ def analyse_press(job: Job) -> PressResult:
             raise RunFailed(f"{row.file}: size {image.shape[1]} x {image.shape[0]} differs")
         seen = None
         try:
-            seen = dots.follow(image, truth, frame_id) if dots else None
+            seen = dots.follow(image) if dots else None
         except SensorError as why:
             if not flows:
                 raise
@@ -89,8 +89,16 @@ def analyse_press(job: Job) -> PressResult:
                 result.arrows[frame_id] = arrows.copy()
             if at:
                 said[name] = _take(tallies[name], observed, seen, frame, scale)
-        if dots and seen and at and DOTS in tallies:
-            said[DOTS] = dots.as_method(tallies[DOTS], seen, truth, frame_id)
+        if dots and seen and at:
+            true_px = None
+            if frame is not None:
+                true_px = sampled(frame.flow_px, seen.first_px)
+            elif truth is not None:
+                true_px = dots.true_px(truth, frame_id)
+            if true_px is not None:
+                dots.take(seen, true_px)
+            if DOTS in tallies:
+                said[DOTS] = dots.as_method(tallies[DOTS], seen, true_px)
         # The reference compared with itself is no measurement, and said nothing.
         for name, figures in said.items():
             result.rows.append(
@@ -149,7 +157,7 @@ def _at_dots(
     """The paper's error: the flow at the dots against the dots."""
     found = dots.found
     moved_px = dots.moved_px[found]
-    errors = np.linalg.norm(_sample(flow, dots.first_px[found]) - moved_px, axis=1) * scale
+    errors = np.linalg.norm(sampled(flow, dots.first_px[found]) - moved_px, axis=1) * scale
     moving = np.linalg.norm(moved_px, axis=1) * scale >= MOVING_MM
     tally.at_dots.take(errors)
     tally.at_moving_dots.take(errors[moving])
@@ -176,15 +184,3 @@ def _against_truth(
         "n_moving_px": moving.size,
         "peak_true_mm": frame.peak_mm,
     }
-
-
-def _sample(flow: NDArray[np.float32], px: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Flow (h, w, 2) at points (n, 2) px, bilinear in float64."""
-    h, w = flow.shape[:2]
-    x = np.clip(px[:, 0], 0, w - 1.001)
-    y = np.clip(px[:, 1], 0, h - 1.001)
-    i, j = y.astype(int), x.astype(int)
-    a, b = (y - i)[:, None], (x - j)[:, None]
-    top = flow[i, j] * (1 - b) + flow[i, j + 1] * b
-    bottom = flow[i + 1, j] * (1 - b) + flow[i + 1, j + 1] * b
-    return np.asarray(top * (1 - a) + bottom * a, float)

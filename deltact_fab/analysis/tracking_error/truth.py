@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,3 +77,18 @@ def off_dots(
     for x, y in camera.rest_px(dots_mm):
         cv2.circle(mask, (round(x), round(y)), int(np.ceil(radius_px)), 0, -1)
     return mask.astype(bool)
+
+
+def sampled(flow: NDArray[Any], px: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Flow (h, w, 2) at points (n, 2) px, bilinear in float64; NaN where a point is NaN."""
+    h, w = flow.shape[:2]
+    known = np.isfinite(px).all(axis=1)
+    x = np.clip(px[known, 0], 0, w - 1.001)
+    y = np.clip(px[known, 1], 0, h - 1.001)
+    i, j = y.astype(int), x.astype(int)
+    a, b = (y - i)[:, None], (x - j)[:, None]
+    top = flow[i, j] * (1 - b) + flow[i, j + 1] * b
+    bottom = flow[i + 1, j] * (1 - b) + flow[i + 1, j + 1] * b
+    found = np.full(px.shape, np.nan)
+    found[known] = top * (1 - a) + bottom * a
+    return found
