@@ -95,7 +95,7 @@ def _by_step(tracking: TrackingResult) -> dict[str, Any]:
 
 
 def _percent(value: float | None) -> str:
-    return "–" if value is None else percent(value)
+    return "–" if value is None else percent(value).replace(" ", "\u00a0")
 
 
 def _fig(value: Any, digits: int = 4) -> str:
