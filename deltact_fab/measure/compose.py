@@ -49,38 +49,6 @@ def sample(field: Array, points_px: Array) -> Array:
     return cv2.remap(field, points_px, _NO_MAP2, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
-def blocks_to_pixels(blocks: Array, shape: tuple[int, int], block_px: int) -> Array:
-    """A bool per block, as `block_ncc` lays them out, to a bool per pixel of `shape` (h, w).
-
-    The rim that holds no whole block takes the value of the nearest one.
-    """
-    h, w = shape
-    rows, cols = blocks.shape
-    full = cv2.resize(
-        blocks.astype(np.uint8),
-        (cols * block_px, rows * block_px),
-        interpolation=cv2.INTER_NEAREST,
-    )
-    down, right = h - rows * block_px, w - cols * block_px
-    top, left = down // 2, right // 2
-    padded = cv2.copyMakeBorder(
-        full, top, down - top, left, right - left, borderType=cv2.BORDER_REPLICATE
-    )
-    return padded.astype(bool)
-
-
-def sample_mask(mask: Array, points_px: Array) -> Array:
-    """Nearest samples of a bool mask (h, w) at (a, b, 2) float32 points."""
-    seen = cv2.remap(
-        mask.astype(np.uint8),
-        points_px,
-        _NO_MAP2,
-        cv2.INTER_NEAREST,
-        borderMode=cv2.BORDER_REPLICATE,
-    )
-    return seen.astype(bool)
-
-
 def compose(first: Array, second: Array) -> Array:
     """F(x) = first(x) + second(x + first(x)): the second flow is read where the first one lands.
 

@@ -59,7 +59,7 @@ def bookkeeping(method: str, extreme: Any) -> dict[str, float]:
         ("composed", "adaptive"),
         ("summed", "adaptive"),
     ):
-        seen = run(images, method, reference, renew)
+        seen = run(images, method, reference, renew, confidence=False)
         last = seen[-1]
         error = error_mm(last.flow_px, truth, last.visible)
         means[f"{reference} {renew}"] = float(error.mean())
@@ -208,19 +208,17 @@ def test_one_unrelated_image_does_no_harm_to_the_next(renew, small):
     assert error_mm(seen[-1].flow_px, truth).mean() <= 1.2 * before
 
 
-def test_a_pattern_of_low_contrast_lowers_the_limit_once(small, make_scene):
+def test_a_pattern_of_low_contrast_is_followed_and_never_renewed(small, make_scene):
+    # Its NCC is limited by camera noise. That lowered the limit once, and an unrelated first image
+    # did so, too; now the reference stays, and confidence is not counted by blocks.
     _, bump = small
     faint = make_scene(320, 256, contrast=0.25, noise=8.0, shading=0.0)
-    seen = run([faint.picture(bump.scaled(k / 5), k) for k in range(5)], "dis-medium")
-    assert 0.5 <= seen[1].diagnostics.ncc_min < 0.7
-    assert len({o.diagnostics.ncc_min for o in seen[1:]}) == 1
-    assert all(o.diagnostics.trusted for o in seen)
-    strict = run(
-        [faint.picture(bump.scaled(k / 5), k) for k in range(5)],
-        "dis-medium",
-        rule=RenewalRule(calibrate=False),
-    )
-    assert strict[1].diagnostics.bad_share > seen[1].diagnostics.bad_share
+    images = [faint.picture(bump.scaled(k / 5), k) for k in range(6)]
+    for tracker in ("fused", "dis-medium"):
+        seen = run(images, tracker)
+        assert seen[-1].diagnostics.n_reference_switches == 0
+        assert error_mm(seen[-1].flow_px, bump.flow_px(256, 320)).mean() <= 0.03
+        assert min(o.diagnostics.confident_share for o in seen) > 0.85
 
 
 def test_block_ncc_ignores_gain_and_offset_and_sees_a_covered_block(small):
@@ -289,7 +287,8 @@ def test_a_wrong_match_stays_marked_in_what_is_composed_from_it(reference, make_
     wrong = np.hypot(*np.moveaxis(last.flow_px - [31.0, 0.0], -1, 0)) > 2
     view = last.visible.copy()
     view[:, 280:] = False
-    assert last.diagnostics.bad_share < 0.05
+    # The last flow alone is right nearly everywhere; the total is judged against the first image.
+    assert last.diagnostics.bad_share > 0.5 * wrong[view].mean()
     assert wrong[view].mean() > 0.05
     assert wrong[view & last.confident].mean() < 0.01
     assert last.diagnostics.confident_share < 0.95
@@ -356,8 +355,10 @@ def test_names_are_checked():
         FlowTracker(reference="compose")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="flow renew 'never': unknown"):
         FlowTracker(renew="never")  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="ncc_floor <= ncc_min"):
-        RenewalRule(ncc_min=0.3)
+    with pytest.raises(InputError, match="0 < ncc_min < 1"):
+        RenewalRule(ncc_min=1.3)
+    with pytest.raises(InputError, match="photometric_max > 0"):
+        RenewalRule(photometric_max=0)
     with pytest.raises(InputError, match="renew_share <= trust_share"):
         RenewalRule(renew_share=0.5)
     with pytest.raises(InputError, match="multiple of stride_px"):

@@ -12,7 +12,7 @@ Array = NDArray[Any]
 CELL = 4  # nodes to a side of a cell
 WINDOWS = (5, 13, 33, 97)  # cells to a side
 ENOUGH = 0.15  # share of a window that must be known before it is believed alone
-SLOPES = 2.0  # cells^2: how far known cells must lie apart before their slope is believed
+SLOPES = 0.3  # cells^2: how far known cells must lie apart before their slope is believed
 
 
 def filled(flow: Array, known: Array, kept: Array) -> Array:

@@ -18,14 +18,23 @@ OWN_WEIGHT = float(np.sum(WINDOW**2) ** 2 / np.sum(WINDOW) ** 2)
 LEAST_VARIANCE = 0.25  # grey levels^2: less is no texture
 ROUNDING = 1 / 6  # variance of the difference of two images of whole grey levels
 MAX_STEP_PX = 1.0
+_ROWS = 32
 _SOFT = np.array([0.25, 0.5, 0.25], np.float32)
 
 
 def reference(image: Array) -> Array:
-    """Value and gradients of a cell's four pixels apart: (3, 4, rows, cols) float32."""
+    """What a step needs to know of the reference image, by cell: (14, rows, cols) float32.
+
+    Value, x gradient and y gradient (central differences) of each of four pixels, then the sum of
+    the values and of their squares.
+    """
     gray = image.astype(np.float32) - 128
-    gx, gy = gradients(gray)
-    return np.stack([[a[i::2, j::2] for i in (0, 1) for j in (0, 1)] for a in (gray, gx, gy)])
+    gradients = (
+        cv2.Sobel(gray, -1, dx, 1 - dx, ksize=1, scale=0.5, borderType=cv2.BORDER_REPLICATE)
+        for dx in (1, 0)
+    )
+    parts = [a[i::2, j::2] for a in (gray, *gradients) for i in (0, 1) for j in (0, 1)]
+    return np.stack([*parts, sum(parts[:4]), sum(r * r for r in parts[:4])])
 
 
 def target(image: Array) -> Array:
@@ -33,15 +42,6 @@ def target(image: Array) -> Array:
     wide = cv2.copyMakeBorder(image, 0, 1, 0, 1, cv2.BORDER_REPLICATE)
     corners = cv2.merge([wide[:-1, :-1], wide[:-1, 1:], wide[1:, :-1], wide[1:, 1:]])
     return np.subtract(corners, 128, dtype=np.float32)
-
-
-def gradients(gray: Array) -> tuple[Array, Array]:
-    """Central differences of an image, along x and along y."""
-    gx, gy = (
-        cv2.Sobel(gray, -1, dx, 1 - dx, ksize=1, scale=0.5, borderType=cv2.BORDER_REPLICATE)
-        for dx in (1, 0)
-    )
-    return gx, gy
 
 
 def around(cells: Array) -> Array:
@@ -62,43 +62,58 @@ def step(
     what the current image shows of the windows.
     """
     last = gain > 0
+    last = gain > 0
     height, width = size_px
     rows, cols = flow.shape[1:]
-    seen_rows, seen_cols = height // 2, width // 2
-    inner = np.s_[..., :seen_rows, :seen_cols]
-    x = flow[0][inner] + np.arange(0, 2 * seen_cols, 2, dtype=np.float32)
-    y = flow[1][inner] + np.arange(0, 2 * seen_rows, 2, dtype=np.float32)[:, None]
-    seen = (x >= 0) & (x <= width - 2) & (y >= 0) & (y <= height - 2)
-    mask = seen.astype(np.float32)
+    inner = np.s_[: height // 2, : width // 2]
+    x = flow[0][inner] + np.arange(0, width - 1, 2, dtype=np.float32)
+    y = flow[1][inner] + np.arange(0, height - 1, 2, dtype=np.float32)[:, None]
+    hidden = (x < 0) | (x > width - 2) | (y < 0) | (y > height - 2)
     found = cv2.split(cv2.remap(corners, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
     sums = np.zeros((8 if last else 4, rows, cols), np.float32)
-    part = sums[inner]
-    for current, r, gx, gy in zip(found, *reference[inner], strict=True):
-        d: Array = cv2.subtract(r, current)
-        d *= mask
-        cv2.accumulateProduct(d, gx, part[0])
-        cv2.accumulateProduct(d, gy, part[1])
+    part = [s[inner] for s in sums]
+    r = [plane[inner] for plane in reference]
+    for k, d in enumerate(found):
+        cv2.subtract(r[k], d, d)
+        d[hidden] = 0
+        cv2.accumulateProduct(d, r[4 + k], part[0])
+        cv2.accumulateProduct(d, r[8 + k], part[1])
         cv2.accumulate(d, part[2])
-        cv2.accumulateProduct(d, r, part[3])
+        cv2.accumulateProduct(d, r[k], part[3])
         if last:
             cv2.accumulateSquare(d, part[4])
-            hidden = (1 - mask) * r
-            part[5] += 1 - mask
-            part[6] += hidden
-            part[7] += hidden * r
-    sx, sy, sd, sr, *others = map(around, sums)
-    i11, i12, i22, ex, ey, fx, fy, all_mean, all_power, weights = nodes.transpose(1, 0, 2)
-    dx = np.clip(i11 * sx + i12 * sy - ex * sd - fx * sr, -MAX_STEP_PX, MAX_STEP_PX)
-    dy = np.clip(i12 * sx + i22 * sy - ey * sd - fy * sr, -MAX_STEP_PX, MAX_STEP_PX)
-    moved = np.stack(
-        [
-            cv2.sepFilter2D(u + du, -1, _SOFT, _SOFT, borderType=cv2.BORDER_REPLICATE)
-            for u, du in zip(flow, (dx, dy), strict=True)
-        ]
-    )
-    if not last:
-        return moved, sums[:0], sums[:0]
-    squares, hidden_n, hidden_r, hidden_rr = others
+    if last and hidden.any():
+        np.multiply(hidden, np.float32(4), out=part[5])
+        np.multiply(hidden, r[12], out=part[6])
+        np.multiply(hidden, r[13], out=part[7])
+    n_sums = 8 if last and sums[5].any() else min(5, len(sums))
+    for k in range(n_sums):
+        sums[k] = around(sums[k])
+    step_px, told = np.empty_like(flow), np.empty((2, rows if last else 0, cols), np.float32)
+    for i in range(0, rows, _ROWS):  # what lies between stays in the cache
+        cut = np.s_[i : i + _ROWS]
+        node = nodes[cut].transpose(1, 0, 2)
+        step_px[:, cut] = _solved(sums[:4, cut], node)
+        if last:
+            told[:, cut] = _judged(sums[:, cut], node, step_px[:, cut], gain)
+    step_px += flow
+    for u in step_px:
+        cv2.sepFilter2D(u, -1, _SOFT, _SOFT, u, borderType=cv2.BORDER_REPLICATE)
+    return step_px, told[0], told[1]
+
+
+def _solved(sums: Array, node: Array) -> Array:
+    sx, sy, sd, sr = sums
+    i11, i12, i22, ex, ey, fx, fy = node[:7]
+    dx = i11 * sx + i12 * sy - ex * sd - fx * sr
+    dy = i12 * sx + i22 * sy - ey * sd - fy * sr
+    return np.clip((dx, dy), -MAX_STEP_PX, MAX_STEP_PX)
+
+
+def _judged(sums: Array, node: Array, step_px: Array, gain: float) -> tuple[Array, Array]:
+    _, _, sd, sr, squares, hidden_n, hidden_r, hidden_rr = sums
+    i11, i12, i22, *_, all_mean, all_power, weights = node
+    dx, dy = step_px
     n_seen = np.maximum(weights - hidden_n, OWN_WEIGHT)
     total = weights * all_mean
     mean = (total - hidden_r) / n_seen
@@ -113,4 +128,4 @@ def step(
     left = np.maximum(rest - shared * shared / power - explained, 0)
     noise = left / np.maximum(weights - hidden_n - 4 * OWN_WEIGHT, OWN_WEIGHT) + ROUNDING
     spread = (i11 + i22) * weights / n_seen
-    return moved, correlation, np.sqrt(gain**2 * OWN_WEIGHT * noise * spread)
+    return correlation, np.sqrt(gain**2 * OWN_WEIGHT * noise * spread)

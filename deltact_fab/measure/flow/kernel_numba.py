@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import cv2
 import numba
 import numpy as np
 from numpy.typing import NDArray
@@ -20,14 +21,25 @@ _OUTER, _INNER = 6, 5  # the window is a box of 6 of a box of 5 of a box of 2
 _REACH = 5  # cells to each side of its own
 _SUMS, _LAST_SUMS = 4, 8  # of a step, and of the last
 _BYTE = np.uint32(255)
-_compiled = numba.njit(cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
+
+
+def _compiled(loop: Any) -> Any:
+    """The loop in machine code, kept between runs where there is a folder to keep it in."""
+    options = {"fastmath": {"contract", "reassoc", "nsz"}, "error_model": "numpy", "nogil": True}
+    try:
+        return numba.njit(cache=True, **options)(loop)
+    except RuntimeError:  # neither the package's folder nor the user's can be written
+        return numba.njit(**options)(loop)
 
 
 def reference(image: Array) -> Array:
     """A cell's four pixels apart, a cell more on each side: (rows + 2, 4, cols + 2) float32."""
-    wide = np.pad(image, 2, mode="edge").astype(np.float32) - 128
-    parts = [wide[i::2, j::2] for i in (0, 1) for j in (0, 1)]
-    return np.ascontiguousarray(np.stack(parts, axis=1))
+    wide = cv2.copyMakeBorder(image, 2, 2, 2, 2, cv2.BORDER_REPLICATE)
+    out = np.empty((wide.shape[0] // 2, 4, wide.shape[1] // 2), np.float32)
+    for k in range(4):
+        out[:, k] = wide[k // 2 :: 2, k % 2 :: 2]
+    out -= 128
+    return out
 
 
 def target(image: Array) -> Array:

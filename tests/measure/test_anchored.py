@@ -1,0 +1,223 @@
+"""The anchored tracker, the default: what is hidden, what comes back, what is far."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from deltact_fab.errors import InputError
+from deltact_fab.measure.flow import (
+    FLOW_METHODS,
+    FlowState,
+    FlowTracker,
+    RenewalRule,
+    fill,
+    named_tracker,
+    to_gray,
+)
+from deltact_fab.measure.flow.fill import filled
+from deltact_fab.measure.flow.renewed import photometric_error
+
+MM_PER_PX = 0.0378
+
+
+def off_px(flow: Any, truth: Any) -> Any:
+    return np.hypot(*np.moveaxis(flow - truth, -1, 0))
+
+
+def follow(images: Any, tracker: FlowTracker | None = None) -> Any:
+    tracker = tracker or FlowTracker()
+    return [tracker.update(image) for image in images]
+
+
+# Hidden and found again
+
+
+@pytest.fixture(scope="module")
+def passing(make_scene: Any, make_bump: Any) -> Any:
+    """A growing shear over which a foreign patch of another pattern passes from left to right."""
+    scene, other = make_scene(320, 256, margin=90), make_scene(320, 256, seed=50)
+    bump = make_bump((150, 130), 80, shear_px=(40, -12))
+    cover = other.picture()
+    images, hidden = [], []
+    for k in range(13):
+        image = scene.picture(bump.scaled(k / 12), k) if k else scene.picture()
+        mask = np.zeros((256, 320), bool)
+        if 3 <= k <= 9:
+            left = 40 * (k - 3)
+            mask[70:190, left : left + 80] = True
+            # It carries its pattern with it, so a frame-to-frame flow follows it.
+            image[mask] = cover[70:190, :80].reshape(-1, 3)
+        images.append(image)
+        hidden.append(mask)
+    truths = [bump.scaled(k / 12).flow_px(256, 320) for k in range(13)]
+    return images, hidden, truths
+
+
+def under(mask: Any, truth: Any) -> Any:
+    """Material pixels that lie under an image mask."""
+    h, w = mask.shape
+    y, x = np.mgrid[:h, :w]
+    column = np.clip(np.rint(x + truth[..., 0]), 0, w - 1).astype(int)
+    row = np.clip(np.rint(y + truth[..., 1]), 0, h - 1).astype(int)
+    return mask[row, column]
+
+
+@pytest.mark.slow
+def test_what_was_hidden_is_found_again_and_what_hides_it_is_not_followed(passing):
+    images, hidden, truths = passing
+    seen = follow(images)
+    inner = np.zeros((256, 320), bool)
+    inner[12:-12, 12:-12] = True
+    for k in range(3, 10):
+        covered = under(hidden[k], truths[k]) & inner
+        assert seen[k].confident[covered].mean() <= 0.01
+        assert (seen[k].state[covered] == FlowState.MATCHED).mean() < 0.5
+        clear = seen[k].confident & ~covered & inner
+        assert clear.sum() > 0.4 * (inner & ~covered).sum()
+        assert (off_px(seen[k].flow_px, truths[k])[clear] > 1).mean() <= 0.01
+    last = seen[-1]
+    error = off_px(last.flow_px, truths[-1])[inner & last.visible] * MM_PER_PX
+    assert error.mean() <= 0.01
+    assert (last.state[inner & last.visible] == FlowState.MATCHED).mean() > 0.98
+    # A reference that is renewed takes the hidden part along with what hides it.
+    composed = follow(images, FlowTracker("dis-medium", renew="every-frame"))[-1]
+    lost = off_px(composed.flow_px, truths[-1])[inner & last.visible] * MM_PER_PX
+    assert error.mean() < 0.2 * lost.mean()
+
+
+def test_states_tell_matched_from_predicted_from_lost(make_scene):
+    scene = make_scene(320, 256)
+    rest = scene.picture()
+    covered = rest.copy()
+    covered[20:30, 100:110] = 90  # small: its neighbours tell
+    covered[100:256, 150:320] = 90  # large: its middle has none
+    last = follow([rest, covered])[-1]
+    assert last.state.dtype == np.uint8
+    assert (last.state[60:90, 40:90] == FlowState.MATCHED).all()
+    assert (last.state[24:27, 103:108] >= FlowState.PREDICTED).all()
+    assert (last.state[200:240, 220:300] == FlowState.LOST).all()
+
+
+def test_a_fill_continues_what_its_neighbours_do(monkeypatch):
+    y, x = np.mgrid[:120, :160].astype(np.float32)
+    truth = np.stack((3 + 0.2 * x - 0.1 * y, -4 + 0.05 * x + 0.15 * y), -1)
+    kept = np.ones((120, 160), bool)
+    kept[30:80, 40:110] = False
+    kept[:, 150:] = False
+    shown = np.where(kept[..., None], truth, np.float32(99))
+    out = filled(shown, kept, kept)
+    assert np.array_equal(out[kept], truth[kept])
+    assert off_px(out, truth)[~kept].mean() < 1.5
+    assert not filled(shown, np.zeros_like(kept), np.zeros_like(kept)).any()
+    assert np.array_equal(filled(shown, kept, np.ones_like(kept)), shown)
+    with monkeypatch.context() as patch:
+        patch.setattr(fill, "SLOPES", 1e9)  # means instead of planes
+        flat = filled(shown, kept, kept)
+    assert off_px(out, truth)[~kept].mean() < 0.5 * off_px(flat, truth)[~kept].mean()
+
+
+# Far
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("n", [5, 10])
+def test_no_confident_pixel_is_off_by_a_pixel_after_121_px(n, make_scene, make_bump):
+    bump = make_bump((400, 290), 150, shear_px=(109, 52.5))
+    truth = bump.flow_px(586, 798)
+    assert np.hypot(*np.moveaxis(truth, -1, 0)).max() == pytest.approx(121, abs=0.5)
+    scene = make_scene(798, 586, patch_mm=0.1, margin=120)
+    images = [scene.picture(), *(scene.picture(bump.scaled(k / n), k) for k in range(1, n + 1))]
+    last = follow(images)[-1]
+    error = off_px(last.flow_px, truth)
+    print(f"mean {error[last.confident].mean():.3f} max {error[last.confident].max():.2f} px")
+    assert error[last.confident].max() <= 1.0
+    assert last.confident[last.visible].mean() >= 0.95
+    assert last.diagnostics.trusted
+
+
+# Contract
+
+
+def test_half_the_resolution_is_the_same_flow_at_nodes(make_scene, make_bump):
+    scene = make_scene(319, 257)
+    bump = make_bump((150, 130), 70, shear_px=(9, -6))
+    images = [scene.picture(), scene.picture(bump, 1)]
+    whole, half = follow(images)[-1], follow(images, FlowTracker(full=False))[-1]
+    assert whole.flow_px.shape == (257, 319, 2)
+    assert half.flow_px.shape == (129, 160, 2)
+    for name in ("visible", "confident", "state"):
+        assert getattr(whole, name).shape == (257, 319)
+        assert getattr(half, name).shape == (129, 160)
+        assert np.array_equal(getattr(whole, name)[::2, ::2], getattr(half, name))
+    middle = whole.flow_px[:256, :318].reshape(128, 2, 159, 2, 2).mean(axis=(1, 3))
+    assert np.abs(middle - half.flow_px[:128, :159]).max() < 0.1
+    assert not whole.flow_px.flags.writeable
+
+
+def test_without_a_confidence_map_nothing_is_believed(make_scene, make_bump):
+    scene = make_scene(320, 256)
+    bump = make_bump((150, 130), 70, shear_px=(9, -6))
+    images = [scene.picture(), scene.picture(bump, 1)]
+    last = follow(images, FlowTracker(confidence=False))[-1]
+    assert not last.confident.any()
+    assert not last.diagnostics.trusted
+    assert last.diagnostics.rule == "not judged"
+    error = off_px(last.flow_px, bump.flow_px(256, 320))[12:-12, 12:-12]
+    assert error.mean() * MM_PER_PX < 0.01
+
+
+def test_the_same_images_give_the_same_bytes(passing):
+    images, _, _ = passing
+    for a, b in zip(follow(images[:6]), follow(images[:6]), strict=True):
+        assert a.flow_px.tobytes() == b.flow_px.tobytes()
+        assert a.confident.tobytes() == b.confident.tobytes()
+
+
+def test_channels_may_not_change_on_the_way(make_scene):
+    image = make_scene(320, 256).picture()
+    tracker = FlowTracker()
+    tracker.update(image)
+    with pytest.raises(InputError, match=r"\(256, 320\), the first one was \(256, 320, 3\)"):
+        tracker.update(to_gray(image))
+
+
+# Names
+
+
+def test_every_name_is_a_tracker():
+    for method in FLOW_METHODS:
+        default = named_tracker(method)
+        assert default.reference == ("anchored" if method == "fused" else "composed")
+        static = named_tracker(f"{method}/static")
+        assert (static.method.name, static.reference) == (method, "static")
+    every = named_tracker("dis-fast/summed-every")
+    assert (every.reference, every.renew) == ("summed", "every-frame")
+    paper = named_tracker("paper")
+    assert paper.method.name == "farneback-paper"
+    assert (paper.reference, paper.renew) == ("summed", "photometric")
+    assert dict(paper.method.preset.options)["iterations"] == 10
+    with pytest.raises(InputError, match="flow method 'fuse': unknown; did you mean 'fused'"):
+        named_tracker("fuse")
+    with pytest.raises(InputError, match=r"'statik' of 'fused'.*did you mean 'static'"):
+        named_tracker("fused/statik")
+    with pytest.raises(InputError, match=r"'anchored' of 'dis-fast'.*valid: composed"):
+        named_tracker("dis-fast/anchored")
+    with pytest.raises(InputError, match="'anchored': only with the method 'fused'"):
+        FlowTracker("dis-fast", "anchored")
+
+
+def test_the_paper_renews_when_the_image_warped_back_differs(make_scene, make_bump):
+    scene = make_scene(320, 256, margin=90)
+    bump = make_bump((150, 130), 70, shear_px=(60, -20))
+    images = [scene.picture(bump.scaled(k / 4), k) for k in range(5)]
+    assert follow(images, named_tracker("paper"))[-1].diagnostics.n_reference_switches == 0
+    eager = RenewalRule(photometric_max=0.5)
+    seen = follow(images, FlowTracker("farneback-paper", "summed", "photometric", eager))
+    assert [o.diagnostics.reference_frame for o in seen[1:]] == [0, 1, 2, 3]
+    gray = to_gray(images[0])
+    zero = np.zeros((256, 320, 2), np.float32)
+    assert photometric_error(gray, gray, zero) == 0
+    assert photometric_error(gray, np.uint8(gray // 2), zero) > 20

@@ -1,0 +1,160 @@
+"""What is believed: true pairs, and images that have nothing to do with the first one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from deltact_fab.errors import InputError
+from deltact_fab.measure.flow import ConfidenceRule, FlowTracker, named_tracker, to_gray
+
+W, H = 480, 360
+# Two patterns and seeds that no threshold was set on.
+PATTERNS = {"0.1 mm": {"patch_mm": 0.1, "seed": 31}, "0.2 mm with dots": {
+    "patch_mm": 0.2, "seed": 32, "dots": True}}  # fmt: skip
+UNRELATED = {
+    "upside down": lambda image, _: image[::-1, ::-1],
+    "mirrored": lambda image, _: image[:, ::-1],
+    "flipped": lambda image, _: image[::-1],
+    "negative": lambda image, _: 255 - image,
+    "other seed": lambda _, other: other,
+    "noise": lambda image, _: np.random.default_rng(3).integers(0, 256, image.shape, np.uint8),
+    "flat": lambda image, _: np.full_like(image, 120),
+    "black": lambda image, _: np.zeros_like(image),
+    "white": lambda image, _: np.full_like(image, 255),
+}
+
+
+@pytest.fixture(scope="module", params=PATTERNS)
+def sequence(request, make_scene, make_bump):
+    """Five images of a motion of 30 px, its truths, and one image of another seed."""
+    options = PATTERNS[request.param]
+    scene = make_scene(W, H, **options)
+    other = make_scene(W, H, **(options | {"seed": 900})).picture()
+    bumps = [make_bump((230, 180), 90, shear_px=(7.0 * k, -3.0 * k)) for k in range(5)]
+    images = [scene.picture(b, k) for k, b in enumerate(bumps)]
+    return images, [b.flow_px(H, W) for b in bumps], other
+
+
+def follow(images: Any, tracker: FlowTracker | None = None) -> Any:
+    tracker = tracker or FlowTracker()
+    for image in images:
+        last = tracker.update(np.ascontiguousarray(image))
+    return last
+
+
+def off_px(seen: Any, truth: Any) -> Any:
+    return np.hypot(*np.moveaxis(seen.flow_px - truth, -1, 0))
+
+
+@pytest.mark.parametrize("what", UNRELATED)
+def test_an_unrelated_image_is_not_believed(what, sequence):
+    images, _, other = sequence
+    for before in (images[:1], images):
+        bad = UNRELATED[what](before[-1], other)
+        seen = follow([*before, bad])
+        assert seen.confident.mean() <= 0.005
+        assert not seen.diagnostics.trusted
+        again = follow([*before, bad, bad])
+        assert again.confident.mean() <= 0.005
+        assert not again.diagnostics.trusted
+
+
+@pytest.mark.parametrize("what", UNRELATED)
+def test_a_grey_camera_does_not_trust_it_either(what, sequence):
+    images, _, other = sequence
+    for before in (images[:1], images):
+        bad = UNRELATED[what](before[-1], other)
+        seen = follow([to_gray(np.ascontiguousarray(i)) for i in (*before, bad)])
+        assert seen.diagnostics.rule == "grey"
+        assert not seen.diagnostics.trusted
+        assert seen.confident.mean() <= 0.005
+
+
+@pytest.mark.parametrize("gray", [False, True])
+def test_true_images_are_believed_and_an_unrelated_one_leaves_no_trace(gray, sequence):
+    images, truths, other = sequence
+    take = to_gray if gray else np.asarray
+    shown = [take(i) for i in (*images[:3], other, *images[3:])]
+    seen = follow(shown)
+    assert seen.diagnostics.rule == ("grey" if gray else "colour")
+    assert seen.diagnostics.trusted
+    assert seen.diagnostics.textured_share > 0.95
+    # A grey image has one witness, so that one must say more.
+    assert seen.diagnostics.confident_share > (0.8 if gray else 0.92)
+    assert seen.diagnostics.bad_share < (0.2 if gray else 0.08)
+    error = off_px(seen, truths[-1])[seen.confident]
+    assert error.mean() < 0.2
+    assert (error > 2.6).mean() <= 0.0005
+
+
+@pytest.mark.parametrize("with_what", ["grey card", "another pattern"])
+def test_half_a_view_is_believed_for_its_half(with_what, sequence):
+    images, truths, other = sequence
+    half = images[-1].copy()
+    half[:, : W // 2] = 80 if with_what == "grey card" else other[:, : W // 2]
+    seen = follow([*images[:-1], half])
+    x = np.arange(W) + truths[-1][..., 0]
+    assert seen.confident[x < W // 2 - 10].mean() <= 0.005
+    clear = (x > W // 2 + 34) & seen.visible
+    assert seen.confident[clear].mean() > 0.85
+    assert (off_px(seen, truths[-1])[seen.confident] > 2.6).mean() <= 0.002
+
+
+def test_trust_needs_texture_over_half_of_the_image(sequence):
+    images, _, _ = sequence
+    corner = [np.full_like(image, 120) for image in images[:2]]
+    for image, true in zip(corner, images, strict=False):
+        image[-140:, -160:] = true[-140:, -160:]
+    tracker = FlowTracker()
+    first, second = (tracker.update(image) for image in corner)
+    for seen in (first, second):
+        assert 0.1 < seen.diagnostics.textured_share < 0.25
+        assert not seen.diagnostics.trusted
+    assert second.confident[-100:-20, -120:-20].mean() > 0.9
+    # Of what has texture nearly all is confident: alone that must not make it trusted.
+    assert second.diagnostics.bad_share < 0.3
+
+
+@pytest.mark.parametrize("light", [0.6, 1.4, "gradient"])
+def test_light_does_not_matter(light, sequence):
+    images, truths, _ = sequence
+    gain = np.linspace(0.6, 1.3, W)[:, None] if light == "gradient" else light
+    lit = np.clip(images[-1] * gain, 0, 255).astype(np.uint8)
+    seen = follow([*images[:-1], lit])
+    assert seen.diagnostics.trusted
+    assert seen.diagnostics.confident_share > 0.8
+    assert (off_px(seen, truths[-1])[seen.confident] > 2.6).mean() <= 0.002
+
+
+def test_nine_pixels_of_motion_blur_stay_measurable(sequence):
+    images, truths, _ = sequence
+    kernel = np.full((1, 9), 1 / 9, np.float32)
+    seen = follow([*images[:-1], cv2.filter2D(images[-1], -1, kernel)])
+    error = off_px(seen, truths[-1])[seen.confident]
+    print(f"cover {seen.confident.mean():.3f} mean {error.mean():.3f} px")
+    assert seen.diagnostics.trusted
+    assert seen.confident.mean() >= 0.62
+    assert error.mean() < 1.0
+
+
+@pytest.mark.parametrize("name", ["dis-fast", "dis-fast/static", "farneback/summed-every"])
+def test_every_tracker_is_judged_by_the_same_rule(name, sequence):
+    images, truths, _ = sequence
+    true = follow(images, named_tracker(name))
+    assert true.diagnostics.rule == "colour"
+    assert true.diagnostics.trusted
+    assert (off_px(true, truths[-1])[true.confident] > 2.6).mean() < 0.05
+    turned = follow([images[0], images[0][::-1, ::-1]], named_tracker(name))
+    assert turned.confident.mean() <= 0.005
+    assert not turned.diagnostics.trusted
+
+
+def test_rules_are_checked():
+    with pytest.raises(InputError, match=r"chroma_min = 1\.5; between 0 and 1"):
+        ConfidenceRule(chroma_min=1.5)
+    with pytest.raises(InputError, match="border_px = 0; above 0"):
+        ConfidenceRule(border_px=0)
