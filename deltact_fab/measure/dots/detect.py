@@ -96,6 +96,4 @@ class Detector:
         sums = [np.bincount(label, part, len(stats))[fits] for part in (weight * x, weight * y)]
         mass = np.bincount(label, weight, len(stats))[fits]
         centre = np.stack(sums, axis=-1) / mass[:, None]
-        return Blobs(
-            (centre + 0.5) * self.shrink - 0.5, area[fits].astype(float) * self.shrink**2
-        )
+        return Blobs((centre + 0.5) * self.shrink - 0.5, area[fits].astype(float) * self.shrink**2)

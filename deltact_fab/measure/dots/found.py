@@ -50,8 +50,9 @@ def find_dots(image: Array, polarity: Polarity | None = None) -> FoundDots:
     if not found:
         wanted = "white or dark" if polarity is None else polarity
         raise SensorError(
-            f"dots: the image does not show {MIN_DOTS} or more {wanted} dots of one size, 4 px wide "
-            "or more and 1.3 diameters apart: wrong pattern or polarity, out of focus or over-exposed"
+            f"dots: the image does not show {MIN_DOTS} or more {wanted} dots of one size, "
+            "at least 4 px wide and 1.3 diameters apart: wrong pattern or polarity, out of focus "
+            "or over-exposed"
         )
     return max(found, key=lambda dots: len(dots.position_px))
 

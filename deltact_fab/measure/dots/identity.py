@@ -73,9 +73,9 @@ class Identities:
         if not seen:
             return
         best, most = np.full(len(self._place), -1), -np.inf
-        for expected in self._guesses(blobs):
+        for expected, gate_px in self._guesses(blobs):
             match = self._skin.grow(
-                self.first_px, expected, blobs.centre_px, self._gate_px, self._rule.step_tolerance
+                self.first_px, expected, blobs.centre_px, gate_px, self._rule.step_tolerance
             )
             worth = self._worth(expected, match, blobs)
             if worth > most + (2 if np.isfinite(most) else 0):
@@ -93,17 +93,20 @@ class Identities:
         idle = len(blobs) - have.sum()
         return float(have.sum() - self._skin.bent(self.first_px, here) - 0.25 * off - 0.5 * idle)
 
-    def _guesses(self, blobs: Blobs) -> Iterator[Array]:
-        """(n, 2) where the dots might be: going on, turned back, at rest, shifted as a whole, let go."""
+    def _guesses(self, blobs: Blobs) -> Iterator[tuple[Array, float]]:
+        """(n, 2) where the dots might be, within how many px.
+
+        Going on, turned back with the stage, at rest, shifted as a whole, let go.
+        """
         lately = (self._known & (self._missed <= self._rule.keep_frames))[:, None]
         place = np.where(lately, self._place, np.nan)
-        yield place + self._motion
-        yield place - self._motion  # a stage that turns back
-        yield place
+        yield place + self._motion, self._gate_px
+        yield place - self._motion, self._gate_px
+        yield place, self._gate_px
         shift, count, _ = self._shift(place, blobs.centre_px)
         if count > 0:
-            yield place + shift
-        yield np.where(lately, self.first_px, np.nan)
+            yield place + shift, self._gate_px
+        yield np.where(lately, self.first_px, np.nan), self._gate_px / 4
 
     def _by_neighbours(self, blobs: Blobs, image: Array | None) -> None:
         """Lost dots, where the neighbours' affine motion puts them; each helps its neighbours.
@@ -189,6 +192,7 @@ class Identities:
         before = int(self._found.sum())
         self._position[who] = blobs.centre_px[which]
         self._blob[who] = which
+        self._skin.drop_strays(self.first_px, self._position)
         self._skin.keep_order(self._position)
         matrix = self._skin.affine(self.first_px, self._position)
         if self._rings is not None and image is not None:
@@ -215,7 +219,5 @@ class Identities:
         if have.any():
             self._motion[have] = np.nanmedian(near[have], axis=1)
         along = self._skin.step(before, self._position)
-        self._place = np.where(
-            found[:, None], self._position, self._place + np.nan_to_num(along)
-        )
+        self._place = np.where(found[:, None], self._position, self._place + np.nan_to_num(along))
         self._missed = np.where(found, 0, self._missed + 1)

@@ -116,6 +116,19 @@ class Skin:
         odd = (have.sum(axis=1) >= 3) & (2 * alike < have.sum(axis=1))
         return np.where(odd, -1, match)
 
+    def drop_strays(self, first: Array, position: Array) -> None:
+        """Drop, in place, dots more than a pitch from where their neighbours put them.
+
+        The one that is furthest among its neighbours goes first: it has put them off as well.
+        """
+        for _ in range(10):
+            _, at, _ = self.fit(first, position)
+            off = np.nan_to_num(np.hypot(*(position - at).T))
+            stray = (off > self.pitch_px) & (off >= off[self.near].max(axis=1))
+            if not stray.any():
+                return
+            position[stray] = np.nan
+
     def keep_order(self, position: Array) -> None:
         """Drop, in place, what turns a triangle of neighbours over.
 
@@ -135,7 +148,7 @@ class Skin:
         """The affine motion around each dot, from `first` to `position`, both (n, 2) with NaN.
 
         Least squares over the neighbours; the dot itself has no say. Returns (n, 2, 2) matrices,
-        (n, 2) where they put the dot, and (n,) whether four or more, spread over the plane, tell.
+        (n, 2) where they put the dot, and (n,) whether three or more, spread over the plane, tell.
         """
         p, q = first[self.near], position[self.near]
         weight = (np.isfinite(p[..., 0]) & np.isfinite(q[..., 0])).astype(float)
@@ -148,7 +161,7 @@ class Skin:
         # Spread both ways: the smaller eigenvalue of pp, against a quarter of a pitch squared.
         xx, xy, yy = pp[:, 0, 0], pp[:, 0, 1], pp[:, 1, 1]
         spread = (xx + yy) / 2 - np.hypot((xx - yy) / 2, xy)
-        good = (weight.sum(1) >= 4) & (spread > 0.25 * self.pitch_px**2)
+        good = (weight.sum(1) >= 3) & (spread > 0.25 * self.pitch_px**2)
         pp[~good] = np.eye(2)
         matrix = qp @ np.linalg.inv(pp)
         at = m + np.einsum("nij,nj->ni", matrix, np.nan_to_num(first) - c)
@@ -177,7 +190,7 @@ class Skin:
 
 
 def mutual(expected: Array, blobs: Array, gate_px: float | Array) -> tuple[Array, Array]:
-    """Rows of `expected` and blobs that are each other's nearest, at most gate_px (or (n,)) apart."""
+    """Rows of `expected` and blobs that are each other's nearest, at most gate_px apart."""
     from scipy.spatial import cKDTree
 
     rows = np.flatnonzero(np.isfinite(expected[:, 0]))

@@ -146,9 +146,7 @@ class DotTracker:
             (time.process_time() - start_s) * 1e3,
         )
 
-    def _register(
-        self, shape: tuple[int, ...], small: Array, signal: Array
-    ) -> tuple[Blobs, Array]:
+    def _register(self, shape: tuple[int, ...], small: Array, signal: Array) -> tuple[Blobs, Array]:
         """The first image: level, places, areas and colours of the dots."""
         rest, (h, w) = self.rest_px, shape[:2]
         seen = (rest >= 0).all(1) & (rest[:, 0] <= w - 1) & (rest[:, 1] <= h - 1)
