@@ -29,6 +29,7 @@ KIND = "scene-costs"
 # layer: (what it is, the process with it, the process without)
 LAYERS = {
     "camera, picture, printer": ("draws every frame", "all", "no image"),
+    "lens": ("draws raw frames through it, lays out their rectification", "all, lens", "all"),
     "force box": ("Net F/T box and its client", "all", "no force"),
     "friction": ("tangential contact, on a press without shear", "press", "press, no friction"),
     "finite-strain gel": ("the level 'hyperelastic', force only", "gel: force", "empty"),
@@ -41,6 +42,7 @@ LAYERS = {
 
 _CHANNELS = {
     "all": ("image", "dots", "force", "shear"),
+    "all, lens": ("image", "dots", "force", "shear"),
     "no image": ("force", "shear"),
     "no force": ("image", "dots", "shear"),
     "press": ("force", "shear"),
@@ -143,7 +145,8 @@ def _press(name: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         protocol = Path(folder) / "scene.toml"
         protocol.write_text("\n".join(lines) + "\n")
-        experiment.run(str(protocol), "virtual", Path(folder) / "run", seed=0)
+        rig = "fisheye" if name.endswith("lens") else "virtual"
+        experiment.run(str(protocol), rig, Path(folder) / "run", seed=0)
 
 
 def _knots(name: str) -> None:

@@ -28,6 +28,8 @@ FIELD_RAD = math.radians(100)
 """Half field of the 200-degree lens."""
 LEAST_GROWTH = 0.1
 """Share of f by which the image's radius must still grow with the angle: there the field ends."""
+ROUNDING_MM = 1e-9
+"""A point on the face may lie so far behind it when it comes out of a transform."""
 STEP_RAD = 1e-8
 """A ray has been found when Newton's step is shorter: what it leaves is its square, 1e-9 px."""
 MAX_ITERATIONS = 40
@@ -215,7 +217,7 @@ class Fisheye:
             if medium == "gel"
             else (np.full_like(z, self.gel_mm), z)
         )
-        if not (np.all(gel > 0) and np.all(beyond >= 0) and np.all(np.isfinite(points))):
+        if not (np.all(gel > 0) and np.all(beyond > -ROUNDING_MM) and np.all(np.isfinite(points))):
             where = f"in the gel, z > {-self.gel_mm:g}" if medium == "gel" else "in air, z >= 0"
             raise InputError(f"a point to be seen is not {where} mm")
         aim = points[..., :2] - (self.x0_mm, self.y0_mm)

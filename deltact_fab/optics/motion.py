@@ -1,8 +1,9 @@
 """Projected motion of the whole face through a lens: solved at nodes, the cubic spline between.
 
 A frame has a million points to project and a lattice some ten thousand. What is projected is a
-smooth function of the position and of a displacement that is itself a cubic spline on the lattice;
-at nodes STEP_MM apart the spline through it is off by less than .001 px.
+smooth function of the position and of a displacement that is itself a cubic spline on the lattice.
+With nodes at most STEP_MM apart the spline through it is off by 1e-5 px in a drag 3 mm deep, by
+1e-4 in one 8 mm deep (95th percentile; .002 px at worst).
 """
 
 from __future__ import annotations
@@ -39,8 +40,8 @@ class FaceMotion:
             np.clip(fine, coarse[0], coarse[-1])
             for fine, coarse in zip(self.lattice.axes_mm(), lattice.axes_mm(), strict=True)
         )
-        self.displaced = LatticeSampler.make(lattice, xs, ys)
         # The finer spline holds the coarser one: no displacement is changed by this.
+        self.displaced = LatticeSampler.make(lattice, xs, ys)
         x, y = np.meshgrid(xs, ys)
         self._rest = np.stack((x, y, np.zeros_like(x)), axis=-1)
         self._project_px = project_px

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from deltact_fab.optics import Fisheye, Pinhole, Rectified
+from deltact_fab.optics import Fisheye, Pinhole, Rectified, half_angle_rad, reached_mm
 from deltact_fab.shapes import SensorDimensions
 
 Array = NDArray[np.float64]
@@ -123,6 +123,33 @@ def test_a_fisheye_is_the_rays_that_were_traced(lens, medium, z_mm):
         np.testing.assert_allclose(origin + z_mm * way, traced.points_mm, atol=1e-11)
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_any_lens_is_the_rays_that_were_traced(seed):
+    rng = np.random.default_rng(seed)
+    gap_mm = rng.uniform(0.3, 8)
+    lens = Fisheye(
+        f_px=rng.uniform(150, 1500),
+        k1=rng.uniform(-0.05, 0.05),
+        k2=rng.uniform(0, 0.02),
+        tilt_x_deg=rng.uniform(-10, 10),
+        tilt_y_deg=rng.uniform(-10, 10),
+        roll_deg=rng.uniform(-180, 180),
+        x0_mm=rng.uniform(-3, 3),
+        y0_mm=rng.uniform(-3, 3),
+        air_gap_mm=gap_mm,
+        pupil_shift_mm=rng.uniform(-gap_mm / 3.1, gap_mm),
+        acrylic_mm=rng.uniform(0.5, 6),
+        gel_mm=rng.uniform(2, 25),
+        n_acrylic=rng.uniform(1, 2),
+        n_gel=rng.uniform(1, 2),
+    )
+    for medium, z_mm in (("gel", 0.8), ("gel", -0.9 * lens.gel_mm), ("air", 0.0), ("air", 15.0)):
+        traced = trace(lens, medium, z_mm)
+        np.testing.assert_allclose(lens.project_px(traced.points_mm, medium), traced.px, atol=1e-9)
+        origin, way = lens.ray(traced.px, medium)
+        np.testing.assert_allclose(origin + z_mm * way, traced.points_mm, atol=1e-10)
+
+
 @pytest.mark.parametrize(("medium", "z_mm"), DEPTHS)
 @pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES.keys())
 def test_a_rectified_view_has_a_point_where_its_ray_crosses_the_face(lens, medium, z_mm):
@@ -180,6 +207,17 @@ def test_the_parallax_of_the_sensor_s_lens():
         moved = view.project_px(origin + [0, 0, z_mm]) - px
         seen.append(float(np.median(np.hypot(moved[..., 0], moved[..., 1]))))
     np.testing.assert_allclose(seen, [15.1, 50.1, 116.4, 198.0], atol=0.6)
+
+
+@pytest.mark.parametrize("degrees", [1.0, 30.0, 57.6, 80.0])
+def test_the_reach_of_a_half_angle_is_the_traced_one(degrees):
+    """What the design's checks of the view go by."""
+    traced = trace(NOMINAL, "gel", 0.0, degrees)
+    widest = np.argmax(np.hypot(*(traced.px - NOMINAL.centre_px).T))
+    radius_mm = np.hypot(*traced.rest_mm[widest])
+    angle = np.hypot(*(traced.px[widest] - NOMINAL.centre_px)) / NOMINAL.f_px
+    assert reached_mm(angle, 3.0, 2.0, 12.0) == pytest.approx(radius_mm, rel=1e-12)
+    assert half_angle_rad(radius_mm, 3.0, 2.0, 12.0) == pytest.approx(angle, abs=1e-11)
 
 
 def test_the_angles_under_which_the_view_is_seen():
