@@ -39,19 +39,14 @@ def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
         f"rig time in {summary['wall_seconds']:.0f} s"
     )
 
-    from .analysis.tracking_error import PAPER_BEST_MM, analyse
+    from .analysis.tracking_error import analyse
     from .numerics.scenes import costs
     from .report.page import write
 
     with bar("tracking error") as tick:
         result = analyse(run_folder, progress=tick)
     result.save(run_folder / "analysis")
-    best = result.methods[0]
-    say(
-        f"tracking error, simulated: {best['name']} {best['mean_at_dots_mm']:.3f} mm at the dots, "
-        f"{best['mean_off_dots_mm']:.3f} mm off them "
-        f"(paper, real sensor: {PAPER_BEST_MM} mm at the dots)"
-    )
+    say(f"tracking error: {result.verdict.line}")
     layer_costs = [cost.as_dict() for cost in costs()]
     page = write(run_folder, out / "report.html", result, parts, layer_costs)
     seconds = time.monotonic() - started

@@ -54,9 +54,11 @@ def test_the_demo_makes_parts_pattern_run_and_report(demo: Path) -> None:
 def test_the_demo_measures_what_it_claims(demo: Path) -> None:
     tracking = json.loads((demo / "run" / "analysis" / "tracking.json").read_text())
     methods = {row["name"]: row for row in tracking["methods"]}
-    assert methods["dis-medium"]["mean_off_dots_mm"] <= 0.03
+    assert tracking["verdict"]["take"] == "fused"
+    assert methods["fused"]["mean_off_dots_mm"] <= 0.004
+    assert methods["fused"]["mean_confident_mm"] <= 0.003
     assert tracking["dots"]["mean_vs_truth_mm"] <= 0.01
-    rows = [row for row in tracking["by_indenter"] if row["name"] == "dis-medium"]
+    rows = [row for row in tracking["by_indenter"] if row["name"] == "fused"]
     assert {row["indenter"] for row in rows} == {"sphere:10", "4dots"}
     for row in rows:  # something moved far enough for an error to mean anything
         assert row["peak_true_mm"] >= 0.9, row["indenter"]
@@ -133,7 +135,7 @@ def test_the_demo_leaves_cad_out_where_libgl_is_broken(bare: tuple[str, Path]) -
     page = (out / "report.html").read_text()
     assert f"The parts were {line.removeprefix('cad: ')}" in page
     tracking = json.loads((out / "run/analysis/tracking.json").read_text())
-    assert tracking["methods"][0]["mean_off_dots_mm"] <= 0.03
+    assert tracking["methods"][0]["mean_off_dots_mm"] <= 0.004
 
 
 def test_two_smoke_runs_of_one_seed_are_the_same(demo: Path, bare: tuple[str, Path]) -> None:

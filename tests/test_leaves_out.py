@@ -10,10 +10,12 @@ import ctypes
 import json
 import os
 import pty
+import shutil
 import subprocess
 import sys
 from collections import Counter
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import wraps
 from pathlib import Path
 from typing import Any
@@ -60,6 +62,7 @@ SCENES = {
     "force": ('["force"]', ""),
     "force and shear": ('["force", "shear"]', SHEAR),
     "tracking": ('["image", "dots"]', ""),
+    "no dots": ('["image"]', ""),
     "full": ('["image", "dots", "force", "shear"]', SHEAR),
 }
 CAD = ("cadquery", "OCP")
@@ -115,7 +118,9 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     import serial
 
     from deltact_fab import imaging, optics
+    from deltact_fab.analysis.tracking_error import truth
     from deltact_fab.gel.linear import contact
+    from deltact_fab.measure.dots import DotTracker
     from deltact_fab.rig import force
     from deltact_fab.virtual import netft, picture, raw_view
 
@@ -143,6 +148,8 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     count(netft.NetFTBox, "send", "force box")
     count(force.NetFTSensor, "read", "force")
     count(serial.Serial, "open", "port")
+    count(DotTracker, "update", "dots")
+    count(truth.TrueFrame, "read", "truth")
     return calls
 
 
@@ -194,6 +201,29 @@ def test_a_tracking_scene_without_shear_solves_no_friction_and_asks_no_force(
     assert calls["friction"] == calls["force"] == calls["force box"] == calls["port"] == 0
     assert calls["render"] == calls["frames"]
     assert calls["normal"] >= 3
+
+
+@pytest.mark.parametrize("name", ["tracking", "no dots"])
+def test_an_analysis_follows_the_dots_only_where_they_are_asked_for(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from deltact_fab.analysis.tracking_error import analyse
+
+    calls = calls_of(name, tmp_path, monkeypatch)
+    with ThreadPoolExecutor(1) as executor:
+        result = analyse(tmp_path / "run", ["dis-ultrafast"], executor)
+    asked = name == "tracking"
+    assert calls["dots"] == (calls["frames"] if asked else 0)
+    assert (result.dots is not None) == asked
+    assert result.left_out == [
+        *([] if asked else ["error at the dots: the channel 'dots' is not asked for"])
+    ]
+    assert calls["truth"] == calls["frames"] - 1  # the reference is no measurement
+    shutil.rmtree(tmp_path / "run" / "truth")
+    with ThreadPoolExecutor(1) as executor:
+        bare = analyse(tmp_path / "run", ["dis-ultrafast"], executor)
+    assert calls["truth"] == calls["frames"] - 1
+    assert bare.left_out[-1] == "error against truth: a real rig knows none"
 
 
 def test_a_lens_is_laid_out_once_and_only_where_the_rig_has_one(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Sequence
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,9 +18,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from ..analysis.tracking_error import Verdict
+
 # Okabe and Ito's palette: told apart by people who see colours differently.
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#000000")
 PAPER_COLOUR = "#666666"
+NAME_WIDTH_PT, NAME_HEIGHT_PT = 130, 10  # of a method's name beside its mark
+FRONT_COLOUR = "#d9e2ec"
 ARROW_BGR = (90, 235, 255)
 
 
@@ -73,7 +78,8 @@ def hash_text(text: str) -> int:
 
 def _label(name: str) -> str:
     method, _, reference = name.partition("/")
-    words = {"farneback": "Farneback", "dis-medium": "DIS medium", "dis-fast": "DIS fast"}
+    words = {"farneback": "Farneback", "dis-medium": "DIS medium", "dis-fast": "DIS fast",
+             "paper": "as the paper has it"}  # fmt: skip
     shown = words.get(method, method)
     notes = {
         "static": "static reference",
@@ -83,27 +89,36 @@ def _label(name: str) -> str:
     return f"{shown}, {notes.get(reference, reference)}" if reference else shown
 
 
-def error_by_step(frames: pd.DataFrame, methods: Sequence[str]) -> Figure:
-    """Mean error off the dots (at them on a real rig) against the frame, a panel an indenter."""
-    # Without truth, or where no pixel moved enough to count, the error at the dots is left.
-    off = "mean_off_dots_mm" in frames and frames["mean_off_dots_mm"].notna().any()
-    column = "mean_off_dots_mm" if off else "mean_at_dots_mm"
+def by_step(
+    frames: pd.DataFrame, methods: Sequence[str], column: str, words: str, log: bool = True
+) -> Figure:
+    """A column of the table of frames against the frame, a panel an indenter."""
     indenters = list(dict.fromkeys(frames["indenter"]))
     figure, axes = _figure(9.6, 3.6, len(indenters))
     for axis, indenter in zip(axes, indenters, strict=True):
         part = frames[frames["indenter"] == indenter]
-        for colour, name in zip(COLOURS, methods, strict=False):
+        for colour, name in zip(cycle(COLOURS), methods, strict=False):
             rows = part[part["method"] == name].sort_values("seq")
             index = np.arange(1, len(rows) + 1)
-            axis.plot(index, rows[column], color=colour, lw=1.4, label=_label(name),
+            axis.plot(index, rows[column].astype(float), color=colour, lw=1.4, label=_label(name),
                       ls="-" if "/" not in name else "--")  # fmt: skip
         _mark_legs(axis, part[part["method"] == methods[0]].sort_values("seq"))
-        _log_ticks(axis, "y")
         axis.set_xlabel("frame")
         axis.set_title(indenter, loc="left", fontweight="bold")
-    axes[0].set_ylabel("mean error, mm" + (" (off the dots)" if "off" in column else " (at dots)"))
-    axes[-1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8.5)
+    axes[0].set_ylabel(words)
+    if log:
+        _log_ticks(axes[0], "y")
+    # Room for the names of the legs.
+    low, high = axes[0].get_ylim()
+    axes[0].set_ylim(low, high * (high / low) ** 0.15 if log else high + 0.15 * (high - low))
+    _legend_below(figure, axes[-1])
     return figure
+
+
+def _legend_below(figure: Figure, axis: Axes) -> None:
+    """What the marks of an axis mean, under all of them."""
+    figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3,
+                  fontsize=8.5)  # fmt: skip
 
 
 def _log_ticks(axis: Axes, which: str) -> None:
@@ -128,57 +143,102 @@ def _mark_legs(axis: Axes, rows: pd.DataFrame) -> None:
                       fontsize=7.5, color="#666666", va="top", rotation=90)  # fmt: skip
 
 
-def error_by_time(methods: Sequence[dict[str, Any]], paper_mm: float, simulated: bool) -> Figure:
-    """Error against milliseconds a frame, one mark a method: at the dots and off the dots."""
-    figure, (axis,) = _figure(9.6, 4.0)
-    for colour, row in zip(COLOURS, methods, strict=False):
-        for key, marker, face in (
-            ("mean_off_dots_mm", "o", colour),
-            ("mean_at_dots_mm", "s", "none"),
-        ):
-            if row.get(key) is not None:
-                axis.plot(
-                    row["ms_per_frame"], row[key], marker, color=colour, ms=8, mfc=face, mew=1.6
-                )
-        top = row.get("mean_off_dots_mm") or row["mean_at_dots_mm"]
-        axis.annotate(_label(row["name"]), (row["ms_per_frame"], top), xytext=(8, 5),
-                      textcoords="offset points", fontsize=8.5, color=colour)  # fmt: skip
-    axis.axhline(paper_mm, color=PAPER_COLOUR, lw=1.2, ls=":")
-    axis.text(0.01, paper_mm, f"paper, at the dots, real sensor: {paper_mm} mm", va="bottom",
-              transform=axis.get_yaxis_transform(), fontsize=8.5, color=PAPER_COLOUR)  # fmt: skip
+def error_by_time(
+    methods: Sequence[dict[str, Any]], verdict: Verdict, paper_mm: float, simulated: bool
+) -> Figure | None:
+    """Error against CPU time a frame, one mark a method, and the front of those to be believed.
+
+    None without any error.
+    """
+    error = verdict.error
+    if error is None:
+        return None
+    rows = [row for row in methods if row[error] is not None]
+    figure, (axis,) = _figure(9.6, 4.2)
+    at_front = {row["name"]: row for row in rows if row["name"] in verdict.front}
+    front = [at_front[name] for name in verdict.front]
+    times = [row["cpu_ms"]["p50"] for row in rows]
+    left_ms, right_ms = min(times) / 1.6, max(times) * 2.2
+    if front:
+        # Down and to the right in steps: what each time buys.
+        x = [row["cpu_ms"]["p50"] for row in front]
+        y = [row[error] for row in front]
+        axis.step([*x, right_ms], [*y, y[-1]], where="post", color=FRONT_COLOUR, lw=5, zorder=0,
+                  label="the front: no other one beats it in both")  # fmt: skip
+    names = []
+    for colour, row in zip(cycle(COLOURS), methods, strict=False):
+        if row not in rows:
+            continue
+        x_ms, y_mm = row["cpu_ms"]["p50"], row[error]
+        believed = not verdict.doubts[row["name"]]
+        axis.plot(x_ms, y_mm, "o" if believed else "x", color=colour, ms=8, mew=1.8)
+        at_dots = row["mean_at_dots_mm"]
+        if at_dots is not None and error != "mean_at_dots_mm":
+            axis.plot(x_ms, at_dots, "s", color=colour, mfc="none", ms=6, mew=1.2)
+        names.append((x_ms, y_mm, row["name"], colour))
+    axis.axhline(paper_mm, color=PAPER_COLOUR, lw=1.2, ls=":",
+                 label=f"paper, at the dots, real sensor: {paper_mm} mm")  # fmt: skip
     _log_ticks(axis, "xy")
-    times = [row["ms_per_frame"] for row in methods if row["ms_per_frame"]]
-    axis.set_xlim(min(times) / 1.6, max(times) * 2.2)
-    axis.set_xlabel("milliseconds a frame, one thread")
+    axis.set_xlim(left_ms, right_ms)
+    axis.set_xlabel("CPU milliseconds a frame, median, one thread")
     axis.set_ylabel("mean error, mm" + (", simulated" if simulated else ""))
-    axis.plot([], [], "o", color="#444444", label="off the dots, moving pixels")
-    axis.plot([], [], "s", color="#444444", mfc="none", label="at the dots")
-    axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8.5)
+    for marker, face, words in (
+        ("o", "#444444", f"{verdict.error_words}, can be believed"),
+        ("x", "#444444", "cannot be believed"),
+        ("s", "none", "at the dots"),
+    ):
+        axis.plot([], [], marker, color="#444444", mfc=face, label=words)
+    _legend_below(figure, axis)
+    _write_names(figure, axis, names, verdict.take)
     return figure
 
 
-def error_by_indenter(rows: Sequence[dict[str, Any]], paper_mm: float) -> Figure:
-    """Bars a method, grouped by indenter: mean error off the dots, or at the dots without truth."""
+def _write_names(
+    figure: Figure,
+    axis: Axes,
+    names: Sequence[tuple[float, float, str, str]],
+    bold: str | None,
+) -> None:
+    """Names beside their marks (x, y, name, colour), each above those that it would cover."""
+    figure.draw_without_rendering()  # the layout says how many points lie between two marks
+    written: list[tuple[float, float]] = []
+    for x, y, name, colour in sorted(names, key=lambda mark: mark[1]):
+        at_x, at_y = axis.transData.transform((x, y)) * 72 / figure.dpi
+        up = 4.0
+        while any(abs(at_x - a) < NAME_WIDTH_PT and abs(at_y + up - b) < NAME_HEIGHT_PT
+                  for a, b in written):  # fmt: skip
+            up += 1.0
+        written.append((at_x, at_y + up))
+        axis.annotate(_label(name), (x, y), xytext=(8, up), textcoords="offset points",
+                      fontsize=8.5, color=colour,
+                      fontweight="bold" if name == bold else None)  # fmt: skip
+
+
+def error_by_indenter(
+    rows: Sequence[dict[str, Any]], verdict: Verdict, paper_mm: float
+) -> Figure | None:
+    """Bars a method, grouped by indenter, of the error that was judged; None without any."""
+    error = verdict.error
+    if error is None:
+        return None
     indenters = list(dict.fromkeys(r["indenter"] for r in rows))
     names = list(dict.fromkeys(r["name"] for r in rows))
-    with_truth = any(r["mean_off_dots_mm"] is not None for r in rows)
-    key = "mean_off_dots_mm" if with_truth else "mean_at_dots_mm"
+    found = {(r["name"], r["indenter"]): r[error] for r in rows}
     figure, (axis,) = _figure(9.6, 3.6)
     width = 0.8 / len(names)
-    for i, (name, colour) in enumerate(zip(names, COLOURS, strict=False)):
-        values = [next(r[key] for r in rows if r["name"] == name and r["indenter"] == n) or 0.0
-                  for n in indenters]  # fmt: skip
-        at = np.arange(len(indenters)) + (i - (len(names) - 1) / 2) * width
-        axis.bar(at, values, width * 0.9, color=colour, label=_label(name))
-        for x, value in zip(at, values, strict=True):
-            axis.text(x, value, f"{value:.3f}", ha="center", va="bottom", fontsize=7.5)
+    for i, (name, colour) in enumerate(zip(names, cycle(COLOURS), strict=False)):
+        known = [(k, found[name, n]) for k, n in enumerate(indenters) if found[name, n] is not None]
+        at = np.array([k for k, _ in known]) + (i - (len(names) - 1) / 2) * width
+        axis.bar(at, [v for _, v in known], width * 0.9, color=colour, label=_label(name))
+        for x, (_, value) in zip(at, known, strict=True):
+            axis.text(x, value, f"{value:.2g}", ha="center", va="bottom", fontsize=7.5)
     axis.axhline(
         paper_mm, color=PAPER_COLOUR, lw=1.2, ls=":", label=f"paper: {paper_mm} mm, at dots"
     )
     axis.set_xticks(np.arange(len(indenters)), indenters)
-    axis.set_ylabel("mean error, mm" + (" (off the dots)" if with_truth else " (at the dots)"))
+    axis.set_ylabel(f"mean error, mm ({verdict.error_words})")
     axis.grid(axis="x", visible=False)
-    axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8.5)
+    _legend_below(figure, axis)
     return figure
 
 

@@ -11,7 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import record
-from ..analysis.tracking_error import ARROW_STEP_PX, PAPER_BEST_MM, TrackingResult
+from ..analysis.tracking_error import (
+    ARROW_STEP_PX,
+    PAPER_BEST_MM,
+    RULE,
+    TrackingResult,
+    percent,
+    shown,
+)
 from ..errors import InputError
 from . import figures
 from .templating import environment, save
@@ -37,16 +44,17 @@ def write(
     Raises InputError for a run that is not finished, MissingLibrary without the extra `report`,
     RunFailed when the disk refuses.
     """
-    pages = environment(fig=_fig)
+    pages = environment(fig=_fig, percent=_percent)
+    pages.globals["shown"] = shown
     run = record.open(run_folder)
     if not run.finished:
         raise InputError(f"{run_folder}: the run is not finished; go on with `run --resume`")
     frames = run.frames()
-    names = [m["name"] for m in tracking.methods]
+    verdict = tracking.verdict
     drawn = {
-        "by_step": figures.error_by_step(tracking.frames, names),
-        "by_time": figures.error_by_time(tracking.methods, PAPER_BEST_MM, run.simulated),
-        "by_indenter": figures.error_by_indenter(tracking.by_indenter, PAPER_BEST_MM),
+        "by_time": figures.error_by_time(tracking.methods, verdict, PAPER_BEST_MM, run.simulated),
+        "by_indenter": figures.error_by_indenter(tracking.by_indenter, verdict, PAPER_BEST_MM),
+        **_by_step(tracking),
     }
     if frames["fz_n"].notna().any():
         drawn["force"] = figures.force_by_frame(frames)
@@ -56,9 +64,10 @@ def write(
         pattern=run.pattern,
         simulated=run.simulated,
         tracking=tracking.as_dict(),
-        default=tracking.methods[0],
+        rule=RULE,
+        best=next(m for m in tracking.methods if m["name"] == verdict.about),
         paper_mm=PAPER_BEST_MM,
-        figures={name: figures.to_svg(figure) for name, figure in drawn.items()},
+        figures={name: figures.to_svg(figure) for name, figure in drawn.items() if figure},
         pattern_png=_png(run.image(str(frames["file"].iloc[0]))),
         strips=_strips(run, frames, tracking),
         arrow_gain=ARROW_GAIN,
@@ -67,6 +76,26 @@ def write(
         counts=_counts(frames),
     )
     return save(page, out)
+
+
+def _by_step(tracking: TrackingResult) -> dict[str, Any]:
+    """Error and coverage against the frame, of whatever of them is known."""
+    names = [m["name"] for m in tracking.methods]
+    error, words = tracking.verdict.error, tracking.verdict.error_words
+    table, drawn = tracking.frames, {}
+    if error is not None:
+        label = f"mean error, mm\n({words})"
+        drawn["by_step"] = figures.by_step(table, names, error, label)
+    with_truth = table["coverage"].notna().any()
+    sure, of = ("coverage", "moving pattern") if with_truth else ("confident_share", "image")
+    if len(table):
+        label = f"share of the {of}\nthat is known for sure"
+        drawn["sure_by_step"] = figures.by_step(table, names, sure, label, log=False)
+    return drawn
+
+
+def _percent(value: float | None) -> str:
+    return "–" if value is None else percent(value).replace(" ", "\u00a0")
 
 
 def _fig(value: Any, digits: int = 4) -> str:

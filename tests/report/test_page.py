@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import html
 import json
 import re
 import shutil
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
 
-from deltact_fab.analysis.tracking_error import TrackingResult, analyse
+from deltact_fab.analysis.tracking_error import TrackingResult, analyse, judge
 from deltact_fab.report import figures
 from deltact_fab.report.page import write
 
@@ -72,13 +74,55 @@ def test_it_says_simulated_seed_versions_paper_and_what_was_left_out(page: str) 
         assert words in page, words
 
 
+def test_its_first_line_says_which_method_to_take(page: str, result: TrackingResult) -> None:
+    first = re.search(r'</h1>\s*<p class="([^"]*)">(.*?)</p>', page, re.DOTALL)
+    assert first is not None
+    assert html.unescape(first.group(2)) == result.verdict.line
+    assert ("doubt" in first.group(1)) == (not result.verdict.trusted)
+    for name, why in result.verdict.doubts.items():
+        assert (f"<b>{name}</b> cannot be believed here" in page) == bool(why)
+
+
+def test_a_percentile_past_the_end_is_told_as_such(
+    mini_run: Path, result: TrackingResult, tmp_path: Path
+) -> None:
+    far = {**result.methods[0], "p95_off_dots_mm": None, "p95_off_dots_beyond_mm": 5.0}
+    told = replace(result, methods=[far, result.methods[1]])
+    assert "<td>&gt; 5</td>" in write(mini_run, tmp_path / "r.html", told).read_text()
+
+
+def test_the_figure_draws_the_front_of_those_to_be_believed(result: TrackingResult) -> None:
+    good, slow = ({**row, "confident_wrong_share": 0.0, "coverage": 1.0, "trusted_share": 1.0}
+                  for row in result.methods)  # fmt: skip
+    good |= {"mean_off_dots_mm": 0.02, "cpu_ms": {"p50": 5.0, "p95": 6.0}}
+    slow |= {"mean_off_dots_mm": 0.01, "cpu_ms": {"p50": 50.0, "p95": 60.0}}
+    lying = {**good, "name": "dis-ultrafast", "confident_wrong_share": 0.2}
+    drawn = {}
+    for rows in ([good, slow, lying], [lying]):
+        figure = figures.error_by_time(rows, judge(rows, True), 0.08, True)
+        assert figure is not None
+        (axis,) = figure.axes
+        drawn[len(rows)] = [line for line in axis.lines if "front" in str(line.get_label())]
+    ((front,), none) = drawn.values()
+    assert none == []
+    assert front.get_xdata()[:2] == pytest.approx([5.0, 50.0])
+    assert front.get_ydata()[:2] == pytest.approx([0.02, 0.01])
+    unknown = [{**good, "mean_off_dots_mm": None, "mean_at_dots_mm": None,
+                "mean_confident_mm": None, "coverage": None}]  # fmt: skip
+    assert figures.error_by_time(unknown, judge(unknown, False), 0.08, False) is None
+
+
 def test_the_table_holds_the_computed_figures(page: str, result: TrackingResult) -> None:
     for row in result.methods:
         assert f"<td>{row['mean_off_dots_mm']:.4f}</td>" in page
 
 
 def test_figures_are_the_same_bytes_each_time(result: TrackingResult) -> None:
-    drawn = [figures.to_svg(figures.error_by_indenter(result.by_indenter, 0.08)) for _ in range(2)]
+    drawn = []
+    for _ in range(2):
+        figure = figures.error_by_indenter(result.by_indenter, result.verdict, 0.08)
+        assert figure is not None
+        drawn.append(figures.to_svg(figure))
     assert drawn[0] == drawn[1]
     assert "<dc:date>" not in drawn[0]
 
@@ -96,7 +140,7 @@ def test_a_run_in_which_nothing_moved_enough_still_has_a_report(
     touched = analyse(tmp_path / "r", ["dis-fast"])
     assert touched.methods[0]["mean_off_dots_mm"] is None
     page = write(tmp_path / "r", tmp_path / "r.html", touched).read_text()
-    assert "(at dots)" in page
+    assert "(at the dots)" in page
 
 
 def test_it_names_the_sensor_that_was_pressed(

@@ -1,0 +1,32 @@
+"""Tracking error of flow: at the dots as the paper has it, and off the dots against truth.
+
+The paper's error (Eq. 7) compares the flow with the white dots, which are features themselves and
+flatter the flow; on a virtual rig the truth is known everywhere, so the error of the pattern
+between the dots is reported beside it, over all moving visible pixels and over those of them that
+the tracker is confident of, with their share. An error is the endpoint error of the projected
+motion in pixels times mm/px at rest. In-plane surface motion is another figure: what remains when
+the projected flow is taken for it stands in its own column.
+"""
+
+from .press import ARROW_STEP_PX
+from .result import PAPER_BEST_MM, TrackingResult
+from .run import analyse
+from .scene import DEFAULT_METHODS, Scene
+from .tally import MOVING_MM, WRONG_MM, shown
+from .verdict import RULE, Verdict, judge, percent
+
+__all__ = [
+    "ARROW_STEP_PX",
+    "DEFAULT_METHODS",
+    "MOVING_MM",
+    "PAPER_BEST_MM",
+    "RULE",
+    "WRONG_MM",
+    "Scene",
+    "TrackingResult",
+    "Verdict",
+    "analyse",
+    "judge",
+    "percent",
+    "shown",
+]

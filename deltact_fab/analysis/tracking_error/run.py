@@ -1,0 +1,96 @@
+"""A whole run, press by press in parallel."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from ... import record
+from ...errors import InputError
+from .dots import DotTally
+from .press import COLUMNS, Job, PressResult, analyse_press
+from .result import TrackingResult
+from .scene import Scene, scene_of
+from .tally import Tally
+
+Progress = Callable[[int, int, str], None]
+
+
+def analyse(
+    folder: str | Path,
+    methods: Sequence[str] | None = None,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+) -> TrackingResult:
+    """Tracking error of every method over a whole run.
+
+    methods: None for the default ones, or for the dots where a pattern has nothing else. What the
+    run cannot tell (errors at dots that it has not, against a truth that nobody knows) is left out
+    and named. Raises InputError for an unknown method, a run without images or one not finished.
+    """
+    run = record.open(folder)
+    frames = run.frames()
+    if not run.finished:
+        raise InputError(f"{folder}: the run is not finished; go on with `run --resume`")
+    if frames.empty or frames["file"].isna().any():
+        raise InputError(f"{folder}: no images were recorded; tracking needs the channel 'image'")
+    scene = scene_of(run, methods)
+    presses = list(dict.fromkeys(frames["press"]))
+    indenter_of = dict(zip(frames["press"], frames["indenter"], strict=True))
+    jobs = [Job(str(folder), press, scene) for press in presses]
+    if executor is not None:
+        results = _collect(executor, jobs, progress)
+    else:
+        with ProcessPoolExecutor(
+            max_workers=min(2, len(jobs)), mp_context=multiprocessing.get_context("spawn")
+        ) as local:
+            results = _collect(local, jobs, progress)
+    return _assemble(run, scene, results, list(indenter_of.values()))
+
+
+def _collect(executor: Executor, jobs: list[Job], progress: Progress | None) -> list[PressResult]:
+    futures = [executor.submit(analyse_press, job) for job in jobs]
+    results = []
+    for done, (job, future) in enumerate(zip(jobs, futures, strict=True), start=1):
+        results.append(future.result())
+        if progress is not None:
+            progress(done, len(jobs), job.press)
+    return results
+
+
+def _assemble(
+    run: record.Run, scene: Scene, results: list[PressResult], indenters: list[str]
+) -> TrackingResult:
+    import pandas as pd
+
+    total = {name: Tally() for name in scene.methods}
+    parts: dict[tuple[str, str], Tally] = {}
+    dots = DotTally()
+    rows: list[dict[str, Any]] = []
+    left_out = list(scene.left_out)
+    arrows = {}
+    for part, indenter in zip(results, indenters, strict=True):
+        for name, tally in part.tallies.items():
+            total[name].join(tally)
+            parts.setdefault((name, indenter), Tally()).join(tally)
+        dots.join(part.dots)
+        rows += part.rows
+        left_out += part.left_out
+        arrows.update(part.arrows)
+    return TrackingResult(
+        methods=[{"name": name, **tally.figures()} for name, tally in total.items()],
+        by_indenter=[
+            {"name": name, "indenter": indenter, **tally.figures()}
+            for (name, indenter), tally in parts.items()
+        ],
+        dots=dots.figures() if dots.seen + dots.lost else None,
+        left_out=left_out,
+        frames=pd.DataFrame(rows, columns=COLUMNS),
+        arrows=arrows,
+        mm_per_px=run.camera.mm_per_px,
+        simulated=run.simulated,
+        seed=int(run.meta["seed"]),
+    )

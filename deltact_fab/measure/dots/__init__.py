@@ -1,0 +1,16 @@
+"""Dots on a skin: sub-pixel centroids whose identities are kept over the frames.
+
+The paper (Pattern Selection) separates the white dots by a colour filter and measures their
+displacement by blob detection, as the truth that optical flow is compared with. A skin of sparse
+dark dots, the markers of other sensors, is followed in the same way.
+
+Read in this order: `rule` (limits), `detect` (centroids in one image), `skin` and `colours` (what
+tells one dot from another), `identity` (which blob is which dot), `tracker`,
+`found` (the dots of a skin that nothing is known of).
+"""
+
+from .found import FoundDots, find_dots
+from .rule import DotRule, Polarity
+from .tracker import DotObservation, DotTracker
+
+__all__ = ["DotObservation", "DotRule", "DotTracker", "FoundDots", "Polarity", "find_dots"]

@@ -1,0 +1,223 @@
+"""Which blob is which dot: by their neighbours, and by the colours around them where there are any.
+
+What the order of nearness says is only a first guess. Every match has to stand the checks of
+`skin` and `colours`, and one that does not is given up: a dot is right or it is lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .colours import Rings
+from .detect import Blobs
+from .rule import DotRule
+from .skin import Skin, mutual
+
+Array = NDArray[Any]
+
+
+class Identities:
+    """Follows the dots of a skin through the blobs of frame after frame.
+
+    first_px: (n, 2) places in the first frame, NaN for a dot that is not in it and is never
+    reported; area_px: (n,) areas there. rings: what remembers the colours, None without any.
+    `image` below is then the smoothed one that they are sampled in.
+    """
+
+    def __init__(
+        self, skin: Skin, rule: DotRule, first_px: Array, area_px: Array, rings: Rings | None = None
+    ) -> None:
+        self._skin, self._rule, self._rings = skin, rule, rings
+        self._gate_px = rule.gate_pitch * skin.pitch_px
+        self.first_px, self._first_area = first_px, area_px
+        self._known = np.isfinite(first_px[:, 0])
+        n = len(first_px)
+        self._place = first_px.copy()  # where each dot is, or would be if it were seen
+        self._missed = np.where(self._known, 0, np.iinfo(int).max // 2)  # frames since then
+        self._motion = np.zeros_like(first_px)
+        self._last_worth = float(self._known.sum())
+        # Of the frame at hand
+        self._position = first_px.copy()
+        self._blob = np.full(n, -1)
+        self._whole = np.ones(n, bool)  # not covered in part, nor merged with another
+        self._ncc = np.full(n, np.nan)
+        self._refused = 0
+
+    def follow(self, blobs: Blobs, image: Array | None = None) -> tuple[Array, Array, int]:
+        """(n, 2) places, NaN where lost; (n,) likeness of the colours; how many were refused."""
+        before = self._position
+        self._position, self._refused = np.full_like(before, np.nan), 0
+        self._ncc = np.full(len(before), np.nan)
+        if len(blobs):
+            self._by_steps(blobs, image)
+            self._by_neighbours(blobs, image)
+            self._anew(blobs, image)
+        self._remember(before)
+        # A dot seen in part keeps its blob, lest another take it; its centroid is not reported
+        part = self._found & ~self._whole
+        seen = np.where(part[:, None], np.nan, self._position)
+        return seen, self._ncc.copy(), self._refused + int(part.sum())
+
+    @property
+    def _found(self) -> Array:
+        found: Array = np.isfinite(self._position[:, 0])
+        return found
+
+    def _by_steps(self, blobs: Blobs, image: Array | None) -> None:
+        """Dots seen lately, by the first guess of the skin's motion that loses and bends none."""
+        seen = int((self._missed == 0).sum())
+        if not seen:
+            return
+        best, most = np.full(len(self._place), -1), -np.inf
+        for expected, gate_px in self._guesses(blobs):
+            match = self._skin.grow(
+                self.first_px, expected, blobs.centre_px, gate_px, self._rule.step_tolerance
+            )
+            worth = self._worth(expected, match, blobs)
+            if worth > most + (2 if np.isfinite(most) else 0):
+                best, most = match, worth
+            if most >= self._last_worth - max(2.0, self._rule.odd_share * seen):
+                break
+        self._last_worth = most
+        self._take(np.flatnonzero(best >= 0), best[best >= 0], blobs, image)
+
+    def _worth(self, expected: Array, match: Array, blobs: Blobs) -> float:
+        """Dots in line with their neighbours, less what is strange: surprise and idle blobs."""
+        have = match >= 0
+        here = self._at(blobs, match)
+        off = np.hypot(*(here - expected)[have].T).sum() / self._skin.pitch_px
+        idle = len(blobs) - have.sum()
+        return float(have.sum() - self._skin.bent(self.first_px, here) - 0.25 * off - 0.5 * idle)
+
+    def _guesses(self, blobs: Blobs) -> Iterator[tuple[Array, float]]:
+        """(n, 2) where the dots might be, within how many px.
+
+        Going on, turned back with the stage, at rest, shifted as a whole, let go.
+        """
+        lately = (self._known & (self._missed <= self._rule.keep_frames))[:, None]
+        place = np.where(lately, self._place, np.nan)
+        yield place + self._motion, self._gate_px
+        yield place - self._motion, self._gate_px
+        yield place, self._gate_px
+        shift, count, _ = self._shift(place, blobs.centre_px)
+        if count > 0:
+            yield place + shift, self._gate_px
+        yield np.where(lately, self.first_px, np.nan), self._gate_px / 4
+
+    def _by_neighbours(self, blobs: Blobs, image: Array | None) -> None:
+        """Lost dots, where the neighbours' affine motion puts them; each helps its neighbours.
+
+        A blob must be near for the distances there, and far nearer to its dot than to another.
+        """
+        from scipy.spatial import cKDTree
+
+        for _ in range(6):
+            lost = self._known & ~self._found
+            free = self._free(blobs)
+            if not lost.any() or not len(free) or self._found.sum() < 3:
+                return
+            _, at, good = self._skin.fit(self.first_px, self._position)
+            rows = np.flatnonzero(good & lost)
+            if not len(rows):
+                return
+            all_ = np.where(self._found[:, None], self._position, at)
+            all_ = all_[np.isfinite(all_[:, 0])]
+            distance = cKDTree(all_).query(at[rows], 2)[0]
+            gate = np.full(len(at), np.nan)
+            gate[rows] = self._rule.gate_pitch * np.minimum(distance[:, 1], self._skin.pitch_px)
+            at[~(good & lost)] = np.nan
+            who, which = mutual(at, blobs.centre_px[free], gate)
+            if not self._take(who, free[which], blobs, image):
+                return
+
+    def _anew(self, blobs: Blobs, image: Array | None) -> None:
+        """Dots that moved beyond any prediction: by their colours, or all of them as a whole."""
+        lost = np.flatnonzero(self._known & ~self._found)
+        free = self._free(blobs)
+        if len(lost) <= 0.1 * len(self._known) or not len(free):
+            return
+        if self._rings is not None and image is not None:
+            matrix = np.median(self._skin.affine(self.first_px, self._position), axis=0)
+            who, which = self._rings.best(
+                image,
+                lost,
+                blobs.centre_px[free],
+                np.repeat(matrix[None], len(free), axis=0),
+                self._rule.ncc_found,
+            )
+            self._take(lost[who], free[which], blobs, image)
+        elif not self._found.any():
+            self._take(*self._as_a_whole(blobs.centre_px), blobs, image)
+            self._by_neighbours(blobs, image)
+
+    def _as_a_whole(self, blobs: Array) -> tuple[Array, Array]:
+        """All dots by the one shift of their last places that explains far more than others do.
+
+        A grid that fills the view looks the same after a shift by a pitch: then none does.
+        """
+        place = np.where(self._known[:, None], self._place, np.nan)
+        shift, most, next_ = self._shift(place, blobs)
+        enough = max(4, self._rule.min_found_share * self._known.sum())
+        if most < enough or next_ > most - max(3, 0.03 * most):
+            return np.zeros(0, int), np.zeros(0, int)
+        return mutual(place + shift, blobs, self._gate_px)
+
+    def _shift(self, place: Array, blobs: Array) -> tuple[Array, int, int]:
+        """The shift that puts most places on blobs, how many, and how many the next best puts."""
+        from scipy.spatial import cKDTree
+
+        place = place[np.isfinite(place[:, 0])]
+        middle = place[np.argmin(np.hypot(*(place - np.median(place, axis=0)).T))]
+        shifts = blobs - middle
+        hit = cKDTree(blobs).query((place[None] + shifts[:, None]).reshape(-1, 2))[0]
+        count = (hit.reshape(len(shifts), -1) < 0.5 * self._gate_px).sum(axis=1)
+        best = int(np.argmax(count))
+        return shifts[best], int(count[best]), int(np.delete(count, best).max(initial=0))
+
+    def _at(self, blobs: Blobs, match: Array) -> Array:
+        here: Array = np.where((match >= 0)[:, None], blobs.centre_px[match], np.nan)
+        return here
+
+    def _free(self, blobs: Blobs) -> Array:
+        return np.setdiff1d(np.arange(len(blobs)), self._blob[self._found])
+
+    def _take(self, who: Array, which: Array, blobs: Blobs, image: Array | None) -> bool:
+        """Match dots and blobs; order, colours and area are checked. Whether any was won."""
+        if not len(who):
+            return False
+        before = int(self._found.sum())
+        self._position[who] = blobs.centre_px[which]
+        self._blob[who] = which
+        self._skin.drop_strays(self.first_px, self._position)
+        self._skin.keep_order(self._position)
+        matrix = self._skin.affine(self.first_px, self._position)
+        if self._rings is not None and image is not None:
+            have = np.flatnonzero(self._found)
+            self._ncc[have] = self._rings.alike(image, have, self._position[have], matrix[have])
+            self._position[~(self._ncc >= self._rule.ncc_min)] = np.nan
+        self._ncc[~self._found] = np.nan
+        have = np.flatnonzero(self._found)
+        swelling = np.clip(np.abs(np.linalg.det(matrix[have])), 0.1, 10.0)
+        ratio = blobs.area_px[self._blob[have]] / (self._first_area[have] * swelling)
+        change = np.abs(np.log(ratio)) / np.log(self._rule.area_factor)
+        self._whole[have] = change <= 1
+        self._position[have[change > 3]] = np.nan
+        after = int(self._found.sum())
+        self._refused += before + len(who) - after
+        return after > before
+
+    def _remember(self, before: Array) -> None:
+        """Places and motions for the next frame; lost dots go along with their neighbours."""
+        found = self._found
+        near = (self._position - before)[self._skin.near]
+        have = np.isfinite(near[..., 0]).any(axis=1)
+        self._motion = np.zeros_like(self._position)
+        if have.any():
+            self._motion[have] = np.nanmedian(near[have], axis=1)
+        along = self._skin.step(before, self._position)
+        self._place = np.where(found[:, None], self._position, self._place + np.nan_to_num(along))
+        self._missed = np.where(found, 0, self._missed + 1)

@@ -1,0 +1,194 @@
+"""The dots of a skin, image after image: sub-pixel centroids with identities."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError, SensorError
+from .colours import Rings
+from .detect import Blobs, Detector
+from .found import find_dots
+from .identity import Identities
+from .rule import DotRule, Polarity
+from .skin import Skin, mutual
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class DotObservation:
+    """The dots of one frame; every array is in the order of the rest positions.
+
+    position_px: (n, 2) float64, NaN where lost. displacement_px: (n, 2), position - first position.
+    found: (n,) bool. identity_ncc: (n,) correlation of the ring of colours with the first image,
+    NaN where lost or where the pattern has no colours. n_blobs: blobs of the size of a dot.
+    n_rejected: dots matched by position and refused by area, order or identity. cpu_ms: process
+    time of the update.
+    """
+
+    position_px: Array
+    displacement_px: Array
+    found: Array
+    identity_ncc: Array
+    n_blobs: int
+    n_rejected: int
+    cpu_ms: float
+
+
+class DotTracker:
+    """Follow dots from their first image on: white ones on colours, or dark ones on light.
+
+    rest_px: (n, 2) expected positions (x, y) in the first image, right to within `offset_px` after
+    a common shift of as much; diameter_px: the dots' diameter. n >= 4 dots, not on a line.
+    Without colours around the dots the neighbours tell which is which: dots that are all lost at
+    once are found again only where the edges of the layout, or its irregularity, show, and a
+    regular grid that fills the view must not move by half a pitch between two frames as a whole.
+    Raises InputError for anything else.
+    """
+
+    def __init__(
+        self,
+        rest_px: Array,
+        diameter_px: float,
+        *,
+        polarity: Polarity = "white",
+        offset_px: float = 8.0,
+        rule: DotRule | None = None,
+    ) -> None:
+        rest = np.asarray(rest_px, dtype=np.float64)
+        if rest.ndim != 2 or rest.shape[1] != 2 or len(rest) < 4 or not np.isfinite(rest).all():
+            raise InputError(
+                f"dots: rest_px is {rest.shape}; (n, 2) finite positions of n >= 4 dots are needed"
+            )
+        if not (np.isfinite(diameter_px) and diameter_px >= 4):
+            raise InputError(
+                f"dots: diameter_px is {diameter_px}; at least 4 px are needed for a centroid"
+            )
+        if polarity not in ("white", "dark"):
+            raise InputError(f"dots: polarity is {polarity!r}; 'white' or 'dark' is needed")
+        if np.linalg.matrix_rank(rest - rest.mean(0), tol=diameter_px) < 2:
+            raise InputError("dots: all rest positions lie on one line")
+        self.rule = rule or DotRule()
+        self.rest_px = rest
+        self.diameter_px = float(diameter_px)
+        self.polarity = polarity
+        self._skin = Skin(rest)
+        self.pitch_px = self._skin.pitch_px
+        if self.pitch_px < 1.3 * diameter_px:
+            raise InputError(
+                f"dots: two rest positions are {self.pitch_px:.1f} px apart; "
+                f"dots of {diameter_px:.1f} px need at least 1.3 diameters"
+            )
+        self.offset_px = min(float(offset_px), self.rule.gate_pitch * self.pitch_px)
+        self._detector = Detector(self.diameter_px, self.pitch_px, polarity, self.rule)
+        self.reset()
+
+    @classmethod
+    def found_in(
+        cls, image: Array, *, polarity: Polarity | None = None, rule: DotRule | None = None
+    ) -> DotTracker:
+        """A tracker of the dots that an image of a foreign skin shows; `update` with it comes next.
+
+        polarity: None takes the one of which more dots are there. Raises as `find_dots` does.
+        """
+        dots = find_dots(image, polarity)
+        return cls(dots.position_px, dots.diameter_px, polarity=dots.polarity, rule=rule)
+
+    def reset(self) -> None:
+        """Forget everything: the next image is the first."""
+        self._shape: tuple[int, ...] | None = None
+        self._level = 0.0
+        self._rings: Rings | None = None
+        self._identities: Identities | None = None
+
+    @property
+    def first_px(self) -> Array:
+        """(n, 2) positions in the first image, NaN for dots not found in it."""
+        if self._identities is None:
+            return np.full_like(self.rest_px, np.nan)
+        return self._identities.first_px.copy()
+
+    def update(self, image: Array) -> DotObservation:
+        """Find the dots in one more image, (h, w, 3) BGR uint8 of the first image's size.
+
+        Raises InputError for another type or size, SensorError when the first image does not show
+        at least min_found_share of the dots.
+        """
+        start_s = time.process_time()
+        if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+            raise InputError(f"dots: image is {image.dtype} {image.shape}; BGR uint8 is needed")
+        if self._shape is not None and image.shape != self._shape:
+            raise InputError(f"dots: the image is {image.shape}, the first one was {self._shape}")
+        small = self._detector.reduced(image)
+        signal = self._detector.signal(small)
+        if self._identities is None:
+            blobs, position = self._register(image.shape, small, signal)
+            likeness = 1.0 if self._rings is not None else np.nan
+            ncc, refused = np.where(np.isfinite(position[:, 0]), likeness, np.nan), 0
+        else:
+            blobs = self._detector.blobs(signal, self._level)
+            colours = None if self._rings is None else self._rings.smooth(small)
+            position, ncc, refused = self._identities.follow(blobs, colours)
+        found = np.isfinite(position[:, 0])
+        ncc[~found] = np.nan
+        return DotObservation(
+            position,
+            position - self.first_px,
+            found,
+            ncc,
+            len(blobs),
+            refused,
+            (time.process_time() - start_s) * 1e3,
+        )
+
+    def _register(self, shape: tuple[int, ...], small: Array, signal: Array) -> tuple[Blobs, Array]:
+        """The first image: level, places, areas and colours of the dots."""
+        rest, (h, w) = self.rest_px, shape[:2]
+        seen = (rest >= 0).all(1) & (rest[:, 0] <= w - 1) & (rest[:, 1] <= h - 1)
+        if not seen.any():
+            raise InputError(f"dots: no expected position lies in the image of {w} x {h} px")
+        reach = int(np.ceil(self.offset_px / self._detector.shrink))
+        peaks = [
+            signal[max(0, y - reach) : y + reach + 1, max(0, x - reach) : x + reach + 1].max()
+            for x, y in np.round(self._detector.to_small(rest[seen])).astype(int)
+        ]
+        ground = float(np.median(signal))
+        level = ground + self.rule.level * (float(np.median(peaks)) - ground)
+        blobs = self._detector.blobs(signal, level)
+        nominal = np.pi / 4 * self.diameter_px**2
+        limit = self.rule.area_factor
+        fits = (blobs.area_px < limit * nominal) & (blobs.area_px > nominal / limit)
+        position, area = np.full_like(rest, np.nan), np.full(len(rest), nominal)
+        shift = np.zeros(2)
+        # A common offset first, then each dot within the same tolerance of it.
+        for _ in range(2):
+            who, which = mutual(rest + shift, blobs.centre_px, self.offset_px)
+            who, which = who[fits[which]], which[fits[which]]
+            position[:] = np.nan
+            position[who] = blobs.centre_px[which]
+            # Each dot against itself later: a patch that touches it belongs to it for good.
+            area[who] = blobs.area_px[which]
+            if len(who):
+                shift = np.median(position[who] - rest[who], axis=0)
+        need = int(np.ceil(max(4, self.rule.min_found_share * len(rest))))
+        if len(who) < need:
+            raise SensorError(
+                f"dots: {len(who)} of {len(rest)} {self.polarity} dots found in the first image; "
+                f"at least {need} are needed: wrong pattern, out of focus, over-exposed, or "
+                f"shifted by more than {self.offset_px:.0f} px"
+            )
+        self._shape, self._level = shape, level
+        shrink = self._detector.shrink
+        inner, outer = (r * self.diameter_px / shrink for r in self.rule.ring_d)
+        # The ring must end before the next dot does start, also when the pitch is small.
+        outer = min(outer, (self.pitch_px - 0.6 * self.diameter_px) / shrink)
+        rings = Rings(inner, outer, shrink)
+        coloured = rings.remember(rings.smooth(small), position, self.rule.min_texture)
+        self._rings = rings if coloured else None
+        self._identities = Identities(self._skin, self.rule, position.copy(), area, self._rings)
+        return blobs, position

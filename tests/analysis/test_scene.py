@@ -1,0 +1,97 @@
+"""Runs that have no dots, or nothing but dots: what can be said of them is said."""
+
+from __future__ import annotations
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from deltact_fab import experiment
+from deltact_fab.analysis.tracking_error import TrackingResult, analyse
+from deltact_fab.errors import InputError
+from deltact_fab.report.page import write
+
+PROTOCOL = """
+name = "{pattern}"
+indenters = ["sphere:10"]
+positions_mm = [[0.0, 0.0]]
+depths_mm = [1.8]
+channels = ["image", "dots"]
+[capture]
+mode = "sweep"
+rate_hz = 0.5
+[specimen]
+pattern = "{pattern}"
+"""
+
+
+def pressed(pattern: str, mini: tuple[Path, Path], folder: Path) -> Path:
+    """The folder of one press on a skin of that pattern."""
+    protocol = folder / f"{pattern}.toml"
+    protocol.write_text(PROTOCOL.format(pattern=pattern))
+    experiment.run(str(protocol), str(mini[1]), folder / "run", seed=3)
+    return folder / "run"
+
+
+def analysed(run: Path, *methods: str) -> TrackingResult:
+    with ThreadPoolExecutor(1) as executor:
+        return analyse(run, methods or None, executor)
+
+
+def test_a_pattern_without_dots_is_held_against_truth_alone(
+    mini: tuple[Path, Path], tmp_path: Path
+) -> None:
+    run = pressed("octave", mini, tmp_path)
+    result = analysed(run, "dis-fast")
+    (row,) = result.methods
+    assert 0 < row["mean_off_dots_mm"] < 0.05
+    assert row["mean_at_dots_mm"] is None
+    assert row["n_dots"] == 0
+    assert result.dots is None
+    assert result.left_out == ["error at the dots: the pattern has none"]
+    assert result.verdict.error == "mean_off_dots_mm"
+    page = write(run, tmp_path / "r.html", result).read_text()
+    assert "left out of the analysis: error at the dots: the pattern has none" in page
+    assert "at moving dots" not in page
+
+
+def test_a_skin_of_dots_alone_is_followed_by_its_dots(
+    mini: tuple[Path, Path], tmp_path: Path
+) -> None:
+    run = pressed("dots", mini, tmp_path)
+    result = analysed(run)
+    (row,) = result.methods
+    assert row["name"] == "dots"
+    assert 0 < row["mean_confident_mm"] < 0.01
+    assert row["coverage"] == 1
+    assert row["mean_off_dots_mm"] is None
+    assert result.dots is not None
+    assert result.dots["swapped"] == result.dots["lost"] == 0
+    assert result.left_out == ["dense flow: the pattern has only dots to follow"]
+    assert result.verdict.take == "dots"
+    assert "of the moving dots were found" in result.verdict.line
+    json.dumps(result.as_dict(), allow_nan=False)
+    assert result.verdict.line in write(run, tmp_path / "r.html", result).read_text()
+    with pytest.raises(InputError, match=r"has only dots \(law 'dot-matrix'\).*'dis-fast'"):
+        analysed(run, "dis-fast")
+
+
+def test_where_the_dots_cannot_be_seen_the_flow_is_analysed_without_them(
+    mini_run: Path, tmp_path: Path
+) -> None:
+    import shutil
+
+    shutil.copytree(mini_run, tmp_path / "r", ignore=shutil.ignore_patterns("analysis"))
+    pattern = json.loads((tmp_path / "r" / "pattern.json").read_text())
+    pattern["dots_mm"] = [[x + 1.1, y + 0.8] for x, y in pattern["dots_mm"]]  # another sticker's
+    (tmp_path / "r" / "pattern.json").write_text(json.dumps(pattern))
+    result = analysed(tmp_path / "r", "dis-fast")
+    (row,) = result.methods
+    assert row["mean_off_dots_mm"] > 0
+    assert row["mean_at_dots_mm"] is None
+    assert result.dots is None
+    assert [line.partition(":")[0] for line in result.left_out] == [
+        "error at the dots of sphere-10/p1", "error at the dots of 4dots/p1",
+    ]  # fmt: skip

@@ -1,0 +1,98 @@
+"""Which method to take, and whether to trust an experiment: the rule as it is told."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+from deltact_fab.analysis.tracking_error import judge, percent
+from deltact_fab.analysis.tracking_error.tally import Tally
+
+
+def row(name: str, error: float | None, ms: float, **more: Any) -> dict[str, Any]:
+    """A method that can be believed, but for what is said."""
+    with_truth = error is not None
+    told = {
+        "name": name,
+        "mean_off_dots_mm": error,
+        "cpu_ms": {"p50": ms, "p95": 2 * ms},
+        "n_frames": 50,
+        "trusted_share": 1.0,
+        "confident_share": 0.95,
+        "coverage": 0.95 if with_truth else None,
+        "confident_wrong_share": 0.0005 if with_truth else None,
+    }
+    return {**Tally().figures(), **told, **more}
+
+
+def test_the_least_error_is_taken_and_a_cheaper_one_near_it_is_named() -> None:
+    verdict = judge(
+        [row("slow", 0.004, 40.0), row("quick", 0.007, 7.0), row("bad", 0.05, 5.0),
+         row("beaten", 0.008, 9.0)],
+        simulated=True,
+    )  # fmt: skip
+    assert verdict.front == ("bad", "quick", "slow")
+    assert (verdict.take, verdict.cheaper) == ("slow", "quick")
+    assert verdict.trusted
+    assert verdict.line.startswith("Take slow: mean error 0.0040 mm over all moving pixels, 40 ms")
+    assert "(quick has 0.0070 mm at 7 ms)" in verdict.line
+    assert "The experiment can be trusted: 100 % of 50 frames" in verdict.line
+    assert "(simulated)" in verdict.line
+
+
+@pytest.mark.parametrize(
+    ("doubt", "says"),
+    [
+        ({"confident_wrong_share": 0.02}, "2 % of what it is sure of is off by more than 0.1 mm"),
+        ({"coverage": 0.5}, "sure of 50 % of the moving pattern"),
+        ({"trusted_share": 0.9}, "trusts 90 % of the frames"),
+    ],
+)
+def test_a_method_that_cannot_be_believed_is_not_taken_however_good_it_looks(
+    doubt: dict[str, float], says: str
+) -> None:
+    best, honest = row("best", 0.001, 1.0, **doubt), row("honest", 0.01, 30.0)
+    verdict = judge([best, honest], simulated=True)
+    assert verdict.take == "honest"
+    assert verdict.front == ("honest",)
+    assert says in verdict.doubts["best"][0]
+    alone = judge([best], simulated=True)
+    assert alone.take is None
+    assert not alone.trusted
+    assert alone.front == ()
+    assert alone.line.startswith("Do not trust this experiment: no method can be believed.")
+    assert says in alone.line
+
+
+def test_without_truth_the_errors_at_the_dots_are_compared() -> None:
+    rows = [row("a", None, 9.0, mean_at_dots_mm=0.02), row("b", None, 3.0, mean_at_dots_mm=0.05)]
+    verdict = judge(rows, simulated=False)
+    assert (verdict.take, verdict.cheaper) == ("a", None)
+    assert "0.0200 mm at the dots" in verdict.line
+    assert "95 % of the image" in verdict.line
+    assert "no truth to hold it against" in verdict.line
+
+
+def test_without_any_error_the_surest_is_taken_and_there_is_no_front() -> None:
+    rows = [row("a", None, 3.0, confident_share=0.85), row("b", None, 9.0, confident_share=0.97)]
+    verdict = judge(rows, simulated=False)
+    assert verdict.take == "b"
+    assert verdict.front == ()
+    assert verdict.error is None
+    assert "mean error" not in verdict.line
+
+
+def test_a_run_of_one_frame_is_no_experiment() -> None:
+    verdict = judge([{"name": "a", **Tally().figures()}], simulated=True)
+    assert not verdict.trusted
+    assert "no frame after the first one" in verdict.line
+    json.dumps(verdict.as_dict(), allow_nan=False)
+
+
+def test_little_is_not_told_as_nothing_nor_nearly_all_as_all() -> None:
+    shares = (0, 1e-6, 0.0001, 0.016, 0.5, 0.9995, 1)
+    assert [percent(share) for share in shares] == [
+        "0 %", "under 0.001 %", "0.01 %", "1.6 %", "50 %", "over 99.9 %", "100 %",
+    ]  # fmt: skip

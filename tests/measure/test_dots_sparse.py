@@ -1,0 +1,168 @@
+"""Dark dots on a light ground: identities from the neighbours alone, layouts of any kind."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from deltact_fab.errors import InputError, SensorError
+from deltact_fab.measure.dots import DotRule, DotTracker, find_dots
+
+MM_PER_PX = 0.0378
+W, H = 798, 586
+ROWS, COLUMNS = np.mgrid[0:H, 0:W]
+
+
+def grid(pitch_mm: tuple[float, float], columns: int, rows: int) -> Any:
+    """(n, 2) px about the middle of the view."""
+    x = (np.arange(columns) - (columns - 1) / 2) * pitch_mm[0] / MM_PER_PX + (W - 1) / 2
+    y = (np.arange(rows) - (rows - 1) / 2) * pitch_mm[1] / MM_PER_PX + (H - 1) / 2
+    return np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
+
+
+def picture(centres: Any, diameter_mm: float, seed: int = 0, ink: int = 25) -> Any:
+    """BGR uint8 discs on a light ground in uneven light, with noise."""
+    radius = diameter_mm / 2 / MM_PER_PX
+    image = np.full((H, W), 225.0)
+    n = int(radius) + 3
+    for px, py in centres[np.isfinite(centres[:, 0])]:
+        left, top = int(px) - n, int(py) - n
+        box = np.s_[max(0, top) : max(0, top + 2 * n), max(0, left) : max(0, left + 2 * n)]
+        y, x = ROWS[box], COLUMNS[box]
+        cover = np.clip(radius + 0.5 - np.hypot(x - px, y - py), 0, 1)
+        image[box] += (ink - 225.0) * cover
+    image *= np.linspace(1.0, 0.65, W)
+    image += np.random.default_rng(seed).normal(0, 2, image.shape)
+    return np.repeat(np.clip(np.round(image), 0, 255).astype(np.uint8)[..., None], 3, axis=2)
+
+
+def visible(centres: Any, border: float = 14.0) -> Any:
+    return ((centres > border) & (centres < [W - border, H - border])).all(1)
+
+
+def errors_mm(seen: Any, moved: Any) -> Any:
+    return np.hypot(*(seen.displacement_px - moved)[seen.found].T) * MM_PER_PX
+
+
+LAYOUTS = {
+    "1 mm": (grid((1.0, 1.0), 28, 20), 0.4),
+    "2.2 x 1.6 mm": (grid((2.2, 1.6), 13, 13), 0.6),
+    "3 mm": (grid((3.0, 3.0), 9, 7), 0.6),
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_10_mm_of_shear_at_1_mm_a_frame_swaps_none(layout, make_bump):
+    rest, diameter_mm = LAYOUTS[layout]
+    bump = make_bump((330, 300), 215, shear_px=(10 / MM_PER_PX, 0.0))
+    # The discs stay round here while the skin stretches: their areas tell nothing.
+    rule = DotRule(area_factor=4.0)
+    tracker = DotTracker(rest, diameter_mm / MM_PER_PX, polarity="dark", rule=rule)
+    tracker.update(picture(rest, diameter_mm))
+    for k in range(1, 11):
+        moved = bump.scaled(k / 10).displacement_px(rest)
+        seen = tracker.update(picture(rest + moved, diameter_mm, k))
+        assert errors_mm(seen, moved).max() <= 0.1
+        assert (visible(rest + moved) & ~seen.found).mean() <= 0.12
+    assert np.hypot(*moved.T).max() * MM_PER_PX > 9
+
+
+def test_dark_dots_are_placed_to_5_um(make_bump):
+    rest = grid((2.2, 1.6), 13, 13)
+    bump = make_bump((430, 290), 140, shear_px=(35, 20), press_px=30)
+    tracker = DotTracker(rest, 0.6 / MM_PER_PX, polarity="dark")
+    assert tracker.update(picture(rest, 0.6)).found.all()
+    for k in range(1, 5):
+        moved = bump.scaled(k / 4).displacement_px(rest)
+        seen = tracker.update(picture(rest + moved, 0.6, k))
+        assert seen.found.all()
+        assert errors_mm(seen, moved).mean() <= 0.005
+        assert np.isnan(seen.identity_ncc).all()
+
+
+def test_an_irregular_layout_of_unknown_size_is_found_and_followed(make_bump):
+    rest = grid((1.9, 1.7), 12, 11)
+    rest += np.random.default_rng(3).uniform(-9, 9, rest.shape)
+    tracker = DotTracker.found_in(picture(rest, 0.5))
+    assert tracker.polarity == "dark"
+    assert len(tracker.rest_px) == len(rest)
+    assert tracker.diameter_px == pytest.approx(0.5 / MM_PER_PX, rel=0.15)
+    which = [int(np.argmin(np.hypot(*(rest - at).T))) for at in tracker.rest_px]
+    assert sorted(which) == list(range(len(rest)))
+    bump = make_bump((400, 290), 160, shear_px=(90, 40), press_px=20)
+    assert tracker.update(picture(rest, 0.5)).found.all()
+    for k in range(1, 7):
+        moved = bump.scaled(k / 6).displacement_px(rest)
+        seen = tracker.update(picture(rest + moved, 0.5, k))
+        assert errors_mm(seen, moved[which]).max() <= 0.1
+        assert seen.found.mean() >= 0.97
+
+
+def test_dots_that_leave_and_dots_that_are_hidden_come_back():
+    rest = grid((2.2, 1.6), 13, 13)
+    tracker = DotTracker(rest, 0.6 / MM_PER_PX, polarity="dark")
+    tracker.update(picture(rest, 0.6))
+    for k, s in enumerate([*np.linspace(0, 1, 21)[1:], *np.linspace(1, 0, 21)[1:]], 1):
+        moved = np.tile([s * 200.0, 0.0], (len(rest), 1))
+        now = rest + moved
+        if 8 <= k <= 30:
+            now[np.hypot(*(rest - rest[70]).T) < 90] = np.nan
+        seen = tracker.update(picture(now, 0.6, k))
+        assert not seen.found[np.isnan(now[:, 0])].any()
+        assert errors_mm(seen, moved).max() <= 0.06
+    assert seen.found.all()
+
+
+def test_nothing_is_found_in_empty_images_and_a_whole_grid_comes_back():
+    rest = grid((2.2, 1.6), 13, 13)
+    tracker = DotTracker(rest, 0.6 / MM_PER_PX, polarity="dark")
+    first = picture(rest, 0.6)
+    tracker.update(first)
+    for value in (0, 255):
+        assert not tracker.update(np.full((H, W, 3), value, np.uint8)).found.any()
+    # Its edges are in view, so that one shift alone explains the image
+    seen = tracker.update(picture(rest + [31.0, -9.0], 0.6, 3))
+    assert seen.found.all()
+    assert errors_mm(seen, np.tile([31.0, -9.0], (len(rest), 1))).max() <= 0.06
+
+
+def test_a_skin_let_go_at_once_is_followed_home(make_bump):
+    rest = grid((2.2, 1.6), 13, 13)
+    bump = make_bump((400, 290), 170, shear_px=(110, 0))
+    tracker = DotTracker(rest, 0.6 / MM_PER_PX, polarity="dark")
+    tracker.update(picture(rest, 0.6))
+    for k in range(1, 7):
+        tracker.update(picture(rest + bump.scaled(k / 6).displacement_px(rest), 0.6, k))
+    seen = tracker.update(picture(rest, 0.6, 9))
+    assert seen.found.all()
+    assert np.hypot(*seen.displacement_px.T).max() * MM_PER_PX <= 0.03
+
+
+def test_the_other_polarity_is_refused():
+    rest = grid((2.2, 1.6), 13, 13)
+    with pytest.raises(SensorError, match="0 of 169 white dots found in the first image"):
+        DotTracker(rest, 0.6 / MM_PER_PX).update(picture(rest, 0.6))
+    with pytest.raises(SensorError, match="9 or more white dots of one size"):
+        DotTracker.found_in(picture(rest, 0.6), polarity="white")
+    with pytest.raises(InputError, match="'white' or 'dark' is needed"):
+        DotTracker(rest, 16.0, polarity="black")  # type: ignore[arg-type]
+
+
+def test_an_image_without_dots_is_refused(make_scene):
+    noise = np.random.default_rng(1).integers(0, 256, (H, W, 3), np.uint8)
+    dense = make_scene(W, H, patch_mm=0.1).picture()
+    for image in (noise, dense, *(np.full((H, W, 3), value, np.uint8) for value in (0, 128, 255))):
+        with pytest.raises(SensorError, match="9 or more white or dark dots of one size"):
+            find_dots(image)
+    with pytest.raises(InputError, match="BGR uint8"):
+        find_dots(dense[..., 0])
+
+
+def test_white_dots_among_colours_are_found_too(make_scene):
+    scene = make_scene(W, H, dots=True)
+    dots = find_dots(scene.picture())
+    assert (dots.polarity, len(dots.position_px)) == ("white", 169)
+    assert dots.diameter_px == pytest.approx(0.6 / MM_PER_PX, rel=0.15)
+    assert dots.pitch_px == pytest.approx(1.6 / MM_PER_PX, rel=0.02)
