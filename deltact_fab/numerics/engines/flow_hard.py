@@ -1,0 +1,173 @@
+"""Images that a tracker must not believe, and images that it should still read.
+
+Each is the last frame of a motion of 12 px, spoilt: as the first frame after the reference and
+after three whole ones, on two patterns with seeds other than those that set the thresholds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+
+from ...measure.flow import FlowTracker
+from ..engine import Case, Flagged, Table
+from .flow_frames import Image, Scene, scene
+
+WRONG_PX = 1.0
+PATTERNS = {"coarse": "", "fine": ", fine"}
+BLOCK_PX = 32
+CORNER = (4, 3)  # blocks in its two rows: 7 of the 432 of an image
+
+
+class Seen(NamedTuple):
+    """What a tracker says of the last frame.
+
+    confident: share of the visible pixels. wrong: share of the confident ones off by over 1 px.
+    """
+
+    confident: float
+    trusted: bool
+    wrong: float
+
+
+def judged(tracker: Any, frames: Sequence[Image], truth: Scene) -> Seen:
+    """Follow frames, the first at rest, to the last, which has all of the motion of `truth`."""
+    for image in frames[:-1]:
+        tracker.update(image)
+    seen = tracker.update(frames[-1])
+    judged = seen.confident & seen.visible & truth.seen()
+    off = truth.error_px(seen.flow_px)[judged] > WRONG_PX
+    return Seen(
+        seen.diagnostics.confident_share,
+        seen.diagnostics.trusted,
+        float(off.mean()) if off.size else 0.0,
+    )
+
+
+# -- what is done to an image ----------------------------------------------------------------------
+
+
+def _light(gain: Any, image: Image) -> Image:
+    return np.clip(image * gain, 0, 255).astype(np.uint8)
+
+
+def _plain(image: Image, level: int, noise: float = 2.0) -> Image:
+    rng = np.random.default_rng(5)
+    return np.clip(rng.normal(level, noise, image.shape), 0, 255).astype(np.uint8)
+
+
+def _noisy(sigma: float, image: Image) -> Image:
+    noise = np.random.default_rng(6).normal(0, sigma, image.shape)
+    return np.clip(image + noise, 0, 255).astype(np.uint8)
+
+
+def _half(image: Image, other: Image) -> Image:
+    out = image.copy()
+    out[:, image.shape[1] // 2 :] = other[:, image.shape[1] // 2 :]
+    return out
+
+
+def _specular(image: Image) -> Image:
+    h, w = image.shape[:2]
+    glare = cv2.circle(np.zeros((h, w), np.float32), (w // 2, h // 2), 80, 400.0, cv2.FILLED)
+    return np.clip(image + cv2.GaussianBlur(glare, (0, 0), 12)[..., None], 0, 255).astype(np.uint8)
+
+
+def _gradient(image: Image) -> Image:
+    return _light(np.linspace(0.6, 1.4, image.shape[1])[None, :, None], image)
+
+
+def _corner(image: Image) -> Image:
+    out = _plain(image, 120)
+    for row, blocks in enumerate(CORNER):
+        part = slice(row * BLOCK_PX, (row + 1) * BLOCK_PX), slice(blocks * BLOCK_PX)
+        out[part] = image[part]
+    return out
+
+
+def _random(image: Image) -> Image:
+    return np.random.default_rng(3).integers(0, 256, image.shape, np.uint8)
+
+
+UNRELATED: dict[str, Callable[[Image], Image]] = {
+    "noise": _random,
+    "flat": lambda image: _plain(image, 90),
+    "black": np.zeros_like,
+    "saturated": lambda image: np.full_like(image, 255),
+    "negative": np.invert,
+    "mirrored": lambda image: np.ascontiguousarray(image[:, ::-1]),
+    "flipped": lambda image: np.ascontiguousarray(image[::-1]),
+    "upside down": lambda image: np.ascontiguousarray(image[::-1, ::-1]),
+}
+SPOILT: dict[str, tuple[Callable[[Image], Image], float]] = {
+    "whole": (np.copy, 0.0),
+    "half covered": (lambda image: _half(image, _plain(image, 90)), 0.001),
+    "a specular disc": (_specular, 0.001),
+    "noise of 16 grey levels": (lambda image: _noisy(16, image), 0.001),
+    "noise of 40 grey levels": (lambda image: _noisy(40, image), 0.001),
+    "blur of 9 px": (lambda image: cv2.blur(image, (9, 1)), 0.001),
+    "blur of 21 px": (lambda image: cv2.blur(image, (21, 1)), 0.001),
+    "light x 0.6": (lambda image: _light(0.6, image), 0.001),
+    "light x 1.4": (lambda image: _light(1.4, image), 0.001),
+    "a gradient of light": (_gradient, 0.001),
+}
+OTHER_SEED, HALF_OTHER, ONE_CORNER = "other seed", "half another pattern", "one textured corner"
+
+
+# -- the cases -------------------------------------------------------------------------------------
+
+
+@cache
+def seen(what: str, scratch: Path) -> dict[str, Seen]:
+    """What the default tracker says of one image, by pattern and place in the sequence."""
+    out = {}
+    for pattern, suffix in PATTERNS.items():
+        given = scene(scratch, f"near{suffix}")
+        frames = [*given.images[:-1], _made(what, given.last, suffix, scratch)]
+        if what == ONE_CORNER:
+            frames = [_corner(image) for image in given.images]
+        out[f"{pattern}, first"] = judged(FlowTracker(), [frames[0], frames[-1]], given)
+        out[f"{pattern}, after a sequence"] = judged(FlowTracker(), frames, given)
+    return out
+
+
+def _made(what: str, image: Image, suffix: str, scratch: Path) -> Image:
+    if what in UNRELATED:
+        return UNRELATED[what](image)
+    if what in SPOILT:
+        return SPOILT[what][0](image)
+    other = scene(scratch, f"{OTHER_SEED}{suffix}").last
+    return _half(image, other) if what == HALF_OTHER else other
+
+
+def never_trusted(what: str, scratch: Path) -> float:
+    """Greatest confident share. Raises Flagged where no frame is trusted."""
+    found = seen(what, scratch)
+    trusted = [place for place, s in found.items() if s.trusted]
+    most = max(s.confident for s in found.values())
+    if not trusted:
+        raise Flagged(f"flagged: not trusted, {100 * most:.2g} % confident at most")
+    return most
+
+
+def most_confident(what: str, scratch: Path) -> tuple[float, str]:
+    """Greatest confident share, and where."""
+    place, s = max(seen(what, scratch).items(), key=lambda item: item[1].confident)
+    return s.confident, place
+
+
+def most_wrong(what: str, scratch: Path) -> tuple[float, str]:
+    """Greatest share of confident pixels that are off by more than 1 px."""
+    found = seen(what, scratch)
+    place, s = max(found.items(), key=lambda item: item[1].wrong)
+    cover = [100 * s.confident for s in found.values()]
+    trusted = sum(s.trusted for s in found.values())
+    return s.wrong, (
+        f"{place}; {min(cover):.3g} to {max(cover):.3g} % confident, "
+        f"trusted {trusted} of {len(found)}"
+    )
