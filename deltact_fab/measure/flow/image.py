@@ -12,6 +12,8 @@ from ...errors import InputError
 
 Array = NDArray[Any]
 
+MIN_SIDE_PX = 64  # below it the pyramids of every method degenerate
+
 
 def to_gray(image: Array) -> Array:
     """BGR (h, w, 3) or grey (h, w) uint8 to a contiguous grey (h, w) uint8 that is our own.

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError, did_you_mean
+from .fused import Plane, to_full, to_half
+from .fused import Reference as FusedReference
+from .image import MIN_SIDE_PX
 
 Array = NDArray[Any]
-
-MIN_SIDE_PX = 64  # below it the pyramids of every method degenerate
 
 
 @dataclass(frozen=True)
@@ -21,26 +22,35 @@ class FlowPreset:
     """One named method: what it is, and the library's own options."""
 
     about: str
-    kind: Literal["farneback", "dis"]
+    kind: Literal["farneback", "dis", "fused"]
     options: tuple[tuple[str, float], ...] = ()
     dis_preset: int = 0
 
 
-# 5 levels and a window of 13 are the defaults of OpenCV's GPU version, which the paper cites; 3
-# iterations (CPU default) instead of its 10 cost a third of the time.
-FLOW_METHODS: dict[str, FlowPreset] = {
-    "farneback": FlowPreset(
-        "Farneback 2003 as in the paper: 5 levels, window 13, 3 iterations",
+def _farneback(iterations: int) -> FlowPreset:
+    # 5 levels and a window of 13 are the defaults of OpenCV's GPU version, which the paper cites.
+    return FlowPreset(
+        f"Farneback 2003: 5 levels, window 13, {iterations} iterations",
         "farneback",
         (
             ("pyr_scale", 0.5),
             ("levels", 5),
             ("winsize", 13),
-            ("iterations", 3),
+            ("iterations", iterations),
             ("poly_n", 5),
             ("poly_sigma", 1.1),
         ),
+    )
+
+
+FLOW_METHODS: dict[str, FlowPreset] = {
+    "fused": FlowPreset(
+        "Dense Inverse Search at half the size, then inverse-compositional steps",
+        "fused",
     ),
+    # The GPU version's 10 iterations, as the paper; 3 (CPU default) cost a third of the time.
+    "farneback-paper": _farneback(10),
+    "farneback": _farneback(3),
     "dis-ultrafast": FlowPreset(
         "Dense Inverse Search (Kroeger 2016), coarsest and quickest preset",
         "dis",
@@ -52,7 +62,7 @@ FLOW_METHODS: dict[str, FlowPreset] = {
         dis_preset=cv2.DISOPTICAL_FLOW_PRESET_FAST,
     ),
     "dis-medium": FlowPreset(
-        "Dense Inverse Search, finer patches and refinement; the default",
+        "Dense Inverse Search, finer patches and refinement",
         "dis",
         dis_preset=cv2.DISOPTICAL_FLOW_PRESET_MEDIUM,
     ),
@@ -85,28 +95,21 @@ class FlowMethod:
         start. Returns (h, w, 2) float32 px, never the array given as initial. Raises InputError
         for shapes or types that do not fit.
         """
-        for what, image in (("reference", ref_gray), ("current", cur_gray)):
-            if image.ndim != 2 or image.dtype != np.uint8:
-                raise InputError(
-                    f"flow: the {what} image is {image.dtype} {image.shape}; "
-                    "a grey image (h, w) of uint8 is needed"
-                )
-        if ref_gray.shape != cur_gray.shape:
-            raise InputError(
-                f"flow: the images are {ref_gray.shape} and {cur_gray.shape}; one size is needed"
-            )
+        return self.prepare(ref_gray).to(cur_gray, initial)
+
+    def prepare(self, ref_gray: Array) -> Prepared:
+        """A reference image (h, w) uint8 that many images are matched to; it must not change.
+
+        Raises InputError for another shape or type.
+        """
+        _check("reference", ref_gray)
         if min(ref_gray.shape) < MIN_SIDE_PX:
             raise InputError(
                 f"flow: the image is {ref_gray.shape}; sides of {MIN_SIDE_PX} px or more are needed"
             )
-        start: Any = None
-        if initial is not None:
-            if initial.shape != (*ref_gray.shape, 2):
-                raise InputError(
-                    f"flow: the initial flow is {initial.shape}, not {(*ref_gray.shape, 2)}"
-                )
-            # Both methods write into the array they start from, and need it contiguous.
-            start = np.array(initial, dtype=np.float32, order="C")
+        return Prepared(self, ref_gray)
+
+    def _calc(self, ref_gray: Array, cur_gray: Array, start: Any) -> Array:
         if self._dis is not None:
             return self._dis.calc(ref_gray, cur_gray, start)
         flags = cv2.OPTFLOW_USE_INITIAL_FLOW if start is not None else 0
@@ -116,4 +119,38 @@ class FlowMethod:
             start,
             flags=flags,
             **self._options,
+        )
+
+
+class Prepared:
+    """A reference image and all that a method computes of it alone; from `FlowMethod.prepare`."""
+
+    def __init__(self, method: FlowMethod, ref_gray: Array) -> None:
+        self._method, self._ref = method, ref_gray
+        fused = method.preset.kind == "fused"
+        self._fused = FusedReference.of(ref_gray) if fused else None
+
+    def to(self, cur_gray: Array, initial: Array | None = None) -> Array:
+        """The flow to a current image: as `FlowMethod.between`."""
+        _check("current", cur_gray)
+        shape = self._ref.shape
+        if cur_gray.shape != shape:
+            raise InputError(
+                f"flow: the images are {shape} and {cur_gray.shape}; one size is needed"
+            )
+        if initial is not None and initial.shape != (*shape, 2):
+            raise InputError(f"flow: the initial flow is {initial.shape}, not {(*shape, 2)}")
+        if self._fused is not None:
+            nodes = None if initial is None else to_half(initial)
+            return to_full(self._fused.refine(Plane.of(cur_gray), nodes).flow_px, shape)
+        # The others write into the array they start from, and need it contiguous.
+        start = None if initial is None else np.array(initial, dtype=np.float32, order="C")
+        return self._method._calc(self._ref, cur_gray, start)
+
+
+def _check(what: str, image: Array) -> None:
+    if image.ndim != 2 or image.dtype != np.uint8:
+        raise InputError(
+            f"flow: the {what} image is {image.dtype} {image.shape}; "
+            "a grey image (h, w) of uint8 is needed"
         )

@@ -1,0 +1,293 @@
+"""Dense inverse-compositional refinement of a flow, the reference prepared once.
+
+A translation is fitted at every node, one node a cell of 2 x 2 pixels, over a window of 7 x 7
+cells, in Lucas-Kanade steps on images of a quarter, a half and the full size (Baker and Matthews
+2004, "Lucas-Kanade 20 years on"). Gradients and normal matrix are the reference's, and gain and
+offset of the light are projected out, so a step is one warp, five products summed, and a box. The
+sums give the local correlation and the deviation to be expected from what the fit leaves.
+
+Grey images are tracked as they are, colour images in the green channel blurred by sigma 1: half
+of a Bayer sensor's pixels are green, and the blur takes the mosaic's pattern away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache, lru_cache
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from .image import MIN_SIDE_PX
+
+Array = NDArray[Any]
+
+STEPS = (2, 2, 3)  # on a quarter, half and the full size
+_LEVELS = 3
+_WINDOW = (7, 7)
+_BEYOND_PX = 4  # pixels behind the last one that a warp may read
+_LEAST_STD = 0.5  # grey levels: less is no texture
+_ROUNDING = 1 / 6  # variance of the difference of two images of whole grey levels
+_DAMPING = 0.01  # grey levels^2 / px^2 a pixel, on the normal matrix
+_DEVIATION = 1.0
+
+
+@cache
+def kernel() -> ModuleType:
+    """The loops that are used here: compiled where numba is there, else cv2's."""
+    try:
+        from . import kernel_numba
+    except ImportError:
+        from . import kernel_cv2
+
+        return kernel_cv2
+    return kernel_numba
+
+
+def which() -> str:
+    """What does the work: "numba" or "cv2"."""
+    return str(kernel().NAME)
+
+
+class Plane:
+    """The tracked channel of one image, made ready once: to be a reference or to be matched.
+
+    gray (h, w) uint8: what is tracked. small (hh, ww) uint8: the same at half the size, a pixel a
+    node.
+    """
+
+    def __init__(self, gray: Array) -> None:
+        self.gray = gray
+        h, w = gray.shape
+        self.shape = (h, w)
+        block = 2**_LEVELS
+        level = cv2.copyMakeBorder(gray, 0, -h % block, 0, -w % block, cv2.BORDER_REPLICATE)
+        self._levels = [level]
+        for _ in range(1, _LEVELS):
+            half = (level.shape[1] // 2, level.shape[0] // 2)
+            level = cv2.resize(level, half, interpolation=cv2.INTER_AREA)
+            self._levels.append(level)
+        self.small = np.ascontiguousarray(self._levels[1][: -(-h // 2), : -(-w // 2)])
+        self._targets: dict[tuple[str, int], Array] = {}
+
+    @classmethod
+    def of(cls, image: Array | Plane) -> Plane:
+        """(h, w) grey or (h, w, 3) BGR uint8 to its plane, which shares no memory with it.
+
+        Raises InputError for another type or shape, and for sides below 64 px.
+        """
+        if isinstance(image, Plane):
+            return image
+        if image.dtype != np.uint8 or image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
+            raise InputError(
+                f"image is {image.dtype} {image.shape}; "
+                "(h, w, 3) BGR or (h, w) grey of uint8 is needed"
+            )
+        if min(image.shape[:2]) < MIN_SIDE_PX:
+            raise InputError(
+                f"flow: the image is {image.shape[:2]}; "
+                f"sides of {MIN_SIDE_PX} px or more are needed"
+            )
+        if image.ndim == 2:
+            return cls(np.array(image, order="C"))
+        return cls(cv2.GaussianBlur(cv2.extractChannel(image, 1), (0, 0), 1.0))
+
+    def level(self, k: int) -> Array:
+        """The image at 1 / 2^k of its size, padded to whole cells at every level."""
+        return self._levels[k]
+
+    def size_px(self, k: int) -> tuple[int, int]:
+        """Height and width of a level without its padding."""
+        return self.shape[0] >> k, self.shape[1] >> k
+
+    def target(self, k: int, by: ModuleType) -> Array:
+        """What a step reads of a level."""
+        key = (by.NAME, k)
+        if key not in self._targets:
+            wide = cv2.copyMakeBorder(
+                self._levels[k], 0, _BEYOND_PX, 0, _BEYOND_PX, cv2.BORDER_REPLICATE
+            )
+            self._targets[key] = by.target(wide)
+        return self._targets[key]
+
+
+class Refined(NamedTuple):
+    """What a refinement gives at the nodes of the half grid.
+
+    flow_px (hh, ww, 2) float32, in px of the full image. correlation (hh, ww) float32 in -1..1, of
+    the windows of reference and warped image. deviation_px (hh, ww) float32: standard deviation
+    of the flow's endpoint, from what the fit leaves and the normal matrix.
+    """
+
+    flow_px: Array
+    correlation: Array
+    deviation_px: Array
+
+
+class _Level(NamedTuple):
+    cells: Array
+    nodes: Array
+    trace: Array
+    size_px: tuple[int, int]
+
+
+class Reference:
+    """The reference's side of the refinement.
+
+    plane: of the reference image. by: the kernel, `kernel()` by default.
+    """
+
+    def __init__(self, plane: Plane, by: ModuleType | None = None) -> None:
+        self.plane = plane
+        self._by = kernel() if by is None else by
+        self._levels = [
+            _prepared(plane.level(k), plane.size_px(k), self._by) for k in range(_LEVELS)
+        ]
+
+    @classmethod
+    def of(cls, image: Array | Plane, by: ModuleType | None = None) -> Reference:
+        """As `Plane.of`, which raises."""
+        return cls(Plane.of(image), by)
+
+    def refine(
+        self, current: Plane, start_px: Array | None = None, steps: Sequence[int] = STEPS
+    ) -> Refined:
+        """The flow from the reference to the current image.
+
+        start_px: (hh, ww, 2) float32 to start from; `predict` by default. steps: on a quarter,
+        half and the full size. Raises InputError for another size of image or start, or a start
+        that is not finite.
+        """
+        if current.shape != self.plane.shape:
+            raise InputError(
+                f"flow: the images are {self.plane.shape} and {current.shape}; one size is needed"
+            )
+        start = predict(self.plane, current) if start_px is None else start_px
+        hh, ww = self.plane.small.shape
+        if start.shape != (hh, ww, 2):
+            raise InputError(f"flow: the start is {start.shape}, not {(hh, ww, 2)}")
+        if not np.isfinite(start).all():
+            raise InputError("flow: the start is not finite everywhere")
+        rows, cols = (s // 2 for s in self.plane.level(0).shape)
+        flow = cv2.copyMakeBorder(
+            np.asarray(start, np.float32), 0, rows - hh, 0, cols - ww, cv2.BORDER_REPLICATE
+        )
+        for k in reversed(range(_LEVELS)):
+            if k == _LEVELS - 1:
+                size = (cols >> k, rows >> k)
+                flow = cv2.resize(flow, size, interpolation=cv2.INTER_AREA) * np.float32(0.5**k)
+            else:
+                size = (cols >> k, rows >> k)
+                flow = cv2.resize(flow, size, interpolation=cv2.INTER_LINEAR) * np.float32(2)
+            planes = np.stack(cv2.split(flow))
+            level = self._levels[k]
+            target = current.target(k, self._by)
+            for i in range(steps[_LEVELS - 1 - k]):
+                last = k == 0 and i == steps[_LEVELS - 1 - k] - 1
+                correlation, left = self._by.step(
+                    target, level.cells, level.nodes, level.size_px, planes, last
+                )
+            flow = cv2.merge([planes[0], planes[1]])
+        level = self._levels[0]
+        deviation = np.sqrt((left * level.trace[1] + _ROUNDING) * level.trace[0])
+        return Refined(
+            np.ascontiguousarray(flow[:hh, :ww]),
+            np.ascontiguousarray(correlation[:hh, :ww]),
+            np.ascontiguousarray(deviation[:hh, :ww]),
+        )
+
+
+def _prepared(image: Array, size_px: tuple[int, int], by: ModuleType) -> _Level:
+    gray = image.astype(np.float32)
+    gx = cv2.Sobel(gray, -1, 1, 0, ksize=1, scale=0.5, borderType=cv2.BORDER_REPLICATE)
+    gy = cv2.Sobel(gray, -1, 0, 1, ksize=1, scale=0.5, borderType=cv2.BORDER_REPLICATE)
+    h, w = size_px
+    mask = np.zeros(gray.shape, np.float32)
+    mask[: h // 2 * 2, : w // 2 * 2] = 1
+
+    def corners(a: Array) -> list[Array]:
+        return [a[0::2, 0::2], a[0::2, 1::2], a[1::2, 0::2], a[1::2, 1::2]]
+
+    r = (gray - 128) * mask
+    gx, gy = gx * mask, gy * mask
+
+    def box(a: Array) -> Array:
+        cell = cv2.resize(a, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) * 4
+        summed = cv2.boxFilter(
+            cell.astype(np.float64), -1, _WINDOW, normalize=False, borderType=cv2.BORDER_CONSTANT
+        )
+        return np.asarray(summed)
+
+    n = np.maximum(box(mask), 1)
+    mean = box(r) / n
+    power = np.maximum(box(r * r) - n * mean**2, n * _LEAST_STD**2)
+    sx, sy = box(gx), box(gy)
+    kx, ky = box(gx * r) - mean * sx, box(gy * r) - mean * sy
+    damping = _DAMPING * n
+    a11 = box(gx * gx) - sx * sx / n - kx * kx / power + damping
+    a12 = box(gx * gy) - sx * sy / n - kx * ky / power
+    a22 = box(gy * gy) - sy * sy / n - ky * ky / power + damping
+    det = a11 * a22 - a12 * a12
+    i11, i12, i22 = a22 / det, -a12 / det, a11 / det
+    kx, ky = kx / power, ky / power
+    cx, cy = sx / n - kx * mean, sy / n - ky * mean
+    nodes = np.stack(
+        [
+            i11, i12, i22,
+            i11 * cx + i12 * cy, i12 * cx + i22 * cy,
+            i11 * kx + i12 * ky, i12 * kx + i22 * ky,
+            mean, power, 1 / n, n * _LEAST_STD**2,
+        ], axis=1,
+    )  # fmt: skip
+    trace = np.stack([(i11 + i22) * _DEVIATION**2, 1 / np.maximum(n - 4, 1)])
+    planes = np.stack(corners(r) + corners(gx) + corners(gy))
+    return _Level(
+        by.cells(planes),
+        np.ascontiguousarray(nodes, np.float32),
+        np.ascontiguousarray(trace, np.float32),
+        size_px,
+    )
+
+
+@lru_cache(maxsize=4)
+def _dis(shape: tuple[int, int]) -> cv2.DISOpticalFlow:
+    # One for each size: cv2 rewrites the settings of one that meets a small image.
+    dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
+    dis.setFinestScale(2)
+    dis.setVariationalRefinementIterations(2)
+    return dis
+
+
+def predict(a: Plane, b: Plane) -> Array:
+    """A coarse flow from one image to another, by DIS at half the size: (hh, ww, 2) float32 px."""
+    start: Any = None
+    return np.asarray(_dis(a.small.shape).calc(a.small, b.small, start)) * np.float32(2)
+
+
+def to_half(flow_px: Array) -> Array:
+    """A flow at pixels (h, w, 2) to one at nodes (hh, ww, 2) float32, hh = ceil(h / 2).
+
+    A node is at the centre of its 2 x 2 pixels; a lone last row or column is continued.
+    """
+    h, w = flow_px.shape[:2]
+    whole = np.asarray(flow_px, np.float32)
+    if h % 2:
+        whole = np.concatenate((whole, 2 * whole[-1:] - whole[-2:-1]), axis=0)
+    if w % 2:
+        whole = np.concatenate((whole, 2 * whole[:, -1:] - whole[:, -2:-1]), axis=1)
+    size = (whole.shape[1] // 2, whole.shape[0] // 2)
+    return np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA))
+
+
+def to_full(nodes_px: Array, shape: tuple[int, int]) -> Array:
+    """A field at nodes (hh, ww[, c]) float32 to pixels (h, w[, c]), exact where it is linear."""
+    hh, ww = nodes_px.shape[:2]
+    wide = cv2.copyMakeBorder(nodes_px, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
+    wide[:, 0], wide[:, -1] = 2 * wide[:, 1] - wide[:, 2], 2 * wide[:, -2] - wide[:, -3]
+    wide[0], wide[-1] = 2 * wide[1] - wide[2], 2 * wide[-2] - wide[-3]
+    full = cv2.resize(wide, (2 * ww + 4, 2 * hh + 4), interpolation=cv2.INTER_LINEAR)
+    return np.ascontiguousarray(full[2 : 2 + shape[0], 2 : 2 + shape[1]])
