@@ -112,7 +112,9 @@ def drawn(
     return Scene(np.stack(images), truth, parts)
 
 
-def in_plane(recipe: PatternRecipe, motion: Motion, n_frames: int = 1, mosaic: bool = True) -> Scene:
+def in_plane(
+    recipe: PatternRecipe, motion: Motion, n_frames: int = 1, mosaic: bool = True
+) -> Scene:
     """A motion in the plane of the face, given in pixels at the pixels' places."""
     reach = MARGIN_PX + 2
     x_mm, y_mm = CAMERA.axes_mm(reach)
@@ -171,9 +173,10 @@ def speckle_star() -> Scene:
     for _ in range(30):  # the slope is .31 at most
         back = y - star(x, back)[..., 1]
     images = []
+    columns = ((x + 8.5) * fine - 0.5).astype(np.float32)
     for rows in (y, back):
-        at = [((g + 8.5) * fine - 0.5).astype(np.float32) for g in (x, rows)]
-        seen = cv2.remap(level, *at, cv2.INTER_CUBIC)
+        at = ((rows + 8.5) * fine - 0.5).astype(np.float32)
+        seen = cv2.remap(level, columns, at, cv2.INTER_CUBIC)
         noisy = seen + np.sqrt(0.5 + 0.031 * seen) * rng.standard_normal(seen.shape)
         images.append(np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
     return Scene(np.stack(images), truth.astype(np.float32), np.array([0.0, 1.0]))

@@ -42,7 +42,8 @@ def amplitudes(flow_px: Vectors) -> tuple[Field, Field]:
     periods, v, near = _judged()
     ones, inner = np.ones(SMOOTHED), slice(EDGE_PX, -EDGE_PX)
     found, whole = (
-        np.convolve(np.sum(u * v * near, axis=0)[inner], ones, "valid") for u in (flow_px[..., 1], v)
+        np.convolve(np.sum(u * v * near, axis=0)[inner], ones, "valid")
+        for u in (flow_px[..., 1], v)
     )
     return np.convolve(periods[inner], ones / SMOOTHED, "valid"), found / whole
 
