@@ -38,12 +38,16 @@ def _judged() -> tuple[Field, Field, NDArray[np.bool_]]:
 
 
 def amplitudes(flow_px: Vectors) -> tuple[Field, Field]:
-    """Periods (n,) px in rising order and the shares (n,) of the star's amplitude found there."""
+    """Periods (n,) px in rising order and the shares (n,) of the star's amplitude found there.
+
+    The flow may be nan between the nodes of a grid with a step of up to 8 px.
+    """
     periods, v, near = _judged()
+    given = np.nan_to_num(flow_px[..., 1])
+    near &= np.isfinite(flow_px[..., 1])
     ones, inner = np.ones(SMOOTHED), slice(EDGE_PX, -EDGE_PX)
     found, whole = (
-        np.convolve(np.sum(u * v * near, axis=0)[inner], ones, "valid")
-        for u in (flow_px[..., 1], v)
+        np.convolve(np.sum(u * v * near, axis=0)[inner], ones, "valid") for u in (given, v)
     )
     return np.convolve(periods[inner], ones / SMOOTHED, "valid"), found / whole
 
@@ -51,7 +55,7 @@ def amplitudes(flow_px: Vectors) -> tuple[Field, Field]:
 def figures(flow_px: Vectors) -> StarFigures:
     """Noise and resolution of a flow (h, w, 2) of the star."""
     period, v, near = _judged()
-    off = (flow_px[..., 1] - v)[near & (period > FLAT_PX)]
+    off = (flow_px[..., 1] - v)[near & (period > FLAT_PX) & np.isfinite(flow_px[..., 1])]
     periods, share = amplitudes(flow_px)
     lost = np.flatnonzero(share < 1 - LOSS)
     return StarFigures(float(off.std()), float(periods[lost[-1]]) if len(lost) else np.nan)
