@@ -2,28 +2,36 @@
 
 The paper (Dense Optical Flow and Adaptive Reference) uses Farneback's algorithm on a GPU, gives no
 parameters, and adds an adaptive reference after Du et al. 2021. `FlowMethod` is one flow between
-two images; `FlowTracker` keeps the reference and the bookkeeping.
+two images; `FlowTracker` follows a sequence and says what it does not know.
 
 Results of DIS depend on cv2's number of threads (it splits the image by thread): the caller fixes
 it with cv2.setNumThreads, and records it where bytes must repeat.
 """
 
-from .image import to_gray
-from .method import DEFAULT_METHOD, FLOW_METHODS, MIN_SIDE_PX, FlowMethod, FlowPreset
-from .observation import FlowDiagnostics, FlowObservation
-from .renewed import FlowTracker, Reference, Renewal, RenewalRule
+from .confidence import ConfidenceRule
+from .image import MIN_SIDE_PX, to_gray
+from .method import DEFAULT_METHOD, FLOW_METHODS, FlowMethod, FlowPreset
+from .named import PAPER, REFERENCES, named_tracker
+from .observation import FlowDiagnostics, FlowObservation, FlowState
+from .renewed import Renewal, RenewalRule
+from .tracker import FlowTracker, Reference
 
 __all__ = [
     "DEFAULT_METHOD",
     "FLOW_METHODS",
     "MIN_SIDE_PX",
+    "PAPER",
+    "REFERENCES",
+    "ConfidenceRule",
     "FlowDiagnostics",
     "FlowMethod",
     "FlowObservation",
     "FlowPreset",
+    "FlowState",
     "FlowTracker",
     "Reference",
     "Renewal",
     "RenewalRule",
+    "named_tracker",
     "to_gray",
 ]

@@ -22,18 +22,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
+from . import kernel_cv2
 from .image import MIN_SIDE_PX
+from .kernel_cv2 import WINDOW, around, gradients
 
 Array = NDArray[Any]
 
-STEPS = (2, 2, 3)  # on a quarter, half and the full size
+STEPS = (6, 4, 3)  # on a quarter, half and the full size
 _LEVELS = 3
-_WINDOW = (7, 7)
 _BEYOND_PX = 4  # pixels behind the last one that a warp may read
 _LEAST_STD = 0.5  # grey levels: less is no texture
 _ROUNDING = 1 / 6  # variance of the difference of two images of whole grey levels
 _DAMPING = 0.01  # grey levels^2 / px^2 a pixel, on the normal matrix
-_DEVIATION = 1.0
+# Steps and smoothing pass more noise than one fit does: by the transfer functions of window and
+# smoothing, after three steps.
+_GAIN = 1.39
 
 
 @cache
@@ -41,9 +44,7 @@ def kernel() -> ModuleType:
     """The loops that are used here: compiled where numba is there, else cv2's."""
     try:
         from . import kernel_numba
-    except ImportError:
-        from . import kernel_cv2
-
+    except ImportError:  # numba is an extra
         return kernel_cv2
     return kernel_numba
 
@@ -62,6 +63,7 @@ class Plane:
 
     def __init__(self, gray: Array) -> None:
         self.gray = gray
+        self.spread = _GAIN
         h, w = gray.shape
         self.shape = (h, w)
         block = 2**_LEVELS
@@ -129,9 +131,9 @@ class Refined(NamedTuple):
 
 
 class _Level(NamedTuple):
-    cells: Array
-    nodes: Array
-    trace: Array
+    cells: Array  # what a step reads of the image
+    nodes: Array  # (11, rows, cols), see `_nodes`
+    scale: Array  # (2, rows, cols): 1 / degrees of freedom, and variance of the fit for noise of 1
     size_px: tuple[int, int]
 
 
@@ -144,9 +146,7 @@ class Reference:
     def __init__(self, plane: Plane, by: ModuleType | None = None) -> None:
         self.plane = plane
         self._by = kernel() if by is None else by
-        self._levels = [
-            _prepared(plane.level(k), plane.size_px(k), self._by) for k in range(_LEVELS)
-        ]
+        self._levels = [_prepared(plane, k, self._by) for k in range(_LEVELS)]
 
     @classmethod
     def of(cls, image: Array | Plane, by: ModuleType | None = None) -> Reference:
@@ -159,97 +159,118 @@ class Reference:
         """The flow from the reference to the current image.
 
         start_px: (hh, ww, 2) float32 to start from; `predict` by default. steps: on a quarter,
-        half and the full size. Raises InputError for another size of image or start, or a start
-        that is not finite.
+        half and the full size, the last of them 1 or more. Correlation and deviation are those
+        before the last step. Raises InputError for another size of image or start, or a start that
+        is not finite.
         """
+        self._check_size(current)
+        start = predict(self.plane, current) if start_px is None else start_px
+        flow = self._padded(start)
+        n_rows, n_cols = flow.shape[:2]
+        for k in reversed(range(_LEVELS)):
+            size = (n_cols >> k, n_rows >> k)
+            if k == _LEVELS - 1:
+                flow = cv2.resize(flow, size, interpolation=cv2.INTER_AREA) * np.float32(0.5**k)
+            else:
+                flow = cv2.resize(flow, size, interpolation=cv2.INTER_LINEAR) * np.float32(2)
+            planes = np.stack(cv2.split(flow))
+            n = steps[_LEVELS - 1 - k]
+            for i in range(n):
+                planes, correlation, left = self._step(current, k, planes, k == 0 and i == n - 1)
+            flow = cv2.merge(list(planes))
+        return self._cut(flow, correlation, left)
+
+    def evaluate(self, current: Plane, flow_px: Array) -> Refined:
+        """Correlation and deviation, as in `refine`, of a flow (hh, ww, 2) found elsewhere."""
+        self._check_size(current)
+        planes = np.stack(cv2.split(self._padded(flow_px)))
+        _, correlation, left = self._step(current, 0, planes, True)
+        return self._cut(flow_px, correlation, left)
+
+    def _check_size(self, current: Plane) -> None:
         if current.shape != self.plane.shape:
             raise InputError(
                 f"flow: the images are {self.plane.shape} and {current.shape}; one size is needed"
             )
-        start = predict(self.plane, current) if start_px is None else start_px
+
+    def _padded(self, flow_px: Array) -> Array:
         hh, ww = self.plane.small.shape
-        if start.shape != (hh, ww, 2):
-            raise InputError(f"flow: the start is {start.shape}, not {(hh, ww, 2)}")
-        if not np.isfinite(start).all():
+        if flow_px.shape != (hh, ww, 2):
+            raise InputError(f"flow: the start is {flow_px.shape}, not {(hh, ww, 2)}")
+        if not np.isfinite(flow_px).all():
             raise InputError("flow: the start is not finite everywhere")
         rows, cols = (s // 2 for s in self.plane.level(0).shape)
-        flow = cv2.copyMakeBorder(
-            np.asarray(start, np.float32), 0, rows - hh, 0, cols - ww, cv2.BORDER_REPLICATE
+        flow = np.asarray(flow_px, np.float32)
+        return cv2.copyMakeBorder(flow, 0, rows - hh, 0, cols - ww, cv2.BORDER_REPLICATE)
+
+    def _step(
+        self, current: Plane, k: int, planes: Array, last: bool
+    ) -> tuple[Array, Array, Array]:
+        level, target = self._levels[k], current.target(k, self._by)
+        moved, correlation, left = self._by.step(
+            target, level.cells, level.nodes, level.size_px, planes, last
         )
-        for k in reversed(range(_LEVELS)):
-            if k == _LEVELS - 1:
-                size = (cols >> k, rows >> k)
-                flow = cv2.resize(flow, size, interpolation=cv2.INTER_AREA) * np.float32(0.5**k)
-            else:
-                size = (cols >> k, rows >> k)
-                flow = cv2.resize(flow, size, interpolation=cv2.INTER_LINEAR) * np.float32(2)
-            planes = np.stack(cv2.split(flow))
-            level = self._levels[k]
-            target = current.target(k, self._by)
-            for i in range(steps[_LEVELS - 1 - k]):
-                last = k == 0 and i == steps[_LEVELS - 1 - k] - 1
-                correlation, left = self._by.step(
-                    target, level.cells, level.nodes, level.size_px, planes, last
-                )
-            flow = cv2.merge([planes[0], planes[1]])
+        return moved, correlation, left
+
+    def _cut(self, flow: Array, correlation: Array, left: Array) -> Refined:
+        hh, ww = self.plane.small.shape
+        freedom, spread = self._levels[0].scale
+        deviation = np.sqrt((left * freedom + np.float32(_ROUNDING)) * spread)
+        return Refined(*(np.ascontiguousarray(a[:hh, :ww]) for a in (flow, correlation, deviation)))
+
+    def evaluate(self, current: Plane, flow_px: Array) -> tuple[Array, Array]:
+        """Correlation and deviation, as in Refined, of a flow at nodes that was found elsewhere."""
+        hh, ww = self.plane.small.shape
+        rows, cols = (s // 2 for s in self.plane.level(0).shape)
+        wide = cv2.copyMakeBorder(flow_px, 0, rows - hh, 0, cols - ww, cv2.BORDER_REPLICATE)
         level = self._levels[0]
-        deviation = np.sqrt((left * level.trace[1] + _ROUNDING) * level.trace[0])
-        return Refined(
-            np.ascontiguousarray(flow[:hh, :ww]),
-            np.ascontiguousarray(correlation[:hh, :ww]),
-            np.ascontiguousarray(deviation[:hh, :ww]),
+        correlation, left = self._by.step(
+            current.target(0, self._by),
+            level.cells,
+            level.nodes,
+            level.size_px,
+            np.stack(cv2.split(wide)),
+            True,
         )
+        deviation = np.sqrt((left * level.trace[1] + _ROUNDING) * level.trace[0])
+        return correlation[:hh, :ww], deviation[:hh, :ww]
 
 
-def _prepared(image: Array, size_px: tuple[int, int], by: ModuleType) -> _Level:
-    gray = image.astype(np.float32)
-    gx = cv2.Sobel(gray, -1, 1, 0, ksize=1, scale=0.5, borderType=cv2.BORDER_REPLICATE)
-    gy = cv2.Sobel(gray, -1, 0, 1, ksize=1, scale=0.5, borderType=cv2.BORDER_REPLICATE)
-    h, w = size_px
+def _prepared(plane: Plane, k: int, by: ModuleType) -> _Level:
+    image, (h, w) = plane.level(k), plane.size_px(k)
+    gray = image.astype(np.float32) - 128
     mask = np.zeros(gray.shape, np.float32)
     mask[: h // 2 * 2, : w // 2 * 2] = 1
-
-    def corners(a: Array) -> list[Array]:
-        return [a[0::2, 0::2], a[0::2, 1::2], a[1::2, 0::2], a[1::2, 1::2]]
-
-    r = (gray - 128) * mask
-    gx, gy = gx * mask, gy * mask
+    gx, gy = (g * mask for g in gradients(gray))
+    r = gray * mask
 
     def box(a: Array) -> Array:
         cell = cv2.resize(a, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) * 4
-        summed = cv2.boxFilter(
-            cell.astype(np.float64), -1, _WINDOW, normalize=False, borderType=cv2.BORDER_CONSTANT
-        )
-        return np.asarray(summed)
+        return around(cell.astype(np.float64))
 
     n = np.maximum(box(mask), 1)
+    least = n * _LEAST_STD**2
     mean = box(r) / n
-    power = np.maximum(box(r * r) - n * mean**2, n * _LEAST_STD**2)
+    power = np.maximum(box(r * r) - n * mean**2, least)
     sx, sy = box(gx), box(gy)
     kx, ky = box(gx * r) - mean * sx, box(gy * r) - mean * sy
-    damping = _DAMPING * n
-    a11 = box(gx * gx) - sx * sx / n - kx * kx / power + damping
+    a11 = box(gx * gx) - sx * sx / n - kx * kx / power + _DAMPING * n
     a12 = box(gx * gy) - sx * sy / n - kx * ky / power
-    a22 = box(gy * gy) - sy * sy / n - ky * ky / power + damping
+    a22 = box(gy * gy) - sy * sy / n - ky * ky / power + _DAMPING * n
     det = a11 * a22 - a12 * a12
     i11, i12, i22 = a22 / det, -a12 / det, a11 / det
+    # A step is i (gx D - c D - k R D), summed: gain and offset are projected out of D.
     kx, ky = kx / power, ky / power
     cx, cy = sx / n - kx * mean, sy / n - ky * mean
-    nodes = np.stack(
-        [
-            i11, i12, i22,
-            i11 * cx + i12 * cy, i12 * cx + i22 * cy,
-            i11 * kx + i12 * ky, i12 * kx + i22 * ky,
-            mean, power, 1 / n, n * _LEAST_STD**2,
-        ], axis=1,
-    )  # fmt: skip
-    trace = np.stack([(i11 + i22) * _DEVIATION**2, 1 / np.maximum(n - 4, 1)])
-    planes = np.stack(corners(r) + corners(gx) + corners(gy))
+    nodes = [
+        i11, i12, i22,
+        i11 * cx + i12 * cy, i12 * cx + i22 * cy, i11 * kx + i12 * ky, i12 * kx + i22 * ky,
+        mean, power, 1 / n, least,
+    ]  # fmt: skip
+    weight = (WINDOW**2).sum() ** 2 / WINDOW.sum() ** 2
+    scale = [1 / np.maximum(n - 4 * weight, weight), (i11 + i22) * weight * plane.spread**2]
     return _Level(
-        by.cells(planes),
-        np.ascontiguousarray(nodes, np.float32),
-        np.ascontiguousarray(trace, np.float32),
-        size_px,
+        by.reference(image), np.stack(nodes).astype(np.float32), np.float32(scale), (h, w)
     )
 
 

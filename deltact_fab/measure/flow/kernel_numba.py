@@ -1,6 +1,7 @@
 """One step of the refinement in machine code; the same figures as `kernel_cv2`, to rounding.
 
-Importing it needs numba, which the extra `fast` brings.
+Importing it needs numba, which the extra `fast` brings. The loops over a row are many and small:
+only so does the compiler find that each may run on eight nodes at once.
 """
 
 from __future__ import annotations
@@ -13,141 +14,258 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 NAME = "numba"
-_REACH = 3  # cells that a window reaches to each side of its own
+_OUTER, _INNER = 7, 5  # the window: a box of a box
+_REACH = (_OUTER + _INNER) // 2 - 1  # cells to each side of its own
 _SUMS = 5
+_BYTE = np.uint32(255)
+_compiled = numba.njit(cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
 
 
-def cells(planes: Array) -> Array:
-    """Reference planes (12, rows, cols) as the loop reads them: (rows, 12, cols)."""
-    return np.ascontiguousarray(planes.transpose(1, 0, 2))
+def reference(image: Array) -> Array:
+    """A cell's four pixels apart, a cell more on each side: (rows + 2, 4, cols + 2) float32."""
+    wide = np.pad(image, 2, mode="edge").astype(np.float32) - 128
+    parts = [wide[i::2, j::2] for i in (0, 1) for j in (0, 1)]
+    return np.ascontiguousarray(np.stack(parts, axis=1))
 
 
 def target(image: Array) -> Array:
-    """Four pixels of a row from each one on, in one word: (rows, stride - 3) uint32."""
-    words = np.zeros((image.shape[0], image.shape[1]), np.uint32)
-    wide = image.astype(np.uint32)
-    words[:, :-3] = wide[:, :-3] | wide[:, 1:-2] << 8 | wide[:, 2:-1] << 16 | wide[:, 3:] << 24
+    """From each pixel on, three of its row in one word: (rows, cols) uint32."""
+    words = np.empty(image.shape, np.uint32)
+    _pack(image, words)
     return words
 
 
 def step(
     words: Array, reference: Array, nodes: Array, size_px: tuple[int, int], flow: Array, last: bool
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array, Array]:
     """See `kernel_cv2.step`."""
     rows, cols = flow.shape[1:]
-    shape = (rows, cols) if last else (0, 0)
-    correlation, variance = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-    _step(
-        words.reshape(-1), words.shape[1], reference, nodes, size_px[0], size_px[1],
-        flow[0], flow[1], last, correlation, variance,
-    )  # fmt: skip
-    return correlation, variance
+    out = np.empty_like(flow)
+    correlation, left = np.empty((2, rows if last else 0, cols), np.float32)
+    _step(words, reference, nodes, size_px[0], size_px[1], flow, last, out, correlation, left)
+    return out, correlation, left
 
 
-@numba.njit(cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
+@_compiled
+def _pack(image: Any, words: Any) -> None:
+    rows, cols = image.shape
+    for i in range(rows):
+        for j in range(cols - 2):
+            words[i, j] = (
+                np.uint32(image[i, j])
+                | (np.uint32(image[i, j + 1]) << np.uint32(8))
+                | (np.uint32(image[i, j + 2]) << np.uint32(16))
+            )
+        words[i, cols - 2 :] = 0
+
+
+@_compiled
 def _step(
-    words: Any, stride: int, reference: Any, nodes: Any, height: int, width: int,
-    ux: Any, uy: Any, last: bool, correlation: Any, variance: Any,
+    words: Any, reference: Any, nodes: Any, height: int, width: int, flow: Any, last: bool,
+    out: Any, correlation: Any, left: Any,
 ) -> None:  # fmt: skip
-    rows, cols = ux.shape
+    rows, cols = flow.shape[1], flow.shape[2]
     seen_rows, seen_cols = height // 2, width // 2
-    right, bottom = np.float32(width - 2), np.float32(height - 2)
-    zero, one = np.float32(0), np.float32(1)
-    at = np.empty(cols, np.int64)
-    a, b, c = np.empty(cols, np.uint32), np.empty(cols, np.uint32), np.empty(cols, np.uint32)
-    ax, ay, seen = (
-        np.empty(cols, np.float32),
-        np.empty(cols, np.float32),
-        np.zeros(cols, np.float32),
-    )
-    ring = np.zeros((2 * _REACH + 1, _SUMS, cols), np.float32)
+    lines, stride = words.reshape(-1), words.shape[1]
+    at = np.zeros(cols, np.uint32)
+    found = np.zeros((3, cols), np.uint32)
+    where = np.zeros((3, cols), np.float32)
+    d = np.zeros((4, cols), np.float32)
+    new = np.zeros((_SUMS, cols), np.float32)
+    old = np.zeros((_OUTER, _SUMS, cols), np.float32)
+    outer = np.zeros((_SUMS, cols), np.float32)
+    old_outer = np.zeros((_INNER, _SUMS, cols), np.float32)
     column = np.zeros((_SUMS, cols + 2 * _REACH), np.float32)
-    box = np.empty((_SUMS, cols), np.float32)
+    box = np.zeros((_SUMS, cols), np.float32)
+    moved = np.zeros((2, cols + 2), np.float32)
+    smooth = np.zeros((3, 2, cols), np.float32)
+    n_sums = _SUMS if last else _SUMS - 1
     for i in range(rows + _REACH):
-        into = ring[i % (2 * _REACH + 1)]
         if i < seen_rows:
-            for j in range(seen_cols):
-                x, y = np.float32(2 * j) + ux[i, j], np.float32(2 * i) + uy[i, j]
-                ok = (x >= zero) & (x <= right) & (y >= zero) & (y <= bottom)
-                x, y = min(max(x, zero), right), min(max(y, zero), bottom)
-                xi, yi = np.int32(x), np.int32(y)
-                ax[j], ay[j] = x - np.float32(xi), y - np.float32(yi)
-                seen[j] = one if ok else zero
-                at[j] = np.int64(yi) * stride + np.int64(xi)
-            for j in range(seen_cols):
-                k = at[j]
-                a[j], b[j], c[j] = words[k], words[k + stride], words[k + 2 * stride]
-            r = reference[i]
-            for j in range(seen_cols):
-                fx, fy, m = ax[j], ay[j], seen[j]
-                p0, p1, p2 = (
-                    np.float32(a[j] & 255),
-                    np.float32((a[j] >> 8) & 255),
-                    np.float32((a[j] >> 16) & 255),
-                )
-                q0, q1, q2 = (
-                    np.float32(b[j] & 255),
-                    np.float32((b[j] >> 8) & 255),
-                    np.float32((b[j] >> 16) & 255),
-                )
-                s0, s1, s2 = (
-                    np.float32(c[j] & 255),
-                    np.float32((c[j] >> 8) & 255),
-                    np.float32((c[j] >> 16) & 255),
-                )
-                p0, p1 = p0 + fx * (p1 - p0), p1 + fx * (p2 - p1)
-                q0, q1 = q0 + fx * (q1 - q0), q1 + fx * (q2 - q1)
-                s0, s1 = s0 + fx * (s1 - s0), s1 + fx * (s2 - s1)
-                off = np.float32(128)
-                d0 = m * (r[0, j] + off - (p0 + fy * (q0 - p0)))
-                d1 = m * (r[1, j] + off - (p1 + fy * (q1 - p1)))
-                d2 = m * (r[2, j] + off - (q0 + fy * (s0 - q0)))
-                d3 = m * (r[3, j] + off - (q1 + fy * (s1 - q1)))
-                into[0, j] = d0 * r[4, j] + d1 * r[5, j] + d2 * r[6, j] + d3 * r[7, j]
-                into[1, j] = d0 * r[8, j] + d1 * r[9, j] + d2 * r[10, j] + d3 * r[11, j]
-                into[2, j] = d0 + d1 + d2 + d3
-                into[3, j] = d0 * r[0, j] + d1 * r[1, j] + d2 * r[2, j] + d3 * r[3, j]
-                into[4, j] = d0 * d0 + d1 * d1 + d2 * d2 + d3 * d3
-        else:
-            into[:] = 0
+            _address(flow[0, i], flow[1, i], i, seen_cols, height, width, stride, where, at)
+            _gather(lines, stride, at, seen_cols, found)
+            _difference(found, where, reference[i + 1], seen_cols, d)
+            _sum(d, reference, i + 1, seen_cols, last, new)
+        elif i == seen_rows:
+            new[:] = 0
+        for k in range(n_sums):
+            _down(
+                new[k], old[i % _OUTER, k], outer[k], old_outer[i % _INNER, k],
+                column[k, _REACH : _REACH + cols],
+            )  # fmt: skip
         i0 = i - _REACH
         if i0 < 0:
             continue
-        for k in range(_SUMS if last else _SUMS - 1):
-            for j in range(cols):
-                column[k, _REACH + j] = (
-                    ring[0, k, j] + ring[1, k, j] + ring[2, k, j] + ring[3, k, j]
-                    + ring[4, k, j] + ring[5, k, j] + ring[6, k, j]
-                )  # fmt: skip
-            line = column[k]
-            for j in range(cols):
-                box[k, j] = (
-                    line[j] + line[j + 1] + line[j + 2] + line[j + 3]
-                    + line[j + 4] + line[j + 5] + line[j + 6]
-                )  # fmt: skip
-        n = nodes[i0]
+        for k in range(n_sums):
+            _across(column[k], cols, box[k])
+        _solve(box, nodes[:, i0], flow[:, i0], cols, moved)
         if last:
-            for j in range(cols):
-                i11, i12, i22 = n[0, j], n[1, j], n[2, j]
-                dx = i11 * box[0, j] + i12 * box[1, j] - n[3, j] * box[2, j] - n[5, j] * box[3, j]
-                dy = i12 * box[0, j] + i22 * box[1, j] - n[4, j] * box[2, j] - n[6, j] * box[3, j]
-                power = n[8, j]
-                shared = box[3, j] - n[7, j] * box[2, j]
-                rest = max(box[4, j] - box[2, j] * box[2, j] * n[9, j], zero)
-                seen_power = max(power - np.float32(2) * shared + rest, n[10, j])
-                correlation[i0, j] = min(
-                    max((power - shared) / np.sqrt(power * seen_power), -one), one
-                )
-                explained = (i22 * dx * dx - np.float32(2) * i12 * dx * dy + i11 * dy * dy) / (
-                    i11 * i22 - i12 * i12
-                )
-                variance[i0, j] = max(rest - shared * shared / power - explained, zero)
-                ux[i0, j] += min(max(dx, -one), one)
-                uy[i0, j] += min(max(dy, -one), one)
-        else:
-            for j in range(cols):
-                i11, i12, i22 = n[0, j], n[1, j], n[2, j]
-                dx = i11 * box[0, j] + i12 * box[1, j] - n[3, j] * box[2, j] - n[5, j] * box[3, j]
-                dy = i12 * box[0, j] + i22 * box[1, j] - n[4, j] * box[2, j] - n[6, j] * box[3, j]
-                ux[i0, j] += min(max(dx, -one), one)
-                uy[i0, j] += min(max(dy, -one), one)
+            _judge(box, nodes[:, i0], flow[:, i0], moved, cols, correlation[i0], left[i0])
+        for k in range(2):
+            moved[k, 0], moved[k, cols + 1] = moved[k, 1], moved[k, cols]
+            _soften(moved[k], cols, smooth[i0 % 3, k])
+            if i0 == 0:
+                smooth[2, k] = smooth[0, k]
+            else:
+                _blend(smooth[(i0 + 1) % 3, k], smooth[(i0 + 2) % 3, k], smooth[i0 % 3, k],
+                       out[k, i0 - 1])  # fmt: skip
+    end = rows - 1
+    for k in range(2):
+        _blend(smooth[(end + 2) % 3, k], smooth[end % 3, k], smooth[end % 3, k], out[k, end])
+
+
+@_compiled
+def _address(
+    ux: Any, uy: Any, i: int, n: int, height: int, width: int, stride: int, where: Any, at: Any
+) -> None:
+    right, bottom, top = np.float32(width - 2), np.float32(height - 2), np.float32(2 * i)
+    zero, one = np.float32(0), np.float32(1)
+    ax, ay, seen = where[0], where[1], where[2]
+    for j in range(n):
+        x, y = np.float32(2 * j) + ux[j], top + uy[j]
+        ok = (x >= zero) & (x <= right) & (y >= zero) & (y <= bottom)
+        x, y = min(max(x, zero), right), min(max(y, zero), bottom)
+        xi, yi = np.int32(x), np.int32(y)
+        ax[j], ay[j] = x - np.float32(xi), y - np.float32(yi)
+        seen[j] = one if ok else zero
+        at[j] = np.uint32(yi * stride + xi)
+
+
+@_compiled
+def _gather(lines: Any, stride: int, at: Any, n: int, found: Any) -> None:
+    below, lowest = lines[stride:], lines[2 * stride :]
+    a, b, c = found[0], found[1], found[2]
+    for j in range(n):
+        k = at[j]
+        a[j], b[j], c[j] = lines[k], below[k], lowest[k]
+
+
+@_compiled
+def _difference(found: Any, where: Any, r: Any, n: int, d: Any) -> None:
+    """Reference less current image at a row's cells, (4, cols); 0 outside."""
+    a, b, c = found[0], found[1], found[2]
+    ax, ay, seen = where[0], where[1], where[2]
+    d0, d1, d2, d3 = d[0], d[1], d[2], d[3]
+    r0, r1, r2, r3 = r[0, 1:], r[1, 1:], r[2, 1:], r[3, 1:]
+    off = np.float32(128)
+    for j in range(n):
+        fx, fy, m = ax[j], ay[j], seen[j]
+        p0 = np.float32(np.int32(a[j] & _BYTE))
+        p1 = np.float32(np.int32((a[j] >> np.uint32(8)) & _BYTE))
+        p2 = np.float32(np.int32(a[j] >> np.uint32(16)))
+        q0 = np.float32(np.int32(b[j] & _BYTE))
+        q1 = np.float32(np.int32((b[j] >> np.uint32(8)) & _BYTE))
+        q2 = np.float32(np.int32(b[j] >> np.uint32(16)))
+        s0 = np.float32(np.int32(c[j] & _BYTE))
+        s1 = np.float32(np.int32((c[j] >> np.uint32(8)) & _BYTE))
+        s2 = np.float32(np.int32(c[j] >> np.uint32(16)))
+        p0, p1 = p0 + fx * (p1 - p0), p1 + fx * (p2 - p1)
+        q0, q1 = q0 + fx * (q1 - q0), q1 + fx * (q2 - q1)
+        s0, s1 = s0 + fx * (s1 - s0), s1 + fx * (s2 - s1)
+        d0[j] = m * (r0[j] + off - (p0 + fy * (q0 - p0)))
+        d1[j] = m * (r1[j] + off - (p1 + fy * (q1 - p1)))
+        d2[j] = m * (r2[j] + off - (q0 + fy * (s0 - q0)))
+        d3[j] = m * (r3[j] + off - (q1 + fy * (s1 - q1)))
+
+
+@_compiled
+def _sum(d: Any, reference: Any, i: int, n: int, last: bool, new: Any) -> None:
+    """gx D, gy D, D, R D and D^2 over each cell of a row; gradients are central differences."""
+    d0, d1, d2, d3 = d[0], d[1], d[2], d[3]
+    r0, r1, r2, r3 = reference[i, 0], reference[i, 1], reference[i, 2], reference[i, 3]
+    up2, up3, down0, down1 = (
+        reference[i - 1, 2], reference[i - 1, 3], reference[i + 1, 0], reference[i + 1, 1],
+    )  # fmt: skip
+    s0, s1, s2, s3, s4 = new[0], new[1], new[2], new[3], new[4]
+    half = np.float32(0.5)
+    for j in range(n):
+        k = j + 1
+        s0[j] = half * (
+            d0[j] * (r1[k] - r1[k - 1])
+            + d1[j] * (r0[k + 1] - r0[k])
+            + d2[j] * (r3[k] - r3[k - 1])
+            + d3[j] * (r2[k + 1] - r2[k])
+        )
+    for j in range(n):
+        k = j + 1
+        s1[j] = half * (
+            d0[j] * (r2[k] - up2[k])
+            + d1[j] * (r3[k] - up3[k])
+            + d2[j] * (down0[k] - r0[k])
+            + d3[j] * (down1[k] - r1[k])
+        )
+    for j in range(n):
+        k = j + 1
+        s2[j] = d0[j] + d1[j] + d2[j] + d3[j]
+        s3[j] = d0[j] * r0[k] + d1[j] * r1[k] + d2[j] * r2[k] + d3[j] * r3[k]
+    if last:
+        for j in range(n):
+            s4[j] = d0[j] * d0[j] + d1[j] * d1[j] + d2[j] * d2[j] + d3[j] * d3[j]
+
+
+@_compiled
+def _down(new: Any, old: Any, outer: Any, old_outer: Any, column: Any) -> None:
+    """The window's sums down the columns, carried on by one row."""
+    for j in range(len(new)):
+        s = outer[j] + (new[j] - old[j])
+        old[j] = new[j]
+        outer[j] = s
+        column[j] += s - old_outer[j]
+        old_outer[j] = s
+
+
+@_compiled
+def _across(v: Any, n: int, box: Any) -> None:
+    two, three, four, five = np.float32(2), np.float32(3), np.float32(4), np.float32(5)
+    for j in range(n):
+        box[j] = (
+            (v[j] + v[j + 10])
+            + two * (v[j + 1] + v[j + 9])
+            + three * (v[j + 2] + v[j + 8])
+            + four * (v[j + 3] + v[j + 7])
+            + five * (v[j + 4] + v[j + 5] + v[j + 6])
+        )
+
+
+@_compiled
+def _solve(box: Any, node: Any, flow: Any, n: int, moved: Any) -> None:
+    one = np.float32(1)
+    b0, b1, b2, b3 = box[0], box[1], box[2], box[3]
+    i11, i12, i22, ex, ey, fx, fy = (
+        node[0], node[1], node[2], node[3], node[4], node[5], node[6],
+    )  # fmt: skip
+    ux, uy, mx, my = flow[0], flow[1], moved[0], moved[1]
+    for j in range(n):
+        dx = i11[j] * b0[j] + i12[j] * b1[j] - ex[j] * b2[j] - fx[j] * b3[j]
+        mx[j + 1] = ux[j] + min(max(dx, -one), one)
+    for j in range(n):
+        dy = i12[j] * b0[j] + i22[j] * b1[j] - ey[j] * b2[j] - fy[j] * b3[j]
+        my[j + 1] = uy[j] + min(max(dy, -one), one)
+
+
+@_compiled
+def _judge(box: Any, node: Any, flow: Any, moved: Any, n: int, correlation: Any, left: Any) -> None:
+    zero, one, two = np.float32(0), np.float32(1), np.float32(2)
+    for j in range(n):
+        dx, dy = moved[0, j + 1] - flow[0, j], moved[1, j + 1] - flow[1, j]
+        i11, i12, i22, power = node[0, j], node[1, j], node[2, j], node[8, j]
+        shared = box[3, j] - node[7, j] * box[2, j]
+        rest = max(box[4, j] - box[2, j] * box[2, j] * node[9, j], zero)
+        current = max(power - two * shared + rest, node[10, j])
+        correlation[j] = min(max((power - shared) / np.sqrt(power * current), -one), one)
+        explained = (i22 * dx * dx - two * i12 * dx * dy + i11 * dy * dy) / (i11 * i22 - i12 * i12)
+        left[j] = max(rest - shared * shared / power - explained, zero)
+
+
+@_compiled
+def _soften(v: Any, n: int, out: Any) -> None:
+    quarter, half = np.float32(0.25), np.float32(0.5)
+    for j in range(n):
+        out[j] = quarter * (v[j] + v[j + 2]) + half * v[j + 1]
+
+
+@_compiled
+def _blend(above: Any, middle: Any, below: Any, out: Any) -> None:
+    quarter, half = np.float32(0.25), np.float32(0.5)
+    for j in range(len(out)):
+        out[j] = quarter * (above[j] + below[j]) + half * middle[j]

@@ -3,11 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Any
 
 from numpy.typing import NDArray
 
 Array = NDArray[Any]
+
+
+class FlowState(IntEnum):
+    """What stands behind one pixel's flow."""
+
+    LOST = 0
+    """Hidden or out of view, and no trustworthy neighbour near: a guess."""
+    PREDICTED = 1
+    """Not found in this image; filled from trustworthy neighbours."""
+    MATCHED = 2
+    """Found in this image."""
 
 
 @dataclass(frozen=True)
@@ -16,19 +28,21 @@ class FlowDiagnostics:
 
     frame: 0 for the first image. reference_frame: the frame it was matched against.
     n_reference_switches: since the first image. n_flows: flows computed for this frame.
-    bad_share: share of textured blocks with an NCC below ncc_min. trusted: bad_share is within the
-    rule's trust_share. confident_share: share of the visible pixels that are confident.
-    cpu_ms: process time of the update, over all threads.
+    textured_share: share of the first image in which there is anything to see. bad_share: share of
+    what is textured and in view that is not confident. trusted: texture and confidence
+    suffice (`ConfidenceRule`). confident_share: share of the visible pixels that are confident.
+    rule: "colour", "grey" or "not judged". cpu_ms: process time of the update, over all threads.
     """
 
     frame: int
     reference_frame: int
     n_reference_switches: int
     n_flows: int
+    textured_share: float
     bad_share: float
-    ncc_min: float
     trusted: bool
     confident_share: float
+    rule: str
     cpu_ms: float
 
 
@@ -36,16 +50,38 @@ class FlowDiagnostics:
 class FlowObservation:
     """Total flow of one frame; the arrays are read-only.
 
+    All have one size (h, w): that of the image, or half of it, rounded down, where the tracker was
+    asked for half (`full=False`); element (i, j) then stands for the middle of the four pixels
+    from (2 i, 2 j) on. Flows are in pixels of the image in either case.
+
     flow_px: (h, w, 2) float32, from the first image, at its pixels (Lagrangian).
-    visible: (h, w) bool, the pixel's path has stayed inside the images it was followed through.
-    confident: (h, w) bool, the pixel's block matched in every flow that its total is made of; what
-    was composed from a bad block stays out, though later flows match.
-    ncc: (h // block, w // block) float32 by block of this frame's *reference* image (NaN where
-    nothing can be said).
+    visible: (h, w) bool, the flow ends inside this image; of a flow composed over several
+    references also that it did so in each of them.
+    confident: (h, w) bool, see `ConfidenceRule`; nowhere, if the tracker was asked not to judge.
+    state: (h, w) uint8 of `FlowState`.
     """
 
     flow_px: Array
     visible: Array
     confident: Array
-    ncc: Array
+    state: Array
     diagnostics: FlowDiagnostics
+
+
+@dataclass(frozen=True)
+class Followed:
+    """What one way to follow a sequence says of one frame, before it is judged.
+
+    flow_px, kept, agreeing: on the half grid, see `confidence`. full_px: (h, w, 2), where the way
+    finds its flow at every pixel. stayed: (h, w) bool, the flow never left an image that it was
+    composed over; None: that is no question. The rest: as in FlowDiagnostics.
+    """
+
+    flow_px: Array
+    kept: Array
+    agreeing: Array
+    full_px: Array | None = None
+    stayed: Array | None = None
+    reference_frame: int = 0
+    n_reference_switches: int = 0
+    n_flows: int = 1

@@ -1,38 +1,42 @@
-"""Total flow through a sequence, its reference renewed (paper, after Du et al. 2021)."""
+"""Total flow with a reference that is renewed on the way (paper, after Du et al. 2021)."""
 
 from __future__ import annotations
 
-import time
-from dataclasses import dataclass, replace
-from typing import Any, Literal, get_args
+from dataclasses import dataclass
+from typing import Any, Literal
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError, SensorError, did_you_mean
-from ..compose import block_ncc, blocks_to_pixels, compose, inside, landing_px, sample_mask
+from ...errors import InputError
+from ..compose import block_ncc, compose, inside, landing_px, sample
+from .confidence import Judge
+from .fused import Plane, to_half
+from .fused import Reference as FirstImage
 from .image import to_gray
-from .method import DEFAULT_METHOD, MIN_SIDE_PX, FlowMethod
-from .observation import FlowDiagnostics, FlowObservation
+from .method import FlowMethod, Prepared
+from .observation import Followed
 
 Array = NDArray[Any]
-Reference = Literal["composed", "summed", "static"]
-Renewal = Literal["adaptive", "every-frame"]
+Sum = Literal["composed", "summed", "static"]
+Renewal = Literal["adaptive", "every-frame", "photometric"]
 
 
 @dataclass(frozen=True)
 class RenewalRule:
-    """When the reference is renewed and when a frame is believed.
+    """When the reference is renewed.
 
-    A block is bad when its NCC is below `ncc_min`. A frame is good while its share of bad blocks is
-    at most `renew_share` above the least seen against the same reference: a lasting speck or
-    reflection, up to half of trust_share, must not stop the renewal. When a frame is not good, the
-    last good one is tried as the reference, and kept if it at least halves the share. Above
-    `trust_share` the frame is flagged, and never becomes a reference.
+    "adaptive": a block is bad when its NCC is below `ncc_min`. A frame is good while its share of
+    bad blocks is at most `renew_share` above the least seen against the same reference: a lasting
+    speck or reflection, up to half of trust_share, must not stop the renewal. When a frame is not
+    good, the last good one is tried as the reference, and kept if it at least halves the share.
+    Above `trust_share` a frame never becomes a reference; "every-frame" keeps to that, too.
 
-    With `calibrate`, the first frame after the reference (a small motion, by protocol) may lower
-    `ncc_min` to `calibrated_part` of its median NCC, never below `ncc_floor`: a pattern of low
-    contrast has its NCC limited by camera noise. Unrelated images stay well below the floor.
+    "photometric", the paper's: the current image, warped back, is compared with the reference,
+    both at a quarter of the size with the flow taken there; when they differ by more than
+    `photometric_max` grey levels (mean absolute), the current image is the reference from then on.
+    The paper gives no threshold: this one has the least error on the smoke run.
     """
 
     block_px: int = 32
@@ -40,15 +44,11 @@ class RenewalRule:
     renew_share: float = 0.01
     trust_share: float = 0.25
     stride_px: int = 2
-    calibrate: bool = True
-    calibrated_part: float = 0.8
-    ncc_floor: float = 0.5
+    photometric_max: float = 12.0
 
     def __post_init__(self) -> None:
-        if not 0 < self.ncc_floor <= self.ncc_min < 1:
-            raise InputError(
-                f"0 < ncc_floor <= ncc_min < 1: {self.ncc_floor}, {self.ncc_min} fails"
-            )
+        if not 0 < self.ncc_min < 1:
+            raise InputError(f"0 < ncc_min < 1: {self.ncc_min} fails")
         if not 0 <= self.renew_share <= self.trust_share <= 1:
             raise InputError(
                 "0 <= renew_share <= trust_share <= 1: "
@@ -59,203 +59,147 @@ class RenewalRule:
                 "block_px >= 8 and a multiple of stride_px: "
                 f"{self.block_px}, {self.stride_px} fails"
             )
+        if not self.photometric_max > 0:
+            raise InputError(f"photometric_max > 0: {self.photometric_max} fails")
 
 
 @dataclass(frozen=True)
 class _Keyframe:
     frame: int
     gray: Array
+    prepared: Prepared
     flow_px: Array
-    visible: Array
-    confident: Array
+    stayed: Array
 
 
 @dataclass(frozen=True)
 class _Match:
     against: _Keyframe
     flow_px: Array
-    ncc: Array
-    bad_share: float
+    off: float
+    """Share of bad blocks, or the photometric error: what the rule in use looks at."""
 
 
-class FlowTracker:
-    """Total flow through a sequence of images, with a reference that is renewed.
+class Renewed:
+    """Follows one sequence from its first image on.
 
-    reference: "composed" F(x) = F_ref(x) + f(x + F_ref(x)); "summed" F_ref(x) + f(x), the plain
+    total: "composed" F(x) = F_ref(x) + f(x + F_ref(x)); "summed" F_ref(x) + f(x), the plain
     superposition of Du et al. 2021 (and of the paper's text); "static" keeps the first image.
-    renew: "adaptive" by the rule, or "every-frame" (each good frame is the next reference).
-    warm: start each flow from the last one against the same reference; after a switch the start is
-    cold. Raises InputError for unknown names.
+    Each flow starts from the last one against the same reference; after a switch it starts cold.
+    first, judge: of the first image, for what is said of the total.
     """
 
     def __init__(
         self,
-        method: FlowMethod | str = DEFAULT_METHOD,
-        reference: Reference = "composed",
-        renew: Renewal = "adaptive",
-        warm: bool = True,
-        rule: RenewalRule | None = None,
+        method: FlowMethod,
+        total: Sum,
+        renew: Renewal,
+        rule: RenewalRule,
+        image: Array,
+        first: FirstImage,
+        judge: Judge,
     ) -> None:
-        for what, word, known in (
-            ("reference", reference, get_args(Reference)),
-            ("renew", renew, get_args(Renewal)),
-        ):
-            if word not in known:
-                raise InputError(f"flow {what} {word!r}: unknown; {did_you_mean(str(word), known)}")
-        self.method = FlowMethod(method) if isinstance(method, str) else method
-        self.reference = reference
-        self.renew = renew
-        self.warm = warm
-        self.rule = rule or RenewalRule()
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget everything: the next image is the first."""
-        self._first: _Keyframe | None = None
-        self._ref: _Keyframe | None = None
-        self._good: _Keyframe | None = None
-        self._least = self.rule.trust_share / 2
+        self._method, self._total, self._renew, self._rule = method, total, renew, rule
+        self._first, self._judge = first, judge
+        gray = to_gray(image)
+        zero = np.zeros((*gray.shape, 2), np.float32)
+        self._ref = self._good = self._keyframe(0, gray, zero, np.ones(gray.shape, bool))
+        self._least = rule.trust_share / 2
         self._relative: Array | None = None
-        self._ncc_min = self.rule.ncc_min
-        self._calibrated = not self.rule.calibrate
-        self._frame = -1
+        self._frame = 0
         self._switches = 0
 
-    def update(self, image: Array) -> FlowObservation:
-        """Follow one more image: (h, w, 3) BGR or (h, w) grey, uint8, of the first image's size.
-
-        Raises InputError for another type or size, SensorError for a first image without texture.
-        """
-        start_s = time.process_time()
-        gray = to_gray(image)
+    def step(self, image: Array, plane: Plane) -> Followed:
+        """Follow one more image, (h, w[, 3]) uint8; plane: of the same."""
         self._frame += 1
-        if not (self._first and self._ref and self._good):
-            return self._begin(gray, start_s)
-        if gray.shape != self._first.gray.shape:
-            self._frame -= 1
-            raise InputError(
-                f"flow: the image is {gray.shape}, the first one was {self._first.gray.shape}"
-            )
-        rule = self.rule
-        match = self._match(self._ref, gray, self._relative if self.warm else None)
-        n_flows = 1
-        if not self._calibrated:
-            match = self._calibrate(match)
+        gray = to_gray(image)
+        match, n_flows = self._match(self._ref, gray, self._relative), 1
         if (
-            self.reference != "static"
+            self._renew != "photometric"
             and self._good is not self._ref
-            and match.bad_share > rule.renew_share + self._least
+            and match.off > self._rule.renew_share + self._least
         ):
-            retry = self._match(self._good, gray, None)
-            n_flows = 2
-            if retry.bad_share <= 0.5 * match.bad_share:
+            retry, n_flows = self._match(self._good, gray, None), 2
+            if retry.off <= 0.5 * match.off:
                 match = retry
-        total, visible, confident = self._total(match)
-        for shared in (total, visible, confident):
-            shared.setflags(write=False)  # they may become the reference's
-        trusted = match.bad_share <= rule.trust_share
-        if trusted:
-            # A frame that is not believed leaves reference and warm start as they were.
-            if match.against is not self._ref:
-                self._renew_to(match.against)
-            self._relative = match.flow_px
-            self._least = min(self._least, match.bad_share)
-            if match.bad_share <= rule.renew_share + self._least:
-                self._good = _Keyframe(self._frame, gray, total, visible, confident)
-                if self.renew == "every-frame" and self.reference != "static":
-                    self._renew_to(self._good)
-        return FlowObservation(
-            total,
-            visible,
-            confident,
-            match.ncc,
-            FlowDiagnostics(
-                frame=self._frame,
-                reference_frame=match.against.frame,
-                n_reference_switches=self._switches,
-                n_flows=n_flows,
-                bad_share=match.bad_share,
-                ncc_min=self._ncc_min,
-                trusted=trusted,
-                confident_share=float(np.mean(confident[visible])) if visible.any() else 0.0,
-                cpu_ms=(time.process_time() - start_s) * 1e3,
-            ),
+        flow, stayed = self._sum(match)
+        self._settle(match, gray, flow, stayed)
+        nodes = to_half(flow)
+        correlation, deviation = self._first.evaluate(plane, nodes)
+        kept = self._judge.kept(nodes, correlation)
+        return Followed(
+            nodes,
+            kept,
+            self._judge.agreeing(image, nodes, kept, correlation, deviation),
+            flow,
+            stayed,
+            match.against.frame,
+            self._switches,
+            n_flows,
         )
+
+    def _settle(self, match: _Match, gray: Array, flow: Array, stayed: Array) -> None:
+        """Choose the reference and the start of the next frame."""
+        if self._renew == "photometric":
+            self._relative = match.flow_px
+            if match.off > self._rule.photometric_max and self._total != "static":
+                self._renew_to(self._keyframe(self._frame, gray, flow, stayed))
+            return
+        if match.off > self._rule.trust_share:
+            return  # a frame that matches nothing leaves reference and start as they were
+        if match.against is not self._ref:
+            self._renew_to(match.against)
+        self._relative = match.flow_px
+        self._least = min(self._least, match.off)
+        if match.off <= self._rule.renew_share + self._least and self._total != "static":
+            self._good = self._keyframe(self._frame, gray, flow, stayed)
+            if self._renew == "every-frame":
+                self._renew_to(self._good)
+
+    def _keyframe(self, frame: int, gray: Array, flow: Array, stayed: Array) -> _Keyframe:
+        return _Keyframe(frame, gray, self._method.prepare(gray), flow, stayed)
 
     def _renew_to(self, frame: _Keyframe) -> None:
-        self._ref = frame
+        self._ref = self._good = frame
         self._relative = None
-        self._least = self.rule.trust_share / 2
+        self._least = self._rule.trust_share / 2
         self._switches += 1
 
-    def _begin(self, gray: Array, start_s: float) -> FlowObservation:
-        h, w = gray.shape
-        if min(h, w) < MIN_SIDE_PX:
-            self._frame -= 1
-            raise InputError(
-                f"flow: the image is {gray.shape}; sides of {MIN_SIDE_PX} px or more are needed"
-            )
-        zero = np.zeros((h, w, 2), np.float32)
+    def _match(self, against: _Keyframe, gray: Array, start: Array | None) -> _Match:
+        flow = against.prepared.to(gray, start)
+        if self._renew == "photometric":
+            return _Match(against, flow, photometric_error(against.gray, gray, flow))
         ncc = block_ncc(
-            gray, gray, zero, block_px=self.rule.block_px, stride_px=self.rule.stride_px
+            against.gray, gray, flow, block_px=self._rule.block_px, stride_px=self._rule.stride_px
         )
-        if not np.isfinite(ncc).any():
-            self.reset()
-            raise SensorError(
-                "flow: no block of the first image has texture (a standard deviation of 4 grey "
-                "levels or more): covered, dark, out of focus, or no pattern"
-            )
-        confident = blocks_to_pixels(np.isfinite(ncc), (h, w), self.rule.block_px)
-        first = _Keyframe(0, gray, zero, np.ones((h, w), bool), confident)
-        self._first = self._ref = self._good = first
-        return FlowObservation(
-            zero.copy(),
-            first.visible.copy(),
-            confident.copy(),
-            ncc,
-            FlowDiagnostics(
-                frame=0,
-                reference_frame=0,
-                n_reference_switches=0,
-                n_flows=0,
-                bad_share=0.0,
-                ncc_min=self._ncc_min,
-                trusted=True,
-                confident_share=float(confident.mean()),
-                cpu_ms=(time.process_time() - start_s) * 1e3,
-            ),
-        )
+        return _Match(against, flow, _bad_share(ncc, self._rule.ncc_min))
 
-    def _match(self, against: _Keyframe, gray: Array, initial: Array | None) -> _Match:
-        flow = self.method.between(against.gray, gray, initial)
-        ncc = block_ncc(
-            against.gray, gray, flow, block_px=self.rule.block_px, stride_px=self.rule.stride_px
-        )
-        return _Match(against, flow, ncc, _bad_share(ncc, self._ncc_min))
-
-    def _calibrate(self, match: _Match) -> _Match:
-        known = match.ncc[np.isfinite(match.ncc)]
-        typical = float(np.median(known)) if known.size else 0.0
-        if typical <= self.rule.ncc_floor:
-            return match  # an unrelated image says nothing about the pattern
-        lowered = max(self.rule.ncc_floor, self.rule.calibrated_part * typical)
-        self._ncc_min = min(self.rule.ncc_min, lowered)
-        self._calibrated = True
-        return replace(match, bad_share=_bad_share(match.ncc, self._ncc_min))
-
-    def _total(self, match: _Match) -> tuple[Array, Array, Array]:
+    def _sum(self, match: _Match) -> tuple[Array, Array]:
         ref = match.against
-        good = blocks_to_pixels(match.ncc >= self._ncc_min, ref.gray.shape, self.rule.block_px)
         if ref.frame == 0:
-            total = match.flow_px.copy()
+            total = match.flow_px
+        elif self._total == "summed":
+            total = ref.flow_px + match.flow_px
         else:
-            good = ref.confident & sample_mask(good, landing_px(ref.flow_px))
-            if self.reference == "summed":
-                total = ref.flow_px + match.flow_px
-            else:
-                total = compose(ref.flow_px, match.flow_px)
+            total = compose(ref.flow_px, match.flow_px)
         # What left the image before the reference was continued from the border, so it stays out.
-        return total, ref.visible & inside(landing_px(total), *total.shape[:2]), good
+        return total, ref.stayed & inside(landing_px(total), *total.shape[:2])
+
+
+def photometric_error(reference: Array, current: Array, flow: Array) -> float:
+    """Mean absolute difference, grey levels, of the reference and the current image warped back.
+
+    Both are taken at a quarter of their size, with the flow there; what lands outside is left out.
+    """
+    h, w = (s // 4 for s in reference.shape)
+
+    def small(a: Array) -> Array:
+        return cv2.resize(a[: 4 * h, : 4 * w], (w, h), interpolation=cv2.INTER_AREA)
+
+    landing = landing_px(small(flow) / np.float32(4))
+    off = cv2.absdiff(small(reference), sample(small(current), landing))
+    within = inside(landing, h, w)
+    return float(off[within].mean()) if within.any() else 255.0
 
 
 def _bad_share(ncc: Array, ncc_min: float) -> float:

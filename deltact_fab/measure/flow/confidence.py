@@ -1,0 +1,206 @@
+"""What of a flow is kept and what is believed: one rule for every way to find it.
+
+All arrays here lie on the half grid of `fused`, (hh, ww): a node stands for 2 x 2 pixels; flows are
+in pixels of the image. Every flow is judged against the *first* image, whatever it was composed
+over.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ..compose import landing_px, sample
+from .fused import Plane
+from .observation import FlowState
+
+Array = NDArray[Any]
+_EDGE = cv2.BORDER_REPLICATE
+_COARSE_PX = 4  # windows are counted in cells of two nodes each way
+_LEAST_VARIANCE = 1.0  # grey levels^2: less than a camera's noise
+
+
+@dataclass(frozen=True)
+class ConfidenceRule:
+    """What a node must show.
+
+    Kept, so that its own flow stands: the tracked channel correlates above `keep_correlation`, it
+    lands inside the image, and the flow around it does not squeeze areas below `keep_det`. This
+    asks little: a dense flow fits itself to noise, too.
+
+    Confident: kept, and a second witness. Of a colour image the fit sees green alone, so red and
+    blue must correlate above `chroma_min` over `window_px`. A grey image has no second witness:
+    its one correlation must be above `grey_min`. In both, the fit's own predicted deviation is
+    below `deviation_max_px`, and of the textured nodes in `support_px` around at least
+    `support_share` agree.
+
+    A frame is trusted when `textured_share` or more of the first image has a standard deviation of
+    `texture_min` grey levels, and `trusted_share` or more of that is confident now.
+    """
+
+    keep_correlation: float = 0.35
+    keep_det: float = 0.12
+    chroma_min: float = 0.3
+    grey_min: float = 0.6
+    deviation_max_px: float = 0.15
+    window_px: int = 20
+    support_px: int = 68
+    support_share: float = 0.5
+    texture_min: float = 4.0
+    textured_share: float = 0.5
+    trusted_share: float = 0.25
+
+    def __post_init__(self) -> None:
+        shares = (
+            "keep_correlation", "keep_det", "chroma_min", "grey_min",
+            "support_share", "textured_share", "trusted_share",
+        )  # fmt: skip
+        for name in shares:
+            if not 0 < getattr(self, name) < 1:
+                raise InputError(f"confidence: {name} = {getattr(self, name)}; between 0 and 1")
+        for name in ("deviation_max_px", "window_px", "support_px", "texture_min"):
+            if not getattr(self, name) > 0:
+                raise InputError(f"confidence: {name} = {getattr(self, name)}; above 0")
+
+
+class Verdict(NamedTuple):
+    """Of one frame: confident (hh, ww) bool, and as in FlowDiagnostics."""
+
+    confident: Array
+    bad_share: float
+    trusted: bool
+
+
+class Judge:
+    """The first image's side of the rule, prepared once.
+
+    image: (h, w, 3) BGR or (h, w) grey, uint8; plane: of the same.
+    """
+
+    def __init__(self, image: Array, plane: Plane, rule: ConfidenceRule) -> None:
+        self.rule = rule
+        self.name = "colour" if image.ndim == 3 else "grey"
+        self._shape = plane.shape
+        self._window = (max(1, round(rule.window_px / _COARSE_PX)),) * 2
+        self._support = (max(1, round(rule.support_px / _COARSE_PX)),) * 2
+        tracked = plane.small.astype(np.float32)
+        centred = tracked - cv2.blur(tracked, (9, 9), borderType=_EDGE)
+        self.textured: Array = self._wide(self._around(centred * centred)) >= rule.texture_min**2
+        self.textured_share = float(self.textured.mean())
+        self._textured_near = self._near(self.textured)
+        if self.name == "colour":
+            witness = _witness(image).astype(np.float32) - 128
+            # Without its slow part nearly nothing is left of the products of means below.
+            self._witness = witness - cv2.blur(witness, (9, 9), borderType=_EDGE)
+            self._mean = self._around(self._witness)
+            self._power = _both(self._around(self._witness**2) - self._mean**2)
+
+    def inside(self, flow_px: Array) -> Array:
+        """Which nodes land inside the image, (hh, ww) bool."""
+        h, w = self._shape
+        half = landing_px(flow_px * np.float32(0.5))
+        # Node j lies at pixel 2 j + 1/2.
+        low = np.array([-0.25, -0.25], np.float32)
+        high = np.array([(w - 1) / 2 - 0.25, (h - 1) / 2 - 0.25], np.float32)
+        return cv2.inRange(half, low, high).view(bool)
+
+    def kept(self, flow_px: Array, correlation: Array) -> Array:
+        """Nodes whose own flow stands, (hh, ww) bool."""
+        found = (correlation > self.rule.keep_correlation) & (det_f(flow_px) > self.rule.keep_det)
+        return np.asarray(found & self.inside(flow_px))
+
+    def state(self, flow_px: Array, kept: Array) -> Array:
+        """What stands behind each node's flow, (hh, ww) uint8 of FlowState."""
+        state = np.full(kept.shape, FlowState.MATCHED, np.uint8)
+        if not kept.all():
+            guided = (self._near(kept) >= self.rule.support_share) & self.inside(flow_px)
+            state[~kept] = np.where(guided[~kept], FlowState.PREDICTED, FlowState.LOST)
+        return state
+
+    def agreeing(
+        self, image: Array, flow_px: Array, kept: Array, correlation: Array, deviation_px: Array
+    ) -> Array:
+        """Kept nodes that the second witness bears out, (hh, ww) bool.
+
+        correlation, deviation_px: as `fused.Refined` has them.
+        """
+        rule = self.rule
+        agreeing = kept & self.textured & (deviation_px < rule.deviation_max_px)
+        if self.name == "colour":
+            agreeing &= self._wide(self._chroma(image, flow_px)) > rule.chroma_min
+        else:
+            agreeing &= correlation > rule.grey_min
+        return np.asarray(agreeing)
+
+    def verdict(self, flow_px: Array, agreeing: Array) -> Verdict:
+        """What is believed of an image's flow."""
+        rule = self.rule
+        confident = agreeing & (self._near(agreeing) >= rule.support_share * self._textured_near)
+        n = int(np.count_nonzero(confident))
+        n_seen = int(np.count_nonzero(self.textured & self.inside(flow_px)))
+        share = n / max(1, int(np.count_nonzero(self.textured)))
+        return Verdict(
+            confident,
+            1 - n / n_seen if n_seen else 1.0,
+            self.textured_share >= rule.textured_share and share >= rule.trusted_share,
+        )
+
+    def _chroma(self, image: Array, flow_px: Array) -> Array:
+        """Correlation, by coarse cell, of what the fit has not seen; both channels together."""
+        current = sample(_witness(image), landing_px(flow_px * np.float32(0.5)))
+        current = np.subtract(current, np.float32(128))
+        mean = self._around(current)
+        power = _both(self._around(current * current) - mean * mean)
+        shared = _both(self._around(self._witness * current) - self._mean * mean)
+        return shared / np.sqrt(
+            np.maximum(self._power, _LEAST_VARIANCE) * np.maximum(power, _LEAST_VARIANCE)
+        )
+
+    def _around(self, nodes: Array) -> Array:
+        """Means over `window_px`, by coarse cell."""
+        return cv2.blur(_coarse(nodes), self._window, borderType=_EDGE)
+
+    def _near(self, mask: Array) -> Array:
+        """Share of the nodes in `support_px` around, (hh, ww)."""
+        return self._wide(
+            cv2.blur(_coarse(mask.astype(np.float32)), self._support, borderType=_EDGE)
+        )
+
+    def _wide(self, coarse: Array) -> Array:
+        hh, ww = (-(-s // 2) for s in self._shape)
+        return np.repeat(np.repeat(coarse, 2, axis=0), 2, axis=1)[:hh, :ww]
+
+
+def det_f(flow_px: Array) -> Array:
+    """det(I + grad u) of a flow on the half grid: a node's area now, its area before being 1."""
+    ux, uy = cv2.split(flow_px)
+    xx, xy, yx, yy = (
+        cv2.Sobel(u, cv2.CV_32F, *axis, ksize=1, scale=0.25, borderType=_EDGE)
+        for u in (ux, uy)
+        for axis in ((1, 0), (0, 1))
+    )
+    return np.asarray((1 + xx) * (1 + yy) - xy * yx)
+
+
+def _halved(image: Array) -> Array:
+    h, w = image.shape[:2]
+    even = cv2.copyMakeBorder(image, 0, h % 2, 0, w % 2, _EDGE) if h % 2 or w % 2 else image
+    return cv2.resize(even, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+
+
+_coarse = _halved
+
+
+def _witness(image: Array) -> Array:
+    """Blue and red of a BGR image on the half grid, (hh, ww, 2) uint8: without green."""
+    small = _halved(image)
+    return cv2.merge([cv2.extractChannel(small, 0), cv2.extractChannel(small, 2)])
+
+
+def _both(channels: Array) -> Array:
+    return np.asarray(channels[..., 0] + channels[..., 1])

@@ -1,0 +1,163 @@
+"""Total flow through a sequence of images, with what is known of it."""
+
+from __future__ import annotations
+
+import time
+from typing import Any, Literal, get_args
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError, SensorError, did_you_mean
+from .anchored import Anchored
+from .confidence import ConfidenceRule, Judge, Verdict
+from .fused import Plane, to_full
+from .fused import Reference as FirstImage
+from .method import FlowMethod
+from .observation import FlowDiagnostics, FlowObservation, Followed
+from .renewed import Renewal, RenewalRule, Renewed
+
+Array = NDArray[Any]
+ANCHORED = "fused"  # the one method that the anchored reference refines by
+Reference = Literal["anchored", "composed", "summed", "static"]
+
+
+class FlowTracker:
+    """Total flow through a sequence of images.
+
+    reference: "anchored" (see `anchored`, by `fused` only), or "composed", "summed" and "static"
+    (see `renewed`) by any method; by default anchored for `fused` and composed for the others.
+    renew: for those, "adaptive", "every-frame" or "photometric" (see `RenewalRule`).
+    confidence: False leaves the confidence map out; then nothing is confident or trusted.
+    full: False gives all arrays on the half grid (see `FlowObservation`).
+    Raises InputError for unknown names.
+    """
+
+    def __init__(
+        self,
+        method: FlowMethod | str = ANCHORED,
+        reference: Reference | None = None,
+        renew: Renewal = "adaptive",
+        rule: RenewalRule | None = None,
+        *,
+        believe: ConfidenceRule | None = None,
+        confidence: bool = True,
+        full: bool = True,
+    ) -> None:
+        self.method = FlowMethod(method) if isinstance(method, str) else method
+        fused = self.method.name == ANCHORED
+        self.reference = reference or ("anchored" if fused else "composed")
+        for what, word, known in (
+            ("reference", self.reference, get_args(Reference)),
+            ("renew", renew, get_args(Renewal)),
+        ):
+            if word not in known:
+                raise InputError(f"flow {what} {word!r}: unknown; {did_you_mean(str(word), known)}")
+        if self.reference == "anchored" and not fused:
+            raise InputError(
+                f"flow reference 'anchored': only with the method {ANCHORED!r}, "
+                f"not {self.method.name!r}"
+            )
+        self.renew = renew
+        self.rule = rule or RenewalRule()
+        self.believe = believe or ConfidenceRule()
+        self.confidence = confidence
+        self.full = full
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything: the next image is the first."""
+        self._judge: Judge | None = None
+        self._way: Anchored | Renewed | None = None
+        self._shape = (0, 0)
+        self._frame = -1
+
+    def update(self, image: Array) -> FlowObservation:
+        """Follow one more image: (h, w, 3) BGR or (h, w) grey, uint8, like the first one.
+
+        Raises InputError for another type, size or number of channels, SensorError for a first
+        image without texture.
+        """
+        start_s = time.process_time()
+        plane = Plane.of(image)
+        judge, way = self._judge, self._way
+        if judge is None or way is None:
+            return self._begin(image, plane, start_s)
+        if image.shape != self._shape:
+            raise InputError(f"flow: the image is {image.shape}, the first one was {self._shape}")
+        self._frame += 1
+        seen = way.step(image, plane)
+        verdict = judge.verdict(seen.flow_px, seen.agreeing) if self.confidence else None
+        return self._observation(judge, seen, verdict, start_s)
+
+    def _begin(self, image: Array, plane: Plane, start_s: float) -> FlowObservation:
+        judge = Judge(image, plane, self.believe)
+        if not judge.textured.any():
+            raise SensorError(
+                "flow: the first image has no texture anywhere (a standard deviation of "
+                f"{self.believe.texture_min:g} grey levels): covered, dark, out of focus, "
+                "or no pattern"
+            )
+        first = FirstImage(plane)
+        if self.reference == "anchored":
+            self._way = Anchored(first, judge)
+        else:
+            self._way = Renewed(
+                self.method, self.reference, self.renew, self.rule, image, first, judge
+            )
+        self._judge, self._shape, self._frame = judge, image.shape, 0
+        nothing = np.zeros((*judge.textured.shape, 2), np.float32)
+        everywhere = np.ones(judge.textured.shape, bool)
+        seen = Followed(nothing, everywhere, judge.textured, n_flows=0)
+        trusted = judge.textured_share >= self.believe.textured_share
+        verdict = Verdict(judge.textured, 0.0, trusted) if self.confidence else None
+        return self._observation(judge, seen, verdict, start_s)
+
+    def _observation(
+        self, judge: Judge, seen: Followed, verdict: Verdict | None, start_s: float
+    ) -> FlowObservation:
+        stayed, flow = seen.stayed, seen.full_px
+        state = judge.state(seen.flow_px, seen.kept)
+        if self.full:
+            shape = self._shape[:2]
+            flow = to_full(seen.flow_px, shape) if flow is None else flow
+            visible = _pixels(judge.inside(seen.flow_px), shape) if stayed is None else stayed
+            state = _pixels(state, shape)
+            confident = None if verdict is None else _pixels(verdict.confident, shape)
+        else:
+            flow = seen.flow_px
+            visible = judge.inside(flow) if stayed is None else stayed[::2, ::2]
+            confident = None if verdict is None else verdict.confident
+        if verdict is None or confident is None:
+            confident = np.broadcast_to(np.False_, visible.shape)
+            verdict = Verdict(confident, 1.0, False)
+        n_visible = int(np.count_nonzero(visible))
+        n_confident = int(np.count_nonzero(confident & visible))
+        for out in (flow, visible, confident, state):
+            out.setflags(write=False)  # some are kept for the frames to come
+        return FlowObservation(
+            flow,
+            visible,
+            confident,
+            state,
+            FlowDiagnostics(
+                frame=self._frame,
+                reference_frame=seen.reference_frame,
+                n_reference_switches=seen.n_reference_switches,
+                n_flows=seen.n_flows,
+                textured_share=judge.textured_share,
+                bad_share=verdict.bad_share,
+                trusted=verdict.trusted,
+                confident_share=n_confident / n_visible if n_visible else 0.0,
+                rule=judge.name if self.confidence else "not judged",
+                cpu_ms=(time.process_time() - start_s) * 1e3,
+            ),
+        )
+
+
+def _pixels(nodes: Array, shape: tuple[int, int]) -> Array:
+    """A mask or a state at nodes, (hh, ww), to pixels (h, w): each node has its 2 x 2."""
+    hh, ww = nodes.shape
+    wide = cv2.resize(nodes.view(np.uint8), (2 * ww, 2 * hh), interpolation=cv2.INTER_NEAREST)
+    return np.ascontiguousarray(wide[: shape[0], : shape[1]]).view(nodes.dtype)
