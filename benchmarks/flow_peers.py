@@ -68,14 +68,14 @@ def peer_row(method: str) -> dict[str, Any]:
     out: dict[str, Any] = {"method": method, "stars": {}, "motions": {}}
     for name, question in STARS.items():
         scene = question.scene()
-        flow, cpu_s, out["version"] = _answer(method, question, scene)
+        flow, cpu_s, out["version"] = answer(method, question, scene)
         noise_px, loss_px = flow_star.figures(flow)
         out["stars"][name] = {
             "noise_px": noise_px, "loss_px": plain(loss_px), "cpu_s": cpu_s,
         }  # fmt: skip
     for name, question in MOTIONS.items():
         scene = question.scene()
-        flow, cpu_s, _ = _answer(method, question, scene)
+        flow, cpu_s, _ = answer(method, question, scene)
         judged = scene.moving()
         judged[:MARGIN_PX] = judged[-MARGIN_PX:] = False
         judged[:, :MARGIN_PX] = judged[:, -MARGIN_PX:] = False
@@ -95,7 +95,7 @@ def peer_row(method: str) -> dict[str, Any]:
     return out
 
 
-def _answer(method: str, question: Question, scene: Scene) -> tuple[Vectors, float, str]:
+def answer(method: str, question: Question, scene: Scene) -> tuple[Vectors, float, str]:
     """Flow (h, w, 2) px, nan where there is none; CPU seconds; the version."""
     if method in FLOW_METHODS:
         found(method, scene)
@@ -109,10 +109,10 @@ def _answer(method: str, question: Question, scene: Scene) -> tuple[Vectors, flo
         "rest": tracked(scene.images[0]), "moved": tracked(scene.last),
         "step_px": question.step_px, "reach_px": question.reach_px,
     }  # fmt: skip
-    answer = peer.ask(method, PEERS[method], given, timeout_s=600)
-    if answer is None:
+    told = peer.ask(method, PEERS[method], given, timeout_s=600)
+    if told is None:
         raise RunFailed(f"{method}: not run: no .venv-peers (make peers)")
     dense = np.full(scene.truth_px.shape, np.nan, np.float32)
-    x, y = np.rint(answer["nodes_px"]).astype(int).T
-    dense[y, x] = answer["flow_px"]
-    return dense, answer["cpu_s"], f"{method} {answer['version']}"
+    x, y = np.rint(told["nodes_px"]).astype(int).T
+    dense[y, x] = told["flow_px"]
+    return dense, told["cpu_s"], f"{method} {told['version']}"

@@ -10,7 +10,15 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ...measure.flow import FLOW_METHODS, FlowMethod, FlowTracker, to_gray
+from ...measure.flow import (
+    FLOW_METHODS,
+    PAPER,
+    REFERENCES,
+    FlowMethod,
+    FlowTracker,
+    named_tracker,
+    to_gray,
+)
 from ...measure.flow.fused import Plane, Reference
 from ...virtual.picture import TOLERANCE_PX
 from ..engine import Setting, Work
@@ -24,6 +32,7 @@ MOTIONS = {
 }
 FAR = "121 px in ten frames, det F from .3 to 2"
 DRAWN = "the field that the camera drew"
+FOLLOWED = ("fused", "dis-fast", "dis-medium", "farneback")
 QUICK = ("fused", "dis-fast", "dis-medium")
 
 
@@ -64,14 +73,9 @@ def _prepared(name: str, stride: int, scratch: Path) -> Work:
         prepared = FlowMethod("fused").prepare(tracked(pair.images[0]))
         return Work(lambda: prepared.to(tracked(moved)), pair.mean_error_mm)
     step = stride // 2
-    # A node stands for the middle of its four pixels.
-    half = cv2.resize(pair.truth_px, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    truth = np.asarray(half, np.float32)
-    judged = Scene(pair.images, truth[::step, ::step], pair.parts)
-    moving = pair.moving()[::2, ::2][::step, ::step]
     return Work(
         lambda: reference.refine(Plane.of(moved)).flow_px[::step, ::step],
-        lambda flow: float(judged.error_px(flow)[moving].mean(dtype=np.float64) * MM_PER_PX),
+        lambda flow: pair.nodes(step).mean_error_mm(flow),
     )
 
 
@@ -90,19 +94,22 @@ def _followed(make: Callable[[], Any], scratch: Path) -> Work:
             seen = tracker.update(image)
         return np.asarray(seen.flow_px)
 
-    return Work(run, frames.mean_error_mm)
+    def error_mm(flow_px: Vectors) -> float:
+        whole = flow_px.shape == frames.truth_px.shape
+        return (frames if whole else frames.nodes()).mean_error_mm(flow_px)
+
+    return Work(run, error_mm)
 
 
 def trackers() -> dict[tuple[str, str], Callable[[], Any]]:
-    """Every reference with its methods, (series, setting) to a tracker."""
+    """Every reference with its methods, and what the default may leave out: to a tracker each."""
     out: dict[tuple[str, str], Callable[[], Any]] = {}
-    for method in ("dis-fast", "dis-medium", "farneback"):
-        out["static", method] = partial(FlowTracker, method, "static")
-        out["composed, renewed when needed", method] = partial(FlowTracker, method, "composed")
-        out["composed, every frame", method] = partial(
-            FlowTracker, method, "composed", "every-frame"
-        )
-        out["summed, every frame", method] = partial(FlowTracker, method, "summed", "every-frame")
+    for reference in REFERENCES:
+        for method in FOLLOWED[:1] if reference == "anchored" else FOLLOWED:
+            out[reference, method] = partial(named_tracker, f"{method}/{reference}")
+    out["the paper's", PAPER] = partial(named_tracker, PAPER)
+    out["anchored, no confidence map", "fused"] = partial(FlowTracker, confidence=False)
+    out["anchored, every second pixel", "fused"] = partial(FlowTracker, full=False)
     return out
 
 

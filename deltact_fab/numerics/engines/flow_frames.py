@@ -59,11 +59,20 @@ class Scene(NamedTuple):
         """The same motion in fewer frames."""
         return self._replace(images=self.images[::step], parts=self.parts[::step])
 
+    def nodes(self, step: int = 1) -> Scene:
+        """The truth of every step-th node of the half grid, the middle of four pixels."""
+        half = cv2.resize(self.truth_px, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+        return self._replace(truth_px=np.asarray(half[::step, ::step], np.float32))
+
     def seen(self) -> NDArray[np.bool_]:
         """Points (h, w) that are still in view in the last frame."""
+        rows, columns = self.images.shape[1:3]
         h, w = self.truth_px.shape[:2]
-        x, y = (g + self.truth_px[..., i] for i, g in enumerate(np.meshgrid(range(w), range(h))))
-        return np.asarray((x >= 0) & (x <= w - 1) & (y >= 0) & (y <= h - 1))
+        step = columns // w
+        first = 0.0 if step == 1 else 0.5
+        at = np.meshgrid(first + step * np.arange(w), first + step * np.arange(h))
+        x, y = (g + self.truth_px[..., i] for i, g in enumerate(at))
+        return np.asarray((x >= 0) & (x <= columns - 1) & (y >= 0) & (y <= rows - 1))
 
     def moving(self) -> NDArray[np.bool_]:
         """Points that are judged: a true motion of at least 0.1 mm that stays in view."""

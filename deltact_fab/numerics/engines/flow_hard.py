@@ -118,7 +118,12 @@ SPOILT: dict[str, Callable[[Image], Image]] = {
 }
 OTHER_SEED, HALF_OTHER, ONE_CORNER = "other seed", "half another pattern", "one textured corner"
 # Shares of the confident pixels that may be off by more than 1 px.
-BOUNDS = dict.fromkeys(SPOILT, 0.0005) | {HALF_OTHER: 0.0005}
+BOUNDS = dict.fromkeys((*SPOILT, HALF_OTHER), 0.0005)
+
+
+def spoilt(what: str, image: Image) -> Image:
+    """An image of its own that needs no other one."""
+    return _corner(image) if what == ONE_CORNER else {**UNRELATED, **SPOILT}[what](image)
 
 
 # -- the cases -------------------------------------------------------------------------------------
@@ -130,21 +135,17 @@ def seen(what: str, scratch: Path) -> dict[str, Seen]:
     out = {}
     for pattern, suffix in PATTERNS.items():
         given = scene(scratch, f"near{suffix}")
-        frames = [*given.images[:-1], _made(what, given.last, suffix, scratch)]
-        if what == ONE_CORNER:
-            frames = [_corner(image) for image in given.images]
+        frames = [spoilt(ONE_CORNER, image) if what == ONE_CORNER else image
+                  for image in given.images]  # fmt: skip
+        if what == OTHER_SEED:
+            frames[-1] = scene(scratch, f"{OTHER_SEED}{suffix}").last
+        elif what == HALF_OTHER:
+            frames[-1] = _half(given.last, scene(scratch, f"{OTHER_SEED}{suffix}").last)
+        elif what != ONE_CORNER:
+            frames[-1] = spoilt(what, given.last)
         out[f"{pattern}, first"] = judged(FlowTracker(), [frames[0], frames[-1]], given)
         out[f"{pattern}, after a sequence"] = judged(FlowTracker(), frames, given)
     return out
-
-
-def _made(what: str, image: Image, suffix: str, scratch: Path) -> Image:
-    if what in UNRELATED:
-        return UNRELATED[what](image)
-    if what in SPOILT:
-        return SPOILT[what](image)
-    other = scene(scratch, f"{OTHER_SEED}{suffix}").last
-    return _half(image, other) if what == HALF_OTHER else other
 
 
 def never_trusted(what: str, scratch: Path) -> float:
