@@ -84,8 +84,8 @@ def _star_figure(method: str, name: str, figure: int, scratch: Path) -> float:
     return _star(method, name, scratch)[figure]
 
 
-def _far(frames: int, suffix: str, scratch: Path) -> tuple[float, str]:
-    given = scene(scratch, f"far{suffix}").every(10 // frames)
+def _far(frames: int, name: str, scratch: Path) -> tuple[float, str]:
+    given = scene(scratch, name).every(10 // frames)
     seen = judged(FlowTracker(), list(given.images), given)
     return seen.wrong, f"{100 * seen.confident:.3g} % of the view is marked confident"
 
@@ -110,25 +110,26 @@ def cases(quick: bool) -> Sequence[Case]:
         for name, half, bound in (("full", False, 0.03), ("half", True, 0.06)):
             out.append(Case(f"{method}: press, {name} resolution", "right",
                             partial(_accuracy, method, "press", half), bound, "mm"))  # fmt: skip
-    for what in ("noise",) if quick else (*flow_hard.UNRELATED, flow_hard.OTHER_SEED):
-        out += [
-            Case(f"{what}: not trusted", "refused", partial(flow_hard.never_trusted, what),
-                 says="flagged"),
-            Case(f"{what}: confident", "right", partial(flow_hard.most_confident, what), SILENT,
-                 "share of the view"),
-        ]  # fmt: skip
+    near = ("press",) if quick else flow_hard.NEAR
+    no_one = ("noise", "upside down") if quick else (*flow_hard.UNRELATED, flow_hard.OTHER_SEED)
+    for what in no_one if quick else (*no_one, flow_hard.ONE_CORNER):
+        out.append(Case(f"{what}: not trusted", "refused",
+                        partial(flow_hard.never_trusted, what, near), says="flagged"))  # fmt: skip
+    for what in no_one:
+        out.append(Case(f"{what}: confident", "right", partial(flow_hard.most_confident, what, near),
+                        SILENT, "share of the view"))  # fmt: skip
     if quick:
         return out
-    corner = flow_hard.ONE_CORNER
-    out.append(Case(f"{corner}: not trusted", "refused", partial(flow_hard.never_trusted, corner),
-                    says="flagged"))  # fmt: skip
     for what, bound in flow_hard.BOUNDS.items():
         out.append(Case(f"{what}: confident pixels off by 1 px", "right",
-                        partial(flow_hard.most_wrong, what), bound, "share of them"))  # fmt: skip
-    for suffix in flow_hard.PATTERNS.values():
+                        partial(flow_hard.most_wrong, what, near), bound,
+                        "share of them"))  # fmt: skip
+    for name in ("far", "far, fine"):
         for frames, bound in ((10, 0.0), (5, 0.0), (1, SILENT)):
-            name = f"121 px in {frames} frames{suffix}: confident pixels off by 1 px"
-            out.append(Case(name, "right", partial(_far, frames, suffix), bound, "share of them"))
+            what = (
+                f"{name.replace('far', '121 px')} in {frames} frames: confident pixels off by 1 px"
+            )
+            out.append(Case(what, "right", partial(_far, frames, name), bound, "share of them"))
     out += [
         Case("fused: star, noise", "right", partial(_star_figure, "fused", "star: speckle", 0),
              NOISE_PX, "px"),

@@ -33,7 +33,7 @@ MOTIONS = {
 FAR = "121 px in ten frames, det F from .3 to 2"
 DRAWN = "the field that the camera drew"
 FOLLOWED = ("fused", "dis-fast", "dis-medium", "farneback")
-QUICK = ("fused", "dis-fast", "dis-medium")
+QUICK = ("fused", "dis-medium")
 
 
 def tracked(image: Image) -> Image:
@@ -114,7 +114,7 @@ def trackers() -> dict[tuple[str, str], Callable[[], Any]]:
 
 
 def curves(quick: bool) -> Sequence[Setting]:
-    """All settings; a quick run has one motion and three methods."""
+    """All settings; a quick run has one motion and two methods."""
     millimetres = partial(
         Setting, unit="mm, mean over moving pixels", reference=DRAWN,
         reference_error=TOLERANCE_PX * MM_PER_PX,

@@ -19,7 +19,8 @@ from ..engine import Flagged, Table
 from .flow_frames import Image, Scene, scene
 
 WRONG_PX = 1.0
-PATTERNS = {"coarse": "", "fine": ", fine"}
+OTHER_SEEDS = {"near": "other seed", "near, fine": "other seed, fine"}
+NEAR = tuple(OTHER_SEEDS)
 BLOCK_PX = 32
 CORNER = (4, 3)  # blocks in its two rows: 7 of the 432 of an image
 
@@ -130,27 +131,29 @@ def spoilt(what: str, image: Image) -> Image:
 
 
 @cache
-def seen(what: str, scratch: Path) -> dict[str, Seen]:
-    """What the default tracker says of one image, by pattern and place in the sequence."""
+def seen(what: str, names: tuple[str, ...], scratch: Path) -> dict[str, Seen]:
+    """What the default tracker says of one image in scenes by name, by place in the sequence."""
     out = {}
-    for pattern, suffix in PATTERNS.items():
-        given = scene(scratch, f"near{suffix}")
+    for name in names:
+        given = scene(scratch, name)
         frames = [spoilt(ONE_CORNER, image) if what == ONE_CORNER else image
                   for image in given.images]  # fmt: skip
+        other = OTHER_SEEDS.get(name, "")
         if what == OTHER_SEED:
-            frames[-1] = scene(scratch, f"{OTHER_SEED}{suffix}").last
+            frames[-1] = scene(scratch, other).last
         elif what == HALF_OTHER:
-            frames[-1] = _half(given.last, scene(scratch, f"{OTHER_SEED}{suffix}").last)
+            frames[-1] = _half(given.last, scene(scratch, other).last)
         elif what != ONE_CORNER:
             frames[-1] = spoilt(what, given.last)
-        out[f"{pattern}, first"] = judged(FlowTracker(), [frames[0], frames[-1]], given)
-        out[f"{pattern}, after a sequence"] = judged(FlowTracker(), frames, given)
+        out[f"{name}: first"] = judged(FlowTracker(), [frames[0], frames[-1]], given)
+        if len(frames) > 2:
+            out[f"{name}: after a sequence"] = judged(FlowTracker(), frames, given)
     return out
 
 
-def never_trusted(what: str, scratch: Path) -> float:
+def never_trusted(what: str, names: tuple[str, ...], scratch: Path) -> float:
     """Greatest confident share. Raises Flagged where no frame is trusted."""
-    found = seen(what, scratch)
+    found = seen(what, names, scratch)
     trusted = [place for place, s in found.items() if s.trusted]
     most = max(s.confident for s in found.values())
     if not trusted:
@@ -158,15 +161,15 @@ def never_trusted(what: str, scratch: Path) -> float:
     return most
 
 
-def most_confident(what: str, scratch: Path) -> tuple[float, str]:
+def most_confident(what: str, names: tuple[str, ...], scratch: Path) -> tuple[float, str]:
     """Greatest confident share, and where."""
-    place, s = max(seen(what, scratch).items(), key=lambda item: item[1].confident)
+    place, s = max(seen(what, names, scratch).items(), key=lambda item: item[1].confident)
     return s.confident, place
 
 
-def most_wrong(what: str, scratch: Path) -> tuple[float, str]:
+def most_wrong(what: str, names: tuple[str, ...], scratch: Path) -> tuple[float, str]:
     """Greatest share of confident pixels that are off by more than 1 px."""
-    found = seen(what, scratch)
+    found = seen(what, names, scratch)
     place, s = max(found.items(), key=lambda item: item[1].wrong)
     cover = [100 * s.confident for s in found.values()]
     trusted = sum(s.trusted for s in found.values())
@@ -180,7 +183,7 @@ def table(scratch: Path) -> Table:
     """Every image, the worst of its four: what decides whether a tracker can be believed."""
     rows = []
     for what in (*SPOILT, HALF_OTHER, ONE_CORNER, *UNRELATED, OTHER_SEED):
-        found = seen(what, scratch).values()
+        found = seen(what, NEAR, scratch).values()
         cover = [100 * s.confident for s in found]
         rows.append((
             what, "no" if what in (ONE_CORNER, OTHER_SEED, *UNRELATED) else "yes",
