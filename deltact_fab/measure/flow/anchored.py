@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,7 +19,6 @@ from .fused import Plane, Reference, predict
 from .observation import Followed
 
 Array = NDArray[Any]
-_SMOOTH = (3, 3)
 
 
 class Anchored:
@@ -40,9 +38,7 @@ class Anchored:
         start = self._flow + sample(
             predict(self._last, plane), landing_px(self._flow * np.float32(0.5))
         )
-        refined, correlation, deviation = self._reference.refine(plane, start)
-        # Steps with a box window amplify waves of about five nodes; this takes them away.
-        flow = cv2.blur(refined, _SMOOTH, borderType=cv2.BORDER_REPLICATE)
+        flow, correlation, deviation = self._reference.refine(plane, start)
         kept = self._judge.kept(flow, correlation)
         agreeing = self._judge.agreeing(image, flow, kept, correlation, deviation)
         # Neighbours are asked only where they agree: a match that is kept and wrong would draw

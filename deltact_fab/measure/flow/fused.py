@@ -218,23 +218,6 @@ class Reference:
         deviation = np.sqrt((left * freedom + np.float32(_ROUNDING)) * spread)
         return Refined(*(np.ascontiguousarray(a[:hh, :ww]) for a in (flow, correlation, deviation)))
 
-    def evaluate(self, current: Plane, flow_px: Array) -> tuple[Array, Array]:
-        """Correlation and deviation, as in Refined, of a flow at nodes that was found elsewhere."""
-        hh, ww = self.plane.small.shape
-        rows, cols = (s // 2 for s in self.plane.level(0).shape)
-        wide = cv2.copyMakeBorder(flow_px, 0, rows - hh, 0, cols - ww, cv2.BORDER_REPLICATE)
-        level = self._levels[0]
-        correlation, left = self._by.step(
-            current.target(0, self._by),
-            level.cells,
-            level.nodes,
-            level.size_px,
-            np.stack(cv2.split(wide)),
-            True,
-        )
-        deviation = np.sqrt((left * level.trace[1] + _ROUNDING) * level.trace[0])
-        return correlation[:hh, :ww], deviation[:hh, :ww]
-
 
 def _prepared(plane: Plane, k: int, by: ModuleType) -> _Level:
     image, (h, w) = plane.level(k), plane.size_px(k)

@@ -125,7 +125,7 @@ class Renewed:
         flow, stayed = self._sum(match)
         self._settle(match, gray, flow, stayed)
         nodes = to_half(flow)
-        correlation, deviation = self._first.evaluate(plane, nodes)
+        _, correlation, deviation = self._first.evaluate(plane, nodes)
         kept = self._judge.kept(nodes, correlation)
         return Followed(
             nodes,
