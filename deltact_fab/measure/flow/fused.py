@@ -24,19 +24,17 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from . import kernel_cv2
 from .image import MIN_SIDE_PX
-from .kernel_cv2 import WINDOW, around, gradients
+from .kernel_cv2 import LEAST_VARIANCE, around, gradients
 
 Array = NDArray[Any]
 
-STEPS = (6, 4, 3)  # on a quarter, half and the full size
+STEPS = (6, 4, 2)  # on a quarter, half and the full size
 _LEVELS = 3
 _BEYOND_PX = 4  # pixels behind the last one that a warp may read
-_LEAST_STD = 0.5  # grey levels: less is no texture
-_ROUNDING = 1 / 6  # variance of the difference of two images of whole grey levels
 _DAMPING = 0.01  # grey levels^2 / px^2 a pixel, on the normal matrix
 # Steps and smoothing pass more noise than one fit does: by the transfer functions of window and
-# smoothing, after three steps.
-_GAIN = 1.39
+# smoothing, after two steps on the full size.
+_GAIN = 1.24
 
 
 @cache
@@ -63,7 +61,6 @@ class Plane:
 
     def __init__(self, gray: Array) -> None:
         self.gray = gray
-        self.spread = _GAIN
         h, w = gray.shape
         self.shape = (h, w)
         block = 2**_LEVELS
@@ -132,8 +129,7 @@ class Refined(NamedTuple):
 
 class _Level(NamedTuple):
     cells: Array  # what a step reads of the image
-    nodes: Array  # (11, rows, cols), see `_nodes`
-    scale: Array  # (2, rows, cols): 1 / degrees of freedom, and variance of the fit for noise of 1
+    nodes: Array  # (rows, 10, cols), see `_prepared`
     size_px: tuple[int, int]
 
 
@@ -165,27 +161,21 @@ class Reference:
         """
         self._check_size(current)
         start = predict(self.plane, current) if start_px is None else start_px
-        flow = self._padded(start)
-        n_rows, n_cols = flow.shape[:2]
-        for k in reversed(range(_LEVELS)):
+        planes = self._padded(start)
+        n_rows, n_cols = planes.shape[1:]
+        for k, n in zip(reversed(range(_LEVELS)), steps, strict=True):
             size = (n_cols >> k, n_rows >> k)
-            if k == _LEVELS - 1:
-                flow = cv2.resize(flow, size, interpolation=cv2.INTER_AREA) * np.float32(0.5**k)
-            else:
-                flow = cv2.resize(flow, size, interpolation=cv2.INTER_LINEAR) * np.float32(2)
-            planes = np.stack(cv2.split(flow))
-            n = steps[_LEVELS - 1 - k]
+            planes = _resized(planes, size)
             for i in range(n):
-                planes, correlation, left = self._step(current, k, planes, k == 0 and i == n - 1)
-            flow = cv2.merge(list(planes))
-        return self._cut(flow, correlation, left)
+                last = k == 0 and i == n - 1
+                planes, correlation, deviation = self._step(current, k, planes, last)
+        return self._cut(cv2.merge(list(planes)), correlation, deviation)
 
     def evaluate(self, current: Plane, flow_px: Array) -> Refined:
         """Correlation and deviation, as in `refine`, of a flow (hh, ww, 2) found elsewhere."""
         self._check_size(current)
-        planes = np.stack(cv2.split(self._padded(flow_px)))
-        _, correlation, left = self._step(current, 0, planes, True)
-        return self._cut(flow_px, correlation, left)
+        _, correlation, deviation = self._step(current, 0, self._padded(flow_px), True)
+        return self._cut(flow_px, correlation, deviation)
 
     def _check_size(self, current: Plane) -> None:
         if current.shape != self.plane.shape:
@@ -200,22 +190,23 @@ class Reference:
         if not np.isfinite(flow_px).all():
             raise InputError("flow: the start is not finite everywhere")
         rows, cols = (s // 2 for s in self.plane.level(0).shape)
-        flow = np.asarray(flow_px, np.float32)
-        return cv2.copyMakeBorder(flow, 0, rows - hh, 0, cols - ww, cv2.BORDER_REPLICATE)
+        planes = np.empty((2, rows, cols), np.float32)
+        planes[:, :hh, :ww] = flow_px.transpose(2, 0, 1)
+        planes[:, hh:, :ww] = planes[:, hh - 1 : hh, :ww]
+        planes[:, :, ww:] = planes[:, :, ww - 1 : ww]
+        return planes
 
     def _step(
         self, current: Plane, k: int, planes: Array, last: bool
     ) -> tuple[Array, Array, Array]:
         level, target = self._levels[k], current.target(k, self._by)
-        moved, correlation, left = self._by.step(
-            target, level.cells, level.nodes, level.size_px, planes, last
+        moved, correlation, deviation = self._by.step(
+            target, level.cells, level.nodes, level.size_px, planes, _GAIN if last else 0.0
         )
-        return moved, correlation, left
+        return moved, correlation, deviation
 
-    def _cut(self, flow: Array, correlation: Array, left: Array) -> Refined:
+    def _cut(self, flow: Array, correlation: Array, deviation: Array) -> Refined:
         hh, ww = self.plane.small.shape
-        freedom, spread = self._levels[0].scale
-        deviation = np.sqrt((left * freedom + np.float32(_ROUNDING)) * spread)
         return Refined(*(np.ascontiguousarray(a[:hh, :ww]) for a in (flow, correlation, deviation)))
 
 
@@ -232,9 +223,8 @@ def _prepared(plane: Plane, k: int, by: ModuleType) -> _Level:
         return around(cell.astype(np.float64))
 
     n = np.maximum(box(mask), 1)
-    least = n * _LEAST_STD**2
     mean = box(r) / n
-    power = np.maximum(box(r * r) - n * mean**2, least)
+    power = np.maximum(box(r * r) - n * mean**2, n * LEAST_VARIANCE)
     sx, sy = box(gx), box(gy)
     kx, ky = box(gx * r) - mean * sx, box(gy * r) - mean * sy
     a11 = box(gx * gx) - sx * sx / n - kx * kx / power + _DAMPING * n
@@ -248,13 +238,22 @@ def _prepared(plane: Plane, k: int, by: ModuleType) -> _Level:
     nodes = [
         i11, i12, i22,
         i11 * cx + i12 * cy, i12 * cx + i22 * cy, i11 * kx + i12 * ky, i12 * kx + i22 * ky,
-        mean, power, 1 / n, least,
+        mean, power, n,
     ]  # fmt: skip
-    weight = (WINDOW**2).sum() ** 2 / WINDOW.sum() ** 2
-    scale = [1 / np.maximum(n - 4 * weight, weight), (i11 + i22) * weight * plane.spread**2]
-    return _Level(
-        by.reference(image), np.stack(nodes).astype(np.float32), np.float32(scale), (h, w)
-    )
+    return _Level(by.reference(image), np.stack(nodes, axis=1).astype(np.float32), (h, w))
+
+
+def _resized(planes: Array, size: tuple[int, int]) -> Array:
+    """Flow planes (2, rows, cols) in px on a grid (cols, rows) that is coarser or twice as fine."""
+    if planes.shape[:0:-1] == size:
+        return planes
+    scale = size[0] / planes.shape[2]
+    out = np.empty((2, size[1], size[0]), np.float32)
+    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    for plane, into in zip(planes, out, strict=True):
+        cv2.resize(plane, size, into, interpolation=how)
+    out *= np.float32(scale)
+    return out
 
 
 @lru_cache(maxsize=4)
@@ -262,6 +261,7 @@ def _dis(shape: tuple[int, int]) -> cv2.DISOpticalFlow:
     # One for each size: cv2 rewrites the settings of one that meets a small image.
     dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
     dis.setFinestScale(2)
+    dis.setGradientDescentIterations(25)
     dis.setVariationalRefinementIterations(2)
     return dis
 

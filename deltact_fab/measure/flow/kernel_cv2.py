@@ -10,9 +10,15 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 NAME = "cv2"
-WINDOW = np.float32([1, 2, 3, 4, 5, 5, 5, 4, 3, 2, 1])  # a box of 7 of a box of 5
+# A box of 6 of a box of 5 of a box of 2: its transfer function has hardly a negative part, which
+# steps would amplify.
+WINDOW = np.array([1, 3, 5, 7, 9, 10, 9, 7, 5, 3, 1], np.float32)
+# Independent noise in the pixels weighs so much more, squared, than one pixel does.
+OWN_WEIGHT = float(np.sum(WINDOW**2) ** 2 / np.sum(WINDOW) ** 2)
+LEAST_VARIANCE = 0.25  # grey levels^2: less is no texture
+ROUNDING = 1 / 6  # variance of the difference of two images of whole grey levels
 MAX_STEP_PX = 1.0
-_SOFT = np.float32([0.25, 0.5, 0.25])
+_SOFT = np.array([0.25, 0.5, 0.25], np.float32)
 
 
 def reference(image: Array) -> Array:
@@ -23,10 +29,10 @@ def reference(image: Array) -> Array:
 
 
 def target(image: Array) -> Array:
-    """The four pixels of the cell that begins at each pixel: (rows, cols, 4) float32."""
+    """The four pixels of the cell that begins at each pixel, less 128: (rows, cols, 4) float32."""
     wide = cv2.copyMakeBorder(image, 0, 1, 0, 1, cv2.BORDER_REPLICATE)
     corners = cv2.merge([wide[:-1, :-1], wide[:-1, 1:], wide[1:, :-1], wide[1:, 1:]])
-    return np.asarray(corners, np.float32)
+    return np.subtract(corners, 128, dtype=np.float32)
 
 
 def gradients(gray: Array) -> tuple[Array, Array]:
@@ -40,20 +46,21 @@ def gradients(gray: Array) -> tuple[Array, Array]:
 
 def around(cells: Array) -> Array:
     """Weighted sums over the window, with nothing outside."""
-    return cv2.sepFilter2D(cells, -1, WINDOW, WINDOW, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(cv2.sepFilter2D(cells, -1, WINDOW, WINDOW, borderType=cv2.BORDER_CONSTANT))
 
 
 def step(
     corners: Array, reference: Array, nodes: Array, size_px: tuple[int, int], flow: Array,
-    last: bool,
+    gain: float,
 ) -> tuple[Array, Array, Array]:  # fmt: skip
     """One step of every node, then one pass of 1 2 1 over the flow.
 
-    corners: of `target`; reference: of `reference`; nodes (11, rows, cols), see `fused`; size_px
-    (height, width) of the image within its padding; flow (2, rows, cols) float32 px. Returns the
-    new flow and, if `last`, of the flow that was given the correlation and the weighted sum of
-    squares of what the fit leaves, each (rows, cols).
+    corners: of `target`; reference: of `reference`; nodes (rows, 10, cols), see `fused`; size_px
+    (height, width) of the image within its padding; flow (2, rows, cols) float32 px. gain: how
+    much more noise the chain of steps passes than one fit. Returns the new flow and, if gain is
+    positive, correlation and deviation in px of the flow that was given, each (rows, cols).
     """
+    last = gain > 0
     height, width = size_px
     rows, cols = flow.shape[1:]
     seen_rows, seen_cols = height // 2, width // 2
@@ -67,7 +74,6 @@ def step(
     part = sums[inner]
     for current, r, gx, gy in zip(found, *reference[inner], strict=True):
         d: Array = cv2.subtract(r, current)
-        d += np.float32(128)
         d *= mask
         cv2.accumulateProduct(d, gx, part[0])
         cv2.accumulateProduct(d, gy, part[1])
@@ -76,7 +82,7 @@ def step(
         if last:
             cv2.accumulateSquare(d, part[4])
     sx, sy, sd, sr, *squares = map(around, sums)
-    i11, i12, i22, ex, ey, fx, fy, mean, power, one_over, least = nodes
+    i11, i12, i22, ex, ey, fx, fy, mean, power, weights = nodes.transpose(1, 0, 2)
     dx = np.clip(i11 * sx + i12 * sy - ex * sd - fx * sr, -MAX_STEP_PX, MAX_STEP_PX)
     dy = np.clip(i12 * sx + i22 * sy - ey * sd - fy * sr, -MAX_STEP_PX, MAX_STEP_PX)
     moved = np.stack(
@@ -88,8 +94,10 @@ def step(
     if not last:
         return moved, sums[:0], sums[:0]
     shared = sr - mean * sd
-    rest = np.maximum(squares[0] - sd * sd * one_over, 0)
-    seen_power = np.maximum(power - 2 * shared + rest, least)
-    correlation = np.clip((power - shared) / np.sqrt(power * seen_power), -1, 1)
+    rest = np.maximum(squares[0] - sd * sd / weights, 0)
+    current_power = np.maximum(power - 2 * shared + rest, LEAST_VARIANCE * weights)
+    correlation = np.clip((power - shared) / np.sqrt(power * current_power), -1, 1)
     explained = (i22 * dx * dx - 2 * i12 * dx * dy + i11 * dy * dy) / (i11 * i22 - i12 * i12)
-    return moved, correlation, np.maximum(rest - shared * shared / power - explained, 0)
+    left = np.maximum(rest - shared * shared / power - explained, 0)
+    noise = left / np.maximum(weights - 4 * OWN_WEIGHT, OWN_WEIGHT) + ROUNDING
+    return moved, correlation, np.sqrt(gain**2 * OWN_WEIGHT * noise * (i11 + i22))

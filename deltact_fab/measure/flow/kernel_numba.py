@@ -12,10 +12,12 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from .kernel_cv2 import LEAST_VARIANCE, OWN_WEIGHT, ROUNDING
+
 Array = NDArray[Any]
 NAME = "numba"
-_OUTER, _INNER = 7, 5  # the window: a box of a box
-_REACH = (_OUTER + _INNER) // 2 - 1  # cells to each side of its own
+_OUTER, _INNER = 6, 5  # the window is a box of 6 of a box of 5 of a box of 2
+_REACH = 5  # cells to each side of its own
 _SUMS = 5
 _BYTE = np.uint32(255)
 _compiled = numba.njit(cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
@@ -29,68 +31,66 @@ def reference(image: Array) -> Array:
 
 
 def target(image: Array) -> Array:
-    """From each pixel on, three of its row in one word: (rows, cols) uint32."""
-    words = np.empty(image.shape, np.uint32)
-    _pack(image, words)
-    return words
+    """The image itself, (rows, cols) uint8 in one piece."""
+    return np.ascontiguousarray(image)
 
 
 def step(
-    words: Array, reference: Array, nodes: Array, size_px: tuple[int, int], flow: Array, last: bool
+    image: Array,
+    reference: Array,
+    nodes: Array,
+    size_px: tuple[int, int],
+    flow: Array,
+    gain: float,
 ) -> tuple[Array, Array, Array]:
     """See `kernel_cv2.step`."""
+    last = gain > 0
     rows, cols = flow.shape[1:]
     out = np.empty_like(flow)
-    correlation, left = np.empty((2, rows if last else 0, cols), np.float32)
-    _step(words, reference, nodes, size_px[0], size_px[1], flow, last, out, correlation, left)
-    return out, correlation, left
-
-
-@_compiled
-def _pack(image: Any, words: Any) -> None:
-    rows, cols = image.shape
-    for i in range(rows):
-        for j in range(cols - 2):
-            words[i, j] = (
-                np.uint32(image[i, j])
-                | (np.uint32(image[i, j + 1]) << np.uint32(8))
-                | (np.uint32(image[i, j + 2]) << np.uint32(16))
-            )
-        words[i, cols - 2 :] = 0
+    correlation, deviation = np.empty((2, rows if last else 0, cols), np.float32)
+    # From each pixel on, four of its row in one word.
+    words: Array = np.ndarray((image.size - 3,), np.uint32, image, strides=(1,))
+    _step(
+        words, image.shape[1], reference, nodes, size_px[0], size_px[1], flow, gain,
+        out, correlation, deviation,
+    )  # fmt: skip
+    return out, correlation, deviation
 
 
 @_compiled
 def _step(
-    words: Any, reference: Any, nodes: Any, height: int, width: int, flow: Any, last: bool,
-    out: Any, correlation: Any, left: Any,
+    words: Any, stride: int, reference: Any, nodes: Any, height: int, width: int, flow: Any,
+    gain: float, out: Any, correlation: Any, deviation: Any,
 ) -> None:  # fmt: skip
     rows, cols = flow.shape[1], flow.shape[2]
     seen_rows, seen_cols = height // 2, width // 2
-    lines, stride = words.reshape(-1), words.shape[1]
     at = np.zeros(cols, np.uint32)
     found = np.zeros((3, cols), np.uint32)
     where = np.zeros((3, cols), np.float32)
     d = np.zeros((4, cols), np.float32)
     new = np.zeros((_SUMS, cols), np.float32)
+    before = np.zeros((_SUMS, cols), np.float32)
     old = np.zeros((_OUTER, _SUMS, cols), np.float32)
     outer = np.zeros((_SUMS, cols), np.float32)
     old_outer = np.zeros((_INNER, _SUMS, cols), np.float32)
     column = np.zeros((_SUMS, cols + 2 * _REACH), np.float32)
     box = np.zeros((_SUMS, cols), np.float32)
     moved = np.zeros((2, cols + 2), np.float32)
+    shared, rest = np.zeros(cols, np.float32), np.zeros(cols, np.float32)
     smooth = np.zeros((3, 2, cols), np.float32)
+    last = gain > 0
     n_sums = _SUMS if last else _SUMS - 1
     for i in range(rows + _REACH):
         if i < seen_rows:
             _address(flow[0, i], flow[1, i], i, seen_cols, height, width, stride, where, at)
-            _gather(lines, stride, at, seen_cols, found)
+            _gather(words, stride, at, seen_cols, found)
             _difference(found, where, reference[i + 1], seen_cols, d)
             _sum(d, reference, i + 1, seen_cols, last, new)
         elif i == seen_rows:
             new[:] = 0
         for k in range(n_sums):
             _down(
-                new[k], old[i % _OUTER, k], outer[k], old_outer[i % _INNER, k],
+                new[k], before[k], old[i % _OUTER, k], outer[k], old_outer[i % _INNER, k],
                 column[k, _REACH : _REACH + cols],
             )  # fmt: skip
         i0 = i - _REACH
@@ -98,9 +98,21 @@ def _step(
             continue
         for k in range(n_sums):
             _across(column[k], cols, box[k])
-        _solve(box, nodes[:, i0], flow[:, i0], cols, moved)
+        _solve(box, nodes, flow, i0, cols, moved)
         if last:
-            _judge(box, nodes[:, i0], flow[:, i0], moved, cols, correlation[i0], left[i0])
+            _judge(
+                box,
+                nodes,
+                flow,
+                i0,
+                cols,
+                moved,
+                shared,
+                rest,
+                gain,
+                correlation[i0],
+                deviation[i0],
+            )
         for k in range(2):
             moved[k, 0], moved[k, cols + 1] = moved[k, 1], moved[k, cols]
             _soften(moved[k], cols, smooth[i0 % 3, k])
@@ -132,12 +144,12 @@ def _address(
 
 
 @_compiled
-def _gather(lines: Any, stride: int, at: Any, n: int, found: Any) -> None:
-    below, lowest = lines[stride:], lines[2 * stride :]
+def _gather(words: Any, stride: int, at: Any, n: int, found: Any) -> None:
+    below, lowest = words[stride:], words[2 * stride :]
     a, b, c = found[0], found[1], found[2]
     for j in range(n):
         k = at[j]
-        a[j], b[j], c[j] = lines[k], below[k], lowest[k]
+        a[j], b[j], c[j] = words[k], below[k], lowest[k]
 
 
 @_compiled
@@ -152,13 +164,13 @@ def _difference(found: Any, where: Any, r: Any, n: int, d: Any) -> None:
         fx, fy, m = ax[j], ay[j], seen[j]
         p0 = np.float32(np.int32(a[j] & _BYTE))
         p1 = np.float32(np.int32((a[j] >> np.uint32(8)) & _BYTE))
-        p2 = np.float32(np.int32(a[j] >> np.uint32(16)))
+        p2 = np.float32(np.int32((a[j] >> np.uint32(16)) & _BYTE))
         q0 = np.float32(np.int32(b[j] & _BYTE))
         q1 = np.float32(np.int32((b[j] >> np.uint32(8)) & _BYTE))
-        q2 = np.float32(np.int32(b[j] >> np.uint32(16)))
+        q2 = np.float32(np.int32((b[j] >> np.uint32(16)) & _BYTE))
         s0 = np.float32(np.int32(c[j] & _BYTE))
         s1 = np.float32(np.int32((c[j] >> np.uint32(8)) & _BYTE))
-        s2 = np.float32(np.int32(c[j] >> np.uint32(16)))
+        s2 = np.float32(np.int32((c[j] >> np.uint32(16)) & _BYTE))
         p0, p1 = p0 + fx * (p1 - p0), p1 + fx * (p2 - p1)
         q0, q1 = q0 + fx * (q1 - q0), q1 + fx * (q2 - q1)
         s0, s1 = s0 + fx * (s1 - s0), s1 + fx * (s2 - s1)
@@ -204,11 +216,13 @@ def _sum(d: Any, reference: Any, i: int, n: int, last: bool, new: Any) -> None:
 
 
 @_compiled
-def _down(new: Any, old: Any, outer: Any, old_outer: Any, column: Any) -> None:
+def _down(new: Any, before: Any, old: Any, outer: Any, old_outer: Any, column: Any) -> None:
     """The window's sums down the columns, carried on by one row."""
     for j in range(len(new)):
-        s = outer[j] + (new[j] - old[j])
-        old[j] = new[j]
+        two = new[j] + before[j]
+        before[j] = new[j]
+        s = outer[j] + (two - old[j])
+        old[j] = two
         outer[j] = s
         column[j] += s - old_outer[j]
         old_outer[j] = s
@@ -216,25 +230,27 @@ def _down(new: Any, old: Any, outer: Any, old_outer: Any, column: Any) -> None:
 
 @_compiled
 def _across(v: Any, n: int, box: Any) -> None:
-    two, three, four, five = np.float32(2), np.float32(3), np.float32(4), np.float32(5)
+    three, five, seven, nine = np.float32(3), np.float32(5), np.float32(7), np.float32(9)
+    ten = np.float32(10)
     for j in range(n):
         box[j] = (
             (v[j] + v[j + 10])
-            + two * (v[j + 1] + v[j + 9])
-            + three * (v[j + 2] + v[j + 8])
-            + four * (v[j + 3] + v[j + 7])
-            + five * (v[j + 4] + v[j + 5] + v[j + 6])
+            + three * (v[j + 1] + v[j + 9])
+            + five * (v[j + 2] + v[j + 8])
+            + seven * (v[j + 3] + v[j + 7])
+            + nine * (v[j + 4] + v[j + 6])
+            + ten * v[j + 5]
         )
 
 
 @_compiled
-def _solve(box: Any, node: Any, flow: Any, n: int, moved: Any) -> None:
+def _solve(box: Any, nodes: Any, flow: Any, i: int, n: int, moved: Any) -> None:
     one = np.float32(1)
     b0, b1, b2, b3 = box[0], box[1], box[2], box[3]
     i11, i12, i22, ex, ey, fx, fy = (
-        node[0], node[1], node[2], node[3], node[4], node[5], node[6],
+        nodes[i, 0], nodes[i, 1], nodes[i, 2], nodes[i, 3], nodes[i, 4], nodes[i, 5], nodes[i, 6],
     )  # fmt: skip
-    ux, uy, mx, my = flow[0], flow[1], moved[0], moved[1]
+    ux, uy, mx, my = flow[0, i], flow[1, i], moved[0], moved[1]
     for j in range(n):
         dx = i11[j] * b0[j] + i12[j] * b1[j] - ex[j] * b2[j] - fx[j] * b3[j]
         mx[j + 1] = ux[j] + min(max(dx, -one), one)
@@ -244,17 +260,33 @@ def _solve(box: Any, node: Any, flow: Any, n: int, moved: Any) -> None:
 
 
 @_compiled
-def _judge(box: Any, node: Any, flow: Any, moved: Any, n: int, correlation: Any, left: Any) -> None:
+def _judge(
+    box: Any, nodes: Any, flow: Any, i: int, n: int, moved: Any, shared: Any, rest: Any,
+    gain: float, correlation: Any, deviation: Any,
+) -> None:  # fmt: skip
     zero, one, two = np.float32(0), np.float32(1), np.float32(2)
+    b2, b3, b4 = box[2], box[3], box[4]
+    mean, power, weights = nodes[i, 7], nodes[i, 8], nodes[i, 9]
     for j in range(n):
-        dx, dy = moved[0, j + 1] - flow[0, j], moved[1, j + 1] - flow[1, j]
-        i11, i12, i22, power = node[0, j], node[1, j], node[2, j], node[8, j]
-        shared = box[3, j] - node[7, j] * box[2, j]
-        rest = max(box[4, j] - box[2, j] * box[2, j] * node[9, j], zero)
-        current = max(power - two * shared + rest, node[10, j])
-        correlation[j] = min(max((power - shared) / np.sqrt(power * current), -one), one)
-        explained = (i22 * dx * dx - two * i12 * dx * dy + i11 * dy * dy) / (i11 * i22 - i12 * i12)
-        left[j] = max(rest - shared * shared / power - explained, zero)
+        shared[j] = b3[j] - mean[j] * b2[j]
+        rest[j] = max(b4[j] - b2[j] * b2[j] / weights[j], zero)
+    least = np.float32(LEAST_VARIANCE)
+    for j in range(n):
+        current = max(power[j] - two * shared[j] + rest[j], least * weights[j])
+        found = (power[j] - shared[j]) / np.sqrt(power[j] * current)
+        correlation[j] = min(max(found, -one), one)
+    i11, i12, i22 = nodes[i, 0], nodes[i, 1], nodes[i, 2]
+    ux, uy, mx, my = flow[0, i], flow[1, i], moved[0], moved[1]
+    lost, own = np.float32(4 * OWN_WEIGHT), np.float32(OWN_WEIGHT)
+    factor, rounding = np.float32(gain * gain * OWN_WEIGHT), np.float32(ROUNDING)
+    for j in range(n):
+        dx, dy = mx[j + 1] - ux[j], my[j + 1] - uy[j]
+        explained = (i22[j] * dx * dx - two * i12[j] * dx * dy + i11[j] * dy * dy) / (
+            i11[j] * i22[j] - i12[j] * i12[j]
+        )
+        left = max(rest[j] - shared[j] * shared[j] / power[j] - explained, zero)
+        noise = left / max(weights[j] - lost, own) + rounding
+        deviation[j] = np.sqrt(factor * noise * (i11[j] + i22[j]))
 
 
 @_compiled
