@@ -36,8 +36,9 @@ class ConfidenceRule:
     Confident: kept, and a second witness. Of a colour image the fit sees green alone, so red and
     blue must correlate above `chroma_min` over `window_px`. A grey image has no second witness:
     its one correlation must be above `grey_min`. In both, the fit's own predicted deviation is
-    below `deviation_max_px`, and of the textured nodes in `support_px` around at least
-    `support_share` agree.
+    below `deviation_max_px`, it lands `border_px` or more from the image's edge, where the fit's
+    window is cut off, and of the textured nodes in `support_px` around at least `support_share`
+    agree.
 
     A frame is trusted when `textured_share` or more of the first image has a standard deviation of
     `texture_min` grey levels, and `trusted_share` or more of that is confident now.
@@ -48,6 +49,7 @@ class ConfidenceRule:
     chroma_min: float = 0.3
     grey_min: float = 0.6
     deviation_max_px: float = 0.15
+    border_px: float = 3.0
     window_px: int = 20
     support_px: int = 68
     support_share: float = 0.5
@@ -63,7 +65,7 @@ class ConfidenceRule:
         for name in shares:
             if not 0 < getattr(self, name) < 1:
                 raise InputError(f"confidence: {name} = {getattr(self, name)}; between 0 and 1")
-        for name in ("deviation_max_px", "window_px", "support_px", "texture_min"):
+        for name in ("deviation_max_px", "border_px", "window_px", "support_px", "texture_min"):
             if not getattr(self, name) > 0:
                 raise InputError(f"confidence: {name} = {getattr(self, name)}; above 0")
 
@@ -79,12 +81,15 @@ class Verdict(NamedTuple):
 class Judge:
     """The first image's side of the rule, prepared once.
 
-    image: (h, w, 3) BGR or (h, w) grey, uint8; plane: of the same.
+    image: (h, w, 3) BGR or (h, w) grey, uint8; plane: of the same. witness: False does without the
+    second witness of a colour image, as if it were grey.
     """
 
-    def __init__(self, image: Array, plane: Plane, rule: ConfidenceRule) -> None:
+    def __init__(
+        self, image: Array, plane: Plane, rule: ConfidenceRule, witness: bool = True
+    ) -> None:
         self.rule = rule
-        self.name = "colour" if image.ndim == 3 else "grey"
+        self.name = "colour" if image.ndim == 3 and witness else "grey"
         self._shape = plane.shape
         self._window = (max(1, round(rule.window_px / _COARSE_PX)),) * 2
         self._support = (max(1, round(rule.support_px / _COARSE_PX)),) * 2
@@ -100,25 +105,25 @@ class Judge:
             self._mean = self._around(self._witness)
             self._power = _both(self._around(self._witness**2) - self._mean**2)
 
-    def inside(self, flow_px: Array) -> Array:
-        """Which nodes land inside the image, (hh, ww) bool."""
+    def inside(self, flow_px: Array, margin_px: float = 0.0) -> Array:
+        """Which nodes land inside the image and so far from its edge, (hh, ww) bool."""
         h, w = self._shape
         half = landing_px(flow_px * np.float32(0.5))
         # Node j lies at pixel 2 j + 1/2.
-        low = np.array([-0.25, -0.25], np.float32)
-        high = np.array([(w - 1) / 2 - 0.25, (h - 1) / 2 - 0.25], np.float32)
-        return cv2.inRange(half, low, high).view(bool)
+        low = (margin_px / 2 - 0.25,) * 2
+        high = ((w - 1 - margin_px) / 2 - 0.25, (h - 1 - margin_px) / 2 - 0.25)
+        return cv2.inRange(half, np.array(low), np.array(high)).view(bool)
 
     def kept(self, flow_px: Array, correlation: Array) -> Array:
         """Nodes whose own flow stands, (hh, ww) bool."""
         found = (correlation > self.rule.keep_correlation) & (det_f(flow_px) > self.rule.keep_det)
         return np.asarray(found & self.inside(flow_px))
 
-    def state(self, flow_px: Array, kept: Array) -> Array:
+    def state(self, inside: Array, kept: Array) -> Array:
         """What stands behind each node's flow, (hh, ww) uint8 of FlowState."""
         state = np.full(kept.shape, FlowState.MATCHED, np.uint8)
         if not kept.all():
-            guided = (self._near(kept) >= self.rule.support_share) & self.inside(flow_px)
+            guided = (self._near(kept) >= self.rule.support_share) & inside
             state[~kept] = np.where(guided[~kept], FlowState.PREDICTED, FlowState.LOST)
         return state
 
@@ -131,18 +136,19 @@ class Judge:
         """
         rule = self.rule
         agreeing = kept & self.textured & (deviation_px < rule.deviation_max_px)
+        agreeing &= self.inside(flow_px, rule.border_px)
         if self.name == "colour":
             agreeing &= self._wide(self._chroma(image, flow_px)) > rule.chroma_min
         else:
             agreeing &= correlation > rule.grey_min
         return np.asarray(agreeing)
 
-    def verdict(self, flow_px: Array, agreeing: Array) -> Verdict:
-        """What is believed of an image's flow."""
+    def verdict(self, inside: Array, agreeing: Array) -> Verdict:
+        """What is believed; inside: as above, of the whole flow."""
         rule = self.rule
         confident = agreeing & (self._near(agreeing) >= rule.support_share * self._textured_near)
         n = int(np.count_nonzero(confident))
-        n_seen = int(np.count_nonzero(self.textured & self.inside(flow_px)))
+        n_seen = int(np.count_nonzero(self.textured & inside))
         share = n / max(1, int(np.count_nonzero(self.textured)))
         return Verdict(
             confident,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 CELL = 4  # nodes to a side of a cell
-WINDOWS = (5, 9, 17, 33, 65, 129)  # cells to a side
+WINDOWS = (5, 13, 33, 97)  # cells to a side
 ENOUGH = 0.15  # share of a window that must be known before it is believed alone
 SLOPES = 2.0  # cells^2: how far known cells must lie apart before their slope is believed
 
@@ -26,48 +26,44 @@ def filled(flow: Array, known: Array, kept: Array) -> Array:
     if kept.all():
         return flow
     h, w = kept.shape
-    weight = known.astype(np.float32)
     size = -(-w // CELL), -(-h // CELL)
-    parts = cv2.merge([weight, *(u * weight for u in cv2.split(flow))])
-    cells = cv2.resize(parts, size, interpolation=cv2.INTER_AREA).astype(np.float64)
-    n, u = cells[..., :1], cells[..., 1:]
-    xy = np.stack(np.meshgrid(*(np.arange(s) - s / 2 for s in size)), -1)
-    x, y = xy[..., :1], xy[..., 1:]
-    sums = np.concatenate((n, n * xy, n * x * x, n * x * y, n * y * y, u, u * x, u * y), -1)
-    found = np.zeros((*n.shape[:2], 2))
-    done = np.zeros(n.shape)
+
+    def cells(nodes: Array) -> Array:
+        return cv2.resize(nodes, size, interpolation=cv2.INTER_AREA)
+
+    weight = known.astype(np.float32)
+    n = cells(weight).astype(np.float64)
+    u, v = (cells(part * weight) for part in cv2.split(flow))
+    x, y = np.meshgrid(*(np.arange(s) - s / 2 for s in size))
+    sums = [n, n * x, n * y, n * x * x, n * x * y, n * y * y, u, u * x, u * y, v, v * x, v * y]
+    lost = cells((~kept).astype(np.float32)) > 0
+    found, done = np.zeros((2, *n.shape)), np.zeros(n.shape)
     for window in WINDOWS:
-        part, near = _plane(_box(sums, window), x, y)
-        share = np.clip(near / (ENOUGH * window**2), 0, 1) * (1 - done)
-        found += share * part
-        done += share
-        if done.min() > 0.999:
+        side = min(window, 2 * max(size) - 1)
+        near = np.stack(
+            [cv2.blur(s, (side, side), borderType=cv2.BORDER_CONSTANT)[lost] for s in sums]
+        )
+        share = np.clip(near[0] / ENOUGH, 0, 1) * (1 - done[lost])
+        found[:, lost] += share * _planes(x[lost], y[lost], near)
+        done[lost] += share
+        if done[lost].min() > 0.999:
             break
     found /= np.maximum(done, 1e-6)
-    wide = cv2.resize(found.astype(np.float32), (size[0] * CELL, size[1] * CELL))
+    wide = cv2.resize(cv2.merge([*found.astype(np.float32)]), (size[0] * CELL, size[1] * CELL))
     out = np.ascontiguousarray(wide[:h, :w])
     np.copyto(out, flow, where=kept[..., None])
     return out
 
 
-def _plane(sums: Array, x: Array, y: Array) -> tuple[Array, Array]:
-    """The fitted plane's value at each cell, (rows, cols, 2), and its weight, (rows, cols, 1)."""
-    n = sums[..., :1]
-    mean = sums[..., 1:] / np.maximum(n, 1e-9)
-    mx, my, mu = mean[..., 0:1], mean[..., 1:2], mean[..., 5:7]
-    xx = mean[..., 2:3] - mx * mx + SLOPES
-    xy = mean[..., 3:4] - mx * my
-    yy = mean[..., 4:5] - my * my + SLOPES
-    xu, yu = mean[..., 7:9] - mx * mu, mean[..., 9:11] - my * mu
-    across = (yy * xu - xy * yu) * (x - mx) + (xx * yu - xy * xu) * (y - my)
-    return mu + across / (xx * yy - xy * xy), n
-
-
-def _box(sums: Array, window: int) -> Array:
-    side = min(window, 2 * max(sums.shape[:2]) - 1)
-    boxes = (
-        cv2.boxFilter(np.ascontiguousarray(sums[..., k]), -1, (side, side), normalize=False,
-                      borderType=cv2.BORDER_CONSTANT)
-        for k in range(sums.shape[2])
+def _planes(x: Array, y: Array, sums: Array) -> Array:
+    """The values at (x, y), each (n,), of the planes fitted to sums (12, n): (2, n)."""
+    mx, my, xx, xy, yy, *moments = sums[1:] / np.maximum(sums[0], 1e-12)
+    xx, xy, yy = xx - mx * mx + SLOPES, xy - mx * my, yy - my * my + SLOPES
+    dx, dy = x - mx, y - my
+    a, b = (yy * dx - xy * dy), (xx * dy - xy * dx)
+    u, ux, uy, v, vx, vy = moments
+    det = xx * yy - xy * xy
+    return np.stack(
+        [m + (a * (mmx - mx * m) + b * (mmy - my * m)) / det
+         for m, mmx, mmy in ((u, ux, uy), (v, vx, vy))]
     )  # fmt: skip
-    return np.stack(list(boxes), -1)

@@ -58,7 +58,8 @@ def step(
     corners: of `target`; reference: of `reference`; nodes (rows, 10, cols), see `fused`; size_px
     (height, width) of the image within its padding; flow (2, rows, cols) float32 px. gain: how
     much more noise the chain of steps passes than one fit. Returns the new flow and, if gain is
-    positive, correlation and deviation in px of the flow that was given, each (rows, cols).
+    positive, correlation and deviation in px of the flow that was given, each (rows, cols), over
+    what the current image shows of the windows.
     """
     last = gain > 0
     height, width = size_px
@@ -70,7 +71,7 @@ def step(
     seen = (x >= 0) & (x <= width - 2) & (y >= 0) & (y <= height - 2)
     mask = seen.astype(np.float32)
     found = cv2.split(cv2.remap(corners, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
-    sums = np.zeros((5 if last else 4, rows, cols), np.float32)
+    sums = np.zeros((8 if last else 4, rows, cols), np.float32)
     part = sums[inner]
     for current, r, gx, gy in zip(found, *reference[inner], strict=True):
         d: Array = cv2.subtract(r, current)
@@ -81,8 +82,12 @@ def step(
         cv2.accumulateProduct(d, r, part[3])
         if last:
             cv2.accumulateSquare(d, part[4])
-    sx, sy, sd, sr, *squares = map(around, sums)
-    i11, i12, i22, ex, ey, fx, fy, mean, power, weights = nodes.transpose(1, 0, 2)
+            hidden = (1 - mask) * r
+            part[5] += 1 - mask
+            part[6] += hidden
+            part[7] += hidden * r
+    sx, sy, sd, sr, *others = map(around, sums)
+    i11, i12, i22, ex, ey, fx, fy, all_mean, all_power, weights = nodes.transpose(1, 0, 2)
     dx = np.clip(i11 * sx + i12 * sy - ex * sd - fx * sr, -MAX_STEP_PX, MAX_STEP_PX)
     dy = np.clip(i12 * sx + i22 * sy - ey * sd - fy * sr, -MAX_STEP_PX, MAX_STEP_PX)
     moved = np.stack(
@@ -93,11 +98,19 @@ def step(
     )
     if not last:
         return moved, sums[:0], sums[:0]
+    squares, hidden_n, hidden_r, hidden_rr = others
+    n_seen = np.maximum(weights - hidden_n, OWN_WEIGHT)
+    total = weights * all_mean
+    mean = (total - hidden_r) / n_seen
+    power = all_power + total * all_mean - hidden_rr - n_seen * mean * mean
+    power = np.maximum(power, LEAST_VARIANCE * n_seen)
     shared = sr - mean * sd
-    rest = np.maximum(squares[0] - sd * sd / weights, 0)
-    current_power = np.maximum(power - 2 * shared + rest, LEAST_VARIANCE * weights)
+    rest = np.maximum(squares - sd * sd / n_seen, 0)
+    current_power = np.maximum(power - 2 * shared + rest, LEAST_VARIANCE * n_seen)
     correlation = np.clip((power - shared) / np.sqrt(power * current_power), -1, 1)
+    correlation[hidden_n >= weights - OWN_WEIGHT] = 0
     explained = (i22 * dx * dx - 2 * i12 * dx * dy + i11 * dy * dy) / (i11 * i22 - i12 * i12)
     left = np.maximum(rest - shared * shared / power - explained, 0)
-    noise = left / np.maximum(weights - 4 * OWN_WEIGHT, OWN_WEIGHT) + ROUNDING
-    return moved, correlation, np.sqrt(gain**2 * OWN_WEIGHT * noise * (i11 + i22))
+    noise = left / np.maximum(weights - hidden_n - 4 * OWN_WEIGHT, OWN_WEIGHT) + ROUNDING
+    spread = (i11 + i22) * weights / n_seen
+    return moved, correlation, np.sqrt(gain**2 * OWN_WEIGHT * noise * spread)

@@ -18,7 +18,7 @@ Array = NDArray[Any]
 NAME = "numba"
 _OUTER, _INNER = 6, 5  # the window is a box of 6 of a box of 5 of a box of 2
 _REACH = 5  # cells to each side of its own
-_SUMS = 5
+_SUMS, _LAST_SUMS = 4, 8  # of a step, and of the last
 _BYTE = np.uint32(255)
 _compiled = numba.njit(cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
 
@@ -64,28 +64,30 @@ def _step(
 ) -> None:  # fmt: skip
     rows, cols = flow.shape[1], flow.shape[2]
     seen_rows, seen_cols = height // 2, width // 2
+    last = gain > 0
+    n_sums = _LAST_SUMS if last else _SUMS
     at = np.zeros(cols, np.uint32)
     found = np.zeros((3, cols), np.uint32)
     where = np.zeros((3, cols), np.float32)
     d = np.zeros((4, cols), np.float32)
-    new = np.zeros((_SUMS, cols), np.float32)
-    before = np.zeros((_SUMS, cols), np.float32)
-    old = np.zeros((_OUTER, _SUMS, cols), np.float32)
-    outer = np.zeros((_SUMS, cols), np.float32)
-    old_outer = np.zeros((_INNER, _SUMS, cols), np.float32)
-    column = np.zeros((_SUMS, cols + 2 * _REACH), np.float32)
-    box = np.zeros((_SUMS, cols), np.float32)
+    new = np.zeros((n_sums, cols), np.float32)
+    before = np.zeros((n_sums, cols), np.float32)
+    old = np.zeros((_OUTER, n_sums, cols), np.float32)
+    outer = np.zeros((n_sums, cols), np.float32)
+    old_outer = np.zeros((_INNER, n_sums, cols), np.float32)
+    column = np.zeros((n_sums, cols + 2 * _REACH), np.float32)
+    box = np.zeros((n_sums, cols), np.float32)
     moved = np.zeros((2, cols + 2), np.float32)
-    shared, rest = np.zeros(cols, np.float32), np.zeros(cols, np.float32)
+    kept = np.zeros((3, cols), np.float32)
     smooth = np.zeros((3, 2, cols), np.float32)
-    last = gain > 0
-    n_sums = _SUMS if last else _SUMS - 1
     for i in range(rows + _REACH):
         if i < seen_rows:
             _address(flow[0, i], flow[1, i], i, seen_cols, height, width, stride, where, at)
             _gather(words, stride, at, seen_cols, found)
             _difference(found, where, reference[i + 1], seen_cols, d)
-            _sum(d, reference, i + 1, seen_cols, last, new)
+            _sum(d, reference, i + 1, seen_cols, new)
+            if last:
+                _sum_last(d, where[2], reference[i + 1], seen_cols, new)
         elif i == seen_rows:
             new[:] = 0
         for k in range(n_sums):
@@ -100,19 +102,7 @@ def _step(
             _across(column[k], cols, box[k])
         _solve(box, nodes, flow, i0, cols, moved)
         if last:
-            _judge(
-                box,
-                nodes,
-                flow,
-                i0,
-                cols,
-                moved,
-                shared,
-                rest,
-                gain,
-                correlation[i0],
-                deviation[i0],
-            )
+            _judge(box, nodes, flow, i0, cols, moved, kept, gain, correlation[i0], deviation[i0])
         for k in range(2):
             moved[k, 0], moved[k, cols + 1] = moved[k, 1], moved[k, cols]
             _soften(moved[k], cols, smooth[i0 % 3, k])
@@ -181,14 +171,14 @@ def _difference(found: Any, where: Any, r: Any, n: int, d: Any) -> None:
 
 
 @_compiled
-def _sum(d: Any, reference: Any, i: int, n: int, last: bool, new: Any) -> None:
-    """gx D, gy D, D, R D and D^2 over each cell of a row; gradients are central differences."""
+def _sum(d: Any, reference: Any, i: int, n: int, new: Any) -> None:
+    """gx D, gy D, D and R D over each cell of a row; gradients are central differences."""
     d0, d1, d2, d3 = d[0], d[1], d[2], d[3]
     r0, r1, r2, r3 = reference[i, 0], reference[i, 1], reference[i, 2], reference[i, 3]
     up2, up3, down0, down1 = (
         reference[i - 1, 2], reference[i - 1, 3], reference[i + 1, 0], reference[i + 1, 1],
     )  # fmt: skip
-    s0, s1, s2, s3, s4 = new[0], new[1], new[2], new[3], new[4]
+    s0, s1, s2, s3 = new[0], new[1], new[2], new[3]
     half = np.float32(0.5)
     for j in range(n):
         k = j + 1
@@ -210,9 +200,22 @@ def _sum(d: Any, reference: Any, i: int, n: int, last: bool, new: Any) -> None:
         k = j + 1
         s2[j] = d0[j] + d1[j] + d2[j] + d3[j]
         s3[j] = d0[j] * r0[k] + d1[j] * r1[k] + d2[j] * r2[k] + d3[j] * r3[k]
-    if last:
-        for j in range(n):
-            s4[j] = d0[j] * d0[j] + d1[j] * d1[j] + d2[j] * d2[j] + d3[j] * d3[j]
+
+
+@_compiled
+def _sum_last(d: Any, seen: Any, r: Any, n: int, new: Any) -> None:
+    """D^2, and of what the current image does not show the pixels, R and R^2, over each cell."""
+    d0, d1, d2, d3 = d[0], d[1], d[2], d[3]
+    r0, r1, r2, r3 = r[0, 1:], r[1, 1:], r[2, 1:], r[3, 1:]
+    s4, s5, s6, s7 = new[4], new[5], new[6], new[7]
+    one, four = np.float32(1), np.float32(4)
+    for j in range(n):
+        s4[j] = d0[j] * d0[j] + d1[j] * d1[j] + d2[j] * d2[j] + d3[j] * d3[j]
+    for j in range(n):
+        s5[j] = (one - seen[j]) * four
+        s6[j] = (one - seen[j]) * (r0[j] + r1[j] + r2[j] + r3[j])
+    for j in range(n):
+        s7[j] = (one - seen[j]) * (r0[j] * r0[j] + r1[j] * r1[j] + r2[j] * r2[j] + r3[j] * r3[j])
 
 
 @_compiled
@@ -261,23 +264,29 @@ def _solve(box: Any, nodes: Any, flow: Any, i: int, n: int, moved: Any) -> None:
 
 @_compiled
 def _judge(
-    box: Any, nodes: Any, flow: Any, i: int, n: int, moved: Any, shared: Any, rest: Any,
-    gain: float, correlation: Any, deviation: Any,
+    box: Any, nodes: Any, flow: Any, i: int, n: int, moved: Any, kept: Any, gain: float,
+    correlation: Any, deviation: Any,
 ) -> None:  # fmt: skip
     zero, one, two = np.float32(0), np.float32(1), np.float32(2)
-    b2, b3, b4 = box[2], box[3], box[4]
-    mean, power, weights = nodes[i, 7], nodes[i, 8], nodes[i, 9]
+    b2, b3, b4, b5, b6, b7 = box[2], box[3], box[4], box[5], box[6], box[7]
+    power, shared, rest = kept[0], kept[1], kept[2]
+    all_mean, all_power, weights = nodes[i, 7], nodes[i, 8], nodes[i, 9]
+    least, own = np.float32(LEAST_VARIANCE), np.float32(OWN_WEIGHT)
     for j in range(n):
-        shared[j] = b3[j] - mean[j] * b2[j]
-        rest[j] = max(b4[j] - b2[j] * b2[j] / weights[j], zero)
-    least = np.float32(LEAST_VARIANCE)
+        n_seen = max(weights[j] - b5[j], own)
+        total = weights[j] * all_mean[j]
+        mean = (total - b6[j]) / n_seen
+        squares = all_power[j] + total * all_mean[j] - b7[j]
+        power[j] = max(squares - n_seen * mean * mean, least * n_seen)
+        shared[j] = b3[j] - mean * b2[j]
+        rest[j] = max(b4[j] - b2[j] * b2[j] / n_seen, zero)
     for j in range(n):
-        current = max(power[j] - two * shared[j] + rest[j], least * weights[j])
+        current = max(power[j] - two * shared[j] + rest[j], least * max(weights[j] - b5[j], own))
         found = (power[j] - shared[j]) / np.sqrt(power[j] * current)
-        correlation[j] = min(max(found, -one), one)
+        correlation[j] = min(max(found, -one), one) if b5[j] < weights[j] - own else zero
     i11, i12, i22 = nodes[i, 0], nodes[i, 1], nodes[i, 2]
     ux, uy, mx, my = flow[0, i], flow[1, i], moved[0], moved[1]
-    lost, own = np.float32(4 * OWN_WEIGHT), np.float32(OWN_WEIGHT)
+    lost = np.float32(4 * OWN_WEIGHT)
     factor, rounding = np.float32(gain * gain * OWN_WEIGHT), np.float32(ROUNDING)
     for j in range(n):
         dx, dy = mx[j + 1] - ux[j], my[j + 1] - uy[j]
@@ -285,8 +294,9 @@ def _judge(
             i11[j] * i22[j] - i12[j] * i12[j]
         )
         left = max(rest[j] - shared[j] * shared[j] / power[j] - explained, zero)
-        noise = left / max(weights[j] - lost, own) + rounding
-        deviation[j] = np.sqrt(factor * noise * (i11[j] + i22[j]))
+        noise = left / max(weights[j] - b5[j] - lost, own) + rounding
+        spread = (i11[j] + i22[j]) * weights[j] / max(weights[j] - b5[j], own)
+        deviation[j] = np.sqrt(factor * noise * spread)
 
 
 @_compiled

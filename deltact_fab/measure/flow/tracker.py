@@ -85,14 +85,19 @@ class FlowTracker:
         if judge is None or way is None:
             return self._begin(image, plane, start_s)
         if image.shape != self._shape:
-            raise InputError(f"flow: the image is {image.shape}, the first one was {self._shape}")
+            # Height and width say it, unless it is the channels that differ.
+            size = slice(0, 2 if image.ndim == len(self._shape) else 3)
+            raise InputError(
+                f"flow: the image is {image.shape[size]}, the first one was {self._shape[size]}"
+            )
         self._frame += 1
         seen = way.step(image, plane)
-        verdict = judge.verdict(seen.flow_px, seen.agreeing) if self.confidence else None
-        return self._observation(judge, seen, verdict, start_s)
+        inside = judge.inside(seen.flow_px)
+        verdict = judge.verdict(inside, seen.agreeing) if self.confidence else None
+        return self._observation(judge, seen, inside, verdict, start_s)
 
     def _begin(self, image: Array, plane: Plane, start_s: float) -> FlowObservation:
-        judge = Judge(image, plane, self.believe)
+        judge = Judge(image, plane, self.believe, witness=self.confidence)
         if not judge.textured.any():
             raise SensorError(
                 "flow: the first image has no texture anywhere (a standard deviation of "
@@ -112,22 +117,22 @@ class FlowTracker:
         seen = Followed(nothing, everywhere, judge.textured, n_flows=0)
         trusted = judge.textured_share >= self.believe.textured_share
         verdict = Verdict(judge.textured, 0.0, trusted) if self.confidence else None
-        return self._observation(judge, seen, verdict, start_s)
+        return self._observation(judge, seen, everywhere, verdict, start_s)
 
     def _observation(
-        self, judge: Judge, seen: Followed, verdict: Verdict | None, start_s: float
+        self, judge: Judge, seen: Followed, inside: Array, verdict: Verdict | None, start_s: float
     ) -> FlowObservation:
         stayed, flow = seen.stayed, seen.full_px
-        state = judge.state(seen.flow_px, seen.kept)
+        state = judge.state(inside, seen.kept)
         if self.full:
             shape = self._shape[:2]
             flow = to_full(seen.flow_px, shape) if flow is None else flow
-            visible = _pixels(judge.inside(seen.flow_px), shape) if stayed is None else stayed
+            visible = _pixels(inside, shape) if stayed is None else stayed
             state = _pixels(state, shape)
             confident = None if verdict is None else _pixels(verdict.confident, shape)
         else:
             flow = seen.flow_px
-            visible = judge.inside(flow) if stayed is None else stayed[::2, ::2]
+            visible = inside if stayed is None else stayed[::2, ::2]
             confident = None if verdict is None else verdict.confident
         if verdict is None or confident is None:
             confident = np.broadcast_to(np.False_, visible.shape)

@@ -1,0 +1,323 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from deltact_fab.errors import InputError
+from deltact_fab.measure.flow import FLOW_METHODS, FlowMethod, fused, kernel_cv2, to_gray
+from deltact_fab.measure.flow.fused import Plane, Reference, predict, to_full, to_half
+
+W, H = 320, 256
+EDGE = 12  # nodes at the border whose windows are cut
+
+
+def kernels() -> list[Any]:
+    found: list[Any] = [kernel_cv2]
+    if fused.which() == "numba":
+        found.append(fused.kernel())
+    return found
+
+
+@dataclass(frozen=True)
+class Affine:
+    """x goes to x + shift + A (x - centre)."""
+
+    shift_px: tuple[float, float]
+    a: tuple[tuple[float, float], tuple[float, float]] = ((0, 0), (0, 0))
+
+    def flow_px(self, height: int, width: int) -> Any:
+        return self._from_centre(height, width) @ np.array(self.a).T + self.shift_px
+
+    def inverse_px(self, height: int, width: int, start: Any = None) -> Any:
+        forth = np.linalg.inv(np.eye(2) + np.array(self.a))
+        off = self._from_centre(height, width)
+        return _grid(height, width) - off + (off - self.shift_px) @ forth.T
+
+    def _from_centre(self, height: int, width: int) -> Any:
+        return _grid(height, width) - [(width - 1) / 2, (height - 1) / 2]
+
+
+@dataclass(frozen=True)
+class Wave:
+    """v = 0.5 cos(2 pi y / period) px."""
+
+    period_px: float
+
+    def flow_px(self, height: int, width: int) -> Any:
+        y = _grid(height, width)[..., 1]
+        return np.stack((0 * y, self._v(y)), -1)
+
+    def inverse_px(self, height: int, width: int, start: Any = None) -> Any:
+        x, seen = np.moveaxis(_grid(height, width), -1, 0)
+        y = seen.copy()
+        for _ in range(40):
+            y = seen - self._v(y)
+        return np.stack((x, y), -1)
+
+    def _v(self, y: Any) -> Any:
+        return 0.5 * np.cos(2 * np.pi * y / self.period_px)
+
+
+def _grid(height: int, width: int) -> Any:
+    y, x = np.mgrid[0:height, 0:width].astype(float)
+    return np.stack((x, y), -1)
+
+
+@pytest.fixture(scope="module")
+def scene(make_scene):
+    return make_scene(W, H, patch_mm=0.1)
+
+
+def off_px(flow: Any, truth: Any) -> Any:
+    """Endpoint errors at nodes whose windows are whole."""
+    return np.hypot(*np.moveaxis(flow - to_half(truth), -1, 0))[EDGE:-EDGE, EDGE:-EDGE]
+
+
+# What it finds
+
+
+@pytest.mark.parametrize("by", kernels(), ids=lambda k: k.NAME)
+@pytest.mark.parametrize("grey", [True, False], ids=["grey", "colour"])
+@pytest.mark.parametrize(
+    "motion",
+    [
+        Affine((0.25, -0.4)),
+        Affine((6.3, -5.1)),
+        Affine((1.2, 0.7), ((0.06, 0.0), (0.0, -0.04))),
+        Affine((-2.1, 1.4), ((0.0, -0.05), (0.05, 0.0))),
+        Affine((0.0, 0.0), ((0.03, 0.06), (-0.02, 0.05))),
+    ],
+    ids=["sub-pixel", "six px", "stretch", "turn", "both"],
+)
+def test_shifts_and_affine_motions_are_found_within_a_twentieth_of_a_pixel(motion, grey, by, scene):
+    first, second = scene.picture(), scene.picture(motion, 1)
+    if grey:
+        first, second = to_gray(first), to_gray(second)
+    found = Reference.of(first, by).refine(Plane.of(second))
+    error = off_px(found.flow_px, motion.flow_px(H, W))
+    print(f"rms {np.sqrt(np.mean(error**2)):.4f} max {error.max():.3f} px")
+    assert np.sqrt(np.mean(error**2)) < 0.05
+    assert error.max() < 0.25
+    assert np.median(found.correlation) > 0.95
+
+
+@pytest.mark.parametrize(("period_px", "least"), [(34, 0.85), (60, 0.95)])
+def test_a_wave_of_half_a_pixel_is_resolved(period_px, least, scene):
+    wave = Wave(period_px)
+    reference = Reference.of(to_gray(scene.picture()))
+    found = reference.refine(Plane.of(to_gray(scene.picture(wave, 1)))).flow_px
+    v, truth = (f[EDGE:-EDGE, EDGE:-EDGE, 1] for f in (found, to_half(wave.flow_px(H, W))))
+    share = float((v * truth).sum() / (truth * truth).sum())
+    print(f"period {period_px}: {share:.3f} of the amplitude")
+    assert least < share < 1.05
+
+
+@pytest.mark.parametrize(("gain", "offset"), [(0.6, 0), (1.4, 0), (1, 40), (0.7, 50)])
+def test_another_light_does_no_harm(gain, offset, make_scene):
+    scene = make_scene(W, H, patch_mm=0.1, contrast=0.6, shading=0.0)
+    motion = Affine((1.3, -2.6))
+    first, second = to_gray(scene.picture()), to_gray(scene.picture(motion, 1))
+    lit = np.clip(np.rint(gain * second.astype(float) + offset), 0, 255).astype(np.uint8)
+    assert np.mean(lit == 255) < 0.01  # what is saturated is lost to everyone
+    reference = Reference.of(first)
+    plain, other = (reference.refine(Plane.of(image)) for image in (second, lit))
+    truth = motion.flow_px(H, W)
+    plain_px, other_px = (off_px(f.flow_px, truth).mean() for f in (plain, other))
+    assert other_px < 1.5 * plain_px + 0.005
+    assert np.median(other.correlation) > np.median(plain.correlation) - 0.02
+
+
+def test_its_own_result_as_the_start_changes_little_however_often(scene):
+    motion = Affine((1.2, 0.7), ((0.03, 0.0), (0.0, -0.02)))
+    reference = Reference.of(scene.picture())
+    current = Plane.of(scene.picture(motion, 1))
+    first = flow = reference.refine(current).flow_px
+    for _ in range(30):
+        flow = reference.refine(current, flow).flow_px
+    assert np.abs(flow - first)[EDGE:-EDGE, EDGE:-EDGE].max() < 0.02
+
+
+# What it knows of itself
+
+
+@pytest.mark.parametrize("grey", [True, False], ids=["grey", "colour"])
+@pytest.mark.parametrize("noise", [2.0, 5.0, 10.0])
+def test_the_deviation_is_the_error_that_noise_makes(noise, grey, make_scene):
+    scene = make_scene(W, H, patch_mm=0.1, noise=noise)
+    first, second = scene.picture(), scene.picture(Affine((0.5, 0.5)), 1)
+    if grey:
+        first, second = to_gray(first), to_gray(second)
+    found = Reference.of(first).refine(Plane.of(second))
+    error = off_px(found.flow_px, Affine((0.5, 0.5)).flow_px(H, W))
+    told = found.deviation_px[EDGE:-EDGE, EDGE:-EDGE]
+    ratio = np.sqrt(np.mean(error**2) / np.mean(told**2))
+    print(f"noise {noise}: error {np.sqrt(np.mean(error**2)):.4f} px, {ratio:.2f} of the deviation")
+    assert 1 / 1.5 < ratio < 1.5
+
+
+def test_correlation_is_that_of_the_windows(scene, make_scene):
+    image = to_gray(scene.picture())
+    same = Reference.of(image).evaluate(Plane.of(image), np.zeros((H // 2, W // 2, 2), np.float32))
+    assert same.correlation[1:-1, 1:-1].min() > 0.999
+    negative = Reference.of(image).evaluate(Plane.of(255 - image), same.flow_px)
+    assert negative.correlation[1:-1, 1:-1].max() < -0.999
+    # By hand, at one node: the weights are those of the window, cell by cell.
+    other = to_gray(make_scene(W, H, patch_mm=0.1, seed=9).picture())
+    found = Reference.of(image).evaluate(Plane.of(other), same.flow_px)
+    i, j = 60, 70
+    cut = np.s_[2 * i - 10 : 2 * i + 12, 2 * j - 10 : 2 * j + 12]
+    weight = np.repeat(kernel_cv2.WINDOW.astype(float), 2)
+    by_hand = np.cov(
+        image[cut].ravel(), other[cut].ravel(), aweights=np.outer(weight, weight).ravel()
+    )
+    expected = by_hand[0, 1] / np.sqrt(by_hand[0, 0] * by_hand[1, 1])
+    assert found.correlation[i, j] == pytest.approx(expected, abs=2e-3)
+
+
+def test_what_is_covered_flat_or_unrelated_does_not_correlate(scene, make_scene):
+    image = scene.picture()
+    reference = Reference.of(image)
+    half = image.copy()
+    half[:, W // 2 :] = make_scene(W, H, patch_mm=0.1, seed=9).picture()[:, W // 2 :]
+    seen = reference.refine(Plane.of(half))
+    assert np.median(seen.correlation[:, : W // 4 - EDGE]) > 0.97
+    assert np.median(seen.correlation[:, W // 4 + EDGE :]) < 0.6
+    for flat in (np.zeros_like(image), np.full_like(image, 90)):
+        dark = reference.refine(Plane.of(flat))
+        assert np.abs(dark.correlation).max() < 0.3
+        nothing = Reference.of(flat).refine(Plane.of(image))
+        assert np.abs(nothing.correlation).max() < 0.3
+        assert nothing.deviation_px.min() > 0.15
+
+
+# One result, however it is asked for
+
+
+def test_compiled_and_plain_loops_give_the_same_figures(scene, make_bump):
+    if fused.which() != "numba":
+        pytest.skip("numba is absent")
+    bump = make_bump((150, 130), 60, shear_px=(30, -12), press_px=9)  # some leave the image
+    first, current = scene.picture(), Plane.of(scene.picture(bump, 1))
+    plain, compiled = (Reference.of(first, by).refine(current) for by in kernels())
+    assert np.abs(plain.flow_px - compiled.flow_px).max() < 2e-3
+    assert np.abs(plain.correlation - compiled.correlation).max() < 1e-3
+    assert np.abs(plain.deviation_px / compiled.deviation_px - 1).max() < 1e-2
+
+
+def test_without_numba_the_plain_loops_do_the_work():
+    code = (
+        "import sys; sys.modules['numba'] = None\n"
+        "import numpy as np\n"
+        "from deltact_fab.measure.flow import FlowMethod, fused\n"
+        "image = np.random.default_rng(0).integers(0, 256, (64, 96)).astype(np.uint8)\n"
+        "print(fused.which(), np.abs(FlowMethod('fused').between(image, image)).max() < 0.01)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["cv2", "True"]
+
+
+@pytest.mark.parametrize("name", FLOW_METHODS)
+def test_a_prepared_reference_gives_what_the_pair_gives(name, scene):
+    images = [to_gray(scene.picture(Affine((k, 0.5 * k)), k)) for k in range(3)]
+    method = FlowMethod(name)
+    prepared = method.prepare(images[0])
+    start = np.full((H, W, 2), 0.5, np.float32)
+    for image in images[1:]:
+        assert np.array_equal(prepared.to(image), method.between(images[0], image))
+        assert np.array_equal(prepared.to(image, start), method.between(images[0], image, start))
+
+
+def test_the_same_images_give_the_same_bytes(scene):
+    first, second = scene.picture(), scene.picture(Affine((3.2, 1.1)), 1)
+    a, b = (Reference.of(first).refine(Plane.of(second)) for _ in range(2))
+    assert [x.tobytes() for x in a] == [x.tobytes() for x in b]
+
+
+def test_a_plane_serves_as_current_now_and_as_reference_later(scene):
+    buffer = scene.picture()
+    plane = Plane.of(buffer)
+    kept = plane.gray.copy()
+    buffer[:] = 0  # a camera may reuse its buffer
+    assert np.array_equal(plane.gray, kept)
+    assert Plane.of(plane) is plane
+    other = Plane.of(scene.picture(Affine((2, 1)), 1))
+    there = Reference.of(plane).refine(other).flow_px
+    back = Reference.of(other).refine(plane).flow_px
+    assert np.abs(there + back)[EDGE:-EDGE, EDGE:-EDGE].mean() < 0.05
+
+
+def test_colour_is_tracked_in_green_and_grey_as_it_is(scene):
+    image = scene.picture()
+    assert np.array_equal(Plane.of(image[..., 2]).gray, image[..., 2])
+    blurred = cv2.GaussianBlur(np.ascontiguousarray(image[..., 1]), (0, 0), 1.0)
+    assert np.array_equal(Plane.of(image).gray, blurred)
+
+
+# The half grid
+
+
+@pytest.mark.parametrize("shape", [(64, 96), (65, 97), (67, 64)])
+def test_a_node_is_at_the_centre_of_its_four_pixels(shape):
+    h, w = shape
+    hh, ww = -(-h // 2), -(-w // 2)
+    field = (0.3 * _grid(h, w) @ np.array([[1.0, -0.4], [0.2, 2.0]]) + [3, -5]).astype(np.float32)
+    at = 2 * _grid(hh, ww) + 0.5
+    nodes = (0.3 * at @ np.array([[1.0, -0.4], [0.2, 2.0]]) + [3, -5]).astype(np.float32)
+    assert to_half(field) == pytest.approx(nodes, abs=1e-3)
+    assert to_full(nodes, shape) == pytest.approx(field, abs=1e-3)
+    assert to_full(nodes[..., 0], shape) == pytest.approx(field[..., 0], abs=1e-3)
+
+
+@pytest.mark.parametrize("by", kernels(), ids=lambda k: k.NAME)
+@pytest.mark.parametrize("size", [(64, 64), (65, 71), (101, 64), (130, 99), (250, 318)])
+def test_any_size_of_64_px_or_more_will_do(size, by, make_scene):
+    h, w = size
+    motion = Affine((1.4, -0.8))
+    scene = make_scene(w, h, patch_mm=0.1)
+    found = Reference.of(scene.picture(), by).refine(Plane.of(scene.picture(motion, 1)))
+    nodes = (-(-h // 2), -(-w // 2))
+    assert found.flow_px.shape == (*nodes, 2)
+    assert found.correlation.shape == found.deviation_px.shape == nodes
+    assert all(np.isfinite(a).all() and a.dtype == np.float32 for a in found)
+    assert off_px(found.flow_px, motion.flow_px(h, w)).mean() < 0.06
+    full = FlowMethod("fused").between(to_gray(scene.picture()), to_gray(scene.picture(motion, 1)))
+    assert full.shape == (h, w, 2)
+    assert np.isfinite(full).all()
+
+
+@pytest.mark.parametrize("by", kernels(), ids=lambda k: k.NAME)
+def test_what_leaves_the_image_does_no_harm_to_what_stays(by, scene):
+    motion = Affine((45.0, -30.0))
+    reference = Reference.of(scene.picture(), by)
+    current = Plane.of(scene.picture(motion, 1))
+    start = to_half(motion.flow_px(H, W)) + np.float32(0.8)
+    found = reference.refine(current, start)
+    stays = np.s_[15 + EDGE : -EDGE, EDGE : -23 - EDGE]
+    error = np.hypot(*np.moveaxis(found.flow_px - to_half(motion.flow_px(H, W)), -1, 0))
+    assert error[stays].mean() < 0.05
+    away = reference.refine(current, np.full_like(start, 1e7))
+    for result in (found, away):
+        assert all(np.isfinite(a).all() for a in result)
+
+
+def test_what_does_not_fit_is_refused(scene):
+    image = scene.picture()
+    reference, plane = Reference.of(image), Plane.of(image)
+    with pytest.raises(InputError, match="64 px or more"):
+        Plane.of(image[:40])
+    with pytest.raises(InputError, match="float64"):
+        Plane.of(image.astype(float))
+    with pytest.raises(InputError, match="one size"):
+        reference.refine(Plane.of(image[:200]))
+    with pytest.raises(InputError, match=r"start is \(8, 8, 2\)"):
+        reference.refine(plane, np.zeros((8, 8, 2), np.float32))
+    start = predict(plane, plane)
+    start[3, 4] = np.nan
+    with pytest.raises(InputError, match="not finite"):
+        reference.refine(plane, start)
