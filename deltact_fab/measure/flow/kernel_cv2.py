@@ -22,10 +22,13 @@ _SOFT = np.array([0.25, 0.5, 0.25], np.float32)
 
 
 def reference(image: Array) -> Array:
-    """Value and gradients of a cell's four pixels apart: (3, 4, rows, cols) float32."""
+    """A cell's four pixels, their gradients, and their sums: (14, rows, cols) float32.
+
+    Value, x gradient and y gradient of each pixel, then the sum of values and of squares.
+    """
     gray = image.astype(np.float32) - 128
-    gx, gy = gradients(gray)
-    return np.stack([[a[i::2, j::2] for i in (0, 1) for j in (0, 1)] for a in (gray, gx, gy)])
+    parts = [a[i::2, j::2] for a in (gray, *gradients(gray)) for i in (0, 1) for j in (0, 1)]
+    return np.stack([*parts, sum(parts[:4]), sum(r * r for r in parts[:4])])
 
 
 def target(image: Array) -> Array:
@@ -62,43 +65,41 @@ def step(
     what the current image shows of the windows.
     """
     last = gain > 0
+    last = gain > 0
     height, width = size_px
     rows, cols = flow.shape[1:]
-    seen_rows, seen_cols = height // 2, width // 2
-    inner = np.s_[..., :seen_rows, :seen_cols]
-    x = flow[0][inner] + np.arange(0, 2 * seen_cols, 2, dtype=np.float32)
-    y = flow[1][inner] + np.arange(0, 2 * seen_rows, 2, dtype=np.float32)[:, None]
-    seen = (x >= 0) & (x <= width - 2) & (y >= 0) & (y <= height - 2)
-    mask = seen.astype(np.float32)
+    inner = np.s_[: height // 2, : width // 2]
+    x = flow[0][inner] + np.arange(0, width - 1, 2, dtype=np.float32)
+    y = flow[1][inner] + np.arange(0, height - 1, 2, dtype=np.float32)[:, None]
+    hidden = (x < 0) | (x > width - 2) | (y < 0) | (y > height - 2)
     found = cv2.split(cv2.remap(corners, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
     sums = np.zeros((8 if last else 4, rows, cols), np.float32)
-    part = sums[inner]
-    for current, r, gx, gy in zip(found, *reference[inner], strict=True):
-        d: Array = cv2.subtract(r, current)
-        d *= mask
-        cv2.accumulateProduct(d, gx, part[0])
-        cv2.accumulateProduct(d, gy, part[1])
+    part = [s[inner] for s in sums]
+    r = [plane[inner] for plane in reference]
+    for k, d in enumerate(found):
+        cv2.subtract(r[k], d, d)
+        d[hidden] = 0
+        cv2.accumulateProduct(d, r[4 + k], part[0])
+        cv2.accumulateProduct(d, r[8 + k], part[1])
         cv2.accumulate(d, part[2])
-        cv2.accumulateProduct(d, r, part[3])
+        cv2.accumulateProduct(d, r[k], part[3])
         if last:
             cv2.accumulateSquare(d, part[4])
-            hidden = (1 - mask) * r
-            part[5] += 1 - mask
-            part[6] += hidden
-            part[7] += hidden * r
-    sx, sy, sd, sr, *others = map(around, sums)
+    if last and hidden.any():
+        np.multiply(hidden, np.float32(4), out=part[5])
+        np.multiply(hidden, r[12], out=part[6])
+        np.multiply(hidden, r[13], out=part[7])
+    sx, sy, sd, sr = map(around, sums[:4])
     i11, i12, i22, ex, ey, fx, fy, all_mean, all_power, weights = nodes.transpose(1, 0, 2)
     dx = np.clip(i11 * sx + i12 * sy - ex * sd - fx * sr, -MAX_STEP_PX, MAX_STEP_PX)
     dy = np.clip(i12 * sx + i22 * sy - ey * sd - fy * sr, -MAX_STEP_PX, MAX_STEP_PX)
-    moved = np.stack(
-        [
-            cv2.sepFilter2D(u + du, -1, _SOFT, _SOFT, borderType=cv2.BORDER_REPLICATE)
-            for u, du in zip(flow, (dx, dy), strict=True)
-        ]
-    )
+    moved = np.empty_like(flow)
+    for u, du, into in zip(flow, (dx, dy), moved, strict=True):
+        cv2.sepFilter2D(u + du, -1, _SOFT, _SOFT, into, borderType=cv2.BORDER_REPLICATE)
     if not last:
         return moved, sums[:0], sums[:0]
-    squares, hidden_n, hidden_r, hidden_rr = others
+    squares = around(sums[4])
+    hidden_n, hidden_r, hidden_rr = map(around, sums[5:]) if sums[5].any() else sums[5:]
     n_seen = np.maximum(weights - hidden_n, OWN_WEIGHT)
     total = weights * all_mean
     mean = (total - hidden_r) / n_seen
