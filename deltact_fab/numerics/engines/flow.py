@@ -19,7 +19,6 @@ from ..engine import Case, Engine, Table
 from . import flow_hard, flow_star
 from .flow_curves import curves, found
 from .flow_frames import MM_PER_PX, STARS, Image, scene
-from .flow_hard import judged
 
 NOISE_PX, LOSS_PX = 0.018, 34.0  # of the fused steps on the star
 SILENT = 0.005  # share of an unrelated image that may be confident
@@ -85,9 +84,8 @@ def _star_figure(method: str, name: str, figure: int, scratch: Path) -> float:
 
 
 def _far(frames: int, name: str, scratch: Path) -> tuple[float, str]:
-    given = scene(scratch, name).every(10 // frames)
-    seen = judged(FlowTracker(), list(given.images), given)
-    return seen.wrong, f"{100 * seen.confident:.3g} % of the view is marked confident"
+    found = flow_hard.long_motion(name, frames, scratch)
+    return found.wrong, f"{100 * found.confident:.3g} % of the view is marked confident"
 
 
 def cases(quick: bool) -> Sequence[Case]:
@@ -116,16 +114,21 @@ def cases(quick: bool) -> Sequence[Case]:
         out.append(Case(f"{what}: not trusted", "refused",
                         partial(flow_hard.never_trusted, what, near), says="flagged"))  # fmt: skip
     for what in no_one:
-        out.append(Case(f"{what}: confident", "right", partial(flow_hard.most_confident, what, near),
-                        SILENT, "share of the view"))  # fmt: skip
+        out.append(Case(f"{what}: confident", "right",
+                        partial(flow_hard.most_confident, what, near), SILENT,
+                        "share of the view"))  # fmt: skip
     if quick:
         return out
-    for what, bound in flow_hard.BOUNDS.items():
-        out.append(Case(f"{what}: confident pixels off by 1 px", "right",
-                        partial(flow_hard.most_wrong, what, near), bound,
-                        "share of them"))  # fmt: skip
-    for name in ("far", "far, fine"):
-        for frames, bound in ((10, 0.0), (5, 0.0), (1, SILENT)):
+    for what in (*flow_hard.SPOILT, flow_hard.HALF_OTHER):
+        out.append(Case(f"{what}: confident pixels off by 1 px", "right or refused",
+                        partial(flow_hard.most_wrong, what, near), flow_hard.WRONG,
+                        "share of them", says="flagged"))  # fmt: skip
+    for what, bound in flow_hard.BLIND.items():
+        out.append(Case(f"{what}: not confident", "right",
+                        partial(flow_hard.least_blind, what, near), bound,
+                        "share of the view"))  # fmt: skip
+    for name in flow_hard.LONG:
+        for frames, bound in ((10, 0.0), (5, 0.0), (1, flow_hard.WRONG)):
             what = (
                 f"{name.replace('far', '121 px')} in {frames} frames: confident pixels off by 1 px"
             )
@@ -153,6 +156,7 @@ def tables(scratch: Path) -> Sequence[Table]:
               "the amplitude is lost (291: all of them); green, blurred.",
               ("method", *STARS.values()), tuple(rows)),
         flow_hard.table(scratch),
+        flow_hard.rules(scratch),
     ]  # fmt: skip
 
 

@@ -6,7 +6,7 @@ after three whole ones, on two patterns with seeds other than those that set the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,13 +14,14 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from ...measure.flow import FlowTracker
+from ...measure.flow import ConfidenceRule, FlowTracker
 from ..engine import Flagged, Table
 from .flow_frames import Image, Scene, scene
 
 WRONG_PX = 1.0
 OTHER_SEEDS = {"near": "other seed", "near, fine": "other seed, fine"}
 NEAR = tuple(OTHER_SEEDS)
+LONG = ("far", "far, fine")
 BLOCK_PX = 32
 CORNER = (4, 3)  # blocks in its two rows: 7 of the 432 of an image
 
@@ -118,8 +119,12 @@ SPOILT: dict[str, Callable[[Image], Image]] = {
     "a gradient of light": _gradient,
 }
 OTHER_SEED, HALF_OTHER, ONE_CORNER = "other seed", "half another pattern", "one textured corner"
-# Shares of the confident pixels that may be off by more than 1 px.
-BOUNDS = dict.fromkeys((*SPOILT, HALF_OTHER), 0.0005)
+# Of a frame that is trusted: share of the confident pixels that may be off by more than 1 px.
+WRONG = 0.005
+# Share of the view that may be without confidence in what should still be read.
+BLIND = {"whole": 0.15, "blur of 9 px": 0.5, "light x 0.6": 0.2, "light x 1.4": 0.2}
+# Candidates for the rule's bound on the predicted deviation, px.
+DEVIATIONS_PX = (0.1, 0.15, 0.2, 0.25, 0.3, 0.4)
 
 
 def spoilt(what: str, image: Image) -> Image:
@@ -131,7 +136,9 @@ def spoilt(what: str, image: Image) -> Image:
 
 
 @cache
-def seen(what: str, names: tuple[str, ...], scratch: Path) -> dict[str, Seen]:
+def seen(
+    what: str, names: tuple[str, ...], scratch: Path, rule: ConfidenceRule | None = None
+) -> dict[str, Seen]:
     """What the default tracker says of one image in scenes by name, by place in the sequence."""
     out = {}
     for name in names:
@@ -145,9 +152,9 @@ def seen(what: str, names: tuple[str, ...], scratch: Path) -> dict[str, Seen]:
             frames[-1] = _half(given.last, scene(scratch, other).last)
         elif what != ONE_CORNER:
             frames[-1] = spoilt(what, given.last)
-        out[f"{name}: first"] = judged(FlowTracker(), [frames[0], frames[-1]], given)
-        if len(frames) > 2:
-            out[f"{name}: after a sequence"] = judged(FlowTracker(), frames, given)
+        places = {"first": [frames[0], frames[-1]], "after a sequence": frames}
+        for place in places if len(frames) > 2 else ("first",):
+            out[f"{name}: {place}"] = judged(FlowTracker(believe=rule), places[place], given)
     return out
 
 
@@ -168,14 +175,56 @@ def most_confident(what: str, names: tuple[str, ...], scratch: Path) -> tuple[fl
 
 
 def most_wrong(what: str, names: tuple[str, ...], scratch: Path) -> tuple[float, str]:
-    """Greatest share of confident pixels that are off by more than 1 px."""
+    """Greatest share of the confident pixels of a trusted frame that are off by more than 1 px.
+
+    Raises Flagged where no frame is trusted.
+    """
     found = seen(what, names, scratch)
-    place, s = max(found.items(), key=lambda item: item[1].wrong)
     cover = [100 * s.confident for s in found.values()]
-    trusted = sum(s.trusted for s in found.values())
-    return s.wrong, (
-        f"{place}; {min(cover):.3g} to {max(cover):.3g} % confident, "
-        f"trusted {trusted} of {len(found)}"
+    trusted = {place: s for place, s in found.items() if s.trusted}
+    told = f"{min(cover):.3g} to {max(cover):.3g} % confident"
+    if not trusted:
+        raise Flagged(f"flagged: not trusted, {told}")
+    place, s = max(trusted.items(), key=lambda item: item[1].wrong)
+    return s.wrong, f"{place}; {told}, trusted {len(trusted)} of {len(found)}"
+
+
+def least_blind(what: str, names: tuple[str, ...], scratch: Path) -> tuple[float, str]:
+    """Greatest share of the view that is not confident, and where."""
+    place, s = min(seen(what, names, scratch).items(), key=lambda item: item[1].confident)
+    return 1 - s.confident, place
+
+
+def long_motion(name: str, frames: int, scratch: Path, rule: ConfidenceRule | None = None) -> Seen:
+    """What the default tracker says of 121 px in that many frames."""
+    given = scene(scratch, name).every(10 // frames)
+    return judged(FlowTracker(believe=rule), list(given.images), given)
+
+
+def rules(scratch: Path) -> Table:
+    """What the bound on the predicted deviation decides: cover against confident pixels off."""
+    rows = []
+    candidates = [ConfidenceRule(deviation_max_px=bound) for bound in DEVIATIONS_PX]
+    for what in (*SPOILT, HALF_OTHER):
+        found = [seen(what, NEAR, scratch, rule).values() for rule in candidates]
+        rows.append((what, *map(_cell, found)))
+    for frames in (5, 1):
+        every = [[long_motion(name, frames, scratch, rule) for name in LONG] for rule in candidates]
+        rows.append((f"121 px in {frames} frames", *map(_cell, every)))
+    return Table(
+        "The bound on the predicted deviation",
+        f"Least cover, % / most of the confident off by 1 px, %; by deviation_max_px of the rule, "
+        f"now {ConfidenceRule().deviation_max_px:g}; frames that are not trusted in brackets.",
+        ("image", *(f"{bound:g} px" for bound in DEVIATIONS_PX)),
+        tuple(rows),
+    )
+
+
+def _cell(found: Collection[Seen]) -> str:
+    refused = sum(not s.trusted for s in found)
+    return (
+        f"{100 * min(s.confident for s in found):.0f} / {100 * max(s.wrong for s in found):.2g}"
+        + (f" ({refused} of {len(found)})" if refused else "")
     )
 
 
