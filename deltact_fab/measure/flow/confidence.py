@@ -47,8 +47,8 @@ class ConfidenceRule:
     keep_correlation: float = 0.35
     keep_det: float = 0.12
     chroma_min: float = 0.3
-    grey_min: float = 0.6
-    deviation_max_px: float = 0.15
+    grey_min: float = 0.7
+    deviation_max_px: float = 0.25
     border_px: float = 3.0
     window_px: int = 20
     support_px: int = 68
@@ -94,16 +94,15 @@ class Judge:
         self._window = (max(1, round(rule.window_px / _COARSE_PX)),) * 2
         self._support = (max(1, round(rule.support_px / _COARSE_PX)),) * 2
         tracked = plane.small.astype(np.float32)
-        centred = tracked - cv2.blur(tracked, (9, 9), borderType=_EDGE)
-        self.textured: Array = self._wide(self._around(centred * centred)) >= rule.texture_min**2
+        tracked = tracked - cv2.blur(tracked, (9, 9), borderType=_EDGE)
+        self.textured: Array = self._wide(self._around(tracked * tracked)) >= rule.texture_min**2
         self.textured_share = float(self.textured.mean())
         self._textured_near = self._near(self.textured)
         if self.name == "colour":
-            witness = _witness(image).astype(np.float32) - 128
-            # Without its slow part nearly nothing is left of the products of means below.
-            self._witness = witness - cv2.blur(witness, (9, 9), borderType=_EDGE)
-            self._mean = self._around(self._witness)
-            self._power = _both(self._around(self._witness**2) - self._mean**2)
+            self._witness = [channel.astype(np.float32) - 128 for channel in _witness(image)]
+            self._mean = [self._around(channel) for channel in self._witness]
+            power = self._around(_product(self._witness, self._witness))
+            self._power = power - _product(self._mean, self._mean)
 
     def inside(self, flow_px: Array, margin_px: float = 0.0) -> Array:
         """Which nodes land inside the image and so far from its edge, (hh, ww) bool."""
@@ -158,13 +157,14 @@ class Judge:
 
     def _chroma(self, image: Array, flow_px: Array) -> Array:
         """Correlation, by coarse cell, of what the fit has not seen; both channels together."""
-        current = sample(_witness(image), landing_px(flow_px * np.float32(0.5)))
-        current = np.subtract(current, np.float32(128))
-        mean = self._around(current)
-        power = _both(self._around(current * current) - mean * mean)
-        shared = _both(self._around(self._witness * current) - self._mean * mean)
-        return shared / np.sqrt(
-            np.maximum(self._power, _LEAST_VARIANCE) * np.maximum(power, _LEAST_VARIANCE)
+        landing = landing_px(flow_px * np.float32(0.5))
+        current = [sample(c, landing).astype(np.float32) - 128 for c in _witness(image)]
+        mean = [self._around(channel) for channel in current]
+        power = self._around(_product(current, current)) - _product(mean, mean)
+        shared = self._around(_product(self._witness, current)) - _product(self._mean, mean)
+        return np.asarray(
+            shared
+            / np.sqrt(np.maximum(self._power, _LEAST_VARIANCE) * np.maximum(power, _LEAST_VARIANCE))
         )
 
     def _around(self, nodes: Array) -> Array:
@@ -202,11 +202,11 @@ def _halved(image: Array) -> Array:
 _coarse = _halved
 
 
-def _witness(image: Array) -> Array:
-    """Blue and red of a BGR image on the half grid, (hh, ww, 2) uint8: without green."""
+def _witness(image: Array) -> list[Array]:
+    """Blue and red of a BGR image on the half grid, (hh, ww) uint8 each: without green."""
     small = _halved(image)
-    return cv2.merge([cv2.extractChannel(small, 0), cv2.extractChannel(small, 2)])
+    return [cv2.extractChannel(small, 0), cv2.extractChannel(small, 2)]
 
 
-def _both(channels: Array) -> Array:
-    return np.asarray(channels[..., 0] + channels[..., 1])
+def _product(first: list[Array], second: list[Array]) -> Array:
+    return np.asarray(first[0] * second[0] + first[1] * second[1])

@@ -26,33 +26,36 @@ def filled(flow: Array, known: Array, kept: Array) -> Array:
     if kept.all():
         return flow
     h, w = kept.shape
-    size = -(-w // CELL), -(-h // CELL)
-
-    def cells(nodes: Array) -> Array:
-        return cv2.resize(nodes, size, interpolation=cv2.INTER_AREA)
-
     weight = known.astype(np.float32)
-    n = cells(weight).astype(np.float64)
-    u, v = (cells(part * weight) for part in cv2.split(flow))
-    x, y = np.meshgrid(*(np.arange(s) - s / 2 for s in size))
-    sums = [n, n * x, n * y, n * x * x, n * x * y, n * y * y, u, u * x, u * y, v, v * x, v * y]
-    lost = cells((~kept).astype(np.float32)) > 0
-    found, done = np.zeros((2, *n.shape)), np.zeros(n.shape)
+    n, u, v = (_cells(part) for part in (weight, *(f * weight for f in cv2.split(flow))))
+    # A node is interpolated between its cell and the next ones.
+    some = (_cells((~kept).astype(np.float32)) > 0).astype(np.uint8)
+    gone = cv2.dilate(some, np.ones((3, 3), np.uint8)) > 0
+    x, y = np.meshgrid(*(np.arange(s) - s / 2 for s in n.shape[::-1]))
+    sums = np.dstack(
+        [n, n * x, n * y, n * x * x, n * x * y, n * y * y, u, u * x, u * y, v, v * x, v * y]
+    )
+    found, done = np.zeros((*n.shape, 2), np.float32), np.zeros(np.count_nonzero(gone))
+    at = x[gone], y[gone]
+    told = np.zeros((2, done.size))
     for window in WINDOWS:
-        side = min(window, 2 * max(size) - 1)
-        near = np.stack(
-            [cv2.blur(s, (side, side), borderType=cv2.BORDER_CONSTANT)[lost] for s in sums]
-        )
-        share = np.clip(near[0] / ENOUGH, 0, 1) * (1 - done[lost])
-        found[:, lost] += share * _planes(x[lost], y[lost], near)
-        done[lost] += share
-        if done[lost].min() > 0.999:
+        side = min(window, 2 * max(n.shape) - 1)
+        near = cv2.blur(sums, (side, side), borderType=cv2.BORDER_CONSTANT)[gone].T
+        share = np.clip(near[0] / ENOUGH, 0, 1) * (1 - done)
+        told += share * _planes(*at, near)
+        done += share
+        if done.min(initial=1.0) > 0.999:
             break
-    found /= np.maximum(done, 1e-6)
-    wide = cv2.resize(cv2.merge([*found.astype(np.float32)]), (size[0] * CELL, size[1] * CELL))
-    out = np.ascontiguousarray(wide[:h, :w])
-    np.copyto(out, flow, where=kept[..., None])
-    return out
+    found[gone] = (told / np.maximum(done, 1e-6)).T
+    out = cv2.resize(found, None, fx=CELL, fy=CELL, interpolation=cv2.INTER_LINEAR)[:h, :w]
+    return cv2.copyTo(flow, kept.view(np.uint8), np.ascontiguousarray(out))
+
+
+def _cells(nodes: Array) -> Array:
+    """Means over cells; the last ones continue what they have."""
+    h, w = nodes.shape
+    whole = cv2.copyMakeBorder(nodes, 0, -h % CELL, 0, -w % CELL, cv2.BORDER_REPLICATE)
+    return cv2.resize(whole, None, fx=1 / CELL, fy=1 / CELL, interpolation=cv2.INTER_AREA)
 
 
 def _planes(x: Array, y: Array, sums: Array) -> Array:

@@ -36,7 +36,8 @@ class RenewalRule:
     "photometric", the paper's: the current image, warped back, is compared with the reference,
     both at a quarter of the size with the flow taken there; when they differ by more than
     `photometric_max` grey levels (mean absolute), the current image is the reference from then on.
-    The paper gives no threshold: this one has the least error on the smoke run.
+    The paper gives no threshold. On the smoke run, where nothing is hidden, 12 and more renew never
+    (.0042 mm), 6 renews 11 times a press (.039 mm): so 12.
     """
 
     block_px: int = 32
