@@ -18,6 +18,7 @@ OWN_WEIGHT = float(np.sum(WINDOW**2) ** 2 / np.sum(WINDOW) ** 2)
 LEAST_VARIANCE = 0.25  # grey levels^2: less is no texture
 ROUNDING = 1 / 6  # variance of the difference of two images of whole grey levels
 MAX_STEP_PX = 1.0
+_ROWS = 32
 _SOFT = np.array([0.25, 0.5, 0.25], np.float32)
 
 
@@ -89,17 +90,34 @@ def step(
         np.multiply(hidden, np.float32(4), out=part[5])
         np.multiply(hidden, r[12], out=part[6])
         np.multiply(hidden, r[13], out=part[7])
-    sx, sy, sd, sr = map(around, sums[:4])
-    i11, i12, i22, ex, ey, fx, fy, all_mean, all_power, weights = nodes.transpose(1, 0, 2)
-    dx = np.clip(i11 * sx + i12 * sy - ex * sd - fx * sr, -MAX_STEP_PX, MAX_STEP_PX)
-    dy = np.clip(i12 * sx + i22 * sy - ey * sd - fy * sr, -MAX_STEP_PX, MAX_STEP_PX)
-    moved = np.empty_like(flow)
-    for u, du, into in zip(flow, (dx, dy), moved, strict=True):
-        cv2.sepFilter2D(u + du, -1, _SOFT, _SOFT, into, borderType=cv2.BORDER_REPLICATE)
-    if not last:
-        return moved, sums[:0], sums[:0]
-    squares = around(sums[4])
-    hidden_n, hidden_r, hidden_rr = map(around, sums[5:]) if sums[5].any() else sums[5:]
+    n_sums = 8 if last and sums[5].any() else min(5, len(sums))
+    for k in range(n_sums):
+        sums[k] = around(sums[k])
+    step_px, told = np.empty_like(flow), np.empty((2, rows if last else 0, cols), np.float32)
+    for i in range(0, rows, _ROWS):  # what lies between stays in the cache
+        cut = np.s_[i : i + _ROWS]
+        node = nodes[cut].transpose(1, 0, 2)
+        step_px[:, cut] = _solved(sums[:4, cut], node)
+        if last:
+            told[:, cut] = _judged(sums[:, cut], node, step_px[:, cut], gain)
+    step_px += flow
+    for u in step_px:
+        cv2.sepFilter2D(u, -1, _SOFT, _SOFT, u, borderType=cv2.BORDER_REPLICATE)
+    return step_px, told[0], told[1]
+
+
+def _solved(sums: Array, node: Array) -> Array:
+    sx, sy, sd, sr = sums
+    i11, i12, i22, ex, ey, fx, fy = node[:7]
+    dx = i11 * sx + i12 * sy - ex * sd - fx * sr
+    dy = i12 * sx + i22 * sy - ey * sd - fy * sr
+    return np.clip((dx, dy), -MAX_STEP_PX, MAX_STEP_PX)
+
+
+def _judged(sums: Array, node: Array, step_px: Array, gain: float) -> tuple[Array, Array]:
+    _, _, sd, sr, squares, hidden_n, hidden_r, hidden_rr = sums
+    i11, i12, i22, *_, all_mean, all_power, weights = node
+    dx, dy = step_px
     n_seen = np.maximum(weights - hidden_n, OWN_WEIGHT)
     total = weights * all_mean
     mean = (total - hidden_r) / n_seen
@@ -114,4 +132,4 @@ def step(
     left = np.maximum(rest - shared * shared / power - explained, 0)
     noise = left / np.maximum(weights - hidden_n - 4 * OWN_WEIGHT, OWN_WEIGHT) + ROUNDING
     spread = (i11 + i22) * weights / n_seen
-    return moved, correlation, np.sqrt(gain**2 * OWN_WEIGHT * noise * spread)
+    return correlation, np.sqrt(gain**2 * OWN_WEIGHT * noise * spread)

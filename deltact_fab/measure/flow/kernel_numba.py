@@ -20,7 +20,15 @@ _OUTER, _INNER = 6, 5  # the window is a box of 6 of a box of 5 of a box of 2
 _REACH = 5  # cells to each side of its own
 _SUMS, _LAST_SUMS = 4, 8  # of a step, and of the last
 _BYTE = np.uint32(255)
-_compiled = numba.njit(cache=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")
+
+
+def _compiled(loop: Any) -> Any:
+    """The loop in machine code, kept between runs where there is a folder to keep it in."""
+    options = {"fastmath": {"contract", "reassoc", "nsz"}, "error_model": "numpy", "nogil": True}
+    try:
+        return numba.njit(cache=True, **options)(loop)
+    except RuntimeError:  # neither the package's folder nor the user's can be written
+        return numba.njit(**options)(loop)
 
 
 def reference(image: Array) -> Array:
