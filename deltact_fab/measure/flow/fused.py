@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from . import kernel_cv2
 from .image import MIN_SIDE_PX
-from .kernel_cv2 import LEAST_VARIANCE, around, gradients
+from .kernel_cv2 import LEAST_VARIANCE, around
 
 Array = NDArray[Any]
 
@@ -219,24 +219,24 @@ class Reference:
 
 def _prepared(plane: Plane, k: int, by: ModuleType) -> _Level:
     image, (h, w) = plane.level(k), plane.size_px(k)
-    gray = image.astype(np.float32) - 128
-    mask = np.zeros(gray.shape, np.float32)
-    mask[: h // 2 * 2, : w // 2 * 2] = 1
-    gx, gy = (g * mask for g in gradients(gray))
-    r = gray * mask
+    planes = kernel_cv2.reference(image)
+    for outside in (planes[:, h // 2 :], planes[:, :, w // 2 :]):
+        outside[:] = 0
+    r, gx, gy = planes[:4], planes[4:8], planes[8:12]
+    pixels = np.zeros(planes.shape[1:], np.float32)
+    pixels[: h // 2, : w // 2] = 4
 
-    def box(a: Array) -> Array:
-        cell = cv2.resize(a, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) * 4
-        return around(cell.astype(np.float64))
+    def box(first: Array, second: Array) -> Array:
+        return around((first * second).sum(axis=0))
 
-    n = np.maximum(box(mask), 1)
-    mean = box(r) / n
-    power = np.maximum(box(r * r) - n * mean**2, n * LEAST_VARIANCE)
-    sx, sy = box(gx), box(gy)
-    kx, ky = box(gx * r) - mean * sx, box(gy * r) - mean * sy
-    a11 = box(gx * gx) - sx * sx / n - kx * kx / power + _DAMPING * n
-    a12 = box(gx * gy) - sx * sy / n - kx * ky / power
-    a22 = box(gy * gy) - sy * sy / n - ky * ky / power + _DAMPING * n
+    n = np.maximum(around(pixels), 1)
+    mean = around(planes[12]) / n
+    power = np.maximum(around(planes[13]) - n * mean**2, n * LEAST_VARIANCE)
+    sx, sy = around(gx.sum(axis=0)), around(gy.sum(axis=0))
+    kx, ky = box(gx, r) - mean * sx, box(gy, r) - mean * sy
+    a11 = box(gx, gx) - sx * sx / n - kx * kx / power + _DAMPING * n
+    a12 = box(gx, gy) - sx * sy / n - kx * ky / power
+    a22 = box(gy, gy) - sy * sy / n - ky * ky / power + _DAMPING * n
     det = a11 * a22 - a12 * a12
     i11, i12, i22 = a22 / det, -a12 / det, a11 / det
     # A step is i (gx D - c D - k R D), summed: gain and offset are projected out of D.
@@ -247,7 +247,8 @@ def _prepared(plane: Plane, k: int, by: ModuleType) -> _Level:
         i11 * cx + i12 * cy, i12 * cx + i22 * cy, i11 * kx + i12 * ky, i12 * kx + i22 * ky,
         mean, power, n,
     ]  # fmt: skip
-    return _Level(by.reference(image), np.stack(nodes, axis=1).astype(np.float32), (h, w))
+    cells = planes if by is kernel_cv2 else by.reference(image)
+    return _Level(cells, np.stack(nodes, axis=1), (h, w))
 
 
 def _resized(planes: Array, size: tuple[int, int]) -> Array:

@@ -23,12 +23,17 @@ _SOFT = np.array([0.25, 0.5, 0.25], np.float32)
 
 
 def reference(image: Array) -> Array:
-    """A cell's four pixels, their gradients, and their sums: (14, rows, cols) float32.
+    """What a step needs to know of the reference image, by cell: (14, rows, cols) float32.
 
-    Value, x gradient and y gradient of each pixel, then the sum of values and of squares.
+    Value, x gradient and y gradient (central differences) of each of four pixels, then the sum of
+    the values and of their squares.
     """
     gray = image.astype(np.float32) - 128
-    parts = [a[i::2, j::2] for a in (gray, *gradients(gray)) for i in (0, 1) for j in (0, 1)]
+    gradients = (
+        cv2.Sobel(gray, -1, dx, 1 - dx, ksize=1, scale=0.5, borderType=cv2.BORDER_REPLICATE)
+        for dx in (1, 0)
+    )
+    parts = [a[i::2, j::2] for a in (gray, *gradients) for i in (0, 1) for j in (0, 1)]
     return np.stack([*parts, sum(parts[:4]), sum(r * r for r in parts[:4])])
 
 
@@ -37,15 +42,6 @@ def target(image: Array) -> Array:
     wide = cv2.copyMakeBorder(image, 0, 1, 0, 1, cv2.BORDER_REPLICATE)
     corners = cv2.merge([wide[:-1, :-1], wide[:-1, 1:], wide[1:, :-1], wide[1:, 1:]])
     return np.subtract(corners, 128, dtype=np.float32)
-
-
-def gradients(gray: Array) -> tuple[Array, Array]:
-    """Central differences of an image, along x and along y."""
-    gx, gy = (
-        cv2.Sobel(gray, -1, dx, 1 - dx, ksize=1, scale=0.5, borderType=cv2.BORDER_REPLICATE)
-        for dx in (1, 0)
-    )
-    return gx, gy
 
 
 def around(cells: Array) -> Array:
