@@ -124,7 +124,7 @@ WRONG = 0.005
 # Share of the view that may be without confidence in what should still be read.
 BLIND = {"whole": 0.15, "blur of 9 px": 0.5, "light x 0.6": 0.2, "light x 1.4": 0.2}
 # Candidates for the rule's bound on the predicted deviation, px.
-DEVIATIONS_PX = (0.1, 0.15, 0.2, 0.25, 0.3, 0.4)
+DEVIATIONS_PX = (0.12, 0.15, 0.17, 0.2, 0.25, 0.3)
 
 
 def spoilt(what: str, image: Image) -> Image:
