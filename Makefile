@@ -42,7 +42,8 @@ pins: .venv/.ready
 	$(V)/python -m uv pip compile --universal --all-extras --no-header --no-annotate \
 	  --no-emit-index-url --python-version 3.11 -o constraints.txt pyproject.toml
 
-# Programs to compare with whose licence (felupe: GPL-3) or pins do not fit ours; see benchmarks/peers.
+# Programs to compare with whose licence (felupe: GPL-3), pins or size do not fit ours; see
+# benchmarks/peers.
 peers: .venv-peers/.ready
 
 .venv-peers/.ready: benchmarks/peers/requirements.txt

@@ -23,13 +23,14 @@ from typing import Any
 
 from deltact_fab import digest, experiment
 from deltact_fab.gel.finite.linear import Name
+from deltact_fab.measure.flow import FLOW_METHODS
 from deltact_fab.numerics.engine import Case
 from deltact_fab.numerics.engines import gel_cases, gel_finite, gel_run
 from deltact_fab.numerics.engines.gel_finite import Run
 from deltact_fab.numerics.process import THREAD_VARIABLES
 from deltact_fab.numerics.scenes import machine
 
-from . import felupe, gel_long, store
+from . import felupe, flow_peers, gel_long, store
 from .held import every_held, held_row
 from .measure import case_row, curve_row, reference_row
 from .presses import press_row
@@ -74,6 +75,8 @@ def rows() -> Iterator[Row]:
         yield Row(f"press: {i + 1}", partial(press_row, i))
     for held in every_held():
         yield Row(f"held: {held.name}", partial(held_row, held))
+    for method in (*FLOW_METHODS, *flow_peers.PEERS):
+        yield Row(f"peer: {method}", partial(flow_peers.peer_row, method))
     yield from _of_cases("straight", gel_long.straight_cases())
     yield from _of_cases("drag", gel_long.drag_cases())
 
@@ -171,7 +174,7 @@ def fill(
 
 def _versions() -> dict[str, str]:
     found = {k: experiment.versions()[k] for k in ("deltact-fab", "python", "numpy", "scipy")}
-    for name in ("numba", "pypardiso", "mkl"):
+    for name in ("numba", "opencv-contrib-python-headless", "pypardiso", "mkl"):
         try:
             found[name] = version(name)
         except PackageNotFoundError:

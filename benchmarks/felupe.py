@@ -1,4 +1,4 @@
-"""Other people's programs as a second opinion, each in a process and an environment of its own.
+"""felupe as a second opinion on a press.
 
 felupe is GPL-3, so nothing here imports it: `make peers` puts it into `.venv-peers`, and the
 script peers/felupe_press.py exchanges files. Where the environment is absent, `None` says
@@ -7,14 +7,9 @@ script peers/felupe_press.py exchanges files. Where the environment is absent, `
 
 from __future__ import annotations
 
-import json
 import math
-import os
-import subprocess
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,16 +19,12 @@ from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.gel.finite import FinitePress
 from deltact_fab.gel.finite.surface import HARDENING, HARDEST, SHALLOW
 from deltact_fab.numerics.engines.gel_finite import Answer, Run, prepared
-from deltact_fab.numerics.process import THREAD_VARIABLES
 from deltact_fab.shapes import SphereTip
+
+from . import peer
 
 Field = NDArray[np.float64]
 Index = NDArray[np.int64]
-
-VARIABLE = "DELTACT_PEERS"
-HERE = Path(__file__).resolve().parent
-PYTHON = HERE.parent / ".venv-peers" / "bin" / "python"
-SCRIPT = HERE / "peers" / "felupe_press.py"
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,51 +84,18 @@ def felupe_case(press: FinitePress, tips_mm: Sequence[tuple[float, float, float]
     )  # fmt: skip
 
 
-def peers_python() -> Path | None:
-    """The interpreter that DELTACT_PEERS names, else that of the checkout's .venv-peers; None if
-    there is none. RunFailed if the variable points nowhere."""
-    named = os.environ.get(VARIABLE)
-    if named:
-        if not Path(named).is_file():
-            raise RunFailed(f"{VARIABLE}: {named} is no file; an interpreter with felupe is meant")
-        return Path(named).absolute()
-    return PYTHON if PYTHON.is_file() else None
-
-
 def felupe_press(
     case: FelupeCase, threads: int = 1, timeout_s: float = 3600.0
 ) -> dict[str, Any] | None:
-    """felupe's answer, or None ("not run") where `peers_python` finds nothing.
+    """felupe's answer, or None ("not run") where there is no environment of peers.
 
     force_n (k, 3) on the indented face's sensor, displacement_mm (k, s, 3) of the nodes `surface`
     (s,), iterations (k,), seconds (k,), all only up to where it converged; converged, reason,
     threads, unknowns, setup_s, press_s, solver_s, felupe (its version). Raises RunFailed when the
     script itself breaks or takes longer than timeout_s.
     """
-    python = peers_python()
-    if python is None:
-        return None
-    environment = dict(os.environ)
-    environment.update(dict.fromkeys(THREAD_VARIABLES, str(threads)))
-    with tempfile.TemporaryDirectory() as scratch:
-        given, out = Path(scratch) / "case.npz", Path(scratch) / "answer"
-        np.savez(given, **{k: getattr(case, k) for k in case.__dataclass_fields__})
-        try:
-            ended = subprocess.run(
-                [str(python), str(SCRIPT), str(given), str(out)], capture_output=True, text=True,
-                env=environment, timeout=timeout_s, check=False,
-            )  # fmt: skip
-        except subprocess.TimeoutExpired as why:
-            raise RunFailed(f"felupe: no answer within {timeout_s:g} s") from why
-        if ended.returncode:
-            words = ended.stderr.strip().splitlines()
-            raise RunFailed(
-                f"felupe: exit {ended.returncode}: {words[-1] if words else 'without a word'}"
-            )
-        answer: dict[str, Any] = json.loads(out.with_suffix(".json").read_text(encoding="utf-8"))
-        with np.load(out.with_suffix(".npz")) as arrays:
-            answer.update({key: arrays[key] for key in arrays.files})
-    return answer
+    given = {k: getattr(case, k) for k in case.__dataclass_fields__}
+    return peer.ask("felupe", "felupe_press.py", given, threads, timeout_s)
 
 
 class FelupeRun(Run):

@@ -42,6 +42,7 @@ def write_up(
     writers: dict[str, Callable[[Sequence[dict[str, Any]]], list[str]]] = {
         "stability": partial(_stability, "Stiff and extreme cases"), "reference": _references,
         "curve": _curves, "press": _presses, "held": _held,
+        "peer": _peers,
         "straight": partial(_stability, "Sharp indenters straight to 10 mm, friction 0.5"),
         "drag": partial(_stability, "Sharp indenters to 10 mm, sheared +-10 mm"),
     }  # fmt: skip
@@ -227,3 +228,43 @@ def _held(entries: Sequence[dict[str, Any]]) -> list[str]:
         "ellipsoid beyond 8 mm) the finer solve is itself one of several rests.", "",
         *_table(head, body),
     ]  # fmt: skip
+
+
+def _peers(entries: Sequence[dict[str, Any]]) -> list[str]:
+    out = [
+        "## Flow, beside other people's correlators", "",
+        "One pair from a cold start, one thread, the same grey images to all (green, blurred), "
+        "drawn by the virtual camera: synthetic. pyvale: subsets of 15 px; al-dic: of 32 px, "
+        "global step; nodes 4 px apart on the star, 8 on motions. A preset's time is for every "
+        "pixel, best of three; al-dic has compiled before.",
+    ]  # fmt: skip
+    body: dict[str, list[Sequence[Any]]] = {"stars": [], "motions": []}
+    heads: dict[str, Sequence[str]] = {}
+    for e in entries:
+        r = e["result"]
+        name = _marked(e, r.get("method", e["key"]["row"].partition(": ")[2]))
+        if "failed" in r:
+            for rows in body.values():
+                rows.append((name, r["failed"]))
+            continue
+        heads = {kind: ("method", *r[kind]) for kind in body}
+        body["stars"].append((name, *map(_star, r["stars"].values())))
+        body["motions"].append((name, *map(_motion, r["motions"].values())))
+    titles = {
+        "stars": "Star, d 0.15 r 0.1 but for speckle: noise, px / period of 10 % loss, px / CPU, s",
+        "motions": "Motions: mean / median / 99th percentile of the error, px / answered, % / "
+        "CPU, s",
+    }
+    for kind, rows in body.items():
+        out += ["", f"### {titles[kind]}", "", *_table(heads.get(kind, ("method", "")), rows)]
+    return out
+
+
+def _star(r: dict[str, Any]) -> str:
+    loss = "none" if r["loss_px"] is None else f"{r['loss_px']:.0f}"
+    return f"{r['noise_px']:.4f} / {loss} / {r['cpu_s']:.3g}"
+
+
+def _motion(r: dict[str, Any]) -> str:
+    off = " / ".join(f"{r[k]:.3g}" for k in ("mean_px", "median_px", "p99_px"))
+    return f"{off} / {100 * r['cover']:.3g} / {r['cpu_s']:.3g}"

@@ -62,12 +62,16 @@ class Printer:
 
 @dataclass(frozen=True)
 class Sensor:
-    """A colour camera: lens blur (px), shading at the corner, full well and read noise."""
+    """A colour camera: lens blur (px), shading at the corner, full well and read noise.
+
+    mosaic: one colour a pixel behind a Bayer filter; False is three chips, every colour everywhere.
+    """
 
     blur_px: float = 0.6
     shading: float = 0.35
     full_well_electrons: float = 8000.0
     read_noise_electrons: float = 6.0
+    mosaic: bool = True
 
     def shade(self, height: int, width: int) -> Float:
         """Falloff of light, 1 on the axis to 1 - shading in the corner, quadratic, (h, w, 1)."""
@@ -79,14 +83,19 @@ class Sensor:
     def expose(self, radiance: Float, shade: Float, rng: np.random.Generator) -> NDArray[np.uint8]:
         """Linear radiance (h, w, 3 RGB, 0..1) to a BGR image through mosaic, noise and gamma."""
         light = cv2.GaussianBlur(radiance, (0, 0), self.blur_px) * shade
+        if not self.mosaic:
+            return self._digitise(np.ascontiguousarray(light[..., ::-1]), rng)
         raw = np.empty(light.shape[:2], np.float32)  # BGGR mosaic
         raw[0::2, 0::2] = light[0::2, 0::2, 2]
         raw[0::2, 1::2] = light[0::2, 1::2, 1]
         raw[1::2, 0::2] = light[1::2, 0::2, 1]
         raw[1::2, 1::2] = light[1::2, 1::2, 0]
-        raw *= np.float32(0.9 * self.full_well_electrons)
+        mosaic = self._digitise(raw, rng)
+        return np.asarray(cv2.cvtColor(mosaic, cv2.COLOR_BayerRG2BGR_EA), np.uint8)
+
+    def _digitise(self, raw: Float, rng: np.random.Generator) -> NDArray[np.uint8]:
+        raw = raw * np.float32(0.9 * self.full_well_electrons)
         spread = np.sqrt(np.maximum(raw, 0) + np.float32(self.read_noise_electrons**2))
         raw += spread * rng.standard_normal(raw.shape, dtype=np.float32)
         coded = np.power(np.clip(raw / np.float32(self.full_well_electrons), 0, 1), 1 / GAMMA)
-        mosaic = np.rint(coded * 255).astype(np.uint8)
-        return np.asarray(cv2.cvtColor(mosaic, cv2.COLOR_BayerRG2BGR_EA), np.uint8)
+        return np.rint(coded * 255).astype(np.uint8)

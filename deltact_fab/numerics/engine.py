@@ -80,7 +80,7 @@ class Table:
     rows: tuple[tuple[Any, ...], ...]
 
 
-def _no_tables() -> Sequence[Table]:
+def _no_tables(scratch: Path) -> Sequence[Table]:
     return ()
 
 
@@ -88,7 +88,7 @@ def _no_tables() -> Sequence[Table]:
 class Engine:
     """name: as typed. curves, cases: called with `quick`, a few seconds' worth instead of all.
 
-    tables: left out of a quick run.
+    tables: left out of a quick run; called with the scratch folder.
     """
 
     name: str
@@ -96,4 +96,4 @@ class Engine:
     about: str
     curves: Callable[[bool], Sequence[Setting]]
     cases: Callable[[bool], Sequence[Case]]
-    tables: Callable[[], Sequence[Table]] = _no_tables
+    tables: Callable[[Path], Sequence[Table]] = _no_tables

@@ -36,6 +36,7 @@ LAYERS = {
     "its surface field": ("kept on a lattice of 0.1 mm for images", "gel: normal", "gel: force"),
     "its friction and shear": ("a drag, and the block without mirror", "gel: shear", "gel: normal"),
     "its viscosity": ("two branches of a Prony series", "gel: viscous", "gel: shear"),
+    "confidence map": ("what of the flow is believed, 60 frames", "flow", "flow, not judged"),
     "cadquery": ("the CAD kernel's import", "cadquery", "empty"),
     "report libraries": ("imports of matplotlib, jinja2 and pandas", "report", "empty"),
 }
@@ -56,6 +57,8 @@ _GELS: dict[str, tuple[tuple[str, ...], bool, tuple[tuple[float, float], ...]]] 
     # A strong series changes the number of iterations, either way, by more than it costs.
     "gel: viscous": (("image", "shear"), True, ((1e-9, 0.5), (1e-9, 5.0))),
 }
+_FLOWS = {"flow": True, "flow, not judged": False}
+_FRAMES = 60
 _IMPORTS = {
     "empty": (),
     "cadquery": ("cadquery",),
@@ -119,6 +122,8 @@ def probe(name: str) -> dict[str, float]:
             os.environ[cache.FOLDER_VARIABLE] = folder
             if name in _GELS:
                 _knots(name)
+            elif name in _FLOWS:
+                _follow(_FLOWS[name])
             else:
                 _press(name)
     return {
@@ -176,8 +181,25 @@ def _knots(name: str) -> None:
         presses.of(path).solver.solve_all()
 
 
+def _follow(confidence: bool) -> None:
+    """A tracker on a texture of the sensor's size that moves a pixel a frame."""
+    import cv2
+    import numpy as np
+
+    from ..measure.flow import FlowTracker
+    from ..shapes import SensorDimensions
+
+    cv2.setNumThreads(1)
+    o = SensorDimensions().optics
+    noise = np.random.default_rng(0).normal(128, 400, (o.image_height_px, o.image_width_px, 3))
+    image = np.clip(cv2.GaussianBlur(noise, (0, 0), 2.0), 0, 255).astype(np.uint8)
+    tracker = FlowTracker(confidence=confidence)
+    for shift in range(_FRAMES):
+        tracker.update(np.roll(image, shift, axis=1))
+
+
 def _measured(progress: Callable[[int, int, str], None]) -> list[dict[str, Any]]:
-    names = [*_CHANNELS, *_GELS, *_IMPORTS]
+    names = [*_CHANNELS, *_GELS, *_FLOWS, *_IMPORTS]
     runs: dict[str, list[dict[str, float]]] = {name: [] for name in names}
     for i in range(REPEATS):
         for j, name in enumerate(names):

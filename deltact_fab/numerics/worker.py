@@ -55,7 +55,7 @@ def _answers(job: dict[str, Any]) -> Any:
             yield judge(case, scratch)
     elif job["kind"] == "tables":
         _limit_threads(job["threads"])
-        for table in engine.tables():
+        for table in engine.tables(scratch):
             yield {
                 "title": table.title,
                 "note": table.note,

@@ -50,7 +50,9 @@ def test_rows_have_names_of_their_own_and_the_file_has_them_all() -> None:
     names = [r.name for r in evidence.rows()]
     assert len(set(names)) == len(names)
     kinds = {name.partition(":")[0] for name in names}
-    assert kinds == {"stability", "reference", "curve", "press", "held", "straight", "drag"}
+    assert kinds == {
+        "stability", "reference", "curve", "press", "held", "peer", "straight", "drag",
+    }  # fmt: skip
     assert set(store.read(evidence.HERE / evidence.ROWS)) == set(names)
 
 

@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from benchmarks import felupe
+from benchmarks import felupe, peer
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.gel.finite import FinitePress, block_mesh
 from deltact_fab.gel.material import GelMaterial
@@ -20,21 +20,21 @@ def pressing(name="sphere:15", friction=0.0, points=2, **mesh):
 
 
 def test_without_the_environment_it_is_not_run(monkeypatch, tmp_path):
-    monkeypatch.delenv(felupe.VARIABLE, raising=False)
-    monkeypatch.setattr(felupe, "PYTHON", tmp_path / "python")
-    assert felupe.peers_python() is None
+    monkeypatch.delenv(peer.VARIABLE, raising=False)
+    monkeypatch.setattr(peer, "PYTHON", tmp_path / "python")
+    assert peer.python() is None
     assert felupe.felupe_press(felupe.felupe_case(pressing(), TIPS)) is None
 
 
 def test_a_variable_that_points_nowhere_is_an_error(monkeypatch, tmp_path):
-    monkeypatch.setenv(felupe.VARIABLE, str(tmp_path / "python"))
+    monkeypatch.setenv(peer.VARIABLE, str(tmp_path / "python"))
     with pytest.raises(RunFailed, match="is no file"):
-        felupe.peers_python()
+        peer.python()
 
 
 def test_a_script_that_breaks_is_an_error(monkeypatch):
     """Our own interpreter has no felupe."""
-    monkeypatch.setenv(felupe.VARIABLE, sys.executable)
+    monkeypatch.setenv(peer.VARIABLE, sys.executable)
     with pytest.raises(RunFailed, match=r"exit 1: .*felupe"):
         felupe.felupe_press(felupe.felupe_case(pressing(), TIPS))
 
@@ -72,7 +72,7 @@ def test_the_case_is_the_contact_that_the_press_has():
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(felupe.peers_python() is None, reason="not run: `make peers` brings felupe")
+@pytest.mark.skipif(peer.python() is None, reason="not run: `make peers` brings felupe")
 def test_felupe_agrees_on_the_same_mesh():
     """Force to 1e-4 is asked for; both stop at 1e-8, and off the centre too."""
     press = pressing()

@@ -105,7 +105,7 @@ def test_flat_punch_is_of_first_order_and_two_grids_remove_it() -> None:
 
 
 def test_half_resolution_is_in_pixels_of_the_full_image() -> None:
-    from deltact_fab.numerics.engines.flow import between
+    from deltact_fab.numerics.engines.flow_curves import between
 
     texture = np.random.default_rng(0).integers(0, 256, (60, 80)).repeat(5, 0).repeat(5, 1)
     big = texture.astype(np.uint8)

@@ -202,6 +202,7 @@ def test_what_the_layers_cost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert costs["camera, picture, printer"].seconds > 0
     assert costs["camera, picture, printer"].megabytes > 50
     assert costs["cadquery"].modules > 100
+    assert costs["confidence map"].seconds > 0
     # Friction is the dear one; sampling the face and a Prony series are within the noise.
     assert costs["finite-strain gel"].seconds > 0.1
     assert costs["its friction and shear"].seconds > 0.1
@@ -220,6 +221,7 @@ def test_costs_are_measured_once_and_never_without_being_asked(
     monkeypatch.setattr(scenes, "LAYERS", layer)
     monkeypatch.setattr(scenes, "_CHANNELS", {})
     monkeypatch.setattr(scenes, "_GELS", {})
+    monkeypatch.setattr(scenes, "_FLOWS", {})
     imports = {name: scenes._IMPORTS[name] for name in ("empty", "report")}
     monkeypatch.setattr(scenes, "_IMPORTS", imports)
     monkeypatch.setattr(scenes, "REPEATS", 1)

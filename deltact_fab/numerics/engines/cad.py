@@ -255,7 +255,7 @@ def cases(quick: bool) -> Sequence[Case]:
     ]  # fmt: skip
 
 
-def tables() -> Sequence[Table]:
+def tables(scratch: Path) -> Sequence[Table]:
     """Tolerance, what was measured, triangles and seconds, part by part."""
     rows = []
     design = load_design()

@@ -69,7 +69,7 @@ def cases(quick: bool) -> Sequence[Case]:
 BASELINE = Run("hyperelastic", 5.0, 0.0, 2.0, "whole", "superlu")
 
 
-def tables() -> Sequence[Table]:
+def tables(scratch: Path) -> Sequence[Table]:
     """Times of one press over the baseline's, in the same process and within a minute or two."""
     truth = reference(BASELINE.depth_mm, BASELINE.friction)
     runs = [

@@ -442,7 +442,7 @@ def cases(quick: bool) -> Sequence[Case]:
     return out
 
 
-def tables() -> Sequence[Table]:
+def tables(scratch: Path) -> Sequence[Table]:
     """The flat punch, every way of reading it."""
     grids = (128, 256, 512)
     rows = []

@@ -274,7 +274,7 @@ def wilson(hits: int, n: int) -> tuple[float, float]:
     return max(0.0, middle - half), min(1.0, middle + half)
 
 
-def tables() -> Sequence[Table]:
+def tables(scratch: Path) -> Sequence[Table]:
     """The printed algorithm, bounded: how often it hangs, and what it costs where it does not."""
     patterns = 120
     rows = []

@@ -261,7 +261,7 @@ def cases(quick: bool) -> Sequence[Case]:
     return out
 
 
-def tables() -> Sequence[Table]:
+def tables(scratch: Path) -> Sequence[Table]:
     """What the automatic choice writes: size, time and edges."""
     import tempfile
 

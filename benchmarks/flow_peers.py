@@ -1,0 +1,118 @@
+"""The flow's methods beside other people's correlators, pyvale and al-dic, on the same frames.
+
+Every one gets the same two grey images: green, blurred, as the tracker sees them. Its flow is
+judged at the nodes of a grid; a correlator that answers elsewhere is asked there.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+
+from deltact_fab.errors import RunFailed
+from deltact_fab.measure.flow import FLOW_METHODS
+from deltact_fab.numerics.engines import flow_star
+from deltact_fab.numerics.engines.flow_curves import found, tracked
+from deltact_fab.numerics.engines.flow_frames import (
+    COARSE,
+    SCENES,
+    Scene,
+    Vectors,
+    bump,
+    far,
+    in_plane,
+)
+from deltact_fab.numerics.judge import plain
+
+from . import peer
+
+PEERS = {"pyvale": "pyvale_flow.py", "al-dic": "al_dic_flow.py"}
+MARGIN_PX = 32  # no correlator answers nearer to the border
+REPEATS = 3
+_short = partial(bump, 22.0, 90.0, 90.0)
+
+
+class Question(NamedTuple):
+    """scene: made in the row's process. reach_px: a bound of its motion, told to the correlators.
+
+    step_px: between their nodes.
+    """
+
+    scene: Callable[[], Scene]
+    reach_px: int
+    step_px: int = 8
+
+
+STARS = {
+    "speckle": Question(SCENES["star: speckle"], 16, 4),
+    "three chips": Question(SCENES["star: coarse, three chips"], 16, 4),
+    "Bayer mosaic": Question(SCENES["star: coarse"], 16, 4),
+}
+MOTIONS = {
+    "press": Question(SCENES["press"], 40),
+    "press, three chips": Question(SCENES["press, three chips"], 40),
+    "22 px": Question(partial(in_plane, COARSE, _short), 32),
+    "22 px, three chips": Question(partial(in_plane, COARSE, _short, mosaic=False), 32),
+    "121 px": Question(partial(in_plane, COARSE, far), 128),
+    "121 px, three chips": Question(partial(in_plane, COARSE, far, mosaic=False), 128),
+}
+
+
+def peer_row(method: str) -> dict[str, Any]:
+    """One method's figures on every scene. Raises RunFailed where there is no such peer."""
+    out: dict[str, Any] = {"method": method, "stars": {}, "motions": {}}
+    for name, question in STARS.items():
+        scene = question.scene()
+        flow, cpu_s, out["version"] = answer(method, question, scene)
+        noise_px, loss_px = flow_star.figures(flow)
+        out["stars"][name] = {
+            "noise_px": noise_px, "loss_px": plain(loss_px), "cpu_s": cpu_s,
+        }  # fmt: skip
+    for name, question in MOTIONS.items():
+        scene = question.scene()
+        flow, cpu_s, _ = answer(method, question, scene)
+        judged = scene.moving()
+        judged[:MARGIN_PX] = judged[-MARGIN_PX:] = False
+        judged[:, :MARGIN_PX] = judged[:, -MARGIN_PX:] = False
+        asked = np.zeros_like(judged)
+        asked[::8, ::8] = judged[::8, ::8]
+        off = scene.error_px(flow)
+        # A correlator's nodes are where it likes.
+        where = asked if method in FLOW_METHODS else judged & np.isfinite(off)
+        share = 1.0 if method in FLOW_METHODS else where.sum() / asked.sum()
+        out["motions"][name] = {
+            "mean_px": float(off[where].mean(dtype=np.float64)),
+            "median_px": float(np.median(off[where])),
+            "p99_px": float(np.percentile(off[where], 99)),
+            "cover": min(1.0, float(share)),
+            "cpu_s": cpu_s,
+        }
+    return out
+
+
+def answer(method: str, question: Question, scene: Scene) -> tuple[Vectors, float, str]:
+    """Flow (h, w, 2) px, nan where there is none; CPU seconds; the version."""
+    if method in FLOW_METHODS:
+        found(method, scene)
+        times = []
+        for _ in range(REPEATS):
+            before = time.process_time()
+            flow = found(method, scene)
+            times.append(time.process_time() - before)
+        return flow, min(times), f"cv2 {cv2.__version__}"
+    given = {
+        "rest": tracked(scene.images[0]), "moved": tracked(scene.last),
+        "step_px": question.step_px, "reach_px": question.reach_px,
+    }  # fmt: skip
+    told = peer.ask(method, PEERS[method], given, timeout_s=600)
+    if told is None:
+        raise RunFailed(f"{method}: not run: no .venv-peers (make peers)")
+    dense = np.full(scene.truth_px.shape, np.nan, np.float32)
+    x, y = np.rint(told["nodes_px"]).astype(int).T
+    dense[y, x] = told["flow_px"]
+    return dense, told["cpu_s"], f"{method} {told['version']}"
