@@ -67,7 +67,7 @@ FLOW_METHODS: dict[str, FlowPreset] = {
         "fused",
     ),
 }
-DEFAULT_METHOD = "dis-medium"
+DEFAULT_METHOD = "fused"
 
 
 class FlowMethod:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ...gel.material import GelMaterial
 from ...imaging import Printer, Sensor
-from ...optics import Pinhole, SurfaceLattice
+from ...optics import Pinhole, SurfaceLattice, axes_mm
 from ...patterns.raster import albedo
 from ...patterns.recipe import PatternRecipe, load_recipe
 from ...shapes import SensorDimensions
@@ -126,7 +126,7 @@ def in_plane(
 ) -> Scene:
     """A motion in the plane of the face, given in pixels at the pixels' places."""
     reach = MARGIN_PX + 2
-    x_mm, y_mm = CAMERA.axes_mm(reach)
+    x_mm, y_mm = axes_mm(CAMERA, reach)
     lattice = SurfaceLattice(float(x_mm[0]), float(y_mm[0]), MM_PER_PX, len(x_mm), len(y_mm))
     at = np.meshgrid(np.arange(len(x_mm)) - float(reach), np.arange(len(y_mm)) - float(reach))
     moved = motion(*at) * MM_PER_PX
