@@ -46,26 +46,29 @@ def errors_mm(seen: Any, moved: Any) -> Any:
     return np.hypot(*(seen.displacement_px - moved)[seen.found].T) * MM_PER_PX
 
 
+# Layout, diameter in mm, mm a frame: less than a pitch, at which a regular grid repeats itself
 LAYOUTS = {
-    "1 mm": (grid((1.0, 1.0), 28, 20), 0.4),
-    "2.2 x 1.6 mm": (grid((2.2, 1.6), 13, 13), 0.6),
-    "3 mm": (grid((3.0, 3.0), 9, 7), 0.6),
+    "1 mm": (grid((1.0, 1.0), 28, 20), 0.4, 0.5),
+    "1.6 mm": (grid((1.6, 1.6), 17, 13), 0.5, 1.0),
+    "2.2 x 1.6 mm": (grid((2.2, 1.6), 13, 13), 0.6, 1.0),
+    "3 mm": (grid((3.0, 3.0), 9, 7), 0.6, 1.0),
 }
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_10_mm_of_shear_at_1_mm_a_frame_swaps_none(layout, make_bump):
-    rest, diameter_mm = LAYOUTS[layout]
+def test_10_mm_of_shear_swaps_none(layout, make_bump):
+    rest, diameter_mm, step_mm = LAYOUTS[layout]
     bump = make_bump((330, 300), 215, shear_px=(10 / MM_PER_PX, 0.0))
     # The discs stay round here while the skin stretches: their areas tell nothing.
     rule = DotRule(area_factor=4.0)
     tracker = DotTracker(rest, diameter_mm / MM_PER_PX, polarity="dark", rule=rule)
     tracker.update(picture(rest, diameter_mm))
-    for k in range(1, 11):
-        moved = bump.scaled(k / 10).displacement_px(rest)
+    n = round(10 / step_mm)
+    for k in range(1, n + 1):
+        moved = bump.scaled(k / n).displacement_px(rest)
         seen = tracker.update(picture(rest + moved, diameter_mm, k))
         assert errors_mm(seen, moved).max() <= 0.1
-        assert (visible(rest + moved) & ~seen.found).mean() <= 0.12
+        assert (visible(rest + moved) & ~seen.found).mean() <= 0.02
     assert np.hypot(*moved.T).max() * MM_PER_PX > 9
 
 
@@ -115,17 +118,20 @@ def test_dots_that_leave_and_dots_that_are_hidden_come_back():
     assert seen.found.all()
 
 
-def test_nothing_is_found_in_empty_images_and_a_whole_grid_comes_back():
+def test_a_glitch_is_survived_and_a_longer_gap_leaves_all_dots_lost():
     rest = grid((2.2, 1.6), 13, 13)
-    tracker = DotTracker(rest, 0.6 / MM_PER_PX, polarity="dark")
     first = picture(rest, 0.6)
-    tracker.update(first)
-    for value in (0, 255):
-        assert not tracker.update(np.full((H, W, 3), value, np.uint8)).found.any()
-    # Its edges are in view, so that one shift alone explains the image
-    seen = tracker.update(picture(rest + [31.0, -9.0], 0.6, 3))
-    assert seen.found.all()
-    assert errors_mm(seen, np.tile([31.0, -9.0], (len(rest), 1))).max() <= 0.06
+    moved = picture(rest + [11.0, -9.0], 0.6, 3)
+    blank = np.zeros((H, W, 3), np.uint8)
+    for frames in (1, 4):
+        tracker = DotTracker(rest, 0.6 / MM_PER_PX, polarity="dark")
+        tracker.update(first)
+        for _ in range(frames):
+            assert not tracker.update(blank).found.any()
+        seen = tracker.update(moved)
+        # A grid that nobody watched for a while may stand a pitch further on
+        assert seen.found.all() if frames == 1 else not seen.found.any()
+        assert not seen.found.any() or errors_mm(seen, np.tile([11.0, -9.0], (169, 1))).max() < 0.06
 
 
 def test_a_skin_let_go_at_once_is_followed_home(make_bump):

@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
+STRAY_FACTOR, STRAY_PITCH = 3.0, 0.25
+SMALL_STRAIN = 0.05  # up to which a dot may have it from further away
+
 
 class Skin:
     """The dots at rest, (n, 2) px, n >= 4 not on a line, and who is next to whom.
@@ -117,14 +120,19 @@ class Skin:
         return np.where(odd, -1, match)
 
     def drop_strays(self, first: Array, position: Array) -> None:
-        """Drop, in place, dots more than a pitch from where their neighbours put them.
+        """Drop, in place, dots that lie much further from where their neighbours put them than
+        these do themselves (as the median test of particle image velocimetry: Westerweel and
+        Scarano 2005).
 
         The one that is furthest among its neighbours goes first: it has put them off as well.
         """
         for _ in range(10):
             _, at, _ = self.fit(first, position)
-            off = np.nan_to_num(np.hypot(*(position - at).T))
-            stray = (off > self.pitch_px) & (off >= off[self.near].max(axis=1))
+            off = np.hypot(*(position - at).T)
+            # A zero more, so that no single neighbour is the median
+            near = np.column_stack((off[self.near], np.zeros(len(off))))
+            stray = off > STRAY_FACTOR * np.nanmedian(near, axis=1) + STRAY_PITCH * self.pitch_px
+            stray &= off >= np.nanmax(near, axis=1)
             if not stray.any():
                 return
             position[stray] = np.nan
@@ -148,7 +156,8 @@ class Skin:
         """The affine motion around each dot, from `first` to `position`, both (n, 2) with NaN.
 
         Least squares over the neighbours; the dot itself has no say. Returns (n, 2, 2) matrices,
-        (n, 2) where they put the dot, and (n,) whether three or more, spread over the plane, tell.
+        (n, 2) where they put the dot, and (n,) whether they tell: three or more, spread over the
+        plane, or two that have the strain from such neighbours of their own.
         """
         p, q = first[self.near], position[self.near]
         weight = (np.isfinite(p[..., 0]) & np.isfinite(q[..., 0])).astype(float)
@@ -164,6 +173,14 @@ class Skin:
         good = (weight.sum(1) >= 3) & (spread > 0.25 * self.pitch_px**2)
         pp[~good] = np.eye(2)
         matrix = qp @ np.linalg.inv(pp)
+        # Neighbours in one line, as where a row comes back into view, do not tell the strain
+        tell = good[self.near]
+        lent = (matrix[self.near] * tell[..., None, None]).sum(1)
+        lent /= np.maximum(tell.sum(1), 1)[:, None, None]
+        small = np.abs(lent - np.eye(2)).max(axis=(1, 2)) < SMALL_STRAIN
+        borrow = ~good & (weight.sum(1) >= 2) & (tell.sum(1) >= 2) & small
+        matrix[borrow] = lent[borrow]
+        good |= borrow
         at = m + np.einsum("nij,nj->ni", matrix, np.nan_to_num(first) - c)
         good &= np.isfinite(first[:, 0])
         at[~good] = np.nan
