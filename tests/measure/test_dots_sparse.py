@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from deltact_fab.errors import InputError, SensorError
 from deltact_fab.measure.dots import DotRule, DotTracker, find_dots
@@ -68,7 +69,9 @@ def test_10_mm_of_shear_swaps_none(layout, make_bump):
         moved = bump.scaled(k / n).displacement_px(rest)
         seen = tracker.update(picture(rest + moved, diameter_mm, k))
         assert errors_mm(seen, moved).max() <= 0.1
-        assert (visible(rest + moved) & ~seen.found).mean() <= 0.02
+        apart = cKDTree(rest + moved).query(rest + moved, 2)[0][:, 1] * MM_PER_PX
+        # Discs that touch, where the skin is squeezed, are one blob
+        assert seen.found[visible(rest + moved) & (apart > 1.3 * diameter_mm)].all()
     assert np.hypot(*moved.T).max() * MM_PER_PX > 9
 
 
