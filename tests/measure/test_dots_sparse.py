@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -167,6 +168,18 @@ def test_an_image_without_dots_is_refused(make_scene):
             find_dots(image)
     with pytest.raises(InputError, match="BGR uint8"):
         find_dots(dense[..., 0])
+
+
+@pytest.mark.parametrize("turn_deg", [0, 20, 45])
+@pytest.mark.parametrize("square_px", [14, 26, 53])
+@pytest.mark.parametrize("polarity", [None, "white", "dark"])
+def test_a_chessboard_is_not_dots(turn_deg, square_px, polarity):
+    c, s = np.cos(np.deg2rad(turn_deg)), np.sin(np.deg2rad(turn_deg))
+    u, v = c * COLUMNS + s * ROWS, c * ROWS - s * COLUMNS
+    board = ((u // square_px + v // square_px) % 2 * 200 + 20).astype(np.uint8)
+    board = cv2.GaussianBlur(board, (0, 0), 1.5)
+    with pytest.raises(SensorError, match="dots: the image"):
+        find_dots(np.repeat(board[..., None], 3, axis=2), polarity)
 
 
 def test_white_dots_among_colours_are_found_too(make_scene):
