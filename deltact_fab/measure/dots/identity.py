@@ -81,12 +81,12 @@ class Identities:
             self.first_px,
         ):
             expected = np.where(lately[:, None], guess, np.nan)
-            match = self._skin.grow(
-                self.first_px, expected, blobs.centre_px, self._gate_px, self._rule.step_tolerance
-            )
-            worth = self._worth(expected, match, blobs)
-            if worth > most + (2 if np.isfinite(most) else 0):
-                best, most = match, worth
+            for match in self._skin.grown(
+                expected, blobs.centre_px, self._gate_px, self._rule.step_tolerance
+            ):
+                worth = self._worth(expected, match, blobs)
+                if worth > most + (2 if np.isfinite(most) else 0):
+                    best, most = match, worth
             if most >= self._last_worth - max(2.0, self._rule.odd_share * seen):
                 break
         self._last_worth = most

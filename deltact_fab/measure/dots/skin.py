@@ -6,6 +6,7 @@ neighbours never turns over, and where a dot went follows from the affine motion
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -35,40 +36,27 @@ class Skin:
         self.pitch_px = float(self.span_px.min())
         self.triangles = _triangles(rest_px)
 
-    def grow(
-        self, first: Array, expected: Array, blobs: Array, gate_px: float, tolerance: float
-    ) -> Array:
-        """(n,) the blob of each dot, -1 for none, such that neighbours step almost alike.
+    def grown(
+        self, expected: Array, blobs: Array, gate_px: float, tolerance: float
+    ) -> Iterator[Array]:
+        """Matches, (n,) the blob of each dot or -1, such that neighbours step almost alike.
 
         expected: (n, 2), NaN for dots not to be looked for. Each dot takes the nearest blob at
         first. Where the step passes half a pitch that is another dot's, for all dots of a region:
-        so the regions of like steps are found, each is grown over the rest, and the growth stands
-        that finds most dots in line with their neighbours; of equal ones that with smaller steps.
+        so the regions of like steps are found, and each of the largest is grown over the rest.
         """
         match = np.full(len(expected), -1)
         who, which = mutual(expected, blobs, gate_px)
         match[who] = which
-        if not len(who):
-            return match
         regions = self._regions(expected, blobs, match, tolerance)
         sizes = np.bincount(regions[regions >= 0], minlength=len(expected))
-        best, best_worth = match, -np.inf
         for region in np.argsort(-sizes, kind="stable")[:4]:
             if sizes[region] < max(1, min(4, sizes.max())):
-                break
-            grown = np.where(regions == region, match, -1)
-            grown = self._spread(expected, blobs, grown, gate_px)
+                return
+            grown = self._spread(expected, blobs, np.where(regions == region, match, -1), gate_px)
+            yield self._without_odd(expected, blobs, grown, tolerance)
             if sizes[region] > 0.9 * len(who):
-                best = grown
-                break
-            have = grown >= 0
-            bent = self.bent(first, np.where(have[:, None], blobs[grown], np.nan))
-            steps = np.hypot(*(blobs[grown[have]] - expected[have]).T) / self.pitch_px
-            # A step of a pitch weighs as much as a twentieth of a dot that was found
-            worth = float(have.sum() - bent - 0.05 * steps.sum())
-            if worth > best_worth:
-                best, best_worth = grown, worth
-        return self._without_odd(expected, blobs, best, tolerance)
+                return
 
     def _steps(self, expected: Array, blobs: Array, match: Array) -> Array:
         steps = blobs[match] - expected
