@@ -131,18 +131,15 @@ class Identities:
         """Dots that moved beyond any prediction, by their colours."""
         lost = np.flatnonzero(self._known & ~self._found)
         free = self._free(blobs)
-        if len(lost) <= 0.1 * len(self._known) or not len(free):
+        few = len(lost) <= 0.1 * len(self._known) or not len(free)
+        if few or self._rings is None or image is None:
             return
-        if self._rings is not None and image is not None:
-            matrix = np.median(self._skin.affine(self.first_px, self._position), axis=0)
-            who, which = self._rings.best(
-                image,
-                lost,
-                blobs.centre_px[free],
-                np.repeat(matrix[None], len(free), axis=0),
-                self._rule.ncc_found,
-            )
-            self._take(lost[who], free[which], blobs, image)
+        matrix = np.median(self._skin.affine(self.first_px, self._position), axis=0)
+        affine = np.repeat(matrix[None], len(free), axis=0)
+        who, which = self._rings.best(
+            image, lost, blobs.centre_px[free], affine, self._rule.ncc_found
+        )
+        self._take(lost[who], free[which], blobs, image)
 
     def _at(self, blobs: Blobs, match: Array) -> Array:
         here: Array = np.where((match >= 0)[:, None], blobs.centre_px[match], np.nan)
@@ -183,8 +180,8 @@ class Identities:
         near = (self._position - before)[self._skin.near]
         have = np.isfinite(near[..., 0]).any(axis=1)
         self._motion = np.zeros_like(self._position)
-        if have.any():
-            self._motion[have] = np.nanmedian(near[have], axis=1)
+        # The mean would have a dot that went astray lead its neighbours
+        self._motion[have] = np.nanmedian(near[have], axis=1)
         along = self._skin.step(before, self._position)
         self._place = np.where(found[:, None], self._position, self._place + np.nan_to_num(along))
         self._missed = np.where(found, 0, self._missed + 1)
