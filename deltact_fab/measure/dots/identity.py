@@ -1,7 +1,7 @@
 """Which blob is which dot: by their neighbours, and by the colours around them where there are any.
 
 What the order of nearness says is only a first guess. Every match has to stand the checks of
-`skin` and `colours`, and one that does not is given up: a dot is right or it is lost.
+`skin` and `colours`, and one that does not is given up: a lost dot does less harm than a wrong one.
 """
 
 from __future__ import annotations
