@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from deltact_fab.errors import InputError, SensorError
 from deltact_fab.measure.dots import DotRule, DotTracker, find_dots
@@ -42,31 +44,65 @@ def visible(centres: Any, border: float = 14.0) -> Any:
     return ((centres > border) & (centres < [W - border, H - border])).all(1)
 
 
+def apart(centres: Any, diameter_mm: float) -> Any:
+    """Discs that touch, where the skin is squeezed, are one blob."""
+    return cKDTree(centres).query(centres, 2)[0][:, 1] * MM_PER_PX > 1.3 * diameter_mm
+
+
 def errors_mm(seen: Any, moved: Any) -> Any:
     return np.hypot(*(seen.displacement_px - moved)[seen.found].T) * MM_PER_PX
 
 
+# Layout, diameter in mm, mm a frame: less than a pitch, at which a regular grid repeats itself
 LAYOUTS = {
-    "1 mm": (grid((1.0, 1.0), 28, 20), 0.4),
-    "2.2 x 1.6 mm": (grid((2.2, 1.6), 13, 13), 0.6),
-    "3 mm": (grid((3.0, 3.0), 9, 7), 0.6),
+    "1 mm": (grid((1.0, 1.0), 28, 20), 0.4, 0.5),
+    "1.6 mm": (grid((1.6, 1.6), 17, 13), 0.5, 1.0),
+    "2.2 x 1.6 mm": (grid((2.2, 1.6), 13, 13), 0.6, 1.0),
+    "3 mm": (grid((3.0, 3.0), 9, 7), 0.6, 1.0),
 }
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_10_mm_of_shear_at_1_mm_a_frame_swaps_none(layout, make_bump):
-    rest, diameter_mm = LAYOUTS[layout]
+def test_10_mm_of_shear_swaps_none(layout, make_bump):
+    rest, diameter_mm, step_mm = LAYOUTS[layout]
     bump = make_bump((330, 300), 215, shear_px=(10 / MM_PER_PX, 0.0))
     # The discs stay round here while the skin stretches: their areas tell nothing.
     rule = DotRule(area_factor=4.0)
     tracker = DotTracker(rest, diameter_mm / MM_PER_PX, polarity="dark", rule=rule)
     tracker.update(picture(rest, diameter_mm))
-    for k in range(1, 11):
-        moved = bump.scaled(k / 10).displacement_px(rest)
+    n = round(10 / step_mm)
+    for k in range(1, n + 1):
+        moved = bump.scaled(k / n).displacement_px(rest)
         seen = tracker.update(picture(rest + moved, diameter_mm, k))
         assert errors_mm(seen, moved).max() <= 0.1
-        assert (visible(rest + moved) & ~seen.found).mean() <= 0.12
+        assert seen.found[visible(rest + moved) & apart(rest + moved, diameter_mm)].all()
+        # On a close layout the rings reach the next dots, which look alike everywhere
+        assert np.isnan(seen.identity_ncc).all()
     assert np.hypot(*moved.T).max() * MM_PER_PX > 9
+
+
+@pytest.mark.parametrize("seed", [21, 22])
+def test_10_mm_of_shear_and_back_with_dropouts_and_specks(seed, make_bump):
+    rest = grid((2.2, 1.6), 13, 13)
+    rng = np.random.default_rng(seed)
+    bump = make_bump((330, 300), 215, shear_px=(10 / MM_PER_PX, 0.0))
+    rule = DotRule(area_factor=4.0)
+    tracker = DotTracker(rest, 0.5 / MM_PER_PX, polarity="dark", rule=rule)
+    tracker.update(picture(rest, 0.5))
+    wrong = lost = seen_at_all = 0
+    for k, s in enumerate([*np.linspace(0, 1, 21)[1:], *np.linspace(1, 0, 21)[1:]]):
+        moved = bump.scaled(float(s)).displacement_px(rest)
+        now = rest + moved
+        now[rng.random(len(rest)) < 0.02] = np.nan
+        specks = rng.uniform([20, 20], [W - 20, H - 20], (3, 2))
+        seen = tracker.update(picture(np.concatenate((now, specks)), 0.5, k))
+        shown = visible(now) & apart(rest + moved, 0.5)
+        wrong += int((errors_mm(seen, moved) > 0.3).sum())
+        lost += int((shown & ~seen.found).sum())
+        seen_at_all += int(shown.sum())
+    assert wrong == 0
+    assert lost <= 0.002 * seen_at_all
+    print(f"{wrong} wrong, {lost} lost of {seen_at_all}")
 
 
 def test_dark_dots_are_placed_to_5_um(make_bump):
@@ -115,17 +151,20 @@ def test_dots_that_leave_and_dots_that_are_hidden_come_back():
     assert seen.found.all()
 
 
-def test_nothing_is_found_in_empty_images_and_a_whole_grid_comes_back():
+def test_a_glitch_is_survived_and_a_longer_gap_leaves_all_dots_lost():
     rest = grid((2.2, 1.6), 13, 13)
-    tracker = DotTracker(rest, 0.6 / MM_PER_PX, polarity="dark")
     first = picture(rest, 0.6)
-    tracker.update(first)
-    for value in (0, 255):
-        assert not tracker.update(np.full((H, W, 3), value, np.uint8)).found.any()
-    # Its edges are in view, so that one shift alone explains the image
-    seen = tracker.update(picture(rest + [31.0, -9.0], 0.6, 3))
-    assert seen.found.all()
-    assert errors_mm(seen, np.tile([31.0, -9.0], (len(rest), 1))).max() <= 0.06
+    moved = picture(rest + [11.0, -9.0], 0.6, 3)
+    blank = np.zeros((H, W, 3), np.uint8)
+    for frames in (1, 4):
+        tracker = DotTracker(rest, 0.6 / MM_PER_PX, polarity="dark")
+        tracker.update(first)
+        for _ in range(frames):
+            assert not tracker.update(blank).found.any()
+        seen = tracker.update(moved)
+        # A grid that nobody watched for a while may stand a pitch further on
+        assert seen.found.all() if frames == 1 else not seen.found.any()
+        assert not seen.found.any() or errors_mm(seen, np.tile([11.0, -9.0], (169, 1))).max() < 0.06
 
 
 def test_a_skin_let_go_at_once_is_followed_home(make_bump):
@@ -158,6 +197,18 @@ def test_an_image_without_dots_is_refused(make_scene):
             find_dots(image)
     with pytest.raises(InputError, match="BGR uint8"):
         find_dots(dense[..., 0])
+
+
+@pytest.mark.parametrize("turn_deg", [0, 20, 45])
+@pytest.mark.parametrize("square_px", [14, 26, 53])
+@pytest.mark.parametrize("polarity", [None, "white", "dark"])
+def test_a_chessboard_is_not_dots(turn_deg, square_px, polarity):
+    c, s = np.cos(np.deg2rad(turn_deg)), np.sin(np.deg2rad(turn_deg))
+    u, v = c * COLUMNS + s * ROWS, c * ROWS - s * COLUMNS
+    board = ((u // square_px + v // square_px) % 2 * 200 + 20).astype(np.uint8)
+    board = cv2.GaussianBlur(board, (0, 0), 1.5)
+    with pytest.raises(SensorError, match="dots: the image"):
+        find_dots(np.repeat(board[..., None], 3, axis=2), polarity)
 
 
 def test_white_dots_among_colours_are_found_too(make_scene):

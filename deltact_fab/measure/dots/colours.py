@@ -17,6 +17,8 @@ from ..compose import sample
 
 Array = NDArray[Any]
 
+MAX_ALIKE = 0.3  # median correlation of the rings of different dots
+
 
 class Rings:
     """The rings of all dots, between two radii in pixels of an image reduced by `shrink`.
@@ -43,9 +45,10 @@ class Rings:
         return cv2.GaussianBlur(small, (0, 0), 1.5 / self._shrink)
 
     def remember(self, image: Array, centre: Array, min_texture: float) -> bool:
-        """Take the rings of the first image, (n, 2) centres with NaN; False if there is no colour.
+        """Take the rings of the first image, (n, 2) centres with NaN; False if they tell nothing.
 
-        min_texture: standard deviation in grey levels that half of the rings have at least.
+        min_texture: standard deviation in grey levels that half of the rings have at least. The
+        skirts of the next dots have that too, but give all rings one look.
         """
         found = np.isfinite(centre[:, 0])
         unit = np.repeat(np.eye(2)[None], len(centre), axis=0)
@@ -53,8 +56,11 @@ class Rings:
         self._first = None
         if np.median(rings.std(axis=1).mean(axis=1)[found]) < min_texture:
             return False
-        self._first = _normalised(rings)
-        self._first[~found] = 0.0
+        first = _normalised(rings)
+        if np.median(first[found] @ first[found].T) > MAX_ALIKE:
+            return False
+        first[~found] = 0.0
+        self._first = first
         return True
 
     def alike(self, image: Array, dots: Array, centre: Array, affine: Array) -> Array:

@@ -19,6 +19,7 @@ DIAMETERS_PX = (6.0, 12.0, 24.0, 48.0)  # scales at which dots are looked for
 SAME_SIZE = 1.6  # areas within this factor of the median count as dots of one skin
 MIN_SHARE = 0.8  # of all blobs of about that size that must be such dots
 MIN_CONTRAST = 0.15  # of the local light
+MAX_OTHERS = 0.3  # of the dots: blobs of the other polarity that look like dots as well
 
 
 @dataclass(frozen=True)
@@ -36,25 +37,38 @@ def find_dots(image: Array, polarity: Polarity | None = None) -> FoundDots:
     """Dots of one size on a ground that shows little else, (h, w, 3) BGR uint8.
 
     polarity: None takes the one of which more dots are there. Raises InputError for another type
-    of image, SensorError when fewer than 9 such dots are there.
+    of image, SensorError when fewer than 9 such dots are there, or the ground between them is no
+    less a set of dots than they are: a chessboard.
     """
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
         raise InputError(f"dots: image is {image.dtype} {image.shape}; BGR uint8 is needed")
-    kinds: tuple[Polarity, ...] = ("white", "dark") if polarity is None else (polarity,)
-    found = [
-        dots
-        for kind in kinds
-        for diameter_px in DIAMETERS_PX
-        if (dots := _at_scale(image, kind, diameter_px)) is not None
-    ]
-    if not found:
+    dots = {kind: _most(image, kind) for kind in ("white", "dark")}
+    best = max(dots, key=lambda kind: _count(dots[kind])) if polarity is None else polarity
+    found = dots[best]
+    if found is None:
         wanted = "white or dark" if polarity is None else polarity
         raise SensorError(
             f"dots: the image does not show {MIN_DOTS} or more {wanted} dots of one size, "
             "at least 4 px wide and 1.3 diameters apart: wrong pattern or polarity, out of focus "
             "or over-exposed"
         )
-    return max(found, key=lambda dots: len(dots.position_px))
+    other = dots["dark" if best == "white" else "white"]
+    if other is not None and _count(other) > MAX_OTHERS * _count(found):
+        raise SensorError(
+            f"dots: the image shows {_count(found)} {best} dots and {_count(other)} "
+            f"{other.polarity} ones: a chessboard or the like; dots on a plain ground are needed"
+        )
+    return found
+
+
+def _count(dots: FoundDots | None) -> int:
+    return 0 if dots is None else len(dots.position_px)
+
+
+def _most(image: Array, polarity: Polarity) -> FoundDots | None:
+    """The scale that shows most dots."""
+    scales = [_at_scale(image, polarity, diameter_px) for diameter_px in DIAMETERS_PX]
+    return max(scales, key=_count)
 
 
 def _at_scale(image: Array, polarity: Polarity, diameter_px: float) -> FoundDots | None:

@@ -1,12 +1,11 @@
 """Which blob is which dot: by their neighbours, and by the colours around them where there are any.
 
 What the order of nearness says is only a first guess. Every match has to stand the checks of
-`skin` and `colours`, and one that does not is given up: a dot is right or it is lost.
+`skin` and `colours`, and one that does not is given up: a lost dot does less harm than a wrong one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -69,17 +68,25 @@ class Identities:
 
     def _by_steps(self, blobs: Blobs, image: Array | None) -> None:
         """Dots seen lately, by the first guess of the skin's motion that loses and bends none."""
-        seen = int((self._missed == 0).sum())
-        if not seen:
+        lately = self._known & (self._missed <= self._rule.keep_frames)
+        if not lately.any():
             return
+        seen = int((self._missed == 0).sum())
         best, most = np.full(len(self._place), -1), -np.inf
-        for expected, gate_px in self._guesses(blobs):
-            match = self._skin.grow(
-                self.first_px, expected, blobs.centre_px, gate_px, self._rule.step_tolerance
-            )
-            worth = self._worth(expected, match, blobs)
-            if worth > most + (2 if np.isfinite(most) else 0):
-                best, most = match, worth
+        # Going on, turned back with the stage, at rest, let go.
+        for guess in (
+            self._place + self._motion,
+            self._place - self._motion,
+            self._place,
+            self.first_px,
+        ):
+            expected = np.where(lately[:, None], guess, np.nan)
+            for match in self._skin.grown(
+                expected, blobs.centre_px, self._gate_px, self._rule.step_tolerance
+            ):
+                worth = self._worth(expected, match, blobs)
+                if worth > most + (2 if np.isfinite(most) else 0):
+                    best, most = match, worth
             if most >= self._last_worth - max(2.0, self._rule.odd_share * seen):
                 break
         self._last_worth = most
@@ -93,21 +100,6 @@ class Identities:
         idle = len(blobs) - have.sum()
         return float(have.sum() - self._skin.bent(self.first_px, here) - 0.25 * off - 0.5 * idle)
 
-    def _guesses(self, blobs: Blobs) -> Iterator[tuple[Array, float]]:
-        """(n, 2) where the dots might be, within how many px.
-
-        Going on, turned back with the stage, at rest, shifted as a whole, let go.
-        """
-        lately = (self._known & (self._missed <= self._rule.keep_frames))[:, None]
-        place = np.where(lately, self._place, np.nan)
-        yield place + self._motion, self._gate_px
-        yield place - self._motion, self._gate_px
-        yield place, self._gate_px
-        shift, count, _ = self._shift(place, blobs.centre_px)
-        if count > 0:
-            yield place + shift, self._gate_px
-        yield np.where(lately, self.first_px, np.nan), self._gate_px / 4
-
     def _by_neighbours(self, blobs: Blobs, image: Array | None) -> None:
         """Lost dots, where the neighbours' affine motion puts them; each helps its neighbours.
 
@@ -115,6 +107,7 @@ class Identities:
         """
         from scipy.spatial import cKDTree
 
+        share = self._rule.regain_pitch if self._rings is None else self._rule.gate_pitch
         for _ in range(6):
             lost = self._known & ~self._found
             free = self._free(blobs)
@@ -128,55 +121,25 @@ class Identities:
             all_ = all_[np.isfinite(all_[:, 0])]
             distance = cKDTree(all_).query(at[rows], 2)[0]
             gate = np.full(len(at), np.nan)
-            gate[rows] = self._rule.gate_pitch * np.minimum(distance[:, 1], self._skin.pitch_px)
+            gate[rows] = share * np.minimum(distance[:, 1], self._skin.pitch_px)
             at[~(good & lost)] = np.nan
             who, which = mutual(at, blobs.centre_px[free], gate)
             if not self._take(who, free[which], blobs, image):
                 return
 
     def _anew(self, blobs: Blobs, image: Array | None) -> None:
-        """Dots that moved beyond any prediction: by their colours, or all of them as a whole."""
+        """Dots that moved beyond any prediction, by their colours."""
         lost = np.flatnonzero(self._known & ~self._found)
         free = self._free(blobs)
-        if len(lost) <= 0.1 * len(self._known) or not len(free):
+        few = len(lost) <= 0.1 * len(self._known) or not len(free)
+        if few or self._rings is None or image is None:
             return
-        if self._rings is not None and image is not None:
-            matrix = np.median(self._skin.affine(self.first_px, self._position), axis=0)
-            who, which = self._rings.best(
-                image,
-                lost,
-                blobs.centre_px[free],
-                np.repeat(matrix[None], len(free), axis=0),
-                self._rule.ncc_found,
-            )
-            self._take(lost[who], free[which], blobs, image)
-        elif not self._found.any():
-            self._take(*self._as_a_whole(blobs.centre_px), blobs, image)
-            self._by_neighbours(blobs, image)
-
-    def _as_a_whole(self, blobs: Array) -> tuple[Array, Array]:
-        """All dots by the one shift of their last places that explains far more than others do.
-
-        A grid that fills the view looks the same after a shift by a pitch: then none does.
-        """
-        place = np.where(self._known[:, None], self._place, np.nan)
-        shift, most, next_ = self._shift(place, blobs)
-        enough = max(4, self._rule.min_found_share * self._known.sum())
-        if most < enough or next_ > most - max(3, 0.03 * most):
-            return np.zeros(0, int), np.zeros(0, int)
-        return mutual(place + shift, blobs, self._gate_px)
-
-    def _shift(self, place: Array, blobs: Array) -> tuple[Array, int, int]:
-        """The shift that puts most places on blobs, how many, and how many the next best puts."""
-        from scipy.spatial import cKDTree
-
-        place = place[np.isfinite(place[:, 0])]
-        middle = place[np.argmin(np.hypot(*(place - np.median(place, axis=0)).T))]
-        shifts = blobs - middle
-        hit = cKDTree(blobs).query((place[None] + shifts[:, None]).reshape(-1, 2))[0]
-        count = (hit.reshape(len(shifts), -1) < 0.5 * self._gate_px).sum(axis=1)
-        best = int(np.argmax(count))
-        return shifts[best], int(count[best]), int(np.delete(count, best).max(initial=0))
+        matrix = np.median(self._skin.affine(self.first_px, self._position), axis=0)
+        affine = np.repeat(matrix[None], len(free), axis=0)
+        who, which = self._rings.best(
+            image, lost, blobs.centre_px[free], affine, self._rule.ncc_found
+        )
+        self._take(lost[who], free[which], blobs, image)
 
     def _at(self, blobs: Blobs, match: Array) -> Array:
         here: Array = np.where((match >= 0)[:, None], blobs.centre_px[match], np.nan)
@@ -192,7 +155,8 @@ class Identities:
         before = int(self._found.sum())
         self._position[who] = blobs.centre_px[which]
         self._blob[who] = which
-        self._skin.drop_strays(self.first_px, self._position)
+        if self._rings is None:
+            self._skin.drop_strays(self.first_px, self._position)
         self._skin.keep_order(self._position)
         matrix = self._skin.affine(self.first_px, self._position)
         if self._rings is not None and image is not None:
@@ -216,8 +180,8 @@ class Identities:
         near = (self._position - before)[self._skin.near]
         have = np.isfinite(near[..., 0]).any(axis=1)
         self._motion = np.zeros_like(self._position)
-        if have.any():
-            self._motion[have] = np.nanmedian(near[have], axis=1)
+        # The mean would have a dot that went astray lead its neighbours
+        self._motion[have] = np.nanmedian(near[have], axis=1)
         along = self._skin.step(before, self._position)
         self._place = np.where(found[:, None], self._position, self._place + np.nan_to_num(along))
         self._missed = np.where(found, 0, self._missed + 1)

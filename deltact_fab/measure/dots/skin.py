@@ -6,12 +6,16 @@ neighbours never turns over, and where a dot went follows from the affine motion
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[Any]
+
+STRAY_FACTOR, STRAY_PITCH = 3.0, 0.25
+SMALL_STRAIN = 0.05  # up to which a dot may have it from further away
 
 
 class Skin:
@@ -32,40 +36,27 @@ class Skin:
         self.pitch_px = float(self.span_px.min())
         self.triangles = _triangles(rest_px)
 
-    def grow(
-        self, first: Array, expected: Array, blobs: Array, gate_px: float, tolerance: float
-    ) -> Array:
-        """(n,) the blob of each dot, -1 for none, such that neighbours step almost alike.
+    def grown(
+        self, expected: Array, blobs: Array, gate_px: float, tolerance: float
+    ) -> Iterator[Array]:
+        """Matches, (n,) the blob of each dot or -1, such that neighbours step almost alike.
 
         expected: (n, 2), NaN for dots not to be looked for. Each dot takes the nearest blob at
         first. Where the step passes half a pitch that is another dot's, for all dots of a region:
-        so the regions of like steps are found, each is grown over the rest, and the growth stands
-        that finds most dots in line with their neighbours; of equal ones that with smaller steps.
+        so the regions of like steps are found, and each of the largest is grown over the rest.
         """
         match = np.full(len(expected), -1)
         who, which = mutual(expected, blobs, gate_px)
         match[who] = which
-        if not len(who):
-            return match
         regions = self._regions(expected, blobs, match, tolerance)
         sizes = np.bincount(regions[regions >= 0], minlength=len(expected))
-        best, best_worth = match, -np.inf
         for region in np.argsort(-sizes, kind="stable")[:4]:
             if sizes[region] < max(1, min(4, sizes.max())):
-                break
-            grown = np.where(regions == region, match, -1)
-            grown = self._spread(expected, blobs, grown, gate_px)
+                return
+            grown = self._spread(expected, blobs, np.where(regions == region, match, -1), gate_px)
+            yield self._without_odd(expected, blobs, grown, tolerance)
             if sizes[region] > 0.9 * len(who):
-                best = grown
-                break
-            have = grown >= 0
-            bent = self.bent(first, np.where(have[:, None], blobs[grown], np.nan))
-            steps = np.hypot(*(blobs[grown[have]] - expected[have]).T) / self.pitch_px
-            # A step of a pitch weighs as much as a twentieth of a dot that was found
-            worth = float(have.sum() - bent - 0.05 * steps.sum())
-            if worth > best_worth:
-                best, best_worth = grown, worth
-        return self._without_odd(expected, blobs, best, tolerance)
+                return
 
     def _steps(self, expected: Array, blobs: Array, match: Array) -> Array:
         steps = blobs[match] - expected
@@ -117,14 +108,19 @@ class Skin:
         return np.where(odd, -1, match)
 
     def drop_strays(self, first: Array, position: Array) -> None:
-        """Drop, in place, dots more than a pitch from where their neighbours put them.
+        """Drop, in place, dots that lie much further from where their neighbours put them than
+        these do themselves (as the median test of particle image velocimetry: Westerweel and
+        Scarano 2005).
 
         The one that is furthest among its neighbours goes first: it has put them off as well.
         """
         for _ in range(10):
             _, at, _ = self.fit(first, position)
-            off = np.nan_to_num(np.hypot(*(position - at).T))
-            stray = (off > self.pitch_px) & (off >= off[self.near].max(axis=1))
+            off = np.hypot(*(position - at).T)
+            # A zero more, so that no single neighbour is the median
+            near = np.column_stack((off[self.near], np.zeros(len(off))))
+            stray = off > STRAY_FACTOR * np.nanmedian(near, axis=1) + STRAY_PITCH * self.pitch_px
+            stray &= off >= np.nanmax(near, axis=1)
             if not stray.any():
                 return
             position[stray] = np.nan
@@ -148,7 +144,8 @@ class Skin:
         """The affine motion around each dot, from `first` to `position`, both (n, 2) with NaN.
 
         Least squares over the neighbours; the dot itself has no say. Returns (n, 2, 2) matrices,
-        (n, 2) where they put the dot, and (n,) whether three or more, spread over the plane, tell.
+        (n, 2) where they put the dot, and (n,) whether they tell: three or more, spread over the
+        plane, or two that have the strain from such neighbours of their own.
         """
         p, q = first[self.near], position[self.near]
         weight = (np.isfinite(p[..., 0]) & np.isfinite(q[..., 0])).astype(float)
@@ -164,6 +161,14 @@ class Skin:
         good = (weight.sum(1) >= 3) & (spread > 0.25 * self.pitch_px**2)
         pp[~good] = np.eye(2)
         matrix = qp @ np.linalg.inv(pp)
+        # Neighbours in one line, as where a row comes back into view, do not tell the strain
+        tell = good[self.near]
+        lent = (matrix[self.near] * tell[..., None, None]).sum(1)
+        lent /= np.maximum(tell.sum(1), 1)[:, None, None]
+        small = np.abs(lent - np.eye(2)).max(axis=(1, 2)) < SMALL_STRAIN
+        borrow = ~good & (weight.sum(1) >= 2) & (tell.sum(1) >= 2) & small
+        matrix[borrow] = lent[borrow]
+        good |= borrow
         at = m + np.einsum("nij,nj->ni", matrix, np.nan_to_num(first) - c)
         good &= np.isfinite(first[:, 0])
         at[~good] = np.nan

@@ -45,9 +45,9 @@ class DotTracker:
 
     rest_px: (n, 2) expected positions (x, y) in the first image, right to within `offset_px` after
     a common shift of as much; diameter_px: the dots' diameter. n >= 4 dots, not on a line.
-    Without colours around the dots the neighbours tell which is which: dots that are all lost at
-    once are found again only where the edges of the layout, or its irregularity, show, and a
-    regular grid that fills the view must not move by half a pitch between two frames as a whole.
+    Without colours around the dots the neighbours tell which is which: dots that are all gone for
+    more than `rule.keep_frames` frames stay lost until `reset`, and a regular grid that moves by
+    half a pitch between two frames as a whole cannot be told from itself.
     Raises InputError for anything else.
     """
 
