@@ -53,6 +53,7 @@ def step(
     nodes: Array,
     size_px: tuple[int, int],
     flow: Array,
+    light: Array,
     gain: float,
 ) -> tuple[Array, Array, Array]:
     """See `kernel_cv2.step`."""
@@ -63,7 +64,7 @@ def step(
     # From each pixel on, four of its row in one word.
     words: Array = np.ndarray((image.size - 3,), np.uint32, image, strides=(1,))
     _step(
-        words, image.shape[1], reference, nodes, size_px[0], size_px[1], flow, gain,
+        words, image.shape[1], reference, nodes, size_px[0], size_px[1], flow, light, gain,
         out, correlation, deviation,
     )  # fmt: skip
     return out, correlation, deviation
@@ -72,7 +73,7 @@ def step(
 @_compiled
 def _step(
     words: Any, stride: int, reference: Any, nodes: Any, height: int, width: int, flow: Any,
-    gain: float, out: Any, correlation: Any, deviation: Any,
+    light: Any, gain: float, out: Any, correlation: Any, deviation: Any,
 ) -> None:  # fmt: skip
     rows, cols = flow.shape[1], flow.shape[2]
     seen_rows, seen_cols = height // 2, width // 2
@@ -97,6 +98,7 @@ def _step(
             _address(flow[0, i], flow[1, i], i, seen_cols, height, width, stride, where, at)
             _gather(words, stride, at, seen_cols, found)
             _difference(found, where, reference[i + 1], seen_cols, d)
+            _stand_in(where[2], light[:, i], reference[i + 1], seen_cols, d)
             _sum(d, reference, i + 1, seen_cols, new)
             if last:
                 _sum_last(d, where[2], reference[i + 1], seen_cols, new)
@@ -114,6 +116,7 @@ def _step(
             _across(column[k], cols, box[k])
         _solve(box, nodes, flow, i0, cols, moved)
         if last:
+            _shown(box, light[:, i0], cols)
             _judge(box, nodes, flow, i0, cols, moved, kept, gain, correlation[i0], deviation[i0])
         for k in range(2):
             moved[k, 0], moved[k, cols + 1] = moved[k, 1], moved[k, cols]
@@ -180,6 +183,15 @@ def _difference(found: Any, where: Any, r: Any, n: int, d: Any) -> None:
         d1[j] = m * (r1[j] + off - (p1 + fy * (q1 - p1)))
         d2[j] = m * (r2[j] + off - (q0 + fy * (s0 - q0)))
         d3[j] = m * (r3[j] + off - (q1 + fy * (s1 - q1)))
+
+
+@_compiled
+def _stand_in(seen: Any, light: Any, r: Any, n: int, d: Any) -> None:
+    """What the light makes of a row's cells that the current image does not show."""
+    for j in range(n):
+        if not seen[j]:
+            for k in range(4):
+                d[k, j] = light[0, j] + light[1, j] * r[k, j + 1]
 
 
 @_compiled
@@ -272,6 +284,18 @@ def _solve(box: Any, nodes: Any, flow: Any, i: int, n: int, moved: Any) -> None:
     for j in range(n):
         dy = i12[j] * b0[j] + i22[j] * b1[j] - ey[j] * b2[j] - fy[j] * b3[j]
         my[j + 1] = uy[j] + min(max(dy, -one), one)
+
+
+@_compiled
+def _shown(box: Any, light: Any, n: int) -> None:
+    """Takes out of the sums over D what the light stands in for."""
+    a, b = light[0], light[1]
+    b2, b3, b4, b5, b6, b7 = box[2], box[3], box[4], box[5], box[6], box[7]
+    for j in range(n):
+        b2[j] -= a[j] * b5[j] + b[j] * b6[j]
+        b3[j] -= a[j] * b6[j] + b[j] * b7[j]
+    for j in range(n):
+        b4[j] -= a[j] * (a[j] * b5[j] + (b[j] + b[j]) * b6[j]) + b[j] * b[j] * b7[j]
 
 
 @_compiled
