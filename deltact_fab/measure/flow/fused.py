@@ -127,12 +127,15 @@ class Refined(NamedTuple):
     flow_px (hh, ww, 2) float32, in px of the full image. correlation (hh, ww) float32 in -1..1, of
     the windows of reference and warped image, where the current image shows them; 0 where it does
     not. deviation_px (hh, ww) float32: standard deviation of the flow's endpoint, from what the fit
-    leaves and the normal matrix; it knows noise, not a match that is wrong.
+    leaves and the normal matrix; it knows noise, not a match that is wrong. ahead_px2 (hh, ww)
+    float32: squared length of the last step over the contrast that the current image has to the
+    reference, which steps are short by: an estimate of what they have yet to do.
     """
 
     flow_px: Array
     correlation: Array
     deviation_px: Array
+    ahead_px2: Array
 
 
 class _Level(NamedTuple):
@@ -181,16 +184,16 @@ class Reference:
             light = self._light(current, k, planes)
             for i in range(n):
                 last = k == 0 and i == n - 1
-                planes, correlation, deviation = self._step(current, k, planes, light, last)
-        return self._cut(cv2.merge(list(planes)), correlation, deviation)
+                planes, told = self._step(current, k, planes, light, last)
+        return self._cut(cv2.merge(list(planes)), told)
 
     def evaluate(self, current: Plane, flow_px: Array) -> Refined:
         """Correlation and deviation, as in `refine`, of a flow (hh, ww, 2) found elsewhere."""
         self._check_size(current)
         planes = self._padded(flow_px)
         light = self._light(current, 0, planes)
-        _, correlation, deviation = self._step(current, 0, planes, light, True)
-        return self._cut(flow_px, correlation, deviation)
+        _, told = self._step(current, 0, planes, light, True)
+        return self._cut(flow_px, told)
 
     def _check_size(self, current: Plane) -> None:
         if current.shape != self.plane.shape:
@@ -239,17 +242,17 @@ class Reference:
 
     def _step(
         self, current: Plane, k: int, planes: Array, light: Array, last: bool
-    ) -> tuple[Array, Array, Array]:
+    ) -> tuple[Array, Array]:
         level, target = self._levels[k], current.target(k, self._by)
         gain = self.plane.noise_gain if last else 0.0
-        moved, correlation, deviation = self._by.step(
+        moved, told = self._by.step(
             target, level.cells, level.nodes, level.size_px, planes, light, gain
         )
-        return moved, correlation, deviation
+        return moved, told
 
-    def _cut(self, flow: Array, correlation: Array, deviation: Array) -> Refined:
+    def _cut(self, flow: Array, told: Array) -> Refined:
         hh, ww = self.plane.small.shape
-        return Refined(*(np.ascontiguousarray(a[:hh, :ww]) for a in (flow, correlation, deviation)))
+        return Refined(*(np.ascontiguousarray(a[:hh, :ww]) for a in (flow, *told)))
 
 
 def _prepared(plane: Plane, k: int, by: ModuleType) -> _Level:

@@ -18,6 +18,7 @@ OWN_WEIGHT = float(np.sum(WINDOW**2) ** 2 / np.sum(WINDOW) ** 2)
 LEAST_VARIANCE = 0.25  # grey levels^2: less is no texture
 ROUNDING = 1 / 6  # variance of the difference of two images of whole grey levels
 MAX_STEP_PX = 1.0
+LEAST_CONTRAST = 0.05  # of the current image to the reference
 _ROWS = 32
 _SOFT = np.array([0.25, 0.5, 0.25], np.float32)
 
@@ -52,7 +53,7 @@ def around(cells: Array) -> Array:
 def step(
     corners: Array, reference: Array, nodes: Array, size_px: tuple[int, int], flow: Array,
     light: Array, gain: float,
-) -> tuple[Array, Array, Array]:  # fmt: skip
+) -> tuple[Array, Array]:  # fmt: skip
     """One step of every node, then one pass of 1 2 1 over the flow.
 
     corners: of `target`; reference: of `reference`; nodes (rows, 10, cols), see `fused`; size_px
@@ -60,8 +61,9 @@ def step(
     (2, rows, cols) float32: what a change of light makes of reference less current image there,
     light[0] + light[1] * reference; it stands in where the current image does not show a pixel, so
     that the pixel does not pull. gain: how much more noise the chain of steps passes than one fit.
-    Returns the new flow and, if gain is positive, correlation and deviation in px of the flow that
-    was given, each (rows, cols), over what the current image shows of the windows.
+    Returns the new flow and, if gain is positive, (3, rows, cols) over what the current image shows
+    of the windows: correlation and deviation in px of the flow that was given, and the squared
+    length of the step over the contrast, px^2.
     """
     last = gain > 0
     height, width = size_px
@@ -91,7 +93,7 @@ def step(
     n_sums = 8 if last and sums[5].any() else min(5, len(sums))
     for k in range(n_sums):
         sums[k] = around(sums[k])
-    step_px, told = np.empty_like(flow), np.empty((2, rows if last else 0, cols), np.float32)
+    step_px, told = np.empty_like(flow), np.empty((3, rows if last else 0, cols), np.float32)
     for i in range(0, rows, _ROWS):  # what lies between stays in the cache
         cut = np.s_[i : i + _ROWS]
         node = nodes[cut].transpose(1, 0, 2)
@@ -101,7 +103,7 @@ def step(
     step_px += flow
     for u in step_px:
         cv2.sepFilter2D(u, -1, _SOFT, _SOFT, u, borderType=cv2.BORDER_REPLICATE)
-    return step_px, told[0], told[1]
+    return step_px, told
 
 
 def _solved(sums: Array, node: Array) -> Array:
@@ -114,7 +116,7 @@ def _solved(sums: Array, node: Array) -> Array:
 
 def _judged(
     sums: Array, node: Array, light: Array, step_px: Array, gain: float
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array, Array]:
     _, _, sd, sr, squares, hidden_n, hidden_r, hidden_rr = sums
     a, b = light
     sd = sd - a * hidden_n - b * hidden_r
@@ -136,4 +138,6 @@ def _judged(
     left = np.maximum(rest - shared * shared / power - explained, 0)
     noise = left / np.maximum(weights - hidden_n - 4 * OWN_WEIGHT, OWN_WEIGHT) + ROUNDING
     spread = (i11 + i22) * weights / n_seen
-    return correlation, np.sqrt(gain**2 * OWN_WEIGHT * noise * spread)
+    contrast = np.maximum((power - shared) / power, LEAST_CONTRAST)
+    ahead = (dx * dx + dy * dy) / (contrast * contrast)
+    return correlation, np.sqrt(gain**2 * OWN_WEIGHT * noise * spread), ahead

@@ -13,7 +13,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernel_cv2 import LEAST_VARIANCE, OWN_WEIGHT, ROUNDING
+from .kernel_cv2 import LEAST_CONTRAST, LEAST_VARIANCE, OWN_WEIGHT, ROUNDING
 
 Array = NDArray[Any]
 NAME = "numba"
@@ -55,25 +55,25 @@ def step(
     flow: Array,
     light: Array,
     gain: float,
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array]:
     """See `kernel_cv2.step`."""
     last = gain > 0
     rows, cols = flow.shape[1:]
     out = np.empty_like(flow)
-    correlation, deviation = np.empty((2, rows if last else 0, cols), np.float32)
+    told = np.empty((3, rows if last else 0, cols), np.float32)
     # From each pixel on, four of its row in one word.
     words: Array = np.ndarray((image.size - 3,), np.uint32, image, strides=(1,))
     _step(
         words, image.shape[1], reference, nodes, size_px[0], size_px[1], flow, light, gain,
-        out, correlation, deviation,
+        out, told,
     )  # fmt: skip
-    return out, correlation, deviation
+    return out, told
 
 
 @_compiled
 def _step(
     words: Any, stride: int, reference: Any, nodes: Any, height: int, width: int, flow: Any,
-    light: Any, gain: float, out: Any, correlation: Any, deviation: Any,
+    light: Any, gain: float, out: Any, told: Any,
 ) -> None:  # fmt: skip
     rows, cols = flow.shape[1], flow.shape[2]
     seen_rows, seen_cols = height // 2, width // 2
@@ -117,7 +117,7 @@ def _step(
         _solve(box, nodes, flow, i0, cols, moved)
         if last:
             _shown(box, light[:, i0], cols)
-            _judge(box, nodes, flow, i0, cols, moved, kept, gain, correlation[i0], deviation[i0])
+            _judge(box, nodes, flow, i0, cols, moved, kept, gain, told[:, i0])
         for k in range(2):
             moved[k, 0], moved[k, cols + 1] = moved[k, 1], moved[k, cols]
             _soften(moved[k], cols, smooth[i0 % 3, k])
@@ -301,8 +301,9 @@ def _shown(box: Any, light: Any, n: int) -> None:
 @_compiled
 def _judge(
     box: Any, nodes: Any, flow: Any, i: int, n: int, moved: Any, kept: Any, gain: float,
-    correlation: Any, deviation: Any,
+    told: Any,
 ) -> None:  # fmt: skip
+    correlation, deviation, ahead = told[0], told[1], told[2]
     zero, one, two = np.float32(0), np.float32(1), np.float32(2)
     b2, b3, b4, b5, b6, b7 = box[2], box[3], box[4], box[5], box[6], box[7]
     power, shared, rest = kept[0], kept[1], kept[2]
@@ -333,6 +334,11 @@ def _judge(
         noise = left / max(weights[j] - b5[j] - lost, own) + rounding
         spread = (i11[j] + i22[j]) * weights[j] / max(weights[j] - b5[j], own)
         deviation[j] = np.sqrt(factor * noise * spread)
+    least_contrast = np.float32(LEAST_CONTRAST)
+    for j in range(n):
+        dx, dy = mx[j + 1] - ux[j], my[j + 1] - uy[j]
+        contrast = max((power[j] - shared[j]) / power[j], least_contrast)
+        ahead[j] = (dx * dx + dy * dy) / (contrast * contrast)
 
 
 @_compiled
