@@ -116,8 +116,9 @@ def _step(
             _across(column[k], cols, box[k])
         _solve(box, nodes, flow, i0, cols, moved)
         if last:
-            _shown(box, light[:, i0], cols)
-            _judge(box, nodes, flow, i0, cols, moved, kept, gain, told[:, i0])
+            _shown(box, light[0, i0], light[1, i0], cols)
+            _judge(box, nodes, flow, i0, cols, moved, kept, gain,
+                   told[0, i0], told[1, i0], told[2, i0])  # fmt: skip
         for k in range(2):
             moved[k, 0], moved[k, cols + 1] = moved[k, 1], moved[k, cols]
             _soften(moved[k], cols, smooth[i0 % 3, k])
@@ -287,9 +288,8 @@ def _solve(box: Any, nodes: Any, flow: Any, i: int, n: int, moved: Any) -> None:
 
 
 @_compiled
-def _shown(box: Any, light: Any, n: int) -> None:
+def _shown(box: Any, a: Any, b: Any, n: int) -> None:
     """Takes out of the sums over D what the light stands in for."""
-    a, b = light[0], light[1]
     b2, b3, b4, b5, b6, b7 = box[2], box[3], box[4], box[5], box[6], box[7]
     for j in range(n):
         b2[j] -= a[j] * b5[j] + b[j] * b6[j]
@@ -301,9 +301,8 @@ def _shown(box: Any, light: Any, n: int) -> None:
 @_compiled
 def _judge(
     box: Any, nodes: Any, flow: Any, i: int, n: int, moved: Any, kept: Any, gain: float,
-    told: Any,
+    correlation: Any, deviation: Any, ahead: Any,
 ) -> None:  # fmt: skip
-    correlation, deviation, ahead = told[0], told[1], told[2]
     zero, one, two = np.float32(0), np.float32(1), np.float32(2)
     b2, b3, b4, b5, b6, b7 = box[2], box[3], box[4], box[5], box[6], box[7]
     power, shared, rest = kept[0], kept[1], kept[2]
