@@ -158,3 +158,18 @@ def test_rules_are_checked():
         ConfidenceRule(chroma_min=1.5)
     with pytest.raises(InputError, match="border_px = 0; above 0"):
         ConfidenceRule(border_px=0)
+
+
+@pytest.mark.parametrize("at_once", [True, False], ids=["first", "after a sequence"])
+def test_what_a_blur_leaves_unresolved_is_not_confident(at_once, sequence):
+    """Steps that the blurred image makes too short have not arrived, however small they are."""
+    images, truths, _ = sequence
+    before = images[:1] if at_once else images[:-1]
+    confident = []
+    for side in (9, 21):
+        seen = follow([*before, cv2.blur(images[-1], (side, 1))])
+        off = off_px(seen, truths[-1])[seen.confident]
+        print(f"{side} px: {seen.confident.mean():.3f}, off {(off > 1).mean() if off.size else 0}")
+        assert not off.size or (off > 1).mean() < 0.005
+        confident.append(seen.confident.mean())
+    assert confident[0] > 0.4 > 0.1 > confident[1]

@@ -133,6 +133,25 @@ def test_another_light_does_no_harm(gain, offset, make_scene):
     assert np.median(other.correlation) > np.median(plain.correlation) - 0.02
 
 
+@pytest.mark.parametrize("by", kernels(), ids=lambda k: k.NAME)
+@pytest.mark.parametrize(("gain", "offset"), [(1, -60), (1, 40), (0.6, 0)])
+@pytest.mark.parametrize("shift_px", [0, 5])
+def test_another_light_does_no_harm_where_the_view_ends(shift_px, gain, offset, by, make_scene):
+    """What the current image does not show must not pull by the difference of the light."""
+    scene = make_scene(W, H, patch_mm=0.1, contrast=0.4, shading=0.0)
+    motion = Affine((shift_px, shift_px))
+    first, second = to_gray(scene.picture()), to_gray(scene.picture(motion, 1))
+    lit = np.clip(np.rint(gain * second.astype(float) + offset), 0, 255).astype(np.uint8)
+    assert np.mean(lit == 0) < 0.01
+    truth = to_half(motion.flow_px(H, W))
+    start = np.ascontiguousarray(truth, np.float32)
+    found = Reference.of(first, by).refine(Plane.of(lit), start).flow_px
+    stays = np.s_[: H // 2 - 4, : W // 2 - 4]
+    error = np.hypot(*np.moveaxis(found - truth, -1, 0))[stays]
+    print(f"max {error.max():.3f} px")
+    assert error.max() < 0.3
+
+
 def test_its_own_result_as_the_start_changes_little_however_often(scene):
     motion = Affine((1.2, 0.7), ((0.03, 0.0), (0.0, -0.02)))
     reference = Reference.of(scene.picture())

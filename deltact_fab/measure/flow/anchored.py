@@ -38,11 +38,11 @@ class Anchored:
         start = self._flow + sample(
             predict(self._last, plane), landing_px(self._flow * np.float32(0.5))
         )
-        flow, correlation, deviation = self._reference.refine(plane, start)
-        kept = self._judge.kept(flow, correlation)
-        agreeing = self._judge.agreeing(image, flow, kept, correlation, deviation)
+        match = self._reference.refine(plane, start)
+        kept = self._judge.kept(match.flow_px, match.correlation)
+        agreeing = self._judge.agreeing(image, match, kept)
         # Neighbours are asked only where they agree: a match that is kept and wrong would draw
         # others after it.
-        flow = filled(flow, agreeing, kept)
+        flow = filled(match.flow_px, agreeing, kept)
         self._flow, self._last = flow, plane
-        return Followed(flow, kept, agreeing)
+        return Followed(flow, kept, agreeing & self._judge.settled(match, kept))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ..compose import landing_px, sample
-from .fused import Plane
+from .fused import Plane, Refined
 from .observation import FlowState
 
 Array = NDArray[Any]
@@ -36,9 +36,10 @@ class ConfidenceRule:
     Confident: kept, and a second witness. Of a colour image the fit sees green alone, so red and
     blue must correlate above `chroma_min` over `window_px`. A grey image has no second witness:
     its one correlation must be above `grey_min`. In both, the fit's own predicted deviation is
-    below `deviation_max_px`, it lands `border_px` or more from the image's edge, where the fit's
-    window is cut off, and of the textured nodes in `support_px` around at least `support_share`
-    agree.
+    below `deviation_max_px`; of a flow that the fused steps found, together with what they have yet
+    to do around (root of the mean square over `fit_px`). It lands `border_px` or more from the
+    image's edge, where the fit's window is cut off, and of the textured nodes in `support_px`
+    around at least `support_share` agree.
 
     A frame is trusted when `textured_share` or more of the first image has a standard deviation of
     `texture_min` grey levels, and `trusted_share` or more of that is confident now.
@@ -48,7 +49,8 @@ class ConfidenceRule:
     keep_det: float = 0.12
     chroma_min: float = 0.3
     grey_min: float = 0.7
-    deviation_max_px: float = 0.25
+    deviation_max_px: float = 0.29
+    fit_px: int = 28
     border_px: float = 3.0
     window_px: int = 20
     support_px: int = 68
@@ -65,7 +67,14 @@ class ConfidenceRule:
         for name in shares:
             if not 0 < getattr(self, name) < 1:
                 raise InputError(f"confidence: {name} = {getattr(self, name)}; between 0 and 1")
-        for name in ("deviation_max_px", "border_px", "window_px", "support_px", "texture_min"):
+        for name in (
+            "deviation_max_px",
+            "border_px",
+            "window_px",
+            "support_px",
+            "fit_px",
+            "texture_min",
+        ):
             if not getattr(self, name) > 0:
                 raise InputError(f"confidence: {name} = {getattr(self, name)}; above 0")
 
@@ -92,6 +101,7 @@ class Judge:
         self.name = "colour" if image.ndim == 3 and witness else "grey"
         self._shape = plane.shape
         self._window = (max(1, round(rule.window_px / _COARSE_PX)),) * 2
+        self._fit = (max(1, round(rule.fit_px / _COARSE_PX)),) * 2
         self._support = (max(1, round(rule.support_px / _COARSE_PX)),) * 2
         tracked = plane.small.astype(np.float32)
         tracked = tracked - cv2.blur(tracked, (9, 9), borderType=_EDGE)
@@ -126,21 +136,27 @@ class Judge:
             state[~kept] = np.where(guided[~kept], FlowState.PREDICTED, FlowState.LOST)
         return state
 
-    def agreeing(
-        self, image: Array, flow_px: Array, kept: Array, correlation: Array, deviation_px: Array
-    ) -> Array:
-        """Kept nodes that the second witness bears out, (hh, ww) bool.
-
-        correlation, deviation_px: as `fused.Refined` has them.
-        """
-        rule = self.rule
-        agreeing = kept & self.textured & (deviation_px < rule.deviation_max_px)
+    def agreeing(self, image: Array, match: Refined, kept: Array) -> Array:
+        """Kept nodes that the second witness bears out, (hh, ww) bool."""
+        rule, flow_px = self.rule, match.flow_px
+        agreeing = kept & self.textured & (match.deviation_px < rule.deviation_max_px)
         agreeing &= self.inside(flow_px, rule.border_px)
         if self.name == "colour":
             agreeing &= self._wide(self._chroma(image, flow_px)) > rule.chroma_min
         else:
-            agreeing &= correlation > rule.grey_min
+            agreeing &= match.correlation > rule.grey_min
         return np.asarray(agreeing)
+
+    def settled(self, match: Refined, kept: Array) -> Array:
+        """Where the steps around have little left to do, (hh, ww) bool.
+
+        One node's own step may happen to be 0, so the kept ones around count.
+        """
+        weight = _coarse(kept.astype(np.float32))
+        ahead = _coarse(np.where(kept, match.ahead_px2, np.float32(0)))
+        n, total = (cv2.blur(a, self._fit, borderType=_EDGE) for a in (weight, ahead))
+        left = self._wide(total / np.maximum(n, np.float32(1e-3)))
+        return np.asarray(match.deviation_px**2 + left < self.rule.deviation_max_px**2)
 
     def verdict(self, inside: Array, agreeing: Array) -> Verdict:
         """What is believed; inside: as above, of the whole flow."""

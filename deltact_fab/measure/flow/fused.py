@@ -32,6 +32,8 @@ Array = NDArray[Any]
 STEPS = (6, 4, 2)  # on a quarter, half and the full size
 _LEVELS = 3
 _BEYOND_PX = 4  # pixels behind the last one that a warp may read
+_LIGHT_WINDOW = 11  # of 8 px: within it the light is alike
+_PRIOR = 0.02
 _DAMPING = 0.01  # grey levels^2 / px^2 a pixel, on the normal matrix
 # Steps and smoothing pass more noise than one fit does: by the transfer functions of window and
 # smoothing, after two steps on the full size.
@@ -125,12 +127,15 @@ class Refined(NamedTuple):
     flow_px (hh, ww, 2) float32, in px of the full image. correlation (hh, ww) float32 in -1..1, of
     the windows of reference and warped image, where the current image shows them; 0 where it does
     not. deviation_px (hh, ww) float32: standard deviation of the flow's endpoint, from what the fit
-    leaves and the normal matrix; it knows noise, not a match that is wrong.
+    leaves and the normal matrix; it knows noise, not a match that is wrong. ahead_px2 (hh, ww)
+    float32: squared length of the last step over the contrast that the current image has to the
+    reference, which steps are short by: an estimate of what they have yet to do.
     """
 
     flow_px: Array
     correlation: Array
     deviation_px: Array
+    ahead_px2: Array
 
 
 class _Level(NamedTuple):
@@ -176,16 +181,19 @@ class Reference:
         for k, n in zip(reversed(range(_LEVELS)), steps, strict=True):
             size = (n_cols >> k, n_rows >> k)
             planes = _resized(planes, size)
+            light = self._light(current, k, planes)
             for i in range(n):
                 last = k == 0 and i == n - 1
-                planes, correlation, deviation = self._step(current, k, planes, last)
-        return self._cut(cv2.merge(list(planes)), correlation, deviation)
+                planes, told = self._step(current, k, planes, light, last)
+        return self._cut(cv2.merge(list(planes)), told)
 
     def evaluate(self, current: Plane, flow_px: Array) -> Refined:
         """Correlation and deviation, as in `refine`, of a flow (hh, ww, 2) found elsewhere."""
         self._check_size(current)
-        _, correlation, deviation = self._step(current, 0, self._padded(flow_px), True)
-        return self._cut(flow_px, correlation, deviation)
+        planes = self._padded(flow_px)
+        light = self._light(current, 0, planes)
+        _, told = self._step(current, 0, planes, light, True)
+        return self._cut(flow_px, told)
 
     def _check_size(self, current: Plane) -> None:
         if current.shape != self.plane.shape:
@@ -206,19 +214,45 @@ class Reference:
             raise InputError("flow: the start is not finite everywhere")
         return planes
 
+    def _light(self, current: Plane, k: int, planes: Array) -> Array:
+        """What a change of light makes of reference less current image, see `kernel_cv2.step`.
+
+        By a fit over what the current image shows of a window, to one pixel of each 8 cells.
+        """
+        nodes = 1 << (_LEVELS - 1 - k)
+        height, width = self._levels[k].size_px
+        start = planes[:, ::nodes, ::nodes]
+        x0, y0 = (2 * nodes * np.arange(n, dtype=np.float32) for n in start.shape[:0:-1])
+        x, y = start[0] + x0, start[1] + y0[:, None]
+        shown = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
+        shown &= (x0 < width) & (y0[:, None] < height)
+        seen = cv2.remap(current.level(k), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        r = self.plane.level(k)[:: 2 * nodes, :: 2 * nodes].astype(np.float32) - 128
+        d = r + 128 - seen
+        sums = [shown * a for a in (np.ones_like(r), r, d, r * r, r * d)]
+        # With a little of the whole image, for where next to nothing is shown.
+        n, r, d, rr, rd = (
+            cv2.blur(a, (_LIGHT_WINDOW,) * 2, borderType=cv2.BORDER_CONSTANT) + _PRIOR * a.mean()
+            for a in sums
+        )
+        n = np.maximum(n, _PRIOR / r.size)
+        slope = (n * rd - r * d) / np.maximum(n * rr - r * r, LEAST_VARIANCE * n * n)
+        coarse = np.stack([(d - slope * r) / n, slope])
+        return _resized(coarse, (planes.shape[2], planes.shape[1]), 1)
+
     def _step(
-        self, current: Plane, k: int, planes: Array, last: bool
-    ) -> tuple[Array, Array, Array]:
+        self, current: Plane, k: int, planes: Array, light: Array, last: bool
+    ) -> tuple[Array, Array]:
         level, target = self._levels[k], current.target(k, self._by)
         gain = self.plane.noise_gain if last else 0.0
-        moved, correlation, deviation = self._by.step(
-            target, level.cells, level.nodes, level.size_px, planes, gain
+        moved, told = self._by.step(
+            target, level.cells, level.nodes, level.size_px, planes, light, gain
         )
-        return moved, correlation, deviation
+        return moved, told
 
-    def _cut(self, flow: Array, correlation: Array, deviation: Array) -> Refined:
+    def _cut(self, flow: Array, told: Array) -> Refined:
         hh, ww = self.plane.small.shape
-        return Refined(*(np.ascontiguousarray(a[:hh, :ww]) for a in (flow, correlation, deviation)))
+        return Refined(*(np.ascontiguousarray(a[:hh, :ww]) for a in (flow, *told)))
 
 
 def _prepared(plane: Plane, k: int, by: ModuleType) -> _Level:
@@ -255,8 +289,11 @@ def _prepared(plane: Plane, k: int, by: ModuleType) -> _Level:
     return _Level(cells, np.stack(nodes, axis=1), (h, w))
 
 
-def _resized(planes: Array, size: tuple[int, int]) -> Array:
-    """Flow planes (2, rows, cols) in px on a grid (cols, rows) that is coarser or twice as fine."""
+def _resized(planes: Array, size: tuple[int, int], unit: float | None = None) -> Array:
+    """Planes (2, rows, cols) on a grid (cols, rows) that is coarser or finer.
+
+    unit: how the values change with it; by default as a flow in px of the grid's image does.
+    """
     if planes.shape[:0:-1] == size:
         return planes
     scale = size[0] / planes.shape[2]
@@ -264,7 +301,7 @@ def _resized(planes: Array, size: tuple[int, int]) -> Array:
     how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
     for plane, into in zip(planes, out, strict=True):
         cv2.resize(plane, size, into, interpolation=how)
-    out *= np.float32(scale)
+    out *= np.float32(scale if unit is None else unit)
     return out
 
 

@@ -18,6 +18,7 @@ OWN_WEIGHT = float(np.sum(WINDOW**2) ** 2 / np.sum(WINDOW) ** 2)
 LEAST_VARIANCE = 0.25  # grey levels^2: less is no texture
 ROUNDING = 1 / 6  # variance of the difference of two images of whole grey levels
 MAX_STEP_PX = 1.0
+LEAST_CONTRAST = 0.05  # of the current image to the reference
 _ROWS = 32
 _SOFT = np.array([0.25, 0.5, 0.25], np.float32)
 
@@ -51,17 +52,19 @@ def around(cells: Array) -> Array:
 
 def step(
     corners: Array, reference: Array, nodes: Array, size_px: tuple[int, int], flow: Array,
-    gain: float,
-) -> tuple[Array, Array, Array]:  # fmt: skip
+    light: Array, gain: float,
+) -> tuple[Array, Array]:  # fmt: skip
     """One step of every node, then one pass of 1 2 1 over the flow.
 
     corners: of `target`; reference: of `reference`; nodes (rows, 10, cols), see `fused`; size_px
-    (height, width) of the image within its padding; flow (2, rows, cols) float32 px. gain: how
-    much more noise the chain of steps passes than one fit. Returns the new flow and, if gain is
-    positive, correlation and deviation in px of the flow that was given, each (rows, cols), over
-    what the current image shows of the windows.
+    (height, width) of the image within its padding; flow (2, rows, cols) float32 px. light
+    (2, rows, cols) float32: what a change of light makes of reference less current image there,
+    light[0] + light[1] * reference; it stands in where the current image does not show a pixel, so
+    that the pixel does not pull. gain: how much more noise the chain of steps passes than one fit.
+    Returns the new flow and, if gain is positive, (3, rows, cols) over what the current image shows
+    of the windows: correlation and deviation in px of the flow that was given, and the squared
+    length of the step over the contrast, px^2.
     """
-    last = gain > 0
     last = gain > 0
     height, width = size_px
     rows, cols = flow.shape[1:]
@@ -73,9 +76,10 @@ def step(
     sums = np.zeros((8 if last else 4, rows, cols), np.float32)
     part = [s[inner] for s in sums]
     r = [plane[inner] for plane in reference]
+    offset, slope = (a[inner][hidden] for a in light)
     for k, d in enumerate(found):
         cv2.subtract(r[k], d, d)
-        d[hidden] = 0
+        d[hidden] = offset + slope * r[k][hidden]
         cv2.accumulateProduct(d, r[4 + k], part[0])
         cv2.accumulateProduct(d, r[8 + k], part[1])
         cv2.accumulate(d, part[2])
@@ -89,17 +93,17 @@ def step(
     n_sums = 8 if last and sums[5].any() else min(5, len(sums))
     for k in range(n_sums):
         sums[k] = around(sums[k])
-    step_px, told = np.empty_like(flow), np.empty((2, rows if last else 0, cols), np.float32)
+    step_px, told = np.empty_like(flow), np.empty((3, rows if last else 0, cols), np.float32)
     for i in range(0, rows, _ROWS):  # what lies between stays in the cache
         cut = np.s_[i : i + _ROWS]
         node = nodes[cut].transpose(1, 0, 2)
         step_px[:, cut] = _solved(sums[:4, cut], node)
         if last:
-            told[:, cut] = _judged(sums[:, cut], node, step_px[:, cut], gain)
+            told[:, cut] = _judged(sums[:, cut], node, light[:, cut], step_px[:, cut], gain)
     step_px += flow
     for u in step_px:
         cv2.sepFilter2D(u, -1, _SOFT, _SOFT, u, borderType=cv2.BORDER_REPLICATE)
-    return step_px, told[0], told[1]
+    return step_px, told
 
 
 def _solved(sums: Array, node: Array) -> Array:
@@ -110,8 +114,14 @@ def _solved(sums: Array, node: Array) -> Array:
     return np.clip((dx, dy), -MAX_STEP_PX, MAX_STEP_PX)
 
 
-def _judged(sums: Array, node: Array, step_px: Array, gain: float) -> tuple[Array, Array]:
+def _judged(
+    sums: Array, node: Array, light: Array, step_px: Array, gain: float
+) -> tuple[Array, Array, Array]:
     _, _, sd, sr, squares, hidden_n, hidden_r, hidden_rr = sums
+    a, b = light
+    sd = sd - a * hidden_n - b * hidden_r
+    sr = sr - a * hidden_r - b * hidden_rr
+    squares = squares - a * a * hidden_n - 2 * a * b * hidden_r - b * b * hidden_rr
     i11, i12, i22, *_, all_mean, all_power, weights = node
     dx, dy = step_px
     n_seen = np.maximum(weights - hidden_n, OWN_WEIGHT)
@@ -128,4 +138,6 @@ def _judged(sums: Array, node: Array, step_px: Array, gain: float) -> tuple[Arra
     left = np.maximum(rest - shared * shared / power - explained, 0)
     noise = left / np.maximum(weights - hidden_n - 4 * OWN_WEIGHT, OWN_WEIGHT) + ROUNDING
     spread = (i11 + i22) * weights / n_seen
-    return correlation, np.sqrt(gain**2 * OWN_WEIGHT * noise * spread)
+    contrast = np.maximum((power - shared) / power, LEAST_CONTRAST)
+    ahead = (dx * dx + dy * dy) / (contrast * contrast)
+    return correlation, np.sqrt(gain**2 * OWN_WEIGHT * noise * spread), ahead

@@ -13,7 +13,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernel_cv2 import LEAST_VARIANCE, OWN_WEIGHT, ROUNDING
+from .kernel_cv2 import LEAST_CONTRAST, LEAST_VARIANCE, OWN_WEIGHT, ROUNDING
 
 Array = NDArray[Any]
 NAME = "numba"
@@ -53,26 +53,27 @@ def step(
     nodes: Array,
     size_px: tuple[int, int],
     flow: Array,
+    light: Array,
     gain: float,
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array]:
     """See `kernel_cv2.step`."""
     last = gain > 0
     rows, cols = flow.shape[1:]
     out = np.empty_like(flow)
-    correlation, deviation = np.empty((2, rows if last else 0, cols), np.float32)
+    told = np.empty((3, rows if last else 0, cols), np.float32)
     # From each pixel on, four of its row in one word.
     words: Array = np.ndarray((image.size - 3,), np.uint32, image, strides=(1,))
     _step(
-        words, image.shape[1], reference, nodes, size_px[0], size_px[1], flow, gain,
-        out, correlation, deviation,
+        words, image.shape[1], reference, nodes, size_px[0], size_px[1], flow, light, gain,
+        out, told,
     )  # fmt: skip
-    return out, correlation, deviation
+    return out, told
 
 
 @_compiled
 def _step(
     words: Any, stride: int, reference: Any, nodes: Any, height: int, width: int, flow: Any,
-    gain: float, out: Any, correlation: Any, deviation: Any,
+    light: Any, gain: float, out: Any, told: Any,
 ) -> None:  # fmt: skip
     rows, cols = flow.shape[1], flow.shape[2]
     seen_rows, seen_cols = height // 2, width // 2
@@ -97,6 +98,7 @@ def _step(
             _address(flow[0, i], flow[1, i], i, seen_cols, height, width, stride, where, at)
             _gather(words, stride, at, seen_cols, found)
             _difference(found, where, reference[i + 1], seen_cols, d)
+            _stand_in(where[2], light[:, i], reference[i + 1], seen_cols, d)
             _sum(d, reference, i + 1, seen_cols, new)
             if last:
                 _sum_last(d, where[2], reference[i + 1], seen_cols, new)
@@ -114,7 +116,9 @@ def _step(
             _across(column[k], cols, box[k])
         _solve(box, nodes, flow, i0, cols, moved)
         if last:
-            _judge(box, nodes, flow, i0, cols, moved, kept, gain, correlation[i0], deviation[i0])
+            _shown(box, light[0, i0], light[1, i0], cols)
+            _judge(box, nodes, flow, i0, cols, moved, kept, gain,
+                   told[0, i0], told[1, i0], told[2, i0])  # fmt: skip
         for k in range(2):
             moved[k, 0], moved[k, cols + 1] = moved[k, 1], moved[k, cols]
             _soften(moved[k], cols, smooth[i0 % 3, k])
@@ -180,6 +184,15 @@ def _difference(found: Any, where: Any, r: Any, n: int, d: Any) -> None:
         d1[j] = m * (r1[j] + off - (p1 + fy * (q1 - p1)))
         d2[j] = m * (r2[j] + off - (q0 + fy * (s0 - q0)))
         d3[j] = m * (r3[j] + off - (q1 + fy * (s1 - q1)))
+
+
+@_compiled
+def _stand_in(seen: Any, light: Any, r: Any, n: int, d: Any) -> None:
+    """What the light makes of a row's cells that the current image does not show."""
+    for j in range(n):
+        if not seen[j]:
+            for k in range(4):
+                d[k, j] = light[0, j] + light[1, j] * r[k, j + 1]
 
 
 @_compiled
@@ -275,9 +288,20 @@ def _solve(box: Any, nodes: Any, flow: Any, i: int, n: int, moved: Any) -> None:
 
 
 @_compiled
+def _shown(box: Any, a: Any, b: Any, n: int) -> None:
+    """Takes out of the sums over D what the light stands in for."""
+    b2, b3, b4, b5, b6, b7 = box[2], box[3], box[4], box[5], box[6], box[7]
+    for j in range(n):
+        b2[j] -= a[j] * b5[j] + b[j] * b6[j]
+        b3[j] -= a[j] * b6[j] + b[j] * b7[j]
+    for j in range(n):
+        b4[j] -= a[j] * (a[j] * b5[j] + (b[j] + b[j]) * b6[j]) + b[j] * b[j] * b7[j]
+
+
+@_compiled
 def _judge(
     box: Any, nodes: Any, flow: Any, i: int, n: int, moved: Any, kept: Any, gain: float,
-    correlation: Any, deviation: Any,
+    correlation: Any, deviation: Any, ahead: Any,
 ) -> None:  # fmt: skip
     zero, one, two = np.float32(0), np.float32(1), np.float32(2)
     b2, b3, b4, b5, b6, b7 = box[2], box[3], box[4], box[5], box[6], box[7]
@@ -309,6 +333,11 @@ def _judge(
         noise = left / max(weights[j] - b5[j] - lost, own) + rounding
         spread = (i11[j] + i22[j]) * weights[j] / max(weights[j] - b5[j], own)
         deviation[j] = np.sqrt(factor * noise * spread)
+    least_contrast = np.float32(LEAST_CONTRAST)
+    for j in range(n):
+        dx, dy = mx[j + 1] - ux[j], my[j + 1] - uy[j]
+        contrast = max((power[j] - shared[j]) / power[j], least_contrast)
+        ahead[j] = (dx * dx + dy * dy) / (contrast * contrast)
 
 
 @_compiled

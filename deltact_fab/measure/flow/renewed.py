@@ -126,12 +126,12 @@ class Renewed:
         flow, stayed = self._sum(match)
         self._settle(match, gray, flow, stayed)
         nodes = to_half(flow)
-        _, correlation, deviation = self._first.evaluate(plane, nodes)
-        kept = self._judge.kept(nodes, correlation)
+        seen = self._first.evaluate(plane, nodes)
+        kept = self._judge.kept(nodes, seen.correlation)
         return Followed(
             nodes,
             kept,
-            self._judge.agreeing(image, nodes, kept, correlation, deviation),
+            self._judge.agreeing(image, seen, kept),
             flow,
             stayed,
             match.against.frame,
