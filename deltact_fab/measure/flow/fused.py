@@ -176,12 +176,14 @@ class Reference:
             )
         self._check_size(current)
         start = predict(self.plane, current) if start_px is None else start_px
-        planes = self._padded(start)
+        planes = light = self._padded(start)
         n_rows, n_cols = planes.shape[1:]
         for k, n in zip(reversed(range(_LEVELS)), steps, strict=True):
             size = (n_cols >> k, n_rows >> k)
             planes = _resized(planes, size)
-            light = self._light(current, k, planes)
+            # Grey levels are the same on every level: what the first one says serves the next.
+            between = 0 < k < _LEVELS - 1
+            light = _resized(light, size, 1) if between else self._light(current, k, planes)
             for i in range(n):
                 last = k == 0 and i == n - 1
                 planes, told = self._step(current, k, planes, light, last)

@@ -189,6 +189,11 @@ def _difference(found: Any, where: Any, r: Any, n: int, d: Any) -> None:
 @_compiled
 def _stand_in(seen: Any, light: Any, r: Any, n: int, d: Any) -> None:
     """What the light makes of a row's cells that the current image does not show."""
+    n_seen = np.float32(0)
+    for j in range(n):
+        n_seen += seen[j]
+    if n_seen == n:  # most rows
+        return
     for j in range(n):
         if not seen[j]:
             for k in range(4):
@@ -291,6 +296,11 @@ def _solve(box: Any, nodes: Any, flow: Any, i: int, n: int, moved: Any) -> None:
 def _shown(box: Any, a: Any, b: Any, n: int) -> None:
     """Takes out of the sums over D what the light stands in for."""
     b2, b3, b4, b5, b6, b7 = box[2], box[3], box[4], box[5], box[6], box[7]
+    hidden = np.float32(0)
+    for j in range(n):
+        hidden += b5[j]
+    if hidden == 0:  # whole numbers: exactly so in most rows
+        return
     for j in range(n):
         b2[j] -= a[j] * b5[j] + b[j] * b6[j]
         b3[j] -= a[j] * b6[j] + b[j] * b7[j]
