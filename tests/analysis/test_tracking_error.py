@@ -28,7 +28,7 @@ def result(mini_run: Path) -> te.TrackingResult:
         return te.analyse(mini_run, METHODS, executor)
 
 
-def test_the_json_has_what_the_issue_names(result: te.TrackingResult) -> None:
+def test_the_json_has_every_figure(result: te.TrackingResult) -> None:
     data = json.loads(json.dumps(result.as_dict(), allow_nan=False))
     for row in data["methods"]:
         assert {"name", "mean_at_dots_mm", "mean_off_dots_mm", "p95_off_dots_mm", "n_moving_px",

@@ -78,6 +78,7 @@ def assert_composition_wins(mean: dict[str, float]) -> None:
     assert mean["composed adaptive"] < mean["composed every-frame"]
 
 
+@pytest.mark.slow
 def test_composition_beats_the_sum_over_8_mm(extreme):
     assert_composition_wins(bookkeeping("dis-fast", extreme))
 
