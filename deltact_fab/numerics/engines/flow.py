@@ -128,7 +128,8 @@ def cases(quick: bool) -> Sequence[Case]:
                         partial(flow_hard.least_blind, what, near), bound,
                         "share of the view"))  # fmt: skip
     for name in flow_hard.LONG:
-        for frames, bound in ((10, 0.0), (5, 0.0), (1, flow_hard.WRONG)):
+        several = flow_hard.LONG_WRONG.get(name, 0.0)
+        for frames, bound in ((10, several), (5, several), (1, flow_hard.WRONG)):
             what = (
                 f"{name.replace('far', '121 px')} in {frames} frames: confident pixels off by 1 px"
             )

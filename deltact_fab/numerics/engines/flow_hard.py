@@ -121,6 +121,9 @@ SPOILT: dict[str, Callable[[Image], Image]] = {
 OTHER_SEED, HALF_OTHER, ONE_CORNER = "other seed", "half another pattern", "one textured corner"
 # Of a frame that is trusted: share of the confident pixels that may be off by more than 1 px.
 WRONG = 0.005
+# The same of a long motion in several frames, where the goal is none at all. On the coarse pattern
+# some pixels where the motion squeezes areas to half are off by up to 1.5 px (decision 0016).
+LONG_WRONG = {"far": 0.0015}
 # Share of the view that may be without confidence in what should still be read.
 BLIND = {"whole": 0.15, "blur of 9 px": 0.5, "light x 0.6": 0.2, "light x 1.4": 0.2}
 # Candidates for the rule's bound on the predicted deviation, px.
