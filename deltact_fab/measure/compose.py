@@ -49,6 +49,18 @@ def sample(field: Array, points_px: Array) -> Array:
     return cv2.remap(field, points_px, _NO_MAP2, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
+def shrunk(image: Array, side: int) -> Array:
+    """Means over cells of side x side pixels, (ceil(h / side), ceil(w / side)[, c]).
+
+    The last cells continue what they have.
+    """
+    h, w = image.shape[:2]
+    down, right = -h % side, -w % side
+    if down or right:
+        image = cv2.copyMakeBorder(image, 0, down, 0, right, cv2.BORDER_REPLICATE)
+    return cv2.resize(image, None, fx=1 / side, fy=1 / side, interpolation=cv2.INTER_AREA)
+
+
 def compose(first: Array, second: Array) -> Array:
     """F(x) = first(x) + second(x + first(x)): the second flow is read where the first one lands.
 

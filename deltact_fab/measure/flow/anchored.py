@@ -39,8 +39,7 @@ class Anchored:
             predict(self._last, plane), landing_px(self._flow * np.float32(0.5))
         )
         match = self._reference.refine(plane, start)
-        kept = self._judge.kept(match.flow_px, match.correlation)
-        agreeing = self._judge.agreeing(image, match, kept)
+        kept, agreeing = self._judge.look(image, match)
         # Neighbours are asked only where they agree: a match that is kept and wrong would draw
         # others after it.
         flow = filled(match.flow_px, agreeing, kept)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from ..compose import landing_px, sample
+from ..compose import landing_px, sample, shrunk
 from .fused import Plane, Refined
 from .observation import FlowState
 
@@ -114,19 +114,25 @@ class Judge:
             power = self._around(_product(self._witness, self._witness))
             self._power = power - _product(self._mean, self._mean)
 
-    def inside(self, flow_px: Array, margin_px: float = 0.0) -> Array:
-        """Which nodes land inside the image and so far from its edge, (hh, ww) bool."""
-        h, w = self._shape
-        half = landing_px(flow_px * np.float32(0.5))
-        # Node j lies at pixel 2 j + 1/2.
-        low = (margin_px / 2 - 0.25,) * 2
-        high = ((w - 1 - margin_px) / 2 - 0.25, (h - 1 - margin_px) / 2 - 0.25)
-        return cv2.inRange(half, np.array(low), np.array(high)).view(bool)
+    def inside(self, flow_px: Array) -> Array:
+        """Which nodes land inside the image, (hh, ww) bool."""
+        return self._within(_landing(flow_px), 0.0)
 
-    def kept(self, flow_px: Array, correlation: Array) -> Array:
-        """Nodes whose own flow stands, (hh, ww) bool."""
-        found = (correlation > self.rule.keep_correlation) & (det_f(flow_px) > self.rule.keep_det)
-        return np.asarray(found & self.inside(flow_px))
+    def look(self, image: Array, match: Refined) -> tuple[Array, Array]:
+        """Nodes whose own flow stands, and those of them that the second witness bears out.
+
+        Both (hh, ww) bool; image: the current one, of which the match is.
+        """
+        rule, landing = self.rule, _landing(match.flow_px)
+        kept = (match.correlation > rule.keep_correlation) & (det_f(match.flow_px) > rule.keep_det)
+        kept &= self._within(landing, 0.0)
+        agreeing = kept & self.textured & (match.deviation_px < rule.deviation_max_px)
+        agreeing &= self._within(landing, rule.border_px)
+        if self.name == "colour":
+            agreeing &= self._wide(self._chroma(image, landing)) > rule.chroma_min
+        else:
+            agreeing &= match.correlation > rule.grey_min
+        return np.asarray(kept), np.asarray(agreeing)
 
     def state(self, inside: Array, kept: Array) -> Array:
         """What stands behind each node's flow, (hh, ww) uint8 of FlowState."""
@@ -136,24 +142,13 @@ class Judge:
             state[~kept] = np.where(guided[~kept], FlowState.PREDICTED, FlowState.LOST)
         return state
 
-    def agreeing(self, image: Array, match: Refined, kept: Array) -> Array:
-        """Kept nodes that the second witness bears out, (hh, ww) bool."""
-        rule, flow_px = self.rule, match.flow_px
-        agreeing = kept & self.textured & (match.deviation_px < rule.deviation_max_px)
-        agreeing &= self.inside(flow_px, rule.border_px)
-        if self.name == "colour":
-            agreeing &= self._wide(self._chroma(image, flow_px)) > rule.chroma_min
-        else:
-            agreeing &= match.correlation > rule.grey_min
-        return np.asarray(agreeing)
-
     def settled(self, match: Refined, kept: Array) -> Array:
         """Where the steps around have little left to do, (hh, ww) bool.
 
         One node's own step may happen to be 0, so the kept ones around count.
         """
-        weight = _coarse(kept.astype(np.float32))
-        ahead = _coarse(np.where(kept, match.ahead_px2, np.float32(0)))
+        weight = shrunk(kept.astype(np.float32), 2)
+        ahead = shrunk(np.where(kept, match.ahead_px2, np.float32(0)), 2)
         n, total = (cv2.blur(a, self._fit, borderType=_EDGE) for a in (weight, ahead))
         left = self._wide(total / np.maximum(n, np.float32(1e-3)))
         return np.asarray(match.deviation_px**2 + left < self.rule.deviation_max_px**2)
@@ -171,9 +166,16 @@ class Judge:
             self.textured_share >= rule.textured_share and share >= rule.trusted_share,
         )
 
-    def _chroma(self, image: Array, flow_px: Array) -> Array:
+    def _within(self, landing: Array, margin_px: float) -> Array:
+        """Which nodes land inside the image and so far from its edge, (hh, ww) bool."""
+        h, w = self._shape
+        # Node j lies at pixel 2 j + 1/2.
+        low = (margin_px / 2 - 0.25,) * 2
+        high = ((w - 1 - margin_px) / 2 - 0.25, (h - 1 - margin_px) / 2 - 0.25)
+        return cv2.inRange(landing, np.array(low), np.array(high)).view(bool)
+
+    def _chroma(self, image: Array, landing: Array) -> Array:
         """Correlation, by coarse cell, of what the fit has not seen; both channels together."""
-        landing = landing_px(flow_px * np.float32(0.5))
         current = [sample(c, landing).astype(np.float32) - 128 for c in _witness(image)]
         mean = [self._around(channel) for channel in current]
         power = self._around(_product(current, current)) - _product(mean, mean)
@@ -185,17 +187,22 @@ class Judge:
 
     def _around(self, nodes: Array) -> Array:
         """Means over `window_px`, by coarse cell."""
-        return cv2.blur(_coarse(nodes), self._window, borderType=_EDGE)
+        return cv2.blur(shrunk(nodes, 2), self._window, borderType=_EDGE)
 
     def _near(self, mask: Array) -> Array:
         """Share of the nodes in `support_px` around, (hh, ww)."""
         return self._wide(
-            cv2.blur(_coarse(mask.astype(np.float32)), self._support, borderType=_EDGE)
+            cv2.blur(shrunk(mask.astype(np.float32), 2), self._support, borderType=_EDGE)
         )
 
     def _wide(self, coarse: Array) -> Array:
         hh, ww = (-(-s // 2) for s in self._shape)
         return np.repeat(np.repeat(coarse, 2, axis=0), 2, axis=1)[:hh, :ww]
+
+
+def _landing(flow_px: Array) -> Array:
+    """Where nodes go, (hh, ww, 2) in nodes of the current image."""
+    return landing_px(flow_px * np.float32(0.5))
 
 
 def det_f(flow_px: Array) -> Array:
@@ -209,18 +216,9 @@ def det_f(flow_px: Array) -> Array:
     return np.asarray((1 + xx) * (1 + yy) - xy * yx)
 
 
-def _halved(image: Array) -> Array:
-    h, w = image.shape[:2]
-    even = cv2.copyMakeBorder(image, 0, h % 2, 0, w % 2, _EDGE) if h % 2 or w % 2 else image
-    return cv2.resize(even, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-
-
-_coarse = _halved
-
-
 def _witness(image: Array) -> list[Array]:
     """Blue and red of a BGR image on the half grid, (hh, ww) uint8 each: without green."""
-    small = _halved(image)
+    small = shrunk(image, 2)
     return [cv2.extractChannel(small, 0), cv2.extractChannel(small, 2)]
 
 

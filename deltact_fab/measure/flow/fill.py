@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compose import shrunk
+
 Array = NDArray[Any]
 CELL = 4  # nodes to a side of a cell
 WINDOWS = (5, 13, 33, 97)  # cells to a side
@@ -27,9 +29,9 @@ def filled(flow: Array, known: Array, kept: Array) -> Array:
         return flow
     h, w = kept.shape
     weight = known.astype(np.float32)
-    n, u, v = (_cells(part) for part in (weight, *(f * weight for f in cv2.split(flow))))
+    n, u, v = (shrunk(part, CELL) for part in (weight, *(f * weight for f in cv2.split(flow))))
     # A node is interpolated between its cell and the next ones.
-    some = (_cells((~kept).astype(np.float32)) > 0).astype(np.uint8)
+    some = (shrunk((~kept).astype(np.float32), CELL) > 0).astype(np.uint8)
     gone = cv2.dilate(some, np.ones((3, 3), np.uint8)) > 0
     x, y = np.meshgrid(*(np.arange(s) - s / 2 for s in n.shape[::-1]))
     sums = np.dstack(
@@ -49,13 +51,6 @@ def filled(flow: Array, known: Array, kept: Array) -> Array:
     found[gone] = (told / np.maximum(done, 1e-6)).T
     out = cv2.resize(found, None, fx=CELL, fy=CELL, interpolation=cv2.INTER_LINEAR)[:h, :w]
     return cv2.copyTo(flow, kept.view(np.uint8), np.ascontiguousarray(out))
-
-
-def _cells(nodes: Array) -> Array:
-    """Means over cells; the last ones continue what they have."""
-    h, w = nodes.shape
-    whole = cv2.copyMakeBorder(nodes, 0, -h % CELL, 0, -w % CELL, cv2.BORDER_REPLICATE)
-    return cv2.resize(whole, None, fx=1 / CELL, fy=1 / CELL, interpolation=cv2.INTER_AREA)
 
 
 def _planes(x: Array, y: Array, sums: Array) -> Array:

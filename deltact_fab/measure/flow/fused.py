@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from . import kernel_cv2
-from .image import MIN_SIDE_PX
+from .image import MIN_SIDE_PX, require_image
 from .kernel_cv2 import LEAST_VARIANCE, around
 
 Array = NDArray[Any]
@@ -88,11 +88,7 @@ class Plane:
         """
         if isinstance(image, Plane):
             return image
-        if image.dtype != np.uint8 or image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
-            raise InputError(
-                f"image is {image.dtype} {image.shape}; "
-                "(h, w, 3) BGR or (h, w) grey of uint8 is needed"
-            )
+        require_image(image)
         if min(image.shape[:2]) < MIN_SIDE_PX:
             raise InputError(
                 f"flow: the image is {image.shape[:2]}; "

@@ -15,16 +15,21 @@ Array = NDArray[Any]
 MIN_SIDE_PX = 64  # below it the pyramids of every method degenerate
 
 
+def require_image(image: Array) -> None:
+    """Raise InputError unless this is BGR (h, w, 3) or grey (h, w) of uint8."""
+    if image.dtype != np.uint8 or image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
+        raise InputError(
+            f"image is {image.dtype} {image.shape}; (h, w, 3) BGR or (h, w) grey of uint8 is needed"
+        )
+
+
 def to_gray(image: Array) -> Array:
     """BGR (h, w, 3) or grey (h, w) uint8 to a contiguous grey (h, w) uint8 that is our own.
 
     Raises InputError for anything else.
     """
-    if image.dtype == np.uint8 and image.ndim == 3 and image.shape[2] == 3:
+    require_image(image)
+    if image.ndim == 3:
         return cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-    if image.dtype == np.uint8 and image.ndim == 2:
-        # Kept across frames, while a camera may reuse its buffer.
-        return np.array(image, order="C")
-    raise InputError(
-        f"image is {image.dtype} {image.shape}; (h, w, 3) BGR or (h, w) grey of uint8 is needed"
-    )
+    # Kept across frames, while a camera may reuse its buffer.
+    return np.array(image, order="C")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import cv2
@@ -127,8 +128,11 @@ class Prepared:
 
     def __init__(self, method: FlowMethod, ref_gray: Array) -> None:
         self._method, self._ref = method, ref_gray
-        fused = method.preset.kind == "fused"
-        self._fused = FusedReference.of(ref_gray) if fused else None
+
+    @cached_property
+    def _fused(self) -> FusedReference | None:
+        # When it is first matched: most frames that could be a reference never are one.
+        return FusedReference.of(self._ref) if self._method.preset.kind == "fused" else None
 
     def to(self, cur_gray: Array, initial: Array | None = None) -> Array:
         """The flow to a current image: as `FlowMethod.between`."""

@@ -126,12 +126,11 @@ class Renewed:
         flow, stayed = self._sum(match)
         self._settle(match, gray, flow, stayed)
         nodes = to_half(flow)
-        seen = self._first.evaluate(plane, nodes)
-        kept = self._judge.kept(nodes, seen.correlation)
+        kept, agreeing = self._judge.look(image, self._first.evaluate(plane, nodes))
         return Followed(
             nodes,
             kept,
-            self._judge.agreeing(image, seen, kept),
+            agreeing,
             flow,
             stayed,
             match.against.frame,
