@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.level import Reach
-from deltact_fab.gel.material import GelMaterial
 from deltact_fab.gel.open import open_contact
 from deltact_fab.numerics.engines.gel_scene import SPHERE, down
 from deltact_fab.shapes import SkinDimensions

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import tomllib
 import typing
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -57,6 +58,31 @@ def read(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: not valid TOML: {why}") from why
     except OSError as why:
         raise InputError(f"{path}: cannot be read: {why.strerror}") from why
+
+
+def as_toml(data: Mapping[str, Any], about: Sequence[str] = ()) -> str:
+    """The text of a TOML file that `read` reads.
+
+    data: numbers, strings, booleans, lists and tables of them; about: lines of comment above it.
+    A key whose value is None is left out. Raises ValueError for NaN and infinity.
+    """
+    lines = [f"# {line}" for line in about] + _table("", data)
+    return "\n".join(lines).lstrip("\n") + "\n"
+
+
+def _table(name: str, values: Mapping[str, Any]) -> list[str]:
+    inner = {k: v for k, v in values.items() if isinstance(v, Mapping)}
+    # A JSON value is a TOML one, but for null.
+    lines = [
+        f"{k} = {json.dumps(v, allow_nan=False)}"
+        for k, v in values.items()
+        if k not in inner and v is not None
+    ]
+    if name and (lines or not inner):
+        lines = ["", f"[{name}]", *lines]
+    for key, table in inner.items():
+        lines += _table(f"{name}.{key}" if name else key, table)
+    return lines
 
 
 def validate(kind: type[T], data: object, source: str) -> T:

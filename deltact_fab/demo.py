@@ -39,6 +39,8 @@ def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
         f"rig time in {summary['wall_seconds']:.0f} s"
     )
 
+    from . import record
+    from .analysis.measured import measured
     from .analysis.tracking_error import analyse
     from .numerics.scenes import costs
     from .report.page import write
@@ -48,7 +50,9 @@ def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
     result.save(run_folder / "analysis")
     say(f"tracking error: {result.verdict.line}")
     layer_costs = [cost.as_dict() for cost in costs()]
-    page = write(run_folder, out / "report.html", result, parts, layer_costs)
+    with bar("shape") as tick:
+        found = measured(record.open(run_folder), progress=tick)
+    page = write(run_folder, out / "report.html", result, found, parts, layer_costs)
     seconds = time.monotonic() - started
     (out / MARKER).write_text(json.dumps({"seed": seed, "finished": True}) + "\n")
     say(f"report: {page} ({seconds:.0f} s in all)")

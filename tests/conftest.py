@@ -24,7 +24,6 @@ channels = ["image", "dots", "force", "shear"]
 amplitude_mm = 1.5
 axes = ["x"]
 [capture]
-mode = "sweep"
 rate_hz = 0.5
 """
 MINI_RIG = """
@@ -82,6 +81,43 @@ def mini_run(mini: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) 
 
     protocol, rig = map(str, mini)
     return common(tmp_path_factory, "run", lambda out: experiment.run(protocol, rig, out, seed=3))
+
+
+@pytest.fixture(scope="session")
+def calibrations(mini_run: Path, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Of force, fitted to the short run itself, and of depth, of plausible numbers."""
+    import numpy as np
+
+    from deltact_fab import record
+    from deltact_fab.analysis.force import write_calibration
+    from deltact_fab.analysis.force.wrenches import WRENCH
+    from deltact_fab.analysis.view import head_of, view_of
+    from deltact_fab.measure.face import FaceFlow
+    from deltact_fab.measure.flow import FlowTracker
+    from deltact_fab.measure.force import ForceModel, make_features
+    from deltact_fab.measure.force.calibration import ForceCalibration
+    from deltact_fab.measure.shape import DepthModel
+    from deltact_fab.record import encode_png
+
+    run, folder = record.open(mini_run), tmp_path_factory.mktemp("calibrations")
+    view = view_of(run)
+    features = make_features("paper-mirrored", view)
+    frames = run.frames()
+    numbers = []
+    for _, part in frames.groupby("press", sort=False):
+        tracker = FlowTracker(full=False)
+        for file in part["file"]:
+            seen = tracker.update(run.image(file))
+            numbers.append(features.of(FaceFlow.of(seen, view.camera, features.every)))
+    model, _ = ForceModel.fit(features, np.array(numbers), frames[list(WRENCH)].to_numpy(float))
+    rest = encode_png(run.image(str(frames["file"].iloc[0])))
+    head = head_of([run], "force")
+    made = ForceCalibration(head, model, view.skin, view.poisson, rest=rest)
+    force, depth = folder / "force.toml", folder / "depth.toml"
+    write_calibration(made, force)
+    plausible = DepthModel(gain=1.2, deepest_mm=2.0).as_dict()
+    depth.write_text(head_of([run], "depth").toml({"depth": plausible}))
+    return [force, depth]
 
 
 @pytest.fixture(scope="session")

@@ -9,8 +9,8 @@ import pytest
 from pydantic import BaseModel, ConfigDict
 
 from deltact_fab import catalog
+from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError
-from deltact_fab.gel.material import GelMaterial
 from deltact_fab.shapes import SensorDimensions
 
 

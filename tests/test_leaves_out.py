@@ -30,7 +30,6 @@ depths_mm = [1.2]
 channels = {channels}
 {shear}
 [capture]
-mode = "sweep"
 rate_hz = 0.5
 """
 SHEAR = """

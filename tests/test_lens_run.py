@@ -30,7 +30,6 @@ channels = {channels}
 amplitude_mm = 0.5
 axes = ["x"]
 [capture]
-mode = "sweep"
 rate_hz = 0.5
 [specimen]
 design = "{design}"
@@ -113,7 +112,7 @@ def test_the_flat_field_of_the_camera_file_is_frozen_and_applied(tmp_path: Path)
     protocol, rig = written(tmp_path, '["image"]')
     before, _, after = Path(protocol).read_text().partition("[shear]")
     press = before.replace(", [0.8, 0.5]", "") + after[after.index("[capture]") :]
-    Path(protocol).write_text(press.replace('"sweep"', '"step"').replace("rate_hz = 0.5", ""))
+    Path(protocol).write_text(press.replace("rate_hz = 0.5", "settle_s = 1.0"))
     share = np.full((340, 420, 3), 0.5, np.float32)
     (tmp_path / "light.png").write_bytes(FlatField(share).png())
     (tmp_path / "camera.toml").write_text(as_toml(CALIBRATED, {"flat": {"file": "light.png"}}))

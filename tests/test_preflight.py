@@ -12,11 +12,11 @@ from click.testing import CliRunner
 from deltact_fab import experiment, preflight
 from deltact_fab.cad.design import load_design
 from deltact_fab.cli.protocol import protocol as command
+from deltact_fab.elasticity.layer import BondedLayer
+from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError, SolverError
 from deltact_fab.gel.finite import FinitePress
 from deltact_fab.gel.linear.contact import LayerContact
-from deltact_fab.gel.linear.layer import BondedLayer
-from deltact_fab.gel.material import GelMaterial
 from deltact_fab.preflight import ForceLimits, judge, limits_of, predict, require
 from deltact_fab.preflight.press import PressCurve, grown_n, press_curve
 from deltact_fab.protocols import plan
@@ -162,7 +162,7 @@ def test_protocol_check_names_peak_forces_and_warns_of_a_weak_stage(
     rig.write_text(mini[1].read_text().replace("[60.0, 60.0, 60.0]", "[60.0, 60.0, 2.0]"))
     done = CliRunner().invoke(command, ["check", str(mini[0]), "--rig", str(rig)])
     assert done.exit_code == 0
-    (line,) = (v for v in done.output.splitlines() if v.startswith("WARN"))
+    (line,) = (v for v in done.output.splitlines() if v.startswith("WARN  peak force"))
     assert "[stage] max_force_n" in line
     assert "(limit 2)  at " in line
     deep = CliRunner().invoke(command, ["check", "pattern-selection"])

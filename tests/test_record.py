@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import shutil
 import sqlite3
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from deltact_fab import catalog, experiment, record
+from deltact_fab import experiment, record
 from deltact_fab.errors import InputError, RunFailed
-from deltact_fab.protocols import plan
 from deltact_fab.protocols.plan import Step
 from deltact_fab.record import Chunk, RunWriter
 
@@ -144,9 +145,10 @@ def test_a_run_of_format_2_is_read_as_it_was_written() -> None:
     frames = run.frames()
     assert list(frames)[9:] == [
         "t_s", "t_step_s", "x_mm", "y_mm", "z_mm",
-        "fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm", "wall_s",
+        "fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm", "wall_s", "settled",
     ]  # fmt: skip
     assert len(frames) == 6
+    assert frames["settled"].tolist() == [True, *[False] * 5]  # filmed in motion, but at rest
     assert run.finished
     at = frames.iloc[4]
     assert (at.step_id, at.fz_n) == ("sphere-6/p1/d0.40/press", -0.456186)
@@ -164,17 +166,29 @@ def test_a_run_of_format_2_is_not_gone_on_with(tmp_path: Path) -> None:
     out = tmp_path / "old"
     shutil.copytree(OLD, out)
     (out / "images").mkdir()
-    steps = plan.expand(plan.load(str(out / "protocol.toml"))[0])
     with pytest.raises(InputError, match="format 2: it can be read"):
-        RunWriter.resume(out, steps)
-    rig = tmp_path / "bench.toml"
-    rig.write_text(
-        catalog.find("protocols/rigs", "virtual")
-        .read_text()
-        .replace("spacing_mm = 0.25", "spacing_mm = 0.5")
-    )
-    with pytest.raises(InputError, match=r"cannot be resumed: rig\."):  # its keys are others now
-        experiment.run(str(out / "protocol.toml"), str(rig), out, seed=3, resume=True)
+        RunWriter.resume(out, [STEP])
+    protocol = str(out / "protocol.toml")
+    with pytest.raises(InputError, match=r"capture\.mode: unknown key"):  # it films or settles now
+        experiment.run(protocol, "virtual", out, seed=3, resume=True)
+
+
+@pytest.mark.parametrize(("mode", "settled"), [("sweep", [True, False]), ("step", [True, True])])
+def test_which_frames_are_settled_is_known_of_a_run_of_format_3(
+    mode: str, settled: list[bool], tmp_path: Path
+) -> None:
+    rest = replace(STEP, id=f"{STEP.press}/rest", kind="travel", frames=1)
+    run = RunWriter.create(tmp_path / "r", META, b"name = 't'\n", PATTERN, [rest, STEP])
+    run.frame(rest, 1, None, 1.0, 0.0, 0.0)
+    run.frame(STEP, 2, None, 2.0, 1.0, 1.0)
+    run.abandon()
+    with sqlite3.connect(tmp_path / "r" / "journal.sqlite") as db:
+        db.execute("ALTER TABLE frames DROP COLUMN settled")
+    db.close()
+    meta = tmp_path / "r" / "run.json"
+    told = json.loads(meta.read_text()) | {"format": 3, "protocol": {"capture": {"mode": mode}}}
+    meta.write_text(json.dumps(told))
+    assert record.open(tmp_path / "r").frames()["settled"].tolist() == settled
 
 
 def test_every_frame_is_committed_before_the_next(tmp_path: Path) -> None:

@@ -34,8 +34,8 @@ channels = ["image", "dots", "force", "shear"]
 amplitude_mm = 0.5
 axes = ["x"]
 [capture]
-mode = "sweep"
 rate_hz = 1.0
+settle_s = 0.3
 [specimen]
 design = "{design}"
 """

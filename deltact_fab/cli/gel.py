@@ -68,7 +68,7 @@ def press(
     Exit 1 when refused or not converged.
     """
     from ..catalog import validate
-    from ..gel.material import GelMaterial
+    from ..elasticity.material import GelMaterial
     from ..gel.press import press as run
     from ..shapes.indenter import parse
     from .output import echo_json, progress

@@ -72,9 +72,9 @@ def fit(
     shear_y_mm, fx_n, fy_n (the force on the sensor); rows in the order measured.
     """
     from ..catalog import validate
+    from ..elasticity.material import GelMaterial
     from ..gel.fit.fit import fit_press
     from ..gel.fit.measured import read_csv
-    from ..gel.material import GelMaterial
     from ..shapes.indenter import parse
     from .output import echo_json, progress
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import click
@@ -29,6 +30,27 @@ def echo_table(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
             c.rjust(w) if r else c.ljust(w) for c, w, r in zip(line, widths, right, strict=True)
         ]
         click.echo("  ".join(parts).rstrip())
+
+
+def save_figures(folder: Path, drawn: Callable[[], Mapping[str, Any]]) -> list[Path]:
+    """Write figures as NAME.svg and return the files; say so where there is no matplotlib.
+
+    drawn: makes them, by name; None is nothing to draw. Raises RunFailed when the disk refuses.
+    """
+    from ..errors import MissingLibrary
+    from ..record import write_whole
+
+    files = []
+    try:
+        from ..report.figures import to_svg
+
+        for name, figure in drawn().items():
+            if figure is not None:
+                write_whole(folder / f"{name}.svg", to_svg(figure).encode())
+                files.append(folder / f"{name}.svg")
+    except MissingLibrary as why:
+        click.echo(f"no figures: {why}", err=True)
+    return files
 
 
 def _cell(value: Any) -> str:

@@ -102,8 +102,10 @@ def show(name: str, rig_name: str, forces: bool, as_json: bool) -> None:
     )
     minutes, seconds = divmod(round(estimate.seconds), 60)
     click.echo(
-        f"\n{estimate.steps} steps, {estimate.presses} presses, {estimate.frames} frames, "
-        f"{minutes} min {seconds} s of motion and settling, about {estimate.disk_mb:.0f} MB"
+        f"\n{estimate.steps} steps, {estimate.presses} presses, {estimate.frames} frames "
+        f"({estimate.settled} settled, up to {estimate.between_frames_mm:.2g} mm of the tip's way "
+        f"between two), {minutes} min {seconds} s of motion and settling, "
+        f"about {estimate.disk_mb:.0f} MB"
     )
     if predicted is None:
         click.echo(UNSOLVED)

@@ -4,9 +4,9 @@ Level one is the linear bonded layer: `BondedLayer` (tractions to displacement) 
 (one indenter, state to state). `reference` holds the solutions they are measured against.
 """
 
+from ..elasticity.layer import BondedLayer
+from ..elasticity.material import GelMaterial
 from .linear.contact import LayerContact
-from .linear.layer import BondedLayer
 from .linear.state import ContactState
-from .material import GelMaterial
 
 __all__ = ["BondedLayer", "ContactState", "GelMaterial", "LayerContact"]

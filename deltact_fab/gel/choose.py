@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import Literal
 
+from ..elasticity.material import GelMaterial
 from ..errors import InputError
 from ..shapes import Indenter, SkinDimensions
 from .finite.mesh import GROWTH, unknowns
@@ -21,7 +22,6 @@ from .footprint import (
 )
 from .level import Choice, Level, Reach
 from .linear.limits import DEPTH_LIMIT
-from .material import GelMaterial
 
 LINEAR: tuple[Level, ...] = ("layer", "block")  # the cheaper first
 TOLERANCE = 0.03  # of the force

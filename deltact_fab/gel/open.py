@@ -7,11 +7,11 @@ from typing import Literal
 
 import numpy as np
 
+from ..elasticity.material import GelMaterial
 from ..errors import InputError
 from ..shapes import Indenter, SkinDimensions
 from .choose import pick
 from .level import LEVELS, Choice, Field, GelContact, Level, Reach
-from .material import GelMaterial
 
 
 def open_contact(

@@ -10,13 +10,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ..elasticity.material import GelMaterial
 from ..errors import DeltactFabError, InputError, TimeLimit
 from ..shapes import Indenter, SkinDimensions
 from . import limit
 from .choose import LEAST_TOLERANCE, MOST_TOLERANCE, TOLERANCE
 from .footprint import contact_radius_mm, edge_radius_mm
 from .level import Choice, Level, Point
-from .material import GelMaterial
 from .path.knots import Observed, Pose, along
 from .path.open import choose, open_path
 from .path.solver import PathSolver

@@ -20,9 +20,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ..elasticity.layer import surface_compliance
+from ..elasticity.material import GelMaterial
 from ..errors import InputError
-from .linear.layer import surface_compliance
-from .material import GelMaterial
 
 Field = NDArray[np.float64]
 Profile = Literal["sphere", "paraboloid"]

@@ -146,7 +146,7 @@ def _press(name: str) -> None:
     ]
     if not name.startswith("press"):
         lines += ["[shear]", "amplitude_mm = 1.0", 'axes = ["x"]']
-    lines += ["[capture]", 'mode = "sweep"', "rate_hz = 0.5"]
+    lines += ["[capture]", "rate_hz = 0.5"]
     with tempfile.TemporaryDirectory() as folder:
         protocol = Path(folder) / "scene.toml"
         protocol.write_text("\n".join(lines) + "\n")
@@ -170,7 +170,7 @@ def _knots(name: str) -> None:
             "depths_mm": [1.0],
             "channels": list(channels),
             "shear": {"amplitude_mm": 1.0, "axes": ["x"]} if shear else None,
-            "capture": {"mode": "sweep"},
+            "capture": {"rate_hz": 1.0},
             "specimen": {"gel_model": "hyperelastic", "prony": prony},
         }
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -61,19 +60,4 @@ def as_toml(
     tables: what else it holds, by name, of numbers, strings, booleans, lists and tables of them;
     about: lines of comment above it.
     """
-    lines = [f"# {line}" for line in about]
-    for name, values in {"camera": camera.as_dict(), **(tables or {})}.items():
-        lines += _table(name, values)
-    return "\n".join(lines).lstrip("\n") + "\n"
-
-
-def _table(name: str, values: Mapping[str, Any]) -> list[str]:
-    inner = {k: v for k, v in values.items() if isinstance(v, Mapping)}
-    # A JSON value is a TOML one, but for null.
-    lines = ["", f"[{name}]"]
-    lines += [
-        f"{k} = {json.dumps(v, allow_nan=False)}" for k, v in values.items() if k not in inner
-    ]
-    for key, table in inner.items():
-        lines += _table(f"{name}.{key}", table)
-    return lines
+    return catalog.as_toml({"camera": camera.as_dict(), **(tables or {})}, about)

@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from ..gel.material import GelMaterial
+from ..elasticity.material import GelMaterial
 from ..protocols.plan import Protocol, Specimen
 from ..shapes import Indenter, SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
@@ -155,7 +155,7 @@ def _moment(
     shear = protocol.shear
     arms = []
     for axis, letter in enumerate("xy"):
-        travel = shear.amplitude_mm if shear and letter in shear.axes else 0.0
+        travel = shear.at_depth_mm(depth_mm) if shear and letter in shear.axes else 0.0
         off = OFF_CENTRE * indenter.footprint_half_mm[axis]
         arms.append(abs(at_mm[axis] - origin_mm[axis]) + travel + off)
     x, y = arms

@@ -26,8 +26,8 @@ from typing import Literal
 
 import numpy as np
 
+from ..elasticity.material import GelMaterial
 from ..errors import InputError, SolverError
-from ..gel.material import GelMaterial
 from ..shapes import Indenter, SkinDimensions
 
 Level = Literal["layer", "hyperelastic", "extrapolated", "bound"]

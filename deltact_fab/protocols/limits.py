@@ -7,6 +7,7 @@ well as the verdict.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -21,6 +22,7 @@ from .plan import Point, Protocol, Step, expand
 PNG_BYTES_PER_PX = 2.2  # measured on rendered frames of a dense pattern: 1.9-2.3
 FORCE_BYTES_PER_S = 14_000  # measured on the simulated sensor at 1 kHz, noise 0.01 N
 EPS_MM = 1e-9
+MOST_BETWEEN_FRAMES_MM = 0.25  # up to 7 pixels: as in `deep-drag`, which is followed throughout
 
 
 @dataclass(frozen=True)
@@ -60,11 +62,16 @@ class Check:
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a run will take: planned motion and settling, without host overhead."""
+    """What a run will take: planned motion and settling, without host overhead.
+
+    between_frames_mm: the longest way that the tip goes unseen while it presses or drags.
+    """
 
     steps: int
     presses: int
     frames: int
+    settled: int
+    between_frames_mm: float
     seconds: float
     disk_mb: float
 
@@ -83,6 +90,8 @@ def check(
     steps = expand(protocol) if steps is None else steps
     rows = [*_travel(steps, stage), *_feeds(steps, stage), _depth(steps, protocol, sensor)]
     rows += [_tip_reach(steps), *_opening(steps, sensor), _sideways(steps, protocol)]
+    if "image" in protocol.channels:
+        rows += [_unseen(steps)]
     return rows
 
 
@@ -116,6 +125,8 @@ def estimate(protocol: Protocol, image_px: int, stage: StageBox) -> Estimate:
         steps=len(steps),
         presses=len({s.press for s in steps if s.kind == "press"}),
         frames=frames,
+        settled=sum(s.settled for s in steps),
+        between_frames_mm=_unseen(steps).figure if "image" in protocol.channels else 0.0,
         seconds=seconds,
         disk_mb=(frames * (px * PNG_BYTES_PER_PX + 2000) + stream_bytes) / 1e6,
     )
@@ -187,3 +198,15 @@ def _sideways(steps: list[Step], protocol: Protocol) -> Check:
     return Check(
         "clearance plane", worst <= EPS_MM, "sideways below clearance by (mm)", worst, 0.0, at
     )
+
+
+def _unseen(steps: list[Step]) -> Check:
+    """How far the tip goes between two frames: a tracker takes long steps for new faces."""
+    way_mm, at = _worst(
+        (math.dist(before.target_mm, step.target_mm) / max(step.frames, 1), step.id)
+        for before, step in itertools.pairwise(steps)
+        if step.kind in ("press", "shear")
+    )
+    bound = MOST_BETWEEN_FRAMES_MM
+    what = "way of the tip (mm)"
+    return Check("motion between frames", True, what, way_mm, bound, at, way_mm > bound + EPS_MM)

@@ -7,7 +7,7 @@ that do not change when the run is repeated or resumed.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -33,23 +33,49 @@ class _Strict(BaseModel):
 class Shear(_Strict):
     """Sideways motion at each depth: to one side, through to the other, back to the centre."""
 
-    amplitude_mm: Positive
+    amplitude_mm: Positive | None = None
+    amplitude_of_depth: Positive | None = None
+    """Instead of amplitude_mm: as a share of the depth. A ball slips as a whole once it is dragged
+    by about 1.5 x friction of its depth, whatever its size (Mindlin), and sticks before that."""
     axes: tuple[Literal["x", "y"], ...] = ("x", "y")
-    points_per_side: int = Field(default=2, ge=1, le=100)
-    """Step mode: stops on each side of the centre; sweep mode does not use it."""
+    points_per_side: int = Field(default=1, ge=1, le=100)
+    """Stops on each side of the centre."""
+    grid: bool = False
+    """The stops are the whole square of (2 points_per_side + 1)^2, diagonals included, in one turn
+    outwards from the centre, and not one axis after the other."""
     first: Literal["positive", "outward"] = "positive"
     """The side gone to first: + always, or away from the centre of the face (+ where the position
     is on it). Outward, positions that are mirror images of each other have paths that are too."""
 
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        if (self.amplitude_mm is None) == (self.amplitude_of_depth is None):
+            raise ValueError("either amplitude_mm or amplitude_of_depth is needed")
+        if self.grid and set(self.axes) != {"x", "y"}:
+            raise ValueError(f"axes: a grid needs both x and y, not {list(self.axes)}")
+        return self
+
+    def at_depth_mm(self, depth_mm: float) -> float:
+        """The amplitude of a press of this depth."""
+        return self.amplitude_mm or (self.amplitude_of_depth or 0.0) * depth_mm
+
 
 class Capture(_Strict):
-    """`sweep` films while the indenter moves; `step` stops, settles and reads."""
+    """What is filmed on the way, and whether a stop settles; at least one of both."""
 
-    mode: Literal["sweep", "step"]
-    rate_hz: Positive = 1.0
-    """Sweep mode: frames per second of planned motion."""
-    settle_s: float = Field(default=1.0, ge=0, le=600, allow_inf_nan=False)
-    """Step mode: time between the end of the motion and the reading."""
+    rate_hz: Positive | None = None
+    """Frames per second of planned motion, evenly over each press and drag; none without it."""
+    settle_s: Annotated[float, Field(ge=0, le=600, allow_inf_nan=False)] | None = None
+    """Between the end of a motion and the frame that is taken there, which is called settled.
+    Without it stops do not wait, and nothing but the frame before a press is settled."""
+
+    @model_validator(mode="after")
+    def _something(self) -> Self:
+        if self.rate_hz is None and self.settle_s is None:
+            raise ValueError(
+                "rate_hz (film on the way) or settle_s (a settled frame at each stop) is needed"
+            )
+        return self
 
 
 class Motion(_Strict):
@@ -152,8 +178,10 @@ class Step:
     target_mm: Point
     feed_mm_min: float
     frames: int = 0
-    """0: nothing; in a sweep, frames evenly over the move, the last one at its end; else 1."""
+    """Evenly over the move; the last one at its end, after settle_s."""
     settle_s: float = 0.0
+    settled: bool = False
+    """Whether that last one is taken at rest, as the protocol's capture means it."""
 
 
 def load(name: str) -> tuple[Protocol, Path]:
@@ -196,65 +224,80 @@ def _press(
     protocol: Protocol, indenter: Indenter, press: str, x: float, y: float
 ) -> Iterator[Step]:
     motion, capture = protocol.motion, protocol.capture
-    settle_s = capture.settle_s if capture.mode == "step" else 0.0
+    feeds = {"press": motion.press_feed_mm_min, "shear": motion.shear_feed_mm_min,
+             "retract": motion.press_feed_mm_min}  # fmt: skip
+    here = above = (x, y, motion.clearance_mm)
 
-    def move(
-        leg: str,
-        kind: Kind,
-        start: Point,
-        target: Point,
-        feed_mm_min: float,
-        film: bool | None = None,
-    ) -> Step:
-        """film: True in a sweep, False one frame at the end, None nothing."""
-        frames = 0 if film is None else 1
-        if film and capture.mode == "sweep":
-            seconds = math.dist(start, target) / (feed_mm_min / 60)
+    def move(leg: str, kind: Kind, target: Point, stops: bool = False) -> Step:
+        """A move from here; presses and drags are filmed. stops: with a frame at its end."""
+        nonlocal here
+        feed_mm_min = feeds.get(kind, motion.travel_feed_mm_min)
+        seconds = math.dist(here, target) / (feed_mm_min / 60)
+        frames = 0
+        if kind in ("press", "shear") and capture.rate_hz is not None:
             frames = max(1, round(seconds * capture.rate_hz))
+        elif stops:
+            frames = 1
+        here = target
+        settled = stops and capture.settle_s is not None
+        settle_s = (capture.settle_s or 0.0) if stops else 0.0
         return Step(
-            f"{press}/{leg}",
-            press,
-            indenter.name,
-            kind,
-            target,
-            feed_mm_min,
-            frames,
-            settle_s if film is not None else 0.0,
-        )
+            f"{press}/{leg}", press, indenter.name, kind, target, feed_mm_min, frames, settle_s,
+            settled,
+        )  # fmt: skip
 
-    above = (x, y, motion.clearance_mm)
-    gap = (x, y, motion.approach_gap_mm)
-    yield move("rest", "travel", above, above, motion.travel_feed_mm_min, film=False)
-    yield move("approach", "approach", above, gap, motion.travel_feed_mm_min)
-    here: Point = gap
+    # Nothing touches the gel yet, whether the protocol has stops that settle or not.
+    yield replace(move("rest", "travel", above, stops=True), settled=True)
+    yield move("approach", "approach", (x, y, motion.approach_gap_mm))
     for depth in protocol.depths_mm:
         down = (x, y, -depth)
-        yield move(f"d{depth:.2f}/press", "press", here, down, motion.press_feed_mm_min, film=True)
-        here = down
-        for axis in protocol.shear.axes if protocol.shear else ():
-            for leg, target in _legs(protocol, axis, down):
-                name = f"d{depth:.2f}/{leg}"
-                yield move(name, "shear", here, target, motion.shear_feed_mm_min, film=True)
-                here = target
-    yield move("retract", "retract", here, (here[0], here[1], motion.clearance_mm),
-               motion.press_feed_mm_min)  # fmt: skip
-    yield move("after", "travel", above, above, motion.travel_feed_mm_min, film=False)
+        yield move(f"d{depth:.2f}/press", "press", down, stops=True)
+        for leg, target in _legs(protocol.shear, down):
+            yield move(f"d{depth:.2f}/{leg}", "shear", target, stops=target != down)
+    yield move("retract", "retract", (*here[:2], motion.clearance_mm))
+    # The face may still be on its way back: it is looked at, and never called settled.
+    here = above
+    yield replace(move("after", "travel", above, stops=True), settled=False)
 
 
-def _legs(protocol: Protocol, axis: str, centre: Point) -> Iterator[tuple[str, Point]]:
-    """Targets of one shear axis: +A, -A, back, or -A first; in step mode with stops on the way."""
-    shear = protocol.shear
-    assert shear is not None
-    backwards = shear.first == "outward" and centre["xy".index(axis)] < 0
-    first = -shear.amplitude_mm if backwards else shear.amplitude_mm
-    if protocol.capture.mode == "sweep":
-        offsets = [first, -first, 0.0]
-        names = [f"shear-{axis}{'+' if s > 0 else '-'}" for s in offsets[:2]] + [f"shear-{axis}0"]
-    else:
-        n = shear.points_per_side
-        side = [first * k / n for k in range(1, n + 1)]
-        offsets = [*side, *(-s for s in side), 0.0]
-        names = [f"shear-{axis}{s:+.2f}" for s in offsets[:-1]] + [f"shear-{axis}0"]
-    x, y, z = centre
-    for name, offset in zip(names, offsets, strict=True):
-        yield name, ((x + offset, y, z) if axis == "x" else (x, y + offset, z))
+def _legs(shear: Shear | None, centre: Point) -> Iterator[tuple[str, Point]]:
+    """Names and targets of the drags at a depth; ways back to the centre are no stops."""
+    if shear is None:
+        return
+    n, (x, y, z) = shear.points_per_side, centre
+    amplitude_mm = shear.at_depth_mm(-z)
+    outward = shear.first == "outward"
+    signs = [-1 if outward and at < 0 else 1 for at in (x, y)]
+
+    def name(axis: int, k: int) -> str:
+        side = amplitude_mm * k / n
+        text = f"{side:+.2f}" if k and n > 1 else "0+-"[k]
+        return f"{'xy'[axis]}{text}"
+
+    for i, j, axes in _turn(n) if shear.grid else _through(n, shear.axes):
+        k = (signs[0] * i, signs[1] * j)
+        leg = "shear-" + "".join(name(axis, k[axis]) for axis in axes)
+        dx, dy = (amplitude_mm * v / n for v in k)
+        yield leg, (x + dx, y + dy, z)
+
+
+def _through(n: int, letters: Sequence[str]) -> Iterator[tuple[int, int, Sequence[int]]]:
+    """Points of a cross: along each axis outwards, through to the other side, and back."""
+    for axis in ("xy".index(letter) for letter in letters):
+        for k in (*range(1, n + 1), *range(-1, -n - 1, -1), 0):
+            yield (k, 0, (0,)) if axis == 0 else (0, k, (1,))
+
+
+def _turn(n: int) -> Iterator[tuple[int, int, Sequence[int]]]:
+    """Points of a square about (0, 0), each next to the one before it, and at last (0, 0)."""
+    i = j = 0
+    for ring in range(1, n + 1):
+        i += 1
+        yield i, j, (0, 1)
+        # Up the side that was reached, then round the other three, to below where it began.
+        for di, dj, length in ((0, 1, 2 * ring - 1), (-1, 0, 2 * ring), (0, -1, 2 * ring),
+                               (1, 0, 2 * ring)):  # fmt: skip
+            for _ in range(length):
+                i, j = i + di, j + dj
+                yield i, j, (0, 1)
+    yield 0, 0, (0, 1)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, RunFailed
 
-FORMAT = 3
+FORMAT = 4
 
 
 def write_whole(path: Path, data: bytes) -> None:

@@ -20,8 +20,8 @@ CREATE TABLE steps (
 CREATE TABLE frames (
   frame_id TEXT PRIMARY KEY, seq INTEGER NOT NULL UNIQUE, step_id TEXT NOT NULL,
   press TEXT NOT NULL, indenter TEXT NOT NULL, kind TEXT NOT NULL, k INTEGER NOT NULL,
-  file TEXT, sha256 TEXT, t_s REAL NOT NULL, t_step_s REAL NOT NULL, t_press_s REAL NOT NULL,
-  wall_s REAL NOT NULL
+  settled INTEGER NOT NULL, file TEXT, sha256 TEXT, t_s REAL NOT NULL, t_step_s REAL NOT NULL,
+  t_press_s REAL NOT NULL, wall_s REAL NOT NULL
 );
 CREATE TABLE samples (
   seq INTEGER NOT NULL, stream TEXT NOT NULL, press TEXT NOT NULL, step_id TEXT NOT NULL,

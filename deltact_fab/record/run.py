@@ -42,10 +42,10 @@ class Run:
         except (OSError, ValueError) as why:
             raise InputError(f"{folder}: run.json or pattern.json cannot be read: {why}") from why
         self.format = self.meta.get("format") if isinstance(self.meta, dict) else None
-        """Of the folder; 2: force and pose stand with the frames."""
-        if self.format not in (2, FORMAT):
+        """Of the folder; 2: force and pose stand with the frames; up to 3: settled is not kept."""
+        if self.format not in (2, 3, FORMAT):
             raise InputError(
-                f"{folder}/run.json: format: {self.format}, this version reads 2 and {FORMAT}"
+                f"{folder}/run.json: format: {self.format}, this version reads 2, 3 and {FORMAT}"
             )
 
     def frames(self, press: str | None = None) -> pd.DataFrame:
@@ -54,10 +54,12 @@ class Run:
         Pose (x_mm, y_mm, z_mm) and force (fx_n to tz_nmm) are interpolated linearly to the frame's
         time between the samples of its step; pose_skew_s and force_skew_s: how far in time the
         nearest sample is. All are nan where there is none. t_s: on the rig's clock; t_step_s,
-        t_press_s: since the step, the press began. In format 2 force and pose are those that were
+        t_press_s: since the step, the press began. settled: the tip rested, for as long as the
+        protocol settles, when the frame was taken. In format 2 force and pose are those that were
         read after the frame, and the skews are not known.
         """
         table = self._table("frames", press)
+        table = table.assign(settled=self._settled(table))
         if self.format == 2:
             return table
         rows = table.groupby("step_id").indices
@@ -72,7 +74,7 @@ class Run:
                     found[name][at] = column
                 found[f"{stream}_skew_s"][at] = skew_s
         table = table.assign(**found)
-        last = ["wall_s", "t_press_s", *_SKEWS]
+        last = ["wall_s", "t_press_s", *_SKEWS, "settled"]
         first = [name for name in table if name not in (*last, *_SAMPLED)]
         return table[[*first, *_SAMPLED, *last]]
 
@@ -144,13 +146,13 @@ class Run:
             return raw
         try:
             seen = np.asarray(self.camera.rectify(raw), np.uint8)
-            return seen if self._flat is None else self._flat.apply(seen)
+            return seen if self.flat is None else self.flat.apply(seen)
         except InputError as why:
             raise RunFailed(f"{self.folder / file}: {why}") from why
 
     @cached_property
-    def _flat(self) -> FlatField | None:
-        """Of the rectified view. Raises InputError when it is damaged."""
+    def flat(self) -> FlatField | None:
+        """Of the rectified view, where there is one. Raises InputError when it is damaged."""
         path, view = flat_file(self.folder), self.camera
         if not path.is_file():
             return None
@@ -199,7 +201,16 @@ class Run:
         with self._reader() as db:
             rows = db.execute("SELECT press FROM frames GROUP BY press ORDER BY min(seq)")
             presses = [press for (press,) in rows]
-        return load(self.folder, self.camera, presses)
+        asked = self.meta["protocol"]["channels"]
+        return load(self.folder, self.camera, presses, "traction" in asked)
+
+    def _settled(self, table: pd.DataFrame) -> pd.Series[bool]:
+        """Of frames; before format 4 a protocol filmed in motion, or at stops that all settled."""
+        if "settled" in table:
+            return table["settled"].astype(bool)
+        if self.meta["protocol"]["capture"]["mode"] == "step":
+            return table["k"] > 0
+        return table["step_id"].str.endswith("/rest")
 
     def _hash_of(self, file: str) -> str | None:
         held: dict[str, str] = self.__dict__.setdefault("hashes", {})

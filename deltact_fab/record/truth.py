@@ -46,6 +46,8 @@ class Truth:
     folder: Path  # of the run
     lens: Fisheye | None = None
     """What the frames were drawn through; None: through the record's camera itself."""
+    tractions: bool = False
+    """Whether `traction_mpa` and `face_mm` are known: the protocol asked for them."""
 
     def displacement_mm(self, frame_id: str) -> NDArray[np.float64]:
         """Surface displacement on the lattice, (ny, nx, 3).
@@ -158,7 +160,9 @@ class _Through:
         return self._at_seen(self._motion.displaced(u_mm)).reshape(self._shape)
 
 
-def load(folder: Path, camera: CameraModel, presses: Iterable[str]) -> Truth:
+def load(
+    folder: Path, camera: CameraModel, presses: Iterable[str], tractions: bool = False
+) -> Truth:
     """The truth of all complete ones of these presses. Raises RunFailed when it is damaged."""
     index = lattice_file(folder)
     try:
@@ -175,7 +179,7 @@ def load(folder: Path, camera: CameraModel, presses: Iterable[str]) -> Truth:
             rows = (data[name].tolist() for name in ("frame_id", "knots", "fraction"))
             for frame_id, (a, b), fraction in zip(*rows, strict=True):
                 frames[frame_id] = (f"{press}:{a}:{b}", fraction)
-    return Truth(camera, lattice, frames, folder, lens)
+    return Truth(camera, lattice, frames, folder, lens, tractions)
 
 
 def _lens(path: Path) -> Fisheye:

@@ -152,7 +152,8 @@ class RunWriter:
             digest = hashlib.sha256(data).hexdigest()
         row = (
             frame_id, self._frames_before[step.id] + k, step.id, step.press, step.indenter,
-            step.kind, k, file, digest, t_s, t_step_s, t_press_s, time.time(),
+            step.kind, k, step.settled and k == step.frames, file, digest, t_s, t_step_s,
+            t_press_s, time.time(),
         )  # fmt: skip
         with journal_errors(self.folder), self._db:
             _insert(self._db, "frames", row)

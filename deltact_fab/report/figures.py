@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Sequence
-from itertools import cycle
+from itertools import cycle, pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,8 +28,8 @@ FRONT_COLOUR = "#d9e2ec"
 ARROW_BGR = (90, 235, 255)
 
 
-def _figure(width: float, height: float, panels: int = 1, share_y: bool = True) -> Any:
-    """A figure and its axes side by side, drawn without a display."""
+def blank(width: float, height: float, panels: int = 1, share_y: bool = True, rows: int = 1) -> Any:
+    """A figure and its axes side by side, row by row, drawn without a display."""
     try:
         import matplotlib
     except ImportError as why:
@@ -52,8 +52,8 @@ def _figure(width: float, height: float, panels: int = 1, share_y: bool = True) 
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout="constrained")
-    axes = figure.subplots(1, panels, sharey=share_y, squeeze=False)[0]
-    return figure, list(axes)
+    axes = figure.subplots(rows, panels, sharey=share_y, squeeze=False)
+    return figure, list(axes.flat)
 
 
 def to_svg(figure: Figure) -> str:
@@ -94,7 +94,7 @@ def by_step(
 ) -> Figure:
     """A column of the table of frames against the frame, a panel an indenter."""
     indenters = list(dict.fromkeys(frames["indenter"]))
-    figure, axes = _figure(9.6, 3.6, len(indenters))
+    figure, axes = blank(9.6, 3.6, len(indenters))
     for axis, indenter in zip(axes, indenters, strict=True):
         part = frames[frames["indenter"] == indenter]
         for colour, name in zip(cycle(COLOURS), methods, strict=False):
@@ -102,26 +102,26 @@ def by_step(
             index = np.arange(1, len(rows) + 1)
             axis.plot(index, rows[column].astype(float), color=colour, lw=1.4, label=_label(name),
                       ls="-" if "/" not in name else "--")  # fmt: skip
-        _mark_legs(axis, part[part["method"] == methods[0]].sort_values("seq"))
+        mark_legs(axis, part[part["method"] == methods[0]].sort_values("seq"))
         axis.set_xlabel("frame")
         axis.set_title(indenter, loc="left", fontweight="bold")
     axes[0].set_ylabel(words)
     if log:
-        _log_ticks(axes[0], "y")
+        log_ticks(axes[0], "y")
     # Room for the names of the legs.
     low, high = axes[0].get_ylim()
     axes[0].set_ylim(low, high * (high / low) ** 0.15 if log else high + 0.15 * (high - low))
-    _legend_below(figure, axes[-1])
+    legend_below(figure, axes[-1])
     return figure
 
 
-def _legend_below(figure: Figure, axis: Axes) -> None:
+def legend_below(figure: Figure, axis: Axes) -> None:
     """What the marks of an axis mean, under all of them."""
     figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3,
                   fontsize=8.5)  # fmt: skip
 
 
-def _log_ticks(axis: Axes, which: str) -> None:
+def log_ticks(axis: Axes, which: str) -> None:
     """Logarithmic axes that are labelled 0.01, 0.02, 0.05 and not by powers."""
     from matplotlib.ticker import FuncFormatter, LogLocator
 
@@ -133,9 +133,14 @@ def _log_ticks(axis: Axes, which: str) -> None:
         side.set_minor_locator(LogLocator(base=10, subs=()))
 
 
-def _mark_legs(axis: Axes, rows: pd.DataFrame) -> None:
+MOST_LEGS = 20
+
+
+def mark_legs(axis: Axes, rows: pd.DataFrame) -> None:
     """Name the legs of the path above the curve, where they begin."""
     legs = [step.rsplit("/", 1)[-1] for step in rows["step_id"]]
+    if sum(a != b for a, b in pairwise(legs)) > MOST_LEGS:
+        return  # no one could read them
     for i, leg in enumerate(legs):
         if i == 0 or leg != legs[i - 1]:
             axis.axvline(i + 0.5, color="#bbbbbb", lw=0.7)
@@ -154,7 +159,7 @@ def error_by_time(
     if error is None:
         return None
     rows = [row for row in methods if row[error] is not None]
-    figure, (axis,) = _figure(9.6, 4.2)
+    figure, (axis,) = blank(9.6, 4.2)
     at_front = {row["name"]: row for row in rows if row["name"] in verdict.front}
     front = [at_front[name] for name in verdict.front]
     times = [row["cpu_ms"]["p50"] for row in rows]
@@ -178,7 +183,7 @@ def error_by_time(
         names.append((x_ms, y_mm, row["name"], colour))
     axis.axhline(paper_mm, color=PAPER_COLOUR, lw=1.2, ls=":",
                  label=f"paper, at the dots, real sensor: {paper_mm} mm")  # fmt: skip
-    _log_ticks(axis, "xy")
+    log_ticks(axis, "xy")
     axis.set_xlim(left_ms, right_ms)
     axis.set_xlabel("CPU milliseconds a frame, median, one thread")
     axis.set_ylabel("mean error, mm" + (", simulated" if simulated else ""))
@@ -188,7 +193,7 @@ def error_by_time(
         ("s", "none", "at the dots"),
     ):
         axis.plot([], [], marker, color="#444444", mfc=face, label=words)
-    _legend_below(figure, axis)
+    legend_below(figure, axis)
     _write_names(figure, axis, names, verdict.take)
     return figure
 
@@ -224,7 +229,7 @@ def error_by_indenter(
     indenters = list(dict.fromkeys(r["indenter"] for r in rows))
     names = list(dict.fromkeys(r["name"] for r in rows))
     found = {(r["name"], r["indenter"]): r[error] for r in rows}
-    figure, (axis,) = _figure(9.6, 3.6)
+    figure, (axis,) = blank(9.6, 3.6)
     width = 0.8 / len(names)
     for i, (name, colour) in enumerate(zip(names, cycle(COLOURS), strict=False)):
         known = [(k, found[name, n]) for k, n in enumerate(indenters) if found[name, n] is not None]
@@ -238,14 +243,14 @@ def error_by_indenter(
     axis.set_xticks(np.arange(len(indenters)), indenters)
     axis.set_ylabel(f"mean error, mm ({verdict.error_words})")
     axis.grid(axis="x", visible=False)
-    _legend_below(figure, axis)
+    legend_below(figure, axis)
     return figure
 
 
 def force_by_frame(frames: pd.DataFrame) -> Figure:
     """Measured force on the sensor against the frame, a panel an indenter."""
     indenters = list(dict.fromkeys(frames["indenter"]))
-    figure, axes = _figure(9.6, 3.0, len(indenters))
+    figure, axes = blank(9.6, 3.0, len(indenters))
     for axis, indenter in zip(axes, indenters, strict=True):
         part = frames[frames["indenter"] == indenter].reset_index(drop=True)
         index = np.arange(len(part))
@@ -253,7 +258,7 @@ def force_by_frame(frames: pd.DataFrame) -> Figure:
             COLOURS, ("fx_n", "fy_n", "fz_n"), ("$F_x$", "$F_y$", "$F_z$"), strict=False
         ):
             axis.plot(index, part[column], color=colour, lw=1.4, label=label)
-        _mark_legs(axis, part)
+        mark_legs(axis, part)
         axis.set_title(indenter, loc="left", fontweight="bold")
         axis.set_xlabel("frame")
     axes[0].set_ylabel("force on the sensor, N")

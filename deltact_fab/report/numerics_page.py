@@ -59,7 +59,7 @@ def error_against_time(rows: Sequence[dict[str, Any]]) -> Figure:
 
     A mark is at the best time, its bar ends at the slowest.
     """
-    figure, (axis,) = figures._figure(5.2, 4.3)
+    figure, (axis,) = figures.blank(5.2, 4.3)
     known = [r for r in rows if r["error"] is not None and r["error"] > 0]
     series = list(dict.fromkeys(r["series"] for r in rows))
     for i, name in enumerate(series):
@@ -96,7 +96,7 @@ def error_against_time(rows: Sequence[dict[str, Any]]) -> Figure:
         label="Pareto front",
         zorder=1,
     )
-    figures._log_ticks(axis, "xy")
+    figures.log_ticks(axis, "xy")
     _widen(
         axis,
         [r[k] * 1e3 for r in known for k in ("cpu_s", "cpu_most_s")],

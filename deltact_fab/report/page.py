@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import record
+from ..analysis.measured import MeasuredRun
 from ..analysis.tracking_error import (
     ARROW_STEP_PX,
     PAPER_BEST_MM,
@@ -20,7 +21,7 @@ from ..analysis.tracking_error import (
     shown,
 )
 from ..errors import InputError
-from . import figures
+from . import contact_figures, figures
 from .templating import environment, save
 
 if TYPE_CHECKING:
@@ -34,11 +35,13 @@ def write(
     run_folder: str | Path,
     out: Path,
     tracking: TrackingResult,
+    measured: MeasuredRun | None = None,
     parts: dict[str, Any] | None = None,
     layer_costs: Sequence[dict[str, Any]] = (),
 ) -> Path:
-    """Write the report of a run and its tracking analysis to one self-contained file.
+    """Write the report of a run, its tracking analysis and what was measured to one file.
 
+    measured: shape, contact and force of it; without it the page has no word of them.
     parts: `parts` (a row a part, with its formats) and `note` (why there are none), from the demo.
     layer_costs: what each layer costs that a scene may leave out, as `numerics` measured it.
     Raises InputError for a run that is not finished, MissingLibrary without the extra `report`,
@@ -58,12 +61,17 @@ def write(
     }
     if frames["fz_n"].notna().any():
         drawn["force"] = figures.force_by_frame(frames)
+    if measured is not None and measured.force is not None:
+        drawn["force"] = contact_figures.force_traces(measured.force)
+    if measured is not None and measured.deepest:
+        drawn["shape"] = contact_figures.deepest_presses(measured.deepest)
     page = pages.get_template("run.html").render(
         meta=run.meta,
         summary=run.summary(),
         pattern=run.pattern,
         simulated=run.simulated,
         tracking=tracking.as_dict(),
+        measured=measured,
         rule=RULE,
         best=next(m for m in tracking.methods if m["name"] == verdict.about),
         paper_mm=PAPER_BEST_MM,

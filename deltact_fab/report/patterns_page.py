@@ -21,7 +21,7 @@ def ready() -> Callable[[Path], Path]:
     Raises MissingLibrary without the extra `report`.
     """
     environment()
-    figures._figure(1, 1)
+    figures.blank(1, 1)
     return write
 
 

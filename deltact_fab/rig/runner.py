@@ -125,26 +125,21 @@ class Runner:
         self._feel_or_not(step)
         start_ns = self._looked_ns = self._now_ns()
         planned_s = d.stage.start_move(step.target_mm, step.feed_mm_min)
-        if step.kind in ("press", "shear") and step.frames and not step.settle_s:
-            for k in range(1, step.frames + 1):
-                if k == step.frames:
-                    self._arrive(step, start_ns, planned_s)
-                else:
-                    # Whole nanoseconds from the start of the move, so that a frame is taken at the
-                    # same pose at any time of day.
-                    self._until(step, start_ns + _ns(planned_s * k / step.frames))
-                self._frame(step, k, start_ns)
-                self._progress(done + k, total, step.id)
-        else:
-            self._arrive(step, start_ns, planned_s)
-            if step.kind == "change":
-                self._change(step)
-            if step.id.endswith("/rest"):
-                self._begin(step)
-            if step.frames:
-                self._until(step, self._now_ns() + _ns(step.settle_s))
-                self._frame(step, 1, start_ns)
-                self._progress(done + 1, total, step.id)
+        for k in range(1, step.frames):
+            # Whole nanoseconds from the start of the move, so that a frame is taken at the same
+            # pose at any time of day.
+            self._until(step, start_ns + _ns(planned_s * k / step.frames))
+            self._frame(step, k, start_ns)
+            self._progress(done + k, total, step.id)
+        self._arrive(step, start_ns, planned_s)
+        if step.kind == "change":
+            self._change(step)
+        if step.id.endswith("/rest"):
+            self._begin(step)
+        if step.frames:
+            self._until(step, self._now_ns() + _ns(step.settle_s))
+            self._frame(step, step.frames, start_ns)
+            self._progress(done + step.frames, total, step.id)
         if self._streams is not None and step.frames:
             self._until(step, self._looked_ns + LOOK_NS)
         self._feel(step)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..elasticity.material import GelMaterial
 from ..errors import InputError
 from ..gel.choose import pick
 from ..gel.level import Reach
-from ..gel.material import GelMaterial
 from ..gel.path.knots import Between, Increments, Observed, Pose
 from ..gel.path.open import choose, open_path
 from ..gel.path.solver import PathSolver
@@ -74,7 +75,8 @@ class Presses:
             "most_unknowns": finite.most_unknowns,
         }
         self._deepest_mm = max(protocol.depths_mm)
-        self._amplitude_mm = protocol.shear.amplitude_mm if protocol.shear else 0.0
+        shear = protocol.shear
+        self._amplitude_mm = shear.at_depth_mm(self._deepest_mm) if shear else 0.0
         self._waiting: dict[str, Press] = {}
 
     def axes_mm(self) -> tuple[Field, Field]:
@@ -97,7 +99,7 @@ class Presses:
         shape = parse_indenter(indenter)
         reach = Reach((x0, x1), (y0, y1), self._deepest_mm)
         choice = pick(self._skin, self.material, shape, reach, **self._wishes)
-        return self._opened(Press(self._solver(indenter, (), choice)))
+        return self._opened(Press(self._solver(indenter, (), choice, self._shown)))
 
     def of(self, path: PressPath) -> Press:
         """A planned press."""
@@ -124,16 +126,22 @@ class Presses:
 
     def _press(self, path: PressPath) -> Press:
         planned = poses(path, self.increments, self.timed)
-        solver = self._solver(path.indenter, planned, self._choose(path.indenter, planned))
+        # Where lines are a knot long, solving them half-way as well doubles the work: one press
+        # of an indenter speaks for its others.
+        first = next(p for p in self.paths if p.indenter == path.indenter)
+        shown = self._shown if path == first else replace(self._shown, between=False)
+        solver = self._solver(path.indenter, planned, self._choose(path.indenter, planned), shown)
         return Press(solver, path.press, path.waypoints)
 
     def _choose(self, indenter: str, planned: Sequence[Pose]) -> Choice:
         shape = parse_indenter(indenter)
         return choose(self._skin, self.material, shape, planned, **self._wishes)
 
-    def _solver(self, indenter: str, planned: Sequence[Pose], choice: Choice) -> PathSolver:
+    def _solver(
+        self, indenter: str, planned: Sequence[Pose], choice: Choice, shown: Observed
+    ) -> PathSolver:
         shape = parse_indenter(indenter)
-        return open_path(self._skin, self.material, shape, planned, self._shown, choice)
+        return open_path(self._skin, self.material, shape, planned, shown, choice)
 
 
 def path_of(presses: Presses, name: str) -> PressPath:

@@ -24,7 +24,6 @@ channels = ["image", "shear"]
 amplitude_mm = 4.0
 axes = ["x"]
 [capture]
-mode = "sweep"
 rate_hz = 1.0
 [motion]
 press_feed_mm_min = 30.0

@@ -20,7 +20,6 @@ positions_mm = [[0.0, 0.0]]
 depths_mm = [1.8]
 channels = ["image", "dots"]
 [capture]
-mode = "sweep"
 rate_hz = 0.5
 [specimen]
 pattern = "{pattern}"

@@ -73,7 +73,7 @@ def test_a_row_depends_on_its_own_level_and_an_edit_elsewhere_leaves_it() -> Non
     assert not finite & {"gel/press.py", "gel/choose.py", "gel/linear/contact.py", "bench.py"}
     assert {"gel/press.py", "gel/refine.py"} <= of(rows["press: 1"])
     picked = of(rows["held: star to 5 mm"])
-    assert "gel/linear/sides.py" in picked
+    assert "elasticity/sides.py" in picked
     assert "gel/press.py" not in picked
     energy = rows["stability: edges, no friction, 4 mm deep: work but for jumps"]
     assert "gel/choose.py" not in of(energy)

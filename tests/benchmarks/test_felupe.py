@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from benchmarks import felupe, peer
+from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.gel.finite import FinitePress, block_mesh
-from deltact_fab.gel.material import GelMaterial
 from deltact_fab.shapes import SkinDimensions, indenter
 
 TIPS = [(1.0, -0.5, 1.0), (1.0, -0.5, 2.0)]

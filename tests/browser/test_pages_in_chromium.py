@@ -1,12 +1,7 @@
-"""Report pages as a browser meets them: no error, nothing fetched, everything drawn.
-
-Debian's own Chromium is driven through Playwright; nothing is downloaded.
-"""
+"""Report pages as a browser meets them: no error, nothing fetched, everything drawn."""
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,11 +16,6 @@ from deltact_fab.numerics import harness
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-CHROMIUM = shutil.which("chromium")
-FLAGS = [
-    "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync",
-]  # fmt: skip
 WIDTH_PX, HEIGHT_PX = 1100, 900
 BANDS = 8
 # Left-over size of what a page shows: an image that did not decode has no natural width.
@@ -35,12 +25,7 @@ SHOWN = """() => ({
   overflow_px: document.documentElement.scrollWidth - document.documentElement.clientWidth,
 })"""
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(
-        CHROMIUM is None, reason="no chromium on this machine: apt-get install chromium"
-    ),
-]
+pytestmark = pytest.mark.slow
 
 
 @dataclass
@@ -58,16 +43,6 @@ class Visit:
         background = colours[np.argmax(counts)]
         off = np.any(self.picture != background, axis=-1)
         return [float(band.mean()) for band in np.array_split(off, BANDS)]
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        yield started
-        started.close()
 
 
 def visit(browser: Browser, page: Path) -> Visit:

@@ -30,7 +30,8 @@ SUBCOMMANDS = [
     *(["pattern", name] for name in ("make", "quality", "sheet", "from", "series")),
     ["protocol", "check"],
     ["protocol", "show"], ["rig", "show"], ["rig", "photograph"],
-    ["gel", "press"], ["analyze", "tracking"],
+    ["gel", "press"],
+    ["analyze", "tracking"], ["analyze", "force"], ["analyze", "shape"],
 ]  # fmt: skip
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
+from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError
 from deltact_fab.gel.finite import newton
 from deltact_fab.gel.finite.assembly import BulkAssembly, compiled
@@ -12,7 +13,6 @@ from deltact_fab.gel.finite.linear import make_solver
 from deltact_fab.gel.finite.material import NeoHooke
 from deltact_fab.gel.finite.mesh import HexMesh, block_mesh, disc_mesh
 from deltact_fab.gel.finite.pattern import Pattern
-from deltact_fab.gel.material import GelMaterial
 from deltact_fab.shapes import SkinDimensions
 
 SKIN = SkinDimensions(8.0, 6.0, 4.0, edge_fillet_mm=0.5, protrusion_mm=2.0)

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.finite import HexMesh, block_mesh
 from deltact_fab.gel.finite.assembly import BulkAssembly
 from deltact_fab.gel.finite.linear import make_solver
 from deltact_fab.gel.finite.material import NeoHooke
 from deltact_fab.gel.finite.pattern import Pattern
-from deltact_fab.gel.material import GelMaterial
 from deltact_fab.shapes import SkinDimensions
 
 Field = NDArray[np.float64]

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
+from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError, SolverError
 from deltact_fab.gel.finite import FinitePress, block_mesh
 from deltact_fab.gel.finite.descent import descend
 from deltact_fab.gel.finite.problem import Equilibrium
 from deltact_fab.gel.finite.surface import Grip
-from deltact_fab.gel.material import GelMaterial
 from deltact_fab.shapes import SkinDimensions, indenter
 
 SKIN = SkinDimensions()

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from axisymmetric import Cylinder, cylinder, graded
 
+from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.finite import FinitePress, HexMesh, disc_mesh
-from deltact_fab.gel.material import GelMaterial
 from deltact_fab.gel.press import press
 from deltact_fab.shapes import SkinDimensions, indenter
 

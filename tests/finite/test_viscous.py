@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deltact_fab import catalog
+from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError
 from deltact_fab.gel.finite.assembly import BulkAssembly, compiled
 from deltact_fab.gel.finite.material import NeoHooke
 from deltact_fab.gel.finite.mesh import block_mesh
 from deltact_fab.gel.finite.pattern import Pattern
 from deltact_fab.gel.finite.viscous import Viscosity
-from deltact_fab.gel.material import GelMaterial
 from deltact_fab.shapes import SkinDimensions
 
 SERIES = ((0.4, 0.3), (0.25, 5.0))

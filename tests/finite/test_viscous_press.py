@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError, SolverError
 from deltact_fab.gel.finite import FinitePress, FiniteState, block_mesh
 from deltact_fab.gel.finite.material import NeoHooke
-from deltact_fab.gel.material import GelMaterial
 from deltact_fab.shapes import SkinDimensions, indenter
 
 SERIES = ((0.4, 0.3), (0.25, 5.0))

@@ -12,8 +12,8 @@ import sys
 
 def four(indenter: str, depth_mm: float, spacing_mm: float | None) -> dict[str, float]:
     """One press in the middle of the standard block, friction .5."""
+    from deltact_fab.elasticity.material import GelMaterial
     from deltact_fab.gel.fit.curve import force_curve
-    from deltact_fab.gel.material import GelMaterial
     from deltact_fab.gel.press import press
     from deltact_fab.preflight.press import press_curve
     from deltact_fab.protocols.plan import Protocol
@@ -34,7 +34,7 @@ def four(indenter: str, depth_mm: float, spacing_mm: float | None) -> dict[str, 
             "positions_mm": [middle],
             "depths_mm": [depth_mm],
             "channels": ["force"],
-            "capture": {"mode": "step"},
+            "capture": {"settle_s": 1.0},
             "specimen": {"gel_model": "hyperelastic", "modulus_mpa": 1.0},
         }
     )

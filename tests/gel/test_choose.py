@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError
 from deltact_fab.gel.choose import model_error, pick
 from deltact_fab.gel.finite import block_mesh
@@ -18,7 +19,6 @@ from deltact_fab.gel.footprint import (
     section_half_mm,
 )
 from deltact_fab.gel.level import Choice, Reach
-from deltact_fab.gel.material import GelMaterial
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import KINDS, parse
 

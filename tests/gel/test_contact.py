@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
+from deltact_fab.elasticity.layer import BondedLayer
+from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError, SolverError
 from deltact_fab.gel import reference
 from deltact_fab.gel.linear.complementarity import normal_contact
 from deltact_fab.gel.linear.contact import LayerContact
-from deltact_fab.gel.linear.layer import BondedLayer
 from deltact_fab.gel.linear.state import ContactState
-from deltact_fab.gel.material import GelMaterial
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import Indenter, SphereTip, parse
 

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError
 from deltact_fab.gel import reference
-from deltact_fab.gel.material import GelMaterial
 
 POISSON = (0.3, 0.4, 0.45, 0.5)
 # Flat punch on a bonded layer; Hayes et al. (J. Biomech. 5, 1972) agree to .3 % for a/h <= 1.

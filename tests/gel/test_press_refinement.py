@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import SolverError
 from deltact_fab.gel import limit, refine
 from deltact_fab.gel.choose import pick
 from deltact_fab.gel.level import Choice, Diagnostics, Reach
-from deltact_fab.gel.material import GelMaterial
 from deltact_fab.gel.path.knots import Pose
 from deltact_fab.gel.path.solver import PathSolver
 from deltact_fab.gel.press import OBSERVED, press

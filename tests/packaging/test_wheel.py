@@ -36,7 +36,6 @@ positions_mm = [[0.0, 0.0]]
 depths_mm = [0.6]
 channels = ["image", "dots", "force"]
 [capture]
-mode = "sweep"
 rate_hz = 0.5
 """
 WHERE = """

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from deltact_fab import catalog
 from deltact_fab.errors import InputError
@@ -20,7 +23,7 @@ def declare(**changes: object) -> Protocol:
         "depths_mm": [0.5, 1.0],
         "channels": ["image", "shear"],
         "shear": {"amplitude_mm": 2.0},
-        "capture": {"mode": "sweep", "rate_hz": 2.0},
+        "capture": {"rate_hz": 2.0},
     }
     return catalog.validate(Protocol, data | changes, "t.toml")
 
@@ -49,17 +52,76 @@ def test_sweep_frames_follow_from_length_feed_and_rate() -> None:
     assert leg.frames == round(4.0 / (30.0 / 60) * 2.0)
 
 
-def test_step_mode_reads_each_stop_once_after_settling() -> None:
-    protocol = declare(
-        capture={"mode": "step", "settle_s": 1.5}, shear={"amplitude_mm": 2.0, "points_per_side": 2}
-    )
+def test_a_stop_is_read_once_after_settling_and_the_way_back_is_no_stop() -> None:
+    shear = {"amplitude_mm": 2.0, "points_per_side": 2}
+    protocol = declare(capture={"settle_s": 1.5}, shear=shear)
     press = [s for s in plan.expand(protocol) if s.press == "sphere-10/p1" and s.frames]
-    # rest, after, and for two depths the press, 2 axes x (4 stops + the way back)
-    assert len(press) == 2 + 2 * (1 + 2 * 5)
+    # rest, after, and for two depths the press and 2 axes x 4 stops
+    assert len(press) == 2 + 2 * (1 + 2 * 4)
     assert {s.frames for s in press} == {1}
     assert {s.settle_s for s in press} == {1.5}
-    offsets = [s.target_mm[0] - 1.0 for s in press if "shear-x" in s.id][:5]
-    assert offsets == pytest.approx([1.0, 2.0, -1.0, -2.0, 0.0])
+    assert [s.id for s in press if not s.settled] == ["sphere-10/p1/after"]
+    offsets = [s.target_mm[0] - 1.0 for s in press if "shear-x" in s.id][:4]
+    assert offsets == pytest.approx([1.0, 2.0, -1.0, -2.0])
+
+
+def test_filmed_on_the_way_and_settled_at_the_end() -> None:
+    both = plan.expand(declare(capture={"rate_hz": 2.0, "settle_s": 1.5}))
+    sweep = plan.expand(declare())
+    assert [(s.id, s.target_mm, s.frames) for s in both] == [
+        (s.id, s.target_mm, s.frames) for s in sweep
+    ]
+    legs = {s.id.rsplit("/", 1)[1]: s for s in both if s.press == "sphere-10/p1"}
+    leg, back = legs["shear-x-"], legs["shear-x0"]
+    assert (leg.frames, leg.settled, leg.settle_s) == (16, True, 1.5)
+    assert (back.frames, back.settled, back.settle_s) == (8, False, 0.0)
+    assert [s.id for s in sweep if s.settled] == [f"sphere-10/p{n}/rest" for n in (1, 2)]
+
+
+@given(st.integers(1, 6), st.floats(0.1, 3.0))
+def test_a_grid_is_gone_through_point_by_point_and_back(n: int, amplitude_mm: float) -> None:
+    shear = {"amplitude_mm": amplitude_mm, "points_per_side": n, "grid": True}
+    protocol = declare(shear=shear, positions_mm=[[1.0, -2.0]], depths_mm=[1.0])
+    steps = [s for s in plan.expand(protocol) if s.kind in ("press", "shear")]
+    assert len({s.id for s in steps}) == len(steps) == (2 * n + 1) ** 2 + 1
+    ways = [math.dist(a.target_mm, b.target_mm) for a, b in itertools.pairwise(steps)]
+    assert ways[:-1] == pytest.approx([amplitude_mm / n] * (len(steps) - 2))
+    at = [
+        tuple(
+            round((p - c) * n / amplitude_mm) for p, c in zip(s.target_mm[:2], (1, -2), strict=True)
+        )
+        for s in steps
+    ]
+    assert set(at) == set(itertools.product(range(-n, n + 1), repeat=2))
+    assert at[0] == at[-1] == (0, 0)
+
+
+@given(
+    st.floats(0, 6), st.floats(0, 6), st.booleans(), st.booleans(), st.booleans(), st.integers(1, 3)
+)
+def test_outward_the_mirror_image_of_a_place_has_the_mirror_image_of_its_path(
+    x: float, y: float, left: bool, down: bool, grid: bool, n: int
+) -> None:
+    shear = {"amplitude_of_depth": 0.4, "points_per_side": n, "grid": grid, "first": "outward"}
+    signs = (-1 if left else 1, -1 if down else 1, 1)
+
+    def way(at: tuple[float, float]) -> list[tuple[float, ...]]:
+        return [s.target_mm for s in plan.expand(declare(shear=shear, positions_mm=[at]))[1:]]
+
+    image = way((signs[0] * x, signs[1] * y))
+    for mine, its in zip(way((x, y)), image, strict=True):
+        # A place on the plane is its own image: from there all go to + first.
+        for axis, c in enumerate((x, y)):
+            sign = signs[axis] if c > 0 else 1
+            assert its[axis] == sign * mine[axis]
+        assert its[2] == mine[2]
+
+
+def test_the_amplitude_is_a_length_or_a_share_of_the_depth() -> None:
+    steps = plan.expand(declare(shear={"amplitude_of_depth": 0.4}))
+    assert [s.target_mm[0] for s in steps if s.id.startswith("sphere-10/p1/") and "x+" in s.id] == [
+        pytest.approx(1.0 + 0.4 * d) for d in (0.5, 1.0)
+    ]
 
 
 def test_outward_goes_away_from_the_centre_first() -> None:
@@ -72,7 +134,7 @@ def test_outward_goes_away_from_the_centre_first() -> None:
         "shear-x+", "shear-x-", "shear-x0", "shear-y-", "shear-y+", "shear-y0",
     ]  # fmt: skip
     assert next(s for s in sweep if s.kind == "shear").target_mm == (-3.0, 3.0, -1.0)
-    step = declare(shear=shear, positions_mm=places, capture={"mode": "step"})
+    step = declare(shear=shear | {"points_per_side": 2}, positions_mm=places)
     offsets = [s.target_mm[0] + 1.0 for s in plan.expand(step) if "shear-x" in s.id][:5]
     assert offsets == pytest.approx([-1.0, -2.0, 1.0, 2.0, 0.0])
 
@@ -95,7 +157,12 @@ def test_smoke_is_what_the_issue_asks_for() -> None:
         ({"channels": ["image"]}, ["channels", "needs 'shear'"]),
         ({"channels": ["dots"], "shear": None}, ["channels", "needs 'image'"]),
         ({"depth_mm": [1.0]}, ["depth_mm", "unknown key", "depths_mm"]),
-        ({"capture": {"mode": "film"}}, ["capture.mode", "'sweep'", "'film'"]),
+        ({"capture": {"mode": "sweep"}}, ["capture.mode", "unknown key", "rate_hz", "settle_s"]),
+        ({"capture": {}}, ["capture", "rate_hz", "settle_s"]),
+        ({"capture": {"settle_s": -1}}, ["capture.settle_s", "greater than or equal to 0"]),
+        ({"shear": {"axes": ["x"]}}, ["shear", "amplitude_mm or amplitude_of_depth"]),
+        ({"shear": {"amplitude_mm": 1, "amplitude_of_depth": 1}}, ["either"]),
+        ({"shear": {"amplitude_mm": 1, "grid": True, "axes": ["y"]}}, ["axes", "both x and y"]),
         ({"motion": {"clearance_mm": 0.1}}, ["motion", "approach_gap_mm"]),
         ({"specimen": {"serial": ""}}, ["specimen.serial", "1 character"]),
         ({"specimen": {"serial": "n" * 65}}, ["specimen.serial", "64 characters"]),

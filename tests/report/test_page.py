@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from deltact_fab import record
+from deltact_fab.analysis.measured import measured
 from deltact_fab.analysis.tracking_error import TrackingResult, analyse, judge
 from deltact_fab.report import figures
 from deltact_fab.report.page import write
@@ -25,10 +27,28 @@ def result(mini_run: Path) -> TrackingResult:
 
 
 @pytest.fixture(scope="module")
-def page(mini_run: Path, result: TrackingResult, tmp_path_factory: pytest.TempPathFactory) -> str:
+def page(
+    mini_run: Path,
+    result: TrackingResult,
+    calibrations: list[Path],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> str:
     out = tmp_path_factory.mktemp("report") / "report.html"
     note = "The parts were left out: no libGL"
-    return write(mini_run, out, result, {"parts": [], "note": note}).read_text()
+    found = measured(record.open(mini_run), calibrations)
+    return write(mini_run, out, result, found, parts={"parts": [], "note": note}).read_text()
+
+
+def test_it_shows_shape_contacts_and_force_and_how_far_to_believe_them(page: str) -> None:
+    _, _, rest = page.partition("Shape and contact at the deepest press")
+    section, _, after = rest.partition("</section>")
+    assert section.count("<image") == 2  # a map an indenter
+    rows = re.findall(r"<tr><td>(sphere:10|4dots)</td>.*?</tr>", section)
+    assert rows.count("sphere:10") == 1
+    assert rows.count("4dots") >= 1
+    assert "force sensor" in after.partition("</section>")[0]
+    verdicts = re.findall(r'<p class="verdict[^"]*">(.*?)</p>', page, re.DOTALL)
+    assert "this is no test of it" in verdicts[1]
 
 
 class Attributes(HTMLParser):

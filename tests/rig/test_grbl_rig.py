@@ -22,7 +22,6 @@ positions_mm = [[0.0, 0.0], [2.0, -1.0]]
 depths_mm = [1.0, 2.0]
 channels = {channels}
 [capture]
-mode = "step"
 settle_s = 0.02
 [motion]
 clearance_mm = 4.0

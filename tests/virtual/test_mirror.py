@@ -41,7 +41,7 @@ def declared(**changes: Any) -> Protocol:
         "depths_mm": [0.5],
         "channels": ["image", "force", "shear"],
         "shear": {"amplitude_mm": 1.0, "first": "outward"},
-        "capture": {"mode": "sweep"},
+        "capture": {"rate_hz": 1.0},
     }
     return Protocol.model_validate(data | changes)
 

@@ -35,7 +35,7 @@ def declared(**changes: Any) -> Protocol:
         "depths_mm": [0.6],
         "channels": ["image", "force", "shear"],
         "shear": {"amplitude_mm": 1.0, "axes": ["x"]},
-        "capture": {"mode": "sweep"},
+        "capture": {"rate_hz": 1.0},
     }
     return Protocol.model_validate(data | changes)
 
@@ -81,12 +81,12 @@ def test_knots_are_no_further_apart_than_the_increments_and_one_is_at_first_touc
 
 
 def test_rests_count_for_a_gel_that_creeps_only() -> None:
-    step = declared(capture={"mode": "step", "settle_s": 2.0})
+    step = declared(capture={"settle_s": 2.0})
     path = paths(step)[0]
     plain, timed = (poses(path, Increments(1.0, 1.0), timed=t) for t in (False, True))
     assert [p for p in timed if p.part > 0] == plain
     rests = [p for p in timed if p.part == 0]
-    assert len(rests) == len(path.lines)
+    assert len(rests) == len(path.lines) - 1  # the way back to the centre is no stop
     assert all(p.seconds == 2.0 for p in rests)
 
 
@@ -109,7 +109,7 @@ def test_a_press_is_solved_once_and_found_bit_for_bit() -> None:
     ("other", "shared"),
     [
         (lambda: specimen(pattern="dense", modulus_mpa=0.3), True),
-        (lambda: declared(capture={"mode": "sweep", "rate_hz": 5.0}), True),
+        (lambda: declared(capture={"rate_hz": 5.0}), True),
         (lambda: declared(motion={"shear_feed_mm_min": 60.0}), True),
         (lambda: declared(indenters=["sphere:12", "4dots"]), True),
         (lambda: specimen(poisson=0.48), False),
@@ -130,8 +130,8 @@ def test_only_what_changes_the_mechanics_is_solved_again(
 
 def test_forces_are_in_proportion_to_the_modulus() -> None:
     """What lets all moduli share a trajectory: the solver itself, with another one."""
+    from deltact_fab.elasticity.material import GelMaterial
     from deltact_fab.gel.level import Reach
-    from deltact_fab.gel.material import GelMaterial
     from deltact_fab.gel.open import open_contact
     from deltact_fab.shapes.indenter import parse
 

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.level import GelContact, Reach, State
-from deltact_fab.gel.material import GelMaterial
 from deltact_fab.gel.open import open_contact
 from deltact_fab.gel.path.knots import Increments, Observed, Pose
 from deltact_fab.gel.path.solver import PathSolver

@@ -22,7 +22,6 @@ channels = {channels}
 amplitude_mm = 0.8
 axes = ["y"]
 [capture]
-mode = "step"
 settle_s = 0.2
 [specimen]
 gel_model = "{level}"

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import record
-from ...errors import InputError, RunFailed
+from ...errors import InputError
+from ..frames import make_folder
 from .tally import MOVING_MM, WRONG_MM
 from .verdict import Verdict, judge
 
@@ -66,10 +67,7 @@ class TrackingResult:
 
     def save(self, folder: Path) -> list[Path]:
         """Write tracking.json, tracking.csv (one row a frame and method) and the arrows."""
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as why:
-            raise RunFailed(f"{folder}: cannot be made: {why.strerror}; name --out") from why
+        make_folder(folder)
         packed = io.BytesIO()
         arrows: dict[str, Any] = {k.replace("/", "|"): v for k, v in self.arrows.items()}
         np.savez_compressed(packed, **arrows)

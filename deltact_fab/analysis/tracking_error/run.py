@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import multiprocessing
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
+from collections.abc import Sequence
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
 from ... import record
-from ...errors import InputError
+from ..frames import recorded
+from ..parallel import Progress, each
 from .dots import DotTally
 from .press import COLUMNS, Job, PressResult, analyse_press
 from .result import TrackingResult
 from .scene import Scene, scene_of
 from .tally import Tally
-
-Progress = Callable[[int, int, str], None]
 
 
 def analyse(
@@ -32,33 +30,13 @@ def analyse(
     and named. Raises InputError for an unknown method, a run without images or one not finished.
     """
     run = record.open(folder)
-    frames = run.frames()
-    if not run.finished:
-        raise InputError(f"{folder}: the run is not finished; go on with `run --resume`")
-    if frames.empty or frames["file"].isna().any():
-        raise InputError(f"{folder}: no images were recorded; tracking needs the channel 'image'")
+    frames = recorded(run, "tracking")
     scene = scene_of(run, methods)
     presses = list(dict.fromkeys(frames["press"]))
     indenter_of = dict(zip(frames["press"], frames["indenter"], strict=True))
     jobs = [Job(str(folder), press, scene) for press in presses]
-    if executor is not None:
-        results = _collect(executor, jobs, progress)
-    else:
-        with ProcessPoolExecutor(
-            max_workers=min(2, len(jobs)), mp_context=multiprocessing.get_context("spawn")
-        ) as local:
-            results = _collect(local, jobs, progress)
+    results = each(analyse_press, jobs, presses, executor, progress)
     return _assemble(run, scene, results, list(indenter_of.values()))
-
-
-def _collect(executor: Executor, jobs: list[Job], progress: Progress | None) -> list[PressResult]:
-    futures = [executor.submit(analyse_press, job) for job in jobs]
-    results = []
-    for done, (job, future) in enumerate(zip(jobs, futures, strict=True), start=1):
-        results.append(future.result())
-        if progress is not None:
-            progress(done, len(jobs), job.press)
-    return results
 
 
 def _assemble(

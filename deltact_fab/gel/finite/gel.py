@@ -10,10 +10,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ...elasticity.material import GelMaterial
 from ...errors import InputError
 from ...shapes import Indenter, SkinDimensions
 from ..level import Choice, Diagnostics, Level, Point
-from ..material import GelMaterial
 from .field import FaceLattice, tractions_mpa, whole_wrench
 from .give import lacking_n
 from .mesh import block_mesh

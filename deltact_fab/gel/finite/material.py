@@ -25,8 +25,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ...elasticity.material import GelMaterial
 from ...errors import InputError
-from ..material import GelMaterial
 
 Field = NDArray[np.float64]
 

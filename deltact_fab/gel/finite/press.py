@@ -10,10 +10,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ...elasticity.material import GelMaterial
 from ...errors import InputError, SolverError
 from ...shapes import Indenter
 from ..footprint import edge_radius_mm
-from ..material import GelMaterial
 from . import newton
 from .assembly import BulkAssembly
 from .blunt import blunted

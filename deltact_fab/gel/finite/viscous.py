@@ -27,8 +27,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...elasticity.material import GelMaterial
 from ...errors import InputError
-from ..material import GelMaterial
 from .material import NeoHooke
 
 Field = NDArray[np.float64]

@@ -18,10 +18,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ...elasticity.material import GelMaterial
 from ...errors import InputError
 from ...shapes import Indenter, SkinDimensions
 from ..level import Choice
-from ..material import GelMaterial
 from ..path.knots import Increments, Observed, Point, Pose, divide
 from ..path.open import choose, open_path
 from .power_law import PowerLaw, evaluated, interpolant, left_out

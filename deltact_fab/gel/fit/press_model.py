@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ...elasticity.material import GelMaterial
 from ...shapes import Indenter, SkinDimensions
-from ..material import GelMaterial
 from .curve import ForceCurve, Point2, Progress, force_curve, force_path
 from .measured import Measured
 

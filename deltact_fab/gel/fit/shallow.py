@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ...elasticity.material import GelMaterial
 from ...errors import InputError, SolverError
 from ...shapes import Indenter, SkinDimensions
-from ..material import GelMaterial
 from ..path.knots import Observed, Pose
 from ..path.open import choose, open_path
 

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
+from ...elasticity.face import Field, PatchOperator
 from ...errors import SolverError
 from .. import limit
-from .face import Field, PatchOperator
 
 Mask = NDArray[np.bool_]
 

@@ -25,10 +25,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...elasticity.face import FaceOperator, Field, PatchOperator
 from ...errors import InputError, SolverError
 from ...shapes import Indenter
 from .complementarity import Compliance, friction_contact, normal_contact, normal_violation
-from .face import FaceOperator, Field, PatchOperator
 from .limits import Point, least_det, refuse_bad_contact, refuse_out_of_range
 from .mixing import Mixer
 from .patch import Patch, footprint, patch_below

@@ -9,13 +9,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ...elasticity.face import FaceOperator
+from ...elasticity.material import GelMaterial
 from ...errors import SolverError
 from ...shapes import Indenter, SkinDimensions
 from ..lattice import hermite, means
 from ..level import Choice, Diagnostics, Level, Point
-from ..material import GelMaterial
 from .contact import LayerContact
-from .face import FaceOperator
 from .state import ContactState
 
 Field = NDArray[np.float64]
@@ -161,9 +161,9 @@ def _laid(to_lattice: tuple[Field, Field], field: Field) -> Field:
 
 def _face(skin: SkinDimensions, material: GelMaterial, choice: Choice) -> FaceOperator:
     if choice.level == "layer":
-        from .layer import BondedLayer
+        from ...elasticity.layer import BondedLayer
 
         return BondedLayer.for_skin(skin, material, spacing_mm=choice.spacing_mm)
-    from .block import FreeBlock
+    from ...elasticity.block import FreeBlock
 
     return FreeBlock.for_skin(skin, material, spacing_mm=choice.spacing_mm)

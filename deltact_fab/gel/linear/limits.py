@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from ...elasticity.face import FaceOperator, Field
 from ...errors import InputError, SolverError
 from ...shapes import Indenter
-from .face import FaceOperator, Field
 from .patch import span
 
 Point = tuple[float, float, float]

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ...elasticity.face import FaceOperator, PatchOperator
 from ...errors import SolverError
 from ...shapes import Indenter
-from .face import FaceOperator, PatchOperator
 
 Field = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from ...elasticity.material import GelMaterial
 from ...shapes import Indenter, SkinDimensions
 from ..choose import TOLERANCE, pick
 from ..level import Choice, GelContact, Reach
-from ..material import GelMaterial
 from .knots import Observed, Pose
 from .mirror import to_solved
 from .solver import PathSolver

@@ -12,9 +12,9 @@ from typing import Any, Literal
 import numpy as np
 
 from ... import cache, digest
+from ...elasticity.material import GelMaterial
 from ...shapes import Indenter, SkinDimensions
 from ..level import Choice
-from ..material import GelMaterial
 from .knots import Between, Field, Observed, Point, Pose, Solved, Trajectory
 
 KIND = "gel-trajectory"

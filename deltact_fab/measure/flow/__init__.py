@@ -9,10 +9,10 @@ it with cv2.setNumThreads, and records it where bytes must repeat.
 """
 
 from .confidence import ConfidenceRule
-from .image import MIN_SIDE_PX, to_gray
+from .image import MIN_SIDE_PX, Sampled, to_gray
 from .method import DEFAULT_METHOD, FLOW_METHODS, FlowMethod, FlowPreset
 from .named import PAPER, REFERENCES, named_tracker
-from .observation import FlowDiagnostics, FlowObservation, FlowState
+from .observation import FlowDiagnostics, FlowObservation, FlowState, Ready
 from .renewed import Renewal, RenewalRule
 from .tracker import FlowTracker, Reference
 
@@ -29,9 +29,11 @@ __all__ = [
     "FlowPreset",
     "FlowState",
     "FlowTracker",
+    "Ready",
     "Reference",
     "Renewal",
     "RenewalRule",
+    "Sampled",
     "named_tracker",
     "to_gray",
 ]

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compose import landing_px, sample
+from ..compose import landing_px, sample, shrunk
 from .confidence import Judge
 from .fill import filled
-from .fused import Plane, Reference, predict
-from .observation import Followed
+from .fused import COARSE, Plane, Reference, predict
+from .observation import Followed, Ready
 
 Array = NDArray[Any]
 
@@ -30,18 +30,23 @@ class Anchored:
     def __init__(self, reference: Reference, judge: Judge) -> None:
         self._reference = reference
         self._judge = judge
-        self._last = reference.plane
+        self._before = reference.plane
         self._flow: Array = np.zeros((*reference.plane.small.shape, 2), np.float32)
 
-    def step(self, image: Array, plane: Plane) -> Followed:
-        """Follow one more image, (h, w[, 3]) uint8; plane: of the same."""
-        start = self._flow + sample(
-            predict(self._last, plane), landing_px(self._flow * np.float32(0.5))
-        )
-        match = self._reference.refine(plane, start)
-        kept, agreeing = self._judge.look(image, match)
+    def ahead(self, plane: Plane) -> Array:
+        """The flow in px from the image before to this one, as far as a look tells: coarse."""
+        before, self._before = self._before, plane
+        return shrunk(predict(before, plane), COARSE)
+
+    def step(self, ready: Ready) -> Followed:
+        """Follow one more image."""
+        assert ready.ahead_px is not None, "made by `ahead`"
+        so_far = shrunk(self._flow, COARSE)
+        at = landing_px(so_far * np.float32(0.5 / COARSE))
+        start = so_far + sample(ready.ahead_px, at)
+        match = self._reference.refine(ready.plane, start)
+        kept, agreeing = self._judge.look(ready.witness, match)
         # Neighbours are asked only where they agree: a match that is kept and wrong would draw
         # others after it.
-        flow = filled(match.flow_px, agreeing, kept)
-        self._flow, self._last = flow, plane
-        return Followed(flow, kept, agreeing & self._judge.settled(match, kept))
+        self._flow = filled(match.flow_px, agreeing, kept)
+        return Followed(self._flow, kept, agreeing, match=match)

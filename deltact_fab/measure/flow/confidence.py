@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ..compose import landing_px, sample, shrunk
-from .fused import Plane, Refined
+from . import kernel_cv2
+from .fused import Plane, Refined, kernel
+from .image import Sampled
 from .observation import FlowState
 
 Array = NDArray[Any]
@@ -95,7 +97,7 @@ class Judge:
     """
 
     def __init__(
-        self, image: Array, plane: Plane, rule: ConfidenceRule, witness: bool = True
+        self, image: Array | Sampled, plane: Plane, rule: ConfidenceRule, witness: bool = True
     ) -> None:
         self.rule = rule
         self.name = "colour" if image.ndim == 3 and witness else "grey"
@@ -116,23 +118,26 @@ class Judge:
 
     def inside(self, flow_px: Array) -> Array:
         """Which nodes land inside the image, (hh, ww) bool."""
-        return self._within(_landing(flow_px), 0.0)
+        return kernel_cv2.within(flow_px, self._shape, 0.0)
 
-    def look(self, image: Array, match: Refined) -> tuple[Array, Array]:
+    def witness(self, image: Array | Sampled) -> list[Array]:
+        """What `look` asks of the current image (h, w[, 3]), nothing of a grey one."""
+        return _witness(image) if self.name == "colour" else []
+
+    def look(self, witness: list[Array], match: Refined) -> tuple[Array, Array]:
         """Nodes whose own flow stands, and those of them that the second witness bears out.
 
-        Both (hh, ww) bool; image: the current one, of which the match is.
+        Both (hh, ww) bool; witness: of the current image, of which the match is.
         """
-        rule, landing = self.rule, _landing(match.flow_px)
-        kept = (match.correlation > rule.keep_correlation) & (det_f(match.flow_px) > rule.keep_det)
-        kept &= self._within(landing, 0.0)
-        agreeing = kept & self.textured & (match.deviation_px < rule.deviation_max_px)
-        agreeing &= self._within(landing, rule.border_px)
+        rule, by = self.rule, kernel()
+        least = rule.keep_correlation, rule.keep_det, rule.deviation_max_px, rule.border_px
+        flow, correlation, deviation, _ = match
+        kept, agreeing = by.stands(flow, correlation, deviation, self.textured, least, self._shape)
         if self.name == "colour":
-            agreeing &= self._wide(self._chroma(image, landing)) > rule.chroma_min
+            agreeing &= self._wide(self._chroma(witness, _landing(flow)) > rule.chroma_min)
         else:
-            agreeing &= match.correlation > rule.grey_min
-        return np.asarray(kept), np.asarray(agreeing)
+            agreeing &= correlation > rule.grey_min
+        return kept, agreeing
 
     def state(self, inside: Array, kept: Array) -> Array:
         """What stands behind each node's flow, (hh, ww) uint8 of FlowState."""
@@ -166,17 +171,9 @@ class Judge:
             self.textured_share >= rule.textured_share and share >= rule.trusted_share,
         )
 
-    def _within(self, landing: Array, margin_px: float) -> Array:
-        """Which nodes land inside the image and so far from its edge, (hh, ww) bool."""
-        h, w = self._shape
-        # Node j lies at pixel 2 j + 1/2.
-        low = (margin_px / 2 - 0.25,) * 2
-        high = ((w - 1 - margin_px) / 2 - 0.25, (h - 1 - margin_px) / 2 - 0.25)
-        return cv2.inRange(landing, np.array(low), np.array(high)).view(bool)
-
-    def _chroma(self, image: Array, landing: Array) -> Array:
+    def _chroma(self, witness: list[Array], landing: Array) -> Array:
         """Correlation, by coarse cell, of what the fit has not seen; both channels together."""
-        current = [sample(c, landing).astype(np.float32) - 128 for c in _witness(image)]
+        current = [sample(c, landing).astype(np.float32) - 128 for c in witness]
         mean = [self._around(channel) for channel in current]
         power = self._around(_product(current, current)) - _product(mean, mean)
         shared = self._around(_product(self._witness, current)) - _product(self._mean, mean)
@@ -205,20 +202,9 @@ def _landing(flow_px: Array) -> Array:
     return landing_px(flow_px * np.float32(0.5))
 
 
-def det_f(flow_px: Array) -> Array:
-    """det(I + grad u) of a flow on the half grid: a node's area now, its area before being 1."""
-    ux, uy = cv2.split(flow_px)
-    xx, xy, yx, yy = (
-        cv2.Sobel(u, cv2.CV_32F, *axis, ksize=1, scale=0.25, borderType=_EDGE)
-        for u in (ux, uy)
-        for axis in ((1, 0), (0, 1))
-    )
-    return np.asarray((1 + xx) * (1 + yy) - xy * yx)
-
-
-def _witness(image: Array) -> list[Array]:
+def _witness(image: Array | Sampled) -> list[Array]:
     """Blue and red of a BGR image on the half grid, (hh, ww) uint8 each: without green."""
-    small = shrunk(image, 2)
+    small = image.nodes if isinstance(image, Sampled) else shrunk(image, 2)
     return [cv2.extractChannel(small, 0), cv2.extractChannel(small, 2)]
 
 

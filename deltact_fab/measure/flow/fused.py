@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache, lru_cache
+from threading import get_ident
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -23,14 +24,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
+from ..compose import shrunk
 from . import kernel_cv2
-from .image import MIN_SIDE_PX, require_image
+from .image import MIN_SIDE_PX, Sampled, require_image
 from .kernel_cv2 import LEAST_VARIANCE, around
 
 Array = NDArray[Any]
 
 STEPS = (6, 4, 2)  # on a quarter, half and the full size
 _LEVELS = 3
+COARSE = 2 ** (_LEVELS - 1)
+"""Nodes to a side of the grid that a refinement starts on."""
 _BEYOND_PX = 4  # pixels behind the last one that a warp may read
 _LIGHT_WINDOW = 11  # of 8 px: within it the light is alike
 _PRIOR = 0.02
@@ -81,22 +85,26 @@ class Plane:
         self._targets: dict[tuple[str, int], Array] = {}
 
     @classmethod
-    def of(cls, image: Array | Plane) -> Plane:
+    def of(cls, image: Array | Sampled | Plane) -> Plane:
         """(h, w) grey or (h, w, 3) BGR uint8 to its plane, which shares no memory with it.
 
         Raises InputError for another type or shape, and for sides below 64 px.
         """
         if isinstance(image, Plane):
             return image
-        require_image(image)
+        require_image(image.green if isinstance(image, Sampled) else image)
         if min(image.shape[:2]) < MIN_SIDE_PX:
             raise InputError(
                 f"flow: the image is {image.shape[:2]}; "
                 f"sides of {MIN_SIDE_PX} px or more are needed"
             )
-        if image.ndim == 2:
+        if isinstance(image, Sampled):
+            green = image.green
+        elif image.ndim == 2:
             return cls(np.array(image, order="C"))
-        return cls(cv2.GaussianBlur(cv2.extractChannel(image, 1), (0, 0), 1.0), blurred=True)
+        else:
+            green = cv2.extractChannel(image, 1)
+        return cls(cv2.GaussianBlur(green, (0, 0), 1.0), blurred=True)
 
     def level(self, k: int) -> Array:
         """The image at 1 / 2^k of its size, padded to whole cells at every level."""
@@ -161,7 +169,8 @@ class Reference:
     ) -> Refined:
         """The flow from the reference to the current image.
 
-        start_px: (hh, ww, 2) float32 to start from; `predict` by default. steps: on a quarter,
+        start_px: (hh, ww, 2) float32 to start from, or its means over COARSE x COARSE nodes, which
+        are all that is read of it; `predict` by default. steps: on a quarter,
         half and the full size, the last of them 1 or more. Correlation and deviation are those
         before the last step. Raises InputError for another size of image or start, a start that is
         not finite, or other steps.
@@ -172,8 +181,8 @@ class Reference:
             )
         self._check_size(current)
         start = predict(self.plane, current) if start_px is None else start_px
-        planes = light = self._padded(start)
-        n_rows, n_cols = planes.shape[1:]
+        planes = light = self._coarse(start)
+        n_rows, n_cols = (s // 2 for s in self.plane.level(0).shape)
         for k, n in zip(reversed(range(_LEVELS)), steps, strict=True):
             size = (n_cols >> k, n_rows >> k)
             planes = _resized(planes, size)
@@ -199,6 +208,16 @@ class Reference:
                 f"flow: the images are {self.plane.shape} and {current.shape}; one size is needed"
             )
 
+    def _coarse(self, start_px: Array) -> Array:
+        hh, ww = self.plane.small.shape
+        given = start_px.shape
+        start = shrunk(start_px, COARSE) if given == (hh, ww, 2) else start_px
+        if start.shape != (-(-hh // COARSE), -(-ww // COARSE), 2):
+            raise InputError(f"flow: the start is {given}, not {(hh, ww, 2)}")
+        if not np.isfinite(start).all():
+            raise InputError("flow: the start is not finite everywhere")
+        return np.stack(cv2.split(start * np.float32(1 / COARSE)))
+
     def _padded(self, flow_px: Array) -> Array:
         hh, ww = self.plane.small.shape
         if flow_px.shape != (hh, ww, 2):
@@ -208,8 +227,6 @@ class Reference:
         planes[:, :hh, :ww] = flow_px.transpose(2, 0, 1)
         planes[:, hh:, :ww] = planes[:, hh - 1 : hh, :ww]
         planes[:, :, ww:] = planes[:, :, ww - 1 : ww]
-        if not np.isfinite(planes).all():
-            raise InputError("flow: the start is not finite everywhere")
         return planes
 
     def _light(self, current: Plane, k: int, planes: Array) -> Array:
@@ -303,9 +320,10 @@ def _resized(planes: Array, size: tuple[int, int], unit: float | None = None) ->
     return out
 
 
-@lru_cache(maxsize=4)
-def _dis(shape: tuple[int, int]) -> cv2.DISOpticalFlow:
-    # One for each size: cv2 rewrites the settings of one that meets a small image.
+@lru_cache(maxsize=8)
+def _dis(shape: tuple[int, int], thread: int) -> cv2.DISOpticalFlow:
+    # One for each size: cv2 rewrites the settings of one that meets a small image. And one for each
+    # thread: it keeps its pyramids between calls.
     dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
     dis.setFinestScale(2)
     dis.setGradientDescentIterations(25)
@@ -316,7 +334,8 @@ def _dis(shape: tuple[int, int]) -> cv2.DISOpticalFlow:
 def predict(a: Plane, b: Plane) -> Array:
     """A coarse flow from one image to another, by DIS at half the size: (hh, ww, 2) float32 px."""
     start: Any = None
-    return np.asarray(_dis(a.small.shape).calc(a.small, b.small, start)) * np.float32(2)
+    dis = _dis(a.small.shape, get_ident())
+    return np.asarray(dis.calc(a.small, b.small, start)) * np.float32(2)
 
 
 def to_half(flow_px: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -13,6 +13,27 @@ from ...errors import InputError
 Array = NDArray[Any]
 
 MIN_SIDE_PX = 64  # below it the pyramids of every method degenerate
+
+
+class Sampled(NamedTuple):
+    """All that the anchored tracker reads of a colour image, for who need not make the rest.
+
+    green (h, w) uint8: the channel that is tracked. nodes (hh, ww, 3) BGR uint8: one pixel a node
+    of the half grid, hh = ceil(h / 2).
+    """
+
+    green: Array
+    nodes: Array
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Of the image."""
+        return (*self.green.shape[:2], 3)
+
+    @property
+    def ndim(self) -> int:
+        """Of the image."""
+        return 3
 
 
 def require_image(image: Array) -> None:

@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compose import landing_px
+
 Array = NDArray[Any]
 NAME = "cv2"
 # A box of 6 of a box of 5 of a box of 2: its transfer function has hardly a negative part, which
@@ -141,3 +143,40 @@ def _judged(
     contrast = np.maximum((power - shared) / power, LEAST_CONTRAST)
     ahead = (dx * dx + dy * dy) / (contrast * contrast)
     return correlation, np.sqrt(gain**2 * OWN_WEIGHT * noise * spread), ahead
+
+
+def stands(
+    flow: Array, correlation: Array, deviation: Array, textured: Array,
+    least: tuple[float, float, float, float], shape: tuple[int, int],
+) -> tuple[Array, Array]:  # fmt: skip
+    """Nodes whose own flow stands, and those of them that are fit to agree, both (hh, ww) bool.
+
+    flow (hh, ww, 2) px, correlation and deviation (hh, ww): of `Refined`. textured (hh, ww) bool.
+    least: the correlation and det F that are kept above, the deviation in px that agrees below, and
+    how far from the edge of the image, px. shape: of the image (h, w).
+    """
+    least_correlation, least_det, most_deviation, border_px = least
+    kept = (correlation > least_correlation) & (det_f(flow) > least_det) & within(flow, shape, 0.0)
+    agreeing = kept & textured & (deviation < most_deviation) & within(flow, shape, border_px)
+    return np.asarray(kept), np.asarray(agreeing)
+
+
+def det_f(flow: Array) -> Array:
+    """det(I + grad u) of a flow on the half grid: a node's area now, its area before being 1."""
+    ux, uy = cv2.split(flow)
+    xx, xy, yx, yy = (
+        cv2.Sobel(u, cv2.CV_32F, *axis, ksize=1, scale=0.25, borderType=cv2.BORDER_REPLICATE)
+        for u in (ux, uy)
+        for axis in ((1, 0), (0, 1))
+    )
+    return np.asarray((1 + xx) * (1 + yy) - xy * yx)
+
+
+def within(flow: Array, shape: tuple[int, int], margin_px: float) -> Array:
+    """Which nodes land inside the image and so far from its edge, (hh, ww) bool."""
+    h, w = shape
+    landing = landing_px(flow * np.float32(0.5))
+    # Node j lies at pixel 2 j + 1/2.
+    low = (margin_px / 2 - 0.25,) * 2
+    high = ((w - 1 - margin_px) / 2 - 0.25, (h - 1 - margin_px) / 2 - 0.25)
+    return cv2.inRange(landing, np.array(low), np.array(high)).view(bool)

@@ -362,3 +362,44 @@ def _blend(above: Any, middle: Any, below: Any, out: Any) -> None:
     quarter, half = np.float32(0.25), np.float32(0.5)
     for j in range(len(out)):
         out[j] = quarter * (above[j] + below[j]) + half * middle[j]
+
+
+def stands(
+    flow: Array, correlation: Array, deviation: Array, textured: Array,
+    least: tuple[float, float, float, float], shape: tuple[int, int],
+) -> tuple[Array, Array]:  # fmt: skip
+    """See `kernel_cv2.stands`."""
+    kept, agreeing = np.empty(textured.shape, bool), np.empty(textured.shape, bool)
+    limits = np.array(least, np.float32)
+    _stands(flow, correlation, deviation, textured, limits, *shape, kept, agreeing)
+    return kept, agreeing
+
+
+@_compiled
+def _stands(
+    flow: Any, correlation: Any, deviation: Any, textured: Any, least: Any, height: int,
+    width: int, kept: Any, agreeing: Any,
+) -> None:  # fmt: skip
+    rows, cols = correlation.shape
+    squeezed = np.zeros((5, cols + 2), np.float32)
+    ux, uy, det, x, y = squeezed[0], squeezed[1], squeezed[2], squeezed[3], squeezed[4]
+    quarter, one = np.float32(0.25), np.float32(1)
+    right, bottom, edge = np.float32(width - 1), np.float32(height - 1), least[3]
+    zero, middle = np.float32(0), np.float32(0.5)
+    for i in range(rows):
+        above, below, here = flow[max(i - 1, 0)], flow[min(i + 1, rows - 1)], flow[i]
+        for j in range(cols):
+            ux[j + 1], uy[j + 1] = here[j, 0], here[j, 1]
+        ux[0], uy[0], ux[cols + 1], uy[cols + 1] = ux[1], uy[1], ux[cols], uy[cols]
+        top = np.float32(2 * i) + middle
+        for j in range(cols):
+            xx, yx = quarter * (ux[j + 2] - ux[j]), quarter * (uy[j + 2] - uy[j])
+            xy, yy = quarter * (below[j, 0] - above[j, 0]), quarter * (below[j, 1] - above[j, 1])
+            det[j] = (one + xx) * (one + yy) - xy * yx
+            x[j] = np.float32(2 * j) + middle + ux[j + 1]
+            y[j] = top + uy[j + 1]
+        c, d, t, k, a = correlation[i], deviation[i], textured[i], kept[i], agreeing[i]
+        for j in range(cols):
+            near = min(min(x[j], right - x[j]), min(y[j], bottom - y[j]))
+            k[j] = (c[j] > least[0]) & (det[j] > least[1]) & (near >= zero)
+            a[j] = k[j] & t[j] & (d[j] < least[2]) & (near >= edge)

@@ -4,9 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from .anchored import Anchored
+    from .confidence import Judge
+    from .fused import Plane, Refined
+    from .image import Sampled
+    from .renewed import Renewed
 
 Array = NDArray[Any]
 
@@ -31,7 +38,8 @@ class FlowDiagnostics:
     textured_share: share of the first image in which there is anything to see. bad_share: share of
     what is textured and in view that is not confident. trusted: texture and confidence
     suffice (`ConfidenceRule`). confident_share: share of the visible pixels that are confident.
-    rule: "colour", "grey" or "not judged". cpu_ms: process time of the update, over all threads.
+    rule: "colour", "grey" or "not judged". cpu_ms: process time of the update, over all threads;
+    where its parts run side by side, that of the other parts is in it.
     """
 
     frame: int
@@ -85,3 +93,28 @@ class Followed:
     reference_frame: int = 0
     n_reference_switches: int = 0
     n_flows: int = 1
+    match: Refined | None = None
+
+
+class Sequence(NamedTuple):
+    """What the first image of a sequence makes: its judge, its way to follow, and its shape."""
+
+    judge: Judge
+    way: Anchored | Renewed
+    shape: tuple[int, ...]
+
+
+class Ready(NamedTuple):
+    """An image of a sequence, made ready to be followed.
+
+    frame: 0 for the first. plane, witness: what is tracked of it and what `Judge.look` asks of it.
+    ahead_px: the way's look ahead, by coarse node. start_s: process time when it came.
+    """
+
+    sequence: Sequence
+    frame: int
+    image: Array | Sampled
+    plane: Plane
+    witness: list[Array]
+    ahead_px: Array | None
+    start_s: float

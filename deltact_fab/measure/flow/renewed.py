@@ -14,9 +14,9 @@ from ..compose import block_ncc, compose, inside, landing_px, sample
 from .confidence import Judge
 from .fused import Plane, to_half
 from .fused import Reference as FirstImage
-from .image import to_gray
+from .image import Sampled, to_gray
 from .method import FlowMethod, Prepared
-from .observation import Followed
+from .observation import Followed, Ready
 
 Array = NDArray[Any]
 Sum = Literal["composed", "summed", "static"]
@@ -110,10 +110,14 @@ class Renewed:
         self._frame = 0
         self._switches = 0
 
-    def step(self, image: Array, plane: Plane) -> Followed:
-        """Follow one more image, (h, w[, 3]) uint8; plane: of the same."""
+    def ahead(self, plane: Plane) -> None:
+        """Nothing: each flow starts from the last one."""
+
+    def step(self, ready: Ready) -> Followed:
+        """Follow one more image."""
         self._frame += 1
-        gray = to_gray(image)
+        assert not isinstance(ready.image, Sampled), "for the anchored reference only"
+        gray = to_gray(ready.image)
         match, n_flows = self._match(self._ref, gray, self._relative), 1
         if (
             self._renew != "photometric"
@@ -126,7 +130,7 @@ class Renewed:
         flow, stayed = self._sum(match)
         self._settle(match, gray, flow, stayed)
         nodes = to_half(flow)
-        kept, agreeing = self._judge.look(image, self._first.evaluate(plane, nodes))
+        kept, agreeing = self._judge.look(ready.witness, self._first.evaluate(ready.plane, nodes))
         return Followed(
             nodes,
             kept,

@@ -13,8 +13,9 @@ from .anchored import Anchored
 from .confidence import ConfidenceRule, Judge, Verdict
 from .fused import Plane, to_full
 from .fused import Reference as FirstImage
+from .image import Sampled
 from .method import FlowMethod
-from .observation import FlowDiagnostics, FlowObservation, Followed
+from .observation import FlowDiagnostics, FlowObservation, Followed, Ready, Sequence
 from .renewed import Renewal, RenewalRule, Renewed
 
 Array = NDArray[Any]
@@ -67,9 +68,7 @@ class FlowTracker:
 
     def reset(self) -> None:
         """Forget everything: the next image is the first."""
-        self._judge: Judge | None = None
-        self._way: Anchored | Renewed | None = None
-        self._shape = (0, 0)
+        self._sequence: Sequence | None = None
         self._frame = -1
 
     def update(self, image: Array) -> FlowObservation:
@@ -78,24 +77,57 @@ class FlowTracker:
         Raises InputError for another type, size or number of channels, SensorError for a first
         image without texture.
         """
+        ready = self.prepare(image)
+        return self.judge(ready, self.follow(ready))
+
+    # The three parts of an update. Each may run in a thread of its own, as long as each takes the
+    # images in their order; what a part needs of the image before, no later part changes.
+
+    def prepare(self, image: Array | Sampled) -> Ready:
+        """What can be done of an update before the image before is followed. Raises as `update`.
+
+        Sampled: for the anchored reference only, and for all images of a sequence alike.
+        """
         start_s = time.process_time()
         plane = Plane.of(image)
-        judge, way = self._judge, self._way
-        if judge is None or way is None:
-            return self._begin(image, plane, start_s)
-        if image.shape != self._shape:
+        sequence = self._sequence
+        if sequence is None:
+            sequence = self._begin(image, plane)
+            self._sequence, self._frame = sequence, 0
+            return Ready(sequence, 0, image, plane, [], None, start_s)
+        if image.shape != sequence.shape:
             # Height and width say it, unless it is the channels that differ.
-            size = slice(0, 2 if image.ndim == len(self._shape) else 3)
+            size = slice(0, 2 if image.ndim == len(sequence.shape) else 3)
             raise InputError(
-                f"flow: the image is {image.shape[size]}, the first one was {self._shape[size]}"
+                f"flow: the image is {image.shape[size]}, the first one was {sequence.shape[size]}"
             )
         self._frame += 1
-        seen = way.step(image, plane)
-        inside = judge.inside(seen.flow_px)
-        verdict = judge.verdict(inside, seen.agreeing) if self.confidence else None
-        return self._observation(judge, seen, inside, verdict, start_s)
+        witness, ahead = sequence.judge.witness(image), sequence.way.ahead(plane)
+        return Ready(sequence, self._frame, image, plane, witness, ahead, start_s)
 
-    def _begin(self, image: Array, plane: Plane, start_s: float) -> FlowObservation:
+    def follow(self, ready: Ready) -> Followed:
+        """What only the flow of the image before allows."""
+        if ready.frame:
+            return ready.sequence.way.step(ready)
+        textured = ready.sequence.judge.textured
+        nothing = np.zeros((*textured.shape, 2), np.float32)
+        return Followed(nothing, np.ones(textured.shape, bool), textured, n_flows=0)
+
+    def judge(self, ready: Ready, seen: Followed) -> FlowObservation:
+        """What the next image does not wait for."""
+        judge = ready.sequence.judge
+        inside, verdict = judge.inside(seen.flow_px), None
+        if self.confidence and ready.frame:
+            agreeing = seen.agreeing
+            if seen.match is not None:
+                agreeing = agreeing & judge.settled(seen.match, seen.kept)
+            verdict = judge.verdict(inside, agreeing)
+        elif self.confidence:
+            trusted = judge.textured_share >= self.believe.textured_share
+            verdict = Verdict(judge.textured, 0.0, trusted)
+        return self._observation(ready, seen, inside, verdict)
+
+    def _begin(self, image: Array | Sampled, plane: Plane) -> Sequence:
         judge = Judge(image, plane, self.believe, witness=self.confidence)
         if not judge.textured.any():
             raise SensorError(
@@ -104,27 +136,21 @@ class FlowTracker:
                 "or no pattern"
             )
         first = FirstImage(plane)
+        way: Anchored | Renewed
         if self.reference == "anchored":
-            self._way = Anchored(first, judge)
+            way = Anchored(first, judge)
         else:
-            self._way = Renewed(
-                self.method, self.reference, self.renew, self.rule, image, first, judge
-            )
-        self._judge, self._shape, self._frame = judge, image.shape, 0
-        nothing = np.zeros((*judge.textured.shape, 2), np.float32)
-        everywhere = np.ones(judge.textured.shape, bool)
-        seen = Followed(nothing, everywhere, judge.textured, n_flows=0)
-        trusted = judge.textured_share >= self.believe.textured_share
-        verdict = Verdict(judge.textured, 0.0, trusted) if self.confidence else None
-        return self._observation(judge, seen, everywhere, verdict, start_s)
+            assert not isinstance(image, Sampled), "for the anchored reference only"
+            way = Renewed(self.method, self.reference, self.renew, self.rule, image, first, judge)
+        return Sequence(judge, way, image.shape)
 
     def _observation(
-        self, judge: Judge, seen: Followed, inside: Array, verdict: Verdict | None, start_s: float
+        self, ready: Ready, seen: Followed, inside: Array, verdict: Verdict | None
     ) -> FlowObservation:
-        stayed, flow = seen.stayed, seen.full_px
+        judge, stayed, flow = ready.sequence.judge, seen.stayed, seen.full_px
         state = judge.state(inside, seen.kept)
         if self.full:
-            shape = self._shape[:2]
+            shape = ready.plane.shape
             flow = to_full(seen.flow_px, shape) if flow is None else flow
             visible = _pixels(inside, shape) if stayed is None else stayed
             state = _pixels(state, shape)
@@ -146,7 +172,7 @@ class FlowTracker:
             confident,
             state,
             FlowDiagnostics(
-                frame=self._frame,
+                frame=ready.frame,
                 reference_frame=seen.reference_frame,
                 n_reference_switches=seen.n_reference_switches,
                 n_flows=seen.n_flows,
@@ -155,7 +181,7 @@ class FlowTracker:
                 trusted=verdict.trusted,
                 confident_share=n_confident / n_visible if n_visible else 0.0,
                 rule=judge.name if self.confidence else "not judged",
-                cpu_ms=(time.process_time() - start_s) * 1e3,
+                cpu_ms=(time.process_time() - ready.start_s) * 1e3,
             ),
         )
 

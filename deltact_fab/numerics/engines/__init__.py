@@ -15,6 +15,7 @@ REGISTRY = {
     "gel": "deltact_fab.numerics.engines.gel",
     "cad": "deltact_fab.numerics.engines.cad",
     "sheet": "deltact_fab.numerics.engines.sheet",
+    "measure": "deltact_fab.numerics.engines.measure",
 }
 
 

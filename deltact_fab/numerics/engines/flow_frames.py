@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...gel.material import GelMaterial
+from ...elasticity.material import GelMaterial
 from ...imaging import Printer, Sensor
 from ...optics import Pinhole, SurfaceLattice, axes_mm
 from ...patterns.raster import albedo
@@ -192,7 +192,7 @@ def speckle_star() -> Scene:
 
 
 def _on_the_gel(make: Callable[[Any], Field], mosaic: bool = True) -> Scene:
-    from ...gel.linear.layer import BondedLayer
+    from ...elasticity.layer import BondedLayer
 
     layer = BondedLayer.for_skin(SENSOR.skin, GelMaterial(), spacing_mm=0.25)
     view, margin_mm = SENSOR.optics.view_mm, MARGIN_PX * MM_PER_PX

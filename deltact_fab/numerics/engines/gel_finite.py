@@ -9,10 +9,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ...elasticity.material import GelMaterial
 from ...gel.finite import FinitePress, block_mesh
 from ...gel.finite.field import FaceLattice, whole_wrench
 from ...gel.finite.linear import Name
-from ...gel.material import GelMaterial
 from ...shapes import SkinDimensions
 from ...shapes.indenter import parse
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from ...elasticity.material import GelMaterial
 from ...gel.level import Reach
-from ...gel.material import GelMaterial
 from ...gel.open import open_contact
 from ...shapes import SkinDimensions
 from ...shapes.indenter import parse

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from ...elasticity.material import GelMaterial
 from ...errors import RunFailed
 from ...gel.choose import pick
 from ...gel.level import Reach
-from ...gel.material import GelMaterial
 from ...gel.open import contact_of
 from ...gel.press import press
 from ...shapes import SkinDimensions

@@ -10,9 +10,9 @@ from functools import cache
 
 import numpy as np
 
+from ...elasticity.material import GelMaterial
 from ...gel.finite import FinitePress, FiniteState, block_mesh
 from ...gel.finite.linear import Name
-from ...gel.material import GelMaterial
 from ...shapes import SkinDimensions
 from ...shapes.indenter import parse
 from ..engine import Flagged

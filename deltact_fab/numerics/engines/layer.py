@@ -21,12 +21,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...elasticity.layer import BondedLayer
+from ...elasticity.material import GelMaterial
 from ...gel import reference
 from ...gel.linear.complementarity import normal_contact
 from ...gel.linear.contact import LayerContact
-from ...gel.linear.layer import BondedLayer
 from ...gel.linear.state import ContactState
-from ...gel.material import GelMaterial
 from ...shapes import SkinDimensions
 from ...shapes.indenter import Indenter, parse
 from ..engine import Case, Engine, Setting, Table, Work

@@ -16,9 +16,9 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from ...errors import InputError
-from ...shapes import SkinDimensions
-from ..material import GelMaterial
+from ..errors import InputError
+from ..shapes import SkinDimensions
+from .material import GelMaterial
 
 Field = NDArray[np.float64]
 Spectrum = NDArray[np.complex128]
@@ -143,7 +143,7 @@ class BondedLayer:
                 f"layer: spacing_mm must be 0.02 to {skin.length_mm / 16:g} mm: {spacing_mm} fails"
             )
         nx, ny = (
-            _even_fast_length(padding * side / spacing_mm)
+            even_fast_length(padding * side / spacing_mm)
             for side in (skin.width_mm, skin.length_mm)
         )
         return cls(
@@ -257,7 +257,7 @@ class WindowOperator:
                 f"{ny} x {nx}; more padding is needed"
             )
         self.shape = (my, mx)
-        self._size = (_even_fast_length(2 * my), _even_fast_length(2 * mx))
+        self._size = (even_fast_length(2 * my), even_fast_length(2 * mx))
         small = np.zeros((6, *self._size))
         iy, ix = np.r_[0:my, 1 - my : 0], np.r_[0:mx, 1 - mx : 0]
         small[:, iy[:, None], ix[None, :]] = kernels[:, iy[:, None], ix[None, :]]
@@ -294,6 +294,6 @@ class WindowOperator:
         return self._back(1j * (self._xz * fx + self._yz * fy))
 
 
-def _even_fast_length(least: float) -> int:
+def even_fast_length(least: float) -> int:
     """Smallest even length from `least` that the real transform handles quickly."""
     return 2 * int(scipy.fft.next_fast_len(math.ceil(least / 2 - 1e-9), real=True))

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from deltact_fab import catalog
+from deltact_fab.elasticity.layer import BondedLayer, surface_compliance
+from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError
-from deltact_fab.gel.linear.layer import BondedLayer, surface_compliance
-from deltact_fab.gel.material import GelMaterial
 from deltact_fab.shapes import SkinDimensions
 
 

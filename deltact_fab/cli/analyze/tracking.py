@@ -1,18 +1,17 @@
-"""`deltact-fab analyze`: figures of recorded runs."""
+"""`deltact-fab analyze tracking`: how far each tracker is off."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
-
-@click.group()
-def analyze() -> None:
-    """Analyses of recorded runs."""
+if TYPE_CHECKING:
+    from ...analysis.tracking_error import TrackingResult
 
 
-@analyze.command()
+@click.command()
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option(
     "--method",
@@ -24,9 +23,8 @@ def analyze() -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def tracking(run: Path, methods: tuple[str, ...], out: Path | None, as_json: bool) -> None:
     """Tracking error against truth and at the dots (the paper's), and which method to take."""
-    from ..analysis.tracking_error import PAPER_BEST_MM, analyse, shown
-    from ..errors import MissingLibrary
-    from .output import echo_json, echo_table, progress
+    from ...analysis.tracking_error import PAPER_BEST_MM, analyse, shown
+    from ..output import echo_json, echo_table, progress, save_figures
 
     with progress("tracking error") as report:
         result = analyse(run, methods or None, progress=report)
@@ -54,15 +52,12 @@ def tracking(run: Path, methods: tuple[str, ...], out: Path | None, as_json: boo
         )
     for line in result.left_out:
         click.echo(f"left out: {line}")
-    try:
-        from ..record import write_whole
-        from ..report.figures import error_by_indenter, to_svg
-
-        figure = (out or run / "analysis") / "tracking.svg"
-        drawn = error_by_indenter(result.by_indenter, result.verdict, PAPER_BEST_MM)
-        if drawn is not None:
-            write_whole(figure, to_svg(drawn).encode())
-            files.append(figure)
-    except MissingLibrary as why:
-        click.echo(f"no figure: {why}", err=True)
+    files += save_figures(out or run / "analysis", lambda: _figures(result))
     click.echo("written: " + ", ".join(str(f) for f in files))
+
+
+def _figures(result: TrackingResult) -> dict[str, Any]:
+    from ...analysis.tracking_error import PAPER_BEST_MM
+    from ...report.figures import error_by_indenter
+
+    return {"tracking": error_by_indenter(result.by_indenter, result.verdict, PAPER_BEST_MM)}

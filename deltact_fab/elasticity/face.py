@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..material import GelMaterial
+from .material import GelMaterial
 
 Field = NDArray[np.float64]
 

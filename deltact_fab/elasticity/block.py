@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError
-from ...shapes import SkinDimensions
-from ..material import GelMaterial
-from .layer import BondedLayer, WindowOperator, _even_fast_length
+from ..errors import InputError
+from ..shapes import SkinDimensions
+from .layer import BondedLayer, WindowOperator, even_fast_length
+from .material import GelMaterial
 from .sides import PADDING, FreeSides, free_sides, halves
 
 Field = NDArray[np.float64]
@@ -44,7 +44,7 @@ class FreeBlock:
             raise InputError(
                 f"block: spacing_mm must be 0.02 to {skin.length_mm / 16:g} mm: {spacing_mm} fails"
             )
-        nx, ny = (_even_fast_length(s / spacing_mm) for s in (skin.width_mm, skin.length_mm))
+        nx, ny = (even_fast_length(s / spacing_mm) for s in (skin.width_mm, skin.length_mm))
         # The layer's period is the slab's, so what its images do is taken off with the slab.
         self.layer = BondedLayer(
             material,
@@ -136,7 +136,7 @@ class _Sides(NamedTuple):
         (_, hx, mx), (_, hy, my) = self.in_x.shape, self.in_y.shape
         found = self.in_y.reshape(-1, my) @ traction @ self.in_x.reshape(-1, mx).T
         found = np.moveaxis(found.reshape(2, hy, 2, hx), 2, 1)
-        return _turned(component, found).reshape(4, -1)
+        return turned(component, found).reshape(4, -1)
 
     def up(self, component: int, parts: Sequence[Field], of: Sequence[int]) -> Field:
         """One component (my, mx) of the displacement by `down` of traction components `of`."""
@@ -144,12 +144,12 @@ class _Sides(NamedTuple):
         found = np.zeros((4, hx * hy, 1))
         for part, j in zip(parts, of, strict=True):
             found += self.quarters[component, j] @ part[..., None]
-        whole = np.moveaxis(_turned(component, found.reshape(2, 2, hy, hx)), 1, 2)
+        whole = np.moveaxis(turned(component, found.reshape(2, 2, hy, hx)), 1, 2)
         whole = self.in_y.reshape(-1, my).T @ whole.reshape(2 * hy, 2 * hx)
         return whole @ self.in_x.reshape(-1, mx)
 
 
-def _turned(component: int, parts: Field) -> Field:
+def turned(component: int, parts: Field) -> Field:
     """Between a class, which is said of u_z, and a component's own parity (y, x, ...)."""
     if component == 0:
         return parts[:, ::-1]

@@ -8,18 +8,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import RectBivariateSpline
 
+from deltact_fab.elasticity.block import FreeBlock
+from deltact_fab.elasticity.layer import BondedLayer
+from deltact_fab.elasticity.material import GelMaterial
+from deltact_fab.elasticity.sides import free_sides
 from deltact_fab.errors import InputError
 from deltact_fab.gel.finite import FinitePress, block_mesh
 from deltact_fab.gel.finite.assembly import BulkAssembly
 from deltact_fab.gel.finite.linear import make_solver
 from deltact_fab.gel.finite.material import NeoHooke
 from deltact_fab.gel.finite.pattern import Pattern
-from deltact_fab.gel.linear.block import FreeBlock
 from deltact_fab.gel.linear.contact import LayerContact
-from deltact_fab.gel.linear.layer import BondedLayer
-from deltact_fab.gel.linear.sides import bricks, free_sides
 from deltact_fab.gel.linear.state import ContactState
-from deltact_fab.gel.material import GelMaterial
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 
@@ -130,7 +130,7 @@ def test_smooth_load_against_plain_finite_elements(component: int, even: tuple[b
     skin = SkinDimensions(width_mm=18, length_mm=17, thickness_mm=6, protrusion_mm=5)
     step, half = 0.5, skin.opening_half_mm
     x, y = (np.arange(0, s + 1e-9, step) for s in half)
-    mesh = bricks(x, y, np.arange(-6, 1e-9, step))
+    mesh = block_mesh(skin, step, mirrors=(True, True))
 
     def load(xx: np.ndarray, yy: np.ndarray) -> np.ndarray:
         r2 = (np.abs(xx) - 5) ** 2 + (np.abs(yy) - 4) ** 2

@@ -17,22 +17,16 @@ from __future__ import annotations
 import io
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import scipy.fft
 import scipy.linalg
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from ... import cache
-from ...errors import InputError
-from ...shapes import SkinDimensions
-from ..finite.assembly import BulkAssembly
-from ..finite.material import NeoHooke
-from ..finite.mesh import HexMesh
-from ..finite.pattern import Pattern
-from ..material import GelMaterial
+from .. import cache
+from ..errors import InputError
+from ..shapes import SkinDimensions
+from .bricks import Box, stiffness
 
 Field = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -45,14 +39,6 @@ MOST_ALONG = 36  # the same where the gel is thinner than such a cell
 _KIND = "gel-sides"
 _VERSION = 1
 _CLASSES: tuple[Signs, ...] = ((1, 1), (-1, 1), (1, -1), (-1, -1))  # in (x, y)
-
-
-class Cells(NamedTuple):
-    """Cells of a block: whole numbers along the face, both even, and heights from base to face."""
-
-    nx: int
-    ny: int
-    z_mm: Field
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,20 +71,20 @@ def free_sides(
             f"block: 0 <= poisson <= {MOST_POISSON} is needed: {poisson:g} fails; {MOST_POISSON} "
             "is incompressible but for .1 % of force, and the level layer takes .5 itself"
         )
-    cells = _cells(skin, cell_mm)
+    box = _box(skin, cell_mm)
     key = {
         "version": _VERSION,
         "sides_mm": [skin.width_mm, skin.length_mm],
         "thickness_mm": skin.thickness_mm,
-        "cells": [cells.nx, cells.ny, len(cells.z_mm) - 1],
+        "cells": list(box.bricks),
         "poisson": poisson,
     }
     a, b = skin.opening_half_mm
-    x, y = np.linspace(-a, a, cells.nx + 1), np.linspace(-b, b, cells.ny + 1)
+    x, y = np.linspace(-a, a, box.bricks[0] + 1), np.linspace(-b, b, box.bricks[1] + 1)
     found = cache.get_file(_KIND, key) if use_cache else None
     if found is not None:
         return FreeSides(x, y, np.load(io.BytesIO(found[0]), allow_pickle=False))
-    quarters = _quarters(x, y, cells, poisson)
+    quarters = _quarters(box, poisson)
     if use_cache:
         data = io.BytesIO()
         np.save(data, quarters, allow_pickle=False)
@@ -118,7 +104,8 @@ def halves(values: Field) -> Field:
     return parts
 
 
-def _cells(skin: SkinDimensions, cell_mm: float | None) -> Cells:
+def _box(skin: SkinDimensions, cell_mm: float | None) -> Box:
+    """Bricks of a whole block, even in number along x and y."""
     longer = max(skin.width_mm, skin.length_mm)
     size = cell_mm
     if size is None:
@@ -133,16 +120,15 @@ def _cells(skin: SkinDimensions, cell_mm: float | None) -> Cells:
     # Thin gels want several cells over the height; cells growing with depth save time once only.
     step = min(size, skin.thickness_mm / 4)
     layers = math.ceil(skin.thickness_mm / step - 1e-9)
-    z = np.linspace(-skin.thickness_mm, 0.0, layers + 1)
-    return Cells(nx, ny, z)
+    side = (skin.width_mm / nx, skin.length_mm / ny, skin.thickness_mm / layers)
+    return Box((nx, ny, layers), side)
 
 
-def _quarters(x: Field, y: Field, cells: Cells, poisson: float) -> Field:
+def _quarters(box: Box, poisson: float) -> Field:
     """Block minus slab, (3, 3, 4, q, q), for a modulus of 1 MPa."""
-    law = NeoHooke.of(GelMaterial(modulus_mpa=1.0, poisson=poisson))
-    kernel = _slab_kernel(float(x[1] - x[0]), float(y[1] - y[0]), cells, law)
-    half_x, half_y = cells.nx // 2, cells.ny // 2
-    quarter = bricks(x[half_x:], y[half_y:], cells.z_mm)
+    kernel = _slab_kernel(box, poisson)
+    half_x, half_y, layers = box.bricks[0] // 2, box.bricks[1] // 2, box.bricks[2]
+    quarter = Box((half_x, half_y, layers), box.side_mm)
     row, column = (
         i.ravel() for i in np.meshgrid(np.arange(half_y + 1), np.arange(half_x + 1), indexing="ij")
     )
@@ -152,7 +138,7 @@ def _quarters(x: Field, y: Field, cells: Cells, poisson: float) -> Field:
     found = np.zeros((3, 3, 4, q, q))
     for i, signs in enumerate(_CLASSES):
         free = _free_on_face(row, column, signs)
-        part = _condensed(quarter, law, np.tile(free, (len(cells.z_mm), 1)))
+        part = _condensed(quarter, poisson, np.tile(free, (layers + 1, 1)))
         part -= _mirrored(kernel, row, column, free, signs)
         whole = np.zeros((3 * q, 3 * q))
         whole[np.ix_(free.ravel(), free.ravel())] = (part + part.T) / 2
@@ -161,42 +147,16 @@ def _quarters(x: Field, y: Field, cells: Cells, poisson: float) -> Field:
     return found
 
 
-def bricks(x_mm: Field, y_mm: Field, z_mm: Field) -> HexMesh:
-    """The mesh of a box cut by planes at rising coordinates; the highest face is touched."""
-    nx, ny, nz = len(x_mm), len(y_mm), len(z_mm)
-    number = np.arange(nz * ny * nx).reshape(nz, ny, nx)
-    low = np.stack(
-        [number[:-1, i : ny - 1 + i, j : nx - 1 + j] for i, j in ((0, 0), (0, 1), (1, 1), (1, 0))],
-        axis=-1,
-    ).reshape(-1, 4)
-    zz, yy, xx = np.meshgrid(z_mm, y_mm, x_mm, indexing="ij")
-    faces = (ny - 1) * (nx - 1)
-    return HexMesh(
-        nodes_mm=np.stack([xx.ravel(), yy.ravel(), zz.ravel()], axis=1),
-        cells=np.concatenate([low, low + ny * nx], axis=1).astype(np.int64),
-        touched=np.arange((nz - 2) * faces, (nz - 1) * faces),
-        base=np.arange(ny * nx),
-    )
-
-
-def _stiffness(mesh: HexMesh, law: NeoHooke, free: NDArray[np.bool_]) -> sp.csr_matrix:
-    """Upper triangle of the linear stiffness over the free displacements."""
-    pattern = Pattern(mesh, free)
-    data = BulkAssembly(mesh, law, pattern).evaluate(np.zeros_like(mesh.nodes_mm)).data
-    assert data is not None
-    return pattern.matrix(data)
-
-
-def _condensed(mesh: HexMesh, law: NeoHooke, free: NDArray[np.bool_]) -> Field:
+def _condensed(box: Box, poisson: float, free: NDArray[np.bool_]) -> Field:
     """Compliance (n, n) of a face's free displacements, every layer of nodes alike but the base.
 
     Layers are eliminated upwards with dense blocks: three quarters of a layer fill up anyway, and
     the same rows hold the many right-hand sides that a sparse factor would have to be given.
     """
     free = free.copy()
-    free[mesh.base] = False
-    upper = _stiffness(mesh, law, free)
-    n = int(free[len(mesh.nodes_mm) - len(mesh.base) :].sum())
+    free[: box.nodes_a_layer] = False
+    upper = stiffness(box, poisson, free)
+    n = int(free[-box.nodes_a_layer :].sum())
     rest = np.zeros((n, n))
     for start in range(0, upper.shape[0], n):
         rows = upper[start : start + n].tocsc()
@@ -213,16 +173,17 @@ def _condensed(mesh: HexMesh, law: NeoHooke, free: NDArray[np.bool_]) -> Field:
     return half.T @ half
 
 
-def _slab_kernel(dx: float, dy: float, cells: Cells, law: NeoHooke) -> Field:
+def _slab_kernel(box: Box, poisson: float) -> Field:
     """Response (3, 3, my, mx) of the periodic slab's face to a force on node 0, offset 0 first.
 
     A wave makes all columns of cells alike up to phases, so one column's matrix is enough.
     """
-    levels = len(cells.z_mm)
-    column = bricks(np.array([0.0, dx]), np.array([0.0, dy]), cells.z_mm)
-    upper = _stiffness(column, law, np.ones((4 * levels, 3), dtype=bool)).toarray()
+    nx, ny, layers = box.bricks
+    levels = layers + 1
+    column = Box((1, 1, layers), box.side_mm)
+    upper = stiffness(column, poisson, np.ones((column.nodes, 3), dtype=bool)).toarray()
     whole = (upper + np.triu(upper, 1).T).reshape(levels, 4, 3, levels, 4, 3)
-    my, mx = PADDING * cells.ny, PADDING * cells.nx
+    my, mx = PADDING * ny, PADDING * nx
     ky, kx = 2 * np.pi * scipy.fft.fftfreq(my), 2 * np.pi * scipy.fft.rfftfreq(mx)
     at_y, at_x = (
         np.exp(1j * np.multiply.outer(ky, [0, 1])),

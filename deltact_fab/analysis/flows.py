@@ -1,0 +1,106 @@
+"""What the tracker saw at the settled frames of a press, kept by content: tracked once."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import cache, digest
+from ..measure.face import FaceFlow
+from ..measure.flow import FlowTracker
+from ..record import Run
+from .frames import settled
+
+Array = NDArray[Any]
+_KIND = "face-flow"
+_KEPT_BYTES = 2 << 30
+# The tracker is off by micrometres; the step of what is kept adds a seventh of one.
+_STEP_MM = 5e-4
+
+
+@dataclass(frozen=True)
+class PressFlows:
+    """The flow of a press's settled frames, in their order, and what identifies it."""
+
+    flows: list[FaceFlow]
+    key: str
+
+
+def key_of(run: Run, press: str) -> str:
+    """What the flows of a press depend on: its images up to the last settled one, camera, code."""
+    frames = run.frames(press)
+    chosen = settled(frames)
+    followed = frames[frames["seq"] <= chosen["seq"].max()]
+    text = hashlib.sha256()
+    text.update(digest.of("measure.flow", "measure.face", "record.run").encode())
+    for seq, sha256 in zip(followed["seq"], followed["sha256"], strict=True):
+        text.update(f"{sha256} {seq in set(chosen['seq'])}\n".encode())
+    text.update(repr(run.camera.as_dict()).encode())
+    flat = run.folder / "camera.flat.png"
+    text.update(flat.read_bytes() if flat.is_file() else b"")
+    return text.hexdigest()
+
+
+def flows_of(run: Run, press: str, every: int) -> PressFlows:
+    """The face's flow at each settled frame of a press, from its first frame on.
+
+    every: pixels between points. Frames on the way are followed and not kept. Raises RunFailed for
+    an image that cannot be read, SensorError for a first one without a pattern.
+    """
+    of = key_of(run, press)
+    key = {"of": of, "every_px": every, "step_mm": _STEP_MM}
+    held = cache.get_file(_KIND, key)
+    if held is not None:
+        return PressFlows(_unpacked(held[0]), of)
+    flows = _tracked(run, press, every)
+    if cache.put_file(_KIND, key, _packed(flows)):
+        cache.trim(_KIND, _KEPT_BYTES)
+    # As it will be read again, so that a second fit gives the same figures.
+    return PressFlows(_unpacked(_packed(flows)), of)
+
+
+def _tracked(run: Run, press: str, every: int) -> list[FaceFlow]:
+    import cv2
+
+    cv2.setNumThreads(1)  # the flow depends on their number
+    frames, camera = run.frames(press), run.camera
+    wanted = set(settled(frames)["seq"])
+    tracker = FlowTracker(full=False)
+    flows = []
+    for row in frames.itertuples():
+        if row.seq > max(wanted):
+            break
+        seen = tracker.update(run.image(str(row.file)))
+        if row.seq in wanted:
+            flows.append(FaceFlow.of(seen, camera, every=every))
+    return flows
+
+
+def _packed(flows: list[FaceFlow]) -> bytes:
+    out = io.BytesIO()
+    steps = np.stack([flow.shift_mm for flow in flows]) / _STEP_MM
+    np.savez(
+        out,
+        shift=np.clip(np.rint(steps), -32767, 32767).astype(np.int16),
+        known=np.packbits(np.stack([flow.known for flow in flows]), axis=-1),
+        trusted=np.array([flow.trusted for flow in flows]),
+        x_mm=flows[0].x_mm,
+        y_mm=flows[0].y_mm,
+    )
+    return out.getvalue()
+
+
+def _unpacked(data: bytes) -> list[FaceFlow]:
+    with np.load(io.BytesIO(data)) as held:
+        shift = held["shift"].astype(np.float32) * np.float32(_STEP_MM)
+        known = np.unpackbits(held["known"], axis=-1, count=shift.shape[2]).astype(bool)
+        x_mm, y_mm = held["x_mm"], held["y_mm"]
+        return [
+            FaceFlow(s, k, x_mm, y_mm, bool(t))
+            for s, k, t in zip(shift, known, held["trusted"], strict=True)
+        ]

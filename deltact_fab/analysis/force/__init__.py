@@ -1,0 +1,35 @@
+"""The regression that calibrates the force, and what it may be trusted to.
+
+Points are the settled frames of runs: features of the flow (`measure.force`) against the wrench
+that was measured. Models are ranked by what they make of positions and indenters that they never
+saw, for a random split hides that (decision 0026).
+"""
+
+from .calibrate import calibrate, carry_over
+from .dataset import ForceData, gather
+from .judge import FORCES, LEFT_OUT, SHOWN, component, judge, rmse, score
+from .learning import enough, learning_curve
+from .result import PAPER, PAPER_TABLE, ForceResult, write_calibration
+from .transfer import Transferred, transfer
+
+__all__ = [
+    "FORCES",
+    "LEFT_OUT",
+    "PAPER",
+    "PAPER_TABLE",
+    "SHOWN",
+    "ForceData",
+    "ForceResult",
+    "Transferred",
+    "calibrate",
+    "carry_over",
+    "component",
+    "enough",
+    "gather",
+    "judge",
+    "learning_curve",
+    "rmse",
+    "score",
+    "transfer",
+    "write_calibration",
+]

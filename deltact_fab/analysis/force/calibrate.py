@@ -1,0 +1,126 @@
+"""From runs to a calibration: gather, fit and judge every model, keep the best."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from itertools import count
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ...errors import InputError
+from ...measure.force import COMPONENTS, FEATURES, ForceModel, features_of, make_features
+from ...measure.force.calibration import ForceCalibration, load_force
+from ...record import Run, encode_png
+from ..frames import settled, settles
+from ..parallel import Progress
+from ..view import head_of, view_of
+from .dataset import gather, opened, presses
+from .field import field_error
+from .judge import TEST_SHARE, Judged, figures, fit, judge, score
+from .learning import learning_curve
+from .result import PAPER, ForceResult, errors_kept
+from .transfer import Transferred, transfer
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def calibrate(
+    folders: Sequence[Path],
+    names: Sequence[str] | None = None,
+    seed: int = 0,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+) -> ForceResult:
+    """Fit and cross-validate feature sets on runs of one sensor.
+
+    names: None for all; those asked for and the paper's must have points enough, the others are
+    left out and named. seed: of the split and of the learning curve's draws. Raises InputError as
+    `opened` and `gather` do, and for too few points, with the number needed.
+    """
+    asked = tuple(dict.fromkeys([*(names or FEATURES), PAPER]))
+    runs, tables = opened(folders)
+    must = asked if names else (PAPER,)
+    for name in must:
+        _require_enough(runs, name, sum(map(_settled, tables)))  # before anything is tracked
+    data = gather(runs, asked, executor, progress)
+    left_out = [*data.left_out, *_doubts(runs, tables)]
+    judged: list[Judged] = []
+    for name in asked:
+        try:
+            _require_enough(runs, name, len(data))
+        except InputError as why:
+            if name in must:
+                raise
+            left_out.append(str(why))
+        else:
+            judged.append(judge(data, name, seed))
+    judged.sort(key=lambda one: score(one, data))
+    best = judged[0].name
+    curves = {name: learning_curve(data, name, seed) for name in dict.fromkeys((best, PAPER))}
+    errors = errors_kept(figures(judged[0], data))
+    kept = _calibration(runs, fit(data, best), error=errors)
+    field = field_error(runs, data, best)
+    return ForceResult(data, judged, kept, seed, left_out, curves, field)
+
+
+def carry_over(
+    folders: Sequence[Path],
+    other: Path,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+) -> tuple[Transferred, ForceCalibration, list[str]]:
+    """Another sensor's calibration on this one, from the few presses of runs; what was left out.
+
+    Raises InputError as `opened`, `gather` and `load_force` do.
+    """
+    calibration = load_force(other)
+    name = calibration.model.features
+    runs, tables = opened(folders)
+    # Refused before anything is tracked.
+    features_of(calibration.model, calibration.view(runs[0].camera), f"{other}: model")
+    data = gather(runs, (name,), executor, progress)
+    moved = transfer(calibration.model, data)
+    told = {"of": list(calibration.head.made.runs), **moved.as_dict()}
+    kept = _calibration(runs, moved.model, transfer=told)
+    return moved, kept, [*data.left_out, *_doubts(runs, tables)]
+
+
+def _require_enough(runs: Sequence[Run], name: str, points: int) -> None:
+    """Raises InputError unless training has one point more than a component has coefficients."""
+    explains = make_features(name, view_of(runs[0])).explains
+    most = max(len(explains[component]) for component in COMPONENTS)
+    needed = next(n for n in count(most + 1) if n - round(TEST_SHARE * n) > most)
+    if points < needed:
+        raise InputError(
+            f"{runs[0].folder}: {name} needs at least {needed} points, and there are {points}; "
+            "press at more places, or in more steps"
+        )
+
+
+def _calibration(runs: Sequence[Run], model: ForceModel, **more: Any) -> ForceCalibration:
+    """A model with the sensor of runs, and its face at rest."""
+    run, head = runs[0], head_of(runs, "force")
+    view = view_of(run)
+    rest = encode_png(run.image(str(run.frames(presses(run)[0])["file"].iloc[0])))
+    return ForceCalibration(head, model, view.skin, view.poisson, rest=rest, **more)
+
+
+def _settled(frames: pd.DataFrame) -> int:
+    """How many points a run may give at most."""
+    return sum(len(settled(part)) for _, part in frames.groupby("press", sort=False))
+
+
+def _doubts(runs: Sequence[Run], tables: Sequence[pd.DataFrame]) -> list[str]:
+    """What makes the points of a run worse than they could be."""
+    doubts = []
+    for run, frames in zip(runs, tables, strict=True):
+        if not settles(frames):
+            doubts.append(f"{run.folder}: nothing settles in it; the end of each motion is taken")
+        if run.simulated and run.meta["protocol"]["specimen"]["gel_model"] == "layer":
+            doubts.append(
+                f'{run.folder}: simulated with gel_model = "layer", whose forces are no gel\'s: '
+                'judge on "hyperelastic"'
+            )
+    return doubts

@@ -1,0 +1,201 @@
+"""The points that a force model is fitted to: features of settled frames, and their wrenches."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ... import cache, digest, record
+from ...errors import InputError, SolverError
+from ...measure.force import Features, make_features
+from ...measure.view import SensorView
+from ...record import Run
+from ..flows import PressFlows, flows_of
+from ..frames import settled
+from ..parallel import Progress, each
+from ..view import head_of, view_of
+from .wrenches import usable, wrenches
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+Array = NDArray[Any]
+LEAST_COVER = 0.7
+"""Of the view, known in a frame that is taken."""
+_GEL = ("gel_model", "modulus_mpa", "poisson", "prony")
+
+
+@dataclass(frozen=True)
+class ForceData:
+    """Points of one sensor.
+
+    points: a row a point: run, indenter, position (words, the same for all mirror images), x_mm,
+    y_mm of the press, press, frame_id, cover. wrench: (n, 6)
+    on the sensor about the centre of the resting face, N and N mm. features: (n, k) of each
+    feature set, sets: what they are. left_out: what was not taken, and why.
+    """
+
+    points: pd.DataFrame
+    wrench: Array
+    features: dict[str, Array]
+    sets: dict[str, Features]
+    left_out: list[str]
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+@dataclass(frozen=True)
+class _Job:
+    folder: str
+    label: str
+    press: str
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Press:
+    rows: pd.DataFrame
+    wrench: Array
+    features: dict[str, Array]
+    refused: list[str]
+
+
+def opened(folders: Sequence[Path]) -> tuple[list[Run], list[pd.DataFrame]]:
+    """Runs of one sensor that force can be calibrated on, and their frames.
+
+    Raises InputError for one that is not finished or has no images or no force, for runs of
+    several sensors or simulated gels, and for one folder twice.
+    """
+    runs = [record.open(folder) for folder in folders]
+    places = Counter(run.folder.resolve() for run in runs)
+    if twice := [str(place) for place, n in places.items() if n > 1]:
+        raise InputError(f"{twice[0]}: given twice; each run once")
+    tables = [usable(run) for run in runs]
+    head_of(runs, "force")
+    gels = [{k: run.meta["protocol"]["specimen"].get(k) for k in _GEL} for run in runs]
+    for run, gel in zip(runs, gels, strict=True):
+        unlike = [f"{k} {v!r}, not {gels[0][k]!r}" for k, v in gel.items() if v != gels[0][k]]
+        if unlike and run.simulated:
+            raise InputError(f"{run.folder}: another gel than {folders[0]}: {'; '.join(unlike)}")
+    return runs, tables
+
+
+def presses(run: Run) -> list[str]:
+    """The presses of a run, in order; without its table of frames, which takes long to read."""
+    steps = run.steps()
+    return list(dict.fromkeys(steps.loc[steps["kind"] != "change", "press"]))
+
+
+def labels(runs: Sequence[Run]) -> list[str]:
+    """What tells runs apart: their folders' names, whole paths where two have one name."""
+    places = [run.folder.resolve() for run in runs]
+    short = len({place.name for place in places}) == len(places)
+    return [place.name if short else str(place) for place in places]
+
+
+def gather(
+    runs: Sequence[Run],
+    names: Sequence[str],
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+) -> ForceData:
+    """The points of `opened` runs under feature sets. Raises InputError where none can be used."""
+    import pandas as pd
+
+    sets = {name: make_features(name, view_of(runs[0])) for name in names}
+    jobs = [
+        _Job(str(run.folder), label, press, tuple(names))
+        for run, label in zip(runs, labels(runs), strict=True)
+        for press in presses(run)
+    ]
+    parts = each(_press, jobs, [job.press for job in jobs], executor, progress)
+    points = pd.concat([part.rows for part in parts], ignore_index=True)
+    refused = Counter(why for part in parts for why in part.refused)
+    left_out = [
+        f"{n} of {len(points) + refused.total()} frames: {why}" for why, n in refused.items()
+    ]
+    if points.empty:
+        raise InputError(f"{runs[0].folder}: no frame can be used: {'; '.join(left_out) or 'none'}")
+    features = {n: np.concatenate([part.features[n] for part in parts]) for n in names}
+    wrench = np.concatenate([part.wrench for part in parts])
+    return ForceData(points, wrench, features, sets, left_out)
+
+
+def _press(job: _Job) -> _Press:
+    """One press of a run: a pure function of the run's folder."""
+    run = record.open(job.folder)
+    rows = settled(run.frames(job.press))
+    wrench, saturated = wrenches(run, job.press, rows)
+    view = view_of(run)
+    sets = [make_features(name, view) for name in job.names]
+    followed = {every: flows_of(run, job.press, every) for every in {one.every for one in sets}}
+    flows = next(iter(followed.values())).flows
+    refused = ["" for _ in range(len(rows))]
+    for k, flow in enumerate(flows):
+        if saturated[k]:
+            refused[k] = "a gauge of the force sensor was out of range"
+        elif not flow.trusted:
+            refused[k] = "the flow is not trusted"
+        elif flow.cover < LEAST_COVER:
+            refused[k] = f"less than {LEAST_COVER:.0%} of the view is known"
+    values: dict[str, Array] = {}
+    for one in sets:
+        values[one.name], failed = _features(one, view, followed[one.every])
+        for k in failed:
+            refused[k] = refused[k] or f"{one.name} found no solution"
+    taken = np.array([not why for why in refused])
+    x_mm, y_mm = _position(run, job.press)
+    table = rows[["frame_id", "indenter"]].assign(
+        run=job.label,
+        press=f"{job.label}/{job.press}",
+        # Mirror images are one: a model that knows the mirror has seen the others in any of them.
+        position=f"({abs(x_mm):g}, {abs(y_mm):g})",
+        x_mm=x_mm,
+        y_mm=y_mm,
+        cover=[flow.cover for flow in flows],
+    )
+    return _Press(
+        table[taken].reset_index(drop=True),
+        wrench[taken],
+        {name: held[taken] for name, held in values.items()},
+        [why for why in refused if why],
+    )
+
+
+def _features(one: Features, view: SensorView, of: PressFlows) -> tuple[Array, list[int]]:
+    """A feature set at the flows of a press (n, k), from the cache; rows that have no solution."""
+    by = type(one).of  # sets that share it have the same numbers
+    key = {
+        "of": of.key,
+        "every_px": one.every,
+        "by": by.__qualname__,
+        "code": digest.of(by.__module__.partition(".")[2]),
+        "view": repr((view.camera.as_dict(), view.skin, view.poisson)),
+    }
+    held = cache.get("force-features", key)
+    if held is None:
+        held = []
+        for flow in of.flows:
+            try:
+                held.append(one.of(flow).tolist() if flow.trusted else None)
+            except SolverError:
+                held.append(None)
+        cache.put("force-features", key, held)
+    values = np.array([row or [np.nan] * len(one.names) for row in held], float)
+    return values, [k for k, row in enumerate(held) if row is None]
+
+
+def _position(run: Run, press: str) -> tuple[float, float]:
+    """Where a press goes down, mm: the aim of its first step."""
+    steps = run.steps()
+    first = steps[steps["press"] == press].iloc[0]
+    return round(float(first["x_mm"]), 3) + 0.0, round(float(first["y_mm"]), 3) + 0.0

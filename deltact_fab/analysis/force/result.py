@@ -1,0 +1,170 @@
+"""Everything that `analyze force` prints and draws, and its files."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from dataclasses import field as made_by
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ... import record
+from ...measure.force.calibration import ForceCalibration
+from ..frames import make_folder
+from .dataset import ForceData
+from .field import FieldError
+from .judge import FORCES, SHOWN, Judged, component, figures, score
+from .learning import LearningPoint, as_rows, enough
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+PAPER = "paper"
+PAPER_TABLE = {"normal": (0.99, 0.30), "shear_x": (0.98, 0.14), "shear_y": (0.98, 0.17)}
+"""Adjusted R2 and RMSE in N (Contact Force Distribution, Linear Regression Analysis)."""
+
+
+@dataclass
+class ForceResult:
+    """Feature sets fitted and cross-validated on the points of one sensor.
+
+    judged: best first; best is the one whose calibration is kept. curves: by feature set. field:
+    the best one's force field against truth, where there is one.
+    """
+
+    data: ForceData
+    judged: list[Judged]
+    calibration: ForceCalibration
+    seed: int
+    left_out: list[str]
+    curves: dict[str, list[LearningPoint]] = made_by(default_factory=dict)
+    field: FieldError | None = None
+
+    @property
+    def best(self) -> Judged:
+        """The winner of the cross-validation."""
+        return self.judged[0]
+
+    @property
+    def paper(self) -> Judged | None:
+        """The paper's model; None where it was not asked for."""
+        return next((one for one in self.judged if one.name == PAPER), None)
+
+    def figures(self) -> dict[str, dict[str, Any]]:
+        """Of every feature set, see `judge.figures`."""
+        return {one.name: figures(one, self.data) for one in self.judged}
+
+    @property
+    def line(self) -> str:
+        """The verdict: which model is taken, and what it may be trusted to."""
+        of = figures(self.best, self.data)
+        told = [g for g in ("position", "indenter") if g in self.best.predicted]
+        where = f"left-out {' and '.join(f'{g}s' for g in told)}" if told else "test points only"
+        text = f"{self.best.name} is taken: {_errors(of)} on {where}"
+        paper = self.paper
+        if paper is not None and paper is not self.best:
+            text += f"; the paper's model {_errors(figures(paper, self.data))}"
+        if not told:
+            text += "; no place or indenter could be left out: calibrate on more"
+        if (few := enough(self.curves.get(self.best.name, []))) is not None:
+            text += f"; more than {few} presses bring little"
+        return text
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data, without the points."""
+        every = self.figures()
+        made = self.calibration.head.made
+        named = {"best": every[self.best.name]}
+        if PAPER in every:
+            named[PAPER] = every[PAPER]
+        return {
+            "verdict": self.line,
+            "best": self.best.name,
+            "models": named,
+            "compared": {
+                one.name: {"left_out_force_error_n": score(one, self.data), **every[one.name]}
+                for one in self.judged
+            },
+            "n_points": len(self.data),
+            "n_train": len(self.best.train),
+            "n_test": len(self.best.test),
+            "n_presses": int(self.data.points["press"].nunique()),
+            "runs": list(made.runs),
+            "simulated": made.simulated,
+            "run_seed": made.seed,
+            "split_seed": self.seed,
+            "learning": {name: as_rows(curve) for name, curve in self.curves.items()},
+            "enough_presses": {name: enough(curve) for name, curve in self.curves.items()},
+            "paper_table": {
+                name: {"adjusted_r2": r2, "rmse_n": rmse_n}
+                for name, (r2, rmse_n) in PAPER_TABLE.items()
+            },
+            "field": None if self.field is None else asdict(self.field),
+            "left_out": self.left_out,
+        }
+
+    def points(self) -> pd.DataFrame:
+        """A row a point: what was measured, and what best and the paper's model said of it.
+
+        Columns as in normal_n, best_left_out_position_normal_n; test: 1 for the points held back.
+        """
+        table = self.data.points.copy()
+        table["test"] = 0
+        table.loc[self.best.test, "test"] = 1
+        for name, of in SHOWN.items():
+            unit = "n" if of.startswith("f") else "nmm"
+            table[f"{name}_{unit}"] = component(self.data.wrench, name)
+            for label, one in (("best", self.best), ("paper", self.paper)):
+                for group, predicted in one.predicted.items() if one else ():
+                    how = "" if group == "test" else f"left_out_{group}_"
+                    table[f"{label}_{how}{name}_{unit}"] = component(predicted, name)
+        return table
+
+    def save(self, folder: Path, output: Path) -> list[Path]:
+        """Write force.json, force.csv (a row a point) and the calibration with its resting face."""
+        files = {
+            folder / "force.json": json.dumps(self.as_dict(), indent=1, allow_nan=False) + "\n",
+            folder / "force.csv": self.points().to_csv(index=False),
+        }
+        make_folder(folder)
+        for path, text in files.items():
+            record.write_whole(path, text.encode())
+        return [*files, *write_calibration(self.calibration, output)]
+
+
+def write_calibration(calibration: ForceCalibration, path: Path) -> list[Path]:
+    """Write a calibration and the face at rest beside it, each whole or not at all."""
+    make_folder(path.parent)
+    rest = path.with_name(f"{path.stem}.rest.png")
+    written = []
+    # The image first: a file that names one never stands without it.
+    if calibration.rest is not None:
+        record.write_whole(rest, calibration.rest)
+        written.append(rest)
+    record.write_whole(path, calibration.toml(rest.name).encode())
+    return [path, *written]
+
+
+def errors_kept(of: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """What a calibration file keeps of `judge.figures`: what a reader of forces wants to know."""
+    return {
+        name: {k: v for k, v in one.items() if k != "regression" and not k.startswith("condition")}
+        for name, one in of.items()
+    }
+
+
+def _errors(of: Mapping[str, Mapping[str, Any]]) -> str:
+    """Words like "normal force to 0.17 N (2.0 % of 8.7 N), shear to 0.03 and 0.04 N (...)"."""
+
+    def one(name: str) -> tuple[str, str]:
+        held = [of[name].get(f"rmse_left_out_{g}_n") for g in ("position", "indenter")]
+        known = [v for v in held if v is not None] or [of[name]["rmse_n"]]
+        span = of[name]["range_n"]
+        return f"{max(known):.2f}", f"{100 * max(known) / span:.1f} %" if span else "-"
+
+    (normal, part), *shears = (one(name) for name in FORCES)
+    return (
+        f"normal force to {normal} N ({part} of {of['normal']['range_n']:.1f} N), "
+        f"shear to {' and '.join(v for v, _ in shears)} N ({' and '.join(p for _, p in shears)})"
+    )

@@ -1,0 +1,134 @@
+"""Another sensor's calibration carried over from a few presses: its shape, with two new factors.
+
+Gel of another modulus answers with the same field and another force, so all force scales alike;
+another thickness or Poisson's ratio moves pressure against shear. So there is one factor for what
+comes of pressure (fz, tx, ty) and one for what comes of shear (fx, fy, tz), and one press that is
+sheared tells both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ...measure.force import COMPONENTS, ForceModel
+from .dataset import ForceData
+from .judge import fit, force_error_n
+
+Array = NDArray[Any]
+_PRESSURE, _SHEAR = ("fz",), ("fx", "fy")
+_FOLLOWS = {"fz": 0, "tx": 0, "ty": 0, "fx": 1, "fy": 1, "tz": 1}
+LEAST_SURE = 0.1
+"""Standard error of a factor above which the presses tell nothing of it."""
+CLEARLY = 0.8
+"""Of the transfer's error, below which a fresh fit's is called better."""
+
+
+@dataclass(frozen=True)
+class Transferred:
+    """A calibration carried over.
+
+    pressure, shear: the factors. shear_known: False where the presses were not sheared enough, and
+    shear took pressure's factor. left_out: "position", or "press" where there is but one place.
+    error_n: of the force on what the factors never saw, fresh_error_n: the same of a new fit of the
+    same features, as_is_error_n: of the calibration as it came; None where that could not be told.
+    """
+
+    model: ForceModel
+    pressure: float
+    shear: float
+    shear_known: bool
+    presses: int
+    left_out: str
+    error_n: float | None
+    fresh_error_n: float | None
+    as_is_error_n: float
+
+    @property
+    def line(self) -> str:
+        """What was done, and what it is worth beside a fresh fit."""
+        factors = f"pressure x {self.pressure:.3f}, shear x {self.shear:.3f}"
+        if not self.shear_known:
+            factors += " (pressure's: the presses say nothing of shear)"
+        if self.error_n is None:
+            return f"carried over from 1 press: {factors}; a second press would tell the error"
+        fresh = "cannot be made" if self.fresh_error_n is None else f"{self.fresh_error_n:.2f} N"
+        text = (
+            f"carried over from {self.presses} presses: {factors}; error of the force "
+            f"{self.error_n:.2f} N on a {self.left_out} left out (as it came "
+            f"{self.as_is_error_n:.2f} N; a fresh fit {fresh})"
+        )
+        if self.fresh_error_n is not None and self.fresh_error_n < CLEARLY * self.error_n:
+            text += ": the fresh fit is better, leave --transfer out"
+        return text
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data, without the model."""
+        return {key: value for key, value in self.__dict__.items() if key != "model"}
+
+
+def transfer(model: ForceModel, data: ForceData) -> Transferred:
+    """Fit the two factors, and judge them place by place.
+
+    Raises InputError for presses that say nothing of pressure.
+    """
+    X = data.features[model.features]
+    as_is = model.predict(X)
+    pressure, shear, known = _factors(as_is, data.wrench)
+    presses = data.points["press"].nunique()
+    group = "position" if data.points["position"].nunique() > 1 else "press"
+    of = data.points[group].to_numpy()
+    moved = np.full_like(as_is, np.nan)
+    fresh = np.full_like(as_is, np.nan)
+    for value in dict.fromkeys(of) if presses > 1 else ():
+        mine = of == value
+        moved[mine] = as_is[mine] * _each(*_factors(as_is[~mine], data.wrench[~mine])[:2])
+        try:
+            fresh[mine] = fit(data, model.features, ~mine).predict(X[mine])
+        except InputError:
+            continue
+    error_as_is = force_error_n(as_is, data.wrench)
+    assert error_as_is is not None, "features are finite"
+    scaled = replace(model, coefficients=model.coefficients * _each(pressure, shear)[:, None])
+    return Transferred(
+        scaled,
+        pressure,
+        shear,
+        known,
+        presses,
+        group,
+        force_error_n(moved, data.wrench),
+        force_error_n(fresh, data.wrench),
+        error_as_is,
+    )
+
+
+def _each(pressure: float, shear: float) -> Array:
+    return np.array([(pressure, shear)[_FOLLOWS[name]] for name in COMPONENTS])
+
+
+def _factors(predicted: Array, wrench: Array) -> tuple[float, float, bool]:
+    """Factors of pressure and shear, and whether the second was told by the presses."""
+    pressure, sure = _factor(predicted, wrench, _PRESSURE)
+    if sure > LEAST_SURE:
+        raise InputError(
+            "transfer: the presses do not tell the normal force's factor "
+            f"({pressure:.2f} +- {sure:.2f}); press deeper, or on more places"
+        )
+    shear, sure = _factor(predicted, wrench, _SHEAR)
+    return (pressure, shear, True) if sure <= LEAST_SURE else (pressure, pressure, False)
+
+
+def _factor(predicted: Array, wrench: Array, names: tuple[str, ...]) -> tuple[float, float]:
+    """Least squares of measured on predicted through 0, and its standard error."""
+    at = [COMPONENTS.index(name) for name in names]
+    p, y = predicted[:, at].ravel(), wrench[:, at].ravel()
+    size = float(p @ p)
+    if size == 0 or len(p) < 2:
+        return 1.0, np.inf
+    factor = float(p @ y) / size
+    return factor, float(np.sqrt(np.sum((y - factor * p) ** 2) / (len(p) - 1) / size))

@@ -1,0 +1,188 @@
+"""What the measurement says of a recorded run: shape and contacts at the deepest presses, force.
+
+Each press is followed from its own first image, as `measure` would follow it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..measure.force.calibration import ForceCalibration, load_force
+from ..measure.pipeline import Result
+from ..measure.pipeline.everything import everything
+from ..measure.sensor_id import Kind, read_calibration, require_same
+from ..record import Run
+from .parallel import Progress
+from .view import sensor_of, view_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[Any]
+
+MOST_FRAMES = 1000
+"""Of a run with a force calibration all frames are measured up to so many; of a longer one those
+of each indenter's deepest press."""
+EVERY_PX = 4
+FORCE = ("fx_n", "fy_n", "fz_n")
+
+
+@dataclass(frozen=True)
+class Deepest:
+    """The end of an indenter's deepest press. depth_mm: of its tip, as the stage says."""
+
+    indenter: str
+    frame_id: str
+    depth_mm: float
+    result: Result
+
+
+@dataclass(frozen=True)
+class Force:
+    """Force that was estimated at frames, beside what was measured.
+
+    frames: the run's rows of them, with fx_n_est to fz_n_est, extrapolated, trusted. features: of
+    the model. own: the model was fitted to this very run. rms_n: of x, y and z over the frames
+    with a force sensor's reading; None where there was none.
+    """
+
+    frames: pd.DataFrame
+    features: str
+    own: bool
+    rms_n: tuple[float, float, float] | None
+
+    @property
+    def line(self) -> str:
+        """The verdict in one line."""
+        n, beyond = len(self.frames), int(self.frames["extrapolated"].sum())
+        words = f"Force from the flow by {self.features!r}, {n} frames: "
+        if self.rms_n is None:
+            return words + "nothing to hold it against, no force sensor was read"
+        x, y, z = self.rms_n
+        words += f"off by {z:.2f} N normal, {x:.2f} and {y:.2f} N in shear (root mean square)"
+        if self.own:
+            words += "; the calibration was fitted to this very run, so this is no test of it"
+        if beyond:
+            words += f"; {beyond} frames are beyond what it was fitted to"
+        return words
+
+
+@dataclass(frozen=True)
+class MeasuredRun:
+    """What was measured of a run; left_out: what was not, and why."""
+
+    deepest: list[Deepest]
+    force: Force | None
+    left_out: list[str]
+
+
+def calibrations_of(run: Run, files: Sequence[Path] = ()) -> list[Path]:
+    """Of force and depth: these files, else those that lie in the run's folder `analysis`.
+
+    Raises InputError, one line, for a file that is none, and for another sensor's.
+    """
+    beside = (run.folder / "analysis" / name for name in ("calibration.toml", "depth.toml"))
+    found = list(files) or [file for file in beside if file.is_file()]
+    for file in found:
+        require_same(read_calibration(file)[0].sensor, sensor_of(run), str(file))
+    return found
+
+
+def measured(
+    run: Run, calibrations: Sequence[Path] = (), progress: Progress | None = None
+) -> MeasuredRun:
+    """Measure a run that has images. Raises as `Measurement` and `Run.image` do."""
+    import cv2
+
+    cv2.setNumThreads(1)  # the flow depends on their number
+    frames = run.frames().dropna(subset=["file"])
+    if frames.empty:
+        raise InputError(f"{run.folder}: a run without images")
+    view = view_of(run)
+    measurement = everything(view.camera, view.skin, calibrations, every=EVERY_PX)
+    heads = {read_calibration(file)[0].kind: file for file in calibrations}
+    ends = _deepest_ends(frames)
+    whole = "force" in heads and len(frames) <= MOST_FRAMES
+    followed = frames if whole else _up_to(frames, ends)
+    deepest, forces = [], []
+    for press, part in followed.groupby("press", sort=False):
+        measurement.reset()
+        for row in part.itertuples():
+            result = measurement.update(run.image(str(row.file)))
+            forces.append(_numbers(result))
+            if row.frame_id in ends:
+                deepest.append(
+                    Deepest(str(row.indenter), str(row.frame_id), -_one(row.z_mm), result)
+                )
+            if progress is not None:
+                progress(len(forces), len(followed), str(press))
+    force = None
+    if "force" in heads:
+        force = _held(run, load_force(heads["force"]), followed, np.array(forces, float))
+    left_out = _left_out(set(heads), ends, len(frames) - len(followed))
+    return MeasuredRun(deepest, force, left_out)
+
+
+def _deepest_ends(frames: pd.DataFrame) -> list[str]:
+    """Id of the last frame of each indenter's deepest press."""
+    last = frames[frames["kind"] == "press"].groupby("step_id", sort=False).tail(1)
+    at = last.groupby("indenter", sort=False)["z_mm"].idxmin().dropna()
+    return [str(name) for name in last.loc[at, "frame_id"]]
+
+
+def _up_to(frames: pd.DataFrame, ends: list[str]) -> pd.DataFrame:
+    """The frames of the presses that these frames belong to, up to them."""
+    until = frames[frames["frame_id"].isin(ends)].set_index("press")["seq"]
+    return frames[frames["seq"] <= frames["press"].map(until).fillna(-1)]
+
+
+def _one(value: Any) -> float:
+    return float(value)
+
+
+def _numbers(result: Result) -> tuple[float, ...]:
+    """Force, then whether it is beyond its calibration and whether the flow is trusted."""
+    if result.force is None:
+        return ()
+    return (*map(float, result.force.force_n), float(result.extrapolated), float(result.trusted))
+
+
+def _held(run: Run, force: ForceCalibration, followed: pd.DataFrame, found: Array) -> Force:
+    """Beside what the force sensor said, where there was one."""
+    names = [f"{name}_est" for name in FORCE]
+    table = followed.assign(
+        **dict(zip(names, found.T[:3], strict=True)),
+        extrapolated=found[:, 3] > 0,
+        trusted=found[:, 4] > 0,
+    )
+    off = found[:, :3] - table[list(FORCE)].to_numpy(float)
+    off = off[np.isfinite(off).all(axis=1)]
+    x, y, z = np.sqrt(np.mean(off**2, axis=0)) if len(off) else (np.nan,) * 3
+    own = not {run.folder.resolve().name, run.meta["name"]}.isdisjoint(force.head.made.runs)
+    rms = (float(x), float(y), float(z)) if len(off) else None
+    return Force(table, force.model.features, own, rms)
+
+
+def _left_out(kinds: set[Kind], ends: list[str], frames: int) -> list[str]:
+    lines = []
+    if not ends:
+        lines.append("shape and contacts: no step of this run presses")
+    elif "depth" not in kinds:
+        lines.append(
+            "contacts, and depth in mm: no calibration of depth; `deltact-fab calibrate-depth` "
+            "makes one from one press of a ball"
+        )
+    if "force" not in kinds:
+        lines.append(
+            "force from the flow: no calibration of force; `deltact-fab analyze force` makes one"
+        )
+    elif frames:
+        lines.append(f"force at {frames} frames: only the deepest presses of so long a run")
+    return lines

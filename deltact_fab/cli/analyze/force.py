@@ -1,0 +1,107 @@
+"""`deltact-fab analyze force`: calibrate the force, and say what it may be trusted to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from ...analysis.force import ForceResult
+
+
+@click.command()
+@click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(path_type=Path))
+@click.option("--model", "models", multiple=True, help="Feature set, repeatable; default all.")
+@click.option(
+    "--transfer",
+    type=click.Path(path_type=Path),
+    metavar="OTHER.toml",
+    help="Carry another sensor's calibration over, from the few presses of RUN.",
+)
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), help="Default calibration.toml in --out."
+)
+@click.option("--out", type=click.Path(path_type=Path), help="Folder; default RUN/analysis.")
+@click.option("--seed", default=0, show_default=True, help="Of the split and the learning curve.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def force(
+    runs: tuple[Path, ...],
+    models: tuple[str, ...],
+    transfer: Path | None,
+    output: Path | None,
+    out: Path | None,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Fit force models to runs of one sensor, cross-validate them, write the best as a calibration.
+
+    Points are the settled frames. What is left out in turn, position, indenter and run, says how
+    far a model is to be trusted on what it never saw.
+    """
+    from ...analysis.force import calibrate, carry_over, write_calibration
+    from ...errors import InputError
+    from ..output import echo_json, progress, save_figures
+
+    folder = out or runs[0] / "analysis"
+    output = output or folder / "calibration.toml"
+    if transfer is not None:
+        if models:
+            raise InputError("--model: not with --transfer, which keeps the model of its file")
+        with progress("transfer") as report:
+            moved, kept, left_out = carry_over(runs, transfer, progress=report)
+        files = write_calibration(kept, output)
+        if as_json:
+            echo_json({"transfer": moved.as_dict(), "left_out": left_out})
+            return
+        click.echo(f"{moved.line} ({kept.head.origin})")
+    else:
+        with progress("force") as report:
+            result = calibrate(runs, models or None, seed, progress=report)
+        files = result.save(folder, output)
+        if as_json:
+            echo_json(result.as_dict())
+            return
+        _tell(result)
+        left_out = result.left_out
+        files += save_figures(folder, lambda: _figures(result))
+    for line in left_out:
+        click.echo(f"left out: {line}")
+    click.echo("written: " + ", ".join(str(f) for f in files))
+
+
+def _tell(result: ForceResult) -> None:
+    from ...analysis.force import LEFT_OUT, PAPER_TABLE
+    from ..output import echo_table
+
+    click.echo(result.line + "\n")
+    errors = ("rmse_train", "rmse", *(f"rmse_left_out_{group}" for group in LEFT_OUT), "range")
+    rows: list[tuple[Any, ...]] = [
+        (model, f"{name}, {'N' if unit == 'n' else 'N mm'}", of["adjusted_r2"],
+         *(of[f"{key}_{unit}"] for key in errors), of["percent_of_range"],
+         of["condition_raw"], of["condition_scaled"])
+        for model, every in result.figures().items()
+        for name, of in every.items()
+        for unit in ("n" if "range_n" in of else "nmm",)
+    ]  # fmt: skip
+    nothing = [None] * (len(errors) - 2)
+    for name, (r2, rmse_n) in PAPER_TABLE.items():
+        rows.append(("as printed", f"{name}, N", r2, None, rmse_n, *nothing, None, None, None))
+    head = ("model", "component", "adj. R2", "train", "test", *LEFT_OUT, "range", "% of range",
+            "cond. raw", "scaled")  # fmt: skip
+    echo_table(head, rows)
+    data, origin = result.data, result.calibration.head.origin
+    click.echo(
+        f"\nRMSE on {len(result.best.train)} points of training, {len(result.best.test)} of test, "
+        f"and {len(data)} with their position, indenter or run left out; {origin}; "
+        "as printed: the paper's table, on a real sensor"
+    )
+    if result.field is not None:
+        click.echo(result.field.line)
+
+
+def _figures(result: ForceResult) -> dict[str, Any]:
+    from ...report.force_figures import all_figures
+
+    return dict(all_figures(result))

@@ -1,0 +1,110 @@
+"""From what a user names to a source of images with all that is known of its sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from .. import catalog
+from ..cad.design import load_design
+from ..errors import InputError, RunFailed, did_you_mean
+from ..optics import Fisheye, FlatField, Rectified, load_camera
+from ..rig.interface import Frame
+from .source import Known, Source, size_px
+
+DEFAULT_PROTOCOL = "smoke"
+
+
+def open_source(
+    name: str,
+    camera_file: Path | None = None,
+    design: str | None = None,
+    serial: str | None = None,
+    seed: int = 0,
+) -> Source:
+    """Open what a name stands for, and tell it what the user knows of its sensor.
+
+    name: the number of a camera ("0") or its device file, a run, a folder of images, a video, or a
+    rig with or without a protocol ("virtual:smoke"). camera_file: as `deltact-fab calibrate` writes
+    it. design, serial: of the sensor. They go before what the source knows. seed: of a virtual rig.
+    Raises InputError for a name that is nothing of these, and where no one knows the camera.
+    """
+    given = None if camera_file is None else _given(camera_file, design)
+    source = _opened(name, given, seed)
+    try:
+        own = source.known
+        if given is not None:
+            own = replace(own, camera=given.camera, flat=given.flat, skin=own.skin or given.skin)
+        if design is not None:
+            own = replace(own, design=design, skin=load_design(design).skin)
+        if serial is not None:
+            own = replace(own, serial=serial)
+        source.known = own
+        if source.known.camera is None:
+            raise InputError(
+                f"{name}: which camera took these images is not known: name its file with "
+                "--camera; `deltact-fab calibrate IMAGES --board skin -o camera.toml` makes one"
+            )
+    except InputError:
+        source.close()
+        raise
+    return source
+
+
+def images(source: Source) -> Iterator[Frame]:
+    """The frames of an opened source, at least one, all of the size that its camera makes.
+
+    Raises InputError, one line, for another size; else as the source does.
+    """
+    assert source.known.camera is not None, "open_source makes sure of it"
+    wanted = size_px(source.known.camera)
+    frame = None
+    for frame in source.frames():
+        h, w = frame.image.shape[:2]
+        if (w, h) != wanted:
+            raise InputError(
+                f"{source.name}: images of {w} x {h} px; the camera that was calibrated makes "
+                f"{wanted[0]} x {wanted[1]} px"
+            )
+        yield frame
+    if frame is None:
+        raise RunFailed(f"{source.name}: ended before its first image")
+
+
+def _given(camera_file: Path, design: str | None) -> Known:
+    """What a camera file and a design say. Raises InputError."""
+    sensor = load_design(design or "deltact")
+    camera, _ = load_camera(camera_file)
+    flat = FlatField.beside(camera_file)
+    if isinstance(camera, Fisheye):
+        camera = Rectified.of(sensor, camera)
+    if flat is not None and isinstance(camera, Rectified):
+        flat = flat.seen_by(camera)
+    return Known(camera, flat, sensor.skin)
+
+
+def _opened(name: str, given: Known | None, seed: int) -> Source:
+    """What is imported is what that kind of source needs."""
+    path = Path(name)
+    if name.isdecimal() or path.is_char_device():
+        from .device import Device
+
+        asked = None if given is None or given.camera is None else size_px(given.camera)
+        return Device(int(name) if name.isdecimal() else name, asked)
+    if path.is_dir() or path.is_file():
+        from .files import Folder, RecordedRun, Video
+
+        if path.is_file():
+            return Video(path)
+        return RecordedRun(path) if (path / "run.json").is_file() else Folder(path)
+    rig, _, protocol = name.partition(":")
+    rigs = catalog.names("protocols/rigs")
+    if rig in rigs or Path(rig).suffix == ".toml":
+        from .rig import RigSource
+
+        return RigSource(rig, protocol or DEFAULT_PROTOCOL, seed)
+    near = did_you_mean(rig, rigs)
+    raise InputError(
+        f"{name}: no camera number, video, folder, run or rig of that name; of the rigs {near}"
+    )

@@ -1,0 +1,141 @@
+"""Where results go while they come: lines for people, lines for programs, the page."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from typing import IO, Protocol
+
+from . import picture
+from .page import Page, Shot
+from .session import Measured, Session
+from .source import Source
+from .words import as_dict, line
+
+TERMINAL_S = 0.1
+PIPED_S = 2.0
+WINDOW_S = 30.0
+"""Of time that the page draws of a live source; of others all that it has."""
+
+
+class Output(Protocol):
+    """Takes results one after another."""
+
+    def show(self, measured: Measured) -> None:
+        """One more. Raises BrokenPipeError when nobody reads any longer."""
+
+    def end(self, why: str) -> None:
+        """There will be no more."""
+
+
+class Lines:
+    """One line that changes on a terminal; elsewhere one every few seconds, and the last one."""
+
+    def __init__(self, to: IO[str], simulated: str | None) -> None:
+        self._to = to
+        self._simulated = simulated
+        self._live = to.isatty()
+        self._next_s = 0.0
+        self._last: Measured | None = None
+        self._written: Measured | None = None
+
+    def show(self, measured: Measured) -> None:
+        """As Output."""
+        now_s = time.monotonic()
+        self._last = measured
+        if now_s >= self._next_s:
+            self._next_s = now_s + (TERMINAL_S if self._live else PIPED_S)
+            self._write(measured)
+
+    def end(self, why: str) -> None:
+        """As Output: the last result, and why there are no more."""
+        if (last := self._last) is not None:
+            if last is not self._written:
+                self._write(last)
+            n, before = last.given.frame + 1, "\n" if self._live else ""
+            origin = f" ({self._simulated})" if self._simulated else ""
+            self._to.write(f"{before}{why} after {n} image{'' if n == 1 else 's'}{origin}\n")
+            self._to.flush()
+
+    def _write(self, measured: Measured) -> None:
+        # Back to the line's start, and what is left of a longer one erased.
+        text = line(measured)
+        self._to.write(f"\r{text}\x1b[K" if self._live else f"{text}\n")
+        self._to.flush()
+        self._written = measured
+
+
+class JsonLines:
+    """One JSON object a result, written at once."""
+
+    def __init__(self, to: IO[str], simulated: str | None) -> None:
+        self._to = to
+        self._simulated = simulated
+
+    def show(self, measured: Measured) -> None:
+        """As Output."""
+        told = as_dict(measured)
+        if self._simulated is not None:
+            told["simulated"] = self._simulated
+        self._to.write(json.dumps(told, allow_nan=False) + "\n")
+        self._to.flush()
+
+    def end(self, why: str) -> None:
+        """As Output: nothing that a program would take for a result."""
+
+
+class View:
+    """The page, which stays open when the results end, until it is closed."""
+
+    def __init__(self, session: Session, page: Page) -> None:
+        self._session = session
+        self._page = page
+
+    def show(self, measured: Measured) -> None:
+        """As Output; the work is done by the threads of the browsers."""
+        session = self._session
+
+        def data() -> dict[str, object]:
+            return picture.data(measured, session.view)
+
+        def image() -> picture.Array:
+            return session.rectified(measured.given.image)
+
+        self._page.show(Shot(data, image), picture.point(measured))
+
+    def end(self, why: str) -> None:
+        """As Output."""
+        self._page.end(why)
+
+
+class Check:
+    """Tells the state of health that each new reference shows, where a calibration can say it."""
+
+    def __init__(self, tell: Callable[[str], None]) -> None:
+        self._tell = tell
+
+    def show(self, measured: Measured) -> None:
+        """As Output."""
+        found = measured.result.health
+        if measured.result.frame == 0 and found is not None:
+            self._tell(f"state of health: {found.line}")
+
+    def end(self, why: str) -> None:
+        """As Output."""
+
+
+def about(source: Source, with_force: bool) -> dict[str, object]:
+    """What the page says once of a source, and of the curves that it draws."""
+    if with_force:
+        names, title, least = ["normal", "shear x", "shear y"], "Force on the sensor, N", 0.2
+    else:
+        names, title, least = ["largest motion"], "Motion of the pattern, mm", 0.1
+    return {
+        "source": source.name,
+        "simulated": source.known.simulated,
+        "trace_names": names,
+        "trace_title": title,
+        "trace_least": least,
+        "window_s": WINDOW_S if source.live else None,
+    }

@@ -1,0 +1,140 @@
+"""A result as the live page draws it: a coarse map, sparse arrows, outlines, numbers."""
+
+from __future__ import annotations
+
+import base64
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..measure.face import FaceFlow
+from ..measure.pipeline import Result
+from ..optics import CameraModel
+from .session import Measured
+from .words import as_dict
+
+Array = NDArray[Any]
+ARROW_MM = 1.5
+"""Between arrows: sparse, as the paper's figure of the force distribution has them."""
+MOST_CELLS = 160
+"""Of a map's longer side; the browser draws it smooth."""
+LOST = 255
+LEAST_MM = 0.05
+LEAST_MPA = 2e-3
+LEAST_RELATIVE = 0.02
+"""Full scale of arrows and map at the least, so that noise does not fill the page."""
+
+
+def data(m: Measured, camera: CameraModel) -> dict[str, Any]:
+    """What the page needs of one result, as plain numbers. camera: of the tracked view."""
+    result = m.result
+    cx, cy = camera.centre_px
+    scale = camera.mm_per_px
+    told: dict[str, Any] = {
+        **as_dict(m, outlines=True),
+        "hz": m.hz,
+        "view_mm": [
+            (-0.5 - cx) * scale, (camera.width_px - 0.5 - cx) * scale,
+            (-0.5 - cy) * scale, (camera.height_px - 0.5 - cy) * scale,
+        ],
+        "motion_mm": motion_mm(result),
+        "point": point(m),
+        "maps": [], "flow": None, "shear": None,
+    }  # fmt: skip
+    told["measured_contacts"] = told["contacts"] is not None
+    told["contacts"] = told["contacts"] or []
+    if (f := result.flow) is not None:
+        for contact in told["contacts"]:
+            contact["seen_mm"] = _landed(contact["outline_mm"], f)
+        told["flow"] = _arrows(f.shift_mm, f.known, f.x_mm, f.y_mm, "flow", LEAST_MM, 1, "mm",
+                               "of motion")  # fmt: skip
+    if (t := result.traction) is not None:
+        told["shear"] = _arrows(t.traction_mpa[..., :2], None, t.x_mm, t.y_mm, "shear", LEAST_MPA,
+                                1e3, "kPa", "of shear")  # fmt: skip
+        told["maps"].append(_map(-t.traction_mpa[..., 2], None, t.x_mm, t.y_mm, "pressure",
+                                 LEAST_MPA, 1e3, "kPa"))  # fmt: skip
+    if (s := result.shape) is not None:
+        if (d := s.depth) is not None:
+            told["maps"].append(_map(d.depth_mm, d.known, d.x_mm, d.y_mm, "depth", LEAST_MM, 1,
+                                     "mm"))  # fmt: skip
+        told["maps"].append(_map(s.relative, s.density.reliable, s.x_mm, s.y_mm, "relative depth",
+                                 LEAST_RELATIVE, 1, ""))  # fmt: skip
+    return told
+
+
+def point(m: Measured) -> tuple[float | None, ...]:
+    """Of the traces: time; normal force and shear, else the motion; 1 where they are trusted."""
+    force, t_s = m.result.force, round(m.given.t_s, 4)
+    if force is None:
+        return (t_s, motion_mm(m.result), float(m.result.trusted))
+    x, y, z = (round(float(v), 4) for v in force.force_n)
+    return (t_s, -z, x, y, float(m.result.trusted and not force.extrapolated))
+
+
+def motion_mm(result: Result) -> float | None:
+    """Largest known motion of the pattern; None without flow, or where all of it is lost."""
+    if result.flow is None:
+        return None
+    part = slice(None, None, 4)  # it is smooth, and this runs for every result
+    shift, known = result.flow.shift_mm[part, part], result.flow.known[part, part]
+    most = np.square(shift).sum(-1).max(initial=-1.0, where=known)
+    return None if most < 0 else round(float(np.sqrt(most)), 4)
+
+
+def _arrows(
+    vectors: Array, known: Array | None, x_mm: Array, y_mm: Array, name: str, least: float,
+    times: float, unit: str, words: str,
+) -> dict[str, Any]:  # fmt: skip
+    """Vectors (h, w, 2) at points ARROW_MM apart; where they are not known there is no arrow."""
+    every = max(1, round(ARROW_MM / float(x_mm[1] - x_mm[0])))
+    rows, columns = (slice((n - 1) % every // 2, None, every) for n in (len(y_mm), len(x_mm)))
+    part = np.array(vectors[rows, columns], np.float32)
+    if known is not None:
+        part[~known[rows, columns]] = np.nan
+    size = np.hypot(part[..., 0], part[..., 1])
+    return {
+        "name": name, "times": times, "unit": unit, "words": words,
+        "most": max(least, float(np.nanmax(size)) if np.isfinite(size).any() else 0.0),
+        "step_mm": float(x_mm[1] - x_mm[0]) * every,
+        "x_mm": np.round(x_mm[columns], 3).tolist(), "y_mm": np.round(y_mm[rows], 3).tolist(),
+        "data": _text(part),
+    }  # fmt: skip
+
+
+def _map(
+    values: Array, known: Array | None, x_mm: Array, y_mm: Array, name: str, least: float,
+    times: float, unit: str,
+) -> dict[str, Any]:  # fmt: skip
+    """Values (h, w) as bytes, 0 and less dark, the most 254, what is not known LOST."""
+    n = -(-max(values.shape) // MOST_CELLS)
+    h, w = (side // n * n for side in values.shape)
+    part = np.ascontiguousarray(values[:h, :w], np.float32)
+    lost = np.zeros((h, w), np.uint8) if known is None else (~known[:h, :w]).astype(np.uint8)
+    part[lost > 0] = 0
+    small = cv2.resize(part, (w // n, h // n), interpolation=cv2.INTER_AREA)
+    gone = cv2.resize(lost, (w // n, h // n), interpolation=cv2.INTER_NEAREST) > 0
+    most = max(least, float(small.max()))
+    levels = np.clip(np.rint(small / most * (LOST - 1)), 0, LOST - 1).astype(np.uint8)
+    levels[gone] = LOST
+    half_x, half_y = float(x_mm[1] - x_mm[0]) / 2, float(y_mm[1] - y_mm[0]) / 2
+    return {
+        "name": name, "times": times, "unit": unit, "most": most,
+        "width": w // n, "height": h // n, "lost": bool(gone.any()), "data": _text(levels),
+        "x_mm": [float(x_mm[0]) - half_x, float(x_mm[w - 1]) + half_x],
+        "y_mm": [float(y_mm[0]) - half_y, float(y_mm[h - 1]) + half_y],
+    }  # fmt: skip
+
+
+def _landed(points_mm: list[list[float]], flow: FaceFlow) -> list[list[float]]:
+    """Points of the resting face where the camera sees them now."""
+    column, row = (
+        np.clip(np.rint((at - axis[0]) / flow.cell_mm).astype(int), 0, len(axis) - 1)
+        for at, axis in zip(np.transpose(points_mm), (flow.x_mm, flow.y_mm), strict=True)
+    )
+    return np.round(points_mm + flow.shift_mm[row, column], 3).tolist()
+
+
+def _text(values: Array) -> str:
+    return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()

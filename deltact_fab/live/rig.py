@@ -1,0 +1,96 @@
+"""A virtual rig as a source: it carries out a protocol, and its camera is looked through.
+
+Nothing is recorded, and no force is measured: the images come through the interface of a camera,
+as any driver's would, and what measures them sees no more of the rig than of a file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from .. import experiment
+from ..cad.design import load_design
+from ..errors import InputError
+from ..patterns.recipe import load_recipe
+from ..protocols import limits, plan
+from ..protocols.plan import Step
+from ..rig import config
+from ..rig.interface import Devices, Frame, Job
+from .source import Known
+
+
+class RigSource:
+    """The images of a protocol on a virtual rig, in order; every image counts.
+
+    Time is virtual: images come as quickly as they are drawn.
+    """
+
+    live = False
+
+    def __init__(self, rig_name: str, protocol_name: str, seed: int = 0) -> None:
+        """Raises InputError for a real rig, and a protocol without images or that does not fit."""
+        self.name = f"{rig_name}:{protocol_name}"
+        protocol, source = plan.load(protocol_name)
+        bench, path = config.load(rig_name)
+        if not bench.simulated:
+            raise InputError(
+                f"{path}: kind: {bench.kind!r} moves a real stage, and `measure` only looks: name "
+                "its camera's number, or `run` the protocol"
+            )
+        kind = experiment.kind_of(bench, path)
+        if "image" not in protocol.channels:
+            raise InputError(f"{source}: channels: without 'image' there is nothing to measure")
+        # What the measurement does not need is not solved either.
+        protocol = protocol.model_copy(update={"channels": protocol.channels & {"image", "shear"}})
+        sensor = load_design(protocol.specimen.design)
+        for why in kind.refusals(protocol, sensor, str(source)):
+            raise InputError(why)
+        self._steps = plan.expand(protocol)
+        limits.require(limits.check(protocol, sensor, bench.stage.box, self._steps), str(source))
+        self._kind = kind
+        self._protocol, self._sensor, self._seed = protocol, sensor, seed
+        self._recipe = load_recipe(protocol.specimen.pattern)
+        self.known = Known(
+            kind.camera(protocol, sensor),
+            kind.flat(protocol),
+            sensor.skin,
+            recipe=self._recipe.model_dump(mode="json"),
+            design=protocol.specimen.design,
+            serial=protocol.specimen.serial,
+            simulated=f"simulated, seed {seed}",
+        )
+
+    def frames(self) -> Iterator[Frame]:
+        """As Source; times of the rig's clock."""
+        with TemporaryDirectory() as folder:
+            job = Job(self._protocol, self._sensor, self._recipe, self._seed, Path(folder))
+            with closing(self._kind.build(job)) as rig:
+                yield from _carried_out(self._steps, rig.devices())
+
+    def close(self) -> None:
+        """The devices are closed when `frames` ends."""
+
+
+def _carried_out(steps: Sequence[Step], devices: Devices) -> Iterator[Frame]:
+    """Every image of the steps, taken when the runner would take it."""
+    stage, camera, clock = devices.stage, devices.camera, devices.clock
+    assert camera is not None, "the protocol asks for images"
+    stage.connect()
+    stage.home()
+    for step in steps:
+        start_s = clock.now_s()
+        planned_s = stage.start_move(step.target_mm, step.feed_mm_min)
+        for k in range(1, step.frames):
+            clock.sleep_s(max(start_s + planned_s * k / step.frames - clock.now_s(), 0.0))
+            yield camera.capture()
+        stage.wait()
+        if step.kind == "change":
+            devices.change_indenter(step.indenter)
+        elif step.id.endswith("/rest"):
+            camera.begin(step.press)
+        if step.frames:
+            clock.sleep_s(step.settle_s)
+            yield camera.capture()

@@ -1,0 +1,128 @@
+"""A source's images through a measurement, with what belongs together kept together."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..measure.pipeline import Measurement, Pipeline, Result
+from ..optics import Rectified
+from .open import images
+from .source import Source
+
+RATE_S = 2.0
+"""Over so long the rate of results is taken."""
+PATIENCE_S = 2.0
+"""So long the source may take to deliver its last image when nobody wants more."""
+
+
+@dataclass(frozen=True)
+class Given:
+    """An image on its way. frame: its number in the source. t_s: when it was taken, by the source's
+    clock; given_s: the time that its result's age counts from, by `time.monotonic`."""
+
+    frame: int
+    t_s: float
+    image: NDArray[np.uint8]
+    given_s: float
+
+
+@dataclass(frozen=True)
+class Measured:
+    """An image and its result; a gap in the numbers of the images is those that were dropped.
+
+    hz: results a second. dropped: images and results that gave way to newer ones, so far.
+    """
+
+    given: Given
+    result: Result
+    hz: float
+    dropped: int
+
+
+class Session:
+    """Measures all images of a source until it ends or `stop` is called."""
+
+    def __init__(
+        self,
+        source: Source,
+        measurement: Measurement,
+        *,
+        most_hz: float | None = None,
+        going: Callable[[float], bool] | None = None,
+    ) -> None:
+        """most_hz: of a source that is not live, so many images a second are measured at most.
+
+        going: False while nothing is to be measured; waits so many seconds for that to change.
+        """
+        self.source = source
+        assert source.known.camera is not None, "open_source makes sure of it"
+        self.view = source.known.camera
+        """Of the images as they are tracked."""
+        self._measurement = measurement
+        self._least_s = 0.0 if most_hz is None or source.live else 1 / most_hz
+        self._going = going or (lambda timeout_s: True)
+        self._stopped = False
+        self._error: BaseException | None = None
+        self._given: deque[Given] = deque()
+
+    def results(self) -> Iterator[Measured]:
+        """What was measured, in order. Raises what the source or the measurement raises."""
+        times: deque[float] = deque()
+        live = self.source.live
+        with Pipeline(self._measurement, "newest" if live else "every") as pipeline:
+            feeder = threading.Thread(target=self._feed, args=(pipeline,), daemon=True)
+            feeder.start()
+            try:
+                for result in pipeline.results():
+                    now_s = time.monotonic()
+                    times.append(now_s)
+                    while now_s - times[0] > RATE_S:
+                        times.popleft()
+                    hz = (len(times) - 1) / (now_s - times[0]) if len(times) > 1 else 0.0
+                    given = self._given.popleft()
+                    while given.given_s != result.t_s:  # those between were dropped
+                        given = self._given.popleft()
+                    yield Measured(given, result, hz, pipeline.dropped)
+            finally:
+                self._stopped = True
+                feeder.join(PATIENCE_S)
+        if self._error is not None:
+            raise self._error
+
+    def rectified(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """An image of the source as it is tracked."""
+        view = self.view
+        if isinstance(view, Rectified) and image.shape[1::-1] != (view.width_px, view.height_px):
+            return np.asarray(view.rectify(image), np.uint8)
+        return image
+
+    def _feed(self, pipeline: Pipeline) -> None:
+        """Give every image to the pipeline, which drops those that it has no time for."""
+        flat = self.source.known.flat
+        try:
+            for k, frame in enumerate(images(self.source)):
+                began_s = time.monotonic()
+                while not self._going(0.1) and not self.source.live and not self._stopped:
+                    pass
+                if self._stopped:
+                    break
+                if not self._going(0.0):
+                    continue
+                image = frame.image if flat is None else flat.apply(self.rectified(frame.image))
+                given = Given(k, frame.t_s, image, frame.t_s if self.source.live else began_s)
+                self._given.append(given)
+                pipeline.submit(image, given.given_s)
+                if self._least_s:
+                    time.sleep(max(0.0, began_s + self._least_s - time.monotonic()))
+        except Exception as why:  # raised where the results are read
+            self._error = None if self._stopped else why
+        finally:
+            self.source.close()
+            pipeline.close()

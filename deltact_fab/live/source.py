@@ -1,0 +1,60 @@
+"""The one interface of whatever delivers images."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+from ..rig.interface import Frame
+
+if TYPE_CHECKING:
+    from ..optics import CameraModel, FlatField
+    from ..shapes.sensor import SkinDimensions
+
+
+@dataclass(frozen=True)
+class Known:
+    """What a source knows of the sensor that it shows; None where it cannot tell.
+
+    camera: the projection of the images that are tracked; its `maps` make them from those that the
+    source gives. flat: how the light falls off over the tracked ones. skin: the gel's.
+    recipe: of the pattern. design, serial: of the sensor. simulated: a word and the seed, where no
+    hardware was involved.
+    """
+
+    camera: CameraModel | None = None
+    flat: FlatField | None = None
+    skin: SkinDimensions | None = None
+    recipe: Mapping[str, Any] | None = None
+    design: str | None = None
+    serial: str | None = None
+    simulated: str | None = None
+
+
+NOTHING = Known()
+
+
+class Source(Protocol):
+    """Images of one sensor, raw as its camera gives them, with times of one clock."""
+
+    name: str
+    live: bool
+    """Images come whether they are taken or not: the newest counts, and times are those of
+    `time.monotonic`. Else every image counts."""
+    known: Known
+
+    def frames(self) -> Iterator[Frame]:
+        """Images (h, w, 3) BGR uint8 in order of time; the first is at rest.
+
+        Raises InputError or a kind of RunFailed that names the source.
+        """
+
+    def close(self) -> None:
+        """Let go of device or file, once `frames` is no longer read; again does nothing."""
+
+
+def size_px(camera: CameraModel) -> tuple[int, int]:
+    """Width and height of the raw images that a camera's view is made from."""
+    raw: Any = getattr(camera, "lens", camera)
+    return raw.width_px, raw.height_px

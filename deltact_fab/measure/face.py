@@ -1,0 +1,90 @@
+"""What a frame's flow says of the face: the motion of the pattern on a regular grid, in mm.
+
+All that measures shape, force and contact starts here and knows no pixels, no lens and no tracker.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..optics import CameraModel, axes_mm
+from .flow import FlowObservation, FlowState
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class FaceFlow:
+    """The pattern's motion in the view, at points of the resting face; sensor frame.
+
+    shift_mm (h, w, 2) float32: the way of each point's picture, in mm of the resting face, so the
+    parallax of its depth is in it. known (h, w) bool: it was found in the image, or lies between
+    points that were; elsewhere the shift is a guess and no result may rest on it silently.
+    x_mm (w,), y_mm (h,): the points, equally spaced by cell_mm. trusted: as the tracker says.
+    """
+
+    shift_mm: Array
+    known: Array
+    x_mm: Array
+    y_mm: Array
+    trusted: bool = True
+
+    @property
+    def cell_mm(self) -> float:
+        """Distance of neighbouring points."""
+        return float(self.x_mm[1] - self.x_mm[0])
+
+    @property
+    def cover(self) -> float:
+        """Share of the points whose motion is known."""
+        return float(np.count_nonzero(self.known)) / self.known.size
+
+    @classmethod
+    def of(cls, seen: FlowObservation, camera: CameraModel, every: int = 1) -> FaceFlow:
+        """From a tracker's observation, full or half, of a camera's (rectified) image.
+
+        every: pixels between points, 1, 2, 4, 8 ...; means over every x every pixels, of the known
+        ones where there are such, as near the middle of the view as whole cells go. Raises
+        ValueError for less than what was observed: 2 of a half observation.
+        """
+        h, w = seen.flow_px.shape[:2]
+        have = 1 if (w, h) == (camera.width_px, camera.height_px) else 2
+        if every < have or every % have:
+            raise ValueError(f"every: {have} px or a multiple: {every} fails")
+        shift, known = seen.flow_px, (seen.state > FlowState.LOST) & seen.visible
+        n = every // have
+        # A mirror image of the view then gives the mirror image of the points, to half a node.
+        rows, columns = (slice(side % n // 2, side % n // 2 + side // n * n) for side in (h, w))
+        shift, known = shift[rows, columns], known[rows, columns]
+        if n > 1:
+            shift, known = _means(shift, known, n)
+        x, y = (
+            axis[have * cut.start : have * cut.stop].reshape(-1, every).mean(1)
+            for axis, cut in zip(axes_mm(camera), (columns, rows), strict=True)
+        )
+        shift = np.asarray(shift * np.float32(camera.mm_per_px), np.float32)
+        return cls(shift, known, x, y, seen.diagnostics.trusted)
+
+
+def _means(shift: Array, known: Array, n: int) -> tuple[Array, Array]:
+    """Over n x n cells: of what is known, of all where that is less than half; and where it is."""
+    h, w = (side // n for side in known.shape)
+    weight = known[: h * n, : w * n].astype(np.float32)
+    share = _mean(weight, (w, h))
+    enough, at_least = share >= 0.5, np.maximum(share, np.float32(0.5))
+    # A component at a time: numpy is slow along an axis of two.
+    parts = cv2.split(np.ascontiguousarray(shift[: h * n, : w * n]))
+    whole = [_mean(part, (w, h)) for part in parts]
+    if not known.all():
+        sums = (_mean(part * weight, (w, h)) for part in parts)
+        whole = [np.where(enough, s / at_least, a) for s, a in zip(sums, whole, strict=True)]
+    return np.asarray(cv2.merge(whole)), enough
+
+
+def _mean(values: Array, size: tuple[int, int]) -> Array:
+    return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA))

@@ -1,0 +1,60 @@
+"""Force on the sensor from the flow: sets of features, and the model that is linear in them.
+
+A new set is a module with a class that meets `Features` and is made of a `SensorView`, and one line
+in FEATURES.
+"""
+
+from __future__ import annotations
+
+import importlib
+
+from ...errors import InputError, did_you_mean
+from ..view import SensorView
+from .model import Features, ForceModel, LocalFeatures
+from .wrench import COMPONENTS, TractionField, Wrench
+
+# Module and class, imported only when asked for.
+FEATURES = {
+    "sums": ("sums", "Sums"),
+    "paper": ("paper", "Paper"),
+    "paper-mirrored": ("paper", "PaperMirrored"),
+    "inverse": ("inverse", "Inverse"),
+    "inverse-placed": ("inverse", "InversePlaced"),
+}
+
+
+def make_features(name: str, view: SensorView) -> Features:
+    """The named set for a sensor. Raises InputError for an unknown name."""
+    if name not in FEATURES:
+        raise InputError(f"force features {name!r}: unknown; {did_you_mean(name, FEATURES)}")
+    module, kind = FEATURES[name]
+    made: Features = getattr(importlib.import_module(f"{__name__}.{module}"), kind)(view)
+    return made
+
+
+def features_of(model: ForceModel, view: SensorView, source: str) -> Features:
+    """The set that a model was fitted to.
+
+    Raises InputError, `source` in front, where this version has no such set or other labels.
+    """
+    try:
+        made = make_features(model.features, view)
+    except InputError as why:
+        raise InputError(f"{source}: {why}") from why
+    if model.names != tuple(made.names):
+        raise InputError(f"{source}: not of this version's features {made.name!r}; calibrate again")
+    return made
+
+
+__all__ = [
+    "COMPONENTS",
+    "FEATURES",
+    "Features",
+    "ForceModel",
+    "LocalFeatures",
+    "SensorView",
+    "TractionField",
+    "Wrench",
+    "features_of",
+    "make_features",
+]

@@ -1,0 +1,106 @@
+"""A force calibration: a fitted model, whose it is, what it may be trusted to, the face at rest."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ... import catalog
+from ...errors import InputError
+from ...optics import CameraModel
+from ...shapes import SkinDimensions
+from ..sensor_id import Head, read_calibration
+from ..view import SensorView
+from .model import ForceModel
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class ForceCalibration:
+    """What `analyze force` writes and a measurement reads.
+
+    skin, poisson: what the features were made with. error: of each component in the paper's words
+    (`normal`, `shear_x` ...), root mean squares by what was left out, for whoever shows a force.
+    transfer: how it was carried over from another sensor, if it was. rest: the face untouched,
+    PNG, as the camera's images are tracked.
+    """
+
+    head: Head
+    model: ForceModel
+    skin: SkinDimensions
+    poisson: float
+    error: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    transfer: Mapping[str, Any] = field(default_factory=dict)
+    rest: bytes | None = None
+
+    def view(self, camera: CameraModel) -> SensorView:
+        """The sensor through a camera."""
+        return SensorView(camera, self.skin, self.poisson)
+
+    def rest_image(self) -> Array | None:
+        """(h, w, 3) BGR uint8 of the face untouched, for `health`."""
+        import cv2
+
+        if self.rest is None:
+            return None
+        return np.asarray(cv2.imdecode(np.frombuffer(self.rest, np.uint8), cv2.IMREAD_COLOR))
+
+    def toml(self, rest_name: str) -> str:
+        """The text of the file beside which the face at rest lies as `rest_name`."""
+        rest = None
+        if self.rest is not None:
+            rest = {"file": rest_name, "sha256": hashlib.sha256(self.rest).hexdigest()}
+        tables: dict[str, Mapping[str, Any]] = {
+            "view": {"poisson": self.poisson, "skin": asdict(self.skin)},
+            "model": self.model.as_dict(),
+            "error": self.error,
+            "transfer": self.transfer,
+            "rest": rest or {},
+        }
+        return self.head.toml({name: table for name, table in tables.items() if table})
+
+
+def load_force(path: Path) -> ForceCalibration:
+    """A calibration of force. Raises InputError of one line for anything that is none."""
+    head, data = read_calibration(path, "force")
+    held: dict[str, Any] = {}
+    for key in ("view", "model", "error", "transfer", "rest"):
+        held[key] = data.pop(key, None if key in ("view", "model") else {})
+        if not isinstance(held[key], dict):
+            raise InputError(f"{path}: {key}: missing table")
+    if data:
+        raise InputError(f"{path}: {next(iter(data))}: unknown key; remove it")
+    view = held["view"]
+    poisson = view.get("poisson")
+    if not isinstance(poisson, float) or not 0 < poisson < 0.5:
+        raise InputError(f"{path}: view.poisson: a number between 0 and .5 (got {poisson!r})")
+    skin = catalog.validate(SkinDimensions, view.get("skin"), f"{path}: view.skin")
+    try:
+        model = ForceModel.from_dict(held["model"])
+    except InputError as why:
+        raise InputError(f"{path}: {why}") from why
+    rest = _rest(path, held["rest"])
+    return ForceCalibration(head, model, skin, poisson, held["error"], held["transfer"], rest)
+
+
+def _rest(path: Path, table: Mapping[str, Any]) -> bytes | None:
+    if not table:
+        return None
+    name = table.get("file")
+    if not isinstance(name, str) or Path(name).name != name:
+        raise InputError(f"{path}: rest.file: the name of a file beside it (got {name!r})")
+    image = path.with_name(name)
+    try:
+        data = image.read_bytes()
+    except OSError as why:
+        raise InputError(f"{image}: cannot be read: {why.strerror}; {path} names it") from why
+    if hashlib.sha256(data).hexdigest() != table.get("sha256"):
+        raise InputError(f"{image}: differs from the hash in {path}: damaged, or of another one")
+    return data

@@ -1,0 +1,159 @@
+"""A force model: features of one frame, and a regression from them to the wrench.
+
+What is not linear happens in the features, so a fit is a small least squares and a cross-validation
+costs nothing on features that were kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ..face import FaceFlow
+from ..regression import Fit, least_squares, relative_leverage
+from .wrench import COMPONENTS, TractionField, Wrench
+
+Array = NDArray[Any]
+REACH = 2.0  # times the largest leverage in training, beyond which a frame is extrapolated
+
+
+class Features(Protocol):
+    """A few numbers of a frame that the force on the sensor is linear in."""
+
+    @property
+    def name(self) -> str:
+        """As registered."""
+
+    @property
+    def every(self) -> int:
+        """Pixels between the points of the FaceFlow that it wants."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """A label for each of the k numbers, unit included."""
+
+    @property
+    def explains(self) -> Mapping[str, tuple[str, ...]]:
+        """The labels that each of COMPONENTS is fitted by: what a mirror allows, say."""
+
+    @property
+    def held(self) -> Mapping[str, float]:
+        """Labels whose coefficients few presses could not tell, and how firmly they are held at 0.
+
+        Each adds a row to the fit that says so: this times the size of the component's first
+        feature stands in its column, and 0 for the force.
+        """
+
+    def of(self, flow: FaceFlow) -> Array:
+        """The numbers (k,) float64: finite, 0 of a face at rest or of which nothing is known."""
+
+
+@runtime_checkable
+class LocalFeatures(Features, Protocol):
+    """Features that also say where on the face the force is."""
+
+    def traction(self, flow: FaceFlow, model: ForceModel) -> TractionField:
+        """The force's distribution by a model that was fitted to these features."""
+
+
+@dataclass(frozen=True)
+class ForceModel:
+    """wrench = coefficients x features, and how far its training reaches.
+
+    features: name of the set; names: its k labels. coefficients (6, k): of COMPONENTS, 0 where a
+    component does not use a feature. reach (6, k, m): of each component, what a frame's features
+    are multiplied by for the squares to add up to its leverage over the largest in training.
+    """
+
+    features: str
+    names: tuple[str, ...]
+    coefficients: Array
+    reach: Array
+
+    @classmethod
+    def fit(cls, features: Features, X: Array, wrench: Array) -> tuple[ForceModel, dict[str, Fit]]:
+        """From features X (n, k) and wrenches (n, 6) in N and N mm; with the six regressions.
+
+        Raises InputError where `least_squares` does, naming the component.
+        """
+        X, wrench = np.asarray(X, float), np.asarray(wrench, float)
+        if wrench.shape != (len(X), len(COMPONENTS)) or X.shape[1] != len(features.names):
+            raise ValueError(f"X (n, {len(features.names)}), y (n, 6): {X.shape}, {wrench.shape}")
+        coefficients = np.zeros((len(COMPONENTS), X.shape[1]))
+        most = max(map(len, features.explains.values()))
+        reach = np.zeros((*coefficients.shape, most))
+        fits = {}
+        for i, component in enumerate(COMPONENTS):
+            use = [features.names.index(name) for name in features.explains[component]]
+            columns, y = _held(X[:, use], wrench[:, i], features, features.explains[component])
+            try:
+                fit = least_squares(columns, y, features.explains[component])
+            except InputError as why:
+                raise InputError(f"force model {features.name}: {component}: {why}") from why
+            coefficients[i, use] = fit.coefficients
+            reach[i, use, : len(use)] = relative_leverage(X[:, use], fit)
+            fits[component] = fit
+        return cls(features.name, tuple(features.names), coefficients, reach), fits
+
+    def predict(self, X: Array) -> Array:
+        """Wrenches (n, 6), N and N mm, of features (n, k)."""
+        return np.asarray(X, float) @ self.coefficients.T
+
+    def outside(self, X: Array) -> Array:
+        """(n,) bool: some component's features are not like those of its training.
+
+        By their leverage, so that a frame is found whose features are each within their range and
+        together unlike any: a light touch where only deep presses were trained, say.
+        """
+        each = np.einsum("nk,ckm->ncm", np.asarray(X, float), self.reach)
+        return np.asarray(~((each**2).sum(axis=-1) <= REACH).all(axis=-1))
+
+    def wrench(self, x: Array, cover: float) -> Wrench:
+        """Of one frame's features (k,), of which a share is known."""
+        six = self.predict(x[None])[0]
+        return Wrench(six[:3], six[3:], cover, bool(self.outside(x[None])[0]))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data, for a calibration file."""
+        return {
+            "features": self.features,
+            "names": list(self.names),
+            "coefficients": dict(zip(COMPONENTS, self.coefficients.tolist(), strict=True)),
+            "reach": dict(zip(COMPONENTS, self.reach.tolist(), strict=True)),
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> ForceModel:
+        """What `as_dict` gave. Raises InputError, with the key, for what cannot be one."""
+        try:
+            names = tuple(map(str, data["names"]))
+            coefficients, reach = (
+                np.array([data[key][component] for component in COMPONENTS], float)
+                for key in ("coefficients", "reach")
+            )
+            model = cls(str(data["features"]), names, coefficients, reach)
+        except KeyError as why:
+            raise InputError(f"force model: {why.args[0]}: missing") from why
+        except (TypeError, ValueError) as why:
+            raise InputError(f"force model: not numbers, or not as many as names: {why}") from why
+        shape = (len(COMPONENTS), len(names))
+        for key, part, dimensions in (("coefficients", coefficients, 2), ("reach", reach, 3)):
+            if part.ndim != dimensions or part.shape[:2] != shape or not np.isfinite(part).all():
+                raise InputError(f"force model: {key}: {len(names)} finite, one a name, are needed")
+        return model
+
+
+def _held(X: Array, y: Array, features: Features, labels: Sequence[str]) -> tuple[Array, Array]:
+    """Rows to fit: those measured, and one for each label that is held."""
+    size = float(np.sqrt(np.mean(X[:, 0] ** 2)))
+    rows = [
+        [size * features.held[label] if other == label else 0.0 for other in labels]
+        for label in labels
+        if label in features.held
+    ]
+    return np.vstack((X, *rows)), np.concatenate((y, np.zeros(len(rows))))

@@ -1,0 +1,272 @@
+"""What presses on the face: traction by inverting the linear face operator of the free-sided block.
+
+A camera tells two numbers a point and traction has three, and a bonded gel that hardly changes its
+volume hides an even pressure: left alone, an inverse explains a press by shear and returns a part
+of its force. So it goes in two steps. The first looks for pressure over the whole view, shear held
+small, and is precomputed. The second keeps to the cells where that found some and to those around
+them, and asks for pressure, never pull, and for little shear where there is little pressure.
+
+Tractions are for a Young's modulus of 1 MPa, so in effect strains; a calibration tells the modulus.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg, ndimage
+
+from ...elasticity.cells import FaceCells
+from ...optics import axes_mm
+from ..face import FaceFlow
+from ..view import SensorView
+from ..whole import whole
+from .sight import sight
+from .signed import least_squares_signed
+
+Array = NDArray[Any]
+
+CELL_MM = 1.0
+BEYOND_MM = 2.0  # a contact may reach out of the view
+NOISE_MM = 0.002  # rms error of the shift of a cell's picture: .05 px of the paper's camera
+MODEL = 0.02  # what linear elasticity leaves unexplained, of the largest shift
+FIRST = {"pressure": 0.1, "shear": 0.015, "reach_mm": 1.5, "error_mm": 0.01}
+ENOUGH = 0.25  # of the first look's peak: cells of the contact
+AROUND = 2  # cells around them
+MOST_CELLS = 300
+ROUGH = {"pressure": 3e-3, "shear": 1.5e-2}
+LITTLE = {"pressure": 3e-4, "shear": 7e-3}
+LEAST = 0.05  # of the first look's peak, for cells that it saw nothing in
+FOREIGN = 0.55  # of the shift's size, left over beside noise: that was no press
+FLOOR = 5.0  # a peak of the first look this many times what noise makes of it is a contact
+
+
+@dataclass(frozen=True)
+class Press:
+    """One frame's traction, for a modulus of 1 MPa, on cells of the resting face.
+
+    traction (ny, nx, 3), x_mm (nx,), y_mm (ny,): on the sensor, 0 beside the contact, t_z <= 0.
+    cover: share of the pressure whose cells' motion is known; what lies out of the view is not.
+    Without a contact, that of the view. 0 with no traction where no press could move a face so.
+    """
+
+    traction: Array
+    x_mm: Array
+    y_mm: Array
+    cover: float
+
+    @property
+    def pressed(self) -> bool:
+        """Whether anything touches the face."""
+        return bool(self.traction[..., 2].any())
+
+    def centre_mm(self) -> Array:
+        """Centre of the pressure on the resting face, (2,); its middle where nothing presses."""
+        pressure = self.traction[..., 2]
+        total = pressure.sum() or 1.0
+        return np.array([(pressure @ self.x_mm).sum(), (self.y_mm @ pressure).sum()]) / total
+
+
+class FaceInverse:
+    """The inverse for one sensor: seconds to make, then used for every frame; see `inverse_for`.
+
+    noise_mm: rms error of the flow over a cell of a millimetre. It sets the least press that is
+    told from none, and how smooth a traction is asked for: the weight of smoothness goes with the
+    square of (noise_mm^2 + (MODEL x largest shift)^2)^(1/2) over the largest shift, so it is that
+    of the model's error for all but light presses. Raises InputError for a skin or a Poisson's
+    ratio that the free sides cannot take.
+    """
+
+    def __init__(self, view: SensorView, noise_mm: float = NOISE_MM) -> None:
+        cells = FaceCells.of(view.skin, view.poisson, CELL_MM)
+        self.noise_mm = noise_mm
+        xs, ys = axes_mm(view.camera)
+        half = view.camera.mm_per_px / 2
+        seen = _window(cells, (ys[0] - half, ys[-1] + half), (xs[0] - half, xs[-1] + half))
+        out = round(BEYOND_MM / CELL_MM)
+        rows, columns = (
+            slice(max(cut.start - out, 0), min(cut.stop + out, len(at)))
+            for cut, at in zip(seen, (cells.y_mm, cells.x_mm), strict=True)
+        )
+        inner_rows, inner_columns = seen
+        self.x_mm, self.y_mm = cells.x_mm[columns], cells.y_mm[rows]
+        self.seen_x_mm, self.seen_y_mm = cells.x_mm[inner_columns], cells.y_mm[inner_rows]
+        self.cell_mm2 = cells.cell_mm2
+        self._inner = (
+            slice(inner_rows.start - rows.start, inner_rows.stop - rows.start),
+            slice(inner_columns.start - columns.start, inner_columns.stop - columns.start),
+        )
+        found = cells.compliance(seen, (rows, columns))
+        n = len(self.y_mm) * len(self.x_mm)
+        # A row for each cell that may be loaded: those of a contact lie in one piece each.
+        self._moves = np.ascontiguousarray(
+            found.reshape(-1, 3, 3 * n).transpose(1, 2, 0), np.float32
+        )
+        see = sight(view.camera, self.seen_x_mm, self.seen_y_mm).reshape(-1, 2, 3)
+        rows_of = np.matmul(see, found.reshape(len(see), 3, 3 * n)).reshape(-1, 3 * n)
+        self._told = np.ascontiguousarray(rows_of.T, np.float32)
+        self._gram = (rows_of.T @ rows_of).astype(np.float32)
+        self._first, self._floor = self._first_look(rows_of)
+        self._last: tuple[FaceFlow, Press] | None = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of cells that may be loaded."""
+        return len(self.y_mm), len(self.x_mm)
+
+    def of(self, flow: FaceFlow) -> Press:
+        """The traction behind a frame's flow, found once for all who ask about it in turn."""
+        last = self._last
+        if last is None or last[0] is not flow:
+            self._last = last = (flow, self._solved(flow))
+        return last[1]
+
+    def _solved(self, flow: FaceFlow) -> Press:
+        shift, known = self._cells(flow)
+        traction = np.zeros((*self.shape, 3))
+        cover = float(known.mean())
+        look = (self._first @ shift.ravel().astype(np.float32)).reshape(self.shape)
+        certain = look > self._floor
+        if not certain.any():
+            return Press(traction, self.x_mm, self.y_mm, cover)
+        mask = _around(look > ENOUGH * look[certain].max())
+        if np.count_nonzero(mask) > MOST_CELLS:
+            mask &= look >= np.sort(look[mask])[-MOST_CELLS]
+        at = np.flatnonzero(mask)
+        found, foreign = self._restricted(shift, known, look, at)
+        if foreign or not found[:, 2].any():
+            return Press(traction, self.x_mm, self.y_mm, 0.0)
+        traction.reshape(-1, 3)[at] = found
+        whole_view = np.zeros(self.shape)
+        whole_view[self._inner] = known
+        pressure = traction[..., 2]
+        cover = float((whole_view * pressure).sum() / pressure.sum())
+        return Press(traction, self.x_mm, self.y_mm, cover)
+
+    def displacement_mm(self, press: Press, parts: Sequence[int] = (0, 1, 2)) -> Array:
+        """How the view's cells moved, those components, (len(seen_y_mm), len(seen_x_mm), n)."""
+        at = np.flatnonzero(press.traction.any(axis=-1))
+        columns = (3 * at[:, None] + np.arange(3)).ravel()
+        t = press.traction.reshape(-1)[columns].astype(np.float32)
+        moved = np.stack([t @ self._moves[part, columns] for part in parts], axis=-1)
+        return moved.reshape(len(self.seen_y_mm), len(self.seen_x_mm), len(parts))
+
+    def place_mm(self, press: Press) -> Array:
+        """Where what presses is, (2,): the centre of the pressure, moved with the gel it holds.
+
+        nan where nothing presses, or only out of the view.
+        """
+        pressure = press.traction[..., 2][self._inner]
+        total = pressure.sum()
+        if not total:
+            return np.full(2, np.nan)
+        moved = self.displacement_mm(press, (0, 1)) * pressure[..., None]
+        return press.centre_mm() + moved.sum(axis=(0, 1)) / total
+
+    def _restricted(self, shift: Array, known: Array, look: Array, at: Array) -> tuple[Array, bool]:
+        """Traction (n, 3) of the cells at those places, and whether it leaves too much over."""
+        columns = (3 * at[:, None] + np.arange(3)).ravel()
+        told = self._told[columns]
+        gram = self._gram[columns].take(columns, axis=1).astype(float)
+        seen = np.where(known[..., None], shift, 0).ravel()
+        if not known.all():
+            lost = told.take(np.flatnonzero(np.repeat(~known.ravel(), 2)), axis=1).astype(float)
+            gram -= lost @ lost.T
+        right = (told @ seen.astype(np.float32)).astype(float)
+        largest = float(np.abs(shift).max())
+        weight = 1 + (self.noise_mm / (MODEL * largest)) ** 2
+        rough = _roughness(at, self.shape)
+        share = np.maximum(look.ravel()[at], 0) / look.max() + LEAST
+        for i, kind in enumerate(("shear", "shear", "pressure")):
+            gram[i::3, i::3] += weight * (ROUGH[kind] * rough + np.diag(LITTLE[kind] / share))
+        signed = np.tile([False, False, True], len(at))
+        t = least_squares_signed(gram, right, signed)
+        rest = seen - np.where(np.repeat(known.ravel(), 2), t.astype(np.float32) @ told, 0)
+        noise2 = 2 * np.count_nonzero(known) * (2 * self.noise_mm) ** 2
+        return t.reshape(-1, 3), bool(rest @ rest > noise2 + FOREIGN**2 * (seen @ seen))
+
+    def _cells(self, flow: FaceFlow) -> tuple[Array, Array]:
+        """Mean shift of the view's cells (ny, nx, 2), and which are at least half known."""
+        flow = whole(flow)
+        over_x = _overlap(flow.x_mm, self.seen_x_mm)
+        over_y = _overlap(flow.y_mm, self.seen_y_mm)
+        known = np.ones((len(self.seen_y_mm), len(self.seen_x_mm)), bool)
+        if not flow.known.all():
+            known = over_y @ flow.known @ over_x.T >= 0.5
+        shift = np.stack([over_y @ flow.shift_mm[..., i] @ over_x.T for i in (0, 1)], axis=-1)
+        return shift, known
+
+    def _first_look(self, rows: Array) -> tuple[Array, Array]:
+        """Matrix (cells, 2 seen) from shifts to pressure, and what noise can make of it (cells)."""
+        x, y = (grid.ravel() for grid in np.meshgrid(self.x_mm, self.y_mm))
+        far2 = (x[:, None] - x) ** 2 + (y[:, None] - y) ** 2
+        near = np.exp(-far2 / (2 * FIRST["reach_mm"] ** 2))
+        pressure = FIRST["pressure"] ** 2 * (near @ rows[:, 2::3].T)
+        both = rows[:, 2::3] @ pressure
+        for i in (0, 1):
+            both += FIRST["shear"] ** 2 * (rows[:, i::3] @ (near @ rows[:, i::3].T))
+        both[np.diag_indices_from(both)] += FIRST["error_mm"] ** 2
+        first = -linalg.solve(both, pressure.T, assume_a="pos", overwrite_a=True).T
+        # An error that is the same over some millimetres goes through as the worst.
+        x, y = (grid.ravel() for grid in np.meshgrid(self.seen_x_mm, self.seen_y_mm))
+        far2 = (x[:, None] - x) ** 2 + (y[:, None] - y) ** 2
+        alike = np.exp(-far2 / (2 * FIRST["reach_mm"] ** 2))
+        variance = sum(
+            np.einsum("cs,cs->c", first[:, i::2] @ alike, first[:, i::2]) for i in (0, 1)
+        )
+        floor = FLOOR * self.noise_mm * np.sqrt(variance).reshape(self.shape)
+        return first.astype(np.float32), floor
+
+
+@lru_cache(maxsize=4)
+def inverse_for(view: SensorView) -> FaceInverse:
+    """The inverse for a sensor, made once in a process. Raises as FaceInverse."""
+    return FaceInverse(view)
+
+
+def _window(
+    cells: FaceCells, y: tuple[float, float], x: tuple[float, float]
+) -> tuple[slice, slice]:
+    """Rows and columns of the cells that lie wholly within limits."""
+    cuts = []
+    for at, (low, high) in ((cells.y_mm, y), (cells.x_mm, x)):
+        half = (at[1] - at[0]) / 2
+        inside = np.flatnonzero((at - half >= low - 1e-9) & (at + half <= high + 1e-9))
+        cuts.append(slice(int(inside[0]), int(inside[-1]) + 1))
+    return cuts[0], cuts[1]
+
+
+def _overlap(points_mm: Array, cells_mm: Array) -> Array:
+    """Weights (cells, points) of the mean over each cell, of points that stand for cells of theirs.
+
+    Rows add up to 1 where the points' cells reach as far as the cell.
+    """
+    a, b = (points_mm[1] - points_mm[0]) / 2, (cells_mm[1] - cells_mm[0]) / 2
+    low = np.maximum(points_mm - a, cells_mm[:, None] - b)
+    high = np.minimum(points_mm + a, cells_mm[:, None] + b)
+    both = np.maximum(high - low, 0)
+    return np.asarray(both / both.sum(axis=1, keepdims=True))
+
+
+def _around(mask: Array) -> Array:
+    """The mask and AROUND cells about it."""
+    return np.asarray(
+        ndimage.binary_dilation(mask, iterations=AROUND, structure=np.ones((3, 3), bool))
+    )
+
+
+def _roughness(at: Array, shape: tuple[int, int]) -> Array:
+    """Matrix (n, n) of the squared differences between neighbours, 0 being beyond the cells."""
+    number = np.full((shape[0] + 2, shape[1] + 2), -1)
+    row, column = np.divmod(at, shape[1])
+    number[row + 1, column + 1] = np.arange(len(at))
+    found = np.diag(np.full(len(at), 4.0))
+    for down, right in ((0, 1), (2, 1), (1, 0), (1, 2)):
+        beside = number[row + down, column + right]
+        here = np.flatnonzero(beside >= 0)
+        found[here, beside[here]] -= 1
+    return found

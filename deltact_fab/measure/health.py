@@ -1,0 +1,146 @@
+"""State of health of a sensor: the unloaded pattern now, against the one it was calibrated with.
+
+Skin that slipped or was changed, a camera that moved, gel that took a set, and light that went
+are told before a measurement rests on them. A contact at the start looks like a set, and is
+refused like one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError, SensorError
+from ..optics import CameraModel
+from .face import FaceFlow
+from .flow import FlowTracker, to_gray
+from .rigid import rigid
+
+Array = NDArray[Any]
+
+# Beyond these a calibration no longer tells the force within its stated error (decision 0026).
+MOST_SHIFT_MM = 0.3
+MOST_TURN_DEG = 1.0
+MOST_DEFORMATION_MM = 0.006
+LEAST_MATCHED = 0.9
+LEAST_BRIGHTNESS, MOST_BRIGHTNESS = 0.4, 1.6
+LEAST_CONTRAST = 0.4
+_BLOCK_PX = 32
+_EVERY_PX = 8
+_RIM = 4  # nodes at the image's edge that are never confident: their windows are cut
+
+
+@dataclass(frozen=True)
+class Health:
+    """What changed since the calibration, and whether that may be.
+
+    shift_mm (x, y) and turn_deg: of the whole pattern, about the view's centre. deformation_mm:
+    root mean square of what that leaves, deformation_peak_mm: its 99th percentile. brightness,
+    contrast: now over then, medians over blocks. matched_share: of the pattern, found again.
+    reasons: what speaks against use, a phrase each. All but light is None where the pattern was
+    not found again at all.
+    """
+
+    shift_mm: tuple[float, float] | None
+    turn_deg: float | None
+    deformation_mm: float | None
+    deformation_peak_mm: float | None
+    brightness: float
+    contrast: float
+    matched_share: float
+    reasons: tuple[str, ...]
+
+    @property
+    def fit(self) -> bool:
+        """True when nothing speaks against use."""
+        return not self.reasons
+
+    @property
+    def line(self) -> str:
+        """The verdict in one line."""
+        return "fit to use" if self.fit else f"calibrate again: {'; '.join(self.reasons)}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data, the verdict in it."""
+        return {"fit": self.fit, "verdict": self.line, **asdict(self)}
+
+
+def health(reference: Array, now: Array, camera: CameraModel) -> Health:
+    """Hold an unloaded image against the calibration's, both as the camera's images are tracked.
+
+    reference, now: (h, w, 3) BGR or (h, w) grey, uint8, of the camera's size. Raises InputError
+    for another size, and for a reference without texture.
+    """
+    for what, image in (("the calibration's image", reference), ("the image", now)):
+        if image.shape[:2] != (camera.height_px, camera.width_px):
+            raise InputError(
+                f"health: {what} is {image.shape[1]} x {image.shape[0]} px, "
+                f"the camera {camera.width_px} x {camera.height_px}"
+            )
+    tracker = FlowTracker(full=False)
+    try:
+        first = tracker.update(reference)
+    except SensorError as why:
+        raise InputError(f"health: the calibration's image: {why}") from why
+    seen = tracker.update(now)
+    brightness, contrast = _light(to_gray(reference), to_gray(now))
+    flow = FaceFlow.of(seen, camera, every=_EVERY_PX)
+    inner = (slice(_RIM, -_RIM), slice(_RIM, -_RIM))
+    matched = float(np.sum(seen.confident[inner]) / np.sum(first.confident[inner]))
+    if not seen.diagnostics.trusted or not flow.known.any():
+        lost = "the pattern of the calibration was not found: another skin, or covered, or dark"
+        return Health(None, None, None, None, brightness, contrast, matched, (lost,))
+    shift, turn_deg, left = rigid(flow)
+    size = np.linalg.norm(left, axis=-1)
+    rms, peak = float(np.sqrt(np.mean(size**2))), float(np.percentile(size, 99))
+    moved = float(np.hypot(*shift))
+    limits = (
+        (moved > MOST_SHIFT_MM, f"the pattern moved by {moved:.2f} mm (limit {MOST_SHIFT_MM:g})"),
+        (
+            abs(turn_deg) > MOST_TURN_DEG,
+            f"the pattern turned by {turn_deg:.2f} degrees (limit {MOST_TURN_DEG:g})",
+        ),
+        (
+            rms > MOST_DEFORMATION_MM,
+            f"the face is deformed by {rms:.3f} mm at rest (limit {MOST_DEFORMATION_MM:g}): "
+            "touched, or it took a set",
+        ),
+        (
+            matched < LEAST_MATCHED,
+            f"{matched:.0%} of the pattern is found again (limit {LEAST_MATCHED:.0%})",
+        ),
+        (
+            not LEAST_BRIGHTNESS <= brightness <= MOST_BRIGHTNESS,
+            f"brightness is {brightness:.2f} of what it was "
+            f"(limits {LEAST_BRIGHTNESS:g} to {MOST_BRIGHTNESS:g})",
+        ),
+        (
+            contrast < LEAST_CONTRAST,
+            f"contrast is {contrast:.2f} of what it was (limit {LEAST_CONTRAST:g})",
+        ),
+    )
+    reasons = tuple(text for beyond, text in limits if beyond)
+    return Health(
+        (float(shift[0]), float(shift[1])), turn_deg, rms, peak, brightness, contrast, matched,
+        reasons,
+    )  # fmt: skip
+
+
+def _light(reference: Array, now: Array) -> tuple[float, float]:
+    """Medians over blocks of brightness and of standard deviation, now over then."""
+    ratios = []
+    for image in (reference, now):
+        grey = image.astype(np.float32)
+        size = (grey.shape[1] // _BLOCK_PX, grey.shape[0] // _BLOCK_PX)
+        mean, square = (cv2.resize(g, size, interpolation=cv2.INTER_AREA) for g in (grey, grey**2))
+        ratios.append((mean, np.sqrt(np.maximum(np.subtract(square, np.square(mean)), 0))))
+    (mean0, std0), (mean1, std1) = ratios
+    lit = (np.asarray(mean0) > 1) & (np.asarray(std0) > 1)
+    return (
+        float(np.median(np.asarray(mean1)[lit] / np.asarray(mean0)[lit])),
+        float(np.median(np.asarray(std1)[lit] / np.asarray(std0)[lit])),
+    )

@@ -1,0 +1,154 @@
+"""Images in, results out: one after another, or with their stages side by side."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from threading import Lock
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...optics import CameraModel
+from ..flow import FlowTracker, Ready, named_tracker
+from ..health import Health
+from ..view import SensorView
+from .calibrated import Calibrated, Calibration
+from .plan import Plan
+from .rectify import Rectifier
+from .result import Result
+
+Array = NDArray[Any]
+Step = Callable[["Job"], None]
+
+
+@dataclass
+class Since:
+    """What goes on from one reference image to the next."""
+
+    tracker: FlowTracker
+    health: Health | None = None
+    begun: bool = False
+
+
+@dataclass
+class Job:
+    """One image on its way. made: what the steps so far made of it."""
+
+    since: Since
+    t_s: float
+    made: tuple[Any, ...]
+    result: Result | None = None
+    error: Exception | None = None
+
+
+class Measurement:
+    """Measures a sequence of images of one sensor.
+
+    view: of the sensor; for the output "flow" its rectified camera does. include: outputs, see
+    `OUTPUTS`; only what they need is run. calibrations: what the outputs need of them, at most one
+    a kind. every: px between the points of the flow that is given out, 2, 4, 8 ... flow: the
+    tracker, by the names of `named_tracker`. Raises InputError for unknown names and for a
+    calibration that is missing, given twice or another sensor's.
+
+    The first image is the reference that all motion is counted from.
+    """
+
+    def __init__(
+        self,
+        view: SensorView | CameraModel,
+        include: Sequence[str] = ("flow",),
+        calibrations: Sequence[Calibration] = (),
+        *,
+        every: int = 2,
+        flow: str = "fused",
+    ) -> None:
+        self._calibrated = Calibrated.of(view, calibrations)
+        self.view, self.include = self._calibrated.view, tuple(include)
+        self._flow = flow
+        self._plan = Plan(self.include, self._calibrated, every)
+        self._rectify = Rectifier(self.view.camera)
+        self._lock = Lock()
+        self._busy = False
+        self.reset()
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """What is run for each image, in this order."""
+        first = ("rectify",) if self._rectify.raw else ()
+        return (*first, "prepare", "follow", "judge", *self._plan.stages)
+
+    def reset(self, reference: Array | None = None) -> None:
+        """A new reference: this image, or the next one that is given.
+
+        May be called at any time and from any thread. Images given before are finished with the
+        reference that they were given under. Raises as `update`, and then changes nothing.
+        """
+        since = Since(named_tracker(self._flow, full=False))
+        if reference is not None:
+            self._ready(since, reference)
+        self._since = since
+
+    def update(self, image: Array, t_s: float | None = None) -> Result:
+        """Measure one image, (h, w, 3) BGR or (h, w) grey, uint8, raw or rectified.
+
+        From one thread at a time; `Pipeline` takes images while others are still measured.
+        t_s: when it was taken, on the clock of `time.monotonic`; by default now. Raises InputError
+        for an image of another size or type than the view's, the lens's or the reference's,
+        SensorError for a reference without texture.
+        """
+        if self._busy:
+            raise RuntimeError("a pipeline has this measurement; give it the images")
+        job = self.job(image, t_s)
+        for step in self.steps():
+            step(job)
+        assert job.result is not None, "the last step makes it"
+        return job.result
+
+    def job(self, image: Array, t_s: float | None = None) -> Job:
+        """An image to be measured against the reference of now."""
+        return Job(self._since, time.monotonic() if t_s is None else t_s, (image,))
+
+    def steps(self) -> tuple[Step, ...]:
+        """The parts that may run side by side, each taking the jobs in their order."""
+        return (self._prepare, self._follow, self._finish)
+
+    def take(self, busy: bool) -> None:
+        """For the one pipeline that runs this measurement. Raises RuntimeError for a second one."""
+        with self._lock:
+            if busy and self._busy:
+                raise RuntimeError("another pipeline has this measurement")
+            self._busy = busy
+
+    def _prepare(self, job: Job) -> None:
+        (image,) = job.made
+        job.made = (self._ready(job.since, image),)
+
+    def _ready(self, since: Since, image: Array) -> Ready:
+        tracker, rectify = since.tracker, self._rectify
+        anchored = tracker.reference == "anchored"
+        ready = tracker.prepare((rectify.sampled if anchored else rectify.view)(image))
+        if not since.begun:
+            since.health, since.begun = self._calibrated.health(rectify.view(image)), True
+        return ready
+
+    def _follow(self, job: Job) -> None:
+        (ready,) = job.made
+        job.made = (ready, job.since.tracker.follow(ready))
+
+    def _finish(self, job: Job) -> None:
+        seen = job.since.tracker.judge(*job.made)
+        job.made = ()
+        made = self._plan.run(seen)
+        outputs = {name: made[source] for name, source in self._plan.sources.items()}
+        job.result = Result(
+            seen.diagnostics.frame,
+            job.t_s,
+            (time.monotonic() - job.t_s) * 1e3,
+            float(np.mean(seen.visible & (seen.state > 0))),
+            seen.diagnostics.trusted,
+            job.since.health,
+            **outputs,
+        )

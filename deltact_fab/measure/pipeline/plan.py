@@ -1,0 +1,151 @@
+"""Which stages the asked outputs need, each once, in an order in which they can run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, get_args
+
+from ...errors import InputError, did_you_mean
+from ..face import FaceFlow
+from ..force import Features, ForceModel, LocalFeatures, TractionField, features_of
+from ..force.inverse import Inverse
+from ..force.press import Press, inverse_for
+from ..shape import Contact, Density, Depth, DepthFinder, by_jacobian, contacts, relative_depth
+from ..whole import whole
+from .calibrated import Calibrated
+from .result import Output, Shape
+
+SHAPE_EVERY = 8
+"""Pixels between the points on which shape is found. Depth and contacts rest on cells of a
+millimetre and say no more on finer ones; the relative depth is smoothed over more than that."""
+OUTPUTS: tuple[Output, ...] = get_args(Output)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """name: what it makes. needs: what it is called with, in this order."""
+
+    name: str
+    needs: tuple[str, ...]
+    run: Callable[..., Any]
+
+
+class Plan:
+    """The stages after the tracker; "observation" is the tracker's observation.
+
+    every: px between the points of the flow that is given out.
+
+    Raises InputError for an output that is unknown or whose calibration is missing.
+    """
+
+    def __init__(self, include: Sequence[str], setup: Calibrated, every: int) -> None:
+        self.stages: dict[str, Stage] = {}
+        self._setup, self._every = setup, every
+        self._made: Features | None = None
+        self.sources: dict[str, str] = {}
+        for output in include:
+            if output not in OUTPUTS:
+                raise InputError(f"output {output!r}: unknown; {did_you_mean(output, OUTPUTS)}")
+            self.sources[output] = self._makers()[output]()
+
+    def run(self, seen: Any) -> Mapping[str, Any]:
+        """What each stage makes of the tracker's observation, by name."""
+        made: dict[str, Any] = {"observation": seen}
+        for name, stage in self.stages.items():
+            made[name] = stage.run(*(made[need] for need in stage.needs))
+        return made
+
+    def _add(self, name: str, needs: tuple[str, ...], run: Callable[..., Any]) -> str:
+        self.stages.setdefault(name, Stage(name, needs, run))
+        return name
+
+    def _makers(self) -> dict[Output, Callable[[], str]]:
+        return {
+            "flow": self._flow,
+            "observation": lambda: "observation",
+            "shape": self._shape,
+            "contacts": self._contacts,
+            "force": self._force,
+            "traction": self._traction,
+        }
+
+    def _flow(self) -> str:
+        return self._face(self._every)
+
+    def _force(self) -> str:
+        model, features = self._features("force")
+        face = self._whole(features.every)
+        numbers = self._add(f"{features.name} features", (face,), features.of)
+        of = getattr(features, "cover", lambda flow: flow.cover)
+        return self._add("force", (face, numbers), lambda flow, x: model.wrench(x, of(flow)))
+
+    def _traction(self) -> str:
+        model, features = self._features("traction")
+        if not isinstance(features, LocalFeatures):
+            raise InputError(
+                f"output 'traction': the force model's features {features.name!r} do not say where"
+            )
+        face = self._whole(features.every)
+        return self._add("traction", (face,), lambda flow: features.traction(flow, model))
+
+    def _shape(self) -> str:
+        camera, face = self._setup.view.camera, self._whole(SHAPE_EVERY)
+        density = self._add("density", (face,), lambda flow: by_jacobian(flow, camera.mm_per_px))
+        relative = self._add("relative depth", (density, face), relative_depth)
+        needs = (face, density, relative)
+        if self._setup.depth is None:
+            return self._add("shape", needs, partial(_shape, depth=None))
+        return self._add("shape", (*needs, self._depth("shape")), _shape)
+
+    def _contacts(self) -> str:
+        camera = self._setup.view.camera
+        needs = (self._depth("contacts"), self._whole(SHAPE_EVERY), self._press())
+
+        def run(depth: Depth, flow: FaceFlow, press: Press) -> list[Contact]:
+            field = TractionField(press.traction, press.x_mm, press.y_mm, press.cover)
+            return contacts(depth, flow, camera, field)
+
+        return self._add("contacts", needs, run)
+
+    def _depth(self, output: str) -> str:
+        if self._setup.depth is None:
+            raise InputError(
+                f"output {output!r}: a calibration of depth is needed; `deltact-fab "
+                "calibrate-depth RUN` makes one"
+            )
+        finder = DepthFinder(self._setup.view, self._setup.depth)
+        return self._add("depth", (self._whole(SHAPE_EVERY), self._press()), finder.of)
+
+    def _press(self) -> str:
+        """What presses on the face, once for force and shape."""
+        run = inverse_for(self._setup.view).of
+        return self._add("press", (self._whole(Inverse.every),), run)
+
+    def _features(self, output: Output) -> tuple[ForceModel, Features]:
+        model = self._setup.force
+        if model is None:
+            raise InputError(
+                f"output {output!r}: a calibration of force is needed; `deltact-fab analyze force "
+                "RUN` makes one"
+            )
+        if self._made is None:
+            self._made = features_of(model, self._setup.view, f"output {output!r}: force model")
+            if isinstance(self._made, Inverse):
+                inverse_for(self._setup.view)  # now, and not at the first image
+        return model, self._made
+
+    def _face(self, every: int) -> str:
+        camera = self._setup.view.camera
+        return self._add(
+            f"face at {every} px", ("observation",), lambda seen: FaceFlow.of(seen, camera, every)
+        )
+
+    def _whole(self, every: int) -> str:
+        """For those that ask for a flow without holes, made so once."""
+        return self._add(f"whole face at {every} px", (self._face(every),), whole)
+
+
+def _shape(flow: FaceFlow, density: Density, relative: Any, depth: Depth | None) -> Shape:
+    return Shape(density, relative, flow.x_mm, flow.y_mm, depth)

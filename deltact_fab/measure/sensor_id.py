@@ -1,0 +1,154 @@
+"""Which sensor a calibration belongs to, and the head of every calibration file.
+
+A calibration file is TOML: `schema`, `kind`, [sensor], [made], and then its kind's own tables.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+from annotated_types import Ge
+
+from .. import catalog
+from ..errors import InputError
+from ..optics import CameraModel
+
+SCHEMA = 1
+Kind = Literal["depth", "force"]
+_WRITERS: dict[str, str] = {"depth": "calibrate-depth", "force": "analyze force"}
+
+
+@dataclass(frozen=True)
+class SensorId:
+    """What tells one sensor from another; None is what a source of images does not know.
+
+    pattern, camera: short digests of the pattern's recipe and of the camera as it is stored. The
+    camera's says most: no two calibrated lenses have the same numbers.
+    """
+
+    design: str | None = None
+    serial: str | None = None
+    pattern: str | None = None
+    camera: str | None = None
+
+    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by catalog.validate
+
+    @classmethod
+    def of(
+        cls,
+        camera: CameraModel,
+        recipe: Mapping[str, Any] | None = None,
+        design: str | None = None,
+        serial: str | None = None,
+    ) -> SensorId:
+        """Of a camera, and what else is known."""
+        pattern = None if recipe is None else _digest(recipe)
+        return cls(design, serial, pattern, _digest(camera.as_dict()))
+
+    def unlike(self, other: SensorId) -> list[str]:
+        """What both know and differ in, a phrase each: "serial 'A1', not 'B2'"."""
+        mine, yours = asdict(self), asdict(other)
+        return [
+            f"{name} {mine[name]!r}, not {yours[name]!r}"
+            for name in mine
+            if None not in (mine[name], yours[name]) and mine[name] != yours[name]
+        ]
+
+
+@dataclass(frozen=True)
+class Made:
+    """What a calibration was made from. seed: of a simulated run."""
+
+    runs: tuple[str, ...]
+    simulated: bool
+    version: str
+    seed: Annotated[int, Ge(0)] | None = None
+
+    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012
+
+
+@dataclass(frozen=True)
+class Head:
+    """The head of a calibration file."""
+
+    kind: Kind
+    sensor: SensorId
+    made: Made
+
+    @property
+    def origin(self) -> str:
+        """Of its figures, in words."""
+        return f"simulated, seed {self.made.seed}" if self.made.simulated else "measured"
+
+    def toml(self, tables: Mapping[str, Any]) -> str:
+        """The text of the file: this head, then the tables."""
+        head = {
+            "schema": SCHEMA,
+            "kind": self.kind,
+            "sensor": asdict(self.sensor),
+            "made": {**asdict(self.made), "runs": list(self.made.runs)},
+        }
+        about = (f"Calibration of {self.kind} ({self.origin}); made by deltact-fab.",)
+        return catalog.as_toml({**head, **tables}, about)
+
+
+def require_same(calibrated: SensorId, present: SensorId, source: str) -> None:
+    """Refuse a calibration (of the file `source`) for another sensor than it was made on.
+
+    Raises InputError, one line that says in what the two differ.
+    """
+    if unlike := calibrated.unlike(present):
+        raise InputError(
+            f"{source}: made on another sensor: {'; '.join(unlike)}; "
+            "`analyze force RUN --transfer FILE` carries a force calibration over"
+        )
+
+
+def read_calibration(path: Path, kind: Kind | None = None) -> tuple[Head, dict[str, Any]]:
+    """Head and own tables of a calibration file, of one kind or of any (None).
+
+    Raises InputError of one line: no such file, no TOML, another schema or kind, a head that is
+    not one, a number that is not finite.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such file")
+    data = catalog.read(path)
+    schema, found = data.pop("schema", None), data.pop("kind", None)
+    if schema is None and found is None:
+        raise InputError(f"{path}: not a calibration: no `schema` and `kind`; {_made_by(kind)}")
+    if schema != SCHEMA or isinstance(schema, bool):
+        raise InputError(f"{path}: schema: {schema!r}, this version reads {SCHEMA}")
+    if found not in get_args(Kind):
+        raise InputError(f"{path}: kind: {found!r}; valid: {', '.join(get_args(Kind))}")
+    if kind is not None and found != kind:
+        raise InputError(f"{path}: kind: a calibration of {found}, not of {kind}; {_made_by(kind)}")
+    head = {"kind": found, "sensor": data.pop("sensor", {}), "made": data.pop("made", {})}
+    if where := _not_finite(data):
+        raise InputError(f"{path}: {where}: not a finite number")
+    return catalog.validate(Head, head, str(path)), data
+
+
+def _made_by(kind: Kind | None) -> str:
+    which = [_WRITERS[kind]] if kind else list(_WRITERS.values())
+    return f"one is made by {' or '.join(f'`{name}`' for name in which)}"
+
+
+def _not_finite(value: Any) -> str | None:
+    """The key of a number that is none, "a.b.0"; None where all are finite."""
+    if isinstance(value, float):
+        return None if value - value == 0 else ""
+    inner = value.items() if isinstance(value, dict) else ()
+    for key, part in enumerate(value) if isinstance(value, list) else inner:
+        if (below := _not_finite(part)) is not None:
+            return f"{key}.{below}".rstrip(".")
+    return None
+
+
+def _digest(data: Mapping[str, Any]) -> str:
+    text = json.dumps(data, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()[:12]

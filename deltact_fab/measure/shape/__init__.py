@@ -1,0 +1,20 @@
+"""Shape of the contact from the flow: density, relative depth, depth in mm, separate contacts."""
+
+from .contacts import Contact, contact_labels, contacts
+from .density import SIGMA_PX, Density, by_jacobian, by_splat
+from .depth import Depth, DepthFinder, DepthModel
+from .relative import relative_depth
+
+__all__ = [
+    "SIGMA_PX",
+    "Contact",
+    "Density",
+    "Depth",
+    "DepthFinder",
+    "DepthModel",
+    "by_jacobian",
+    "by_splat",
+    "contact_labels",
+    "contacts",
+    "relative_depth",
+]

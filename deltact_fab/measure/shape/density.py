@@ -1,0 +1,134 @@
+"""Gaussian density of the landed pattern (paper, Shape Reconstruction): 1 at rest, less where it
+spreads.
+
+The paper's words are the splat: every point lands and spreads a Gaussian of SIGMA_PX there. Points
+that carry equal areas of the resting face thin out by the determinant of the map, so the density
+is 1 / det(I + grad u) of the flow u smoothed by the same Gaussian: that is what runs. The two are
+one where the determinant is between 1/2 and 2; beyond, and where the flow is a guess, neither is
+to be relied on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compose import sample
+from ..face import FaceFlow
+from ..whole import whole
+
+Array = NDArray[Any]
+
+SIGMA_PX = 3.0
+"""Of the full image, whatever the distance of the flow's points."""
+DOMAIN = (0.5, 2.0)
+"""Determinants between which splat and Jacobian agree."""
+
+
+@dataclass(frozen=True)
+class Density:
+    """Gaussian density at the points of a FaceFlow: of the pattern that rests there.
+
+    value (h, w) float32: 1 at rest. reliable (h, w) bool: within two sigmas every point is known
+    and the determinant of the map is within DOMAIN (it neither folds nor tears).
+    """
+
+    value: Array
+    reliable: Array
+
+    @property
+    def cover(self) -> float:
+        """Share of the points whose density is reliable."""
+        return float(np.count_nonzero(self.reliable)) / self.reliable.size
+
+    @property
+    def relative_depth(self) -> Array:
+        """Minus the density, from rest, (h, w) float32: what spreads came nearer to the camera."""
+        return np.asarray(1 - self.value)
+
+
+def by_jacobian(flow: FaceFlow, mm_per_px: float, sigma_px: float = SIGMA_PX) -> Density:
+    """1 / det(I + grad u) of the smoothed flow. mm_per_px: of the camera.
+
+    Where the map folds the determinant is held at an eighth of DOMAIN: finite, and not reliable.
+    """
+    flow, sigma = whole(flow), _cells(flow, mm_per_px, sigma_px)
+    det = _determinant(flow, sigma)
+    return Density(1 / np.maximum(det, DOMAIN[0] / 8), _reliable(flow, det, sigma))
+
+
+def by_splat(flow: FaceFlow, mm_per_px: float, sigma_px: float = SIGMA_PX) -> Density:
+    """A Gaussian at every landed point; the sum is read where each point landed.
+
+    mm_per_px: as in `by_jacobian`. Beyond the view the points go on as they do at its edge. Raises
+    ValueError for points so far apart that their Gaussians make no even sum.
+    """
+    flow, sigma = whole(flow), _cells(flow, mm_per_px, sigma_px)
+    if sigma < 1.4:
+        raise ValueError(
+            f"splat: points at most {sigma_px / 1.5:g} px apart, not {flow.cell_mm} mm"
+        )
+    margin = int(np.ceil(4 * sigma)) + 1
+    h, w = (side + 2 * margin for side in flow.known.shape)
+    fine = int(np.ceil(6 / sigma))  # of the sum's nodes to a cell
+    at = _continued(flow.shift_mm, margin) * (fine / flow.cell_mm)
+    at += np.stack(np.meshgrid(np.arange(w) * fine, np.arange(h) * fine), axis=-1)
+    at -= np.floor(at.min((0, 1))) - 1
+    wide, high = np.ceil(at.max((0, 1))).astype(int) + 2
+    first = at.astype(int)
+    part = at - first
+    total = np.zeros(high * wide)
+    for right, down in ((0, 0), (1, 0), (0, 1), (1, 1)):
+        share = np.abs(1 - right - part[..., 0]) * np.abs(1 - down - part[..., 1])
+        node = (first[..., 1] + down) * wide + first[..., 0] + right
+        total += np.bincount(node.ravel(), share.ravel(), high * wide)
+    total *= fine**2
+    # To share a point among four nodes spreads it by 1/6 of their square, and so does reading.
+    spread = float(np.sqrt((sigma * fine) ** 2 - 1 / 3))
+    summed = cv2.GaussianBlur(total.reshape(high, wide).astype(np.float32), (0, 0), spread)
+    inner = at[margin:-margin, margin:-margin]
+    value = sample(summed, np.ascontiguousarray(inner, np.float32))
+    return Density(value, _reliable(flow, _determinant(flow, sigma), sigma))
+
+
+def _cells(flow: FaceFlow, mm_per_px: float, sigma_px: float) -> float:
+    """Sigma in cells that makes, with the mean over a cell that each point already is, sigma_px.
+
+    At least a fifth of a cell, where neighbours are as good as all: cells may be larger than sigma.
+    """
+    every = flow.cell_mm / mm_per_px
+    return float(np.sqrt(max(sigma_px**2 - (every**2 - 1) / 12, (every / 5) ** 2))) / every
+
+
+def _determinant(flow: FaceFlow, sigma: float) -> Array:
+    """det(I + grad u), (h, w) float32, of the flow under a Gaussian of sigma cells."""
+    radius = max(1, int(np.ceil(4 * sigma)))
+    at = np.arange(-radius, radius + 1)
+    smooth = np.exp(-0.5 * (at / sigma) ** 2)
+    smooth /= smooth.sum()
+    # The derivative of the Gaussian itself, exact for what is linear: differences of neighbours
+    # lose 9 % of features of three cells.
+    slope = at * smooth / (at**2 @ smooth) / flow.cell_mm
+    shift = _continued(flow.shift_mm, radius)
+    across, down = (
+        cv2.sepFilter2D(shift, -1, kx, ky)[radius:-radius, radius:-radius]
+        for kx, ky in ((slope, smooth), (smooth, slope))
+    )
+    det: Array = (1 + across[..., 0]) * (1 + down[..., 1]) - across[..., 1] * down[..., 0]
+    return det
+
+
+def _continued(shift: Array, margin: int) -> Array:
+    """The flow and a margin around it in which it goes on as straight as it came."""
+    widths = ((margin, margin), (margin, margin), (0, 0))
+    return np.pad(shift, widths, mode="reflect", reflect_type="odd")
+
+
+def _reliable(flow: FaceFlow, det: Array, sigma: float) -> Array:
+    sound = flow.known & (det >= DOMAIN[0]) & (det <= DOMAIN[1])
+    side = 2 * int(np.ceil(2 * sigma)) + 1
+    return np.asarray(cv2.erode(sound.view(np.uint8), np.ones((side, side), np.uint8)) > 0)

@@ -1,0 +1,189 @@
+"""What the measurement does on this machine: images a second, latency, CPU, error and coverage."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from threading import Thread
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..analysis.shape.ball import calibrate_depth
+from ..analysis.view import view_of
+from ..measure.flow import FlowState
+from ..measure.flow.fused import to_full, which
+from ..measure.force import ForceModel, make_features
+from ..measure.pipeline import Calibration, Measurement, Pipeline, Result
+from .benchmark_scene import FRAMES, PATTERNS, PROTOCOL, RIG, Progress, Scene, scene
+from .scenes import machine
+
+Array = NDArray[Any]
+
+PACED_HZ = 60.0
+CASES: dict[str, tuple[str, ...]] = {
+    "everything": ("flow", "shape", "contacts", "force", "traction"),
+    "force": ("force",),
+    "track": ("flow",),
+    "farneback": ("flow",),
+}
+TRACKERS = {"farneback": "farneback-paper/composed"}
+_FORCE = "inverse"
+_BLAS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_FITTED = 5  # every so many frames are fitted
+
+
+def run_benchmark(
+    patterns: Sequence[str] = tuple(PATTERNS),
+    cases: Sequence[str] = tuple(CASES),
+    frames: int = FRAMES,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Every case on every pattern, as plain data.
+
+    The first run draws the frames, which takes minutes; they are simulated and kept in the user's
+    cache folder. They lie in memory, so no decoding is counted; rectification is. hz: all frames
+    as fast as they go. latency_ms: from an image's time until its result is complete, paced at
+    PACED_HZ, the newest image first. cpu_ms: of the process, an image. mean_error_mm:
+    over all moving visible pixels; coverage: share of them whose motion is known, as the `cover` of
+    a result counts it; confident: share that the tracker is confident of. Raises as
+    `experiment.run` does.
+    """
+    import cv2
+
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        found: dict[str, Any] = {
+            "about": _about(frames),
+            "load_average": {"before": _load()},
+        }
+        for pattern in patterns:
+            found[pattern] = _pattern(scene(pattern, progress), cases, frames)
+        found["load_average"]["after"] = _load()
+    finally:
+        cv2.setNumThreads(before)
+    return found
+
+
+def _pattern(given: Scene, cases: Sequence[str], frames: int) -> dict[str, Any]:
+    raw = given.raw[:frames]
+    view, models = view_of(given.run), _calibrations(given)
+    judged: dict[str, dict[str, float]] = {}
+    rows = {}
+    for case in cases:
+        tracker = TRACKERS.get(case, "fused")
+        if tracker not in judged:
+            judged[tracker] = _judged(given, tracker, frames)
+        measurement = Measurement(view, CASES[case], models, flow=tracker)
+        rows[case] = {
+            **_rate(measurement, raw),
+            **_latency(measurement, raw),
+            **judged[tracker],
+            "tracker": tracker,
+            "stages": list(measurement.stages),
+        }
+    return rows
+
+
+def _calibrations(given: Scene) -> list[Calibration]:
+    """Of force and depth, by these frames themselves: for their time, not for their error."""
+    view = view_of(given.run)
+    features = make_features(_FORCE, view)
+    measurement = Measurement(view, ("flow",), every=features.every)
+    numbers, wrenches = [], []
+    for k, (raw, wrench) in enumerate(zip(given.raw, given.wrench, strict=True)):
+        flow = measurement.update(raw).flow
+        assert flow is not None, "it was asked for"
+        if k % _FITTED == 0:
+            numbers.append(features.of(flow))
+            wrenches.append(wrench)
+    force, _ = ForceModel.fit(features, np.array(numbers), np.array(wrenches))
+    return [force, calibrate_depth(given.run.folder).model]
+
+
+def _rate(measurement: Measurement, raw: list[Array]) -> dict[str, float]:
+    measurement.update(raw[0])  # compiles, and plans the transforms
+    measurement.update(raw[1])
+    measurement.reset()
+    with Pipeline(measurement) as pipeline:
+        start_s, start_cpu_s = time.perf_counter(), time.process_time()
+        n = sum(1 for _ in pipeline.over(raw))
+        taken_s, cpu_s = time.perf_counter() - start_s, time.process_time() - start_cpu_s
+    return {"hz": n / taken_s, "cpu_ms": cpu_s / n * 1e3}
+
+
+def _latency(measurement: Measurement, raw: list[Array]) -> dict[str, Any]:
+    measurement.reset()
+    with Pipeline(measurement, "newest") as pipeline:
+        camera = Thread(target=_paced, args=(pipeline, raw), daemon=True)
+        camera.start()
+        ages_ms = [result.age_ms for result in pipeline.results() if result.frame > 0]
+        camera.join()
+        dropped = pipeline.dropped
+    p50, p95 = np.percentile(ages_ms, (50, 95)).tolist()
+    return {
+        "latency_ms": {"p50": p50, "p95": p95},
+        "paced_hz": PACED_HZ,
+        "dropped": dropped,
+    }
+
+
+def _paced(pipeline: Pipeline, raw: list[Array]) -> None:
+    start_s = time.monotonic()
+    for k, image in enumerate(raw):
+        due_s = start_s + k / PACED_HZ
+        time.sleep(max(0.0, due_s - time.monotonic()))
+        pipeline.submit(image, due_s)
+    pipeline.close()
+
+
+def _judged(given: Scene, tracker: str, frames: int) -> dict[str, float]:
+    measurement = Measurement(given.run.camera, ("observation",), flow=tracker)
+    parts: list[Array] = []
+    peaks_mm = [0.0]
+    for k, raw in enumerate(given.raw[:frames]):
+        result = measurement.update(raw)
+        if k in given.truth:
+            parts.append(_at_moving(given, k, result))
+            peaks_mm.append(given.truth[k].peak_mm or 0.0)
+    error_mm, known, confident = np.concatenate(parts, axis=1).mean(axis=1).tolist()
+    return {
+        "mean_error_mm": error_mm,
+        "coverage": known,
+        "confident": confident,
+        "true_motion_mm": max(peaks_mm),
+    }
+
+
+def _at_moving(given: Scene, k: int, result: Result) -> Array:
+    """(3, n) at the moving visible pixels: error in mm, whether known, whether confident."""
+    true, seen = given.truth[k], result.observation
+    assert seen is not None, "it was asked for"
+    shape = true.moving.shape
+    off = to_full(seen.flow_px, shape) - true.flow_px
+    errors = np.linalg.norm(off, axis=-1) * given.run.camera.mm_per_px
+    known = (seen.state > FlowState.LOST) & seen.visible
+    masks = (np.kron(mask, np.ones((2, 2), bool))[: shape[0], : shape[1]] for mask in
+             (known, seen.confident))  # fmt: skip
+    return np.stack([part[true.moving] for part in (errors, *masks)]).astype(float)
+
+
+def _about(frames: int) -> dict[str, Any]:
+    return {
+        "frames": frames,
+        "scene": f"protocol {PROTOCOL} on rig {RIG}, simulated, seed 0",
+        "machine": machine(),
+        "kernel": which(),
+        "threads": {"cv2": 1, **{name: os.environ.get(name) for name in _BLAS}},
+        "left_out": "decoding: the frames lie in memory",
+        "calibrations": "by these frames themselves: for their time, not for their error",
+        "force": f"features {_FORCE!r}",
+    }
+
+
+def _load() -> list[float] | None:
+    """Load averages of the whole machine, over 1, 5 and 15 minutes."""
+    return list(os.getloadavg()) if hasattr(os, "getloadavg") else None

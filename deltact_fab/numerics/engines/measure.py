@@ -1,0 +1,280 @@
+"""From the flow to force and shape: fields known in closed form, and what may not be believed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...measure.face import FaceFlow
+from ...measure.force import ForceModel, make_features
+from ...measure.hodge import Hodge, curl, decompose, divergence
+from ...measure.regression import Fit, least_squares
+from ...measure.shape.density import Density, by_jacobian, by_splat
+from ...measure.whole import whole
+from ..engine import Case, Engine, Flagged, Setting, Work
+from .measure_faces import MM_PER_PX, VIEW, dent, dent_density, face, means, parts
+
+Array = NDArray[Any]
+SMOOTH_MM, FINE_MM = 2.0, 0.5
+EVERY = (1, 2, 4, 8, 16)
+PUSH = 0.3  # of the dent that the curves see: det from 1.7 to about .94
+SETS = ("sums", "paper")
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values, dtype=float))))
+
+
+def _mixed(sigma_mm: float) -> Array:
+    known = parts(sigma_mm)
+    return np.asarray(known.d + known.r + known.h)
+
+
+def _parts(sigma_mm: float, every: int, names: tuple[str, ...], scratch: Path) -> Work:
+    flow = face(_mixed(sigma_mm), every)
+    field, known = flow.shift_mm, parts(sigma_mm)
+    wanted = {"d": known.d, "r": known.r, "h": known.h, "hr": known.h + known.r}
+
+    def run() -> list[Array]:
+        found = Hodge(field)
+        return [getattr(found, name) for name in names]
+
+    def error(found: list[Array]) -> float:
+        off = [part - means(wanted[name], every) for name, part in zip(names, found, strict=True)]
+        return 100 * _rms(np.stack(off)) / _rms(field)
+
+    return Work(run, error)
+
+
+def _density(of: Callable[..., Density], every: int, scratch: Path) -> Work:
+    flow = face(dent(PUSH), every)
+    exact = means(dent_density(PUSH), every)
+    return Work(
+        lambda: of(flow, MM_PER_PX),
+        lambda found: 100 * _rms(found.value - exact) / float(np.ptp(exact)),
+    )
+
+
+def _features(name: str, every: int, scratch: Path) -> Work:
+    features = make_features(name, VIEW)
+    # What ends inside the view: the last column, left out where it is not whole, has no say.
+    shift = parts(SMOOTH_MM).d + parts(SMOOTH_MM).r
+    flow, fine = face(shift, every), features.of(face(shift, 1))
+    return Work(
+        lambda: features.of(flow),
+        lambda found: 100 * float(np.linalg.norm((found - fine) / np.abs(fine).max())),
+    )
+
+
+def curves(quick: bool) -> Sequence[Setting]:
+    """Points from every pixel to every 16th."""
+    exact, strides = "closed form", (4, 8) if quick else EVERY
+    out = []
+    for sigma_mm in (SMOOTH_MM,) if quick else (SMOOTH_MM, FINE_MM):
+        for series, names in (("d", ("d",)), ("h + r", ("hr",)), ("d, r, h", ("d", "r", "h"))):
+            for every in strides:
+                out.append(Setting(
+                    f"parts of a flow whose features have sigma {sigma_mm:g} mm", series,
+                    f"every {every} px", "% of the field, rms", exact, 0.0,
+                    partial(_parts, sigma_mm, every, names)))  # fmt: skip
+    for series, of, last in (("Jacobian", by_jacobian, 16), ("splat", by_splat, 2)):
+        for every in strides:
+            if every <= last:
+                out.append(Setting(
+                    "Gaussian density of a dent", series, f"every {every} px",
+                    "% of its range, rms", exact, 0.0, partial(_density, of, every)))  # fmt: skip
+    for name in SETS:
+        for every in strides:
+            if 1 < every <= 8:
+                out.append(Setting(
+                    "features of the force", name, f"every {every} px", "% of the largest",
+                    "every pixel", 0.0, partial(_features, name, every)))  # fmt: skip
+    return out
+
+
+def _still(scratch: Path) -> float:
+    flow = face(0 * dent(PUSH), 4)
+    found = decompose(flow)
+    seen = [found.d, found.r, found.h, by_jacobian(flow, MM_PER_PX).value - 1]
+    seen += [make_features(name, VIEW).of(flow) for name in SETS]
+    return max(float(np.abs(part).max()) for part in seen)
+
+
+def _leak(field: Array, scratch: Path) -> tuple[float, str]:
+    """Divergence and curl of h over the flow's own, over each 2 x 2 points inside the view."""
+    h = Hodge(field.astype(np.float32)).h
+    each = [_rms(of(h)) / max(_rms(of(field)), 1e-12) for of in (divergence, curl)]
+    return max(each), f"divergence {each[0]:.1e}, curl {each[1]:.1e}"
+
+
+def _one_pixel() -> Array:
+    field = np.zeros((146, 199, 2))
+    field[70, 100] = 1.0, -0.5
+    return field
+
+
+def _alternating() -> Array:
+    y, x = (-1.0) ** np.mgrid[:146, :199]
+    return np.stack((x + y, x), axis=-1)
+
+
+def _far_and_faint(scratch: Path) -> float:
+    """The d of a dent of 1e-3 mm on a shift of 10 mm, float32, in % of it."""
+    d = means(parts(SMOOTH_MM).d, 4) * 1e-3
+    return 100 * float(np.abs(Hodge((d + 10).astype(np.float32)).d - d).max() / np.abs(d).max())
+
+
+def _spoilt(value: float, scratch: Path) -> float:
+    """What a value at lost and at impossible points changes in any result; 0 is right."""
+    flow = face(_mixed(SMOOTH_MM), 8)
+    known = flow.known.copy()
+    known[20:26, 30:40] = False
+    one = replace(flow, known=known)
+    shift = flow.shift_mm.copy()
+    shift[20:26, 30:40] = value
+    shift[50, 60] = value
+    known = known.copy()
+    known[50, 60] = abs(value) > 1e3 or not np.isfinite(value)  # called known, and cannot be
+    other = replace(flow, shift_mm=shift, known=known)
+    one.known[50, 60] = False
+    return max(
+        float(np.abs(make_features(name, VIEW).of(other) - make_features(name, VIEW).of(one)).max())
+        for name in SETS
+    )
+
+
+def _not_finite(scratch: Path) -> float:
+    field = _one_pixel()
+    field[3, 3] = np.nan
+    return float(np.abs(Hodge(field).d).max())
+
+
+def _believed(flow: FaceFlow, model: ForceModel) -> float:
+    """Largest component of the wrench. Raises Flagged where its cover or its range says no."""
+    wrench = model.wrench(make_features(model.features, VIEW).of(flow), whole(flow).cover)
+    largest = float(np.abs(np.concatenate((wrench.force_n, wrench.torque_nmm))).max())
+    if wrench.cover < 0.5 or wrench.extrapolated:
+        raise Flagged(f"flagged: cover {wrench.cover:.2f}, extrapolated {wrench.extrapolated}")
+    return largest
+
+
+def _trained(least: float = 0.0) -> ForceModel:
+    """The paper's model, from presses of a share `least` of the deepest on."""
+    rng = np.random.default_rng(0)
+    features = make_features("paper", VIEW)
+    of = [features.of(face(k * dent(PUSH) + k**2 * parts(SMOOTH_MM).r, 8))
+          for k in np.linspace(least, 1, 30)]  # fmt: skip
+    return ForceModel.fit(features, np.stack(of), rng.normal(size=(30, 6)))[0]
+
+
+def _lost(scratch: Path) -> float:
+    flow = face(dent(PUSH), 8)
+    return _believed(replace(flow, known=np.zeros_like(flow.known)), _trained())
+
+
+def _beyond(times: float, least: float, scratch: Path) -> float:
+    return _believed(face(times * dent(PUSH), 8), _trained(least))
+
+
+def _splat(push: float, scratch: Path) -> float:
+    """Largest difference of the two densities over their range. Raises Flagged if not believed."""
+    flow = face(dent(push), 2)
+    one, two = by_jacobian(flow, MM_PER_PX), by_splat(flow, MM_PER_PX)
+    if not one.reliable.all():
+        raise Flagged(f"flagged: {100 * (1 - one.cover):.0f} % of the density is not reliable")
+    return 100 * float(np.abs(one.value - two.value).max() / np.ptp(one.value))
+
+
+def _folded_is_finite(scratch: Path) -> float:
+    """How many features of a folded map are not finite."""
+    flow = face(dent(-1.6), 8)
+    return float(sum((~np.isfinite(make_features(name, VIEW).of(flow))).sum() for name in SETS))
+
+
+def _fit(columns: Array, y: Array, **how: Any) -> Fit:
+    return least_squares(columns, y, [f"x{i}" for i in range(columns.shape[1])], **how)
+
+
+def _wampler(scratch: Path) -> tuple[float, str]:
+    """NIST's Wampler 1: y = 1 + x + ... + x^5 at 0 to 20, every coefficient 1."""
+    powers = np.arange(21.0)[:, None] ** np.arange(6)
+    fit = _fit(powers, powers.sum(axis=1))
+    off = float(np.abs(np.array(fit.coefficients) - 1).max())
+    return off, f"condition {fit.condition_raw:.0e} raw, {fit.condition_scaled:.0e} scaled"
+
+
+def _random_columns(n: int = 40) -> Array:
+    return np.random.default_rng(3).normal(size=(n, 3))
+
+
+def _collinear(how: str, scratch: Path) -> tuple[float, str]:
+    plain = _random_columns()
+    y = plain @ [1.0, 2.0, 3.0]
+    fit = _fit(np.column_stack((plain, plain[:, 0] - 2 * plain[:, 2])), y, collinear=how)
+    if fit.dropped != ("x3",):
+        return float("nan"), "the wrong column was left out"
+    return float(np.abs(np.array(fit.coefficients) - [1, 2, 3, 0]).max()), "; ".join(fit.notes)
+
+
+def _no_force(scratch: Path) -> tuple[float, str]:
+    fit = _fit(_random_columns(), np.zeros(40))
+    none = fit.r2 is None and fit.adjusted_centred_r2 is None
+    return float(np.abs(fit.coefficients).max()) if none else float("nan"), "; ".join(fit.notes)
+
+
+def _nan_force(scratch: Path) -> float:
+    return _fit(_random_columns(), np.full(40, np.nan)).rmse
+
+
+def _too_few(scratch: Path) -> float:
+    return _fit(_random_columns(3), np.ones(3)).rmse
+
+
+def cases(quick: bool) -> Sequence[Case]:
+    """Nothing, one pixel, NaN, too much, too little: right or flagged."""
+    leaks = {"one pixel moves": _one_pixel(), "neighbours against each other": _alternating(),
+             "a press and a twist, every 4 px": means(_mixed(SMOOTH_MM), 4)}  # fmt: skip
+    if not quick:
+        leaks["a press and a twist, every pixel"] = _mixed(SMOOTH_MM)
+    return [
+        Case("nothing moves: parts, density, features", "right", _still, 1e-6, "mm"),
+        *(Case(f"{name}: divergence or curl left in h", "right", partial(_leak, field), 1e-3,
+               "of the flow's") for name, field in leaks.items()),
+        Case("1e-3 mm on a shift of 10 mm: d", "right", _far_and_faint, 2.0, "%"),
+        Case("a field with NaN", "refused", _not_finite, says="not finite"),
+        *(Case(f"{value:g} where the flow is lost, or cannot be", "right",
+               partial(_spoilt, value), 0.0, "any feature") for value in (np.nan, np.inf, 1e30, 5)),
+        Case("everything lost: wrench", "refused", _lost, says="flagged: cover 0.00"),
+        Case("twice the deepest press trained on: wrench", "refused", partial(_beyond, 2.0, 0.0),
+             says="extrapolated True"),
+        Case("a light touch, deep presses trained on: wrench", "refused",
+             partial(_beyond, 0.3, 0.8), says="extrapolated True"),
+        Case("splat and Jacobian, det from .94 to 1.7", "right", partial(_splat, PUSH), 1.0,
+             "% of the range"),
+        Case("splat and Jacobian, det to 4", "refused", partial(_splat, 1.0), says="flagged"),
+        Case("a map that folds: density", "refused", partial(_splat, -1.6), says="flagged"),
+        Case("a map that folds: features that are not finite", "right", _folded_is_finite, 0.0),
+        Case("regression: Wampler 1", "right", _wampler, 1e-7, "of a coefficient"),
+        Case("regression: a column that others give, left out", "right",
+             partial(_collinear, "drop"), 1e-9, "of a coefficient"),
+        Case("regression: a column that others give", "refused", partial(_collinear, "refuse"),
+             says="x3 is given by x0, x2"),
+        Case("regression: no force at all", "right", _no_force, 0.0, "of a coefficient"),
+        Case("regression: a force that is NaN", "refused", _nan_force, says="y: row 0: nan"),
+        Case("regression: as many columns as rows", "refused", _too_few, says="at least 4"),
+    ]  # fmt: skip
+
+
+ENGINE = Engine(
+    "measure",
+    "From flow to force and shape",
+    "Hodge parts, Gaussian density, force features and regression against closed forms.",
+    curves,
+    cases,
+)

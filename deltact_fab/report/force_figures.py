@@ -1,0 +1,117 @@
+"""Figures of a force calibration."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..analysis.force import FORCES, ForceResult, component, enough
+from . import figures
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ..analysis.force.judge import Judged
+
+GOAL_N = 0.2
+_WORDS = {"normal": "normal", "shear_x": "shear x", "shear_y": "shear y"}
+
+
+def all_figures(result: ForceResult) -> dict[str, Figure]:
+    """By the name of the file."""
+    shown = {
+        "force-predicted": predicted_against_measured(result),
+        "force-residual": residual_by_position(result),
+    }
+    if any(result.curves.values()):
+        shown["force-learning"] = learning(result)
+    for figure in shown.values():
+        figure.text(0.995, 0.005, result.calibration.head.origin, ha="right", fontsize=7)
+    return shown
+
+
+def predicted_against_measured(result: ForceResult) -> Figure:
+    """Three components, the paper's model above and the best below, each point left out once."""
+    models = _shown(result)
+    figure, axes = figures.blank(9.6, 3.3 * len(models), 3, share_y=False, rows=len(models))
+    for (one, group), row in zip(models, np.reshape(axes, (-1, 3)), strict=True):
+        for name, axis in zip(FORCES, row, strict=True):
+            measured = component(result.data.wrench, name)
+            said = component(one.predicted[group], name)
+            low, high = float(measured.min()), float(measured.max())
+            room = 0.05 * max(high - low, 0.1)
+            axis.plot([low, high], [low, high], color=figures.PAPER_COLOUR, lw=1)
+            for colour, ball in zip(figures.COLOURS, _balls(result), strict=False):
+                mine = (result.data.points["indenter"] == ball).to_numpy()
+                axis.plot(measured[mine], said[mine], ".", ms=3, color=colour, label=ball)
+            axis.set_xlim(low - room, high + room)
+            axis.set_xlabel(f"{_WORDS[name]} measured, N")
+            axis.set_title(f"{one.name}, {_WORDS[name]}", loc="left", fontweight="bold")
+        row[0].set_ylabel(f"predicted, N ({_left_out(group)})")
+    figures.legend_below(figure, axes[0])
+    return figure
+
+
+def residual_by_position(result: ForceResult) -> Figure:
+    """Mean signed error of the normal force of all presses at a place, on the face."""
+    models = _shown(result)
+    figure, axes = figures.blank(4.8 * len(models), 3.9, len(models))
+    for (one, group), axis in zip(models, axes, strict=True):
+        x_mm, y_mm, error_n = _by_place(result, one, group).T
+        most = float(np.abs(error_n).max()) or 1.0  # each its own scale, or the better one is white
+        marks = axis.scatter(
+            x_mm, y_mm, c=error_n, s=70, cmap="RdBu_r", vmin=-most, vmax=most,
+            edgecolors="#666666", linewidths=0.5,
+        )  # fmt: skip
+        reach = 2 + max(float(np.abs(x_mm).max()), float(np.abs(y_mm).max()))
+        axis.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
+        axis.set_xlabel("x of the press, mm")
+        axis.set_title(f"{one.name} ({_left_out(group)})", loc="left", fontweight="bold")
+        figure.colorbar(marks, ax=axis, label="mean error of the normal force, N")
+    axes[0].set_ylabel("y, mm")
+    return figure
+
+
+def learning(result: ForceResult) -> Figure:
+    """Error of the force on presses left out, against the number of presses fitted to."""
+    figure, (axis,) = figures.blank(7.4, 3.9)
+    for colour, (name, curve) in zip(figures.COLOURS, result.curves.items(), strict=False):
+        known = [point for point in curve if point.force_error_n is not None]
+        x = [point.presses for point in known]
+        few = enough(curve)
+        label = name if few is None else f"{name}: more than {few} presses bring little"
+        axis.fill_between(
+            x, [p.low_n or 0 for p in known], [p.high_n or 0 for p in known], color=colour,
+            alpha=0.15, lw=0,
+        )  # fmt: skip
+        axis.plot(x, [p.force_error_n or 0 for p in known], "o-", color=colour, ms=4, label=label)
+    axis.axhline(GOAL_N, color=figures.PAPER_COLOUR, lw=1.2, ls=":", label=f"{GOAL_N} N")
+    figures.log_ticks(axis, "xy")
+    axis.set_xlabel("presses used for the fit")
+    axis.set_ylabel("error of the force on the others, N")
+    figures.legend_below(figure, axis)
+    return figure
+
+
+def _shown(result: ForceResult) -> list[tuple[Judged, str]]:
+    """The paper's model and the best, and what was left out for the predictions shown."""
+    models = [one for one in (result.paper, result.best) if one is not None]
+    unlike = list({one.name: one for one in models}.values())
+    return [(one, "position" if "position" in one.predicted else "test") for one in unlike]
+
+
+def _left_out(group: str) -> str:
+    return "position left out" if group == "position" else "test points and training"
+
+
+def _balls(result: ForceResult) -> list[str]:
+    return list(dict.fromkeys(result.data.points["indenter"]))
+
+
+def _by_place(result: ForceResult, one: Judged, group: str) -> NDArray[Any]:
+    """x, y and the mean error of the normal force of the presses there, (n, 3)."""
+    error = component(one.predicted[group] - result.data.wrench, "normal")
+    table = result.data.points[["x_mm", "y_mm"]].assign(error=error)
+    return np.asarray(table.groupby(["x_mm", "y_mm"], as_index=False)["error"].mean())

@@ -1,0 +1,140 @@
+"""Force models under cross-validation: what a random split hides is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from deltact_fab.analysis.force import ForceData, enough, judge, learning_curve, score, transfer
+from deltact_fab.analysis.force.judge import figures, fit, split
+from deltact_fab.errors import InputError
+from deltact_fab.measure.force import COMPONENTS, make_features
+from deltact_fab.measure.view import SensorView
+from deltact_fab.optics import Pinhole
+from deltact_fab.shapes import SkinDimensions
+
+SETS = {
+    name: make_features(name, SensorView(Pinhole(0.0378, 798, 586, 12.85), SkinDimensions()))
+    for name in ("sums", "paper")
+}
+LAW = (2.0, 1.5, -6.0, 3.0, -3.0, 1.0)
+BALLS, PLACES, POINTS = ("sphere:10", "sphere:15"), 4, 12
+
+
+def made(noise_n: float = 0.0, seed: int = 0) -> ForceData:
+    """Points whose wrench is linear in their features, and noise."""
+    rng = np.random.default_rng(seed)
+    rows = [
+        {"run": "r", "indenter": ball, "position": f"({at}, 0)", "press": f"{ball}/{at}",
+         "x_mm": float(at), "y_mm": 0.0, "frame_id": f"{ball}/{at}/{k}", "cover": 1.0}
+        for ball in BALLS for at in range(PLACES) for k in range(POINTS)
+    ]  # fmt: skip
+    X = {name: rng.uniform(0.5, 1.5, (len(rows), len(of.names))) for name, of in SETS.items()}
+    law = np.zeros((len(COMPONENTS), len(SETS["sums"].names)))
+    for i, name in enumerate(COMPONENTS):
+        law[i, [SETS["sums"].names.index(n) for n in SETS["sums"].explains[name]]] = LAW[i]
+    wrench = X["sums"] @ law.T
+    wrench += rng.normal(0, noise_n, wrench.shape) if noise_n else 0
+    return ForceData(pd.DataFrame(rows), wrench, X, SETS, [])
+
+
+def _part(data: ForceData, rows: np.ndarray) -> ForceData:
+    """The points of a mask."""
+    return replace(
+        data,
+        points=data.points[rows].reset_index(drop=True),
+        wrench=data.wrench[rows],
+        features={name: values[rows] for name, values in data.features.items()},
+    )
+
+
+def test_a_law_that_holds_everywhere_holds_on_what_was_left_out() -> None:
+    data = made()
+    judged = judge(data, "sums", seed=0)
+    assert len(judged.train) + len(judged.test) == len(data)
+    assert score(judged, data) < 1e-9
+    for name, of in figures(judged, data).items():
+        unit = "n" if "range_n" in of else "nmm"
+        assert of[f"rmse_{unit}"] < 1e-9
+        assert of[f"rmse_left_out_position_{unit}"] < 1e-9
+        assert of[f"rmse_left_out_run_{unit}"] is None, "there is one run"
+        assert name.startswith("torque") == (unit == "nmm")
+
+
+def test_a_place_that_answers_otherwise_shows_only_when_it_is_left_out() -> None:
+    data = made()
+    odd = (data.points["position"] == "(3, 0)").to_numpy()
+    wrench = data.wrench.copy()
+    wrench[odd] *= 1.5
+    bent = replace(data, wrench=wrench)
+    judged = judge(bent, "sums", seed=0)
+    of = figures(judged, bent)["normal"]
+    assert of["rmse_left_out_position_n"] > 1.1 * of["rmse_n"]
+    assert score(judged, bent) >= of["rmse_left_out_position_n"]
+
+
+def test_the_papers_split_is_its_own() -> None:
+    train, test = split(2070, seed=1)
+    assert (len(train), len(test)) == (1656, 414)
+    assert not set(train) & set(test)
+    assert (split(2070, seed=1)[1] == test).all()
+    assert (split(2070, seed=2)[1] != test).any()
+
+
+def test_one_place_and_one_ball_leave_nothing_out() -> None:
+    data = made(noise_n=0.1)
+    one = _part(data, (data.points["press"] == "sphere:10/0").to_numpy())
+    judged = judge(one, "sums", seed=0)
+    assert list(judged.predicted) == ["test"]
+    assert figures(judged, one)["normal"]["percent_of_range"] is None
+    assert np.isfinite(score(judged, one))
+    assert learning_curve(one, "sums", seed=0) == []
+
+
+def test_a_learning_curve_falls_to_the_noise_and_says_where() -> None:
+    data = made()
+    presses = data.points["press"].to_numpy()
+    rng = np.random.default_rng(1)
+    for press in dict.fromkeys(presses):  # each press answers in its own way
+        data.wrench[presses == press] *= rng.normal(1, 0.1)
+    curve = learning_curve(data, "sums", seed=0)
+    assert [point.presses for point in curve] == [1, 2, 3, 5, 6]
+    errors = [point.force_error_n for point in curve]
+    assert errors[0] > 1.1 * errors[-1]
+    assert curve == learning_curve(data, "sums", seed=0)
+    few = enough(curve)
+    assert few is not None
+    assert 1 < few <= 6
+
+
+def test_softer_gel_is_carried_over_by_two_factors() -> None:
+    stiff = made(noise_n=0.02)
+    model = fit(stiff, "sums")
+    few = _part(stiff, np.isin(stiff.points["press"], ["sphere:10/1", "sphere:15/2"]))
+    pressure, shear = (
+        np.isin(COMPONENTS, ["fz", "tx", "ty"]),
+        np.isin(COMPONENTS, ["fx", "fy", "tz"]),
+    )
+    soft = replace(few, wrench=few.wrench * np.where(pressure, 0.6, 0.7))
+    assert shear.sum() == 3
+    moved = transfer(model, soft)
+    assert (moved.pressure, moved.shear) == pytest.approx((0.6, 0.7), rel=0.01)
+    assert moved.error_n is not None
+    assert moved.error_n < 0.1 < moved.as_is_error_n
+    assert moved.model.predict(soft.features["sums"]) == pytest.approx(soft.wrench, abs=0.3)
+
+
+def test_presses_that_are_not_sheared_lend_their_factor_to_shear() -> None:
+    data = made()
+    model = fit(data, "sums")
+    wrench = data.wrench * 0.5
+    wrench[:, :2] = np.random.default_rng(0).normal(0, 50, (len(data), 2))
+    moved = transfer(model, replace(data, wrench=wrench))
+    assert not moved.shear_known
+    assert moved.shear == moved.pressure == pytest.approx(0.5)
+    nothing = replace(data, wrench=np.random.default_rng(0).normal(0, 50, wrench.shape))
+    with pytest.raises(InputError, match="do not tell the normal force's factor"):
+        transfer(model, nothing)

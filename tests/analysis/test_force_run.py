@@ -1,0 +1,144 @@
+"""`analyze force` on recorded runs: a calibration, and what is refused in one line."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sqlite3
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from deltact_fab import experiment, record
+from deltact_fab.analysis.force import calibrate, carry_over
+from deltact_fab.errors import InputError
+from deltact_fab.measure.force.calibration import load_force
+from deltact_fab.measure.health import health
+
+PROTOCOL = """
+name = "presses"
+indenters = ["sphere:10"]
+positions_mm = [[0.5, -0.5], [-4.0, 3.0]]
+depths_mm = [0.8]
+channels = ["image", "force", "shear"]
+[shear]
+amplitude_mm = 0.5
+grid = true
+[capture]
+settle_s = 0.5
+[specimen]
+serial = "A1"
+"""
+
+
+def call(*words: str | Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "deltact_fab.cli.main", "analyze", "force", *map(str, words)],
+        capture_output=True, text=True, check=False, timeout=600,
+    )  # fmt: skip
+
+
+def test_too_few_points_are_refused_with_the_number_needed(mini_run: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    done = call(mini_run, "--out", out, "--model", "sums")
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.count("\n") == 1, done.stderr
+    assert "paper needs at least 9 points, and there are 8" in done.stderr
+    assert not out.exists()
+
+
+def test_runs_that_cannot_be_used(mini_run: Path, tmp_path: Path) -> None:
+    def refused(*runs: Path, models: tuple[str, ...] = ()) -> str:
+        with pytest.raises(InputError) as why:
+            calibrate(runs, models)
+        return str(why.value)
+
+    assert "no such folder" in refused(tmp_path / "gone")
+    assert "given twice" in refused(mini_run, mini_run)
+    assert "did you mean 'sums'" in refused(mini_run, models=("summs",))
+    unfinished = tmp_path / "unfinished"
+    shutil.copytree(mini_run, unfinished)
+    (unfinished / "summary.json").unlink()
+    assert "not finished" in refused(unfinished)
+    for key, value, said in (
+        ("design", "deltact-two", "another sensor than"),
+        ("gel_model", "block", "another gel than"),
+    ):
+        other = tmp_path / key
+        shutil.copytree(mini_run, other)
+        meta = json.loads((other / "run.json").read_text())
+        meta["protocol"]["specimen"][key] = value
+        (other / "run.json").write_text(json.dumps(meta))
+        assert said in refused(mini_run, other)
+    for name, change, said in (
+        ("blind", "UPDATE frames SET file = NULL", "no images were recorded"),
+        ("numb", "DELETE FROM samples WHERE stream = 'force'", "no force was recorded"),
+    ):
+        bare = tmp_path / name
+        shutil.copytree(mini_run, bare)
+        with sqlite3.connect(bare / "journal.sqlite") as db:
+            db.execute(change)
+        assert said in refused(bare)
+    torn = tmp_path / "calibration.toml"
+    torn.write_text('schema = 1\nkind = "for')
+    with pytest.raises(InputError, match="not valid TOML"):
+        carry_over([mini_run], torn)
+
+
+@pytest.mark.slow
+def test_a_calibration_is_made_kept_and_carried_over(
+    mini: tuple[Path, Path], tmp_path: Path
+) -> None:
+    protocol, run, out = tmp_path / "presses.toml", tmp_path / "run", tmp_path / "out"
+    protocol.write_text(PROTOCOL)
+    experiment.run(str(protocol), str(mini[1]), run, seed=3)
+    done = call(run, "--out", out, "--model", "sums", "--json")
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    # One at rest and nine stops that settle, at each of two places; one ball, one run.
+    assert (told["n_points"], told["n_train"], told["n_test"]) == (20, 16, 4)
+    assert set(told["models"]) == {"best", "paper"}
+    for of in told["models"].values():
+        assert {"normal", "shear_x", "torque_z"} <= set(of)
+        assert of["normal"]["rmse_left_out_position_n"] > 0
+        assert of["normal"]["rmse_left_out_indenter_n"] is None
+        assert of["shear_x"]["range_n"] > 1
+    assert told["simulated"] is True
+    assert any("layer" in line for line in told["left_out"])
+    assert json.loads((out / "force.json").read_text()) == told
+    assert len((out / "force.csv").read_text().splitlines()) == 21
+
+    kept = load_force(out / "calibration.toml")
+    assert kept.head.sensor.serial == "A1"
+    assert kept.head.made.seed == 3
+    assert kept.model.features == told["best"]
+    opened = record.open(run)
+    rest = kept.rest_image()
+    assert rest is not None
+    assert health(rest, opened.image(opened.frames()["file"].iloc[-1]), opened.camera).fit
+
+    # A second fit tracks nothing: all images but the one at rest may go.
+    files = opened.frames()["file"]
+    for file in files[1:]:
+        (run / file).unlink()
+    again = call(run, "--out", tmp_path / "again", "--model", "sums")
+    assert again.returncode == 0, again.stderr
+    assert again.stdout.startswith(f"{told['best']} is taken: normal force to ")
+    one, two = (
+        tomllib.loads((p / "calibration.toml").read_text()) for p in (out, tmp_path / "again")
+    )
+    assert one == two
+    assert {p.suffix for p in (tmp_path / "again").iterdir()} == {
+        ".svg", ".json", ".csv", ".toml", ".png",
+    }  # fmt: skip
+
+    moved = call(run, "--transfer", out / "calibration.toml", "-o", tmp_path / "moved.toml")
+    assert moved.returncode == 0, moved.stderr
+    assert moved.stdout.startswith("carried over from 2 presses: pressure x ")
+    carried = load_force(tmp_path / "moved.toml")
+    assert carried.transfer["of"] == ["run"]
+    assert carried.transfer["pressure"] == pytest.approx(1, abs=0.1)

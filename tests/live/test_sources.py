@@ -1,0 +1,141 @@
+"""Sources: what is opened by which name, what each knows, and one line for what cannot be used."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from deltact_fab import record
+from deltact_fab.errors import DeltactFabError, SensorError
+from deltact_fab.live import open_source
+from deltact_fab.live.device import Device
+from deltact_fab.live.open import images
+from deltact_fab.optics import Pinhole, as_toml
+
+
+@pytest.fixture(scope="module")
+def pinhole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A camera file of small images."""
+    file = tmp_path_factory.mktemp("camera") / "camera.toml"
+    file.write_text(as_toml(Pinhole(0.1, 64, 48, 12.85)))
+    return file
+
+
+@pytest.fixture
+def pictures(tmp_path: Path) -> Path:
+    """Twelve images in a folder, each of one grey, written so that 10.png sorts before 2.png."""
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    for k in range(12):
+        cv2.imwrite(str(folder / f"{k}.png"), np.full((48, 64, 3), 20 * k, np.uint8))
+    return folder
+
+
+@pytest.fixture
+def video(tmp_path: Path) -> Path:
+    """Six frames at 25 Hz."""
+    file = tmp_path / "film.avi"
+    writer = cv2.VideoWriter(str(file), cv2.VideoWriter.fourcc(*"MJPG"), 25, (64, 48))
+    for k in range(6):
+        writer.write(np.full((48, 64, 3), 40 * k, np.uint8))
+    writer.release()
+    return file
+
+
+def test_images_of_a_folder_come_in_the_order_of_their_numbers(
+    pictures: Path, pinhole: Path
+) -> None:
+    frames = list(images(open_source(str(pictures), pinhole)))
+    assert [int(f.image[0, 0, 0]) for f in frames] == [20 * k for k in range(12)]
+    assert np.all(np.diff([f.t_s for f in frames]) > 0)
+
+
+def test_a_video_gives_every_frame_at_its_time(video: Path, pinhole: Path) -> None:
+    source = open_source(str(video), pinhole)
+    frames = list(images(source))
+    assert [f.t_s for f in frames] == pytest.approx(np.arange(6) / 25)
+    assert [round(float(f.image.mean()) / 40) for f in frames] == list(range(6))
+    assert not source.live
+
+
+def test_a_run_knows_its_camera_pattern_and_seed_and_gives_raw_images(mini_run: Path) -> None:
+    source = open_source(str(mini_run))
+    run = record.open(mini_run)
+    table = run.frames()
+    frames = list(images(source))
+    assert [f.t_s for f in frames] == pytest.approx(table["t_s"])
+    assert np.array_equal(frames[3].image, run.raw(table["file"].iloc[3]))
+    known = source.known
+    assert known.camera is not None
+    assert known.camera.as_dict() == run.camera.as_dict()
+    assert known.simulated == "simulated, seed 3"
+    assert known.recipe == run.pattern["recipe"]
+
+
+def test_a_rig_shows_what_a_run_on_it_records(mini: tuple[Path, Path], mini_run: Path) -> None:
+    """Through the camera's interface: the same images, at rest and on the way down."""
+    protocol, rig = mini
+    source = open_source(f"{rig}:{protocol}", seed=3)
+    run = record.open(mini_run)
+    files = run.frames()["file"]
+    seen = images(source)
+    for k in range(3):
+        assert np.array_equal(next(seen).image, run.raw(files.iloc[k]))
+    assert source.known.simulated == "simulated, seed 3"
+
+
+def test_a_camera_file_goes_before_what_a_source_knows(mini_run: Path, tmp_path: Path) -> None:
+    recorded = record.open(mini_run).camera
+    other = Pinhole(0.05, recorded.width_px, recorded.height_px, 14)
+    file = tmp_path / "camera.toml"
+    file.write_text(as_toml(other))
+    source = open_source(str(mini_run), file, serial="B2")
+    assert source.known.camera == other
+    assert source.known.serial == "B2"
+    assert source.known.design == "deltact"
+
+
+def test_a_camera_that_stops_is_told(video: Path) -> None:
+    camera = Device(str(video), backend=cv2.CAP_FFMPEG)
+    with pytest.raises(SensorError, match="gives no more images"):
+        list(camera.frames())
+    camera.close()
+
+
+def _refusal(name: object, camera: Path | None = None) -> str:
+    with pytest.raises(DeltactFabError) as why:
+        list(images(open_source(str(name), camera)))
+    assert "\n" not in str(why.value)
+    return str(why.value)
+
+
+def test_each_source_that_cannot_be_used_is_one_line(
+    pictures: Path, pinhole: Path, tmp_path: Path, mini_run: Path
+) -> None:
+    assert "/dev/video63: no camera that can be opened" in _refusal("63", pinhole)
+    assert "did you mean 'virtual'" in _refusal("virtul")
+    assert "not in the catalogue of protocols" in _refusal("virtual:smok")
+    assert "without 'image'" in _refusal("virtual:first-moves")
+    assert "moves a real stage" in _refusal("grbl-bench:smoke")
+    assert "--camera" in _refusal(pictures)
+    assert "deltact-fab calibrate" in _refusal(pictures)
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    assert "no image in this folder" in _refusal(empty, pinhole)
+    text = tmp_path / "film.mp4"
+    text.write_text("no film")
+    assert "no video" in _refusal(text, pinhole)
+    (pictures / "3.png").write_bytes(b"no image")
+    assert "3.png: does not decode" in _refusal(pictures, pinhole)
+    cv2.imwrite(str(pictures / "3.png"), np.zeros((40, 64, 3), np.uint8))
+    assert "images of 64 x 40 px; the camera that was calibrated makes 64 x 48 px" in _refusal(
+        pictures, pinhole
+    )
+    damaged = tmp_path / "run"
+    shutil.copytree(mini_run, damaged)
+    (damaged / "run.json").write_text("{")
+    assert "run.json" in _refusal(damaged)

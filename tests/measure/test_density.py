@@ -1,0 +1,102 @@
+"""Gaussian density: closed forms, the paper's splat against the Jacobian, and where it holds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from deltact_fab.measure.face import FaceFlow
+from deltact_fab.measure.shape import by_jacobian, by_splat
+
+MM_PER_PX = 0.04
+
+
+def _flow(motion, every: int = 1) -> FaceFlow:
+    """A face of 12 x 9 mm whose point (x, y) mm is shifted by motion(x, y), mm."""
+    x, y = (
+        (np.arange(side // every) * every + (every - 1) / 2) * MM_PER_PX - side * MM_PER_PX / 2
+        for side in (304, 224)
+    )
+    shift = np.stack(np.broadcast_arrays(*motion(*np.meshgrid(x, y))), axis=-1)
+    return FaceFlow(shift.astype(np.float32), np.ones(shift.shape[:2], bool), x, y)
+
+
+def _bump(height: float, width_mm: float = 1.0):
+    """Spreads what is inside and crowds what is around: the flow of a radial Gaussian."""
+
+    def motion(x, y):
+        grow = height * np.exp(-(x * x + y * y) / (2 * width_mm**2))
+        return x * grow, y * grow
+
+    return motion
+
+
+@pytest.mark.parametrize("density", [by_jacobian, by_splat])
+def test_a_rigid_motion_has_the_density_of_rest_up_to_the_edge(density):
+    turn = 0.2
+    seen = density(
+        _flow(lambda x, y: (1 + (np.cos(turn) - 1) * x - np.sin(turn) * y,
+                            np.sin(turn) * x + (np.cos(turn) - 1) * y)),
+        MM_PER_PX,
+    )  # fmt: skip
+    assert np.allclose(seen.value, 1, atol=2e-3)
+    assert np.abs(seen.relative_depth).max() <= 2e-3
+    assert seen.cover == 1
+
+
+@pytest.mark.parametrize("density", [by_jacobian, by_splat])
+def test_a_uniform_expansion_thins_by_its_determinant(density):
+    seen = density(_flow(lambda x, y: (0.3 * x + 0.1 * y, 0.1 * y)), MM_PER_PX)
+    assert np.allclose(seen.value, 1 / (1.3 * 1.1), atol=2e-3)
+
+
+def test_points_farther_apart_than_sigma_still_tell_a_uniform_expansion():
+    seen = by_jacobian(_flow(lambda x, y: (0.3 * x + 0.1 * y, 0.1 * y), 16), MM_PER_PX)
+    assert np.allclose(seen.value, 1 / (1.3 * 1.1), atol=2e-3)
+
+
+@pytest.mark.parametrize("every", [1, 2])
+def test_splat_and_jacobian_agree_within_their_domain(every):
+    flow = _flow(_bump(0.35), every)
+    jacobian, splat = (form(flow, MM_PER_PX) for form in (by_jacobian, by_splat))
+    assert jacobian.value.min() < 0.6
+    assert jacobian.value.max() > 1.1
+    good = jacobian.reliable
+    assert good.mean() > 0.9
+    assert (good == splat.reliable).all()
+    assert np.corrcoef(jacobian.value[good], splat.value[good])[0, 1] > 0.999
+
+
+def test_the_density_is_the_same_at_any_distance_of_points():
+    fine, coarse = (by_jacobian(_flow(_bump(0.35), n), MM_PER_PX).value for n in (1, 4))
+    means = fine.reshape(56, 4, 76, 4).mean((1, 3))
+    assert np.abs(coarse - means).max() < 0.004
+
+
+def test_features_of_three_pixels_keep_the_slope_that_the_gaussian_leaves_them():
+    waves = 2 * np.pi / (18 * MM_PER_PX)
+    got = by_jacobian(_flow(lambda x, y: (0.02 / waves * np.sin(waves * x), 0 * y)), MM_PER_PX)
+    left = np.exp(-0.5 * (3 * MM_PER_PX * waves) ** 2)
+    assert np.ptp(1 / got.value) / 2 == pytest.approx(0.02 * left, rel=0.01)
+
+
+def test_a_fold_and_a_lost_point_are_finite_and_flagged():
+    folded = _flow(lambda x, y: (-1.5 * np.exp(-((x / 0.5) ** 2)) * np.sign(x), 0 * y))
+    seen = by_jacobian(folded, MM_PER_PX)
+    assert np.isfinite(seen.value).all()
+    assert not seen.reliable[:, 150:154].any()
+    assert seen.reliable[:, :60].all()
+    known = np.ones_like(folded.known)
+    known[100, 40] = False
+    rest = replace(_flow(lambda x, y: (0 * x, 0 * y)), known=known)
+    lost = ~by_jacobian(rest, MM_PER_PX).reliable
+    assert lost[100, 40]
+    assert lost[100, 34]
+    assert lost.sum() == 13 * 13
+
+
+def test_a_splat_of_points_too_far_apart_is_refused():
+    with pytest.raises(ValueError, match="at most 2 px apart"):
+        by_splat(_flow(_bump(0.1), 4), MM_PER_PX)
