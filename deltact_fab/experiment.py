@@ -23,7 +23,7 @@ from .record import open as open_run
 from .rig import config as rig_config
 from .rig.config import RigConfig
 from .rig.interface import Job, RigKind
-from .rig.runner import Runner
+from .rig.run.runner import Runner
 from .shapes import SensorDimensions
 
 Progress = Callable[[int, int, str], None]
@@ -35,7 +35,7 @@ def kind_of(rig: RigConfig, source: Path) -> RigKind:
     source: of the rig file, from which the paths in it count.
     """
     if rig.kind == "grbl":
-        from .rig.grbl_rig import GrblKind
+        from .rig.bench import GrblKind
 
         return GrblKind(rig)
     from .virtual.rig import VirtualKind

@@ -11,32 +11,24 @@ from __future__ import annotations
 import hashlib
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from .. import catalog
 from ..errors import InputError, did_you_mean
+from .camera.config import CameraConfig, CameraFile
+from .force.config import ForceConfig, GuardConfig
 from .simulator import SimulatorConfig
+from .strict import Acceleration, Feed, Force, Place, Strict, Travel
+from .tool.config import TouchConfig
 
 if TYPE_CHECKING:
     from ..optics import StageFrame
     from ..protocols.limits import StageBox
 
-# Beyond these no bench goes: what is further out is a slip of the pen.
-Place = Annotated[float, Field(ge=-10_000, le=10_000)]  # mm
-Travel = Annotated[float, Field(ge=1, le=10_000)]  # mm
-Feed = Annotated[float, Field(ge=1, le=100_000)]  # mm/min
-Acceleration = Annotated[float, Field(ge=0.1, le=100_000)]  # mm/s2
-Force = Annotated[float, Field(gt=0, le=100_000)]  # N
-Torque = Annotated[float, Field(gt=0, le=10_000_000)]  # N mm
 
-
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class StageConfig(_Strict):
+class StageConfig(Strict):
     """The 3-axis stage; machine coordinates are 0 at the homed end and negative below."""
 
     port: str | None = Field(default=None, min_length=1)
@@ -65,29 +57,7 @@ class StageConfig(_Strict):
         return StageBox(self.frame, self.travel_mm, self.max_feed_mm_min, self.acceleration_mm_s2)
 
 
-class ForceConfig(_Strict):
-    """A six-axis force sensor (ranges as on its calibration sheet).
-
-    ATI Nano17, `max` in the calibration files that come with it: SI-50-0.5 (FT11564) 50, 50, 70 N
-    and 500 N mm, SI-25-0.25 (FT8577) 25, 25, 35 N and 250 N mm. The defaults serve the simulated
-    box; `preflight` takes what a rig file does not write down for undeclared.
-    """
-
-    range_n: tuple[Force, Force, Force] = (25.0, 25.0, 35.0)
-    range_nmm: tuple[Torque, Torque, Torque] = (250.0, 250.0, 250.0)
-    origin_mm: tuple[Place, Place, Place] | None = None
-    """Where its moments count from, in the sensor frame of the gel; None: not declared."""
-    rate_hz: float = Field(default=1000.0, ge=1, le=10_000)
-
-
-class CameraFile(_Strict):
-    """The camera that looks at the gel, as it was calibrated."""
-
-    model: str = Field(min_length=1, max_length=4096)
-    """A camera file, as `deltact-fab calibrate` writes it; its path counts from the rig file."""
-
-
-class VirtualConfig(_Strict):
+class VirtualConfig(Strict):
     """The simulated bench."""
 
     simulated: ClassVar[bool] = True
@@ -115,14 +85,17 @@ class VirtualConfig(_Strict):
         return data
 
 
-class GrblConfig(_Strict):
-    """A real GRBL stage. No driver of a camera or a force sensor exists yet."""
+class GrblConfig(Strict):
+    """A real GRBL stage with what is attached to it."""
 
     simulated: ClassVar[bool] = False
     kind: Literal["grbl"]
     stage: StageConfig
     force: ForceConfig | None = None
     """A sensor that stands in the way of the force, read or not."""
+    camera: CameraConfig | None = None
+    guard: GuardConfig | None = None
+    touch: TouchConfig | None = None
 
     @model_validator(mode="after")
     def _port(self) -> Self:
@@ -155,8 +128,6 @@ def load(name: str) -> tuple[RigConfig, Path]:
         found = "missing key" if kind is None else f"unknown kind {kind!r}"
         raise InputError(f"{path}: kind: {found}; {did_you_mean(str(kind), _KINDS)}")
     _require_new_places(data, kind, str(path))
-    if kind == "grbl" and "camera" in data:
-        raise InputError(f"{path}: camera: no driver of a camera exists yet for a 'grbl' rig")
     if isinstance(lens := _table(data, "virtual").get("lens"), dict):
         from ..optics import camera_from_dict
 

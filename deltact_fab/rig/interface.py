@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ..patterns.recipe import PatternRecipe
     from ..protocols import plan
     from ..shapes import SensorDimensions
+    from .force.guard import ForceGuard
 
 Image = NDArray[np.uint8]
 
@@ -49,6 +50,9 @@ class Frame:
 
     image: Image  # (h, w, 3) BGR uint8
     t_s: float
+    number: int | None = None  # of the device's own count; None: it does not count
+    dropped: int = 0  # frames that the device lost since the one before
+    repeated: int = 0  # frames since the one before that were the same image once more: left out
 
 
 @dataclass(frozen=True)
@@ -90,7 +94,14 @@ class Stage(Protocol):
         """Tip position in the sensor frame as the controller reports it now."""
 
     def stop(self) -> None:
-        """Halt motion now, keep the position, leave the controller able to move again."""
+        """Halt motion now, keep the position, leave the controller able to move again.
+
+        From the thread that talks to the controller it waits for rest; from any other it only
+        writes.
+        """
+
+    def cancel(self) -> None:
+        """Write the byte that ends the motion under way, and no more: from any thread."""
 
     def abort(self) -> None:
         """Halt at once, whatever is lost by it, and never raise: written in a signal handler."""
@@ -152,7 +163,9 @@ class Devices:
     camera: Camera | None
     force: ForceSensor | None
     change_indenter: Callable[[str], None]
-    force_limit_n: float | None = None
+    guard: ForceGuard | None = None
+    wall_clock: bool = False
+    """Time passes by itself: every device has a thread of its own; else one scheduler steps all."""
 
 
 @dataclass(frozen=True)
@@ -166,6 +179,8 @@ class Job:
     folder: Path
     air: bool = False
     """Nothing is touched, see `protocols.plan.expand`."""
+    unattended: bool = False
+    """Nobody is there to change an indenter or to answer."""
 
 
 class Rig(Protocol):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..errors import DeltactFabError
 from ..rig.config import ForceConfig
-from ..rig.force import (
+from ..rig.force.netft import (
     BIAS,
     COMMAND,
     HEADER,

@@ -12,9 +12,9 @@ import numpy as np
 from ..optics import FlatField, Pinhole, Rectified
 from ..protocols.plan import Protocol
 from ..rig.config import VirtualConfig
-from ..rig.force import NetFTSensor
-from ..rig.grbl import GrblStage
+from ..rig.force.netft import NetFTSensor
 from ..rig.interface import Camera, Devices, Job
+from ..rig.stage.grbl import GrblStage
 from ..shapes import SensorDimensions
 from .answerable import unanswered
 from .clock import VirtualClock

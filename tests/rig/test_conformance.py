@@ -184,7 +184,7 @@ def test_a_force_sensor(kind: str, build: Any, request: pytest.FixtureRequest) -
     devices = build(kind).devices()
     force: ForceSensor = devices.force
     if "NetFTSensor" in request.node.name:
-        from deltact_fab.rig.force import NetFTSensor
+        from deltact_fab.rig.force.netft import NetFTSensor
 
         force = NetFTSensor(force._transport, devices.clock)  # type: ignore[attr-defined]
     assert_plain(force.identity())
@@ -212,7 +212,7 @@ def test_a_force_sensor(kind: str, build: Any, request: pytest.FixtureRequest) -
 def test_a_rig_whose_last_device_fails_closes_the_others(
     build: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from deltact_fab.rig.grbl import GrblStage
+    from deltact_fab.rig.stage.grbl import GrblStage
     from deltact_fab.virtual import rig as virtual_rig
 
     closed = []

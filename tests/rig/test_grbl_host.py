@@ -14,7 +14,7 @@ import serial
 from deltact_fab.errors import StageError
 from deltact_fab.optics import StageFrame
 from deltact_fab.rig.clock import WallClock
-from deltact_fab.rig.grbl import GrblStage
+from deltact_fab.rig.stage.grbl import GrblStage
 from deltact_fab.virtual.clock import VirtualClock
 from deltact_fab.virtual.controller import GrblController
 

@@ -16,7 +16,7 @@ from board import board
 from deltact_fab.errors import StageError
 from deltact_fab.optics import StageFrame
 from deltact_fab.rig.clock import WallClock
-from deltact_fab.rig.grbl import GrblStage
+from deltact_fab.rig.stage.grbl import GrblStage
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")
 
@@ -27,8 +27,8 @@ import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
 from deltact_fab.optics import StageFrame
 from deltact_fab.rig.clock import WallClock
-from deltact_fab.rig.grbl import GrblStage
-from deltact_fab.rig.interrupt import interruptible
+from deltact_fab.rig.stage.grbl import GrblStage
+from deltact_fab.rig.run.interrupt import interruptible
 
 stage = GrblStage(sys.argv[1], WallClock(), StageFrame((0.0, 0.0, 0.0)))
 with interruptible(stage.abort):
@@ -112,7 +112,7 @@ RUN = """
 import os, signal
 signal.signal(signal.SIGINT, signal.default_int_handler)
 from deltact_fab.cli.main import entry
-from deltact_fab.rig.grbl import GrblStage
+from deltact_fab.rig.stage.grbl import GrblStage
 from deltact_fab.virtual import wire
 
 start_move, send = GrblStage.start_move, wire.Link.send

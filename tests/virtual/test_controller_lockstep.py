@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from deltact_fab.errors import InputError, StageError
 from deltact_fab.optics import StageFrame
 from deltact_fab.protocols.motion import move_duration_s
-from deltact_fab.rig.grbl import GrblStage
+from deltact_fab.rig.stage.grbl import GrblStage
 from deltact_fab.virtual import wire
 from deltact_fab.virtual.clock import VirtualClock, to_ns
 from deltact_fab.virtual.controller import GrblController
@@ -118,7 +118,7 @@ def test_a_guard_s_cancel_is_seen_by_the_waiting_host() -> None:
     stage = bench.stage
     stage.start_move((0.0, 0.0, 5.0), 900.0)
     bench.clock.sleep_s(0.5)
-    stage.cancel_now()
+    stage.cancel()
     with pytest.raises(StageError, match=r"stopped at .* short of \(-60.000, -50.000, -35.000\)"):
         stage.wait()
     stage.start_move((0.0, 0.0, 5.0), 900.0)  # nothing is lost

@@ -12,7 +12,7 @@ import pytest
 
 from deltact_fab.errors import StageError
 from deltact_fab.optics import StageFrame
-from deltact_fab.rig.grbl import GrblStage
+from deltact_fab.rig.stage.grbl import GrblStage
 from deltact_fab.virtual import wire
 from deltact_fab.virtual.clock import VirtualClock, to_ns
 from deltact_fab.virtual.controller import GrblController

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from deltact_fab.errors import SensorError, SolverError
 from deltact_fab.rig.config import ForceConfig
-from deltact_fab.rig.force import COMMAND, HEADER, RECORD, STREAM, NetFTSensor
+from deltact_fab.rig.force.netft import COMMAND, HEADER, RECORD, STREAM, NetFTSensor
 from deltact_fab.virtual.clock import VirtualClock
 from deltact_fab.virtual.netft import NetFTBox
 

@@ -20,10 +20,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
-from ..errors import DeltactFabError, RunFailed, SensorError, StageError
-from ..protocols.plan import Step
-from ..record import RunWriter
-from .interface import Devices, ForceSensor
+from ...errors import DeltactFabError, RunFailed, SensorError, StageError
+from ...protocols.plan import Step
+from ...record import RunWriter
+from ..interface import Devices, ForceSensor
 from .interrupt import interruptible
 from .streams import PressStreams
 
@@ -239,6 +239,8 @@ class Runner:
         if self._felt is None or self._streams is None:
             return
         samples = self._felt.read()
+        if self._d.guard is not None:
+            self._d.guard.watch(samples)
         self._streams.force(samples)
         if samples.lost:
             self._event("gap", f"{samples.lost} force samples are missing", step)
@@ -246,10 +248,8 @@ class Runner:
         if samples.saturated.any():
             found = tuple(force_n[samples.saturated.argmax()].tolist())
             raise SensorError(f"{step.id}: the force sensor is saturated at {found} N")
-        limit_n = self._d.force_limit_n
-        peak_n = float(abs(force_n).max())
-        if limit_n is not None and peak_n > limit_n:
-            raise SensorError(f"{step.id}: force {peak_n:.2f} N over the rig's limit {limit_n} N")
+        if self._d.guard is not None and self._d.guard.tripped:
+            raise SensorError(f"{step.id}: {self._d.guard.tripped}")
 
     def _event(self, kind: str, text: str, step: Step | None = None) -> None:
         self._writer.event(kind, text, self._d.clock.now_s(), step)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from ..protocols.motion import Vec3
+from ...protocols.motion import Vec3
 
 AXES = "XYZ"
 HOMING_MARGIN_S = 10.0

@@ -8,8 +8,8 @@ from ..protocols.plan import Protocol
 from ..shapes import SensorDimensions
 from .clock import WallClock
 from .config import GrblConfig
-from .grbl import GrblStage
 from .interface import Devices, Job
+from .stage.grbl import GrblStage
 
 MOTION = frozenset({"shear"})  # channels that ask for nothing but a path of the stage
 

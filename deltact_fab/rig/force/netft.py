@@ -13,8 +13,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import SensorError
-from .interface import Clock, ForceSamples
+from ...errors import SensorError
+from ..interface import Clock, ForceSamples
 
 RECORD = np.dtype([("rdt", ">u4"), ("ft", ">u4"), ("status", ">u4"), ("counts", ">i4", 6)])
 COMMAND = struct.Struct(">HHI")

@@ -22,12 +22,12 @@ from typing import Any, NoReturn, TypeVar
 
 import serial
 
-from ..errors import InputError, StageError
-from ..optics import StageFrame
-from ..protocols.motion import Vec3, minus, move_duration_s
-from .grbl_limits import Limits
-from .grbl_words import ALARMS, BANNER, ERRORS, RATE, SETTING, STATUS, explain
-from .interface import Clock, StageState
+from ...errors import InputError, StageError
+from ...optics import StageFrame
+from ...protocols.motion import Vec3, minus, move_duration_s
+from ..interface import Clock, StageState
+from .limits import Limits
+from .words import ALARMS, BANNER, ERRORS, RATE, SETTING, STATUS, explain
 
 T = TypeVar("T")
 
@@ -235,7 +235,7 @@ class GrblStage:
         if self._homing:
             self.reset()
             return
-        self.cancel_now()
+        self.cancel()
         if self._trouble:
             self._fail(self._trouble)
         if not self._homed:
@@ -248,7 +248,7 @@ class GrblStage:
             if self._now_ns() > deadline:
                 self._fail(f"still {state.state} at {_mm(state.machine_mm)} after a jog cancel")
             self._clock.sleep_s(POLL_END_S)
-            self.cancel_now()  # the first came to nothing if the jog had not begun
+            self.cancel()  # the first came to nothing if the jog had not begun
         self._move, self._stopping = None, False
 
     def identity(self) -> dict[str, Any]:
@@ -283,9 +283,9 @@ class GrblStage:
             self._break(f"the controller is in {state.state}: its position is lost, home again")
         return state
 
-    def cancel_now(self) -> None:
-        """Write the jog cancel byte and nothing else: for a guard that cannot wait its turn."""
-        self._blurt(JOG_CANCEL)
+    def cancel(self) -> None:
+        """Write the byte that ends the motion under way and nothing else: from any thread."""
+        self._blurt(RESET if self._homing else JOG_CANCEL)
 
     def abort(self) -> None:
         """Write the reset byte and nothing else: for a signal handler.

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..record import Chunk
-from .interface import ForceSamples
+from ...record import Chunk
+from ..interface import ForceSamples
 
 
 class PressStreams:

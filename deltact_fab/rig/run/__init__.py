@@ -1,0 +1,1 @@
+"""Carrying out the steps of a protocol: runner, its streams, signals."""

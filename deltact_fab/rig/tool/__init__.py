@@ -1,0 +1,1 @@
+"""Where the tip is: tool lengths, touch-off, registration of the face."""
