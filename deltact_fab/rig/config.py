@@ -20,7 +20,7 @@ from ..errors import InputError, did_you_mean
 from .camera.config import CameraConfig, CameraFile
 from .force.config import ForceConfig, GuardConfig
 from .simulator import SimulatorConfig
-from .strict import Acceleration, Feed, Force, Place, Strict, Travel
+from .strict import Acceleration, Feed, Force, Place, Strict, Tilt, Travel
 from .tool.config import TouchConfig
 
 if TYPE_CHECKING:
@@ -35,6 +35,8 @@ class StageConfig(Strict):
     """Serial device of the controller, as /dev/ttyACM0; the virtual rig has its own wire."""
     origin_machine_mm: tuple[Place, Place, Place]
     angle_deg: float = Field(default=0.0, ge=-360, le=360)
+    tilt_deg: tuple[Tilt, Tilt] = (0.0, 0.0)
+    """Of the face as it was registered, about the sensor's x, then about y."""
     travel_mm: tuple[Travel, Travel, Travel]
     max_feed_mm_min: tuple[Feed, Feed, Feed]
     acceleration_mm_s2: tuple[Acceleration, Acceleration, Acceleration]
@@ -47,7 +49,7 @@ class StageConfig(Strict):
         """The rigid transform of this stage."""
         from ..optics import StageFrame
 
-        return StageFrame(self.origin_machine_mm, self.angle_deg)
+        return StageFrame(self.origin_machine_mm, self.angle_deg, self.tilt_deg)
 
     @property
     def box(self) -> StageBox:
