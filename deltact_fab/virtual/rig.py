@@ -21,7 +21,7 @@ from .clock import VirtualClock
 from .controller import GrblController
 from .gel_notes import gel_left_out, gel_notes
 from .grbl_settings import settings_for
-from .netft import NetFTBox
+from .netft import LockstepLink, NetFTBox
 from .presses import Presses
 from .scene import GelScene, LatticeCrop
 from .streams import stream_number
@@ -73,7 +73,7 @@ class VirtualForce(NetFTSensor):
 
     def __init__(self, box: NetFTBox, clock: VirtualClock, scene: GelScene | None) -> None:
         """scene: told of a new press when no camera does that."""
-        super().__init__(box, clock)
+        super().__init__(LockstepLink(box), clock)
         self._box = box
         self._scene = scene
 
