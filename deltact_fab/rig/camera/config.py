@@ -69,6 +69,11 @@ class CameraConfig(Strict):
         return isinstance(self.source, str) and "://" in self.source
 
     @property
+    def is_file(self) -> bool:
+        """Whether the images are on the disk: a folder of them, or a video."""
+        return self.command is None and not self.is_device and not self.is_url
+
+    @property
     def name(self) -> str:
         """What messages call it."""
         if self.command is not None:

@@ -64,6 +64,13 @@ class Folder:
         """Nothing is held open."""
 
 
+def images_of(path: Path) -> Images:
+    """Of a folder or a video. Raises InputError, one line."""
+    if not path.exists():
+        raise InputError(f"{path}: no such file or folder")
+    return Folder(path) if path.is_dir() else Video(path)
+
+
 def _natural(path: Path) -> list[tuple[int, str]]:
     return [(int(p), "") if p.isdigit() else (-1, p) for p in re.split(r"(\d+)", path.name)]
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ...errors import InputError
 from ..interface import Camera, Clock
 from .config import CameraConfig
 from .stream import Feed, StreamCamera
@@ -39,12 +38,9 @@ def open_camera(config: CameraConfig, folder: Path, clock: Clock) -> Camera:
         feed = url = UrlFeed(str(config.source), clock)
         rate_hz = rate_hz or url.rate_hz
     else:
-        from .files import FileCamera, Folder, Video
+        from .files import FileCamera, images_of
 
-        path = folder / str(config.source)
-        if not path.exists():
-            raise InputError(f"camera.source: {path}: no such file, folder or device")
-        return FileCamera(Folder(path) if path.is_dir() else Video(path), clock, size_px, rate_hz)
+        return FileCamera(images_of(folder / str(config.source)), clock, size_px, rate_hz)
     return StreamCamera(
         feed, clock, size_px=size_px, rate_hz=rate_hz, latency_s=config.latency_ms / 1e3
     )

@@ -150,6 +150,9 @@ class StreamCamera:
     def close(self) -> None:
         """Stop reading and let go of the camera; again does nothing."""
         self._closing.set()
+        with self._has_come:
+            self._over = self._over or SensorError(f"camera {self.name}: was closed")
+            self._has_come.notify_all()
         self._thread.join()
         self._feed.close()
 
