@@ -72,6 +72,8 @@ class ForceSamples:
     per_unit: NDArray[np.float64]  # (6,) counts in a newton, in a newton millimetre
     saturated: NDArray[np.bool_]  # (n,)
     lost: int = 0  # samples that are missing before and between these
+    late: int = 0  # of these, how many came noticeably later than they were taken
+    notes: tuple[str, ...] = ()  # "NAME: what happened" for the journal, at most one a second each
 
     @property
     def force_n(self) -> NDArray[np.float64]:

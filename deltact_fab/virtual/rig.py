@@ -19,7 +19,7 @@ from .answerable import unanswered
 from .below import Below
 from .clock import VirtualClock
 from .gel_notes import gel_left_out, gel_notes
-from .netft import NetFTBox
+from .netft import LockstepLink, NetFTBox
 from .scene import GelScene
 from .streams import stream_number
 from .wire import connect
@@ -70,7 +70,7 @@ class VirtualForce(NetFTSensor):
 
     def __init__(self, box: NetFTBox, clock: VirtualClock, scene: GelScene | None) -> None:
         """scene: told of a new press when no camera does that."""
-        super().__init__(box, clock)
+        super().__init__(LockstepLink(box), clock)
         self._box = box
         self._scene = scene
 
