@@ -7,6 +7,7 @@ RUN/journal.sqlite    steps, frames, samples, events (WAL, synchronous=FULL)
 RUN/camera.flat.png   how the light falls off, where the camera file names it
 RUN/images/*.png      as the camera gave them, raw; temporary file, fsync, rename
 RUN/truth/            written by a virtual rig only; read through `Run.truth()` in analysis only
+RUN/notes.jsonl       what operators had to say, a line each, at any time
 RUN/summary.json      written last: its presence says that the run is finished
 
 The folder appears whole, by one rename. A press is complete when its last step is journalled; what
@@ -16,8 +17,11 @@ with its row. See docs/decisions/0005-resume.md and 0012-streams.md.
 
 from __future__ import annotations
 
+from .about import about
+from .check import Verdict, check, require_whole
 from .files import FORMAT, encode_png, image_file, lattice_file, lens_file, truth_file, write_whole
 from .journal import CLOCK_COLUMNS, PRESS_TABLES, WALL_COLUMNS
+from .notes import add as add_note
 from .run import Run, open
 from .same import require_same
 from .streams import Chunk
@@ -33,12 +37,17 @@ __all__ = [
     "Run",
     "RunWriter",
     "Truth",
+    "Verdict",
+    "about",
+    "add_note",
+    "check",
     "encode_png",
     "image_file",
     "lattice_file",
     "lens_file",
     "open",
     "require_same",
+    "require_whole",
     "truth_file",
     "write_whole",
 ]

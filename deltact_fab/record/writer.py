@@ -28,6 +28,7 @@ from .files import (
     sync_folder,
     truth_file,
     write_whole,
+    written,
 )
 from .journal import PRESS_TABLES, SCHEMA, claim, connect, journal_errors
 from .kept import Progress, frame_id_of, judged
@@ -238,7 +239,7 @@ class RunWriter:
         files = self._db.execute("SELECT file FROM frames WHERE file IS NOT NULL")
         keep = {self.folder / file for (file,) in files}
         keep |= {truth_file(self.folder, press) for press in self.kept}
-        for path in _written(self.folder):
+        for path in written(self.folder):
             if path not in keep:
                 try:
                     path.unlink()
@@ -259,9 +260,3 @@ def _event(
 ) -> None:
     where = (None, None) if step is None else (step.press, step.id)
     _insert(db, "events", (None, kind, *where, text, t_s, time.time()))
-
-
-def _written(folder: Path) -> Iterable[Path]:
-    """Images, truths of presses and cut-off writes of a run: what a resume may remove."""
-    for pattern in (".*.part", "images/*.png", "images/.*.part", "truth/*.npz", "truth/.*.part"):
-        yield from folder.glob(pattern)
