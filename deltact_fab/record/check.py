@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -37,7 +37,8 @@ class Problem:
 class Verdict:
     """What was found in a run folder; it is whole when there is no problem.
 
-    presses, frames: planned; whole_presses: complete, every hash right. open: presses that an
+    presses, frames: planned; whole_presses: complete, every hash right; lost_frames: that did not
+    come when they were wanted, as the run itself counted. open: presses that an
     unfinished run has begun and not completed, with the reason: no damage, `--resume` does them.
     """
 
@@ -49,6 +50,7 @@ class Verdict:
     whole_presses: int = 0
     frames: int = 0
     found_frames: int = 0
+    lost_frames: int = 0
     images: int = 0
     open: dict[str, str] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
@@ -64,9 +66,10 @@ class Verdict:
         end = "finished" if self.finished else "unfinished"
         if self.being_written:
             end = "being written now"
+        lost = f" ({self.lost_frames} lost while it ran)" if self.lost_frames else ""
         return (
             f"{self.folder}: {said} ({end}): {self.whole_presses} of {self.presses} presses whole, "
-            f"{self.found_frames} of {self.frames} frames, {self.images} images, "
+            f"{self.found_frames} of {self.frames} frames{lost}, {self.images} images, "
             f"format {self.format}"
         )
 
@@ -172,9 +175,11 @@ def _judge(
     verdict.presses, verdict.found_frames = len(ids.keys() - changes), len(found)
     verdict.frames = sum(step.frames for step in steps) or len(found)
     verdict.images = sum(file is not None for file, _ in found.values())
+    lost = _lost(run, db, steps, found)
+    verdict.lost_frames = len(lost)
     checked = 0
     for press, part in ids.items():
-        missing = [i for i in part if i not in found and i not in done]
+        missing = [i for i in part if not (i in found or i in done or i in lost)]
         if missing and not run.finished:  # a resume does it again, whatever is there of it
             if len(missing) < len(part):
                 verdict.open[press] = _lacks(missing, part)
@@ -190,6 +195,19 @@ def _judge(
             progress(checked, len(found), f"checking {press}")
     if run.finished:  # what a cut-off press left is cleared by the resume
         yield from _strays(run, {file for file, _ in found.values() if file}, ids)
+
+
+def _lost(
+    run: Run, db: sqlite3.Connection, steps: Sequence[Step], found: Container[str]
+) -> set[str]:
+    """Ids of frames that did not come, as many as their steps say: counted, and no damage."""
+    if run.format is None or run.format < 5:
+        return set()
+    missed = dict(db.execute("SELECT step_id, missed FROM steps"))
+    lost: set[str] = set()
+    for step in steps:
+        lost.update([i for i in frame_ids([step]) if i not in found][: missed.get(step.id, 0)])
+    return lost
 
 
 def _lacks(missing: Sequence[str], part: Sequence[str]) -> str:
