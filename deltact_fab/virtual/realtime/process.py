@@ -87,9 +87,7 @@ class Bench:
         )
         self._force.page.serial = "simulated"
         terminal = open_.enter_context(
-            Terminal(
-                below.controller, self.clock, lock=self._lock, passing=self.clock.catch_up
-            )
+            Terminal(below.controller, self.clock, lock=self._lock, passing=self.clock.catch_up)
         )
         images = None if self.camera is None else str(folder / "images")
         self.ports = Ports(

@@ -2,22 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import pickle
 import subprocess
 import sys
-from collections.abc import Mapping
-from contextlib import ExitStack
 from typing import Any
 
 from ...errors import RunFailed
-from ...rig.bench import GrblRig
-from ...rig.camera.config import CameraConfig
-from ...rig.config import GrblConfig
-from ...rig.force.config import NetFTConfig
-from ...rig.interface import Camera, Devices, ForceSensor, ForceSamples, Frame, Job
-from ..ahead import solve_ahead
-from ..rig import VirtualKind
 from .process import Order, Ports
 
 END_S = 10.0
