@@ -19,6 +19,7 @@ from .. import catalog
 from ..errors import InputError, did_you_mean
 from .camera.config import CameraConfig, CameraFile
 from .force.config import ForceConfig, GuardConfig
+from .simulator import CameraConfig as SimulatedCamera
 from .simulator import SimulatorConfig
 from .strict import Acceleration, Feed, Force, Place, Strict, Tilt, Travel
 from .tool.config import ToolConfig, TouchConfig, named_tools
@@ -152,7 +153,9 @@ def _table(data: dict[str, Any], name: str) -> dict[str, Any]:
 def _require_new_places(data: dict[str, Any], kind: str, source: str) -> None:
     """Refuse a file with the simulator's keys where they once stood, saying where each went."""
     moved = [(f"[{table}]", f"[virtual.{table}]") for table in _MOVED if table in data]
-    if set(_table(data, "camera")) <= {"model"}:
+    of_camera = set(_table(data, "camera"))
+    real = not of_camera & set(SimulatedCamera.model_fields)  # and unknown keys are named later
+    if real if kind == "grbl" else of_camera <= {"model"}:
         moved = [(old, new) for old, new in moved if old != "[camera]"]
     if isinstance(data.get("gel"), dict) and "hyperelastic" in data["gel"]:
         moved.append(("[gel.hyperelastic]", "[virtual.gel.hyperelastic]"))

@@ -7,7 +7,7 @@ taken on it, and a simulated gel would have to be solved for it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 
 from ...errors import DeltactFabError, SensorError
@@ -90,9 +90,9 @@ class Lockstep(Schedule):
             self._felt = True
             self._d.force.begin(step.press)
 
-    def _end_camera(self, frame_ids: Sequence[str]) -> None:
+    def _end_camera(self, frames: Mapping[str, float]) -> None:
         assert self._d.camera is not None
-        self._d.camera.end(frame_ids)
+        self._d.camera.end(frames)
 
     def _end_devices(self) -> None:
         self._feel_no_more()

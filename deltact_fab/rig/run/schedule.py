@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 
 from ...errors import DeltactFabError
 from ...protocols.plan import Step
@@ -29,7 +29,7 @@ class Schedule(ABC):
         self._writer = writer
         self._tell = tell
         self._origin_ns: int | None = None  # of the press under way, from its tare on
-        self._frame_ids: list[str] = []
+        self._kept: dict[str, float] = {}  # frames of the press under way, and their times (s)
         self._of_step: Counter[str] = Counter()  # what became of frames
         self._unwritten: list[str] = []
         self.counts: Counter[str] = Counter()
@@ -96,7 +96,7 @@ class Schedule(ABC):
 
     def begin(self, step: Step) -> None:
         """Nothing touches: flush, tare, and start the streams of this press."""
-        self._frame_ids = []
+        self._kept = {}
         self.frames.forget()
         self._begin_devices(step)
         self.event("begun", "tared" if self.force is not None else "no force sensor", step)
@@ -105,7 +105,7 @@ class Schedule(ABC):
         """The step is complete: journal it; last: of its press."""
         end_ns = self.now_ns()
         if last and self._d.camera is not None and step.kind != "change":
-            self._end_camera(self._frame_ids)
+            self._end_camera(self._kept)
         missed = self._account(step)
         self._writer.step(
             step, planned_s, start_ns / 1e9, end_ns / 1e9, self._take(), missed=missed
@@ -135,7 +135,7 @@ class Schedule(ABC):
     @abstractmethod
     def _begin_devices(self, step: Step) -> None: ...
     @abstractmethod
-    def _end_camera(self, frame_ids: Sequence[str]) -> None: ...
+    def _end_camera(self, frames: Mapping[str, float]) -> None: ...
     @abstractmethod
     def _end_devices(self) -> None: ...
     @abstractmethod
@@ -169,7 +169,7 @@ class Schedule(ABC):
         if frame_id is None:
             self._unwritten.append(f"{wanted.k}")
             return
-        self._frame_ids.append(frame_id)
+        self._kept[frame_id] = t_ns / 1e9
         self.counts["taken"] += 1
         self._of_step[LATE] += wanted.late(t_ns)
 

@@ -11,7 +11,7 @@ reason.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 
 from ...errors import DeltactFabError, RunFailed, SensorError
 from ...protocols.plan import Step
@@ -133,11 +133,11 @@ class WallClock(Schedule):
         self._origin_ns = self.now_ns()
         self.pose.step()
 
-    def _end_camera(self, frame_ids: Sequence[str]) -> None:
+    def _end_camera(self, frames: Mapping[str, float]) -> None:
         camera = self._d.camera
         assert self._seeing is not None
         assert camera is not None
-        self._seeing.ask(lambda: camera.end(frame_ids), ANSWER_S, going=False)
+        self._seeing.ask(lambda: camera.end(frames), ANSWER_S, going=False)
 
     def _end_devices(self) -> None:
         if self.force is not None:
