@@ -18,6 +18,7 @@ from .clock import WallClock
 from .config import GrblConfig
 from .interface import Camera, Devices, ForceSensor, Job
 from .stage.grbl import GrblStage
+from .tool.tooling import Tooling
 
 KNOWN_ONLY_SIMULATED = frozenset({"traction"})
 
@@ -112,6 +113,9 @@ class GrblRig:
         self.guard = None
         if "force" in channels or not job.air:
             self._feel()
+        self.tooling = Tooling(
+            job, self.stage, self.clock, self.force, self.guard, config.touch, config.tools
+        )
         self.camera: Camera | None = None
         if "image" in channels:
             from .camera.open import open_camera
@@ -137,14 +141,15 @@ class GrblRig:
         self.guard = ForceGuard(self.stage, limits, self.clock)
 
     def devices(self) -> Devices:
-        """What the runner drives. In air it is all the same which indenter is mounted."""
+        """What the runner drives."""
         return Devices(
             self.clock,
             self.stage,
             self.camera,
             self.force,
-            change_indenter=lambda name: None,
+            change_indenter=self.tooling.change_indenter,
             guard=self.guard,
+            begin=self.tooling.begin,
             wall_clock=True,
         )
 
@@ -174,6 +179,7 @@ class GrblRig:
             "stage": self.stage.identity(),
             "camera": self.camera.identity() if self.camera is not None else None,
             "force": self.force.identity() if self.force is not None else None,
+            "tool": self.tooling.identity(),
         }
 
     def close(self) -> None:
