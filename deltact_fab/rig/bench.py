@@ -48,18 +48,9 @@ class GrblRig:
     """Implements rig.interface.Rig: the stage, and no other device."""
 
     def __init__(self, config: GrblConfig, job: Job) -> None:
-        assert config.stage.port is not None, "the configuration has a port"
         self._job = job
-        stage = config.stage
         self.clock = WallClock()
-        self.stage = GrblStage(
-            config.stage.port,
-            self.clock,
-            stage.frame,
-            baud=stage.baud,
-            require_travel_mm=stage.travel_mm,
-            require_feed_mm_min=stage.max_feed_mm_min,
-        )
+        self.stage = GrblStage.of(config.stage, self.clock)
 
     def devices(self) -> Devices:
         """What the runner drives. In air it is all the same which indenter is mounted."""
