@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..optics import CameraModel, FlatField
@@ -19,6 +19,9 @@ from .config import GrblConfig
 from .interface import Camera, Devices, ForceSensor, Job
 from .stage.grbl import GrblStage
 from .tool.tooling import Tooling
+
+if TYPE_CHECKING:
+    from .force.guard import ForceGuard
 
 KNOWN_ONLY_SIMULATED = frozenset({"traction"})
 
@@ -97,20 +100,12 @@ class GrblRig:
 
     def _build(self, source: Path) -> None:
         config, job = self._config, self._job
-        channels, stage = job.protocol.channels, config.stage
-        assert stage.port is not None, "the configuration has a port"
+        channels = job.protocol.channels
         self.clock = WallClock()
-        self.stage = GrblStage(
-            stage.port,
-            self.clock,
-            stage.frame,
-            baud=stage.baud,
-            require_travel_mm=stage.travel_mm,
-            require_feed_mm_min=stage.max_feed_mm_min,
-        )
+        self.stage = GrblStage.of(config.stage, self.clock)
         self._open.callback(self.stage.close)
         self.force: ForceSensor | None = None
-        self.guard = None
+        self.guard: ForceGuard | None = None
         if "force" in channels or not job.air:
             self._feel()
         self.tooling = Tooling(
