@@ -7,6 +7,8 @@ from typing import Any
 
 import click
 
+from .rig_register import register
+
 
 @click.group()
 def rig() -> None:
@@ -96,6 +98,9 @@ def photograph(
     for file in files:
         click.echo(file)
     click.echo(f"simulated, seed {seed}; the true lens is in {out / 'truth'}")
+
+
+rig.add_command(register)
 
 
 def _echo(table: dict[str, Any], before: str) -> None:
