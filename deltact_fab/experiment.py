@@ -29,15 +29,24 @@ from .shapes import SensorDimensions
 Progress = Callable[[int, int, str], None]
 
 
-def kind_of(rig: RigConfig, source: Path) -> RigKind:
+def kind_of(
+    rig: RigConfig, source: Path, realtime: bool = False, progress: Progress | None = None
+) -> RigKind:
     """What a kind of rig says and builds. Only the one that is asked for is imported.
 
-    source: of the rig file, from which the paths in it count.
+    source: of the rig file, from which the paths in it count. realtime: a virtual rig on the wall
+    clock and real wires. progress: hears of what is solved before that. Raises InputError.
     """
     if rig.kind == "grbl":
         from .rig.bench import GrblKind
 
-        return GrblKind(rig)
+        if realtime:
+            raise InputError(f"{source}: --realtime is of a virtual rig; this one is real")
+        return GrblKind(rig, source)
+    if realtime:
+        from .virtual.realtime.rig import RealtimeKind
+
+        return RealtimeKind(rig, source, progress)
     from .virtual.rig import VirtualKind
 
     return VirtualKind(rig, source)
@@ -112,13 +121,15 @@ def run(
     progress: Progress | None = None,
     resume: bool = False,
     air: bool = False,
+    realtime: bool = False,
 ) -> dict[str, Any]:
     """Check everything, run every step, return the summary.
 
     resume: continue the unfinished run in `out`, or start it when there is none; a finished one is
     verified (every hash) and left as it is, and its summary comes with "already_finished" true.
     The summary's times, notes and devices are those of the last session. air: nothing goes below
-    the clearance plane, and no force is predicted. Raises InputError or RunFailed.
+    the clearance plane, and no force is predicted. realtime: a virtual rig runs on the wall clock,
+    in a process of its own behind real wires. Raises InputError or RunFailed.
     """
     started = time.monotonic()
     protocol, source = plan.load(protocol_name)
@@ -128,11 +139,13 @@ def run(
     sensor = load_design(protocol.specimen.design)
     steps = plan.expand(protocol, air)
     limits.require(limits.check(protocol, sensor, rig.stage.box, steps), str(source))
-    kind = kind_of(rig, rig_path)
+    kind = kind_of(rig, rig_path, realtime, progress)
     _require_none(kind.refusals(protocol, sensor, str(source)))
     job = Job(protocol, sensor, load_recipe(protocol.specimen.pattern), seed, out, air)
     text = source.read_bytes()
     meta = _meta(job, rig, rig_name, kind)
+    if realtime:
+        meta["realtime"] = True
     pattern = _pattern(job.recipe)
     resuming = out.exists() and resume
     if resuming:
@@ -158,6 +171,7 @@ def run(
                 "protocol": protocol.name,
                 "rig": rig_name,
                 "simulated": rig.simulated,
+                "realtime": realtime,
                 "air": air,
                 "seed": seed,
                 "steps": len(steps),

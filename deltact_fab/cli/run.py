@@ -14,9 +14,17 @@ import click
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="New run folder.")
 @click.option("--resume", is_flag=True, help="Go on with the unfinished run in --out.")
 @click.option("--air", is_flag=True, help="Touch nothing: no height below the clearance plane.")
+@click.option("--realtime", is_flag=True, help="A virtual rig on the wall clock, on real wires.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def run(
-    protocol: str, rig_name: str, seed: int, out: Path, resume: bool, air: bool, as_json: bool
+    protocol: str,
+    rig_name: str,
+    seed: int,
+    out: Path,
+    resume: bool,
+    air: bool,
+    realtime: bool,
+    as_json: bool,
 ) -> None:
     """Run PROTOCOL on a rig and record it in a new folder.
 
@@ -28,7 +36,7 @@ def run(
     from .output import echo_json, progress
 
     with progress("run") as report:
-        summary = carry_out(protocol, rig_name, out, seed, report, resume, air)
+        summary = carry_out(protocol, rig_name, out, seed, report, resume, air, realtime)
     if as_json:
         echo_json(summary)
         return

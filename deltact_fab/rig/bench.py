@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..optics import CameraModel, FlatField
@@ -16,8 +16,12 @@ from ..protocols.plan import Protocol
 from ..shapes import SensorDimensions
 from .clock import WallClock
 from .config import GrblConfig
+from .force.netft import SILENT_S
 from .interface import Camera, Devices, ForceSensor, Job
 from .stage.grbl import GrblStage
+
+if TYPE_CHECKING:
+    from .force.guard import ForceGuard
 
 KNOWN_ONLY_SIMULATED = frozenset({"traction"})
 
@@ -83,10 +87,19 @@ class GrblRig:
     """Implements rig.interface.Rig. What was opened is closed, however building it ends."""
 
     def __init__(
-        self, config: GrblConfig, source: Path, job: Job, view: CameraModel | None = None
+        self,
+        config: GrblConfig,
+        source: Path,
+        job: Job,
+        view: CameraModel | None = None,
+        silent_s: float = SILENT_S,
     ) -> None:
-        """source: of the rig file. view: of the images that are tracked."""
+        """source: of the rig file. view: of the images that are tracked.
+
+        silent_s: a force sensor that says nothing for so long has failed.
+        """
         self._config, self._job, self._view = config, job, view
+        self._silent_s = silent_s
         self._open = ExitStack()
         try:
             self._build(source)
@@ -109,7 +122,7 @@ class GrblRig:
         )
         self._open.callback(self.stage.close)
         self.force: ForceSensor | None = None
-        self.guard = None
+        self.guard: ForceGuard | None = None
         if "force" in channels or not job.air:
             self._feel()
         self.camera: Camera | None = None
@@ -132,7 +145,7 @@ class GrblRig:
                 "[force.serial] to the rig file, or give --air"
             )
         limits = GuardLimits.of(self._config.guard, force)
-        self.force = open_force(force, self.clock)
+        self.force = open_force(force, self.clock, self._silent_s)
         self._open.callback(self.force.close)
         self.guard = ForceGuard(self.stage, limits, self.clock)
 
