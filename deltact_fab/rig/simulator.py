@@ -69,7 +69,7 @@ class GelConfig(_Strict):
 class RealtimeConfig(_Strict):
     """What only `run --realtime` has."""
 
-    camera_rate_hz: float = Field(default=10.0, ge=0.1, le=240)
+    camera_rate_hz: float = Field(default=5.0, ge=0.1, le=240)
     """At most; an image of 1280 x 720 px takes some 50 ms of a processor to draw."""
 
 
