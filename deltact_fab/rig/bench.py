@@ -19,6 +19,10 @@ from .config import GrblConfig
 from .force.netft import SILENT_S
 from .interface import Camera, Devices, ForceSensor, Job
 from .stage.grbl import GrblStage
+from .tool.tooling import Tooling
+
+if TYPE_CHECKING:
+    from .force.guard import ForceGuard
 
 if TYPE_CHECKING:
     from .force.guard import ForceGuard
@@ -109,22 +113,17 @@ class GrblRig:
 
     def _build(self, source: Path) -> None:
         config, job = self._config, self._job
-        channels, stage = job.protocol.channels, config.stage
-        assert stage.port is not None, "the configuration has a port"
+        channels = job.protocol.channels
         self.clock = WallClock()
-        self.stage = GrblStage(
-            stage.port,
-            self.clock,
-            stage.frame,
-            baud=stage.baud,
-            require_travel_mm=stage.travel_mm,
-            require_feed_mm_min=stage.max_feed_mm_min,
-        )
+        self.stage = GrblStage.of(config.stage, self.clock)
         self._open.callback(self.stage.close)
         self.force: ForceSensor | None = None
         self.guard: ForceGuard | None = None
         if "force" in channels or not job.air:
             self._feel()
+        self.tooling = Tooling(
+            job, self.stage, self.clock, self.force, self.guard, config.touch, config.tools
+        )
         self.camera: Camera | None = None
         if "image" in channels:
             from .camera.open import open_camera
@@ -150,14 +149,15 @@ class GrblRig:
         self.guard = ForceGuard(self.stage, limits, self.clock)
 
     def devices(self) -> Devices:
-        """What the runner drives. In air it is all the same which indenter is mounted."""
+        """What the runner drives."""
         return Devices(
             self.clock,
             self.stage,
             self.camera,
             self.force,
-            change_indenter=lambda name: None,
+            change_indenter=self.tooling.change_indenter,
             guard=self.guard,
+            begin=self.tooling.begin,
             wall_clock=True,
         )
 
@@ -187,6 +187,7 @@ class GrblRig:
             "stage": self.stage.identity(),
             "camera": self.camera.identity() if self.camera is not None else None,
             "force": self.force.identity() if self.force is not None else None,
+            "tool": self.tooling.identity(),
         }
 
     def close(self) -> None:
