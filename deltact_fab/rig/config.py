@@ -13,15 +13,16 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from .. import catalog
 from ..errors import InputError, did_you_mean
 from .camera.config import CameraConfig, CameraFile
 from .force.config import ForceConfig, GuardConfig
+from .simulator import CameraConfig as SimulatedCamera
 from .simulator import SimulatorConfig
 from .strict import Acceleration, Feed, Force, Place, Strict, Tilt, Travel
-from .tool.config import TouchConfig
+from .tool.config import ToolConfig, TouchConfig, named_tools
 
 if TYPE_CHECKING:
     from ..optics import StageFrame
@@ -105,6 +106,13 @@ class GrblConfig(Strict):
     camera: CameraConfig | None = None
     guard: GuardConfig | None = None
     touch: TouchConfig | None = None
+    tools: dict[str, ToolConfig] = Field(default_factory=dict)
+    """By indenter, as `[tools."sphere:10"]`."""
+
+    @field_validator("tools")
+    @classmethod
+    def _tools(cls, value: dict[str, ToolConfig]) -> dict[str, ToolConfig]:
+        return named_tools(value)
 
     @model_validator(mode="after")
     def _port(self) -> Self:
@@ -152,7 +160,9 @@ def _table(data: dict[str, Any], name: str) -> dict[str, Any]:
 def _require_new_places(data: dict[str, Any], kind: str, source: str) -> None:
     """Refuse a file with the simulator's keys where they once stood, saying where each went."""
     moved = [(f"[{table}]", f"[virtual.{table}]") for table in _MOVED if table in data]
-    if set(_table(data, "camera")) <= {"model"}:
+    of_camera = set(_table(data, "camera"))
+    real = not of_camera & set(SimulatedCamera.model_fields)  # and unknown keys are named later
+    if real if kind == "grbl" else of_camera <= {"model"}:
         moved = [(old, new) for old, new in moved if old != "[camera]"]
     if isinstance(data.get("gel"), dict) and "hyperelastic" in data["gel"]:
         moved.append(("[gel.hyperelastic]", "[virtual.gel.hyperelastic]"))
