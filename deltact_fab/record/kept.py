@@ -27,7 +27,8 @@ def judged(
 ) -> tuple[frozenset[str], dict[str, str]]:
     """Presses that are complete and whole, and those that are not, with the reason.
 
-    A press is kept when all its steps and frames are journalled, every image has its hash, and its
+    A press is kept when all its steps and frames are journalled, less those frames that its steps
+    count as missed, every image has its hash, and its
     samples and its truth are whole. Presses that were not begun are in neither.
     Raises sqlite3.DatabaseError for a damaged journal.
     """
@@ -35,7 +36,7 @@ def judged(
     verdict = db.execute("PRAGMA quick_check(1)").fetchone()[0]
     if verdict != "ok":
         raise sqlite3.DatabaseError(verdict)
-    done = {row[0] for row in db.execute("SELECT step_id FROM steps")}
+    missed = dict(db.execute("SELECT step_id, missed FROM steps"))
     found = {
         frame_id: (file, digest)
         for frame_id, file, digest in db.execute("SELECT frame_id, file, sha256 FROM frames")
@@ -48,14 +49,15 @@ def judged(
     for press, part in plan.items():
         ids = [frame_id_of(step, k) for step in part for k in range(1, step.frames + 1)]
         have = [i for i in ids if i in found]
-        if not have and not any(step.id in done for step in part):
+        if not have and not any(step.id in missed for step in part):
             continue
-        if len(have) < len(ids) or any(step.id not in done for step in part):
+        gone = sum(missed.get(step.id, 0) for step in part)
+        if len(have) + gone < len(ids) or any(step.id not in missed for step in part):
             redone[press] = f"cut off after {len(have)} of {len(ids)} frames"
             continue
-        why = _damage(run, press, {i: found[i] for i in ids})
-        checked += len(ids)
-        if progress is not None and ids:
+        why = _damage(run, press, {i: found[i] for i in have})
+        checked += len(have)
+        if progress is not None and have:
             progress(checked, len(found), f"checking {press}")
         if why:
             redone[press] = why

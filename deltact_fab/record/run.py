@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..errors import InputError, RunFailed
 from ..optics import CameraModel, FlatField, Rectified, camera_from_dict
 from .files import FORMAT, flat_file, lattice_file
+from .images import decode
 from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, at_times, unpack
 from .truth import Truth, load
 
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 _STREAMS = {"pose": POSE_COLUMNS, "force": FORCE_COLUMNS}
 _SAMPLED = (*POSE_COLUMNS, *FORCE_COLUMNS)
 _SKEWS = ("pose_skew_s", "force_skew_s")
+_LATENESS = ("late_s", "late", "dropped", "repeated")
 
 
 class Run:
@@ -43,9 +45,9 @@ class Run:
             raise InputError(f"{folder}: run.json or pattern.json cannot be read: {why}") from why
         self.format = self.meta.get("format") if isinstance(self.meta, dict) else None
         """Of the folder; 2: force and pose stand with the frames; up to 3: settled is not kept."""
-        if self.format not in (2, 3, FORMAT):
+        if self.format not in (2, 3, 4, FORMAT):
             raise InputError(
-                f"{folder}/run.json: format: {self.format}, this version reads 2, 3 and {FORMAT}"
+                f"{folder}/run.json: format: {self.format}, this version reads 2 to {FORMAT}"
             )
 
     def frames(self, press: str | None = None) -> pd.DataFrame:
@@ -55,11 +57,14 @@ class Run:
         time between the samples of its step; pose_skew_s and force_skew_s: how far in time the
         nearest sample is. All are nan where there is none. t_s: on the rig's clock; t_step_s,
         t_press_s: since the step, the press began. settled: the tip rested, for as long as the
-        protocol settles, when the frame was taken. In format 2 force and pose are those that were
-        read after the frame, and the skews are not known.
+        protocol settles, when the frame was taken. late_s: exposed after it was wanted; late: by
+        more than half of what lies between two frames of a sweep; dropped, repeated: frames that
+        the camera lost, or gave twice, since the one before; none of these up to format 4. In
+        format 2 force and pose are those that were read after the frame, and the skews are not
+        known.
         """
         table = self._table("frames", press)
-        table = table.assign(settled=self._settled(table))
+        table = table.assign(settled=self._settled(table), **self._lateness(table))
         if self.format == 2:
             return table
         rows = table.groupby("step_id").indices
@@ -74,7 +79,7 @@ class Run:
                     found[name][at] = column
                 found[f"{stream}_skew_s"][at] = skew_s
         table = table.assign(**found)
-        last = ["wall_s", "t_press_s", *_SKEWS, "settled"]
+        last = ["wall_s", "t_press_s", *_SKEWS, "settled", *_LATENESS]
         first = [name for name in table if name not in (*last, *_SAMPLED)]
         return table[[*first, *_SAMPLED, *last]]
 
@@ -161,8 +166,6 @@ class Run:
 
     def raw(self, file: str) -> NDArray[np.uint8]:
         """(h, w, 3) BGR of one frame as the camera gave it. Raises as `image` does."""
-        import cv2
-
         path = self.folder / file
         try:
             data = path.read_bytes()
@@ -172,10 +175,10 @@ class Run:
             raise RunFailed(
                 f"{path}: damaged: {len(data)} bytes that differ from the hash in the journal"
             )
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        image = decode(data, file)
         if image is None:
             raise RunFailed(f"{path}: does not decode as an image")
-        return np.asarray(image, np.uint8)
+        return image
 
     @property
     def finished(self) -> bool:
@@ -211,6 +214,14 @@ class Run:
         if self.meta["protocol"]["capture"]["mode"] == "step":
             return table["k"] > 0
         return table["step_id"].str.endswith("/rest")
+
+    def _lateness(self, table: pd.DataFrame) -> dict[str, Any]:
+        if "late_s" not in table:
+            return {"late_s": 0.0, "late": False, "dropped": 0, "repeated": 0}
+        rate_hz = self.meta.get("protocol", {}).get("capture", {}).get("rate_hz")
+        limit_s = 0.5 / rate_hz if rate_hz else np.inf
+        settled = self._settled(table)
+        return {"late": (table["late_s"] > limit_s) & ~settled, "late_s": table["late_s"]}
 
     def _hash_of(self, file: str) -> str | None:
         held: dict[str, str] = self.__dict__.setdefault("hashes", {})

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..optics import FlatField, Pinhole, Rectified
 from ..protocols.plan import Protocol
+from ..rig.camera.model import flat_field
 from ..rig.config import VirtualConfig
 from ..rig.force.netft import NetFTSensor
 from ..rig.interface import Camera, Devices, Job
@@ -61,7 +62,7 @@ class VirtualKind:
         """What the camera file says of the light; only where images are taken."""
         if self._config.camera is None or "image" not in protocol.channels:
             return None
-        return FlatField.beside(self._source.parent / self._config.camera.model)
+        return flat_field(self._config.camera.model, self._source)
 
     def build(self, job: Job) -> VirtualRig:
         """Everything below the wire that the protocol asks for, and the drivers above it."""
