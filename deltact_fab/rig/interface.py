@@ -6,7 +6,7 @@ of the sensor, z = 0 at the resting face; a depth d is z = -d. Times are seconds
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -134,8 +134,8 @@ class Camera(Protocol):
     def capture(self) -> Frame:
         """One frame exposed now, never one from a buffer. Raises SensorError."""
 
-    def end(self, frame_ids: Sequence[str]) -> None:
-        """The stream is over: ids under which its frames were recorded, in order of capture.
+    def end(self, frames: Mapping[str, float]) -> None:
+        """The stream is over: ids under which frames were recorded, in order, and their times (s).
 
         Whatever a camera keeps of a stream is on the disk on return; the press counts as complete
         only after that. Raises RunFailed.

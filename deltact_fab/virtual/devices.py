@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -62,10 +62,10 @@ class VirtualCamera:
         self._seen.append((seen.a.index, seen.b.index, seen.fraction))
         return Frame(self._picture.render(seen.displacement_mm(), self._rng), self._clock.now_s())
 
-    def end(self, frame_ids: Sequence[str]) -> None:
+    def end(self, frames: Mapping[str, float]) -> None:
         """Store the press's knots and where each of its frames stands between which of them."""
         assert self._stream is not None, "begin() comes before end()"
-        assert len(frame_ids) == len(self._seen), "one id a frame"
+        assert len(frames) == len(self._seen), "one id a frame"
         path = truth_file(self._folder, self._stream)
         try:
             path.parent.mkdir(exist_ok=True)
@@ -86,7 +86,7 @@ class VirtualCamera:
         np.savez(
             packed,
             displacement_mm=np.stack(knots),
-            frame_id=np.asarray(frame_ids, dtype=np.str_),
+            frame_id=np.asarray(list(frames), dtype=np.str_),
             knots=np.asarray([(a, b) for a, b, _ in self._seen], dtype=np.int64).reshape(-1, 2),
             fraction=np.asarray([f for _, _, f in self._seen], dtype=float),
             **asked,
