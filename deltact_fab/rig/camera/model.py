@@ -29,10 +29,10 @@ NOTICED = 0.005
 """Share of the view that may alias without a word."""
 
 
-def calibrated(path: Path) -> CameraModel:
-    """The camera of a camera file that a rig file names. Raises InputError."""
+def calibrated(path: Path, source: str = "camera.model") -> CameraModel:
+    """The camera of a camera file; source: what names it in a rig file. Raises InputError."""
     if not path.is_file():
-        raise InputError(f"camera.model: {path}: no such file; `deltact-fab calibrate` makes one")
+        raise InputError(f"{source}: {path}: no such file; `deltact-fab calibrate` makes one")
     return load_camera(path)[0]
 
 
@@ -47,7 +47,7 @@ def tracked_view(
     if config.model is None:
         return None
     path = source.parent / config.model
-    camera = calibrated(path)
+    camera = calibrated(path, f"{source}: camera.model")
     if config.width_px is not None:
         made, asked = raw_size_px(camera), (config.width_px, config.height_px)
         if made != asked:
