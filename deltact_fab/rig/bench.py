@@ -63,7 +63,9 @@ class GrblRig:
 
     def devices(self) -> Devices:
         """What the runner drives. In air it is all the same which indenter is mounted."""
-        return Devices(self.clock, self.stage, None, None, change_indenter=lambda name: None)
+        return Devices(
+            self.clock, self.stage, None, None, change_indenter=lambda name: None, wall_clock=True
+        )
 
     def left_out(self) -> list[str]:
         """The devices that no channel asks for."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..optics import FlatField, Pinhole, Rectified
 from ..protocols.plan import Protocol
+from ..rig.camera.model import flat_field
 from ..rig.config import VirtualConfig
 from ..rig.force.netft import NetFTSensor
 from ..rig.interface import Camera, Devices, Job
@@ -21,7 +22,7 @@ from .clock import VirtualClock
 from .controller import GrblController
 from .gel_notes import gel_left_out, gel_notes
 from .grbl_settings import settings_for
-from .netft import NetFTBox
+from .netft import LockstepLink, NetFTBox
 from .presses import Presses
 from .scene import GelScene, LatticeCrop
 from .streams import stream_number
@@ -61,7 +62,7 @@ class VirtualKind:
         """What the camera file says of the light; only where images are taken."""
         if self._config.camera is None or "image" not in protocol.channels:
             return None
-        return FlatField.beside(self._source.parent / self._config.camera.model)
+        return flat_field(self._config.camera.model, self._source)
 
     def build(self, job: Job) -> VirtualRig:
         """Everything below the wire that the protocol asks for, and the drivers above it."""
@@ -73,7 +74,7 @@ class VirtualForce(NetFTSensor):
 
     def __init__(self, box: NetFTBox, clock: VirtualClock, scene: GelScene | None) -> None:
         """scene: told of a new press when no camera does that."""
-        super().__init__(box, clock)
+        super().__init__(LockstepLink(box), clock)
         self._box = box
         self._scene = scene
 
