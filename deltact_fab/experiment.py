@@ -30,15 +30,24 @@ from .shapes import SensorDimensions
 Progress = Callable[[int, int, str], None]
 
 
-def kind_of(rig: RigConfig, source: Path) -> RigKind:
+def kind_of(
+    rig: RigConfig, source: Path, realtime: bool = False, progress: Progress | None = None
+) -> RigKind:
     """What a kind of rig says and builds. Only the one that is asked for is imported.
 
-    source: of the rig file, from which the paths in it count.
+    source: of the rig file, from which the paths in it count. realtime: a virtual rig on the wall
+    clock and real wires. progress: hears of what is solved before that. Raises InputError.
     """
     if rig.kind == "grbl":
         from .rig.bench import GrblKind
 
+        if realtime:
+            raise InputError(f"{source}: --realtime is of a virtual rig; this one is real")
         return GrblKind(rig, source)
+    if realtime:
+        from .virtual.realtime.rig import RealtimeKind
+
+        return RealtimeKind(rig, source, progress)
     from .virtual.rig import VirtualKind
 
     return VirtualKind(rig, source)
@@ -120,6 +129,7 @@ def run(
     resume: bool = False,
     air: bool = False,
     *,
+    realtime: bool = False,
     unattended: bool = False,
     tip_is_clear: bool = False,
 ) -> dict[str, Any]:
@@ -128,9 +138,10 @@ def run(
     resume: continue the unfinished run in `out`, or start it when there is none; a finished one is
     verified (every hash) and left as it is, and its summary comes with "already_finished" true.
     The summary's times, notes and devices are those of the last session. air: nothing goes below
-    the clearance plane, and no force is predicted. unattended: nobody is asked anything, and what
-    would need that is refused. tip_is_clear: the operator's word, where the position is lost.
-    Raises InputError or RunFailed.
+    the clearance plane, and no force is predicted. realtime: a virtual rig runs on the wall clock,
+    in a process of its own behind real wires. unattended: nobody is asked anything, and what would
+    need that is refused. tip_is_clear: the operator's word, where the position is lost. Raises
+    InputError or RunFailed.
     """
     started = time.monotonic()
     protocol, source = plan.load(protocol_name)
@@ -141,7 +152,7 @@ def run(
         _require_none([f"{rig_path}: {line}" for line in refused])
     steps = plan.expand(protocol, air)
     limits.require(limits.check(protocol, sensor, rig.stage.box, steps), str(source))
-    kind = kind_of(rig, rig_path)
+    kind = kind_of(rig, rig_path, realtime, progress)
     _require_none(kind.refusals(protocol, sensor, str(source)))
     job = Job(
         protocol, sensor, load_recipe(protocol.specimen.pattern), seed, out, air,
@@ -149,6 +160,8 @@ def run(
     )  # fmt: skip
     text = source.read_bytes()
     meta = _meta(job, rig, rig_name, kind)
+    if realtime:
+        meta["realtime"] = True
     pattern = _pattern(job.recipe)
     resuming = out.exists() and resume
     if resuming:
@@ -174,6 +187,7 @@ def run(
                 "protocol": protocol.name,
                 "rig": rig_name,
                 "simulated": rig.simulated,
+                "realtime": realtime,
                 "air": air,
                 "seed": seed,
                 "steps": len(steps),

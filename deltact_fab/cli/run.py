@@ -14,6 +14,7 @@ import click
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="New run folder.")
 @click.option("--resume", is_flag=True, help="Go on with the unfinished run in --out.")
 @click.option("--air", is_flag=True, help="Touch nothing: no height below the clearance plane.")
+@click.option("--realtime", is_flag=True, help="A virtual rig on the wall clock, on real wires.")
 @click.option("--unattended", is_flag=True, help="Nobody is there: ask nothing, or refuse.")
 @click.option("--tip-is-clear", is_flag=True, help="Your word: the tip touches nothing. Home.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
@@ -24,6 +25,7 @@ def run(
     out: Path,
     resume: bool,
     air: bool,
+    realtime: bool,
     unattended: bool,
     tip_is_clear: bool,
     as_json: bool,
@@ -44,7 +46,7 @@ def run(
     with progress("run") as report:
         summary = carry_out(
             protocol, rig_name, out, seed, report, resume, air,
-            unattended=unattended, tip_is_clear=tip_is_clear,
+            realtime=realtime, unattended=unattended, tip_is_clear=tip_is_clear,
         )  # fmt: skip
     if as_json:
         echo_json(summary)

@@ -161,7 +161,8 @@ def test_messages_between_command_and_ok_are_not_answers(monkeypatch: pytest.Mon
     ],
 )
 def test_bad_answers_to_a_move(monkeypatch: pytest.MonkeyPatch, answer: bytes, said: str) -> None:
-    stage, port = scripted(monkeypatch, [*CONNECT, *HOME, (JOG, answer), *STOP])
+    asked = [] if answer else [(b"?", IDLE % b"-1.000,-1.000,-1.000")]
+    stage, port = scripted(monkeypatch, [*CONNECT, *HOME, (JOG, answer), *STOP, *asked])
     stage.connect()
     stage.home()
     with pytest.raises(StageError, match=said):

@@ -28,7 +28,7 @@ from ..interface import Clock, StageState
 from .controller import JOG_CANCEL, MARGIN_S, POLL_END_S, Controller, Move, in_mm
 from .limits import Limits
 from .settings import AXES, Needs, Row, judge, refusal
-from .talk import RESET, Fault
+from .talk import RESET, Fault, NoAnswer
 from .words import BANNER, SETTING, state_in_words
 
 if TYPE_CHECKING:
@@ -162,7 +162,7 @@ class GrblStage:
             self._c.move = Move(machine, self._c.port.now_ns(), planned_s)
             if self._c.cancelled:
                 raise Fault("stopped before it moved")
-            self._c.talk.command(f"$J=G90G21G53{words}F{feed_mm_min:.3f}", JOG_ANSWER_S)
+            self._jog(f"$J=G90G21G53{words}F{feed_mm_min:.3f}")
             if self._c.cancelled:  # while the line was read, which drops the byte
                 self._c.port.write(JOG_CANCEL)
         return planned_s
@@ -337,6 +337,18 @@ class GrblStage:
             if self._c.cancelled and state.state == "Jog":  # it came before the jog began
                 self._c.port.write(JOG_CANCEL)
             return state
+
+    def _jog(self, line: str) -> None:
+        """Send it. In Hold or behind an open door it is heard, and not answered."""
+        try:
+            self._c.talk.command(line, JOG_ANSWER_S)
+        except NoAnswer as why:
+            halted = self._c.halt()
+            state = self._c.status().state
+            if state.partition(":")[0] not in ("Hold", "Door"):
+                raise Fault(f"{why.why}{halted}", lost=True) from why
+            # The line waits in the controller: the reset of the next `stop` is what forgets it.
+            raise Fault(f"{state_in_words(state)}: no move begins{halted}") from why
 
     def reset(self) -> None:
         """Reset the controller (0x18) and wait for its banner. The position is lost; `home` next.

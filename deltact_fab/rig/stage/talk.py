@@ -29,6 +29,10 @@ class Fault(Exception):
         self.lost = lost
 
 
+class NoAnswer(Fault):
+    """A line was sent and neither its ok nor an error came back in time."""
+
+
 class Talk:
     """Commands, questions and greetings over one port. Raises Fault, and LinkLost of the port."""
 
@@ -80,7 +84,7 @@ class Talk:
                 raise Fault(f"{line} was refused: {explain(text, ERRORS)}")
             _watch(text)
             data.append(text)
-        raise Fault(f"no answer to {line} within {limit_s:.1f} s", lost=True)
+        raise NoAnswer(f"no answer to {line} within {limit_s:.1f} s", lost=True)
 
     def status(self, on_silence: Callable[[], str]) -> StageState:
         """One status report.

@@ -1,8 +1,8 @@
 """What runs in the process of its own: everything below the wire, and who mounts the indenters.
 
-`python -m deltact_fab.virtual.realtime.process` reads an Order from its standard input, answers
-with Ports or an error, then answers one request after the other until its input ends. Whatever else
-the host needs to know it reads from the wires.
+`main` reads an Order from its standard input, answers with Ports or an error, then answers one
+request after the other until its input ends. Whatever else the host wants to know it reads from the
+wires.
 """
 
 from __future__ import annotations
@@ -15,14 +15,18 @@ import tempfile
 import threading
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from ...elasticity import GelMaterial
 from ...errors import DeltactFabError
+from ...optics import Rectified, StageFrame
 from ...rig.config import VirtualConfig
 from ...rig.interface import Job
 from ..below import Below
+from ..bench_face import BenchFace
+from ..gel_notes import gel_left_out, gel_notes
 from ..netft_server import NetFTServer
 from ..presses import path_of
 from ..pty import Terminal
@@ -32,6 +36,7 @@ from .camera import LiveCamera
 from .clock import LiveClock
 from .scene import LiveScene
 
+NEAR_MM = 0.3  # as far as a touch-off may be off and the press still be the planned one
 SWITCH_S = 0.0005  # a thread that draws lets the others have their turn sooner
 
 
@@ -61,19 +66,22 @@ class Bench:
 
     def __init__(self, order: Order, open_: ExitStack) -> None:
         config, job = order.config, order.job
-        self._job = job
+        self._config, self._job = config, job
         self._lock = threading.RLock()
         self.clock = LiveClock()
         self._below = below = Below(config, job, self.clock, LiveScene)
         assert isinstance(below.scene, LiveScene)
         self.scene = below.scene
+        self.scene.near_mm = NEAR_MM
+        self._face, self._true = self._bench_face()
+        self.scene.felt = self._face.wrench
         self.camera: LiveCamera | None = None
         folder = Path(open_.enter_context(tempfile.TemporaryDirectory(prefix="deltact-fab-")))
         size_px = None
         if below.crop is not None:
-            view = VirtualKind(config, order.source).camera(job.protocol, job.sensor)
-            assert view is not None, "images are asked for"
-            picture, self._lens = below.picture(view)
+            self._view = VirtualKind(config, order.source).camera(job.protocol, job.sensor)
+            assert self._view is not None, "images are asked for"
+            picture, self._lens = below.picture(self._view)
             rate_hz = config.virtual.realtime.camera_rate_hz
             size_px = picture.size_px
             self.camera = LiveCamera(picture, self._look, folder / "images", rate_hz, job.seed)
@@ -98,10 +106,23 @@ class Bench:
         """One request of the host. Raises DeltactFabError."""
         return getattr(self, f"_do_{what}")(**told)
 
+    def _bench_face(self) -> tuple[BenchFace, StageFrame]:
+        """What is felt where no press has begun, and where the face truly is."""
+        mount, frame = self._config.virtual.mount, self._config.stage.frame
+        x, y, z = (a + b for a, b in zip(frame.origin_machine_mm, mount.offset_mm, strict=True))
+        true = replace(frame, origin_machine_mm=(x, y, z), tilt_deg=mount.tilt_deg)
+        specimen = self._job.protocol.specimen
+        material = GelMaterial(specimen.modulus_mpa, specimen.poisson)
+        return BenchFace(self._below.controller, true, self._job.sensor.skin, material), true
+
     def _do_mount(self, indenter: str) -> None:
+        longer_mm = self._config.virtual.mount.longer_mm.get(indenter, 0.0)
+        x, y, z = self._true.origin_machine_mm
         with self._lock:
             self.clock.catch_up()
             self.scene.mount(indenter)
+            self.scene.set_frame(replace(self._true, origin_machine_mm=(x, y, z + longer_mm)))
+            self._face.mount(indenter, longer_mm)
 
     def _do_begin(self, press: str) -> None:
         presses = self._below.presses
@@ -121,8 +142,22 @@ class Bench:
             self.camera.keep(self._job.folder, press, frames, *kept)
 
     def _do_about(self) -> dict[str, Any]:
+        """What the summary keeps."""
         drawn = self.camera.drawn if self.camera is not None else 0
+        presses = self._below.presses
+        paths = presses.paths if presses.observed else ()
+        choices = [presses.choice(path) for path in paths]
+        notes: list[str] = []
+        if self.camera is not None and isinstance(self._view, Rectified):
+            from ..lens import lens_notes
+
+            notes += lens_notes(self._config, self._view, self._job.recipe.patch_mm)
+        if not self._job.air and presses.observed:
+            notes += gel_notes(presses, choices, self._job.sensor.skin)
         return {
+            "left_out": gel_left_out(presses, choices),
+            "notes": notes,
+            "seen_s": self.camera.seen_s if self.camera is not None else 0.0,
             "guessed": self.scene.guessed,
             "drawn": drawn,
             "draw_s": self.camera.seconds / max(drawn, 1) if self.camera is not None else 0.0,
@@ -184,7 +219,3 @@ def main() -> None:
         pass
     finally:
         os._exit(0)  # threads that wait for a reader have nothing to finish
-
-
-if __name__ == "__main__":
-    main()
