@@ -70,9 +70,9 @@ class Lockstep(Schedule):
             self._until(step, self.pose.looked_ns + LOOK_NS)
         self._feel(step)
 
-    def change(self, name: str) -> None:
+    def change(self, name: str) -> str | None:
         """Between presses nothing streams."""
-        self._d.change_indenter(name)
+        return self._d.change_indenter(name)
 
     @contextmanager
     def lifting(self) -> Iterator[None]:
