@@ -16,9 +16,13 @@ from ..protocols.plan import Protocol
 from ..shapes import SensorDimensions
 from .clock import WallClock
 from .config import GrblConfig
+from .force.netft import SILENT_S
 from .interface import Camera, Devices, ForceSensor, Job
 from .stage.grbl import GrblStage
 from .tool.tooling import Tooling
+
+if TYPE_CHECKING:
+    from .force.guard import ForceGuard
 
 if TYPE_CHECKING:
     from .force.guard import ForceGuard
@@ -87,10 +91,19 @@ class GrblRig:
     """Implements rig.interface.Rig. What was opened is closed, however building it ends."""
 
     def __init__(
-        self, config: GrblConfig, source: Path, job: Job, view: CameraModel | None = None
+        self,
+        config: GrblConfig,
+        source: Path,
+        job: Job,
+        view: CameraModel | None = None,
+        silent_s: float = SILENT_S,
     ) -> None:
-        """source: of the rig file. view: of the images that are tracked."""
+        """source: of the rig file. view: of the images that are tracked.
+
+        silent_s: a force sensor that says nothing for so long has failed.
+        """
         self._config, self._job, self._view = config, job, view
+        self._silent_s = silent_s
         self._open = ExitStack()
         try:
             self._build(source)
@@ -131,7 +144,7 @@ class GrblRig:
                 "[force.serial] to the rig file, or give --air"
             )
         limits = GuardLimits.of(self._config.guard, force)
-        self.force = open_force(force, self.clock)
+        self.force = open_force(force, self.clock, self._silent_s)
         self._open.callback(self.force.close)
         self.guard = ForceGuard(self.stage, limits, self.clock)
 

@@ -75,6 +75,8 @@ class VirtualConfig(Strict):
     stage: StageConfig
     force: ForceConfig = ForceConfig()
     camera: CameraFile | None = None
+    guard: GuardConfig | None = None
+    """Only `run --realtime` has one."""
     virtual: SimulatorConfig = SimulatorConfig()
 
     @model_validator(mode="after")
