@@ -1,4 +1,4 @@
-"""`deltact-fab rig`: list and show benches, and photograph boards on a virtual one."""
+"""`deltact-fab rig`: list and show benches, drive a stage, photograph boards on a virtual one."""
 
 from __future__ import annotations
 
@@ -7,12 +7,18 @@ from typing import Any
 
 import click
 
+from . import rig_stage
 from .rig_register import register
 
 
 @click.group()
 def rig() -> None:
-    """Benches: list, show, photograph boards."""
+    """Benches: list, show, drive by hand, photograph boards."""
+
+
+for _command in rig_stage.COMMANDS:
+    rig.add_command(_command)
+rig.add_command(register)
 
 
 @rig.command("list")
@@ -98,9 +104,6 @@ def photograph(
     for file in files:
         click.echo(file)
     click.echo(f"simulated, seed {seed}; the true lens is in {out / 'truth'}")
-
-
-rig.add_command(register)
 
 
 def _echo(table: dict[str, Any], before: str) -> None:
