@@ -18,6 +18,7 @@ from .optics import Rectified
 from .patterns.dots import centres_mm
 from .patterns.recipe import PatternRecipe, load_recipe
 from .protocols import limits, plan
+from .protocols.pace import LOCKSTEP, WALL_CLOCK
 from .protocols.plan import Protocol, Step
 from .record import RunWriter
 from .record import open as open_run
@@ -103,7 +104,8 @@ def show(protocol_name: str, rig_name: str) -> tuple[list[Step], limits.Estimate
     camera = kind_of(rig, path).camera(protocol, load_design(protocol.specimen.design))
     stored = camera.lens if isinstance(camera, Rectified) else camera
     image_px = stored.width_px * stored.height_px if stored is not None else 0
-    return plan.expand(protocol), limits.estimate(protocol, image_px, rig.stage.box)
+    pace = LOCKSTEP if rig.simulated else WALL_CLOCK
+    return plan.expand(protocol), limits.estimate(protocol, image_px, rig.stage.box, pace)
 
 
 def forces(
