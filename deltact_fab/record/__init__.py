@@ -7,6 +7,7 @@ RUN/journal.sqlite    steps, frames, samples, events (WAL, synchronous=FULL)
 RUN/camera.flat.png   how the light falls off, where the camera file names it
 RUN/images/*          as the camera gave them, raw, PNG or JPEG XL; temporary file, fsync, rename
 RUN/truth/            written by a virtual rig only; read through `Run.truth()` in analysis only
+RUN/notes.jsonl       what operators had to say, a line each, at any time
 RUN/summary.json      written last: its presence says that the run is finished
 
 The folder appears whole, by one rename. Rows are committed in batches, each after its files
@@ -17,9 +18,12 @@ docs/decisions/0005-resume.md, 0012-streams.md and 0032-runner.md.
 
 from __future__ import annotations
 
+from .about import about
+from .check import Verdict, check, require_whole
 from .files import FORMAT, image_file, lattice_file, lens_file, truth_file, write_whole
 from .images import FORMATS, decode, encode, encode_png
 from .journal import CLOCK_COLUMNS, PRESS_TABLES, WALL_COLUMNS
+from .notes import add as add_note
 from .run import Run, open
 from .same import require_same
 from .streams import Chunk
@@ -36,6 +40,10 @@ __all__ = [
     "Run",
     "RunWriter",
     "Truth",
+    "Verdict",
+    "about",
+    "add_note",
+    "check",
     "decode",
     "encode",
     "encode_png",
@@ -44,6 +52,7 @@ __all__ = [
     "lens_file",
     "open",
     "require_same",
+    "require_whole",
     "truth_file",
     "write_whole",
 ]

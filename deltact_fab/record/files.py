@@ -89,6 +89,18 @@ def flat_file(folder: Path) -> Path:
     return folder / "camera.flat.png"
 
 
+def notes_file(folder: Path) -> Path:
+    """Where operators' notes on a run stand, a JSON object a line."""
+    return folder / "notes.jsonl"
+
+
+def written(folder: Path) -> Iterator[Path]:
+    """Images, truths of presses and cut-off writes of a run: what a resume may remove."""
+    inside = ("images/*.png", "images/*.jxl", "images/.*.part", "truth/*.npz", "truth/.*.part")
+    for pattern in (".*.part", *inside):
+        yield from folder.glob(pattern)
+
+
 def lens_file(folder: Path) -> Path:
     """Where a virtual rig keeps the lens that it draws through, which is not the calibrated one."""
     return folder / "truth" / "lens.json"

@@ -75,6 +75,22 @@ def claim(folder: Path) -> Claim:
     return Claim(handle)
 
 
+def being_written(folder: Path) -> bool:
+    """Whether another process has the run claimed just now."""
+    if os.name != "posix":
+        return False
+    import fcntl
+
+    with (folder / "run.json").open("rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        except OSError:  # a file system without locks
+            return False
+    return False
+
+
 def connect(folder: Path, new: bool = False) -> sqlite3.Connection:
     """The journal for writing. Raises RunFailed when it is not there or is no journal."""
     path = (folder / "journal.sqlite").absolute()

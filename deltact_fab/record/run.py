@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, RunFailed
 from ..optics import CameraModel, FlatField, Rectified, camera_from_dict
+from . import notes
 from .files import FORMAT, flat_file, lattice_file
 from .images import decode
 from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, at_times, unpack
@@ -113,9 +114,15 @@ class Run:
             )
         return self._table("events")
 
-    def steps(self) -> pd.DataFrame:
-        """One row a finished step."""
-        return self._table("steps")
+    def notes(self) -> pd.DataFrame:
+        """One row an operator's note, in the order of writing: wall_s of the day, text."""
+        import pandas as pd
+
+        return pd.DataFrame(notes.read(self.folder), columns=["wall_s", "text"])
+
+    def steps(self, press: str | None = None) -> pd.DataFrame:
+        """One row a finished step (of one press)."""
+        return self._table("steps", press)
 
     @cached_property
     def camera(self) -> CameraModel:
@@ -166,6 +173,13 @@ class Run:
 
     def raw(self, file: str) -> NDArray[np.uint8]:
         """(h, w, 3) BGR of one frame as the camera gave it. Raises as `image` does."""
+        image = decode(self.data(file), file)
+        if image is None:
+            raise RunFailed(f"{self.folder / file}: does not decode as an image")
+        return image
+
+    def data(self, file: str) -> bytes:
+        """The bytes of a frame's file. Raises RunFailed when it is missing or damaged."""
         path = self.folder / file
         try:
             data = path.read_bytes()
@@ -175,10 +189,7 @@ class Run:
             raise RunFailed(
                 f"{path}: damaged: {len(data)} bytes that differ from the hash in the journal"
             )
-        image = decode(data, file)
-        if image is None:
-            raise RunFailed(f"{path}: does not decode as an image")
-        return image
+        return data
 
     @property
     def finished(self) -> bool:
@@ -201,7 +212,7 @@ class Run:
         """
         if not lattice_file(self.folder).is_file():
             return None
-        with self._reader() as db:
+        with self.reader() as db:
             rows = db.execute("SELECT press FROM frames GROUP BY press ORDER BY min(seq)")
             presses = [press for (press,) in rows]
         asked = self.meta["protocol"]["channels"]
@@ -226,7 +237,7 @@ class Run:
     def _hash_of(self, file: str) -> str | None:
         held: dict[str, str] = self.__dict__.setdefault("hashes", {})
         if file not in held:  # also a frame that came since, in a run that goes on
-            with self._reader() as db:
+            with self.reader() as db:
                 held.update(db.execute("SELECT file, sha256 FROM frames WHERE file IS NOT NULL"))
         return held.get(file)
 
@@ -258,33 +269,41 @@ class Run:
             return pd.DataFrame(columns=["press", "step_id", "t_s", "t_press_s", *names, *more])
         return pd.concat(parts, ignore_index=True)
 
-    def samples_of(self, press: str) -> Iterator[Chunk]:
-        """All chunks of a press. Raises RunFailed for a damaged one."""
+    def damaged_samples(self, press: str) -> Iterator[str]:
+        """Stream and step of each chunk of a press that cannot be unpacked."""
         for stream in _STREAMS:
-            for _, _, chunk in self._chunks(stream, press):
-                yield chunk
+            for _, step_id, stored in self._stored(stream, press):
+                try:
+                    unpack(*stored)
+                except ValueError:
+                    yield f"{stream} of {step_id}"
 
     def _chunks(self, stream: str, press: str | None) -> Iterator[tuple[str, str, Chunk]]:
         """Press, step and samples, step by step. Raises RunFailed for a damaged chunk."""
-        with self._reader() as db:
+        for of_press, step_id, stored in self._stored(stream, press):
+            try:
+                yield of_press, step_id, unpack(*stored)
+            except ValueError as why:
+                raise RunFailed(
+                    f"{self.folder / 'journal.sqlite'}: {stream} of {step_id}: damaged: {why}"
+                ) from why
+
+    def _stored(self, stream: str, press: str | None) -> Iterator[tuple[str, str, Any]]:
+        """Press, step and packed samples, step by step."""
+        with self.reader() as db:
             rows = db.execute(
                 "SELECT press, step_id, stream, origin_s, n, columns, data FROM samples "
                 "WHERE stream = ? AND press = coalesce(?, press) ORDER BY seq",
                 (stream, press),
             )
             for of_press, step_id, *stored in rows:
-                try:
-                    yield of_press, step_id, unpack(*stored)
-                except ValueError as why:
-                    raise RunFailed(
-                        f"{self.folder / 'journal.sqlite'}: {stream} of {step_id}: damaged: {why}"
-                    ) from why
+                yield of_press, step_id, stored
 
     def _table(self, name: str, press: str | None = None) -> pd.DataFrame:
         import pandas as pd
 
         which = "" if press is None else "WHERE press = :press "
-        with self._reader() as db:
+        with self.reader() as db:
             try:
                 return pd.read_sql_query(
                     f"SELECT * FROM {name} {which}ORDER BY seq", db, params={"press": press}
@@ -293,7 +312,7 @@ class Run:
                 raise sqlite3.DatabaseError(str(why.__cause__ or why)) from why
 
     @contextmanager
-    def _reader(self) -> Iterator[sqlite3.Connection]:
+    def reader(self) -> Iterator[sqlite3.Connection]:
         """The journal, read only. Raises RunFailed when it cannot be read."""
         path = self.folder / "journal.sqlite"
         try:

@@ -26,6 +26,7 @@ from .files import (
     sync_folder,
     truth_file,
     write_whole,
+    written,
 )
 from .images import image_format, require
 from .journal import PRESS_TABLES, SCHEMA, claim, connect, insert, journal_errors
@@ -303,7 +304,7 @@ class RunWriter:
         files = self._db.execute("SELECT file FROM frames WHERE file IS NOT NULL")
         keep = {self.folder / file for (file,) in files}
         keep |= {truth_file(self.folder, press) for press in self.kept}
-        for path in _written(self.folder):
+        for path in written(self.folder):
             if path not in keep:
                 try:
                     path.unlink()
@@ -321,16 +322,3 @@ def _event(kind: str, text: str, t_s: float | None = None, step: Step | None = N
         "t_s": t_s,
         "wall_s": time.time(),
     }
-
-
-def _written(folder: Path) -> Iterable[Path]:
-    """Images, truths of presses and cut-off writes of a run: what a resume may remove."""
-    for pattern in (
-        ".*.part",
-        "images/*.png",
-        "images/*.jxl",
-        "images/.*.part",
-        "truth/*.npz",
-        "truth/.*.part",
-    ):
-        yield from folder.glob(pattern)
