@@ -16,7 +16,8 @@ from .streams import ForceStream, FrameStream, PoseStream, Wanted, now_ns
 # The firmware's documents ask for at most 10 status reports a second.
 LOOK_NS = 100_000_000
 # What became of frames, as the record's events name it.
-LATE, MISSED, UNWRITTEN, DROPPED, REPEATED = "late", "missed", "unwritten", "dropped", "repeated"
+LATE, MISSED, UNWRITTEN = "frames late", "frames missed", "frames unwritten"
+DROPPED, REPEATED = "frames dropped", "frames repeated"
 
 
 class Schedule(ABC):
@@ -187,15 +188,15 @@ class Schedule(ABC):
         found, self._of_step = self._of_step, Counter()
         if missed:
             which = ", ".join(str(wanted.k) for wanted in missed)
-            self.event(MISSED, f"{len(missed)} frames: none came in time: {which}", step)
+            self.event(MISSED, f"{len(missed)}: none came in time: {which}", step)
         if unwritten:
             which = ", ".join(unwritten)
-            text = f"{len(unwritten)} frames: the disk did not keep up: {which}"
+            text = f"{len(unwritten)}: the disk did not keep up: {which}"
             self.event(UNWRITTEN, text, step)
         for kind, text in (
-            (LATE, "frames were exposed more than half a period after they were wanted"),
-            (DROPPED, "frames were lost by the camera"),
-            (REPEATED, "frames were the same image once more"),
+            (LATE, "exposed more than half a period after they were wanted"),
+            (DROPPED, "lost by the camera"),
+            (REPEATED, "the same image once more"),
         ):
             if found[kind]:
                 self.event(kind, f"{found[kind]} {text}", step)
