@@ -16,7 +16,7 @@ from .errors import InputError
 from .optics import Rectified
 from .patterns.dots import centres_mm
 from .patterns.recipe import PatternRecipe, load_recipe
-from .protocols import limits, plan
+from .protocols import budget, limits, plan
 from .protocols.plan import Protocol, Step
 from .record import RunWriter
 from .record import open as open_run
@@ -27,6 +27,7 @@ from .rig.run.runner import Runner
 from .shapes import SensorDimensions
 
 Progress = Callable[[int, int, str], None]
+USUAL_PX = (1280, 720)  # of a camera that does not say how large its images are
 
 
 def kind_of(rig: RigConfig, source: Path) -> RigKind:
@@ -43,14 +44,20 @@ def kind_of(rig: RigConfig, source: Path) -> RigKind:
     return VirtualKind(rig, source)
 
 
-def checks(protocol_name: str, rig_name: str, air: bool = False) -> list[limits.Check]:
-    """Static checks of a protocol on a rig; of forces those that take seconds to predict."""
+def checks(
+    protocol_name: str, rig_name: str, air: bool = False, out: Path = Path()
+) -> list[limits.Check]:
+    """Static checks of a protocol on a rig; of forces those that take seconds to predict.
+
+    out: a folder on the disk that the run will be written to.
+    """
     protocol, source = plan.load(protocol_name)
     rig, path = rig_config.load(rig_name)
     sensor = load_design(protocol.specimen.design)
     kind = kind_of(rig, path)
-    kind.camera(protocol, sensor)  # a file that cannot be used is said now
-    rows = limits.check(protocol, sensor, rig.stage.box, plan.expand(protocol, air))
+    steps = plan.expand(protocol, air)
+    rows = limits.check(protocol, sensor, rig.stage.box, steps)
+    rows += _budget(protocol, sensor, steps, rig, kind, out)
     refused = kind.refusals(protocol, sensor, str(source))
     rows += [_check(kind.part, "refusals", refused)]
     if not rig.simulated:
@@ -81,10 +88,43 @@ def show(protocol_name: str, rig_name: str) -> tuple[list[Step], limits.Estimate
     """Steps and estimate of a protocol on a rig."""
     protocol, _ = plan.load(protocol_name)
     rig, path = rig_config.load(rig_name)
-    camera = kind_of(rig, path).camera(protocol, load_design(protocol.specimen.design))
-    stored = camera.lens if isinstance(camera, Rectified) else camera
-    image_px = stored.width_px * stored.height_px if stored is not None else 0
+    image_px = _image_px(protocol, load_design(protocol.specimen.design), rig, kind_of(rig, path))
     return plan.expand(protocol), limits.estimate(protocol, image_px, rig.stage.box)
+
+
+def _image_px(protocol: Protocol, sensor: SensorDimensions, rig: RigConfig, kind: RigKind) -> int:
+    """Pixels of a frame as it is stored. Raises InputError for a calibration that is no use."""
+    camera = kind.camera(protocol, sensor)
+    if camera is not None:
+        stored = camera.lens if isinstance(camera, Rectified) else camera
+        return stored.width_px * stored.height_px
+    declared = getattr(rig.camera, "width_px", None), getattr(rig.camera, "height_px", None)
+    width_px, height_px = (a or b for a, b in zip(declared, USUAL_PX, strict=True))
+    return width_px * height_px
+
+
+def _budget(
+    protocol: Protocol,
+    sensor: SensorDimensions,
+    steps: list[Step],
+    rig: RigConfig,
+    kind: RigKind,
+    out: Path,
+    resuming: bool = False,
+) -> list[limits.Check]:
+    """Rows of what the run takes: least feed, time, disk, frames a second."""
+    image_px = _image_px(protocol, sensor, rig, kind)
+    held_hz = record.rate_held_hz(record.image_format({"rig": rig.recorded()}), image_px)
+    camera_hz = getattr(rig.camera, "rate_hz", None)
+    return budget.check(
+        protocol,
+        steps,
+        limits.estimate(protocol, image_px, rig.stage.box),
+        out,
+        held_hz if camera_hz is None else min(held_hz, camera_hz),
+        wall_clock=not rig.simulated,
+        kept_mb=budget.size_mb(out) if resuming else 0.0,
+    )
 
 
 def forces(
@@ -127,8 +167,10 @@ def run(
         raise InputError(f"{rig_path}: {refused[0]}")
     sensor = load_design(protocol.specimen.design)
     steps = plan.expand(protocol, air)
-    limits.require(limits.check(protocol, sensor, rig.stage.box, steps), str(source))
     kind = kind_of(rig, rig_path)
+    rows = limits.check(protocol, sensor, rig.stage.box, steps)
+    rows += _budget(protocol, sensor, steps, rig, kind, out, resume)
+    limits.require(rows, str(source))
     _require_none(kind.refusals(protocol, sensor, str(source)))
     job = Job(protocol, sensor, load_recipe(protocol.specimen.pattern), seed, out, air)
     text = source.read_bytes()
