@@ -22,13 +22,15 @@ from ..shapes.indenter import parse as parse_indenter
 Point = tuple[float, float, float]
 Kind = Literal["change", "travel", "approach", "press", "shear", "retract"]
 # Every number has a lowest and a highest value: what is further out is a slip of the pen.
-Place = Annotated[float, Field(ge=-10_000, le=10_000)]  # mm
-Length = Annotated[float, Field(ge=0.001, le=1000)]  # mm
-Feed = Annotated[float, Field(ge=0.001, le=100_000)]  # mm/min; `budget` asks for more
-Rate = Annotated[float, Field(ge=0.0001, le=1000)]  # frames a second
-Share = Annotated[float, Field(ge=0.001, le=100)]
-Modulus = Annotated[float, Field(ge=0.0001, le=10_000)]  # MPa
-Seconds = Annotated[float, Field(ge=0.001, le=1e6)]
+Place = Annotated[float, Field(ge=-10_000, le=10_000, allow_inf_nan=False)]  # mm
+Length = Annotated[float, Field(ge=0.001, le=1000, allow_inf_nan=False)]  # mm
+Feed = Annotated[
+    float, Field(ge=0.001, le=100_000, allow_inf_nan=False)
+]  # mm/min; `budget` asks for more
+Rate = Annotated[float, Field(ge=0.0001, le=1000, allow_inf_nan=False)]  # frames a second
+Share = Annotated[float, Field(ge=0.001, le=100, allow_inf_nan=False)]
+Modulus = Annotated[float, Field(ge=0.0001, le=10_000, allow_inf_nan=False)]  # MPa
+Seconds = Annotated[float, Field(ge=0.001, le=1e6, allow_inf_nan=False)]
 
 
 class _Strict(BaseModel):
