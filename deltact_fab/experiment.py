@@ -16,7 +16,7 @@ from .errors import InputError
 from .optics import Rectified
 from .patterns.dots import centres_mm
 from .patterns.recipe import PatternRecipe, load_recipe
-from .protocols import budget, limits, plan
+from .protocols import limits, plan
 from .protocols.plan import Protocol, Step
 from .record import RunWriter
 from .record import open as open_run
@@ -24,28 +24,41 @@ from .rig import config as rig_config
 from .rig.config import RigConfig
 from .rig.interface import Job, RigKind
 from .rig.run.runner import Runner
+from .rig.tool import demands
 from .shapes import SensorDimensions
 
 Progress = Callable[[int, int, str], None]
-USUAL_PX = (1280, 720)  # of a camera that does not say how large its images are
 
 
-def kind_of(rig: RigConfig, source: Path) -> RigKind:
+def kind_of(
+    rig: RigConfig, source: Path, realtime: bool = False, progress: Progress | None = None
+) -> RigKind:
     """What a kind of rig says and builds. Only the one that is asked for is imported.
 
-    source: of the rig file, from which the paths in it count.
+    source: of the rig file, from which the paths in it count. realtime: a virtual rig on the wall
+    clock and real wires. progress: hears of what is solved before that. Raises InputError.
     """
     if rig.kind == "grbl":
         from .rig.bench import GrblKind
 
-        return GrblKind(rig)
+        if realtime:
+            raise InputError(f"{source}: --realtime is of a virtual rig; this one is real")
+        return GrblKind(rig, source)
+    if realtime:
+        from .virtual.realtime.rig import RealtimeKind
+
+        return RealtimeKind(rig, source, progress)
     from .virtual.rig import VirtualKind
 
     return VirtualKind(rig, source)
 
 
 def checks(
-    protocol_name: str, rig_name: str, air: bool = False, out: Path = Path()
+    protocol_name: str,
+    rig_name: str,
+    air: bool = False,
+    unattended: bool = False,
+    out: Path = Path(),
 ) -> list[limits.Check]:
     """Static checks of a protocol on a rig; of forces those that take seconds to predict.
 
@@ -57,11 +70,10 @@ def checks(
     kind = kind_of(rig, path)
     steps = plan.expand(protocol, air)
     rows = limits.check(protocol, sensor, rig.stage.box, steps)
-    rows += _budget(protocol, sensor, steps, rig, kind, out)
+    rows += preflight.needs(protocol, sensor, steps, rig, kind, out, not rig.simulated)
     refused = kind.refusals(protocol, sensor, str(source))
     rows += [_check(kind.part, "refusals", refused)]
-    if not rig.simulated:
-        rows += [_check("contact", "refusals", _in_air_only(rig, air))]
+    rows += _contact(rig, protocol, sensor, air, unattended)
     # What leaves the gel or the stage is said already, and has no force.
     if all(row.ok for row in rows) and not air:
         declared = preflight.limits_of(rig, str(path), protocol)
@@ -74,13 +86,18 @@ def _check(name: str, what: str, reasons: list[str]) -> limits.Check:
     return limits.Check(name, not reasons, what, len(reasons), 0, "; ".join(reasons))
 
 
-def _in_air_only(rig: RigConfig, air: bool) -> list[str]:
-    """Why a run may not begin: no declared limit makes a press on a real rig safe by itself."""
-    if rig.simulated or air:
+def _contact(
+    rig: RigConfig, protocol: Protocol, sensor: SensorDimensions, air: bool, unattended: bool
+) -> list[limits.Check]:
+    """What a real rig lacks for a press, and lengths of tools that it does not know."""
+    if rig.kind != "grbl" or air:
         return []
+    unknown = demands.undeclared_lengths(rig, protocol)
     return [
-        f"a {rig.kind!r} rig has neither touch-off nor force guard yet and moves in air only: give "
-        "--air, and nothing goes below the clearance plane"
+        _check("contact", "refusals", demands.unmet(rig, protocol, sensor, unattended)),
+        limits.Check(
+            "tool lengths", True, "unknown", len(unknown), 0, "; ".join(unknown), bool(unknown)
+        ),
     ]
 
 
@@ -88,43 +105,10 @@ def show(protocol_name: str, rig_name: str) -> tuple[list[Step], limits.Estimate
     """Steps and estimate of a protocol on a rig."""
     protocol, _ = plan.load(protocol_name)
     rig, path = rig_config.load(rig_name)
-    image_px = _image_px(protocol, load_design(protocol.specimen.design), rig, kind_of(rig, path))
-    return plan.expand(protocol), limits.estimate(protocol, image_px, rig.stage.box)
-
-
-def _image_px(protocol: Protocol, sensor: SensorDimensions, rig: RigConfig, kind: RigKind) -> int:
-    """Pixels of a frame as it is stored. Raises InputError for a calibration that is no use."""
-    camera = kind.camera(protocol, sensor)
-    if camera is not None:
-        stored = camera.lens if isinstance(camera, Rectified) else camera
-        return stored.width_px * stored.height_px
-    declared = getattr(rig.camera, "width_px", None), getattr(rig.camera, "height_px", None)
-    width_px, height_px = (a or b for a, b in zip(declared, USUAL_PX, strict=True))
-    return width_px * height_px
-
-
-def _budget(
-    protocol: Protocol,
-    sensor: SensorDimensions,
-    steps: list[Step],
-    rig: RigConfig,
-    kind: RigKind,
-    out: Path,
-    resuming: bool = False,
-) -> list[limits.Check]:
-    """Rows of what the run takes: least feed, time, disk, frames a second."""
-    image_px = _image_px(protocol, sensor, rig, kind)
-    held_hz = record.rate_held_hz(record.image_format({"rig": rig.recorded()}), image_px)
-    camera_hz = getattr(rig.camera, "rate_hz", None)
-    return budget.check(
-        protocol,
-        steps,
-        limits.estimate(protocol, image_px, rig.stage.box),
-        out,
-        held_hz if camera_hz is None else min(held_hz, camera_hz),
-        wall_clock=not rig.simulated,
-        kept_mb=budget.size_mb(out) if resuming else 0.0,
+    image_px = preflight.image_px(
+        protocol, load_design(protocol.specimen.design), rig, kind_of(rig, path)
     )
+    return plan.expand(protocol), limits.estimate(protocol, image_px, rig.stage.box)
 
 
 def forces(
@@ -152,29 +136,45 @@ def run(
     progress: Progress | None = None,
     resume: bool = False,
     air: bool = False,
+    *,
+    realtime: bool = False,
+    unattended: bool = False,
+    tip_is_clear: bool = False,
 ) -> dict[str, Any]:
     """Check everything, run every step, return the summary.
 
     resume: continue the unfinished run in `out`, or start it when there is none; a finished one is
     verified (every hash) and left as it is, and its summary comes with "already_finished" true.
     The summary's times, notes and devices are those of the last session. air: nothing goes below
-    the clearance plane, and no force is predicted. Raises InputError or RunFailed.
+    the clearance plane, and no force is predicted. realtime: a virtual rig runs on the wall clock,
+    in a process of its own behind real wires. unattended: nobody is asked anything, and what would
+    need that is refused. tip_is_clear: the operator's word, where the position is lost. Raises
+    InputError or RunFailed.
     """
     started = time.monotonic()
     protocol, source = plan.load(protocol_name)
     rig, rig_path = rig_config.load(rig_name)
-    if refused := _in_air_only(rig, air):
-        raise InputError(f"{rig_path}: {refused[0]}")
     sensor = load_design(protocol.specimen.design)
+    if rig.kind == "grbl" and not air:
+        refused = demands.unmet(rig, protocol, sensor, unattended)
+        _require_none([f"{rig_path}: {line}" for line in refused])
     steps = plan.expand(protocol, air)
-    kind = kind_of(rig, rig_path)
+    kind = kind_of(rig, rig_path, realtime, progress)
     rows = limits.check(protocol, sensor, rig.stage.box, steps)
-    rows += _budget(protocol, sensor, steps, rig, kind, out, resume)
+    rows += preflight.needs(
+        protocol, sensor, steps, rig, kind, out,
+        wall_clock=realtime or not rig.simulated, resuming=resume,
+    )  # fmt: skip
     limits.require(rows, str(source))
     _require_none(kind.refusals(protocol, sensor, str(source)))
-    job = Job(protocol, sensor, load_recipe(protocol.specimen.pattern), seed, out, air)
+    job = Job(
+        protocol, sensor, load_recipe(protocol.specimen.pattern), seed, out, air,
+        unattended=unattended, tip_is_clear=tip_is_clear,
+    )  # fmt: skip
     text = source.read_bytes()
     meta = _meta(job, rig, rig_name, kind)
+    if realtime:
+        meta["realtime"] = True
     pattern = _pattern(job.recipe)
     resuming = out.exists() and resume
     if resuming:
@@ -200,6 +200,7 @@ def run(
                 "protocol": protocol.name,
                 "rig": rig_name,
                 "simulated": rig.simulated,
+                "realtime": realtime,
                 "air": air,
                 "seed": seed,
                 "steps": len(steps),

@@ -28,7 +28,7 @@ from .files import (
     write_whole,
     written,
 )
-from .images import image_format, require
+from .images import image_format, ready, require
 from .journal import PRESS_TABLES, SCHEMA, claim, connect, insert, journal_errors
 from .kept import Progress, frame_id_of, judged
 from .pipeline import Pipeline, Row
@@ -228,6 +228,10 @@ class RunWriter:
     ) -> None:
         """Note what happened, at a time of the rig's clock; from any thread."""
         self._writing.put([("events", _event(kind, text, t_s, step))], history=True)
+
+    def ready(self) -> None:
+        """Images will come, and nobody may wait for what writing them needs to be loaded."""
+        ready(self.image_format)
 
     def flush(self) -> None:
         """Wait until all is committed. Raises RunFailed, as all that writes does after a failure.

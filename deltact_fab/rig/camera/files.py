@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from ...errors import InputError, RunFailed, SensorError
 from ..interface import Clock, Frame, Image
-from .opencv import quietly_opened
+from .network import quietly_opened
 
 IMAGE_NAMES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 ASSUMED_HZ = 30.0
@@ -156,7 +156,7 @@ class FileCamera:
         self._number += 1
         return Frame(image, now_s, self._number - 1)
 
-    def end(self, frame_ids: Sequence[str]) -> None:
+    def end(self, frames: Mapping[str, float]) -> None:
         """Nothing is kept of a stream."""
 
     def identity(self) -> dict[str, Any]:

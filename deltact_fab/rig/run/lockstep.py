@@ -7,8 +7,8 @@ taken on it, and a simulated gel would have to be solved for it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 
 from ...errors import DeltactFabError, SensorError
 from ...protocols.plan import Step
@@ -33,6 +33,7 @@ class Lockstep(Schedule):
 
     def enter(self, step: Step) -> None:
         """The force sensor rests while the tip leaves the gel."""
+        self._step = step
         if step.kind == "retract":
             self._feel_no_more()
         elif self.in_press and not self._felt and self._d.force is not None:
@@ -69,14 +70,16 @@ class Lockstep(Schedule):
             self._until(step, self.pose.looked_ns + LOOK_NS)
         self._feel(step)
 
-    def change(self, name: str) -> None:
+    def change(self, name: str) -> str | None:
         """Between presses nothing streams."""
-        self._d.change_indenter(name)
+        return self._d.change_indenter(name)
 
-    def lifting(self) -> None:
-        """A dead sensor does not leave the tip in the gel."""
+    @contextmanager
+    def lifting(self) -> Iterator[None]:
+        """Nothing is felt. A dead sensor does not leave the tip in the gel."""
         with suppress(DeltactFabError):
             self._feel_no_more()
+        yield
 
     def close(self) -> list[str]:
         """Nothing goes on by itself."""
@@ -90,9 +93,9 @@ class Lockstep(Schedule):
             self._felt = True
             self._d.force.begin(step.press)
 
-    def _end_camera(self, frame_ids: Sequence[str]) -> None:
+    def _end_camera(self, frames: Mapping[str, float]) -> None:
         assert self._d.camera is not None
-        self._d.camera.end(frame_ids)
+        self._d.camera.end(frames)
 
     def _end_devices(self) -> None:
         self._feel_no_more()

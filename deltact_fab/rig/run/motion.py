@@ -69,10 +69,10 @@ class Motion:
         stage = self._stage
         try:
             stage.stop()
-            self._streams.lifting()
-            x, y, z = stage.position_mm()
-            stage.start_move((x, y, max(z, height_mm)), LIFT_FEED_MM_MIN)
-            stage.wait()
+            with self._streams.lifting():
+                x, y, z = stage.position_mm()
+                stage.start_move((x, y, max(z, height_mm)), LIFT_FEED_MM_MIN)
+                stage.wait()
         except KeyboardInterrupt:
             stage.stop()
             return "the lift was stopped by the operator"
@@ -86,6 +86,6 @@ class Motion:
         self._streams.reach(self._streams.now_ns() + to_ns(planned_s))
 
     def _change(self, step: Step) -> None:
-        self._streams.change(step.indenter)
+        found = self._streams.change(step.indenter)
         self._mounted = step.indenter
-        self._streams.event("indenter", f"{step.indenter} mounted")
+        self._streams.event("indenter", found or f"{step.indenter} mounted")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 
 from ...errors import DeltactFabError
 from ...protocols.plan import Step
@@ -15,7 +16,8 @@ from .streams import ForceStream, FrameStream, PoseStream, Wanted, now_ns
 # The firmware's documents ask for at most 10 status reports a second.
 LOOK_NS = 100_000_000
 # What became of frames, as the record's events name it.
-LATE, MISSED, UNWRITTEN, DROPPED, REPEATED = "late", "missed", "unwritten", "dropped", "repeated"
+LATE, MISSED, UNWRITTEN = "frames late", "frames missed", "frames unwritten"
+DROPPED, REPEATED = "frames dropped", "frames repeated"
 
 
 class Schedule(ABC):
@@ -28,15 +30,18 @@ class Schedule(ABC):
         self._d = devices
         self._writer = writer
         self._tell = tell
+        self._step: Step | None = None  # under way
         self._origin_ns: int | None = None  # of the press under way, from its tare on
-        self._frame_ids: list[str] = []
+        self._kept: dict[str, float] = {}  # frames of the press under way, and their times (s)
         self._of_step: Counter[str] = Counter()  # what became of frames
         self._unwritten: list[str] = []
         self.counts: Counter[str] = Counter()
         """The same over the run, and `taken`: frames that were kept."""
         self.pose = PoseStream(devices.stage, devices.clock)
         self.frames = FrameStream(devices.camera, devices.clock, self._keep)
-        self.force = ForceStream(devices.force, devices.guard) if devices.force else None
+        self.force: ForceStream | None = None
+        if devices.force is not None:
+            self.force = ForceStream(devices.force, devices.guard, self._note)
 
     # ---- what the thread that moves the stage asks for ------------------------------------------
 
@@ -69,12 +74,15 @@ class Schedule(ABC):
         """Wait until all frames of the step and all that goes with them have come."""
 
     @abstractmethod
-    def change(self, name: str) -> None:
-        """Mount an indenter: whoever mounts it has stage and force sensor to himself."""
+    def change(self, name: str) -> str | None:
+        """Mount an indenter: whoever mounts it has stage and force sensor to himself.
+
+        Returns what the record is to keep of it.
+        """
 
     @abstractmethod
-    def lifting(self) -> None:
-        """The run ends: from here on the tip goes up and nothing else counts."""
+    def lifting(self) -> AbstractContextManager[None]:
+        """The run ends: the tip goes up, and of all that may fail only the guard stops that."""
 
     @abstractmethod
     def close(self) -> list[str]:
@@ -93,7 +101,7 @@ class Schedule(ABC):
 
     def begin(self, step: Step) -> None:
         """Nothing touches: flush, tare, and start the streams of this press."""
-        self._frame_ids = []
+        self._kept = {}
         self.frames.forget()
         self._begin_devices(step)
         self.event("begun", "tared" if self.force is not None else "no force sensor", step)
@@ -102,7 +110,7 @@ class Schedule(ABC):
         """The step is complete: journal it; last: of its press."""
         end_ns = self.now_ns()
         if last and self._d.camera is not None and step.kind != "change":
-            self._end_camera(self._frame_ids)
+            self._end_camera(self._kept)
         missed = self._account(step)
         self._writer.step(
             step, planned_s, start_ns / 1e9, end_ns / 1e9, self._take(), missed=missed
@@ -132,12 +140,15 @@ class Schedule(ABC):
     @abstractmethod
     def _begin_devices(self, step: Step) -> None: ...
     @abstractmethod
-    def _end_camera(self, frame_ids: Sequence[str]) -> None: ...
+    def _end_camera(self, frames: Mapping[str, float]) -> None: ...
     @abstractmethod
     def _end_devices(self) -> None: ...
     @abstractmethod
     def _waits(self, wanted: Wanted) -> bool:
         """Whether a frame waits for room in the queue, or is dropped."""
+
+    def _note(self, kind: str, text: str) -> None:
+        self.event(kind, text, self._step)
 
     def _take(self) -> list[Chunk]:
         if self._origin_ns is None:
@@ -166,7 +177,7 @@ class Schedule(ABC):
         if frame_id is None:
             self._unwritten.append(f"{wanted.k}")
             return
-        self._frame_ids.append(frame_id)
+        self._kept[frame_id] = t_ns / 1e9
         self.counts["taken"] += 1
         self._of_step[LATE] += wanted.late(t_ns)
 
@@ -177,21 +188,18 @@ class Schedule(ABC):
         found, self._of_step = self._of_step, Counter()
         if missed:
             which = ", ".join(str(wanted.k) for wanted in missed)
-            self.event(MISSED, f"{len(missed)} frames: none came in time: {which}", step)
+            self.event(MISSED, f"{len(missed)}: none came in time: {which}", step)
         if unwritten:
             which = ", ".join(unwritten)
-            text = f"{len(unwritten)} frames: the disk did not keep up: {which}"
+            text = f"{len(unwritten)}: the disk did not keep up: {which}"
             self.event(UNWRITTEN, text, step)
         for kind, text in (
-            (LATE, "frames were exposed more than half a period after they were wanted"),
-            (DROPPED, "frames were lost by the camera"),
-            (REPEATED, "frames were the same image once more"),
+            (LATE, "exposed more than half a period after they were wanted"),
+            (DROPPED, "lost by the camera"),
+            (REPEATED, "the same image once more"),
         ):
             if found[kind]:
                 self.event(kind, f"{found[kind]} {text}", step)
-        if self.force is not None and self.force.lost:
-            lost, self.force.lost = self.force.lost, 0
-            self.event("gap", f"{lost} force samples are missing", step)
         found += Counter({MISSED: len(missed), UNWRITTEN: len(unwritten)})
         self.counts += found
         return len(missed) + len(unwritten)

@@ -11,7 +11,8 @@ reason.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 
 from ...errors import DeltactFabError, RunFailed, SensorError
 from ...protocols.plan import Step
@@ -37,7 +38,6 @@ class WallClock(Schedule):
         self._lock = threading.Lock()
         self._trouble: BaseException | None = None
         self._up = False
-        self._step: Step | None = None
         self._last_frame_ns = 0
         self._loops: list[Loop] = []
         self._seeing: Loop | None = None
@@ -47,6 +47,7 @@ class WallClock(Schedule):
         """Start the threads; the guard is armed on return. Raises SensorError."""
         self._writer.failed = self._fail
         if self._d.camera is not None:
+            self._writer.ready()
             self._seeing = Loop("camera", self.frames.step, self._fail)
             self._loops.append(self._seeing)
         if self._d.force is not None and self.force is not None:
@@ -105,21 +106,33 @@ class WallClock(Schedule):
         self.check()
         self._tell(step)
 
-    def change(self, name: str) -> None:
+    def change(self, name: str) -> str | None:
         """The force sensor is left alone, stopped, and streams again after that."""
         force = self._d.force
         if self._feeling is not None and force is not None:
             self._feeling.ask(force.stop, ANSWER_S, going=False)
-        self._d.change_indenter(name)
+        found = self._d.change_indenter(name)
         if self._feeling is not None and force is not None:
             self._feeling.ask(force.start, ANSWER_S, going=True)
+        return found
 
-    def lifting(self) -> None:
-        """No other failure stops the way up; only the guard still does."""
+    @contextmanager
+    def lifting(self) -> Iterator[None]:
+        """The force that stopped the run may stay, and even grow a little; no more than that."""
         self._up = True
+        guard = self._d.guard
+        if self._feeling is None or self.force is None or guard is None:
+            yield
+            return
+        self.force.lifting, self.force.keeping = True, False
+        with guard.easing():
+            with suppress(SensorError):  # a dead sensor does not leave the tip in the gel
+                self._feeling.ask(lambda: None, ANSWER_S, going=True)
+            yield
 
     def close(self) -> list[str]:
         """End the threads, each after what it is about."""
+        self._up = True
         return [loop.name for loop in self._loops if not loop.end(END_S)]
 
     def _begin_devices(self, step: Step) -> None:
@@ -132,11 +145,11 @@ class WallClock(Schedule):
         self._origin_ns = self.now_ns()
         self.pose.step()
 
-    def _end_camera(self, frame_ids: Sequence[str]) -> None:
+    def _end_camera(self, frames: Mapping[str, float]) -> None:
         camera = self._d.camera
         assert self._seeing is not None
         assert camera is not None
-        self._seeing.ask(lambda: camera.end(frame_ids), ANSWER_S, going=False)
+        self._seeing.ask(lambda: camera.end(frames), ANSWER_S, going=False)
 
     def _end_devices(self) -> None:
         if self.force is not None:
