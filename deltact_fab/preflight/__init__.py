@@ -1,7 +1,8 @@
 """What a protocol will ask of stage and force sensor, before anything moves.
 
 Reading order: `press` (normal force of one press, or a bound of it), `peaks` (every indenter,
-position and depth, with shear and moments), `rule` (what a rig allows), `needs` (time, disk, frames a second).
+position and depth, with shear and moments), `rule` (what a rig allows), `needs` (time, disk, frames
+a second).
 """
 
 from .needs import image_px, needs
