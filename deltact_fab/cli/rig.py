@@ -1,4 +1,4 @@
-"""`deltact-fab rig`: list and show benches, and photograph boards on a virtual one."""
+"""`deltact-fab rig`: list and show benches, drive a stage, photograph boards on a virtual one."""
 
 from __future__ import annotations
 
@@ -7,10 +7,16 @@ from typing import Any
 
 import click
 
+from . import rig_stage
+
 
 @click.group()
 def rig() -> None:
-    """Benches: list, show, photograph boards."""
+    """Benches: list, show, drive by hand, photograph boards."""
+
+
+for _command in rig_stage.COMMANDS:
+    rig.add_command(_command)
 
 
 @rig.command("list")
