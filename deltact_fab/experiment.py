@@ -13,7 +13,6 @@ from typing import Any
 from . import __version__, preflight, record
 from .cad.design import load_design
 from .errors import InputError
-from .optics import Rectified
 from .patterns.dots import centres_mm
 from .patterns.recipe import PatternRecipe, load_recipe
 from .protocols import limits, plan

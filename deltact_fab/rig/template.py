@@ -84,14 +84,15 @@ acceleration_mm_s2 = [50.0, 50.0, 50.0]
 #homing_direction_mask = 0
 # What the axes push before they lose steps, N. A NEMA 17 motor with 0.2 N m left at speed, on a
 # screw of 8 mm lead with 40 % efficiency: 2 pi x 0.4 x 0.2 / 0.008 = 63 N. MEASURE with a scale.
+# A press is refused without it.
 #max_force_n = [60.0, 60.0, 60.0]
 """
 
 _FORCE = """
 # ---- the force sensor: needed for every press, the guard lives on it --------------------------
 #[force]
-# Its range, from the calibration sheet. ATI Nano17 SI-25-0.25: as here; SI-50-0.5: 50, 50, 70 N
-# and 500 N mm.
+# Its range, from the calibration sheet; a press is refused without it. ATI Nano17 SI-25-0.25: as
+# here; SI-50-0.5: 50, 50, 70 N and 500 N mm.
 #range_n = [25.0, 25.0, 35.0]
 #range_nmm = [250.0, 250.0, 250.0]
 # Where its moments count from, in the sensor frame of the gel (a sensor below the gel has z < 0).
