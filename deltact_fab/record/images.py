@@ -16,6 +16,10 @@ from numpy.typing import NDArray
 from ..errors import MissingLibrary, RunFailed
 
 FORMATS = ("png", "jxl")
+RATE_HELD_HZ = {"png": 45.0, "jxl": 120.0}
+"""Images of 1280 x 720 a second that a run holds on four fifths of two cores: encoded,
+hashed and written they take 35 and 12 ms of CPU time each on a busy machine, less on an idle one
+(`python -m benchmarks.recording`)."""
 JXL_EFFORT = 1  # higher ones gain a hundredth of the size and cost several times as long
 
 # Frames of 1280 x 720 a second that two idle cores encode, hash and write (28 and 8.2 ms of
