@@ -13,7 +13,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from .. import catalog
 from ..errors import InputError, did_you_mean
@@ -21,8 +21,8 @@ from .camera.config import CameraConfig, CameraFile
 from .force.config import ForceConfig, GuardConfig
 from .simulator import CameraConfig as SimulatedCamera
 from .simulator import SimulatorConfig
-from .strict import Acceleration, Feed, Force, Place, Strict, Travel
-from .tool.config import TouchConfig
+from .strict import Acceleration, Feed, Force, Place, Strict, Tilt, Travel
+from .tool.config import ToolConfig, TouchConfig, named_tools
 
 if TYPE_CHECKING:
     from ..optics import StageFrame
@@ -30,16 +30,25 @@ if TYPE_CHECKING:
 
 
 class StageConfig(Strict):
-    """The 3-axis stage; machine coordinates are 0 at the homed end and negative below."""
+    """The 3-axis stage; machine coordinates are 0 at an axis' positive end and negative below.
+
+    Z homes up, away from the gel; X and Y at 0 too, but for `homing_direction_mask`.
+    """
 
     port: str | None = Field(default=None, min_length=1)
     """Serial device of the controller, as /dev/ttyACM0; the virtual rig has its own wire."""
     origin_machine_mm: tuple[Place, Place, Place]
     angle_deg: float = Field(default=0.0, ge=-360, le=360)
+    tilt_deg: tuple[Tilt, Tilt] = (0.0, 0.0)
+    """Of the face as it was registered, about the sensor's x, then about y."""
     travel_mm: tuple[Travel, Travel, Travel]
     max_feed_mm_min: tuple[Feed, Feed, Feed]
     acceleration_mm_s2: tuple[Acceleration, Acceleration, Acceleration]
     baud: int = Field(default=115200, ge=1200, le=10_000_000)
+    direction_mask: int = Field(default=0, ge=0, le=7)
+    """Axes whose motor turns the other way (GRBL's $3): 1 for x, 2 for y, 4 for z, added up."""
+    homing_direction_mask: int = Field(default=0, ge=0, le=3)
+    """Axes with their switch at the negative end (GRBL's $23): 1 for x, 2 for y."""
     max_force_n: tuple[Force, Force, Force] | None = None
     """What the axes can push without losing steps, x, y, z; None: not declared."""
 
@@ -48,7 +57,7 @@ class StageConfig(Strict):
         """The rigid transform of this stage."""
         from ..optics import StageFrame
 
-        return StageFrame(self.origin_machine_mm, self.angle_deg)
+        return StageFrame(self.origin_machine_mm, self.angle_deg, self.tilt_deg)
 
     @property
     def box(self) -> StageBox:
@@ -66,6 +75,8 @@ class VirtualConfig(Strict):
     stage: StageConfig
     force: ForceConfig = ForceConfig()
     camera: CameraFile | None = None
+    guard: GuardConfig | None = None
+    """Only `run --realtime` has one."""
     virtual: SimulatorConfig = SimulatorConfig()
 
     @model_validator(mode="after")
@@ -97,6 +108,13 @@ class GrblConfig(Strict):
     camera: CameraConfig | None = None
     guard: GuardConfig | None = None
     touch: TouchConfig | None = None
+    tools: dict[str, ToolConfig] = Field(default_factory=dict)
+    """By indenter, as `[tools."sphere:10"]`."""
+
+    @field_validator("tools")
+    @classmethod
+    def _tools(cls, value: dict[str, ToolConfig]) -> dict[str, ToolConfig]:
+        return named_tools(value)
 
     @model_validator(mode="after")
     def _port(self) -> Self:

@@ -6,7 +6,7 @@ of the sensor, z = 0 at the resting face; a depth d is z = -d. Times are seconds
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from ..optics import CameraModel, FlatField
+    from ..optics import CameraModel, FlatField, StageFrame
     from ..patterns.recipe import PatternRecipe
     from ..protocols import plan
     from ..shapes import SensorDimensions
@@ -36,12 +36,17 @@ class Clock(Protocol):
 
 @dataclass(frozen=True)
 class StageState:
-    """What the controller last said: position in its own machine frame and what it is doing."""
+    """What the controller last said: position in its own machine frame and what it is doing.
+
+    t_s: when the position was true, at most within_s from it. The controller reads its position
+    after it was asked and before it begins to answer; t_s is the middle of that time.
+    """
 
     machine_mm: tuple[float, float, float]
     state: str
     feed_mm_min: float
     t_s: float
+    within_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -67,6 +72,8 @@ class ForceSamples:
     per_unit: NDArray[np.float64]  # (6,) counts in a newton, in a newton millimetre
     saturated: NDArray[np.bool_]  # (n,)
     lost: int = 0  # samples that are missing before and between these
+    late: int = 0  # of these, how many came noticeably later than they were taken
+    notes: tuple[str, ...] = ()  # "NAME: what happened" for the journal, at most one a second each
 
     @property
     def force_n(self) -> NDArray[np.float64]:
@@ -82,8 +89,26 @@ class ForceSamples:
 class Stage(Protocol):
     """A motion stage in sensor coordinates; it knows its own limits."""
 
+    @property
+    def frame(self) -> StageFrame:
+        """The sensor frame as the tip that is mounted now has it."""
+
+    @property
+    def homed(self) -> bool:
+        """Whether positions are known: homed since it was connected, and no fault since."""
+
     def connect(self) -> None: ...
     def home(self) -> None: ...
+    def set_frame(self, frame: StageFrame) -> None:
+        """Tell and take positions in this frame from now on; nothing moves."""
+
+    def lift(self, height_mm: float, feed_mm_min: float) -> bool:
+        """Go straight up, z of the machine alone, by that much or to the top of the travel.
+
+        Also before homing. False, with nothing moved, where the controller is locked: its position
+        is lost, and nothing but homing moves it.
+        """
+
     def start_move(self, target_mm: tuple[float, float, float], feed_mm_min: float) -> float:
         """Send one straight move, return the planned duration (s) without waiting for its end."""
 
@@ -92,6 +117,12 @@ class Stage(Protocol):
 
     def position_mm(self) -> tuple[float, float, float]:
         """Tip position in the sensor frame as the controller reports it now."""
+
+    def located(self) -> tuple[int, tuple[float, float, float]]:
+        """The same with the time at which it was true (ns of the clock), see `StageState.t_s`.
+
+        It asks the controller, once, and may be called in a move. Raises StageError.
+        """
 
     def stop(self) -> None:
         """Halt motion now, keep the position, leave the controller able to move again.
@@ -121,8 +152,8 @@ class Camera(Protocol):
     def capture(self) -> Frame:
         """One frame exposed now, never one from a buffer. Raises SensorError."""
 
-    def end(self, frame_ids: Sequence[str]) -> None:
-        """The stream is over: ids under which its frames were recorded, in order of capture.
+    def end(self, frames: Mapping[str, float]) -> None:
+        """The stream is over: ids under which frames were recorded, in order, and their times (s).
 
         Whatever a camera keeps of a stream is on the disk on return; the press counts as complete
         only after that. Raises RunFailed.
@@ -162,8 +193,12 @@ class Devices:
     stage: Stage
     camera: Camera | None
     force: ForceSensor | None
-    change_indenter: Callable[[str], None]
+    change_indenter: Callable[[str], str | None]
+    """Has an indenter mounted and finds its tip; returns what the record is to keep of it."""
     guard: ForceGuard | None = None
+    begin: Callable[[], str] | None = None
+    """Before a session's homing, the stage connected: asks, lifts a tip out of the gel, or raises;
+    returns what the record is to keep of it."""
     wall_clock: bool = False
     """Time passes by itself: every device has a thread of its own; else one scheduler steps all."""
 
@@ -181,6 +216,8 @@ class Job:
     """Nothing is touched, see `protocols.plan.expand`."""
     unattended: bool = False
     """Nobody is there to change an indenter or to answer."""
+    tip_is_clear: bool = False
+    """The operator's word that the tip touches nothing when the session begins."""
 
 
 class Rig(Protocol):
