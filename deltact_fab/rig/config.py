@@ -11,9 +11,9 @@ from __future__ import annotations
 import hashlib
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from .. import catalog
 from ..errors import InputError, did_you_mean
@@ -27,6 +27,8 @@ from .tool.config import ToolConfig, TouchConfig, named_tools
 if TYPE_CHECKING:
     from ..optics import StageFrame
     from ..protocols.limits import StageBox
+
+Tools = Annotated[dict[str, ToolConfig], AfterValidator(named_tools)]
 
 
 class StageConfig(Strict):
@@ -76,7 +78,9 @@ class VirtualConfig(Strict):
     force: ForceConfig = ForceConfig()
     camera: CameraFile | None = None
     guard: GuardConfig | None = None
-    """Only `run --realtime` has one."""
+    """This and what follows count for `run --realtime` only."""
+    touch: TouchConfig = TouchConfig()
+    tools: Tools = Field(default_factory=dict)
     virtual: SimulatorConfig = SimulatorConfig()
 
     @model_validator(mode="after")
@@ -108,13 +112,8 @@ class GrblConfig(Strict):
     camera: CameraConfig | None = None
     guard: GuardConfig | None = None
     touch: TouchConfig | None = None
-    tools: dict[str, ToolConfig] = Field(default_factory=dict)
+    tools: Tools = Field(default_factory=dict)
     """By indenter, as `[tools."sphere:10"]`."""
-
-    @field_validator("tools")
-    @classmethod
-    def _tools(cls, value: dict[str, ToolConfig]) -> dict[str, ToolConfig]:
-        return named_tools(value)
 
     @model_validator(mode="after")
     def _port(self) -> Self:
