@@ -36,7 +36,7 @@ _RX_BYTES, _LINE_CHARS = 128, 79
 _ALARM_PAUSE_NS = NS_PER_S // 2
 
 State = Literal["Idle", "Run", "Jog", "Hold", "Home", "Alarm", "Sleep"]
-Fault = Literal["reboot", "silence", "limit"]
+Fault = Literal["reboot", "silence", "limit", "soft limit", "door"]
 # What a line that cannot finish yet waits for: a free planner slot, an empty planner, a carriage at
 # rest, or a moment (ns).
 Wait = Literal["slot", "sync", "still"] | int
@@ -117,6 +117,10 @@ class GrblController:
         self._advance()
         return self._next_ns()
 
+    def now_ns(self) -> int:
+        """The time of its clock."""
+        return self._clock.now_ns()
+
     def hard_reset(self) -> None:
         """The reset pin (opening the port of an Arduino pulls it), or power off and on."""
         self._advance()
@@ -127,6 +131,8 @@ class GrblController:
         """Make something go wrong, now or at a later time of the clock.
 
         reboot: a brown-out. silence: the cable is pulled, motion goes on. limit: a hard limit.
+        soft limit: as if the line under way led out of the travel. door: the safety door is opened
+        and closed again.
         """
         self._advance()
         self._faults.append((self._t if at_s is None else to_ns(at_s), kind))
@@ -224,9 +230,12 @@ class GrblController:
         elif kind == "reboot":
             self._stop_dead()
             self._power_on()
+        elif kind == "door":
+            if self._boot_ns is None:
+                self._realtime(0x84)
         elif self._boot_ns is None and self._state != "Alarm":
             self._stop_dead()
-            self._alarm(1, self._lock)
+            self._alarm(1 if kind == "limit" else 2, self._lock)
 
     # ---- lines --------------------------------------------------------------------------------
 
