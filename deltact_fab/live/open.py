@@ -10,10 +10,9 @@ from .. import catalog
 from ..cad.design import load_design
 from ..errors import InputError, RunFailed, did_you_mean
 from ..optics import Fisheye, FlatField, Rectified, load_camera
+from ..rig.camera.model import raw_size_px
 from ..rig.interface import Frame
-from .source import Known, Source, size_px
-
-DEFAULT_PROTOCOL = "smoke"
+from .source import Known, Source
 
 
 def open_source(
@@ -25,13 +24,14 @@ def open_source(
 ) -> Source:
     """Open what a name stands for, and tell it what the user knows of its sensor.
 
-    name: the number of a camera ("0") or its device file, a run, a folder of images, a video, or a
-    rig with or without a protocol ("virtual:smoke"). camera_file: as `deltact-fab calibrate` writes
+    name: the number of a camera ("0"), its device file or address, a run, a folder of images, a
+    video, a virtual rig with or without a protocol ("virtual:smoke"), or a real rig, of which only
+    the camera is opened. camera_file: as `deltact-fab calibrate` writes
     it. design, serial: of the sensor. They go before what the source knows. seed: of a virtual rig.
     Raises InputError for a name that is nothing of these, and where no one knows the camera.
     """
     given = None if camera_file is None else _given(camera_file, design)
-    source = _opened(name, given, seed)
+    source = _opened(name, given, design, seed)
     try:
         own = source.known
         if given is not None:
@@ -58,7 +58,7 @@ def images(source: Source) -> Iterator[Frame]:
     Raises InputError, one line, for another size; else as the source does.
     """
     assert source.known.camera is not None, "open_source makes sure of it"
-    wanted = size_px(source.known.camera)
+    wanted = raw_size_px(source.known.camera)
     frame = None
     for frame in source.frames():
         h, w = frame.image.shape[:2]
@@ -79,32 +79,34 @@ def _given(camera_file: Path, design: str | None) -> Known:
     flat = FlatField.beside(camera_file)
     if isinstance(camera, Fisheye):
         camera = Rectified.of(sensor, camera)
-    if flat is not None and isinstance(camera, Rectified):
-        flat = flat.seen_by(camera)
-    return Known(camera, flat, sensor.skin)
+    return Known(camera, flat and flat.seen_by(camera), sensor.skin)
 
 
-def _opened(name: str, given: Known | None, seed: int) -> Source:
+def _opened(name: str, given: Known | None, design: str | None, seed: int) -> Source:
     """What is imported is what that kind of source needs."""
     path = Path(name)
-    if name.isdecimal() or path.is_char_device():
-        from .device import Device
+    if name.isdecimal() or path.is_char_device() or "://" in name:
+        from .camera import CameraSource, asked
 
-        asked = None if given is None or given.camera is None else size_px(given.camera)
-        return Device(int(name) if name.isdecimal() else name, asked)
-    if path.is_dir() or path.is_file():
-        from .files import Folder, RecordedRun, Video
-
-        if path.is_file():
-            return Video(path)
-        return RecordedRun(path) if (path / "run.json").is_file() else Folder(path)
+        camera = None if given is None else given.camera
+        return CameraSource(asked(name, None if camera is None else raw_size_px(camera)), Path())
     rig, _, protocol = name.partition(":")
     rigs = catalog.names("protocols/rigs")
-    if rig in rigs or Path(rig).suffix == ".toml":
-        from .rig import RigSource
+    if Path(rig).suffix == ".toml" or (rig in rigs and not path.exists()):
+        from .rig import rig_source
 
-        return RigSource(rig, protocol or DEFAULT_PROTOCOL, seed)
+        return rig_source(rig, protocol, design, seed)
+    if (path / "run.json").is_file():
+        from .recorded import RecordedRun
+
+        return RecordedRun(path)
+    if path.is_dir() or path.is_file():
+        from ..rig.camera.files import images_of
+        from .camera import FileSource
+
+        return FileSource(images_of(path))
     near = did_you_mean(rig, rigs)
     raise InputError(
-        f"{name}: no camera number, video, folder, run or rig of that name; of the rigs {near}"
+        f"{name}: no camera number, address, video, folder, run or rig of that name; of the rigs "
+        f"{near}"
     )

@@ -1,7 +1,8 @@
-"""A virtual rig as a source: it carries out a protocol, and its camera is looked through.
+"""A rig as a source. Of a real one the camera is opened and nothing else; it moves nothing.
 
-Nothing is recorded, and no force is measured: the images come through the interface of a camera,
-as any driver's would, and what measures them sees no more of the rig than of a file.
+A virtual one carries out a protocol, and its camera is looked through. Nothing is recorded, and no
+force is measured: the images come through the interface of a camera, as any driver's would, and
+what measures them sees no more of the rig than of a file.
 """
 
 from __future__ import annotations
@@ -18,8 +19,35 @@ from ..patterns.recipe import load_recipe
 from ..protocols import limits, plan
 from ..protocols.plan import Step
 from ..rig import config
+from ..rig.camera.model import flat_field, tracked_view
 from ..rig.interface import Devices, Frame, Job
-from .source import Known
+from .camera import camera_source
+from .source import Known, Source
+
+DEFAULT_PROTOCOL = "smoke"
+
+
+def rig_source(rig_name: str, protocol: str, design: str | None, seed: int) -> Source:
+    """The camera of a rig, and what the rig's file knows of it.
+
+    protocol: of a virtual rig, "" for the default. design: of the sensor before a real camera.
+    Raises InputError for a real rig without a camera, or that is asked to carry out a protocol.
+    """
+    bench, path = config.load(rig_name)
+    if isinstance(bench, config.VirtualConfig):
+        return RigSource(rig_name, protocol or DEFAULT_PROTOCOL, seed)
+    if protocol:
+        raise InputError(
+            f"{path}: kind: {bench.kind!r} moves a real stage, and `measure` only looks: name the "
+            "rig without a protocol for its camera, or `run` the protocol"
+        )
+    if bench.camera is None:
+        raise InputError(f"{path}: camera: missing table; without one there is nothing to measure")
+    sensor = load_design(design or "deltact")
+    view = tracked_view(bench.camera, sensor, path)
+    flat = flat_field(bench.camera.model, path)
+    known = Known(view, flat if view is None or flat is None else flat.seen_by(view), sensor.skin)
+    return camera_source(bench.camera, path.parent, known)
 
 
 class RigSource:
@@ -31,15 +59,10 @@ class RigSource:
     live = False
 
     def __init__(self, rig_name: str, protocol_name: str, seed: int = 0) -> None:
-        """Raises InputError for a real rig, and a protocol without images or that does not fit."""
+        """Raises InputError for a protocol without images or that does not fit."""
         self.name = f"{rig_name}:{protocol_name}"
         protocol, source = plan.load(protocol_name)
         bench, path = config.load(rig_name)
-        if not bench.simulated:
-            raise InputError(
-                f"{path}: kind: {bench.kind!r} moves a real stage, and `measure` only looks: name "
-                "its camera's number, or `run` the protocol"
-            )
         kind = experiment.kind_of(bench, path)
         if "image" not in protocol.channels:
             raise InputError(f"{source}: channels: without 'image' there is nothing to measure")
@@ -53,9 +76,10 @@ class RigSource:
         self._kind = kind
         self._protocol, self._sensor, self._seed = protocol, sensor, seed
         self._recipe = load_recipe(protocol.specimen.pattern)
+        view, flat = kind.camera(protocol, sensor), kind.flat(protocol)
         self.known = Known(
-            kind.camera(protocol, sensor),
-            kind.flat(protocol),
+            view,
+            flat if view is None or flat is None else flat.seen_by(view),
             sensor.skin,
             recipe=self._recipe.model_dump(mode="json"),
             design=protocol.specimen.design,

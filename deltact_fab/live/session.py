@@ -37,7 +37,8 @@ class Given:
 class Measured:
     """An image and its result; a gap in the numbers of the images is those that were dropped.
 
-    hz: results a second. dropped: images and results that gave way to newer ones, so far.
+    hz: results a second. dropped: images and results that gave way to newer ones, so far, with
+    the images that the camera lost.
     """
 
     given: Given
@@ -71,6 +72,7 @@ class Session:
         self._stopped = False
         self._error: BaseException | None = None
         self._given: deque[Given] = deque()
+        self._lost = 0
 
     def results(self) -> Iterator[Measured]:
         """What was measured, in order. Raises what the source or the measurement raises."""
@@ -89,7 +91,7 @@ class Session:
                     given = self._given.popleft()
                     while given.given_s != result.t_s:  # those between were dropped
                         given = self._given.popleft()
-                    yield Measured(given, result, hz, pipeline.dropped)
+                    yield Measured(given, result, hz, pipeline.dropped + self._lost)
             finally:
                 self._stopped = True
                 feeder.join(PATIENCE_S)
@@ -109,6 +111,7 @@ class Session:
         try:
             for k, frame in enumerate(images(self.source)):
                 began_s = time.monotonic()
+                self._lost += frame.dropped
                 while not self._going(0.1) and not self.source.live and not self._stopped:
                     pass
                 if self._stopped:

@@ -52,9 +52,3 @@ class Source(Protocol):
 
     def close(self) -> None:
         """Let go of device or file, once `frames` is no longer read; again does nothing."""
-
-
-def size_px(camera: CameraModel) -> tuple[int, int]:
-    """Width and height of the raw images that a camera's view is made from."""
-    raw: Any = getattr(camera, "lens", camera)
-    return raw.width_px, raw.height_px

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, RunFailed
+from .camera import CameraModel
 from .rectified import Rectified
 from .stored import load_camera
 
@@ -81,9 +82,12 @@ class FlatField:
             raise RunFailed("the flat field could not be encoded as PNG")
         return bytes(data)
 
-    def seen_by(self, view: Rectified) -> FlatField:
-        """The same for rectified images: rectify first, then apply, which is cheaper."""
+    def seen_by(self, view: CameraModel) -> FlatField:
+        """The same for the images of a view: rectify first, then apply, which is cheaper."""
         import cv2
+
+        if not isinstance(view, Rectified):
+            return self
 
         x, y = view.maps()
         share: Any = cv2.remap(self.share, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

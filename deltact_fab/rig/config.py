@@ -19,8 +19,9 @@ from .. import catalog
 from ..errors import InputError, did_you_mean
 from .camera.config import CameraConfig, CameraFile
 from .force.config import ForceConfig, GuardConfig
+from .simulator import CameraConfig as SimulatedCamera
 from .simulator import SimulatorConfig
-from .strict import Acceleration, Feed, Force, Place, Strict, Travel
+from .strict import Acceleration, Feed, Force, Place, Strict, Tilt, Travel
 from .tool.config import TouchConfig
 
 if TYPE_CHECKING:
@@ -35,6 +36,8 @@ class StageConfig(Strict):
     """Serial device of the controller, as /dev/ttyACM0; the virtual rig has its own wire."""
     origin_machine_mm: tuple[Place, Place, Place]
     angle_deg: float = Field(default=0.0, ge=-360, le=360)
+    tilt_deg: tuple[Tilt, Tilt] = (0.0, 0.0)
+    """Of the face as it was registered, about the sensor's x, then about y."""
     travel_mm: tuple[Travel, Travel, Travel]
     max_feed_mm_min: tuple[Feed, Feed, Feed]
     acceleration_mm_s2: tuple[Acceleration, Acceleration, Acceleration]
@@ -47,7 +50,7 @@ class StageConfig(Strict):
         """The rigid transform of this stage."""
         from ..optics import StageFrame
 
-        return StageFrame(self.origin_machine_mm, self.angle_deg)
+        return StageFrame(self.origin_machine_mm, self.angle_deg, self.tilt_deg)
 
     @property
     def box(self) -> StageBox:
@@ -143,7 +146,9 @@ def _table(data: dict[str, Any], name: str) -> dict[str, Any]:
 def _require_new_places(data: dict[str, Any], kind: str, source: str) -> None:
     """Refuse a file with the simulator's keys where they once stood, saying where each went."""
     moved = [(f"[{table}]", f"[virtual.{table}]") for table in _MOVED if table in data]
-    if set(_table(data, "camera")) <= {"model"}:
+    of_camera = set(_table(data, "camera"))
+    real = not of_camera & set(SimulatedCamera.model_fields)  # and unknown keys are named later
+    if real if kind == "grbl" else of_camera <= {"model"}:
         moved = [(old, new) for old, new in moved if old != "[camera]"]
     if isinstance(data.get("gel"), dict) and "hyperelastic" in data["gel"]:
         moved.append(("[gel.hyperelastic]", "[virtual.gel.hyperelastic]"))

@@ -36,12 +36,17 @@ class Clock(Protocol):
 
 @dataclass(frozen=True)
 class StageState:
-    """What the controller last said: position in its own machine frame and what it is doing."""
+    """What the controller last said: position in its own machine frame and what it is doing.
+
+    t_s: when the position was true, at most within_s from it. The controller reads its position
+    after it was asked and before it begins to answer; t_s is the middle of that time.
+    """
 
     machine_mm: tuple[float, float, float]
     state: str
     feed_mm_min: float
     t_s: float
+    within_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -67,6 +72,8 @@ class ForceSamples:
     per_unit: NDArray[np.float64]  # (6,) counts in a newton, in a newton millimetre
     saturated: NDArray[np.bool_]  # (n,)
     lost: int = 0  # samples that are missing before and between these
+    late: int = 0  # of these, how many came noticeably later than they were taken
+    notes: tuple[str, ...] = ()  # "NAME: what happened" for the journal, at most one a second each
 
     @property
     def force_n(self) -> NDArray[np.float64]:
@@ -92,6 +99,12 @@ class Stage(Protocol):
 
     def position_mm(self) -> tuple[float, float, float]:
         """Tip position in the sensor frame as the controller reports it now."""
+
+    def located(self) -> tuple[int, tuple[float, float, float]]:
+        """The same with the time at which it was true (ns of the clock), see `StageState.t_s`.
+
+        It asks the controller, once, and may be called in a move. Raises StageError.
+        """
 
     def stop(self) -> None:
         """Halt motion now, keep the position, leave the controller able to move again.

@@ -10,6 +10,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 Place = Annotated[float, Field(ge=-10_000, le=10_000)]  # mm
+Tilt = Annotated[float, Field(ge=-5, le=5)]  # degrees
 Travel = Annotated[float, Field(ge=1, le=10_000)]  # mm
 Feed = Annotated[float, Field(ge=1, le=100_000)]  # mm/min
 Acceleration = Annotated[float, Field(ge=0.1, le=100_000)]  # mm/s2

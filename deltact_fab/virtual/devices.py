@@ -18,6 +18,8 @@ from .picture import Picture
 from .scene import GelScene
 from .streams import stream_number
 
+Seen = tuple[int, int, float]  # between which knots, and how far from the first
+
 
 class VirtualCamera:
     """Implements rig.interface.Camera; at the end of a press it stores the truth of its frames."""
@@ -44,7 +46,7 @@ class VirtualCamera:
         self._folder = folder
         self._lens = lens
         self._stream: str | None = None
-        self._seen: list[tuple[int, int, float]] = []
+        self._seen: list[Seen] = []
         self._rng = np.random.default_rng(0)
 
     def begin(self, stream: str) -> None:
@@ -66,32 +68,15 @@ class VirtualCamera:
         """Store the press's knots and where each of its frames stands between which of them."""
         assert self._stream is not None, "begin() comes before end()"
         assert len(frame_ids) == len(self._seen), "one id a frame"
-        path = truth_file(self._folder, self._stream)
-        try:
-            path.parent.mkdir(exist_ok=True)
-        except OSError as why:
-            raise RunFailed(f"{path.parent}: cannot be made: {why.strerror}") from why
-        about: dict[Path, SurfaceLattice | Fisheye] = {lattice_file(self._folder): self._lattice}
-        if self._lens is not None:
-            about[lens_file(self._folder)] = self._lens
-        for where, what in about.items():
-            write_whole(where, (json.dumps(what.as_dict()) + "\n").encode())
-        knots = [k.displacement_mm for k in self._scene.knots if k.displacement_mm is not None]
-        tractions = [k.traction_mpa for k in self._scene.knots if k.traction_mpa is not None]
-        asked: dict[str, Any] = {}
-        if tractions:
-            x_mm, y_mm = self._scene.axes_mm
-            asked = {"traction_mpa": np.stack(tractions), "x_mm": x_mm, "y_mm": y_mm}
-        packed = io.BytesIO()
-        np.savez(
-            packed,
-            displacement_mm=np.stack(knots),
-            frame_id=np.asarray(frame_ids, dtype=np.str_),
-            knots=np.asarray([(a, b) for a, b, _ in self._seen], dtype=np.int64).reshape(-1, 2),
-            fraction=np.asarray([f for _, _, f in self._seen], dtype=float),
-            **asked,
+        write_truth(
+            self._folder,
+            self._stream,
+            frame_ids,
+            self._seen,
+            self._scene,
+            self._lattice,
+            self._lens,
         )
-        write_whole(path, packed.getvalue())
         self._stream = None
 
     def identity(self) -> dict[str, Any]:
@@ -101,3 +86,44 @@ class VirtualCamera:
 
     def close(self) -> None:
         """Nothing is held open."""
+
+
+def write_truth(
+    folder: Path,
+    press: str,
+    frame_ids: Sequence[str],
+    seen: Sequence[Seen],
+    scene: GelScene,
+    lattice: SurfaceLattice,
+    lens: Fisheye | None,
+) -> None:
+    """The knots of the scene's press and where each of these frames stands between which of them.
+
+    folder: of the run. Raises RunFailed.
+    """
+    path = truth_file(folder, press)
+    try:
+        path.parent.mkdir(exist_ok=True)
+    except OSError as why:
+        raise RunFailed(f"{path.parent}: cannot be made: {why.strerror}") from why
+    about: dict[Path, SurfaceLattice | Fisheye] = {lattice_file(folder): lattice}
+    if lens is not None:
+        about[lens_file(folder)] = lens
+    for where, what in about.items():
+        write_whole(where, (json.dumps(what.as_dict()) + "\n").encode())
+    knots = [k.displacement_mm for k in scene.knots if k.displacement_mm is not None]
+    tractions = [k.traction_mpa for k in scene.knots if k.traction_mpa is not None]
+    asked: dict[str, Any] = {}
+    if tractions:
+        x_mm, y_mm = scene.axes_mm
+        asked = {"traction_mpa": np.stack(tractions), "x_mm": x_mm, "y_mm": y_mm}
+    packed = io.BytesIO()
+    np.savez(
+        packed,
+        displacement_mm=np.stack(knots),
+        frame_id=np.asarray(frame_ids, dtype=np.str_),
+        knots=np.asarray([(a, b) for a, b, _ in seen], dtype=np.int64).reshape(-1, 2),
+        fraction=np.asarray([f for _, _, f in seen], dtype=float),
+        **asked,
+    )
+    write_whole(path, packed.getvalue())

@@ -6,22 +6,14 @@ one is in the rig file's `[virtual.lens]` and goes to the run's `truth/`, nowher
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import InputError
-from ..optics import (
-    Fisheye,
-    Rectified,
-    aliased_share,
-    camera_from_dict,
-    load_camera,
-    raw_mm_per_px,
-)
-from ..optics.sampling import LEAST_PX
+from ..optics import Fisheye, Rectified, camera_from_dict
+from ..rig.camera.model import calibrated, view_notes
 from ..shapes import SensorDimensions
 from .raw_view import BAND_PX
 
@@ -45,16 +37,12 @@ def tracked_view(config: VirtualConfig, sensor: SensorDimensions, source: Path) 
     """
     lens, named = Fisheye.of(sensor), "the design's lens"
     if config.camera is not None:
-        path = source.parent / config.camera.model
+        model, path = calibrated(config.camera.model, source)
         named = str(path)
-        if not path.is_file():
-            raise InputError(
-                f"{source}: camera.model: {path}: no such file; `deltact-fab calibrate` makes one"
-            )
-        model, _ = load_camera(path)
         if not isinstance(model, Fisheye):
             raise InputError(
-                f"{path}: camera.model: {model.as_dict()['model']!r}; a rig needs a 'fisheye'"
+                f"{path}: camera.model: {model.as_dict()['model']!r}; a virtual rig needs a "
+                "'fisheye'"
             )
         lens = model
     view = Rectified.of(sensor, lens)
@@ -90,30 +78,12 @@ def _require_drawn(true: Fisheye, view: Rectified, source: str) -> None:
 
 def lens_notes(config: VirtualConfig, view: Rectified, patch_mm: float | None) -> list[str]:
     """What a reader of a run through the lens must know. Times a rectification, .4 s."""
-    lines = []
+    lines = view_notes(view, patch_mm)
     if config.camera is None:
-        lines.append(
+        lines.insert(
+            0,
             "WARNING: the lens is not calibrated, the design's stands for it: photograph the "
             "chessboard skin on this rig, `deltact-fab calibrate` the raw image, and name the file "
-            "it makes as [camera] model"
+            "it makes as [camera] model",
         )
-    w, h = view.width_px, view.height_px
-    scales = raw_mm_per_px(view, np.array([[w / 2, h / 2], [0, 0], [w, 0], [0, h], [w, h]]))
-    middle, corner = scales[0].min(), scales[1:].max()
-    lines.append(
-        f"the lens takes {middle:.3f} mm a pixel in the middle, {corner:.3f} in the corners"
-    )
-    aliased = 0.0 if patch_mm is None else aliased_share(view, patch_mm)
-    if aliased >= 0.005:
-        lines.append(
-            f"WARNING: patches of {patch_mm:g} mm alias over {aliased:.0%} of the view: the lens "
-            f"has less than {LEAST_PX:g} pixels for one there"
-        )
-    blank = np.zeros((view.lens.height_px, view.lens.width_px, 3), np.uint8)
-    view.rectify(blank)
-    start_s = time.process_time()
-    for _ in range(5):
-        view.rectify(blank)
-    ms = (time.process_time() - start_s) / 5 * 1e3
-    lines.append(f"images are stored raw and rectified when they are read: {ms:.1f} ms of CPU each")
     return lines

@@ -1,7 +1,13 @@
-"""A simulated ATI Net F/T box: the same commands and records, at its own rate in virtual time."""
+"""A simulated ATI Net F/T box: the same commands and records, at its own rate in virtual time.
+
+A record is 36 bytes, big-endian: three sequence and status words, then six signed counts (Net F/T
+manual, RDT protocol). `netft_server` puts the box on sockets, `LockstepLink` is the way to it in
+virtual time.
+"""
 
 from __future__ import annotations
 
+import struct
 from collections import deque
 from collections.abc import Callable
 
@@ -10,18 +16,15 @@ from numpy.typing import NDArray
 
 from ..errors import DeltactFabError
 from ..rig.config import ForceConfig
-from ..rig.force.netft import (
-    BIAS,
-    COMMAND,
-    HEADER,
-    RECORD,
-    SATURATED,
-    STOP,
-    STREAM,
-    NetFTSettings,
-)
+from ..rig.force.netft import ARRIVAL, ERROR, SATURATED, Arrivals, NetFTSettings
 from .clock import Ticks, VirtualClock, to_ns
+from .netft_faults import BoxFaults, Datagram
 
+RECORD = np.dtype([("rdt", ">u4"), ("ft", ">u4"), ("status", ">u4"), ("counts", ">i4", 6)])
+COMMAND = struct.Struct(">HHI")
+HEADER = 0x1234
+STOP, STREAM, BIAS = 0x0000, 0x0002, 0x0042
+QUIET_S = 0.005  # records that were under way when the box was told to stop come within
 COUNTS_PER_N = 1_000_000.0
 COUNTS_PER_NMM = 100_000.0
 MOST_COUNTS = 1e9  # of a range: a record holds twice that, so a sample less its bias fits
@@ -32,7 +35,7 @@ class NetFTBox:
     """Streams records made from the scene's wrench, noise and range.
 
     wrenches: forces (N) and torques (N mm) on the sensor (n, 6) at times (n,) ns up to now.
-    noise_n: standard deviation of a sample.
+    noise_n: standard deviation of a sample. faults: what it does wrong, changed at any time.
     The bias is software bias, as the real box does it: it is subtracted from the gauges.
     """
 
@@ -46,20 +49,21 @@ class NetFTBox:
     ) -> None:
         self._rate_hz = config.rate_hz
         self._noise_n = noise_n
-        self._limits = np.array([*config.range_n, *config.range_nmm])
+        self.limits = np.array([*config.range_n, *config.range_nmm])
         counts_per_n = min(COUNTS_PER_N, MOST_COUNTS / max(config.range_n))
         counts_per_nmm = min(COUNTS_PER_NMM, MOST_COUNTS / max(config.range_nmm))
         self._per_unit = np.repeat([counts_per_n, counts_per_nmm], 3)
         self._clock = clock
         self._seed = seed
         self._wrenches = wrenches
+        self.faults = BoxFaults()
         self._bias = np.zeros(6)
         self._rng = np.random.default_rng(np.random.SeedSequence([seed, 0]))
         self._ticks: Ticks | None = None
         self._left: int | None = None  # of the records asked for; None: without end
         self._sent = 0  # of the stream under way
         self._taken = 0  # since power-on
-        self._out: deque[bytes] = deque()
+        self._out: deque[Datagram] = deque()
         self._trouble: DeltactFabError | None = None
 
     def reseed(self, stream: int) -> None:
@@ -72,13 +76,15 @@ class NetFTBox:
         return NetFTSettings(counts_per_n, counts_per_nmm, self._rate_hz, "simulated")
 
     def send(self, command: bytes) -> None:
-        """Take one command datagram; unknown headers are ignored, as on the wire."""
+        """Take one command datagram; unknown ones are ignored, as on the wire."""
+        if len(command) != COMMAND.size:
+            return
         header, word, count = COMMAND.unpack(command)
         if header != HEADER:
             return
         if word == BIAS:
             gauges = self._gauges(np.array([self._clock.now_ns()]))[0]
-            self._bias = np.clip(gauges, -self._limits, self._limits)
+            self._bias = np.clip(gauges, -self.limits, self.limits)
         elif word == STREAM:
             self._stop()
             self._sent, self._left = 0, count or None
@@ -86,21 +92,33 @@ class NetFTBox:
         elif word == STOP:
             self._stop()
 
-    def receive(self, timeout_s: float) -> bytes:
-        """The next record, or nothing once the time-out has passed in virtual time.
+    def receive(self, timeout_s: float) -> Datagram | None:
+        """The next datagram, or None once the time-out has passed in virtual time.
 
         Raises what the scene raised when it was asked for a sample, after those before it.
         """
-        if not self._out and self._trouble is None and timeout_s > 0:
-            deadline_ns = self._clock.now_ns() + to_ns(timeout_s)
-            next_ns = deadline_ns if self._ticks is None else self._ticks.next_ns
-            self._clock.advance_to_ns(min(deadline_ns, next_ns))
-        if self._out:
-            return self._out.popleft()
-        trouble, self._trouble = self._trouble, None
-        if trouble is not None:
+        deadline_ns = self._clock.now_ns() + to_ns(timeout_s)
+        while (data := self.due()) is None and self._trouble is None:
+            if self._clock.now_ns() >= deadline_ns:
+                return None
+            self._clock.advance_to_ns(min(deadline_ns, self.next_ns(deadline_ns)))
+        trouble = self._trouble
+        if data is None and trouble is not None:
+            self._trouble = None
             raise trouble
-        return b""
+        return data
+
+    def due(self) -> Datagram | None:
+        """The next datagram that is there by now."""
+        if self._out and self._out[0].at_ns <= self._clock.now_ns():
+            return self._out.popleft()
+        return None
+
+    def next_ns(self, otherwise_ns: int) -> int:
+        """When the next datagram may be there, if the box streams."""
+        if self._out:
+            return self._out[0].at_ns
+        return otherwise_ns if self._ticks is None else self._ticks.next_ns
 
     def close(self) -> None:
         """Forget what was not read."""
@@ -124,17 +142,17 @@ class NetFTBox:
             self._trouble = why
             self._stop()
             return
-        limits = self._limits
+        limits = self.limits
         values = np.clip(gauges, -limits, limits) - self._bias
         records = np.zeros(len(t_ns), RECORD)
         k = np.arange(1, len(t_ns) + 1)
         records["rdt"], records["ft"] = self._sent + k, self._taken + k
-        records["status"] = np.where((np.abs(gauges) > limits).any(axis=1), SATURATED, 0)
+        over = (np.abs(gauges) > limits).any(axis=1)
+        records["status"] = np.where(over, SATURATED | ERROR, 0)
         records["counts"] = np.rint(values * self._per_unit)
         self._sent += len(t_ns)
         self._taken += len(t_ns)
-        data = records.tobytes()
-        self._out += [data[i : i + RECORD.itemsize] for i in range(0, len(data), RECORD.itemsize)]
+        self._out += self.faults.datagrams(t_ns, records)
         if self._left == 0:
             self._stop()
 
@@ -143,3 +161,60 @@ class NetFTBox:
         scale = np.repeat([self._noise_n, noise_nmm], 3)
         noise = self._rng.standard_normal((len(t_ns), 6))
         return np.asarray(self._wrenches(t_ns) + scale * noise, float)
+
+
+class LockstepLink:
+    """Implements rig.force.netft.Link: datagrams to and from a box in virtual time."""
+
+    def __init__(self, box: NetFTBox) -> None:
+        self._box = box
+        self._garbage = 0
+
+    def settings(self) -> NetFTSettings:
+        """Of the box."""
+        return self._box.settings()
+
+    def bias(self) -> None:
+        """The next record is less what pulls now."""
+        self._command(BIAS)
+
+    def start(self) -> None:
+        """Ask for records without end."""
+        self._command(STREAM)
+
+    def stop(self) -> None:
+        """Ask for no more."""
+        self._command(STOP)
+        while self._box.receive(QUIET_S) is not None:
+            pass
+
+    def receive(self, timeout_s: float) -> Arrivals:
+        """All that is there, and the next to come."""
+        came = []
+        while (data := self._box.receive(0.0)) is not None:
+            came.append(data)
+        if (data := self._box.receive(timeout_s)) is not None:
+            came.append(data)
+        # A socket that is connected hears nobody else, and a record has its length.
+        came = [data for data in came if not data.stray]
+        whole = [data for data in came if len(data.payload) == RECORD.itemsize]
+        self._garbage += len(came) - len(whole)
+        arrivals = np.zeros(len(whole), ARRIVAL)
+        records = np.frombuffer(b"".join(data.payload for data in whole), RECORD)
+        arrivals["at_ns"] = [data.at_ns for data in whole]
+        for name in ("rdt", "status", "counts"):
+            arrivals[name] = records[name]
+        return arrivals
+
+    def troubles(self) -> dict[str, int]:
+        """Datagrams that are no records."""
+        garbage, self._garbage = self._garbage, 0
+        return {"garbage": garbage}
+
+    def close(self) -> None:
+        """Stop streaming."""
+        self._command(STOP)
+        self._box.close()
+
+    def _command(self, word: int) -> None:
+        self._box.send(COMMAND.pack(HEADER, word, 0))

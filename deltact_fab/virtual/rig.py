@@ -7,23 +7,20 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ..optics import FlatField, Pinhole, Rectified
 from ..protocols.plan import Protocol
+from ..rig.camera.model import flat_field
 from ..rig.config import VirtualConfig
 from ..rig.force.netft import NetFTSensor
 from ..rig.interface import Camera, Devices, Job
 from ..rig.stage.grbl import GrblStage
 from ..shapes import SensorDimensions
 from .answerable import unanswered
+from .below import Below
 from .clock import VirtualClock
-from .controller import GrblController
 from .gel_notes import gel_left_out, gel_notes
-from .grbl_settings import settings_for
-from .netft import NetFTBox
-from .presses import Presses
-from .scene import GelScene, LatticeCrop
+from .netft import LockstepLink, NetFTBox
+from .scene import GelScene
 from .streams import stream_number
 from .wire import connect
 
@@ -61,7 +58,7 @@ class VirtualKind:
         """What the camera file says of the light; only where images are taken."""
         if self._config.camera is None or "image" not in protocol.channels:
             return None
-        return FlatField.beside(self._source.parent / self._config.camera.model)
+        return flat_field(self._config.camera.model, self._source)
 
     def build(self, job: Job) -> VirtualRig:
         """Everything below the wire that the protocol asks for, and the drivers above it."""
@@ -73,7 +70,7 @@ class VirtualForce(NetFTSensor):
 
     def __init__(self, box: NetFTBox, clock: VirtualClock, scene: GelScene | None) -> None:
         """scene: told of a new press when no camera does that."""
-        super().__init__(box, clock)
+        super().__init__(LockstepLink(box), clock)
         self._box = box
         self._scene = scene
 
@@ -102,36 +99,12 @@ class VirtualRig:
 
     def _build(self) -> None:
         """Each device that is built is closed with the rig, the last one first."""
-        job, stage, simulator = self._job, self._config.stage, self._config.virtual
-        channels, sensor = job.protocol.channels, job.sensor
+        job, stage = self._job, self._config.stage
         self.clock = VirtualClock()
-        self.controller = GrblController(
-            settings_for(stage.travel_mm, stage.max_feed_mm_min, stage.acceleration_mm_s2),
-            self.clock,
-        )
-        self.presses = Presses(job.protocol, sensor.skin, simulator.gel)
+        below = Below(self._config, job, self.clock)
+        self.controller, self.presses, self.scene = below.controller, below.presses, below.scene
         paths = self.presses.paths if self.presses.observed else ()
         self._choices = [self.presses.choice(path) for path in paths]
-        crop = None
-        if "image" in channels:
-            from .picture import MARGIN_PX
-            from .raw_view import BAND_PX
-
-            view = sensor.optics.view_mm
-            margin_px = MARGIN_PX + (BAND_PX if simulator.lens is not None else 0)
-            margin_mm = margin_px * sensor.optics.mm_per_px
-            crop = LatticeCrop(
-                *self.presses.axes_mm(), (view[0] / 2 + margin_mm, view[1] / 2 + margin_mm)
-            )
-        self.scene = GelScene(
-            self.controller,
-            self.clock,
-            stage.frame,
-            self.presses.increments,
-            self.presses.open,
-            crop,
-            self.presses.modulus_mpa,
-        )
         # A name of its own, so that several runs can share one process.
         name = f"{job.folder.name}-{next(_NUMBER)}"
         self._link = connect(self.controller, self.clock, name, baud=stage.baud)
@@ -145,19 +118,19 @@ class VirtualRig:
         )
         self._open.callback(self.stage.close)
         self.camera: VirtualCamera | None = None
-        if crop is not None:
-            self.camera = self._camera(crop)
+        if below.crop is not None:
+            from .devices import VirtualCamera
+
+            assert self._view is not None, "images are asked for"
+            picture, lens = below.picture(self._view)
+            self.camera = VirtualCamera(
+                picture, self.scene, self.clock, job.seed, below.crop.lattice, job.folder, lens
+            )
             self._open.callback(self.camera.close)
         self.force: VirtualForce | None = None
-        if "force" in channels:
-            box = NetFTBox(
-                self._config.force,
-                self.clock,
-                job.seed,
-                self.scene.wrenches,
-                simulator.force.noise_n,
-            )
-            self.force = VirtualForce(box, self.clock, self.scene if crop is None else None)
+        if "force" in job.protocol.channels:
+            scene = self.scene if below.crop is None else None
+            self.force = VirtualForce(below.box(), self.clock, scene)
             self._open.callback(self.force.close)
 
     def devices(self) -> Devices:
@@ -208,31 +181,3 @@ class VirtualRig:
         if not self._job.air and self.presses.observed:
             lines += gel_notes(self.presses, self._choices, self._job.sensor.skin)
         return lines
-
-    def _camera(self, crop: LatticeCrop) -> VirtualCamera:
-        from ..imaging import Printer, Sensor
-        from ..patterns.raster import albedo
-        from .devices import VirtualCamera
-        from .picture import Picture, Texture
-        from .raw_view import RawView
-
-        job, simulator = self._job, self._config.virtual
-        printer = Printer(**simulator.printer.model_dump())
-        rng = np.random.default_rng(np.random.SeedSequence([job.seed, 3]))
-        printed = printer.print_(albedo(job.recipe, printer.mm_per_dot), rng)
-        texture = Texture(printed, printer.mm_per_dot)
-        exposure = Sensor(**simulator.camera.model_dump())
-        lens = None
-        assert self._view is not None, "images are asked for"
-        camera: Pinhole | RawView
-        if isinstance(self._view, Rectified):
-            from .lens import true_lens
-
-            lens = true_lens(self._config, job.sensor)
-            camera = RawView(lens, self._view)
-        else:
-            camera = self._view
-        picture = Picture(camera, crop.lattice, texture, exposure)
-        return VirtualCamera(
-            picture, self.scene, self.clock, job.seed, crop.lattice, job.folder, lens
-        )

@@ -165,7 +165,11 @@ class GelScene:
         """Start a press where the tip is: knots are numbered from 1 again, 0 is the rest."""
         self.observe()
         x, y, _ = self._frame.to_sensor_mm(self._controller.position_mm())
-        press = self._press = self._presses(self._indenter, (x, y))
+        self.take(self._presses(self._indenter, (x, y)))
+
+    def take(self, press: Press) -> None:
+        """Start this press, as `begin`; the tip stands above its place."""
+        self._press = press
         rest = still = None
         if self._crop is not None:
             nothing = np.zeros((len(self.axes_mm[1]), len(self.axes_mm[0]), 3), np.float32)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import shutil
+import sys
 from pathlib import Path
 
 import cv2
@@ -12,7 +14,6 @@ import pytest
 from deltact_fab import record
 from deltact_fab.errors import DeltactFabError, SensorError
 from deltact_fab.live import open_source
-from deltact_fab.live.device import Device
 from deltact_fab.live.open import images
 from deltact_fab.optics import Pinhole, as_toml
 
@@ -99,11 +100,49 @@ def test_a_camera_file_goes_before_what_a_source_knows(mini_run: Path, tmp_path:
     assert source.known.design == "deltact"
 
 
-def test_a_camera_that_stops_is_told(video: Path) -> None:
-    camera = Device(str(video), backend=cv2.CAP_FFMPEG)
-    with pytest.raises(SensorError, match="gives no more images"):
-        list(camera.frames())
-    camera.close()
+RIG = """
+kind = "grbl"
+[stage]
+port = "/dev/none"
+origin_machine_mm = [-60.0, -60.0, -40.0]
+travel_mm = [120.0, 120.0, 60.0]
+max_feed_mm_min = [1500.0, 1500.0, 1200.0]
+acceleration_mm_s2 = [50.0, 50.0, 50.0]
+[camera]
+"""
+NOISE = """
+import os, sys
+for k in range(3):
+    sys.stdout.buffer.write(bytes([k]) + os.urandom(64 * 48 * 3 - 1))
+sys.exit("the lens fell off")
+"""
+
+
+def test_a_real_rig_s_camera_is_looked_through_and_its_stage_left_alone(
+    pinhole: Path, tmp_path: Path
+) -> None:
+    """Its port is not even there. The camera ends with what it last said."""
+    rig = tmp_path / "bench.toml"
+    command = json.dumps([sys.executable, "-c", NOISE])
+    size = "width_px = 64\nheight_px = 48"
+    rig.write_text(f"{RIG}command = {command}\n{size}\nmodel = {json.dumps(str(pinhole))}\n")
+    source = open_source(str(rig))
+    seen = images(source)
+    assert source.live
+    assert [int(next(seen).image[0, 0, 0]) for _ in range(3)] == [0, 1, 2]
+    with pytest.raises(SensorError, match="status 1; its last words: the lens fell off"):
+        next(seen)
+    source.close()
+
+
+def test_a_real_rig_s_files_are_read_to_their_end(
+    pictures: Path, pinhole: Path, tmp_path: Path
+) -> None:
+    rig = tmp_path / "bench.toml"
+    rig.write_text(f'{RIG}source = "{pictures.name}"\nmodel = {json.dumps(str(pinhole))}\n')
+    source = open_source(str(rig))
+    assert not source.live
+    assert len(list(images(source))) == 12
 
 
 def _refusal(name: object, camera: Path | None = None) -> str:
@@ -121,6 +160,10 @@ def test_each_source_that_cannot_be_used_is_one_line(
     assert "not in the catalogue of protocols" in _refusal("virtual:smok")
     assert "without 'image'" in _refusal("virtual:first-moves")
     assert "moves a real stage" in _refusal("grbl-bench:smoke")
+    assert "camera: missing table" in _refusal("grbl-bench")
+    assert "rtsp://127.0.0.1:9/none: no stream of images" in _refusal(
+        "rtsp://127.0.0.1:9/none", pinhole
+    )
     assert "--camera" in _refusal(pictures)
     assert "deltact-fab calibrate" in _refusal(pictures)
     empty = tmp_path / "empty"

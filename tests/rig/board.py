@@ -1,17 +1,14 @@
-"""A simulated controller on a pseudo terminal, on the wall clock: a port like any other."""
+"""A board on a pseudo terminal in this process, on the wall clock."""
 
 from __future__ import annotations
 
-import os
-import select
-import threading
 import time
-import tty
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from deltact_fab.rig.clock import WallClock
 from deltact_fab.virtual.controller import GrblController
+from deltact_fab.virtual.pty import Terminal
 
 # Homed within a second or so.
 QUICK = {24: 1200, 25: 1200, 26: 5, 27: 0.2, 120: 2000, 121: 2000, 122: 2000}
@@ -20,11 +17,16 @@ QUICK = {24: 1200, 25: 1200, 26: 5, 27: 0.2, 120: 2000, 121: 2000, 122: 2000}
 class Board:
     """port: what a host opens. heard: every piece of what it sent, with the time it came (s)."""
 
-    def __init__(self, grbl: GrblController, port: str) -> None:
-        self.grbl = grbl
-        self.port = port
+    def __init__(self, settings: dict[int, float] | None) -> None:
+        clock = WallClock()
+        self.grbl = GrblController(
+            {**QUICK, **(settings or {})}, clock, start_mm=(-1, -1, -1), boot_s=0.3
+        )
         self.heard: list[tuple[float, bytes]] = []
-        self.lock = threading.Lock()  # the controller is no more than one thread's at a time
+        self.terminal = Terminal(
+            self.grbl, clock, heard=lambda t_s, data: self.heard.append((t_s, data))
+        )
+        self.port = self.terminal.port
 
     def hears(self, what: bytes, within_s: float = 30.0) -> float:
         """Wait for these bytes; when they came (monotonic s)."""
@@ -32,12 +34,12 @@ class Board:
 
     def at_mm(self) -> tuple[float, float, float]:
         """Where the carriage is now."""
-        with self.lock:
+        with self.terminal.lock:
             return self.grbl.position_mm()
 
     def state(self) -> str:
         """What the controller is doing now."""
-        with self.lock:
+        with self.terminal.lock:
             return self.grbl.state
 
 
@@ -54,31 +56,6 @@ def await_(what: Callable[[], float | None], within_s: float = 30.0) -> float:
 @contextmanager
 def board(settings: dict[int, float] | None = None) -> Iterator[Board]:
     """A board that does not restart on opening, plugged in for as long as the context lasts."""
-    ours, theirs = os.openpty()
-    tty.setraw(theirs)
-    grbl = GrblController(
-        {**QUICK, **(settings or {})}, WallClock(), start_mm=(-1, -1, -1), boot_s=0.3
-    )
-    it = Board(grbl, os.ttyname(theirs))
-    done = threading.Event()
-
-    def pump() -> None:
-        while not done.is_set():
-            ready = select.select([ours], [], [], 0.002)[0]
-            with it.lock:
-                if ready:
-                    data = os.read(ours, 4096)
-                    it.heard.append((time.monotonic(), data))
-                    grbl.write(data)
-                if said := grbl.read_available():
-                    os.write(ours, said)
-
-    thread = threading.Thread(target=pump)
-    thread.start()
-    try:
+    it = Board(settings)
+    with it.terminal:
         yield it
-    finally:
-        done.set()
-        thread.join()
-        os.close(ours)
-        os.close(theirs)

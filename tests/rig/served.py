@@ -7,12 +7,9 @@ its standard input does, and prints what it saw. `powered` starts and ends it fo
 from __future__ import annotations
 
 import json
-import os
-import select
 import subprocess
 import sys
 import time
-import tty
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -80,40 +77,27 @@ acceleration_mm_s2 = [2000.0, 2000.0, 2000.0]
 def _serve(reboot_at_jog: int | None) -> None:
     from deltact_fab.rig.clock import WallClock
     from deltact_fab.virtual.controller import GrblController
+    from deltact_fab.virtual.pty import Terminal
 
-    ours, theirs = os.openpty()
-    tty.setraw(theirs)
-    grbl = GrblController(QUICK, WallClock(), start_mm=(-1, -1, -1), boot_s=0.2)
-    print(os.ttyname(theirs), flush=True)
-    os.close(theirs)
+    clock = WallClock()
+    grbl = GrblController(QUICK, clock, start_mm=(-1, -1, -1), boot_s=0.2)
     links, jogs, line = [], 0, b""
-    poll = select.poll()
-    poll.register(ours, select.POLLIN)
-    poll.register(0, select.POLLIN)
-    while True:
-        events = dict(poll.poll(2))
-        if 0 in events:
-            break
-        if events.get(ours, 0) & select.POLLHUP:  # no host has it open
-            if links[-1:] == ["opened"]:
-                links.append("closed")
-            time.sleep(0.002)
-            continue
-        if links[-1:] != ["opened"]:
-            links.append("opened")
-            grbl.hard_reset()
-            grbl.take_output()  # nobody heard what it said before
-        if events.get(ours, 0) & select.POLLIN:
-            data = os.read(ours, 4096)
-            grbl.write(data)
-            *lines, line = (line + data).split(b"\n")
-            for whole in lines:
-                jogs += b"$J=" in whole
-                if reboot_at_jog is not None and jogs == reboot_at_jog:
-                    grbl.fault("reboot")
-                    reboot_at_jog = None
-        if said := grbl.read_available():
-            os.write(ours, said)
+
+    def heard(t_s: float, data: bytes) -> None:
+        nonlocal jogs, line
+        *lines, line = (line + data).split(b"\n")
+        for whole in lines:
+            jogs += b"$J=" in whole
+            if b"$J=" in whole and jogs == reboot_at_jog:
+                grbl.fault("reboot")
+
+    def opened(is_open: bool) -> None:
+        links.append("opened" if is_open else "closed")
+
+    with Terminal(grbl, clock, resets_on_open=True, heard=heard, opened=opened) as terminal:
+        print(terminal.port, flush=True)
+        sys.stdin.read()
+        time.sleep(0.05)  # for a host that has only just closed it
     ends = [z for segment in grbl.segments for z in (segment.start_mm[2], segment.end_mm[2])]
     saw = {"links": links, "jogs": jogs, "lowest_mm": min(ends, default=None)}
     print(json.dumps(saw))

@@ -186,7 +186,7 @@ def test_a_force_sensor(kind: str, build: Any, request: pytest.FixtureRequest) -
     if "NetFTSensor" in request.node.name:
         from deltact_fab.rig.force.netft import NetFTSensor
 
-        force = NetFTSensor(force._transport, devices.clock)  # type: ignore[attr-defined]
+        force = NetFTSensor(force._link, devices.clock)  # type: ignore[attr-defined]
     assert_plain(force.identity())
     over_the_sensor(devices)
     force.begin("one/p1")

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from deltact_fab.errors import SensorError, SolverError
 from deltact_fab.rig.config import ForceConfig
-from deltact_fab.rig.force.netft import COMMAND, HEADER, RECORD, STREAM, NetFTSensor
+from deltact_fab.rig.force.netft import NetFTSensor
 from deltact_fab.virtual.clock import VirtualClock
-from deltact_fab.virtual.netft import NetFTBox
+from deltact_fab.virtual.netft import COMMAND, HEADER, RECORD, STREAM, LockstepLink, NetFTBox
 
 
 class Hand:
@@ -29,7 +29,7 @@ def bench(
 ) -> tuple[NetFTSensor, NetFTBox, Hand, VirtualClock]:
     hand, clock = Hand(), VirtualClock()
     box = NetFTBox(ForceConfig(rate_hz=rate_hz), clock, 1, hand, noise_n)
-    return NetFTSensor(box, clock), box, hand, clock
+    return NetFTSensor(LockstepLink(box), clock), box, hand, clock
 
 
 def test_a_record_is_36_bytes_and_carries_newtons_and_signs() -> None:
@@ -126,30 +126,73 @@ def test_lost_datagrams_are_counted_and_too_many_are_an_error() -> None:
         sensor.read()
 
 
-def test_a_stale_record_is_an_error() -> None:
-    sensor, box, _, _ = bench()
+def test_a_stream_that_someone_else_started_anew_has_no_new_sample() -> None:
+    sensor, box, _, clock = bench()
     sensor.start()
+    clock.sleep_s(0.2)
     sensor.read()
-    box.send(COMMAND.pack(HEADER, STREAM, 0))  # someone else starts it anew
-    with pytest.raises(SensorError, match="stale sample 1 after 1"):
+    box.send(COMMAND.pack(HEADER, STREAM, 0))
+    with pytest.raises(SensorError, match="50 old ones came: does another program"):
         sensor.read()
 
 
 @pytest.mark.parametrize(
-    ("record", "words"),
+    ("fault", "note", "missing"),
     [
-        (b"\0" * 20, "20 bytes"),
-        (np.array([(2, 2, 1 << 31, [0] * 6)], RECORD).tobytes(), "status word 0x80000000"),
+        ("duplicate_every", "duplicate: 2 force records came twice", 0),
+        ("swap_every", "order: 2 force records came after younger ones and were left out", 2),
+        ("garbage_every", "garbage: 2 pieces of garbage came instead of force records", 0),
+        ("stray_every", "", 0),
+        ("drop_every", "gap: 2 force samples are missing", 2),
     ],
 )
-def test_a_short_and_a_faulty_record_are_errors(record: bytes, words: str) -> None:
-    sensor, box, _, _ = bench()
+def test_what_the_network_does_is_counted_and_never_a_reading(
+    fault: str, note: str, missing: int
+) -> None:
+    sensor, box, hand, clock = bench()
+    hand.growth = np.array([0.0, 0.0, -2.0, 0.0, 0.0, 0.0])
     sensor.start()
+    setattr(box.faults, fault, 40)
+    clock.sleep_s(0.1)
+    samples = sensor.read()
+    assert len(samples.t_ns) == 101 - missing
+    assert samples.lost == missing
+    assert samples.force_n[:, 2] == pytest.approx(-2.0 * samples.t_ns / 1e9, abs=2e-6)
+    assert (np.diff(samples.t_ns) > 0).all()
+    assert note in samples.notes or not (note or samples.notes)
+
+
+def test_late_datagrams_have_the_time_at_which_they_were_taken() -> None:
+    sensor, box, hand, clock = bench()
+    hand.growth = np.array([0.0, 0.0, -2.0, 0.0, 0.0, 0.0])
+    sensor.start()
+    clock.sleep_s(0.1)
     sensor.read()
-    coming = [b"", record]  # nothing waits, and this is the next
-    box.receive = lambda timeout_s: coming.pop(0)  # type: ignore[method-assign]
-    with pytest.raises(SensorError, match=words):
-        sensor.read()
+    box.faults.late_s = 0.03
+    clock.sleep_s(0.1)
+    samples = sensor.read()
+    assert samples.late == len(samples.t_ns)
+    assert samples.notes == (f"late: {samples.late} force samples came late, by up to 30 ms",)
+    drift_n = 2.0 * 2e-4 * 0.13  # as far as the two clocks may have drifted apart meanwhile
+    assert samples.force_n[:, 2] == pytest.approx(-2.0 * samples.t_ns / 1e9, abs=drift_n)
+
+
+def test_a_faulted_box_gives_zeros_which_are_no_readings() -> None:
+    sensor, box, hand, clock = bench()
+    hand.wrench = np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
+    sensor.start()
+    clock.sleep_s(0.01)
+    box.faults.error = True
+    clock.sleep_s(0.01)
+    samples = sensor.read()
+    assert (samples.force_n[:, 2] == -1.0).all()
+    assert len(samples.t_ns) == 10
+    for _ in range(2):
+        with pytest.raises(SensorError, match="status word 0x80000000"):
+            sensor.read()
+    box.faults.error = False
+    sensor.start()
+    assert sensor.read().force_n[-1, 2] == -1.0
 
 
 def test_what_the_scene_cannot_answer_is_told_to_who_reads() -> None:
@@ -172,7 +215,7 @@ def test_a_count_of_records_and_what_was_under_way_at_a_stop() -> None:
     clock.sleep_s(0.1)
     got = []
     while data := box.receive(0.0):
-        got.append(int(np.frombuffer(data, RECORD)["rdt"][0]))
+        got.append(int(np.frombuffer(data.payload, RECORD)["rdt"][0]))
     assert got == [1, 2, 3, 4, 5]
     sensor.start()
     clock.sleep_s(0.1)
@@ -184,7 +227,7 @@ def test_a_count_of_records_and_what_was_under_way_at_a_stop() -> None:
 def test_the_largest_sensor_and_the_most_noise_fit_into_a_record() -> None:
     hand, clock = Hand(), VirtualClock()
     most = ForceConfig(range_n=(1e5, 1e5, 1e5), range_nmm=(1e7, 1e7, 1e7))
-    sensor = NetFTSensor(NetFTBox(most, clock, 1, hand, 100.0), clock)
+    sensor = NetFTSensor(LockstepLink(NetFTBox(most, clock, 1, hand, 100.0)), clock)
     hand.wrench = np.array([-2e5, 0, 0, 0, 0, 0])  # on the bias as well
     sensor.begin("press")
     hand.wrench = np.array([2e5, 0, -9e4, 0, 3e7, -8e6])

@@ -2,20 +2,102 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
 
 from ..strict import Strict
+
+Pixels = Annotated[int, Field(ge=8, le=20_000)]
+Control = Annotated[int, Field(ge=-1_000_000, le=1_000_000)]
+Word = Annotated[str, Field(min_length=1, max_length=4096)]
+DEVICE_FOLDER = "/dev/"
+LOCKS = ("exposure", "gain", "white_balance_k", "autofocus")
 
 
 class CameraFile(Strict):
     """What is known of a camera, as it was calibrated."""
 
-    model: str = Field(min_length=1, max_length=4096)
+    model: Word
     """A camera file, as `deltact-fab calibrate` writes it; its path counts from the rig file."""
 
 
 class CameraConfig(Strict):
-    """The camera that looks at the gel: how its images come, and how it was calibrated."""
+    """The camera that looks at the gel: how its images come, and how it was calibrated.
 
-    model: str | None = Field(default=None, min_length=1, max_length=4096)
+    Paths count from the folder of the rig file. Only a V4L2 device's settings can be locked here;
+    any other source is told its own where it is started.
+    """
+
+    source: Annotated[int, Field(ge=0, le=255)] | Word | None = None
+    """N of /dev/videoN or a device file; an rtsp or http address; a folder of images; a video."""
+    command: tuple[Word, ...] | None = Field(default=None, min_length=1, max_length=256)
+    """In place of a source: a program and its arguments. It writes images of width_px x height_px
+    to its standard output, BGR of 8 bits, row by row, nothing between."""
+    stamped: bool = False
+    """The command writes 16 bytes before each image, little-endian: int64 nanoseconds of this
+    computer's monotonic clock, uint32 number of the image, uint32 that means nothing."""
+    width_px: Pixels | None = None
+    height_px: Pixels | None = None
+    rate_hz: float | None = Field(default=None, ge=0.01, le=10_000)
+    """What a device is asked for, and what missing images are told by; files are paced by it."""
+    fourcc: str | None = Field(default=None, min_length=4, max_length=4)
+    """Of a V4L2 device: as MJPG or YUYV."""
+    exposure: Control | None = None
+    """In units of the driver, 0.1 ms with UVC. The automatic one is off then."""
+    gain: Control | None = None
+    """In units of the driver."""
+    white_balance_k: Annotated[int, Field(ge=1000, le=20_000)] | None = None
+    autofocus: bool | None = None
+    """False holds the lens where it is."""
+    latency_ms: float = Field(default=0.0, ge=0, le=10_000)
+    """From the middle of the exposure to the moment that the image is stamped with."""
+    format: Literal["png", "jxl"] = "png"
+    """Of the images in the record. Both are lossless; JPEG XL needs the extra `images`."""
+    model: Word | None = None
     """As in CameraFile."""
+
+    @property
+    def is_device(self) -> bool:
+        """Whether the source is a V4L2 device."""
+        source = self.source
+        return isinstance(source, int) or (source is not None and source.startswith(DEVICE_FOLDER))
+
+    @property
+    def is_url(self) -> bool:
+        """Whether the source is an address on the network."""
+        return isinstance(self.source, str) and "://" in self.source
+
+    @property
+    def is_file(self) -> bool:
+        """Whether the images are on the disk: a folder of them, or a video."""
+        return self.command is None and not self.is_device and not self.is_url
+
+    @property
+    def name(self) -> str:
+        """What messages call it."""
+        if self.command is not None:
+            return self.command[0]
+        return f"/dev/video{self.source}" if isinstance(self.source, int) else str(self.source)
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if (self.source is None) == (self.command is None):
+            raise ValueError(
+                "source: exactly one of source and command is needed, as source = 0 for "
+                '/dev/video0, or command = ["gst-launch-1.0", ...]'
+            )
+        if (self.width_px is None) != (self.height_px is None):
+            raise ValueError("width_px, height_px: both or none")
+        if self.command is not None and self.width_px is None:
+            raise ValueError("width_px, height_px: missing; a command does not tell its size")
+        if self.stamped and self.command is None:
+            raise ValueError("stamped: only a command can stamp its images")
+        if not self.is_device:
+            only = [key for key in ("fourcc", *LOCKS) if getattr(self, key) is not None]
+            if only:
+                raise ValueError(
+                    f"{', '.join(only)}: only of a V4L2 device, and the source is {self.name}; "
+                    "set it where the images come from"
+                )
+        return self

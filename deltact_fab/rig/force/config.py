@@ -13,6 +13,8 @@ class NetFTConfig(Strict):
     host: str = Field(min_length=1, max_length=253)
     rdt_port: int = Field(default=49152, ge=1, le=65535)
     http_port: int = Field(default=80, ge=1, le=65535)
+    serial: str | None = Field(default=None, min_length=1, max_length=64)
+    """Of the transducer, as FT11564; with it, any other one is refused."""
 
 
 class SerialScaleConfig(Strict):

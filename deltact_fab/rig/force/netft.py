@@ -1,12 +1,12 @@
-"""ATI Net F/T client: a stream of raw data transfer records in, samples with times out.
+"""ATI Net F/T: a stream of numbered records in, samples on the host's clock out.
 
-A record is 36 bytes, big-endian: three sequence and status words, then six signed counts (Net F/T
-manual, RDT protocol). The client is the same on the wire and on the simulated box.
+What is here is the same for the box on the network (`link.PynetftLink`) and for the simulated one
+in virtual time (`virtual.netft.LockstepLink`): which records are readings, what is missing between
+them, and when each was taken.
 """
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -15,109 +15,124 @@ from numpy.typing import NDArray
 
 from ...errors import SensorError
 from ..interface import Clock, ForceSamples
+from .notes import Tally
 
-RECORD = np.dtype([("rdt", ">u4"), ("ft", ">u4"), ("status", ">u4"), ("counts", ">i4", 6)])
-COMMAND = struct.Struct(">HHI")
-HEADER = 0x1234
-STOP, STREAM, BIAS = 0x0000, 0x0002, 0x0042
+ARRIVAL = np.dtype([("at_ns", "i8"), ("rdt", "u4"), ("status", "u4"), ("counts", "i4", 6)])
+"""A record as it came: at_ns of the host's clock, its number in the stream, status word, counts."""
+Arrivals = NDArray[Any]
 SATURATED = 1 << 17  # status word, bit 17: a gauge or a force is out of range
 ERROR = 1 << 31  # status word, bit 31: any error of the unit
-QUIET_S = 0.005  # records that were under way when the box was told to stop come within
+SILENT_S = 0.05  # a sensor that says nothing for so long has failed
+LATE_NS = 20_000_000  # a record so much later than its number says is told of
 DRIFT = 2e-4  # the box's clock and the host's differ by less: two quartzes of 100 ppm
 
 
 @dataclass(frozen=True)
 class NetFTSettings:
-    """From the box's configuration page `/netftapi2.xml`; rate_hz: of the RDT stream."""
+    """What must be known of a box to read its records; rate_hz: of the RDT stream."""
 
     counts_per_n: float
     counts_per_nmm: float
     rate_hz: float
     serial: str
+    about: tuple[tuple[str, str], ...] = ()
+    """More that the record keeps of the box: name and value."""
 
 
-class Transport(Protocol):
-    """Datagrams to and from the box."""
+class Link(Protocol):
+    """The way to a box. Raises SensorError where the box cannot be reached."""
 
     def settings(self) -> NetFTSettings: ...
-    def send(self, command: bytes) -> None: ...
-    def receive(self, timeout_s: float) -> bytes:
-        """The next datagram, empty when none comes within the time-out (0: has come already)."""
+    def bias(self) -> None:
+        """Let what the sensor feels now be zero in every record that `receive` gives later."""
+
+    def start(self) -> None:
+        """Let records come, from number 1 on."""
+
+    def stop(self) -> None:
+        """Let none come; those under way are dropped."""
+
+    def receive(self, timeout_s: float) -> Arrivals:
+        """(n,) ARRIVAL: all that came; waits for one, empty when the time-out has passed."""
+
+    def troubles(self) -> dict[str, int]:
+        """What did not become a record since the last call: counts by a name of `notes.TEXTS`."""
 
     def close(self) -> None: ...
 
 
 class NetFTSensor:
-    """Implements rig.interface.ForceSensor over a Net F/T transport.
+    """Implements rig.interface.ForceSensor over the link to a Net F/T box.
 
-    A sample's time is its number in the stream at the box's rate, tied to the host's clock by those
-    samples that the host waited for: by the earliest to arrive, as far as the clocks may drift.
+    A sample's time is its number in the stream at the box's rate, tied to the host's clock by the
+    earliest to arrive, as far as the clocks may drift. So a record that comes late has the time
+    at which it was taken; that it came late is told in the notes.
     """
 
-    def __init__(self, transport: Transport, clock: Clock, timeout_s: float = 0.05):
-        self._transport = transport
+    def __init__(self, link: Link, clock: Clock, timeout_s: float = SILENT_S):
+        self._link = link
         self._clock = clock
         self._timeout_s = timeout_s
-        self._settings = transport.settings()
+        self._settings = link.settings()
         s = self._settings
         self._per_unit = np.repeat([s.counts_per_n, s.counts_per_nmm], 3)
         self._sequence = 0  # of the last record, 0 at the start of a stream
         self._zero_ns: int | None = None  # when record 0 of the stream would have come
         self._heard_ns = self._last_ns = 0
+        self._fault = ""  # what the box said of itself; nothing more is read of this stream
+        self.tally = Tally()
         self.stop()  # whatever the box did for whoever asked before
 
     def begin(self, stream: str) -> None:
         """Bias in software on the box, with nothing touching, and start."""
-        self._command(BIAS)
+        self._link.bias()
         self.start()
 
     def start(self) -> None:
         """Start the stream, from the first record on."""
-        self._sequence, self._zero_ns = 0, None
-        self._command(STREAM)
+        self._sequence, self._zero_ns, self._fault = 0, None, ""
+        self._link.start()
 
     def read(self) -> ForceSamples:
-        """All samples since the last read, and the next to come.
+        """All samples since the last read, at least one; waits for the next to come.
 
-        Raises SensorError when none comes within the time-out, for a fault of the box, and when
-        records are missing for longer than the time-out or come out of order.
+        Raises SensorError when no new one comes within the time-out, for a fault of the box (after
+        the samples before it), and when more are missing in a row than come within the time-out.
         """
-        datagrams = []
-        while data := self._transport.receive(0.0):
-            datagrams.append(data)
-        datagrams.append(self._transport.receive(self._timeout_s))
-        now_ns = round(self._clock.now_s() * 1e9)
-        if not datagrams[-1]:
-            raise SensorError(
-                f"force sensor: no sample within {self._timeout_s * 1000:.0f} ms; check power, "
-                "cable and address"
-            )
-        for data in datagrams:
-            if len(data) != RECORD.itemsize:
-                raise SensorError(
-                    f"force sensor: a record of {len(data)} bytes, {RECORD.itemsize} expected"
-                )
-        records = np.frombuffer(b"".join(datagrams), RECORD)
-        sequence = records["rdt"].astype(np.int64)
-        lost = self._lost(sequence)
-        status = records["status"]
+        fresh = self._fresh()
+        status = fresh["status"]
         saturated = status & SATURATED != 0
-        faults = status[(status & ERROR != 0) & ~saturated]
-        if len(faults):
-            raise SensorError(f"force sensor: fault, status word 0x{faults[0]:08x}")
+        faulty = (status & ERROR != 0) & ~saturated
+        if faulty.any():
+            first = int(faulty.argmax())
+            self.tally.add("error", int(faulty.sum()))
+            self._fault = f"force sensor: fault, status word 0x{status[first]:08x}"
+            if first == 0:
+                raise SensorError(self._fault)
+            fresh, saturated = fresh[:first], saturated[:first]
+        sequence = fresh["rdt"].astype(np.int64)
+        lost = self._lost(sequence)
+        t_ns, late_ns = self._times(sequence, fresh["at_ns"])
+        late = late_ns > LATE_NS
+        tally = self.tally
+        tally.add("gap", lost)
+        tally.add("late", int(late.sum()), float(late_ns.max()) / 1e6)
+        tally.add("saturation", int(saturated.sum()))
+        for name, n in self._link.troubles().items():
+            tally.add(name, n)
         return ForceSamples(
-            self._times(sequence, now_ns),
-            records["counts"].astype(np.int32),
+            t_ns,
+            fresh["counts"].astype(np.int32),
             self._per_unit,
             saturated,
             lost,
+            int(late.sum()),
+            tally.tell(self._now_ns()),
         )
 
     def stop(self) -> None:
         """End the stream; what was not read is dropped."""
-        self._command(STOP)
-        while self._transport.receive(QUIET_S):
-            pass
+        self._link.stop()
 
     def identity(self) -> dict[str, Any]:
         """Serial number, rate and scaling of the box."""
@@ -128,43 +143,68 @@ class NetFTSensor:
             "rate_hz": s.rate_hz,
             "counts_per_n": s.counts_per_n,
             "counts_per_nmm": s.counts_per_nmm,
+            **dict(s.about),
         }
 
     def close(self) -> None:
         """Stop streaming."""
-        self._command(STOP)
-        self._transport.close()
+        self._link.close()
 
-    def _command(self, word: int) -> None:
-        self._transport.send(COMMAND.pack(HEADER, word, 0))
+    def _now_ns(self) -> int:
+        return round(self._clock.now_s() * 1e9)
+
+    def _fresh(self) -> Arrivals:
+        """What came and is younger than all before it, at least one record."""
+        if self._fault:
+            raise SensorError(self._fault)
+        deadline_ns = self._now_ns() + round(self._timeout_s * 1e9)
+        stale = 0
+        while (left_ns := deadline_ns - self._now_ns()) >= 0:
+            came = self._link.receive(left_ns / 1e9)
+            if len(came):
+                sequence = came["rdt"].astype(np.int64)
+                # Where a stream starts is the box's affair.
+                before = self._sequence or int(sequence[0]) - 1
+                top = np.maximum.accumulate(np.concatenate([[before], sequence]))[:-1]
+                fresh = came[sequence > top]
+                self.tally.add("duplicate", int((sequence == top).sum()))
+                self.tally.add("order", int((sequence < top).sum()))
+                if len(fresh):
+                    return fresh
+                stale += len(came)
+            elif left_ns == 0:
+                break
+        self.tally.add("silence", 1)
+        what = f"; {stale} old ones came: does another program use the box?" if stale else ""
+        raise SensorError(
+            f"force sensor: no sample within {self._timeout_s * 1000:.0f} ms{what}; check power, "
+            "cable and address"
+        )
 
     def _lost(self, sequence: NDArray[np.int64]) -> int:
         """How many records are missing before and between these."""
-        before = self._sequence
-        if before == 0:
-            before = int(sequence[0]) - 1  # where a stream starts is the box's affair
+        before = self._sequence or int(sequence[0]) - 1
         steps = np.diff(sequence, prepend=before)
-        if steps.min() < 1:
-            k = int(np.argmin(steps))
-            raise SensorError(
-                f"force sensor: stale sample {sequence[k]} after {sequence[k] - steps[k]}"
-            )
         self._sequence = int(sequence[-1])
         most = int(steps.max()) - 1
         if most > self._timeout_s * self._settings.rate_hz:
             raise SensorError(f"force sensor: {most} samples in a row were lost; check the network")
         return int(steps.sum()) - len(steps)
 
-    def _times(self, sequence: NDArray[np.int64], now_ns: int) -> NDArray[np.int64]:
-        """Host times (n,) ns of records, the last of which came just now."""
-        at = np.rint(sequence * (1e9 / self._settings.rate_hz)).astype(np.int64)
-        zero_ns = now_ns - int(at[-1])
+    def _times(
+        self, sequence: NDArray[np.int64], at_ns: NDArray[np.int64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Host times (n,) ns at which records were taken, and how much later each came."""
+        after_ns = np.rint(sequence * (1e9 / self._settings.rate_hz)).astype(np.int64)
+        zero_ns = int((at_ns - after_ns).min())
         if self._zero_ns is None:
             self._zero_ns, self._last_ns = zero_ns, 0
         else:
-            drift_ns = round(DRIFT * (now_ns - self._heard_ns))
+            drift_ns = round(DRIFT * (int(at_ns[-1]) - self._heard_ns))
             self._zero_ns = min(zero_ns, self._zero_ns + drift_ns)
-        self._heard_ns = now_ns
-        t_ns = np.maximum(self._zero_ns + at, self._last_ns)
+        self._heard_ns = int(at_ns[-1])
+        t_ns = self._zero_ns + after_ns
+        late_ns = at_ns - t_ns
+        t_ns = np.maximum(t_ns, self._last_ns)
         self._last_ns = int(t_ns[-1])
-        return t_ns
+        return t_ns, late_ns

@@ -97,6 +97,7 @@ class GrblStage:
         self._trouble = ""
         self._reset_due = False  # before the next homing
         self._stopping = False  # told to stop by a fault, not seen at rest yet
+        self._within_s = 0.0  # a position's time was off by at most so much
 
     # ---- the Stage interface ------------------------------------------------------------------
 
@@ -220,7 +221,17 @@ class GrblStage:
     def position_mm(self) -> Vec3:
         """Tip position in the sensor frame (mm) as the controller reports it now."""
         self._require_ready()
-        return self._frame.to_sensor_mm(self.poll().machine_mm)
+        return self.located()[1]
+
+    def located(self) -> tuple[int, Vec3]:
+        """When (ns of the clock) the tip was where (sensor frame, mm): asked now.
+
+        The time is as near as can be known, see `StageState.t_s`; `identity` has the worst case.
+        """
+        self._require_ready()
+        state = self.poll()
+        self._within_s = max(self._within_s, state.within_s)
+        return round(state.t_s * 1e9), self._frame.to_sensor_mm(state.machine_mm)
 
     def stop(self) -> None:
         """Halt motion with the controller's own deceleration and wait for Idle.
@@ -261,6 +272,8 @@ class GrblStage:
             "settings": {f"${n}": v for n, v in sorted(self._limits.settings.items())},
             "origin_machine_mm": list(self._frame.origin_machine_mm),
             "angle_deg": self._frame.angle_deg,
+            "tilt_deg": list(self._frame.tilt_deg),
+            "pose_within_s": self._within_s,
         }
 
     def close(self) -> None:
@@ -381,6 +394,8 @@ class GrblStage:
         """
         self._drain()
         stopped = ""
+        # The first: what comes after a second question may still answer it.
+        asked_ns = self._now_ns() + self._on_wire_ns(1)
         for limit_s in (STATUS_S, STATUS_S, LISTEN_S):
             if limit_s == LISTEN_S:
                 stopped = self._halt()
@@ -394,13 +409,30 @@ class GrblStage:
                     self._fail("status reports give the work position; set $10=1 or $10=3")
                 elif not stopped:
                     rate = RATE.search(text)
+                    t_s, within_s = self._true_at(asked_ns, len(text) + len("\r\n"))
                     return StageState(
                         (float(found[3]), float(found[4]), float(found[5])),
                         found[1],
                         float(rate[1]) if rate else 0.0,
-                        self._clock.now_s(),
+                        t_s,
+                        within_s,
                     )
         return self._break(f"no answer to '?' within {2 * STATUS_S:g} s{stopped}")
+
+    def _true_at(self, asked_ns: int, n: int) -> tuple[float, float]:
+        """When the position in an answer of n bytes that is complete now was true; give or take.
+
+        It was read between the question and the answer's first byte. That one is as old as the
+        answer is long, unless the link is faster than its baud rate (USB).
+        """
+        answered_ns = self._now_ns()
+        begun_ns = answered_ns - self._on_wire_ns(n)
+        if begun_ns < asked_ns:
+            begun_ns = max(answered_ns, asked_ns)
+        return (asked_ns + begun_ns) / 2e9, (begun_ns - asked_ns) / 2e9
+
+    def _on_wire_ns(self, n: int) -> int:
+        return n * 10 * 1_000_000_000 // self._baud
 
     def _watch(self, text: str) -> None:
         """Raise for what nobody asked to hear: an alarm, or the banner of a restart."""

@@ -1,0 +1,72 @@
+"""Cameras and files of images as sources, opened as a run opens them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from .. import catalog
+from ..rig.camera.config import CameraConfig
+from ..rig.camera.files import Images, images_of
+from ..rig.camera.open import open_camera
+from ..rig.clock import WallClock
+from ..rig.interface import Frame
+from .source import NOTHING, Known, Source
+
+
+def camera_source(config: CameraConfig, folder: Path, known: Known = NOTHING) -> Source:
+    """What a rig file's [camera] shows; folder: of the rig file. Raises InputError."""
+    if config.is_file:
+        return FileSource(images_of(folder / str(config.source)), known)
+    return CameraSource(config, folder, known)
+
+
+class CameraSource:
+    """A camera that runs by itself."""
+
+    live = True
+
+    def __init__(self, config: CameraConfig, folder: Path, known: Known = NOTHING) -> None:
+        """Raises InputError for a camera that cannot be opened."""
+        self.name = config.name
+        self.known = known
+        self._camera = open_camera(config, folder, WallClock())
+
+    def frames(self) -> Iterator[Frame]:
+        """As Source. Raises SensorError when the camera stalls or is gone."""
+        self._camera.begin("live")
+        while True:
+            yield self._camera.capture()
+
+    def close(self) -> None:
+        """Let go of the camera."""
+        self._camera.close()
+
+
+class FileSource:
+    """Images from the disk; every image counts."""
+
+    live = False
+
+    def __init__(self, images: Images, known: Known = NOTHING) -> None:
+        self.name = images.name
+        self.known = known
+        self._images = images
+
+    def frames(self) -> Iterator[Frame]:
+        """As Source; times as the file has them."""
+        for k, image in enumerate(self._images.read()):
+            yield Frame(image, k / self._images.rate_hz, k)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._images.close()
+
+
+def asked(name: str, size_px: tuple[int, int] | None) -> CameraConfig:
+    """A camera that a user names by number, device file or address, and what size to ask for."""
+    w, h = size_px or (None, None)
+    source = int(name) if name.isdecimal() else name
+    return catalog.validate(
+        CameraConfig, {"source": source, "width_px": w, "height_px": h}, f"camera {name}"
+    )

@@ -1,0 +1,176 @@
+"""Images from the disk: a folder of them, or a video. Every image counts."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Generator, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+
+from ...errors import InputError, RunFailed, SensorError
+from ..interface import Clock, Frame, Image
+from .opencv import quietly_opened
+
+IMAGE_NAMES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+ASSUMED_HZ = 30.0
+"""Of images that come without times."""
+
+
+class Images(Protocol):
+    """Images of one size after another."""
+
+    name: str
+    kind: str
+    rate_hz: float
+
+    def read(self) -> Generator[Image, None, None]:
+        """Each image (h, w, 3) BGR uint8 in order. Raises RunFailed."""
+
+    def close(self) -> None:
+        """Close the file, once no image is read any longer; again does nothing."""
+
+
+class Folder:
+    """The images of a folder in order of their names, numbers by size."""
+
+    kind = "folder"
+    rate_hz = ASSUMED_HZ
+
+    def __init__(self, folder: Path) -> None:
+        """Raises InputError for a folder without images."""
+        self.name = str(folder)
+        self._files = sorted(
+            (p for p in folder.iterdir() if p.suffix.lower() in IMAGE_NAMES), key=_natural
+        )
+        if not self._files:
+            raise InputError(f"{folder}: no image in this folder ({', '.join(IMAGE_NAMES)})")
+
+    def read(self) -> Generator[Image, None, None]:
+        """As Images."""
+        for file in self._files:
+            try:
+                data = np.frombuffer(file.read_bytes(), np.uint8)
+            except OSError as why:
+                raise RunFailed(f"{file}: cannot be read: {why.strerror}") from why
+            image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+            if image is None:
+                raise RunFailed(f"{file}: does not decode as an image")
+            yield np.asarray(image, np.uint8)
+
+    def close(self) -> None:
+        """Nothing is held open."""
+
+
+def images_of(path: Path) -> Images:
+    """Of a folder or a video. Raises InputError, one line."""
+    if not path.exists():
+        raise InputError(f"{path}: no such file or folder")
+    return Folder(path) if path.is_dir() else Video(path)
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    return [(int(p), "") if p.isdigit() else (-1, p) for p in re.split(r"(\d+)", path.name)]
+
+
+class Video:
+    """A video file."""
+
+    kind = "video"
+
+    def __init__(self, file: Path) -> None:
+        """Raises InputError for a file that is no video."""
+        self.name = str(file)
+        self._capture = quietly_opened(str(file))
+        if not self._capture.isOpened():
+            raise InputError(f"{file}: is no video that can be read")
+        self.rate_hz = self._capture.get(cv2.CAP_PROP_FPS) or ASSUMED_HZ
+
+    def read(self) -> Generator[Image, None, None]:
+        """As Images."""
+        k = 0
+        while True:
+            done, image = self._capture.read()
+            if not done:
+                break
+            yield np.asarray(image, np.uint8)
+            k += 1
+        if k == 0:
+            raise RunFailed(f"{self.name}: holds no image")
+
+    def close(self) -> None:
+        """Close the file."""
+        self._capture.release()
+
+
+class FileCamera:
+    """Implements rig.interface.Camera: a file's images, handed over at their rate, none left out.
+
+    An image is stamped when it is handed over, for it was exposed at another time.
+    """
+
+    def __init__(
+        self,
+        images: Images,
+        clock: Clock,
+        size_px: tuple[int, int] | None = None,
+        rate_hz: float | None = None,
+    ) -> None:
+        """rate_hz: None for the file's own."""
+        self.name = images.name
+        self._images = images
+        self._clock = clock
+        self._size_px = size_px
+        self._rate_hz = rate_hz or images.rate_hz
+        self._left = images.read()
+        self._number = 0
+        self._due_s: float | None = None
+
+    def begin(self, stream: str) -> None:
+        """Nothing waits in a file, and none of its images is too old."""
+
+    def capture(self) -> Frame:
+        """The next image, not before a period has passed. Raises SensorError after the last."""
+        try:
+            image = next(self._left)
+        except StopIteration:
+            raise SensorError(
+                f"camera {self.name}: has no more images after {self._number}"
+            ) from None
+        except RunFailed as why:
+            raise SensorError(f"camera {self.name}: {why}") from why
+        h, w = image.shape[:2]
+        self._size_px = self._size_px or (w, h)
+        if (w, h) != self._size_px:
+            raise SensorError(
+                f"camera {self.name}: image {self._number} is of {w} x {h} px; "
+                f"{self._size_px[0]} x {self._size_px[1]} px were asked for"
+            )
+        now_s = self._clock.now_s()
+        if self._due_s is not None and now_s < self._due_s:
+            self._clock.sleep_s(self._due_s - now_s)
+            now_s = self._clock.now_s()
+        self._due_s = max(now_s, self._due_s or now_s) + 1 / self._rate_hz
+        self._number += 1
+        return Frame(image, now_s, self._number - 1)
+
+    def end(self, frame_ids: Sequence[str]) -> None:
+        """Nothing is kept of a stream."""
+
+    def identity(self) -> dict[str, Any]:
+        """What is read, and how quickly."""
+        return {
+            "kind": self._images.kind,
+            "name": self.name,
+            "size_px": None if self._size_px is None else list(self._size_px),
+            "rate_hz": self._rate_hz,
+            "stamped_by": "hand-over",
+            "counts": {"images": self._number},
+        }
+
+    def close(self) -> None:
+        """Close the file."""
+        self._left.close()
+        self._images.close()

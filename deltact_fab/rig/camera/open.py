@@ -1,0 +1,46 @@
+"""From a rig file's [camera] to a camera."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..interface import Camera, Clock
+from .config import CameraConfig
+from .stream import Feed, StreamCamera
+
+
+def open_camera(config: CameraConfig, folder: Path, clock: Clock) -> Camera:
+    """The camera that a rig file describes, opened, and reading if it runs by itself.
+
+    folder: of the rig file, from which relative paths count. clock: of all devices; its origin has
+    to be that of `time.monotonic` for a camera that stamps its images itself.
+
+    Raises InputError, one line, for a camera that is not there or keeps other settings.
+    """
+    size_px = None
+    if config.width_px is not None and config.height_px is not None:
+        size_px = (config.width_px, config.height_px)
+    rate_hz = config.rate_hz
+    feed: Feed
+    if config.command is not None:
+        from .command import CommandFeed
+
+        assert size_px is not None, "the configuration of a command has a size"
+        feed = CommandFeed(config.command, size_px, clock, folder, config.stamped)
+    elif config.is_device:
+        from .opencv import DeviceFeed
+
+        feed = device = DeviceFeed(config, clock)
+        rate_hz = rate_hz or device.rate_hz
+    elif config.is_url:
+        from .opencv import UrlFeed
+
+        feed = url = UrlFeed(str(config.source), clock)
+        rate_hz = rate_hz or url.rate_hz
+    else:
+        from .files import FileCamera, images_of
+
+        return FileCamera(images_of(folder / str(config.source)), clock, size_px, rate_hz)
+    return StreamCamera(
+        feed, clock, size_px=size_px, rate_hz=rate_hz, latency_s=config.latency_ms / 1e3
+    )

@@ -1,0 +1,22 @@
+"""The force sensor that a rig file declares, opened."""
+
+from __future__ import annotations
+
+from ...errors import InputError
+from ..interface import Clock, ForceSensor
+from .config import ForceConfig
+from .netft import SILENT_S, NetFTSensor
+
+
+def open_force(config: ForceConfig, clock: Clock, timeout_s: float = SILENT_S) -> ForceSensor:
+    """The sensor, reached and not streaming yet. timeout_s: silence for so long is an error.
+
+    Raises InputError where the table names no way to it, SensorError where it cannot be reached,
+    MissingLibrary.
+    """
+    if config.netft is not None:
+        from .link import PynetftLink
+        from .page import fetch
+
+        return NetFTSensor(PynetftLink(config.netft, fetch(config.netft)), clock, timeout_s)
+    raise InputError("force: no way to the sensor; add [force.netft] host = ... to the rig file")

@@ -1,0 +1,99 @@
+"""What is below the wire of a virtual bench, and only what the protocol's channels ask for."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..optics import Fisheye, Pinhole, Rectified
+from ..rig.config import VirtualConfig
+from ..rig.interface import Job
+from .clock import VirtualClock
+from .controller import GrblController
+from .grbl_settings import settings_for
+from .netft import NetFTBox
+from .presses import Presses
+from .scene import GelScene, LatticeCrop
+
+if TYPE_CHECKING:
+    from .picture import Picture
+
+
+class Below:
+    """Controller, gel, picture and force box of one run, on one clock that moves when it is told.
+
+    crop: what the camera can see of the face; None when nothing is drawn.
+    """
+
+    def __init__(
+        self,
+        config: VirtualConfig,
+        job: Job,
+        clock: VirtualClock,
+        scene: type[GelScene] = GelScene,
+    ) -> None:
+        self._config, self._job = config, job
+        self.clock = clock
+        stage, simulator = config.stage, config.virtual
+        self.controller = GrblController(
+            settings_for(stage.travel_mm, stage.max_feed_mm_min, stage.acceleration_mm_s2), clock
+        )
+        self.presses = Presses(job.protocol, job.sensor.skin, simulator.gel)
+        self.crop = self._crop() if "image" in job.protocol.channels else None
+        self.scene = scene(
+            self.controller,
+            clock,
+            stage.frame,
+            self.presses.increments,
+            self.presses.open,
+            self.crop,
+            self.presses.modulus_mpa,
+        )
+
+    def box(self) -> NetFTBox:
+        """The force box on this gel."""
+        noise_n = self._config.virtual.force.noise_n
+        return NetFTBox(
+            self._config.force, self.clock, self._job.seed, self.scene.wrenches, noise_n
+        )
+
+    def picture(self, view: Pinhole | Rectified) -> tuple[Picture, Fisheye | None]:
+        """What draws the printed gel, and the true lens it is drawn through; None: a pinhole.
+
+        view: of the images that are tracked.
+        """
+        from ..imaging import Printer, Sensor
+        from ..patterns.raster import albedo
+        from .picture import Picture, Texture
+        from .raw_view import RawView
+
+        job, simulator = self._job, self._config.virtual
+        assert self.crop is not None, "images are asked for"
+        printer = Printer(**simulator.printer.model_dump())
+        rng = np.random.default_rng(np.random.SeedSequence([job.seed, 3]))
+        printed = printer.print_(albedo(job.recipe, printer.mm_per_dot), rng)
+        texture = Texture(printed, printer.mm_per_dot)
+        exposure = Sensor(**simulator.camera.model_dump())
+        lens = None
+        camera: Pinhole | RawView
+        if isinstance(view, Rectified):
+            from .lens import true_lens
+
+            lens = true_lens(self._config, job.sensor)
+            camera = RawView(lens, view)
+        else:
+            camera = view
+        return Picture(camera, self.crop.lattice, texture, exposure), lens
+
+    def _crop(self) -> LatticeCrop:
+        from .picture import MARGIN_PX
+        from .raw_view import BAND_PX
+
+        optics = self._job.sensor.optics
+        view = optics.view_mm
+        margin_px = MARGIN_PX + (BAND_PX if self._config.virtual.lens is not None else 0)
+        margin_mm = margin_px * optics.mm_per_px
+        return LatticeCrop(
+            *self.presses.axes_mm(), (view[0] / 2 + margin_mm, view[1] / 2 + margin_mm)
+        )

@@ -1,0 +1,178 @@
+"""The simulated Net F/T box on real sockets, at the wall clock: UDP records, the page over HTTP."""
+
+from __future__ import annotations
+
+import select
+import socket
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from types import TracebackType
+from typing import Self
+
+from ..rig.config import ForceConfig
+from .clock import VirtualClock
+from .netft import NetFTBox, Wrenches
+from .netft_faults import BoxFaults
+
+WAKE_S = 0.05  # how long a command or the end of the server may wait at most
+
+
+@dataclass
+class Page:
+    """What `/netftapi2.xml` of the box tells beside its scaling and rate; change it at any time.
+
+    Fields of a Net F/T box: `cfgcalsn` is the transducer's serial number, `mfgdigsn` the box's.
+    """
+
+    serial: str = "FT00001"
+    box_serial: str = "SIM1"
+    product: str = "Simulated Net F/T"
+    force_unit: str = "N"
+    torque_unit: str = "Nmm"
+    enabled: bool = True
+    force_scale: float = 1.0
+    """Of the force unit in newtons, so that the counts of a unit fit the counts of a newton."""
+    torque_scale: float = 1.0
+
+
+class NetFTServer:
+    """A box over any wrench function, served until `close`. Ports are chosen by the system.
+
+    wrenches: forces (N) and torques (N mm) on the sensor (n, 6) at times (n,) ns of the monotonic
+    clock; called from the server's thread. sent: told of every record with the time (ns) just
+    before it was sent. Raises OSError where no socket can be had.
+    """
+
+    def __init__(
+        self,
+        wrenches: Wrenches,
+        config: ForceConfig | None = None,
+        *,
+        seed: int = 0,
+        noise_n: float = 0.0,
+        host: str = "127.0.0.1",
+        sent: Callable[[bytes, int], None] | None = None,
+    ) -> None:
+        self._clock = VirtualClock()
+        self._clock.advance_to_ns(time.monotonic_ns())
+        self._box = NetFTBox(config or ForceConfig(), self._clock, seed, wrenches, noise_n)
+        self._sent = sent
+        self.page = Page()
+        self.host = host
+        self._done = threading.Event()
+        self._udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._stray = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            for udp in (self._udp, self._stray):
+                udp.bind((host, 0))
+                udp.setblocking(False)
+            server = self
+
+            class Handler(BaseHTTPRequestHandler):
+                def do_GET(self) -> None:
+                    server._answer(self)
+
+                def log_message(self, format: str, *args: object) -> None:
+                    """Nothing is printed."""
+
+            self._http = HTTPServer((host, 0), Handler)
+        except OSError:
+            self._udp.close()
+            self._stray.close()
+            raise
+        self.rdt_port: int = self._udp.getsockname()[1]
+        self.http_port: int = self._http.server_address[1]
+        self._threads = [
+            threading.Thread(target=self._stream, name="netft-rdt"),
+            threading.Thread(target=self._http.serve_forever, args=(WAKE_S,), name="netft-http"),
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    @property
+    def faults(self) -> BoxFaults:
+        """What the box does wrong, changed at any time."""
+        return self._box.faults
+
+    def close(self) -> None:
+        """End both threads and close the sockets; again does nothing."""
+        if self._done.is_set():
+            return
+        self._done.set()
+        self._http.shutdown()
+        for thread in self._threads:
+            thread.join()
+        self._http.server_close()
+        self._udp.close()
+        self._stray.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _stream(self) -> None:
+        """The one thread that the box belongs to."""
+        client: tuple[str, int] | None = None
+        udp, box, clock = self._udp, self._box, self._clock
+        while not self._done.is_set():
+            now_ns = time.monotonic_ns()
+            wait_s = (box.next_ns(now_ns + 10**9) - now_ns) / 1e9
+            ready = select.select([udp], [], [], min(max(wait_s, 0.0), WAKE_S))[0]
+            clock.advance_to_ns(time.monotonic_ns())
+            if ready:
+                command, client = udp.recvfrom(64)
+                box.send(command)
+            while client is not None and (data := box.due()) is not None:
+                if self._sent is not None:
+                    self._sent(data.payload, time.monotonic_ns())
+                try:
+                    (self._stray if data.stray else udp).sendto(data.payload, client)
+                except OSError:
+                    break  # nobody is there, or its buffer is full: as on a wire, it is lost
+
+    def _answer(self, request: BaseHTTPRequestHandler) -> None:
+        """One request for the page."""
+        if request.path.partition("?")[0] != "/netftapi2.xml":
+            request.send_error(404)
+            return
+        body = self._xml().encode("ascii")
+        request.send_response(200)
+        request.send_header("Content-Type", "text/xml")
+        request.send_header("Content-Length", str(len(body)))
+        request.end_headers()
+        request.wfile.write(body)
+
+    def _xml(self) -> str:
+        page, settings = self.page, self._box.settings()
+        force, torque = page.force_scale, page.torque_scale
+        ratings = [
+            *(self._box.limits[:3] / force).tolist(),
+            *(self._box.limits[3:] / torque).tolist(),
+        ]
+        fields = {
+            "prodname": page.product,
+            "runstat": "0x00000000",
+            "cfgcalsn": page.serial,
+            "scfgfu": page.force_unit,
+            "scfgtu": page.torque_unit,
+            "cfgcpf": f"{settings.counts_per_n * force:.0f}",
+            "cfgcpt": f"{settings.counts_per_nmm * torque:.0f}",
+            "cfgmr": ";".join(f"{value:g}" for value in ratings),
+            "comrdte": "Enabled" if page.enabled else "Disabled",
+            "comrdtrate": f"{settings.rate_hz:.0f}",
+            "comrdtbsiz": "1",
+            "mfgdigsn": page.box_serial,
+            "mfgdigver": "2.2.59",
+        }
+        lines = "\n".join(f"<{name}>{value}</{name}>" for name, value in fields.items())
+        return f'<?xml version="1.0"?><netft>\n{lines}\n</netft>\n'

@@ -1,0 +1,87 @@
+"""The simulated controller on a pseudo terminal: the real host on it, and the faults of a cable."""
+
+from __future__ import annotations
+
+import os
+import time
+
+import pytest
+
+from deltact_fab.errors import StageError
+from deltact_fab.optics import StageFrame
+from deltact_fab.rig.clock import WallClock
+from deltact_fab.rig.stage.grbl import GrblStage
+from deltact_fab.virtual.controller import GrblController
+from deltact_fab.virtual.pty import Terminal
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")
+QUICK = {24: 1200, 25: 3000, 26: 5, 27: 0.2, 120: 2000, 121: 2000, 122: 2000}
+
+
+def powered(resets_on_open: bool = False, opened: list[bool] | None = None) -> Terminal:
+    clock = WallClock()
+    grbl = GrblController(QUICK, clock, start_mm=(-1, -1, -1), boot_s=0.1)
+    note = None if opened is None else opened.append
+    return Terminal(grbl, clock, resets_on_open=resets_on_open, opened=note)
+
+
+def host(terminal: Terminal) -> GrblStage:
+    return GrblStage(terminal.port, WallClock(), StageFrame((0.0, 0.0, 0.0)))
+
+
+def test_noise_changes_nothing_and_a_port_that_is_closed_is_seen() -> None:
+    opened: list[bool] = []
+    with powered(resets_on_open=True, opened=opened) as terminal:
+        stage = host(terminal)
+        stage.connect()
+        stage.home()
+        stage.start_move((-5.0, -5.0, -5.0), 600.0)
+        terminal.say(b"\xff\x00\xfe<Ru\r\nok\r\n")
+        stage.wait()
+        assert terminal.controller.position_mm() == pytest.approx((-5, -5, -5), abs=2e-3)
+        stage.close()
+        for _ in range(500):
+            if opened == [True, False]:
+                break
+            time.sleep(0.01)
+    assert opened == [True, False]
+
+
+def test_a_cable_that_is_pulled_is_an_error_and_the_port_comes_back_where_it_was() -> None:
+    with powered() as terminal:
+        stage = host(terminal)
+        stage.connect()
+        stage.home()
+        stage.start_move((-1.0, -1.0, -40.0), 600.0)
+        terminal.unplug()
+        with pytest.raises(StageError):
+            stage.wait()
+        assert not os.path.lexists(terminal.port)
+        terminal.plug()
+        stage.close()
+        with pytest.raises(StageError):
+            stage.position_mm()
+        again = host(terminal)
+        for _ in range(500):  # the jog goes on without a host
+            with terminal.lock:
+                if terminal.controller.state != "Jog":
+                    break
+            time.sleep(0.01)
+        again.connect()
+        again.home()
+        again.close()
+
+
+def test_silence_is_an_error_and_over_when_it_is_over() -> None:
+    with powered() as terminal:
+        stage = host(terminal)
+        stage.connect()
+        stage.home()
+        terminal.silence()
+        with pytest.raises(StageError, match="no answer"):
+            stage.position_mm()
+        terminal.silence(0.0)
+        stage.close()
+        stage.connect()
+        stage.home()
+        stage.close()
