@@ -116,9 +116,9 @@ def run(
     """Check everything, run every step, return the summary.
 
     resume: continue the unfinished run in `out`, or start it when there is none; a finished one is
-    left as it is, and its summary comes with "already_finished" true. The summary's times, notes
-    and devices are those of the last session. air: nothing goes below the clearance plane, and no
-    force is predicted. Raises InputError or RunFailed.
+    verified (every hash) and left as it is, and its summary comes with "already_finished" true.
+    The summary's times, notes and devices are those of the last session. air: nothing goes below
+    the clearance plane, and no force is predicted. Raises InputError or RunFailed.
     """
     started = time.monotonic()
     protocol, source = plan.load(protocol_name)
@@ -139,6 +139,7 @@ def run(
         found = open_run(out)
         record.require_same(found, meta, text, pattern, with_versions=not found.finished)
         if found.finished:
+            record.require_whole(found, progress)
             return {**found.summary(), "already_finished": True}
     else:
         _require_new(out, text)

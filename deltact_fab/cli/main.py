@@ -27,6 +27,7 @@ COMMANDS = {
     "analyze": ("analyze", "analyze", "Analyses of recorded runs."),
     "measure": ("measure", "measure", "Shape, force and contact, live."),
     "report": ("report", "report", "One offline page of a run."),
+    "record": ("record", "record", "Recorded runs: check, show, note, export."),
     "run": ("run", "run", "Carry out a protocol on a rig."),
     "numerics": ("numerics", "numerics", "Error against run time, and stability, of the engines."),
     "demo": ("demo", "demo", "The whole chain on the virtual rig, to a report."),

@@ -5,19 +5,25 @@ RUN/protocol.toml     the protocol as it was given, byte for byte
 RUN/pattern.json      recipe and dot centres as data
 RUN/journal.sqlite    steps, frames, samples, events (WAL, synchronous=FULL)
 RUN/camera.flat.png   how the light falls off, where the camera file names it
-RUN/images/*.png      as the camera gave them, raw; temporary file, fsync, rename
+RUN/images/*          as the camera gave them, raw, PNG or JPEG XL; temporary file, fsync, rename
 RUN/truth/            written by a virtual rig only; read through `Run.truth()` in analysis only
+RUN/notes.jsonl       what operators had to say, a line each, at any time
 RUN/summary.json      written last: its presence says that the run is finished
 
-The folder appears whole, by one rename. A press is complete when its last step is journalled; what
-else it leaves (images, truth) is on the disk before that, and the samples of a step's streams come
-with its row. See docs/decisions/0005-resume.md and 0012-streams.md.
+The folder appears whole, by one rename. Rows are committed in batches, each after its files
+(`pipeline`). A press is complete when its last step is journalled; what else it leaves (images,
+truth) is on the disk before that, and the samples of a step's streams come with its row. See
+docs/decisions/0005-resume.md, 0012-streams.md and 0032-runner.md.
 """
 
 from __future__ import annotations
 
-from .files import FORMAT, encode_png, image_file, lattice_file, lens_file, truth_file, write_whole
+from .about import about
+from .check import Verdict, check, require_whole
+from .files import FORMAT, image_file, lattice_file, lens_file, truth_file, write_whole
+from .images import FORMATS, decode, encode, encode_png
 from .journal import CLOCK_COLUMNS, PRESS_TABLES, WALL_COLUMNS
+from .notes import add as add_note
 from .run import Run, open
 from .same import require_same
 from .streams import Chunk
@@ -27,18 +33,26 @@ from .writer import RunWriter
 __all__ = [
     "CLOCK_COLUMNS",
     "FORMAT",
+    "FORMATS",
     "PRESS_TABLES",
     "WALL_COLUMNS",
     "Chunk",
     "Run",
     "RunWriter",
     "Truth",
+    "Verdict",
+    "about",
+    "add_note",
+    "check",
+    "decode",
+    "encode",
     "encode_png",
     "image_file",
     "lattice_file",
     "lens_file",
     "open",
     "require_same",
+    "require_whole",
     "truth_file",
     "write_whole",
 ]

@@ -10,12 +10,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ..errors import InputError, RunFailed
 
-FORMAT = 4
+FORMAT = 5
 
 
 def write_whole(path: Path, data: bytes) -> None:
@@ -23,21 +20,35 @@ def write_whole(path: Path, data: bytes) -> None:
 
     Raises RunFailed naming the file when the disk refuses.
     """
+    write_file(path, data)
+    with disk_errors(path):
+        sync_folder(path.parent)
+
+
+def write_file(path: Path, data: bytes) -> None:
+    """As `write_whole`, but for the last: the folder is synced by whoever writes many into it."""
     temporary = path.with_name(f".{path.name}.part")
     try:
-        with temporary.open("wb") as out:
+        with disk_errors(path), temporary.open("wb") as out:
             out.write(data)
             out.flush()
             os.fsync(out.fileno())
-        temporary.replace(path)
-        sync_folder(path.parent)
-    except BaseException as why:
+        with disk_errors(path):
+            temporary.replace(path)
+    except BaseException:
         # Where nothing may be written, nothing can be removed either, and nothing is there.
         with suppress(OSError):
             temporary.unlink()
-        if isinstance(why, OSError):
-            raise RunFailed(f"{path}: cannot be written: {why.strerror}") from why
         raise
+
+
+@contextmanager
+def disk_errors(path: Path) -> Iterator[None]:
+    """An OSError becomes a RunFailed that names the file."""
+    try:
+        yield
+    except OSError as why:
+        raise RunFailed(f"{path}: cannot be written: {why.strerror}") from why
 
 
 def sync_folder(folder: Path) -> None:
@@ -54,9 +65,9 @@ def sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
-def image_file(frame_id: str) -> str:
-    """Path of a frame's image inside the run folder."""
-    return f"images/{frame_id.replace('/', '_').replace('#', '_')}.png"
+def image_file(frame_id: str, suffix: str = "png") -> str:
+    """Path of a frame's image inside the run folder; suffix: one of `images.FORMATS`."""
+    return f"images/{frame_id.replace('/', '_').replace('#', '_')}.{suffix}"
 
 
 def truth_file(folder: Path, press: str) -> Path:
@@ -78,30 +89,21 @@ def flat_file(folder: Path) -> Path:
     return folder / "camera.flat.png"
 
 
+def notes_file(folder: Path) -> Path:
+    """Where operators' notes on a run stand, a JSON object a line."""
+    return folder / "notes.jsonl"
+
+
+def written(folder: Path) -> Iterator[Path]:
+    """Images, truths of presses and cut-off writes of a run: what a resume may remove."""
+    inside = ("images/*.png", "images/*.jxl", "images/.*.part", "truth/*.npz", "truth/.*.part")
+    for pattern in (".*.part", *inside):
+        yield from folder.glob(pattern)
+
+
 def lens_file(folder: Path) -> Path:
     """Where a virtual rig keeps the lens that it draws through, which is not the calibrated one."""
     return folder / "truth" / "lens.json"
-
-
-def encode_png(image: NDArray[np.uint8]) -> bytes:
-    """(h, w, 3) BGR to PNG bytes, tuned for noisy frames (fast filter, Huffman only)."""
-    import cv2
-
-    done, data = cv2.imencode(
-        ".png",
-        image,
-        [
-            cv2.IMWRITE_PNG_COMPRESSION,
-            1,
-            cv2.IMWRITE_PNG_STRATEGY,
-            cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY,
-            cv2.IMWRITE_PNG_FILTER,
-            cv2.IMWRITE_PNG_FILTER_AVG,
-        ],
-    )
-    if not done:
-        raise RunFailed("an image could not be encoded as PNG")
-    return bytes(data)
 
 
 @contextmanager

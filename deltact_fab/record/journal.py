@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from ..errors import InputError, RunFailed
 
@@ -15,13 +16,15 @@ CREATE TABLE steps (
   seq INTEGER PRIMARY KEY, step_id TEXT NOT NULL UNIQUE, press TEXT NOT NULL,
   indenter TEXT NOT NULL, kind TEXT NOT NULL,
   x_mm REAL NOT NULL, y_mm REAL NOT NULL, z_mm REAL NOT NULL, feed_mm_min REAL NOT NULL,
-  planned_s REAL NOT NULL, t_start_s REAL NOT NULL, t_end_s REAL NOT NULL, wall_s REAL NOT NULL
+  planned_s REAL NOT NULL, missed INTEGER NOT NULL, t_start_s REAL NOT NULL,
+  t_end_s REAL NOT NULL, wall_s REAL NOT NULL
 );
 CREATE TABLE frames (
   frame_id TEXT PRIMARY KEY, seq INTEGER NOT NULL UNIQUE, step_id TEXT NOT NULL,
   press TEXT NOT NULL, indenter TEXT NOT NULL, kind TEXT NOT NULL, k INTEGER NOT NULL,
   settled INTEGER NOT NULL, file TEXT, sha256 TEXT, t_s REAL NOT NULL, t_step_s REAL NOT NULL,
-  t_press_s REAL NOT NULL, wall_s REAL NOT NULL
+  t_press_s REAL NOT NULL, late_s REAL NOT NULL, dropped INTEGER NOT NULL,
+  repeated INTEGER NOT NULL, wall_s REAL NOT NULL
 );
 CREATE TABLE samples (
   seq INTEGER NOT NULL, stream TEXT NOT NULL, press TEXT NOT NULL, step_id TEXT NOT NULL,
@@ -72,11 +75,30 @@ def claim(folder: Path) -> Claim:
     return Claim(handle)
 
 
+def being_written(folder: Path) -> bool:
+    """Whether another process has the run claimed just now."""
+    if os.name != "posix":
+        return False
+    import fcntl
+
+    with (folder / "run.json").open("rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        except OSError:  # a file system without locks
+            return False
+    return False
+
+
 def connect(folder: Path, new: bool = False) -> sqlite3.Connection:
     """The journal for writing. Raises RunFailed when it is not there or is no journal."""
     path = (folder / "journal.sqlite").absolute()
     with journal_errors(folder):
-        db = sqlite3.connect(f"{path.as_uri()}?mode={'rwc' if new else 'rw'}", uri=True)
+        # One thread at a time uses it: the pipeline's, between the start of a run and its end.
+        db = sqlite3.connect(
+            f"{path.as_uri()}?mode={'rwc' if new else 'rw'}", uri=True, check_same_thread=False
+        )
         try:
             db.execute("PRAGMA journal_mode=WAL")
             db.execute("PRAGMA synchronous=FULL")
@@ -84,6 +106,14 @@ def connect(folder: Path, new: bool = False) -> sqlite3.Connection:
             db.close()
             raise
         return db
+
+
+def insert(db: sqlite3.Connection, table: str, row: Mapping[str, Any]) -> None:
+    """One row, by the names of its columns."""
+    names = ",".join(row)
+    db.execute(
+        f"INSERT INTO {table} ({names}) VALUES ({','.join('?' * len(row))})", tuple(row.values())
+    )
 
 
 @contextmanager

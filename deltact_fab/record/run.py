@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, RunFailed
 from ..optics import CameraModel, FlatField, Rectified, camera_from_dict
+from . import notes
 from .files import FORMAT, flat_file, lattice_file
+from .images import decode
 from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, at_times, unpack
 from .truth import Truth, load
 
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
 _STREAMS = {"pose": POSE_COLUMNS, "force": FORCE_COLUMNS}
 _SAMPLED = (*POSE_COLUMNS, *FORCE_COLUMNS)
 _SKEWS = ("pose_skew_s", "force_skew_s")
+_LATENESS = ("late_s", "late", "dropped", "repeated")
 
 
 class Run:
@@ -43,9 +46,9 @@ class Run:
             raise InputError(f"{folder}: run.json or pattern.json cannot be read: {why}") from why
         self.format = self.meta.get("format") if isinstance(self.meta, dict) else None
         """Of the folder; 2: force and pose stand with the frames; up to 3: settled is not kept."""
-        if self.format not in (2, 3, FORMAT):
+        if self.format not in (2, 3, 4, FORMAT):
             raise InputError(
-                f"{folder}/run.json: format: {self.format}, this version reads 2, 3 and {FORMAT}"
+                f"{folder}/run.json: format: {self.format}, this version reads 2 to {FORMAT}"
             )
 
     def frames(self, press: str | None = None) -> pd.DataFrame:
@@ -55,11 +58,13 @@ class Run:
         time between the samples of its step; pose_skew_s and force_skew_s: how far in time the
         nearest sample is. All are nan where there is none. t_s: on the rig's clock; t_step_s,
         t_press_s: since the step, the press began. settled: the tip rested, for as long as the
-        protocol settles, when the frame was taken. In format 2 force and pose are those that were
+        protocol settles, when the frame was taken. late_s: exposed after it was wanted; late: by
+        more than half of what lies between two frames of a sweep; dropped, repeated: frames that
+        the camera lost, or gave twice, since the one before; none of these up to format 4. In format 2 force and pose are those that were
         read after the frame, and the skews are not known.
         """
         table = self._table("frames", press)
-        table = table.assign(settled=self._settled(table))
+        table = table.assign(settled=self._settled(table), **self._lateness(table))
         if self.format == 2:
             return table
         rows = table.groupby("step_id").indices
@@ -74,7 +79,7 @@ class Run:
                     found[name][at] = column
                 found[f"{stream}_skew_s"][at] = skew_s
         table = table.assign(**found)
-        last = ["wall_s", "t_press_s", *_SKEWS, "settled"]
+        last = ["wall_s", "t_press_s", *_SKEWS, "settled", *_LATENESS]
         first = [name for name in table if name not in (*last, *_SAMPLED)]
         return table[[*first, *_SAMPLED, *last]]
 
@@ -107,6 +112,12 @@ class Run:
                 columns=["seq", "kind", "press", "step_id", "text", "t_s", "wall_s"]
             )
         return self._table("events")
+
+    def notes(self) -> pd.DataFrame:
+        """One row an operator's note, in the order of writing: wall_s of the day, text."""
+        import pandas as pd
+
+        return pd.DataFrame(notes.read(self.folder), columns=["wall_s", "text"])
 
     def steps(self) -> pd.DataFrame:
         """One row a finished step."""
@@ -161,8 +172,6 @@ class Run:
 
     def raw(self, file: str) -> NDArray[np.uint8]:
         """(h, w, 3) BGR of one frame as the camera gave it. Raises as `image` does."""
-        import cv2
-
         path = self.folder / file
         try:
             data = path.read_bytes()
@@ -172,10 +181,10 @@ class Run:
             raise RunFailed(
                 f"{path}: damaged: {len(data)} bytes that differ from the hash in the journal"
             )
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        image = decode(data, file)
         if image is None:
             raise RunFailed(f"{path}: does not decode as an image")
-        return np.asarray(image, np.uint8)
+        return image
 
     @property
     def finished(self) -> bool:
@@ -198,7 +207,7 @@ class Run:
         """
         if not lattice_file(self.folder).is_file():
             return None
-        with self._reader() as db:
+        with self.reader() as db:
             rows = db.execute("SELECT press FROM frames GROUP BY press ORDER BY min(seq)")
             presses = [press for (press,) in rows]
         asked = self.meta["protocol"]["channels"]
@@ -212,10 +221,18 @@ class Run:
             return table["k"] > 0
         return table["step_id"].str.endswith("/rest")
 
+    def _lateness(self, table: pd.DataFrame) -> dict[str, Any]:
+        if "late_s" not in table:
+            return {"late_s": 0.0, "late": False, "dropped": 0, "repeated": 0}
+        rate_hz = self.meta.get("protocol", {}).get("capture", {}).get("rate_hz")
+        limit_s = 0.5 / rate_hz if rate_hz else np.inf
+        settled = self._settled(table)
+        return {"late": (table["late_s"] > limit_s) & ~settled, "late_s": table["late_s"]}
+
     def _hash_of(self, file: str) -> str | None:
         held: dict[str, str] = self.__dict__.setdefault("hashes", {})
         if file not in held:  # also a frame that came since, in a run that goes on
-            with self._reader() as db:
+            with self.reader() as db:
                 held.update(db.execute("SELECT file, sha256 FROM frames WHERE file IS NOT NULL"))
         return held.get(file)
 
@@ -247,33 +264,41 @@ class Run:
             return pd.DataFrame(columns=["press", "step_id", "t_s", "t_press_s", *names, *more])
         return pd.concat(parts, ignore_index=True)
 
-    def samples_of(self, press: str) -> Iterator[Chunk]:
-        """All chunks of a press. Raises RunFailed for a damaged one."""
+    def damaged_samples(self, press: str) -> Iterator[str]:
+        """Stream and step of each chunk of a press that cannot be unpacked."""
         for stream in _STREAMS:
-            for _, _, chunk in self._chunks(stream, press):
-                yield chunk
+            for _, step_id, stored in self._stored(stream, press):
+                try:
+                    unpack(*stored)
+                except ValueError:
+                    yield f"{stream} of {step_id}"
 
     def _chunks(self, stream: str, press: str | None) -> Iterator[tuple[str, str, Chunk]]:
         """Press, step and samples, step by step. Raises RunFailed for a damaged chunk."""
-        with self._reader() as db:
+        for of_press, step_id, stored in self._stored(stream, press):
+            try:
+                yield of_press, step_id, unpack(*stored)
+            except ValueError as why:
+                raise RunFailed(
+                    f"{self.folder / 'journal.sqlite'}: {stream} of {step_id}: damaged: {why}"
+                ) from why
+
+    def _stored(self, stream: str, press: str | None) -> Iterator[tuple[str, str, Any]]:
+        """Press, step and packed samples, step by step."""
+        with self.reader() as db:
             rows = db.execute(
                 "SELECT press, step_id, stream, origin_s, n, columns, data FROM samples "
                 "WHERE stream = ? AND press = coalesce(?, press) ORDER BY seq",
                 (stream, press),
             )
             for of_press, step_id, *stored in rows:
-                try:
-                    yield of_press, step_id, unpack(*stored)
-                except ValueError as why:
-                    raise RunFailed(
-                        f"{self.folder / 'journal.sqlite'}: {stream} of {step_id}: damaged: {why}"
-                    ) from why
+                yield of_press, step_id, stored
 
     def _table(self, name: str, press: str | None = None) -> pd.DataFrame:
         import pandas as pd
 
         which = "" if press is None else "WHERE press = :press "
-        with self._reader() as db:
+        with self.reader() as db:
             try:
                 return pd.read_sql_query(
                     f"SELECT * FROM {name} {which}ORDER BY seq", db, params={"press": press}
@@ -282,7 +307,7 @@ class Run:
                 raise sqlite3.DatabaseError(str(why.__cause__ or why)) from why
 
     @contextmanager
-    def _reader(self) -> Iterator[sqlite3.Connection]:
+    def reader(self) -> Iterator[sqlite3.Connection]:
         """The journal, read only. Raises RunFailed when it cannot be read."""
         path = self.folder / "journal.sqlite"
         try:

@@ -1,13 +1,12 @@
-"""Writing a run, frame by frame, and taking an interrupted one up again."""
+"""Writing a run, frame by frame, and taking an interrupted one up again. See `pipeline`."""
 
 from __future__ import annotations
 
-import hashlib
 import os
 import shutil
 import sqlite3
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,6 @@ from ..optics import FlatField
 from ..protocols.plan import Step
 from .files import (
     FORMAT,
-    encode_png,
     flat_file,
     image_file,
     json_bytes,
@@ -28,21 +26,25 @@ from .files import (
     sync_folder,
     truth_file,
     write_whole,
+    written,
 )
-from .journal import PRESS_TABLES, SCHEMA, claim, connect, journal_errors
+from .images import image_format, require
+from .journal import PRESS_TABLES, SCHEMA, claim, connect, insert, journal_errors
 from .kept import Progress, frame_id_of, judged
+from .pipeline import Pipeline, Row
 from .run import Run
 from .streams import Chunk, pack
 
 
 class RunWriter:
-    """Writes one run. Every frame and every step is committed before the next one starts; with a
-    step come the samples that force sensor and stage gave in it.
+    """Writes one run, off the caller's thread: every call returns when there is room for what it
+    gave, and `flush` when all of it is committed. With a step come the samples that force sensor
+    and stage gave in it.
 
     Rows are numbered by their place in the plan, so a press that is redone gets its old numbers.
     """
 
-    def __init__(self, folder: Path, steps: Sequence[Step]) -> None:
+    def __init__(self, folder: Path, steps: Sequence[Step], image_format: str) -> None:
         """For `create` and `resume` only."""
         self.folder = folder
         self.kept: frozenset[str] = frozenset()
@@ -50,6 +52,9 @@ class RunWriter:
         self.redone: dict[str, str] = {}
         """Presses found begun or damaged, and why they are carried out again."""
         self.session = 1
+        self.image_format = image_format
+        self.failed: Callable[[RunFailed], None] = lambda why: None
+        """Told at once, from another thread, when the disk refuses; the next call raises it too."""
         self._step_seq = {step.id: n for n, step in enumerate(steps, start=1)}
         self._frames_before = {}
         frames = 0
@@ -62,6 +67,7 @@ class RunWriter:
         except BaseException:
             self._claim.close()
             raise
+        self._writing = Pipeline(folder, self._db, lambda why: self.failed(why))
 
     @classmethod
     def create(
@@ -80,6 +86,7 @@ class RunWriter:
         """
         if folder.exists():
             raise InputError(f"{folder}: already there; name a new --out folder")
+        require(image_format(meta))
         made = folder.with_name(f".{folder.name}.part")
         try:
             with refusing(folder):
@@ -94,7 +101,7 @@ class RunWriter:
             with journal_errors(made), closing(connect(made, new=True)) as db:
                 db.executescript(f"BEGIN;{SCHEMA}COMMIT;")
                 with db:
-                    _event(db, "session", "begun")
+                    insert(db, "events", _event("session", "begun"))
             write_whole(made / "run.json", json_bytes({"format": FORMAT, **meta}))
             with refusing(folder):
                 made.rename(folder)
@@ -104,7 +111,7 @@ class RunWriter:
             if isinstance(why, RunFailed):  # in words of the folder that was asked for
                 raise RunFailed(str(why).replace(str(made), str(folder))) from why
             raise
-        return cls(folder, steps)
+        return cls(folder, steps, image_format(meta))
 
     @classmethod
     def resume(
@@ -123,7 +130,8 @@ class RunWriter:
             )
         if not os.access(folder, os.W_OK):
             raise InputError(f"{folder}: cannot be written; a run is continued where it stands")
-        writer = cls(folder, steps)
+        require(image_format(run.meta))
+        writer = cls(folder, steps, image_format(run.meta))
         try:
             with journal_errors(folder):
                 writer.kept, writer.redone = judged(writer._db, run, steps, progress)
@@ -141,23 +149,43 @@ class RunWriter:
         t_s: float,
         t_step_s: float,
         t_press_s: float,
-    ) -> str:
-        """Store one frame (image may be left out by the scene) and return its id."""
+        *,
+        late_s: float = 0.0,
+        dropped: int = 0,
+        repeated: int = 0,
+        wait: bool = True,
+    ) -> str | None:
+        """Have one frame stored (image may be left out by the scene); return its id.
+
+        None, and nothing stored, when too many wait to be written; wait: until there is room.
+        late_s: after it was wanted. dropped, repeated: by the camera, since the one before.
+        """
         frame_id = frame_id_of(step, k)
-        file = digest = None
-        if image is not None:
-            data = encode_png(image)
-            file = image_file(frame_id)
-            write_whole(self.folder / file, data)
-            digest = hashlib.sha256(data).hexdigest()
-        row = (
-            frame_id, self._frames_before[step.id] + k, step.id, step.press, step.indenter,
-            step.kind, k, step.settled and k == step.frames, file, digest, t_s, t_step_s,
-            t_press_s, time.time(),
-        )  # fmt: skip
-        with journal_errors(self.folder), self._db:
-            _insert(self._db, "frames", row)
-        return frame_id
+        row: Row = {
+            "frame_id": frame_id,
+            "seq": self._frames_before[step.id] + k,
+            "step_id": step.id,
+            "press": step.press,
+            "indenter": step.indenter,
+            "kind": step.kind,
+            "k": k,
+            "settled": step.settled and k == step.frames,
+            "file": None,
+            "sha256": None,
+            "t_s": t_s,
+            "t_step_s": t_step_s,
+            "t_press_s": t_press_s,
+            "late_s": late_s,
+            "dropped": dropped,
+            "repeated": repeated,
+            "wall_s": time.time(),
+        }
+        if image is None:
+            self._writing.put([("frames", row)])
+            return frame_id
+        row["file"] = image_file(frame_id, self.image_format)
+        path = self.folder / row["file"]
+        return frame_id if self._writing.put_image([("frames", row)], path, image, wait) else None
 
     def step(
         self,
@@ -166,27 +194,52 @@ class RunWriter:
         t_start_s: float,
         t_end_s: float,
         chunks: Iterable[Chunk] = (),
+        missed: int = 0,
     ) -> None:
-        """Journal a finished step and its samples. A press's last step completes the press."""
-        row = (
-            self._step_seq[step.id], step.id, step.press, step.indenter, step.kind,
-            *step.target_mm, step.feed_mm_min, planned_s, t_start_s, t_end_s, time.time(),
-        )  # fmt: skip
-        with journal_errors(self.folder), self._db:
-            self._insert_samples(step, chunks)
-            _insert(self._db, "steps", row)
+        """Journal a finished step and its samples. A press's last step completes the press.
+
+        missed: of its frames, that will not come.
+        """
+        x_mm, y_mm, z_mm = step.target_mm
+        row: Row = {
+            "seq": self._step_seq[step.id],
+            "step_id": step.id,
+            "press": step.press,
+            "indenter": step.indenter,
+            "kind": step.kind,
+            "x_mm": x_mm,
+            "y_mm": y_mm,
+            "z_mm": z_mm,
+            "feed_mm_min": step.feed_mm_min,
+            "planned_s": planned_s,
+            "missed": missed,
+            "t_start_s": t_start_s,
+            "t_end_s": t_end_s,
+            "wall_s": time.time(),
+        }
+        self._writing.put([*self._samples(step, chunks), ("steps", row)])
 
     def cut_off(self, step: Step, chunks: Iterable[Chunk]) -> None:
         """Keep the samples of a step that will not be finished, until its press is done again."""
-        with journal_errors(self.folder), self._db:
-            self._insert_samples(step, chunks)
+        self._writing.put(self._samples(step, chunks))
 
     def event(
         self, kind: str, text: str, t_s: float | None = None, step: Step | None = None
     ) -> None:
-        """Note what happened, at a time of the rig's clock."""
-        with journal_errors(self.folder), self._db:
-            _event(self._db, kind, text, t_s, step)
+        """Note what happened, at a time of the rig's clock; from any thread."""
+        self._writing.put([("events", _event(kind, text, t_s, step))], history=True)
+
+    def flush(self) -> None:
+        """Wait until all is committed. Raises RunFailed, as all that writes does after a failure.
+
+        The failure names the file that the disk refused.
+        """
+        self._writing.flush()
+
+    @property
+    def failure(self) -> RunFailed | None:
+        """Why nothing more can be written."""
+        return self._writing.failure
 
     def close(self, summary: dict[str, Any]) -> None:
         """Finish the run: fold the journal into one plain file, then write the summary.
@@ -194,6 +247,8 @@ class RunWriter:
         Raises RunFailed when the disk refuses; the run then stays unfinished.
         """
         try:
+            self._writing.flush()
+            self._writing.close()
             with journal_errors(self.folder):
                 self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
                 # A finished record is read from anywhere, write-protected folders included; a
@@ -206,18 +261,28 @@ class RunWriter:
             self.abandon()
 
     def abandon(self) -> None:
-        """Let go of the folder as it is; never raises, so that it masks no other error."""
+        """Let go of the folder with all that was given; never raises, to mask no other error."""
+        self._writing.close()
         with suppress(sqlite3.Error):
             self._db.close()
         self._claim.close()
 
-    def _insert_samples(self, step: Step, chunks: Iterable[Chunk]) -> None:
+    def _samples(self, step: Step, chunks: Iterable[Chunk]) -> list[tuple[str, Row]]:
+        rows: list[tuple[str, Row]] = []
         for chunk in chunks:
-            row = (
-                self._step_seq[step.id], chunk.stream, step.press, step.id, len(chunk),
-                chunk.origin_s, *pack(chunk),
-            )  # fmt: skip
-            _insert(self._db, "samples", row)
+            columns, data = pack(chunk)
+            row: Row = {
+                "seq": self._step_seq[step.id],
+                "stream": chunk.stream,
+                "press": step.press,
+                "step_id": step.id,
+                "n": len(chunk),
+                "origin_s": chunk.origin_s,
+                "columns": columns,
+                "data": data,
+            }
+            rows.append(("samples", row))
+        return rows
 
     def _clear(self) -> None:
         """Remove all but the kept presses: rows first, for a file without a row is cleared again.
@@ -234,11 +299,12 @@ class RunWriter:
             count = "SELECT count(*) FROM events WHERE kind = 'session'"
             self.session = 1 + self._db.execute(count).fetchone()[0]
             text = f"resumed: {kept_frames} frames kept"
-            _event(self._db, "session", f"{text}; done again: {again}" if again else text)
+            text = f"{text}; done again: {again}" if again else text
+            insert(self._db, "events", _event("session", text))
         files = self._db.execute("SELECT file FROM frames WHERE file IS NOT NULL")
         keep = {self.folder / file for (file,) in files}
         keep |= {truth_file(self.folder, press) for press in self.kept}
-        for path in _written(self.folder):
+        for path in written(self.folder):
             if path not in keep:
                 try:
                     path.unlink()
@@ -246,22 +312,13 @@ class RunWriter:
                     raise RunFailed(f"{path}: cannot be removed: {why_not.strerror}") from why_not
 
 
-def _insert(db: sqlite3.Connection, table: str, row: Sequence[Any]) -> None:
-    db.execute(f"INSERT INTO {table} VALUES ({','.join('?' * len(row))})", row)
-
-
-def _event(
-    db: sqlite3.Connection,
-    kind: str,
-    text: str,
-    t_s: float | None = None,
-    step: Step | None = None,
-) -> None:
-    where = (None, None) if step is None else (step.press, step.id)
-    _insert(db, "events", (None, kind, *where, text, t_s, time.time()))
-
-
-def _written(folder: Path) -> Iterable[Path]:
-    """Images, truths of presses and cut-off writes of a run: what a resume may remove."""
-    for pattern in (".*.part", "images/*.png", "images/.*.part", "truth/*.npz", "truth/.*.part"):
-        yield from folder.glob(pattern)
+def _event(kind: str, text: str, t_s: float | None = None, step: Step | None = None) -> Row:
+    press, step_id = (None, None) if step is None else (step.press, step.id)
+    return {
+        "kind": kind,
+        "press": press,
+        "step_id": step_id,
+        "text": text,
+        "t_s": t_s,
+        "wall_s": time.time(),
+    }

@@ -1,0 +1,102 @@
+"""`deltact-fab record`: check, show, note and export recorded runs."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import click
+
+RUN = click.argument("run", type=click.Path(path_type=Path))
+JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+
+
+@click.group()
+def record() -> None:
+    """Recorded runs: check, show, note, export."""
+
+
+@record.command()
+@RUN
+@JSON
+def check(run: Path, as_json: bool) -> None:
+    """Verify RUN: journal, every image's hash, every sample and truth, each id exactly once.
+
+    The verdict comes first, then a line a problem. An unfinished run is whole when all that it has
+    is; what a press that was cut off lacks is no damage. Exit 1 on damage. Nothing is changed.
+    """
+    from ..record import check as verify
+    from .output import echo_json, progress
+
+    with progress("check") as bar:
+        verdict = verify(run, bar)
+    if as_json:
+        echo_json(verdict.as_dict())
+    else:
+        click.echo(verdict.line())
+        for press, why in verdict.open.items():
+            click.echo(f"open  {press}: {why}; --resume does it again")
+        for problem in verdict.problems:
+            click.echo(problem.line())
+    raise click.exceptions.Exit(0 if verdict.whole else 1)
+
+
+@record.command()
+@RUN
+@JSON
+def show(run: Path, as_json: bool) -> None:
+    """What RUN is: protocol, specimen, rig, counts, events, registration, notes."""
+    from ..record import about
+    from ..record import open as open_run
+    from .output import echo_json
+
+    data = about(open_run(run))
+    if as_json:
+        echo_json(data)
+        return
+    simulated = f" (simulated, seed {data['seed']})" if data["simulated"] else ""
+    air = " in air" if data["air"] else ""
+    click.echo(f"{run}: {data['protocol']} on {data['rig']}{simulated}{air}, {data['state']}")
+    if data["description"]:
+        click.echo(f"  {data['description']}")
+    specimen = data["specimen"] or {}
+    serial = f", serial number {specimen['serial']}" if specimen.get("serial") else ""
+    click.echo(f"  specimen: {specimen.get('design')}, {specimen.get('pattern')}{serial}")
+    if data["begun_s"] is not None:
+        click.echo(f"  begun {_day(data['begun_s'])}, last event {_day(data['ended_s'])}")
+    click.echo(
+        f"  {data['presses']} presses, {data['steps']} steps, {data['frames']} frames "
+        f"({data['images']} images), sessions: {data['sessions']}, format {data['format']}"
+    )
+    for kind, count in data["events"].items():
+        click.echo(f"  event {kind}: {count}")
+    click.echo(f"  registration: {data['registration'] or 'none'}")
+    for text in data["remarks"]:
+        click.echo(f"  remark: {text}")
+    for note in data["notes"]:
+        click.echo(_note(note))
+
+
+@record.command()
+@RUN
+@click.argument("text")
+@JSON
+def note(run: Path, text: str, as_json: bool) -> None:
+    """Add an operator's note to RUN, also while it goes on and after it has finished."""
+    from ..record import add_note
+    from .output import echo_json
+
+    added = add_note(run, text)
+    if as_json:
+        echo_json(added)
+    else:
+        click.echo(_note(added))
+
+
+def _note(note: dict[str, Any]) -> str:
+    return f"  note {_day(note['wall_s'])}: {note['text']}"
+
+
+def _day(wall_s: float) -> str:
+    return datetime.fromtimestamp(wall_s).astimezone().isoformat(" ", "seconds")

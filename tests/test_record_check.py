@@ -1,0 +1,203 @@
+"""`record check` finds everything that is wrong with a run; `show` and `note` tell of it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sqlite3
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from deltact_fab import experiment, record
+from deltact_fab.cli.main import main
+from deltact_fab.errors import InputError, RunFailed
+from deltact_fab.record.journal import claim
+
+OLD = Path(__file__).parent / "data" / "run-format-2"
+
+
+def command(*words: object) -> Result:
+    return CliRunner().invoke(main, ["record", *map(str, words)])
+
+
+@pytest.fixture
+def copy(mini_run: Path, tmp_path: Path) -> Path:
+    """A run that a test may spoil."""
+    shutil.copytree(mini_run, tmp_path / "run")
+    return tmp_path / "run"
+
+
+def sql(run: Path, text: str) -> None:
+    with closing(sqlite3.connect(run / "journal.sqlite")) as db, db:
+        assert db.execute(text).rowcount != 0
+
+
+def first_image(run: Path) -> Path:
+    return sorted((run / "images").iterdir())[0]
+
+
+def problems(run: Path) -> list[tuple[str, str]]:
+    return [(problem.kind, problem.where) for problem in record.check(run).problems]
+
+
+def test_a_whole_run_is_said_to_be_whole(mini_run: Path) -> None:
+    done = command("check", mini_run)
+    assert done.exit_code == 0, done.output
+    assert "whole (finished): 2 of 2 presses whole" in done.output
+    found = json.loads(command("check", mini_run, "--json").output)
+    assert found["whole"]
+    assert found["found_frames"] == found["frames"] == found["images"] > 10
+
+
+def flip(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(bytes(data))
+
+
+PRESS = "sphere-10/p1"
+SPOILT: dict[str, tuple[Callable[[Path], object], str, str, str]] = {
+    "image gone": (lambda r: first_image(r).unlink(), "damaged", "4dots/p1", "No such file"),
+    "image empty": (lambda r: first_image(r).write_bytes(b""), "damaged", "4dots/p1", "hash"),
+    "one bit": (lambda r: flip(first_image(r)), "damaged", "4dots/p1", "hash"),
+    "samples": (
+        lambda r: sql(r, "UPDATE samples SET data = substr(data, 1, 40) "
+                         f"WHERE stream = 'force' AND step_id = '{PRESS}/rest'"),
+        "damaged", PRESS, f"force of {PRESS}/rest",
+    ),
+    "truth gone": (lambda r: record.truth_file(r, PRESS).unlink(), "damaged", PRESS, "missing"),
+    "truth": (lambda r: flip(record.truth_file(r, PRESS)), "damaged", PRESS, "its truth"),
+    "lattice": (lambda r: record.lattice_file(r).unlink(), "damaged", PRESS, "lattice.json"),
+    "frame gone": (
+        lambda r: sql(r, f"DELETE FROM frames WHERE frame_id = '{PRESS}/rest#001'"),
+        "missing", PRESS, "rest#001",
+    ),
+    "step gone": (
+        lambda r: sql(r, f"DELETE FROM steps WHERE step_id = '{PRESS}/after'"),
+        "missing", PRESS, "after",
+    ),
+    "strange frame": (
+        lambda r: sql(r, "UPDATE frames SET frame_id = 'x#001' "
+                         f"WHERE frame_id = '{PRESS}/rest#001'"),
+        "extra", "x#001", "does not have",
+    ),
+    "moved": (
+        lambda r: sql(r, f"UPDATE steps SET seq = 900 WHERE step_id = '{PRESS}/after'"),
+        "differs", f"{PRESS}/after", "900",
+    ),
+    "stray": (lambda r: (r / "images" / "new.png").write_bytes(b""), "extra", "images/new.png", ""),
+    "journal": (
+        lambda r: (r / "journal.sqlite").write_bytes(b"no journal"),
+        "damaged", "journal.sqlite", "",
+    ),
+    "journal gone": (lambda r: (r / "journal.sqlite").unlink(), "damaged", "journal.sqlite", ""),
+    "run.json": (lambda r: (r / "run.json").write_text("{"), "damaged", "run.json", ""),
+    "protocol": (
+        lambda r: (r / "protocol.toml").write_text((r / "protocol.toml").read_text() + "#\nx=1"),
+        "damaged", "protocol.toml", "x",
+    ),
+    "protocol's value": (
+        lambda r: (r / "protocol.toml").write_text(
+            (r / "protocol.toml").read_text().replace("1.5", "1.25")),
+        "damaged", "protocol.toml", "differs",
+    ),
+    "summary": (lambda r: (r / "summary.json").write_text("{}"), "differs", "summary.json", ""),
+    "note": (lambda r: (r / "notes.jsonl").write_text("[]\n"), "damaged", "notes.jsonl", "line 1"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("how", SPOILT)
+def test_what_is_wrong_is_named(copy: Path, how: str) -> None:
+    spoil, kind, where, words = SPOILT[how]
+    spoil(copy)
+    done = command("check", copy)
+    assert done.exit_code == 1, done.output
+    first, *lines = done.output.splitlines()
+    assert "DAMAGED" in first
+    assert any(f"{kind}  {where}: " in line and words in line for line in lines), done.output
+
+
+def test_every_damaged_file_is_listed(copy: Path) -> None:
+    spoilt = sorted((copy / "images").iterdir())[::4]
+    for path in spoilt:
+        flip(path)
+    text = command("check", copy).output
+    assert all(path.name in text for path in spoilt)
+    assert len(text.splitlines()) == 1 + len(spoilt)
+
+
+def test_what_an_unfinished_run_lacks_is_no_damage(copy: Path) -> None:
+    (copy / "summary.json").unlink()
+    sql(copy, "DELETE FROM steps WHERE step_id = '4dots/p1/after'")
+    (copy / "images" / "left-over.png").write_bytes(b"")
+    done = command("check", copy)
+    assert done.exit_code == 0, done.output
+    assert "whole (unfinished): 1 of 2 presses" in done.output
+    assert "open  4dots/p1: " in done.output
+    held = claim(copy)
+    assert "being written now" in command("check", copy).output
+    held.close()
+
+
+def test_an_old_run_can_be_checked() -> None:
+    found = record.check(OLD)
+    assert found.format == 2
+    assert found.found_frames == 6
+    assert found.whole
+
+
+def test_what_is_no_run_is_bad_input(tmp_path: Path) -> None:
+    for verb in (["check"], ["show"], ["note", "text"]):
+        done = CliRunner().invoke(main, ["record", verb[0], str(tmp_path), *verb[1:]])
+        assert isinstance(done.exception, InputError), verb
+        assert "not a run folder" in str(done.exception)
+
+
+def test_a_finished_run_that_has_lost_an_image_says_so_on_resume(
+    mini: tuple[Path, Path], copy: Path
+) -> None:
+    protocol, rig = map(str, mini)
+    summary = experiment.run(protocol, rig, copy, seed=3, resume=True)
+    assert summary["already_finished"]
+    lost = first_image(copy)
+    lost.unlink()
+    with pytest.raises(RunFailed, match=rf"damaged since: .*{lost.name}: No such file.*--resume"):
+        experiment.run(protocol, rig, copy, seed=3, resume=True)
+    (copy / "summary.json").unlink()  # as the error advises
+    summary = experiment.run(protocol, rig, copy, seed=3, resume=True)
+    assert list(summary["redone"]) == ["4dots/p1"]
+    assert record.check(copy).whole
+
+
+def test_notes_are_kept_while_a_run_goes_on_and_after_it(copy: Path) -> None:
+    held = claim(copy)  # as the process that carries it out
+    assert command("note", copy, "the gel looks dry").exit_code == 0
+    held.close()
+    with (copy / "notes.jsonl").open("a") as file:
+        file.write('{"wall_s": 1')  # by a process that was killed
+    assert command("note", copy, "wetted: ü").exit_code == 0
+    notes = record.open(copy).notes()
+    assert notes["text"].tolist() == ["the gel looks dry", "wetted: ü"]
+    assert notes["wall_s"].is_monotonic_increasing
+    shown = command("show", copy).output
+    assert "the gel looks dry" in shown
+    assert "wetted: ü" in shown
+    with pytest.raises(InputError, match="1 to 4000"):
+        record.add_note(copy, " ")
+
+
+def test_show_tells_what_a_run_is(mini_run: Path) -> None:
+    text = command("show", mini_run).output
+    assert "mini on " in text
+    assert "simulated, seed 3), finished" in text
+    assert "event complete: 2" in text
+    found = json.loads(command("show", mini_run, "--json").output)
+    assert found["presses"] == 2
+    assert found["sessions"] == 1
+    assert found["registration"] is None
+    old = json.loads(command("show", OLD, "--json").output)
+    assert old["format"] == 2
