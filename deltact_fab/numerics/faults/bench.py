@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,6 @@ from ...record import RunWriter
 from ...rig.config import ForceConfig
 from ...rig.force.config import GuardConfig
 from ...rig.force.guard import ForceGuard
-from ...rig.force.netft import NetFTSensor
 from ...rig.interface import Devices
 from ...rig.run.runner import Runner
 from ...rig.stage.grbl import GrblStage
@@ -29,8 +28,7 @@ from ...virtual import wire
 from ...virtual.clock import VirtualClock
 from ...virtual.netft import NetFTBox
 from ...virtual.noisy import NoisyController
-from ...virtual.streams import stream_number
-from .sensors import BoxWire, PlainCamera
+from .sensors import BenchCamera, BenchForce, WatchedFaults
 
 PROTOCOL = """
 name = "bench"
@@ -74,8 +72,11 @@ class Bench:
             resets_on_open=False, trace=self.trace,
         )  # fmt: skip
         self.extra_n = (np.inf, 0.0)  # from a time on (ns), on z
-        self.box = BoxWire(NetFTBox(FORCE, self.clock, 1, self._wrenches, 0.01), self.clock, GUARD.force_n)
-        self.camera = PlainCamera(self.clock, self.tip_mm)
+        self.box = NetFTBox(FORCE, self.clock, 1, self._wrenches, 0.01)
+        self.box.faults = self.box_faults = WatchedFaults()
+        self.box_faults.limit_counts = GUARD.force_n * self.box.settings().counts_per_n
+        self.camera_faults: dict[str, tuple[float, float]] = {}  # stalled_s or hung_s
+        self._camera_bad_ns = 0
         self.clock.sleep_s(2.0)  # the board is up
 
     def tip_mm(self, t_s: float | None = None) -> tuple[float, float, float]:
@@ -84,15 +85,25 @@ class Bench:
 
     def struck_ns(self, at_s: float) -> int:
         """When a fault of that time had come to the wire: the first line, record or frame of it."""
-        bad = (self.board.first_changed_ns, self.box.first_bad_ns, self.camera.first_bad_ns)
+        bad = (self.board.first_changed_ns, self.box_faults.first_bad_ns, self._camera_bad_ns)
         return max(round(at_s * 1e9), *bad)
+
+    def at(self, t_s: float, call: Callable[[], object]) -> None:
+        """Call when that time comes. What is called must not let time pass."""
+
+        def once(t_ns: NDArray[np.int64]) -> None:
+            ticks.cancel()
+            call()
+
+        ticks = self.clock.every(1 / (t_s - self.clock.now_s()), once)
 
     def mend(self) -> None:
         """Whatever was wrong is put right; nobody touches the stage."""
         self.board.be_true()
         self.link.plug()
-        self.box.tamper(None)
-        self.camera.stall(np.inf, 0.0)
+        for name in ("silent", "late_s", "error", "saturated", "drop_every"):
+            setattr(self.box_faults, name, 0)
+        self.camera_faults = {}
         self.extra_n = (np.inf, 0.0)
 
     def run(self, folder: Path, progress: Any = None) -> None:
@@ -103,10 +114,13 @@ class Bench:
         else:
             writer = create(folder, plan_steps)
         stage = GrblStage(self.link.url, self.clock, FRAME)
+        camera = BenchCamera(self.clock, self.tip_mm)
+        for name, times_s in self.camera_faults.items():
+            setattr(camera, name, times_s)
+        force = BenchForce(self.box, self.clock)
         try:
-            force = _Force(NetFTSensor(self.box, self.clock), self.box)
             devices = Devices(
-                self.clock, stage, self.camera, force, lambda name: None,
+                self.clock, stage, camera, force, lambda name: None,
                 guard=ForceGuard(stage, GUARD),
             )  # fmt: skip
             Runner(devices, writer, progress).run(plan_steps)
@@ -115,31 +129,20 @@ class Bench:
             writer.abandon()
             raise
         finally:
+            self._camera_bad_ns = camera.first_bad_ns
+            force.close()
+            camera.close()
             stage.close()
 
     def _wrenches(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         """(n, 6) N, N mm: a Hertzian press, and friction that follows the drag."""
-        tips = np.array([self.tip_mm(t / 1e9) for t in t_ns.tolist()])
+        machine = [self.board.position_mm(t / 1e9) for t in t_ns.tolist()]
+        tips = np.array(machine) - FRAME.origin_machine_mm  # the frame is not turned
         normal_n = HERTZ * np.maximum(-tips[:, 2], 0.0) ** 1.5
         out = np.zeros((len(t_ns), 6))
         out[:, 0] = 0.3 * normal_n * np.tanh(tips[:, 0])
         out[:, 2] = np.where(t_ns >= self.extra_n[0], -normal_n - self.extra_n[1], -normal_n)
         return out
-
-
-class _Force:
-    """The real client; a press starts the box's noise anew, as a press that is done again must."""
-
-    def __init__(self, client: NetFTSensor, box: BoxWire) -> None:
-        self._client = client
-        self._box = box
-
-    def begin(self, stream: str) -> None:
-        self._box.box.reseed(stream_number(stream))
-        self._client.begin(stream)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._client, name)
 
 
 def create(folder: Path, plan_steps: Sequence[plan.Step]) -> RunWriter:

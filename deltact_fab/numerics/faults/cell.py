@@ -135,7 +135,8 @@ class Matrix:
                 if found.travel_mm > found.allowed_mm:
                     wrong = f"{found.travel_mm:.2f} mm of travel, {found.allowed_mm:.2f} allowed"
             limit_s = (fault.within_s or 0.0) + (HOMING_S if moment == HOMING else 0.0)
-            if not wrong and found.known_s is not None and found.known_s > limit_s:
+            moved = found.travel_mm is not None
+            if not wrong and moved and found.known_s is not None and found.known_s > limit_s:
                 wrong = f"known after {found.known_s:.2f} s, {limit_s:g} expected"
         elif not fault.success:
             wrong = "success, and an error was due"
@@ -194,7 +195,7 @@ class Matrix:
             TRAVEL: within("rest"),
             PRESS: within("d2.00/press"),
             DRAG: within("d2.00/shear-x-"),
-            WRITING: float(frames.loc[f"{SECOND}/d2.00/press#002", "t_s"]),
+            WRITING: float(frames.loc[f"{SECOND}/d2.00/shear-x-#001", "t_s"]),
         }
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from .bench import Bench
 from .disk import Disk
-from .sensors import Trouble
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
 GARBAGE = b"\xff\x00\x8a~|<\xff\x00\x00\xfe\r\n\xff\x00"  # a line of it, and more before the next
@@ -66,8 +65,16 @@ def _unplug(for_s: float) -> Strike:
     return lambda bench, disk, at_s: bench.link.unplug(for_s, at_s)
 
 
-def _box(trouble: Trouble, for_s: float) -> Strike:
-    return lambda bench, disk, at_s: bench.box.tamper(trouble, at_s, for_s)
+def _box(field: str, value: float, for_s: float = 1e6) -> Strike:
+    def strike(bench: Bench, disk: Disk, at_s: float) -> None:
+        bench.at(at_s, lambda: setattr(bench.box_faults, field, value))
+        bench.at(at_s + for_s, lambda: setattr(bench.box_faults, field, 0))
+
+    return strike
+
+
+def _camera(field: str, for_s: float = 1e6) -> Strike:
+    return lambda bench, disk, at_s: bench.camera_faults.update({field: (at_s, at_s + for_s)})
 
 
 def _push(bench: Bench, disk: Disk, at_s: float) -> None:
@@ -100,13 +107,16 @@ FAULTS: tuple[Fault, ...] = (
     Fault("disk full", lambda b, d, at_s: d.fill_at(b.clock, at_s),
           ("No space left", "disk is full", "disk I/O error"), within_s=3.0),
     Fault("force over the limit", _push, ("over the guard's",), at=SENSED),
-    Fault("force silent", _box("silent", 1e9), ("no sample within", "silent"), within_s=0.2, at=SENSED),
-    Fault("force late by 0.15 s", _box("late", 1e9), ("no sample within", "late"), within_s=0.2,
-          at=SENSED, success=True),
-    Fault("force faulted", _box("faulted", 1e9), ("fault, status word",), at=SENSED),
-    Fault("force saturated", _box("saturated", 1e9), ("saturated",), at=SENSED),
-    Fault("force gaps", _box("gap", 0.02), ("missing",), success=True, at=SENSED),
-    Fault("camera stalled",
-          lambda b, d, at_s: b.camera.stall(at_s, 1e9), ("no frame within",), within_s=3.0,
+    Fault("force silent", _box("silent", True), ("no sample within",), within_s=0.2, at=SENSED),
+    Fault("force late by 0.15 s", _box("late_s", 0.15), ("no sample within", "late"),
+          within_s=0.2, at=SENSED, success=True),
+    Fault("force late by 0.03 s", _box("late_s", 0.03), ("late",), at=SENSED, success=True),
+    Fault("force faulted", _box("error", True), ("fault, status word",), at=SENSED),
+    Fault("force saturated", _box("saturated", True), ("saturated",), at=SENSED),
+    Fault("force gaps of 20 ms", _box("silent", True, 0.02), ("missing",), success=True,
+          at=SENSED),
+    Fault("camera stalled", _camera("stalled_s"), ("stalled, no image within",), within_s=1.2,
+          at=SENSED),
+    Fault("camera repeating", _camera("hung_s"), ("the same image over and over",), within_s=1.2,
           at=SENSED),
 )  # fmt: skip

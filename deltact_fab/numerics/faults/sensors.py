@@ -1,146 +1,148 @@
-"""The bench's sensors and what can go wrong with them: a force box's wire, a camera of few pixels."""
+"""The bench's force box and camera, real clients above them, and what goes wrong with either."""
 
 from __future__ import annotations
 
 import math
-from collections import deque
+import threading
 from collections.abc import Callable, Sequence
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import SensorError
-from ...rig.force.netft import COMMAND, ERROR, RECORD, SATURATED, STREAM, NetFTSettings
+from ...rig.camera.stream import Arrived, StreamCamera
+from ...rig.force.netft import NetFTSensor
 from ...rig.interface import Frame, Image
-from ...virtual.clock import VirtualClock, to_ns
-from ...virtual.netft import NetFTBox
+from ...virtual.clock import VirtualClock
+from ...virtual.netft import LockstepLink, NetFTBox
+from ...virtual.netft_faults import BoxFaults, Datagram
 from ...virtual.streams import stream_number
 
-Trouble = Literal["silent", "late", "faulted", "saturated", "gap"]
-LATE_S = 0.15
+Place = Callable[[], tuple[float, float, float]]
 
 
-class BoxWire:
-    """The datagrams between client and box; from a time on they are tampered with."""
+class WatchedFaults(BoxFaults):
+    """Notes when the first record was taken that tells of something wrong, or does not come."""
 
-    def __init__(self, box: NetFTBox, clock: VirtualClock, limit_n: float) -> None:
-        """limit_n: a record beyond it is a bad one, too."""
-        self.box = box
-        self.first_bad_ns = 0
-        """When the first record was made that told of something wrong; 0: none was."""
-        self._most_counts = limit_n * box.settings().counts_per_n
-        self._clock = clock
-        self._start_ns = 0
-        self._trouble: tuple[Trouble | None, float, float] = (None, math.inf, math.inf)
-        self._held: deque[tuple[int, bytes]] = deque()  # when each is through
+    limit_counts = math.inf
+    first_bad_ns = 0
 
-    def tamper(self, trouble: Trouble | None, at_s: float = 0.0, for_s: float = math.inf) -> None:
-        """silent: nothing comes. late: all comes LATE_S later. faulted: the error bit, and zeros.
-        saturated: its bit. gap: one record in two is lost."""
-        self._trouble = (trouble, at_s * 1e9, (at_s + for_s) * 1e9)
-
-    def settings(self) -> NetFTSettings:
-        """As the box's page tells."""
-        return self.box.settings()
-
-    def send(self, command: bytes) -> None:
-        """To the box."""
-        if COMMAND.unpack(command)[1] == STREAM:
-            self._start_ns = self._clock.now_ns()
-            self._held.clear()
-        self.box.send(command)
-
-    def receive(self, timeout_s: float) -> bytes:
-        """The next datagram that gets through, b"" at the time-out."""
-        deadline_ns = self._clock.now_ns() + to_ns(timeout_s)
-        while True:
-            left_s = max(deadline_ns - self._clock.now_ns(), 0) / 1e9
-            if self._held and self._held[0][0] <= self._clock.now_ns():
-                return self._held.popleft()[1]
-            if self._held:
-                left_s = min(left_s, (self._held[0][0] - self._clock.now_ns()) / 1e9)
-            data = self.box.receive(left_s)
-            if data:
-                self._held += self._through(data)
-            elif self._clock.now_ns() >= deadline_ns:
-                return b""
-
-    def close(self) -> None:
-        """Nothing more is asked for."""
-        self.box.close()
-
-    def record_ns(self, number: int) -> int:
-        """When a record of the stream under way was made."""
-        return self._start_ns + round(number * 1e9 / self.box.settings().rate_hz)
-
-    def _through(self, data: bytes) -> list[tuple[int, bytes]]:
-        record = np.frombuffer(data, RECORD).copy()
-        made_ns = self.record_ns(int(record["rdt"][0]))
-        trouble, from_ns, until_ns = self._trouble
-        if trouble is None or not from_ns <= made_ns < until_ns:
-            self._judge(record, made_ns)
-            return [(0, data)]
-        self.first_bad_ns = self.first_bad_ns or made_ns
-        if trouble == "silent" or (trouble == "gap" and record["rdt"][0] % 2):
-            return []
-        if trouble == "late":
-            return [(made_ns + to_ns(LATE_S), data)]
-        if trouble == "faulted":
-            record["status"], record["counts"] = ERROR, 0
-        elif trouble == "saturated":
-            record["status"] = SATURATED
-        return [(0, record.tobytes())]
-
-    def _judge(self, record: NDArray[np.void], made_ns: int) -> None:
-        over = abs(record["counts"][0, :3]).max() > self._most_counts
-        if over or record["status"][0]:
-            self.first_bad_ns = self.first_bad_ns or made_ns
+    def datagrams(self, t_ns: NDArray[np.int64], records: NDArray[Any]) -> list[Datagram]:
+        """As a box's faults make them."""
+        wrong = self.silent or self.error or self.saturated or self.late_s or self.drop_every
+        bad = np.abs(records["counts"][:, :3]).max(axis=1) > self.limit_counts
+        if (wrong or bad.any()) and not self.first_bad_ns:
+            self.first_bad_ns = int(t_ns[0 if wrong else bad.argmax()])
+        return super().datagrams(t_ns, records)
 
 
-class PlainCamera:
-    """A camera of 32 x 24 pixels: what it sees depends on the press, the frame and the tip."""
+class BenchForce(NetFTSensor):
+    """The real client; a press starts the box's noise anew, as a press that is done again must."""
 
-    def __init__(
-        self, clock: VirtualClock, tip_mm: Callable[[], tuple[float, float, float]]
-    ) -> None:
-        self._clock = clock
-        self._tip_mm = tip_mm
-        self._stream = ""
-        self._taken = 0
-        self._stalled_s: tuple[float, float] = (math.inf, math.inf)
-        self.first_bad_ns = 0
-        """When the first frame was asked for that did not come."""
-
-    def stall(self, at_s: float, for_s: float) -> None:
-        """From that time on no image comes."""
-        self._stalled_s = (at_s, at_s + for_s)
+    def __init__(self, box: NetFTBox, clock: VirtualClock) -> None:
+        super().__init__(LockstepLink(box), clock)
+        self._box = box
 
     def begin(self, stream: str) -> None:
-        """Of a press: frames count anew."""
-        self._stream, self._taken = stream, 0
+        """Re-seed, then tare."""
+        self._box.reseed(stream_number(stream))
+        super().begin(stream)
 
-    def capture(self) -> Frame:
-        """Raises SensorError while it is stalled."""
-        if self._stalled_s[0] <= self._clock.now_s() < self._stalled_s[1]:
-            self.first_bad_ns = self.first_bad_ns or self._clock.now_ns()
-            self._clock.sleep_s(1.0)
-            raise SensorError("camera: no frame within 1 s")
-        self._taken += 1
-        return Frame(self._image(), self._clock.now_s(), self._taken)
 
-    def end(self, frame_ids: Sequence[str]) -> None:
-        """Nothing is kept."""
+class BenchFeed:
+    """A feed of 32 x 24 pixels: an image depends on the press, its number there and the tip.
 
-    def identity(self) -> dict[str, Any]:
-        """It has no name."""
-        return {"kind": "plain"}
+    It gives an image when it is told to, which makes a camera's thread repeatable.
+    """
 
-    def close(self) -> None:
-        """Nothing is open."""
+    name = "bench"
+    stamps = "sender"
+    check = "its cable"
 
-    def _image(self) -> Image:
-        seed = [stream_number(self._stream), self._taken]
+    def __init__(self, clock: VirtualClock, tip_mm: Place) -> None:
+        self._clock = clock
+        self._tip_mm = tip_mm
+        self._told = threading.Semaphore(0)
+        self._number = 0
+        self._press, self._k = "", 0
+        self._last: Image | None = None
+        self.hangs = False
+
+    def press(self, name: str) -> None:
+        """Another press begins."""
+        self._press, self._k = name, 0
+
+    def tell(self, hangs: bool = False) -> None:
+        """One image; hangs: from now on the last one, over and over."""
+        self.hangs = hangs
+        self._told.release()
+
+    def next(self, timeout_s: float) -> Arrived | None:
+        """As rig.camera.stream.Feed."""
+        if not self.hangs and not self._told.acquire(timeout=timeout_s):
+            return None
+        if self.hangs and self._last is not None:
+            threading.Event().wait(0.01)
+            return Arrived(self._last, self._clock.now_s())
+        self._k += 1
+        seed = [stream_number(self._press), self._k]
         image = np.random.default_rng(seed).integers(0, 200, (24, 32, 3), np.uint8)
         image[0, :3, 0] = [round(200 + 20 * p) % 256 for p in self._tip_mm()]
-        return image
+        self._last = image
+        return Arrived(image, self._clock.now_s())
+
+    def identity(self) -> dict[str, Any]:
+        """As Feed."""
+        return {"kind": "bench"}
+
+    def close(self) -> None:
+        """As Feed."""
+
+
+class BenchCamera:
+    """The real camera on that feed, which gives an image as soon as one is asked for.
+
+    stalled_s, hung_s: from then until then no image comes, or the same one over and over.
+    """
+
+    def __init__(self, clock: VirtualClock, tip_mm: Place) -> None:
+        self._clock = clock
+        self._feed = BenchFeed(clock, tip_mm)
+        self._camera = StreamCamera(self._feed, clock)
+        self._feed.tell()
+        self._camera.capture()  # it is up: the first image may take longer than all others
+        self.stalled_s = self.hung_s = (math.inf, math.inf)
+        self.first_bad_ns = 0
+
+    def begin(self, stream: str) -> None:
+        """Of a press."""
+        self._feed.press(stream)
+        self._camera.begin(stream)
+
+    def capture(self) -> Frame:
+        """The next image. What the camera waits in vain on the wall clock passes on the bench's."""
+        stalled, hung = (
+            a <= self._clock.now_s() < b for a, b in (self.stalled_s, self.hung_s)
+        )  # fmt: skip
+        if (stalled or hung) and not self.first_bad_ns:
+            self.first_bad_ns = self._clock.now_ns()
+        if not stalled:
+            self._feed.tell(hung)
+        try:
+            return self._camera.capture()
+        except SensorError:
+            self._clock.sleep_s(self._camera.timeout_s)
+            raise
+
+    def end(self, frame_ids: Sequence[str]) -> None:
+        """Of a press."""
+        self._camera.end(frame_ids)
+
+    def identity(self) -> dict[str, Any]:
+        """Of the camera."""
+        return self._camera.identity()
+
+    def close(self) -> None:
+        """End its thread."""
+        self._camera.close()
