@@ -280,7 +280,7 @@ def test_a_lens_that_was_not_calibrated_is_the_designs_with_a_warning(tmp_path: 
     [
         (None, r"bench\.toml: camera\.model: .*camera\.toml: no such file; `deltact-fab cal"),
         ('[camera]\nmodel = "pinhole"\nmm_per_px = 0.04\nwidth_px = 9\nheight_px = 9\n'
-         "eye_distance_mm = 12.0\n", r"camera\.model: 'pinhole'; a rig needs a 'fisheye'"),
+         "eye_distance_mm = 12.0\n", r"camera\.model: 'pinhole'; a virtual rig needs a 'fisheye'"),
         ('[camera]\nmodel = "fisheye"\nfpx = 3.0\n', r"camera\.toml: camera: fpx: unknown key"),
         ('[camera]\nmodel = "fisheye"\n', r"camera\.toml: an image of 1280 x 720 px, and"),
         (as_toml(Fisheye(f_px=200.0, cx_px=209.5, cy_px=169.5, width_px=420, height_px=340)),

@@ -60,8 +60,9 @@ class Run:
         t_press_s: since the step, the press began. settled: the tip rested, for as long as the
         protocol settles, when the frame was taken. late_s: exposed after it was wanted; late: by
         more than half of what lies between two frames of a sweep; dropped, repeated: frames that
-        the camera lost, or gave twice, since the one before; none of these up to format 4. In format 2 force and pose are those that were
-        read after the frame, and the skews are not known.
+        the camera lost, or gave twice, since the one before; none of these up to format 4. In
+        format 2 force and pose are those that were read after the frame, and the skews are not
+        known.
         """
         table = self._table("frames", press)
         table = table.assign(settled=self._settled(table), **self._lateness(table))

@@ -1,17 +1,25 @@
-"""The real bench of kind `grbl`: a stage on a serial port, at the wall clock, in air."""
+"""The real bench of kind `grbl`: stage, camera and force sensor, at the wall clock.
+
+Only what the protocol's channels ask for is opened; the force sensor also where something is
+touched, for the guard lives on it.
+"""
 
 from __future__ import annotations
 
+from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 
+from ..errors import InputError
+from ..optics import CameraModel, FlatField
 from ..protocols.plan import Protocol
 from ..shapes import SensorDimensions
 from .clock import WallClock
 from .config import GrblConfig
-from .interface import Devices, Job
+from .interface import Camera, Devices, ForceSensor, Job
 from .stage.grbl import GrblStage
 
-MOTION = frozenset({"shear"})  # channels that ask for nothing but a path of the stage
+KNOWN_ONLY_SIMULATED = frozenset({"traction"})
 
 
 class GrblKind:
@@ -19,66 +27,155 @@ class GrblKind:
 
     part = "devices of the rig"
 
-    def __init__(self, config: GrblConfig) -> None:
+    def __init__(self, config: GrblConfig, source: Path) -> None:
+        """source: of the rig file, from which the paths in it count."""
         self._config = config
+        self._source = source
 
     def refusals(self, protocol: Protocol, sensor: SensorDimensions, source: str) -> list[str]:
-        """A line when the protocol asks for a device that is not there."""
-        asked = sorted(protocol.channels - MOTION)
-        if not asked:
-            return []
-        return [
-            f"{source}: channels: {', '.join(asked)} asked for, and a 'grbl' rig has only "
-            f"{', '.join(sorted(MOTION))}: no driver of a camera or force sensor exists yet; "
-            "channels = [] records the poses"
+        """A line for each device that the protocol asks for and the rig has not."""
+        asked, config = protocol.channels, self._config
+        lines = [
+            f"{source}: channels: {name!r} asked for, and only a virtual rig knows it; remove it"
+            for name in sorted(asked & KNOWN_ONLY_SIMULATED)
         ]
+        if "image" in asked and config.camera is None:
+            lines.append(
+                f"{source}: channels: 'image' asked for, and {self._source} has no [camera]; add "
+                'one, as source = 0, or remove "image"'
+            )
+        if "force" in asked and not reachable(config):
+            lines.append(
+                f"{source}: channels: 'force' asked for, and {self._source} has no way to a force "
+                "sensor; add [force.netft] or [force.serial] with its ranges, or remove "
+                '"force"'
+            )
+        return lines
 
-    def camera(self, protocol: Protocol, sensor: SensorDimensions) -> None:
-        """There is none."""
+    def camera(self, protocol: Protocol, sensor: SensorDimensions) -> CameraModel | None:
+        """The view by the calibrated camera; None where it was not calibrated or takes nothing."""
+        if self._config.camera is None or "image" not in protocol.channels:
+            return None
+        from .camera.model import tracked_view
 
-    def flat(self, protocol: Protocol) -> None:
-        """There is no camera."""
+        return tracked_view(self._config.camera, sensor, self._source)
+
+    def flat(self, protocol: Protocol) -> FlatField | None:
+        """What the camera file says of the light; only where images are taken."""
+        if self._config.camera is None or "image" not in protocol.channels:
+            return None
+        from .camera.model import flat_field
+
+        return flat_field(self._config.camera.model, self._source)
 
     def build(self, job: Job) -> GrblRig:
-        """The stage, its port not yet open."""
-        return GrblRig(self._config, job)
+        """The devices, the stage's port not yet open."""
+        return GrblRig(self._config, self._source, job, self.camera(job.protocol, job.sensor))
+
+
+def reachable(config: GrblConfig) -> bool:
+    """Whether the rig file says how a force sensor is read."""
+    force = config.force
+    return force is not None and (force.netft is not None or force.serial is not None)
 
 
 class GrblRig:
-    """Implements rig.interface.Rig: the stage, and no other device."""
+    """Implements rig.interface.Rig. What was opened is closed, however building it ends."""
 
-    def __init__(self, config: GrblConfig, job: Job) -> None:
-        assert config.stage.port is not None, "the configuration has a port"
-        self._job = job
-        stage = config.stage
+    def __init__(
+        self, config: GrblConfig, source: Path, job: Job, view: CameraModel | None = None
+    ) -> None:
+        """source: of the rig file. view: of the images that are tracked."""
+        self._config, self._job, self._view = config, job, view
+        self._open = ExitStack()
+        try:
+            self._build(source)
+        except BaseException:
+            self.close()
+            raise
+
+    def _build(self, source: Path) -> None:
+        config, job = self._config, self._job
+        channels, stage = job.protocol.channels, config.stage
+        assert stage.port is not None, "the configuration has a port"
         self.clock = WallClock()
         self.stage = GrblStage(
-            config.stage.port,
+            stage.port,
             self.clock,
             stage.frame,
             baud=stage.baud,
             require_travel_mm=stage.travel_mm,
             require_feed_mm_min=stage.max_feed_mm_min,
         )
+        self._open.callback(self.stage.close)
+        self.force: ForceSensor | None = None
+        self.guard = None
+        if "force" in channels or not job.air:
+            self._feel()
+        self.camera: Camera | None = None
+        if "image" in channels:
+            from .camera.open import open_camera
+
+            assert config.camera is not None, "refused without one"
+            self.camera = open_camera(config.camera, source.parent, self.clock)
+            self._open.callback(self.camera.close)
+
+    def _feel(self) -> None:
+        """The force sensor and the guard on it."""
+        from .force.guard import ForceGuard, GuardLimits
+        from .force.open import open_force
+
+        force = self._config.force
+        if force is None or not reachable(self._config):
+            raise InputError(
+                "force: nothing guards a press without a force sensor; add [force.netft] or "
+                "[force.serial] to the rig file, or give --air"
+            )
+        limits = GuardLimits.of(self._config.guard, force)
+        self.force = open_force(force, self.clock)
+        self._open.callback(self.force.close)
+        self.guard = ForceGuard(self.stage, limits, self.clock)
 
     def devices(self) -> Devices:
         """What the runner drives. In air it is all the same which indenter is mounted."""
-        return Devices(self.clock, self.stage, None, None, change_indenter=lambda name: None)
+        return Devices(
+            self.clock,
+            self.stage,
+            self.camera,
+            self.force,
+            change_indenter=lambda name: None,
+            guard=self.guard,
+            wall_clock=True,
+        )
 
     def left_out(self) -> list[str]:
         """The devices that no channel asks for."""
-        return ["camera, force sensor: no channel asks for them"]
+        lines = []
+        if self.camera is None:
+            lines.append("camera: no channel asks for images")
+        if self.force is None:
+            lines.append("force sensor and guard: no channel asks for force, nothing is touched")
+        return lines
 
     def notes(self) -> list[str]:
-        """What was not done in air."""
-        if len(self._job.protocol.indenters) > 1:
-            return ["no indenter was changed: nothing was touched"]
-        return []
+        """What a reader of the results must know."""
+        lines = []
+        if self.camera is not None:
+            from .camera.model import view_notes
+
+            lines += view_notes(self._view, self._job.recipe.patch_mm)
+        if self._job.air and len(self._job.protocol.indenters) > 1:
+            lines.append("no indenter was changed: nothing was touched")
+        return lines
 
     def identity(self) -> dict[str, Any]:
         """What the summary keeps of the devices."""
-        return {"stage": self.stage.identity(), "camera": None, "force": None}
+        return {
+            "stage": self.stage.identity(),
+            "camera": self.camera.identity() if self.camera is not None else None,
+            "force": self.force.identity() if self.force is not None else None,
+        }
 
     def close(self) -> None:
-        """Close the port."""
-        self.stage.close()
+        """Close what was opened, the last one first; again does nothing."""
+        self._open.close()

@@ -13,7 +13,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from .. import catalog
 from ..errors import InputError, did_you_mean
@@ -22,7 +22,7 @@ from .force.config import ForceConfig, GuardConfig
 from .simulator import CameraConfig as SimulatedCamera
 from .simulator import SimulatorConfig
 from .strict import Acceleration, Feed, Force, Place, Strict, Tilt, Travel
-from .tool.config import TouchConfig
+from .tool.config import ToolConfig, TouchConfig, named_tools
 
 if TYPE_CHECKING:
     from ..optics import StageFrame
@@ -99,6 +99,13 @@ class GrblConfig(Strict):
     camera: CameraConfig | None = None
     guard: GuardConfig | None = None
     touch: TouchConfig | None = None
+    tools: dict[str, ToolConfig] = Field(default_factory=dict)
+    """By indenter, as `[tools."sphere:10"]`."""
+
+    @field_validator("tools")
+    @classmethod
+    def _tools(cls, value: dict[str, ToolConfig]) -> dict[str, ToolConfig]:
+        return named_tools(value)
 
     @model_validator(mode="after")
     def _port(self) -> Self:

@@ -6,7 +6,7 @@ of the sensor, z = 0 at the resting face; a depth d is z = -d. Times are seconds
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from ..optics import CameraModel, FlatField
+    from ..optics import CameraModel, FlatField, StageFrame
     from ..patterns.recipe import PatternRecipe
     from ..protocols import plan
     from ..shapes import SensorDimensions
@@ -89,8 +89,26 @@ class ForceSamples:
 class Stage(Protocol):
     """A motion stage in sensor coordinates; it knows its own limits."""
 
+    @property
+    def frame(self) -> StageFrame:
+        """The sensor frame as the tip that is mounted now has it."""
+
+    @property
+    def homed(self) -> bool:
+        """Whether positions are known: homed since it was connected, and no fault since."""
+
     def connect(self) -> None: ...
     def home(self) -> None: ...
+    def set_frame(self, frame: StageFrame) -> None:
+        """Tell and take positions in this frame from now on; nothing moves."""
+
+    def lift(self, height_mm: float, feed_mm_min: float) -> bool:
+        """Go straight up, z of the machine alone, by that much or to the top of the travel.
+
+        Also before homing. False, with nothing moved, where the controller is locked: its position
+        is lost, and nothing but homing moves it.
+        """
+
     def start_move(self, target_mm: tuple[float, float, float], feed_mm_min: float) -> float:
         """Send one straight move, return the planned duration (s) without waiting for its end."""
 
@@ -134,8 +152,8 @@ class Camera(Protocol):
     def capture(self) -> Frame:
         """One frame exposed now, never one from a buffer. Raises SensorError."""
 
-    def end(self, frame_ids: Sequence[str]) -> None:
-        """The stream is over: ids under which its frames were recorded, in order of capture.
+    def end(self, frames: Mapping[str, float]) -> None:
+        """The stream is over: ids under which frames were recorded, in order, and their times (s).
 
         Whatever a camera keeps of a stream is on the disk on return; the press counts as complete
         only after that. Raises RunFailed.
@@ -175,8 +193,11 @@ class Devices:
     stage: Stage
     camera: Camera | None
     force: ForceSensor | None
-    change_indenter: Callable[[str], None]
+    change_indenter: Callable[[str], str | None]
+    """Has an indenter mounted and finds its tip; returns what the record is to keep of it."""
     guard: ForceGuard | None = None
+    home: Callable[[], str] | None = None
+    """How a session begins, instead of `stage.home`; returns what the record is to keep of it."""
     wall_clock: bool = False
     """Time passes by itself: every device has a thread of its own; else one scheduler steps all."""
 
@@ -194,6 +215,8 @@ class Job:
     """Nothing is touched, see `protocols.plan.expand`."""
     unattended: bool = False
     """Nobody is there to change an indenter or to answer."""
+    tip_is_clear: bool = False
+    """The operator's word that the tip touches nothing when the session begins."""
 
 
 class Rig(Protocol):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -64,14 +64,14 @@ class VirtualCamera:
         self._seen.append((seen.a.index, seen.b.index, seen.fraction))
         return Frame(self._picture.render(seen.displacement_mm(), self._rng), self._clock.now_s())
 
-    def end(self, frame_ids: Sequence[str]) -> None:
+    def end(self, frames: Mapping[str, float]) -> None:
         """Store the press's knots and where each of its frames stands between which of them."""
         assert self._stream is not None, "begin() comes before end()"
-        assert len(frame_ids) == len(self._seen), "one id a frame"
+        assert len(frames) == len(self._seen), "one id a frame"
         write_truth(
             self._folder,
             self._stream,
-            frame_ids,
+            list(frames),
             self._seen,
             self._scene,
             self._lattice,

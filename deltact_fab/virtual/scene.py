@@ -62,7 +62,7 @@ class Observation:
 
 
 @dataclass
-class _Line:
+class Way:
     """One straight line of motion, its knots solved as far as they were needed.
 
     at: fractions of the line; where: tip positions there (x, y, z), those with z >= 0 at rest.
@@ -149,7 +149,7 @@ class GelScene:
         self._indenter = ""
         self._press: Press | None = None
         self._next_segment = 0
-        self._line: _Line | None = None
+        self._line: Way | None = None
         self._rest = Knot(0, 0, None, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
         self._here = self._rest
         self._arrived_ns = 0
@@ -284,7 +284,7 @@ class GelScene:
         self._line = None
         self._arrived_ns = since_ns
 
-    def _line_of(self, segment: Segment) -> _Line:
+    def _line_of(self, segment: Segment) -> Way:
         """The line of a segment; when it was cut short since, what was passed already is kept."""
         line = self._line
         if line is not None and line.segment == segment:
@@ -303,7 +303,7 @@ class GelScene:
             at = [line.at[i] / share for i in kept] + [1.0]
             where = [line.where[i] for i in kept] + [end]
             knots = [line.knots[i] for i in kept]
-        self._line = _Line(segment, at, where, knots)
+        self._line = Way(segment, at, where, knots)
         return self._line
 
     def _planned(self, machine_mm: Point) -> Point:
@@ -311,7 +311,7 @@ class GelScene:
         point = self._frame.to_sensor_mm(machine_mm)
         return point if self._press is None else self._press.snapped(point)
 
-    def _between(self, line: _Line, segment: Segment, now_ns: int) -> Observation:
+    def _between(self, line: Way, segment: Segment, now_ns: int) -> Observation:
         length = math.dist(segment.start_mm, segment.end_mm)
         done = math.dist(segment.start_mm, segment.position_mm(now_ns)) / length
         k = 0
@@ -321,7 +321,7 @@ class GelScene:
         fraction = (done - line.at[k]) / (line.at[k + 1] - line.at[k])
         return Observation(line.knots[k], line.knots[k + 1], min(max(fraction, 0.0), 1.0))
 
-    def _solve_up_to(self, line: _Line, last: int) -> None:
+    def _solve_up_to(self, line: Way, last: int) -> None:
         while len(line.knots) <= last:
             k = len(line.knots)
             tip = line.where[k]

@@ -167,14 +167,14 @@ def test_a_camera(kind: str, build: Any, tmp_path: Path) -> None:
         assert all(f.image.shape == first.shape for f in frames)
         assert all(a.t_s < b.t_s for a, b in itertools.pairwise(frames))
         assert frames[-1].t_s <= devices.clock.now_s()
-        camera.end([f"{press}#{k}" for k in range(3)])
+        camera.end({f"{press}#{k}": frame.t_s for k, frame in enumerate(frames)})
     # A disk that refuses what the camera keeps of a stream.
     (tmp_path / "run" / "truth").rename(tmp_path / "elsewhere")
     (tmp_path / "run" / "truth").write_text("in the way")
     camera.begin("three/p1")
-    camera.capture()
+    frame = camera.capture()
     with pytest.raises(RunFailed):
-        camera.end(["three/p1#0"])
+        camera.end({"three/p1#0": frame.t_s})
     camera.close()
     camera.close()
 

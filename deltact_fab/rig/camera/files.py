@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -156,7 +156,7 @@ class FileCamera:
         self._number += 1
         return Frame(image, now_s, self._number - 1)
 
-    def end(self, frame_ids: Sequence[str]) -> None:
+    def end(self, frames: Mapping[str, float]) -> None:
         """Nothing is kept of a stream."""
 
     def identity(self) -> dict[str, Any]:

@@ -7,6 +7,7 @@ stamp of a buffer, of the kernel's monotonic clock, is what OpenCV gives as CAP_
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from typing import Any, Protocol
 
@@ -118,6 +119,7 @@ def quietly_opened(
     name: int | str, backend: int = cv2.CAP_ANY, options: Sequence[int] = ()
 ) -> cv2.VideoCapture:
     """What OpenCV makes of a name, without its own words on stderr where that is nothing."""
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # and FFmpeg's
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:

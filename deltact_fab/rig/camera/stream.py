@@ -8,7 +8,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -127,7 +127,7 @@ class StreamCamera:
             self._counts["repeated"] += frame.repeated
             return frame
 
-    def end(self, frame_ids: Sequence[str]) -> None:
+    def end(self, frames: Mapping[str, float]) -> None:
         """Nothing is kept of a stream."""
 
     def identity(self) -> dict[str, Any]:

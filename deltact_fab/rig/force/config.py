@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from typing import Self
+
+from pydantic import Field, model_validator
 
 from ..strict import Force, Place, Strict, Torque
 
@@ -43,6 +45,22 @@ class ForceConfig(Strict):
 
 
 class GuardConfig(Strict):
-    """Beyond these a force on any axis stops the stage, whatever it is doing."""
+    """Beyond any of these the guard stops the stage, whatever it is doing.
 
-    force_n: Force
+    What is not set follows from the sensor's range, see `guard.GuardLimits`.
+    """
+
+    force_n: Force | None = None
+    """On any axis, of either sign."""
+    axes_n: tuple[Force, Force, Force] | None = None
+    """On each axis, instead of force_n."""
+    resultant_n: Force | None = None
+    """Of the whole force."""
+    torque_nmm: Torque | None = None
+    """On any axis, about the sensor's own origin."""
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        if self.force_n is not None and self.axes_n is not None:
+            raise ValueError("force_n is for all axes, axes_n for each: give one of them")
+        return self

@@ -2,26 +2,174 @@
 
 from __future__ import annotations
 
-from ..interface import ForceSamples, Stage
-from .config import GuardConfig
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+
+from ...errors import InputError
+from ..interface import Clock, ForceSamples, Stage
+from .config import ForceConfig, GuardConfig
+
+SHARE = 0.8  # of the sensor's range, where the rig file sets no limit
+AGAIN_NS = (
+    20_000_000  # between two stop bytes; one that comes before its jog has begun does nothing
+)
+SURELY_NS = 100_000_000  # the byte is repeated for so long, whatever the force does meanwhile
+EASE = (
+    1.25  # on the way out the force may rise over the limit, to so much of what tripped the guard
+)
+NAMES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class GuardLimits:
+    """Largest force (N) and torque (N mm) of either sign on each axis, and of the whole force."""
+
+    force_n: Vector
+    torque_nmm: Vector = (inf, inf, inf)
+    resultant_n: float = inf
+
+    @classmethod
+    def of(cls, guard: GuardConfig | None, force: ForceConfig) -> GuardLimits:
+        """Those of the rig file; what it does not set is `SHARE` of the sensor's range.
+
+        Raises InputError for a limit that the sensor cannot measure.
+        """
+        own = guard or GuardConfig()
+        x, y, z = (SHARE * n for n in force.range_n)
+        force_n = own.axes_n or (x, y, z)
+        if own.axes_n is None and own.force_n is not None:
+            force_n = (own.force_n,) * 3
+        x, y, z = (SHARE * n for n in force.range_nmm)
+        torque_nmm = (x, y, z) if own.torque_nmm is None else (own.torque_nmm,) * 3
+        rows = zip(NAMES, (*force_n, *torque_nmm), (*force.range_n, *force.range_nmm), strict=True)
+        for name, limit, most in rows:
+            if limit > most:
+                raise InputError(
+                    f"guard: the limit {limit:g} of {name} is over the sensor's range of {most:g} "
+                    "([force] range_n, range_nmm), where it would never be seen"
+                )
+        return cls(force_n, torque_nmm, inf if own.resultant_n is None else own.resultant_n)
+
+
+@dataclass(frozen=True)
+class Trip:
+    """Why the guard stopped the stage; when the excess was measured, came, and the byte went out.
+
+    Times are ns of the host's clock; record_ns is None where no sample did it.
+    """
+
+    why: str
+    record_ns: int | None
+    byte_ns: int
 
 
 class ForceGuard:
     """Looks at every sample before anyone else does; may live in any thread, for it only writes.
 
-    tripped: why it stopped the stage, "" while it has not.
+    The one who reads the sensor gives it each batch (`watch`) and tells it when there are none
+    (`lost`). Once tripped it stays so until `rearm`: it writes the stop byte again while samples
+    are over the limit, because a byte that reaches GRBL before its jog has begun does nothing.
     """
 
-    def __init__(self, stage: Stage, limits: GuardConfig) -> None:
+    def __init__(self, stage: Stage, limits: GuardLimits, clock: Clock) -> None:
         self._stage = stage
-        self._limits = limits
-        self.tripped = ""
+        self._clock = clock
+        self.limits = limits
+        self._most = np.array([*limits.force_n, *limits.torque_nmm])
+        self._resultant_n = limits.resultant_n
+        self._peak = np.zeros(7)  # since it tripped: six axes and the resultant
+        self._easing = False
+        self._byte_ns = 0
+        self.trip: Trip | None = None
+
+    @property
+    def tripped(self) -> str:
+        """Why it stopped the stage, "" while it has not."""
+        return self.trip.why if self.trip is not None else ""
 
     def watch(self, samples: ForceSamples) -> None:
-        """Write the stop byte if a sample is over the limit or saturated."""
-        peak_n = float(abs(samples.force_n).max(initial=0.0))
-        if samples.saturated.any() or peak_n > self._limits.force_n:
+        """Write the stop byte if a sample is over a limit or saturated."""
+        if not len(samples.t_ns):
+            return
+        values = np.abs(samples.counts / samples.per_unit)
+        peak = values.max(axis=0)
+        resultant_n = float(np.sqrt((values[:, :3] ** 2).sum(axis=1).max()))
+        saturated = bool(samples.saturated.any())
+        over = bool((peak > self._most).any()) or resultant_n > self._resultant_n
+        if over or saturated:
+            self._stop_for(samples, saturated)
+            self._peak = np.maximum(self._peak, [*peak, resultant_n])
+        elif (
+            self.trip is not None
+            and not self._easing
+            and self._now_ns() - self.trip.byte_ns < SURELY_NS
+        ):
+            self._write()
+
+    def lost(self, why: str) -> None:
+        """The sensor says nothing that can be trusted: stop the stage."""
+        if not self._easing:
+            self._write()
+        if self.trip is None:
+            self.trip = Trip(why, None, self._byte_ns)
+
+    def rearm(self) -> None:
+        """Forget why it stopped, on the word of whoever put things right."""
+        self.trip = None
+        self._peak = np.zeros(7)
+        self._byte_ns = 0
+
+    @contextmanager
+    def easing(self) -> Iterator[None]:
+        """While the tip is lifted after a trip: only a force that still grows stops that.
+
+        A sensor that is saturated or lost cannot tell, and does not hold the tip in the gel.
+        """
+        before = self._most, self._resultant_n
+        self._most = np.maximum(self._most, EASE * self._peak[:6])
+        self._resultant_n = max(self._resultant_n, EASE * float(self._peak[6]))
+        self._easing = True
+        try:
+            yield
+        finally:
+            self._easing = False
+            self._most, self._resultant_n = before
+
+    def _stop_for(self, samples: ForceSamples, saturated: bool) -> None:
+        """The byte first, then the words for it."""
+        if saturated and self._easing:
+            return
+        self._write()
+        if self.trip is not None:
+            return
+        values = samples.counts / samples.per_unit
+        resultant_n = np.sqrt((values[:, :3] ** 2).sum(axis=1))
+        over = (np.abs(values) > self._most).any(axis=1) | (resultant_n > self._resultant_n)
+        k = int((over | samples.saturated).argmax())
+        axis = int((np.abs(values[k]) / self._most).argmax())
+        if samples.saturated[k]:
+            why = "the force sensor is saturated"
+        elif abs(values[k, axis]) > self._most[axis]:
+            unit = "N" if axis < 3 else "N mm"
+            limit = f"the guard's {self._most[axis]:g} {unit}"
+            why = f"{NAMES[axis]} = {values[k, axis]:.2f} {unit}, over {limit}"
+        else:
+            limit = f"the guard's {self._resultant_n:g} N"
+            why = f"a force of {resultant_n[k]:.2f} N, over {limit}"
+        self.trip = Trip(why, int(samples.t_ns[k]), self._byte_ns)
+
+    def _write(self) -> None:
+        """The stop byte, at most every AGAIN_NS."""
+        now_ns = self._now_ns()
+        if not self._byte_ns or now_ns - self._byte_ns >= AGAIN_NS:
             self._stage.cancel()
-            if not self.tripped:
-                what = "saturated" if samples.saturated.any() else f"{peak_n:.2f} N"
-                self.tripped = f"force {what}, over the guard's {self._limits.force_n:g} N"
+            self._byte_ns = now_ns
+
+    def _now_ns(self) -> int:
+        return round(self._clock.now_s() * 1e9)

@@ -1,49 +1,188 @@
-"""What stage and force sensor say while a step goes on, gathered for the record."""
+"""Pose, force and frames: what each device says while a press goes on, one step at a time.
+
+A step asks its device once and keeps what it says. In lockstep one scheduler steps all three; on
+the wall clock force and frames are stepped by threads of their own. What is kept is taken, step by
+step of the protocol, by the thread that moves the stage.
+"""
 
 from __future__ import annotations
 
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 
+from ...errors import SensorError
+from ...protocols.plan import Step
 from ...record import Chunk
-from ..interface import ForceSamples
+from ..force.guard import ForceGuard
+from ..interface import Camera, Clock, ForceSamples, ForceSensor, Frame, Stage
 
 
-class PressStreams:
-    """The streams of one press. origin_ns: when it began, on the host's clock."""
+def now_ns(clock: Clock) -> int:
+    """The clock's time in whole nanoseconds."""
+    return to_ns(clock.now_s())
 
-    def __init__(self, origin_ns: int) -> None:
-        self.origin_ns = origin_ns
-        self._poses: list[tuple[int, float, float, float]] = []
-        self._forces: list[ForceSamples] = []
 
-    def t_press_s(self, t_ns: int) -> float:
-        """Seconds since the press began."""
-        return (t_ns - self.origin_ns) / 1e9
+def to_ns(seconds: float) -> int:
+    """Seconds to the nearest nanosecond."""
+    return round(seconds * 1e9)
 
-    def pose(self, t_ns: int, position_mm: tuple[float, float, float]) -> None:
-        """Add what the stage said."""
-        self._poses.append((t_ns, *position_mm))
 
-    def force(self, samples: ForceSamples) -> None:
-        """Add what the force sensor said."""
-        self._forces.append(samples)
+class PoseStream:
+    """Where the stage says it is, each time it is asked, with the time at which it was."""
 
-    def take(self) -> list[Chunk]:
-        """All that came since the last call."""
-        poses, forces = self._poses, self._forces
-        self._poses, self._forces = [], []
-        chunks = []
-        if poses:
-            t_ns = np.array([pose[0] for pose in poses], np.int64) - self.origin_ns
-            x, y, z = np.array([pose[1:] for pose in poses], float).T
-            columns = {"t_ns": t_ns, "x_mm": x, "y_mm": y, "z_mm": z}
-            chunks.append(Chunk("pose", self.origin_ns / 1e9, columns))
-        if forces:
-            t_ns = np.concatenate([part.t_ns for part in forces]) - self.origin_ns
-            counts = np.concatenate([part.counts for part in forces])
-            names = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
-            per_unit = dict(zip(names, forces[0].per_unit.tolist(), strict=True))
-            columns = {"t_ns": t_ns, **dict(zip(names, counts.T, strict=True))}
-            columns["saturated"] = np.concatenate([part.saturated for part in forces])
-            chunks.append(Chunk("force", self.origin_ns / 1e9, columns, per_unit))
-        return chunks
+    def __init__(self, stage: Stage, clock: Clock) -> None:
+        self._stage = stage
+        self._clock = clock
+        self._kept: list[tuple[int, float, float, float]] = []
+        self.looked_ns = 0
+
+    def step(self) -> None:
+        """Ask the stage. Raises StageError."""
+        self.looked_ns = now_ns(self._clock)
+        self._kept.append((self.looked_ns, *self._stage.position_mm()))
+
+    def take(self, origin_ns: int) -> list[Chunk]:
+        """All that came since the last call, times from origin_ns on."""
+        poses, self._kept = self._kept, []
+        if not poses:
+            return []
+        t_ns = np.array([pose[0] for pose in poses], np.int64) - origin_ns
+        x, y, z = np.array([pose[1:] for pose in poses], float).T
+        columns = {"t_ns": t_ns, "x_mm": x, "y_mm": y, "z_mm": z}
+        return [Chunk("pose", origin_ns / 1e9, columns)]
+
+
+class ForceStream:
+    """What the force sensor sends; the guard sees it first. lost: samples missing, not yet told."""
+
+    def __init__(self, force: ForceSensor, guard: ForceGuard | None) -> None:
+        self._force = force
+        self._guard = guard
+        self._kept: list[ForceSamples] = []
+        self.keeping = True
+        self.lost = 0
+        self.last_ns = 0  # of the last sample
+        self.force_n: tuple[float, float, float] | None = None  # of the last sample
+
+    def step(self) -> None:
+        """Read once. Raises SensorError: the sensor's own, and beyond the guard's limit."""
+        samples = self._force.read()
+        if self._guard is not None:
+            self._guard.watch(samples)
+        force_n = samples.force_n
+        if self.keeping:
+            self._kept.append(samples)
+            self.lost += samples.lost
+        if len(force_n):
+            self.last_ns = int(samples.t_ns[-1])
+            x, y, z = force_n[-1].tolist()
+            self.force_n = (x, y, z)
+        if samples.saturated.any():
+            found = tuple(force_n[samples.saturated.argmax()].tolist())
+            raise SensorError(f"the force sensor is saturated at {found} N")
+        if self._guard is not None and self._guard.tripped:
+            raise SensorError(self._guard.tripped)
+
+    def take(self, origin_ns: int) -> list[Chunk]:
+        """All that came since the last call, times from origin_ns on."""
+        # One assignment, so that a reading that comes just now is kept in the one or in the other.
+        forces, self._kept = self._kept, []
+        if not forces:
+            return []
+        t_ns = np.concatenate([part.t_ns for part in forces]) - origin_ns
+        counts = np.concatenate([part.counts for part in forces])
+        names = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
+        per_unit = dict(zip(names, forces[0].per_unit.tolist(), strict=True))
+        columns = {"t_ns": t_ns, **dict(zip(names, counts.T, strict=True))}
+        columns["saturated"] = np.concatenate([part.saturated for part in forces])
+        return [Chunk("force", origin_ns / 1e9, columns, per_unit)]
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """The k-th frame of a step, to be exposed at t_ns or as soon as it can be after that.
+
+    start_ns: of the step. period_ns: to the next frame of a sweep; 0 for a frame at a stop.
+    """
+
+    step: Step
+    k: int
+    t_ns: int
+    start_ns: int
+    period_ns: int = 0
+
+    @property
+    def at_stop(self) -> bool:
+        """The last one of its step: it is waited for, and never given up."""
+        return self.k == self.step.frames
+
+    def late(self, t_ns: int) -> bool:
+        """A frame of a sweep that was exposed half a period after it was wanted, or later."""
+        return self.period_ns > 0 and t_ns - self.t_ns > self.period_ns / 2
+
+
+Keep = Callable[[Wanted, "Frame | None", int, int, int], None]
+
+
+class FrameStream:
+    """The first frame exposed at or after each wanted moment; all others are let go.
+
+    keep: called with the moment, the frame and its time (ns), and how many frames were dropped and
+    repeated since the one kept before. missed: moments for which no frame came before the next.
+    """
+
+    def __init__(self, camera: Camera | None, clock: Clock, keep: Keep) -> None:
+        """camera: None where the protocol takes no images: a frame is a moment, then."""
+        self._camera = camera
+        self._clock = clock
+        self._keep = keep
+        self._lock = threading.Lock()
+        self._wanted: deque[Wanted] = deque()
+        self._busy = False
+        self._dropped = self._repeated = 0
+        self.missed: list[Wanted] = []
+
+    def forget(self) -> None:
+        """A new press: what was wanted or counted before is no concern of it."""
+        with self._lock:
+            self._wanted.clear()
+            self.missed = []
+            self._dropped = self._repeated = 0
+
+    def want(self, wanted: Wanted) -> None:
+        """Moments come in their order."""
+        with self._lock:
+            self._wanted.append(wanted)
+
+    @property
+    def pending(self) -> bool:
+        """Frames are still wanted, or on their way to the record."""
+        with self._lock:
+            return bool(self._wanted) or self._busy
+
+    def step(self) -> None:
+        """Take one frame, and keep it if it is wanted. Raises SensorError, RunFailed."""
+        t_ns = now_ns(self._clock)
+        frame = self._camera.capture() if self._camera is not None else None
+        if frame is not None:
+            t_ns = to_ns(frame.t_s)
+            self._dropped += frame.dropped
+            self._repeated += frame.repeated
+        due = []
+        with self._lock:
+            while self._wanted and self._wanted[0].t_ns <= t_ns:
+                due.append(self._wanted.popleft())
+            self._busy = bool(due)
+        if not due:
+            return
+        try:
+            self.missed += due[:-1]
+            dropped, self._dropped = self._dropped, 0
+            repeated, self._repeated = self._repeated, 0
+            self._keep(due[-1], frame, t_ns, dropped, repeated)
+        finally:
+            self._busy = False

@@ -283,6 +283,42 @@ class GrblStage:
         if port is not None:
             port.close()
 
+    @property
+    def frame(self) -> StageFrame:
+        """The sensor frame as the tip that is mounted now has it."""
+        return self._frame
+
+    @property
+    def homed(self) -> bool:
+        """Whether positions are known: homed since it was connected, and no fault since."""
+        return self._homed and not self._trouble
+
+    def set_frame(self, frame: StageFrame) -> None:
+        """Tell and take positions in this frame from now on; nothing moves."""
+        self._frame = frame
+
+    def lift(self, height_mm: float, feed_mm_min: float) -> bool:
+        """Go straight up, z of the machine alone, by that much or to the top of the travel.
+
+        Also before homing: a controller that is not locked counts its steps, and up is away from
+        the face whatever the count. False, with nothing moved, where it is locked. Raises
+        StageError.
+        """
+        self._require_port()
+        if self._unfit or self._trouble:
+            return False
+        state = self._query()
+        if state.state != "Idle":
+            return False
+        x, y, z = self._at_mm = state.machine_mm
+        was, self._homed = self._homed, True
+        try:
+            self.start_move(self._frame.to_sensor_mm((x, y, min(z + height_mm, 0.0))), feed_mm_min)
+            self.wait()
+        finally:
+            self._homed = self._homed and was
+        return True
+
     # ---- beyond the interface -----------------------------------------------------------------
 
     def poll(self) -> StageState:

@@ -2,8 +2,64 @@
 
 from __future__ import annotations
 
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from ...errors import InputError
 from ..strict import Strict
+
+Millimetres = Annotated[float, Field(ge=-100, le=100)]
+
+
+class ToolConfig(Strict):
+    """What is known of one indenter before it is mounted."""
+
+    length_mm: Millimetres
+    """How much longer it is than the one that `[stage] origin_machine_mm` was measured with."""
 
 
 class TouchConfig(Strict):
-    """How the face is found."""
+    """How the face is found after each change of indenter, and when a run goes on.
+
+    Heights count from where the face is expected: `[stage] origin_machine_mm`, and the length of
+    the indenter.
+    """
+
+    by: Literal["force", "hand"] = "force"
+    at_mm: tuple[Millimetres, Millimetres] = (0.0, 0.0)
+    """Where on the face."""
+    force_n: float = Field(default=0.1, ge=0.005, le=5)
+    """So much is a contact; at least five standard deviations of the sensor's noise."""
+    feed_mm_min: float = Field(default=30.0, ge=1, le=120)
+    """Of the approach; the second one goes step by step."""
+    clear_mm: float = Field(default=5.0, ge=0.5, le=50)
+    """Height at which the approach begins."""
+    search_mm: float = Field(default=3.0, ge=0.1, le=20)
+    """The face is looked for within so much of the height expected, and never further down."""
+    repeats: int = Field(default=3, ge=1, le=20)
+    spread_mm: float = Field(default=0.03, ge=0.001, le=0.5)
+    """Between the repeats; more is a loose tool."""
+    gauge_mm: float = Field(default=0.1, ge=0, le=5)
+    """By hand: thickness of the feeler gauge or paper between tip and face."""
+    moved_mm: float = Field(default=0.3, ge=0.01, le=5)
+    """A resumed run may find the face at most so much from where the run had it."""
+
+    @model_validator(mode="after")
+    def _heights(self) -> Self:
+        if self.clear_mm < self.search_mm:
+            raise ValueError(
+                f"clear_mm: {self.clear_mm:g} is below search_mm = {self.search_mm:g}; the "
+                "approach begins above all heights at which the face may be"
+            )
+        return self
+
+
+def named_tools(tools: dict[str, ToolConfig]) -> dict[str, ToolConfig]:
+    """The same under the indenters' own names. Raises ValueError for a name that is none."""
+    from ...shapes.indenter import parse
+
+    try:
+        return {parse(name).name: tool for name, tool in tools.items()}
+    except InputError as why:
+        raise ValueError(str(why)) from why

@@ -1,0 +1,122 @@
+"""What is wrong with a rig's camera, and how to put it right: it is opened and looked through."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...errors import InputError, SensorError
+from ...optics import load_camera
+from ..clock import WallClock
+from ..interface import Camera, Frame
+from .config import CameraConfig
+from .model import raw_size_px
+from .open import open_camera
+
+LOOK_S = 2.0
+SLOW = 0.95
+"""Of the nominal rate; below, something holds the camera back."""
+BRIGHT = 0.01
+"""Share of an image that may be at the end of its scale."""
+DARK = 16
+HOLDS = {"exposure": "auto_exposure", "gain": None, "white_balance_k": "auto_white_balance"}
+
+
+class Finding(NamedTuple):
+    """One thing that was looked at."""
+
+    passed: bool
+    text: str
+
+
+def probe(config: CameraConfig, folder: Path, seconds: float = LOOK_S) -> list[Finding]:
+    """Open the camera of a rig file, look through it for so long, and judge what comes.
+
+    folder: of the rig file. Raises nothing that a camera can cause: it is a finding.
+    """
+    findings = [_model(config, folder)]
+    try:
+        camera = open_camera(config, folder, WallClock())
+    except InputError as why:
+        return [*findings, Finding(False, str(why))]
+    try:
+        frames = _seen(camera, seconds)
+        told = camera.identity()
+    except SensorError as why:
+        return [*findings, Finding(False, str(why))]
+    finally:
+        camera.close()
+    return [*findings, *_images(frames, told, config), *_locks(config, told)]
+
+
+def _seen(camera: Camera, seconds: float) -> list[Frame]:
+    """At least two images. The first of a stream tells nothing of what was lost before it."""
+    camera.begin("probe")
+    frames = [camera.capture(), camera.capture()]
+    until_s = time.monotonic() + seconds
+    while time.monotonic() < until_s:
+        frames.append(camera.capture())
+    return frames
+
+
+def _model(config: CameraConfig, folder: Path) -> Finding:
+    if config.model is None:
+        return Finding(
+            False,
+            "camera.model: not calibrated, nothing can be tracked; `deltact-fab calibrate` makes "
+            "the file",
+        )
+    path = folder / config.model
+    try:
+        size_px = raw_size_px(load_camera(path)[0])
+    except InputError as why:
+        return Finding(False, f"camera.model: {why}")
+    asked = (config.width_px, config.height_px)
+    if config.width_px is not None and asked != size_px:
+        return Finding(False, f"camera.model: of images of {size_px[0]} x {size_px[1]} px")
+    return Finding(True, f"calibrated: {path}")
+
+
+def _images(frames: list[Frame], told: dict[str, Any], config: CameraConfig) -> list[Finding]:
+    image = frames[-1].image
+    h, w = image.shape[:2]
+    stamped = told["stamped_by"]
+    after = f", {config.latency_ms:g} ms after its exposure" if stamped == "arrival" else ""
+    findings = [Finding(True, f"images of {w} x {h} px, stamped by {stamped}{after}")]
+    took_s = frames[-1].t_s - frames[0].t_s
+    hz = (len(frames) - 1) / took_s if took_s > 0 else 0.0
+    nominal = told["rate_hz"]
+    slow = nominal is not None and hz < SLOW * nominal
+    asked = "" if nominal is None else f" of {nominal:g}"
+    why = "; a shorter exposure, another fourcc or a faster port would help" if slow else ""
+    findings.append(Finding(not slow, f"{hz:.1f} images a second{asked}{why}"))
+    dropped = sum(f.dropped for f in frames[1:])
+    repeated = sum(f.repeated for f in frames[1:])
+    findings.append(Finding(not dropped and not repeated, f"{dropped} lost, {repeated} repeated"))
+    bright = float(np.mean(image == 255))
+    if bright > BRIGHT:
+        text = f"{bright:.0%} of the image is over-exposed; less light or a shorter exposure"
+        findings.append(Finding(False, text))
+    elif image.mean() < DARK:
+        findings.append(Finding(False, "the image is dark; is the light on, the lens uncovered?"))
+    return findings
+
+
+def _locks(config: CameraConfig, told: dict[str, Any]) -> list[Finding]:
+    """Of a V4L2 device: what it would change by itself."""
+    controls = told.get("controls")
+    if controls is None:
+        return []
+    findings = []
+    for key, automatic in HOLDS.items():
+        has = controls[key]
+        if getattr(config, key) is not None:
+            findings.append(Finding(True, f"{key} locked at {has:g}"))
+        elif has is not None and (automatic is None or controls[automatic] is not None):
+            findings.append(
+                Finding(False, f"camera.{key}: not locked; `{key} = {has:.0f}` keeps what it has")
+            )
+    return findings

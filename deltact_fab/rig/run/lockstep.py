@@ -1,0 +1,134 @@
+"""One scheduler steps all streams: time passes only when it lets it.
+
+From the tare of a press to its end it asks the stage ten times a second where it is and takes what
+the force sensor has sent, and both at each frame. The way out of the gel is not felt: no frame is
+taken on it, and a simulated gel would have to be solved for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+
+from ...errors import DeltactFabError, SensorError
+from ...protocols.plan import Step
+from .schedule import LOOK_NS, Schedule, in_step
+from .streams import Wanted, to_ns
+
+# A frame at the end of a move is taken this long after the planned end, not when the host happens
+# to hear of it: status reports differ in length with what was asked before, by milliseconds.
+ARRIVAL_S = 0.1
+
+
+class Lockstep(Schedule):
+    """Same seed, same bytes: each stream is stepped at a time that the plan gives."""
+
+    _felt = False  # the force sensor streams
+
+    def open(self) -> None:
+        """Nothing streams outside of a press."""
+
+    def check(self) -> None:
+        """There is no other thread."""
+
+    def enter(self, step: Step) -> None:
+        """The force sensor rests while the tip leaves the gel."""
+        if step.kind == "retract":
+            self._feel_no_more()
+        elif self.in_press and not self._felt and self._d.force is not None:
+            self._felt = True
+            self._d.force.start()
+        self.pose.looked_ns = self.now_ns()
+
+    def set_out(self, step: Step) -> None:
+        """Nothing: the stage is asked when its time comes."""
+
+    def film(self, wanted: Wanted) -> None:
+        """Take the frame, and pose and force with it."""
+        self._until(wanted.step, wanted.t_ns)
+        self.frames.want(wanted)
+        self.frames.step()
+        self.pose.step()
+        self._feel(wanted.step)
+        self._tell(wanted.step)
+
+    def arrive(self, step: Step, end_ns: int) -> None:
+        """Wait for the end of the move, then for the moment that its plan gives."""
+        self._until(step, end_ns)
+        self._d.stage.wait()
+        self._sleep_until(end_ns + to_ns(ARRIVAL_S))
+
+    def reach(self, end_ns: int) -> None:
+        """Wait for the stage to say so."""
+        self._d.stage.wait()
+
+    def complete(self, step: Step) -> None:
+        """A step goes on for a while after its last frame, so that the next one does not start when
+        the host happens to be ready."""
+        if self.in_press and step.frames:
+            self._until(step, self.pose.looked_ns + LOOK_NS)
+        self._feel(step)
+
+    def change(self, name: str) -> None:
+        """Between presses nothing streams."""
+        self._d.change_indenter(name)
+
+    def lifting(self) -> None:
+        """A dead sensor does not leave the tip in the gel."""
+        with suppress(DeltactFabError):
+            self._feel_no_more()
+
+    def close(self) -> list[str]:
+        """Nothing goes on by itself."""
+        return []
+
+    def _begin_devices(self, step: Step) -> None:
+        if self._d.camera is not None:
+            self._d.camera.begin(step.press)
+        self._origin_ns = self.pose.looked_ns = self.now_ns()
+        if self._d.force is not None:
+            self._felt = True
+            self._d.force.begin(step.press)
+
+    def _end_camera(self, frames: Mapping[str, float]) -> None:
+        assert self._d.camera is not None
+        self._d.camera.end(frames)
+
+    def _end_devices(self) -> None:
+        self._feel_no_more()
+
+    def _waits(self, wanted: Wanted) -> bool:
+        return True
+
+    def _until(self, step: Step, t_ns: int) -> None:
+        """Let time pass; in a press look at the stage and the force sensor every LOOK_NS.
+
+        Never within LOOK_NS of the end, where a frame may have the stage's position read.
+        """
+        while self.in_press:
+            look_ns = max(self.pose.looked_ns + LOOK_NS, self.now_ns())
+            if look_ns + LOOK_NS > t_ns:
+                break
+            self._sleep_until(look_ns)
+            self.pose.step()
+            self._feel(step)
+        self._sleep_until(t_ns)
+
+    def _sleep_until(self, t_ns: int) -> None:
+        left_ns = t_ns - self.now_ns()
+        if left_ns > 0:
+            self._d.clock.sleep_s(left_ns / 1e9)
+
+    def _feel(self, step: Step) -> None:
+        """What the force sensor has sent. Raises SensorError beyond limits."""
+        if self.force is None or not self._felt or not self.in_press:
+            return
+        try:
+            self.force.step()
+        except SensorError as why:
+            raise in_step(step, why) from why
+
+    def _feel_no_more(self) -> None:
+        if self._felt and self._d.force is not None:
+            self._felt = False
+            self._d.force.stop()

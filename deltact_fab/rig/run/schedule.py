@@ -1,0 +1,202 @@
+"""What keeps the streams of a run going, as the thread that moves the stage sees it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Callable, Mapping
+
+from ...errors import DeltactFabError
+from ...protocols.plan import Step
+from ...record import Chunk, RunWriter
+from ..interface import Devices, Frame
+from .streams import ForceStream, FrameStream, PoseStream, Wanted, now_ns
+
+# The firmware's documents ask for at most 10 status reports a second.
+LOOK_NS = 100_000_000
+# What became of frames, as the record's events name it.
+LATE, MISSED, UNWRITTEN, DROPPED, REPEATED = "late", "missed", "unwritten", "dropped", "repeated"
+
+
+class Schedule(ABC):
+    """Pose, force and frames of one run. `Lockstep` and `WallClock` differ in who steps them.
+
+    tell: called when something came that an operator may want to see.
+    """
+
+    def __init__(self, devices: Devices, writer: RunWriter, tell: Callable[[Step], None]) -> None:
+        self._d = devices
+        self._writer = writer
+        self._tell = tell
+        self._origin_ns: int | None = None  # of the press under way, from its tare on
+        self._kept: dict[str, float] = {}  # frames of the press under way, and their times (s)
+        self._of_step: Counter[str] = Counter()  # what became of frames
+        self._unwritten: list[str] = []
+        self.counts: Counter[str] = Counter()
+        """The same over the run, and `taken`: frames that were kept."""
+        self.pose = PoseStream(devices.stage, devices.clock)
+        self.frames = FrameStream(devices.camera, devices.clock, self._keep)
+        self.force = ForceStream(devices.force, devices.guard) if devices.force else None
+
+    # ---- what the thread that moves the stage asks for ------------------------------------------
+
+    @abstractmethod
+    def open(self) -> None:
+        """The stage is connected, and nothing has moved yet."""
+
+    @abstractmethod
+    def enter(self, step: Step) -> None:
+        """A step is about to start."""
+
+    @abstractmethod
+    def set_out(self, step: Step) -> None:
+        """Its move has just been sent."""
+
+    @abstractmethod
+    def film(self, wanted: Wanted) -> None:
+        """Have a frame taken at that moment; in lockstep it is there on return."""
+
+    @abstractmethod
+    def arrive(self, step: Step, end_ns: int) -> None:
+        """Wait for the end of the move, planned for end_ns."""
+
+    @abstractmethod
+    def reach(self, end_ns: int) -> None:
+        """As `arrive`, of a move between presses, which nothing is kept of."""
+
+    @abstractmethod
+    def complete(self, step: Step) -> None:
+        """Wait until all frames of the step and all that goes with them have come."""
+
+    @abstractmethod
+    def change(self, name: str) -> None:
+        """Mount an indenter: whoever mounts it has stage and force sensor to himself."""
+
+    @abstractmethod
+    def lifting(self) -> None:
+        """The run ends: from here on the tip goes up and nothing else counts."""
+
+    @abstractmethod
+    def close(self) -> list[str]:
+        """End what goes on by itself; names of what did not end within its time."""
+
+    @abstractmethod
+    def check(self) -> None:
+        """Raise the reason for which another thread stopped the stage, if one did."""
+
+    # ---- one press -------------------------------------------------------------------------------
+
+    @property
+    def in_press(self) -> bool:
+        """From the tare of a press to its last step."""
+        return self._origin_ns is not None
+
+    def begin(self, step: Step) -> None:
+        """Nothing touches: flush, tare, and start the streams of this press."""
+        self._kept = {}
+        self.frames.forget()
+        self._begin_devices(step)
+        self.event("begun", "tared" if self.force is not None else "no force sensor", step)
+
+    def finish(self, step: Step, planned_s: float, start_ns: int, last: bool) -> None:
+        """The step is complete: journal it; last: of its press."""
+        end_ns = self.now_ns()
+        if last and self._d.camera is not None and step.kind != "change":
+            self._end_camera(self._kept)
+        missed = self._account(step)
+        self._writer.step(
+            step, planned_s, start_ns / 1e9, end_ns / 1e9, self._take(), missed=missed
+        )
+        if last and self.in_press:
+            self._origin_ns = None
+            self._end_devices()
+            self.event("complete", "", step)
+        if last:
+            self._writer.flush()
+
+    def cut_off(self, step: Step) -> None:
+        """Keep what the streams held when the run broke off. Raises RunFailed."""
+        self._account(step)
+        self._writer.cut_off(step, self._take())
+
+    def event(self, kind: str, text: str, step: Step | None = None) -> None:
+        """Note what happened now."""
+        self._writer.event(kind, text, self._d.clock.now_s(), step)
+
+    def now_ns(self) -> int:
+        """Of the rig's clock."""
+        return now_ns(self._d.clock)
+
+    # ---- for both ways ---------------------------------------------------------------------------
+
+    @abstractmethod
+    def _begin_devices(self, step: Step) -> None: ...
+    @abstractmethod
+    def _end_camera(self, frames: Mapping[str, float]) -> None: ...
+    @abstractmethod
+    def _end_devices(self) -> None: ...
+    @abstractmethod
+    def _waits(self, wanted: Wanted) -> bool:
+        """Whether a frame waits for room in the queue, or is dropped."""
+
+    def _take(self) -> list[Chunk]:
+        if self._origin_ns is None:
+            return []
+        chunks = self.pose.take(self._origin_ns)
+        return chunks + (self.force.take(self._origin_ns) if self.force is not None else [])
+
+    def _keep(
+        self, wanted: Wanted, frame: Frame | None, t_ns: int, dropped: int, repeated: int
+    ) -> None:
+        """One frame that was wanted goes into the record."""
+        assert self._origin_ns is not None, "a press begins before its first frame"
+        frame_id = self._writer.frame(
+            wanted.step,
+            wanted.k,
+            frame.image if frame is not None else None,
+            t_ns / 1e9,
+            (t_ns - wanted.start_ns) / 1e9,
+            (t_ns - self._origin_ns) / 1e9,
+            late_s=(t_ns - wanted.t_ns) / 1e9,
+            dropped=dropped,
+            repeated=repeated,
+            wait=self._waits(wanted),
+        )
+        self._of_step += Counter({DROPPED: dropped, REPEATED: repeated})
+        if frame_id is None:
+            self._unwritten.append(f"{wanted.k}")
+            return
+        self._kept[frame_id] = t_ns / 1e9
+        self.counts["taken"] += 1
+        self._of_step[LATE] += wanted.late(t_ns)
+
+    def _account(self, step: Step) -> int:
+        """Tell what was lost in a step, each kind in one event; how many frames will not come."""
+        missed, self.frames.missed = self.frames.missed, []
+        unwritten, self._unwritten = self._unwritten, []
+        found, self._of_step = self._of_step, Counter()
+        if missed:
+            which = ", ".join(str(wanted.k) for wanted in missed)
+            self.event(MISSED, f"{len(missed)} frames: none came in time: {which}", step)
+        if unwritten:
+            which = ", ".join(unwritten)
+            text = f"{len(unwritten)} frames: the disk did not keep up: {which}"
+            self.event(UNWRITTEN, text, step)
+        for kind, text in (
+            (LATE, "frames were exposed more than half a period after they were wanted"),
+            (DROPPED, "frames were lost by the camera"),
+            (REPEATED, "frames were the same image once more"),
+        ):
+            if found[kind]:
+                self.event(kind, f"{found[kind]} {text}", step)
+        if self.force is not None and self.force.lost:
+            lost, self.force.lost = self.force.lost, 0
+            self.event("gap", f"{lost} force samples are missing", step)
+        found += Counter({MISSED: len(missed), UNWRITTEN: len(unwritten)})
+        self.counts += found
+        return len(missed) + len(unwritten)
+
+
+def in_step(step: Step, why: DeltactFabError) -> DeltactFabError:
+    """The same error with the step in which it came."""
+    return type(why)(f"{step.id}: {why}")

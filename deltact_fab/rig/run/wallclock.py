@@ -1,0 +1,183 @@
+"""Time passes by itself: camera and force sensor have a thread of their own each.
+
+The camera's takes every frame that the device gives, and keeps those that are wanted. The force
+sensor's reads from the connection to the end, so that the guard is armed in every motion; it rests
+only while an indenter is changed, when whoever mounts it feels for the face. The thread that moves
+the stage asks it where it is, ten times a second at most: the pose of a frame lies between two
+answers. Whichever thread fails writes the byte that stops the stage, and this one raises the
+reason.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+
+from ...errors import DeltactFabError, RunFailed, SensorError
+from ...protocols.plan import Step
+from ...record import RunWriter
+from ..interface import Devices
+from .loop import Loop
+from .schedule import LOOK_NS, Schedule
+from .streams import Wanted
+
+ANSWER_S = 10.0  # a camera that is opened anew, a tare
+FRAME_S = 10.0  # from the moment that a frame is wanted; a stalled camera says so before
+FELT_S = 0.2  # for the force sample after a frame: a silent sensor says so before
+PAUSE_S = 0.005  # between two looks at what other threads have done
+END_S = 5.0
+
+
+class WallClock(Schedule):
+    """Every device in a thread of its own. `check` raises the first failure of one of them."""
+
+    def __init__(self, devices: Devices, writer: RunWriter, tell: Callable[[Step], None]) -> None:
+        super().__init__(devices, writer, tell)
+        self._alarm = threading.Event()
+        self._lock = threading.Lock()
+        self._trouble: BaseException | None = None
+        self._up = False
+        self._step: Step | None = None
+        self._last_frame_ns = 0
+        self._loops: list[Loop] = []
+        self._seeing: Loop | None = None
+        self._feeling: Loop | None = None
+
+    def open(self) -> None:
+        """Start the threads; the guard is armed on return. Raises SensorError."""
+        self._writer.failed = self._fail
+        if self._d.camera is not None:
+            self._seeing = Loop("camera", self.frames.step, self._fail)
+            self._loops.append(self._seeing)
+        if self._d.force is not None and self.force is not None:
+            self.force.keeping = False
+            self._feeling = Loop("force sensor", self.force.step, self._fail)
+            self._loops.append(self._feeling)
+            self._feeling.ask(self._d.force.start, ANSWER_S, going=True)
+
+    def enter(self, step: Step) -> None:
+        """Nothing moves while another thread has a reason against it."""
+        self._step = step
+        self.check()
+
+    def set_out(self, step: Step) -> None:
+        """The first pose of the step."""
+        if self.in_press:
+            self.pose.step()
+
+    def film(self, wanted: Wanted) -> None:
+        """Leave it to the camera's thread; without a camera a frame is a moment to wait for."""
+        self._last_frame_ns = wanted.t_ns
+        self.frames.want(wanted)
+        if self._seeing is None:
+            self._until(wanted.t_ns)
+            self.frames.step()
+
+    def arrive(self, step: Step, end_ns: int) -> None:
+        """Wait for the planned end, then for the stage to say so."""
+        self.reach(end_ns)
+
+    def reach(self, end_ns: int) -> None:
+        """The same: the guard is armed in every move."""
+        self._until(end_ns)
+        self._d.stage.wait()
+        self.check()
+
+    def complete(self, step: Step) -> None:
+        """Wait for the frames, for the force at the last of them, and ask for the pose at its end.
+
+        Raises SensorError when they do not come.
+        """
+        if not self.in_press:
+            return
+        limit_ns = max(self._last_frame_ns, self.now_ns()) + round(FRAME_S * 1e9)
+        while self.frames.pending:
+            if self.now_ns() > limit_ns:
+                raise SensorError(f"camera: no frame within {FRAME_S:g} s of when it was wanted")
+            self._until(min(self.now_ns() + round(PAUSE_S * 1e9), limit_ns))
+        if self.force is not None and step.frames:
+            seen_ns = self.now_ns()
+            while self.force.last_ns < seen_ns:
+                if self.now_ns() > seen_ns + round(FELT_S * 1e9):
+                    raise SensorError(f"force sensor: no sample within {FELT_S:g} s of a frame")
+                self._until(self.now_ns() + round(PAUSE_S * 1e9))
+        self.pose.step()
+        self.check()
+        self._tell(step)
+
+    def change(self, name: str) -> None:
+        """The force sensor is left alone, stopped, and streams again after that."""
+        force = self._d.force
+        if self._feeling is not None and force is not None:
+            self._feeling.ask(force.stop, ANSWER_S, going=False)
+        self._d.change_indenter(name)
+        if self._feeling is not None and force is not None:
+            self._feeling.ask(force.start, ANSWER_S, going=True)
+
+    def lifting(self) -> None:
+        """No other failure stops the way up; only the guard still does."""
+        self._up = True
+
+    def close(self) -> list[str]:
+        """End the threads, each after what it is about."""
+        return [loop.name for loop in self._loops if not loop.end(END_S)]
+
+    def _begin_devices(self, step: Step) -> None:
+        camera, force = self._d.camera, self._d.force
+        if self._feeling is not None and force is not None and self.force is not None:
+            self._feeling.ask(lambda: force.begin(step.press), ANSWER_S)
+            self.force.keeping = True
+        if self._seeing is not None and camera is not None:
+            self._seeing.ask(lambda: camera.begin(step.press), ANSWER_S, going=True)
+        self._origin_ns = self.now_ns()
+        self.pose.step()
+
+    def _end_camera(self, frames: Mapping[str, float]) -> None:
+        camera = self._d.camera
+        assert self._seeing is not None
+        assert camera is not None
+        self._seeing.ask(lambda: camera.end(frames), ANSWER_S, going=False)
+
+    def _end_devices(self) -> None:
+        if self.force is not None:
+            self.force.keeping = False
+
+    def _waits(self, wanted: Wanted) -> bool:
+        return wanted.at_stop
+
+    def _until(self, t_ns: int) -> None:
+        """Let time pass; in a press ask the stage where it is every LOOK_NS. Raises the trouble."""
+        while True:
+            self.check()
+            now_ns = self.now_ns()
+            if now_ns >= t_ns:
+                return
+            due_ns = max(self.pose.looked_ns + LOOK_NS, now_ns)
+            if due_ns == now_ns:
+                self.pose.looked_ns = now_ns
+                if self.in_press:
+                    self.pose.step()
+                if self._step is not None:
+                    self._tell(self._step)
+                continue
+            self._alarm.wait((min(t_ns, due_ns) - now_ns) / 1e9)
+
+    def check(self) -> None:
+        """Raise the first failure of another thread, in words of the step under way."""
+        why = self._trouble
+        if why is None:
+            return
+        where = f"{self._step.id}: " if self._step is not None else ""
+        if isinstance(why, DeltactFabError):
+            raise type(why)(f"{where}{why}") from why
+        raise RunFailed(f"{where}{type(why).__name__}: {why}") from why
+
+    def _fail(self, why: BaseException) -> None:
+        """From the thread that failed: stop the stage at once, then wake who moves it."""
+        with self._lock:
+            if self._trouble is None:
+                # Before anyone knows of it, or the byte would end the way up.
+                if not self._up:
+                    self._d.stage.cancel()
+                self._trouble = why
+        self._alarm.set()

@@ -1,0 +1,239 @@
+"""The face is found by the force sensor: down slowly until it is felt, off, and again by steps.
+
+Nothing but short jogs is ever under way: a host that dies leaves a tip that goes on by STRIDE_MM at
+most. The first approach only says where to look. From a little above, the second goes down by
+STEP_MM, rests, and takes the mean force; the height of the face is fitted to those, so that neither
+the threshold nor a delay is part of it. Only the fitted ones are repeated, and compared.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from ...errors import DeltactFabError, SensorError, StageError
+from ...protocols.motion import Vec3
+from ...shapes import Indenter
+from ..interface import Clock, ForceSensor, Stage
+from .config import TouchConfig
+from .contact import Contact, fit, powers_of
+from .feeler import Feeler
+
+if TYPE_CHECKING:
+    from ..force.guard import ForceGuard
+
+STRIDE_MM = 0.5
+STEP_MM = 0.01
+OFF_MM = 0.2  # one step back from the face
+OFF_TIMES = 10
+BEYOND_MM = 0.1  # clear of the face before the steps begin
+LOWERING = 4.0  # times the feed of the approach, above the height where it begins
+TRAVEL_FEED_MM_MIN = 300.0
+NOISES = 5.0  # of the sensor, below the threshold
+ENOUGH = 3  # poses below the face
+MOST = 5.0  # times the threshold: no deeper, however few the poses
+
+
+@dataclass(frozen=True)
+class Touch:
+    """Where a tip met the face, and how well that is known.
+
+    z_mm: height of the face in the frame that the stage had, at at_mm. spread_mm: between repeats.
+    """
+
+    by: str
+    at_mm: tuple[float, float]
+    z_mm: float
+    spread_mm: float
+    repeats: int
+    noise_n: float | None = None
+    residual_n: float | None = None
+    most_n: float | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        return {key: value for key, value in asdict(self).items() if value is not None}
+
+    def line(self) -> str:
+        """For a person."""
+        felt = "" if self.most_n is None else f", {self.most_n:.2f} N at most"
+        return f"{self.z_mm:+.3f} mm from where it was expected, {self.repeats} touches within " + (
+            f"{self.spread_mm:.3f} mm, by {self.by}{felt}"
+        )
+
+
+class ForceTouch:
+    """Finds the face below a point of it, with the tip of one indenter."""
+
+    def __init__(
+        self,
+        stage: Stage,
+        force: ForceSensor,
+        clock: Clock,
+        guard: ForceGuard | None,
+        config: TouchConfig,
+    ) -> None:
+        self._stage = stage
+        self._force = force
+        self._clock = clock
+        self._guard = guard
+        self._config = config
+
+    def find(self, indenter: Indenter, at_mm: tuple[float, float]) -> Touch:
+        """Go there, touch as often as configured, and up again to the height of the start.
+
+        Heights are those of the stage's frame, whose z = 0 is where the face is expected. Raises
+        SensorError in one line when it is not met, too early, or not twice at one height; the tip
+        is lifted then too, unless the stage is at fault.
+        """
+        x, y, start_mm = self._stage.position_mm()
+        high_mm = max(start_mm, self._config.clear_mm)
+        feeler = Feeler(self._stage, self._force, self._clock, self._guard)
+        try:
+            noise_n = self._tare(feeler, (x, y), at_mm, high_mm)
+            found = self._touches(feeler, indenter, at_mm)
+        except StageError:
+            raise
+        except BaseException as why:
+            lifted = self._retreat(at_mm, high_mm)
+            if isinstance(why, DeltactFabError):
+                raise type(why)(f"touch-off of {indenter.name}: {why}; {lifted}") from why
+            raise
+        finally:
+            with suppress(DeltactFabError):  # the first error is the one to tell
+                feeler.release()
+        self._up(at_mm, high_mm)
+        heights = [contact.z_mm for contact in found]
+        spread_mm = max(heights) - min(heights)
+        if spread_mm > self._config.spread_mm:
+            raise SensorError(
+                f"touch-off of {indenter.name}: {len(heights)} touches lie {spread_mm:.3f} mm "
+                f"apart, at most {self._config.spread_mm:g} (touch.spread_mm): is the indenter "
+                "loose, or the sensor?"
+            )
+        return Touch(
+            "force", at_mm, round(sum(heights) / len(heights), 4), round(spread_mm, 4),
+            len(heights), round(noise_n, 5), round(max(c.residual_n for c in found), 5),
+            round(feeler.most_n, 3),
+        )  # fmt: skip
+
+    def _tare(
+        self, feeler: Feeler, here: tuple[float, float], at_mm: tuple[float, float], high_mm: float
+    ) -> float:
+        """Above the point, tare; returns the noise."""
+        self._up(here, high_mm)
+        self._go((*at_mm, high_mm))
+        noise_n = feeler.tare()
+        if noise_n * NOISES > self._config.force_n:
+            raise SensorError(
+                f"the sensor's noise is {noise_n:.3f} N (one deviation): a contact of "
+                f"touch.force_n = {self._config.force_n:g} N cannot be told from it; at least "
+                f"{noise_n * NOISES:.2g} N, or find out what shakes"
+            )
+        return noise_n
+
+    def _touches(
+        self, feeler: Feeler, indenter: Indenter, at_mm: tuple[float, float]
+    ) -> list[Contact]:
+        config = self._config
+        if self._descend(feeler, at_mm, config.clear_mm, config.feed_mm_min * LOWERING):
+            self._too_early()
+        if self._descend(feeler, at_mm, config.search_mm, config.feed_mm_min):
+            self._too_early()
+        if not self._descend(feeler, at_mm, -config.search_mm, config.feed_mm_min):
+            raise SensorError(
+                f"nothing was met down to {config.search_mm:g} mm below the height expected "
+                f"(touch.search_mm), {feeler.most_n:.3f} N at most; is the indenter shorter than "
+                "[tools] says, or the sensor not there?"
+            )
+        self._require_a_press(feeler)
+        found = []
+        for _ in range(config.repeats):
+            self._back_off(feeler)
+            found.append(self._step_down(feeler, powers_of(indenter)))
+        return found
+
+    def _descend(
+        self, feeler: Feeler, at_mm: tuple[float, float], to_mm: float, feed_mm_min: float
+    ) -> bool:
+        """Down by strides; True as soon as a contact is felt."""
+        z = self._stage.position_mm()[2]
+        while z > to_mm + 1e-3:
+            z = max(z - STRIDE_MM, to_mm)
+            if feeler.move((*at_mm, z), feed_mm_min, self._config.force_n):
+                return True
+        return False
+
+    def _too_early(self) -> None:
+        z = self._stage.position_mm()[2]
+        raise SensorError(
+            f"a force came {z:.2f} mm above the height expected, more than touch.search_mm = "
+            f"{self._config.search_mm:g}; is the indenter longer than [tools] says, or something "
+            "in the way?"
+        )
+
+    def _require_a_press(self, feeler: Feeler) -> None:
+        force = feeler.at_rest()
+        if -force[2] < 0.5 * float((force**2).sum()) ** 0.5:
+            raise SensorError(
+                "what was met does not press along -z, force ({:.2f}, {:.2f}, {:.2f}) N: the "
+                "sensor's axes are others, or the indenter met something beside the face".format(
+                    *force
+                )
+            )
+
+    def _back_off(self, feeler: Feeler) -> None:
+        """Up until nothing is felt, and a little more."""
+        for _ in range(OFF_TIMES):
+            x, y, z = self._stage.position_mm()
+            self._go((x, y, z + OFF_MM))
+            if abs(feeler.at_rest()[2]) < 0.1 * self._config.force_n:
+                self._go((x, y, z + OFF_MM + BEYOND_MM))
+                return
+        force = feeler.at_rest()[2]
+        raise SensorError(
+            f"the force is still {-force:.3f} N {OFF_TIMES * OFF_MM:g} mm above the contact: the "
+            "sensor drifts, or the gel sticks to the indenter"
+        )
+
+    def _step_down(self, feeler: Feeler, powers: tuple[float, ...]) -> Contact:
+        """Down by steps through the face; its height."""
+        config = self._config
+        heights: list[float] = []
+        forces: list[float] = []
+        deeper = 0
+        while True:
+            x, y, z = self._stage.position_mm()
+            heights.append(z)
+            forces.append(-float(feeler.at_rest()[2]))
+            deeper += forces[-1] > 0.2 * config.force_n
+            if forces[-1] > config.force_n and (deeper >= ENOUGH or self._much(forces)):
+                return fit(heights, forces, powers)
+            if z - STEP_MM < -config.search_mm - STEP_MM / 2:
+                raise SensorError(
+                    f"{forces[-1]:.3f} N at the lowest height (touch.search_mm = "
+                    f"{config.search_mm:g}), where {config.force_n:g} N was felt before"
+                )
+            feeler.move((x, y, z - STEP_MM), config.feed_mm_min, MOST * config.force_n)
+
+    def _much(self, forces: list[float]) -> bool:
+        """Another step as stiff as the last would be too much."""
+        return 2 * forces[-1] - forces[-2] > MOST * self._config.force_n
+
+    def _go(self, target_mm: Vec3) -> None:
+        self._stage.start_move(target_mm, TRAVEL_FEED_MM_MIN)
+        self._stage.wait()
+
+    def _up(self, at_mm: tuple[float, float], high_mm: float) -> None:
+        self._go((*at_mm, high_mm))
+
+    def _retreat(self, at_mm: tuple[float, float], high_mm: float) -> str:
+        """Stop and go straight up; says what came of it."""
+        try:
+            self._stage.stop()
+            x, y, z = self._stage.position_mm()
+            self._up((x, y), max(z, high_mm))
+        except DeltactFabError as why:
+            return f"the tip could NOT be lifted: {why}"
+        return "the tip was lifted"

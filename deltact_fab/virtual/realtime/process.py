@@ -1,0 +1,190 @@
+"""What runs in the process of its own: everything below the wire, and who mounts the indenters.
+
+`python -m deltact_fab.virtual.realtime.process` reads an Order from its standard input, answers
+with Ports or an error, then answers one request after the other until its input ends. Whatever else
+the host needs to know it reads from the wires.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import sys
+import tempfile
+import threading
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from ...errors import DeltactFabError
+from ...rig.config import VirtualConfig
+from ...rig.interface import Job
+from ..below import Below
+from ..netft_server import NetFTServer
+from ..presses import path_of
+from ..pty import Terminal
+from ..rig import VirtualKind
+from ..scene import Observation
+from .camera import LiveCamera
+from .clock import LiveClock
+from .scene import LiveScene
+
+SWITCH_S = 0.0005  # a thread that draws lets the others have their turn sooner
+
+
+@dataclass(frozen=True)
+class Order:
+    """The bench that is wanted. source: of the rig file."""
+
+    config: VirtualConfig
+    source: Path
+    job: Job
+
+
+@dataclass(frozen=True)
+class Ports:
+    """Where its devices are; None: not asked for. pid: of the process."""
+
+    stage: str
+    rdt_port: int
+    http_port: int
+    images: str | None
+    size_px: tuple[int, int] | None
+    pid: int
+
+
+class Bench:
+    """The devices, and the hands that mount an indenter under them."""
+
+    def __init__(self, order: Order, open_: ExitStack) -> None:
+        config, job = order.config, order.job
+        self._job = job
+        self._lock = threading.RLock()
+        self.clock = LiveClock()
+        self._below = below = Below(config, job, self.clock, LiveScene)
+        assert isinstance(below.scene, LiveScene)
+        self.scene = below.scene
+        self.camera: LiveCamera | None = None
+        folder = Path(open_.enter_context(tempfile.TemporaryDirectory(prefix="deltact-fab-")))
+        size_px = None
+        if below.crop is not None:
+            view = VirtualKind(config, order.source).camera(job.protocol, job.sensor)
+            assert view is not None, "images are asked for"
+            picture, self._lens = below.picture(view)
+            rate_hz = config.virtual.realtime.camera_rate_hz
+            size_px = picture.size_px
+            self.camera = LiveCamera(picture, self._look, folder / "images", rate_hz, job.seed)
+        self._force = open_.enter_context(
+            NetFTServer(
+                self._wrenches,
+                config.force,
+                seed=job.seed,
+                noise_n=config.virtual.force.noise_n,
+            )
+        )
+        self._force.page.serial = "simulated"
+        terminal = open_.enter_context(
+            Terminal(below.controller, self.clock, lock=self._lock, passing=self.clock.catch_up)
+        )
+        images = None if self.camera is None else str(folder / "images")
+        self.ports = Ports(
+            terminal.port, self._force.rdt_port, self._force.http_port, images, size_px, os.getpid()
+        )
+
+    def answer(self, what: str, told: Mapping[str, Any]) -> Any:
+        """One request of the host. Raises DeltactFabError."""
+        return getattr(self, f"_do_{what}")(**told)
+
+    def _do_mount(self, indenter: str) -> None:
+        with self._lock:
+            self.clock.catch_up()
+            self.scene.mount(indenter)
+
+    def _do_begin(self, press: str) -> None:
+        presses = self._below.presses
+        if not presses.observed:
+            return
+        found = presses.of(path_of(presses, press))  # read from the disk while the others go on
+        with self._lock:
+            self.clock.catch_up()
+            self.scene.observe()
+            self.scene.take(found)
+        if self.camera is not None:
+            self.camera.begin()
+
+    def _do_end(self, press: str, frames: Mapping[str, float]) -> None:
+        if self.camera is not None and self._below.crop is not None:
+            kept = (self.scene, self._below.crop, self._lens)
+            self.camera.keep(self._job.folder, press, frames, *kept)
+
+    def _do_about(self) -> dict[str, Any]:
+        drawn = self.camera.drawn if self.camera is not None else 0
+        return {
+            "guessed": self.scene.guessed,
+            "drawn": drawn,
+            "draw_s": self.camera.seconds / max(drawn, 1) if self.camera is not None else 0.0,
+            "cpu_s": sum(os.times()[:2]),
+        }
+
+    def _do_carriage(self, t_s: list[float]) -> list[tuple[float, float, float]]:
+        """Where the carriage was, machine mm: for who wants to know how good the record is."""
+        with self._lock:
+            self.clock.catch_up()
+            return [self._below.controller.position_mm(t) for t in t_s]
+
+    def _look(self) -> tuple[int, Observation]:
+        with self._lock:
+            self.clock.catch_up()
+            return self.clock.now_ns(), self.scene.observe()
+
+    def _wrenches(self, t_ns: Any) -> Any:
+        with self._lock:
+            self.clock.catch_up()
+            return self.scene.wrenches(t_ns)
+
+
+def serve(asked: BinaryIO, answers: BinaryIO) -> None:
+    """Build the bench that is asked for, then answer until `asked` ends."""
+    with ExitStack() as open_:
+        try:
+            bench = Bench(pickle.load(asked), open_)
+        except DeltactFabError as why:
+            _say(answers, why)
+            return
+        _say(answers, bench.ports)
+        while True:
+            try:
+                what, told = pickle.load(asked)
+            except EOFError:
+                return  # the host is gone, or has had enough
+            try:
+                _say(answers, bench.answer(what, told))
+            except (DeltactFabError, KeyError, ValueError) as why:
+                _say(answers, why)
+
+
+def _say(answers: BinaryIO, what: object) -> None:
+    pickle.dump(what, answers)
+    answers.flush()
+
+
+def main() -> None:
+    """Signals are the host's to answer: this process ends when it does."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    sys.setswitchinterval(SWITCH_S)
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # whatever is printed is no answer
+    try:
+        serve(sys.stdin.buffer, answers)
+    except BrokenPipeError:
+        pass
+    finally:
+        os._exit(0)  # threads that wait for a reader have nothing to finish
+
+
+if __name__ == "__main__":
+    main()

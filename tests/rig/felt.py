@@ -1,0 +1,76 @@
+"""A simulated bench whose face is not where it is expected, in lockstep, for the tests of a tool."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+from deltact_fab.optics import StageFrame
+from deltact_fab.rig.config import ForceConfig
+from deltact_fab.rig.force.config import GuardConfig
+from deltact_fab.rig.force.guard import ForceGuard
+from deltact_fab.rig.force.netft import NetFTSensor
+from deltact_fab.rig.stage.grbl import GrblStage
+from deltact_fab.rig.tool.config import TouchConfig
+from deltact_fab.rig.tool.touch import ForceTouch
+from deltact_fab.shapes import SkinDimensions
+from deltact_fab.virtual.bench_face import BenchFace
+from deltact_fab.virtual.clock import VirtualClock
+from deltact_fab.virtual.controller import GrblController
+from deltact_fab.virtual.netft import NetFTBox
+from deltact_fab.virtual.wire import Link, connect
+
+EXPECTED = StageFrame((-60.0, -60.0, -40.0))
+_NUMBER = itertools.count(1)
+
+
+@dataclass
+class Bench:
+    """The devices, and what is below their wires."""
+
+    clock: VirtualClock
+    grbl: GrblController
+    face: BenchFace
+    box: NetFTBox
+    stage: GrblStage
+    force: NetFTSensor
+    guard: ForceGuard
+    link: Link
+
+    def touch(self, config: TouchConfig | None = None) -> ForceTouch:
+        """A touch-off on it."""
+        config = config or TouchConfig()
+        return ForceTouch(self.stage, self.force, self.clock, self.guard, config)
+
+    def lowest_mm(self) -> float:
+        """Lowest height of the carriage so far, machine mm."""
+        ends = [z for s in self.grbl.segments for z in (s.start_mm[2], s.end_mm[2])]
+        return min(ends)
+
+
+def bench(
+    indenter: str = "sphere:10",
+    off_mm: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    longer_mm: float = 0.0,
+    noise_n: float = 0.01,
+    tilt_deg: tuple[float, float] = (0.0, 0.0),
+    guard_n: float = 5.0,
+    seed: int = 1,
+    homed: bool = True,
+) -> Bench:
+    """off_mm: of the face from where it is expected, machine axes."""
+    clock = VirtualClock()
+    grbl = GrblController({}, clock, start_mm=(-30.0, -30.0, -10.0))
+    x, y, z = (o + d for o, d in zip(EXPECTED.origin_machine_mm, off_mm, strict=True))
+    true = StageFrame((x, y, z), 0.0, tilt_deg)
+    face = BenchFace(grbl, true, SkinDimensions(), hard_mm=(22.0, 22.0))
+    face.mount(indenter, longer_mm)
+    box = NetFTBox(ForceConfig(), clock, seed, face.wrenches, noise_n)
+    link = connect(grbl, clock, f"felt-{next(_NUMBER)}")
+    stage = GrblStage(link.url, clock, EXPECTED)
+    force = NetFTSensor(box, clock)
+    guard = ForceGuard(stage, GuardConfig(force_n=guard_n))
+    if homed:
+        stage.connect()
+        stage.home()
+    return Bench(clock, grbl, face, box, stage, force, guard, link)
