@@ -94,6 +94,31 @@ def note(run: Path, text: str, as_json: bool) -> None:
         click.echo(_note(added))
 
 
+@record.command()
+@RUN
+@click.option("--format", "form", required=True, type=click.Choice(["csv", "parquet", "mcap"]))
+@click.option("-o", "out", required=True, type=click.Path(path_type=Path),
+              help="A new folder (csv, parquet) or a new file (mcap).")  # fmt: skip
+@JSON
+def export(run: Path, form: str, out: Path, as_json: bool) -> None:
+    """Write RUN as CSV, Parquet or MCAP (extra `export`), whole or not at all.
+
+    csv and parquet: tables of frames, force, pose, steps and events, units in the columns' names,
+    without images. mcap: one file for Foxglove, with images, pose (m), wrench (N, N m) and events
+    on one time line over all sessions, every image verified against its hash.
+    """
+    from ..record import open as open_run
+    from ..record.export import export as write
+    from .output import echo_json, progress
+
+    with progress("export") as bar:
+        rows = write(open_run(run), form, out, bar)
+    if as_json:
+        echo_json({"out": str(out), "format": form, "rows": rows})
+    else:
+        click.echo(f"{out}: " + ", ".join(f"{n} {name}" for name, n in rows.items()))
+
+
 def _note(note: dict[str, Any]) -> str:
     return f"  note {_day(note['wall_s'])}: {note['text']}"
 

@@ -120,9 +120,9 @@ class Run:
 
         return pd.DataFrame(notes.read(self.folder), columns=["wall_s", "text"])
 
-    def steps(self) -> pd.DataFrame:
-        """One row a finished step."""
-        return self._table("steps")
+    def steps(self, press: str | None = None) -> pd.DataFrame:
+        """One row a finished step (of one press)."""
+        return self._table("steps", press)
 
     @cached_property
     def camera(self) -> CameraModel:
@@ -173,6 +173,13 @@ class Run:
 
     def raw(self, file: str) -> NDArray[np.uint8]:
         """(h, w, 3) BGR of one frame as the camera gave it. Raises as `image` does."""
+        image = decode(self.data(file), file)
+        if image is None:
+            raise RunFailed(f"{self.folder / file}: does not decode as an image")
+        return image
+
+    def data(self, file: str) -> bytes:
+        """The bytes of a frame's file. Raises RunFailed when it is missing or damaged."""
         path = self.folder / file
         try:
             data = path.read_bytes()
@@ -182,10 +189,7 @@ class Run:
             raise RunFailed(
                 f"{path}: damaged: {len(data)} bytes that differ from the hash in the journal"
             )
-        image = decode(data, file)
-        if image is None:
-            raise RunFailed(f"{path}: does not decode as an image")
-        return image
+        return data
 
     @property
     def finished(self) -> bool:

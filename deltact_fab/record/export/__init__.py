@@ -1,0 +1,101 @@
+"""A run in the formats of others: CSV, Parquet, MCAP. Press by press, whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from ...errors import InputError, MissingLibrary, RunFailed
+from ..files import sync_folder
+from ..run import Run
+
+FORMATS = ("csv", "parquet", "mcap")
+Progress = Callable[[int, int, str], None]
+
+
+def export(run: Run, form: str, out: Path, progress: Progress | None = None) -> dict[str, int]:
+    """Write a run to `out`, a new folder (csv, parquet) or file (mcap); return rows by table.
+
+    Of a run that was cut off, what it has. Raises InputError where `out` is there already or has no
+    folder, MissingLibrary without the extra `export`, RunFailed for a damaged run and a full disk.
+    """
+    if form not in FORMATS:
+        raise InputError(f"--format: {form!r}; valid: {', '.join(FORMATS)}")
+    with _libraries(), _whole(out) as made:
+        report = progress or (lambda done, total, what: None)
+        if form == "mcap":
+            from .foxglove import write
+
+            return write(run, made, report)
+        from .folder import write as write_tables
+
+        return write_tables(run, made, form, report)
+
+
+@contextmanager
+def _libraries() -> Iterator[None]:
+    try:
+        yield
+    except ModuleNotFoundError as why:
+        raise MissingLibrary(
+            f"{why.name} is not installed: pip install 'deltact-fab[export]'"
+        ) from why
+
+
+@contextmanager
+def _whole(out: Path) -> Iterator[Path]:
+    """A temporary name beside `out`, which takes its place at the end, or is removed."""
+    if out.exists():
+        raise InputError(f"{out}: already there; name a new one")
+    if not out.absolute().parent.is_dir():
+        raise InputError(f"{out.parent}: no such folder")
+    made = out.with_name(f".{out.name}.part")
+    try:
+        _remove(made)
+        yield made
+        _sync(made)
+        made.rename(out)
+        sync_folder(out.absolute().parent)
+    except OSError as why:
+        raise RunFailed(f"{out}: cannot be written: {why.strerror or why}") from why
+    finally:
+        _remove(made)
+
+
+def _sync(path: Path) -> None:
+    for file in [path] if path.is_file() else path.iterdir():
+        handle = os.open(file, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def presses(run: Run) -> list[str]:
+    """All presses that have rows, in the plan's order; changes of the indenter among them."""
+    with run.reader() as db:
+        rows = db.execute(
+            "SELECT press FROM (SELECT press, wall_s FROM steps UNION ALL SELECT press, wall_s "
+            "FROM frames) GROUP BY press ORDER BY min(wall_s)"
+        )
+        return [press for (press,) in rows]
+
+
+def described(run: Run) -> dict[str, Any]:
+    """What every export says of the run it is of."""
+    keys = ("name", "rig_name", "simulated", "air", "seed", "format", "versions")
+    return {key: run.meta.get(key) for key in keys} | {
+        "protocol": (run.meta.get("protocol") or {}).get("name"),
+        "finished": run.finished,
+    }

@@ -1,0 +1,150 @@
+"""The tables of a run as they are exported: their columns, types, units and meanings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..run import Run
+from ..timeline import TimeLine
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+LINE = "time_ns"  # the column of every table that puts it on the time line
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column. kind: string, int64, float64 or bool."""
+
+    name: str
+    kind: str
+    unit: str
+    text: str
+
+
+def _numbers(names: str, unit: str, text: str) -> list[Column]:
+    return [Column(name, "float64", unit, text) for name in names.split()]
+
+
+_TIME = Column(LINE, "int64", "ns", "since 1970-01-01 UTC, one line over all sessions of the run")
+_PRESS = [
+    Column("press", "string", "", "indenter/position"),
+    Column("step_id", "string", "", "indenter/position/depth/leg"),
+]
+_CLOCKS = [
+    *_numbers("t_s", "s", "on the rig's clock, which starts anew with each session"),
+    *_numbers("t_press_s", "s", "since the press was tared"),
+]
+_WALL = _numbers("wall_s", "s", "since 1970-01-01 UTC, when the row was made")
+_POSE = _numbers(
+    "x_mm y_mm z_mm", "mm", "of the tip in the sensor frame; z = 0 is the resting face"
+)
+_FORCE = [
+    *_numbers("fx_n fy_n fz_n", "N", "on the sensor; a press has fz_n < 0"),
+    *_numbers("tx_nmm ty_nmm tz_nmm", "N mm", "about the centre of the resting face"),
+]
+_STEP = [
+    Column("indenter", "string", "", "which was mounted"),
+    Column("kind", "string", "", "change, travel, approach, press, shear or retract"),
+]
+
+TABLES: dict[str, list[Column]] = {
+    "frames": [
+        _TIME,
+        Column("frame_id", "string", "", "step_id#k"),
+        Column("seq", "int64", "", "place in the plan"),
+        *_PRESS,
+        *_STEP,
+        Column("k", "int64", "", "number in its step, from 1"),
+        Column("settled", "bool", "", "taken at rest, as the protocol settles"),
+        Column("file", "string", "", "image, from the run's folder"),
+        Column("sha256", "string", "", "of that file"),
+        *_numbers("t_s", "s", "on the rig's clock, which starts anew with each session"),
+        *_numbers("t_step_s", "s", "since the step began"),
+        *_numbers("t_press_s", "s", "since the press was tared"),
+        *_POSE,
+        *_FORCE,
+        *_numbers("pose_skew_s force_skew_s", "s", "from the nearest sample"),
+        *_numbers("late_s", "s", "exposed after it was wanted"),
+        Column("late", "bool", "", "by more than half of what lies between two frames"),
+        Column("dropped", "int64", "", "frames that the camera lost since the one before"),
+        Column("repeated", "int64", "", "frames that it gave again since the one before"),
+        *_WALL,
+    ],
+    "force": [
+        _TIME,
+        *_PRESS,
+        *_CLOCKS,
+        *_FORCE,
+        Column("saturated", "bool", "", "a gauge was out of range"),
+    ],
+    "pose": [_TIME, *_PRESS, *_CLOCKS, *_POSE],
+    "steps": [
+        Column("time_ns", "int64", "ns", f"of its start; {_TIME.text}"),
+        Column("seq", "int64", "", "place in the plan"),
+        *_PRESS,
+        *_STEP,
+        *_numbers("x_mm y_mm z_mm", "mm", "target of the tip in the sensor frame"),
+        *_numbers("feed_mm_min", "mm/min", "as it was asked for"),
+        *_numbers("planned_s", "s", "of motion"),
+        Column("missed", "int64", "", "frames that did not come"),
+        *_numbers("t_start_s t_end_s", "s", "on the rig's clock"),
+        *_WALL,
+    ],
+    "events": [
+        _TIME,
+        Column("seq", "int64", "", "order of writing; 0: an operator's note"),
+        Column("kind", "string", "", "session, homed, begun, complete, fault, stop, note ..."),
+        *_PRESS,
+        Column("text", "string", "", "what happened"),
+        *_numbers("t_s", "s", "on the rig's clock"),
+        *_WALL,
+    ],
+}
+
+
+# Of pandas, with a place for what is not known; a float has its nan.
+_KINDS = {"int64": "Int64", "bool": "boolean"}
+
+
+def of_press(run: Run, line: TimeLine, name: str, press: str) -> pd.DataFrame:
+    """The rows of one press of frames, force, pose or steps, with the columns of `TABLES`."""
+    read = {"frames": run.frames, "force": run.force, "pose": run.pose, "steps": run.steps}[name]
+    table = read(press)
+    at = "t_start_s" if name == "steps" else "t_s"
+    return _shaped(name, table.assign(**{LINE: line.of_press_ns(press, table[at].to_numpy(float))}))
+
+
+def events(run: Run, line: TimeLine) -> pd.DataFrame:
+    """All events and notes, in order of the time line."""
+    import pandas as pd
+
+    table = run.events()
+    notes = run.notes().assign(kind="note", seq=0, press=None, step_id=None, t_s=np.nan)
+    parts = [part for part in (table, notes[list(table.columns)]) if len(part)]
+    table = pd.concat(parts, ignore_index=True) if parts else table
+    clocks = zip(table["seq"], table["t_s"].astype(float), table["wall_s"], strict=True)
+    times = [line.of_event_ns(int(seq), t_s, wall_s) for seq, t_s, wall_s in clocks]
+    table = table.assign(**{LINE: np.array(times, np.int64)})
+    return _shaped("events", table.sort_values(LINE, kind="stable"))
+
+
+def chunks(run: Run, line: TimeLine, presses: list[str]) -> Iterator[tuple[str, str, pd.DataFrame]]:
+    """Press, table and its rows, press by press; the events last, of no press."""
+    for press in presses:
+        for name in ("frames", "force", "pose", "steps"):
+            yield press, name, of_press(run, line, name, press)
+    yield "", "events", events(run, line)
+
+
+def _shaped(name: str, table: pd.DataFrame) -> pd.DataFrame:
+    """Exactly the columns of `TABLES`; what older formats did not know is empty."""
+    kinds: dict[str, Any] = {
+        column.name: _KINDS.get(column.kind, column.kind) for column in TABLES[name]
+    }
+    return table.reindex(columns=list(kinds)).astype(kinds)

@@ -1,0 +1,250 @@
+"""Exports of a run hold every row at its time, and the same pixels."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import shutil
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+from mcap.reader import make_reader
+
+from deltact_fab import experiment, record
+from deltact_fab.cli.main import main
+from deltact_fab.errors import InputError, RunFailed
+from deltact_fab.protocols.plan import Step
+from deltact_fab.record import Chunk, Run, RunWriter
+from deltact_fab.record.export import export
+from deltact_fab.record.export.tables import TABLES
+from deltact_fab.record.timeline import TimeLine
+
+OLD = Path(__file__).parent / "data" / "run-format-2"
+
+
+@pytest.fixture(scope="module")
+def run(mini_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """With a note, so that there is one to export."""
+    folder = tmp_path_factory.mktemp("exported") / "run"
+    shutil.copytree(mini_run, folder)
+    record.add_note(folder, "a note")
+    return record.open(folder)
+
+
+def messages(path: Path) -> dict[str, list[tuple[int, dict]]]:
+    """All messages by topic, in the file's order."""
+    found: dict[str, list[tuple[int, dict]]] = {}
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages(
+            log_time_order=False
+        ):
+            assert schema is not None
+            data = json.loads(message.data)
+            assert data.keys() <= json.loads(schema.data)["properties"].keys()
+            found.setdefault(channel.topic, []).append((message.log_time, data))
+    return found
+
+
+def test_mcap_has_every_message_at_its_time(run: Run, tmp_path: Path) -> None:
+    out = tmp_path / "run.mcap"
+    done = CliRunner().invoke(
+        main, ["record", "export", str(run.folder), "--format", "mcap", "-o", str(out), "--json"]
+    )
+    assert done.exit_code == 0, done.output
+    found = messages(out)
+    line, frames = TimeLine.of(run), run.frames()
+    for topic, table in (
+        ("/camera/image", frames), ("/camera/frame", frames), ("/stage/pose", run.pose()),
+        ("/force/wrench", run.force()),
+    ):  # fmt: skip
+        wanted = [
+            t
+            for press, part in table.groupby("press", sort=False)
+            for t in line.of_press_ns(str(press), part["t_s"].to_numpy())
+        ]
+        assert [t for t, _ in found[topic]] == wanted, topic
+        assert json.loads(done.output)["rows"][topic] == len(table)
+    assert len(found["/events"]) == len(run.events()) + 1
+    z_m = [m["pose"]["position"]["z"] for _, m in found["/stage/pose"]]
+    np.testing.assert_allclose(np.array(z_m) * 1e3, run.pose()["z_mm"], atol=1e-9)
+    force = [[m["wrench"]["force"][a] for a in "xyz"] for _, m in found["/force/wrench"]]
+    np.testing.assert_array_equal(force, run.force()[["fx_n", "fy_n", "fz_n"]].to_numpy())
+    tz_nm = [m["wrench"]["torque"]["z"] for _, m in found["/force/wrench"]]
+    np.testing.assert_allclose(np.array(tz_nm) * 1e3, run.force()["tz_nmm"], rtol=1e-12)
+    for time_ns, message in found["/stage/pose"][:5]:
+        stamp = message["timestamp"]
+        assert stamp["sec"] * 1_000_000_000 + stamp["nsec"] == time_ns
+    for (_, image), (_, about) in zip(found["/camera/image"], found["/camera/frame"], strict=True):
+        seen = cv2.imdecode(np.frombuffer(base64.b64decode(image["data"]), np.uint8), 1)
+        assert np.array_equal(seen, run.raw(about["file"]))
+    assert [about["id"] for _, about in found["/camera/frame"]] == frames["frame_id"].tolist()
+
+
+def test_mcap_is_in_order_and_says_what_it_is(run: Run, tmp_path: Path) -> None:
+    out = tmp_path / "run.mcap"
+    export(run, "mcap", out)
+    with out.open("rb") as file:
+        reader = make_reader(file)
+        times = [m.log_time for _, _, m in reader.iter_messages(log_time_order=False)]
+        assert times == sorted(times)
+        attached = {a.name: a.data for a in reader.iter_attachments()}
+        told = {m.name: m.metadata for m in reader.iter_metadata()}
+        names = {s.name for s in reader.get_summary().schemas.values()}
+    assert attached["run.json"] == (run.folder / "run.json").read_bytes()
+    assert attached["protocol.toml"] == (run.folder / "protocol.toml").read_bytes()
+    assert told["deltact-fab"]["simulated"] == "true"
+    assert told["deltact-fab"]["seed"] == "3"
+    assert {"foxglove.CompressedImage", "foxglove.PoseInFrame", "foxglove.Log"} <= names
+    # What base64 adds to an image, the chunks' packing takes back.
+    assert out.stat().st_size < 1.4 * sum(f.stat().st_size for f in run.folder.rglob("*.png"))
+
+
+@pytest.mark.parametrize("form", ["csv", "parquet"])
+def test_tables_come_back_as_the_record_has_them(run: Run, tmp_path: Path, form: str) -> None:
+    out = tmp_path / "out"
+    rows = export(run, form, out)
+    read = pd.read_csv if form == "csv" else pd.read_parquet
+    wanted = {
+        "frames": run.frames(), "force": run.force(), "pose": run.pose(), "steps": run.steps()
+    }  # fmt: skip
+    for name, table in wanted.items():
+        found = read(out / f"{name}.{form}")
+        assert list(found) == [column.name for column in TABLES[name]]
+        assert rows[name] == len(found) == len(table)
+        for column in set(found) - {"time_ns"}:
+            if column in table:
+                a, b = found[column].to_numpy(), table[column].to_numpy()
+                if table[column].dtype.kind in "fi":
+                    np.testing.assert_array_equal(a.astype(float), b.astype(float), column)
+                else:
+                    assert a.tolist() == b.tolist(), column
+    events = read(out / f"events.{form}")
+    assert events["kind"].tolist().count("note") == 1
+    assert len(events) == len(run.events()) + 1
+    text = (out / "README.md").read_text()
+    assert all(f"## {name}.{form}: {n} rows" in text for name, n in rows.items())
+    assert json.loads((out / "run.json").read_text())["seed"] == 3
+
+
+def test_parquet_has_units_and_the_run_with_it(run: Run, tmp_path: Path) -> None:
+    export(run, "parquet", tmp_path / "out")
+    file = pq.ParquetFile(tmp_path / "out" / "force.parquet")
+    schema = file.schema_arrow
+    assert schema.field("fx_n").metadata[b"unit"] == b"N"
+    assert schema.field("time_ns").type == "timestamp[ns, tz=UTC]" or "UTC" in str(
+        schema.field("time_ns").type
+    )
+    assert schema.metadata[b"simulated"] == b"true"
+    assert schema.metadata[b"seed"] == b"3"
+    assert file.num_row_groups == 4  # press by press
+
+
+@pytest.mark.parametrize("form", ["csv", "parquet", "mcap"])
+def test_a_run_of_an_old_format_and_one_cut_off_are_exported(
+    run: Run, tmp_path: Path, form: str
+) -> None:
+    assert sum(export(record.open(OLD), form, tmp_path / "old").values()) > 6
+    cut = tmp_path / "cut"
+    shutil.copytree(run.folder, cut)
+    (cut / "summary.json").unlink()
+    with closing(sqlite3.connect(cut / "journal.sqlite")) as db, db:
+        db.execute("DELETE FROM steps WHERE step_id LIKE '4dots/p1/%'")
+    rows = export(record.open(cut), form, tmp_path / "out")
+    assert rows.get("frames", rows.get("/camera/frame")) == len(run.frames())
+
+
+@pytest.mark.parametrize("form", ["csv", "parquet", "mcap"])
+def test_nothing_stays_of_an_export_that_fails(run: Run, tmp_path: Path, form: str) -> None:
+    spoilt = tmp_path / "run"
+    shutil.copytree(run.folder, spoilt)
+    with closing(sqlite3.connect(spoilt / "journal.sqlite")) as db, db:
+        db.execute("UPDATE samples SET data = x'00' WHERE stream = 'pose' AND press = '4dots/p1'")
+    with pytest.raises(RunFailed, match="damaged"):
+        export(record.open(spoilt), form, tmp_path / "out")
+    assert [p.name for p in tmp_path.iterdir()] == ["run"]
+    (tmp_path / "out").mkdir()
+    with pytest.raises(InputError, match="already there"):
+        export(run, form, tmp_path / "out")
+    with pytest.raises(InputError, match="no such folder"):
+        export(run, form, tmp_path / "none" / "out")
+    if os.geteuid() != 0:
+        (tmp_path / "out").chmod(0o500)
+        with pytest.raises(RunFailed, match="cannot be written"):
+            export(run, form, tmp_path / "out" / "x")
+
+
+def jxl_run(folder: Path) -> tuple[Run, np.ndarray]:
+    """A run of one frame whose camera writes JPEG XL."""
+    pytest.importorskip("imagecodecs")
+    step = Step("ball/p1/rest", "ball/p1", "sphere:10", "travel", (0, 0, 5.0), 30.0, 1)
+    meta = {
+        "name": "t", "simulated": False, "seed": 0, "camera": None,
+        "rig": {"camera": {"format": "jxl"}},
+    }  # fmt: skip
+    writer = RunWriter.create(folder, meta, b"", {}, [step])
+    image = np.random.default_rng(0).integers(0, 256, (12, 16, 3), dtype=np.uint8)
+    writer.frame(step, 1, image, 3.0, 0.5, 2.5)
+    writer.step(step, 1.0, 2.5, 3.5, [])
+    writer.close({})
+    return record.open(folder), image
+
+
+def test_jpeg_xl_becomes_png_with_the_same_pixels(tmp_path: Path) -> None:
+    run, image = jxl_run(tmp_path / "run")
+    assert run.frames()["file"].iloc[0].endswith(".jxl")
+    export(run, "mcap", tmp_path / "out.mcap")
+    [(_, message)] = messages(tmp_path / "out.mcap")["/camera/image"]
+    assert message["format"] == "png"
+    data = np.frombuffer(base64.b64decode(message["data"]), np.uint8)
+    assert np.array_equal(cv2.imdecode(data, 1), image)
+
+
+def test_the_time_line_is_one_over_sessions(
+    mini: tuple[Path, Path], run: Run, tmp_path: Path
+) -> None:
+    again = tmp_path / "run"
+    shutil.copytree(run.folder, again)
+    (again / "summary.json").unlink()
+    sorted((again / "images").glob("sphere-10*"))[0].unlink()
+    protocol, rig = map(str, mini)
+    experiment.run(protocol, rig, again, seed=3, resume=True)
+    resumed = record.open(again)
+    line = TimeLine.of(resumed)
+    assert len(line.offsets_ns) == 2
+    assert line.press_session["4dots/p1"] == 0
+    assert line.press_session["sphere-10/p1"] == 1
+    spans = {
+        press: line.of_press_ns(str(press), part[["t_start_s", "t_end_s"]].to_numpy())
+        for press, part in resumed.steps().groupby("press", sort=False)
+    }
+    assert spans["4dots/p1"].max() <= spans["sphere-10/p1"].min()  # though it comes later
+    begun = resumed.events()["wall_s"].min()
+    assert 0 <= spans["sphere-10/change"].min() / 1e9 - begun < 600
+    export(resumed, "mcap", tmp_path / "out")
+    times = [t for found in messages(tmp_path / "out").values() for t, _ in found]
+    assert min(times) / 1e9 >= begun - 1e-3
+
+
+def test_a_chunk_keeps_its_nanoseconds(tmp_path: Path) -> None:
+    """Stamps of a machine that has been up for months, on the day's time."""
+    step = Step("ball/p1/rest", "ball/p1", "sphere:10", "travel", (0, 0, 5.0), 30.0, 0)
+    meta = {"name": "t", "simulated": False, "seed": 0, "camera": None}
+    writer = RunWriter.create(tmp_path / "run", meta, b"", {}, [step])
+    up_s = 1e7 + 0.123456789
+    t_ns = np.arange(5, dtype=np.int64) * 1_000_001
+    zero = np.zeros(5)
+    columns = {"t_ns": t_ns, "x_mm": zero, "y_mm": zero, "z_mm": zero}
+    writer.event("homed", "", up_s)
+    writer.step(step, 1.0, up_s, up_s + 1, [Chunk("pose", up_s, columns)])
+    writer.close({})
+    export(record.open(tmp_path / "run"), "mcap", tmp_path / "out")
+    times = np.array([t for t, _ in messages(tmp_path / "out")["/stage/pose"]])
+    assert np.abs(np.diff(times) - 1_000_001).max() <= 4
