@@ -196,8 +196,9 @@ class Devices:
     change_indenter: Callable[[str], str | None]
     """Has an indenter mounted and finds its tip; returns what the record is to keep of it."""
     guard: ForceGuard | None = None
-    home: Callable[[], str] | None = None
-    """How a session begins, instead of `stage.home`; returns what the record is to keep of it."""
+    begin: Callable[[], str] | None = None
+    """Before a session's homing, the stage connected: asks, lifts a tip out of the gel, or raises;
+    returns what the record is to keep of it."""
     wall_clock: bool = False
     """Time passes by itself: every device has a thread of its own; else one scheduler steps all."""
 

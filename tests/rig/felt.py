@@ -1,4 +1,4 @@
-"""A simulated bench whose face is not where it is expected, in lockstep, for the tests of a tool."""
+"""A simulated bench in lockstep whose face is not where it is expected, to test a tool on."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from deltact_fab.optics import StageFrame
 from deltact_fab.rig.config import ForceConfig
 from deltact_fab.rig.force.config import GuardConfig
-from deltact_fab.rig.force.guard import ForceGuard
+from deltact_fab.rig.force.guard import ForceGuard, GuardLimits
 from deltact_fab.rig.force.netft import NetFTSensor
 from deltact_fab.rig.stage.grbl import GrblStage
 from deltact_fab.rig.tool.config import TouchConfig
@@ -17,7 +17,7 @@ from deltact_fab.shapes import SkinDimensions
 from deltact_fab.virtual.bench_face import BenchFace
 from deltact_fab.virtual.clock import VirtualClock
 from deltact_fab.virtual.controller import GrblController
-from deltact_fab.virtual.netft import NetFTBox
+from deltact_fab.virtual.netft import LockstepLink, NetFTBox
 from deltact_fab.virtual.wire import Link, connect
 
 EXPECTED = StageFrame((-60.0, -60.0, -40.0))
@@ -68,8 +68,9 @@ def bench(
     box = NetFTBox(ForceConfig(), clock, seed, face.wrenches, noise_n)
     link = connect(grbl, clock, f"felt-{next(_NUMBER)}")
     stage = GrblStage(link.url, clock, EXPECTED)
-    force = NetFTSensor(box, clock)
-    guard = ForceGuard(stage, GuardConfig(force_n=guard_n))
+    force = NetFTSensor(LockstepLink(box), clock)
+    limits = GuardLimits.of(GuardConfig(force_n=guard_n), ForceConfig())
+    guard = ForceGuard(stage, limits, clock)
     if homed:
         stage.connect()
         stage.home()

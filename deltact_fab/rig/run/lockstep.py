@@ -69,9 +69,9 @@ class Lockstep(Schedule):
             self._until(step, self.pose.looked_ns + LOOK_NS)
         self._feel(step)
 
-    def change(self, name: str) -> None:
+    def change(self, name: str) -> str | None:
         """Between presses nothing streams."""
-        self._d.change_indenter(name)
+        return self._d.change_indenter(name)
 
     def lifting(self) -> None:
         """A dead sensor does not leave the tip in the gel."""

@@ -86,6 +86,6 @@ class Motion:
         self._streams.reach(self._streams.now_ns() + to_ns(planned_s))
 
     def _change(self, step: Step) -> None:
-        self._streams.change(step.indenter)
+        found = self._streams.change(step.indenter)
         self._mounted = step.indenter
-        self._streams.event("indenter", f"{step.indenter} mounted")
+        self._streams.event("indenter", found or f"{step.indenter} mounted")

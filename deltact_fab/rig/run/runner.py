@@ -81,6 +81,8 @@ class Runner:
         try:
             stage.connect()
             if moves:
+                if self._d.begin is not None:
+                    streams.event("begin", self._d.begin())
                 streams.open()
                 try:
                     stage.home()

@@ -69,8 +69,11 @@ class Schedule(ABC):
         """Wait until all frames of the step and all that goes with them have come."""
 
     @abstractmethod
-    def change(self, name: str) -> None:
-        """Mount an indenter: whoever mounts it has stage and force sensor to himself."""
+    def change(self, name: str) -> str | None:
+        """Mount an indenter: whoever mounts it has stage and force sensor to himself.
+
+        Returns what the record is to keep of it.
+        """
 
     @abstractmethod
     def lifting(self) -> None:

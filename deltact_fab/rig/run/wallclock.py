@@ -105,14 +105,15 @@ class WallClock(Schedule):
         self.check()
         self._tell(step)
 
-    def change(self, name: str) -> None:
+    def change(self, name: str) -> str | None:
         """The force sensor is left alone, stopped, and streams again after that."""
         force = self._d.force
         if self._feeling is not None and force is not None:
             self._feeling.ask(force.stop, ANSWER_S, going=False)
-        self._d.change_indenter(name)
+        found = self._d.change_indenter(name)
         if self._feeling is not None and force is not None:
             self._feeling.ask(force.start, ANSWER_S, going=True)
+        return found
 
     def lifting(self) -> None:
         """No other failure stops the way up; only the guard still does."""

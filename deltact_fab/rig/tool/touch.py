@@ -8,7 +8,7 @@ the threshold nor a delay is part of it. Only the fitted ones are repeated, and 
 
 from __future__ import annotations
 
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -96,7 +96,7 @@ class ForceTouch:
         except StageError:
             raise
         except BaseException as why:
-            lifted = self._retreat(at_mm, high_mm)
+            lifted = self._retreat(high_mm)
             if isinstance(why, DeltactFabError):
                 raise type(why)(f"touch-off of {indenter.name}: {why}; {lifted}") from why
             raise
@@ -228,12 +228,13 @@ class ForceTouch:
     def _up(self, at_mm: tuple[float, float], high_mm: float) -> None:
         self._go((*at_mm, high_mm))
 
-    def _retreat(self, at_mm: tuple[float, float], high_mm: float) -> str:
+    def _retreat(self, high_mm: float) -> str:
         """Stop and go straight up; says what came of it."""
         try:
             self._stage.stop()
             x, y, z = self._stage.position_mm()
-            self._up((x, y), max(z, high_mm))
+            with self._guard.easing() if self._guard is not None else nullcontext():
+                self._up((x, y), max(z, high_mm))
         except DeltactFabError as why:
             return f"the tip could NOT be lifted: {why}"
         return "the tip was lifted"
