@@ -19,8 +19,7 @@ from ...optics import StageFrame
 from ...protocols import plan
 from ...record import RunWriter
 from ...rig.config import ForceConfig
-from ...rig.force.config import GuardConfig
-from ...rig.force.guard import ForceGuard
+from ...rig.force.guard import ForceGuard, GuardLimits
 from ...rig.interface import Devices
 from ...rig.run.runner import Runner
 from ...rig.stage.grbl import GrblStage
@@ -49,7 +48,7 @@ shear_feed_mm_min = 60.0
 """
 FRAME = StageFrame((-60.0, -50.0, -40.0))
 FORCE = ForceConfig(range_n=(50.0, 50.0, 70.0), range_nmm=(500.0, 500.0, 500.0))
-GUARD = GuardConfig(force_n=20.0)
+GUARD_N = 20.0
 RADIUS_MM = 3.0
 HERTZ = 4 / 3 * 0.75 * RADIUS_MM**0.5  # N / mm^1.5: of a sphere on a soft half-space
 _NUMBER = itertools.count(1)
@@ -74,7 +73,7 @@ class Bench:
         self.extra_n = (np.inf, 0.0)  # from a time on (ns), on z
         self.box = NetFTBox(FORCE, self.clock, 1, self._wrenches, 0.01)
         self.box.faults = self.box_faults = WatchedFaults()
-        self.box_faults.limit_counts = GUARD.force_n * self.box.settings().counts_per_n
+        self.box_faults.limit_counts = GUARD_N * self.box.settings().counts_per_n
         self.camera_faults: dict[str, tuple[float, float]] = {}  # stalled_s or hung_s
         self._camera_bad_ns = 0
         self.clock.sleep_s(2.0)  # the board is up
@@ -121,7 +120,7 @@ class Bench:
         try:
             devices = Devices(
                 self.clock, stage, camera, force, lambda name: None,
-                guard=ForceGuard(stage, GUARD),
+                guard=ForceGuard(stage, GuardLimits((GUARD_N,) * 3), self.clock),
             )  # fmt: skip
             Runner(devices, writer, progress).run(plan_steps)
             writer.close({"frames": sum(step.frames for step in plan_steps)})

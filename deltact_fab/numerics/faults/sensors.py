@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -135,9 +135,9 @@ class BenchCamera:
             self._clock.sleep_s(self._camera.timeout_s)
             raise
 
-    def end(self, frame_ids: Sequence[str]) -> None:
+    def end(self, frames: Mapping[str, float]) -> None:
         """Of a press."""
-        self._camera.end(frame_ids)
+        self._camera.end(frames)
 
     def identity(self) -> dict[str, Any]:
         """Of the camera."""

@@ -45,6 +45,7 @@ STATUS_S = 0.5  # a `?` is answered within milliseconds
 LISTEN_S = 2.0  # after silence: time for a restarting controller to say so
 POLL_S = 0.1  # while a move is under way; the firmware's documents ask for at most 10 a second
 POLL_END_S = 0.02
+HEAR_S = 0.005  # between two looks at what was said without being asked for
 MARGIN_S = 2.0
 
 
@@ -196,7 +197,7 @@ class GrblStage:
         while True:
             left_s = move.planned_s - self._since_s(move.start_ns)
             if left_s > 0 or idle_short:
-                self._clock.sleep_s(min(POLL_S, max(left_s + 0.002, POLL_END_S)))
+                self.listen(min(POLL_S, max(left_s + 0.002, POLL_END_S)))
             state = self.poll()
             if state.state == "Idle":
                 if self._limits.same_place(move.target_mm, state.machine_mm):
@@ -216,7 +217,30 @@ class GrblStage:
                     f"move to {_mm(move.target_mm)} was planned to take {move.planned_s:.1f} s"
                 )
             if left_s <= 0 and not idle_short:
-                self._clock.sleep_s(POLL_END_S)
+                self.listen(POLL_END_S)
+
+    def listen(self, seconds: float) -> None:
+        """Let that much time pass, and hear what the controller says meanwhile.
+
+        So an alarm or a restart stops the move when it is told, not at the next question. Raises
+        StageError.
+        """
+        if self._port is None:
+            self._clock.sleep_s(seconds)
+            return
+        self._talker = threading.get_ident()
+        deadline = self._deadline(seconds)
+        while True:
+            if waiting := self._io(lambda: self._port.in_waiting):
+                *lines, self._partial = (
+                    self._partial + self._io(lambda: self._port.read(waiting))
+                ).split(b"\n")
+                for raw in lines:
+                    self._watch(raw.decode("ascii", "replace").strip())
+            left_ns = deadline - self._now_ns()
+            if left_ns <= 0:
+                return
+            self._clock.sleep_s(min(left_ns / 1e9, HEAR_S))
 
     def position_mm(self) -> Vec3:
         """Tip position in the sensor frame (mm) as the controller reports it now."""
