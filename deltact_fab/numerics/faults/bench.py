@@ -33,10 +33,10 @@ PROTOCOL = """
 name = "bench"
 indenters = ["sphere:6"]
 positions_mm = [[-6.0, -5.0], [6.0, 5.0]]
-depths_mm = [2.0]
+depths_mm = [1.5]
 channels = ["image", "force", "shear"]
 [shear]
-amplitude_mm = 1.5
+amplitude_mm = 1.0
 axes = ["x"]
 [capture]
 rate_hz = 1.0

@@ -193,9 +193,9 @@ class Matrix:
             HOMING: (began_ns / 1e9 + homed_s) / 2,
             BEFORE: homed_s,
             TRAVEL: within("rest"),
-            PRESS: within("d2.00/press"),
-            DRAG: within("d2.00/shear-x-"),
-            WRITING: float(frames.loc[f"{SECOND}/d2.00/shear-x-#001", "t_s"]),
+            PRESS: within("d1.50/press"),
+            DRAG: within("d1.50/shear-x-"),
+            WRITING: float(frames.loc[f"{SECOND}/d1.50/shear-x-#001", "t_s"]),
         }
 
 
