@@ -24,26 +24,38 @@ from .rig import config as rig_config
 from .rig.config import RigConfig
 from .rig.interface import Job, RigKind
 from .rig.run.runner import Runner
+from .rig.tool import demands
 from .shapes import SensorDimensions
 
 Progress = Callable[[int, int, str], None]
 
 
-def kind_of(rig: RigConfig, source: Path) -> RigKind:
+def kind_of(
+    rig: RigConfig, source: Path, realtime: bool = False, progress: Progress | None = None
+) -> RigKind:
     """What a kind of rig says and builds. Only the one that is asked for is imported.
 
-    source: of the rig file, from which the paths in it count.
+    source: of the rig file, from which the paths in it count. realtime: a virtual rig on the wall
+    clock and real wires. progress: hears of what is solved before that. Raises InputError.
     """
     if rig.kind == "grbl":
         from .rig.bench import GrblKind
 
-        return GrblKind(rig)
+        if realtime:
+            raise InputError(f"{source}: --realtime is of a virtual rig; this one is real")
+        return GrblKind(rig, source)
+    if realtime:
+        from .virtual.realtime.rig import RealtimeKind
+
+        return RealtimeKind(rig, source, progress)
     from .virtual.rig import VirtualKind
 
     return VirtualKind(rig, source)
 
 
-def checks(protocol_name: str, rig_name: str, air: bool = False) -> list[limits.Check]:
+def checks(
+    protocol_name: str, rig_name: str, air: bool = False, unattended: bool = False
+) -> list[limits.Check]:
     """Static checks of a protocol on a rig; of forces those that take seconds to predict."""
     protocol, source = plan.load(protocol_name)
     rig, path = rig_config.load(rig_name)
@@ -53,8 +65,7 @@ def checks(protocol_name: str, rig_name: str, air: bool = False) -> list[limits.
     rows = limits.check(protocol, sensor, rig.stage.box, plan.expand(protocol, air))
     refused = kind.refusals(protocol, sensor, str(source))
     rows += [_check(kind.part, "refusals", refused)]
-    if not rig.simulated:
-        rows += [_check("contact", "refusals", _in_air_only(rig, air))]
+    rows += _contact(rig, protocol, sensor, air, unattended)
     # What leaves the gel or the stage is said already, and has no force.
     if all(row.ok for row in rows) and not air:
         declared = preflight.limits_of(rig, str(path), protocol)
@@ -67,13 +78,18 @@ def _check(name: str, what: str, reasons: list[str]) -> limits.Check:
     return limits.Check(name, not reasons, what, len(reasons), 0, "; ".join(reasons))
 
 
-def _in_air_only(rig: RigConfig, air: bool) -> list[str]:
-    """Why a run may not begin: no declared limit makes a press on a real rig safe by itself."""
-    if rig.simulated or air:
+def _contact(
+    rig: RigConfig, protocol: Protocol, sensor: SensorDimensions, air: bool, unattended: bool
+) -> list[limits.Check]:
+    """What a real rig lacks for a press, and lengths of tools that it does not know."""
+    if rig.kind != "grbl" or air:
         return []
+    unknown = demands.undeclared_lengths(rig, protocol)
     return [
-        f"a {rig.kind!r} rig has neither touch-off nor force guard yet and moves in air only: give "
-        "--air, and nothing goes below the clearance plane"
+        _check("contact", "refusals", demands.unmet(rig, protocol, sensor, unattended)),
+        limits.Check(
+            "tool lengths", True, "unknown", len(unknown), 0, "; ".join(unknown), bool(unknown)
+        ),
     ]
 
 
@@ -112,27 +128,40 @@ def run(
     progress: Progress | None = None,
     resume: bool = False,
     air: bool = False,
+    *,
+    realtime: bool = False,
+    unattended: bool = False,
+    tip_is_clear: bool = False,
 ) -> dict[str, Any]:
     """Check everything, run every step, return the summary.
 
     resume: continue the unfinished run in `out`, or start it when there is none; a finished one is
     verified (every hash) and left as it is, and its summary comes with "already_finished" true.
     The summary's times, notes and devices are those of the last session. air: nothing goes below
-    the clearance plane, and no force is predicted. Raises InputError or RunFailed.
+    the clearance plane, and no force is predicted. realtime: a virtual rig runs on the wall clock,
+    in a process of its own behind real wires. unattended: nobody is asked anything, and what would
+    need that is refused. tip_is_clear: the operator's word, where the position is lost. Raises
+    InputError or RunFailed.
     """
     started = time.monotonic()
     protocol, source = plan.load(protocol_name)
     rig, rig_path = rig_config.load(rig_name)
-    if refused := _in_air_only(rig, air):
-        raise InputError(f"{rig_path}: {refused[0]}")
     sensor = load_design(protocol.specimen.design)
+    if rig.kind == "grbl" and not air:
+        refused = demands.unmet(rig, protocol, sensor, unattended)
+        _require_none([f"{rig_path}: {line}" for line in refused])
     steps = plan.expand(protocol, air)
     limits.require(limits.check(protocol, sensor, rig.stage.box, steps), str(source))
-    kind = kind_of(rig, rig_path)
+    kind = kind_of(rig, rig_path, realtime, progress)
     _require_none(kind.refusals(protocol, sensor, str(source)))
-    job = Job(protocol, sensor, load_recipe(protocol.specimen.pattern), seed, out, air)
+    job = Job(
+        protocol, sensor, load_recipe(protocol.specimen.pattern), seed, out, air,
+        unattended=unattended, tip_is_clear=tip_is_clear,
+    )  # fmt: skip
     text = source.read_bytes()
     meta = _meta(job, rig, rig_name, kind)
+    if realtime:
+        meta["realtime"] = True
     pattern = _pattern(job.recipe)
     resuming = out.exists() and resume
     if resuming:
@@ -158,6 +187,7 @@ def run(
                 "protocol": protocol.name,
                 "rig": rig_name,
                 "simulated": rig.simulated,
+                "realtime": realtime,
                 "air": air,
                 "seed": seed,
                 "steps": len(steps),

@@ -43,13 +43,14 @@ def list_(as_json: bool) -> None:
 @click.argument("name")
 @RIG
 @click.option("--air", is_flag=True, help="As `run --air`: nothing is touched.")
+@click.option("--unattended", is_flag=True, help="As `run --unattended`: nobody is there.")
 @JSON
-def check(name: str, rig_name: str, air: bool, as_json: bool) -> None:
+def check(name: str, rig_name: str, air: bool, unattended: bool, as_json: bool) -> None:
     """Every static check of a protocol on a rig; exit 1 when one fails."""
     from ..experiment import checks
     from .output import echo_json
 
-    rows = checks(name, rig_name, air)
+    rows = checks(name, rig_name, air, unattended)
     if as_json:
         echo_json([r.as_dict() for r in rows])
     else:

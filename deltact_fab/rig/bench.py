@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..optics import CameraModel, FlatField
@@ -16,8 +16,16 @@ from ..protocols.plan import Protocol
 from ..shapes import SensorDimensions
 from .clock import WallClock
 from .config import GrblConfig
+from .force.netft import SILENT_S
 from .interface import Camera, Devices, ForceSensor, Job
 from .stage.grbl import GrblStage
+from .tool.tooling import Tooling
+
+if TYPE_CHECKING:
+    from .force.guard import ForceGuard
+
+if TYPE_CHECKING:
+    from .force.guard import ForceGuard
 
 KNOWN_ONLY_SIMULATED = frozenset({"traction"})
 
@@ -83,10 +91,19 @@ class GrblRig:
     """Implements rig.interface.Rig. What was opened is closed, however building it ends."""
 
     def __init__(
-        self, config: GrblConfig, source: Path, job: Job, view: CameraModel | None = None
+        self,
+        config: GrblConfig,
+        source: Path,
+        job: Job,
+        view: CameraModel | None = None,
+        silent_s: float = SILENT_S,
     ) -> None:
-        """source: of the rig file. view: of the images that are tracked."""
+        """source: of the rig file. view: of the images that are tracked.
+
+        silent_s: a force sensor that says nothing for so long has failed.
+        """
         self._config, self._job, self._view = config, job, view
+        self._silent_s = silent_s
         self._open = ExitStack()
         try:
             self._build(source)
@@ -96,22 +113,17 @@ class GrblRig:
 
     def _build(self, source: Path) -> None:
         config, job = self._config, self._job
-        channels, stage = job.protocol.channels, config.stage
-        assert stage.port is not None, "the configuration has a port"
+        channels = job.protocol.channels
         self.clock = WallClock()
-        self.stage = GrblStage(
-            stage.port,
-            self.clock,
-            stage.frame,
-            baud=stage.baud,
-            require_travel_mm=stage.travel_mm,
-            require_feed_mm_min=stage.max_feed_mm_min,
-        )
+        self.stage = GrblStage.of(config.stage, self.clock)
         self._open.callback(self.stage.close)
         self.force: ForceSensor | None = None
-        self.guard = None
+        self.guard: ForceGuard | None = None
         if "force" in channels or not job.air:
             self._feel()
+        self.tooling = Tooling(
+            job, self.stage, self.clock, self.force, self.guard, config.touch, config.tools
+        )
         self.camera: Camera | None = None
         if "image" in channels:
             from .camera.open import open_camera
@@ -132,19 +144,20 @@ class GrblRig:
                 "[force.serial] to the rig file, or give --air"
             )
         limits = GuardLimits.of(self._config.guard, force)
-        self.force = open_force(force, self.clock)
+        self.force = open_force(force, self.clock, self._silent_s)
         self._open.callback(self.force.close)
         self.guard = ForceGuard(self.stage, limits, self.clock)
 
     def devices(self) -> Devices:
-        """What the runner drives. In air it is all the same which indenter is mounted."""
+        """What the runner drives."""
         return Devices(
             self.clock,
             self.stage,
             self.camera,
             self.force,
-            change_indenter=lambda name: None,
+            change_indenter=self.tooling.change_indenter,
             guard=self.guard,
+            begin=self.tooling.begin,
             wall_clock=True,
         )
 
@@ -174,6 +187,7 @@ class GrblRig:
             "stage": self.stage.identity(),
             "camera": self.camera.identity() if self.camera is not None else None,
             "force": self.force.identity() if self.force is not None else None,
+            "tool": self.tooling.identity(),
         }
 
     def close(self) -> None:

@@ -30,7 +30,10 @@ if TYPE_CHECKING:
 
 
 class StageConfig(Strict):
-    """The 3-axis stage; machine coordinates are 0 at the homed end and negative below."""
+    """The 3-axis stage; machine coordinates are 0 at an axis' positive end and negative below.
+
+    Z homes up, away from the gel; X and Y at 0 too, but for `homing_direction_mask`.
+    """
 
     port: str | None = Field(default=None, min_length=1)
     """Serial device of the controller, as /dev/ttyACM0; the virtual rig has its own wire."""
@@ -42,6 +45,10 @@ class StageConfig(Strict):
     max_feed_mm_min: tuple[Feed, Feed, Feed]
     acceleration_mm_s2: tuple[Acceleration, Acceleration, Acceleration]
     baud: int = Field(default=115200, ge=1200, le=10_000_000)
+    direction_mask: int = Field(default=0, ge=0, le=7)
+    """Axes whose motor turns the other way (GRBL's $3): 1 for x, 2 for y, 4 for z, added up."""
+    homing_direction_mask: int = Field(default=0, ge=0, le=3)
+    """Axes with their switch at the negative end (GRBL's $23): 1 for x, 2 for y."""
     max_force_n: tuple[Force, Force, Force] | None = None
     """What the axes can push without losing steps, x, y, z; None: not declared."""
 
@@ -68,6 +75,8 @@ class VirtualConfig(Strict):
     stage: StageConfig
     force: ForceConfig = ForceConfig()
     camera: CameraFile | None = None
+    guard: GuardConfig | None = None
+    """Only `run --realtime` has one."""
     virtual: SimulatorConfig = SimulatorConfig()
 
     @model_validator(mode="after")

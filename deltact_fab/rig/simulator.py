@@ -66,6 +66,13 @@ class GelConfig(_Strict):
     hyperelastic: FiniteGelConfig = FiniteGelConfig()
 
 
+class RealtimeConfig(_Strict):
+    """What only `run --realtime` has."""
+
+    camera_rate_hz: float = Field(default=5.0, ge=0.1, le=240)
+    """At most; an image of 1280 x 720 px takes some 50 ms of a processor to draw."""
+
+
 class SimulatorConfig(_Strict):
     """All that only a virtual rig has."""
 
@@ -75,3 +82,4 @@ class SimulatorConfig(_Strict):
     printer: PrinterConfig = PrinterConfig()
     force: NoiseConfig = NoiseConfig()
     gel: GelConfig = GelConfig()
+    realtime: RealtimeConfig = RealtimeConfig()

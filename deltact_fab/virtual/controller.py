@@ -36,7 +36,7 @@ _RX_BYTES, _LINE_CHARS = 128, 79
 _ALARM_PAUSE_NS = NS_PER_S // 2
 
 State = Literal["Idle", "Run", "Jog", "Hold", "Home", "Alarm", "Sleep"]
-Fault = Literal["reboot", "silence", "limit", "soft limit", "door"]
+Fault = Literal["reboot", "silence", "limit", "soft limit", "door", "door closes", "hold"]
 # What a line that cannot finish yet waits for: a free planner slot, an empty planner, a carriage at
 # rest, or a moment (ns).
 Wait = Literal["slot", "sync", "still"] | int
@@ -85,6 +85,7 @@ class GrblController:
         self._out: list[tuple[int, bytes]] = []
         self._faults: list[tuple[int, Fault]] = []
         self._mute = False
+        self._ajar = False  # the safety door's switch
         self._user_info = ""
         self._power_on()
 
@@ -131,8 +132,8 @@ class GrblController:
         """Make something go wrong, now or at a later time of the clock.
 
         reboot: a brown-out. silence: the cable is pulled, motion goes on. limit: a hard limit.
-        soft limit: as if the line under way led out of the travel. door: the safety door is opened
-        and closed again.
+        soft limit: as if the line under way led out of the travel.
+        door: the safety door opens, and stays so until it closes. hold: the button for it.
         """
         self._advance()
         self._faults.append((self._t if at_s is None else to_ns(at_s), kind))
@@ -227,12 +228,16 @@ class GrblController:
     def _strike(self, kind: Fault) -> None:
         if kind == "silence":
             self._mute = True
+        elif kind in ("door", "door closes"):
+            self._ajar = kind == "door"
+            if self._ajar and self._boot_ns is None:
+                self._open_door()
+        elif kind == "hold":
+            if self._boot_ns is None and self._state not in ("Alarm", "Sleep", "Home"):
+                self._hold()
         elif kind == "reboot":
             self._stop_dead()
             self._power_on()
-        elif kind == "door":
-            if self._boot_ns is None:
-                self._realtime(0x84)
         elif self._boot_ns is None and self._state != "Alarm":
             self._stop_dead()
             self._alarm(1 if kind == "limit" else 2, self._lock)
@@ -361,15 +366,22 @@ class GrblController:
             self._report()
         elif byte == ord("!") or (byte == 0x85 and self._state == "Jog"):
             self._hold()
-        elif byte == 0x84 and self._state != "Alarm":
-            self._say("[MSG:Check Door]")
-            self._door = True
-            self._hold()
-        elif byte == ord("~") and self._state == "Hold" and not self._holding:
+        elif byte == 0x84:
+            self._open_door()
+        elif byte == ord("~") and self._state == "Hold" and not (self._holding or self._ajar):
             self._state = "Run" if self._carriage.queued else "Idle"
             self._door = False
             self._begin()
             self._pump()
+
+    def _open_door(self) -> None:
+        if self._state == "Home":
+            self._stop_dead()
+            self._alarm(7, self._restart)
+        elif self._state not in ("Alarm", "Sleep"):
+            self._say("[MSG:Check Door]")
+            self._door = True
+            self._hold()
 
     def _hold(self) -> None:
         if self._state == "Idle":
@@ -397,6 +409,8 @@ class GrblController:
         self._state = "Alarm" if self._state in ("Alarm", "Sleep") else "Idle"
         self._clear()
         self._greet()
+        if self._ajar:
+            self._open_door()
 
     def _alarm(self, number: int, then: Callable[[], None]) -> None:
         self._state = "Alarm"
@@ -521,7 +535,11 @@ class GrblController:
     def _report(self) -> None:
         name: str = self._state
         if name == "Hold":
-            name = f"Door:{2 * self._holding}" if self._door else f"Hold:{int(self._holding)}"
+            name = (
+                f"Door:{2 if self._holding else int(self._ajar)}"
+                if self._door
+                else f"Hold:{int(self._holding)}"
+            )
         mm = self._carriage.count_mm(self._t)
         mask, inches = int(self.settings[10]), bool(self.settings[13])
         if mask & 1:

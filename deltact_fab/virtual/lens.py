@@ -37,8 +37,8 @@ def tracked_view(config: VirtualConfig, sensor: SensorDimensions, source: Path) 
     """
     lens, named = Fisheye.of(sensor), "the design's lens"
     if config.camera is not None:
-        model, path = calibrated(config.camera.model, source)
-        named = str(path)
+        path = source.parent / config.camera.model
+        named, model = str(path), calibrated(path, f"{source}: camera.model")
         if not isinstance(model, Fisheye):
             raise InputError(
                 f"{path}: camera.model: {model.as_dict()['model']!r}; a virtual rig needs a "

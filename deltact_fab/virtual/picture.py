@@ -77,6 +77,12 @@ class Picture:
             axis=-1,
         )
 
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height of an image."""
+        seen = self.camera if self._raw is None else self._raw.lens
+        return seen.width_px, seen.height_px
+
     def render(
         self, displacement_mm: NDArray[np.float64] | None, rng: np.random.Generator
     ) -> NDArray[np.uint8]:

@@ -108,14 +108,7 @@ class VirtualRig:
         # A name of its own, so that several runs can share one process.
         name = f"{job.folder.name}-{next(_NUMBER)}"
         self._link = connect(self.controller, self.clock, name, baud=stage.baud)
-        self.stage = GrblStage(
-            self._link.url,
-            self.clock,
-            stage.frame,
-            baud=stage.baud,
-            require_travel_mm=stage.travel_mm,
-            require_feed_mm_min=stage.max_feed_mm_min,
-        )
+        self.stage = GrblStage.of(stage, self.clock, self._link.url)
         self._open.callback(self.stage.close)
         self.camera: VirtualCamera | None = None
         if below.crop is not None:

@@ -87,17 +87,17 @@ def test_a_protocol_runs_from_end_to_end_in_air_without_the_simulator(tmp_path: 
         _ = run.camera
 
 
-def test_without_air_or_with_a_device_that_is_not_there_nothing_is_opened(tmp_path: Path) -> None:
+def test_without_a_force_sensor_or_a_device_asked_for_nothing_is_opened(tmp_path: Path) -> None:
     with powered() as board:
         protocol, rig = files(tmp_path, board)
         declared = Path(rig).read_text() + "max_force_n = [60.0, 60.0, 60.0]\n"
         declared += "[force]\nrange_n = [50.0, 50.0, 70.0]\nrange_nmm = [500.0, 500.0, 500.0]\n"
         for text in (Path(rig).read_text(), declared):
             Path(rig).write_text(text)
-            with pytest.raises(InputError, match=r"bench\.toml: .* moves in air only: give --air"):
+            with pytest.raises(InputError, match=r"bench\.toml: force: .* needs a force sensor"):
                 experiment.run(protocol, rig, tmp_path / "r")
         protocol, rig = files(tmp_path, board, '["image", "force"]')
-        with pytest.raises(InputError, match=r"force, image asked for, .* has only shear"):
+        with pytest.raises(InputError, match=r"'image' asked for, .* has no \[camera\]"):
             experiment.run(protocol, rig, tmp_path / "r", air=True)
     assert board.saw["links"] == []
     assert not (tmp_path / "r").exists()

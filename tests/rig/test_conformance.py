@@ -11,13 +11,16 @@ import itertools
 import json
 import math
 import pkgutil
+import sys
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
+from scale_on_pty import scale
 from served import powered, rig_file
 
 import deltact_fab
@@ -26,13 +29,25 @@ from deltact_fab.experiment import kind_of
 from deltact_fab.patterns.recipe import load_recipe
 from deltact_fab.protocols import plan
 from deltact_fab.rig import config, interface
+from deltact_fab.rig.camera.config import CameraConfig
+from deltact_fab.rig.camera.open import open_camera
+from deltact_fab.rig.clock import WallClock
+from deltact_fab.rig.config import ForceConfig
+from deltact_fab.rig.force.config import NetFTConfig
+from deltact_fab.rig.force.open import open_force
 from deltact_fab.rig.interface import Camera, Clock, Devices, ForceSensor, Job, Rig, Stage
 from deltact_fab.shapes import SensorDimensions
 
 # Each implementation, and the kind of rig that it is taken from.
 STAGES = {"GrblStage": ("virtual", "grbl")}
-CAMERAS = {"VirtualCamera": ("virtual",)}
-FORCE_SENSORS = {"NetFTSensor": ("virtual",), "VirtualForce": ("virtual",)}
+CAMERAS = {
+    "VirtualCamera": ("virtual",), "StreamCamera": ("command",), "FileCamera": ("folder",),
+}  # fmt: skip
+FORCE_SENSORS = {
+    "NetFTSensor": ("virtual", "sockets"),
+    "VirtualForce": ("virtual",),
+    "SerialScale": ("pty",),
+}
 RIGS = {"VirtualRig": ("virtual",), "GrblRig": ("grbl",)}
 CASES = {"Stage": STAGES, "Camera": CAMERAS, "ForceSensor": FORCE_SENSORS, "Rig": RIGS}
 
@@ -148,65 +163,110 @@ def test_a_stage(kind: str, build: Any) -> None:
         stage.position_mm()
 
 
+NOISY = """
+import os, time
+while True:
+    os.write(1, os.urandom(3072))
+    time.sleep(0.02)
+"""
+
+
+def a_camera(kind: str, build: Any, folder: Path) -> tuple[Camera, Clock]:
+    """One that looks at something, and its clock."""
+    if kind == "virtual":
+        devices = build(kind).devices()
+        assert_plain(devices.camera.identity())
+        over_the_sensor(devices)
+        return devices.camera, devices.clock
+    for k in range(10):
+        cv2.imwrite(str(folder / f"{k}.png"), np.full((32, 32, 3), k, np.uint8))
+    source: dict[str, Any] = {"source": "."}
+    if kind == "command":
+        source = {"command": (sys.executable, "-c", NOISY), "width_px": 32, "height_px": 32}
+    clock = WallClock()
+    return open_camera(CameraConfig(**source), folder, clock), clock
+
+
 @pytest.mark.parametrize("kind", cases(CAMERAS))
 def test_a_camera(kind: str, build: Any, tmp_path: Path) -> None:
-    devices = build(kind).devices()
-    camera: Camera = devices.camera
+    camera, clock = a_camera(kind, build, tmp_path)
     assert_plain(camera.identity())
-    over_the_sensor(devices)
     (tmp_path / "run").mkdir()
     for press in ("one/p1", "two/p1"):
         camera.begin(press)
         frames = []
         for _ in range(3):
             frames.append(camera.capture())
-            devices.clock.sleep_s(0.1)
+            clock.sleep_s(0.1)
         first = frames[0].image
         assert first.dtype == np.uint8
         assert (first.ndim, first.shape[2]) == (3, 3)
         assert all(f.image.shape == first.shape for f in frames)
         assert all(a.t_s < b.t_s for a, b in itertools.pairwise(frames))
-        assert frames[-1].t_s <= devices.clock.now_s()
+        assert frames[-1].t_s <= clock.now_s()
         camera.end({f"{press}#{k}": frame.t_s for k, frame in enumerate(frames)})
-    # A disk that refuses what the camera keeps of a stream.
+    if kind == "virtual":
+        refuses_a_full_disk(camera, tmp_path)
+    camera.close()
+    camera.close()
+    assert_plain(camera.identity())
+
+
+def refuses_a_full_disk(camera: Camera, tmp_path: Path) -> None:
+    """What a camera keeps of a stream has to come to rest somewhere."""
     (tmp_path / "run" / "truth").rename(tmp_path / "elsewhere")
     (tmp_path / "run" / "truth").write_text("in the way")
     camera.begin("three/p1")
     frame = camera.capture()
     with pytest.raises(RunFailed):
         camera.end({"three/p1#0": frame.t_s})
-    camera.close()
-    camera.close()
+
+
+@contextmanager
+def a_force_sensor(kind: str, name: str, build: Any) -> Iterator[tuple[ForceSensor, Clock]]:
+    """One that nothing touches, and its clock."""
+    if kind == "pty":
+        with scale() as it:
+            yield it.opened(), WallClock()
+    elif kind == "sockets":
+        from deltact_fab.virtual.netft_server import NetFTServer
+
+        with NetFTServer(lambda t_ns: np.zeros((len(t_ns), 6))) as box:
+            way = {"host": box.host, "rdt_port": box.rdt_port, "http_port": box.http_port}
+            yield open_force(ForceConfig(netft=NetFTConfig(**way)), WallClock(), 2.0), WallClock()
+    else:
+        devices = build(kind).devices()
+        over_the_sensor(devices)
+        force = devices.force
+        if "NetFTSensor" in name:
+            from deltact_fab.rig.force.netft import NetFTSensor
+
+            force = NetFTSensor(force._link, devices.clock)
+        yield force, devices.clock
 
 
 @pytest.mark.parametrize("kind", cases(FORCE_SENSORS))
 def test_a_force_sensor(kind: str, build: Any, request: pytest.FixtureRequest) -> None:
-    devices = build(kind).devices()
-    force: ForceSensor = devices.force
-    if "NetFTSensor" in request.node.name:
-        from deltact_fab.rig.force.netft import NetFTSensor
-
-        force = NetFTSensor(force._link, devices.clock)  # type: ignore[attr-defined]
-    assert_plain(force.identity())
-    over_the_sensor(devices)
-    force.begin("one/p1")
-    t_ns, force_n = [], []
-    for _ in range(3):
-        devices.clock.sleep_s(0.01)
-        samples = force.read()
-        assert not samples.saturated.any()
-        assert np.isfinite(samples.torque_nmm).all()
-        t_ns += samples.t_ns.tolist()
-        force_n += samples.force_n.tolist()
-    assert all(a < b for a, b in itertools.pairwise(t_ns))
-    assert t_ns[-1] <= devices.clock.now_s() * 1e9
-    assert np.abs(force_n).max() < 0.1  # nothing touches
-    force.stop()
-    force.start()
-    devices.clock.sleep_s(0.01)
-    assert force.read().t_ns[0] > t_ns[-1]
-    force.close()
-    force.close()
+    with a_force_sensor(kind, request.node.name, build) as (force, clock):
+        assert_plain(force.identity())
+        force.begin("one/p1")
+        t_ns, force_n = [], []
+        for _ in range(3):
+            clock.sleep_s(0.01)
+            samples = force.read()
+            assert not samples.saturated.any()
+            assert np.isfinite(samples.torque_nmm).all()
+            t_ns += samples.t_ns.tolist()
+            force_n += samples.force_n.tolist()
+        assert all(a < b for a, b in itertools.pairwise(t_ns))
+        assert t_ns[-1] <= clock.now_s() * 1e9
+        assert np.abs(force_n).max() < 0.1  # nothing touches
+        force.stop()
+        force.start()
+        clock.sleep_s(0.01)
+        assert force.read().t_ns[0] > t_ns[-1]
+        force.close()
+        force.close()
 
 
 def test_a_rig_whose_last_device_fails_closes_the_others(

@@ -14,6 +14,7 @@ from deltact_fab.errors import InputError, StageError
 from deltact_fab.optics import StageFrame
 from deltact_fab.protocols.motion import move_duration_s
 from deltact_fab.rig.stage.grbl import GrblStage
+from deltact_fab.rig.stage.settings import Needs
 from deltact_fab.virtual import wire
 from deltact_fab.virtual.clock import VirtualClock, to_ns
 from deltact_fab.virtual.controller import GrblController
@@ -46,7 +47,7 @@ class Bench:
             self.grbl, self.clock, name, resets_on_open=resets_on_open, trace=self.trace
         )
         self.stage = GrblStage(
-            self.link.url, self.clock, FRAME, require_travel_mm=(120.0, 120.0, 60.0)
+            self.link.url, self.clock, FRAME, needs=Needs(travel_mm=(120.0, 120.0, 60.0))
         )
 
     def homed(self) -> Bench:
@@ -208,7 +209,7 @@ def test_a_controller_set_up_wrongly_is_refused(settings: dict[int, float], said
 def test_feed_requirement() -> None:
     bench = Bench()
     stage = GrblStage(
-        bench.link.url, bench.clock, FRAME, require_feed_mm_min=(1500.0, 1500.0, 1500.0)
+        bench.link.url, bench.clock, FRAME, needs=Needs(max_feed_mm_min=(1500.0, 1500.0, 1500.0))
     )
     with pytest.raises(StageError, match=r"Z has 1200 mm/min \(\$112\); 1500 needed"):
         stage.connect()
@@ -258,9 +259,23 @@ def test_a_board_that_does_not_restart_on_opening_is_not_reset() -> None:
     bench.homed()
     assert b"\x18" not in b"".join(bench.sent())
     bench.stage.close()
-    bench.grbl.write(b"$J=X-50F100\n")
-    with pytest.raises(StageError, match="the controller is in Jog; wait until it is Idle"):
+
+
+def test_what_moves_when_a_host_connects_is_brought_to_rest() -> None:
+    """A host that was killed left it so: nobody watches that motion."""
+    for line, last in ((b"$J=X-50F100\n", b"\x85"), (b"G1X-50F100\n", b"\x18"), (b"$H\n", b"\x18")):
+        bench = Bench(resets_on_open=False)
+        bench.clock.sleep_s(3)
+        bench.homed()
+        bench.stage.close()
+        bench.grbl.write(line)
+        bench.clock.sleep_s(1)
         bench.stage.connect()
+        assert bench.sent()[-3] == last
+        before = bench.grbl.position_mm()
+        bench.clock.sleep_s(5)
+        assert bench.grbl.position_mm() == before
+        bench.stage.home()
 
 
 def test_nobody_there() -> None:

@@ -112,7 +112,7 @@ def test_a_dropped_ok() -> None:
         (b"ALARM:1\r\n", "ALARM:1 "),
         (b"ALARM:3\r\n", "ALARM:3 "),
         (b"<Alarm|MPos:0.000,0.000,0.000|FS:0,0>\r\n", "the controller is in Alarm"),
-        (b"<Hold:0|MPos:0.000,0.000,0.000|FS:0,0>\r\n", "Hold:0 during a move"),
+        (b"<Hold:0|MPos:0.000,0.000,0.000|FS:0,0>\r\n", r"Hold:0 \(feed hold\) during a move"),
         (b"<Idle|WPos:0.000,0.000,0.000|FS:0,0>\r\n", "status reports give the work position"),
     ],
 )
@@ -200,7 +200,7 @@ def test_the_first_reason_is_the_one_that_is_kept() -> None:
 def test_a_move_after_a_stop_is_planned_from_where_the_carriage_is() -> None:
     bench = Bench().moving()
     bench.replace(b"<", b"<Hold:0|MPos:0.000,0.000,0.000|FS:0,0>\r\n")
-    with pytest.raises(StageError, match="Hold:0 during a move"):
+    with pytest.raises(StageError, match=r"Hold:0 \(feed hold\) during a move"):
         bench.stage.wait()
     bench.drop(b"nothing")
     planned_s = bench.stage.start_move(TARGET_MM, FEED_MM_MIN)

@@ -99,6 +99,7 @@ class Bench:
     def mend(self) -> None:
         """Whatever was wrong is put right; nobody touches the stage."""
         self.board.be_true()
+        self.board.fault("door closes")
         self.link.plug()
         for name in ("silent", "late_s", "error", "saturated", "drop_every"):
             setattr(self.box_faults, name, 0)

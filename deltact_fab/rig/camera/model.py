@@ -29,17 +29,11 @@ NOTICED = 0.005
 """Share of the view that may alias without a word."""
 
 
-def calibrated(model: str, source: Path) -> tuple[CameraModel, Path]:
-    """The camera of a camera file, and where that is.
-
-    model: as the rig file has it; source: of the rig file. Raises InputError.
-    """
-    path = source.parent / model
+def calibrated(path: Path, source: str = "camera.model") -> CameraModel:
+    """The camera of a camera file; source: what names it in a rig file. Raises InputError."""
     if not path.is_file():
-        raise InputError(
-            f"{source}: camera.model: {path}: no such file; `deltact-fab calibrate` makes one"
-        )
-    return load_camera(path)[0], path
+        raise InputError(f"{source}: {path}: no such file; `deltact-fab calibrate` makes one")
+    return load_camera(path)[0]
 
 
 def tracked_view(
@@ -52,7 +46,8 @@ def tracked_view(
     """
     if config.model is None:
         return None
-    camera, path = calibrated(config.model, source)
+    path = source.parent / config.model
+    camera = calibrated(path, f"{source}: camera.model")
     if config.width_px is not None:
         made, asked = raw_size_px(camera), (config.width_px, config.height_px)
         if made != asked:

@@ -17,6 +17,7 @@ def open_camera(config: CameraConfig, folder: Path, clock: Clock) -> Camera:
 
     Raises InputError, one line, for a camera that is not there or keeps other settings.
     """
+    config = _with_size(config, folder)
     size_px = None
     if config.width_px is not None and config.height_px is not None:
         size_px = (config.width_px, config.height_px)
@@ -44,3 +45,13 @@ def open_camera(config: CameraConfig, folder: Path, clock: Clock) -> Camera:
     return StreamCamera(
         feed, clock, size_px=size_px, rate_hz=rate_hz, latency_s=config.latency_ms / 1e3
     )
+
+
+def _with_size(config: CameraConfig, folder: Path) -> CameraConfig:
+    """A camera without a size is asked for that of its calibration. Raises InputError."""
+    if config.model is None or config.width_px is not None:
+        return config
+    from .model import calibrated, raw_size_px
+
+    w, h = raw_size_px(calibrated(folder / config.model))
+    return config.model_copy(update={"width_px": w, "height_px": h})

@@ -9,11 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...errors import InputError, SensorError
-from ...optics import load_camera
 from ..clock import WallClock
 from ..interface import Camera, Frame
 from .config import CameraConfig
-from .model import raw_size_px
+from .model import calibrated, raw_size_px
 from .open import open_camera
 
 LOOK_S = 2.0
@@ -71,9 +70,9 @@ def _model(config: CameraConfig, folder: Path) -> Finding:
         )
     path = folder / config.model
     try:
-        size_px = raw_size_px(load_camera(path)[0])
+        size_px = raw_size_px(calibrated(path))
     except InputError as why:
-        return Finding(False, f"camera.model: {why}")
+        return Finding(False, str(why))
     asked = (config.width_px, config.height_px)
     if config.width_px is not None and asked != size_px:
         return Finding(False, f"camera.model: of images of {size_px[0]} x {size_px[1]} px")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -20,10 +20,31 @@ class NetFTConfig(Strict):
 
 
 class SerialScaleConfig(Strict):
-    """A scale that writes lines of numbers to a serial port."""
+    """A scale or load cell that writes lines of numbers to a serial port."""
 
     port: str = Field(min_length=1, max_length=4096)
     baud: int = Field(default=115200, ge=1200, le=10_000_000)
+    columns: tuple[Literal["fx", "fy", "fz", "tx", "ty", "tz", "-"], ...] = Field(
+        default=("fz",), min_length=1, max_length=32
+    )
+    """What each number of a line is; "-" is left out, as a time. Words between do not count."""
+    unit: Literal["N", "mN", "g", "kg"] = "N"
+    torque_unit: Literal["Nmm", "Nm"] = "Nmm"
+    scale: float = Field(default=1.0, ge=-1e6, le=1e6)
+    """Times each number. A press has Fz < 0, so a scale that shows it as positive needs -1."""
+    silent_s: float = Field(default=0.5, ge=0.02, le=10)
+    """A scale that says nothing for so long has failed."""
+    ask: str = Field(default="", max_length=80, pattern=r"^[\x00-\x7f]*$")
+    """What makes it write, for a scale that has to be asked, as "SIR\\r\\n"."""
+
+    @model_validator(mode="after")
+    def _axes(self) -> Self:
+        axes = [name for name in self.columns if name != "-"]
+        if not axes or len(set(axes)) < len(axes):
+            raise ValueError("columns: each axis once, at least one, and '-' for what is left out")
+        if self.scale == 0:
+            raise ValueError("scale: 0 leaves nothing of a force; -1 turns its sign")
+        return self
 
 
 class ForceConfig(Strict):
@@ -42,6 +63,12 @@ class ForceConfig(Strict):
     netft: NetFTConfig | None = None
     """How a real rig reaches it; or serial."""
     serial: SerialScaleConfig | None = None
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        if self.netft is not None and self.serial is not None:
+            raise ValueError("one sensor has one way to it: give [force.netft] or [force.serial]")
+        return self
 
 
 class GuardConfig(Strict):

@@ -19,4 +19,11 @@ def open_force(config: ForceConfig, clock: Clock, timeout_s: float = SILENT_S) -
         from .page import fetch
 
         return NetFTSensor(PynetftLink(config.netft, fetch(config.netft)), clock, timeout_s)
-    raise InputError("force: no way to the sensor; add [force.netft] host = ... to the rig file")
+    if config.serial is not None:
+        from .scale import SerialScale
+
+        return SerialScale(config, clock)
+    raise InputError(
+        "force: no way to the sensor; add [force.netft] with its host, or [force.serial] with its "
+        "port, to the rig file"
+    )

@@ -7,8 +7,8 @@ taken on it, and a simulated gel would have to be solved for it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 
 from ...errors import DeltactFabError, SensorError
 from ...protocols.plan import Step
@@ -26,7 +26,7 @@ class Lockstep(Schedule):
     """Same seed, same bytes: each stream is stepped at a time that the plan gives."""
 
     _felt = False  # the force sensor streams
-    _entered: Step
+    _step: Step  # that was entered last
 
     def open(self) -> None:
         """Nothing streams outside of a press."""
@@ -36,7 +36,7 @@ class Lockstep(Schedule):
 
     def enter(self, step: Step) -> None:
         """The force sensor rests while the tip leaves the gel."""
-        self._entered = step
+        self._step = step
         if step.kind == "retract":
             self._feel_no_more()
         elif self.in_press and not self._felt and self._d.force is not None:
@@ -77,10 +77,12 @@ class Lockstep(Schedule):
         """Between presses nothing streams."""
         return self._d.change_indenter(name)
 
-    def lifting(self) -> None:
-        """A dead sensor does not leave the tip in the gel."""
+    @contextmanager
+    def lifting(self) -> Iterator[None]:
+        """Nothing is felt. A dead sensor does not leave the tip in the gel."""
         with suppress(DeltactFabError):
             self._feel_no_more()
+        yield
 
     def close(self) -> list[str]:
         """Nothing goes on by itself."""
@@ -126,11 +128,7 @@ class Lockstep(Schedule):
                 self._d.stage.listen(left_ns / 1e9)
                 return
             self._d.stage.listen((GUARD_NS - SAMPLE_NS) / 1e9)
-            try:
-                assert self.force is not None
-                self.force.step()
-            except SensorError as why:
-                raise in_step(self._entered, why) from why
+            self._feel(self._step)
 
     def _feel(self, step: Step) -> None:
         """What the force sensor has sent. Raises SensorError beyond limits."""

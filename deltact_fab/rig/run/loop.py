@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import CancelledError, Future
 
 from ...errors import SensorError
 
@@ -13,7 +13,8 @@ from ...errors import SensorError
 class Loop:
     """The only thread that touches its device, so that no driver needs a lock.
 
-    failed: called from it with the reason when a step fails; it ends then.
+    failed: called from it with the reason when a step fails; it rests then, until it is asked to go
+    on.
     """
 
     def __init__(
@@ -41,13 +42,13 @@ class Loop:
                 self._going = going
 
         with self._changed:
-            if not self._thread.is_alive():
+            if self._ending:
                 raise SensorError(f"{self.name}: it has ended")
             self._asked.append((both, done))
             self._changed.notify_all()
         try:
             done.result(limit_s)
-        except TimeoutError as why:
+        except (TimeoutError, CancelledError) as why:
             done.cancel()
             raise SensorError(f"{self.name}: no answer within {limit_s:g} s") from why
 
@@ -64,8 +65,7 @@ class Loop:
             with self._changed:
                 self._changed.wait_for(lambda: self._asked or self._going or self._ending)
                 if self._ending:
-                    self._give_up("it has ended")
-                    return
+                    break
                 asked = self._asked.popleft() if self._asked else None
             if asked is not None:
                 _answer(*asked)
@@ -73,17 +73,11 @@ class Loop:
             try:
                 self._step()
             except BaseException as why:
+                self._going = False
                 self._failed(why)
-                with self._changed:
-                    self._ending = True
-                    self._give_up(str(why))
-                return
 
-    def _give_up(self, why: str) -> None:
         while self._asked:
-            _, done = self._asked.popleft()
-            if done.set_running_or_notify_cancel():
-                done.set_exception(SensorError(f"{self.name}: {why}"))
+            self._asked.popleft()[1].cancel()
 
 
 def _answer(what: Callable[[], None], done: Future[None]) -> None:

@@ -69,10 +69,10 @@ class Motion:
         stage = self._stage
         try:
             stage.stop()
-            self._streams.lifting()
-            x, y, z = stage.position_mm()
-            stage.start_move((x, y, max(z, height_mm)), LIFT_FEED_MM_MIN)
-            stage.wait()
+            with self._streams.lifting():
+                x, y, z = stage.position_mm()
+                stage.start_move((x, y, max(z, height_mm)), LIFT_FEED_MM_MIN)
+                stage.wait()
         except KeyboardInterrupt:
             stage.stop()
             return "the lift was stopped by the operator"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 
 from ...errors import DeltactFabError
 from ...protocols.plan import Step
@@ -28,6 +29,7 @@ class Schedule(ABC):
         self._d = devices
         self._writer = writer
         self._tell = tell
+        self._step: Step | None = None  # under way
         self._origin_ns: int | None = None  # of the press under way, from its tare on
         self._kept: dict[str, float] = {}  # frames of the press under way, and their times (s)
         self._of_step: Counter[str] = Counter()  # what became of frames
@@ -36,7 +38,9 @@ class Schedule(ABC):
         """The same over the run, and `taken`: frames that were kept."""
         self.pose = PoseStream(devices.stage, devices.clock)
         self.frames = FrameStream(devices.camera, devices.clock, self._keep)
-        self.force = ForceStream(devices.force, devices.guard) if devices.force else None
+        self.force: ForceStream | None = None
+        if devices.force is not None:
+            self.force = ForceStream(devices.force, devices.guard, self._note)
 
     # ---- what the thread that moves the stage asks for ------------------------------------------
 
@@ -76,8 +80,8 @@ class Schedule(ABC):
         """
 
     @abstractmethod
-    def lifting(self) -> None:
-        """The run ends: from here on the tip goes up and nothing else counts."""
+    def lifting(self) -> AbstractContextManager[None]:
+        """The run ends: the tip goes up, and of all that may fail only the guard stops that."""
 
     @abstractmethod
     def close(self) -> list[str]:
@@ -142,6 +146,9 @@ class Schedule(ABC):
     def _waits(self, wanted: Wanted) -> bool:
         """Whether a frame waits for room in the queue, or is dropped."""
 
+    def _note(self, kind: str, text: str) -> None:
+        self.event(kind, text, self._step)
+
     def _take(self) -> list[Chunk]:
         if self._origin_ns is None:
             return []
@@ -192,9 +199,6 @@ class Schedule(ABC):
         ):
             if found[kind]:
                 self.event(kind, f"{found[kind]} {text}", step)
-        if self.force is not None and self.force.lost:
-            lost, self.force.lost = self.force.lost, 0
-            self.event("gap", f"{lost} force samples are missing", step)
         found += Counter({MISSED: len(missed), UNWRITTEN: len(unwritten)})
         self.counts += found
         return len(missed) + len(unwritten)

@@ -32,7 +32,10 @@ def to_ns(seconds: float) -> int:
 
 
 class PoseStream:
-    """Where the stage says it is, each time it is asked, with the time at which it was."""
+    """Where the stage says it is, each time it is asked, with the time at which that was true.
+
+    looked_ns: when it was last asked.
+    """
 
     def __init__(self, stage: Stage, clock: Clock) -> None:
         self._stage = stage
@@ -43,7 +46,8 @@ class PoseStream:
     def step(self) -> None:
         """Ask the stage. Raises StageError."""
         self.looked_ns = now_ns(self._clock)
-        self._kept.append((self.looked_ns, *self._stage.position_mm()))
+        t_ns, position_mm = self._stage.located()
+        self._kept.append((t_ns, *position_mm))
 
     def take(self, origin_ns: int) -> list[Chunk]:
         """All that came since the last call, times from origin_ns on."""
@@ -57,35 +61,51 @@ class PoseStream:
 
 
 class ForceStream:
-    """What the force sensor sends; the guard sees it first. lost: samples missing, not yet told."""
+    """What the force sensor sends; the guard sees it first.
 
-    def __init__(self, force: ForceSensor, guard: ForceGuard | None) -> None:
+    note: told what goes wrong with the stream, name and words, as the sensor says it. keeping: what
+    comes is kept. lifting: the tip is on its way out of the gel, and only the guard stops that.
+    """
+
+    def __init__(
+        self, force: ForceSensor, guard: ForceGuard | None, note: Callable[[str, str], None]
+    ) -> None:
         self._force = force
         self._guard = guard
+        self._note = note
         self._kept: list[ForceSamples] = []
         self.keeping = True
-        self.lost = 0
+        self.lifting = False
         self.last_ns = 0  # of the last sample
         self.force_n: tuple[float, float, float] | None = None  # of the last sample
 
     def step(self) -> None:
         """Read once. Raises SensorError: the sensor's own, and beyond the guard's limit."""
-        samples = self._force.read()
+        try:
+            samples = self._force.read()
+        except SensorError as why:
+            if self._guard is not None:
+                self._guard.lost(str(why))
+            raise
         if self._guard is not None:
             self._guard.watch(samples)
-        force_n = samples.force_n
         if self.keeping:
             self._kept.append(samples)
-            self.lost += samples.lost
+        force_n = samples.force_n
         if len(force_n):
             self.last_ns = int(samples.t_ns[-1])
             x, y, z = force_n[-1].tolist()
             self.force_n = (x, y, z)
+        for line in samples.notes:
+            name, _, text = line.partition(": ")
+            self._note(name, text)
+        if self.lifting:
+            return
+        if self._guard is not None and self._guard.tripped:
+            raise SensorError(self._guard.tripped)
         if samples.saturated.any():
             found = tuple(force_n[samples.saturated.argmax()].tolist())
             raise SensorError(f"the force sensor is saturated at {found} N")
-        if self._guard is not None and self._guard.tripped:
-            raise SensorError(self._guard.tripped)
 
     def take(self, origin_ns: int) -> list[Chunk]:
         """All that came since the last call, times from origin_ns on."""

@@ -11,7 +11,8 @@ reason.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 
 from ...errors import DeltactFabError, RunFailed, SensorError
 from ...protocols.plan import Step
@@ -38,7 +39,6 @@ class WallClock(Schedule):
         self._lock = threading.Lock()
         self._trouble: BaseException | None = None
         self._up = False
-        self._step: Step | None = None
         self._last_frame_ns = 0
         self._loops: list[Loop] = []
         self._seeing: Loop | None = None
@@ -116,12 +116,23 @@ class WallClock(Schedule):
             self._feeling.ask(force.start, ANSWER_S, going=True)
         return found
 
-    def lifting(self) -> None:
-        """No other failure stops the way up; only the guard still does."""
+    @contextmanager
+    def lifting(self) -> Iterator[None]:
+        """The force that stopped the run may stay, and even grow a little; no more than that."""
         self._up = True
+        guard = self._d.guard
+        if self._feeling is None or self.force is None or guard is None:
+            yield
+            return
+        self.force.lifting, self.force.keeping = True, False
+        with guard.easing():
+            with suppress(SensorError):  # a dead sensor does not leave the tip in the gel
+                self._feeling.ask(lambda: None, ANSWER_S, going=True)
+            yield
 
     def close(self) -> list[str]:
         """End the threads, each after what it is about."""
+        self._up = True
         return [loop.name for loop in self._loops if not loop.end(END_S)]
 
     def _begin_devices(self, step: Step) -> None:

@@ -1,4 +1,4 @@
-"""What the `$` settings of a GRBL controller allow, judged before a byte of motion is sent."""
+"""What a GRBL controller's `$` settings allow a move, judged before a byte of it is sent."""
 
 from __future__ import annotations
 
@@ -6,57 +6,40 @@ import math
 from collections.abc import Mapping
 
 from ...protocols.motion import Vec3
+from .settings import AXES
 
-AXES = "XYZ"
 HOMING_MARGIN_S = 10.0
 
 
 class Limits:
-    """settings: `$` numbers to values. A refusal is one line of why, "" where there is none."""
+    """Of one controller, and of the rig file where that allows less.
 
-    def __init__(self, settings: Mapping[int, float]) -> None:
+    settings: `$` numbers to values. A refusal is one line of why, "" where there is none.
+    """
+
+    def __init__(self, settings: Mapping[int, float], travel_mm: Vec3 | None = None) -> None:
         self.settings = dict(settings)
+        self._travel_mm = travel_mm
 
     def axes(self, first: int) -> Vec3:
         """A setting of three axes by the number of its first."""
         s = self.settings
         return (s[first], s[first + 1], s[first + 2])
 
-    def refusal(self, travel_mm: Vec3 | None, feed_mm_min: Vec3 | None) -> str:
-        """Why a host cannot work with these settings, or that they fall short of what it needs."""
-        s = self.settings
-        wanted = (10, 13, 20, 22, *(k + a for k in (100, 110, 120, 130) for a in range(3)))
-        missing = [f"${n}" for n in wanted if n not in s]
-        if missing:
-            return f"the answer to $$ lacks {', '.join(missing)}"
-        rules = (
-            (10, 1, "status reports give the work position", "$10=1 or $10=3"),
-            (13, 0, "status reports are in inches", "$13=0"),
-            (20, 1, "soft limits are off", "$20=1"),
-            (22, 1, "homing is off", "$22=1"),
-        )
-        for n, bit, what, needed in rules:
-            if int(s[n]) & 1 != bit:
-                return f"${n}={s[n]:g} ({what}); set {needed} and connect again"
-        for first, unit in ((100, "steps/mm"), (110, "mm/min"), (120, "mm/s2"), (130, "mm")):
-            for n in range(first, first + 3):
-                if not s[n] > 0:
-                    return f"${n}={s[n]:g} {unit}; not > 0"
-        for first, need, what in ((130, travel_mm, "mm of travel"), (110, feed_mm_min, "mm/min")):
-            for axis, (found, least) in enumerate(zip(self.axes(first), need or (), strict=False)):
-                if found < least:
-                    return f"{AXES[axis]} has {found:g} {what} (${first + axis}); {least:g} needed"
-        return ""
+    @property
+    def travel_mm(self) -> Vec3:
+        """How far each axis goes down from 0."""
+        x, y, z = map(min, self.axes(130), self._travel_mm or self.axes(130))
+        return (x, y, z)
 
     def target_refusal(self, machine_mm: Vec3) -> str:
         """A target that is no place, or outside of the travel."""
         if not all(math.isfinite(p) for p in machine_mm):
             return f"target {machine_mm} mm (machine) is not finite"
-        for axis, p, travel in zip(AXES, machine_mm, self.axes(130), strict=True):
+        for axis, p, travel in zip(AXES, machine_mm, self.travel_mm, strict=True):
             if not -travel <= p <= 0:
                 return (
-                    f"target {axis} {p:.3f} mm (machine) is outside of -{travel:g} .. 0, the "
-                    "controller's travel"
+                    f"target {axis} {p:.3f} mm (machine) is outside of -{travel:g} .. 0, the travel"
                 )
         return ""
 

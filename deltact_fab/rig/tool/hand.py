@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 
 from ...errors import DeltactFabError, RunFailed
@@ -84,7 +85,7 @@ class HandTouch:
                         "searched: another indenter, or [tools] is wrong"
                     )
                     continue
-                self._go((*at_mm, z + STEPS_MM[0]))
+                self._go((*at_mm, z + STEPS_MM[0]), up=True)
                 return z
             if answer == "quit":
                 raise RunFailed(f"touch-off of {indenter.name}: given up by the operator")
@@ -95,7 +96,7 @@ class HandTouch:
                         f"not below -{self._config.search_mm:g} mm: touch.search_mm"
                     )
                 elif to_mm <= self._config.clear_mm + STEPS_MM[0]:
-                    self._go((*at_mm, to_mm))
+                    self._go((*at_mm, to_mm), up=answer == "u")
                 continue
             if answer in [f"{s:g}" for s in STEPS_MM]:
                 step_mm = float(answer)
@@ -106,8 +107,9 @@ class HandTouch:
     def _feed_mm_min(self) -> float:
         return self._config.feed_mm_min * LOWERING
 
-    def _go(self, target_mm: Vec3) -> None:
-        limit_n = MOST * self._config.force_n
+    def _go(self, target_mm: Vec3, up: bool = False) -> None:
+        """A jog; on the way up only the guard may end it."""
+        limit_n = math.inf if up else MOST * self._config.force_n
         self._feeler.resume()  # nobody reads it while the operator thinks
         if self._feeler.move(target_mm, self._feed_mm_min, limit_n):
             self._operator.tell(f"stopped by a force of more than {limit_n:g} N")

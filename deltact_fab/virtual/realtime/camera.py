@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import os
 import struct
 import threading
@@ -49,6 +50,7 @@ class LiveCamera:
         self._drawn: dict[int, Seen] = {}
         self.seconds = 0.0
         """Spent drawing."""
+        self._since_s = math.inf
         os.mkfifo(fifo)
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
         self._thread.start()
@@ -57,6 +59,11 @@ class LiveCamera:
     def drawn(self) -> int:
         """Images so far."""
         return self._number
+
+    @property
+    def seen_s(self) -> float:
+        """Since when someone reads, in seconds."""
+        return max(time.monotonic() - self._since_s, 0.0)
 
     def begin(self) -> None:
         """A press begins: images of the one before are no longer asked for."""
@@ -106,17 +113,17 @@ class LiveCamera:
             return pipe
 
     def _stream(self, pipe: int) -> None:
-        due_s = time.monotonic()
+        self._since_s = due_s = time.monotonic()
         while True:
             time.sleep(max(due_s - time.monotonic(), 0.0))
             due_s = max(due_s + self._period_s, time.monotonic())
+            rng = np.random.default_rng(np.random.SeedSequence([self._seed, 4, self._number]))
             try:
                 t_ns, seen = self._look()
+                started = time.thread_time()
+                image = self._picture.render(seen.displacement_mm(), rng)
             except DeltactFabError:
-                continue  # a scene that cannot say what it shows shows nothing
-            started = time.thread_time()
-            rng = np.random.default_rng(np.random.SeedSequence([self._seed, 4, self._number]))
-            image = self._picture.render(seen.displacement_mm(), rng)
+                continue  # no view of it can be drawn: it is an image less
             self.seconds += time.thread_time() - started
             with self._lock:
                 self._drawn[t_ns] = (seen.a.index, seen.b.index, seen.fraction)

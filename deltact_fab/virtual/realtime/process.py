@@ -1,8 +1,8 @@
 """What runs in the process of its own: everything below the wire, and who mounts the indenters.
 
-`python -m deltact_fab.virtual.realtime.process` reads an Order from its standard input, answers
-with Ports or an error, then answers one request after the other until its input ends. Whatever else
-the host needs to know it reads from the wires.
+`main` reads an Order from its standard input, answers with Ports or an error, then answers one
+request after the other until its input ends. Whatever else the host wants to know it reads from the
+wires.
 """
 
 from __future__ import annotations
@@ -20,9 +20,11 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from ...errors import DeltactFabError
+from ...optics import Rectified
 from ...rig.config import VirtualConfig
 from ...rig.interface import Job
 from ..below import Below
+from ..gel_notes import gel_left_out, gel_notes
 from ..netft_server import NetFTServer
 from ..presses import path_of
 from ..pty import Terminal
@@ -61,7 +63,7 @@ class Bench:
 
     def __init__(self, order: Order, open_: ExitStack) -> None:
         config, job = order.config, order.job
-        self._job = job
+        self._config, self._job = config, job
         self._lock = threading.RLock()
         self.clock = LiveClock()
         self._below = below = Below(config, job, self.clock, LiveScene)
@@ -71,9 +73,9 @@ class Bench:
         folder = Path(open_.enter_context(tempfile.TemporaryDirectory(prefix="deltact-fab-")))
         size_px = None
         if below.crop is not None:
-            view = VirtualKind(config, order.source).camera(job.protocol, job.sensor)
-            assert view is not None, "images are asked for"
-            picture, self._lens = below.picture(view)
+            self._view = VirtualKind(config, order.source).camera(job.protocol, job.sensor)
+            assert self._view is not None, "images are asked for"
+            picture, self._lens = below.picture(self._view)
             rate_hz = config.virtual.realtime.camera_rate_hz
             size_px = picture.size_px
             self.camera = LiveCamera(picture, self._look, folder / "images", rate_hz, job.seed)
@@ -121,8 +123,22 @@ class Bench:
             self.camera.keep(self._job.folder, press, frames, *kept)
 
     def _do_about(self) -> dict[str, Any]:
+        """What the summary keeps."""
         drawn = self.camera.drawn if self.camera is not None else 0
+        presses = self._below.presses
+        paths = presses.paths if presses.observed else ()
+        choices = [presses.choice(path) for path in paths]
+        notes: list[str] = []
+        if self.camera is not None and isinstance(self._view, Rectified):
+            from ..lens import lens_notes
+
+            notes += lens_notes(self._config, self._view, self._job.recipe.patch_mm)
+        if not self._job.air and presses.observed:
+            notes += gel_notes(presses, choices, self._job.sensor.skin)
         return {
+            "left_out": gel_left_out(presses, choices),
+            "notes": notes,
+            "seen_s": self.camera.seen_s if self.camera is not None else 0.0,
             "guessed": self.scene.guessed,
             "drawn": drawn,
             "draw_s": self.camera.seconds / max(drawn, 1) if self.camera is not None else 0.0,
@@ -185,6 +201,3 @@ def main() -> None:
     finally:
         os._exit(0)  # threads that wait for a reader have nothing to finish
 
-
-if __name__ == "__main__":
-    main()

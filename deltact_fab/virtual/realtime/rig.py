@@ -2,72 +2,190 @@
 
 from __future__ import annotations
 
-import pickle
-import subprocess
-import sys
-from typing import Any
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any
 
-from ...errors import RunFailed
+from ...rig.bench import GrblRig
+from ...rig.camera.config import CameraConfig
+from ...rig.config import GrblConfig, VirtualConfig
+from ...rig.force.config import NetFTConfig
+from ...rig.interface import Camera, Devices, ForceSensor, Job
+from ..ahead import Row, solve_ahead
+from ..rig import VirtualKind
+from .hands import Hands
 from .process import Order, Ports
 
-END_S = 10.0
+if TYPE_CHECKING:
+    from pathlib import Path
+
 HOST = "127.0.0.1"
-GUARD = 1.0  # of the sensor's range
-MODULE = "deltact_fab.virtual.realtime.process"
+# The box and the camera share this computer's processors with all that runs on it: what would be a
+# fault of a real one is not one yet.
+PATIENT_S = 2.0
+PATIENT = 10.0  # times the period of the images
+Progress = Callable[[int, int, str], None]
 
 
-class Hands:
-    """The process below the wires, and what its host tells it beside them.
+class RealtimeKind(VirtualKind):
+    """Implements rig.interface.RigKind: as `virtual`, carried out by the real bench."""
 
-    Raises RunFailed when it cannot be started or has ended, and what it raises itself.
-    """
+    def __init__(
+        self, config: VirtualConfig, source: Path, progress: Progress | None = None
+    ) -> None:
+        """progress: hears of the presses that are solved beforehand."""
+        super().__init__(config, source)
+        self._progress = progress or (lambda done, total, what: None)
+
+    def build(self, job: Job) -> RealtimeRig:  # type: ignore[override]
+        """Solve what is not in the store, start the process, and open its devices."""
+        protocol, skin = job.protocol, job.sensor.skin
+        if not job.air and not protocol.channels.isdisjoint(("image", "force")):
+            solve_ahead(protocol, skin, self._config.virtual.gel, told=self._tell)
+        return RealtimeRig(Order(self._config, self._source, job))
+
+    def _tell(self, row: Row) -> None:
+        if not row.found:
+            self._progress(row.done, row.knots, f"solving {row.press}")
+
+
+class RealtimeRig:
+    """Implements rig.interface.Rig: a bench on real wires, and the hands below them."""
 
     def __init__(self, order: Order) -> None:
-        # A session of its own: Ctrl-C is the host's to answer.
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", MODULE],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,
-        )
+        self._config, self._job = order.config, order.job
+        self._open = ExitStack()
+        self._told: dict[str, Any] = {}
         try:
-            self.ports: Ports = self._ask(order)
+            self._hands = Hands(order)
+            self._open.callback(self._hands.close)
+            config = bench_config(order.config, self._hands.ports)
+            self._bench = GrblRig(config, order.source, order.job, silent_s=PATIENT_S)
+            self._open.callback(self._bench.close)
         except BaseException:
-            self.close()
+            self._open.close()
             raise
+        self._begun = ""
 
-    def ask(self, what: str, **told: object) -> Any:
-        """One request; see `process.Bench`."""
-        return self._ask((what, told))
+    @property
+    def hands(self) -> Hands:
+        """What mounts the indenters, and knows where the carriage is."""
+        return self._hands
+
+    def devices(self) -> Devices:
+        """Those of the bench; a press and an indenter are told to the gel below first."""
+        found = self._bench.devices()
+        change = found.change_indenter
+
+        def mounted(indenter: str) -> str | None:
+            self._hands.ask("mount", indenter=indenter)
+            return change(indenter)
+
+        found.change_indenter = mounted
+        if found.force is not None:
+            found.force = _ToldForce(found.force, self._begin)
+        if found.camera is not None:
+            found.camera = _ToldCamera(found.camera, self._begin, self._end)
+        return found
+
+    def _begin(self, press: str) -> None:
+        """Once a press, whoever is the first to begin it."""
+        if press != self._begun:
+            self._begun = press
+            self._hands.ask("begin", press=press)
+
+    def _end(self, press: str, frames: Mapping[str, float]) -> None:
+        self._hands.ask("end", press=press, frames=dict(frames))
+        self._begun = ""
+
+    def identity(self) -> dict[str, Any]:
+        """Of the devices as the bench sees them."""
+        return self._bench.identity()
+
+    def left_out(self) -> list[str]:
+        """What was neither built nor solved."""
+        return [*self._bench.left_out(), *self._about()["left_out"]]
+
+    def notes(self) -> list[str]:
+        """What a reader of the results must know."""
+        about = self._about()
+        lines = list(about["notes"])
+        if about["drawn"]:
+            rate_hz = about["drawn"] / about["seen_s"]
+            lines.append(
+                f"realtime: {rate_hz:.1f} images a second were drawn, {1e3 * about['draw_s']:.0f} "
+                "ms of processor time each; an image shows the moment of its stamp"
+            )
+        if about["guessed"]:
+            lines.append(
+                "realtime: off the planned ways, as on the way out of the gel, force and surface "
+                "are scaled from the last solved state and not solved"
+            )
+        return lines
 
     def close(self) -> None:
-        """End the process; again does nothing."""
-        process = self._process
-        assert process.stdin is not None
-        assert process.stdout is not None
-        try:
-            process.stdin.close()
-        except BrokenPipeError:
-            pass
-        try:
-            process.wait(END_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-        process.stdout.close()
+        """Close the devices, then end the process; again does nothing."""
+        self._open.close()
 
-    def _ask(self, what: object) -> Any:
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        try:
-            pickle.dump(what, self._process.stdin)
-            self._process.stdin.flush()
-            answer = pickle.load(self._process.stdout)
-        except (OSError, EOFError, ValueError, pickle.UnpicklingError) as why:
-            raise RunFailed(
-                f"the simulated bench has ended (process {self._process.pid}, status "
-                f"{self._process.poll()}): its devices are gone"
-            ) from why
-        if isinstance(answer, BaseException):
-            raise answer
-        return answer
+    def _about(self) -> dict[str, Any]:
+        if not self._told:
+            self._told = self._hands.ask("about")
+        return self._told
+
+
+def bench_config(config: VirtualConfig, ports: Ports) -> GrblConfig:
+    """The rig file that a lab would write for these devices."""
+    netft = NetFTConfig(host=HOST, rdt_port=ports.rdt_port, http_port=ports.http_port)
+    camera = None
+    if ports.images is not None and ports.size_px is not None:
+        width_px, height_px = ports.size_px
+        camera = CameraConfig(
+            command=("cat", ports.images),
+            stamped=True,
+            width_px=width_px,
+            height_px=height_px,
+            rate_hz=config.virtual.realtime.camera_rate_hz / PATIENT,
+        )
+    return GrblConfig(
+        kind="grbl",
+        stage=config.stage.model_copy(update={"port": ports.stage}),
+        force=config.force.model_copy(update={"netft": netft}),
+        camera=camera,
+        guard=config.guard,
+    )
+
+
+class _ToldForce:
+    """A force sensor whose presses are told to someone else first."""
+
+    def __init__(self, force: ForceSensor, begin: Callable[[str], None]) -> None:
+        self._force, self._begin = force, begin
+        self.start, self.stop, self.read = force.start, force.stop, force.read
+        self.identity, self.close = force.identity, force.close
+
+    def begin(self, stream: str) -> None:
+        self._begin(stream)
+        self._force.begin(stream)
+
+
+class _ToldCamera:
+    """A camera whose presses are told to someone else first, and its frames once they are over."""
+
+    def __init__(
+        self,
+        camera: Camera,
+        begin: Callable[[str], None],
+        end: Callable[[str, Mapping[str, float]], None],
+    ) -> None:
+        self._camera, self._begin, self._end = camera, begin, end
+        self._stream = ""
+        self.capture, self.identity, self.close = camera.capture, camera.identity, camera.close
+
+    def begin(self, stream: str) -> None:
+        self._stream = stream
+        self._begin(stream)
+        self._camera.begin(stream)
+
+    def end(self, frames: Mapping[str, float]) -> None:
+        self._camera.end(frames)
+        self._end(self._stream, frames)

@@ -1,0 +1,204 @@
+"""One GRBL controller as its host knows it: what went wrong, whether its position is known, and how
+it is brought to rest.
+
+A fault stops the motion before it is told, see `Controller.exchange`.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import NoReturn
+
+from ...errors import StageError
+from ...protocols.motion import Vec3
+from ..interface import Clock, StageState
+from .limits import Limits
+from .port import LinkLost, Port
+from .talk import BANNER_S, RESET, Fault, Talk
+from .words import ALARMS, explain, state_in_words
+
+JOG_CANCEL, HOLD = b"\x85", b"!"
+POLL_END_S = 0.02
+MARGIN_S = 2.0
+HELD = ("Hold", "Hold:0", "Door:0", "Check")  # at rest, and a reset ends it without any motion
+
+
+@dataclass(frozen=True)
+class Move:
+    """A jog that was sent: machine target (mm), start (ns of the clock), planned time (s)."""
+
+    target_mm: Vec3
+    start_ns: int
+    planned_s: float
+
+    def since_s(self, now_ns: int) -> float:
+        """Time that it has taken."""
+        return (now_ns - self.start_ns) / 1e9
+
+
+class Controller:
+    """url: a serial device or a pyserial URL."""
+
+    def __init__(self, url: str, clock: Clock, baud: int) -> None:
+        self.url = url
+        self.port = Port(url, clock, baud)
+        self.talk = Talk(self.port)
+        self.limits = Limits({})
+        self.banner = ""
+        self.at_mm: Vec3 = (0.0, 0.0, 0.0)
+        """Machine coordinates, as last reported or reached."""
+        self.move: Move | None = None
+        """Under way, as far as is known."""
+        self.homed = False
+        self.homing = False
+        self.cancelled = False
+        """Told to stop by whoever: the byte is written again where it came too early."""
+        self.stopping = False
+        """Told to stop by a fault, not seen at rest yet."""
+        self.trouble = ""
+        """Why its position is in doubt."""
+        self.reset_due = False
+        """Before the next homing."""
+        self._clock = clock
+        self._lock = threading.RLock()  # of one exchange
+
+    def forget(self) -> None:
+        """What was known of position and faults: before connecting and homing."""
+        self.homed = self.homing = self.stopping = self.reset_due = False
+        self.trouble, self.move = "", None
+
+    # ---- faults -------------------------------------------------------------------------------
+
+    @contextmanager
+    def exchange(self) -> Iterator[None]:
+        """Of one thread at a time; what goes wrong in it stops the motion, then is a StageError.
+
+        Every talk with the controller goes on within one.
+        """
+        with self._lock:
+            try:
+                yield
+            except Fault as fault:
+                if fault.lost:
+                    self.lose(fault.why)
+                self._raise(fault.why, fault)
+            except LinkLost as lost:
+                if not self.port.is_open:
+                    self._raise(self.trouble or str(lost), lost)
+                halted = self.halt()
+                self.port.close()
+                self.lose(f"{lost}{halted}")
+                self._raise(f"{lost}{halted}", lost)
+
+    def _raise(self, why: str, cause: Exception) -> NoReturn:
+        raise StageError(f"{self.url}: {why}{self.halt()}") from cause
+
+    def lose(self, why: str) -> None:
+        """The position is in doubt. The first reason is kept: silence after an alarm is no news."""
+        self.trouble = self.trouble or why
+        self.homed, self.reset_due = False, True
+
+    def status(self) -> StageState:
+        """Ask where it is and what it does. Raises Fault; what moves is stopped in a silence."""
+        return self.talk.status(self.halt)
+
+    def require_position(self, state: StageState) -> None:
+        """Raise Fault for a state in which there is none."""
+        if state.state.partition(":")[0] in ("Alarm", "Sleep"):
+            raise Fault(
+                f"the controller is in {state_in_words(state.state)}: its position is lost, home "
+                "again",
+                lost=True,
+            )
+
+    def require_ready(self) -> None:
+        """Raise Fault unless it is homed and nothing has gone wrong since."""
+        if self.trouble:
+            raise Fault(f"no motion after a fault ({self.trouble})")
+        if not self.port.is_open:
+            raise Fault("not connected")
+        if not self.homed:
+            raise Fault("its position is not known: home first")
+
+    # ---- bringing it to rest ------------------------------------------------------------------
+
+    def meet(self) -> None:
+        """Hear the banner of a controller that restarts on opening, or rouse one that does not."""
+        heard = self.talk.banner()
+        self.banner = heard[0] if heard else ""
+        state = "" if heard else self.talk.state()
+        if not heard and state.partition(":")[0] in ("", "Sleep"):
+            if not (heard := self.talk.greet()):
+                raise Fault(
+                    f"no banner within {BANNER_S:g} s and no answer to '?' at {self.port.baud} "
+                    "baud, nor to a reset (0x18); expected a GRBL 1.1 controller"
+                )
+            self.banner = heard[0]
+        if state.partition(":")[0] not in ("", "Sleep", "Idle", "Alarm"):
+            self.rest(alarmed=True)
+
+    def rest(self, *, alarmed: bool = False) -> StageState:
+        """Bring it to Idle by braking only; what waits in Hold or behind a door is forgotten.
+
+        alarmed: an Alarm will do.
+        """
+        deadline = self.port.deadline_ns(self.limits.braking_s() + MARGIN_S)
+        while True:
+            state = self.status()
+            name = state.state.partition(":")[0]
+            if name == "Idle" or (alarmed and name == "Alarm"):
+                self.at_mm = state.machine_mm
+                return state
+            self.require_position(state)
+            if self.port.now_ns() > deadline:
+                raise Fault(f"still {state.state} at {in_mm(state.machine_mm)} after a stop")
+            if state.state in HELD:
+                self._release(state)
+                continue
+            if state.state == "Door:1":
+                raise Fault("the safety door is open: close it, then try again")
+            if name not in ("Jog", "Run", "Hold", "Door"):
+                raise Fault(f"the controller is in {state_in_words(state.state)}; reset it first")
+            self._clock.sleep_s(POLL_END_S)
+            if name in ("Jog", "Run"):  # the first byte came to nothing if the jog had not begun
+                self.port.write(JOG_CANCEL if name == "Jog" else HOLD)
+
+    def _release(self, before: StageState) -> None:
+        """End Hold, or Door with the door closed, by a reset: at rest that keeps the position."""
+        reset_due = self.reset_due
+        for text in self.greet():
+            if text.startswith("ALARM:"):
+                raise Fault(f"{explain(text, ALARMS)}; home again", lost=True)
+        self.reset_due = reset_due
+        if self.homed:
+            after = self.status()
+            kept = self.limits.same_place(before.machine_mm, after.machine_mm)
+            if not kept or after.state.startswith("Alarm"):
+                raise Fault(f"its position was lost as {before.state} was ended", lost=True)
+
+    def greet(self) -> list[str]:
+        """Reset it and hear what it says, the banner first. Raises Fault when none comes."""
+        heard = self.talk.greet()
+        if not heard:
+            raise Fault("no banner after a reset (0x18)", lost=True)
+        self.banner, self.reset_due = heard[0], False
+        return heard
+
+    def halt(self) -> str:
+        """Write the byte that ends what may be moving; say what came of it, "" if nothing was."""
+        move, homing = self.move, self.homing
+        if move is None and not homing:
+            return ""
+        self.stopping, self.reset_due = True, self.reset_due or homing
+        what = "homing" if move is None else f"the move to {in_mm(move.target_mm)}"
+        reached = self.port.reach(RESET if homing else JOG_CANCEL)
+        self.move, self.homing = None, False
+        return f"; {what} {'was told to stop' if reached else 'goes on'}"
+
+
+def in_mm(p: Vec3) -> str:
+    """A place in a message."""
+    return f"({p[0]:.3f}, {p[1]:.3f}, {p[2]:.3f}) mm"

@@ -1,0 +1,161 @@
+"""What is said to a GRBL controller and heard from it: one line outstanding, every line answered.
+
+Nothing here knows of moves. What a host must react to is a `Fault`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ..interface import StageState
+from .port import SLICE_S, Port
+from .words import ALARMS, BANNER, ERRORS, RATE, STATUS, explain
+
+RESET = b"\x18"
+RESET_S = 1.0  # to the banner after a reset; half a second of that is for the message of an alarm
+QUIET_S = 0.2  # nothing said for so long: nothing more is to come
+BANNER_S = 2.5  # an Arduino's boot loader takes up to 2 s
+ANSWER_S = 1.0
+STATUS_S = 0.5  # a `?` is answered within milliseconds
+LISTEN_S = 2.0  # after silence: time for a restarting controller to say so
+
+
+class Fault(Exception):
+    """What goes wrong in a talk. lost: it leaves the position in doubt."""
+
+    def __init__(self, why: str, *, lost: bool = False) -> None:
+        super().__init__(why)
+        self.why = why
+        self.lost = lost
+
+
+class NoAnswer(Fault):
+    """A line was sent and neither its ok nor an error came back in time."""
+
+
+class Talk:
+    """Commands, questions and greetings over one port. Raises Fault, and LinkLost of the port."""
+
+    def __init__(self, port: Port) -> None:
+        self._port = port
+
+    def banner(self, limit_s: float = BANNER_S) -> list[str]:
+        """Wait for a banner: it and what was said with it, the banner first; [] if none comes.
+
+        Whatever a first boot prints before it follows it here.
+        """
+        deadline = self._port.deadline_ns(limit_s)
+        before: list[str] = []
+        while (text := self._port.line(deadline)) is not None:
+            if found := BANNER.search(text):
+                return [text[found.start() :], *before, *self._rest()]
+            before.append(text)
+        return []
+
+    def greet(self) -> list[str]:
+        """Reset (0x18), and hear the banner and all that comes with it; [] if none comes."""
+        # Within half a second of an alarm a reset is not heard; the banner of one that came before
+        # may still be under way. Neither is worth a word.
+        for limit_s in (RESET_S, LISTEN_S):
+            self._port.write(RESET)
+            if heard := self.banner(limit_s):
+                return heard
+        return []
+
+    def state(self) -> str:
+        """What it is doing, "" when it does not answer. For a controller not yet known."""
+        self._port.write(b"?")
+        deadline = self._port.deadline_ns(ANSWER_S)
+        while (text := self._port.line(deadline)) is not None:
+            if found := STATUS.search(text):
+                return found[1]
+        return ""
+
+    def command(self, line: str, limit_s: float = ANSWER_S) -> list[str]:
+        """Send a line, wait for its ok, return what came before it."""
+        self.drain()
+        self._port.write(line.encode("ascii") + b"\n")
+        deadline = self._port.deadline_ns(limit_s)
+        data: list[str] = []
+        while (text := self._port.line(deadline)) is not None:
+            if text == "ok":
+                return data
+            if text.startswith("error:"):
+                raise Fault(f"{line} was refused: {explain(text, ERRORS)}")
+            _watch(text)
+            data.append(text)
+        raise NoAnswer(f"no answer to {line} within {limit_s:.1f} s", lost=True)
+
+    def status(self, on_silence: Callable[[], str]) -> StageState:
+        """One status report.
+
+        Silence is borne once. After the second time on_silence is called, to stop what moves; it
+        says what came of it. Then a restarting controller gets its say.
+        """
+        port = self._port
+        self.drain()
+        stopped = ""
+        # Of the first question: what comes after a second one may still answer that.
+        asked_ns = port.now_ns() + port.on_wire_ns(1)
+        for limit_s in (STATUS_S, STATUS_S, LISTEN_S):
+            if limit_s == LISTEN_S:
+                stopped = on_silence()
+            port.write(b"?")
+            deadline = port.deadline_ns(limit_s)
+            while (text := port.line(deadline)) is not None:
+                found = STATUS.search(text)
+                if found is None:
+                    _watch(text)
+                elif found[2] == "W":
+                    raise Fault("status reports give the work position; set $10=1 or $10=3")
+                elif not stopped:
+                    rate = RATE.search(text)
+                    t_s, within_s = self._true_at(asked_ns, len(text) + len("\r\n"))
+                    return StageState(
+                        (float(found[3]), float(found[4]), float(found[5])),
+                        found[1],
+                        float(rate[1]) if rate else 0.0,
+                        t_s,
+                        within_s,
+                    )
+        raise Fault(f"no answer to '?' within {2 * STATUS_S:g} s{stopped}", lost=True)
+
+    def overhear(self) -> None:
+        """What has come in whole lines, without any wait."""
+        for text in self._port.heard():
+            _watch(text)
+
+    def drain(self) -> None:
+        """Hear what has come since the last exchange, so that it is not taken for an answer."""
+        while self._port.waiting:
+            text = self._port.line(self._port.deadline_ns(SLICE_S))
+            if text is not None:
+                _watch(text)
+
+    def _rest(self) -> list[str]:
+        heard = []
+        while (text := self._port.line(self._port.deadline_ns(QUIET_S))) is not None:
+            heard.append(text)
+        return heard
+
+    def _true_at(self, asked_ns: int, n: int) -> tuple[float, float]:
+        """When the position in an answer of n bytes that is complete now was true; give or take.
+
+        It was read between the question and the answer's first byte. That one is as old as the
+        answer is long, unless the link is faster than its baud rate (USB).
+        """
+        answered_ns = self._port.now_ns()
+        begun_ns = answered_ns - self._port.on_wire_ns(n)
+        if begun_ns < asked_ns:
+            begun_ns = max(answered_ns, asked_ns)
+        return (asked_ns + begun_ns) / 2e9, (begun_ns - asked_ns) / 2e9
+
+
+def _watch(text: str) -> None:
+    """Raise for what nobody asked to hear: an alarm, or the banner of a restart."""
+    if text.startswith("ALARM:"):
+        raise Fault(f"{explain(text, ALARMS)}; home again", lost=True)
+    if found := BANNER.search(text):
+        raise Fault(
+            f"the controller restarted ({found[0]}): its position is lost, home again", lost=True
+        )

@@ -1,0 +1,123 @@
+"""A controller's settings against the rig file: every rule once, on the simulated controller."""
+
+from __future__ import annotations
+
+import pytest
+
+from deltact_fab import catalog
+from deltact_fab.errors import StageError
+from deltact_fab.rig import config
+from deltact_fab.rig.stage.grbl import GrblStage
+from deltact_fab.rig.stage.settings import Needs, judge
+from deltact_fab.virtual import wire
+from deltact_fab.virtual.clock import VirtualClock
+from deltact_fab.virtual.controller import GrblController
+from deltact_fab.virtual.grbl_settings import SETTINGS, settings_for
+
+STAGE = {
+    "origin_machine_mm": (-60.0, -60.0, -40.0),
+    "travel_mm": (120.0, 120.0, 60.0),
+    "max_feed_mm_min": (1500.0, 1500.0, 1200.0),
+    "acceleration_mm_s2": (50.0, 50.0, 50.0),
+}
+
+
+class Built(GrblController):
+    """A controller whose firmware was built with other options, or which says less."""
+
+    options = ""
+    unsaid = b"nothing"
+
+    def take_output(self) -> list[tuple[int, bytes]]:
+        said = [(t, d.replace(b"[OPT:V", b"[OPT:V%b" % self.options.encode()))
+                for t, d in super().take_output()]  # fmt: skip
+        return [(t, d) for t, d in said if not d.startswith(self.unsaid)]
+
+
+def connected(
+    settings: dict[int, float] | None = None,
+    options: str = "",
+    unsaid: bytes = b"no",
+    **file: object,
+) -> GrblStage:
+    clock = VirtualClock()
+    grbl = Built(settings, clock)
+    grbl.options, grbl.unsaid = options, unsaid
+    trace: list[wire.Exchange] = []
+    link = wire.connect(grbl, clock, "judged", trace=trace)
+    stage = GrblStage.of(config.StageConfig(**{**STAGE, **file}), clock, link.url)  # type: ignore[arg-type]
+    try:
+        stage.connect()
+    finally:
+        sent = [d for _, who, d in trace if who == "host"]
+        assert sent == [b"$I\n", b"$$\n"]  # nothing was changed, nothing moved
+        assert stage.identity()["settings"]["$100"] == 800.0
+    return stage
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({10: 2}, r"\$10=2 \(status reports give the work position\); set \$10=1 or \$10=3"),
+        ({13: 1}, r"\$13=1 \(status reports are in inches\); set \$13=0"),
+        ({20: 0}, r"\$20=0 \(soft limits are off\); set \$20=1"),
+        ({21: 0}, r"\$21=0 \(hard limits are off.*\); set \$21=1"),
+        ({22: 0, 20: 1}, r"\$22=0 \(homing is off\); set \$22=1"),
+        ({22: 9}, r"\$22=9 \(homing sets 0 where it ends.*\); set \$22=1 "),
+        ({23: 4}, r"\$23=4 \(axes that home at their negative end: Z\).* set \$23=0"),
+        ({3: 1}, r"\$3=1 \(axes turned round: X\), and the rig file says 0 \(none\).* set \$3=0"),
+        ({32: 1}, r"\$32=1 \(laser or lathe mode\); set \$32=0"),
+        ({122: 0}, r"\$122=0 mm/s2; not > 0"),
+        ({111: 1000}, r"Y has 1000 mm/min \(\$111\); 1500 needed: set \$111=1500 if "),
+        ({120: 0.5}, r"X has 0.5 mm/s2 \(\$120\); 50 needed: .* less in \[stage\] acceleration"),
+        ({132: 45}, r"Z has 45 mm of travel \(\$132\); 60 needed: .* less in \[stage\] travel_mm"),
+        ({21: 0, 3: 1, 32: 1}, r"\$21=0 .*\(and 2 more: see `rig probe`\)$"),
+    ],
+)
+def test_each_rule_refuses_in_one_line(settings: dict[int, float], said: str) -> None:
+    with pytest.raises(StageError, match=said) as why:
+        connected(settings)
+    assert "\n" not in str(why.value)
+
+
+def test_an_origin_that_homing_moves() -> None:
+    with pytest.raises(StageError, match=r"\[OPT:VZ\.\.\.\] .*HOMING_FORCE_SET_ORIGIN.*; flash"):
+        connected(options="Z")
+
+
+def test_what_is_not_said() -> None:
+    with pytest.raises(StageError, match=r"the answer to \$\$ lacks \$32$"):
+        connected(unsaid=b"$32")
+
+
+def test_masks_that_the_rig_file_declares() -> None:
+    stage = connected({3: 5, 23: 3}, direction_mask=5, homing_direction_mask=3)
+    lines = [row.line() for row in stage.judged]
+    assert "pass  $3=5 (axes turned round: X, Z)" in lines
+    with pytest.raises(StageError, match=r"\$3=0 .* the rig file says 5 \(X, Z\).* set \$3=5"):
+        connected({}, direction_mask=5)
+
+
+def test_a_controller_that_can_do_more_is_accepted_and_the_file_s_travel_holds() -> None:
+    stage = connected({110: 6000, 120: 500, 132: 200})
+    texts = [row.text for row in stage.judged]
+    assert "Z has 200 mm of travel ($132); the rig file's 60 holds" in texts
+    stage.home()
+    with pytest.raises(Exception, match=r"target Z -60\.500 mm .* outside of -60 \.\. 0"):
+        stage.start_move((0.0, 0.0, -20.5), 600.0)
+
+
+def test_motors_that_are_off_at_rest_are_a_warning() -> None:
+    (row,) = (row for row in connected({1: 25}).judged if row.setting == "$1")
+    assert row.verdict == "WARN"
+    assert row.text.endswith("set $1=255 unless the screws hold by themselves")
+    assert all(row.verdict == "pass" for row in connected({1: 255}).judged)
+
+
+@pytest.mark.parametrize("name", catalog.names("protocols/rigs"))
+def test_what_ships_passes(name: str) -> None:
+    stage = config.load(name)[0].stage
+    needs = Needs(stage.travel_mm, stage.max_feed_mm_min, stage.acceleration_mm_s2)
+    own = settings_for(stage.travel_mm, stage.max_feed_mm_min, stage.acceleration_mm_s2)
+    assert not [row for row in judge(own, [], needs) if row.verdict == "FAIL"]
+    assert judge(SETTINGS, [], Needs())

@@ -1,0 +1,186 @@
+"""One thread drives, others ask and stop: real threads, a real terminal, on the wall clock."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import pytest
+from board import Board, board
+
+from deltact_fab.errors import StageError
+from deltact_fab.optics import StageFrame
+from deltact_fab.rig.clock import WallClock
+from deltact_fab.rig.stage.grbl import GrblStage
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")
+
+END_MM = (-100.0, -1.0, -1.0)  # some 5 s away
+
+
+@contextmanager
+def homed(settings: dict[int, float] | None = None) -> Iterator[tuple[Board, GrblStage]]:
+    with board(settings) as it:
+        stage = GrblStage(it.port, WallClock(), StageFrame((0.0, 0.0, 0.0)))
+        stage.connect()
+        stage.home()
+        try:
+            yield it, stage
+        finally:
+            stage.close()
+
+
+class Other(threading.Thread):
+    """Does something in a thread of its own and keeps what it raised."""
+
+    def __init__(self, what: Callable[[], object], after_s: float = 0.0) -> None:
+        super().__init__()
+        self.what = what
+        self.after_s = after_s
+        self.raised: BaseException | None = None
+        self.start()
+
+    def run(self) -> None:
+        try:
+            time.sleep(self.after_s)
+            self.what()
+        except BaseException as why:
+            self.raised = why
+
+    def ended(self) -> str:
+        self.join(30)
+        assert not self.is_alive()
+        return str(self.raised or "")
+
+
+@pytest.mark.parametrize("how", ["stop", "cancel"])
+def test_a_move_that_another_thread_ends(how: str) -> None:
+    with homed() as (it, stage):
+        stage.start_move(END_MM, 1200.0)
+        other = Other(getattr(stage, how), after_s=0.3)
+        with pytest.raises(StageError, match="short of"):
+            stage.wait()
+        assert other.ended() == ""
+        assert -60 < it.at_mm()[0] < -1
+        stage.start_move((-1.0, -1.0, -1.0), 1200.0)  # the position was kept
+        assert stage.wait().machine_mm == (-1.0, -1.0, -1.0)
+
+
+@pytest.mark.parametrize("how", ["stop", "cancel", "abort"])
+def test_homing_that_another_thread_ends(how: str) -> None:
+    with homed({25: 300.0}) as (it, stage):
+        stage.start_move((-30.0, -30.0, -30.0), 1200.0)
+        stage.wait()
+        driver = Other(stage.home)
+        it.hears(b"$H", 30)
+        while it.state() != "Home":
+            time.sleep(0.005)
+        getattr(stage, how)()
+        assert "ALARM:6 (reset while homing)" in driver.ended()
+        assert it.at_mm()[2] < -1
+        assert b"\x85" not in b"".join(data for _, data in it.heard)
+        it.grbl.settings[25] = 1200
+        stage.home()  # another thread may take over
+        assert it.at_mm() == (-0.2, -0.2, -0.2)
+
+
+def test_an_abort_in_a_move() -> None:
+    with homed() as (it, stage):
+        stage.start_move(END_MM, 1200.0)
+        other = Other(stage.abort, after_s=0.3)
+        with pytest.raises(StageError, match="the controller was reset: home again"):
+            stage.wait()
+        assert other.ended() == ""
+        stage.home()
+        assert it.at_mm() == (-0.2, -0.2, -0.2)
+
+
+def test_a_cancel_while_the_driver_waits_for_an_answer() -> None:
+    """The line is on its way, nothing was answered yet, and 0x85 does nothing."""
+    with homed() as (it, stage):
+        command = stage._c.talk.command
+
+        def slowly(line: str, limit_s: float = 1.0) -> list[str]:
+            stage_cancel = Other(stage.cancel)  # before the controller has the line
+            assert stage_cancel.ended() == ""
+            return command(line, limit_s)
+
+        stage._c.talk.command = slowly  # type: ignore[method-assign]
+        stage.start_move(END_MM, 1200.0)
+        with pytest.raises(StageError, match="short of"):
+            stage.wait()
+        assert it.at_mm()[0] > -20
+
+
+def test_a_cancel_before_the_line_is_sent_keeps_it_from_being_sent() -> None:
+    with homed() as (it, stage):
+        drain = stage._c.talk.drain
+
+        def cancelled() -> None:
+            drain()
+            stage.cancel()
+
+        stage._c.talk.drain = cancelled  # type: ignore[method-assign]
+        with pytest.raises(StageError, match="stopped before it moved"):
+            stage.start_move(END_MM, 1200.0)
+        assert not any(b"$J=" in data for _, data in it.heard)
+
+
+def test_many_threads_ask_while_one_drives_and_none_hears_another_s_answer() -> None:
+    """No 'multiple access on port': one exchange at a time."""
+    with homed() as (it, stage):
+        done = threading.Event()
+        seen: list[list[tuple[int, tuple[float, float, float]]]] = [[], [], []]
+
+        def ask(mine: list[tuple[int, tuple[float, float, float]]]) -> None:
+            while not done.is_set():
+                mine.append(stage.located())
+
+        others = [Other(lambda mine=mine: ask(mine)) for mine in seen]  # type: ignore[misc]
+        for x in (-8.0, -1.0, -5.0):
+            stage.start_move((x, -1.0, -1.0), 1200.0)
+            stage.wait()
+        stage.start_move(END_MM, 1200.0)
+        time.sleep(0.1)
+        stage.stop()  # the driver's own, whoever asked last: it waits for rest
+        assert it.state() == "Idle"
+        done.set()
+        assert [other.ended() for other in others] == ["", "", ""]
+        for mine in seen:
+            assert len(mine) > 3
+            assert all(a < b for (a, _), (b, _) in itertools.pairwise(mine))
+
+
+SECOND = """
+import sys
+from deltact_fab.errors import StageError
+from deltact_fab.optics import StageFrame
+from deltact_fab.rig.clock import WallClock
+from deltact_fab.rig.stage.grbl import GrblStage
+stage = GrblStage(sys.argv[1], WallClock(), StageFrame((0.0, 0.0, 0.0)))
+try:
+    stage.connect()
+except StageError as why:
+    print(why)
+"""
+
+
+def test_the_second_of_two_hosts_refuses() -> None:
+    with homed() as (it, stage):
+        stage.start_move((-20.0, -1.0, -1.0), 1200.0)
+        sent = len(it.heard)
+        done = subprocess.run(
+            [sys.executable, "-c", SECOND, it.port],
+            capture_output=True, text=True, timeout=60, check=True,
+        )  # fmt: skip
+        assert done.stdout == (
+            f"{it.port}: cannot be opened: another program drives this stage; end it first\n"
+        )
+        assert len(it.heard) == sent  # it wrote nothing
+        assert stage.wait().machine_mm == (-20.0, -1.0, -1.0)
