@@ -54,7 +54,7 @@ def show(name: str, as_json: bool) -> None:
 
 @rig.command()
 @click.argument("name")
-@click.option("--board", required=True, metavar="skin|NXxNYxMM", help="What lies on the face.")
+@click.option("--board", metavar="skin|NXxNYxMM", help="What lies on a simulated face.")
 @click.option("--contact", default=5, show_default=True, help="Images of it; of a skin, one.")
 @click.option("--air", default=0, show_default=True, help="Images of a board in the air beyond.")
 @click.option("--air-board", metavar="NXxNYxMM", help="That board; default: as --board.")
@@ -64,7 +64,7 @@ def show(name: str, as_json: bool) -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def photograph(
     name: str,
-    board: str,
+    board: str | None,
     contact: int,
     air: int,
     air_board: str | None,
@@ -73,11 +73,15 @@ def photograph(
     out: Path,
     as_json: bool,
 ) -> None:
-    """Photograph boards with a virtual rig's camera, through its true lens, to calibrate it.
+    """Photograph boards with a rig's camera, to calibrate it.
 
-    --board skin is the shipped chessboard skin; 9x7x3 is 9 x 7 squares of 3 mm, wetted onto the
-    face. OUT gets contact/, air/, a blank frame for the flat field, and truth/.
+    A real rig's waits for Enter before each of --contact images, if there is a terminal; they go
+    to OUT/contact/. On a virtual rig, through its true lens: --board skin is the shipped chessboard
+    skin; 9x7x3 is 9 x 7 squares of 3 mm, wetted onto the face. OUT gets contact/, air/, a blank
+    frame for the flat field, and truth/.
     """
+    import sys
+
     from ..cad.design import load_design
     from ..errors import InputError
     from ..rig import config
@@ -86,8 +90,26 @@ def photograph(
     from .output import echo_json
 
     bench, path = config.load(name)
-    if not isinstance(bench, config.VirtualConfig) or bench.virtual.lens is None:
+    if isinstance(bench, config.GrblConfig):
+        from ..rig.camera.photograph import photograph as by_camera
+
+        def ask(number: int) -> None:
+            if sys.stdin.isatty():
+                click.prompt(f"image {number} of {contact}: Enter", "", prompt_suffix="",
+                             show_default=False, err=True)  # fmt: skip
+
+        if bench.camera is None:
+            raise InputError(f"{path}: camera: missing table; without one there is no image")
+        taken = by_camera(bench.camera, path.parent, out, contact, ask)
+        if as_json:
+            echo_json({"simulated": False, "files": [str(f) for f in taken]})
+        else:
+            click.echo("\n".join(map(str, taken)))
+        return
+    if bench.virtual.lens is None:
         raise InputError(f"{path}: a virtual rig with [virtual.lens] is needed, as fisheye")
+    if board is None:
+        raise click.UsageError("--board: missing; what lies on the face of a virtual rig")
     files = take(
         bench,
         load_design(design),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from felt import Bench, bench
 
-from deltact_fab.errors import DeltactFabError, SensorError
+from deltact_fab.errors import SensorError
 from deltact_fab.rig.tool.config import TouchConfig
 from deltact_fab.rig.tool.contact import fit
 from deltact_fab.rig.tool.touch import Touch
@@ -26,15 +26,20 @@ def found(it: Bench, name: str, config: TouchConfig = QUICK) -> Touch:
 @pytest.mark.parametrize(
     ("name", "noise_n", "longer_mm"),
     [
-        ("sphere:10", 0.002, 2.0),
-        ("sphere:10", 0.01, -2.0),
-        ("sphere:10", 0.018, 0.0),
-        ("4dots", 0.002, -2.0),
-        ("4dots", 0.01, 0.0),
-        ("4dots", 0.018, 2.0),
-        ("cylinder", 0.002, 0.0),
-        ("cylinder", 0.01, 2.0),
-        ("cylinder", 0.018, -2.0),
+        ("sphere:10", 0.018, 2.0),
+        ("4dots", 0.002, 0.0),
+        ("cylinder", 0.01, -2.0),
+        *(
+            pytest.param(name, noise_n, longer_mm, marks=pytest.mark.slow)
+            for name, noise_n, longer_mm in (
+                ("sphere:10", 0.002, -2.0),
+                ("sphere:10", 0.01, 0.0),
+                ("4dots", 0.01, 2.0),
+                ("4dots", 0.018, -2.0),
+                ("cylinder", 0.002, 2.0),
+                ("cylinder", 0.018, 0.0),
+            )
+        ),
     ],
 )
 def test_the_height_is_right_within_a_fiftieth(name: str, noise_n: float, longer_mm: float) -> None:
@@ -123,14 +128,6 @@ def test_a_sensor_whose_axes_are_others_is_told(monkeypatch: pytest.MonkeyPatch)
     wrenches = it.face.wrenches
     monkeypatch.setattr(it.box, "_wrenches", lambda t_ns: -wrenches(t_ns))
     assert "does not press along -z" in fails(it)
-
-
-def test_a_silent_sensor_ends_it_and_the_tip_is_lifted(monkeypatch: pytest.MonkeyPatch) -> None:
-    it = bench("sphere:10")
-    monkeypatch.setattr(it.box, "due", lambda: None)
-    with pytest.raises(DeltactFabError, match="force sensor"):
-        found(it, "sphere:10")
-    assert it.stage.position_mm()[2] == pytest.approx(10.0, abs=0.002)
 
 
 def test_a_sensor_that_dies_in_the_approach_stops_it() -> None:
