@@ -159,7 +159,9 @@ def _asked(
     realtime: bool,
     unattended: bool,
     tip_is_clear: bool,
+    disk: Path | None = None,
 ) -> _Asked:
+    """disk: a folder on the disk that is judged, in place of out."""
     protocol, source = plan.load(protocol_name)
     rig, rig_path = rig_config.load(rig_name)
     sensor = load_design(protocol.specimen.design)
@@ -170,8 +172,8 @@ def _asked(
     kind = kind_of(rig, rig_path, realtime, progress)
     rows = limits.check(protocol, sensor, rig.stage.box, steps)
     rows += preflight.needs(
-        protocol, sensor, steps, rig, kind, out,
-        wall_clock=realtime or not rig.simulated, resuming=resume,
+        protocol, sensor, steps, rig, kind, out if disk is None else disk,
+        realtime or not rig.simulated,
     )  # fmt: skip
     limits.require(rows, str(source))
     _require_none(kind.refusals(protocol, sensor, str(source)))
@@ -190,6 +192,7 @@ def dry_run(
     *,
     realtime: bool = False,
     unattended: bool = False,
+    out: Path | None = None,
 ) -> dict[str, Any]:
     """Check all that a run checks, and ask the devices of a rig that has any; nothing moves.
 
@@ -199,7 +202,7 @@ def dry_run(
     with TemporaryDirectory() as folder:
         asked = _asked(
             protocol_name, rig_name, Path(folder) / "dry-run", 0, progress, air, realtime,
-            unattended, False,
+            unattended, False, out or Path(),
         )  # fmt: skip
         notes = [*_air_note(air), *asked.warnings(progress)]
         _, estimate = show(protocol_name, rig_name)

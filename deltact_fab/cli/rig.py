@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from . import rig_stage
+from .rig_register import register
 
 
 @click.group()
@@ -17,6 +18,7 @@ def rig() -> None:
 
 for _command in rig_stage.COMMANDS:
     rig.add_command(_command)
+rig.add_command(register)
 
 
 @rig.command("list")

@@ -23,11 +23,11 @@ def needs(
     kind: RigKind,
     out: Path,
     wall_clock: bool,
-    resuming: bool = False,
 ) -> list[limits.Check]:
     """Rows of the least feed, the time, the disk and the camera's rate, see `protocols.budget`.
 
-    out: of the run, or any folder on its disk. wall_clock: whether frames that come too fast are
+    out: of the run, or any folder on its disk; what a run that goes on has there already is not
+    needed again. wall_clock: whether frames that come too fast are
     lost. Raises InputError for a calibration that is of no use.
     """
     px = image_px(protocol, sensor, rig, kind)
@@ -40,7 +40,7 @@ def needs(
         out,
         held_hz if camera_hz is None else min(held_hz, camera_hz),
         wall_clock=wall_clock,
-        kept_mb=budget.size_mb(out) if resuming else 0.0,
+        kept_mb=budget.size_mb(out) if (out / "run.json").is_file() else 0.0,
     )
 
 

@@ -22,7 +22,7 @@ from .force.config import ForceConfig, GuardConfig
 from .simulator import CameraConfig as SimulatedCamera
 from .simulator import SimulatorConfig
 from .strict import Acceleration, Feed, Force, Place, Strict, Tilt, Travel
-from .tool.config import ToolConfig, TouchConfig, named_tools
+from .tool.config import RegistrationFile, ToolConfig, TouchConfig, named_tools
 
 if TYPE_CHECKING:
     from ..optics import StageFrame
@@ -43,6 +43,8 @@ class StageConfig(Strict):
     angle_deg: float = Field(default=0.0, ge=-360, le=360)
     tilt_deg: tuple[Tilt, Tilt] = (0.0, 0.0)
     """Of the face as it was registered, about the sensor's x, then about y."""
+    registration: str | None = Field(default=None, min_length=1, max_length=4096)
+    """File that `rig register` wrote, from this file's folder: it stands for the three above."""
     travel_mm: tuple[Travel, Travel, Travel]
     max_feed_mm_min: tuple[Feed, Feed, Feed]
     acceleration_mm_s2: tuple[Acceleration, Acceleration, Acceleration]
@@ -150,7 +152,23 @@ def load(name: str) -> tuple[RigConfig, Path]:
         from ..optics import camera_from_dict
 
         camera_from_dict({**lens, "model": "fisheye"}, f"{path}: virtual.lens")
-    return catalog.validate(_KINDS[kind], data, str(path)), path
+    return _registered(catalog.validate(_KINDS[kind], data, str(path)), path), path
+
+
+def _registered(config: RigConfig, path: Path) -> RigConfig:
+    """With the face where it was registered. Raises InputError for a file that is none."""
+    if config.stage.registration is None:
+        return config
+    file = path.parent / config.stage.registration
+    if not file.is_file():
+        raise InputError(
+            f"{path}: stage.registration: {config.stage.registration!r}: no such file in "
+            f"{path.parent}; `deltact-fab rig register` writes one"
+        )
+    found = catalog.validate(RegistrationFile, catalog.read(file), str(file))
+    keys = ("origin_machine_mm", "angle_deg", "tilt_deg")
+    stage = config.stage.model_copy(update={key: getattr(found, key) for key in keys})
+    return config.model_copy(update={"stage": stage})
 
 
 def _table(data: dict[str, Any], name: str) -> dict[str, Any]:

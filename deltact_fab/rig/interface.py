@@ -115,6 +115,12 @@ class Stage(Protocol):
     def wait(self) -> StageState:
         """Wait until the last move is at its target. Raises StageError otherwise."""
 
+    def listen(self, seconds: float) -> None:
+        """Let that much time pass; an alarm or a restart is heard within 5 ms of it.
+
+        Raises StageError, the move stopped.
+        """
+
     def position_mm(self) -> tuple[float, float, float]:
         """Tip position in the sensor frame as the controller reports it now."""
 

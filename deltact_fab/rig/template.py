@@ -72,6 +72,8 @@ origin_machine_mm = [-60.0, -60.0, -40.0]
 # How the sensor is turned about z on the stage, and how its face is tilted about x, then about y.
 #angle_deg = 0.0
 #tilt_deg = [0.0, 0.0]
+# `deltact-fab rig register` finds all three by touching the face and writes a file for them.
+#or registration = "registration.toml"
 # What the stage can do; the controller's own settings must reach at least as far, and more is
 # never asked for. MEASURE: `$$` lists travel as $130..$132, feed $110..$112, acceleration
 # $120..$122.
