@@ -200,4 +200,3 @@ def main() -> None:
         pass
     finally:
         os._exit(0)  # threads that wait for a reader have nothing to finish
-
