@@ -1,4 +1,4 @@
-"""A session that is killed: `python -m deltact_fab.numerics.faults.killed RUN`, a process."""
+"""A session that is killed: `python -m deltact_fab.numerics.faults.killed RUN`, a process.
 
 It says when it begins and when it is done, so that whoever kills it knows when it lives.
 """
