@@ -39,7 +39,7 @@ class StageBox:
 class Check:
     """One row: `figure` must not exceed `bound` (both in the unit named by `what`).
 
-    warns: it does, where nothing can break.
+    warns: it does, or comes near, where nothing can break. least: it must not fall below.
     """
 
     name: str
@@ -49,11 +49,13 @@ class Check:
     bound: float
     where: str
     warns: bool = False
+    least: bool = False
 
     def line(self) -> str:
         """One line for a person."""
         verdict = "WARN" if self.warns else "pass" if self.ok else "FAIL"
-        return f"{verdict}  {self.name}: {self.what} {self.figure:g} (limit {self.bound:g})"
+        limit = "at least" if self.least else "limit"
+        return f"{verdict}  {self.name}: {self.what} {self.figure:g} ({limit} {self.bound:g})"
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data."""
@@ -99,8 +101,10 @@ def require(rows: Iterable[Check], source: str) -> None:
     """Raise InputError with every failed row on one line."""
     failed = [r for r in rows if not r.ok]
     if failed:
-        text = " | ".join(f"{r.name}: {r.what} {r.figure:g} > {r.bound:g} at {r.where}"
-                          for r in failed)  # fmt: skip
+        text = " | ".join(
+            f"{r.name}: {r.what} {r.figure:g} {'<' if r.least else '>'} {r.bound:g} at {r.where}"
+            for r in failed
+        )
         raise InputError(f"{source}: {text}")
 
 

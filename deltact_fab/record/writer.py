@@ -28,7 +28,7 @@ from .files import (
     write_whole,
     written,
 )
-from .images import image_format, require
+from .images import image_format, ready, require
 from .journal import PRESS_TABLES, SCHEMA, claim, connect, insert, journal_errors
 from .kept import Progress, frame_id_of, judged
 from .pipeline import Pipeline, Row
@@ -51,6 +51,8 @@ class RunWriter:
         """Presses that are complete and are not carried out again."""
         self.redone: dict[str, str] = {}
         """Presses found begun or damaged, and why they are carried out again."""
+        self.missed = 0
+        """Frames of finished steps that did not come, over all sessions."""
         self.session = 1
         self.image_format = image_format
         self.failed: Callable[[RunFailed], None] = lambda why: None
@@ -200,6 +202,7 @@ class RunWriter:
 
         missed: of its frames, that will not come.
         """
+        self.missed += missed
         x_mm, y_mm, z_mm = step.target_mm
         row: Row = {
             "seq": self._step_seq[step.id],
@@ -228,6 +231,10 @@ class RunWriter:
     ) -> None:
         """Note what happened, at a time of the rig's clock; from any thread."""
         self._writing.put([("events", _event(kind, text, t_s, step))], history=True)
+
+    def ready(self) -> None:
+        """Images will come, and nobody may wait for what writing them needs to be loaded."""
+        ready(self.image_format)
 
     def flush(self) -> None:
         """Wait until all is committed. Raises RunFailed, as all that writes does after a failure.
@@ -294,6 +301,8 @@ class RunWriter:
                 rows = self._db.execute(f"SELECT DISTINCT press FROM {table}").fetchall()
                 gone = [(press,) for (press,) in rows if press not in self.kept]
                 self._db.executemany(f"DELETE FROM {table} WHERE press = ?", gone)
+            query = "SELECT coalesce(sum(missed), 0) FROM steps"
+            self.missed = self._db.execute(query).fetchone()[0]
             kept_frames = self._db.execute("SELECT count(*) FROM frames").fetchone()[0]
             again = "; ".join(f"{press}: {text}" for press, text in self.redone.items())
             count = "SELECT count(*) FROM events WHERE kind = 'session'"

@@ -156,7 +156,11 @@ class Camera(Protocol):
         """A new stream of frames (one press) starts: flush buffers; simulated noise re-seeds."""
 
     def capture(self) -> Frame:
-        """One frame exposed now, never one from a buffer. Raises SensorError."""
+        """The next frame after the last, and none from before `begin`. Raises SensorError.
+
+        A camera that runs by itself is asked over and over; what was lost in between is in
+        `Frame.dropped`. A simulated one exposes when it is asked.
+        """
 
     def end(self, frames: Mapping[str, float]) -> None:
         """The stream is over: ids under which frames were recorded, in order, and their times (s).

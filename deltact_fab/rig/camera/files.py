@@ -12,7 +12,7 @@ import numpy as np
 
 from ...errors import InputError, RunFailed, SensorError
 from ..interface import Clock, Frame, Image
-from .opencv import quietly_opened
+from .network import quietly_opened
 
 IMAGE_NAMES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 ASSUMED_HZ = 30.0

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import fcntl
-import os
-import struct
 from dataclasses import dataclass
 from pathlib import Path
 
+from .v4l2 import Device
+
 SYSFS = Path("/sys/class/video4linux")
 DEV = Path("/dev")
-# include/uapi/linux/videodev2.h: VIDIOC_QUERYCAP, _IOR('V', 0, struct v4l2_capability)
-CAPABILITY = struct.Struct("16s32s32sIII12x")  # driver, card, bus, version, all, of this node
-QUERYCAP = 2 << 30 | CAPABILITY.size << 16 | ord("V") << 8
-CAN_CAPTURE = 0x0000_0001  # V4L2_CAP_VIDEO_CAPTURE
-TELLS_NODE = 0x8000_0000  # V4L2_CAP_DEVICE_CAPS
 
 
 @dataclass(frozen=True)
@@ -44,19 +38,17 @@ def cameras(sysfs: Path = SYSFS, dev: Path = DEV) -> list[FoundCamera]:
 
 
 def _captures(device: Path, node: Path) -> bool:
-    """Whether a node gives images: metadata, outputs and codecs are nodes too."""
+    """Whether a node gives images."""
     try:
-        fd = os.open(device, os.O_RDWR | os.O_NONBLOCK)
+        opened = Device(str(device))
     except OSError:
         return _said(node, "index") == "0"
     try:
-        told = CAPABILITY.unpack(fcntl.ioctl(fd, QUERYCAP, bytes(CAPABILITY.size)))
+        return opened.captures()
     except OSError:
         return False
     finally:
-        os.close(fd)
-    *_, whole, of_node = told
-    return bool((of_node if whole & TELLS_NODE else whole) & CAN_CAPTURE)
+        opened.close()
 
 
 def _said(node: Path, what: str) -> str:

@@ -29,12 +29,12 @@ def open_camera(config: CameraConfig, folder: Path, clock: Clock) -> Camera:
         assert size_px is not None, "the configuration of a command has a size"
         feed = CommandFeed(config.command, size_px, clock, folder, config.stamped)
     elif config.is_device:
-        from .opencv import DeviceFeed
+        from .device import DeviceFeed
 
         feed = device = DeviceFeed(config, clock)
         rate_hz = rate_hz or device.rate_hz
     elif config.is_url:
-        from .opencv import UrlFeed
+        from .network import UrlFeed
 
         feed = url = UrlFeed(str(config.source), clock)
         rate_hz = rate_hz or url.rate_hz

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...errors import MissingLibrary, SensorError
 from .config import NetFTConfig
-from .netft import ARRIVAL, Arrivals, NetFTSettings
+from .netft import ARRIVAL, ERROR, SATURATED, Arrivals, NetFTSettings
 from .page import NetFTPage
 
 if TYPE_CHECKING:
@@ -90,7 +90,11 @@ class PynetftLink:
         while self._bias_due:
             # The client starts the stream anew behind a bias, and takes the box's numbers from 1
             # on for old ones if a record is still under way: so it starts from the start itself.
-            self._client.bias()
+            self._require_well()
+            try:
+                self._client.bias()
+            except self._lib.NetFTError as why:
+                raise SensorError(f"{self._where}: force sensor: {why}") from why
             time.sleep(BIAS_S)
             self._restart()
             left = self._left()
@@ -117,6 +121,15 @@ class PynetftLink:
                 f"{self._where}: force sensor: no record within {FIRST_S:g} s of the start"
                 f"{f' ({said})' if said else ''}; check [force.netft] rdt_port, and that no "
                 "fire wall holds UDP back"
+            )
+
+    def _require_well(self) -> None:
+        """No box is tared in a fault, nor beyond its range."""
+        sample = self._client.latest_sample()
+        if sample is not None and sample.status & (ERROR | SATURATED):
+            what = "saturated with nothing touching" if sample.status & SATURATED else "fault"
+            raise SensorError(
+                f"{self._where}: force sensor: {what}, status word 0x{sample.status:08x}"
             )
 
     def _left(self) -> str:

@@ -15,8 +15,10 @@ from .streams import ForceStream, FrameStream, PoseStream, Wanted, now_ns
 
 # The firmware's documents ask for at most 10 status reports a second.
 LOOK_NS = 100_000_000
+TAKEN = "taken"
 # What became of frames, as the record's events name it.
-LATE, MISSED, UNWRITTEN, DROPPED, REPEATED = "late", "missed", "unwritten", "dropped", "repeated"
+LATE, MISSED, UNWRITTEN = "frames late", "frames missed", "frames unwritten"
+DROPPED, REPEATED = "frames dropped", "frames repeated"
 
 
 class Schedule(ABC):
@@ -35,7 +37,7 @@ class Schedule(ABC):
         self._of_step: Counter[str] = Counter()  # what became of frames
         self._unwritten: list[str] = []
         self.counts: Counter[str] = Counter()
-        """The same over the run, and `taken`: frames that were kept."""
+        """The same over the run, and TAKEN: frames that were kept."""
         self.pose = PoseStream(devices.stage, devices.clock)
         self.frames = FrameStream(devices.camera, devices.clock, self._keep)
         self.force: ForceStream | None = None
@@ -177,7 +179,7 @@ class Schedule(ABC):
             self._unwritten.append(f"{wanted.k}")
             return
         self._kept[frame_id] = t_ns / 1e9
-        self.counts["taken"] += 1
+        self.counts[TAKEN] += 1
         self._of_step[LATE] += wanted.late(t_ns)
 
     def _account(self, step: Step) -> int:
@@ -187,15 +189,15 @@ class Schedule(ABC):
         found, self._of_step = self._of_step, Counter()
         if missed:
             which = ", ".join(str(wanted.k) for wanted in missed)
-            self.event(MISSED, f"{len(missed)} frames: none came in time: {which}", step)
+            self.event(MISSED, f"{len(missed)}: none came in time: {which}", step)
         if unwritten:
             which = ", ".join(unwritten)
-            text = f"{len(unwritten)} frames: the disk did not keep up: {which}"
+            text = f"{len(unwritten)}: the disk did not keep up: {which}"
             self.event(UNWRITTEN, text, step)
         for kind, text in (
-            (LATE, "frames were exposed more than half a period after they were wanted"),
-            (DROPPED, "frames were lost by the camera"),
-            (REPEATED, "frames were the same image once more"),
+            (LATE, "exposed more than half a period after they were wanted"),
+            (DROPPED, "lost by the camera"),
+            (REPEATED, "the same image once more"),
         ):
             if found[kind]:
                 self.event(kind, f"{found[kind]} {text}", step)

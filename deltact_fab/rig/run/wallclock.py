@@ -48,11 +48,12 @@ class WallClock(Schedule):
         """Start the threads; the guard is armed on return. Raises SensorError."""
         self._writer.failed = self._fail
         if self._d.camera is not None:
+            self._writer.ready()
             self._seeing = Loop("camera", self.frames.step, self._fail)
             self._loops.append(self._seeing)
         if self._d.force is not None and self.force is not None:
             self.force.keeping = False
-            self._feeling = Loop("force sensor", self.force.step, self._fail)
+            self._feeling = Loop("force sensor", self.force.step, self._fail, first=True)
             self._loops.append(self._feeling)
             self._feeling.ask(self._d.force.start, ANSWER_S, going=True)
 
