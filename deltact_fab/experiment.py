@@ -17,6 +17,7 @@ from .errors import InputError
 from .patterns.dots import centres_mm
 from .patterns.recipe import PatternRecipe, load_recipe
 from .protocols import limits, plan
+from .protocols.pace import LOCKSTEP, WALL_CLOCK
 from .protocols.plan import Protocol, Step
 from .record import RunWriter
 from .record import open as open_run
@@ -110,7 +111,8 @@ def show(protocol_name: str, rig_name: str) -> tuple[list[Step], limits.Estimate
     image_px = preflight.image_px(
         protocol, load_design(protocol.specimen.design), rig, kind_of(rig, path)
     )
-    return plan.expand(protocol), limits.estimate(protocol, image_px, rig.stage.box)
+    pace = LOCKSTEP if rig.simulated else WALL_CLOCK
+    return plan.expand(protocol), limits.estimate(protocol, image_px, rig.stage.box, pace)
 
 
 def forces(

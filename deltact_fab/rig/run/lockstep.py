@@ -12,13 +12,11 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 
 from ...errors import DeltactFabError, SensorError
+from ...protocols.pace import ARRIVAL_S
 from ...protocols.plan import Step
 from .schedule import LOOK_NS, Schedule, in_step
 from .streams import Wanted, to_ns
 
-# A frame at the end of a move is taken this long after the planned end, not when the host happens
-# to hear of it: status reports differ in length with what was asked before, by milliseconds.
-ARRIVAL_S = 0.1
 GUARD_NS = 8_000_000  # between two looks of the guard
 SAMPLE_NS = 1_000_000  # a reading waits for the next sample
 
