@@ -14,10 +14,10 @@ from typing import Any
 from . import __version__, preflight, record
 from .cad.design import load_design
 from .errors import InputError
-from .optics import Rectified
 from .patterns.dots import centres_mm
 from .patterns.recipe import PatternRecipe, load_recipe
 from .protocols import limits, plan
+from .protocols.pace import LOCKSTEP, WALL_CLOCK
 from .protocols.plan import Protocol, Step
 from .record import RunWriter
 from .record import open as open_run
@@ -57,15 +57,23 @@ def kind_of(
 
 
 def checks(
-    protocol_name: str, rig_name: str, air: bool = False, unattended: bool = False
+    protocol_name: str,
+    rig_name: str,
+    air: bool = False,
+    unattended: bool = False,
+    out: Path = Path(),
 ) -> list[limits.Check]:
-    """Static checks of a protocol on a rig; of forces those that take seconds to predict."""
+    """Static checks of a protocol on a rig; of forces those that take seconds to predict.
+
+    out: a folder on the disk that the run will be written to.
+    """
     protocol, source = plan.load(protocol_name)
     rig, path = rig_config.load(rig_name)
     sensor = load_design(protocol.specimen.design)
     kind = kind_of(rig, path)
-    kind.camera(protocol, sensor)  # a file that cannot be used is said now
-    rows = limits.check(protocol, sensor, rig.stage.box, plan.expand(protocol, air))
+    steps = plan.expand(protocol, air)
+    rows = limits.check(protocol, sensor, rig.stage.box, steps)
+    rows += preflight.needs(protocol, sensor, steps, rig, kind, out, not rig.simulated)
     refused = kind.refusals(protocol, sensor, str(source))
     rows += [_check(kind.part, "refusals", refused)]
     rows += _contact(rig, protocol, sensor, air, unattended)
@@ -96,14 +104,18 @@ def _contact(
     ]
 
 
-def show(protocol_name: str, rig_name: str) -> tuple[list[Step], limits.Estimate]:
-    """Steps and estimate of a protocol on a rig."""
+def show(
+    protocol_name: str, rig_name: str, air: bool = False, realtime: bool = False
+) -> tuple[list[Step], limits.Estimate]:
+    """Steps and estimate of a protocol on a rig; realtime: a virtual one on the wall clock."""
     protocol, _ = plan.load(protocol_name)
     rig, path = rig_config.load(rig_name)
-    camera = kind_of(rig, path).camera(protocol, load_design(protocol.specimen.design))
-    stored = camera.lens if isinstance(camera, Rectified) else camera
-    image_px = stored.width_px * stored.height_px if stored is not None else 0
-    return plan.expand(protocol), limits.estimate(protocol, image_px, rig.stage.box)
+    image_px = preflight.image_px(
+        protocol, load_design(protocol.specimen.design), rig, kind_of(rig, path)
+    )
+    steps = plan.expand(protocol, air)
+    pace = LOCKSTEP if rig.simulated and not realtime else WALL_CLOCK
+    return steps, limits.estimate(protocol, image_px, rig.stage.box, steps, pace)
 
 
 def forces(
@@ -152,7 +164,9 @@ def _asked(
     realtime: bool,
     unattended: bool,
     tip_is_clear: bool,
+    disk: Path | None = None,
 ) -> _Asked:
+    """disk: a folder on the disk that is judged, in place of out."""
     protocol, source = plan.load(protocol_name)
     rig, rig_path = rig_config.load(rig_name)
     sensor = load_design(protocol.specimen.design)
@@ -160,8 +174,13 @@ def _asked(
         refused = demands.unmet(rig, protocol, sensor, unattended)
         _require_none([f"{rig_path}: {line}" for line in refused])
     steps = plan.expand(protocol, air)
-    limits.require(limits.check(protocol, sensor, rig.stage.box, steps), str(source))
     kind = kind_of(rig, rig_path, realtime, progress)
+    rows = limits.check(protocol, sensor, rig.stage.box, steps)
+    rows += preflight.needs(
+        protocol, sensor, steps, rig, kind, out if disk is None else disk,
+        realtime or not rig.simulated,
+    )  # fmt: skip
+    limits.require(rows, str(source))
     _require_none(kind.refusals(protocol, sensor, str(source)))
     job = Job(
         protocol, sensor, load_recipe(protocol.specimen.pattern), seed, out, air,
@@ -178,6 +197,7 @@ def dry_run(
     *,
     realtime: bool = False,
     unattended: bool = False,
+    out: Path | None = None,
 ) -> dict[str, Any]:
     """Check all that a run checks, and ask the devices of a rig that has any; nothing moves.
 
@@ -187,10 +207,10 @@ def dry_run(
     with TemporaryDirectory() as folder:
         asked = _asked(
             protocol_name, rig_name, Path(folder) / "dry-run", 0, progress, air, realtime,
-            unattended, False,
+            unattended, False, out or Path(),
         )  # fmt: skip
         notes = [*_air_note(air), *asked.warnings(progress)]
-        _, estimate = show(protocol_name, rig_name)
+        _, estimate = show(protocol_name, rig_name, air, realtime)
         lines: list[str] = []
         if realtime or not asked.rig.simulated:
             with closing(asked.kind.build(asked.job)) as bench:

@@ -55,8 +55,9 @@ def run(
     if dry_run:
         with progress("dry run") as report:
             found = experiment.dry_run(
-                protocol, rig_name, report, air, realtime=realtime, unattended=unattended
-            )
+                protocol, rig_name, report, air,
+                realtime=realtime, unattended=unattended, out=out,
+            )  # fmt: skip
         echo_json(found) if as_json else _tell_dry_run(found, protocol, rig_name)
         return
     if out is None:

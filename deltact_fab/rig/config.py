@@ -53,6 +53,8 @@ class StageConfig(Strict):
     """Axes whose motor turns the other way (GRBL's $3): 1 for x, 2 for y, 4 for z, added up."""
     homing_direction_mask: int = Field(default=0, ge=0, le=3)
     """Axes with their switch at the negative end (GRBL's $23): 1 for x, 2 for y."""
+    homing_s: float | None = Field(default=None, ge=1, le=1000)
+    """How long homing takes, for estimates; `rig home` says it. None: taken from travel_mm."""
     max_force_n: tuple[Force, Force, Force] | None = None
     """What the axes can push without losing steps, x, y, z; None: not declared."""
 
@@ -68,7 +70,18 @@ class StageConfig(Strict):
         """What the static checks need to know of this stage."""
         from ..protocols.limits import StageBox
 
-        return StageBox(self.frame, self.travel_mm, self.max_feed_mm_min, self.acceleration_mm_s2)
+        x, y, z = (
+            -travel if self.homing_direction_mask >> axis & 1 else 0.0
+            for axis, travel in enumerate(self.travel_mm)
+        )
+        return StageBox(
+            self.frame,
+            self.travel_mm,
+            self.max_feed_mm_min,
+            self.acceleration_mm_s2,
+            (x, y, z),
+            self.homing_s,
+        )
 
 
 class VirtualConfig(Strict):

@@ -143,7 +143,7 @@ def test_a_faulted_box_gives_no_reading(fault: str) -> None:
         if fault == "saturated":
             parts = until(sensor, lambda s: bool(s.saturated.any()))
             assert parts[-1].saturated[-1]
-        with pytest.raises(SensorError, match=r"status word 0x80000000|stream ended: serious"):
+        with pytest.raises(SensorError, match=r"status word 0x800[02]0000"):
             parts = until(sensor, lambda s: False)
         setattr(box.faults, fault, False)
         sensor.start()

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ...errors import InputError, SensorError
 from ..clock import WallClock
+from ..finding import Finding
 from ..interface import Camera, Frame
 from .config import CameraConfig
 from .model import calibrated, raw_size_px
@@ -22,13 +23,6 @@ BRIGHT = 0.01
 """Share of an image that may be at the end of its scale."""
 DARK = 16
 HOLDS = {"exposure": "auto_exposure", "gain": None, "white_balance_k": "auto_white_balance"}
-
-
-class Finding(NamedTuple):
-    """One thing that was looked at."""
-
-    passed: bool
-    text: str
 
 
 def probe(config: CameraConfig, folder: Path, seconds: float = LOOK_S) -> list[Finding]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...errors import MissingLibrary, SensorError
 from .config import NetFTConfig
-from .netft import ARRIVAL, Arrivals, NetFTSettings
+from .netft import ARRIVAL, ERROR, SATURATED, Arrivals, NetFTSettings
 from .page import NetFTPage
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 FIRST_S = 1.0  # from the start of a stream to its first record
 BIAS_S = 0.02  # from the command to bias to the first record that is less by it
-BIAS_MEAN = 10  # records
+AHEAD = 10  # records that are heard before a start is over
 BIAS_SHARE = 0.01  # of the range may be left after a bias
 BIASES = 3  # attempts
 DEFAULT_N, DEFAULT_NMM = 25.0, 250.0  # ranges of a transducer that does not tell
@@ -59,7 +59,7 @@ class PynetftLink:
                 sensor_host=config.host,
                 rdt_port=config.rdt_port,
                 http_port=config.http_port,
-                receive_timeout=FIRST_S,
+                receive_timeout=2 * FIRST_S,  # who reads finds silence sooner
                 deliver_samples_with_error_status=True,
                 recovery_policy=pynetft.RecoveryPolicy.RECONNECT,
                 reconnect_initial_delay=NEVER_S,
@@ -74,6 +74,7 @@ class PynetftLink:
         self._looked_ns = 0
         self._counted: dict[str, int] = {}
         self._bias_due = False
+        self._ahead: list[pynetft.Sample] = []  # heard at the start, not given yet
 
     def settings(self) -> NetFTSettings:
         """From the configuration page."""
@@ -84,13 +85,16 @@ class PynetftLink:
         self._bias_due = True
 
     def start(self) -> None:
-        """Start the stream, wait for its first record, and bias where that is due."""
+        """Start the stream, hear its first records, and bias where that is due."""
         self._restart()
         tries = BIASES
         while self._bias_due:
             # The client starts the stream anew behind a bias, and takes the box's numbers from 1
             # on for old ones if a record is still under way: so it starts from the start itself.
-            self._client.bias()
+            try:
+                self._client.bias()
+            except self._lib.NetFTError as why:
+                raise SensorError(f"{self._where}: force sensor: {why}") from why
             time.sleep(BIAS_S)
             self._restart()
             left = self._left()
@@ -103,31 +107,29 @@ class PynetftLink:
                 )
 
     def _restart(self) -> None:
+        """The first record may be slow to come: the earliest of some tells when they were taken."""
         self._client.stop()
-        self._counted = {}
+        self._counted, self._ahead = {}, []
         try:
             self._client.start()
             heard = self._client.wait_for_first_sample(FIRST_S)
         except self._lib.NetFTError as why:
             raise SensorError(f"{self._where}: force sensor: {why}") from why
-        if not heard:
-            said = self._client.health().last_error
+        while heard and len(self._ahead) < AHEAD:
+            if (sample := self._next(FIRST_S)) is None:
+                break
+            self._ahead.append(sample)
+        self._require_streaming()
+        if len(self._ahead) < AHEAD:
             self._client.stop()
             raise SensorError(
-                f"{self._where}: force sensor: no record within {FIRST_S:g} s of the start"
-                f"{f' ({said})' if said else ''}; check [force.netft] rdt_port, and that no "
-                "fire wall holds UDP back"
+                f"{self._where}: force sensor: no record within {FIRST_S:g} s of the start; check "
+                "[force.netft] rdt_port, and that no fire wall holds UDP back"
             )
 
     def _left(self) -> str:
         """What is still felt after a bias, "" within bounds: a command may be lost unanswered."""
-        counts: list[tuple[int, ...]] = []
-        while len(counts) < BIAS_MEAN:
-            if (sample := self._next(FIRST_S)) is None:
-                self._require_streaming()
-            else:
-                counts.append(sample.raw_wrench)
-        left = np.abs(np.mean(counts, axis=0))
+        left = np.abs(np.mean([sample.raw_wrench for sample in self._ahead], axis=0))
         if (left <= self._bias_most).all():
             return ""
         s = self._settings
@@ -141,13 +143,12 @@ class PynetftLink:
 
     def receive(self, timeout_s: float) -> Arrivals:
         """All that came."""
-        rows: list[tuple[int, int, int, tuple[int, ...]]] = []
-        while (sample := self._next(0.0 if rows else timeout_s)) is not None:
-            rows.append(
-                (sample.received_at_ns, sample.rdt_sequence, sample.status, sample.raw_wrench)
-            )
-        if not rows:
+        samples, self._ahead = self._ahead, []
+        while (sample := self._next(0.0 if samples else timeout_s)) is not None:
+            samples.append(sample)
+        if not samples:
             self._require_streaming()
+        rows = [(s.received_at_ns, s.rdt_sequence, s.status, s.raw_wrench) for s in samples]
         return np.array(rows, ARRIVAL)
 
     def troubles(self) -> dict[str, int]:
@@ -177,7 +178,13 @@ class PynetftLink:
             return None
 
     def _require_streaming(self) -> None:
+        """Raise SensorError when the client has ended the stream, with what the box said."""
         health = self._client.health()
-        if health.state is not self._lib.ClientState.STREAMING:
-            why = health.last_error or "it was not started"
-            raise SensorError(f"{self._where}: force sensor: the stream ended: {why}")
+        state = self._lib.ClientState
+        if health.state in (state.STREAMING, state.CONNECTING):
+            return
+        why = health.last_error or "it was not started"
+        if health.last_status & (ERROR | SATURATED):
+            what = "saturated" if health.last_status & SATURATED else "a fault of the box"
+            why = f"{what}, status word 0x{health.last_status:08x}"
+        raise SensorError(f"{self._where}: force sensor: the stream ended: {why}")

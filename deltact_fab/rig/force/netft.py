@@ -205,6 +205,7 @@ class NetFTSensor:
         self._heard_ns = int(at_ns[-1])
         t_ns = self._zero_ns + after_ns
         late_ns = at_ns - t_ns
-        t_ns = np.maximum(t_ns, self._last_ns)
+        # A tie found to be earlier than thought lets no sample come before the one before it.
+        t_ns = np.maximum(t_ns, self._last_ns + 1 + np.arange(len(t_ns)))
         self._last_ns = int(t_ns[-1])
         return t_ns, late_ns

@@ -8,19 +8,25 @@ from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 
 from ...errors import SensorError
+from ..force.urgent import run_first
 
 
 class Loop:
     """The only thread that touches its device, so that no driver needs a lock.
 
     failed: called from it with the reason when a step fails; it rests then, until it is asked to go
-    on.
+    on. first: it comes before other threads, as far as the system lets it.
     """
 
     def __init__(
-        self, name: str, step: Callable[[], None], failed: Callable[[BaseException], None]
+        self,
+        name: str,
+        step: Callable[[], None],
+        failed: Callable[[BaseException], None],
+        first: bool = False,
     ) -> None:
         self.name = name
+        self._first = first
         self._step = step
         self._failed = failed
         self._changed = threading.Condition()
@@ -61,6 +67,8 @@ class Loop:
         return not self._thread.is_alive()
 
     def _run(self) -> None:
+        if self._first:
+            run_first()
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._asked or self._going or self._ending)

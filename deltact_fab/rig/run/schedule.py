@@ -8,13 +8,13 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 
 from ...errors import DeltactFabError
+from ...protocols.pace import LOOK_S
 from ...protocols.plan import Step
 from ...record import Chunk, RunWriter
 from ..interface import Devices, Frame
-from .streams import ForceStream, FrameStream, PoseStream, Wanted, now_ns
+from .streams import ForceStream, FrameStream, PoseStream, Wanted, now_ns, to_ns
 
-# The firmware's documents ask for at most 10 status reports a second.
-LOOK_NS = 100_000_000
+LOOK_NS = to_ns(LOOK_S)
 TAKEN = "taken"
 # What became of frames, as the record's events name it.
 LATE, MISSED, UNWRITTEN = "frames late", "frames missed", "frames unwritten"

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from ..config import StageConfig
 
 JOG_ANSWER_S = 0.5  # it comes within .1 s, and without it the carriage may be on its way
+HEAR_S = 0.005  # between two looks at what was said without being asked for
 POLL_S = 0.1  # while a move is under way; the firmware's documents ask for at most 10 a second
 
 
@@ -185,7 +186,7 @@ class GrblStage:
         while True:
             left_s = move.planned_s - move.since_s(self._c.port.now_ns())
             if left_s > 0 or idle_short:
-                self.clock.sleep_s(min(POLL_S, max(left_s + 0.002, POLL_END_S)))
+                self.listen(min(POLL_S, max(left_s + 0.002, POLL_END_S)))
             with self._c.exchange():
                 state = self.poll()
                 if state.state == "Idle":
@@ -212,7 +213,23 @@ class GrblStage:
                         f"{move.planned_s:.1f} s"
                     )
             if left_s <= 0 and not idle_short:
-                self.clock.sleep_s(POLL_END_S)
+                self.listen(POLL_END_S)
+
+    def listen(self, seconds: float) -> None:
+        """Let that much time pass, and hear what the controller says meanwhile.
+
+        So an alarm or a restart stops the move when it is told, not at the next question. Raises
+        StageError.
+        """
+        deadline = self._c.port.deadline_ns(seconds)
+        while True:
+            if self._c.port.is_open:
+                with self._c.exchange():
+                    self._c.talk.overhear()
+            left_ns = deadline - self._c.port.now_ns()
+            if left_ns <= 0:
+                return
+            self.clock.sleep_s(min(left_ns / 1e9, HEAR_S))
 
     def position_mm(self) -> Vec3:
         """Tip position in the sensor frame (mm) as the controller reports it now."""
