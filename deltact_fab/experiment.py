@@ -6,23 +6,26 @@ import platform
 import time
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from . import __version__, preflight, record
 from .cad.design import load_design
 from .errors import InputError
-from .optics import Rectified
 from .patterns.dots import centres_mm
 from .patterns.recipe import PatternRecipe, load_recipe
 from .protocols import limits, plan
+from .protocols.pace import LOCKSTEP, WALL_CLOCK
 from .protocols.plan import Protocol, Step
 from .record import RunWriter
 from .record import open as open_run
 from .rig import config as rig_config
 from .rig.config import RigConfig
 from .rig.interface import Job, RigKind
+from .rig.run import ask
+from .rig.run.live import Live
 from .rig.run.runner import Runner
 from .rig.tool import demands
 from .shapes import SensorDimensions
@@ -54,15 +57,23 @@ def kind_of(
 
 
 def checks(
-    protocol_name: str, rig_name: str, air: bool = False, unattended: bool = False
+    protocol_name: str,
+    rig_name: str,
+    air: bool = False,
+    unattended: bool = False,
+    out: Path = Path(),
 ) -> list[limits.Check]:
-    """Static checks of a protocol on a rig; of forces those that take seconds to predict."""
+    """Static checks of a protocol on a rig; of forces those that take seconds to predict.
+
+    out: a folder on the disk that the run will be written to.
+    """
     protocol, source = plan.load(protocol_name)
     rig, path = rig_config.load(rig_name)
     sensor = load_design(protocol.specimen.design)
     kind = kind_of(rig, path)
-    kind.camera(protocol, sensor)  # a file that cannot be used is said now
-    rows = limits.check(protocol, sensor, rig.stage.box, plan.expand(protocol, air))
+    steps = plan.expand(protocol, air)
+    rows = limits.check(protocol, sensor, rig.stage.box, steps)
+    rows += preflight.needs(protocol, sensor, steps, rig, kind, out, not rig.simulated)
     refused = kind.refusals(protocol, sensor, str(source))
     rows += [_check(kind.part, "refusals", refused)]
     rows += _contact(rig, protocol, sensor, air, unattended)
@@ -97,10 +108,11 @@ def show(protocol_name: str, rig_name: str) -> tuple[list[Step], limits.Estimate
     """Steps and estimate of a protocol on a rig."""
     protocol, _ = plan.load(protocol_name)
     rig, path = rig_config.load(rig_name)
-    camera = kind_of(rig, path).camera(protocol, load_design(protocol.specimen.design))
-    stored = camera.lens if isinstance(camera, Rectified) else camera
-    image_px = stored.width_px * stored.height_px if stored is not None else 0
-    return plan.expand(protocol), limits.estimate(protocol, image_px, rig.stage.box)
+    image_px = preflight.image_px(
+        protocol, load_design(protocol.specimen.design), rig, kind_of(rig, path)
+    )
+    pace = LOCKSTEP if rig.simulated else WALL_CLOCK
+    return plan.expand(protocol), limits.estimate(protocol, image_px, rig.stage.box, pace)
 
 
 def forces(
@@ -120,6 +132,89 @@ def forces(
     return peaks, preflight.judge(protocol.name, sensor.skin.thickness_mm, peaks, limits)
 
 
+@dataclass(frozen=True)
+class _Asked:
+    """A run as it was asked for, with everything checked that can be without a device."""
+
+    job: Job
+    source: Path
+    rig: RigConfig
+    rig_path: Path
+    kind: RigKind
+    steps: list[Step]
+
+    def warnings(self, progress: Progress | None) -> list[str]:
+        """What the predicted forces come to. Raises InputError where they are refused."""
+        if self.job.air:
+            return []
+        job = self.job
+        return _force_warnings(job.protocol, self.rig, str(self.rig_path), job.sensor, progress)
+
+
+def _asked(
+    protocol_name: str,
+    rig_name: str,
+    out: Path,
+    seed: int,
+    progress: Progress | None,
+    air: bool,
+    realtime: bool,
+    unattended: bool,
+    tip_is_clear: bool,
+    disk: Path | None = None,
+) -> _Asked:
+    """disk: a folder on the disk that is judged, in place of out."""
+    protocol, source = plan.load(protocol_name)
+    rig, rig_path = rig_config.load(rig_name)
+    sensor = load_design(protocol.specimen.design)
+    if rig.kind == "grbl" and not air:
+        refused = demands.unmet(rig, protocol, sensor, unattended)
+        _require_none([f"{rig_path}: {line}" for line in refused])
+    steps = plan.expand(protocol, air)
+    kind = kind_of(rig, rig_path, realtime, progress)
+    rows = limits.check(protocol, sensor, rig.stage.box, steps)
+    rows += preflight.needs(
+        protocol, sensor, steps, rig, kind, out if disk is None else disk,
+        realtime or not rig.simulated,
+    )  # fmt: skip
+    limits.require(rows, str(source))
+    _require_none(kind.refusals(protocol, sensor, str(source)))
+    job = Job(
+        protocol, sensor, load_recipe(protocol.specimen.pattern), seed, out, air,
+        unattended=unattended, tip_is_clear=tip_is_clear,
+    )  # fmt: skip
+    return _Asked(job, source, rig, rig_path, kind, steps)
+
+
+def dry_run(
+    protocol_name: str,
+    rig_name: str,
+    progress: Progress | None = None,
+    air: bool = False,
+    *,
+    realtime: bool = False,
+    unattended: bool = False,
+    out: Path | None = None,
+) -> dict[str, Any]:
+    """Check all that a run checks, and ask the devices of a rig that has any; nothing moves.
+
+    Returns steps, frames, seconds and disk_mb of the estimate, devices (a line each, empty on a
+    rig in lockstep) and notes. Raises InputError or RunFailed, as the run would.
+    """
+    with TemporaryDirectory() as folder:
+        asked = _asked(
+            protocol_name, rig_name, Path(folder) / "dry-run", 0, progress, air, realtime,
+            unattended, False, out or Path(),
+        )  # fmt: skip
+        notes = [*_air_note(air), *asked.warnings(progress)]
+        _, estimate = show(protocol_name, rig_name)
+        lines: list[str] = []
+        if realtime or not asked.rig.simulated:
+            with closing(asked.kind.build(asked.job)) as bench:
+                lines = ask.devices(bench.devices())
+    return {**estimate.as_dict(), "devices": lines, "notes": notes}
+
+
 def run(
     protocol_name: str,
     rig_name: str,
@@ -132,34 +227,26 @@ def run(
     realtime: bool = False,
     unattended: bool = False,
     tip_is_clear: bool = False,
+    note: str | None = None,
+    live: Callable[[Live], None] | None = None,
 ) -> dict[str, Any]:
     """Check everything, run every step, return the summary.
 
     resume: continue the unfinished run in `out`, or start it when there is none; a finished one is
     verified (every hash) and left as it is, and its summary comes with "already_finished" true.
-    The summary's times, notes and devices are those of the last session. air: nothing goes below
-    the clearance plane, and no force is predicted. realtime: a virtual rig runs on the wall clock,
-    in a process of its own behind real wires. unattended: nobody is asked anything, and what would
-    need that is refused. tip_is_clear: the operator's word, where the position is lost. Raises
-    InputError or RunFailed.
+    The summary's times, counts, notes and devices are those of the last session. air: nothing goes
+    below the clearance plane, and no force is predicted. realtime: a virtual rig runs on the wall
+    clock, in a process of its own behind real wires. unattended: nobody is asked anything, and what
+    would need that is refused. tip_is_clear: the operator's word, where the position is lost. note:
+    kept with the run. live: shown what goes on. Raises InputError or RunFailed.
     """
     started = time.monotonic()
-    protocol, source = plan.load(protocol_name)
-    rig, rig_path = rig_config.load(rig_name)
-    sensor = load_design(protocol.specimen.design)
-    if rig.kind == "grbl" and not air:
-        refused = demands.unmet(rig, protocol, sensor, unattended)
-        _require_none([f"{rig_path}: {line}" for line in refused])
-    steps = plan.expand(protocol, air)
-    limits.require(limits.check(protocol, sensor, rig.stage.box, steps), str(source))
-    kind = kind_of(rig, rig_path, realtime, progress)
-    _require_none(kind.refusals(protocol, sensor, str(source)))
-    job = Job(
-        protocol, sensor, load_recipe(protocol.specimen.pattern), seed, out, air,
-        unattended=unattended, tip_is_clear=tip_is_clear,
-    )  # fmt: skip
-    text = source.read_bytes()
-    meta = _meta(job, rig, rig_name, kind)
+    asked = _asked(
+        protocol_name, rig_name, out, seed, progress, air, realtime, unattended, tip_is_clear
+    )
+    job, rig, steps, protocol = asked.job, asked.rig, asked.steps, asked.job.protocol
+    text = asked.source.read_bytes()
+    meta = _meta(job, rig, rig_name, asked.kind)
     if realtime:
         meta["realtime"] = True
     pattern = _pattern(job.recipe)
@@ -172,17 +259,20 @@ def run(
             return {**found.summary(), "already_finished": True}
     else:
         _require_new(out, text)
-    warnings = [] if air else _force_warnings(protocol, rig, str(rig_path), sensor, progress)
+    warnings = asked.warnings(progress)
     if resuming:
         writer = RunWriter.resume(out, steps, progress)
     else:
-        writer = RunWriter.create(out, meta, text, pattern, steps, kind.flat(protocol))
+        writer = RunWriter.create(out, meta, text, pattern, steps, asked.kind.flat(protocol))
     try:
-        with closing(kind.build(job)) as bench:
+        if note is not None:
+            record.add_note(out, note)
+        with closing(asked.kind.build(job)) as bench:
             devices = bench.devices()
             start_s = devices.clock.now_s()
-            taken = Runner(devices, writer, progress).run(steps)
-            frames = sum(step.frames for step in steps)
+            runner = Runner(devices, writer, progress, live)
+            runner.run(steps)
+            kept = sum(step.frames for step in steps if step.press in writer.kept)
             summary = {
                 "protocol": protocol.name,
                 "rig": rig_name,
@@ -191,16 +281,18 @@ def run(
                 "air": air,
                 "seed": seed,
                 "steps": len(steps),
-                "frames": frames,
+                "frames": sum(step.frames for step in steps) - writer.missed,
+                "missed_frames": writer.missed,
+                "frame_counts": runner.counts(),
                 "sessions": writer.session,
-                "kept_frames": frames - taken,
+                "kept_frames": kept,
                 "redone": writer.redone,
                 "rig_seconds": devices.clock.now_s() - start_s,
                 "wall_seconds": time.monotonic() - started,
                 "left_out": bench.left_out(),
                 "notes": [
                     *_air_note(air), *bench.notes(), *warnings,
-                    *_resumed(writer.session, frames - taken),
+                    *_resumed(writer.session, kept),
                 ],
                 "devices": bench.identity(),
             }  # fmt: skip

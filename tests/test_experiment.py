@@ -43,7 +43,7 @@ def test_the_stage_was_where_the_plan_says(mini: tuple[Path, Path], mini_run: Pa
 def test_force_and_pose_are_streams_of_their_own_rates(mini_run: Path) -> None:
     run = record.open(mini_run)
     frames, steps = run.frames(), run.steps().set_index("step_id")
-    assert frames["pose_skew_s"].max() == 0.0
+    assert frames["pose_skew_s"].max() < 2e-4  # a byte on the wire
     assert frames["force_skew_s"].max() <= 1.1e-3
     for press, part in run.force().groupby("press"):
         felt_s = part["t_press_s"].diff().dropna()

@@ -198,6 +198,7 @@ def test_show_tells_what_a_run_is(mini_run: Path) -> None:
     found = json.loads(command("show", mini_run, "--json").output)
     assert found["presses"] == 2
     assert found["sessions"] == 1
-    assert found["registration"] is None
+    assert found["registration"]["origin_machine_mm"] == [-60.0, -60.0, -40.0]
+    assert found["indenters"] == ["sphere:10 mounted", "4dots mounted"]
     old = json.loads(command("show", OLD, "--json").output)
     assert old["format"] == 2

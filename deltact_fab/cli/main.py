@@ -16,7 +16,7 @@ COMMANDS = {
     "cad": ("cad", "cad", "Parametric parts: check, export, bill of materials, guide."),
     "pattern": ("pattern", "pattern", "Pattern stickers: generate and inspect."),
     "protocol": ("protocol", "protocol", "Indentation experiments: check, show, list."),
-    "rig": ("rig", "rig", "Benches: list and show."),
+    "rig": ("rig", "rig", "Benches: new, check, list, show, drive by hand."),
     "calibrate": ("calibrate", "calibrate", "The lens, from images of boards."),
     "calibrate-depth": (
         "calibrate_depth",

@@ -52,9 +52,10 @@ def measure(
 ) -> None:
     """Measure the images of SOURCE as they come; the first one is the face at rest.
 
-    SOURCE: a camera's number, as 0; a video; a folder of images; a run; a rig, as virtual or
-    virtual:PROTOCOL, whose images are simulated. Of a camera the newest image is measured and what
-    comes meanwhile is dropped and counted; of all else every image is. Ctrl-C ends it.
+    SOURCE: a camera's number, as 0, its device file or its address; a video; a folder of images; a
+    run; a rig: of a real one, as bench.toml, the camera is opened and nothing else; a virtual one,
+    as virtual or virtual:PROTOCOL, simulates its images. Of a camera the newest image is measured
+    and what comes meanwhile is dropped and counted; of all else every image is. Ctrl-C ends it.
     """
     # Every BLAS reads it, when numpy is imported. The stages have the cores already.
     os.environ.setdefault("OMP_NUM_THREADS", "1")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -44,13 +45,15 @@ def list_(as_json: bool) -> None:
 @RIG
 @click.option("--air", is_flag=True, help="As `run --air`: nothing is touched.")
 @click.option("--unattended", is_flag=True, help="As `run --unattended`: nobody is there.")
+@click.option("--out", default=Path(), type=click.Path(path_type=Path), show_default="here",
+              help="As `run --out`: whose disk is judged.")  # fmt: skip
 @JSON
-def check(name: str, rig_name: str, air: bool, unattended: bool, as_json: bool) -> None:
+def check(name: str, rig_name: str, air: bool, unattended: bool, out: Path, as_json: bool) -> None:
     """Every static check of a protocol on a rig; exit 1 when one fails."""
     from ..experiment import checks
     from .output import echo_json
 
-    rows = checks(name, rig_name, air, unattended)
+    rows = checks(name, rig_name, air, unattended, out)
     if as_json:
         echo_json([r.as_dict() for r in rows])
     else:

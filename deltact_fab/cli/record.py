@@ -71,7 +71,11 @@ def show(run: Path, as_json: bool) -> None:
     )
     for kind, count in data["events"].items():
         click.echo(f"  event {kind}: {count}")
-    click.echo(f"  registration: {data['registration'] or 'none'}")
+    face = data["registration"]
+    by = face["registration"] or "the rig file, not registered"
+    click.echo(f"  face at machine {face['origin_machine_mm']}, by {by}")
+    for line in data["indenters"]:
+        click.echo(f"  indenter: {line}")
     for text in data["remarks"]:
         click.echo(f"  remark: {text}")
     for note in data["notes"]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -11,23 +12,27 @@ import click
 @click.argument("protocol")
 @click.option("--rig", "rig_name", default="virtual", show_default=True, help="Rig file.")
 @click.option("--seed", default=0, show_default=True, help="Of everything that is drawn.")
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="New run folder.")
+@click.option("--out", type=click.Path(path_type=Path), help="New run folder.")
 @click.option("--resume", is_flag=True, help="Go on with the unfinished run in --out.")
 @click.option("--air", is_flag=True, help="Touch nothing: no height below the clearance plane.")
 @click.option("--realtime", is_flag=True, help="A virtual rig on the wall clock, on real wires.")
 @click.option("--unattended", is_flag=True, help="Nobody is there: ask nothing, or refuse.")
 @click.option("--tip-is-clear", is_flag=True, help="Your word: the tip touches nothing. Home.")
+@click.option("--note", help="What the operator has to say; kept with the run.")
+@click.option("--dry-run", is_flag=True, help="Check all, ask each device; move nothing.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def run(
     protocol: str,
     rig_name: str,
     seed: int,
-    out: Path,
+    out: Path | None,
     resume: bool,
     air: bool,
     realtime: bool,
     unattended: bool,
     tip_is_clear: bool,
+    note: str | None,
+    dry_run: bool,
     as_json: bool,
 ) -> None:
     """Run PROTOCOL on a rig and record it in a new folder.
@@ -39,14 +44,29 @@ def run(
     are mounted, and finds the face by [touch] of its rig file before it presses. With --unattended
     it asks nothing: a protocol of one indenter, found by force, or it is refused. Where the
     position was lost and the force sensor cannot tell, it asks whether the tip is clear of the gel.
+
+    The first Ctrl-C stops and lifts the tip; the second resets the controller at once. --dry-run
+    makes every check of a run and asks each device of a real rig, needs no --out, and neither moves
+    nor records anything.
     """
-    from ..experiment import run as carry_out
+    from .. import experiment
     from .output import echo_json, progress
 
+    if dry_run:
+        with progress("dry run") as report:
+            found = experiment.dry_run(
+                protocol, rig_name, report, air,
+                realtime=realtime, unattended=unattended, out=out,
+            )  # fmt: skip
+        echo_json(found) if as_json else _tell_dry_run(found, protocol, rig_name)
+        return
+    if out is None:
+        raise click.UsageError("Missing option '--out': the folder of the new run.")
     with progress("run") as report:
-        summary = carry_out(
+        summary = experiment.run(
             protocol, rig_name, out, seed, report, resume, air,
-            realtime=realtime, unattended=unattended, tip_is_clear=tip_is_clear,
+            realtime=realtime, unattended=unattended, tip_is_clear=tip_is_clear, note=note,
+            live=lambda it: report(it.done, it.total, it.line()),
         )  # fmt: skip
     if as_json:
         echo_json(summary)
@@ -64,5 +84,19 @@ def run(
         f"seed {seed}: "
         f"{summary['rig_seconds']:.1f} s of rig time in {summary['wall_seconds']:.1f} s"
     )
+    for kind, n in summary["frame_counts"].items():
+        click.echo(f"  {kind}: {n}")
     for line in summary["left_out"]:
         click.echo(f"  left out: {line}")
+
+
+def _tell_dry_run(found: dict[str, Any], protocol: str, rig_name: str) -> None:
+    from ..rig.run.live import duration
+
+    click.echo(
+        f"{protocol} on {rig_name}: {found['steps']} steps, {found['presses']} presses, "
+        f"{found['frames']} frames, about {duration(found['seconds'])}, {found['disk_mb']:.0f} MB; "
+        "nothing was moved or recorded"
+    )
+    for line in (*found["devices"], *found["notes"]):
+        click.echo(f"  {line}")

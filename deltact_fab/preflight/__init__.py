@@ -1,9 +1,11 @@
 """What a protocol will ask of stage and force sensor, before anything moves.
 
 Reading order: `press` (normal force of one press, or a bound of it), `peaks` (every indenter,
-position and depth, with shear and moments), `rule` (what a rig allows).
+position and depth, with shear and moments), `rule` (what a rig allows), `needs` (time, disk, frames
+a second).
 """
 
+from .needs import image_px, needs
 from .peaks import MODULUS_FACTOR, PAPER_REMARK, Peak, predict
 from .rule import ForceLimits, checks, judge, limits_of, require
 
@@ -13,8 +15,10 @@ __all__ = [
     "ForceLimits",
     "Peak",
     "checks",
+    "image_px",
     "judge",
     "limits_of",
+    "needs",
     "predict",
     "require",
 ]

@@ -17,6 +17,7 @@ from ..optics import StageFrame
 from ..shapes import SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
 from .motion import move_duration_s
+from .pace import LOCKSTEP, Pace, homing_s
 from .plan import Point, Protocol, Step, expand
 
 PNG_BYTES_PER_PX = 2.2  # measured on rendered frames of a dense pattern: 1.9-2.3
@@ -27,19 +28,24 @@ MOST_BETWEEN_FRAMES_MM = 0.25  # up to 7 pixels: as in `deep-drag`, which is fol
 
 @dataclass(frozen=True)
 class StageBox:
-    """What a stage can do: machine travel (0 at the top, negative below), feeds, its frame."""
+    """What a stage can do: machine travel (0 at the top, negative below), feeds, its frame.
+
+    homed_mm: where homing leaves it. homing_s: how long that takes; None: see `pace.homing_s`.
+    """
 
     frame: StageFrame
     travel_mm: Point
     max_feed_mm_min: Point
     acceleration_mm_s2: Point
+    homed_mm: Point = (0.0, 0.0, 0.0)
+    homing_s: float | None = None
 
 
 @dataclass(frozen=True)
 class Check:
     """One row: `figure` must not exceed `bound` (both in the unit named by `what`).
 
-    warns: it does, where nothing can break.
+    warns: it does, or comes near, where nothing can break. least: it must not fall below.
     """
 
     name: str
@@ -49,11 +55,13 @@ class Check:
     bound: float
     where: str
     warns: bool = False
+    least: bool = False
 
     def line(self) -> str:
         """One line for a person."""
         verdict = "WARN" if self.warns else "pass" if self.ok else "FAIL"
-        return f"{verdict}  {self.name}: {self.what} {self.figure:g} (limit {self.bound:g})"
+        limit = "at least" if self.least else "limit"
+        return f"{verdict}  {self.name}: {self.what} {self.figure:g} ({limit} {self.bound:g})"
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data."""
@@ -62,8 +70,9 @@ class Check:
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a run will take: planned motion and settling, without host overhead.
+    """What a run will take: connecting, homing, planned motion, settling and waits.
 
+    What an operator or a touch-off takes between two indenters is left out.
     between_frames_mm: the longest way that the tip goes unseen while it presses or drags.
     """
 
@@ -99,24 +108,28 @@ def require(rows: Iterable[Check], source: str) -> None:
     """Raise InputError with every failed row on one line."""
     failed = [r for r in rows if not r.ok]
     if failed:
-        text = " | ".join(f"{r.name}: {r.what} {r.figure:g} > {r.bound:g} at {r.where}"
-                          for r in failed)  # fmt: skip
+        text = " | ".join(
+            f"{r.name}: {r.what} {r.figure:g} {'<' if r.least else '>'} {r.bound:g} at {r.where}"
+            for r in failed
+        )
         raise InputError(f"{source}: {text}")
 
 
-def estimate(protocol: Protocol, image_px: int, stage: StageBox) -> Estimate:
+def estimate(protocol: Protocol, image_px: int, stage: StageBox, pace: Pace = LOCKSTEP) -> Estimate:
     """Frames, time and disk of a whole run, from the steps and the stage's acceleration.
 
-    image_px: pixels of a frame as it is stored.
+    image_px: pixels of a frame as it is stored. pace: of whoever runs it.
     """
     steps = expand(protocol)
-    here: Point = (0.0, 0.0, protocol.motion.park_mm)
-    seconds = 0.0
+    here = stage.frame.to_sensor_mm(stage.homed_mm)
+    homing = stage.homing_s if stage.homing_s is not None else homing_s(stage.travel_mm)
+    seconds = pace.connect_s + homing
     for step in steps:
         x, y, z = (b - a for a, b in zip(here, step.target_mm, strict=True))
-        seconds += step.settle_s + move_duration_s(
+        seconds += move_duration_s(
             (x, y, z), step.feed_mm_min, stage.max_feed_mm_min, stage.acceleration_mm_s2
         )
+        seconds += pace.move_s + (step.settle_s + pace.frames_s if step.frames else 0.0)
         here = step.target_mm
     frames = sum(s.frames for s in steps)
     px = image_px if "image" in protocol.channels else 0

@@ -21,9 +21,16 @@ from ..shapes.indenter import parse as parse_indenter
 
 Point = tuple[float, float, float]
 Kind = Literal["change", "travel", "approach", "press", "shear", "retract"]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+# Every number has a lowest and a highest value: what is further out is a slip of the pen.
+Place = Annotated[float, Field(ge=-10_000, le=10_000, allow_inf_nan=False)]  # mm
+Length = Annotated[float, Field(ge=0.001, le=1000, allow_inf_nan=False)]  # mm
+Feed = Annotated[
+    float, Field(ge=0.001, le=100_000, allow_inf_nan=False)
+]  # mm/min; `budget` asks for more
+Rate = Annotated[float, Field(ge=0.0001, le=1000, allow_inf_nan=False)]  # frames a second
+Share = Annotated[float, Field(ge=0.001, le=100, allow_inf_nan=False)]
+Modulus = Annotated[float, Field(ge=0.0001, le=10_000, allow_inf_nan=False)]  # MPa
+Seconds = Annotated[float, Field(ge=0.001, le=1e6, allow_inf_nan=False)]
 
 
 class _Strict(BaseModel):
@@ -33,8 +40,8 @@ class _Strict(BaseModel):
 class Shear(_Strict):
     """Sideways motion at each depth: to one side, through to the other, back to the centre."""
 
-    amplitude_mm: Positive | None = None
-    amplitude_of_depth: Positive | None = None
+    amplitude_mm: Length | None = None
+    amplitude_of_depth: Share | None = None
     """Instead of amplitude_mm: as a share of the depth. A ball slips as a whole once it is dragged
     by about 1.5 x friction of its depth, whatever its size (Mindlin), and sticks before that."""
     axes: tuple[Literal["x", "y"], ...] = ("x", "y")
@@ -63,7 +70,7 @@ class Shear(_Strict):
 class Capture(_Strict):
     """What is filmed on the way, and whether a stop settles; at least one of both."""
 
-    rate_hz: Positive | None = None
+    rate_hz: Rate | None = None
     """Frames per second of planned motion, evenly over each press and drag; none without it."""
     settle_s: Annotated[float, Field(ge=0, le=600, allow_inf_nan=False)] | None = None
     """Between the end of a motion and the frame that is taken there, which is called settled.
@@ -81,15 +88,15 @@ class Capture(_Strict):
 class Motion(_Strict):
     """Feeds and heights of the stage, in the sensor frame."""
 
-    clearance_mm: Positive = 5.0
+    clearance_mm: Length = 5.0
     """Height above the resting face from which sideways travel is allowed."""
-    approach_gap_mm: Positive = 0.5
+    approach_gap_mm: Length = 0.5
     """Height at which the travel feed gives way to the press feed."""
-    park_mm: Positive = 20.0
+    park_mm: Length = 20.0
     """Height at which the indenter is changed."""
-    travel_feed_mm_min: Positive = 600.0
-    press_feed_mm_min: Positive = 30.0
-    shear_feed_mm_min: Positive = 30.0
+    travel_feed_mm_min: Feed = 600.0
+    press_feed_mm_min: Feed = 30.0
+    shear_feed_mm_min: Feed = 30.0
 
     @model_validator(mode="after")
     def _heights(self) -> Self:
@@ -109,13 +116,13 @@ class Specimen(_Strict):
     design: str = "deltact"
     pattern: str = "dense-with-dots"
     gel_model: Literal["layer", "block", "hyperelastic"] = "layer"
-    modulus_mpa: Positive = 0.56
+    modulus_mpa: Modulus = 0.56
     poisson: float = Field(default=0.49, ge=0, le=0.5)
     friction: float = Field(default=0.5, ge=0, le=100)
-    prony: tuple[tuple[NotNegative, Positive], ...] = ()
+    prony: tuple[tuple[Annotated[float, Field(ge=0, le=100)], Seconds], ...] = ()
     """Pairs (g, tau_s) of a gel that creeps, as `GelMaterial` has them: modulus_mpa is that of a
     slow press."""
-    depth_margin_mm: Positive = 1.0
+    depth_margin_mm: Length = 1.0
     """Gel that must remain below the deepest press."""
 
     @field_validator("serial")
@@ -132,8 +139,8 @@ class Protocol(_Strict):
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
     description: str = ""
     indenters: tuple[str, ...] = Field(min_length=1)
-    positions_mm: tuple[tuple[Finite, Finite], ...] = Field(min_length=1)
-    depths_mm: tuple[Positive, ...] = Field(min_length=1)
+    positions_mm: tuple[tuple[Place, Place], ...] = Field(min_length=1)
+    depths_mm: tuple[Length, ...] = Field(min_length=1)
     channels: frozenset[Literal["image", "dots", "force", "shear", "traction"]]
     """What the analysis will ask for; what is not named here is not built and not solved. None at
     all leaves the poses of the stage. traction: what presses and shears the face, of every frame,

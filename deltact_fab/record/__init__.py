@@ -21,7 +21,7 @@ from __future__ import annotations
 from .about import about
 from .check import Verdict, check, require_whole
 from .files import FORMAT, image_file, lattice_file, lens_file, truth_file, write_whole
-from .images import FORMATS, decode, encode, encode_png
+from .images import FORMATS, decode, encode, encode_png, image_format, rate_held_hz
 from .journal import CLOCK_COLUMNS, PRESS_TABLES, WALL_COLUMNS
 from .notes import add as add_note
 from .run import Run, open
@@ -48,9 +48,11 @@ __all__ = [
     "encode",
     "encode_png",
     "image_file",
+    "image_format",
     "lattice_file",
     "lens_file",
     "open",
+    "rate_held_hz",
     "require_same",
     "require_whole",
     "truth_file",

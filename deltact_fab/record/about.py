@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .journal import being_written
 from .run import Run
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def about(run: Run) -> dict[str, Any]:
@@ -43,7 +46,8 @@ def about(run: Run) -> dict[str, Any]:
         "frames": frames,
         "images": images,
         "events": {str(k): int(n) for k, n in events["kind"].value_counts(sort=False).items()},
-        "registration": _last(events, "registration"),
+        "registration": _registration(meta),
+        "indenters": _mounted(events),
         "camera": None if meta.get("camera") is None else meta["camera"].get("model", "pinhole"),
         "devices": summary.get("devices"),
         "remarks": summary.get("notes", []),
@@ -52,7 +56,15 @@ def about(run: Run) -> dict[str, Any]:
     }
 
 
-def _last(events: Any, kind: str) -> str | None:
-    """What the last event of a kind says."""
-    found = events[events["kind"] == kind]
-    return None if found.empty else str(found["text"].iloc[-1])
+def _registration(meta: dict[str, Any]) -> dict[str, Any]:
+    """Where the rig file had the face, and the file that it was registered by, if it was."""
+    stage = (meta.get("rig") or {}).get("stage") or {}
+    keys = ("registration", "origin_machine_mm", "angle_deg", "tilt_deg")
+    return {key: stage.get(key) for key in keys}
+
+
+def _mounted(events: pd.DataFrame) -> list[str]:
+    """What was mounted in the last session, and where its tip found the face."""
+    begun = events.index[events["kind"] == "session"]
+    last = events.loc[begun[-1] :] if len(begun) else events
+    return [str(text) for text in last["text"][last["kind"] == "indenter"]]

@@ -16,7 +16,21 @@ from numpy.typing import NDArray
 from ..errors import MissingLibrary, RunFailed
 
 FORMATS = ("png", "jxl")
+RATE_HELD_HZ = {"png": 45.0, "jxl": 120.0}
+"""Images of 1280 x 720 a second that a run holds on four fifths of two cores: encoded,
+hashed and written they take 35 and 12 ms of CPU time each on a busy machine, less on an idle one
+(`python -m benchmarks.recording`)."""
 JXL_EFFORT = 1  # higher ones gain a hundredth of the size and cost several times as long
+
+# Frames of 1280 x 720 a second that two idle cores encode, hash and write (28 and 8.2 ms of
+# processor time each, on a machine that has the devices to read as well).
+RATE_HELD_HZ = {"png": 50.0, "jxl": 150.0}
+_MEASURED_PX = 1280 * 720
+
+
+def rate_held_hz(suffix: str, image_px: int) -> float:
+    """Frames of so many pixels a second that can be kept without loss."""
+    return RATE_HELD_HZ[suffix] * _MEASURED_PX / image_px
 
 
 def image_format(meta: Mapping[str, Any]) -> str:

@@ -51,6 +51,8 @@ class RunWriter:
         """Presses that are complete and are not carried out again."""
         self.redone: dict[str, str] = {}
         """Presses found begun or damaged, and why they are carried out again."""
+        self.missed = 0
+        """Frames of finished steps that did not come, over all sessions."""
         self.session = 1
         self.image_format = image_format
         self.failed: Callable[[RunFailed], None] = lambda why: None
@@ -200,6 +202,7 @@ class RunWriter:
 
         missed: of its frames, that will not come.
         """
+        self.missed += missed
         x_mm, y_mm, z_mm = step.target_mm
         row: Row = {
             "seq": self._step_seq[step.id],
@@ -298,6 +301,8 @@ class RunWriter:
                 rows = self._db.execute(f"SELECT DISTINCT press FROM {table}").fetchall()
                 gone = [(press,) for (press,) in rows if press not in self.kept]
                 self._db.executemany(f"DELETE FROM {table} WHERE press = ?", gone)
+            query = "SELECT coalesce(sum(missed), 0) FROM steps"
+            self.missed = self._db.execute(query).fetchone()[0]
             kept_frames = self._db.execute("SELECT count(*) FROM frames").fetchone()[0]
             again = "; ".join(f"{press}: {text}" for press, text in self.redone.items())
             count = "SELECT count(*) FROM events WHERE kind = 'session'"

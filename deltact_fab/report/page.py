@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -82,6 +83,7 @@ def write(
         parts=parts,
         layer_costs=layer_costs,
         counts=_counts(frames),
+        notes=_notes(run),
     )
     return save(page, out)
 
@@ -113,6 +115,15 @@ def _fig(value: Any, digits: int = 4) -> str:
     if isinstance(value, int):
         return f"{value:,}".replace(",", "\u202f")  # a thin space that does not break
     return f"{value:.{digits}f}" if isinstance(value, float) else str(value)
+
+
+def _notes(run: record.Run) -> list[dict[str, str]]:
+    """What operators said, with the day and time (UTC)."""
+    table = run.notes()
+    return [
+        {"at": f"{datetime.fromtimestamp(wall_s, UTC):%Y-%m-%d %H:%M} UTC", "text": text}
+        for wall_s, text in zip(table["wall_s"], table["text"], strict=True)
+    ]
 
 
 def _counts(frames: pd.DataFrame) -> dict[str, Any]:

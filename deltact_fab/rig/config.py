@@ -11,9 +11,9 @@ from __future__ import annotations
 import hashlib
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from .. import catalog
 from ..errors import InputError, did_you_mean
@@ -22,11 +22,13 @@ from .force.config import ForceConfig, GuardConfig
 from .simulator import CameraConfig as SimulatedCamera
 from .simulator import SimulatorConfig
 from .strict import Acceleration, Feed, Force, Place, Strict, Tilt, Travel
-from .tool.config import ToolConfig, TouchConfig, named_tools
+from .tool.config import RegistrationFile, ToolConfig, TouchConfig, named_tools
 
 if TYPE_CHECKING:
     from ..optics import StageFrame
     from ..protocols.limits import StageBox
+
+Tools = Annotated[dict[str, ToolConfig], AfterValidator(named_tools)]
 
 
 class StageConfig(Strict):
@@ -41,6 +43,8 @@ class StageConfig(Strict):
     angle_deg: float = Field(default=0.0, ge=-360, le=360)
     tilt_deg: tuple[Tilt, Tilt] = (0.0, 0.0)
     """Of the face as it was registered, about the sensor's x, then about y."""
+    registration: str | None = Field(default=None, min_length=1, max_length=4096)
+    """File that `rig register` wrote, from this file's folder: it stands for the three above."""
     travel_mm: tuple[Travel, Travel, Travel]
     max_feed_mm_min: tuple[Feed, Feed, Feed]
     acceleration_mm_s2: tuple[Acceleration, Acceleration, Acceleration]
@@ -49,6 +53,8 @@ class StageConfig(Strict):
     """Axes whose motor turns the other way (GRBL's $3): 1 for x, 2 for y, 4 for z, added up."""
     homing_direction_mask: int = Field(default=0, ge=0, le=3)
     """Axes with their switch at the negative end (GRBL's $23): 1 for x, 2 for y."""
+    homing_s: float | None = Field(default=None, ge=1, le=1000)
+    """How long homing takes, for estimates; `rig home` says it. None: taken from travel_mm."""
     max_force_n: tuple[Force, Force, Force] | None = None
     """What the axes can push without losing steps, x, y, z; None: not declared."""
 
@@ -64,7 +70,18 @@ class StageConfig(Strict):
         """What the static checks need to know of this stage."""
         from ..protocols.limits import StageBox
 
-        return StageBox(self.frame, self.travel_mm, self.max_feed_mm_min, self.acceleration_mm_s2)
+        x, y, z = (
+            -travel if self.homing_direction_mask >> axis & 1 else 0.0
+            for axis, travel in enumerate(self.travel_mm)
+        )
+        return StageBox(
+            self.frame,
+            self.travel_mm,
+            self.max_feed_mm_min,
+            self.acceleration_mm_s2,
+            (x, y, z),
+            self.homing_s,
+        )
 
 
 class VirtualConfig(Strict):
@@ -76,7 +93,9 @@ class VirtualConfig(Strict):
     force: ForceConfig = ForceConfig()
     camera: CameraFile | None = None
     guard: GuardConfig | None = None
-    """Only `run --realtime` has one."""
+    """This and what follows count for `run --realtime` only."""
+    touch: TouchConfig = TouchConfig()
+    tools: Tools = Field(default_factory=dict)
     virtual: SimulatorConfig = SimulatorConfig()
 
     @model_validator(mode="after")
@@ -108,13 +127,8 @@ class GrblConfig(Strict):
     camera: CameraConfig | None = None
     guard: GuardConfig | None = None
     touch: TouchConfig | None = None
-    tools: dict[str, ToolConfig] = Field(default_factory=dict)
+    tools: Tools = Field(default_factory=dict)
     """By indenter, as `[tools."sphere:10"]`."""
-
-    @field_validator("tools")
-    @classmethod
-    def _tools(cls, value: dict[str, ToolConfig]) -> dict[str, ToolConfig]:
-        return named_tools(value)
 
     @model_validator(mode="after")
     def _port(self) -> Self:
@@ -151,7 +165,23 @@ def load(name: str) -> tuple[RigConfig, Path]:
         from ..optics import camera_from_dict
 
         camera_from_dict({**lens, "model": "fisheye"}, f"{path}: virtual.lens")
-    return catalog.validate(_KINDS[kind], data, str(path)), path
+    return _registered(catalog.validate(_KINDS[kind], data, str(path)), path), path
+
+
+def _registered(config: RigConfig, path: Path) -> RigConfig:
+    """With the face where it was registered. Raises InputError for a file that is none."""
+    if config.stage.registration is None:
+        return config
+    file = path.parent / config.stage.registration
+    if not file.is_file():
+        raise InputError(
+            f"{path}: stage.registration: {config.stage.registration!r}: no such file in "
+            f"{path.parent}; `deltact-fab rig register` writes one"
+        )
+    found = catalog.validate(RegistrationFile, catalog.read(file), str(file))
+    keys = ("origin_machine_mm", "angle_deg", "tilt_deg")
+    stage = config.stage.model_copy(update={key: getattr(found, key) for key in keys})
+    return config.model_copy(update={"stage": stage})
 
 
 def _table(data: dict[str, Any], name: str) -> dict[str, Any]:

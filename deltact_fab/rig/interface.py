@@ -115,6 +115,12 @@ class Stage(Protocol):
     def wait(self) -> StageState:
         """Wait until the last move is at its target. Raises StageError otherwise."""
 
+    def listen(self, seconds: float) -> None:
+        """Let that much time pass; an alarm or a restart is heard within 5 ms of it.
+
+        Raises StageError, the move stopped.
+        """
+
     def position_mm(self) -> tuple[float, float, float]:
         """Tip position in the sensor frame as the controller reports it now."""
 
@@ -150,7 +156,11 @@ class Camera(Protocol):
         """A new stream of frames (one press) starts: flush buffers; simulated noise re-seeds."""
 
     def capture(self) -> Frame:
-        """One frame exposed now, never one from a buffer. Raises SensorError."""
+        """The next frame after the last, and none from before `begin`. Raises SensorError.
+
+        A camera that runs by itself is asked over and over; what was lost in between is in
+        `Frame.dropped`. A simulated one exposes when it is asked.
+        """
 
     def end(self, frames: Mapping[str, float]) -> None:
         """The stream is over: ids under which frames were recorded, in order, and their times (s).

@@ -9,6 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field
 # Of any one parameter of a lens; `optics.Fisheye` has the limits of each.
 Whole = Annotated[int, Field(ge=-100_000, le=100_000)]
 Real = Annotated[float, Field(ge=-100_000, le=100_000)]
+Off = Annotated[float, Field(ge=-20, le=20)]  # mm
+Askew = Annotated[float, Field(ge=-5, le=5)]
 
 
 class _Strict(BaseModel):
@@ -73,6 +75,20 @@ class RealtimeConfig(_Strict):
     """At most; an image of 1280 x 720 px takes some 50 ms of a processor to draw."""
 
 
+class MountConfig(_Strict):
+    """How the bench truly stands beside what its rig file says, for a touch-off to find.
+
+    Only `run --realtime` has it: in lockstep the rig file is right.
+    """
+
+    offset_mm: tuple[Off, Off, Off] = (0.0, 0.0, 0.0)
+    """Of the face's middle from `[stage] origin_machine_mm`."""
+    tilt_deg: tuple[Askew, Askew] = (0.0, 0.0)
+    """Of the face, about the sensor's x, then about y."""
+    longer_mm: dict[str, Off] = Field(default_factory=dict)
+    """By indenter: how much longer than the one that the origin was measured with."""
+
+
 class SimulatorConfig(_Strict):
     """All that only a virtual rig has."""
 
@@ -83,3 +99,4 @@ class SimulatorConfig(_Strict):
     force: NoiseConfig = NoiseConfig()
     gel: GelConfig = GelConfig()
     realtime: RealtimeConfig = RealtimeConfig()
+    mount: MountConfig = MountConfig()

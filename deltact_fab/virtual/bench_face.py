@@ -27,6 +27,7 @@ from .clock import NS_PER_S
 from .controller import GrblController
 
 HARD_N_PER_MM = 400.0
+CLEAR_MM = 1.0  # an axis so high has no tip at the face, tilted by degrees as it may be
 FLAT_MM = 0.05  # what of an underside is within so much of its lowest point touches at once
 # Dimitriadis et al. (2002): an incompressible layer that is bonded, powers of sqrt(R d)/h.
 _BONDED = (1.0, 1.133, 1.283, 0.769, 0.0975)
@@ -86,8 +87,15 @@ class BenchFace:
         first, *others = self._controller.path_since(int(t_ns[0]) / NS_PER_S)
         if all(corner == first for corner in others):
             return np.repeat(self.wrench(first)[None], len(t_ns), axis=0)
+        if min(self._height_mm(corner) for corner in (first, *others)) > CLEAR_MM:
+            return np.zeros((len(t_ns), 6))
         at = [self._controller.position_mm(int(t) / NS_PER_S) for t in t_ns]
         return np.stack([self.wrench(carriage_mm) for carriage_mm in at])
+
+    def _height_mm(self, carriage_mm: Vec3) -> float:
+        """Of the indenter's axis above the face."""
+        x, y, z = carriage_mm
+        return self._frame.to_sensor_mm((x, y, z - self._longer_mm))[2]
 
     def wrench(self, carriage_mm: Vec3) -> NDArray[np.float64]:
         """Force (N) and torque (N mm), (6,), with the carriage there, machine mm."""

@@ -36,7 +36,7 @@ _RX_BYTES, _LINE_CHARS = 128, 79
 _ALARM_PAUSE_NS = NS_PER_S // 2
 
 State = Literal["Idle", "Run", "Jog", "Hold", "Home", "Alarm", "Sleep"]
-Fault = Literal["reboot", "silence", "limit", "door", "door closes", "hold"]
+Fault = Literal["reboot", "silence", "limit", "soft limit", "door", "door closes", "hold"]
 # What a line that cannot finish yet waits for: a free planner slot, an empty planner, a carriage at
 # rest, or a moment (ns).
 Wait = Literal["slot", "sync", "still"] | int
@@ -118,6 +118,10 @@ class GrblController:
         self._advance()
         return self._next_ns()
 
+    def now_ns(self) -> int:
+        """The time of its clock."""
+        return self._clock.now_ns()
+
     def hard_reset(self) -> None:
         """The reset pin (opening the port of an Arduino pulls it), or power off and on."""
         self._advance()
@@ -128,6 +132,7 @@ class GrblController:
         """Make something go wrong, now or at a later time of the clock.
 
         reboot: a brown-out. silence: the cable is pulled, motion goes on. limit: a hard limit.
+        soft limit: as if the line under way led out of the travel.
         door: the safety door opens, and stays so until it closes. hold: the button for it.
         """
         self._advance()
@@ -235,7 +240,7 @@ class GrblController:
             self._power_on()
         elif self._boot_ns is None and self._state != "Alarm":
             self._stop_dead()
-            self._alarm(1, self._lock)
+            self._alarm(1 if kind == "limit" else 2, self._lock)
 
     # ---- lines --------------------------------------------------------------------------------
 

@@ -55,23 +55,24 @@ class Link:
         self._trace = trace
         self._arriving: deque[_Chunk] = deque()
         self._free_ns = clock.now_ns()
-        self._out_until_ns: float = 0  # the cable is out until then
+        self._out_ns: tuple[float, float] = (0, 0)  # the cable is out from then till then
 
     @property
     def url(self) -> str:
         """What the host opens."""
         return f"{SCHEME}://{self.name}"
 
-    def unplug(self, for_s: float = math.inf) -> None:
+    def unplug(self, for_s: float = math.inf, at_s: float | None = None) -> None:
         """Pull the cable: the host's reads and writes fail, the controller's motion goes on.
 
-        What is said until it is back is lost.
+        What is said until it is back is lost. at_s: at a time of the clock that is to come.
         """
-        self._out_until_ns = self._clock.now_ns() + for_s * NS_PER_S
+        from_ns = self._clock.now_ns() if at_s is None else to_ns(at_s)
+        self._out_ns = (from_ns, from_ns + for_s * NS_PER_S)
 
     def plug(self) -> None:
         """Put the cable back."""
-        self.unplug(0)
+        self._out_ns = (0, 0)
         self.discard()
 
     def opened(self) -> None:
@@ -158,7 +159,7 @@ class Link:
     def _collect(self) -> None:
         """Put what the controller said on the wire, one byte after the other."""
         for t_ns, data in self.controller.take_output():
-            if t_ns >= self._out_until_ns:
+            if not self._out_ns[0] <= t_ns < self._out_ns[1]:
                 start = max(t_ns, self._free_ns)
                 self._arriving.append(_Chunk(start, data))
                 self._free_ns = start + self._duration_ns(len(data))
@@ -175,7 +176,7 @@ class Link:
         return n * _BITS_PER_BYTE * NS_PER_S // self._baud
 
     def _require_cable(self) -> None:
-        if self._clock.now_ns() < self._out_until_ns:
+        if self._out_ns[0] <= self._clock.now_ns() < self._out_ns[1]:
             raise serial.SerialException(f"{self.url}: device disconnected")
 
 

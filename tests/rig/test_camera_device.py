@@ -150,13 +150,14 @@ FAILS = [
     ({"V4L2_STALL": 5}, 5, "stalled, no image within 0.5 s; check its cable and power"),
     ({"V4L2_SAME": 5}, 6, "the same image over and over"),
     ({"V4L2_GONE": 5}, 5, "is gone: No such device; check its cable"),
+    ({"V4L2_DRIFT": 5, "exposure": 100}, 99, "exposure: locked at 100, and is 300 now"),
     ({"V4L2_SHORT": 5}, 5, "stalled"),  # nothing that can be decoded
 ]
 
 
 def test_a_device_that_fails_is_told(look: Any) -> None:
     """Up to n images come before; those that wait when it is unplugged are gone with it."""
-    seen = look(*({"n": 50, **case} for case, _, _ in FAILS))
+    seen = look(*({"n": 200, **case} for case, _, _ in FAILS))
     for (_, n, says), one in zip(FAILS, seen, strict=True):
         kind, text = one["error"]
         assert kind == "SensorError"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import http.server
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from deltact_fab.rig.camera.config import CameraConfig
 from deltact_fab.rig.camera.find import cameras
 from deltact_fab.rig.camera.model import flat_field, tracked_view, view_notes
 from deltact_fab.rig.camera.open import open_camera
+from deltact_fab.rig.camera.photograph import photograph
 from deltact_fab.rig.camera.probe import probe
 from deltact_fab.rig.clock import WallClock
 from deltact_fab.rig.interface import Camera
@@ -208,6 +210,31 @@ def test_what_is_wrong_with_a_camera_is_said_and_how_to_put_it_right(folder: Pat
     assert "the same image over and over" in lines("bytes(len(k))")[False]
     absent = probe(CameraConfig(source=63, model="none.toml"), folder)
     assert [f.passed for f in absent] == [False, False]
+
+
+def test_photographs_are_exposed_when_they_are_asked_for(folder: Path) -> None:
+    code = (
+        "import os, sys, time\n"
+        "for k in range(2000):\n"
+        f"    sys.stdout.buffer.write(bytes([k % 256]) + os.urandom({W * H * 3 - 1}))\n"
+        "    sys.stdout.flush(); time.sleep(0.02)\n"
+    )
+    command = (sys.executable, "-c", code)
+    config = CameraConfig(command=command, width_px=W, height_px=H)
+    asked = []
+
+    def ask(number: int) -> None:
+        asked.append(number)
+        time.sleep(0.2)
+
+    out = folder / "photos"
+    files = photograph(config, folder, out, 2, ask)
+    assert asked == [1, 2]
+    assert files == [out / "contact" / "1.png", out / "contact" / "2.png"]
+    first, second = (cv2.imread(str(file))[0, 0, 0] for file in files)
+    assert int(second) - int(first) >= 3
+    with pytest.raises(InputError, match="is there already"):
+        photograph(config, folder, out, 1)
 
 
 def test_cameras_are_found_by_their_nodes(tmp_path: Path) -> None:

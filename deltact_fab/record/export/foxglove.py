@@ -33,7 +33,9 @@ ATTACHED = {
     "notes.jsonl": "application/jsonl",
     "camera.flat.png": "image/png",
 }
-LEVELS = {"fault": 4, "stop": 3, "gap": 3}  # of foxglove.Log: 2 info, 3 warning, 4 error
+# Of foxglove.Log: 2 info, 4 error; what is neither is a trouble that a run went on with, 3.
+USUAL = ("session", "begin", "homed", "indenter", "begun", "complete", "note")
+LEVELS = {**dict.fromkeys(USUAL, 2), "fault": 4, "stop": 4}
 ABOUT = {
     "time": "log_time: ns since 1970 UTC; the rig's clock, moved by one offset a session to the "
     "day's time at its first event, and never back behind the session before",
@@ -245,7 +247,7 @@ def _events(run: Run, line: TimeLine) -> Iterator[Message]:
     for row in events(run, line).to_dict("records"):
         text = {
             "timestamp": "STAMP",
-            "level": LEVELS.get(row["kind"], 2),
+            "level": LEVELS.get(row["kind"], 3),
             "message": str(row["text"]) or str(row["kind"]),
             "name": str(row["kind"]),
             "file": row["step_id"] if isinstance(row["step_id"], str) else "",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from errno import EACCES
 from typing import Any
 
 import cv2
@@ -12,10 +13,12 @@ from numpy.typing import NDArray
 from ...errors import InputError, SensorError
 from ..interface import Clock, Image
 from .config import CameraConfig
-from .locks import locked
+from .locks import changed, held, locked
 from .stream import Arrived
 from .v4l2 import Device, Filled
 
+LOOK_S = 1.0
+"""So often it is asked whether it still has what was locked."""
 Bytes = NDArray[np.uint8]
 
 
@@ -64,8 +67,9 @@ class DeviceFeed:
         try:
             self._device = Device(self.name)
         except OSError as why:
+            hint = "; who uses it belongs to the group 'video'" if why.errno == EACCES else ""
             raise InputError(
-                f"camera.source: {self.name}: no camera that can be opened: {why.strerror}"
+                f"camera.source: {self.name}: no camera that can be opened: {why.strerror}{hint}"
             ) from why
         try:
             self._set_up(config)
@@ -102,20 +106,24 @@ class DeviceFeed:
             )
         self.rate_hz = device.rate(config.rate_hz)
         if config.rate_hz is not None and not _near(self.rate_hz, config.rate_hz):
-            keeps = "no rate" if self.rate_hz is None else f"{self.rate_hz:g}"
+            keeps = "its own, remove the key" if self.rate_hz is None else f"{self.rate_hz:g}"
             raise InputError(
                 f"camera.rate_hz: asked {config.rate_hz:g}, the camera keeps {keeps} at this size "
                 f"in {fourcc}; MJPG is often faster than YUYV"
             )
-        self._controls = {
-            "fourcc": fourcc, "rate_hz": self.rate_hz, **locked(device, config)
-        }  # fmt: skip
+        found = locked(device, config)
+        self._locks, self._look_s = held(config, found), self._clock.now_s() + LOOK_S
+        self._controls = {"fourcc": fourcc, "rate_hz": self.rate_hz, **found}
         self._decode, self._size_px = CODINGS[fourcc], size_px
         device.start()
 
     def next(self, timeout_s: float) -> Arrived | None:
         """As Feed. A damaged image is left out; the numbers tell that it is missing."""
         try:
+            if self._locks and self._clock.now_s() >= self._look_s:
+                self._look_s = self._clock.now_s() + LOOK_S
+                if lines := changed(self._device, self._locks):
+                    raise SensorError(f"camera {self.name}: {lines}")
             with self._device.filled(timeout_s) as buffer:
                 return None if buffer is None or buffer.damaged else self._arrived(buffer)
         except OSError as why:

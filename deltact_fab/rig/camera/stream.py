@@ -152,6 +152,7 @@ class StreamCamera:
         self._closing.set()
         with self._has_come:
             self._over = self._over or SensorError(f"camera {self.name}: was closed")
+            self._waiting.clear()
             self._has_come.notify_all()
         self._thread.join()
         self._feed.close()
@@ -174,7 +175,7 @@ class StreamCamera:
         self._judge(arrived)
         before = self._last
         lost, same = self._lost(before, arrived)
-        same = same or (before is not None and np.array_equal(before.image, arrived.image))
+        same = same or (before is not None and _equal(before.image, arrived.image))
         with self._has_come:
             self._last = arrived
             t_s = arrived.t_s - self._latency_s
@@ -249,3 +250,8 @@ class StreamCamera:
             f"camera {self.name}: stalled, no image within {waited_s:.1f} s; check "
             f"{self._feed.check}"
         )
+
+
+def _equal(a: Image, b: Image) -> bool:
+    """Byte by byte; a few rows tell most images apart, and the whole takes 2 ms."""
+    return np.array_equal(a[::64], b[::64]) and np.array_equal(a, b)

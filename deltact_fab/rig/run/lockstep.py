@@ -11,19 +11,20 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 
 from ...errors import DeltactFabError, SensorError
+from ...protocols.pace import ARRIVAL_S
 from ...protocols.plan import Step
 from .schedule import LOOK_NS, Schedule, in_step
 from .streams import Wanted, to_ns
 
-# A frame at the end of a move is taken this long after the planned end, not when the host happens
-# to hear of it: status reports differ in length with what was asked before, by milliseconds.
-ARRIVAL_S = 0.1
+GUARD_NS = 5_000_000  # between two looks of the guard
+SAMPLE_NS = 1_000_000  # a reading waits for the next sample
 
 
 class Lockstep(Schedule):
     """Same seed, same bytes: each stream is stepped at a time that the plan gives."""
 
     _felt = False  # the force sensor streams
+    _step: Step  # that was entered last
 
     def open(self) -> None:
         """Nothing streams outside of a press."""
@@ -118,9 +119,14 @@ class Lockstep(Schedule):
         self._sleep_until(t_ns)
 
     def _sleep_until(self, t_ns: int) -> None:
-        left_ns = t_ns - self.now_ns()
-        if left_ns > 0:
-            self._d.clock.sleep_s(left_ns / 1e9)
+        """Hear the stage meanwhile; where there is a guard, it sees the force every GUARD_NS."""
+        while (left_ns := t_ns - self.now_ns()) > 0:
+            guarded = self._d.guard is not None and self._felt and self.in_press
+            if not guarded or left_ns <= GUARD_NS:
+                self._d.stage.listen(left_ns / 1e9)
+                return
+            self._d.stage.listen((GUARD_NS - SAMPLE_NS) / 1e9)
+            self._feel(self._step)
 
     def _feel(self, step: Step) -> None:
         """What the force sensor has sent. Raises SensorError beyond limits."""

@@ -19,7 +19,7 @@ from .interrupt import interruptible
 from .live import Live, Remaining
 from .lockstep import Lockstep
 from .motion import Motion
-from .schedule import DROPPED, LATE, MISSED, UNWRITTEN, Schedule
+from .schedule import DROPPED, LATE, MISSED, TAKEN, UNWRITTEN, Schedule
 from .wallclock import WallClock
 
 Progress = Callable[[int, int, str], None]
@@ -73,7 +73,11 @@ class Runner:
                 for name in self._streams.close():
                     with suppress(DeltactFabError):
                         self._streams.event("fault", f"{name}: did not end; it is left behind")
-        return self._streams.counts["taken"]
+        return self._streams.counts[TAKEN]
+
+    def counts(self) -> dict[str, int]:
+        """Frames that were late, missed, unwritten, dropped or repeated; what is not there is 0."""
+        return {kind: n for kind, n in sorted(self._streams.counts.items()) if kind != TAKEN and n}
 
     def _set_up(self, moves: bool) -> None:
         """Connect, arm the guard, home. An error leaves the stage where it stopped."""
@@ -129,7 +133,7 @@ class Runner:
 
     def _tell(self, step: Step) -> None:
         counts = self._streams.counts
-        done = self._kept + counts["taken"] + counts[MISSED] + counts[UNWRITTEN]
+        done = self._kept + counts[TAKEN] + counts[MISSED] + counts[UNWRITTEN]
         self._progress(done, self._total, step.id)
         if self._live is not None and self._remaining is not None:
             lost = counts[MISSED] + counts[UNWRITTEN] + counts[DROPPED]

@@ -8,13 +8,14 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 
 from ...errors import DeltactFabError
+from ...protocols.pace import LOOK_S
 from ...protocols.plan import Step
 from ...record import Chunk, RunWriter
 from ..interface import Devices, Frame
-from .streams import ForceStream, FrameStream, PoseStream, Wanted, now_ns
+from .streams import ForceStream, FrameStream, PoseStream, Wanted, now_ns, to_ns
 
-# The firmware's documents ask for at most 10 status reports a second.
-LOOK_NS = 100_000_000
+LOOK_NS = to_ns(LOOK_S)
+TAKEN = "taken"
 # What became of frames, as the record's events name it.
 LATE, MISSED, UNWRITTEN = "frames late", "frames missed", "frames unwritten"
 DROPPED, REPEATED = "frames dropped", "frames repeated"
@@ -36,7 +37,7 @@ class Schedule(ABC):
         self._of_step: Counter[str] = Counter()  # what became of frames
         self._unwritten: list[str] = []
         self.counts: Counter[str] = Counter()
-        """The same over the run, and `taken`: frames that were kept."""
+        """The same over the run, and TAKEN: frames that were kept."""
         self.pose = PoseStream(devices.stage, devices.clock)
         self.frames = FrameStream(devices.camera, devices.clock, self._keep)
         self.force: ForceStream | None = None
@@ -178,7 +179,7 @@ class Schedule(ABC):
             self._unwritten.append(f"{wanted.k}")
             return
         self._kept[frame_id] = t_ns / 1e9
-        self.counts["taken"] += 1
+        self.counts[TAKEN] += 1
         self._of_step[LATE] += wanted.late(t_ns)
 
     def _account(self, step: Step) -> int:

@@ -24,9 +24,10 @@ from .streams import Wanted
 
 ANSWER_S = 10.0  # a camera that is opened anew, a tare
 FRAME_S = 10.0  # from the moment that a frame is wanted; a stalled camera says so before
-FELT_S = 0.2  # for the force sample after a frame: a silent sensor says so before
+FELT_S = 2.0  # for the force sample after a frame: a silent sensor says so before
 PAUSE_S = 0.005  # between two looks at what other threads have done
 END_S = 5.0
+HEAR_S = 0.02  # the stage is heard meanwhile; another thread that fails has stopped it itself
 
 
 class WallClock(Schedule):
@@ -173,7 +174,7 @@ class WallClock(Schedule):
                 if self._step is not None:
                     self._tell(self._step)
                 continue
-            self._alarm.wait((min(t_ns, due_ns) - now_ns) / 1e9)
+            self._d.stage.listen(min((min(t_ns, due_ns) - now_ns) / 1e9, HEAR_S))
 
     def check(self) -> None:
         """Raise the first failure of another thread, in words of the step under way."""

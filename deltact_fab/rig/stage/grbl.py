@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from ..config import StageConfig
 
 JOG_ANSWER_S = 0.5  # it comes within .1 s, and without it the carriage may be on its way
+HEAR_S = 0.005  # between two looks at what was said without being asked for
 POLL_S = 0.1  # while a move is under way; the firmware's documents ask for at most 10 a second
 
 
@@ -56,7 +57,7 @@ class GrblStage:
         needs: Needs | None = None,
     ) -> None:
         self._url = url
-        self._clock = clock
+        self.clock = clock
         self._frame = frame
         self._needs = needs or Needs()
         self._c = Controller(url, clock, baud)
@@ -185,7 +186,7 @@ class GrblStage:
         while True:
             left_s = move.planned_s - move.since_s(self._c.port.now_ns())
             if left_s > 0 or idle_short:
-                self._clock.sleep_s(min(POLL_S, max(left_s + 0.002, POLL_END_S)))
+                self.listen(min(POLL_S, max(left_s + 0.002, POLL_END_S)))
             with self._c.exchange():
                 state = self.poll()
                 if state.state == "Idle":
@@ -212,7 +213,23 @@ class GrblStage:
                         f"{move.planned_s:.1f} s"
                     )
             if left_s <= 0 and not idle_short:
-                self._clock.sleep_s(POLL_END_S)
+                self.listen(POLL_END_S)
+
+    def listen(self, seconds: float) -> None:
+        """Let that much time pass, and hear what the controller says meanwhile.
+
+        So an alarm or a restart stops the move when it is told, not at the next question. Raises
+        StageError.
+        """
+        deadline = self._c.port.deadline_ns(seconds)
+        while True:
+            if self._c.port.is_open:
+                with self._c.exchange():
+                    self._c.talk.overhear()
+            left_ns = deadline - self._c.port.now_ns()
+            if left_ns <= 0:
+                return
+            self.clock.sleep_s(min(left_ns / 1e9, HEAR_S))
 
     def position_mm(self) -> Vec3:
         """Tip position in the sensor frame (mm) as the controller reports it now."""
@@ -271,7 +288,7 @@ class GrblStage:
         return {
             "kind": "grbl",
             "port": self._url,
-            "banner": self._c.banner,
+            "banner": self.banner,
             "info": list(self._info),
             "settings": {f"${n}": v for n, v in sorted(self._c.limits.settings.items())},
             "origin_machine_mm": list(self._frame.origin_machine_mm),
@@ -284,6 +301,11 @@ class GrblStage:
         """Close the port; a move under way is told to stop, for nobody will watch it."""
         self._c.halt()
         self._c.port.close()
+
+    @property
+    def banner(self) -> str:
+        """The controller's greeting; "" for one that was not restarted."""
+        return self._c.banner
 
     @property
     def frame(self) -> StageFrame:
@@ -306,14 +328,10 @@ class GrblStage:
         the face whatever the count. False, with nothing moved, where it is locked. Raises
         StageError.
         """
-        with self._c.exchange():
-            if not self._c.port.is_open or self._unfit or self._c.trouble:
-                return False
-            state = self._c.status()
-            if state.state != "Idle":
-                return False
-            x, y, z = self._c.at_mm = state.machine_mm
-        was, self._c.homed = self._c.homed, True
+        was = self._c.homed
+        if not self.trust_count():
+            return False
+        x, y, z = self._c.at_mm
         try:
             self.start_move(self._frame.to_sensor_mm((x, y, min(z + height_mm, 0.0))), feed_mm_min)
             self.wait()
@@ -322,6 +340,26 @@ class GrblStage:
         return True
 
     # ---- beyond the interface -----------------------------------------------------------------
+
+    def trust_count(self) -> bool:
+        """Go by the steps that the controller has counted since it was homed, by whomever.
+
+        Nothing moves. False where it is locked: it restarted, or had an alarm. Who unlocked it
+        with `$X` made that count worthless, which nothing tells. Raises StageError.
+        """
+        with self._c.exchange():
+            if not self._c.port.is_open or self._unfit or self._c.trouble:
+                return False
+            state = self._c.status()
+            if state.state != "Idle":
+                return False
+            self._c.at_mm, self._c.homed = state.machine_mm, True
+        return True
+
+    def look(self) -> StageState:
+        """What the controller says, locked or not. Raises StageError when it says nothing."""
+        with self._c.exchange():
+            return self._c.status()
 
     def poll(self) -> StageState:
         """Ask the controller once. Raises StageError for an alarm, a restart or silence.
@@ -353,10 +391,12 @@ class GrblStage:
     def reset(self) -> None:
         """Reset the controller (0x18) and wait for its banner. The position is lost; `home` next.
 
-        Raises StageError when no banner comes.
+        Opens the port if need be. Raises StageError when no banner comes.
         """
         self._driver = threading.current_thread()
         with self._c.exchange():
+            if not self._c.port.is_open:
+                self._c.port.open()
             self._c.lose("the controller was reset: home again")
             self._c.homing, self._c.move = False, None
             self._c.greet()

@@ -94,6 +94,14 @@ class Port:
             elif self.now_ns() >= deadline_ns:
                 return None
 
+    def heard(self) -> list[str]:
+        """The lines that have come and were not read, without any wait. Raises LinkLost."""
+        if not self.waiting:
+            return []
+        came = self._io(lambda: self._port.read(self._port.in_waiting))
+        *whole, self._partial = (self._partial + came).split(b"\n")
+        return [text for raw in whole if (text := raw.decode("ascii", "replace").strip())]
+
     @property
     def waiting(self) -> bool:
         """Whether something came that was not read. Raises LinkLost."""

@@ -120,6 +120,11 @@ class Talk:
                     )
         raise Fault(f"no answer to '?' within {2 * STATUS_S:g} s{stopped}", lost=True)
 
+    def overhear(self) -> None:
+        """What has come in whole lines, without any wait."""
+        for text in self._port.heard():
+            _watch(text)
+
     def drain(self) -> None:
         """Hear what has come since the last exchange, so that it is not taken for an answer."""
         while self._port.waiting:

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from ...errors import InputError
-from ..strict import Strict
+from ..strict import Place, Strict, Tilt
 
 Millimetres = Annotated[float, Field(ge=-100, le=100)]
 
@@ -53,6 +53,28 @@ class TouchConfig(Strict):
                 "approach begins above all heights at which the face may be"
             )
         return self
+
+
+class RegisteredTouch(Strict):
+    """One touch of a registration."""
+
+    at_mm: tuple[Millimetres, Millimetres]
+    machine_mm: tuple[Place, Place, Place]
+    spread_mm: float = Field(ge=0, le=10)
+
+
+class RegistrationFile(Strict):
+    """What `rig register` wrote: where the face lies, and how that was found."""
+
+    date: str = Field(max_length=64)
+    rig: str = Field(max_length=4096)
+    indenter: str = Field(max_length=64)
+    by: str = Field(max_length=64)
+    origin_machine_mm: tuple[Place, Place, Place]
+    angle_deg: float = Field(ge=-360, le=360)
+    tilt_deg: tuple[Tilt, Tilt]
+    residual_mm: float = Field(ge=0, le=10)
+    touches: tuple[RegisteredTouch, ...] = Field(min_length=3, max_length=1000)
 
 
 def named_tools(tools: dict[str, ToolConfig]) -> dict[str, ToolConfig]:

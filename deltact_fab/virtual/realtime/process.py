@@ -15,18 +15,19 @@ import tempfile
 import threading
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from ...elasticity import GelMaterial
 from ...errors import DeltactFabError
-from ...optics import Rectified
+from ...optics import Rectified, StageFrame
 from ...rig.config import VirtualConfig
 from ...rig.interface import Job
 from ..below import Below
+from ..bench_face import BenchFace
 from ..gel_notes import gel_left_out, gel_notes
 from ..netft_server import NetFTServer
-from ..presses import path_of
 from ..pty import Terminal
 from ..rig import VirtualKind
 from ..scene import Observation
@@ -34,6 +35,7 @@ from .camera import LiveCamera
 from .clock import LiveClock
 from .scene import LiveScene
 
+NEAR_MM = 0.3  # as far as a touch-off may be off and the press still be the planned one
 SWITCH_S = 0.0005  # a thread that draws lets the others have their turn sooner
 
 
@@ -69,6 +71,9 @@ class Bench:
         self._below = below = Below(config, job, self.clock, LiveScene)
         assert isinstance(below.scene, LiveScene)
         self.scene = below.scene
+        self.scene.near_mm = NEAR_MM
+        self._face, self._true = self._bench_face()
+        self.scene.felt = self._face.wrench
         self.camera: LiveCamera | None = None
         folder = Path(open_.enter_context(tempfile.TemporaryDirectory(prefix="deltact-fab-")))
         size_px = None
@@ -100,16 +105,31 @@ class Bench:
         """One request of the host. Raises DeltactFabError."""
         return getattr(self, f"_do_{what}")(**told)
 
+    def _bench_face(self) -> tuple[BenchFace, StageFrame]:
+        """What is felt where no press has begun, and where the face truly is."""
+        mount, frame = self._config.virtual.mount, self._config.stage.frame
+        x, y, z = (a + b for a, b in zip(frame.origin_machine_mm, mount.offset_mm, strict=True))
+        true = replace(frame, origin_machine_mm=(x, y, z), tilt_deg=mount.tilt_deg)
+        specimen = self._job.protocol.specimen
+        material = GelMaterial(specimen.modulus_mpa, specimen.poisson)
+        return BenchFace(self._below.controller, true, self._job.sensor.skin, material), true
+
     def _do_mount(self, indenter: str) -> None:
+        longer_mm = self._config.virtual.mount.longer_mm.get(indenter, 0.0)
+        x, y, z = self._true.origin_machine_mm
         with self._lock:
             self.clock.catch_up()
             self.scene.mount(indenter)
+            self.scene.set_frame(replace(self._true, origin_machine_mm=(x, y, z + longer_mm)))
+            self._face.mount(indenter, longer_mm)
 
     def _do_begin(self, press: str) -> None:
+        """A press by its name; any other stream of a camera is none of the gel's affair."""
         presses = self._below.presses
-        if not presses.observed:
+        path = next((path for path in presses.paths if path.press == press), None)
+        if path is None or not presses.observed:
             return
-        found = presses.of(path_of(presses, press))  # read from the disk while the others go on
+        found = presses.of(path)  # read from the disk while the others go on
         with self._lock:
             self.clock.catch_up()
             self.scene.observe()
@@ -200,4 +220,3 @@ def main() -> None:
         pass
     finally:
         os._exit(0)  # threads that wait for a reader have nothing to finish
-

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from ...rig.bench import GrblRig
@@ -60,7 +61,9 @@ class RealtimeRig:
             self._hands = Hands(order)
             self._open.callback(self._hands.close)
             config = bench_config(order.config, self._hands.ports)
-            self._bench = GrblRig(config, order.source, order.job, silent_s=PATIENT_S)
+            # The process mounts what it is told to: nobody has to confirm that.
+            job = replace(order.job, unattended=True)
+            self._bench = GrblRig(config, order.source, job, silent_s=PATIENT_S)
             self._open.callback(self._bench.close)
         except BaseException:
             self._open.close()
@@ -119,7 +122,8 @@ class RealtimeRig:
         if about["guessed"]:
             lines.append(
                 "realtime: off the planned ways, as on the way out of the gel, force and surface "
-                "are scaled from the last solved state and not solved"
+                "are scaled from the last solved state and not solved; on them what a touch-off is "
+                "off by, some hundredths of a millimetre, is not seen or felt"
             )
         return lines
 
@@ -152,6 +156,8 @@ def bench_config(config: VirtualConfig, ports: Ports) -> GrblConfig:
         force=config.force.model_copy(update={"netft": netft}),
         camera=camera,
         guard=config.guard,
+        touch=config.touch,
+        tools=config.tools,
     )
 
 

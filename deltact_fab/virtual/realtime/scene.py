@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from ..motion import Segment
 from ..scene import GelScene, Knot, Observation, Way
 
 HERTZ = 1.5  # force goes with this power of the depth
-OFF_PLAN, BARE = -1, -2  # keys of knots that no one solved; on the way to a bare one no one guessed
+OFF_PLAN, BARE = -1, -2  # keys of knots that no one solved; of a bare face nothing is drawn
 OFF_LINE_MM = 1e-3
 Wrench = Callable[[Point], NDArray[np.float64]]
 
@@ -103,7 +104,7 @@ class LiveScene(GelScene):
             if tip[2] >= 0:
                 line.knots.append(self._rest)
             elif self._bare:
-                line.knots.append(self._guess(self._rest, self._rest, 0.0, BARE))
+                line.knots.append(replace(self._rest, key=BARE))
             elif self._is_next(before, tip):
                 assert self._press is not None
                 line.knots.append(self._knot(self._press.solver.next(before.key, tip, 0.0)))
@@ -123,7 +124,7 @@ class LiveScene(GelScene):
         deeper = (tip[2] / at[2]) ** HERTZ if at[2] < 0 else 0.0
         return self._guess(self._rest, before, deeper)
 
-    def _guess(self, a: Knot, b: Knot, part: float, key: int = OFF_PLAN) -> Knot:
+    def _guess(self, a: Knot, b: Knot, part: float) -> Knot:
         """A knot that is `part` of the way from one to another."""
         wrench = [p + part * (q - p) for p, q in zip(a.wrench, b.wrench, strict=True)]
         fields = (
@@ -132,7 +133,7 @@ class LiveScene(GelScene):
         )
         field, traction = fields
         x, y, z, u, v, w = wrench
-        knot = Knot(len(self.knots), key, field, (x, y, z), (u, v, w), traction)
+        knot = Knot(len(self.knots), OFF_PLAN, field, (x, y, z), (u, v, w), traction)
         self.knots.append(knot)
         self.guessed += 1
         return knot

@@ -1,0 +1,281 @@
+"""`deltact-fab rig probe|status|home|jog|goto|reset`: a real rig's stage, one command at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from ..rig.config import GrblConfig
+    from ..rig.stage.grbl import GrblStage
+
+JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+FEED = click.option("--feed", default=300.0, show_default=True, help="mm/min.")
+INTO_GEL = click.option("--into-gel", is_flag=True, help="Below the clearance height: slowly.")
+CLEARANCE = click.option(
+    "--clearance", default=5.0, show_default=True, help="Height over the face (mm) that is safe."
+)
+NUMBERS = {"ignore_unknown_options": True}  # -1.5 is no option
+
+
+@click.command()
+@click.argument("rig")
+@JSON
+def probe(rig: str, as_json: bool) -> None:
+    """Connect to RIG's stage and judge its settings. Nothing moves.
+
+    What somebody else left moving is brought to rest. An Arduino restarts when its port is opened
+    and loses its position.
+    """
+    from ..errors import StageError
+    from .output import echo_json
+
+    config, stage = _stage(rig)
+    refused = ""
+    with _closing(stage):
+        try:
+            stage.connect()
+        except StageError as why:
+            if not stage.judged:
+                raise
+            refused = str(why)
+        state = _state(stage, config)
+        identity = stage.identity()
+    if as_json:
+        rows = [row.as_dict() for row in stage.judged]
+        echo_json({"ok": not refused, "settings": rows, "state": state, "stage": identity})
+    else:
+        click.echo(f"{identity['port']}: {identity['banner'] or 'no banner: it did not restart'}")
+        for line in (*identity["info"], *(row.line() for row in stage.judged)):
+            click.echo(f"  {line}")
+        _echo_state(state)
+    if refused:
+        raise StageError(refused)
+
+
+@click.command()
+@click.argument("rig")
+@JSON
+def status(rig: str, as_json: bool) -> None:
+    """What RIG's stage is doing and where it is. Nothing moves."""
+    from .output import echo_json
+
+    config, stage = _stage(rig)
+    with _connected(stage):
+        state = _state(stage, config)
+    if as_json:
+        echo_json(state)
+    else:
+        _echo_state(state)
+
+
+@click.command()
+@click.argument("rig")
+@click.option("--yes", is_flag=True, help="Ask nothing.")
+@click.option("--tip-is-clear", is_flag=True, help="Your word that the tip is not in the gel.")
+@JSON
+def home(rig: str, yes: bool, tip_is_clear: bool, as_json: bool) -> None:
+    """Home RIG's stage, which moves every axis to its end.
+
+    Where the position is known the tip is lifted first; where it is lost the force sensor, you or
+    --tip-is-clear must say that the tip is not in the gel.
+    """
+    import time
+
+    from ..errors import RunFailed
+    from ..rig.bench import reachable
+    from ..rig.force.open import open_force
+    from ..rig.stage.by_hand import stopped_by_ctrl_c
+    from ..rig.tool.home import home_safely
+    from ..rig.tool.operator import Terminal
+    from .output import echo_json
+
+    config, stage = _stage(rig)
+    if not (
+        yes or click.confirm("homing moves every axis to its end; is the way clear?", err=True)
+    ):
+        raise RunFailed("not homed")
+    with _connected(stage):
+        clock = stage.clock
+        force = open_force(config.force, clock) if config.force and reachable(config) else None
+        try:
+            start_s = time.monotonic()
+            with stopped_by_ctrl_c(stage):
+                how = home_safely(
+                    stage, clock, force, None if yes else Terminal(), tip_is_clear=tip_is_clear
+                )
+        finally:
+            if force is not None:
+                force.close()
+        seconds = time.monotonic() - start_s
+        state = _state(stage, config)
+    if as_json:
+        echo_json({"how": how, "seconds": seconds, "state": state})
+        return
+    click.echo(f"{how}; homed in {seconds:.1f} s")
+    _echo_state(state)
+
+
+@click.command(context_settings=NUMBERS)
+@click.argument("rig")
+@click.argument("by_mm", type=float, nargs=3, metavar="DX DY DZ")
+@FEED
+@click.option("--most", default=10.0, show_default=True, help="Longest way that is allowed (mm).")
+@CLEARANCE
+@INTO_GEL
+@JSON
+def jog(
+    rig: str,
+    by_mm: tuple[float, float, float],
+    feed: float,
+    most: float,
+    clearance: float,
+    into_gel: bool,
+    as_json: bool,
+) -> None:
+    """Move RIG's tip by DX DY DZ mm in the sensor frame; z is up, out of the gel.
+
+    Goes by the position that the controller has counted since it was homed. Ctrl-C stops it.
+    """
+    from ..rig.stage import by_hand
+
+    config, stage = _stage(rig)
+    with _connected(stage):
+        _count(stage)
+        with by_hand.stopped_by_ctrl_c(stage):
+            by_hand.jog(stage, by_mm, feed, most_mm=most, clearance_mm=clearance, into_gel=into_gel)
+        _done(stage, config, as_json)
+
+
+@click.command(context_settings=NUMBERS)
+@click.argument("rig")
+@click.argument("target_mm", type=float, nargs=3, metavar="X Y Z")
+@FEED
+@CLEARANCE
+@INTO_GEL
+@click.option(
+    "--as-counted", is_flag=True, help="Homed before, and nobody has unlocked it by $X since."
+)
+@click.option("--home", "home_first", is_flag=True, help="Home first; the tip is not in the gel.")
+@JSON
+def goto(
+    rig: str,
+    target_mm: tuple[float, float, float],
+    feed: float,
+    clearance: float,
+    into_gel: bool,
+    as_counted: bool,
+    home_first: bool,
+    as_json: bool,
+) -> None:
+    """Move RIG's tip to X Y Z mm in the sensor frame: up, sideways, down.
+
+    z = 0 is the resting face. Give --home or --as-counted, for a place is only as good as the
+    position. Ctrl-C stops it.
+    """
+    from ..errors import InputError
+    from ..rig.stage import by_hand
+    from ..rig.tool.home import home_safely
+
+    config, stage = _stage(rig)
+    if home_first == as_counted:
+        raise InputError("give either --home or --as-counted: a place needs a known position")
+    with _connected(stage):
+        with by_hand.stopped_by_ctrl_c(stage):
+            if home_first:
+                home_safely(stage, stage.clock, None, None, tip_is_clear=True)
+            else:
+                _count(stage)
+            by_hand.goto(stage, target_mm, feed, clearance_mm=clearance, into_gel=into_gel)
+        _done(stage, config, as_json)
+
+
+@click.command()
+@click.argument("rig")
+@JSON
+def reset(rig: str, as_json: bool) -> None:
+    """Reset RIG's controller (0x18): for one that is deaf after an alarm, or asleep.
+
+    What moves stops at once; the position is lost.
+    """
+    from .output import echo_json
+
+    _, stage = _stage(rig)
+    with _closing(stage):
+        stage.reset()
+        banner = stage.banner
+    if as_json:
+        echo_json({"banner": banner})
+    else:
+        click.echo(f"{banner}; its position is lost: home next")
+
+
+COMMANDS = (probe, status, home, jog, goto, reset)
+
+
+def _stage(name: str) -> tuple[GrblConfig, GrblStage]:
+    """The stage of a rig file, its port not yet open. Raises InputError for a virtual one."""
+    from ..errors import InputError
+    from ..rig import config
+    from ..rig.clock import WallClock
+    from ..rig.stage.grbl import GrblStage
+
+    found, path = config.load(name)
+    if not isinstance(found, config.GrblConfig):
+        raise InputError(f"{path}: kind: a {found.kind!r} rig has no stage to drive; 'grbl' has")
+    return found, GrblStage.of(found.stage, WallClock())
+
+
+@contextmanager
+def _closing(stage: GrblStage) -> Iterator[None]:
+    try:
+        yield
+    finally:
+        stage.close()
+
+
+@contextmanager
+def _connected(stage: GrblStage) -> Iterator[None]:
+    with _closing(stage):
+        stage.connect()
+        yield
+
+
+def _count(stage: GrblStage) -> None:
+    from ..errors import StageError
+
+    if not stage.trust_count():
+        raise StageError("the controller is locked, its position is lost: `rig home` first")
+
+
+def _state(stage: GrblStage, config: GrblConfig) -> dict[str, Any]:
+    """State and position, as the controller says them; sensor_mm: None where it is locked."""
+    seen = stage.look()
+    known = seen.state.partition(":")[0] not in ("Alarm", "Sleep")
+    return {
+        "state": seen.state,
+        "machine_mm": list(seen.machine_mm),
+        "sensor_mm": list(config.stage.frame.to_sensor_mm(seen.machine_mm)) if known else None,
+    }
+
+
+def _echo_state(state: dict[str, Any]) -> None:
+    from ..rig.stage.by_hand import in_words
+    from ..rig.stage.words import state_in_words
+
+    machine = ", ".join(f"{p:.3f}" for p in state["machine_mm"])
+    where = "locked: home first" if state["sensor_mm"] is None else in_words(state["sensor_mm"])
+    click.echo(f"{state_in_words(state['state'])}, {where}; machine {machine}")
+
+
+def _done(stage: GrblStage, config: GrblConfig, as_json: bool) -> None:
+    from .output import echo_json
+
+    state = _state(stage, config)
+    if as_json:
+        echo_json(state)
+    else:
+        _echo_state(state)

@@ -1,0 +1,155 @@
+"""A cheap bench in lockstep: real host, force client, guard, runner and record; no gel is solved.
+
+A board outlives the sessions that drive it, as on a table: what a fault leaves it in is what the
+next session finds.
+"""
+
+from __future__ import annotations
+
+import itertools
+import tomllib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...optics import StageFrame
+from ...protocols import plan
+from ...record import RunWriter
+from ...rig.config import ForceConfig
+from ...rig.force.guard import ForceGuard, GuardLimits
+from ...rig.interface import Devices
+from ...rig.run.runner import Runner
+from ...rig.stage.grbl import GrblStage
+from ...virtual import wire
+from ...virtual.clock import VirtualClock
+from ...virtual.netft import NetFTBox
+from ...virtual.noisy import NoisyController
+from .sensors import BenchCamera, BenchForce, WatchedFaults
+
+PROTOCOL = """
+name = "bench"
+indenters = ["sphere:6"]
+positions_mm = [[-6.0, -5.0], [6.0, 5.0]]
+depths_mm = [1.5]
+channels = ["image", "force", "shear"]
+[shear]
+amplitude_mm = 1.0
+axes = ["x"]
+[capture]
+rate_hz = 1.0
+settle_s = 0.1
+[motion]
+travel_feed_mm_min = 600.0
+press_feed_mm_min = 60.0
+shear_feed_mm_min = 60.0
+"""
+FRAME = StageFrame((-60.0, -50.0, -40.0))
+FORCE = ForceConfig(range_n=(50.0, 50.0, 70.0), range_nmm=(500.0, 500.0, 500.0))
+GUARD_N = 20.0
+RADIUS_MM = 3.0
+HERTZ = 4 / 3 * 0.75 * RADIUS_MM**0.5  # N / mm^1.5: of a sphere on a soft half-space
+_NUMBER = itertools.count(1)
+
+
+def steps() -> list[plan.Step]:
+    """Of the short protocol: two presses."""
+    return plan.expand(plan.Protocol.model_validate(tomllib.loads(PROTOCOL)))
+
+
+class Bench:
+    """Board, force box and camera on one virtual clock; each session opens them anew."""
+
+    def __init__(self) -> None:
+        self.clock = VirtualClock()
+        self.trace: list[wire.Exchange] = []
+        self.board = NoisyController(None, self.clock, start_mm=(-20.0, -20.0, -10.0))
+        self.link = wire.connect(
+            self.board, self.clock, f"bench-{next(_NUMBER)}",
+            resets_on_open=False, trace=self.trace,
+        )  # fmt: skip
+        self.extra_n = (np.inf, 0.0)  # from a time on (ns), on z
+        self.box = NetFTBox(FORCE, self.clock, 1, self._wrenches, 0.01)
+        self.box.faults = self.box_faults = WatchedFaults()
+        self.box_faults.limit_counts = GUARD_N * self.box.settings().counts_per_n
+        self.camera_faults: dict[str, tuple[float, float]] = {}  # stalled_s or hung_s
+        self._camera_bad_ns = 0
+        self.clock.sleep_s(2.0)  # the board is up
+
+    def tip_mm(self, t_s: float | None = None) -> tuple[float, float, float]:
+        """Where the carriage really has the tip, in the sensor frame."""
+        return FRAME.to_sensor_mm(self.board.position_mm(t_s))
+
+    def struck_ns(self, at_s: float) -> int:
+        """When a fault of that time had come to the wire: the first line, record or frame of it."""
+        bad = (self.board.first_changed_ns, self.box_faults.first_bad_ns, self._camera_bad_ns)
+        return max(round(at_s * 1e9), *bad)
+
+    def at(self, t_s: float, call: Callable[[], object]) -> None:
+        """Call when that time comes. What is called must not let time pass."""
+
+        def once(t_ns: NDArray[np.int64]) -> None:
+            ticks.cancel()
+            call()
+
+        ticks = self.clock.every(1 / (t_s - self.clock.now_s()), once)
+
+    def mend(self) -> None:
+        """Whatever was wrong is put right; nobody touches the stage."""
+        self.board.be_true()
+        self.board.fault("door closes")
+        self.link.plug()
+        for name in ("silent", "late_s", "error", "saturated", "drop_every"):
+            setattr(self.box_faults, name, 0)
+        self.camera_faults = {}
+        self.extra_n = (np.inf, 0.0)
+
+    def run(self, folder: Path, progress: Any = None) -> None:
+        """One session: begin the run of that folder, or go on with it. Raises what the run does."""
+        plan_steps = steps()
+        if folder.exists():
+            writer = RunWriter.resume(folder, plan_steps)
+        else:
+            writer = create(folder, plan_steps)
+        stage = GrblStage(self.link.url, self.clock, FRAME)
+        camera = BenchCamera(self.clock, self.tip_mm)
+        for name, times_s in self.camera_faults.items():
+            setattr(camera, name, times_s)
+        force = BenchForce(self.box, self.clock)
+        try:
+            devices = Devices(
+                self.clock, stage, camera, force, lambda name: None,
+                guard=ForceGuard(stage, GuardLimits((GUARD_N,) * 3), self.clock),
+            )  # fmt: skip
+            Runner(devices, writer, progress).run(plan_steps)
+            writer.close({"frames": sum(step.frames for step in plan_steps)})
+        except BaseException:
+            writer.abandon()
+            raise
+        finally:
+            self._camera_bad_ns = camera.first_bad_ns
+            force.close()
+            camera.close()
+            stage.close()
+
+    def _wrenches(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+        """(n, 6) N, N mm: a Hertzian press, and friction that follows the drag."""
+        machine = [self.board.position_mm(t / 1e9) for t in t_ns.tolist()]
+        tips = np.array(machine) - FRAME.origin_machine_mm  # the frame is not turned
+        normal_n = HERTZ * np.maximum(-tips[:, 2], 0.0) ** 1.5
+        out = np.zeros((len(t_ns), 6))
+        out[:, 0] = 0.3 * normal_n * np.tanh(tips[:, 0])
+        out[:, 2] = np.where(t_ns >= self.extra_n[0], -normal_n - self.extra_n[1], -normal_n)
+        return out
+
+
+def create(folder: Path, plan_steps: Sequence[plan.Step]) -> RunWriter:
+    """A new run folder of the short protocol."""
+    # Not "simulated": what is says where its truth is, and here is none.
+    meta = {
+        "name": folder.name, "protocol": {"name": "bench"}, "rig_name": "bench", "rig": {},
+        "sensor": {}, "camera": None, "simulated": False, "air": False, "seed": 1, "versions": {},
+    }  # fmt: skip
+    return RunWriter.create(folder, meta, PROTOCOL.encode(), {"dots_mm": []}, plan_steps)

@@ -1,0 +1,122 @@
+"""The faults of the matrix: how each is made, what a run may end in, and how soon that is known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from .bench import Bench
+from .disk import Disk
+
+BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
+GARBAGE = b"\xff\x00\x8a~|<\xff\x00\x00\xfe\r\n\xff\x00"  # a line of it, and more before the next
+FORCE_N = 30.0  # over the guard's 20 N, within the sensor's range
+
+# What the moments of a session are called, in order.
+HOMING, BEFORE, TRAVEL, PRESS, DRAG, WRITING = (
+    "homing", "before the first move", "travel", "press", "drag", "writing",
+)  # fmt: skip
+MOMENTS = (HOMING, BEFORE, TRAVEL, PRESS, DRAG, WRITING)
+Strike = Callable[[Bench, Disk, float], None]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """strike: arranges it for a time of the clock, s. says: the named errors; one of them must
+    stand in what the run ends in. success: whether the run may also do well, as if nothing were.
+
+    within_s: None where the fault is something that comes (a line, a sample): travel counts from
+    then. Else it is something that fails to come: the host can know only after a time-out, which
+    is at most so long, and travel counts from when it ended. at: the moments at which it exists.
+    """
+
+    name: str
+    strike: Strike
+    says: tuple[str, ...]
+    success: bool = False
+    within_s: float | None = None
+    at: tuple[str, ...] = MOMENTS
+    carries: bool = True
+    """Whether a stop byte can reach the board; else the move goes on to its target."""
+
+
+def _half(part: slice) -> Callable[[bytes], bytes]:
+    return lambda line: line[part]
+
+
+def _cut(line: bytes) -> bytes:
+    return line[: len(line) // 2]
+
+
+def _board(kind: str) -> Strike:
+    return lambda bench, disk, at_s: bench.board.fault(kind, at_s)  # type: ignore[arg-type]
+
+
+def _invent(words: bytes) -> Strike:
+    return lambda bench, disk, at_s: bench.board.invent(words, at_s)
+
+
+def _silence(for_s: float) -> Strike:
+    return lambda bench, disk, at_s: bench.board.lose(at_s=at_s, for_s=for_s)
+
+
+def _unplug(for_s: float) -> Strike:
+    return lambda bench, disk, at_s: bench.link.unplug(for_s, at_s)
+
+
+def _box(field: str, value: float, for_s: float = 1e6) -> Strike:
+    def strike(bench: Bench, disk: Disk, at_s: float) -> None:
+        bench.at(at_s, lambda: setattr(bench.box_faults, field, value))
+        bench.at(at_s + for_s, lambda: setattr(bench.box_faults, field, 0))
+
+    return strike
+
+
+def _camera(field: str, for_s: float = 1e6) -> Strike:
+    return lambda bench, disk, at_s: bench.camera_faults.update({field: (at_s, at_s + for_s)})
+
+
+def _push(bench: Bench, disk: Disk, at_s: float) -> None:
+    bench.extra_n = (at_s * 1e9, FORCE_N)
+
+
+FELT = (PRESS, DRAG, WRITING)
+SENSED = (BEFORE, TRAVEL, *FELT)
+FAULTS: tuple[Fault, ...] = (
+    Fault("lost ok",
+          lambda b, d, at_s: b.board.lose(b"ok", at_s, most=1),
+          ("no answer to $",), success=True, within_s=0.6),
+    Fault("doubled ok",
+          lambda b, d, at_s: b.board.change(lambda s: s + s, b"ok", at_s), (), success=True),
+    Fault("false banner", _invent(BANNER), ("restarted",)),
+    Fault("false alarm", _invent(b"ALARM:3\r\n"), ("ALARM:3",)),
+    Fault("garbage, 0xFF and NUL", _invent(GARBAGE), ("no answer to", "not understood"),
+          success=True, within_s=1.2),
+    Fault("half lines",
+          lambda b, d, at_s: b.board.change(_cut, b"", at_s, most=3),
+          ("no answer to",), success=True, within_s=1.2),
+    Fault("limit switch", _board("limit"), ("ALARM:1",)),
+    Fault("soft limit", _board("soft limit"), ("ALARM:2",)),
+    Fault("safety door", _board("door"), ("Door", "door", "ALARM:6", "ALARM:7"), success=True),
+    Fault("reboot", _board("reboot"), ("restarted", "no answer to"), within_s=1.2),
+    Fault("unplugged for 0.5 s", _unplug(0.5), ("the link is lost",), success=True, within_s=0.7),
+    Fault("unplugged for good", _unplug(1e9), ("the link is lost",), carries=False),
+    Fault("silent for 1 s", _silence(1.0), ("no answer to",), success=True, within_s=1.2),
+    Fault("silent for 30 s", _silence(30.0), ("no answer to",), within_s=1.2),
+    Fault("disk full", lambda b, d, at_s: d.fill_at(b.clock, at_s),
+          ("No space left", "disk is full", "disk I/O error"), within_s=3.0),
+    Fault("force over the limit", _push, ("over the guard's",), at=SENSED),
+    Fault("force silent", _box("silent", True), ("no sample within",), within_s=0.2, at=SENSED),
+    Fault("force late by 0.15 s", _box("late_s", 0.15), ("no sample within", "late"),
+          within_s=0.2, at=SENSED, success=True),
+    Fault("force late by 0.03 s", _box("late_s", 0.03), ("late",), at=SENSED, success=True),
+    Fault("force faulted", _box("error", True), ("fault, status word",), at=SENSED),
+    Fault("force saturated", _box("saturated", True), ("saturated",), at=SENSED),
+    Fault("force gaps of 20 ms", _box("silent", True, 0.02), ("missing",), success=True,
+          at=SENSED),
+    Fault("camera stalled", _camera("stalled_s"), ("stalled, no image within",), within_s=1.2,
+          at=SENSED),
+    Fault("camera repeating", _camera("hung_s"), ("the same image over and over",), within_s=1.2,
+          at=SENSED),
+)  # fmt: skip

@@ -1,0 +1,148 @@
+"""The bench's force box and camera, real clients above them, and what goes wrong with either."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import SensorError
+from ...rig.camera.stream import Arrived, StreamCamera
+from ...rig.force.netft import NetFTSensor
+from ...rig.interface import Frame, Image
+from ...virtual.clock import VirtualClock
+from ...virtual.netft import LockstepLink, NetFTBox
+from ...virtual.netft_faults import BoxFaults, Datagram
+from ...virtual.streams import stream_number
+
+Place = Callable[[], tuple[float, float, float]]
+
+
+class WatchedFaults(BoxFaults):
+    """Notes when the first record was taken that tells of something wrong, or does not come."""
+
+    limit_counts = math.inf
+    first_bad_ns = 0
+
+    def datagrams(self, t_ns: NDArray[np.int64], records: NDArray[Any]) -> list[Datagram]:
+        """As a box's faults make them."""
+        wrong = self.silent or self.error or self.saturated or self.late_s or self.drop_every
+        bad = np.abs(records["counts"][:, :3]).max(axis=1) > self.limit_counts
+        if (wrong or bad.any()) and not self.first_bad_ns:
+            self.first_bad_ns = int(t_ns[0 if wrong else bad.argmax()])
+        return super().datagrams(t_ns, records)
+
+
+class BenchForce(NetFTSensor):
+    """The real client; a press starts the box's noise anew, as a press that is done again must."""
+
+    def __init__(self, box: NetFTBox, clock: VirtualClock) -> None:
+        super().__init__(LockstepLink(box), clock)
+        self._box = box
+
+    def begin(self, stream: str) -> None:
+        """Re-seed, then tare."""
+        self._box.reseed(stream_number(stream))
+        super().begin(stream)
+
+
+class BenchFeed:
+    """A feed of 32 x 24 pixels: an image depends on the press, its number there and the tip.
+
+    It gives an image when it is told to, which makes a camera's thread repeatable.
+    """
+
+    name = "bench"
+    stamps = "sender"
+    check = "its cable"
+
+    def __init__(self, clock: VirtualClock, tip_mm: Place) -> None:
+        self._clock = clock
+        self._tip_mm = tip_mm
+        self._told = threading.Semaphore(0)
+        self._number = 0
+        self._press, self._k = "", 0
+        self._last: Image | None = None
+        self.hangs = False
+
+    def press(self, name: str) -> None:
+        """Another press begins."""
+        self._press, self._k = name, 0
+
+    def tell(self, hangs: bool = False) -> None:
+        """One image; hangs: from now on the last one, over and over."""
+        self.hangs = hangs
+        self._told.release()
+
+    def next(self, timeout_s: float) -> Arrived | None:
+        """As rig.camera.stream.Feed."""
+        if not self.hangs and not self._told.acquire(timeout=timeout_s):
+            return None
+        if self.hangs and self._last is not None:
+            threading.Event().wait(0.01)
+            return Arrived(self._last, self._clock.now_s())
+        self._k += 1
+        seed = [stream_number(self._press), self._k]
+        image = np.random.default_rng(seed).integers(0, 200, (24, 32, 3), np.uint8)
+        image[0, :3, 0] = [round(200 + 20 * p) % 256 for p in self._tip_mm()]
+        self._last = image
+        return Arrived(image, self._clock.now_s())
+
+    def identity(self) -> dict[str, Any]:
+        """As Feed."""
+        return {"kind": "bench"}
+
+    def close(self) -> None:
+        """As Feed."""
+
+
+class BenchCamera:
+    """The real camera on that feed, which gives an image as soon as one is asked for.
+
+    stalled_s, hung_s: from then until then no image comes, or the same one over and over.
+    """
+
+    def __init__(self, clock: VirtualClock, tip_mm: Place) -> None:
+        self._clock = clock
+        self._feed = BenchFeed(clock, tip_mm)
+        self._camera = StreamCamera(self._feed, clock)
+        self._feed.tell()
+        self._camera.capture()  # it is up: the first image may take longer than all others
+        self.stalled_s = self.hung_s = (math.inf, math.inf)
+        self.first_bad_ns = 0
+
+    def begin(self, stream: str) -> None:
+        """Of a press."""
+        self._feed.press(stream)
+        self._camera.begin(stream)
+
+    def capture(self) -> Frame:
+        """The next image. What the camera waits in vain on the wall clock passes on the bench's."""
+        stalled, hung = (
+            a <= self._clock.now_s() < b for a, b in (self.stalled_s, self.hung_s)
+        )  # fmt: skip
+        if (stalled or hung) and not self.first_bad_ns:
+            self.first_bad_ns = self._clock.now_ns()
+        if not stalled:
+            self._feed.tell(hung)
+        try:
+            return self._camera.capture()
+        except SensorError:
+            self._clock.sleep_s(self._camera.timeout_s)
+            raise
+
+    def end(self, frames: Mapping[str, float]) -> None:
+        """Of a press."""
+        self._camera.end(frames)
+
+    def identity(self) -> dict[str, Any]:
+        """Of the camera."""
+        return self._camera.identity()
+
+    def close(self) -> None:
+        """End its thread."""
+        self._camera.close()

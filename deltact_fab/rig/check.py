@@ -1,0 +1,109 @@
+"""What is wrong with a bench, and how to put it right: each device is talked to, nothing moves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ..errors import DeltactFabError
+from .clock import WallClock
+from .config import GrblConfig
+
+SECONDS = 2.0
+
+
+class Row(NamedTuple):
+    """One thing that was looked at. verdict: pass, WARN or FAIL; text: what is so, what to do."""
+
+    device: str
+    verdict: str
+    text: str
+
+    def line(self) -> str:
+        """One line for a person."""
+        return f"{self.verdict}  {self.device}: {self.text}"
+
+
+def check(config: GrblConfig, folder: Path, seconds: float = SECONDS) -> Iterator[Row]:
+    """Look at stage, force sensor, guard, camera and at what a press needs besides.
+
+    folder: of the rig file. seconds: how long camera and sensor are watched. Raises nothing that a
+    device can cause: that is a row.
+    """
+    yield from _stage(config)
+    if config.force is not None and (config.force.netft or config.force.serial):
+        from .force.probe import probe as listen
+
+        yield from _rows("force", listen(config.force, config.guard, seconds))
+    if config.camera is not None:
+        from .camera.probe import probe as look
+
+        yield from _rows("camera", look(config.camera, folder, seconds))
+    yield from _presses(config)
+
+
+def _rows(device: str, findings: Any) -> Iterator[Row]:
+    for passed, text in findings:
+        yield Row(device, "pass" if passed else "FAIL", text)
+
+
+def _stage(config: GrblConfig) -> Iterator[Row]:
+    from .stage.grbl import GrblStage
+
+    stage = GrblStage.of(config.stage, WallClock())
+    refused = ""
+    try:
+        stage.connect()
+    except DeltactFabError as why:
+        refused = str(why)
+    finally:
+        stage.close()
+    identity = stage.identity()
+    if not refused or stage.judged:
+        banner = identity.get("banner") or "no banner: the board does not restart when opened"
+        yield Row("stage", "pass", f"{config.stage.port} answers: {banner}")
+    for row in stage.judged:
+        yield Row("stage", row.verdict, row.text)
+    if refused and not any(row.verdict == "FAIL" for row in stage.judged):
+        yield Row(
+            "stage",
+            "FAIL",
+            f"{refused}; check its power and cable, [stage] port and baud, and that no other "
+            "program has the port",
+        )
+
+
+def _presses(config: GrblConfig) -> Iterator[Row]:
+    """What a press needs of the rig file; without it a run goes in air only."""
+    force = config.force
+    reachable = force is not None and (force.netft or force.serial)
+    if not reachable:
+        yield Row(
+            "presses",
+            "FAIL",
+            "no way to a force sensor, so only --air runs: add [force] with its ranges and "
+            "[force.netft] or [force.serial]",
+        )
+    elif force is not None and "range_n" not in force.model_fields_set:
+        yield Row(
+            "presses",
+            "FAIL",
+            "[force] range_n is not declared: write it from the calibration sheet",
+        )
+    if config.stage.max_force_n is None:
+        yield Row(
+            "presses",
+            "FAIL",
+            "[stage] max_force_n is not declared: measure what the axes push without losing steps",
+        )
+    if config.touch is None:
+        yield Row(
+            "presses",
+            "FAIL",
+            'no [touch], so it is not known where the face is: add one with by = "force" or "hand"',
+        )
+    else:
+        yield Row("presses", "pass", f"the face is found by {config.touch.by}")
+    if config.camera is None:
+        yield Row("camera", "WARN", "no [camera]: a protocol with the channel image is refused")

@@ -1,0 +1,79 @@
+"""A rig file for this computer: what is plugged in is found, nothing is opened or asked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import InputError, RunFailed
+from .template import Device, rig_file
+
+BY_ID = Path("/dev/serial/by-id")
+# Makers of the boards that GRBL runs on, and of their serial chips; others come after them.
+BOARDS = {
+    0x2341: "Arduino",
+    0x2A03: "Arduino",
+    0x1A86: "CH340",
+    0x0403: "FTDI",
+    0x10C4: "CP210x",
+    0x0483: "STM32",
+    0x16C0: "Teensy",
+    0x2E8A: "Raspberry Pi Pico",
+    0x303A: "ESP32",
+}
+
+
+@dataclass(frozen=True)
+class Written:
+    """What stands in a new rig file: the first of each is used, the others are comments."""
+
+    file: Path
+    ports: list[Device]
+    cameras: list[Device]
+
+
+def new(file: Path, by_id: Path = BY_ID) -> Written:
+    """Find serial ports and cameras and write a commented rig file.
+
+    Raises InputError where the file is there already or has no folder, RunFailed when the disk
+    refuses. A file is never overwritten.
+    """
+    if file.suffix != ".toml":
+        raise InputError(f"{file}: a rig file ends in .toml")
+    found = Written(file, ports(by_id), cameras())
+    text = rig_file(found.ports, found.cameras)
+    try:
+        with file.open("x", encoding="utf-8") as out:
+            out.write(text)
+    except FileExistsError as why:
+        raise InputError(f"{file}: already there; name a new file") from why
+    except FileNotFoundError as why:
+        raise InputError(f"{file.parent}: no such folder") from why
+    except OSError as why:
+        raise RunFailed(f"{file}: cannot be written: {why.strerror}") from why
+    return found
+
+
+def ports(by_id: Path = BY_ID) -> list[Device]:
+    """USB serial ports, boards of known makers first; by their lasting names where there are."""
+    from serial.tools import list_ports
+
+    lasting = {link.resolve(): str(link) for link in sorted(by_id.glob("*"))}
+    found = [port for port in list_ports.comports() if port.vid is not None]
+    found.sort(key=lambda port: (port.vid not in BOARDS, port.device))
+    devices = []
+    for port in found:
+        chip = BOARDS.get(port.vid)
+        text = " ".join(str(port.description or "serial port").split())
+        text += f" ({chip})" if chip and chip not in text else ""
+        devices.append(Device(lasting.get(Path(port.device).resolve(), port.device), text))
+    return devices
+
+
+def cameras() -> list[Device]:
+    """V4L2 cameras; none where there is no V4L2."""
+    try:
+        from .camera.find import cameras as found
+    except ImportError:  # not on this system
+        return []
+    return [Device(camera.device, " ".join(camera.name.split())) for camera in found()]

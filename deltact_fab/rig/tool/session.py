@@ -1,0 +1,122 @@
+"""A bench for a few minutes: what `rig register` and its kin drive, without a run or a record."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ...errors import DeltactFabError, InputError, RunFailed, StageError
+from ...record import write_whole
+from ...shapes import SensorDimensions
+from ...shapes.indenter import parse as parse_indenter
+from ..clock import WallClock
+from ..config import GrblConfig
+from ..interface import Clock, ForceSensor, Stage
+from ..run.interrupt import interruptible
+from ..stage.grbl import GrblStage
+from .config import TouchConfig
+from .feeler import Feeler
+from .hand import HandTouch
+from .home import LIFT_FEED_MM_MIN, LIFT_MM, home_safely
+from .operator import Operator, confirm
+from .register import Place, Registration, places_for, register, require_fit
+from .touch import ForceTouch, Touch
+
+if TYPE_CHECKING:
+    from ..force.guard import ForceGuard
+
+
+@dataclass
+class Bench:
+    """A stage that is homed, with its force sensor and the guard on it."""
+
+    clock: Clock
+    stage: Stage
+    force: ForceSensor
+    guard: ForceGuard
+
+
+@contextmanager
+def homed(
+    config: GrblConfig, source: Path, operator: Operator, tip_is_clear: bool = False
+) -> Iterator[Bench]:
+    """Open and home the bench of a rig file; lift the tip and close all, however it ends.
+
+    Raises InputError for a rig without a force sensor, and whatever the devices raise; RunFailed
+    when the operator interrupts.
+    """
+    from ..force.guard import ForceGuard, GuardLimits
+    from ..force.open import open_force
+
+    if config.force is None or (config.force.netft is None and config.force.serial is None):
+        raise InputError(
+            f"{source}: force: no way to a force sensor, and nothing else keeps the tip from "
+            "breaking what it meets: add [force.netft] or [force.serial]"
+        )
+    clock = WallClock()
+    stage = GrblStage.of(config.stage, clock)
+    with ExitStack() as opened:
+        opened.callback(stage.close)
+        force = open_force(config.force, clock)
+        opened.callback(force.close)
+        guard = ForceGuard(stage, GuardLimits.of(config.guard, config.force), clock)
+        with interruptible(stage.abort):
+            try:
+                stage.connect()
+                home_safely(stage, clock, force, operator, tip_is_clear=tip_is_clear)
+                yield Bench(clock, stage, force, guard)
+            except StageError:
+                raise
+            except BaseException as why:
+                with suppress(DeltactFabError):
+                    stage.stop()
+                    stage.lift(LIFT_MM, LIFT_FEED_MM_MIN)
+                if isinstance(why, KeyboardInterrupt):
+                    raise RunFailed("stopped by the operator") from why
+                raise
+
+
+def register_face(
+    bench: Bench,
+    config: GrblConfig,
+    source: Path,
+    sensor: SensorDimensions,
+    indenter: str,
+    operator: Operator,
+    places: tuple[Place, ...] = (),
+    by: str | None = None,
+) -> Registration:
+    """Have a ball mounted, touch the face at each place, and fit where it lies.
+
+    places: none is four of them. by: instead of the rig file's. Raises InputError or RunFailed.
+    """
+    ball = parse_indenter(indenter)
+    touch = config.touch or TouchConfig()
+    if by is not None:
+        touch = TouchConfig.model_validate({**touch.model_dump(), "by": by})
+    places = places or places_for(sensor.skin, ball)
+    require_fit(sensor.skin, ball, places)
+    confirm(operator, ball.name, "it is mounted, screwed tight")
+    longer_mm = config.tools[ball.name].length_mm if ball.name in config.tools else 0.0
+    x, y, z = bench.stage.frame.origin_machine_mm
+    frame = replace(bench.stage.frame, origin_machine_mm=(x, y, z + longer_mm))
+    bench.stage.set_frame(frame)
+
+    def find(place: Place) -> Touch:
+        if touch.by == "hand":
+            feeler = Feeler(bench.stage, bench.force, bench.clock, bench.guard)
+            return HandTouch(bench.stage, feeler, operator, touch).find(ball, place)
+        by_force = ForceTouch(bench.stage, bench.force, bench.clock, bench.guard, touch)
+        return by_force.find(ball, place)
+
+    return register(find, frame, longer_mm, ball, places)
+
+
+def write(registration: Registration, rig: Path, out: Path) -> None:
+    """Keep it in a file. Raises RunFailed when the disk refuses."""
+    date = datetime.now(UTC).isoformat(timespec="seconds")
+    write_whole(out, registration.toml(rig.name, date).encode())

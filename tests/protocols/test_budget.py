@@ -1,0 +1,122 @@
+"""What a protocol takes is refused before anything moves: time, disk, frames a second, feeds."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from deltact_fab import experiment
+from deltact_fab.cli.main import main
+from deltact_fab.errors import InputError
+from deltact_fab.protocols import budget, limits, plan
+from deltact_fab.protocols.limits import Check
+from deltact_fab.protocols.plan import Protocol
+from deltact_fab.rig import config
+
+SMOKE = plan.load("smoke")[0]
+
+
+def declare(**changes: object) -> Protocol:
+    """Smoke with some tables' keys changed."""
+    data = SMOKE.model_dump()
+    for name, value in changes.items():
+        data[name] = {**data[name], **value} if isinstance(value, dict) else value
+    return Protocol.model_validate(data)
+
+
+def rows(protocol: Protocol, out: Path, **more: object) -> dict[str, Check]:
+    box = config.load("virtual")[0].stage.box
+    estimate = limits.estimate(protocol, 1280 * 720, box)
+    arguments: dict[str, object] = {"held_hz": 50.0, **more}
+    found = budget.check(protocol, plan.expand(protocol), estimate, out, **arguments)  # type: ignore[arg-type]
+    return {row.name: row for row in found}
+
+
+def test_a_usual_protocol_passes(tmp_path: Path) -> None:
+    found = rows(SMOKE, tmp_path / "not" / "there" / "yet")
+    assert list(found) == ["least feed", "time", "disk", "camera rate"]
+    assert all(row.ok and not row.warns for row in found.values())
+
+
+def test_feeds_that_the_firmware_would_not_hold(tmp_path: Path) -> None:
+    assert rows(declare(motion={"press_feed_mm_min": 1.0}), tmp_path)["least feed"].ok
+    found = rows(declare(motion={"press_feed_mm_min": 0.99}), tmp_path)["least feed"]
+    assert not found.ok
+    assert "at least 1" in found.line()
+    with pytest.raises(InputError, match=r"p\.toml: least feed: feed \(mm/min\) 0\.99 < 1 at"):
+        limits.require([found], "p.toml")
+
+
+def test_days_are_warned_of_and_months_refused(tmp_path: Path) -> None:
+    hour = declare(capture={"settle_s": 600.0})
+    steps, estimate = (
+        plan.expand(hour),
+        limits.estimate(hour, 1, config.load("virtual")[0].stage.box),
+    )
+    for days, ok, warns in ((0.9, True, False), (2, True, True), (31, False, False)):
+        taken = replace(estimate, seconds=days * 86400)
+        found = budget.check(hour, steps, taken, tmp_path, None)[1]
+        assert (found.ok, found.warns) == (ok, warns), days
+        assert found.figure == pytest.approx(24 * days)
+
+
+def test_the_disk_that_is_judged_is_that_of_the_run(tmp_path: Path) -> None:
+    found = rows(SMOKE, tmp_path / "run")["disk"]
+    assert str(tmp_path) in found.where
+    box = config.load("virtual")[0].stage.box
+    huge = replace(limits.estimate(SMOKE, 1, box), disk_mb=3.5e9)
+    found = budget.check(SMOKE, plan.expand(SMOKE), huge, tmp_path, None)[2]
+    assert not found.ok
+    assert found.figure > found.bound
+    there = budget.check(SMOKE, plan.expand(SMOKE), huge, tmp_path, None, kept_mb=3.5e9)[2]
+    assert there.figure == 0.0  # what a run that goes on has already is not needed again
+
+
+def test_a_rate_that_cannot_be_kept(tmp_path: Path) -> None:
+    fast = declare(capture={"rate_hz": 51.0})
+    assert not rows(fast, tmp_path)["camera rate"].ok
+    waits = rows(fast, tmp_path, wall_clock=False)["camera rate"]
+    assert waits.ok
+    assert waits.warns
+    assert "camera rate" not in rows(fast, tmp_path, held_hz=None)
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "value"),
+    [
+        ("capture", "rate_hz", 10_000.0),
+        ("motion", "press_feed_mm_min", 1e-300),
+        ("motion", "clearance_mm", 1e-300),
+        ("motion", "park_mm", 1e300),
+        ("shear", "amplitude_mm", 1e-300),
+        ("specimen", "modulus_mpa", 1e300),
+        ("specimen", "depth_margin_mm", 1e-300),
+    ],
+)
+def test_numbers_that_no_bench_has_are_refused(table: str, key: str, value: float) -> None:
+    with pytest.raises(ValueError, match=key):
+        declare(**{table: {key: value}})
+
+
+def test_depths_and_places_that_no_bench_has_are_refused() -> None:
+    for changes in ({"depths_mm": [1e-300]}, {"positions_mm": [[1e300, 0.0]]}):
+        with pytest.raises(ValueError, match="equal to"):
+            declare(**changes)
+
+
+def test_check_has_the_rows_and_run_refuses(tmp_path: Path) -> None:
+    text = plan.load("smoke")[1].read_text()
+    slow = tmp_path / "slow.toml"
+    slow.write_text(text.replace("press_feed_mm_min = 30.0", "press_feed_mm_min = 0.5"))
+    done = CliRunner().invoke(main, ["protocol", "check", str(slow), "--air", "--json"])
+    assert done.exit_code == 1
+    found = {row["name"]: row["ok"] for row in json.loads(done.output)}
+    assert not found["least feed"]
+    assert {"time", "disk", "camera rate"} <= found.keys()
+    with pytest.raises(InputError, match="least feed"):
+        experiment.run(str(slow), "virtual", tmp_path / "run")
+    assert not (tmp_path / "run").exists()

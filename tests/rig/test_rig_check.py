@@ -1,0 +1,104 @@
+"""`rig check` talks to every device: board on a terminal, box on sockets, images in a folder."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from deltact_fab import record
+from deltact_fab.cli.main import main
+from deltact_fab.errors import InputError
+from deltact_fab.rig.clock import WallClock
+from deltact_fab.virtual.controller import GrblController
+from deltact_fab.virtual.netft_server import NetFTServer
+from deltact_fab.virtual.pty import Terminal
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")
+
+SETTINGS = {1: 255, 120: 2000, 121: 2000, 122: 2000}
+FILE = """
+kind = "grbl"
+[stage]
+port = "{port}"
+origin_machine_mm = [-10.0, -10.0, -12.0]
+travel_mm = [120.0, 120.0, 60.0]
+max_feed_mm_min = [1500.0, 1500.0, 1200.0]
+acceleration_mm_s2 = [2000.0, 2000.0, 2000.0]
+"""
+REST = """
+max_force_n = [60.0, 60.0, 60.0]
+[force]
+range_n = [25.0, 25.0, 35.0]
+[force.netft]
+host = "{host}"
+rdt_port = {rdt_port}
+http_port = {http_port}
+[guard]
+force_n = 15.0
+[touch]
+[camera]
+source = "images"
+"""
+
+
+@contextmanager
+def board(folder: Path, settings: dict[int, float] | None = None) -> Iterator[Terminal]:
+    """A file of a stage alone, and its board."""
+    clock = WallClock()
+    grbl = GrblController({**SETTINGS, **(settings or {})}, clock, boot_s=0.1)
+    with Terminal(grbl, clock) as terminal:
+        (folder / "bench.toml").write_text(FILE.format(port=terminal.port))
+        yield terminal
+        assert not list(grbl.segments)  # nothing has moved
+
+
+def check(folder: Path, *more: str) -> Result:
+    words = ["rig", "check", str(folder / "bench.toml"), "--seconds", "0.3", *more]
+    return CliRunner().invoke(main, words)
+
+
+def test_a_whole_bench(tmp_path: Path) -> None:
+    (tmp_path / "images").mkdir()
+    for k in range(4):
+        image = np.random.default_rng(k).integers(60, 200, (48, 64, 3), dtype=np.uint8)
+        (tmp_path / "images" / f"{k}.png").write_bytes(record.encode_png(image))
+    with NetFTServer(lambda t_ns: np.zeros((len(t_ns), 6)), noise_n=0.01) as box, board(tmp_path):
+        with (tmp_path / "bench.toml").open("a") as file:
+            way = {"host": box.host, "rdt_port": box.rdt_port, "http_port": box.http_port}
+            file.write(REST.format(**way))
+        found = json.loads(check(tmp_path, "--json").output)
+    rows = {(row["device"], row["text"]): row["verdict"] for row in found["rows"]}
+    assert {device for device, _ in rows} == {"stage", "force", "camera", "presses"}
+    assert {v for (device, _), v in rows.items() if device in ("stage", "presses")} == {"pass"}
+    texts = "\n".join(text for _, text in rows)
+    for part in ("$20=1 (soft limits on)", "transducer FT00001", "the guard stops the stage at 15",
+                 "camera.model: not calibrated", "found by force"):  # fmt: skip
+        assert part in texts
+    assert not found["ok"]  # the camera is not calibrated
+
+
+def test_what_is_wrong_says_what_to_do(tmp_path: Path) -> None:
+    with board(tmp_path, {21: 0}):
+        done = check(tmp_path)
+    assert done.exit_code == 1
+    failed = [line for line in done.output.splitlines() if line.startswith("FAIL")]
+    assert [line.split(":")[0] for line in failed] == ["FAIL  stage"] + ["FAIL  presses"] * 3
+    assert "set $21=1 and connect again" in failed[0]
+    assert done.output.splitlines()[-1].endswith("4 to put right")
+
+
+def test_a_port_that_is_not_there(tmp_path: Path) -> None:
+    (tmp_path / "bench.toml").write_text(FILE.format(port=str(tmp_path / "no-port")))
+    done = check(tmp_path)
+    assert done.exit_code == 1
+    assert "cannot be opened" in done.output
+    assert "check its power and cable" in done.output
+    with pytest.raises(InputError, match="no device to talk to"):
+        CliRunner().invoke(main, ["rig", "check", "virtual"], catch_exceptions=False)

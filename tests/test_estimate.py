@@ -1,0 +1,39 @@
+"""The estimated time of a run against the time that it takes, in lockstep and on the wall clock."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from deltact_fab import catalog, experiment
+
+STEPS = """
+name = "steps"
+indenters = ["sphere:10", "4dots"]
+positions_mm = [[0.0, 0.0], [2.0, -1.0]]
+depths_mm = [0.5, 1.0]
+channels = []
+[capture]
+settle_s = 0.3
+[motion]
+clearance_mm = 4.0
+park_mm = 10.0
+travel_feed_mm_min = 900.0
+press_feed_mm_min = 120.0
+"""
+
+
+@pytest.mark.parametrize("name", ["smoke", "steps"])
+@pytest.mark.parametrize("rig", ["virtual", "fisheye"])
+def test_within_5_percent_of_the_run(name: str, rig: str, tmp_path: Path) -> None:
+    """Images and forces take no time of a lockstep run, so they are left out."""
+    text = STEPS
+    if name == "smoke":
+        text = catalog.find("protocols", "smoke").read_text()
+        text = text.replace('["image", "dots", "force", "shear"]', '["shear"]')
+    protocol = tmp_path / "p.toml"
+    protocol.write_text(text)
+    summary = experiment.run(str(protocol), rig, tmp_path / "r")
+    _, estimate = experiment.show(str(protocol), rig)
+    assert estimate.seconds == pytest.approx(summary["rig_seconds"], rel=0.01)
