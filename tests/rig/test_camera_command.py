@@ -3,8 +3,10 @@ off is counted or named, and the child is gone when the camera is closed."""
 
 from __future__ import annotations
 
+import itertools
 import json
-import os
+import random
+import re
 import sys
 import time
 from collections.abc import Iterator
@@ -21,7 +23,7 @@ from deltact_fab.rig.camera import stream
 from deltact_fab.rig.camera.config import CameraConfig
 from deltact_fab.rig.camera.open import open_camera
 from deltact_fab.rig.clock import WallClock
-from deltact_fab.rig.interface import Frame
+from deltact_fab.rig.interface import Frame, Image
 
 W, H = 32, 24
 # Carries out a list: send [number, what the image is drawn from], or wait, die, write rubbish.
@@ -96,8 +98,6 @@ def test_every_image_comes_once_in_order_with_what_was_lost_and_doubled_before_i
 
 
 def test_images_are_whole_and_each_its_own() -> None:
-    import random
-
     camera = opened([*sent(0, 1, 2), ["exit", 0]], stamped=False)
     frames = to_the_end(camera)[0]
     for k, frame in enumerate(frames):
@@ -187,8 +187,6 @@ def test_a_first_image_that_does_not_come_is_told(monkeypatch: pytest.MonkeyPatc
     ],
 )
 def test_a_child_that_dies_or_talks_nonsense_is_told(end: list[Any], says: str) -> None:
-    import re
-
     camera = opened([*sent(0, 1), *end])
     assert camera.capture().number == 0
     assert re.search(says, to_the_end(camera)[1])
@@ -244,29 +242,59 @@ def test_the_command_runs_where_the_rig_file_is(tmp_path: Path) -> None:
     assert camera.capture().number == 4
 
 
+class Listed:
+    """A feed of what is in a list."""
+
+    name, stamps, check = "list", "driver", "nothing"
+
+    def __init__(self, arrivals: list[stream.Arrived], pauses_s: Iterator[float]) -> None:
+        self._left, self._pauses_s = iter(arrivals), pauses_s
+
+    def next(self, timeout_s: float) -> stream.Arrived | None:
+        time.sleep(next(self._pauses_s))
+        try:
+            return next(self._left)
+        except StopIteration:
+            raise SensorError("over") from None
+
+    def identity(self) -> dict[str, Any]:
+        return {}
+
+    def close(self) -> None: ...
+
+
+def noise(draw: random.Random) -> Image:
+    return np.frombuffer(draw.randbytes(48), np.uint8).reshape(4, 4, 3)
+
+
 def test_losses_without_numbers_are_inferred_from_gaps() -> None:
-    """A feed of stamps as a driver gives them: one comes late, and two are missing."""
-
-    class Stamps:
-        name, stamps, check = "stamps", "driver", "nothing"
-
-        def __init__(self) -> None:
-            start_s = time.monotonic()
-            self._left = [start_s + k / 50 for k in (0, 1, 2.2, 3, 6, 7)]
-
-        def next(self, timeout_s: float) -> stream.Arrived | None:
-            if not self._left:
-                raise SensorError("over")
-            noise = np.frombuffer(os.urandom(48), np.uint8).reshape(4, 4, 3)
-            return stream.Arrived(noise, self._left.pop(0))
-
-        def identity(self) -> dict[str, Any]:
-            return {}
-
-        def close(self) -> None: ...
-
-    camera = stream.StreamCamera(Stamps(), WallClock(), rate_hz=50.0)
-    OPEN.callback(camera.close)
+    """Of stamps as a driver gives them: one comes late, and two are missing."""
+    draw, start_s = random.Random(1), time.monotonic()
+    stamps = [start_s + k / 50 for k in (0, 1, 2.2, 3, 6, 7)]
+    feed = Listed([stream.Arrived(noise(draw), t_s) for t_s in stamps], itertools.repeat(0.0))
+    camera = stream.StreamCamera(feed, WallClock(), rate_hz=50.0)
     assert [f.dropped for f in to_the_end(camera)[0]] == [0, 0, 0, 0, 2, 0]
     assert "inferred" in camera.identity()["losses_by"]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_no_image_is_lost_in_silence(seed: int) -> None:
+    """Whatever the sender skips and repeats, and however slow it is or who listens."""
+    draw = random.Random(seed)
+    number, image, arrivals = draw.randrange(2**32), noise(draw), []
+    for _ in range(60):
+        if draw.random() < 0.8:
+            image = noise(draw)
+        arrivals.append(stream.Arrived(image, time.monotonic(), number))
+        number = (number + draw.choice([1, 1, 1, 1, 2, 5])) % 2**32
+    pauses_s = (draw.choice([0.0, 0.0, 5e-4]) for _ in itertools.count())
+    camera = stream.StreamCamera(Listed(arrivals, pauses_s), WallClock())
+    frames = []
+    last_image = next(a for a in arrivals if np.array_equal(a.image, arrivals[-1].image))
+    while not frames or not np.array_equal(frames[-1].image, last_image.image):
+        frames.append(camera.capture())
+        time.sleep(random.choice([0.0, 0.0, 2e-3]))
     camera.close()
+    counted = len(frames) + sum(f.dropped + f.repeated for f in frames)
+    assert frames[-1].number == last_image.number
+    assert counted == (last_image.number - arrivals[0].number) % 2**32 + 1  # type: ignore[operator]

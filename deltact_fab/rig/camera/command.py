@@ -165,5 +165,5 @@ class CommandFeed:
 
 def _widen(fd: int) -> None:
     """Ask for a larger pipe; a smaller one serves too."""
-    with suppress(OSError):
+    with suppress(OSError, AttributeError):  # Linux alone can
         fcntl.fcntl(fd, fcntl.F_SETPIPE_SZ, PIPE_BYTES)

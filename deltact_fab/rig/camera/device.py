@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from errno import EACCES
 from typing import Any
 
 import cv2
@@ -66,8 +67,9 @@ class DeviceFeed:
         try:
             self._device = Device(self.name)
         except OSError as why:
+            hint = "; who uses it belongs to the group 'video'" if why.errno == EACCES else ""
             raise InputError(
-                f"camera.source: {self.name}: no camera that can be opened: {why.strerror}"
+                f"camera.source: {self.name}: no camera that can be opened: {why.strerror}{hint}"
             ) from why
         try:
             self._set_up(config)

@@ -152,6 +152,7 @@ class StreamCamera:
         self._closing.set()
         with self._has_come:
             self._over = self._over or SensorError(f"camera {self.name}: was closed")
+            self._waiting.clear()
             self._has_come.notify_all()
         self._thread.join()
         self._feed.close()
