@@ -90,7 +90,7 @@ class BenchFace:
         first, *others = self._controller.path_since(int(t_ns[0]) / NS_PER_S)
         if all(corner == first for corner in others):
             return np.repeat(self.wrench(first)[None], len(t_ns), axis=0)
-        clear_mm = CLEAR_MM if self._block_mm is None else math.inf
+        clear_mm = CLEAR_MM + max(0.0, self._block_mm[2] if self._block_mm else 0.0)
         if min(self._height_mm(corner) for corner in (first, *others)) > clear_mm:
             return np.zeros((len(t_ns), 6))
         at = [self._controller.position_mm(int(t) / NS_PER_S) for t in t_ns]

@@ -304,8 +304,6 @@ def test_a_jig_says_where_the_face_is_sideways() -> None:
     assert frame.origin_machine_mm == pytest.approx((-59.3, -60.4, -40.0), abs=0.02)
     assert frame.angle_deg == pytest.approx(1.2, abs=0.02)
     assert feeler.most_n < 3.0
-    with pytest.raises(RunFailed, match=r"48\.0\d mm wide along x, .* half_mm says 50"):
-        find(25.0)
     with pytest.raises(SensorError, match="not met at -x within 3 mm"):
         find(28.0)
     assert it.stage.position_mm()[2] > 5
