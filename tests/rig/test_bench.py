@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -160,3 +162,41 @@ def test_an_operator_s_word_is_kept_with_the_run(tmp_path: Path) -> None:
         done = CliRunner().invoke(main, [*words, "--note", "gel 7, new tape"])
         assert done.exit_code == 0, done.output
     assert "gel 7, new tape" in (out / "notes.jsonl").read_text()
+
+
+def test_sigterm_lifts_keeps_what_was_given_and_says_how_to_go_on(
+    tmp_path: Path,
+) -> None:
+    with powered() as board:
+        protocol, rig = files(tmp_path, board)
+        slow = Path(protocol).read_text().replace("settle_s = 0.02", "settle_s = 4.0")
+        Path(protocol).write_text(slow)
+        words = ["run", protocol, "--rig", rig, "--air", "--out", "r"]
+        host = subprocess.Popen(
+            [sys.executable, "-c", RUN, *words],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path,
+        )  # fmt: skip
+        try:
+            deadline = time.monotonic() + 90
+            while time.monotonic() < deadline and not _frames(tmp_path / "r"):
+                time.sleep(0.1)
+            host.send_signal(signal.SIGTERM)
+            out, err = host.communicate(timeout=60)
+        finally:
+            host.kill()
+            host.wait()
+    assert host.returncode == 1
+    assert out == ""
+    line = err.splitlines()[0]
+    assert line.startswith("deltact-fab: stopped by the operator in ")
+    assert "the tip was lifted" in line
+    assert line.endswith("complete presses are kept: go on with --resume")
+    assert record.open(tmp_path / "r").events()["kind"].iloc[-1] == "stop"
+
+
+def _frames(folder: Path) -> int:
+    """Committed so far."""
+    try:
+        return len(record.open(folder).frames())
+    except (InputError, RunFailed):
+        return 0
