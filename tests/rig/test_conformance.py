@@ -48,7 +48,7 @@ FORCE_SENSORS = {
     "VirtualForce": ("virtual",),
     "SerialScale": ("pty",),
 }
-RIGS = {"VirtualRig": ("virtual",), "GrblRig": ("grbl",)}
+RIGS = {"VirtualRig": ("virtual",), "GrblRig": ("grbl",), "RealtimeRig": ("realtime",)}
 CASES = {"Stage": STAGES, "Camera": CAMERAS, "ForceSensor": FORCE_SENSORS, "Rig": RIGS}
 
 
@@ -66,8 +66,9 @@ def build(mini: tuple[Path, Path], tmp_path: Path) -> Iterator[Any]:
                 protocol = declared.model_copy(update={"channels": frozenset(), "shear": None})
             settings, _ = config.load(str(path))
             recipe = load_recipe(protocol.specimen.pattern)
-            job = Job(protocol, SensorDimensions(), recipe, 3, tmp_path / "run")
-            rig = kind_of(settings, path).build(job)
+            air = kind != "virtual"
+            job = Job(protocol, SensorDimensions(), recipe, 3, tmp_path / "run", air=air)
+            rig = kind_of(settings, path, realtime=kind == "realtime").build(job)
             open_.callback(rig.close)
             return rig
 
@@ -76,7 +77,10 @@ def build(mini: tuple[Path, Path], tmp_path: Path) -> Iterator[Any]:
 
 def cases(table: dict[str, tuple[str, ...]]) -> list[Any]:
     pairs = [(name, kind) for name, kinds in table.items() for kind in kinds]
-    return [pytest.param(kind, id=f"{name}-{kind}") for name, kind in pairs]
+    slow = {"realtime": [pytest.mark.slow]}
+    return [
+        pytest.param(kind, id=f"{name}-{kind}", marks=slow.get(kind, [])) for name, kind in pairs
+    ]
 
 
 @pytest.mark.parametrize("name", CASES)

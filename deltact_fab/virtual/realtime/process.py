@@ -28,7 +28,6 @@ from ..below import Below
 from ..bench_face import BenchFace
 from ..gel_notes import gel_left_out, gel_notes
 from ..netft_server import NetFTServer
-from ..presses import path_of
 from ..pty import Terminal
 from ..rig import VirtualKind
 from ..scene import Observation
@@ -125,10 +124,12 @@ class Bench:
             self._face.mount(indenter, longer_mm)
 
     def _do_begin(self, press: str) -> None:
+        """A press by its name; any other stream of a camera is none of the gel's affair."""
         presses = self._below.presses
-        if not presses.observed:
+        path = next((path for path in presses.paths if path.press == press), None)
+        if path is None or not presses.observed:
             return
-        found = presses.of(path_of(presses, press))  # read from the disk while the others go on
+        found = presses.of(path)  # read from the disk while the others go on
         with self._lock:
             self.clock.catch_up()
             self.scene.observe()
