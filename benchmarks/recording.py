@@ -28,6 +28,7 @@ from deltact_fab.record import RunWriter
 
 PERIOD_S = 0.005
 RATES_HZ = (30.0, 60.0)
+IDLE_S = 3.0  # of the same thread with nothing written, for comparison
 DIFFERENT = 8  # images, in turn
 
 
@@ -121,7 +122,10 @@ def main() -> None:
     given = ask.parse_args()
     width_px, height_px = map(int, given.size.split("x"))
     seen = images(width_px, height_px)
-    print(json.dumps({"cores": os.cpu_count(), "load": os.getloadavg()}))
+    with Late() as idle:
+        time.sleep(IDLE_S)
+    machine = {"cores": os.cpu_count(), "load": os.getloadavg(), "idle": idle.figures()}
+    print(json.dumps(machine))
     with tempfile.TemporaryDirectory(dir=given.folder) as folder:
         for suffix in given.format.split(","):
             for rate_hz in (None, *RATES_HZ):

@@ -104,15 +104,18 @@ def _contact(
     ]
 
 
-def show(protocol_name: str, rig_name: str) -> tuple[list[Step], limits.Estimate]:
-    """Steps and estimate of a protocol on a rig."""
+def show(
+    protocol_name: str, rig_name: str, air: bool = False, realtime: bool = False
+) -> tuple[list[Step], limits.Estimate]:
+    """Steps and estimate of a protocol on a rig; realtime: a virtual one on the wall clock."""
     protocol, _ = plan.load(protocol_name)
     rig, path = rig_config.load(rig_name)
     image_px = preflight.image_px(
         protocol, load_design(protocol.specimen.design), rig, kind_of(rig, path)
     )
-    pace = LOCKSTEP if rig.simulated else WALL_CLOCK
-    return plan.expand(protocol), limits.estimate(protocol, image_px, rig.stage.box, pace)
+    steps = plan.expand(protocol, air)
+    pace = LOCKSTEP if rig.simulated and not realtime else WALL_CLOCK
+    return steps, limits.estimate(protocol, image_px, rig.stage.box, steps, pace)
 
 
 def forces(
@@ -207,7 +210,7 @@ def dry_run(
             unattended, False, out or Path(),
         )  # fmt: skip
         notes = [*_air_note(air), *asked.warnings(progress)]
-        _, estimate = show(protocol_name, rig_name)
+        _, estimate = show(protocol_name, rig_name, air, realtime)
         lines: list[str] = []
         if realtime or not asked.rig.simulated:
             with closing(asked.kind.build(asked.job)) as bench:

@@ -115,12 +115,18 @@ def require(rows: Iterable[Check], source: str) -> None:
         raise InputError(f"{source}: {text}")
 
 
-def estimate(protocol: Protocol, image_px: int, stage: StageBox, pace: Pace = LOCKSTEP) -> Estimate:
+def estimate(
+    protocol: Protocol,
+    image_px: int,
+    stage: StageBox,
+    steps: list[Step] | None = None,
+    pace: Pace = LOCKSTEP,
+) -> Estimate:
     """Frames, time and disk of a whole run, from the steps and the stage's acceleration.
 
     image_px: pixels of a frame as it is stored. pace: of whoever runs it.
     """
-    steps = expand(protocol)
+    steps = expand(protocol) if steps is None else steps
     here = stage.frame.to_sensor_mm(stage.homed_mm)
     homing = stage.homing_s if stage.homing_s is not None else homing_s(stage.travel_mm)
     seconds = pace.connect_s + homing

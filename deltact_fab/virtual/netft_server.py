@@ -22,7 +22,7 @@ WAKE_S = 0.05  # how long a command or the end of the server may wait at most
 
 @dataclass
 class Page:
-    """What `/netftapi2.xml` of the box tells beside its scaling and rate; change it at any time.
+    """What the page of the box tells beside its scaling and rate; change it at any time.
 
     Fields of a Net F/T box: `cfgcalsn` is the transducer's serial number, `mfgdigsn` the box's.
     """
@@ -32,6 +32,7 @@ class Page:
     product: str = "Simulated Net F/T"
     force_unit: str = "N"
     torque_unit: str = "Nmm"
+    path: str = "/netftapi2.xml"
     enabled: bool = True
     force_scale: float = 1.0
     """Of the force unit in newtons, so that the counts of a unit fit the counts of a newton."""
@@ -142,7 +143,7 @@ class NetFTServer:
 
     def _answer(self, request: BaseHTTPRequestHandler) -> None:
         """One request for the page."""
-        if request.path.partition("?")[0] != "/netftapi2.xml":
+        if request.path.partition("?")[0] != self.page.path:
             request.send_error(404)
             return
         body = self._xml().encode("ascii")

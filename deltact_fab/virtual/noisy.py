@@ -1,4 +1,4 @@
-"""A simulated controller whose words are lost, doubled, mangled or invented on their way to the host.
+"""A simulated controller whose words are lost, doubled or invented on their way to the host.
 
 What the host sends arrives all the same. Nothing here changes what the board itself does.
 """

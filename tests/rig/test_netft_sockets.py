@@ -166,7 +166,9 @@ def test_silence_is_an_error_within_its_time() -> None:
         sensor.close()
 
 
-def test_a_box_out_of_reach_disabled_or_another_one_is_named() -> None:
+def test_a_box_out_of_reach_disabled_or_another_one_is_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     with NetFTServer(Hand()) as box:
         with pytest.raises(InputError, match=r"serial number 'FT00001'.*serial = 'FT11564'"):
             fetch(way(box, serial="FT11564"))
@@ -177,6 +179,12 @@ def test_a_box_out_of_reach_disabled_or_another_one_is_named() -> None:
         box.page.enabled = True
         box.page.force_unit = "furlong"
         with pytest.raises(SensorError, match="scfgfu: unit 'furlong' is not known"):
+            fetch(way(box))
+        box.page.force_unit = "N"
+        monkeypatch.setenv("http_proxy", "http://127.0.0.1:9")
+        assert fetch(way(box)).force_unit == "N"
+        box.page.path = "/elsewhere.xml"
+        with pytest.raises(SensorError, match=r"cannot be read \(HTTP Error 404"):
             fetch(way(box))
         nobody = way(box)
     with pytest.raises(

@@ -16,6 +16,7 @@ REGISTRY = {
     "cad": "deltact_fab.numerics.engines.cad",
     "sheet": "deltact_fab.numerics.engines.sheet",
     "measure": "deltact_fab.numerics.engines.measure",
+    "bench": "deltact_fab.numerics.engines.bench",
 }
 
 

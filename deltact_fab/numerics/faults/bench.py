@@ -42,11 +42,13 @@ axes = ["x"]
 rate_hz = 1.0
 settle_s = 0.1
 [motion]
+clearance_mm = 1.0
+park_mm = 4.0
 travel_feed_mm_min = 600.0
 press_feed_mm_min = 60.0
 shear_feed_mm_min = 60.0
 """
-FRAME = StageFrame((-60.0, -50.0, -40.0))
+FRAME = StageFrame((-20.0, -18.0, -10.0))
 FORCE = ForceConfig(range_n=(50.0, 50.0, 70.0), range_nmm=(500.0, 500.0, 500.0))
 GUARD_N = 20.0
 RADIUS_MM = 3.0
@@ -65,7 +67,7 @@ class Bench:
     def __init__(self) -> None:
         self.clock = VirtualClock()
         self.trace: list[wire.Exchange] = []
-        self.board = NoisyController(None, self.clock, start_mm=(-20.0, -20.0, -10.0))
+        self.board = NoisyController(None, self.clock, start_mm=(-6.0, -6.0, -6.0))
         self.link = wire.connect(
             self.board, self.clock, f"bench-{next(_NUMBER)}",
             resets_on_open=False, trace=self.trace,
@@ -113,15 +115,14 @@ class Bench:
             writer = RunWriter.resume(folder, plan_steps)
         else:
             writer = create(folder, plan_steps)
-        stage = GrblStage(self.link.url, self.clock, FRAME)
+        stage, force, guard = self._opened()
         camera = BenchCamera(self.clock, self.tip_mm)
         for name, times_s in self.camera_faults.items():
             setattr(camera, name, times_s)
-        force = BenchForce(self.box, self.clock)
         try:
             devices = Devices(
                 self.clock, stage, camera, force, lambda name: None,
-                guard=ForceGuard(stage, GuardLimits((GUARD_N,) * 3), self.clock),
+                guard=guard,
             )  # fmt: skip
             Runner(devices, writer, progress).run(plan_steps)
             writer.close({"frames": sum(step.frames for step in plan_steps)})
@@ -133,6 +134,21 @@ class Bench:
             force.close()
             camera.close()
             stage.close()
+
+    def armed(self) -> tuple[GrblStage, BenchForce, ForceGuard]:
+        """Stage, sensor and guard by themselves: homed, tared, above the face."""
+        stage, force, guard = self._opened()
+        stage.connect()
+        stage.home()
+        stage.start_move((0.0, 0.0, 1.0), 1200.0)
+        stage.wait()
+        force.begin("armed")
+        return stage, force, guard
+
+    def _opened(self) -> tuple[GrblStage, BenchForce, ForceGuard]:
+        stage = GrblStage(self.link.url, self.clock, FRAME)
+        guard = ForceGuard(stage, GuardLimits((GUARD_N,) * 3), self.clock)
+        return stage, BenchForce(self.box, self.clock), guard
 
     def _wrenches(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         """(n, 6) N, N mm: a Hertzian press, and friction that follows the drag."""

@@ -55,17 +55,20 @@ class Cell:
         """The cell of the table."""
         what = "success" if self.outcome == "success" else "error"
         if self.travel_mm is not None:
-            what += f" {self.travel_mm:.2f} mm"
+            mark = "" if not self.known_s else "*"
+            what += f" {self.travel_mm:.2f} mm{mark}"
+        if self.allowed_mm is None and self.travel_mm is not None:
+            what += "+"
         return f"WRONG: {what}" if self.wrong else what
 
 
 class Matrix:
     """What all cells share: the undisturbed run, the one begun, and when its moments are."""
 
-    def __init__(self, disk: Disk) -> None:
-        self._disk = disk
-        self._undisturbed = disk.folder / "undisturbed"
-        self.begun = disk.folder / "begun"
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._undisturbed = folder / "undisturbed"
+        self.begun = folder / "begun"
         bench = Bench()
         bench.run(self._undisturbed)
         self.whole = rows(self._undisturbed)
@@ -77,15 +80,19 @@ class Matrix:
         }
         self.at_s = self._moments()
 
-    def cell(self, fault: Fault, moment: str) -> Cell:
-        """Strike, end, mend, resume, compare."""
-        folder = self._disk.folder / "cell"
+    def cell(self, fault: Fault, moment: str, disk: Disk) -> Cell:
+        """Strike, end, mend, resume, compare. disk: where the run is, and what may fill up."""
+        folder = disk.folder / "cell"
         shutil.copytree(self.begun, folder)
         try:
-            return self._cell(fault, moment, folder)
+            return self._cell(fault, moment, folder, disk)
         finally:
-            self._disk.free()
+            disk.free()
             shutil.rmtree(folder)
+
+    def resumed_from_disk(self, folder: Path) -> str:
+        """Go on with what a killed process left; what is wrong with that."""
+        return self._resumed(Bench(), folder, "killed")
 
     def wrong(self, folder: Path, tables: Sequence[str] = PRESS_TABLES) -> str:
         """What of a finished record is not as in the undisturbed one, "" if nothing is."""
@@ -112,16 +119,16 @@ class Matrix:
                     return f"a committed row of {table} is lost or changed: {row[0]}"
         return ""
 
-    def _cell(self, fault: Fault, moment: str, folder: Path) -> Cell:
+    def _cell(self, fault: Fault, moment: str, folder: Path, disk: Disk) -> Cell:
         bench, at_s = Bench(), self.at_s[moment]
-        fault.strike(bench, self._disk, at_s)
+        fault.strike(bench, disk, at_s)
         outcome = "success"
         try:
             bench.run(folder)
         except DeltactFabError as why:
             outcome = " ".join(str(why).split())
         ended_ns = bench.clock.now_ns()
-        self._disk.free()
+        disk.free()
         bench.clock.sleep_s(60.0)  # all rests, and silence is over
         found = Cell(fault.name, moment, outcome)
         wrong = ""
@@ -173,19 +180,19 @@ class Matrix:
 
     def _moments(self) -> dict[str, float]:
         """When they are in the session of a cell, in which nothing goes wrong."""
-        folder = self._disk.folder / "timed"
+        folder = self.folder / "timed"
         shutil.copytree(self.begun, folder)
         bench = Bench()
         bench.run(folder)
         run = open_run(folder)
         began_ns = next(t for t, who, data in bench.trace if who == "host" and data == b"$H\n")
         events = run.events()
-        homed_s = float(events[events["kind"] == "homed"]["t_s"].iloc[-1])
-        steps = run.steps().set_index("step_id")
-        frames = run.frames().set_index("frame_id")
+        homed_s = max(events[events["kind"] == "homed"]["t_s"].tolist())
+        steps = {str(row["step_id"]): row for _, row in run.steps().iterrows()}
+        frames = {str(row["frame_id"]): row for _, row in run.frames().iterrows()}
 
         def within(step: str) -> float:
-            row = steps.loc[f"{SECOND}/{step}"]
+            row = steps[f"{SECOND}/{step}"]
             return float(row["t_start_s"] + row["planned_s"] * ELAPSED)
 
         shutil.rmtree(folder)
@@ -195,7 +202,7 @@ class Matrix:
             TRAVEL: within("rest"),
             PRESS: within("d1.50/press"),
             DRAG: within("d1.50/shear-x-"),
-            WRITING: float(frames.loc[f"{SECOND}/d1.50/shear-x-#001", "t_s"]),
+            WRITING: float(frames[f"{SECOND}/d1.50/shear-x-#001"]["t_s"]),
         }
 
 
@@ -223,7 +230,8 @@ def travelled(bench: Bench, fault: Fault, found: Cell, at_s: float, ended_ns: in
         speed = max(top_mm_s(s) for s in segments if s.block in blocks)
         accel = min(s.accel_mm_s2 for s in moved)
         made["travel_mm"] = sum(length_mm(s, known_ns) for s in moved)
-        made["allowed_mm"] = speed**2 / (2 * accel) + speed * REACTION_S + ROUNDING_MM
+        if fault.carries:
+            made["allowed_mm"] = speed**2 / (2 * accel) + speed * REACTION_S + ROUNDING_MM
     if fault.carries and not all(rises(s) for s in later):
         made["wrong"] = "it moved again after the stop, and not straight up"
     return Cell(**made)
@@ -256,5 +264,7 @@ def rows(folder: Path) -> Rows:
                 (n for n in names if n not in CLOCK_COLUMNS),
                 key=lambda n: n not in ("frame_id", "step_id"),
             )
-            out[table] = db.execute(f"SELECT {','.join(keep)} FROM {table} ORDER BY 1, 2").fetchall()
+            out[table] = db.execute(
+                f"SELECT {','.join(keep)} FROM {table} ORDER BY 1, 2"
+            ).fetchall()
     return out

@@ -1,4 +1,4 @@
-"""A real disk that fills up: a small file system in memory, or this process's limit of file size."""
+"""A real disk that fills up: a small file system in memory, or a limit of the size of files."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ import signal
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ...virtual.clock import VirtualClock
 
@@ -22,8 +25,12 @@ class Disk:
 
     def fill_at(self, clock: VirtualClock, at_s: float) -> None:
         """From that time on nothing more can be written."""
-        left_s = at_s - clock.now_s()
-        ticks = clock.every(1 / left_s, lambda t_ns: (ticks.cancel(), self._fill())[0])
+
+        def once(t_ns: NDArray[np.int64]) -> None:
+            ticks.cancel()
+            self._fill()
+
+        ticks = clock.every(1 / (at_s - clock.now_s()), once)
 
     def free(self) -> None:
         """There is room again."""

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 
 from .bench import Bench
 from .disk import Disk
@@ -39,10 +38,6 @@ class Fault:
     at: tuple[str, ...] = MOMENTS
     carries: bool = True
     """Whether a stop byte can reach the board; else the move goes on to its target."""
-
-
-def _half(part: slice) -> Callable[[bytes], bytes]:
-    return lambda line: line[part]
 
 
 def _cut(line: bytes) -> bytes:
@@ -81,8 +76,7 @@ def _push(bench: Bench, disk: Disk, at_s: float) -> None:
     bench.extra_n = (at_s * 1e9, FORCE_N)
 
 
-FELT = (PRESS, DRAG, WRITING)
-SENSED = (BEFORE, TRAVEL, *FELT)
+SENSED = (BEFORE, TRAVEL, PRESS, DRAG, WRITING)
 FAULTS: tuple[Fault, ...] = (
     Fault("lost ok",
           lambda b, d, at_s: b.board.lose(b"ok", at_s, most=1),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import math
+import urllib.error
 import urllib.request
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
@@ -35,10 +36,14 @@ class NetFTPage:
 def fetch(config: NetFTConfig) -> NetFTPage:
     """Read the page of a box. Raises SensorError: out of reach, no such page, unknown units."""
     where = f"http://{config.host}:{config.http_port}/netftapi2.xml"
+    # A box on the bench is never behind the institute's proxy.
+    opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
     try:
-        with urllib.request.urlopen(where, timeout=ANSWER_S) as answer:
+        with opener.open(where, timeout=ANSWER_S) as answer:
             text = answer.read(MOST_BYTES)
     except (OSError, http.client.HTTPException, ValueError) as why:
+        if isinstance(why, urllib.error.HTTPError):
+            why.close()
         raise SensorError(
             f"{where}: cannot be read ({why}); check the box's power, cable and address, and "
             "[force.netft] host of the rig file"

@@ -2,7 +2,8 @@
 
 From the tare of a press to its end it asks the stage ten times a second where it is and takes what
 the force sensor has sent, and both at each frame. The way out of the gel is not felt: no frame is
-taken on it, and a simulated gel would have to be solved for it.
+taken on it, and a simulated gel would have to be solved for it. Where there is a guard, it sees the
+force from the connection on, every GUARD_NS, in every motion but homing.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from ...protocols.plan import Step
 from .schedule import LOOK_NS, Schedule, in_step
 from .streams import Wanted, to_ns
 
-GUARD_NS = 5_000_000  # between two looks of the guard
+GUARD_NS = 8_000_000  # between two looks of the guard
 SAMPLE_NS = 1_000_000  # a reading waits for the next sample
 
 
@@ -27,7 +28,11 @@ class Lockstep(Schedule):
     _step: Step  # that was entered last
 
     def open(self) -> None:
-        """Nothing streams outside of a press."""
+        """Nothing streams outside of a press but for the guard."""
+        if self._guarded and self._d.force is not None and self.force is not None:
+            self.force.keeping = False
+            self._felt = True
+            self._d.force.start()
 
     def check(self) -> None:
         """There is no other thread."""
@@ -35,7 +40,7 @@ class Lockstep(Schedule):
     def enter(self, step: Step) -> None:
         """The force sensor rests while the tip leaves the gel."""
         self._step = step
-        if step.kind == "retract":
+        if step.kind == "retract" and not self._guarded:
             self._feel_no_more()
         elif self.in_press and not self._felt and self._d.force is not None:
             self._felt = True
@@ -62,6 +67,8 @@ class Lockstep(Schedule):
 
     def reach(self, end_ns: int) -> None:
         """Wait for the stage to say so."""
+        if self._guarded:
+            self._sleep_until(end_ns)
         self._d.stage.wait()
 
     def complete(self, step: Step) -> None:
@@ -73,7 +80,12 @@ class Lockstep(Schedule):
 
     def change(self, name: str) -> str | None:
         """Between presses nothing streams."""
-        return self._d.change_indenter(name)
+        self._feel_no_more()
+        found = self._d.change_indenter(name)
+        if self._guarded and self._d.force is not None:
+            self._felt = True
+            self._d.force.start()
+        return found
 
     @contextmanager
     def lifting(self) -> Iterator[None]:
@@ -89,9 +101,11 @@ class Lockstep(Schedule):
     def _begin_devices(self, step: Step) -> None:
         if self._d.camera is not None:
             self._d.camera.begin(step.press)
+        self._feel_no_more()  # what the guard saw was on another tare
         self._origin_ns = self.pose.looked_ns = self.now_ns()
         if self._d.force is not None:
-            self._felt = True
+            assert self.force is not None
+            self._felt = self.force.keeping = True
             self._d.force.begin(step.press)
 
     def _end_camera(self, frames: Mapping[str, float]) -> None:
@@ -99,7 +113,14 @@ class Lockstep(Schedule):
         self._d.camera.end(frames)
 
     def _end_devices(self) -> None:
-        self._feel_no_more()
+        if self._guarded and self.force is not None:
+            self.force.keeping = False
+        else:
+            self._feel_no_more()
+
+    @property
+    def _guarded(self) -> bool:
+        return self._d.guard is not None
 
     def _waits(self, wanted: Wanted) -> bool:
         return True
@@ -121,8 +142,7 @@ class Lockstep(Schedule):
     def _sleep_until(self, t_ns: int) -> None:
         """Hear the stage meanwhile; where there is a guard, it sees the force every GUARD_NS."""
         while (left_ns := t_ns - self.now_ns()) > 0:
-            guarded = self._d.guard is not None and self._felt and self.in_press
-            if not guarded or left_ns <= GUARD_NS:
+            if not (self._guarded and self._felt) or left_ns <= GUARD_NS:
                 self._d.stage.listen(left_ns / 1e9)
                 return
             self._d.stage.listen((GUARD_NS - SAMPLE_NS) / 1e9)
@@ -130,7 +150,7 @@ class Lockstep(Schedule):
 
     def _feel(self, step: Step) -> None:
         """What the force sensor has sent. Raises SensorError beyond limits."""
-        if self.force is None or not self._felt or not self.in_press:
+        if self.force is None or not self._felt or not (self.in_press or self._guarded):
             return
         try:
             self.force.step()

@@ -1,0 +1,53 @@
+"""Every command that README and how-tos show exists, with the options that they show."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import click
+import pytest
+
+from deltact_fab.cli.main import main
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs/how-to").glob("*.md"))]
+SHOWN = re.compile(r"^deltact-fab .*$|`(deltact-fab [a-z][^`|]*)`", re.MULTILINE)
+
+
+def shown(page: Path) -> list[str]:
+    """The commands of a page, as they are typed."""
+    text = page.read_text()
+    return [found[1] or found[0] for found in SHOWN.finditer(text) if "…" not in found[0]]
+
+
+def words_of(line: str) -> list[str]:
+    words = shlex.split(line.partition(" | ")[0], comments=True)
+    return [word for word in words[1:] if not word.startswith("[")]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_command_that_is_shown_exists(page: Path) -> None:
+    commands = shown(page)
+    assert len(commands) > 10
+    for line in commands:
+        for part in line.split("`, `"):
+            words = words_of(part)
+            command: click.Command = main
+            context = click.Context(main)
+            while isinstance(command, click.Group) and words and not words[0].startswith("-"):
+                name = words.pop(0).rstrip(",")
+                found = command.get_command(context, name)
+                assert found is not None, f"{page.name}: {line}: no command {name!r}"
+                command = found
+                context = click.Context(found, context, **found.context_settings)
+            try:
+                command.make_parser(context).parse_args([*words])
+            except click.UsageError as why:
+                pytest.fail(f"{page.name}: {line}: {why.format_message()}")
+
+
+def test_an_option_that_is_none_is_found() -> None:
+    with pytest.raises(click.UsageError):
+        main.make_parser(click.Context(main)).parse_args(["--no-such-option"])
