@@ -176,7 +176,7 @@ def tables(scratch: Path) -> Sequence[Table]:
             "What a run ends in, and how far the carriage goes after the error: from when the "
             "fault had come to the host, or from the stop byte where that had to wait for a "
             "time-out (*), to rest. Travel at 600 mm/min, press and drag at 60, 50 mm/s2: braking "
-            "takes 0.77 to 1.41 and 0.01 mm, 10 ms of motion are 0.1 and 0.01 mm. A cable that is "
+            "takes 0.77 to 1.0 and 0.01 mm, 10 ms of motion are 0.1 and 0.01 mm. A cable that is "
             "out carries no byte, and the move goes on to its end (+). Every run goes on with "
             "--resume, on the same board, to the same images.",
             ("fault", *MOMENTS),
