@@ -12,6 +12,7 @@ import click
 @click.option("--indenter", default="sphere:10", show_default=True, help="A ball, mounted.")
 @click.option("--by", type=click.Choice(["force", "hand"]), help="Default: the rig file's.")
 @click.option("--at", "at", multiple=True, metavar="X,Y", help="Place on the face, mm; 3 or more.")
+@click.option("--jig", is_flag=True, help="Place and turn too, by the sides of [touch.jig].")
 @click.option("--design", default="deltact", show_default=True, help="Design of the sensor.")
 @click.option("--tip-is-clear", is_flag=True, help="Your word: the tip touches nothing. Home.")
 @click.option("-o", "--output", "out", required=True, type=click.Path(path_type=Path))
@@ -21,6 +22,7 @@ def register(
     indenter: str,
     by: str | None,
     at: tuple[str, ...],
+    jig: bool,
     design: str,
     tip_is_clear: bool,
     out: Path,
@@ -29,7 +31,9 @@ def register(
     """Touch the face at several places with a ball, and write its height and tilt to a file.
 
     The rig homes first. Without --at four places are touched, so that the file says how far from
-    one plane they lie. Name the file as `registration` in [stage] of the rig file.
+    one plane they lie. With --jig the ball then touches the sides of a block around the sensor,
+    which say where the face is sideways and how it is turned. Name the file as `registration` in
+    [stage] of the rig file.
     """
     from ..cad.design import load_design
     from ..errors import InputError
@@ -45,7 +49,7 @@ def register(
     operator = Terminal()
     with session.homed(bench, path, operator, tip_is_clear) as devices:
         found = session.register_face(
-            devices, bench, path, load_design(design), indenter, operator, places, by
+            devices, bench, path, load_design(design), indenter, operator, places, by, jig
         )
     session.write(found, path, out)
     if as_json:

@@ -48,7 +48,8 @@ class BenchFace:
 
     frame: where the face truly lies for a tool of the length that the stage's origin was measured
     with. skin: its size and thickness. hard_mm: half sides of what surrounds the gel at the same
-    height (None: nothing does).
+    height (None: nothing does). block_mm: half sides and top (above the face) of a hard block with
+    upright sides, which a ball meets from beside.
     """
 
     def __init__(
@@ -58,12 +59,14 @@ class BenchFace:
         skin: SkinDimensions,
         material: GelMaterial | None = None,
         hard_mm: tuple[float, float] | None = None,
+        block_mm: Vec3 | None = None,
     ) -> None:
         self._controller = controller
         self._frame = frame
         self._skin = skin
         self._material = material or GelMaterial()
         self._hard_mm = hard_mm
+        self._block_mm = block_mm
         self._longer_mm = 0.0
         self._touching: Sequence[_Touching] = ()
         self.deepest_mm = -math.inf
@@ -87,7 +90,8 @@ class BenchFace:
         first, *others = self._controller.path_since(int(t_ns[0]) / NS_PER_S)
         if all(corner == first for corner in others):
             return np.repeat(self.wrench(first)[None], len(t_ns), axis=0)
-        if min(self._height_mm(corner) for corner in (first, *others)) > CLEAR_MM:
+        clear_mm = CLEAR_MM + max(0.0, self._block_mm[2] if self._block_mm else 0.0)
+        if min(self._height_mm(corner) for corner in (first, *others)) > clear_mm:
             return np.zeros((len(t_ns), 6))
         at = [self._controller.position_mm(int(t) / NS_PER_S) for t in t_ns]
         return np.stack([self.wrench(carriage_mm) for carriage_mm in at])
@@ -108,10 +112,23 @@ class BenchFace:
             at_x, at_y, height = self._frame.to_sensor_mm(tip)
             depth = radius - height
             self.deepest_mm = max(self.deepest_mm, depth)
+            total[:3] += self._from_beside(radius, at_x, at_y, height)
             force = self._force_n(touching, depth, at_x, at_y)
             if force > 0:
                 total += (0, 0, -force, -at_y * force, at_x * force, 0)
         return total
+
+    def _from_beside(self, radius: float, x: float, y: float, z: float) -> Vec3:
+        """Force of a ball whose middle is there, in the sensor frame, on the block."""
+        if self._block_mm is None or not radius or z > self._block_mm[2]:
+            return (0.0, 0.0, 0.0)
+        half_x, half_y, _ = self._block_mm
+        off = x - min(max(x, -half_x), half_x), y - min(max(y, -half_y), half_y)
+        away = math.hypot(*off)
+        if not 0 < away < radius:
+            return (0.0, 0.0, 0.0)
+        force = HARD_N_PER_MM * (radius - away) / away
+        return (-force * off[0], -force * off[1], 0.0)
 
     def _force_n(self, touching: _Touching, depth_mm: float, x_mm: float, y_mm: float) -> float:
         if depth_mm <= 0:

@@ -57,13 +57,21 @@ def bench(
     guard_n: float = 5.0,
     seed: int = 1,
     homed: bool = True,
+    block_mm: tuple[float, float, float] | None = None,
+    turn_deg: float = 0.0,
 ) -> Bench:
     """off_mm: of the face from where it is expected, machine axes."""
     clock = VirtualClock()
     grbl = GrblController({}, clock, start_mm=(-30.0, -30.0, -10.0))
     x, y, z = (o + d for o, d in zip(EXPECTED.origin_machine_mm, off_mm, strict=True))
-    true = StageFrame((x, y, z), 0.0, tilt_deg)
-    face = BenchFace(grbl, true, SkinDimensions(), hard_mm=(22.0, 22.0))
+    true = StageFrame((x, y, z), turn_deg, tilt_deg)
+    face = BenchFace(
+        grbl,
+        true,
+        SkinDimensions(),
+        hard_mm=(22.0, 22.0) if block_mm is None else None,
+        block_mm=block_mm,
+    )
     face.mount(indenter, longer_mm)
     box = NetFTBox(ForceConfig(), clock, seed, face.wrenches, noise_n)
     link = connect(grbl, clock, f"felt-{next(_NUMBER)}")

@@ -18,7 +18,7 @@ from felt import EXPECTED, Bench, bench
 
 from deltact_fab import record
 from deltact_fab.cad.design import load_design
-from deltact_fab.errors import InputError, RunFailed, StageError
+from deltact_fab.errors import InputError, RunFailed, SensorError, StageError
 from deltact_fab.optics import StageFrame
 from deltact_fab.patterns.recipe import load_recipe
 from deltact_fab.protocols import plan
@@ -26,8 +26,10 @@ from deltact_fab.record import RunWriter
 from deltact_fab.rig.config import ToolConfig
 from deltact_fab.rig.interface import Devices, Job
 from deltact_fab.rig.run.runner import Runner
-from deltact_fab.rig.tool.config import TouchConfig
+from deltact_fab.rig.tool.config import JigConfig, TouchConfig
+from deltact_fab.rig.tool.feeler import Feeler
 from deltact_fab.rig.tool.home import clear_the_face
+from deltact_fab.rig.tool.jig import JigTouch, Placed
 from deltact_fab.rig.tool.operator import Operator, Terminal, confirm
 from deltact_fab.rig.tool.register import places_for, register, require_fit
 from deltact_fab.rig.tool.tooling import KEPT, Tooling
@@ -284,3 +286,24 @@ def test_places_and_indenters_that_give_no_plane_are_refused() -> None:
     ):
         with pytest.raises(InputError, match=why):
             require_fit(skin, parse(name), places)
+
+
+@pytest.mark.slow
+def test_a_jig_says_where_the_face_is_sideways() -> None:
+    it = bench(
+        "sphere:10", (0.7, -0.4, 0.0), guard_n=10.0, block_mm=(24.0, 22.0, -2.0), turn_deg=1.2
+    )
+    low(it)
+    feeler = Feeler(it.stage, it.force, it.clock, it.guard)
+
+    def find(half_x: float) -> Placed:
+        jig = JigConfig(half_mm=(half_x, 22.0), top_mm=-2.0)
+        return JigTouch(it.stage, feeler, TOUCH, jig, parse("sphere:10")).find()
+
+    frame = find(24.0).frame(EXPECTED)
+    assert frame.origin_machine_mm == pytest.approx((-59.3, -60.4, -40.0), abs=0.02)
+    assert frame.angle_deg == pytest.approx(1.2, abs=0.02)
+    assert feeler.most_n < 3.0
+    with pytest.raises(SensorError, match="not met at -x within 3 mm"):
+        find(28.0)
+    assert it.stage.position_mm()[2] > 5

@@ -149,7 +149,7 @@ def test_an_alarm_leaves_the_tip_where_it_is(tmp_path: Path) -> None:
 
         def reboot(live: Live) -> None:
             if live.step.endswith("p1/d1.00/press"):
-                with bench.board.lock:
+                with bench.board.terminal.lock:
                     bench.board.grbl.fault("reboot")
 
         with pytest.raises(StageError):

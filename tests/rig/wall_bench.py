@@ -113,7 +113,7 @@ def wall_bench(folder: Path, guard_n: float = 20.0) -> Iterator[WallBench]:
             out[:, 2] = -N_PER_MM * max(ORIGIN_MM[2] - it.at_mm()[2], 0.0)
             return out
 
-        config = ForceConfig()
+        config = ForceConfig(rate_hz=500.0)
         server = held.enter_context(NetFTServer(wrenches, config))
         clock = WallClock()
         stage = GrblStage(it.port, clock, StageFrame(ORIGIN_MM))

@@ -24,7 +24,7 @@ from .streams import Wanted
 
 ANSWER_S = 10.0  # a camera that is opened anew, a tare
 FRAME_S = 10.0  # from the moment that a frame is wanted; a stalled camera says so before
-FELT_S = 2.0  # for the force sample after a frame: a silent sensor says so before
+FELT_S = 10.0  # for the force sample after a frame: a host that lags behind catches up
 PAUSE_S = 0.005  # between two looks at what other threads have done
 END_S = 5.0
 HEAR_S = 0.02  # the stage is heard meanwhile; another thread that fails has stopped it itself

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from ...errors import InputError
 from ..strict import Place, Strict, Tilt
 
+Half = Annotated[float, Field(ge=1, le=200)]
 Millimetres = Annotated[float, Field(ge=-100, le=100)]
 
 
@@ -17,6 +18,15 @@ class ToolConfig(Strict):
 
     length_mm: Millimetres
     """How much longer it is than the one that `[stage] origin_machine_mm` was measured with."""
+
+
+class JigConfig(Strict):
+    """A block with upright sides around the middle of the face; a ball finds its place."""
+
+    half_mm: tuple[Half, Half]
+    """Half its sides along the sensor's x and y."""
+    top_mm: Millimetres
+    """Height of its top above the resting face; below it, as the base's own frame is: negative."""
 
 
 class TouchConfig(Strict):
@@ -42,6 +52,7 @@ class TouchConfig(Strict):
     """Between the repeats; more is a loose tool."""
     gauge_mm: float = Field(default=0.1, ge=0, le=5)
     """By hand: thickness of the feeler gauge or paper between tip and face."""
+    jig: JigConfig | None = None
     moved_mm: float = Field(default=0.3, ge=0.01, le=5)
     """A resumed run may find the face at most so much from where the run had it."""
 
@@ -74,6 +85,8 @@ class RegistrationFile(Strict):
     angle_deg: float = Field(ge=-360, le=360)
     tilt_deg: tuple[Tilt, Tilt]
     residual_mm: float = Field(ge=0, le=10)
+    jig_off_mm: tuple[Millimetres, Millimetres] | None = None
+    """How far the jig was from where it was expected; without it the place was not registered."""
     touches: tuple[RegisteredTouch, ...] = Field(min_length=3, max_length=1000)
 
 

@@ -18,6 +18,7 @@ from ...optics import StageFrame
 from ...protocols.motion import Vec3
 from ...shapes import Indenter, SkinDimensions
 from .contact import powers_of
+from .jig import Placed
 from .touch import Touch
 
 MOST_TILT_DEG = 2.0
@@ -40,6 +41,8 @@ class Registration:
     by: str
     touches: tuple[tuple[Touch, Vec3], ...]
     residual_mm: float
+    placed: Placed | None = None
+    """By a jig; None: x, y and angle_deg are the rig file's."""
 
     @property
     def tilt_deg(self) -> float:
@@ -51,10 +54,16 @@ class Registration:
         """For a person."""
         x, y, z = self.frame.origin_machine_mm
         tx, ty = self.frame.tilt_deg
+        place = ""
+        if self.placed is not None:
+            p = self.placed
+            place = (
+                f"; the jig was off by ({p.x_mm:+.3f}, {p.y_mm:+.3f}) mm and {p.turn_deg:+.3f} deg"
+            )
         known = f"{self.residual_mm:.3f} mm from flat" if len(self.touches) > 3 else "no residual"
         return (
             f"face at machine ({x:.3f}, {y:.3f}, {z:.3f}) mm, tilted {tx:+.3f} deg about x and "
-            f"{ty:+.3f} about y, {known} by {len(self.touches)} touches"
+            f"{ty:+.3f} about y, {known} by {len(self.touches)} touches{place}"
         )
 
     def toml(self, rig: str, date: str) -> str:
@@ -64,13 +73,18 @@ class Registration:
             f"spread_mm = {touch.spread_mm:.4f}\n"
             for touch, machine in self.touches
         )
+        jig = (
+            ""
+            if self.placed is None
+            else (f"jig_off_mm = {_list((self.placed.x_mm, self.placed.y_mm))}\n")
+        )
         return (
             "# Where the face lies; `[stage] registration` of the rig file names this file.\n"
             f'date = "{date}"\nrig = "{rig}"\nindenter = "{self.indenter}"\nby = "{self.by}"\n'
             f"origin_machine_mm = {_list(self.frame.origin_machine_mm)}\n"
             f"angle_deg = {self.frame.angle_deg:.4f}\n"
             f"tilt_deg = {_list(self.frame.tilt_deg)}\n"
-            f"residual_mm = {self.residual_mm:.4f}\n{rows}"
+            f"residual_mm = {self.residual_mm:.4f}\n{jig}{rows}"
         )
 
 

@@ -22,8 +22,10 @@ from .config import TouchConfig
 from .feeler import Feeler
 from .hand import HandTouch
 from .home import LIFT_FEED_MM_MIN, LIFT_MM, home_safely
+from .jig import JigTouch
 from .operator import Operator, confirm
 from .register import Place, Registration, places_for, register, require_fit
+from .tooling import raised
 from .touch import ForceTouch, Touch
 
 if TYPE_CHECKING:
@@ -89,21 +91,26 @@ def register_face(
     operator: Operator,
     places: tuple[Place, ...] = (),
     by: str | None = None,
+    jig: bool = False,
 ) -> Registration:
     """Have a ball mounted, touch the face at each place, and fit where it lies.
 
-    places: none is four of them. by: instead of the rig file's. Raises InputError or RunFailed.
+    places: none is four of them. by: instead of the rig file's. jig: touch its sides too, for place
+    and turn. Raises InputError or RunFailed.
     """
     ball = parse_indenter(indenter)
     touch = config.touch or TouchConfig()
     if by is not None:
         touch = TouchConfig.model_validate({**touch.model_dump(), "by": by})
+    if jig and touch.jig is None:
+        raise InputError(
+            f"{source}: touch.jig: missing table; --jig needs half_mm and top_mm of it"
+        )
     places = places or places_for(sensor.skin, ball)
     require_fit(sensor.skin, ball, places)
     confirm(operator, ball.name, "it is mounted, screwed tight")
     longer_mm = config.tools[ball.name].length_mm if ball.name in config.tools else 0.0
-    x, y, z = bench.stage.frame.origin_machine_mm
-    frame = replace(bench.stage.frame, origin_machine_mm=(x, y, z + longer_mm))
+    frame = raised(bench.stage.frame, longer_mm)
     bench.stage.set_frame(frame)
 
     def find(place: Place) -> Touch:
@@ -113,7 +120,13 @@ def register_face(
         by_force = ForceTouch(bench.stage, bench.force, bench.clock, bench.guard, touch)
         return by_force.find(ball, place)
 
-    return register(find, frame, longer_mm, ball, places)
+    found = register(find, frame, longer_mm, ball, places)
+    if not jig or touch.jig is None:
+        return found
+    bench.stage.set_frame(raised(found.frame, longer_mm))
+    feeler = Feeler(bench.stage, bench.force, bench.clock, bench.guard)
+    placed = JigTouch(bench.stage, feeler, touch, touch.jig, ball).find()
+    return replace(found, frame=placed.frame(found.frame), placed=placed)
 
 
 def write(registration: Registration, rig: Path, out: Path) -> None:

@@ -91,7 +91,7 @@ class Tooling:
             confirm(self._operator, name, "it is mounted, screwed tight")
         longer_mm = self._tools[name].length_mm if name in self._tools else 0.0
         before_mm = self._stage.frame.to_machine_mm(self._stage.position_mm())
-        expected = _raised(self._frame, longer_mm)
+        expected = raised(self._frame, longer_mm)
         self._stage.set_frame(expected)
         touch = self._find(name)
         x, y, z = expected.to_machine_mm((*touch.at_mm, touch.z_mm))
@@ -177,7 +177,7 @@ def kept(folder: Path) -> list[dict[str, Any]]:
         raise InputError(f"{path}: cannot be read: {why}") from why
 
 
-def _raised(frame: StageFrame, by_mm: float) -> StageFrame:
+def raised(frame: StageFrame, by_mm: float) -> StageFrame:
     """The same for a tool that is so much longer: along the machine's z."""
     x, y, z = frame.origin_machine_mm
     return replace(frame, origin_machine_mm=(x, y, z + by_mm))

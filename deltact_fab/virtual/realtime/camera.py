@@ -23,6 +23,7 @@ from .scene import LiveScene
 
 HEADER = struct.Struct("<qII")  # monotonic ns, number, nothing: as `[camera] stamped` has it
 LOOK_S = 0.02
+STALE_NS = 3_000_000_000  # to draw, on a computer with better things to do; beyond it is no news
 SAME_NS = 1000  # two stamps that are one but for their way through a float
 
 
@@ -125,6 +126,9 @@ class LiveCamera:
             except DeltactFabError:
                 continue  # no view of it can be drawn: it is an image less
             self.seconds += time.thread_time() - started
+            if time.monotonic_ns() - t_ns > STALE_NS:
+                self._number += 1  # lost, and by its number the host knows it
+                continue
             with self._lock:
                 self._drawn[t_ns] = (seen.a.index, seen.b.index, seen.fraction)
             parts = [memoryview(HEADER.pack(t_ns, self._number, 0)), image.reshape(-1).data]
