@@ -16,7 +16,8 @@ import click
 def numerics(engines: tuple[str, ...], quick: bool, out: Path | None, as_json: bool) -> None:
     """Error against CPU time and stability of the numerical engines; exit 1 if any row is wrong.
 
-    ENGINE: pattern, sheet, flow, measure, layer, gel, cad; all by default. A time is the best of
+    ENGINE: pattern, sheet, flow, measure, layer, gel, cad, or bench, which is what each fault does
+    to a run, at each moment of it, on a simulated bench; all by default. A time is the best of
     several runs, with the slowest beside it. Nothing is measured on hardware.
     """
     from ..errors import MissingLibrary

@@ -40,7 +40,8 @@ def test_every_command_that_is_shown_exists(page: Path) -> None:
                 name = words.pop(0).rstrip(",")
                 found = command.get_command(context, name)
                 assert found is not None, f"{page.name}: {line}: no command {name!r}"
-                command, context = found, click.Context(found, context)
+                command = found
+                context = click.Context(found, context, **found.context_settings)
             try:
                 command.make_parser(context).parse_args([*words])
             except click.UsageError as why:

@@ -6,7 +6,6 @@ The real host on the simulated controller; what is asserted is where the carriag
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import pytest
 
@@ -14,30 +13,20 @@ from deltact_fab.errors import StageError
 from deltact_fab.optics import StageFrame
 from deltact_fab.rig.stage.grbl import GrblStage
 from deltact_fab.virtual import wire
-from deltact_fab.virtual.clock import VirtualClock, to_ns
-from deltact_fab.virtual.controller import GrblController
+from deltact_fab.virtual.clock import VirtualClock
+from deltact_fab.virtual.noisy import NoisyController
 
 FRAME = StageFrame((-60.0, -50.0, -40.0))
 TARGET_MM = (0.0, 0.0, 5.0)  # some 84 mm from home
 MACHINE_MM = (-60.0, -50.0, -35.0)
 FEED_MM_MIN = 600.0
-Said = list[tuple[int, bytes]]
-
-
-class Noisy(GrblController):
-    """A controller whose words are tampered with on their way to the host."""
-
-    tamper: Callable[[Said], Said] = staticmethod(lambda said: said)
-
-    def take_output(self) -> Said:
-        return self.tamper(super().take_output())
 
 
 class Bench:
     def __init__(self, *, resets_on_open: bool = True) -> None:
         self.clock = VirtualClock()
         self.trace: list[wire.Exchange] = []
-        self.grbl = Noisy(None, self.clock)
+        self.grbl = NoisyController(None, self.clock)
         self.link = wire.connect(
             self.grbl, self.clock, "faults", resets_on_open=resets_on_open, trace=self.trace
         )
@@ -55,24 +44,19 @@ class Bench:
         self.clock.sleep_s(1.0)
         return self
 
-    def insert(self, text: bytes) -> None:
+    def insert(self, text: bytes, in_s: float = 0.0) -> None:
         """The host hears these words, which the controller never said."""
-        pending = [(self.clock.now_ns(), text)]
-
-        def tamper(said: Said) -> Said:
-            extra = list(pending)
-            pending.clear()
-            return extra + said
-
-        self.grbl.tamper = tamper
+        self.grbl.invent(text, self.clock.now_s() + in_s)
 
     def replace(self, begins: bytes, words: bytes) -> None:
         """Every line that begins so arrives as other words."""
-        self.grbl.tamper = lambda said: [(t, words if d.startswith(begins) else d) for t, d in said]
+        self.grbl.be_true()
+        self.grbl.change(lambda line: words, begins)
 
     def drop(self, unwanted: bytes) -> None:
         """Every line that begins so is lost."""
-        self.grbl.tamper = lambda said: [(t, d) for t, d in said if not d.startswith(unwanted)]
+        self.grbl.be_true()
+        self.grbl.lose(unwanted)
 
     def came_to_rest(self) -> float:
         """How far from where the fault was the carriage ends up, mm; it must be short of the end.
@@ -80,7 +64,7 @@ class Bench:
         The wires work again from here on.
         """
         before = self.grbl.position_mm()
-        self.grbl.tamper = lambda said: said
+        self.grbl.be_true()
         self.clock.sleep_s(30)
         after = self.grbl.position_mm()
         assert math.dist(after, MACHINE_MM) > 40
@@ -150,7 +134,7 @@ def test_silence() -> None:
 
 def test_a_voice_that_comes_back_too_late_does_not_hide_the_stop() -> None:
     bench = Bench().moving()
-    bench.grbl.tamper = lambda said: said if b"\x85" in bench.sent() else []
+    bench.grbl.change(lambda line: line if b"\x85" in bench.sent() else b"")
     with pytest.raises(StageError, match="was told to stop"):
         bench.stage.position_mm()
     with pytest.raises(StageError, match="no motion after a fault"):
@@ -268,10 +252,7 @@ def test_homing_that_fails_is_stopped_by_a_reset(words: bytes, said: str) -> Non
     bench = Bench()
     bench.stage.start_move(TARGET_MM, FEED_MM_MIN)
     bench.stage.wait()
-    start_ns = bench.clock.now_ns() + to_ns(0.3)
-    bench.insert(words)
-    insert = bench.grbl.tamper
-    bench.grbl.tamper = lambda s: insert(s) if bench.clock.now_ns() > start_ns else s
+    bench.insert(words, 0.3)
     with pytest.raises(StageError, match=said):
         bench.stage.home()
     assert bench.sent()[-1] == b"\x18"

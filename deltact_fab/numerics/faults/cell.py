@@ -197,7 +197,7 @@ class Matrix:
 
         shutil.rmtree(folder)
         return {
-            HOMING: (began_ns / 1e9 + homed_s) / 2,
+            HOMING: began_ns / 1e9 + 0.3,  # Z is on its way up, at full speed
             BEFORE: homed_s,
             TRAVEL: within("rest"),
             PRESS: within("d1.50/press"),

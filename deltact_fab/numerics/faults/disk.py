@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import resource
+import shutil
 import signal
 import subprocess
 from collections.abc import Iterator
@@ -63,3 +64,4 @@ def small_disk(folder: Path, mib: int = 4) -> Iterator[Disk]:
         disk.free()
         if done.returncode == 0:
             subprocess.run(["umount", str(folder)], check=True)
+        shutil.rmtree(folder)
