@@ -84,6 +84,9 @@ acceleration_mm_s2 = [50.0, 50.0, 50.0]
 # 4 for z (not of homing: z homes up, away from the gel), added up.
 #direction_mask = 0
 #homing_direction_mask = 0
+# How long homing takes, for the time that a run is said to take; not given, it is reckoned from
+# travel and feeds. MEASURE with a watch: `deltact-fab rig home` says it.
+#homing_s = 30.0
 # What the axes push before they lose steps, N. A NEMA 17 motor with 0.2 N m left at speed, on a
 # screw of 8 mm lead with 40 % efficiency: 2 pi x 0.4 x 0.2 / 0.008 = 63 N. MEASURE with a scale.
 # A press is refused without it.

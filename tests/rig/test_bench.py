@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from served import Board, powered, rig_file
 
 from deltact_fab import experiment, record
+from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.protocols import plan
 
@@ -133,3 +137,66 @@ def test_a_run_that_a_reboot_broke_off_goes_on_at_another_port(tmp_path: Path) -
     assert summary["kept_frames"] > 0
     assert set(run.steps()["step_id"]) == {s.id for s in steps}
     assert len(run.frames()) == summary["frames"]
+
+
+def test_a_dry_run_asks_the_devices_and_moves_nothing(tmp_path: Path) -> None:
+    with powered() as board:
+        protocol, rig = files(tmp_path, board)
+        done = CliRunner().invoke(main, ["run", protocol, "--rig", rig, "--air", "--dry-run"])
+        assert done.exit_code == 0, done.output
+        assert "nothing was moved or recorded" in done.output
+        assert "stage: Grbl 1.1" in done.output
+        assert sorted(p.name for p in tmp_path.iterdir()) == ["bench.toml", "poses.toml"]
+        done = CliRunner().invoke(main, ["run", protocol, "--rig", rig, "--air"])
+        assert done.exit_code == 2
+        assert "--out" in done.output
+    assert board.saw["jogs"] == 0
+    assert board.saw["links"] == ["opened", "closed"]
+
+
+def test_an_operator_s_word_is_kept_with_the_run(tmp_path: Path) -> None:
+    with powered() as board:
+        protocol, rig = files(tmp_path, board)
+        out = tmp_path / "r"
+        words = ["run", protocol, "--rig", rig, "--air", "--out", str(out)]
+        done = CliRunner().invoke(main, [*words, "--note", "gel 7, new tape"])
+        assert done.exit_code == 0, done.output
+    assert "gel 7, new tape" in (out / "notes.jsonl").read_text()
+
+
+def test_sigterm_lifts_keeps_what_was_given_and_says_how_to_go_on(
+    tmp_path: Path,
+) -> None:
+    with powered() as board:
+        protocol, rig = files(tmp_path, board)
+        slow = Path(protocol).read_text().replace("settle_s = 0.02", "settle_s = 4.0")
+        Path(protocol).write_text(slow)
+        words = ["run", protocol, "--rig", rig, "--air", "--out", "r"]
+        host = subprocess.Popen(
+            [sys.executable, "-c", RUN, *words],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path,
+        )  # fmt: skip
+        try:
+            deadline = time.monotonic() + 90
+            while time.monotonic() < deadline and not _frames(tmp_path / "r"):
+                time.sleep(0.1)
+            host.send_signal(signal.SIGTERM)
+            out, err = host.communicate(timeout=60)
+        finally:
+            host.kill()
+            host.wait()
+    assert host.returncode == 1
+    assert out == ""
+    line = err.splitlines()[0]
+    assert line.startswith("deltact-fab: stopped by the operator in ")
+    assert "the tip was lifted" in line
+    assert line.endswith("complete presses are kept: go on with --resume")
+    assert record.open(tmp_path / "r").events()["kind"].iloc[-1] == "stop"
+
+
+def _frames(folder: Path) -> int:
+    """Committed so far."""
+    try:
+        return len(record.open(folder).frames())
+    except (InputError, RunFailed):
+        return 0

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from ...errors import InputError, MissingLibrary, RunFailed
 from ..files import sync_folder
 from ..run import Run
+from .source import Progress
 
 FORMATS = ("csv", "parquet", "mcap")
-Progress = Callable[[int, int, str], None]
 
 
 def export(run: Run, form: str, out: Path, progress: Progress | None = None) -> dict[str, int]:
@@ -80,22 +79,3 @@ def _remove(path: Path) -> None:
         shutil.rmtree(path, ignore_errors=True)
     else:
         path.unlink(missing_ok=True)
-
-
-def presses(run: Run) -> list[str]:
-    """All presses that have rows, in the plan's order; changes of the indenter among them."""
-    with run.reader() as db:
-        rows = db.execute(
-            "SELECT press FROM (SELECT press, wall_s FROM steps UNION ALL SELECT press, wall_s "
-            "FROM frames) GROUP BY press ORDER BY min(wall_s)"
-        )
-        return [press for (press,) in rows]
-
-
-def described(run: Run) -> dict[str, Any]:
-    """What every export says of the run it is of."""
-    keys = ("name", "rig_name", "simulated", "air", "seed", "format", "versions")
-    return {key: run.meta.get(key) for key in keys} | {
-        "protocol": (run.meta.get("protocol") or {}).get("name"),
-        "finished": run.finished,
-    }

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ..files import json_bytes
 from ..run import Run
 from ..timeline import TimeLine
-from . import Progress, described, presses
+from .source import Progress, described, presses
 from .tables import LINE, TABLES, Column, chunks
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,8 @@ SLOW = 0.95
 BRIGHT = 0.01
 """Share of an image that may be at the end of its scale."""
 DARK = 16
+_SLOW_DEVICE = "a shorter exposure, another fourcc or a faster port would help"
+_SLOW_SENDER = "what sends them is slow, or this computer is busy"
 HOLDS = {"exposure": "auto_exposure", "gain": None, "white_balance_k": "auto_white_balance"}
 
 
@@ -36,23 +38,37 @@ def probe(config: CameraConfig, folder: Path, seconds: float = LOOK_S) -> list[F
     except InputError as why:
         return [*findings, Finding(False, str(why))]
     try:
-        frames = _seen(camera, seconds)
+        seen = _seen(camera, seconds)
         told = camera.identity()
     except SensorError as why:
         return [*findings, Finding(False, str(why))]
     finally:
         camera.close()
-    return [*findings, *_images(frames, told, config), *_locks(config, told)]
+    return [*findings, *_images(seen, told, config), *_locks(config, told)]
 
 
-def _seen(camera: Camera, seconds: float) -> list[Frame]:
+class _Seen(NamedTuple):
+    """What came; an image for all of them, or they would fill the memory."""
+
+    last: Frame
+    hz: float
+    dropped: int
+    repeated: int
+
+
+def _seen(camera: Camera, seconds: float) -> _Seen:
     """At least two images. The first of a stream tells nothing of what was lost before it."""
     camera.begin("probe")
-    frames = [camera.capture(), camera.capture()]
+    first_s = camera.capture().t_s
+    n = dropped = repeated = 0
     until_s = time.monotonic() + seconds
-    while time.monotonic() < until_s:
-        frames.append(camera.capture())
-    return frames
+    while n == 0 or time.monotonic() < until_s:
+        last = camera.capture()
+        n += 1
+        dropped += last.dropped
+        repeated += last.repeated
+    took_s = last.t_s - first_s
+    return _Seen(last, n / took_s if took_s > 0 else 0.0, dropped, repeated)
 
 
 def _model(config: CameraConfig, folder: Path) -> Finding:
@@ -73,22 +89,19 @@ def _model(config: CameraConfig, folder: Path) -> Finding:
     return Finding(True, f"calibrated: {path}")
 
 
-def _images(frames: list[Frame], told: dict[str, Any], config: CameraConfig) -> list[Finding]:
-    image = frames[-1].image
+def _images(seen: _Seen, told: dict[str, Any], config: CameraConfig) -> list[Finding]:
+    image = seen.last.image
     h, w = image.shape[:2]
     stamped = told["stamped_by"]
     after = f", {config.latency_ms:g} ms after its exposure" if stamped == "arrival" else ""
     findings = [Finding(True, f"images of {w} x {h} px, stamped by {stamped}{after}")]
-    took_s = frames[-1].t_s - frames[0].t_s
-    hz = (len(frames) - 1) / took_s if took_s > 0 else 0.0
     nominal = told["rate_hz"]
-    slow = nominal is not None and hz < SLOW * nominal
+    slow = nominal is not None and seen.hz < SLOW * nominal
     asked = "" if nominal is None else f" of {nominal:g}"
-    why = "; a shorter exposure, another fourcc or a faster port would help" if slow else ""
-    findings.append(Finding(not slow, f"{hz:.1f} images a second{asked}{why}"))
-    dropped = sum(f.dropped for f in frames[1:])
-    repeated = sum(f.repeated for f in frames[1:])
-    findings.append(Finding(not dropped and not repeated, f"{dropped} lost, {repeated} repeated"))
+    why = f"; {_SLOW_DEVICE if config.is_device else _SLOW_SENDER}" if slow else ""
+    findings.append(Finding(not slow, f"{seen.hz:.1f} images a second{asked}{why}"))
+    lost = seen.dropped or seen.repeated
+    findings.append(Finding(not lost, f"{seen.dropped} lost, {seen.repeated} repeated"))
     bright = float(np.mean(image == 255))
     if bright > BRIGHT:
         text = f"{bright:.0%} of the image is over-exposed; less light or a shorter exposure"
