@@ -120,7 +120,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     from deltact_fab.analysis.tracking_error import truth
     from deltact_fab.gel.linear import contact
     from deltact_fab.measure.dots import DotTracker
-    from deltact_fab.rig import force
+    from deltact_fab.rig.force import netft as force
     from deltact_fab.virtual import netft, picture, raw_view
 
     calls: Counter[str] = Counter()

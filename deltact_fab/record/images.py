@@ -22,9 +22,6 @@ hashed and written they take 35 and 12 ms of CPU time each on a busy machine, le
 (`python -m benchmarks.recording`)."""
 JXL_EFFORT = 1  # higher ones gain a hundredth of the size and cost several times as long
 
-# Frames of 1280 x 720 a second that two idle cores encode, hash and write (28 and 8.2 ms of
-# processor time each, on a machine that has the devices to read as well).
-RATE_HELD_HZ = {"png": 50.0, "jxl": 150.0}
 _MEASURED_PX = 1280 * 720
 
 
