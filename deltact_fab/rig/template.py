@@ -189,6 +189,11 @@ _TOUCH = """
 #gauge_mm = 0.1
 # A run that goes on may find the face so far from where it was.
 #moved_mm = 0.3
+# A block with upright sides around the sensor, for `rig register --jig`: half its sides along x and
+# y, and its top above (below: negative) the face. MEASURE.
+#[touch.jig]
+#half_mm = [24.0, 22.0]
+#top_mm = -6.0
 
 # How much longer each indenter is than the tip that origin_machine_mm was measured with, mm, one
 # table each. MEASURE with a caliper; a touch-off corrects it within search_mm.
