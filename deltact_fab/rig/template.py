@@ -160,8 +160,8 @@ _CAMERA = """
 #autofocus = false
 # From the middle of the exposure to the moment of the stamp, ms.
 #latency_ms = 0.0
-# Of the images in the record, both lossless: "png" holds some 50 images of 1280 x 720 a second on
-# two cores, "jxl" (extra `images`) some 150.
+# Of the images in the record, both lossless: "png" holds some 45 images of 1280 x 720 a second on
+# two cores, "jxl" (extra `images`) some 120.
 #format = "png"
 # The calibration; `deltact-fab calibrate` writes it. Without it nothing can be tracked.
 #model = "camera.toml"
@@ -189,11 +189,12 @@ _TOUCH = """
 #gauge_mm = 0.1
 # A run that goes on may find the face so far from where it was.
 #moved_mm = 0.3
-# A block with upright sides around the sensor, for `rig register --jig`: half its sides along x and
-# y, and its top above (below: negative) the face. MEASURE.
+# A block with upright sides around the middle of the face, as the base's own frame is: `rig
+# register` finds the face's place by it. Half its sides along x and y, and the height of its top
+# above the resting face, mm. MEASURE with a caliper.
 #[touch.jig]
-#half_mm = [24.0, 22.0]
-#top_mm = -6.0
+#half_mm = [22.0, 21.0]
+#top_mm = -3.0
 
 # How much longer each indenter is than the tip that origin_machine_mm was measured with, mm, one
 # table each. MEASURE with a caliper; a touch-off corrects it within search_mm.
