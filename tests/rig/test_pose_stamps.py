@@ -51,7 +51,7 @@ def test_over_a_terminal_the_time_is_within_what_is_stated() -> None:
             looks.append((state.t_s, state.within_s, state.machine_mm))
         stage.stop()
         stage.close()
-        with it.lock:
+        with it.terminal.lock:
             for t_s, within_s, machine_mm in looks:
                 way_mm = math.dist(machine_mm, it.grbl.position_mm(t_s))
                 assert way_mm < ROUNDING_MM + 20.0 * (within_s + 1e-4)
