@@ -189,9 +189,9 @@ _TOUCH = """
 #gauge_mm = 0.1
 # A run that goes on may find the face so far from where it was.
 #moved_mm = 0.3
-# A block with upright sides around the middle of the face, as the base's own frame is: `rig
-# register --jig` finds the face's place by it. Half its sides along x and y, and the height of its top
-# above the resting face, mm. MEASURE with a caliper.
+# A block with upright sides around the middle of the face, as the base's own frame is, by which
+# `rig register --jig` finds the face's place. Half its sides along x and y, and the height of its
+# top above the resting face, mm. MEASURE with a caliper.
 #[touch.jig]
 #half_mm = [22.0, 21.0]
 #top_mm = -3.0
