@@ -17,7 +17,7 @@ from .errors import InputError
 from .patterns.dots import centres_mm
 from .patterns.recipe import PatternRecipe, load_recipe
 from .protocols import limits, plan
-from .protocols.pace import LOCKSTEP, WALL_CLOCK
+from .protocols.pace import LOCKSTEP, SIMULATED, WALL_CLOCK
 from .protocols.plan import Protocol, Step
 from .record import RunWriter
 from .record import open as open_run
@@ -114,7 +114,7 @@ def show(
         protocol, load_design(protocol.specimen.design), rig, kind_of(rig, path)
     )
     steps = plan.expand(protocol, air)
-    pace = LOCKSTEP if rig.simulated and not realtime else WALL_CLOCK
+    pace = (SIMULATED if realtime else LOCKSTEP) if rig.simulated else WALL_CLOCK
     return steps, limits.estimate(protocol, image_px, rig.stage.box, steps, pace)
 
 
@@ -145,13 +145,16 @@ class _Asked:
     rig_path: Path
     kind: RigKind
     steps: list[Step]
+    realtime: bool
 
     def warnings(self, progress: Progress | None) -> list[str]:
         """What the predicted forces come to. Raises InputError where they are refused."""
         if self.job.air:
             return []
         job = self.job
-        return _force_warnings(job.protocol, self.rig, str(self.rig_path), job.sensor, progress)
+        return _force_warnings(
+            job.protocol, self.rig, str(self.rig_path), job.sensor, progress, self.realtime
+        )
 
 
 def _asked(
@@ -186,7 +189,7 @@ def _asked(
         protocol, sensor, load_recipe(protocol.specimen.pattern), seed, out, air,
         unattended=unattended, tip_is_clear=tip_is_clear,
     )  # fmt: skip
-    return _Asked(job, source, rig, rig_path, kind, steps)
+    return _Asked(job, source, rig, rig_path, kind, steps, realtime)
 
 
 def dry_run(
@@ -324,13 +327,15 @@ def _force_warnings(
     rig_source: str,
     sensor: SensorDimensions,
     progress: Progress | None,
+    realtime: bool,
 ) -> list[str]:
     """Predicted forces against the rig's limits: refused on a real rig, noted on the simulated."""
-    limits = preflight.limits_of(rig, rig_source, protocol)
+    limits = preflight.limits_of(rig, rig_source, protocol, realtime)
     peaks = preflight.predict(protocol, sensor, limits.origin_mm, progress)
     assert peaks is not None
     lines = preflight.judge(protocol.name, sensor.skin.thickness_mm, peaks, limits)
-    return [f"WARNING: {line}" for line in preflight.require(lines, limits)]
+    found = preflight.require(lines, limits) + preflight.may_trip(protocol.name, peaks, limits)
+    return [f"WARNING: {line}" for line in found]
 
 
 def _require_new(out: Path, protocol: bytes) -> None:
