@@ -39,7 +39,9 @@ def test_streams_of_a_run_belong_together_by_their_times(tmp_path: Path) -> None
     assert frames["seq"].is_monotonic_increasing
     assert frames["t_s"].is_monotonic_increasing
     assert (frames["late_s"] >= 0).all()
-    presses = [(row.kind, row.press) for row in events.itertuples()]
+    # A busy machine may have more to tell, as of force records that came late.
+    told = events[events["kind"].isin(["begun", "complete"])]
+    presses = [(row.kind, row.press) for row in told.itertuples()]
     assert next(kind for kind, press in presses if press == "sphere-6/p2") == "begun"
     assert presses[-1] == ("complete", "sphere-6/p2")
     # Force and pose at the time of a frame are those of that time, not of when they were read.
