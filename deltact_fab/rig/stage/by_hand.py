@@ -13,6 +13,7 @@ from ...errors import InputError, RunFailed
 from ...protocols.motion import Vec3, plus
 from ..interface import Stage
 from ..run.interrupt import interruptible
+from .go import go
 
 CLEARANCE_MM = 5.0
 MOST_MM = 10.0
@@ -62,7 +63,7 @@ def jog(
     near = low_mm < clearance_mm and not up
     if near and not into_gel:
         raise InputError(_too_low(low_mm, clearance_mm))
-    _move(stage, there, min(feed_mm_min, NEAR_FEED_MM_MIN) if near else feed_mm_min)
+    go(stage, there, min(feed_mm_min, NEAR_FEED_MM_MIN) if near else feed_mm_min)
     return stage.position_mm()
 
 
@@ -87,13 +88,13 @@ def goto(
     if math.dist(here[:2], (x, y)) > SAME_MM:
         high_mm = max(here[2], clearance_mm)
         for place in ((here[0], here[1], high_mm), (x, y, high_mm)):
-            _move(stage, place, feed_mm_min)
+            go(stage, place, feed_mm_min)
     if z >= clearance_mm:
-        _move(stage, target_mm, feed_mm_min)
+        go(stage, target_mm, feed_mm_min)
     else:
         if stage.position_mm()[2] > clearance_mm:
-            _move(stage, (x, y, clearance_mm), feed_mm_min)
-        _move(stage, target_mm, min(feed_mm_min, NEAR_FEED_MM_MIN))
+            go(stage, (x, y, clearance_mm), feed_mm_min)
+        go(stage, target_mm, min(feed_mm_min, NEAR_FEED_MM_MIN))
     return stage.position_mm()
 
 
@@ -101,11 +102,6 @@ def in_words(position_mm: Vec3) -> str:
     """A tip position for a person."""
     x, y, z = (round(p, 3) + 0.0 for p in position_mm)
     return f"x {x:.3f}, y {y:.3f}, z {z:.3f} mm (sensor)"
-
-
-def _move(stage: Stage, target_mm: Vec3, feed_mm_min: float) -> None:
-    stage.start_move(target_mm, feed_mm_min)
-    stage.wait()
 
 
 def _too_low(z_mm: float, clearance_mm: float) -> str:

@@ -17,16 +17,17 @@ from ..clock import WallClock
 from ..config import GrblConfig
 from ..interface import Clock, ForceSensor, Stage
 from ..run.interrupt import interruptible
+from ..stage.go import LIFT_FEED_MM_MIN
 from ..stage.grbl import GrblStage
 from .config import TouchConfig
 from .feeler import Feeler
-from .hand import HandTouch
-from .home import LIFT_FEED_MM_MIN, LIFT_MM, home_safely
+from .find import find_face
+from .home import LIFT_MM, home_safely
 from .jig import JigTouch
 from .operator import Operator, confirm
 from .register import Place, Registration, places_for, register, require_fit
 from .tooling import raised
-from .touch import ForceTouch, Touch
+from .touch import Touch
 
 if TYPE_CHECKING:
     from ..force.guard import ForceGuard
@@ -114,11 +115,9 @@ def register_face(
     bench.stage.set_frame(frame)
 
     def find(place: Place) -> Touch:
-        if touch.by == "hand":
-            feeler = Feeler(bench.stage, bench.force, bench.clock, bench.guard)
-            return HandTouch(bench.stage, feeler, operator, touch).find(ball, place)
-        by_force = ForceTouch(bench.stage, bench.force, bench.clock, bench.guard, touch)
-        return by_force.find(ball, place)
+        return find_face(
+            bench.stage, bench.force, bench.clock, bench.guard, touch, operator, ball, place
+        )
 
     found = register(find, frame, longer_mm, ball, places)
     if not jig or touch.jig is None:
