@@ -48,6 +48,8 @@ def run(
     kept with the run. live: shown what goes on. Raises InputError or RunFailed.
     """
     started = time.monotonic()
+    if note is not None:
+        note = record.usable_note(note)
     asked = asked_for(
         protocol_name, rig_name, out, seed, progress, air, realtime, unattended, tip_is_clear
     )
@@ -61,6 +63,8 @@ def run(
     if resuming:
         found = open_run(out)
         record.require_same(found, meta, text, pattern, with_versions=not found.finished)
+        if found.finished and note is not None:
+            raise InputError(f"--note: {out} has finished; `deltact-fab record note` adds to it")
         if found.finished:
             record.require_whole(found, progress)
             return {**found.summary(), "already_finished": True}

@@ -161,7 +161,7 @@ def test_the_camera_file_needs_a_place(place: Path) -> None:
     ("words", "says"),
     [
         (["virtual", "--board", "skin"], "a virtual rig with .virtual.lens. is needed"),
-        (["grbl-bench", "--board", "skin"], "a virtual rig with .virtual.lens. is needed"),
+        (["grbl-bench", "--board", "skin"], "camera: missing table; without one there is no image"),
         (["bench.toml", "--board", "60x60x1"], "--board 60x60x1: the camera does not see it whole"),
         (["bench.toml", "--board", "skin", "--air", "2"], "--air: a skin is not held in the air"),
         (["bench.toml", "--board", "9x7x3", "--contact", "-1"], "0 to 200 images of each"),

@@ -194,7 +194,7 @@ def test_ctrl_c_stops_a_jog(tmp_path: Path) -> None:
         finally:
             host.kill()
             host.wait()
-        assert host.returncode == 1
+        assert host.returncode == 130
         assert err.startswith("deltact-fab: stopped by the operator at x ")
         assert len(err.splitlines()) == 1
         at_mm = it.at_mm()
