@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -37,3 +38,13 @@ def test_within_5_percent_of_the_run(name: str, rig: str, tmp_path: Path) -> Non
     summary = experiment.run(str(protocol), rig, tmp_path / "r")
     _, estimate = experiment.show(str(protocol), rig)
     assert estimate.seconds == pytest.approx(summary["rig_seconds"], rel=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")
+def test_on_the_wall_clock_too(tmp_path: Path) -> None:
+    """Within 5 % where the machine is idle."""
+    summary = experiment.run("first-moves", "virtual", tmp_path / "r", air=True, realtime=True)
+    _, estimate = experiment.show("first-moves", "virtual", air=True, realtime=True)
+    print(f"{estimate.seconds:.2f} s told, {summary['rig_seconds']:.2f} s taken")
+    assert estimate.seconds == pytest.approx(summary["rig_seconds"], rel=0.2)

@@ -12,6 +12,8 @@ from .options import JSON, Finite
 
 if TYPE_CHECKING:
     from ..rig.config import GrblConfig
+    from ..rig.force.guard import ForceGuard
+    from ..rig.interface import ForceSensor
     from ..rig.stage.grbl import GrblStage
 
 FEED = click.option(
@@ -93,13 +95,12 @@ def home(rig: str, yes: bool, tip_is_clear: bool, as_json: bool) -> None:
     """Home the stage: every axis to its end.
 
     Where the position is known the tip is lifted first; where it is lost the force sensor, you or
-    --tip-is-clear must say that the tip is not in the gel.
+    --tip-is-clear must say that the tip is not in the gel. A force sensor that the rig file names
+    is watched meanwhile, and the guard stops the stage as in a run.
     """
     import time
 
     from ..errors import RunFailed
-    from ..rig.bench import reachable
-    from ..rig.force.open import open_force
     from ..rig.stage.by_hand import stopped_by_ctrl_c
     from ..rig.tool.home import home_safely
     from ..rig.tool.operator import Terminal
@@ -111,17 +112,13 @@ def home(rig: str, yes: bool, tip_is_clear: bool, as_json: bool) -> None:
     ):
         raise RunFailed("not homed")
     with _connected(stage):
-        clock = stage.clock
-        force = open_force(config.force, clock) if config.force and reachable(config) else None
-        try:
+        with _felt(stage, config) as (force, guard):
             start_s = time.monotonic()
             with stopped_by_ctrl_c(stage):
                 how = home_safely(
-                    stage, clock, force, None if yes else Terminal(), tip_is_clear=tip_is_clear
-                )
-        finally:
-            if force is not None:
-                force.close()
+                    stage, stage.clock, force, None if yes else Terminal(),
+                    tip_is_clear=tip_is_clear, guard=guard,
+                )  # fmt: skip
         seconds = time.monotonic() - start_s
         state = _state(stage, config)
     if as_json:
@@ -178,9 +175,7 @@ def jog(
 @CLEARANCE
 @INTO_GEL
 @click.option("--as-counted", is_flag=True, help="It was homed, and nobody has unlocked it by $X.")
-@click.option(
-    "--home", "home_first", is_flag=True, help="Home first; you say that the tip is clear."
-)
+@click.option("--home", "home_first", is_flag=True, help="Home first; the tip is clear.")
 @JSON
 def goto(
     rig: str,
@@ -194,8 +189,8 @@ def goto(
 ) -> None:
     """Move the tip to X Y Z mm.
 
-    In the sensor frame, whose z = 0 is the resting face; it goes up, sideways, down. Give --home or --as-counted, for a place is only as good as the
-    position. Ctrl-C stops it.
+    In the sensor frame, whose z = 0 is the resting face; it goes up, sideways, down. Give --home
+    or --as-counted, for a place is only as good as the position. Ctrl-C stops it.
     """
     from ..errors import InputError
     from ..rig.stage import by_hand
@@ -207,7 +202,8 @@ def goto(
     with _connected(stage):
         with by_hand.stopped_by_ctrl_c(stage):
             if home_first:
-                home_safely(stage, stage.clock, None, None, tip_is_clear=True)
+                with _felt(stage, config) as (force, guard):
+                    home_safely(stage, stage.clock, force, None, tip_is_clear=True, guard=guard)
             else:
                 _count(stage)
             by_hand.goto(stage, target_mm, feed, clearance_mm=clearance, into_gel=into_gel)
@@ -265,6 +261,26 @@ def _connected(stage: GrblStage) -> Iterator[None]:
     with _closing(stage):
         stage.connect()
         yield
+
+
+@contextmanager
+def _felt(
+    stage: GrblStage, config: GrblConfig
+) -> Iterator[tuple[ForceSensor | None, ForceGuard | None]]:
+    """The force sensor of the rig file and the guard on it; None where it names no way to one."""
+    from ..rig.bench import reachable
+    from ..rig.force.guard import BEHIND_S, ForceGuard, GuardLimits
+    from ..rig.force.open import open_force
+
+    if config.force is None or not reachable(config):
+        yield None, None
+        return
+    limits = GuardLimits.of(config.guard, config.force)
+    force = open_force(config.force, stage.clock)
+    try:
+        yield force, ForceGuard(stage, limits, stage.clock, BEHIND_S)
+    finally:
+        force.close()
 
 
 def _count(stage: GrblStage) -> None:

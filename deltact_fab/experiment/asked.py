@@ -28,20 +28,22 @@ class Asked:
     rig_path: Path
     kind: RigKind
     steps: list[Step]
+    realtime: bool
 
     def warnings(self, progress: Progress | None) -> list[str]:
-        """Predicted forces beyond the rig's limits, a line each.
+        """Predicted forces beyond the rig's limits, or that may trip the guard, a line each.
 
         Raises InputError for them on a real rig.
         """
         if self.job.air:
             return []
         protocol, sensor = self.job.protocol, self.job.sensor
-        limits = preflight.limits_of(self.rig, str(self.rig_path), protocol)
+        limits = preflight.limits_of(self.rig, str(self.rig_path), protocol, self.realtime)
         peaks = preflight.predict(protocol, sensor, limits.origin_mm, progress)
         assert peaks is not None
         lines = preflight.judge(protocol.name, sensor.skin.thickness_mm, peaks, limits)
-        return [f"WARNING: {line}" for line in preflight.require(lines, limits)]
+        found = preflight.require(lines, limits) + preflight.may_trip(protocol.name, peaks, limits)
+        return [f"WARNING: {line}" for line in found]
 
 
 def asked_for(
@@ -81,7 +83,7 @@ def asked_for(
         protocol, sensor, load_recipe(protocol.specimen.pattern), seed, out, air,
         unattended=unattended, tip_is_clear=tip_is_clear,
     )  # fmt: skip
-    return Asked(job, source, rig, rig_path, kind, steps)
+    return Asked(job, source, rig, rig_path, kind, steps, realtime)
 
 
 def _require_none(reasons: list[str]) -> None:

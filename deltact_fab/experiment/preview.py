@@ -7,7 +7,7 @@ from pathlib import Path
 from .. import preflight
 from ..cad.design import load_design
 from ..protocols import limits, plan
-from ..protocols.pace import LOCKSTEP, WALL_CLOCK
+from ..protocols.pace import LOCKSTEP, SIMULATED, WALL_CLOCK
 from ..protocols.plan import Protocol, Step
 from ..rig import config as rig_config
 from ..rig.config import RigConfig
@@ -55,7 +55,7 @@ def show(
         protocol, load_design(protocol.specimen.design), rig, kind_of(rig, path)
     )
     steps = plan.expand(protocol, air)
-    pace = LOCKSTEP if rig.simulated and not realtime else WALL_CLOCK
+    pace = (SIMULATED if realtime else LOCKSTEP) if rig.simulated else WALL_CLOCK
     return steps, limits.estimate(protocol, image_px, rig.stage.box, steps, pace)
 
 

@@ -7,7 +7,7 @@ a second).
 
 from .needs import image_px, needs
 from .peaks import MODULUS_FACTOR, PAPER_REMARK, Peak, predict
-from .rule import ForceLimits, checks, judge, limits_of, require
+from .rule import ForceLimits, checks, judge, limits_of, may_trip, require
 
 __all__ = [
     "MODULUS_FACTOR",
@@ -18,6 +18,7 @@ __all__ = [
     "image_px",
     "judge",
     "limits_of",
+    "may_trip",
     "needs",
     "predict",
     "require",

@@ -24,9 +24,6 @@ from .tool.tooling import Tooling
 if TYPE_CHECKING:
     from .force.guard import ForceGuard
 
-if TYPE_CHECKING:
-    from .force.guard import ForceGuard
-
 KNOWN_ONLY_SIMULATED = frozenset({"traction"})
 
 
@@ -96,14 +93,14 @@ class GrblRig:
         source: Path,
         job: Job,
         view: CameraModel | None = None,
-        silent_s: float = SILENT_S,
+        patience: float = 1.0,
     ) -> None:
         """source: of the rig file. view: of the images that are tracked.
 
-        silent_s: a force sensor that says nothing for so long has failed.
+        patience: times the silence, and the age of its samples, that a force sensor is allowed.
         """
         self._config, self._job, self._view = config, job, view
-        self._silent_s = silent_s
+        self._patience = patience
         self._open = ExitStack()
         try:
             self._build(source)
@@ -134,7 +131,7 @@ class GrblRig:
 
     def _feel(self) -> None:
         """The force sensor and the guard on it."""
-        from .force.guard import ForceGuard, GuardLimits
+        from .force.guard import BEHIND_S, ForceGuard, GuardLimits
         from .force.open import open_force
 
         force = self._config.force
@@ -144,9 +141,9 @@ class GrblRig:
                 "[force.serial] to the rig file, or give --air"
             )
         limits = GuardLimits.of(self._config.guard, force)
-        self.force = open_force(force, self.clock, self._silent_s)
+        self.force = open_force(force, self.clock, self._patience * SILENT_S)
         self._open.callback(self.force.close)
-        self.guard = ForceGuard(self.stage, limits, self.clock)
+        self.guard = ForceGuard(self.stage, limits, self.clock, self._patience * BEHIND_S)
 
     def devices(self) -> Devices:
         """What the runner drives."""

@@ -32,13 +32,18 @@ class Bench:
         self.link = connect(self.controller, self.clock, f"guard-{id(self)}")
         frame = StageFrame((-50.0, -50.0, -20.0))
         self.stage = GrblStage(self.link.url, self.clock, frame)
-        self.guard = ForceGuard(self.stage, LIMITS, self.clock)
+        self.guard = ForceGuard(self.stage, LIMITS, self.clock, 0.1)
 
     def samples(
-        self, fx: float = 0.0, fz: float = 0.0, tx: float = 0.0, saturated: bool = False
+        self,
+        fx: float = 0.0,
+        fz: float = 0.0,
+        tx: float = 0.0,
+        saturated: bool = False,
+        old_s: float = 0.0,
     ) -> ForceSamples:
-        """Two of them, the last with these values, taken just now."""
-        now_ns = self.clock.now_ns()
+        """Two of them, the last with these values, taken just now or so long ago."""
+        now_ns = self.clock.now_ns() - round(old_s * 1e9)
         counts = np.array([[0] * 6, [fx * 1e3, 0, fz * 1e3, tx * 1e3, 0, 0]], np.int32)
         t_ns = np.array([now_ns - 1_000_000, now_ns])
         return ForceSamples(t_ns, counts, np.full(6, 1e3), np.array([False, saturated]))
@@ -155,6 +160,25 @@ def test_a_lost_sensor_and_homing_are_stopped_as_well(bench: Bench) -> None:
     trip = bench.guard.trip
     assert trip is not None
     assert trip.record_ns is None
+
+
+def test_a_guard_that_is_blind_for_long_stops_the_stage_and_a_hiccup_is_told(
+    bench: Bench,
+) -> None:
+    bench.stage.start_move((0.0, 0.0, -10.0), 600)
+    bench.watched(0.2, old_s=0.09)
+    assert not bench.guard.tally.total
+    bench.watched(0.08, old_s=0.15)
+    bench.watched(0.1)
+    assert not bench.guard.tripped
+    (line,) = bench.guard.tally.tell(bench.clock.now_ns())
+    assert line.startswith("behind: 40 times the newest force sample was old")
+    bench.watched(0.08, old_s=0.3)
+    assert not bench.guard.tripped
+    bench.watched(0.05, old_s=0.3)
+    assert bench.guard.tripped.startswith("force sensor: the host is 300 ms behind its stream; ")
+    bench.clock.sleep_s(0.5)
+    assert bench.controller.state == "Idle"
 
 
 def test_limits_come_from_the_rig_file_or_from_the_sensors_range() -> None:

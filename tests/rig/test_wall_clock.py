@@ -89,6 +89,21 @@ def test_a_force_sensor_that_is_lost_stops_the_run(tmp_path: Path, what: str) ->
     assert not threads()
 
 
+def test_a_guard_that_looks_at_old_samples_stops_the_run(tmp_path: Path) -> None:
+    with wall_bench(tmp_path, behind_s=0.5) as bench:
+
+        def lag(live: Live) -> None:
+            if live.step.endswith("p1/d1.00/press"):
+                bench.server.faults.late_s = 0.8
+
+        with pytest.raises(SensorError, match=r"/press: .*ms behind its stream; .*was lifted\)"):
+            bench.run(bench.writer(), live=lag)
+        assert bench.board.at_mm()[2] == pytest.approx(ORIGIN_MM[2] + 3.0, abs=0.01)
+    assert not threads()
+    told = record.open(tmp_path / "r").events()
+    assert "behind" in set(told["kind"])
+
+
 def test_a_camera_that_stalls_stops_the_run(tmp_path: Path) -> None:
     with wall_bench(tmp_path) as bench:
 

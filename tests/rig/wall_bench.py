@@ -102,7 +102,7 @@ def sine_n(t_s: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @contextmanager
-def wall_bench(folder: Path, guard_n: float = 20.0) -> Iterator[WallBench]:
+def wall_bench(folder: Path, guard_n: float = 20.0, behind_s: float = 2.0) -> Iterator[WallBench]:
     """All devices open; closed at the end, in good order, whatever the run came to."""
     with ExitStack() as held:
         it = held.enter_context(board())
@@ -130,7 +130,7 @@ def wall_bench(folder: Path, guard_n: float = 20.0) -> Iterator[WallBench]:
         camera = open_camera(seen, folder, clock)
         held.callback(camera.close)
         limits = GuardLimits.of(GuardConfig(force_n=guard_n), config)
-        guard = ForceGuard(stage, limits, clock)
+        guard = ForceGuard(stage, limits, clock, behind_s)
         yield WallBench(
             folder,
             it,

@@ -12,6 +12,7 @@ import numpy as np
 from ...errors import InputError
 from ..interface import Clock, ForceSamples, Stage
 from .config import ForceConfig, GuardConfig
+from .notes import Tally
 
 SHARE = 0.8  # of the sensor's range, where the rig file sets no limit
 AGAIN_NS = (
@@ -21,6 +22,8 @@ SURELY_NS = 100_000_000  # the byte is repeated for so long, whatever the force 
 EASE = (
     1.25  # on the way out the force may rise over the limit, to so much of what tripped the guard
 )
+BEHIND_S = 0.1
+"""A newest sample that is older leaves the guard blind: twice the silence that a box is allowed."""
 NAMES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 
 Vector = tuple[float, float, float]
@@ -75,9 +78,19 @@ class ForceGuard:
     The one who reads the sensor gives it each batch (`watch`) and tells it when there are none
     (`lost`). Once tripped it stays so until `rearm`: it writes the stop byte again while samples
     are over the limit, because a byte that reaches GRBL before its jog has begun does nothing.
+
+    behind_s: on the wall clock, a guard whose newest sample stays older than that for as long
+    again is blind, and stops the stage; a hiccup that is caught up is counted in `tally` alone.
+    None: the samples' ages are not looked at, as in lockstep.
     """
 
-    def __init__(self, stage: Stage, limits: GuardLimits, clock: Clock) -> None:
+    def __init__(
+        self,
+        stage: Stage,
+        limits: GuardLimits,
+        clock: Clock,
+        behind_s: float | None = None,
+    ) -> None:
         self._stage = stage
         self._clock = clock
         self.limits = limits
@@ -86,6 +99,9 @@ class ForceGuard:
         self._peak = np.zeros(7)  # since it tripped: six axes and the resultant
         self._easing = False
         self._byte_ns = 0
+        self._behind_s = behind_s
+        self._behind_ns: int | None = None  # since when it looks at old samples
+        self.tally = Tally()
         self.trip: Trip | None = None
 
     @property
@@ -94,9 +110,10 @@ class ForceGuard:
         return self.trip.why if self.trip is not None else ""
 
     def watch(self, samples: ForceSamples) -> None:
-        """Write the stop byte if a sample is over a limit or saturated."""
+        """Write the stop byte if a sample is over a limit or saturated, or all are old."""
         if not len(samples.t_ns):
             return
+        self._look_at_age(int(samples.t_ns[-1]))
         values = np.abs(samples.counts / samples.per_unit)
         peak = values.max(axis=0)
         resultant_n = float(np.sqrt((values[:, :3] ** 2).sum(axis=1).max()))
@@ -124,6 +141,7 @@ class ForceGuard:
         self.trip = None
         self._peak = np.zeros(7)
         self._byte_ns = 0
+        self._behind_ns = None
 
     @contextmanager
     def easing(self) -> Iterator[None]:
@@ -140,6 +158,24 @@ class ForceGuard:
         finally:
             self._easing = False
             self._most, self._resultant_n = before
+
+    def _look_at_age(self, newest_ns: int) -> None:
+        """Blind is who looks at old samples, and after behind_s of that still does."""
+        if self._behind_s is None:
+            return
+        now_ns = self._now_ns()
+        old_ns, limit_ns = now_ns - newest_ns, self._behind_s * 1e9
+        if old_ns <= limit_ns:
+            self._behind_ns = None
+            return
+        self.tally.add("behind", 1, old_ns / 1e6)
+        if self._behind_ns is None:
+            self._behind_ns = now_ns
+        elif now_ns - self._behind_ns > limit_ns:
+            self.lost(
+                f"force sensor: the host is {old_ns / 1e6:.0f} ms behind its stream; end other "
+                "programs, look at the network, or set a lower rate on the box"
+            )
 
     def _stop_for(self, samples: ForceSamples, saturated: bool) -> None:
         """The byte first, then the words for it."""

@@ -23,6 +23,7 @@ BIASES = 3  # attempts
 DEFAULT_N, DEFAULT_NMM = 25.0, 250.0  # ranges of a transducer that does not tell
 QUEUE = 1 << 15  # records that wait for a host that does not read: 4 s at 7 kHz
 NEVER_S = 3600.0
+TAKE_S = 0.02  # so long at most is spent on taking what came: the guard looks in between
 HEALTH_NS = 200_000_000  # how often its counters are looked at
 
 
@@ -142,10 +143,15 @@ class PynetftLink:
         self._client.stop()
 
     def receive(self, timeout_s: float) -> Arrivals:
-        """All that came."""
+        """All that came; of a stream that is faster than this host, what it takes in TAKE_S."""
         samples, self._ahead = self._ahead, []
+        end_s = time.monotonic() + timeout_s + TAKE_S
         while (sample := self._next(0.0 if samples else timeout_s)) is not None:
+            if not samples:
+                end_s = time.monotonic() + TAKE_S
             samples.append(sample)
+            if time.monotonic() > end_s:
+                break
         if not samples:
             self._require_streaming()
         rows = [(s.received_at_ns, s.rdt_sequence, s.status, s.raw_wrench) for s in samples]

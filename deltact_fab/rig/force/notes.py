@@ -14,6 +14,8 @@ TEXTS = {
     "overrun": "{n} force records were thrown away unread: the host was too slow",
     "saturation": "{n} force samples are saturated",
     "error": "{n} force records carried the error bit: no readings",
+    "behind": "{n} times the newest force sample was old when it was looked at, by up to "
+    "{worst:.0f} ms",
     "silence": "no force sample came in time, {n} times",
 }
 

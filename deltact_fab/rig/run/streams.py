@@ -68,9 +68,14 @@ class ForceStream:
     """
 
     def __init__(
-        self, force: ForceSensor, guard: ForceGuard | None, note: Callable[[str, str], None]
+        self,
+        force: ForceSensor,
+        guard: ForceGuard | None,
+        clock: Clock,
+        note: Callable[[str, str], None],
     ) -> None:
         self._force = force
+        self._clock = clock
         self._guard = guard
         self._note = note
         self._kept: list[ForceSamples] = []
@@ -96,7 +101,10 @@ class ForceStream:
             self.last_ns = int(samples.t_ns[-1])
             x, y, z = force_n[-1].tolist()
             self.force_n = (x, y, z)
-        for line in samples.notes:
+        notes = samples.notes
+        if self._guard is not None:
+            notes += self._guard.tally.tell(now_ns(self._clock))
+        for line in notes:
             name, _, text = line.partition(": ")
             self._note(name, text)
         if self.lifting:

@@ -7,13 +7,19 @@ built with another order drags the tip through the gel.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import StageError
 from ..interface import Clock, ForceSensor, Stage
+from ..run.watch import watched
 from ..stage.go import LIFT_FEED_MM_MIN
 from .operator import Operator, confirm
+
+if TYPE_CHECKING:
+    from ..force.guard import ForceGuard
 
 LIFT_MM = 25.0
 STANDING_S = 0.1
@@ -72,10 +78,12 @@ def home_safely(
     operator: Operator | None,
     *,
     tip_is_clear: bool = False,
+    guard: ForceGuard | None = None,
 ) -> str:
-    """Clear the face, then home; says how. Raises StageError."""
+    """Clear the face, then home with the guard armed; says how. Raises StageError, SensorError."""
     how = clear_the_face(stage, clock, force, operator, tip_is_clear=tip_is_clear)
-    stage.home()
+    with watched(stage, clock, force, guard):
+        stage.home()
     return how
 
 

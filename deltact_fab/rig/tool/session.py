@@ -52,7 +52,7 @@ def homed(
     Raises InputError for a rig without a force sensor, and whatever the devices raise; Stopped
     when the operator interrupts.
     """
-    from ..force.guard import ForceGuard, GuardLimits
+    from ..force.guard import BEHIND_S, ForceGuard, GuardLimits
     from ..force.open import open_force
 
     if config.force is None or (config.force.netft is None and config.force.serial is None):
@@ -66,11 +66,12 @@ def homed(
         opened.callback(stage.close)
         force = open_force(config.force, clock)
         opened.callback(force.close)
-        guard = ForceGuard(stage, GuardLimits.of(config.guard, config.force), clock)
+        limits = GuardLimits.of(config.guard, config.force)
+        guard = ForceGuard(stage, limits, clock, BEHIND_S)
         with interruptible(stage.abort):
             try:
                 stage.connect()
-                home_safely(stage, clock, force, operator, tip_is_clear=tip_is_clear)
+                home_safely(stage, clock, force, operator, tip_is_clear=tip_is_clear, guard=guard)
                 yield Bench(clock, stage, force, guard)
             except StageError:
                 raise

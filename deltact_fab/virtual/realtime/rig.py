@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 HOST = "127.0.0.1"
 # The box and the camera share this computer's processors with all that runs on it: what would be a
 # fault of a real one is not one yet.
-PATIENT_S = 2.0
 PATIENT = 10.0  # times the period of the images
+PATIENT_FORCE = 40.0  # times the silence, and the age, of force samples
 Progress = Callable[[int, int, str], None]
 
 
@@ -63,7 +63,7 @@ class RealtimeRig:
             config = bench_config(order.config, self._hands.ports)
             # The process mounts what it is told to: nobody has to confirm that.
             job = replace(order.job, unattended=True)
-            self._bench = GrblRig(config, order.source, job, silent_s=PATIENT_S)
+            self._bench = GrblRig(config, order.source, job, patience=PATIENT_FORCE)
             self._open.callback(self._bench.close)
         except BaseException:
             self._open.close()

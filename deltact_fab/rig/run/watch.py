@@ -1,0 +1,56 @@
+"""The guard armed where there is no run: one thread that reads the force sensor meanwhile."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING
+
+from ...errors import DeltactFabError
+from ..interface import Clock, ForceSensor, Stage
+from .loop import Loop
+from .streams import ForceStream
+
+if TYPE_CHECKING:
+    from ..force.guard import ForceGuard
+
+NAME = "force sensor"
+ANSWER_S = 10.0
+END_S = 5.0
+
+
+@contextmanager
+def watched(
+    stage: Stage, clock: Clock, force: ForceSensor | None, guard: ForceGuard | None
+) -> Iterator[None]:
+    """The guard sees every sample until the block ends, as in a run; nothing is kept of them.
+
+    The sensor is the thread's for so long, and stopped after that. Without a sensor or a guard
+    nothing watches. Raises SensorError, the stage stopped, beyond a limit or for a lost sensor.
+    """
+    if force is None or guard is None:
+        yield
+        return
+    trouble: list[BaseException] = []
+
+    def failed(why: BaseException) -> None:
+        stage.cancel()
+        trouble.append(why)
+
+    stream = ForceStream(force, guard, clock, lambda name, text: None)
+    stream.keeping = False
+    loop = Loop(NAME, stream.step, failed, first=True)
+    try:
+        loop.ask(force.start, ANSWER_S, going=True)
+        try:
+            yield
+        except DeltactFabError as why:
+            if trouble:  # what stopped it, rather than what that came to
+                raise trouble[0] from why
+            raise
+        if trouble:
+            raise trouble[0]
+    finally:
+        with suppress(DeltactFabError):
+            loop.ask(force.stop, ANSWER_S, going=False)
+        loop.end(END_S)

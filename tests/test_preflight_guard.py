@@ -1,0 +1,101 @@
+"""What the guard would stop is known before anything moves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from deltact_fab import catalog, experiment, preflight
+from deltact_fab.cad.design import load_design
+from deltact_fab.errors import InputError
+from deltact_fab.preflight import ForceLimits, Peak, judge, limits_of, may_trip, predict, require
+from deltact_fab.protocols import plan
+from deltact_fab.rig import config
+from deltact_fab.rig.force.guard import GuardLimits
+
+SENSOR = load_design("deltact")
+KEYS = ("[guard] force_n", "the guard, 0.8 of [force] range_nmm")
+
+
+@pytest.fixture(scope="module")
+def peaks() -> list[Peak]:
+    found = predict(plan.load("smoke")[0], SENSOR, (0.0, 0.0, 0.0))
+    assert found is not None
+    return found
+
+
+def limits(guard: GuardLimits, simulated: bool = False) -> ForceLimits:
+    return ForceLimits(
+        simulated=simulated,
+        source="my-bench.toml",
+        stage_n=(60.0, 60.0, 60.0),
+        has_sensor=True,
+        sensor_n=(25.0, 25.0, 35.0),
+        sensor_nmm=(250.0, 250.0, 250.0),
+        origin_mm=(0.0, 0.0, 0.0),
+        guard=guard,
+        guard_keys=KEYS,
+    )
+
+
+def test_what_the_guard_would_trip_is_refused_and_what_it_may_is_told(peaks: list[Peak]) -> None:
+    normal_n = max(p.normal_n for p in peaks)
+    free = limits(GuardLimits((20.0, 20.0, 28.0), (200.0,) * 3))
+    assert judge("smoke", SENSOR.skin.thickness_mm, peaks, free) == []
+    assert may_trip("smoke", peaks, free) == []
+
+    near = limits(GuardLimits((20.0, 20.0, 1.5 * normal_n), (200.0,) * 3))
+    assert judge("smoke", SENSOR.skin.thickness_mm, peaks, near) == []
+    (told,) = may_trip("smoke", peaks, near)
+    assert "of [guard] force_n in my-bench.toml" in told
+    (row,) = (r for r in preflight.checks(peaks, near) if r.name == "guard" and r.warns)
+    assert row.ok
+
+    over = limits(GuardLimits((20.0, 20.0, 0.9 * normal_n), (200.0,) * 3))
+    (line,) = judge("smoke", SENSOR.skin.thickness_mm, peaks, over)
+    assert "of [guard] force_n in my-bench.toml: the guard would stop the run" in line
+    assert may_trip("smoke", peaks, over) == []
+    with pytest.raises(InputError, match="the guard would stop the run"):
+        require([line], over)
+    (row,) = (r for r in preflight.checks(peaks, over) if not r.ok)
+    assert row.line().startswith("FAIL  guard: normal force as expected, [guard] force_n (N)")
+    (row,) = (r for r in preflight.checks(peaks, replace(over, simulated=True)) if r.warns)
+    assert row.ok
+
+
+def test_every_limit_of_the_guard_is_compared(peaks: list[Peak]) -> None:
+    for guard, words in (
+        (GuardLimits((20.0, 0.1, 28.0)), "tangential force"),
+        (GuardLimits((20.0, 20.0, 28.0), resultant_n=1.0), "of [guard] resultant_n"),
+        (GuardLimits((20.0, 20.0, 28.0), (1e-3,) * 3), "0.8 of [force] range_nmm"),
+    ):
+        lines = judge("smoke", SENSOR.skin.thickness_mm, peaks, limits(guard))
+        assert lines
+        assert any(words in line for line in lines)
+        assert not any("\n" in line for line in lines)
+
+
+def test_a_real_rig_and_realtime_have_a_guard_and_lockstep_has_none(tmp_path: Path) -> None:
+    smoke = plan.load("smoke")[0]
+    virtual = config.load("virtual")[0]
+    assert limits_of(virtual, "virtual.toml", smoke).guard is None
+    armed = limits_of(virtual, "virtual.toml", smoke, realtime=True)
+    assert armed.guard == GuardLimits((20.0, 20.0, 28.0), (200.0, 200.0, 200.0))
+    assert armed.guard_keys[0] == "the guard, 0.8 of [force] range_n"
+    rig = tmp_path / "bench.toml"
+    text = catalog.find("protocols/rigs", "virtual").read_text().partition("[virtual.")[0]
+    text = text.replace('kind = "virtual"', 'kind = "grbl"').replace(
+        "[stage]", '[stage]\nport = "/dev/null"'
+    )
+    text += '[force.netft]\nhost = "192.0.2.1"\n'
+    rig.write_text(text + "[guard]\nforce_n = 2.0\n")
+    found = limits_of(config.load(str(rig))[0], "bench.toml", smoke)
+    assert found.guard is not None
+    assert found.guard_keys[0] == "[guard] force_n"
+    _, findings = experiment.forces("smoke", str(rig)) or ([], [])
+    assert any("of [guard] force_n" in line for line in findings)
+    rig.write_text(text + "[guard]\nforce_n = 30.0\n")
+    with pytest.raises(InputError, match=r"bench.toml: guard: the limit 30 of Fx"):
+        experiment.forces("smoke", str(rig))
