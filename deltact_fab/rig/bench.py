@@ -1,7 +1,7 @@
 """The real bench of kind `grbl`: stage, camera and force sensor, at the wall clock.
 
-Only what the protocol's channels ask for is opened; the force sensor also where something is
-touched, for the guard lives on it.
+Only what the protocol's channels ask for is opened; the force sensor always where the rig file says
+how it is reached, for the guard lives on it, and a tip also meets things in the air.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ class GrblRig:
         self._open.callback(self.stage.close)
         self.force: ForceSensor | None = None
         self.guard: ForceGuard | None = None
-        if "force" in channels or not job.air:
+        if reachable(config) or not job.air:
             self._feel()
         self.tooling = Tooling(
             job, self.stage, self.clock, self.force, self.guard, config.touch, config.tools
@@ -164,7 +164,9 @@ class GrblRig:
         if self.camera is None:
             lines.append("camera: no channel asks for images")
         if self.force is None:
-            lines.append("force sensor and guard: no channel asks for force, nothing is touched")
+            lines.append(
+                "force sensor and guard: the rig file has no way to one; nothing is touched"
+            )
         return lines
 
     def notes(self) -> list[str]:
