@@ -130,6 +130,6 @@ def test_force_is_that_of_its_stamp(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         miss = force["fz_n"].to_numpy()[rows][down] - expected[down]
         delays_ms.append(float(-1e3 * (miss @ slope[down]) / (slope[down] @ slope[down])))
     print(f"force late by {delays_ms} ms")
-    # 1 to 2 ms on a busy machine; 2.5 um of a touch-off and of a step are 0.25 each.
+    # 1 to 2 ms on a busy machine; a touch-off and a motor's step are 0.25 ms each.
     assert min(map(abs, delays_ms)) < 5.0
     assert max(map(abs, delays_ms)) < 20.0
