@@ -8,6 +8,9 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
+INTERRUPTED = 130
+"""Exit code of a command that an operator ended."""
+
 
 class DeltactFabError(Exception):
     """Base of every error that the package raises on purpose. Its text is one line."""
@@ -31,6 +34,12 @@ class SolverError(RunFailed):
 
 class TimeLimit(RunFailed):
     """A limit of time that the caller set was reached."""
+
+
+class Stopped(RunFailed):
+    """Ended by the operator before it was done, in good order."""
+
+    exit_code = INTERRUPTED
 
 
 class StageError(RunFailed):

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from .options import JSON
+
 if TYPE_CHECKING:
     from ..cad.dimensions import Design
 
@@ -18,9 +20,6 @@ F = TypeVar("F", bound=Callable[..., Any])
 @click.group()
 def cad() -> None:
     """Parametric parts: list, show, check, export, bill of materials, fabrication guide."""
-
-
-JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 
 def of_design(command: F) -> F:

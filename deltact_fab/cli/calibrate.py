@@ -10,8 +10,6 @@ import click
 if TYPE_CHECKING:
     from ..measure.lens import Board, Calibration
 
-IMAGE_NAMES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
-
 
 @click.command()
 @click.argument("images", nargs=-1, type=click.Path(path_type=Path))
@@ -93,6 +91,7 @@ def board_named(words: str, option: str) -> Board:
 def _files(names: tuple[Path, ...]) -> list[Path]:
     """Files as they are named, and the images in the folders among them."""
     from ..errors import InputError
+    from ..rig.camera.files import IMAGE_NAMES
 
     files: list[Path] = []
     for name in names:

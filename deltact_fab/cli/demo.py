@@ -6,10 +6,12 @@ from pathlib import Path
 
 import click
 
+from .options import SEED
+
 
 @click.command()
 @click.option("--out", type=click.Path(path_type=Path), default=Path("demo-out"), show_default=True)
-@click.option("--seed", default=3, show_default=True, help="Of everything that is drawn.")
+@click.option("--seed", type=SEED, default=3, show_default=True, help="Of all that is drawn.")
 def demo(out: Path, seed: int) -> None:
     """Export parts, make the pattern, run `smoke` on the virtual rig, analyse, write a report."""
     from .. import demo as chain

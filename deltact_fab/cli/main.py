@@ -8,7 +8,7 @@ import sys
 import click
 
 from .. import __version__
-from ..errors import DeltactFabError
+from ..errors import INTERRUPTED, DeltactFabError
 
 # name: (module, attribute, line of help); a noun's module is imported only when it is used, so
 # that `--help` stays fast whatever the nouns need.
@@ -16,7 +16,7 @@ COMMANDS = {
     "cad": ("cad", "cad", "Parametric parts: check, export, bill of materials, guide."),
     "pattern": ("pattern", "pattern", "Pattern stickers: generate and inspect."),
     "protocol": ("protocol", "protocol", "Indentation experiments: check, show, list."),
-    "rig": ("rig", "rig", "Benches: new, check, list, show, drive by hand."),
+    "rig": ("rig", "rig", "Benches: new, check, list, show, register, drive by hand."),
     "calibrate": ("calibrate", "calibrate", "The lens, from images of boards."),
     "calibrate-depth": (
         "calibrate_depth",
@@ -61,7 +61,7 @@ def main(debug: bool) -> None:
 
 
 def entry() -> None:
-    """Console entry: one line on stderr for an error, exit 1 (ran, failed) or 2 (bad input)."""
+    """Console entry: one line on stderr for an error; exit 1 failed, 2 bad input, 130 stopped."""
     try:
         status = main(standalone_mode=False)
     except click.exceptions.Exit as done:
@@ -71,7 +71,7 @@ def entry() -> None:
         status = 2
     except (click.Abort, KeyboardInterrupt):
         click.echo("deltact-fab: stopped", err=True)
-        status = 1
+        status = INTERRUPTED
     except DeltactFabError as why:
         if "--debug" in sys.argv:
             raise

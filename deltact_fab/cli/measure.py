@@ -11,6 +11,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ..errors import INTERRUPTED
+from .options import SEED
+
 if TYPE_CHECKING:
     from ..live.outputs import Output
     from ..live.session import Session
@@ -26,7 +29,7 @@ VIEW_HZ = 10.0
 @click.option("--show", metavar="LIST", help="As force,shape; default: all that can be shown.")
 @click.option("--design", help="Design of the sensor, where the source does not say it.")
 @click.option("--serial", help="The sensor's serial, where the source does not say it.")
-@click.option("--seed", default=0, show_default=True, help="Of a virtual rig.")
+@click.option("--seed", type=SEED, default=0, show_default=True, help="Of a virtual rig.")
 @click.option("--hz", type=click.FloatRange(min=0.01), help="Images a second at most, of what is "
               "not a camera. Default: as fast as it goes; with --view 10.")  # fmt: skip
 @click.option("--jsonl", is_flag=True, help="One JSON object an image on stdout.")
@@ -108,7 +111,7 @@ def measure(
 
 def _run(session: Session, outputs: list[Output], stay: bool) -> int:
     """Until the source ends, Ctrl-C, or nobody reads what is printed; the exit code."""
-    status = 130
+    status = INTERRUPTED
     try:
         for measured in session.results():
             for output in outputs:

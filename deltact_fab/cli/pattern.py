@@ -8,15 +8,14 @@ from typing import Any, Literal, TypeVar
 
 import click
 
+from .options import JSON
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 
 @click.group()
 def pattern() -> None:
     """Pattern stickers: list, make, show, quality, sheet, series, from a sheet's code."""
-
-
-JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 
 def _tell(made: Any, as_json: bool) -> None:

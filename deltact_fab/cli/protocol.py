@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from .options import JSON
+
 if TYPE_CHECKING:
     from ..preflight import Peak
 
@@ -18,7 +20,6 @@ def protocol() -> None:
 
 
 RIG = click.option("--rig", "rig_name", default="virtual", show_default=True, help="Rig file.")
-JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 UNSOLVED = (
     "peak forces: deep presses, not solved yet; `protocol show NAME --forces` solves them once "
     "(minutes)"

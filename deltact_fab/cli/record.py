@@ -8,8 +8,9 @@ from typing import Any
 
 import click
 
+from .options import JSON
+
 RUN = click.argument("run", type=click.Path(path_type=Path))
-JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 
 @click.group()
@@ -21,7 +22,9 @@ def record() -> None:
 @RUN
 @JSON
 def check(run: Path, as_json: bool) -> None:
-    """Verify RUN: journal, every image's hash, every sample and truth, each id exactly once.
+    """Verify that RUN is whole.
+
+    Journal, every image's hash, every sample and truth, and each id exactly once.
 
     The verdict comes first, then a line a problem. An unfinished run is whole when all that it has
     is; what a press that was cut off lacks is no damage. Exit 1 on damage. Nothing is changed.
@@ -46,7 +49,10 @@ def check(run: Path, as_json: bool) -> None:
 @RUN
 @JSON
 def show(run: Path, as_json: bool) -> None:
-    """What RUN is: protocol, specimen, rig, counts, events, registration, notes."""
+    """Say what RUN is.
+
+    Protocol, specimen, rig, counts, events, registration, notes.
+    """
     from ..record import about
     from ..record import open as open_run
     from .output import echo_json
@@ -87,7 +93,10 @@ def show(run: Path, as_json: bool) -> None:
 @click.argument("text")
 @JSON
 def note(run: Path, text: str, as_json: bool) -> None:
-    """Add an operator's note to RUN, also while it goes on and after it has finished."""
+    """Add a remark to RUN.
+
+    Also while it goes on and after it has finished.
+    """
     from ..record import add_note
     from .output import echo_json
 
@@ -105,7 +114,9 @@ def note(run: Path, text: str, as_json: bool) -> None:
               help="A new folder (csv, parquet) or a new file (mcap).")  # fmt: skip
 @JSON
 def export(run: Path, form: str, out: Path, as_json: bool) -> None:
-    """Write RUN as CSV, Parquet or MCAP (extra `export`), whole or not at all.
+    """Write RUN as CSV, Parquet or MCAP.
+
+    Whole or not at all; needs the extra `export`.
 
     csv and parquet: tables of frames, force, pose, steps and events, units in the columns' names,
     without images. mcap: one file for Foxglove, with images, pose (m), wrench (N, N m) and events

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from . import rig_stage
+from .options import JSON, SEED, Finite
 from .rig_register import register
 
 
@@ -22,7 +23,7 @@ rig.add_command(register)
 
 
 @rig.command("list")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@JSON
 def list_(as_json: bool) -> None:
     """Rig files that can be named."""
     from .. import catalog
@@ -37,9 +38,12 @@ def list_(as_json: bool) -> None:
 
 @rig.command()
 @click.argument("name")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@JSON
 def show(name: str, as_json: bool) -> None:
-    """A rig's settings as they will be used, defaults filled in. No device is opened."""
+    """Settings, with the defaults filled in.
+
+    As they will be used; no device is opened.
+    """
     from ..rig import config
     from .output import echo_json
 
@@ -59,9 +63,9 @@ def show(name: str, as_json: bool) -> None:
 @click.option("--air", default=0, show_default=True, help="Images of a board in the air beyond.")
 @click.option("--air-board", metavar="NXxNYxMM", help="That board; default: as --board.")
 @click.option("--design", default="deltact", show_default=True, help="Design of the sensor.")
-@click.option("--seed", default=0, show_default=True, help="Of places, tilts and noise.")
+@click.option("--seed", type=SEED, default=0, show_default=True, help="Of places, tilts and noise.")
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="A new folder.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@JSON
 def photograph(
     name: str,
     board: str | None,
@@ -73,7 +77,7 @@ def photograph(
     out: Path,
     as_json: bool,
 ) -> None:
-    """Photograph boards with a rig's camera, to calibrate it.
+    """Photograph boards, to calibrate a camera.
 
     A real rig's waits for Enter before each of --contact images, if there is a terminal; they go
     to OUT/contact/. On a virtual rig, through its true lens: --board skin is the shipped chessboard
@@ -130,10 +134,11 @@ def photograph(
 
 @rig.command()
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@JSON
 def new(file: Path, as_json: bool) -> None:
-    """Write a commented rig file FILE with the serial ports and cameras of this computer.
+    """Write a commented rig file.
 
+    FILE gets the serial ports and cameras that this computer has.
     Nothing is opened, nothing is asked, and no file is overwritten. Then put in what stands under
     MEASURE in it, and look with `rig check FILE`.
     """
@@ -156,12 +161,14 @@ def new(file: Path, as_json: bool) -> None:
 
 
 @rig.command()
-@click.argument("name")
-@click.option("--seconds", default=2.0, show_default=True, help="How long devices are watched.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@click.argument("name", metavar="RIG")
+@click.option("--seconds", type=Finite(0.1, 60), default=2.0, show_default=True,
+              help="How long devices are watched.")  # fmt: skip
+@JSON
 def check(name: str, seconds: float, as_json: bool) -> None:
-    """Talk to each device of a rig file and say what is wrong and how to put it right.
+    """Talk to each device, say what is wrong.
 
+    A line for each thing, and how to put it right.
     Nothing moves. Nothing may touch the sensor: its zero is set. Exit 1 when a line says FAIL.
     """
     from ..errors import InputError

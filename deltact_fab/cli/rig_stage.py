@@ -8,17 +8,24 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from .options import JSON, Finite
+
 if TYPE_CHECKING:
     from ..rig.config import GrblConfig
     from ..rig.force.guard import ForceGuard
     from ..rig.interface import ForceSensor
     from ..rig.stage.grbl import GrblStage
 
-JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-FEED = click.option("--feed", default=300.0, show_default=True, help="mm/min.")
-INTO_GEL = click.option("--into-gel", is_flag=True, help="Below the clearance height: slowly.")
+FEED = click.option(
+    "--feed", type=Finite(0, min_open=True), default=300.0, show_default=True, help="Speed, mm/min."
+)
+INTO_GEL = click.option("--into-gel", is_flag=True, help="Allow what is below --clearance; slowly.")
 CLEARANCE = click.option(
-    "--clearance", default=5.0, show_default=True, help="Height over the face (mm) that is safe."
+    "--clearance",
+    type=Finite(0),
+    default=5.0,
+    show_default=True,
+    help="Height over the face (mm) that is safe.",
 )
 NUMBERS = {"ignore_unknown_options": True}  # -1.5 is no option
 
@@ -27,7 +34,9 @@ NUMBERS = {"ignore_unknown_options": True}  # -1.5 is no option
 @click.argument("rig")
 @JSON
 def probe(rig: str, as_json: bool) -> None:
-    """Connect to RIG's stage and judge its settings. Nothing moves.
+    """Connect and judge the settings of the stage.
+
+    Nothing moves.
 
     What somebody else left moving is brought to rest. An Arduino restarts when its port is opened
     and loses its position.
@@ -62,7 +71,10 @@ def probe(rig: str, as_json: bool) -> None:
 @click.argument("rig")
 @JSON
 def status(rig: str, as_json: bool) -> None:
-    """What RIG's stage is doing and where it is. Nothing moves."""
+    """Say what the stage does and where it is.
+
+    Nothing moves.
+    """
     from .output import echo_json
 
     config, stage = _stage(rig)
@@ -76,11 +88,11 @@ def status(rig: str, as_json: bool) -> None:
 
 @click.command()
 @click.argument("rig")
-@click.option("--yes", is_flag=True, help="Ask nothing.")
-@click.option("--tip-is-clear", is_flag=True, help="Your word that the tip is not in the gel.")
+@click.option("--yes", is_flag=True, help="Do not ask whether the way is clear.")
+@click.option("--tip-is-clear", is_flag=True, help="You say that the tip touches nothing.")
 @JSON
 def home(rig: str, yes: bool, tip_is_clear: bool, as_json: bool) -> None:
-    """Home RIG's stage, which moves every axis to its end.
+    """Home the stage: every axis to its end.
 
     Where the position is known the tip is lifted first; where it is lost the force sensor, you or
     --tip-is-clear must say that the tip is not in the gel. A force sensor that the rig file names
@@ -118,9 +130,15 @@ def home(rig: str, yes: bool, tip_is_clear: bool, as_json: bool) -> None:
 
 @click.command(context_settings=NUMBERS)
 @click.argument("rig")
-@click.argument("by_mm", type=float, nargs=3, metavar="DX DY DZ")
+@click.argument("by_mm", type=Finite(), nargs=3, metavar="DX DY DZ")
 @FEED
-@click.option("--most", default=10.0, show_default=True, help="Longest way that is allowed (mm).")
+@click.option(
+    "--most",
+    type=Finite(0),
+    default=10.0,
+    show_default=True,
+    help="Longest way that is allowed (mm).",
+)
 @CLEARANCE
 @INTO_GEL
 @JSON
@@ -133,13 +151,16 @@ def jog(
     into_gel: bool,
     as_json: bool,
 ) -> None:
-    """Move RIG's tip by DX DY DZ mm in the sensor frame; z is up, out of the gel.
+    """Move the tip by DX DY DZ mm.
+
+    In the sensor frame: z is up, out of the gel.
 
     Goes by the position that the controller has counted since it was homed. Ctrl-C stops it.
     """
     from ..rig.stage import by_hand
 
     config, stage = _stage(rig)
+    by_hand.require_short(by_mm, most)  # before a port is opened, which may restart the board
     with _connected(stage):
         _count(stage)
         with by_hand.stopped_by_ctrl_c(stage):
@@ -149,14 +170,12 @@ def jog(
 
 @click.command(context_settings=NUMBERS)
 @click.argument("rig")
-@click.argument("target_mm", type=float, nargs=3, metavar="X Y Z")
+@click.argument("target_mm", type=Finite(), nargs=3, metavar="X Y Z")
 @FEED
 @CLEARANCE
 @INTO_GEL
-@click.option(
-    "--as-counted", is_flag=True, help="Homed before, and nobody has unlocked it by $X since."
-)
-@click.option("--home", "home_first", is_flag=True, help="Home first; the tip is not in the gel.")
+@click.option("--as-counted", is_flag=True, help="It was homed, and nobody has unlocked it by $X.")
+@click.option("--home", "home_first", is_flag=True, help="Home first; the tip is clear.")
 @JSON
 def goto(
     rig: str,
@@ -168,10 +187,10 @@ def goto(
     home_first: bool,
     as_json: bool,
 ) -> None:
-    """Move RIG's tip to X Y Z mm in the sensor frame: up, sideways, down.
+    """Move the tip to X Y Z mm.
 
-    z = 0 is the resting face. Give --home or --as-counted, for a place is only as good as the
-    position. Ctrl-C stops it.
+    In the sensor frame, whose z = 0 is the resting face; it goes up, sideways, down. Give --home
+    or --as-counted, for a place is only as good as the position. Ctrl-C stops it.
     """
     from ..errors import InputError
     from ..rig.stage import by_hand
@@ -195,7 +214,9 @@ def goto(
 @click.argument("rig")
 @JSON
 def reset(rig: str, as_json: bool) -> None:
-    """Reset RIG's controller (0x18): for one that is deaf after an alarm, or asleep.
+    """Reset RIG's controller (0x18).
+
+    For one that hears nothing else after an alarm, or that sleeps.
 
     What moves stops at once; the position is lost.
     """

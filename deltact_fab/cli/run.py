@@ -7,19 +7,23 @@ from typing import Any
 
 import click
 
+from .options import SEED
+
 
 @click.command()
 @click.argument("protocol")
-@click.option("--rig", "rig_name", default="virtual", show_default=True, help="Rig file.")
-@click.option("--seed", default=0, show_default=True, help="Of everything that is drawn.")
+@click.option(
+    "--rig", "rig_name", default="virtual", show_default=True, help="Rig file, by name or path."
+)
+@click.option("--seed", type=SEED, default=0, show_default=True, help="Of all that is drawn.")
 @click.option("--out", type=click.Path(path_type=Path), help="New run folder.")
 @click.option("--resume", is_flag=True, help="Go on with the unfinished run in --out.")
 @click.option("--air", is_flag=True, help="Touch nothing: no height below the clearance plane.")
-@click.option("--realtime", is_flag=True, help="A virtual rig on the wall clock, on real wires.")
-@click.option("--unattended", is_flag=True, help="Nobody is there: ask nothing, or refuse.")
-@click.option("--tip-is-clear", is_flag=True, help="Your word: the tip touches nothing. Home.")
-@click.option("--note", help="What the operator has to say; kept with the run.")
-@click.option("--dry-run", is_flag=True, help="Check all, ask each device; move nothing.")
+@click.option("--realtime", is_flag=True, help="A virtual rig in real time, on real wires.")
+@click.option("--unattended", is_flag=True, help="Nobody is there: ask nothing; refuse what would.")
+@click.option("--tip-is-clear", is_flag=True, help="You say that the tip touches nothing: home.")
+@click.option("--note", help="A remark to keep with the run.")
+@click.option("--dry-run", is_flag=True, help="Check all, ask each device, move nothing.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def run(
     protocol: str,

@@ -24,6 +24,7 @@ from .files import FORMAT, image_file, lattice_file, lens_file, truth_file, writ
 from .images import FORMATS, decode, encode, encode_png, image_format, rate_held_hz
 from .journal import CLOCK_COLUMNS, PRESS_TABLES, WALL_COLUMNS
 from .notes import add as add_note
+from .notes import usable as usable_note
 from .run import Run, open
 from .same import require_same
 from .streams import Chunk
@@ -56,5 +57,6 @@ __all__ = [
     "require_same",
     "require_whole",
     "truth_file",
+    "usable_note",
     "write_whole",
 ]

@@ -27,10 +27,7 @@ def add(folder: Path, text: str) -> dict[str, Any]:
     """
     if not (folder / "run.json").is_file():
         raise InputError(f"{folder}: not a run folder (no run.json)")
-    text = text.strip()
-    if not text or len(text) > LONGEST:
-        raise InputError(f"note: {len(text)} characters, 1 to {LONGEST} are right")
-    note = {"wall_s": time.time(), "text": text}
+    note = {"wall_s": time.time(), "text": usable(text)}
     path = notes_file(folder)
     new = not path.exists()
     try:
@@ -49,6 +46,16 @@ def add(folder: Path, text: str) -> dict[str, Any]:
     except OSError as why:
         raise RunFailed(f"{path}: cannot be written: {why.strerror}") from why
     return note
+
+
+def usable(text: str) -> str:
+    """A note's text without blanks at its ends. Raises InputError for what is no note."""
+    text = text.strip()
+    if not 0 < len(text) <= LONGEST:
+        raise InputError(f"note: {len(text)} characters, 1 to {LONGEST} are right")
+    if odd := [c for c in text if not c.isprintable() and c not in "\n\t"]:
+        raise InputError(f"note: {odd[0]!r} is no character that can be printed; leave it out")
+    return text
 
 
 def read(folder: Path) -> list[dict[str, Any]]:

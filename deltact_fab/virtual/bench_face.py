@@ -78,11 +78,6 @@ class BenchFace:
         found = parse_indenter(indenter) if isinstance(indenter, str) else indenter
         self._touching = [self._touching_by(tip) for tip in found.tips]
 
-    def touches_at_mm(self, x_mm: float, y_mm: float) -> Vec3:
-        """Where the carriage is (machine) when the indenter's axis meets the face there."""
-        x, y, z = self._frame.to_machine_mm((x_mm, y_mm, 0.0))
-        return (x, y, z + self._longer_mm)
-
     def wrenches(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         """Forces (N) and torques (N mm) on the sensor (n, 6) at times (n,), none later than now."""
         if len(t_ns) == 0:

@@ -170,17 +170,6 @@ class GrblController:
         self._advance()
         return self._carriage.path.since(to_ns(t0_s), self._t)
 
-    def planned_segment(self) -> tuple[Vec3, Vec3, float, float] | None:
-        """The straight piece under way (start mm, end mm, start s, end s), None at rest.
-
-        It can still be cut short by a hold, a jog cancel or a reset.
-        """
-        self._advance()
-        s = self._carriage.path.moving(self._t)
-        if s is None:
-            return None
-        return s.start_mm, s.end_mm, s.start_ns / NS_PER_S, s.end_ns / NS_PER_S
-
     # ---- time ---------------------------------------------------------------------------------
 
     def _next_ns(self) -> int | None:

@@ -169,6 +169,7 @@ class Terminal:
         silent = time.monotonic() < self._silent_until_s
         if data and not silent:
             self._heard(time.monotonic(), data)
+            self._passing()  # or what has just come would be heard at a time before it came
             self.controller.write(data)
         said = self.controller.read_available()
         if not self._open or silent:

@@ -113,10 +113,9 @@ def test_axis_limits_slow_a_diagonal_down() -> None:
     clock, grbl = ready(_112=300, _122=10)
     grbl.write(b"$J=X-31Y-1Z-41F1500\n")
     start = clock.now_s()
-    planned = grbl.planned_segment()
-    assert planned is not None
-    begin, end, t0, t1 = planned
-    assert (begin, end, t0) == ((-1, -1, -1), (-31, -1, -41), start)
+    planned = grbl.segments[-1]
+    begin, t0, t1 = planned.start_mm, planned.start_ns / 1e9, planned.end_ns / 1e9
+    assert (begin, planned.end_mm, t0) == ((-1, -1, -1), (-31, -1, -41), start)
     v, a = 5 / 0.8, 10 / 0.8  # Z takes 0.8 of the line: 300 mm/min = 5 mm/s and 10 mm/s2
     assert t1 - t0 == pytest.approx(50 / v + v / a, abs=2e-9)
     clock.sleep_s(3)
@@ -124,7 +123,7 @@ def test_axis_limits_slow_a_diagonal_down() -> None:
     on_line = grbl.position_mm()
     assert (on_line[0] + 1) / 30 == pytest.approx((on_line[2] + 1) / 40)
     clock.sleep_s(10)
-    assert grbl.planned_segment() is None
+    assert grbl.position_mm() == planned.end_mm
 
 
 def test_waypoints_are_the_corners_and_a_hold_is_none() -> None:

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from ...errors import DeltactFabError
 from ...protocols.plan import Step
 from ..interface import Stage
+from ..stage.go import LIFT_FEED_MM_MIN, rise
 from .schedule import Schedule
 from .streams import Wanted, to_ns
-
-LIFT_FEED_MM_MIN = 120.0
 
 
 class Motion:
@@ -70,9 +69,7 @@ class Motion:
         try:
             stage.stop()
             with self._streams.lifting():
-                x, y, z = stage.position_mm()
-                stage.start_move((x, y, max(z, height_mm)), LIFT_FEED_MM_MIN)
-                stage.wait()
+                rise(stage, height_mm, LIFT_FEED_MM_MIN)
         except KeyboardInterrupt:
             stage.stop()
             return "the lift was stopped by the operator"

@@ -9,10 +9,11 @@ import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from ...errors import InputError, RunFailed
+from ...errors import InputError, Stopped
 from ...protocols.motion import Vec3, plus
 from ..interface import Stage
 from ..run.interrupt import interruptible
+from .go import go
 
 CLEARANCE_MM = 5.0
 MOST_MM = 10.0
@@ -24,14 +25,14 @@ SAME_MM = 2e-3
 
 @contextmanager
 def stopped_by_ctrl_c(stage: Stage) -> Iterator[None]:
-    """Ctrl-C, SIGTERM and SIGHUP stop the motion, the second one resets; raises RunFailed then."""
+    """Ctrl-C, SIGTERM and SIGHUP stop the motion, the second one resets; raises Stopped then."""
     with interruptible(stage.abort):
         try:
             yield
         except KeyboardInterrupt as why:
             stage.stop()
             where = f" at {in_words(stage.position_mm())}" if stage.homed else ""
-            raise RunFailed(f"stopped by the operator{where}") from why
+            raise Stopped(f"stopped by the operator{where}") from why
 
 
 def jog(
@@ -48,22 +49,25 @@ def jog(
     Raises InputError, with nothing sent, for one that is longer than most_mm or, without into_gel,
     ends below clearance_mm or goes sideways there; straight up is always allowed.
     """
-    if not all(map(math.isfinite, by_mm)):
-        raise InputError(f"DX DY DZ: {by_mm} mm is no way to go")
-    length_mm = math.hypot(*by_mm)
-    if length_mm > most_mm:
-        raise InputError(
-            f"DX DY DZ: {length_mm:g} mm is more than {most_mm:g}; give --most {length_mm:g} if "
-            "that is meant"
-        )
+    require_short(by_mm, most_mm)
     here = stage.position_mm()
     there = plus(here, by_mm)
     low_mm, up = min(here[2], there[2]), by_mm[0] == by_mm[1] == 0 and by_mm[2] >= 0
     near = low_mm < clearance_mm and not up
     if near and not into_gel:
         raise InputError(_too_low(low_mm, clearance_mm))
-    _move(stage, there, min(feed_mm_min, NEAR_FEED_MM_MIN) if near else feed_mm_min)
+    go(stage, there, min(feed_mm_min, NEAR_FEED_MM_MIN) if near else feed_mm_min)
     return stage.position_mm()
+
+
+def require_short(by_mm: Vec3, most_mm: float = MOST_MM) -> None:
+    """Raise InputError for a way that is longer than most_mm, or none."""
+    length_mm = math.hypot(*by_mm)
+    if not length_mm <= most_mm:
+        raise InputError(
+            f"DX DY DZ: {length_mm:g} mm is more than {most_mm:g}; give --most {length_mm:g} if "
+            "that is meant"
+        )
 
 
 def goto(
@@ -87,13 +91,13 @@ def goto(
     if math.dist(here[:2], (x, y)) > SAME_MM:
         high_mm = max(here[2], clearance_mm)
         for place in ((here[0], here[1], high_mm), (x, y, high_mm)):
-            _move(stage, place, feed_mm_min)
+            go(stage, place, feed_mm_min)
     if z >= clearance_mm:
-        _move(stage, target_mm, feed_mm_min)
+        go(stage, target_mm, feed_mm_min)
     else:
         if stage.position_mm()[2] > clearance_mm:
-            _move(stage, (x, y, clearance_mm), feed_mm_min)
-        _move(stage, target_mm, min(feed_mm_min, NEAR_FEED_MM_MIN))
+            go(stage, (x, y, clearance_mm), feed_mm_min)
+        go(stage, target_mm, min(feed_mm_min, NEAR_FEED_MM_MIN))
     return stage.position_mm()
 
 
@@ -101,11 +105,6 @@ def in_words(position_mm: Vec3) -> str:
     """A tip position for a person."""
     x, y, z = (round(p, 3) + 0.0 for p in position_mm)
     return f"x {x:.3f}, y {y:.3f}, z {z:.3f} mm (sensor)"
-
-
-def _move(stage: Stage, target_mm: Vec3, feed_mm_min: float) -> None:
-    stage.start_move(target_mm, feed_mm_min)
-    stage.wait()
 
 
 def _too_low(z_mm: float, clearance_mm: float) -> str:

@@ -62,7 +62,7 @@ class Controller:
         """Why its position is in doubt."""
         self.reset_due = False
         """Before the next homing."""
-        self._clock = clock
+        self.clock = clock
         self._lock = threading.RLock()  # of one exchange
 
     def forget(self) -> None:
@@ -162,7 +162,7 @@ class Controller:
                 raise Fault("the safety door is open: close it, then try again")
             if name not in ("Jog", "Run", "Hold", "Door"):
                 raise Fault(f"the controller is in {state_in_words(state.state)}; reset it first")
-            self._clock.sleep_s(POLL_END_S)
+            self.clock.sleep_s(POLL_END_S)
             if name in ("Jog", "Run"):  # the first byte came to nothing if the jog had not begun
                 self.port.write(JOG_CANCEL if name == "Jog" else HOLD)
 

@@ -21,22 +21,18 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING, Any
 
-from ...errors import InputError
 from ...optics import StageFrame
-from ...protocols.motion import Vec3, minus, move_duration_s
+from ...protocols.motion import Vec3
 from ..interface import Clock, StageState
-from .controller import JOG_CANCEL, MARGIN_S, POLL_END_S, Controller, Move, in_mm
+from . import jogs
+from .controller import JOG_CANCEL, Controller
 from .limits import Limits
-from .settings import AXES, Needs, Row, judge, refusal
-from .talk import RESET, Fault, NoAnswer
+from .settings import Needs, Row, judge, refusal
+from .talk import RESET, Fault
 from .words import BANNER, SETTING, state_in_words
 
 if TYPE_CHECKING:
     from ..config import StageConfig
-
-JOG_ANSWER_S = 0.5  # it comes within .1 s, and without it the carriage may be on its way
-HEAR_S = 0.005  # between two looks at what was said without being asked for
-POLL_S = 0.1  # while a move is under way; the firmware's documents ask for at most 10 a second
 
 
 class GrblStage:
@@ -151,22 +147,7 @@ class GrblStage:
                 raise Fault("a move is under way: wait for it or stop it first")
             if self._c.stopping:
                 self.stop()
-            limits = self._c.limits
-            x, y, z = (round(p, 4) + 0.0 for p in self._frame.to_machine_mm(target_mm))
-            machine = (x, y, z)
-            delta = minus(machine, self._c.at_mm)
-            if why := limits.target_refusal(machine) or limits.feed_refusal(delta, feed_mm_min):
-                raise InputError(f"{self._url}: {why}")
-            planned_s = move_duration_s(delta, feed_mm_min, limits.axes(110), limits.axes(120))
-            words = "".join(f"{axis}{p:.4f}" for axis, p in zip(AXES, machine, strict=True))
-            self._c.talk.drain()
-            self._c.move = Move(machine, self._c.port.now_ns(), planned_s)
-            if self._c.cancelled:
-                raise Fault("stopped before it moved")
-            self._jog(f"$J=G90G21G53{words}F{feed_mm_min:.3f}")
-            if self._c.cancelled:  # while the line was read, which drops the byte
-                self._c.port.write(JOG_CANCEL)
-        return planned_s
+            return jogs.begin(self._c, self._frame.to_machine_mm(target_mm), feed_mm_min)
 
     def wait(self) -> StageState:
         """Wait until the last move is at its target, polling the controller.
@@ -179,41 +160,7 @@ class GrblStage:
             if self._c.move is None and self._c.stopping:
                 raise Fault("the last move was told to stop")
         move = self._c.move
-        if move is None:
-            return self.poll()
-        limit_s = move.planned_s * 1.1 + MARGIN_S
-        idle_short = 0
-        while True:
-            left_s = move.planned_s - move.since_s(self._c.port.now_ns())
-            if left_s > 0 or idle_short:
-                self.listen(min(POLL_S, max(left_s + 0.002, POLL_END_S)))
-            with self._c.exchange():
-                state = self.poll()
-                if state.state == "Idle":
-                    if self._c.limits.same_place(move.target_mm, state.machine_mm):
-                        self._c.move = None
-                        # The next move starts from what was commanded, not from its rounding.
-                        self._c.at_mm = move.target_mm
-                        return state
-                    idle_short += 1
-                    if idle_short == 2:
-                        self._c.move = None
-                        raise Fault(
-                            f"stopped at {in_mm(state.machine_mm)} short of {in_mm(move.target_mm)}"
-                        )
-                elif state.state != "Jog":
-                    raise Fault(
-                        f"{state_in_words(state.state)} during a move to {in_mm(move.target_mm)}, "
-                        "expected Jog"
-                    )
-                if move.since_s(self._c.port.now_ns()) > limit_s:
-                    raise Fault(
-                        f"still {state.state} at {in_mm(state.machine_mm)} after {limit_s:.1f} s; "
-                        f"the move to {in_mm(move.target_mm)} was planned to take "
-                        f"{move.planned_s:.1f} s"
-                    )
-            if left_s <= 0 and not idle_short:
-                self.listen(POLL_END_S)
+        return self.poll() if move is None else jogs.follow(self._c, move)
 
     def listen(self, seconds: float) -> None:
         """Let that much time pass, and hear what the controller says meanwhile.
@@ -221,15 +168,7 @@ class GrblStage:
         So an alarm or a restart stops the move when it is told, not at the next question. Raises
         StageError.
         """
-        deadline = self._c.port.deadline_ns(seconds)
-        while True:
-            if self._c.port.is_open:
-                with self._c.exchange():
-                    self._c.talk.overhear()
-            left_ns = deadline - self._c.port.now_ns()
-            if left_ns <= 0:
-                return
-            self.clock.sleep_s(min(left_ns / 1e9, HEAR_S))
+        jogs.listen(self._c, seconds)
 
     def position_mm(self) -> Vec3:
         """Tip position in the sensor frame (mm) as the controller reports it now."""
@@ -366,27 +305,7 @@ class GrblStage:
 
         The first reason is the one that is told.
         """
-        with self._c.exchange():
-            if self._c.trouble:
-                raise Fault(self._c.trouble)
-            state = self._c.status()
-            self._c.at_mm = state.machine_mm
-            self._c.require_position(state)
-            if self._c.cancelled and state.state == "Jog":  # it came before the jog began
-                self._c.port.write(JOG_CANCEL)
-            return state
-
-    def _jog(self, line: str) -> None:
-        """Send it. In Hold or behind an open door it is heard, and not answered."""
-        try:
-            self._c.talk.command(line, JOG_ANSWER_S)
-        except NoAnswer as why:
-            halted = self._c.halt()
-            state = self._c.status().state
-            if state.partition(":")[0] not in ("Hold", "Door"):
-                raise Fault(f"{why.why}{halted}", lost=True) from why
-            # The line waits in the controller: the reset of the next `stop` is what forgets it.
-            raise Fault(f"{state_in_words(state)}: no move begins{halted}") from why
+        return jogs.poll(self._c)
 
     def reset(self) -> None:
         """Reset the controller (0x18) and wait for its banner. The position is lost; `home` next.

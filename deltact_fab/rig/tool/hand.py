@@ -9,6 +9,7 @@ from ...errors import DeltactFabError, RunFailed
 from ...protocols.motion import Vec3
 from ...shapes import Indenter
 from ..interface import Stage
+from ..stage.go import go, rise
 from .config import TouchConfig
 from .feeler import Feeler
 from .operator import Operator
@@ -45,8 +46,7 @@ class HandTouch:
         x, y, start_mm = self._stage.position_mm()
         high_mm = max(start_mm, config.clear_mm)
         for target_mm in ((x, y, high_mm), (*at_mm, high_mm)):
-            self._stage.start_move(target_mm, self._feed_mm_min)
-            self._stage.wait()
+            go(self._stage, target_mm, self._feed_mm_min)
         self._feeler.tare()
         self._feeler.release()
         self._go((*at_mm, config.clear_mm))
@@ -60,9 +60,7 @@ class HandTouch:
             with suppress(DeltactFabError):  # the first error is the one to tell
                 self._feeler.release()
             with suppress(DeltactFabError):
-                x, y, z = self._stage.position_mm()
-                self._stage.start_move((x, y, max(z, high_mm)), self._feed_mm_min)
-                self._stage.wait()
+                rise(self._stage, high_mm, self._feed_mm_min)
         spread_mm = max(found) - min(found)
         if spread_mm > max(config.spread_mm, STEPS_MM[-1]):
             raise RunFailed(

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from ...errors import StageError
 from ..interface import Clock, ForceSensor, Stage
 from ..run.watch import watched
+from ..stage.go import LIFT_FEED_MM_MIN
 from .operator import Operator, confirm
 
 if TYPE_CHECKING:
     from ..force.guard import ForceGuard
 
 LIFT_MM = 25.0
-LIFT_FEED_MM_MIN = 120.0
 STANDING_S = 0.1
 CONTACT_N = 0.3
 """More than this, on the tare of whoever measured last, is a tip that touches or a sensor that was

@@ -17,6 +17,7 @@ from ...errors import RunFailed, SensorError
 from ...optics import StageFrame
 from ...protocols.motion import Vec3
 from ..interface import Stage
+from ..stage.go import go
 from .config import JigConfig, TouchConfig
 from .feeler import Feeler
 from .touch import LOWERING, MOST, STEP_MM
@@ -112,8 +113,7 @@ class JigTouch:
 
         x, y, _ = self._stage.position_mm()
         for target in ((x, y, high_mm), at(far, high_mm)):
-            self._stage.start_move(target, config.feed_mm_min * LOWERING)
-            self._stage.wait()
+            go(self._stage, target, config.feed_mm_min * LOWERING)
         self._feeler.tare()
         try:
             if self._feeler.move(
@@ -122,9 +122,8 @@ class JigTouch:
                 raise SensorError(f"something is in the way beside the jig, at {_side(side)}")
             self._approach(side, far, near, at)
             out = sign * self._stage.position_mm()[axis]
-            self._stage.start_move(at(out + BACK_MM, self._low_mm), config.feed_mm_min)
-            self._stage.wait()
             out += BACK_MM
+            go(self._stage, at(out, self._low_mm), config.feed_mm_min)
             while not float((self._feeler.at_rest() ** 2).sum()) ** 0.5 > config.force_n:
                 out -= STEP_MM
                 if out < near:
@@ -135,8 +134,7 @@ class JigTouch:
             self._stage.stop()
             out = sign * self._stage.position_mm()[axis]
             for target in (at(max(out, far), self._low_mm), at(max(out, far), high_mm)):
-                self._stage.start_move(target, config.feed_mm_min * LOWERING)
-                self._stage.wait()
+                go(self._stage, target, config.feed_mm_min * LOWERING)
             self._feeler.release()
 
     def _approach(self, side: Side, far: float, near: float, at: At) -> None:

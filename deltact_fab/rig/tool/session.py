@@ -9,24 +9,25 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ...errors import DeltactFabError, InputError, RunFailed, StageError
+from ...errors import DeltactFabError, InputError, StageError, Stopped
 from ...record import write_whole
-from ...shapes import SensorDimensions
+from ...shapes import Indenter, SensorDimensions
 from ...shapes.indenter import parse as parse_indenter
 from ..clock import WallClock
 from ..config import GrblConfig
 from ..interface import Clock, ForceSensor, Stage
 from ..run.interrupt import interruptible
+from ..stage.go import LIFT_FEED_MM_MIN
 from ..stage.grbl import GrblStage
-from .config import TouchConfig
+from .config import JigConfig, TouchConfig
 from .feeler import Feeler
-from .hand import HandTouch
-from .home import LIFT_FEED_MM_MIN, LIFT_MM, home_safely
+from .find import find_face
+from .home import LIFT_MM, home_safely
 from .jig import JigTouch
 from .operator import Operator, confirm
 from .register import Place, Registration, places_for, register, require_fit
 from .tooling import raised
-from .touch import ForceTouch, Touch
+from .touch import Touch
 
 if TYPE_CHECKING:
     from ..force.guard import ForceGuard
@@ -48,7 +49,7 @@ def homed(
 ) -> Iterator[Bench]:
     """Open and home the bench of a rig file; lift the tip and close all, however it ends.
 
-    Raises InputError for a rig without a force sensor, and whatever the devices raise; RunFailed
+    Raises InputError for a rig without a force sensor, and whatever the devices raise; Stopped
     when the operator interrupts.
     """
     from ..force.guard import BEHIND_S, ForceGuard, GuardLimits
@@ -79,25 +80,37 @@ def homed(
                     stage.stop()
                     stage.lift(LIFT_MM, LIFT_FEED_MM_MIN)
                 if isinstance(why, KeyboardInterrupt):
-                    raise RunFailed("stopped by the operator") from why
+                    raise Stopped("stopped by the operator") from why
                 raise
 
 
-def register_face(
-    bench: Bench,
+@dataclass(frozen=True)
+class Wanted:
+    """A registration as it was asked for, judged: a ball, places that it fits at, how it touches.
+
+    longer_mm: than the reference tool it is. jig: None where its sides are not touched.
+    """
+
+    ball: Indenter
+    places: tuple[Place, ...]
+    touch: TouchConfig
+    longer_mm: float
+    jig: JigConfig | None
+
+
+def wanted(
     config: GrblConfig,
     source: Path,
     sensor: SensorDimensions,
     indenter: str,
-    operator: Operator,
     places: tuple[Place, ...] = (),
     by: str | None = None,
     jig: bool = False,
-) -> Registration:
-    """Have a ball mounted, touch the face at each place, and fit where it lies.
+) -> Wanted:
+    """Judge what was asked for, before a device is opened. Raises InputError.
 
     places: none is four of them. by: instead of the rig file's. jig: touch its sides too, for place
-    and turn. Raises InputError or RunFailed.
+    and turn.
     """
     ball = parse_indenter(indenter)
     touch = config.touch or TouchConfig()
@@ -109,24 +122,29 @@ def register_face(
         )
     places = places or places_for(sensor.skin, ball)
     require_fit(sensor.skin, ball, places)
-    confirm(operator, ball.name, "it is mounted, screwed tight")
     longer_mm = config.tools[ball.name].length_mm if ball.name in config.tools else 0.0
-    frame = raised(bench.stage.frame, longer_mm)
-    bench.stage.set_frame(frame)
+    return Wanted(ball, places, touch, longer_mm, touch.jig if jig else None)
+
+
+def register_face(bench: Bench, asked: Wanted, operator: Operator) -> Registration:
+    """Have the ball mounted, touch the face at each place, and fit where it lies.
+
+    Raises RunFailed, SensorError, StageError.
+    """
+    stage, ball, touch = bench.stage, asked.ball, asked.touch
+    confirm(operator, ball.name, "it is mounted, screwed tight")
+    frame = raised(stage.frame, asked.longer_mm)
+    stage.set_frame(frame)
 
     def find(place: Place) -> Touch:
-        if touch.by == "hand":
-            feeler = Feeler(bench.stage, bench.force, bench.clock, bench.guard)
-            return HandTouch(bench.stage, feeler, operator, touch).find(ball, place)
-        by_force = ForceTouch(bench.stage, bench.force, bench.clock, bench.guard, touch)
-        return by_force.find(ball, place)
+        return find_face(stage, bench.force, bench.clock, bench.guard, touch, operator, ball, place)
 
-    found = register(find, frame, longer_mm, ball, places)
-    if not jig or touch.jig is None:
+    found = register(find, frame, asked.longer_mm, ball, asked.places)
+    if asked.jig is None:
         return found
-    bench.stage.set_frame(raised(found.frame, longer_mm))
-    feeler = Feeler(bench.stage, bench.force, bench.clock, bench.guard)
-    placed = JigTouch(bench.stage, feeler, touch, touch.jig, ball).find()
+    stage.set_frame(raised(found.frame, asked.longer_mm))
+    feeler = Feeler(stage, bench.force, bench.clock, bench.guard)
+    placed = JigTouch(stage, feeler, touch, asked.jig, ball).find()
     return replace(found, frame=placed.frame(found.frame), placed=placed)
 
 

@@ -17,12 +17,12 @@ from ...errors import InputError, RunFailed
 from ...record import write_whole
 from ...shapes.indenter import parse as parse_indenter
 from ..interface import Clock, ForceSensor, Job, Stage
+from ..stage.go import go
 from .config import ToolConfig, TouchConfig
-from .feeler import Feeler
-from .hand import HandTouch
+from .find import find_face
 from .home import clear_the_face
 from .operator import Operator, Terminal, confirm
-from .touch import ForceTouch, Touch
+from .touch import TRAVEL_FEED_MM_MIN, Touch
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -98,8 +98,7 @@ class Tooling:
         moved_mm = self._require_the_same(name, z)
         frame = replace(expected, origin_machine_mm=expected.to_machine_mm((0.0, 0.0, touch.z_mm)))
         self._stage.set_frame(frame)
-        self._stage.start_move(frame.to_sensor_mm(before_mm), _FEED_MM_MIN)
-        self._stage.wait()
+        go(self._stage, frame.to_sensor_mm(before_mm), TRAVEL_FEED_MM_MIN)
         self._keep(name, touch, (x, y, z), longer_mm)
         moved = "" if moved_mm is None else f", {moved_mm:+.3f} mm from the run's first touch"
         return f"{name} mounted: face at machine z {z:.3f} mm, {touch.line()}{moved}"
@@ -114,20 +113,14 @@ class Tooling:
 
     def _find(self, name: str) -> Touch:
         config = self._touch
-        indenter = parse_indenter(name)
         if config is None:
             raise InputError("[touch] is missing in the rig file: nothing says where the face is")
         if self._force is None:
             raise InputError("[force] is missing in the rig file: nothing feels the face")
-        if config.by == "hand":
-            if self._operator is None:
-                raise InputError("touch.by = 'hand' needs somebody there: not with --unattended")
-            feeler = Feeler(self._stage, self._force, self._clock, self._guard)
-            return HandTouch(self._stage, feeler, self._operator, config).find(
-                indenter, config.at_mm
-            )
-        by_force = ForceTouch(self._stage, self._force, self._clock, self._guard, config)
-        return by_force.find(indenter, config.at_mm)
+        return find_face(
+            self._stage, self._force, self._clock, self._guard, config, self._operator,
+            parse_indenter(name), config.at_mm,
+        )  # fmt: skip
 
     def _require_the_same(self, name: str, machine_z_mm: float) -> float | None:
         """How far the face has moved since the run's first touch with it; None: this is it."""
@@ -160,9 +153,6 @@ class Tooling:
         if self._job.folder.is_dir():
             text = json.dumps({"touches": rows}, indent=1) + "\n"
             write_whole(self._job.folder / KEPT, text.encode())
-
-
-_FEED_MM_MIN = 300.0
 
 
 def kept(folder: Path) -> list[dict[str, Any]]:

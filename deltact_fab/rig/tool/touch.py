@@ -16,6 +16,7 @@ from ...errors import DeltactFabError, SensorError, StageError
 from ...protocols.motion import Vec3
 from ...shapes import Indenter
 from ..interface import Clock, ForceSensor, Stage
+from ..stage.go import go, rise
 from .config import TouchConfig
 from .contact import Contact, fit, powers_of
 from .feeler import Feeler
@@ -103,7 +104,7 @@ class ForceTouch:
         finally:
             with suppress(DeltactFabError):  # the first error is the one to tell
                 feeler.release()
-        self._up(at_mm, high_mm)
+        self._go((*at_mm, high_mm))
         heights = [contact.z_mm for contact in found]
         spread_mm = max(heights) - min(heights)
         if spread_mm > self._config.spread_mm:
@@ -122,7 +123,7 @@ class ForceTouch:
         self, feeler: Feeler, here: tuple[float, float], at_mm: tuple[float, float], high_mm: float
     ) -> float:
         """Above the point, tare; returns the noise."""
-        self._up(here, high_mm)
+        self._go((*here, high_mm))
         self._go((*at_mm, high_mm))
         noise_n = feeler.tare()
         if noise_n * NOISES > self._config.force_n:
@@ -222,19 +223,14 @@ class ForceTouch:
         return 2 * forces[-1] - forces[-2] > MOST * self._config.force_n
 
     def _go(self, target_mm: Vec3) -> None:
-        self._stage.start_move(target_mm, TRAVEL_FEED_MM_MIN)
-        self._stage.wait()
-
-    def _up(self, at_mm: tuple[float, float], high_mm: float) -> None:
-        self._go((*at_mm, high_mm))
+        go(self._stage, target_mm, TRAVEL_FEED_MM_MIN)
 
     def _retreat(self, high_mm: float) -> str:
         """Stop and go straight up; says what came of it."""
         try:
             self._stage.stop()
-            x, y, z = self._stage.position_mm()
             with self._guard.easing() if self._guard is not None else nullcontext():
-                self._up((x, y), max(z, high_mm))
+                rise(self._stage, high_mm, TRAVEL_FEED_MM_MIN)
         except DeltactFabError as why:
             return f"the tip could NOT be lifted: {why}"
         return "the tip was lifted"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import math
 import os
-import struct
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -16,12 +15,12 @@ import numpy as np
 
 from ...errors import DeltactFabError
 from ...optics import Fisheye
+from ...rig.camera.command import HEADER
 from ..devices import Seen, write_truth
 from ..picture import Picture
 from ..scene import LatticeCrop, Observation
 from .scene import LiveScene
 
-HEADER = struct.Struct("<qII")  # monotonic ns, number, nothing: as `[camera] stamped` has it
 LOOK_S = 0.02
 STALE_NS = 3_000_000_000  # to draw, on a computer with better things to do; beyond it is no news
 SAME_NS = 1000  # two stamps that are one but for their way through a float

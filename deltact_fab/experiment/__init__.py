@@ -1,0 +1,8 @@
+"""Where protocol, sensor and rig meet: checks before motion, then the run and its record."""
+
+from .kinds import Progress, kind_of
+from .meta import versions
+from .preview import checks, forces, show
+from .session import dry_run, run
+
+__all__ = ["Progress", "checks", "dry_run", "forces", "kind_of", "run", "show", "versions"]
