@@ -38,6 +38,7 @@ class Talk:
 
     def __init__(self, port: Port) -> None:
         self._port = port
+        self._swift = False  # answers were faster than the baud rate: USB all the way
 
     def banner(self, limit_s: float = BANNER_S) -> list[str]:
         """Wait for a banner: it and what was said with it, the banner first; [] if none comes.
@@ -74,11 +75,14 @@ class Talk:
     def command(self, line: str, limit_s: float = ANSWER_S) -> list[str]:
         """Send a line, wait for its ok, return what came before it."""
         self.drain()
+        sent_ns = self._port.now_ns()
         self._port.write(line.encode("ascii") + b"\n")
         deadline = self._port.deadline_ns(limit_s)
         data: list[str] = []
         while (text := self._port.line(deadline)) is not None:
             if text == "ok":
+                length = sum(len(said) + len("\r\n") for said in data)
+                self._swift |= self._port.now_ns() - sent_ns < self._port.on_wire_ns(length)
                 return data
             if text.startswith("error:"):
                 raise Fault(f"{line} was refused: {explain(text, ERRORS)}")
@@ -142,11 +146,12 @@ class Talk:
         """When the position in an answer of n bytes that is complete now was true; give or take.
 
         It was read between the question and the answer's first byte. That one is as old as the
-        answer is long, unless the link is faster than its baud rate (USB).
+        answer is long, unless the link was ever seen to be faster than its baud rate.
         """
         answered_ns = self._port.now_ns()
         begun_ns = answered_ns - self._port.on_wire_ns(n)
-        if begun_ns < asked_ns:
+        self._swift |= begun_ns < asked_ns
+        if self._swift:
             begun_ns = max(answered_ns, asked_ns)
         return (asked_ns + begun_ns) / 2e9, (begun_ns - asked_ns) / 2e9
 
