@@ -187,7 +187,8 @@ def test_a_disk_without_room_for_the_folder(
     [
         pytest.param(20_000, "journal.sqlite", marks=pytest.mark.slow),  # as the folder is made
         (45_000, ".png"),
-        pytest.param(60_000, "journal.sqlite", marks=pytest.mark.slow),  # in the middle of the run
+        pytest.param(60_000, ".npz", marks=pytest.mark.slow),  # the truth of a press
+        pytest.param(90_000, "journal.sqlite", marks=pytest.mark.slow),  # in the middle of the run
     ],
 )
 def test_a_file_that_may_not_grow(
