@@ -17,8 +17,8 @@ from ..errors import MissingLibrary, RunFailed
 
 FORMATS = ("png", "jxl")
 RATE_HELD_HZ = {"png": 30.0, "jxl": 80.0}
-"""Images of 1280 x 720 a second that a run holds on two cores: written as fast as they go, 35 and 88
-were seen, and none of 240 was dropped at 30 and at 60 (`python -m benchmarks.recording`)."""
+"""Images of 1280 x 720 a second that a run holds on two cores: as fast as they go, 35 and 88 were
+seen, and none of 240 was dropped at 30 and at 60 (`python -m benchmarks.recording`)."""
 JXL_EFFORT = 1  # higher ones gain a hundredth of the size and cost several times as long
 
 _MEASURED_PX = 1280 * 720
