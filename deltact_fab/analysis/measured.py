@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..jobs import Progress
 from ..measure.force.calibration import ForceCalibration, load_force
 from ..measure.pipeline import Result
 from ..measure.pipeline.everything import everything
 from ..measure.sensor_id import Kind, read_calibration, require_same
 from ..record import Run
-from .parallel import Progress
 from .view import sensor_of, view_of
 
 if TYPE_CHECKING:

@@ -29,6 +29,7 @@ COMMANDS = {
     "report": ("report", "report", "One offline page of a run."),
     "record": ("record", "record", "Recorded runs: check, show, note, export."),
     "run": ("run", "run", "Carry out a protocol on a rig."),
+    "study": ("study", "study", "The paper's experiments: list, run, index."),
     "numerics": ("numerics", "numerics", "Error against run time, and stability, of the engines."),
     "demo": ("demo", "demo", "The whole chain on the virtual rig, to a report."),
 }

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
+from ...jobs import Progress
 from ...measure.force import COMPONENTS, FEATURES, ForceModel, features_of, make_features
 from ...measure.force.calibration import ForceCalibration, load_force
 from ...record import Run, encode_png
 from ..frames import settled, settles
-from ..parallel import Progress
 from ..view import head_of, view_of
 from .dataset import gather, opened, presses
 from .field import field_error

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from ... import cache, digest, record
 from ...errors import InputError, SolverError
+from ...jobs import Progress, each
 from ...measure.force import Features, make_features
 from ...measure.view import SensorView
 from ...record import Run
 from ..flows import PressFlows, flows_of
 from ..frames import settled
-from ..parallel import Progress, each
 from ..view import head_of, view_of
 from .wrenches import usable, wrenches
 

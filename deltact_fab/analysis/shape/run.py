@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import record
+from ...jobs import Progress, each
 from ...measure.face import FaceFlow
 from ...measure.force import TractionField
 from ...measure.sensor_id import require_same
@@ -28,7 +29,6 @@ from ...shapes import Indenter
 from ...shapes.indenter import parse
 from ..flows import flows_of
 from ..frames import recorded, settled
-from ..parallel import Progress, each
 from ..view import sensor_of, view_of
 from .ball import EVERY_PX
 from .result import Picture, ShapeResult

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from ... import record
+from ...jobs import Progress, each
 from ..frames import recorded
-from ..parallel import Progress, each
 from .dots import DotTally
 from .press import COLUMNS, Job, PressResult, analyse_press
 from .result import TrackingResult

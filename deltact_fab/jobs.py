@@ -1,4 +1,4 @@
-"""The presses of a run side by side, each a pure function of what it is given."""
+"""The one executor: jobs side by side, each a pure function of what it is given."""
 
 from __future__ import annotations
 

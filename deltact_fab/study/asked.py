@@ -1,0 +1,35 @@
+"""What was asked of a study."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..jobs import Progress
+
+
+def _silent(text: str) -> None:
+    return None
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Common to all studies.
+
+    scale: share of the paper's points or frames, in (0, 1]; None: the study's default. rig: a
+    virtual rig's name or path; None: the study's own. runs: recorded runs to take instead of
+    simulating. executor: None is local processes. say: one line for the user, on stderr.
+    more: options of one study only.
+    """
+
+    scale: float | None = None
+    seed: int = 0
+    rig: str | None = None
+    runs: tuple[Path, ...] = ()
+    executor: Executor | None = None
+    progress: Progress | None = None
+    say: Callable[[str], None] = _silent
+    more: dict[str, Any] = field(default_factory=dict)
