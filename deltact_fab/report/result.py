@@ -22,7 +22,7 @@ class Drawn:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of the page and a CSV of the folder, named after it; columns have units in their names.
+    """A table of the page and a CSV file of its name; columns have units in their names.
 
     shown: the page's columns, None for all; the CSV has all.
     """
