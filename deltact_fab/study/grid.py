@@ -15,7 +15,7 @@ import numpy as np
 
 from .. import cache, digest
 from ..errors import DeltactFabError, RunFailed, Stopped
-from ..jobs import Progress, as_done, width
+from ..jobs import Ended, Progress, processors, run, width
 from .pace import Pace
 
 KIND = "study"
@@ -136,26 +136,27 @@ def solve(
             pace.share(index, share)
             tick(todo[index].name)
 
+    def heard(ended: Ended[tuple[bytes, Value]]) -> None:
+        name = todo[ended.index].name
+        pace.ended(ended.index)
+        if ended.value is not None:
+            nonlocal refused
+            found[name] = _unpacked(*ended.value)
+            if not cache.put_file(KIND, keys[name], *ended.value) and not refused:
+                refused = True
+                say(f"{cache.user_folder()}: nothing can be kept there; do not interrupt this")
+        elif isinstance(ended.error, _FAILURES):
+            errors.append(ended.error)
+            missing[name] = " ".join(str(ended.error).split()) or type(ended.error).__name__
+            say(f"failed: {name}: {missing[name]}")
+        elif ended.error is not None:
+            ended.error.add_note(f"in the job {name}")
+            raise ended.error
+        tick(name)
+
     tick("")
     try:
-        for ended in as_done(_do, todo, executor, told=told):
-            name = todo[ended.index].name
-            pace.ended(ended.index)
-            if ended.error is not None:
-                if not isinstance(ended.error, _FAILURES):
-                    ended.error.add_note(f"in the job {name}")
-                    raise ended.error
-                errors.append(ended.error)
-                missing[name] = " ".join(str(ended.error).split()) or type(ended.error).__name__
-                say(f"failed: {name}: {missing[name]}")
-            else:
-                assert ended.value is not None
-                data, plain = ended.value
-                found[name] = _unpacked(data, plain)
-                if not cache.put_file(KIND, keys[name], data, plain) and not refused:
-                    refused = True
-                    say(f"{cache.user_folder()}: nothing can be kept there; do not interrupt this")
-            tick(name)
+        run(_do, todo, heard, executor, told=told)
     except KeyboardInterrupt as why:
         raise Stopped(
             f"stopped: {len(found)} of {len(jobs)} jobs are kept; the same command goes on there"
@@ -168,8 +169,6 @@ def solve(
 
 def width_of(executor: Executor | None) -> int:
     """How many jobs at a time."""
-    from ..jobs import processors
-
     return processors() if executor is None else width(executor)
 
 
