@@ -15,9 +15,10 @@ DASH = "–"
 
 
 def prepared(table: Table) -> dict[str, Any]:
-    """What the template needs: title and more (of the caption), head, rows, tsv, and how many rows it does not show (hidden).
+    """What the template needs of a table.
 
-    Columns without any value are left out. tsv: head and all rows, numbers to their last digit.
+    title, more: of the caption. head, rows: without columns in which there is no value. hidden: how
+    many rows are not shown. tsv: head and all rows, numbers to their last digit.
     Raises ValueError for a shown column that the frame has not.
     """
     frame = table.frame if table.shown is None else table.frame[list(_known(table))]
