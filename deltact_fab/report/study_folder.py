@@ -150,22 +150,31 @@ def make(folder: Path) -> None:
         raise InputError(f"{folder}: cannot be made: {why.strerror}") from why
 
 
-def place(files: Mapping[str, bytes], out: Path) -> None:
-    """Put files into a study's folder, all or none; those that an earlier study left go.
+def refuse_strange(out: Path, study: str) -> None:
+    """Raises InputError for a folder that is neither empty nor an earlier one of this study."""
+    try:
+        other = read_result(out).study
+    except InputError:
+        other = None
+    if other == study or not any(not one.name.startswith(".new-") for one in out.iterdir()):
+        return
+    held = f"holds the study {other}" if other else f"is not empty, and no earlier {study}"
+    raise InputError(f"{out}: {held}; name another folder")
 
-    Until all are on the disk the earlier ones stay as they are. Raises InputError for a folder
-    that cannot be, RunFailed when the disk refuses.
+
+def place(files: Mapping[str, bytes], out: Path) -> None:
+    """Put files into a study's folder; those that an earlier study left there go, others stay.
+
+    Until all are on the disk the earlier ones stay as they are. Raises RunFailed when the disk
+    refuses.
     """
-    make(out)
     try:
         with tempfile.TemporaryDirectory(dir=out, prefix=".new-") as staged:
             for name, data in files.items():
                 write_whole(Path(staged) / name, data)
-            earlier = _earlier(out)
-            # Never beside files that it does not describe, also when what follows is cut short.
-            (out / RESULT).unlink(missing_ok=True)
-            for name in earlier.difference(files):
+            for name in _earlier(out).difference(files):
                 (out / name).unlink(missing_ok=True)
+            # Its list is the last to change: what is cut short here is found by the next.
             for name in sorted(files, key=lambda name: name == RESULT):
                 os.replace(Path(staged) / name, out / name)
     except OSError as why:

@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError
 from . import figures, study_folder, tables
 from .result import Drawn, LeftOut, StudyResult, Table
 from .templating import environment
@@ -16,20 +15,19 @@ MOST_MISSING = 20
 HEADLINES = "headlines"
 
 
-def ready(*folders: Path | None) -> None:
+def ready(study: str, out: Path, figures_in: Path | None = None) -> None:
     """Say before a study begins, and not after hours, what keeps it from being written.
 
-    folders: those to be written into; None: none asked for. Raises MissingLibrary without the
-    extra `report`, InputError for a folder that cannot be, or that holds a run.
+    out: its folder; figures_in: that of `paper_figures.save`. Raises MissingLibrary without the
+    extra `report`, InputError for a folder that cannot be, or that holds anything but an earlier
+    one of this study.
     """
     environment()
     figures.blank(1, 1)
-    for folder in folders:
-        if folder is None:
-            continue
-        if (folder / "run.json").exists():
-            raise InputError(f"{folder}: holds a run; a study wants a folder of its own")
-        study_folder.make(folder)
+    study_folder.make(out)
+    study_folder.refuse_strange(out, study)
+    if figures_in is not None:
+        study_folder.make(figures_in)
 
 
 def write(result: StudyResult, out: Path, layer_costs: Sequence[dict[str, Any]] = ()) -> Path:
@@ -37,9 +35,11 @@ def write(result: StudyResult, out: Path, layer_costs: Sequence[dict[str, Any]] 
 
     All are made before the first is written: what fails leaves an earlier study as it is.
     layer_costs: what each layer costs that a scene may leave out, as `numerics` measured it.
-    Raises MissingLibrary without the extra `report`, InputError for a folder that cannot be,
-    RunFailed when the disk refuses or a figure is no number.
+    Raises MissingLibrary without the extra `report`, InputError for a folder that cannot be or is
+    another's, RunFailed when the disk refuses or a figure is no number.
     """
+    study_folder.make(out)
+    study_folder.refuse_strange(out, result.study)
     if result.headlines:
         own = Table(HEADLINES, "What counts", tables.headline_frame(result.headlines))
         result = replace(result, tables=(own, *result.tables))
