@@ -7,11 +7,15 @@ from pathlib import Path
 import click
 
 from .options import JSON, SEED
+from .study_index import index
 
 
 @click.group()
 def study() -> None:
-    """The paper's experiments, and better ones: list, run."""
+    """The paper's experiments, and better ones: list, run, index."""
+
+
+study.add_command(index)
 
 
 @study.command("list")
