@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import io
 import json
+import sys
 import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -32,7 +34,7 @@ _FAILURES = (DeltactFabError, ArithmeticError, ValueError, MemoryError, OSError)
 class Job:
     """One cell of a grid.
 
-    name: unique in the grid, shown while it runs. work: a function of a module of the package; it
+    name: unique in the grid, shown while it runs. work: a function of a module; it
     may `jobs.tell` the share of it that is done. given: all that the result depends on, plain JSON
     data, the seed among it (seeds.seed_of). cost: seconds that it may take on one core, 0 where
     that is not known.
@@ -45,10 +47,11 @@ class Job:
 
     def key(self) -> dict[str, Any]:
         """What its result is kept under. Raises TypeError for what is no plain data."""
-        module = self.work.__module__.removeprefix("deltact_fab.")
+        top, _, module = self.work.__module__.partition(".")
+        folder = Path(str(sys.modules[top].__file__)).parent
         return {
-            "work": f"{module}:{self.work.__name__}",
-            "code": digest.of(module),
+            "work": f"{self.work.__module__}:{self.work.__name__}",
+            "code": digest.of(module or top, package=folder),
             "given": json.loads(json.dumps(self.given)),
         }
 
