@@ -17,7 +17,7 @@ import numpy as np
 
 from .. import cache, digest
 from ..errors import DeltactFabError, RunFailed, Stopped
-from ..jobs import Ended, Progress, processors, run, width
+from ..jobs import CannotGoOn, Ended, Progress, processors, run, width
 from .pace import Pace
 
 KIND = "study"
@@ -118,7 +118,8 @@ def solve(
 
     A failure ends that job and no other. progress: hears of each job's end, with the remaining
     time. say: hears what there is to do, before it is begun, and each failure. Raises ValueError
-    for two jobs of one name; the error itself when every job fails; Stopped on Ctrl-C.
+    for two jobs of one name; the error itself when every job fails; Stopped on Ctrl-C; RunFailed
+    when what they run on is gone.
     """
     if twice := [name for name, n in Counter(job.name for job in jobs).items() if n > 1]:
         raise ValueError(f"jobs of one name: {', '.join(twice)}")
@@ -177,10 +178,11 @@ def solve(
     tick("")
     try:
         run(_do, todo, heard, executor, told=hear)
-    except KeyboardInterrupt as why:
-        raise Stopped(
-            f"stopped: {len(found)} of {len(jobs)} jobs are kept; the same command goes on there"
-        ) from why
+    except (KeyboardInterrupt, CannotGoOn) as why:
+        state = f"{len(found)} of {len(jobs)} jobs are kept; the same command goes on there"
+        if isinstance(why, KeyboardInterrupt):
+            raise Stopped(f"stopped: {state}") from why
+        raise RunFailed(f"{why}; {state}") from why
     if errors and not found:
         raise errors[0]
     pace.keep()
