@@ -1,0 +1,104 @@
+"""A study from its command: asked, run, written, told."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..study.registry import Study
+from ..study.registry import run as run_study
+
+if TYPE_CHECKING:
+    from ..report.result import StudyResult
+
+LOG_EVERY_S = 60.0
+
+
+def run(name: str, one: Study, given: dict[str, Any]) -> None:
+    """Run a study with the options of its command, by their names.
+
+    What would keep its page from being written is said before anything is computed.
+    """
+    from ..report import paper_figures, study_page
+    from ..study.asked import Asked
+    from .output import echo_json
+
+    out, figures = given["out"], given["figures"]
+    study_page.ready(name, out, figures)
+    more = (option.name.replace("-", "_") for option in one.options)
+    with _executor(given) as executor, _progress(name) as tick:
+        found = run_study(
+            name,
+            Asked(
+                scale=given.get("scale"),
+                seed=given.get("seed", 0),
+                rig=given.get("rig"),
+                runs=given.get("from", ()),
+                executor=executor,
+                progress=tick,
+                say=lambda text: click.echo(text, err=True),
+                more={key: given[key] for key in more},
+            ),
+        )
+    click.echo(f"report: {study_page.write(found, out, _layer_costs(found))}", err=True)
+    if figures is not None:
+        files = paper_figures.save(found, figures)
+        click.echo(f"figures: {len(files)} files in {figures}", err=True)
+    if given["as_json"]:
+        echo_json(found.data)
+    else:
+        for line in found.verdict:
+            click.echo(line)
+    if found.missing:
+        click.echo(
+            f"warning: {len(found.missing)} jobs have no result and are not in this: "
+            f"{', '.join(found.missing[:5])}{', ...' if len(found.missing) > 5 else ''}; "
+            "the same command tries them again",
+            err=True,
+        )
+
+
+def _layer_costs(found: StudyResult) -> list[dict[str, Any]]:
+    """What this machine has measured of layers that were left out, perhaps nothing."""
+    if not any(one.layer for one in found.left_out):
+        return []
+    from ..numerics.scenes import costs
+
+    return [cost.as_dict() for cost in costs()]
+
+
+@contextmanager
+def _executor(given: dict[str, Any]) -> Iterator[Executor | None]:
+    if "on" not in given:
+        yield None
+        return
+    from ..jobs import executor
+
+    with executor(given["on"], given["jobs"]) as found:
+        yield found
+
+
+@contextmanager
+def _progress(name: str) -> Iterator[Callable[[int, int, str], None]]:
+    """A bar on a terminal; in a log a line a minute."""
+    from .output import progress
+
+    with progress(name) as bar:
+        if sys.stderr.isatty():
+            yield bar
+            return
+        told_s = time.monotonic()
+
+        def tick(done: int, total: int, what: str) -> None:
+            nonlocal told_s
+            if time.monotonic() - told_s >= LOG_EVERY_S:
+                told_s = time.monotonic()
+                click.echo(f"{name}: {done} of {total}: {what}", err=True)
+
+        yield tick
