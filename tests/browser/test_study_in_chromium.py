@@ -72,6 +72,16 @@ def test_nothing_runs_over_and_every_column_can_be_reached(
     assert cut_off(page, 1280) == []
 
 
+def test_what_a_section_cuts_off_is_caught(
+    cut_off: Callable[[Path, int], list[str]], tmp_path: Path
+) -> None:
+    page = tmp_path / "bad.html"
+    wide_table = "<table><tr><td style='min-width: 600px'>x</td></tr></table>"
+    page.write_text(f"<main><section style='overflow: hidden'>{wide_table}</section></main>")
+    assert any(found.startswith("<table>") for found in cut_off(page, 390))
+    assert cut_off(page, 1280) == []
+
+
 def test_headlines_are_read_at_390_px_without_scrolling(folder: Path, tabs: Opened) -> None:
     tab = tabs(folder / "report.html", 390)
     box = tab.locator("table.headlines").bounding_box()
