@@ -19,21 +19,28 @@ from ..rig.interface import Job
 from ..rig.run.runner import Runner
 from ..virtual.rig import VirtualKind, VirtualRig
 from .asked import Asked
+from .kinds import Progress
 from .meta import meta_of, pattern_of
 
 
-def run_presses(job: Job, rig: VirtualConfig, source: Path, presses: Collection[str]) -> VirtualRig:
+def run_presses(
+    job: Job,
+    rig: VirtualConfig,
+    source: Path,
+    presses: Collection[str],
+    progress: Progress | None = None,
+) -> VirtualRig:
     """Carry out presses (`indenter/position`) of a job on a virtual rig into the job's folder.
 
     source: of the rig file, from which the paths in it count. What a run is checked for is left to
     the caller. Returns the rig, closed, for what it has to say of its gel. Raises InputError for a
     folder that is there, RunFailed.
     """
-    steps = [step for step in plan.expand(job.protocol) if step.press in presses]
-    mounted = {step.indenter for step in steps}
+    every = plan.expand(job.protocol)
+    mounted = {step.indenter for step in every if step.press in presses}
     steps = [
         step
-        for step in plan.expand(job.protocol)
+        for step in every
         if step.press in presses or (step.kind == "change" and step.indenter in mounted)
     ]
     kind = VirtualKind(rig, source)
@@ -45,7 +52,7 @@ def run_presses(job: Job, rig: VirtualConfig, source: Path, presses: Collection[
     )
     try:
         with closing(kind.build(job)) as bench:
-            Runner(bench.devices(), writer).run(steps)
+            Runner(bench.devices(), writer, progress).run(steps)
         writer.close({"presses": sorted(presses)})
     except BaseException:
         writer.abandon()

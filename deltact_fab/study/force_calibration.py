@@ -44,7 +44,7 @@ def _simulated(asked: Asked) -> StudyResult:
         settings=scene,
         data={**found.data, "scale": scale, "settings": scene},
         left_out=(*(_scene(line) for line in sorted(shown)), *_left_out(result)),
-        missing=made.missing,
+        missing=tuple(made.missing),
     )
 
 

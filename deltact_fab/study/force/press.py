@@ -18,6 +18,7 @@ import numpy as np
 from ... import catalog, record
 from ...analysis.force.dataset import PressPoints, points_of
 from ...experiment.presses import run_presses
+from ...jobs import tell
 from ...patterns.recipe import PatternRecipe
 from ...protocols.plan import Protocol
 from ...rig.config import VirtualConfig
@@ -74,6 +75,8 @@ def points(told: dict[str, Any]) -> dict[str, Any]:
     And what the gel has to say: why (a line a mesh), flags, between_mm and between_n (the largest
     error of interpolation between its knots), left_out and notes of the rig. Raises RunFailed.
     """
+    import cv2
+
     protocol = catalog.validate(Protocol, told["protocol"], "protocol")
     source = Path(told["beside"]["rig"]) if told["beside"] else Path("rig.toml")
     with TemporaryDirectory(prefix="deltact-fab-") as scratch:
@@ -85,7 +88,8 @@ def points(told: dict[str, Any]) -> dict[str, Any]:
             Path(scratch) / "run",
         )
         rig = catalog.validate(VirtualConfig, told["rig"], "rig")
-        bench = run_presses(job, rig, source, told["presses"])
+        cv2.setNumThreads(1)  # a processor has a job of its own
+        bench = run_presses(job, rig, source, told["presses"], _tell)
         run = record.open(job.folder)
         parts = [points_of(run, protocol.name, p, told["features"]) for p in told["presses"]]
     return {**_packed(parts), **_gel(bench)}
@@ -99,6 +103,10 @@ def unpacked(value: dict[str, Any]) -> PressPoints:
         key.partition("/")[2]: array for key, array in value.items() if key.startswith("features/")
     }
     return PressPoints(pd.DataFrame(value["rows"]), value["wrench"], features, value["refused"])
+
+
+def _tell(done: int, of: int, what: str) -> None:
+    tell(done / max(of, 1))
 
 
 def _packed(parts: Sequence[PressPoints]) -> dict[str, Any]:

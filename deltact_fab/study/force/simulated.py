@@ -19,7 +19,7 @@ from ...analysis.force import (
     joined,
 )
 from ...cad.design import load_design
-from ...errors import InputError, RunFailed
+from ...errors import InputError
 from ...gel.choose import pick
 from ...gel.level import Choice, Reach
 from ...measure.force import FEATURES
@@ -33,15 +33,17 @@ from ...rig import config as rig_config
 from ...rig.config import VirtualConfig
 from ...shapes import SensorDimensions
 from ...shapes.indenter import parse as parse_indenter
-from ...virtual.paths import PressPath
+from ...virtual.paths import PressPath, poses
 from ...virtual.presses import Presses
 from ...virtual.rig import VirtualKind
 from ..asked import Asked
-from ..grid import Job, solve
+from ..grid import Job
 from . import press
 from .scaled import scaled
 
 PROTOCOL, RIG = "force-calibration", "virtual"
+KNOT_S, FRAME_S = 2.0, 0.25
+"""What a knot of the gel takes on the rig `virtual`, and a frame: drawn, stored, tracked."""
 
 
 @dataclass(frozen=True)
@@ -74,13 +76,13 @@ class Scene:
 class Simulated:
     """What came of a scene. gel: of every job, what `press.points` says of its gel.
 
-    missing: names of the jobs without a result.
+    missing: the jobs without a result, by name, and why.
     """
 
     scene: Scene
     result: ForceResult
     gel: list[dict[str, Any]]
-    missing: tuple[str, ...]
+    missing: dict[str, str]
 
 
 def scene(asked: Asked) -> Scene:
@@ -124,14 +126,13 @@ def simulate(asked: Asked) -> Simulated:
                 of.protocol, of.sensor, recipe, of.rig, of.source,
                 [path.press for path in paths], asked.seed, list(FEATURES),
             ),
+            _seconds(of, paths),
         )
         for name, paths in of.groups().items()
     ]  # fmt: skip
-    found = solve(jobs, asked.executor, asked.progress)
-    done = [found[job.name] for job in jobs if found.get(job.name)]
-    missing = tuple(job.name for job in jobs if not found.get(job.name))
-    if not done:
-        raise RunFailed(f"force-calibration: none of {len(jobs)} presses came to an end")
+    grid = asked.solve(jobs)
+    found = grid.partial()
+    done = list(found.values())
     view = _view(of)
     parts = [press.unpacked(value) for value in done]
     data = joined(parts, list(FEATURES), view, of.protocol.name)
@@ -143,7 +144,7 @@ def simulate(asked: Asked) -> Simulated:
         ),
         Made((of.protocol.name,), True, __version__, asked.seed),
     )  # fmt: skip
-    return Simulated(of, _judged(data, head, view, asked.seed), done, missing)
+    return Simulated(of, _judged(data, head, view, asked.seed), done, dict(grid.missing))
 
 
 def _judged(data: ForceData, head: Head, view: SensorView, seed: int) -> ForceResult:
@@ -154,6 +155,16 @@ def _judged(data: ForceData, head: Head, view: SensorView, seed: int) -> ForceRe
     )
     left_out = [*data.left_out, *too_few]
     return ForceResult(data, judged, kept, seed, left_out, curves_of(data, best, seed))
+
+
+def _seconds(of: Scene, paths: Sequence[PressPath]) -> float:
+    """What a job takes on one core: its gel, solved half-way between too at a first place."""
+    presses = Presses(of.protocol, of.sensor.skin, of.rig.virtual.gel)
+    first = next(path for path in presses.paths if path.indenter == paths[0].indenter)
+    knots = len(poses(paths[0], presses.increments, presses.timed))
+    steps = plan.expand(of.protocol)
+    frames = sum(step.frames for step in steps if step.press in {path.press for path in paths})
+    return KNOT_S * knots * (2 if first == paths[0] else 1) + FRAME_S * frames
 
 
 def _view(of: Scene) -> SensorView:
