@@ -53,9 +53,10 @@ def _recorded(asked: Asked) -> StudyResult:
     from ..analysis.force import calibrate
     from .force.told import modulus, told, with_modulus
 
-    if asked.scale is not None or asked.rig is not None:
-        named = "--scale" if asked.scale is not None else "--rig"
-        raise InputError(f"{named}: not with --from, which takes the points that were recorded")
+    given = {"scale": asked.scale, "rig": asked.rig, "protocol": asked.more.get("protocol")}
+    for name, value in given.items():
+        if value is not None:
+            raise InputError(f"--{name}: not with --from, which takes the points of its runs")
     runs = [record.open(folder) for folder in asked.runs]
     for run in runs:
         level = run.meta["protocol"]["specimen"]["gel_model"]

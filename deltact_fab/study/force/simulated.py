@@ -104,6 +104,8 @@ def scene(asked: Asked) -> Scene:
         raise InputError(
             f"{source}: channels: without {', '.join(sorted(lacking))}; both are needed"
         )
+    if protocol.capture.settle_s is None:
+        raise InputError(f"{source}: capture.settle_s: missing key; points are frames at rest")
     protocol = scaled(protocol, 1.0 if asked.scale is None else asked.scale)
     sensor = load_design(protocol.specimen.design)
     limits.require(limits.check(protocol, sensor, rig.stage.box), str(source))
