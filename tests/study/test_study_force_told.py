@@ -19,6 +19,7 @@ from deltact_fab.optics import Pinhole
 from deltact_fab.report.result import StudyResult
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.study.asked import Asked
+from deltact_fab.study.force.reasons import parts
 from deltact_fab.study.force.simulated import scene
 from deltact_fab.study.force.told import modulus, told, with_modulus
 from deltact_fab.study.force_calibration import run
@@ -31,12 +32,17 @@ FIGURES = {
 }  # fmt: skip
 
 
-def made(noise_n: float = 0.02, bent: float = 1.0, seed: int = 0) -> ForceResult:
-    """Points whose wrench is linear in the sums, with noise; bent: a factor at the last place."""
-    rng = np.random.default_rng(seed)
+def made(noise_n: float = 0.02, bent: float = 1.0, less_n: float = 0.0) -> ForceResult:
+    """Points whose wrench is linear in the sums, with noise.
+
+    bent: a factor at the last place. less_n: of normal force, which the sums do not see, at each
+    stop with shear.
+    """
+    rng = np.random.default_rng(0)
     rows = [
         {"run": "r", "indenter": ball, "position": f"({at}, 0)", "press": f"r/{ball}/{at}",
-         "x_mm": float(at), "y_mm": 0.0, "frame_id": f"{ball}/{at}/{k}", "cover": 1.0}
+         "x_mm": float(at), "y_mm": 0.0, "frame_id": f"{ball}/{at}/{('press', 'shear-x+')[k % 2]}#{k:03d}",
+         "cover": 1.0}
         for ball in BALLS for at in range(PLACES) for k in range(POINTS)
     ]  # fmt: skip
     points = pd.DataFrame(rows)
@@ -48,6 +54,7 @@ def made(noise_n: float = 0.02, bent: float = 1.0, seed: int = 0) -> ForceResult
         law[i, columns] = LAW[i]
     wrench = X["sums"] @ law.T + rng.normal(0, noise_n, (len(rows), 6))
     wrench[(points["x_mm"] == PLACES - 1).to_numpy()] *= bent
+    wrench[points["frame_id"].str.contains("shear").to_numpy(), 2] += less_n
     data = ForceData(points, wrench, X, sets, [])
     judged, left_out = compare(data, 0)
     best = judged[0].name
@@ -116,12 +123,23 @@ def test_the_tables_say_where_errors_are() -> None:
     normal = mine[mine["force"] == "normal"].set_index("which")
     assert normal["rmse_n"].idxmax() == "(2, 0)"
     assert normal.loc["(2, 0)", "gain"] == pytest.approx(1 / 1.4, abs=0.02)
-    assert set(tables["force-paper-refits"]["fitted_to"]) == {
-        "all points", "one place", "one indenter",
-    }  # fmt: skip
+    assert list(tables["force-paper-refits"]["fitted_to"]) == [
+        "all points", "one place", "one indenter", "one press", "stops without shear",
+        "stops without shear",
+    ]  # fmt: skip
     printed = tables["force-models"].set_index(["model", "component"]).loc["as printed"]
     assert list(printed["rmse"]) == [0.3, 0.14, 0.17]
     assert not tables["force-learning"].empty
+
+
+def test_what_shear_does_to_the_papers_normal_force_is_told() -> None:
+    refits = parts(made(less_n=2.0), "sums").set_index(["fitted_to", "judged_on"])["normal_mean_n"]
+    assert refits["stops without shear", "stops with shear"] == pytest.approx(2.0, abs=0.05)
+    result = said(made(less_n=2.0))
+    paper = result.headlines[6]
+    assert paper.value > 0.3
+    assert "the fit to stops without shear reads those with it by +" in paper.remark
+    assert paper.remark in result.verdict[2]
 
 
 def test_the_modulus_scales_newtons_and_no_share() -> None:

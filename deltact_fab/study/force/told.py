@@ -22,7 +22,7 @@ from ...preflight.peaks import MODULUS_FACTOR
 from ...report.force_figures import drawn
 from ...report.result import Headline, StudyResult, Table
 from ..intervals import Estimate, rmse
-from .reasons import by_group, error, parts, why_missed
+from .reasons import by_group, error, parts, why_missed, why_not_the_papers
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,10 +31,6 @@ GOAL_N, GOAL_SHEAR = 0.2, 0.02
 """Of the normal force, and of the range in shear, on a left-out position or indenter."""
 WORDS = {"normal": "normal force", "shear_x": "shear along x", "shear_y": "shear along y"}
 LEFT_OUT = {"position": "a position left out", "indenter": "an indenter left out"}
-NOT_THE_PAPERS = (
-    "a gel that is bonded and hardly changes its volume hides an even pressure from sums of the "
-    "flow, and parallax dominates them off the axis (decision 0023)"
-)
 
 
 def models(result: ForceResult) -> dict[str, Judged]:
@@ -68,8 +64,9 @@ def told(result: ForceResult, study: str, scale: float | None) -> StudyResult:
             ),
             Table(
                 "force-paper-refits",
-                "The paper's model fitted again to a part of the points, tested on the same ones: "
-                "what it gains is what one linear model of these sums cannot say of all of them.",
+                "The paper's model fitted again to parts of the points alone: what it gains there "
+                "is what one linear model of its sums cannot say of all. The last row is of "
+                "points that its fit has not seen.",
                 refits,
             ),
             _learning(result),
@@ -167,10 +164,7 @@ def _paper(result: ForceResult, refits: pd.DataFrame) -> list[Headline]:
         found = _interval(result, judged, "test", name)
         remark = ""
         if found.low is not None and found.low > printed_n:
-            alone = refits[refits["fitted_to"] == "one place"]
-            remark = NOT_THE_PAPERS
-            if len(alone):
-                remark += f"; fitted to each place alone it is {alone[f'{name}_n'].iloc[0]:.2f} N"
+            remark = why_not_the_papers(refits, name)
         heads.append(
             Headline(
                 f"paper's model, {WORDS[name]}, test points: RMSE", found.value, "N",
@@ -197,10 +191,10 @@ def _verdict(result: ForceResult, heads: list[Headline]) -> tuple[str, ...]:
         lines.append(f"The goal is missed: {named}.")
     paper = [head for head in heads if head.paper is not None]
     said = ", ".join(f"{head.value:.2f} N for {head.paper:.2f}" for head in paper)
-    above = [head for head in paper if head.remark]
+    above = [f"{head.what.split(', ')[1]} {head.remark}" for head in paper if head.remark]
     lines.append(
-        f"The paper's model on test points, beside what the paper printed (normal, shear x, y): "
-        f"{said}" + (f": {above[0].remark}." if above else ".")
+        "The paper's model on test points, beside what the paper printed for a real sensor "
+        f"(normal, shear x, y): {said}." + (f" Why more: {'; '.join(above)}." if above else "")
     )
     return tuple(lines)
 
