@@ -41,9 +41,9 @@ def made(noise_n: float = 0.02, bent: float = 1.0, less_n: float = 0.0) -> Force
     rng = np.random.default_rng(0)
     rows = [
         {"run": "r", "indenter": ball, "position": f"({at}, 0)", "press": f"r/{ball}/{at}",
-         "x_mm": float(at), "y_mm": 0.0, "frame_id": f"{ball}/{at}/{('press', 'shear-x+')[k % 2]}#{k:03d}",
-         "cover": 1.0}
-        for ball in BALLS for at in range(PLACES) for k in range(POINTS)
+         "x_mm": float(at), "y_mm": 0.0, "frame_id": f"{ball}/{at}/{leg}#{k:03d}", "cover": 1.0}
+        for ball in BALLS for at in range(PLACES) for leg in ("press", "shear-x+")
+        for k in range(POINTS // 2)
     ]  # fmt: skip
     points = pd.DataFrame(rows)
     sets = {name: make_features(name, VIEW) for name in ("sums", PAPER)}
