@@ -113,16 +113,17 @@ def test_a_goal_that_is_met_is_met_and_one_that_is_missed_has_its_reason() -> No
     assert missed.met is False
     assert "worst at (2, 0)" in missed.remark
     assert "N of it the same for all (gain 0.7" in missed.remark
-    assert "is missed: normal force, a position left out" in bad.verdict[1]
+    assert "is missed" in bad.verdict[1]
+    assert "normal force, a position left out: RMSE" in bad.verdict[1]
 
 
 def test_the_tables_say_where_errors_are() -> None:
     tables = {table.name: table.frame for table in said(made(bent=1.4)).tables}
-    where = tables["force-left-out"]
-    mine = where[(where["model"] == "best") & (where["left_out"] == "position")]
-    normal = mine[mine["force"] == "normal"].set_index("which")
-    assert normal["rmse_n"].idxmax() == "(2, 0)"
-    assert normal.loc["(2, 0)", "gain"] == pytest.approx(1 / 1.4, abs=0.02)
+    where = tables["force-left-out"].set_index(["model", "left_out", "which"])
+    assert len(where) == 2 * (PLACES + len(BALLS))
+    mine = where.loc["best", "position"]
+    assert mine["normal_rmse_n"].idxmax() == "(2, 0)"
+    assert mine.loc["(2, 0)", "normal_gain"] == pytest.approx(1 / 1.4, abs=0.02)
     assert list(tables["force-paper-refits"]["fitted_to"]) == [
         "all points", "one place", "one indenter", "one press", "stops without shear",
         "stops without shear",
@@ -139,7 +140,7 @@ def test_what_shear_does_to_the_papers_normal_force_is_told() -> None:
     paper = result.headlines[6]
     assert paper.value > 0.3
     assert "the fit to stops without shear reads those with it by +" in paper.remark
-    assert paper.remark in result.verdict[2]
+    assert paper.remark in result.verdict[3]
 
 
 def test_the_modulus_scales_newtons_and_no_share() -> None:

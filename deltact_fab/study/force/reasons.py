@@ -114,7 +114,7 @@ def why_not_the_papers(refits: pd.DataFrame, name: str) -> str:
     own = refits[refits["judged_on"] == "the same"]
     rows = [row for row in own.to_dict(orient="records") if row["fitted_to"] != ALL]
     said = [f"{row['fitted_to']} {row[f'{name}_n']:.2f}" for row in rows]
-    text = f"fitted to a part alone it errs by (N): {', '.join(said)}" if said else ""
+    text = f"fitted to a part alone errs by (N): {', '.join(said)}" if said else ""
     crossed = refits[refits["judged_on"] != "the same"].to_dict(orient="records")
     if name == "normal" and crossed:
         text += (
