@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from ..analysis.force import ForceResult
 
 STUDY = "force-calibration"
+_LAYERS = {"lens": "lens", "viscosity": "its viscosity", "solid models": "cadquery"}
+"""What a rig calls what it left out: the layer whose cost `numerics` measures."""
 
 
 def run(asked: Asked) -> StudyResult:
@@ -91,7 +93,7 @@ def _recorded(asked: Asked) -> StudyResult:
 def _scene(line: str) -> LeftOut:
     """Of a line of a rig: "what: why"."""
     what, _, why = line.partition(": ")
-    return LeftOut(what, why)
+    return LeftOut(what, why, layer=_LAYERS.get(what.partition(",")[0], ""))
 
 
 def _left_out(result: ForceResult) -> tuple[LeftOut, ...]:
