@@ -51,6 +51,14 @@ STUDIES = {
     "force-calibration": Study(
         "force_calibration",
         "The paper's force table: 5 balls, 2070 points.",
+        "The whole, and the default, is the paper's 2070 settled points (protocol "
+        "force-calibration) on a gel at finite strain: half an hour on two idle cores, six minutes "
+        "with --scale 0.1. The scale thins depths and places; all indenters stay, two places at "
+        "least, and the range of depth and shear.\n\n"
+        "With --from the points are those of recorded runs, of any bench.",
+        options=(
+            Option("protocol", "Another protocol that has images, forces and settled stops."),
+        ),
     ),
     "pattern-selection": Study(
         "pattern_selection",
