@@ -34,6 +34,11 @@ class _Field:
     true: bool
 
 
+def has_field(picture: Picture) -> bool:
+    """Whether there is a traction to be drawn."""
+    return picture.traction_mpa is not None or picture.true_traction_mpa is not None
+
+
 def distribution(picture: Picture, note: str) -> Figure:
     """Found above, and below it what is true, where that is known.
 

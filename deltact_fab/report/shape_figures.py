@@ -58,11 +58,12 @@ def gallery(pictures: Sequence[Picture], note: str) -> Figure:
     return figure
 
 
-def against_truth(pictures: Sequence[Picture], note: str) -> Figure | None:
-    """A column a press: a section through the tip, and the map of the error; None without truth."""
+def against_truth(pictures: Sequence[Picture], note: str) -> Figure:
+    """A column a press: a section through the tip, and the map of the error.
+
+    Of those with truth, COLUMNS of them; there must be one.
+    """
     shown = [picture for picture in pictures if picture.true_depth_mm is not None][:COLUMNS]
-    if not shown:
-        return None
     figure, axes = figures.blank(2.6 * len(shown) + 0.2, 5.2, len(shown), share_y=False, rows=2)
     figure.suptitle(note, fontsize=9)
     for column, picture in enumerate(shown):
@@ -166,7 +167,7 @@ def _section(axis: Axes, picture: Picture, first: bool) -> None:
     axis.plot(beside, picture.tip_mm[2] + height, color="#999999", lw=1, label="the object")
     axis.plot(x, -picture.true_depth_mm[row], color=COLOURS[4], ls="--", lw=1.5, label="true face")
     axis.plot(x, -picture.depth_mm[row], color=COLOURS[0], lw=1.5, label="measured face")
-    axis.set_xlim(maps.window_mm(picture)[0])
+    axis.set_xlim(*maps.window_mm(picture)[0])
     axis.set_ylim(-1.2 * _deepest(picture), 0.35 * _deepest(picture))
     axis.set_title(f"{picture.indenter}, {picture.tip_depth_mm:.2f} mm", fontweight="bold",
                    fontsize=10)  # fmt: skip

@@ -20,7 +20,8 @@ class Picture:
     tip_mm (3,): of the indenter, as the stage says. image (H, W, 3) BGR uint8 over edges_mm: left,
     right, top and bottom, as the camera sees it, row 0 being at -y. shift_mm (h, w, 2), known: the
     flow. relative, reliable: minus the Gaussian density from rest, and where it can be relied on.
-    depth_mm: into the gel. outlines_mm: of the contacts found. force_n (3,): the sensor's word.
+    depth_mm: into the gel. outlines_mm: of the contacts found. force_n (3,), torque_z_nmm: the
+    sensor's word.
 
     By a calibration of force, else None: total_n (3,) and traction_mpa (cy, cx, 3) on cells_x_mm,
     cells_y_mm. Where there is a truth, else None: true_depth_mm, true_contact (h, w), and, where
@@ -41,6 +42,7 @@ class Picture:
     depth_mm: Array
     outlines_mm: list[Array]
     force_n: Array | None = None
+    torque_z_nmm: float | None = None
     total_n: Array | None = None
     traction_mpa: Array | None = None
     cells_x_mm: Array | None = None

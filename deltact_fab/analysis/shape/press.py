@@ -241,6 +241,7 @@ def _picture(
         depth_mm=found.depth.depth_mm,
         outlines_mm=[contact.outline_mm for contact in found.contacts],
         force_n=force_n,
+        torque_z_nmm=_number(row.tz_nmm),
         total_n=found.total_n,
         traction_mpa=None if field is None else field.traction_mpa,
         cells_x_mm=None if field is None else field.x_mm,
@@ -248,6 +249,10 @@ def _picture(
         true_depth_mm=None if true is None else true.depth_mm,
         true_contact=None if true is None else true.contact,
     )
+
+
+def _number(value: Any) -> float | None:
+    return None if value is None or np.isnan(value) else float(value)
 
 
 def _with_truth(picture: Picture, truth: Truth | None) -> Picture:
