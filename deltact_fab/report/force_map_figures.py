@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 KPA = 1e3  # of an MPa
 LEAST_KPA = 2.0  # full scale at the least
+EXTREME = 98  # percentile that is full scale
 DARK = "magma"
 
 
@@ -47,10 +48,12 @@ def distribution(picture: Picture, note: str) -> Figure:
     fields = _fields(picture)
     if not fields:
         raise ValueError(f"{picture.frame_id}: no traction was found, nor is one known")
-    figure, axes = figures.blank(9.8, 3.15 * len(fields) + 0.5, 3, share_y=False, rows=len(fields))
+    figure, axes = figures.blank(9.8, 3.05 * len(fields) + 0.8, 3, share_y=False, rows=len(fields))
     figure.suptitle(f"{note}\n{_forces(picture)}", fontsize=9)
-    pressure = max(LEAST_KPA, *(float(-field.kpa[..., 2].min()) for field in fields))
-    shear = max(LEAST_KPA, *(maps.longest(field.kpa) for field in fields))
+    pressure = max(LEAST_KPA, *(_full(-field.kpa[..., 2]) for field in fields))
+    shear = max(
+        LEAST_KPA, *(_full(np.hypot(field.kpa[..., 0], field.kpa[..., 1])) for field in fields)
+    )
     for k, field in enumerate(fields):
         beside, normal, across = axes[3 * k : 3 * k + 3]
         last = k == len(fields) - 1
@@ -68,6 +71,12 @@ def distribution(picture: Picture, note: str) -> Figure:
             (_true_line if field.true else maps.found_contacts)(axis, picture)
             maps.frame(axis, picture, False, last)
     return figure
+
+
+def _full(values: Array) -> float:
+    """Full scale of what is not 0: single nodes at an edge do not darken the rest."""
+    some = values[values > 0.02 * values.max(initial=0)]
+    return float(np.percentile(some, EXTREME)) if some.size else 0.0
 
 
 def _true_line(axis: Axes, picture: Picture) -> None:
@@ -101,15 +110,19 @@ def _depth(axis: Axes, picture: Picture) -> None:
     maps.shown(axis, picture.x_mm, picture.y_mm, picture.depth_mm, "viridis", 0, top, "depth, mm")
     maps.found_contacts(axis, picture)
     maps.true_contact(axis, picture, COLOURS[1])
-    axis.set_title("depth; contact found, true dashed", fontsize=9.5)
+    axis.set_title("depth (true contact dashed)", fontsize=9.5)
 
 
 def _forces(picture: Picture) -> str:
     """The two totals, in words."""
     parts = []
-    for words, force in (("found", picture.total_n), ("force sensor", picture.force_n)):
+    for words, force, torque in (
+        ("found", picture.total_n, picture.turning_nmm),
+        ("force sensor", picture.force_n, picture.torque_z_nmm),
+    ):
         if force is not None:
-            x, y, z = (float(v) for v in force)
-            parts.append(f"{words}: normal {-z:.2f} N, shear ({x:.2f}, {y:.2f}) N")
+            x, y, z = (float(v) + 0.0 for v in np.round(force, 2))
+            about = "" if torque is None else f", torque about z {torque:.1f} N mm"
+            parts.append(f"{words}: normal {-z:.2f} N, shear ({x:.2f}, {y:.2f}) N{about}")
     where = f"{picture.indenter} at ({picture.tip_mm[0]:.1f}, {picture.tip_mm[1]:.1f}) mm, "
-    return where + f"{picture.tip_depth_mm:.2f} mm deep; " + "; ".join(parts)
+    return "\n".join([where + f"{picture.tip_depth_mm:.2f} mm deep", *parts])

@@ -9,13 +9,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..errors import InputError
 from ..report.result import LeftOut, StudyResult
 from .asked import Asked
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from ..analysis.shape import Picture, PressShape
     from ..measure.sensor_id import Kind
     from ..record import Run
@@ -76,7 +78,7 @@ class _Recorded:
 
     folder: str
     press: str
-    files: Mapping[str, Path]
+    files: Mapping[Kind, Path]
 
 
 def _seen(job: _Recorded) -> PressShape:
@@ -139,13 +141,13 @@ def _recorded(asked: Asked) -> StudyResult:
     )  # fmt: skip
 
 
-def _calibrations(run: Run, more: dict[str, Any]) -> Mapping[str, Path]:
+def _calibrations(run: Run, more: Mapping[str, str | None]) -> Mapping[Kind, Path]:
     """By kind: those named, else those that lie in the run's folder. Raises InputError."""
     from ..analysis.measured import calibrations_of
     from ..measure.sensor_id import read_calibration
 
     kinds: tuple[Kind, ...] = ("depth", "force")
-    asked = {kind: Path(more[kind]) for kind in kinds if more.get(kind)}
+    asked = {kind: Path(file) for kind in kinds if (file := more.get(kind))}
     for kind, file in asked.items():
         read_calibration(file, kind)
     beside = {
@@ -181,7 +183,7 @@ def _most_twisted(seen: dict[str, PressShape]) -> Picture | None:
     return max(twisted, key=lambda p: abs(p.torque_z_nmm or 0.0), default=None)
 
 
-def _without(kinds: dict[str, Path], frames: Any) -> list[LeftOut]:
+def _without(kinds: Mapping[Kind, Path], frames: pd.DataFrame) -> list[LeftOut]:
     lines = []
     if "depth_error_contact_mm" not in frames:
         lines.append(LeftOut("errors of depth and contact", "a bench knows no truth"))

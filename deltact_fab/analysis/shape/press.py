@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...measure.face import FaceFlow
-from ...measure.force import Features, LocalFeatures, TractionField, features_of
+from ...measure.force import Features, LocalFeatures, TractionField, Wrench, features_of
 from ...measure.force.calibration import ForceCalibration
 from ...measure.shape import (
     Contact,
@@ -66,8 +66,7 @@ class _Found:
     depth: Depth
     contacts: list[Contact]
     field: TractionField | None
-    total_n: Array | None
-    extrapolated: bool | None
+    wrench: Wrench | None
 
 
 def press_shape(
@@ -127,15 +126,14 @@ def _found(
     depth = finder.of(flow, press)
     raw = TractionField(press.traction, press.x_mm, press.y_mm, press.cover)
     density = by_jacobian(flow, finder.view.camera.mm_per_px)
-    field = total_n = extrapolated = None
+    field = wrench = None
     if features is not None and force is not None:
         wrench = force.model.wrench(features.of(flow), flow.cover)
-        total_n, extrapolated = wrench.force_n, wrench.extrapolated
         if isinstance(features, LocalFeatures):
             field = features.traction(flow, force.model)
     return _Found(
         density, relative_depth(density, flow), depth,
-        contacts(depth, flow, finder.view.camera, raw), field, total_n, extrapolated,
+        contacts(depth, flow, finder.view.camera, raw), field, wrench,
     )  # fmt: skip
 
 
@@ -202,10 +200,10 @@ def _forces(
     if force_n is not None:
         told |= {"shear_x_n": float(force_n[0]), "shear_y_n": float(force_n[1])}
         told["normal_n"] = -float(force_n[2])
-    if found.total_n is not None:
-        x, y, z = map(float, found.total_n)
+    if found.wrench is not None:
+        x, y, z = map(float, found.wrench.force_n)
         told |= {"found_shear_x_n": x, "found_shear_y_n": y, "found_normal_n": -z}
-        told["force_extrapolated"] = found.extrapolated
+        told["force_extrapolated"] = found.wrench.extrapolated
     if found.field is not None and truth is not None and truth.tractions and force_n is not None:
         errors = frame_errors(found.field, truth, frame_id, force_n)
         if errors is not None:
@@ -242,7 +240,8 @@ def _picture(
         outlines_mm=[contact.outline_mm for contact in found.contacts],
         force_n=force_n,
         torque_z_nmm=_number(row.tz_nmm),
-        total_n=found.total_n,
+        total_n=None if found.wrench is None else found.wrench.force_n,
+        turning_nmm=None if found.wrench is None else float(found.wrench.torque_nmm[2]),
         traction_mpa=None if field is None else field.traction_mpa,
         cells_x_mm=None if field is None else field.x_mm,
         cells_y_mm=None if field is None else field.y_mm,

@@ -12,6 +12,7 @@ from typing import Any
 
 from ...analysis.shape import UNCALIBRATED, Picture, PressShape, calibrate_depth, press_shape
 from ...measure.force.calibration import ForceCalibration, load_force
+from ...measure.sensor_id import Kind
 from ...measure.shape import DepthModel
 from ...record import Run
 from .. import pressed
@@ -34,8 +35,9 @@ def look(told: dict[str, Any]) -> dict[str, Any]:
     """
     (press,) = told["presses"]
     with pressed.carried_out(told) as (run, bench), TemporaryDirectory() as folder:
-        files = {}
-        for kind in ("depth", "force"):
+        files: dict[Kind, Path] = {}
+        kinds: tuple[Kind, ...] = ("depth", "force")
+        for kind in kinds:
             if told[kind] is not None:
                 files[kind] = Path(folder) / f"{kind}.toml"
                 files[kind].write_text(told[kind], encoding="utf-8")
@@ -43,7 +45,7 @@ def look(told: dict[str, Any]) -> dict[str, Any]:
         return {**packed(seen), **pressed.gel_of(bench)}
 
 
-def models(files: Mapping[str, Path]) -> tuple[DepthModel, ForceCalibration | None]:
+def models(files: Mapping[Kind, Path]) -> tuple[DepthModel, ForceCalibration | None]:
     """Of calibration files by kind. Without one of depth the inverse's own is taken."""
     depth = DepthModel.load(files["depth"])[1] if "depth" in files else UNCALIBRATED
     return depth, load_force(files["force"]) if "force" in files else None
@@ -69,6 +71,6 @@ def unpacked(value: Mapping[str, Any]) -> PressShape:
     return PressShape(list(rows), pictures[0], pictures[1], value["contact_by"])
 
 
-def seen_of(run: Run, press: str, files: Mapping[str, Path]) -> PressShape:
+def seen_of(run: Run, press: str, files: Mapping[Kind, Path]) -> PressShape:
     """The same of a press that was recorded."""
     return press_shape(run, press, *models(files))

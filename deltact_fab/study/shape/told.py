@@ -12,13 +12,15 @@ from ...analysis.shape import GOALS, Picture, PressShape
 from ...preflight.peaks import MODULUS_FACTOR
 from ...report import force_map_figures, shape_figures
 from ...report.result import Drawn, Headline, Table
-from ..intervals import Estimate, mean, rmse
+from ..intervals import Estimate, Scale, estimate, rmse
 
 if TYPE_CHECKING:
     import pandas as pd
 
 NINE_D_TACT_MM = 0.0462
 """Mean depth error that 9DTact gives of one press of a ball (arXiv 2308.14277)."""
+FEWEST = 3
+"""Groups of an interval."""
 GOAL_N = 0.2
 GOAL_FIELD = 0.3
 """Of the peak pressure, in the mean over the contact."""
@@ -90,14 +92,14 @@ def headlines(frames: pd.DataFrame, force_left_out_n: float | None = None) -> tu
         low, high = (float(v) for v in (both["normal_n"].min(), both["normal_n"].max()))
         found.append(
             _head("normal force by the flow, root mean square error", "N",
-                  rmse(off, list(both["job"]), "press"), goal=GOAL_N,
+                  _few(rmse(off, list(both["job"]), "press"), list(both["job"])), goal=GOAL_N,
                   remark=f"{remark}; forces of {low:.1f} to {high:.1f} N")
         )  # fmt: skip
     if "pressure_error" in frames:
         both = frames.dropna(subset=["pressure_error"])
         found.append(
             _head("pressure field, mean error over the contact, of its peak", "",
-                  mean(both["pressure_error"], list(both["job"]), "press"), goal=GOAL_FIELD,
+                  _mean(both["pressure_error"], list(both["job"]), "press"), goal=GOAL_FIELD,
                   remark="cells of 1 mm, and a linear model: edges are rounded off")
         )  # fmt: skip
     return tuple(found)
@@ -107,12 +109,12 @@ def _depth(frames: pd.DataFrame) -> list[Headline]:
     known = frames.dropna(subset=["depth_error_contact_mm"])
     found = [
         _head("depth over the contact, mean error", "mm",
-              mean(known["depth_error_contact_mm"], list(known["job"]), "press"),
+              _mean(known["depth_error_contact_mm"], list(known["job"]), "press"),
               goal=GOALS["depth_error_contact_mm"],
               remark=f"to say 'depth is zero' errs by {known['zero_error_contact_mm'].mean():.2f} "
               "mm"),
         _head("depth over the face, mean error", "mm",
-              mean(known["depth_error_face_mm"], list(known["job"]), "press"),
+              _mean(known["depth_error_face_mm"], list(known["job"]), "press"),
               goal=GOALS["depth_error_face_mm"],
               remark="most of a face is not pressed, so this figure flatters"),
     ]  # fmt: skip
@@ -125,15 +127,28 @@ def _depth(frames: pd.DataFrame) -> list[Headline]:
             )
         found.append(
             _head(f"{name}: depth over the contact, mean error", "mm",
-                  mean(part["depth_error_contact_mm"], list(part["job"]), "place"), remark=remark)
+                  _mean(part["depth_error_contact_mm"], list(part["job"]), "place"), remark=remark)
         )  # fmt: skip
     part = known.dropna(subset=["relative_correlation"])
     found.append(
         _head("the paper's density: correlation with the true depth", "",
-              mean(part["relative_correlation"], list(part["job"]), "press"), better="high",
-              remark=f"of our depth: {known['depth_correlation'].mean():.2f}")
+              _mean(part["relative_correlation"], list(part["job"]), "press", "correlation"),
+              better="high", remark=f"of our depth: {known['depth_correlation'].mean():.2f}")
     )  # fmt: skip
     return found
+
+
+def _mean(
+    values: pd.Series[float], groups: list[str], each: str, scale: Scale = "positive"
+) -> Estimate:
+    return _few(estimate(values, groups, lambda rows: float(rows.mean()), each, scale), groups)
+
+
+def _few(found: Estimate, groups: list[str]) -> Estimate:
+    """Without the interval that two groups give, which says nothing."""
+    if len(set(groups)) >= FEWEST or found.low is None:
+        return found
+    return Estimate(found.value, None, None, f"{found.over}: too few for an interval")
 
 
 def _head(what: str, unit: str, of: Estimate, **more: Any) -> Headline:
