@@ -49,7 +49,7 @@ def distribution(picture: Picture, note: str) -> Figure:
     if not fields:
         raise ValueError(f"{picture.frame_id}: no traction was found, nor is one known")
     figure, axes = figures.blank(9.8, 3.05 * len(fields) + 0.8, 3, share_y=False, rows=len(fields))
-    figure.suptitle(f"{note}\n{_forces(picture)}", fontsize=9)
+    figure.suptitle(f"{note}\n{_forces(picture)}", fontsize="small")
     pressure = max(LEAST_KPA, *(_full(-field.kpa[..., 2]) for field in fields))
     shear = max(
         LEAST_KPA, *(_full(np.hypot(field.kpa[..., 0], field.kpa[..., 1])) for field in fields)
@@ -61,11 +61,11 @@ def distribution(picture: Picture, note: str) -> Figure:
         maps.frame(beside, picture, True, last)
         maps.shown(normal, field.x_mm, field.y_mm, -field.kpa[..., 2], DARK, 0, pressure,
                    "pressure, kPa")  # fmt: skip
-        normal.set_title(f"normal force, {field.words}", fontsize=9.5)
+        normal.set_title(f"normal force, {field.words}", fontsize=maps.HEADS)
         size = np.hypot(field.kpa[..., 0], field.kpa[..., 1])
         maps.shown(across, field.x_mm, field.y_mm, size, DARK, 0, shear, "shear, kPa")
         maps.arrows(across, picture, field.x_mm, field.y_mm, field.kpa[..., :2], None, shear)
-        across.set_title(f"shear force, {field.words}", fontsize=9.5)
+        across.set_title(f"shear force, {field.words}", fontsize=maps.HEADS)
         for axis in (normal, across):
             axis.set_facecolor("black")  # where nothing was looked for, nothing presses
             (_true_line if field.true else maps.found_contacts)(axis, picture)
@@ -102,7 +102,7 @@ def _flow(axis: Axes, picture: Picture) -> None:
     most = maps.longest(picture.shift_mm, picture.known)
     maps.photograph(axis, picture)
     maps.arrows(axis, picture, picture.x_mm, picture.y_mm, picture.shift_mm, picture.known, most)
-    axis.set_title(f"flow, at most {most:.2f} mm", fontsize=9.5)
+    axis.set_title(f"flow, at most {most:.2f} mm", fontsize=maps.HEADS)
 
 
 def _depth(axis: Axes, picture: Picture) -> None:
@@ -110,7 +110,7 @@ def _depth(axis: Axes, picture: Picture) -> None:
     maps.shown(axis, picture.x_mm, picture.y_mm, picture.depth_mm, "viridis", 0, top, "depth, mm")
     maps.found_contacts(axis, picture)
     maps.true_contact(axis, picture, COLOURS[1])
-    axis.set_title("depth (true contact dashed)", fontsize=9.5)
+    axis.set_title("depth (true contact dashed)", fontsize=maps.HEADS)
 
 
 def _forces(picture: Picture) -> str:

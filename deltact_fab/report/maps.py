@@ -21,7 +21,8 @@ ARROW_MM = 1.5
 """Between arrows: sparse, as the paper's figure of the force distribution has them."""
 LEAST_MM = 0.02
 ARROW_COLOUR = "#7fe0ff"
-SMALL = 7
+TICKS, LABELS, HEADS = "x-small", "small", "small"
+"""Sizes of letters, of those that the page or the paper has."""
 
 
 def window_mm(picture: Picture) -> tuple[Array, Array]:
@@ -38,13 +39,13 @@ def frame(axis: Axes, picture: Picture, first: bool, last: bool) -> None:
     x, y = window_mm(picture)
     axis.set(xlim=x, ylim=y[::-1], aspect="equal")
     axis.grid(visible=False)
-    axis.tick_params(labelsize=SMALL)
+    axis.tick_params(labelsize=TICKS)
     for side, low in ((axis.xaxis, x[0]), (axis.yaxis, y[0])):
         side.set_ticks(np.arange(np.ceil(low / 5) * 5, low + 2 * HALF_MM, 5))
     if last:
-        axis.set_xlabel("x, mm", fontsize=SMALL + 1)
+        axis.set_xlabel("x, mm", fontsize=LABELS)
     if first:
-        axis.set_ylabel("y, mm", fontsize=SMALL + 1)
+        axis.set_ylabel("y, mm", fontsize=LABELS)
 
 
 def shown(
@@ -63,8 +64,10 @@ def shown(
 def bar(axis: Axes, drawn: Any, words: str) -> None:
     """What the colours mean."""
     made = axis.figure.colorbar(drawn, ax=axis, shrink=0.8, aspect=16, pad=0.02)
-    made.ax.tick_params(labelsize=SMALL)
-    made.set_label(words, fontsize=SMALL + 1)
+    made.ax.tick_params(labelsize=TICKS)
+    made.set_label(words, fontsize=LABELS)
+    assert made.solids is not None, "of a map"
+    made.solids.set_rasterized(False)  # as an image it would have the id of any other panel's
 
 
 def photograph(axis: Axes, picture: Picture) -> None:
@@ -126,5 +129,5 @@ def solid(figure: Figure, place: Axes) -> Axes3D:
     axis = figure.add_subplot(place.get_subplotspec(), projection="3d")
     place.remove()
     axis.view_init(elev=35, azim=-60)
-    axis.tick_params(labelsize=SMALL, pad=-3)
+    axis.tick_params(labelsize=TICKS, pad=-3)
     return axis

@@ -46,7 +46,7 @@ def gallery(pictures: Sequence[Picture], note: str) -> Figure:
     axes[0].get_gridspec().set_height_ratios(high)
     left = "" if len(shown) == len(pictures) else f"; {len(shown)} of {len(pictures)} presses"
     figure.suptitle(
-        f"{note}{left}\narrows: flow; dotted: as far as the density is reliable", fontsize=9
+        f"{note}{left}\narrows: flow; dotted: as far as the density is reliable", fontsize="small"
     )
     grid = np.array(axes, object).reshape(len(blocks), len(rows), columns)
     for block, part in zip(grid, blocks, strict=True):
@@ -65,7 +65,7 @@ def against_truth(pictures: Sequence[Picture], note: str) -> Figure:
     """
     shown = [picture for picture in pictures if picture.true_depth_mm is not None][:COLUMNS]
     figure, axes = figures.blank(2.6 * len(shown) + 0.2, 5.2, len(shown), share_y=False, rows=2)
-    figure.suptitle(note, fontsize=9)
+    figure.suptitle(note, fontsize="small")
     for column, picture in enumerate(shown):
         _section(axes[column], picture, column == 0)
         _error(axes[len(shown) + column], picture, column == 0)
@@ -92,7 +92,7 @@ def _object(figure: Figure, place: Axes, picture: Picture, first: bool) -> None:
     axis.set_box_aspect((2 * half, 2 * half, PART_MM), zoom=1.5)
     axis.set_axis_off()
     axis.set_title(f"{picture.indenter}, {picture.tip_depth_mm:.2f} mm", fontweight="bold",
-                   fontsize=10)  # fmt: skip
+                   fontsize="medium")  # fmt: skip
 
 
 def _reach_mm(indenter: Indenter) -> float:
@@ -107,7 +107,7 @@ def _image(figure: Figure, axis: Axes, picture: Picture, first: bool) -> None:
     maps.photograph(axis, picture)
     maps.arrows(axis, picture, picture.x_mm, picture.y_mm, picture.shift_mm, picture.known, most)
     maps.frame(axis, picture, first, last=True)
-    axis.set_xlabel(f"x, mm; arrows at most {most:.2f} mm", fontsize=maps.SMALL + 1)
+    axis.set_xlabel(f"x, mm; arrows at most {most:.2f} mm", fontsize=maps.LABELS)
 
 
 def _density(figure: Figure, axis: Axes, picture: Picture, first: bool) -> None:
@@ -147,7 +147,7 @@ def _relief(figure: Figure, place: Axes, picture: Picture, depth_mm: Array, word
     axis.set_zticks([0, round(top, 1)])
     for side in (axis.xaxis, axis.yaxis):
         side.set_major_locator(_every_five())
-    axis.set_title(f"{words}, to {float(part.max()):.2f} mm", fontsize=8.5, y=0.98)
+    axis.set_title(f"{words}, to {float(part.max()):.2f} mm", fontsize=maps.HEADS, y=0.98)
 
 
 def _every_five() -> Any:
@@ -170,11 +170,11 @@ def _section(axis: Axes, picture: Picture, first: bool) -> None:
     axis.set_xlim(*maps.window_mm(picture)[0])
     axis.set_ylim(-1.2 * _deepest(picture), 0.35 * _deepest(picture))
     axis.set_title(f"{picture.indenter}, {picture.tip_depth_mm:.2f} mm", fontweight="bold",
-                   fontsize=10)  # fmt: skip
-    axis.tick_params(labelsize=maps.SMALL)
-    axis.set_xlabel(f"x, mm, at y = {picture.tip_mm[1]:.1f} mm", fontsize=maps.SMALL + 1)
+                   fontsize="medium")  # fmt: skip
+    axis.tick_params(labelsize=maps.TICKS)
+    axis.set_xlabel(f"x, mm, at y = {picture.tip_mm[1]:.1f} mm", fontsize=maps.LABELS)
     if first:
-        axis.set_ylabel("height of the face, mm", fontsize=maps.SMALL + 1)
+        axis.set_ylabel("height of the face, mm", fontsize=maps.LABELS)
 
 
 def _error(axis: Axes, picture: Picture, first: bool) -> None:

@@ -147,7 +147,7 @@ def _calibrations(run: Run, more: Mapping[str, str | None]) -> Mapping[Kind, Pat
     from ..measure.sensor_id import read_calibration
 
     kinds: tuple[Kind, ...] = ("depth", "force")
-    asked = {kind: Path(file) for kind in kinds if (file := more.get(kind))}
+    asked = {kind: Path(name) for kind in kinds if (name := more.get(kind))}
     for kind, file in asked.items():
         read_calibration(file, kind)
     beside = {

@@ -23,9 +23,10 @@ class Picture:
     depth_mm: into the gel. outlines_mm: of the contacts found. force_n (3,), torque_z_nmm: the
     sensor's word.
 
-    By a calibration of force, else None: total_n (3,), turning_nmm (the torque about z) and traction_mpa (cy, cx, 3) on cells_x_mm,
-    cells_y_mm. Where there is a truth, else None: true_depth_mm, true_contact (h, w), and, where
-    the run kept tractions, true_traction_mpa (ny, nx, 3) on face_x_mm, face_y_mm.
+    By a calibration of force, else None: total_n (3,), turning_nmm (the torque about z) and
+    traction_mpa (cy, cx, 3) on cells_x_mm, cells_y_mm. Where there is a truth, else None:
+    true_depth_mm, true_contact (h, w), and, where the run kept tractions, true_traction_mpa
+    (ny, nx, 3) on face_x_mm, face_y_mm.
     """
 
     indenter: str

@@ -75,7 +75,9 @@ def press_shape(
     """Of a run with images. Raises InputError for a calibration that this version cannot use."""
     rows, truth, view = settled(run.frames(press)), run.truth(), view_of(run)
     finder = DepthFinder(view, model)
-    features = force and features_of(force.model, force.view(view.camera), "force calibration")
+    features = None
+    if force is not None:
+        features = features_of(force.model, force.view(view.camera), "force calibration")
     at_deepest, at_twisted = _shown(rows)
     told: list[dict[str, Any]] = []
     pictures: dict[int, Picture] = {}

@@ -74,7 +74,7 @@ def by_object(frames: pd.DataFrame) -> pd.DataFrame:
         ["indenter", "tip_depth_mm"], sort=False
     )
     table = grouped[known].mean()
-    table.insert(0, "places", grouped["press"].nunique())
+    table.insert(0, "places", grouped["job"].nunique())
     return table.reset_index()
 
 
