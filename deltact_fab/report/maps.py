@@ -99,7 +99,7 @@ def arrows(
     part[np.hypot(part[..., 0], part[..., 1]) < 0.02 * most] = np.nan
     axis.quiver(
         *np.meshgrid(x, y), part[..., 0], part[..., 1], color=colour, angles="xy",
-        scale_units="xy", scale=most / (1.6 * ARROW_MM), width=0.008,
+        scale_units="xy", scale=most / (2 * ARROW_MM), width=0.008,
     )  # fmt: skip
 
 

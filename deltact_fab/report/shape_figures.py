@@ -80,7 +80,7 @@ def _object(figure: Figure, place: Axes, picture: Picture, first: bool) -> None:
     indenter = parse(picture.indenter)
     half = 1.02 * _reach_mm(indenter)
     # Around the axis, so that the walls of what is turned come out smooth.
-    radius, angle = np.meshgrid(np.linspace(0, half, 141), np.linspace(0, 2 * np.pi, 91))
+    radius, angle = np.meshgrid(np.linspace(0, half, 91), np.linspace(0, 2 * np.pi, 73))
     x, y = radius * np.cos(angle), radius * np.sin(angle)
     z = PART_MM - np.minimum(indenter.height_mm(x, y), PART_MM)
     axis = maps.solid(figure, place)
