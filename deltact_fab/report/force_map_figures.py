@@ -122,7 +122,7 @@ def _forces(picture: Picture) -> str:
     ):
         if force is not None:
             x, y, z = (float(v) + 0.0 for v in np.round(force, 2))
-            about = "" if torque is None else f", torque about z {torque:.1f} N mm"
+            about = "" if torque is None else f", torque about z {round(torque, 1) + 0.0:.1f} N mm"
             parts.append(f"{words}: normal {-z:.2f} N, shear ({x:.2f}, {y:.2f}) N{about}")
     where = f"{picture.indenter} at ({picture.tip_mm[0]:.1f}, {picture.tip_mm[1]:.1f}) mm, "
     return "\n".join([where + f"{picture.tip_depth_mm:.2f} mm deep", *parts])
