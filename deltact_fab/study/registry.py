@@ -67,6 +67,15 @@ STUDIES = {
     "shapes": Study(
         "shapes",
         "Sphere, cylinder, ring, toy hat: depth against truth; force fields.",
+        "Four objects (protocols shapes, shapes-hat), the calibrations of depth and force that "
+        "they need (ball-press, and one ball of force-calibration-small), and a press of twist: "
+        "five minutes on two idle cores. The scale thins the places at which an object is "
+        "pressed, three of them, to one at least; all objects and depths stay.\n\n"
+        "With --from the presses are those of recorded runs, of any bench and any indenters.",
+        options=(
+            Option("depth", "With --from: the calibration of depth, by `calibrate-depth`."),
+            Option("force", "With --from: the calibration of force, by `analyze force`."),
+        ),
     ),
     "comparison": Study(
         "comparison",
