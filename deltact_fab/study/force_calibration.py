@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
-from ..report.result import LeftOut, StudyResult
+from ..report.result import LeftOut, StudyResult, Table
 from .asked import Asked
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ def run(asked: Asked) -> StudyResult:
 
 
 def _simulated(asked: Asked) -> StudyResult:
-    from .force.simulated import settings, simulate
+    from .force.simulated import meshes, settings, simulate
     from .force.told import modulus, told, with_modulus
 
     made = simulate(asked)
@@ -40,9 +40,16 @@ def _simulated(asked: Asked) -> StudyResult:
     )
     found = with_modulus(found, result, table)
     scene = settings(of, made.gel)
+    gel = Table(
+        "force-gel",
+        "The gel. The mesh of each job, what its solver flags, and the largest error of linear "
+        "interpolation between solved poses, where it was tried.",
+        meshes(made.gel),
+    )
     shown = {line for one in made.gel for line in one["left_out"]}
     return replace(
         found,
+        tables=(*found.tables, gel),
         settings=scene,
         data={**found.data, "scale": scale, "settings": scene},
         left_out=(*(_scene(line) for line in sorted(shown)), *_left_out(result)),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from deltact_fab.optics import Pinhole
 from deltact_fab.report.result import StudyResult
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.study.asked import Asked
-from deltact_fab.study.force.reasons import parts
+from deltact_fab.study.force.reasons import parts, under_shear
 from deltact_fab.study.force.simulated import scene
 from deltact_fab.study.force.told import modulus, told, with_modulus
 from deltact_fab.study.force_calibration import run
@@ -139,8 +140,21 @@ def test_what_shear_does_to_the_papers_normal_force_is_told() -> None:
     result = said(made(less_n=2.0))
     paper = result.headlines[6]
     assert paper.value > 0.3
-    assert "the fit to stops without shear reads those with it by +" in paper.remark
+    assert "the normal force varies by" in paper.remark
     assert paper.remark in result.verdict[3]
+
+
+def test_what_varies_at_a_depth_is_measured_and_said() -> None:
+    result = made()
+    data, judged = result.data, result.best
+    still = np.zeros_like(data.wrench)
+    still[:, 2] = -(data.points["x_mm"].to_numpy() + data.points["indenter"].str.len())
+    said = still.copy()
+    said[:, 2] += np.where(np.arange(len(data)) % 2, 0.5, -0.5)
+    varies = under_shear(
+        replace(judged, predicted={**judged.predicted, "test": said}), replace(data, wrench=still)
+    )
+    assert varies == pytest.approx((0.0, 0.5))
 
 
 def test_the_modulus_scales_newtons_and_no_share() -> None:

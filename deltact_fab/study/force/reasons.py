@@ -109,23 +109,46 @@ def _row(fitted_to: str, judged_on: str, fits: int, off: Array) -> dict[str, Any
             "normal_n": fz, "shear_x_n": fx, "shear_y_n": fy, "normal_mean_n": mean_n}  # fmt: skip
 
 
-def why_not_the_papers(refits: pd.DataFrame, name: str) -> str:
-    """Of the paper's model off by more than the paper has: which part of the points it suits."""
-    own = refits[refits["judged_on"] == "the same"]
-    rows = [row for row in own.to_dict(orient="records") if row["fitted_to"] != ALL]
-    said = [f"{row['fitted_to']} {row[f'{name}_n']:.2f}" for row in rows]
-    text = f"fitted to a part alone errs by (N): {', '.join(said)}" if said else ""
-    crossed = refits[refits["judged_on"] != "the same"].to_dict(orient="records")
-    if name == "normal" and crossed:
+def under_shear(judged: Judged, data: ForceData) -> tuple[float, float] | None:
+    """How much normal force varies at one depth of a press, where only shear changes, N.
+
+    Measured, and as the model says it: standard deviations about the mean of the stops there. None
+    where no depth has several stops.
+    """
+    import pandas as pd
+
+    depth = data.points["run"] + data.points["frame_id"].str.rsplit("/", n=1).str[0]
+    said = component(judged.predicted["test"], "normal")
+    table = pd.DataFrame(
+        {"depth": depth, "measured": component(data.wrench, "normal"), "said": said}
+    )
+    several = table[table.groupby("depth")["depth"].transform("size") > 1]
+    if several.empty:
+        return None
+    about = several[["measured", "said"]] - several.groupby("depth").transform("mean")
+    measured_n, said_n = np.sqrt((about**2).mean()).tolist()
+    return measured_n, said_n
+
+
+def why_not_the_papers(result: ForceResult, refits: pd.DataFrame, name: str) -> str:
+    """Of the paper's model off by more than the paper has: what it cannot tell apart."""
+    assert result.paper is not None, "it was asked for"
+    wanted = ("one place", "one indenter", "one press")
+    own = [row for row in refits.to_dict(orient="records") if row["fitted_to"] in wanted]
+    said = [f"{row['fitted_to']} {row[f'{name}_n']:.2f} N" for row in own]
+    text = f"fitted to a part alone it errs by {', '.join(said)}" if said else ""
+    varies = under_shear(result.paper, result.data) if name == "normal" else None
+    if varies is not None:
         text += (
-            f"; the fit to {STRAIGHT} reads those with it by {crossed[0]['normal_mean_n']:+.2f} N "
-            "in the mean: sums of a density that is never negative rise when the gel is sheared"
+            f"; at one depth of a press, where only shear changes, the normal force varies by "
+            f"{varies[0]:.2f} N and the model's by {varies[1]:.2f} N: shear changes the sums of "
+            "a density that is never negative"
         )
     return text
 
 
 def why_missed(table: pd.DataFrame, model: str, left_out: str, name: str) -> str:
-    """Of a goal that a model misses: which group is worst, and whether it is a wrong factor."""
+    """Of a goal that is missed: the worst group, is it a wrong factor, what was it fitted to."""
     rows = table[
         (table["model"] == model) & (table["left_out"] == left_out) & (table["force"] == name)
     ]
@@ -134,4 +157,5 @@ def why_missed(table: pd.DataFrame, model: str, left_out: str, name: str) -> str
     text = f"worst at {worst['which']}: {rmse_n:.2f} N"
     if gain is not None and mean_n**2 > BIASED * rmse_n**2:
         text += f", {mean_n:+.2f} N of it the same for all (gain {gain:.2f})"
-    return text
+    others = len(rows) - 1
+    return f"{text}; fitted to {others} other{'s' if others > 1 else ''}"

@@ -159,7 +159,7 @@ def _paper(result: ForceResult, refits: pd.DataFrame) -> list[Headline]:
         found = _interval(result, judged, "test", name)
         remark = ""
         if found.low is not None and found.low > printed_n:
-            remark = why_not_the_papers(refits, name)
+            remark = why_not_the_papers(result, refits, name)
         heads.append(
             Headline(
                 f"paper's model, {WORDS[name]}, test points: RMSE", found.value, "N",
@@ -191,7 +191,7 @@ def _verdict(result: ForceResult, heads: list[Headline]) -> tuple[str, ...]:
         f"(normal, shear x, y): {said}."
     )
     if paper[0].remark:
-        lines.append(f"Its normal force {paper[0].remark}.")
+        lines.append(f"Its normal force: {paper[0].remark}.")
     return tuple(lines)
 
 
