@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..analysis.force import FORCES, ForceResult, component, enough
 from . import figures
+from .result import Drawn
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,17 +21,40 @@ GOAL_N = 0.2
 _WORDS = {"normal": "normal", "shear_x": "shear x", "shear_y": "shear y"}
 
 
+def drawn(result: ForceResult) -> list[Drawn]:
+    """Those that a result has something to show in."""
+    shown = [
+        ("force-predicted", predicted_against_measured,
+         "Predicted against measured force. Each point by a model that never saw its position."),
+        ("force-residual", residual_by_prediction,
+         "Residual, predicted less measured, against the prediction. A fan that opens is a wrong "
+         "factor, a bend what a linear model cannot say."),
+        ("force-place", residual_by_position,
+         "Mean residual of the normal force over all presses at a place of the face."),
+    ]  # fmt: skip
+    if any(result.curves.values()):
+        shown.append(
+            ("force-learning", learning,
+             "Error on the presses left out against the number of presses fitted to; the bands "
+             "are the 10th to the 90th percentile of draws.")
+        )  # fmt: skip
+    return [Drawn(name, text, _signed(make, result)) for name, make, text in shown]
+
+
 def all_figures(result: ForceResult) -> dict[str, Figure]:
     """By the name of the file."""
-    shown = {
-        "force-predicted": predicted_against_measured(result),
-        "force-residual": residual_by_position(result),
-    }
-    if any(result.curves.values()):
-        shown["force-learning"] = learning(result)
-    for figure in shown.values():
+    return {one.name: one.draw() for one in drawn(result)}
+
+
+def _signed(make: Callable[[ForceResult], Figure], result: ForceResult) -> Callable[[], Figure]:
+    """With where its data is from in the corner."""
+
+    def draw() -> Figure:
+        figure = make(result)
         figure.text(0.995, 0.005, result.calibration.head.origin, ha="right", fontsize=7)
-    return shown
+        return figure
+
+    return draw
 
 
 def predicted_against_measured(result: ForceResult) -> Figure:
@@ -50,6 +75,25 @@ def predicted_against_measured(result: ForceResult) -> Figure:
             axis.set_xlabel(f"{_WORDS[name]} measured, N")
             axis.set_title(f"{one.name}, {_WORDS[name]}", loc="left", fontweight="bold")
         row[0].set_ylabel(f"predicted, N ({_left_out(group)})")
+    figures.legend_below(figure, axes[0])
+    return figure
+
+
+def residual_by_prediction(result: ForceResult) -> Figure:
+    """Three components, the paper's model above and the best below."""
+    models = _shown(result)
+    figure, axes = figures.blank(9.6, 2.8 * len(models), 3, share_y=False, rows=len(models))
+    for (one, group), row in zip(models, np.reshape(axes, (-1, 3)), strict=True):
+        for name, axis in zip(FORCES, row, strict=True):
+            said = component(one.predicted[group], name)
+            off = said - component(result.data.wrench, name)
+            axis.axhline(0, color=figures.PAPER_COLOUR, lw=1)
+            for colour, ball in zip(figures.COLOURS, _balls(result), strict=False):
+                mine = (result.data.points["indenter"] == ball).to_numpy()
+                axis.plot(said[mine], off[mine], ".", ms=3, color=colour, label=ball)
+            axis.set_xlabel(f"{_WORDS[name]} predicted, N")
+            axis.set_title(f"{one.name}, {_WORDS[name]}", loc="left", fontweight="bold")
+        row[0].set_ylabel(f"residual, N ({_left_out(group)})")
     figures.legend_below(figure, axes[0])
     return figure
 

@@ -1,4 +1,4 @@
-"""The shape of each press as the paper's gallery shows it: density, depth with outline, relief."""
+"""The paper's gallery of shapes (object, image, density, surface), and the depth against truth."""
 
 from __future__ import annotations
 
@@ -8,82 +8,205 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import figures
+from ..shapes import Indenter
+from ..shapes.indenter import parse
+from . import figures, maps
 from .figures import COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ..analysis.shape.result import Picture
+    from ..analysis.shape.picture import Picture
 
 Array = NDArray[Any]
+COLUMNS = 4
 MOST_PRESSES = 8
-RELIEF_MM = 0.6  # between the lines of the relief
+RELIEF_MM = 0.5  # between the lines of a surface
+PART_MM = 4.0  # of an object, above its tip
+EXTREME = 99.5  # percentile of a map that is full scale: single points do not fade the rest
 
 
 def gallery(pictures: Sequence[Picture], note: str) -> Figure:
-    """A row a press, the deepest settled frame of each; the first MOST_PRESSES."""
+    """A column a press: object, image with flow, density, surface, true surface where known.
+
+    As the paper's figure of four shapes has it; four columns, then four more below.
+    """
     shown = list(pictures)[:MOST_PRESSES]
-    figure, axes = figures.blank(11.0, 3.0 * len(shown) + 0.3, 3, share_y=False, rows=len(shown))
+    blocks = [shown[k : k + COLUMNS] for k in range(0, len(shown), COLUMNS)]
+    columns = len(blocks[0])
+    rows = [(_object, 0.8), (_image, 1.15), (_density, 1.0), (_surface, 0.85)]
+    if any(picture.true_depth_mm is not None for picture in shown):
+        rows.append((_true_surface, 0.85))
+    high = [part for _, part in rows] * len(blocks)
+    figure, axes = figures.blank(
+        2.6 * columns + 0.2, 2.0 * sum(high) + 0.4, columns, share_y=False,
+        rows=len(rows) * len(blocks),
+    )  # fmt: skip
+    axes[0].get_gridspec().set_height_ratios(high)
     left = "" if len(shown) == len(pictures) else f"; {len(shown)} of {len(pictures)} presses"
-    lines = "white: contact found; dashed: true contact; dotted: as far as the density is reliable"
-    figure.suptitle(f"{note}{left}\n{lines}", fontsize=9)
-    for k, picture in enumerate(shown):
-        flat, deep, relief = axes[3 * k : 3 * k + 3]
-        depth = picture.depth
-        limit = max(float(np.abs(picture.relative).max()), 0.02)
-        flat.set_title(f"{picture.indenter}, {picture.tip_depth_mm:.2f} mm", loc="left",
-                       fontweight="bold")  # fmt: skip
-        _map(flat, picture, picture.relative, "RdBu_r", (-limit, limit), "minus density, from rest")
-        if not picture.reliable.all():
-            flat.contour(depth.x_mm, depth.y_mm, picture.reliable, [0.5], colors="#555555",
-                         linewidths=0.6, linestyles=":")  # fmt: skip
-        top = max(float(depth.depth_mm.max()), 0.02)
-        _map(deep, picture, depth.depth_mm, "viridis", (0, top), "depth, mm")
-        for outline in picture.outlines_mm:
-            closed = np.vstack((outline, outline[:1]))
-            deep.plot(*closed.T, color="white", lw=1.4)
-        if picture.true_contact is not None and picture.true_contact.any():
-            deep.contour(depth.x_mm, depth.y_mm, picture.true_contact, [0.5], colors=COLOURS[4],
-                         linewidths=1, linestyles="--")  # fmt: skip
-        _relief(figure, relief, picture)
+    figure.suptitle(
+        f"{note}{left}\narrows: flow; dotted: as far as the density is reliable", fontsize="small"
+    )
+    grid = np.array(axes, object).reshape(len(blocks), len(rows), columns)
+    for block, part in zip(grid, blocks, strict=True):
+        for k, row in enumerate(block):
+            for axis in row[len(part) :]:
+                axis.set_visible(False)
+            for column, (axis, picture) in enumerate(zip(row, part, strict=False)):
+                rows[k][0](figure, axis, picture, column == 0)
     return figure
 
 
-def _map(
-    axis: Axes,
-    picture: Picture,
-    values: Array,
-    colours: str,
-    ends: tuple[float, float],
-    words: str,
-) -> None:
-    x, y = picture.depth.x_mm, picture.depth.y_mm
-    # As the camera sees it: row 0 above.
-    drawn = axis.imshow(
-        values, cmap=colours, vmin=ends[0], vmax=ends[1], interpolation="nearest",
-        extent=(x[0], x[-1], y[-1], y[0]),
+def against_truth(pictures: Sequence[Picture], note: str) -> Figure:
+    """A column a press: a section through the tip, and the map of the error.
+
+    Of those with truth, COLUMNS of them; there must be one.
+    """
+    shown = [picture for picture in pictures if picture.true_depth_mm is not None][:COLUMNS]
+    figure, axes = figures.blank(2.6 * len(shown) + 0.2, 5.2, len(shown), share_y=False, rows=2)
+    figure.suptitle(note, fontsize="small")
+    for column, picture in enumerate(shown):
+        _section(axes[column], picture, column == 0)
+        _error(axes[len(shown) + column], picture, column == 0)
+    figures.legend_below(figure, axes[0])
+    return figure
+
+
+def _object(figure: Figure, place: Axes, picture: Picture, first: bool) -> None:
+    """The indenter, its tip upwards."""
+    from matplotlib.colors import LightSource
+
+    indenter = parse(picture.indenter)
+    half = 1.02 * _reach_mm(indenter)
+    # Around the axis, so that the walls of what is turned come out smooth.
+    radius, angle = np.meshgrid(np.linspace(0, half, 91), np.linspace(0, 2 * np.pi, 73))
+    x, y = radius * np.cos(angle), radius * np.sin(angle)
+    z = PART_MM - np.minimum(indenter.height_mm(x, y), PART_MM)
+    axis = maps.solid(figure, place)
+    axis.plot_surface(
+        x, y, z, color="#a9b8c8", lightsource=LightSource(azdeg=300, altdeg=40), rstride=1,
+        cstride=1, linewidth=0, antialiased=False, rasterized=True,
     )  # fmt: skip
-    axis.grid(visible=False)
-    axis.set_xlabel("x, mm")
-    axis.set_ylabel("y, mm")
-    axis.figure.colorbar(drawn, ax=axis, shrink=0.8, label=words)
+    axis.set(xlim=(-half, half), ylim=(-half, half), zlim=(0, PART_MM))
+    axis.set_box_aspect((2 * half, 2 * half, PART_MM), zoom=1.5)
+    axis.set_axis_off()
+    axis.set_title(f"{picture.indenter}, {picture.tip_depth_mm:.2f} mm", fontweight="bold",
+                   fontsize="medium")  # fmt: skip
 
 
-def _relief(figure: Figure, place: Axes, picture: Picture) -> None:
-    """The face seen from the side, pressed downwards."""
-    depth = picture.depth
-    axis = figure.add_subplot(place.get_subplotspec(), projection="3d")
-    place.remove()
-    every = max(1, round(RELIEF_MM / depth.cell_mm))
-    x, y = np.meshgrid(depth.x_mm[::every], depth.y_mm[::every])
-    z = -depth.depth_mm[::every, ::every]
-    axis.plot_surface(x, y, z, cmap="viridis_r", rstride=1, cstride=1, linewidth=0.15,
-                      edgecolor="#33333366")  # fmt: skip
-    axis.set_box_aspect((np.ptp(x), np.ptp(y), 9), zoom=0.95)
-    axis.view_init(elev=38, azim=-60)
-    low = min(-0.1, float(z.min()))
-    axis.set_zlim(low, 0)
-    axis.set_zticks([0, round(low, 1)])
-    axis.tick_params(labelsize=7, pad=-3)
+def _reach_mm(indenter: Indenter) -> float:
+    """Largest distance from the axis of what is drawn of it."""
+    half = max(indenter.footprint_half_mm)
+    x, y = np.meshgrid(*(2 * [np.linspace(-half, half, 201)]))
+    return float(np.hypot(x, y)[indenter.height_mm(x, y) < PART_MM].max())
+
+
+def _image(figure: Figure, axis: Axes, picture: Picture, first: bool) -> None:
+    most = maps.longest(picture.shift_mm, picture.known)
+    maps.photograph(axis, picture)
+    maps.arrows(axis, picture, picture.x_mm, picture.y_mm, picture.shift_mm, picture.known, most)
+    maps.frame(axis, picture, first, last=True)
+    axis.set_xlabel(f"x, mm; arrows at most {most:.2f} mm", fontsize=maps.LABELS)
+
+
+def _density(figure: Figure, axis: Axes, picture: Picture, first: bool) -> None:
+    near = _near(picture)
+    limit = max(float(np.percentile(np.abs(picture.relative[near]), EXTREME)), 0.02)
+    maps.shown(axis, picture.x_mm, picture.y_mm, picture.relative, "RdBu_r", -limit, limit,
+               "minus density, from rest")  # fmt: skip
+    if not picture.reliable[near].all():
+        axis.contour(picture.x_mm, picture.y_mm, picture.reliable.astype(float), [0.5],
+                     colors="#555555", linewidths=0.6, linestyles=":")  # fmt: skip
+    maps.frame(axis, picture, first, last=True)
+
+
+def _surface(figure: Figure, place: Axes, picture: Picture, first: bool) -> None:
+    _relief(figure, place, picture, picture.depth_mm, "measured")
+
+
+def _true_surface(figure: Figure, place: Axes, picture: Picture, first: bool) -> None:
+    if picture.true_depth_mm is None:
+        place.set_visible(False)
+    else:
+        _relief(figure, place, picture, picture.true_depth_mm, "true")
+
+
+def _relief(figure: Figure, place: Axes, picture: Picture, depth_mm: Array, words: str) -> None:
+    """The depth as a relief: what presses stands up, as in the paper."""
+    axis = maps.solid(figure, place)
+    rows, columns = _near_axes(picture)
+    every = max(1, round(RELIEF_MM / picture.cell_mm))
+    part = depth_mm[rows, columns][::every, ::every]
+    x, y = np.meshgrid(picture.x_mm[columns][::every], picture.y_mm[rows][::every])
+    top = _deepest(picture)
+    axis.plot_surface(x, y, part, cmap="viridis", vmin=0, vmax=top, rstride=1, cstride=1,
+                      linewidth=0.15, edgecolor="#33333366", rasterized=True)  # fmt: skip
+    axis.set_box_aspect((np.ptp(x), np.ptp(y), 6), zoom=1.3)
+    axis.set_zlim(min(0.0, float(part.min())), top)
+    axis.set_zticks([0, round(top, 1)])
+    for side in (axis.xaxis, axis.yaxis):
+        side.set_major_locator(_every_five())
+    axis.set_title(f"{words}, to {float(part.max()):.2f} mm", fontsize=maps.HEADS, y=0.98)
+
+
+def _every_five() -> Any:
+    from matplotlib.ticker import MultipleLocator
+
+    return MultipleLocator(5)
+
+
+def _section(axis: Axes, picture: Picture, first: bool) -> None:
+    """Depth along x through the tip: measured, true, and the object itself where it was put."""
+    assert picture.true_depth_mm is not None, "of those with truth"
+    row = int(np.argmin(np.abs(picture.y_mm - picture.tip_mm[1])))
+    x = picture.x_mm
+    beside = np.linspace(x[0], x[-1], 801)
+    height = parse(picture.indenter).height_mm(beside - picture.tip_mm[0], np.zeros_like(beside))
+    height[height > PART_MM] = np.nan
+    axis.plot(beside, picture.tip_mm[2] + height, color="#999999", lw=1, label="the object")
+    axis.plot(x, -picture.true_depth_mm[row], color=COLOURS[4], ls="--", lw=1.5, label="true face")
+    axis.plot(x, -picture.depth_mm[row], color=COLOURS[0], lw=1.5, label="measured face")
+    axis.set_xlim(*maps.window_mm(picture)[0])
+    axis.set_ylim(-1.2 * _deepest(picture), 0.35 * _deepest(picture))
+    axis.set_title(f"{picture.indenter}, {picture.tip_depth_mm:.2f} mm", fontweight="bold",
+                   fontsize="medium")  # fmt: skip
+    axis.tick_params(labelsize=maps.TICKS)
+    axis.set_xlabel(f"x, mm, at y = {picture.tip_mm[1]:.1f} mm", fontsize=maps.LABELS)
+    if first:
+        axis.set_ylabel("height of the face, mm", fontsize=maps.LABELS)
+
+
+def _error(axis: Axes, picture: Picture, first: bool) -> None:
+    error = picture.depth_mm - picture.true_depth_mm
+    limit = max(float(np.percentile(np.abs(error[_near(picture)]), EXTREME)), 0.02)
+    maps.shown(axis, picture.x_mm, picture.y_mm, error, "PuOr", -limit, limit,
+               "measured - true depth, mm")  # fmt: skip
+    maps.found_contacts(axis, picture, "black")
+    maps.true_contact(axis, picture, COLOURS[4])
+    axis.plot([], [], color="black", lw=1.3, label="contact found")
+    axis.plot([], [], color=COLOURS[4], lw=1.3, ls="--", label="true contact")
+    maps.frame(axis, picture, first, last=True)
+
+
+def _deepest(picture: Picture) -> float:
+    true = picture.true_depth_mm
+    parts = [picture.depth_mm] + ([] if true is None else [true])
+    return max(0.1, *(float(part.max()) for part in parts))
+
+
+def _near_axes(picture: Picture) -> tuple[slice, slice]:
+    """Rows and columns of what is shown."""
+    cuts = []
+    for axis, (low, high) in zip(
+        (picture.y_mm, picture.x_mm), reversed(maps.window_mm(picture)), strict=True
+    ):
+        inside = np.flatnonzero((axis >= low) & (axis <= high))
+        cuts.append(slice(int(inside[0]), int(inside[-1]) + 1))
+    return cuts[0], cuts[1]
+
+
+def _near(picture: Picture) -> Array:
+    mask = np.zeros(picture.known.shape, bool)
+    mask[_near_axes(picture)] = True
+    return mask

@@ -51,6 +51,14 @@ STUDIES = {
     "force-calibration": Study(
         "force_calibration",
         "The paper's force table: 5 balls, 2070 points.",
+        "The whole, and the default, is the paper's 2070 settled points (protocol "
+        "force-calibration) on a gel at finite strain: half an hour on two idle cores, six minutes "
+        "with --scale 0.1. The scale thins depths and places; all indenters stay, two places at "
+        "least, and the range of depth and shear.\n\n"
+        "With --from the points are those of recorded runs, of any bench.",
+        options=(
+            Option("protocol", "Another protocol that has images, forces and settled stops."),
+        ),
     ),
     "pattern-selection": Study(
         "pattern_selection",
@@ -59,6 +67,15 @@ STUDIES = {
     "shapes": Study(
         "shapes",
         "Sphere, cylinder, ring, toy hat: depth against truth; force fields.",
+        "Four objects (protocols shapes, shapes-hat), the calibrations of depth and force that "
+        "they need (ball-press, and one ball of force-calibration-small), and a press of twist: "
+        "five minutes on two idle cores. The scale thins the places at which an object is "
+        "pressed, three of them, to one at least; all objects and depths stay.\n\n"
+        "With --from the presses are those of recorded runs, of any bench and any indenters.",
+        options=(
+            Option("depth", "With --from: the calibration of depth, by `calibrate-depth`."),
+            Option("force", "With --from: the calibration of force, by `analyze force`."),
+        ),
     ),
     "comparison": Study(
         "comparison",

@@ -8,17 +8,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from deltact_fab.analysis.shape import GOALS, calibrate_depth
 from deltact_fab.analysis.shape.ball import DepthCalibration
-from deltact_fab.analysis.shape.result import Picture
 from deltact_fab.errors import InputError
 from deltact_fab.measure.sensor_id import Head, Made, SensorId
-from deltact_fab.measure.shape import Depth, DepthModel
-from deltact_fab.report.figures import to_svg
-from deltact_fab.report.shape_figures import gallery
+from deltact_fab.measure.shape import DepthModel
 
 
 def call(*words: str | Path) -> subprocess.CompletedProcess[str]:
@@ -124,15 +120,3 @@ def test_a_gain_far_from_one_is_doubted() -> None:
 
     assert "Doubtful" not in line(1.9)
     assert "Doubtful: a gain between 0.5 and 2 is usual" in line(0.4)
-
-
-def test_the_gallery_has_a_row_a_press_and_no_more_than_fit() -> None:
-    x, y = np.linspace(-10, 10, 41), np.linspace(-8, 8, 33)
-    dent = np.exp(-(x**2 + y[:, None] ** 2) / 8).astype(np.float32)
-    known = dent < 0.99
-    depth = Depth(dent, known, x, y, 0.9, False)
-    outline = np.array([[-2.0, -2], [2, -2], [2, 2], [-2, 2]])
-    one = Picture("sphere:10", "p/1", 1.0, dent / 5, depth, known, [outline], dent > 0.4)
-    drawn = to_svg(gallery([one] * 10, "simulated"))
-    assert "8 of 10 presses" in drawn
-    assert drawn.count("sphere:10, 1.00 mm") == 8

@@ -5,11 +5,11 @@ that was measured. Models are ranked by what they make of positions and indenter
 saw, for a random split hides that (decision 0026).
 """
 
-from .calibrate import calibrate, carry_over
-from .dataset import ForceData, gather
-from .judge import FORCES, LEFT_OUT, SHOWN, component, judge, rmse, score
+from .calibrate import calibrate, carry_over, compare, curves_of
+from .dataset import ForceData, PressPoints, gather, joined, points_of
+from .judge import FORCES, LEFT_OUT, SHOWN, component, figures, fit, judge, rmse, score
 from .learning import enough, learning_curve
-from .result import PAPER, PAPER_TABLE, ForceResult, write_calibration
+from .result import PAPER, PAPER_TABLE, ForceResult, errors_kept, write_calibration
 from .transfer import Transferred, transfer
 
 __all__ = [
@@ -20,14 +20,22 @@ __all__ = [
     "SHOWN",
     "ForceData",
     "ForceResult",
+    "PressPoints",
     "Transferred",
     "calibrate",
     "carry_over",
+    "compare",
     "component",
+    "curves_of",
     "enough",
+    "errors_kept",
+    "figures",
+    "fit",
     "gather",
+    "joined",
     "judge",
     "learning_curve",
+    "points_of",
     "rmse",
     "score",
     "transfer",

@@ -10,15 +10,22 @@ from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
 from ...jobs import Progress
-from ...measure.force import COMPONENTS, FEATURES, ForceModel, features_of, make_features
+from ...measure.force import (
+    COMPONENTS,
+    FEATURES,
+    Features,
+    ForceModel,
+    features_of,
+    make_features,
+)
 from ...measure.force.calibration import ForceCalibration, load_force
 from ...record import Run, encode_png
 from ..frames import settled, settles
 from ..view import head_of, view_of
-from .dataset import gather, opened, presses
+from .dataset import ForceData, gather, opened, presses
 from .field import field_error
 from .judge import TEST_SHARE, Judged, figures, fit, judge, score
-from .learning import learning_curve
+from .learning import LearningPoint, learning_curve
 from .result import PAPER, ForceResult, errors_kept
 from .transfer import Transferred, transfer
 
@@ -42,27 +49,43 @@ def calibrate(
     asked = tuple(dict.fromkeys([*(names or FEATURES), PAPER]))
     runs, tables = opened(folders)
     must = asked if names else (PAPER,)
-    for name in must:
-        _require_enough(runs, name, sum(map(_settled, tables)))  # before anything is tracked
+    source, view = str(runs[0].folder), view_of(runs[0])
+    for name in must:  # before anything is tracked
+        _require_enough(make_features(name, view), sum(map(_settled, tables)), source)
     data = gather(runs, asked, executor, progress)
-    left_out = [*data.left_out, *_doubts(runs, tables)]
-    judged: list[Judged] = []
-    for name in asked:
+    judged, left_out = compare(data, seed, must, source)
+    best = judged[0].name
+    errors = errors_kept(figures(judged[0], data))
+    kept = _calibration(runs, fit(data, best), error=errors)
+    return ForceResult(
+        data, judged, kept, seed, [*data.left_out, *_doubts(runs, tables), *left_out],
+        curves_of(data, best, seed), field_error(runs, data, best),
+    )  # fmt: skip
+
+
+def compare(
+    data: ForceData, seed: int, must: Sequence[str] = (PAPER,), source: str = "points"
+) -> tuple[list[Judged], list[str]]:
+    """Every feature set of the points judged, best first, and which have too few points for it.
+
+    must: those whose lack of points is an error; source: what it names. Raises InputError.
+    """
+    judged, left_out = [], []
+    for name, features in data.sets.items():
         try:
-            _require_enough(runs, name, len(data))
+            _require_enough(features, len(data), source)
         except InputError as why:
             if name in must:
                 raise
             left_out.append(str(why))
         else:
             judged.append(judge(data, name, seed))
-    judged.sort(key=lambda one: score(one, data))
-    best = judged[0].name
-    curves = {name: learning_curve(data, name, seed) for name in dict.fromkeys((best, PAPER))}
-    errors = errors_kept(figures(judged[0], data))
-    kept = _calibration(runs, fit(data, best), error=errors)
-    field = field_error(runs, data, best)
-    return ForceResult(data, judged, kept, seed, left_out, curves, field)
+    return sorted(judged, key=lambda one: score(one, data)), left_out
+
+
+def curves_of(data: ForceData, best: str, seed: int) -> dict[str, list[LearningPoint]]:
+    """How the best feature set and the paper's learn."""
+    return {name: learning_curve(data, name, seed) for name in dict.fromkeys((best, PAPER))}
 
 
 def carry_over(
@@ -87,14 +110,13 @@ def carry_over(
     return moved, kept, [*data.left_out, *_doubts(runs, tables)]
 
 
-def _require_enough(runs: Sequence[Run], name: str, points: int) -> None:
+def _require_enough(features: Features, points: int, source: str) -> None:
     """Raises InputError unless training has one point more than a component has coefficients."""
-    explains = make_features(name, view_of(runs[0])).explains
-    most = max(len(explains[component]) for component in COMPONENTS)
+    most = max(len(features.explains[component]) for component in COMPONENTS)
     needed = next(n for n in count(most + 1) if n - round(TEST_SHARE * n) > most)
     if points < needed:
         raise InputError(
-            f"{runs[0].folder}: {name} needs at least {needed} points, and there are {points}; "
+            f"{source}: {features.name} needs at least {needed} points, and there are {points}; "
             "press at more places, or in more steps"
         )
 

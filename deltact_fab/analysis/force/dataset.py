@@ -62,7 +62,9 @@ class _Job:
 
 
 @dataclass(frozen=True)
-class _Press:
+class PressPoints:
+    """The points of one press, as in `ForceData`, and why each of its other frames is not one."""
+
     rows: pd.DataFrame
     wrench: Array
     features: dict[str, Array]
@@ -109,35 +111,51 @@ def gather(
     progress: Progress | None = None,
 ) -> ForceData:
     """The points of `opened` runs under feature sets. Raises InputError where none can be used."""
-    import pandas as pd
-
-    sets = {name: make_features(name, view_of(runs[0])) for name in names}
     jobs = [
         _Job(str(run.folder), label, press, tuple(names))
         for run, label in zip(runs, labels(runs), strict=True)
         for press in presses(run)
     ]
     parts = each(_press, jobs, [job.press for job in jobs], executor, progress)
+    return joined(parts, names, view_of(runs[0]), str(runs[0].folder))
+
+
+def joined(
+    parts: Sequence[PressPoints], names: Sequence[str], view: SensorView, source: str
+) -> ForceData:
+    """Presses of one sensor as one set of points; source: what an error names.
+
+    Raises InputError where no frame can be used.
+    """
+    import pandas as pd
+
+    sets = {name: make_features(name, view) for name in names}
     points = pd.concat([part.rows for part in parts], ignore_index=True)
     refused = Counter(why for part in parts for why in part.refused)
     left_out = [
         f"{n} of {len(points) + refused.total()} frames: {why}" for why, n in refused.items()
     ]
     if points.empty:
-        raise InputError(f"{runs[0].folder}: no frame can be used: {'; '.join(left_out) or 'none'}")
+        raise InputError(f"{source}: no frame can be used: {'; '.join(left_out) or 'none'}")
     features = {n: np.concatenate([part.features[n] for part in parts]) for n in names}
     wrench = np.concatenate([part.wrench for part in parts])
     return ForceData(points, wrench, features, sets, left_out)
 
 
-def _press(job: _Job) -> _Press:
-    """One press of a run: a pure function of the run's folder."""
-    run = record.open(job.folder)
-    rows = settled(run.frames(job.press))
-    wrench, saturated = wrenches(run, job.press, rows)
+def _press(job: _Job) -> PressPoints:
+    return points_of(record.open(job.folder), job.label, job.press, job.names)
+
+
+def points_of(run: Run, label: str, press: str, names: Sequence[str]) -> PressPoints:
+    """One press of a run that has images and force; label: the run's name in the points.
+
+    Raises as `flows_of` does.
+    """
+    rows = settled(run.frames(press))
+    wrench, saturated = wrenches(run, press, rows)
     view = view_of(run)
-    sets = [make_features(name, view) for name in job.names]
-    followed = {every: flows_of(run, job.press, every) for every in {one.every for one in sets}}
+    sets = [make_features(name, view) for name in names]
+    followed = {every: flows_of(run, press, every) for every in {one.every for one in sets}}
     flows = next(iter(followed.values())).flows
     refused = ["" for _ in range(len(rows))]
     for k, flow in enumerate(flows):
@@ -153,17 +171,17 @@ def _press(job: _Job) -> _Press:
         for k in failed:
             refused[k] = refused[k] or f"{one.name} found no solution"
     taken = np.array([not why for why in refused])
-    x_mm, y_mm = _position(run, job.press)
+    x_mm, y_mm = _position(run, press)
     table = rows[["frame_id", "indenter"]].assign(
-        run=job.label,
-        press=f"{job.label}/{job.press}",
+        run=label,
+        press=f"{label}/{press}",
         # Mirror images are one: a model that knows the mirror has seen the others in any of them.
         position=f"({abs(x_mm):g}, {abs(y_mm):g})",
         x_mm=x_mm,
         y_mm=y_mm,
         cover=[flow.cover for flow in flows],
     )
-    return _Press(
+    return PressPoints(
         table[taken].reset_index(drop=True),
         wrench[taken],
         {name: held[taken] for name, held in values.items()},

@@ -68,7 +68,7 @@ def field_error(runs: Sequence[Run], data: ForceData, name: str) -> FieldError |
                 if i is None:
                     continue
                 field = features.traction(flow, models[positions[i]])
-                row = _errors(field, truth, frame_id, data.wrench[i, :3])
+                row = frame_errors(field, truth, frame_id, data.wrench[i, :3])
                 rows += [] if row is None else [row]
     if not rows:
         return None
@@ -79,7 +79,7 @@ def field_error(runs: Sequence[Run], data: ForceData, name: str) -> FieldError |
     )  # fmt: skip
 
 
-def _errors(
+def frame_errors(
     field: TractionField, truth: Truth, frame_id: str, force_n: Array
 ) -> tuple[float, ...] | None:
     """Pressure and traction of the peak, total and force in N; None where nothing presses."""

@@ -1,7 +1,20 @@
 """Shape of the contact in a run: the depth calibrated on a ball, and the error against truth."""
 
 from .ball import DepthCalibration, calibrate_depth
-from .result import GOALS, ShapeResult
-from .run import analyse
+from .picture import Picture
+from .press import PressShape, press_shape
+from .result import FIGURES, GOALS, ShapeResult
+from .run import UNCALIBRATED, analyse
 
-__all__ = ["GOALS", "DepthCalibration", "ShapeResult", "analyse", "calibrate_depth"]
+__all__ = [
+    "FIGURES",
+    "GOALS",
+    "UNCALIBRATED",
+    "DepthCalibration",
+    "Picture",
+    "PressShape",
+    "ShapeResult",
+    "analyse",
+    "calibrate_depth",
+    "press_shape",
+]

@@ -8,13 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ... import record
-from ...measure.shape import Depth
 from ..frames import make_folder
-
-Array = NDArray[Any]
+from .picture import Picture
 
 GOALS = {"depth_error_contact_mm": 0.25, "depth_error_face_mm": 0.03, "place_error_mm": 0.5}
 """At most, as means over the frames that press."""
@@ -29,20 +26,6 @@ _WORDS = {
     "depth_error_face_mm": "over the face",
     "place_error_mm": "place of a ball",
 }
-
-
-@dataclass(frozen=True)
-class Picture:
-    """The deepest frame of a press, to be drawn; maps (h, w) on the depth's axes."""
-
-    indenter: str
-    frame_id: str
-    tip_depth_mm: float
-    relative: Array
-    depth: Depth
-    reliable: Array
-    outlines_mm: list[Array]
-    true_contact: Array | None
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,92 @@
+"""One frame of a press as it is drawn: what was seen, what was made of it, and what is true."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+_OUTLINE = "outline"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A frame of a press; maps (h, w) on x_mm (w,), y_mm (h,) of the resting face.
+
+    tip_mm (3,): of the indenter, as the stage says. image (H, W, 3) BGR uint8 over edges_mm: left,
+    right, top and bottom, as the camera sees it, row 0 being at -y. shift_mm (h, w, 2), known: the
+    flow. relative, reliable: minus the Gaussian density from rest, and where it can be relied on.
+    depth_mm: into the gel. outlines_mm: of the contacts found. force_n (3,), torque_z_nmm: the
+    sensor's word.
+
+    By a calibration of force, else None: total_n (3,), turning_nmm (the torque about z) and
+    traction_mpa (cy, cx, 3) on cells_x_mm, cells_y_mm. Where there is a truth, else None:
+    true_depth_mm, true_contact (h, w), and, where the run kept tractions, true_traction_mpa
+    (ny, nx, 3) on face_x_mm, face_y_mm.
+    """
+
+    indenter: str
+    frame_id: str
+    tip_mm: Array
+    image: Array
+    edges_mm: Array
+    x_mm: Array
+    y_mm: Array
+    shift_mm: Array
+    known: Array
+    relative: Array
+    reliable: Array
+    depth_mm: Array
+    outlines_mm: list[Array]
+    force_n: Array | None = None
+    torque_z_nmm: float | None = None
+    total_n: Array | None = None
+    turning_nmm: float | None = None
+    traction_mpa: Array | None = None
+    cells_x_mm: Array | None = None
+    cells_y_mm: Array | None = None
+    true_depth_mm: Array | None = None
+    true_contact: Array | None = None
+    true_traction_mpa: Array | None = None
+    face_x_mm: Array | None = None
+    face_y_mm: Array | None = None
+
+    @property
+    def tip_depth_mm(self) -> float:
+        """How deep the tip is, 0 above the face."""
+        return max(0.0, -float(self.tip_mm[2]))
+
+    @property
+    def cell_mm(self) -> float:
+        """Distance of neighbouring points."""
+        return float(self.x_mm[1] - self.x_mm[0])
+
+    def as_value(self, prefix: str) -> dict[str, Any]:
+        """Words and arrays by name, each with the prefix; what is None is left out."""
+        value: dict[str, Any] = {}
+        for field in fields(self):
+            held = getattr(self, field.name)
+            if isinstance(held, list):
+                value |= {f"{prefix}{_OUTLINE}_{k}_mm": line for k, line in enumerate(held)}
+            elif held is not None:
+                value[f"{prefix}{field.name}"] = held
+        return value
+
+    @classmethod
+    def of_value(cls, value: Mapping[str, Any], prefix: str) -> Self:
+        """What `as_value` gave."""
+        names = {field.name for field in fields(cls)}
+        mine = {
+            name.removeprefix(prefix): held
+            for name, held in value.items()
+            if name.startswith(prefix)
+        }
+        lines = sorted(name for name in mine if name.startswith(f"{_OUTLINE}_"))
+        return cls(
+            outlines_mm=[np.asarray(mine[name]) for name in lines],
+            **{name: held for name, held in mine.items() if name in names},
+        )

@@ -1,0 +1,269 @@
+"""Shape, and force where it is calibrated, of one press's settled frames, beside what is true."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...measure.face import FaceFlow
+from ...measure.force import Features, LocalFeatures, TractionField, Wrench, features_of
+from ...measure.force.calibration import ForceCalibration
+from ...measure.shape import (
+    Contact,
+    Density,
+    Depth,
+    DepthFinder,
+    DepthModel,
+    by_jacobian,
+    contact_labels,
+    contacts,
+    relative_depth,
+)
+from ...record import Run, Truth
+from ...shapes import Indenter
+from ...shapes.indenter import parse
+from ..flows import flows_of
+from ..force.field import frame_errors
+from ..frames import settled
+from ..view import view_of
+from .ball import EVERY_PX
+from .picture import Picture
+from .truth import TrueShape, true_shape
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[Any]
+SAME_MM = 0.01
+"""Depths that are one."""
+FORCE = ("fx_n", "fy_n", "fz_n")
+
+
+@dataclass(frozen=True)
+class PressShape:
+    """rows: figures of each settled frame by name; those that nobody knows are not in them.
+
+    deepest: the end of the deepest press, before any shear. twisted: where the torque about z that
+    was measured is largest, None where nothing was sheared or no torque was measured. contact_by:
+    how the true contact was told.
+    """
+
+    rows: list[dict[str, Any]]
+    deepest: Picture | None
+    twisted: Picture | None
+    contact_by: str | None
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What the measurement makes of one flow."""
+
+    density: Density
+    relative: Array
+    depth: Depth
+    contacts: list[Contact]
+    field: TractionField | None
+    wrench: Wrench | None
+
+
+def press_shape(
+    run: Run, press: str, model: DepthModel, force: ForceCalibration | None = None
+) -> PressShape:
+    """Of a run with images. Raises InputError for a calibration that this version cannot use."""
+    rows, truth, view = settled(run.frames(press)), run.truth(), view_of(run)
+    finder = DepthFinder(view, model)
+    features = None
+    if force is not None:
+        features = features_of(force.model, force.view(view.camera), "force calibration")
+    at_deepest, at_twisted = _shown(rows)
+    told: list[dict[str, Any]] = []
+    pictures: dict[int, Picture] = {}
+    way = None
+    followed = flows_of(run, press, EVERY_PX).flows
+    for k, (row, flow) in enumerate(zip(rows.itertuples(), followed, strict=True)):
+        found = _found(flow, finder, features, force)
+        tip_mm = np.array([row.x_mm, row.y_mm, row.z_mm], float)
+        indenter = parse(str(row.indenter))
+        measured_n = np.array([getattr(row, name) for name in FORCE], float)
+        force_n = measured_n if np.isfinite(measured_n).all() else None
+        true = None
+        if truth is not None:
+            true = true_shape(truth, str(row.frame_id), flow, indenter, tip_mm)
+            way = true.contact_by
+        told.append(
+            {"press": press, "indenter": row.indenter, "frame_id": row.frame_id,
+             "kind": row.kind, "x_mm": float(tip_mm[0]), "y_mm": float(tip_mm[1])}
+            | _figures(indenter, tip_mm, flow, found)
+            | ({} if true is None else _against(true, found.depth, found.relative, flow))
+            | _forces(found, force_n, truth, str(row.frame_id))
+        )  # fmt: skip
+        if k in (at_deepest, at_twisted):
+            image = run.image(str(row.file))
+            pictures[k] = _picture(row, tip_mm, image, view.camera, flow, found, true, force_n)
+            pictures[k] = _with_truth(pictures[k], truth)
+    twisted = None if at_twisted is None else pictures[at_twisted]
+    return PressShape(told, pictures.get(at_deepest), twisted, way)
+
+
+def _shown(rows: pd.DataFrame) -> tuple[int, int | None]:
+    """Index of the frame at the end of the deepest press, and of the most twisted one."""
+    if rows.empty:
+        return -1, None
+    depth = -rows["z_mm"].to_numpy(float)
+    deepest = int(np.argmax(depth > np.nanmax(depth) - SAME_MM))
+    torque = rows["tz_nmm"].abs().where(rows["kind"] == "shear").to_numpy(float)
+    return deepest, None if np.isnan(torque).all() else int(np.nanargmax(torque))
+
+
+def _found(
+    flow: FaceFlow,
+    finder: DepthFinder,
+    features: Features | None,
+    force: ForceCalibration | None,
+) -> _Found:
+    press = finder.inverse.of(flow)
+    depth = finder.of(flow, press)
+    raw = TractionField(press.traction, press.x_mm, press.y_mm, press.cover)
+    density = by_jacobian(flow, finder.view.camera.mm_per_px)
+    field = wrench = None
+    if features is not None and force is not None:
+        wrench = force.model.wrench(features.of(flow), flow.cover)
+        if isinstance(features, LocalFeatures):
+            field = features.traction(flow, force.model)
+    return _Found(
+        density, relative_depth(density, flow), depth,
+        contacts(depth, flow, finder.view.camera, raw), field, wrench,
+    )  # fmt: skip
+
+
+def _figures(indenter: Indenter, tip_mm: Array, flow: FaceFlow, found: _Found) -> dict[str, Any]:
+    return {
+        "tip_depth_mm": max(0.0, -float(tip_mm[2])),
+        "trusted": flow.trusted,
+        "cover": flow.cover,
+        "contact_cover": found.depth.cover,
+        "density_cover": found.density.cover,
+        "extrapolated": found.depth.extrapolated,
+        "peak_depth_mm": float(found.depth.depth_mm.max()),
+        "n_contacts": len(found.contacts),
+        "area_mm2": float(sum(contact.area_mm2 for contact in found.contacts)),
+        "place_error_mm": _place_error_mm(indenter, tip_mm, found.contacts),
+    }
+
+
+def _place_error_mm(indenter: Indenter, tip_mm: Array, found: list[Contact]) -> float | None:
+    """From the contact to the axis of an indenter with one round tip that presses."""
+    if not found or not indenter.name.startswith("sphere:") or tip_mm[2] >= 0:
+        return None
+    return float(np.linalg.norm(found[0].place_mm - tip_mm[:2]))
+
+
+def _against(true: TrueShape, depth: Depth, relative: Array, flow: FaceFlow) -> dict[str, Any]:
+    """Errors over known points: of the depth, of where the contact is; None without a contact."""
+    contact, known = true.contact & flow.known, flow.known
+    error = np.abs(depth.depth_mm - true.depth_mm)
+    figures: dict[str, Any] = {
+        "true_peak_depth_mm": float(true.depth_mm.max()),
+        "depth_error_face_mm": float(error[known].mean()) if known.any() else None,
+    }
+    if not contact.any():
+        return figures
+    seen = (contact_labels(depth) > 0) & known
+    x, y = np.meshgrid(flow.x_mm, flow.y_mm)
+    apart = None
+    if seen.any():
+        apart = float(np.hypot(*(a[seen].mean() - a[contact].mean() for a in (x, y))))
+    return figures | {
+        "depth_error_contact_mm": float(error[contact].mean()),
+        "depth_bias_contact_mm": float((depth.depth_mm - true.depth_mm)[contact].mean()),
+        "zero_error_contact_mm": float(true.depth_mm[contact].mean()),
+        "relative_correlation": _correlation(relative[known], true.depth_mm[known]),
+        "depth_correlation": _correlation(depth.depth_mm[known], true.depth_mm[known]),
+        "contact_iou": float(np.count_nonzero(seen & contact) / np.count_nonzero(seen | contact)),
+        "centroid_error_mm": apart,
+        "true_area_mm2": float(np.count_nonzero(contact) * flow.cell_mm**2),
+    }
+
+
+def _correlation(a: Array, b: Array) -> float | None:
+    if a.std() == 0 or b.std() == 0:
+        return None
+    return float(np.corrcoef(a, b)[0, 1])
+
+
+def _forces(
+    found: _Found, force_n: Array | None, truth: Truth | None, frame_id: str
+) -> dict[str, Any]:
+    """Force by sensor and by flow, and the field's error of the peak pressure against truth."""
+    told: dict[str, Any] = {}
+    if force_n is not None:
+        told |= {"shear_x_n": float(force_n[0]), "shear_y_n": float(force_n[1])}
+        told["normal_n"] = -float(force_n[2])
+    if found.wrench is not None:
+        x, y, z = map(float, found.wrench.force_n)
+        told |= {"found_shear_x_n": x, "found_shear_y_n": y, "found_normal_n": -z}
+        told["force_extrapolated"] = found.wrench.extrapolated
+    if found.field is not None and truth is not None and truth.tractions and force_n is not None:
+        errors = frame_errors(found.field, truth, frame_id, force_n)
+        if errors is not None:
+            told |= {"pressure_error": errors[0], "traction_error": errors[1]}
+    return told
+
+
+def _picture(
+    row: Any,
+    tip_mm: Array,
+    image: Array,
+    camera: Any,
+    flow: FaceFlow,
+    found: _Found,
+    true: TrueShape | None,
+    force_n: Array | None,
+) -> Picture:
+    h, w = image.shape[:2]
+    corners = camera.rest_mm(np.array([[-0.5, -0.5], [w - 0.5, h - 0.5]]))
+    field = found.field
+    return Picture(
+        indenter=str(row.indenter),
+        frame_id=str(row.frame_id),
+        tip_mm=tip_mm,
+        image=image,
+        edges_mm=corners.T.ravel(),
+        x_mm=flow.x_mm,
+        y_mm=flow.y_mm,
+        shift_mm=flow.shift_mm,
+        known=flow.known,
+        relative=found.relative,
+        reliable=found.density.reliable,
+        depth_mm=found.depth.depth_mm,
+        outlines_mm=[contact.outline_mm for contact in found.contacts],
+        force_n=force_n,
+        torque_z_nmm=_number(row.tz_nmm),
+        total_n=None if found.wrench is None else found.wrench.force_n,
+        turning_nmm=None if found.wrench is None else float(found.wrench.torque_nmm[2]),
+        traction_mpa=None if field is None else field.traction_mpa,
+        cells_x_mm=None if field is None else field.x_mm,
+        cells_y_mm=None if field is None else field.y_mm,
+        true_depth_mm=None if true is None else true.depth_mm,
+        true_contact=None if true is None else true.contact,
+    )
+
+
+def _number(value: Any) -> float | None:
+    return None if value is None or np.isnan(value) else float(value)
+
+
+def _with_truth(picture: Picture, truth: Truth | None) -> Picture:
+    """The same with the tractions that the run kept, if it did."""
+    from dataclasses import replace
+
+    if truth is None or not truth.tractions:
+        return picture
+    x_mm, y_mm = truth.face_mm(picture.frame_id)
+    return replace(
+        picture, true_traction_mpa=truth.traction_mpa(picture.frame_id), face_x_mm=x_mm,
+        face_y_mm=y_mm,
+    )  # fmt: skip

@@ -1,0 +1,76 @@
+"""The job of the force study: an indenter at a place and its mirror images, as points of a fit.
+
+The gel is solved once for all of them, or found. Each press is carried out on the virtual rig as a
+run has it, and its record analysed as any other; then the images go, and the points stay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...analysis.force.dataset import PressPoints, points_of
+from .. import pressed
+
+if TYPE_CHECKING:
+    from ...patterns.recipe import PatternRecipe
+    from ...protocols.plan import Protocol
+    from ...rig.config import VirtualConfig
+    from ...shapes import SensorDimensions
+
+_ROW = ("frame_id", "indenter", "run", "press", "position", "x_mm", "y_mm", "cover")
+
+
+def given(
+    protocol: Protocol,
+    sensor: SensorDimensions,
+    recipe: PatternRecipe,
+    rig: VirtualConfig,
+    source: Path,
+    presses: Sequence[str],
+    seed: int,
+    features: Sequence[str],
+) -> dict[str, Any]:
+    """What `points` is told, plain data; see `pressed.given`."""
+    return pressed.given(protocol, sensor, recipe, rig, source, presses, seed) | {
+        "features": list(features)
+    }
+
+
+def points(told: dict[str, Any]) -> dict[str, Any]:
+    """The points of presses: rows (lists by column), wrench (n, 6), features/NAME (n, k).
+
+    And what the gel has to say, see `pressed.gel_of`. Raises RunFailed.
+    """
+    with pressed.carried_out(told) as (run, bench):
+        name = str(told["protocol"]["name"])
+        parts = [points_of(run, name, p, told["features"]) for p in told["presses"]]
+    return {**_packed(parts), **pressed.gel_of(bench)}
+
+
+def unpacked(value: dict[str, Any]) -> PressPoints:
+    """The points of a job's value."""
+    import pandas as pd
+
+    features = {
+        key.partition("/")[2]: array for key, array in value.items() if key.startswith("features/")
+    }
+    return PressPoints(pd.DataFrame(value["rows"]), value["wrench"], features, value["refused"])
+
+
+def _packed(parts: Sequence[PressPoints]) -> dict[str, Any]:
+    import pandas as pd
+
+    rows = pd.concat([part.rows for part in parts], ignore_index=True)
+    return {
+        "rows": {name: rows[name].tolist() for name in _ROW},
+        "wrench": np.concatenate([part.wrench for part in parts]),
+        "refused": [why for part in parts for why in part.refused],
+        **{
+            f"features/{name}": np.concatenate([part.features[name] for part in parts])
+            for name in parts[0].features
+        },
+    }

@@ -1,0 +1,293 @@
+"""What a calibration's points say, as a study tells it: verdict, headlines, tables, plain data."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...analysis.force import (
+    FORCES,
+    PAPER,
+    PAPER_TABLE,
+    SHOWN,
+    ForceResult,
+    component,
+    enough,
+)
+from ...analysis.force.judge import Judged
+from ...analysis.force.learning import as_rows
+from ...preflight.peaks import MODULUS_FACTOR
+from ...report.force_figures import drawn
+from ...report.result import Headline, StudyResult, Table
+from ..intervals import Estimate, rmse
+from .reasons import by_group, error, parts, why_missed, why_not_the_papers
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+GOAL_N, GOAL_SHEAR = 0.2, 0.02
+"""Of the normal force, and of the range in shear, on a left-out position or indenter."""
+WORDS = {"normal": "normal force", "shear_x": "shear along x", "shear_y": "shear along y"}
+LEFT_OUT = {"position": "a position left out", "indenter": "an indenter left out"}
+
+
+def models(result: ForceResult) -> dict[str, Judged]:
+    """The two that the study shows."""
+    assert result.paper is not None, "it was asked for"
+    return {"paper": result.paper, "best": result.best}
+
+
+def told(result: ForceResult, study: str, scale: float | None) -> StudyResult:
+    """Everything but the scene: settings, notes and what was left out are its maker's."""
+    where = by_group(result, models(result))
+    refits = parts(result, PAPER)
+    heads = [*_best(result, where), *_paper(result, refits)]
+    made = result.calibration.head.made
+    return StudyResult(
+        study=study,
+        title="Force calibration",
+        verdict=_verdict(result, heads),
+        data=_data(result, heads),
+        simulated=made.simulated,
+        seed=result.seed,
+        scale=scale,
+        headlines=tuple(heads),
+        tables=(
+            _compared(result),
+            _left_out(where),
+            Table(
+                "force-paper-refits",
+                "The paper's model fitted to parts. What it gains on a part of the points alone "
+                "is what one linear model of its sums cannot say of all. The last row is of "
+                "points that its fit has not seen.",
+                refits,
+            ),
+            _learning(result),
+        ),
+        figures=tuple(drawn(result)),
+        left_out=(),
+        files={"points.csv": result.points().to_csv(index=False)},
+    )
+
+
+def with_modulus(told: StudyResult, result: ForceResult, table: Table) -> StudyResult:
+    """With what the modulus's factor changes."""
+    rows = table.frame.to_dict(orient="records")
+    low, high = 1 / MODULUS_FACTOR, MODULUS_FACTOR
+    note = (
+        f"The gel's modulus is known to a factor of {MODULUS_FACTOR:g}. Forces are in proportion "
+        "to it and images do not change: so every figure in newtons here is worth "
+        f"{low:g} to {high:g} times itself, range and error alike, and shares of the range, gains "
+        "and R2 stay. Only the force sensor's noise and range do not scale."
+    )
+    return replace(
+        told,
+        tables=(*told.tables, table),
+        notes=(*told.notes, note),
+        data={**told.data, "modulus": {"factor": MODULUS_FACTOR, "at": rows}},
+    )
+
+
+def modulus(
+    result: ForceResult, modulus_mpa: float, range_n: tuple[float, ...],
+    range_nmm: tuple[float, ...],
+) -> Table:  # fmt: skip
+    """Ranges, errors and what the force sensor is asked for, at the modulus and its two ends."""
+    import pandas as pd
+
+    wrench = np.abs(result.data.wrench).max(axis=0)
+    sensor = np.array([*range_n, *range_nmm])
+    of = result.figures()[result.best.name]
+    rows = []
+    for factor in (1 / MODULUS_FACTOR, 1.0, MODULUS_FACTOR):
+        row: dict[str, Any] = {"modulus_mpa": factor * modulus_mpa}
+        for name in FORCES:
+            row[f"{name}_range_n"] = factor * of[name]["range_n"]
+        for name in FORCES:
+            held = of[name]["rmse_left_out_position_n"]
+            row[f"{name}_rmse_left_out_position_n"] = None if held is None else factor * held
+        share = factor * wrench / sensor
+        row["of_sensor_force_range"] = float(share[:3].max())
+        row["of_sensor_moment_range"] = float(share[3:].max())
+        rows.append(row)
+    return Table(
+        "force-modulus",
+        "What the modulus's factor of 2 changes. Newtons, all alike, and how much of the force "
+        "sensor's range the settled points take (above 1 they would be refused as saturated).",
+        pd.DataFrame(rows),
+    )
+
+
+def _interval(result: ForceResult, judged: Judged, left_out: str, name: str) -> Estimate:
+    """RMSE of a component over what was left out; of test points over distinct presses."""
+    points, off = result.data.points, error(judged, result.data, left_out, name)
+    if left_out != "test":
+        return rmse(off, points[left_out].to_numpy(), left_out)
+    alike = (points["indenter"] + " " + points["position"]).to_numpy()
+    return rmse(off[judged.test], alike[judged.test], "distinct press")
+
+
+def _best(result: ForceResult, where: pd.DataFrame) -> list[Headline]:
+    """The best model on what it never saw."""
+    heads = []
+    for left_out, words in LEFT_OUT.items():
+        if left_out not in result.best.predicted:
+            continue
+        for name in FORCES:
+            span = float(np.ptp(component(result.data.wrench, name)))
+            goal = GOAL_N if name == "normal" else GOAL_SHEAR * span
+            found = _interval(result, result.best, left_out, name)
+            remark = f"of {span:.2f} N"
+            if found.value > goal:
+                remark += "; " + why_missed(where, "best", left_out, name)
+            heads.append(
+                Headline(
+                    f"{result.best.name}, {WORDS[name]}, {words}: RMSE", found.value, "N",
+                    found.low, found.high, found.over, goal=goal, remark=remark,
+                )
+            )  # fmt: skip
+    return heads
+
+
+def _paper(result: ForceResult, refits: pd.DataFrame) -> list[Headline]:
+    """The paper's model on the paper's split, beside what the paper printed."""
+    judged = models(result)["paper"]
+    heads = []
+    for name, (_, printed_n) in PAPER_TABLE.items():
+        found = _interval(result, judged, "test", name)
+        remark = ""
+        if found.low is not None and found.low > printed_n:
+            remark = why_not_the_papers(result, refits, name)
+        heads.append(
+            Headline(
+                f"paper's model, {WORDS[name]}, test points: RMSE", found.value, "N",
+                found.low, found.high, found.over, paper=printed_n, remark=remark,
+            )
+        )  # fmt: skip
+    return heads
+
+
+def _verdict(result: ForceResult, heads: list[Headline]) -> tuple[str, ...]:
+    best = [head for head in heads if head.goal is not None]
+    lines = [result.line[0].upper() + result.line[1:] + "."]
+    missed = [head for head in best if head.met is False]
+    if best and not missed:
+        lines.append(
+            f"The goal, {GOAL_N:g} N in normal force and {GOAL_SHEAR:.0%} of the range in shear on "
+            "what was left out, is met."
+        )
+    elif missed:
+        named = "; ".join(
+            f"{head.what.partition(', ')[2]} {head.value:.3f} N for {head.goal:.3f}"
+            for head in missed
+        )
+        lines.append(f"The goal is missed, for the reasons beside the figures: {named}.")
+    paper = [head for head in heads if head.paper is not None]
+    said = ", ".join(f"{head.value:.2f} N for {head.paper:.2f}" for head in paper)
+    lines.append(
+        "The paper's model on test points, beside what the paper printed for a real sensor "
+        f"(normal, shear x, y): {said}."
+    )
+    if paper[0].remark:
+        lines.append(f"Its normal force: {paper[0].remark}.")
+    return tuple(lines)
+
+
+def _data(result: ForceResult, heads: list[Headline]) -> dict[str, Any]:
+    keys = ("adjusted_r2", "rmse_n", "rmse_left_out_position_n", "rmse_left_out_indenter_n",
+            "range_n")  # fmt: skip
+    every = result.figures()
+    made = result.calibration.head.made
+    return {
+        "verdict": list(_verdict(result, heads)),
+        "models": {
+            label: {name: {key: every[judged.name][name][key] for key in keys} for name in FORCES}
+            for label, judged in models(result).items()
+        },
+        "paper_table": {
+            name: {"adjusted_r2": r2, "rmse_n": rmse_n}
+            for name, (r2, rmse_n) in PAPER_TABLE.items()
+        },
+        "best": result.best.name,
+        "n_points": len(result.data),
+        "n_train": len(result.best.train),
+        "n_test": len(result.best.test),
+        "n_presses": int(result.data.points["press"].nunique()),
+        "headlines": [head.as_dict() for head in heads],
+        "learning": {name: as_rows(curve) for name, curve in result.curves.items()},
+        "enough_presses": {name: enough(curve) for name, curve in result.curves.items()},
+        "runs": list(made.runs),
+        "simulated": made.simulated,
+        "seed": result.seed,
+        "left_out": result.left_out,
+    }
+
+
+def _compared(result: ForceResult) -> Table:
+    """Every feature set and the paper's table."""
+    import pandas as pd
+
+    rows: list[dict[str, Any]] = []
+    for model, every in result.figures().items():
+        for name, unit in ((n, "n" if of.startswith("f") else "nmm") for n, of in SHOWN.items()):
+            of = every[name]
+            rows.append(
+                {
+                    "model": model, "component": name, "unit": "N" if unit == "n" else "N mm",
+                    "adjusted_r2": of["adjusted_r2"],
+                    "adjusted_r2_about_mean": of["regression"]["adjusted_centred_r2"],
+                    **{
+                        key: of[f"{key}_{unit}"]
+                        for key in ("rmse_train", "rmse", "rmse_left_out_position",
+                                    "rmse_left_out_indenter", "range")
+                    },
+                    "percent_of_range": of["percent_of_range"],
+                }
+            )  # fmt: skip
+    for name, (r2, rmse_n) in PAPER_TABLE.items():
+        rows.append({"model": "as printed", "component": name, "unit": "N", "adjusted_r2": r2,
+                     "rmse": rmse_n})  # fmt: skip
+    return Table(
+        "force-models",
+        "Every model. Ranked by what it makes of a left-out position and indenter; RMSE without "
+        "more is of the test points. The last rows are the paper's table, of a real sensor.",
+        pd.DataFrame(rows),
+    )
+
+
+def _left_out(where: pd.DataFrame) -> Table:
+    """A row a model and what was left out; columns as in normal_rmse_n."""
+    keys = ["model", "left_out", "which", "points"]
+    wide = where.pivot(index=keys, columns="force", values=["rmse_n", "mean_error_n", "gain"])
+    wide.columns = _joined_names(wide.columns)
+    order = [f"{name}_{value}" for name in FORCES for value in ("rmse_n", "mean_error_n", "gain")]
+    frame = wide[order].reset_index().sort_values(["model", "left_out"], ascending=[True, False])
+    shown = (*keys, *(column for column in order if not column.endswith("gain")), "normal_gain")
+    return Table(
+        "force-left-out",
+        "What was left out. Error on each position (its mirror images with it) and each indenter "
+        "by a model that never saw it; gain: predicted over measured.",
+        frame.reset_index(drop=True),
+        shown,
+    )
+
+
+def _joined_names(columns: pd.Index) -> list[str]:
+    """Names as normal_rmse_n of pairs (rmse_n, normal)."""
+    return [f"{force}_{value}" for value, force in columns]
+
+
+def _learning(result: ForceResult) -> Table:
+    import pandas as pd
+
+    rows = [
+        {"model": name, **row} for name, curve in result.curves.items() for row in as_rows(curve)
+    ]
+    return Table(
+        "force-learning",
+        "How many presses. Error on all other presses when a model is fitted to few, drawn at "
+        "random; low and high are the 10th and 90th percentile of the draws.",
+        pd.DataFrame(rows),
+    )

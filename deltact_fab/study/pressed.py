@@ -1,0 +1,115 @@
+"""Presses on the virtual rig as a pure job has them: told as data, in a folder that ends with them.
+
+Each is carried out as a run has it, and its record analysed as any other; then the images go.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, fields
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+from .. import catalog, record
+from ..experiment.presses import run_presses
+from ..jobs import tell
+from ..patterns.recipe import PatternRecipe
+from ..protocols.plan import Protocol
+from ..rig.config import VirtualConfig
+from ..rig.interface import Job as RigJob
+from ..shapes import SensorDimensions
+from ..virtual.rig import VirtualKind
+
+if TYPE_CHECKING:
+    from ..record import Run
+    from ..virtual.rig import VirtualRig
+
+
+def given(
+    protocol: Protocol,
+    sensor: SensorDimensions,
+    recipe: PatternRecipe,
+    rig: VirtualConfig,
+    source: Path,
+    presses: Sequence[str],
+    seed: int,
+) -> dict[str, Any]:
+    """What `carried_out` is told, plain data. source: of the rig file.
+
+    Where that names the file of a camera, it is read again by the job, from the same place.
+    """
+    plain = protocol.model_dump(mode="json")
+    beside = None
+    if rig.camera is not None:
+        kind = VirtualKind(rig, source)
+        view, flat = kind.camera(protocol, sensor), kind.flat(protocol)
+        beside = {
+            "rig": str(source.resolve()),
+            "camera": None if view is None else view.as_dict(),
+            "flat": None if flat is None else hashlib.sha256(flat.png()).hexdigest(),
+        }
+    return {
+        "protocol": plain | {"channels": sorted(plain["channels"])},
+        # Of a design no more than a sensor is: what is built around it changes no point.
+        "sensor": {f.name: asdict(getattr(sensor, f.name)) for f in fields(SensorDimensions)},
+        "recipe": recipe.model_dump(mode="json"),
+        "rig": rig.model_dump(mode="json"),
+        "beside": beside,
+        "presses": list(presses),
+        "seed": seed,
+    }
+
+
+@contextmanager
+def carried_out(told: dict[str, Any]) -> Iterator[tuple[Run, VirtualRig]]:
+    """The finished run of the presses, until the end of the block, and its rig, closed.
+
+    Raises RunFailed.
+    """
+    import cv2
+
+    protocol = catalog.validate(Protocol, told["protocol"], "protocol")
+    source = Path(told["beside"]["rig"]) if told["beside"] else Path("rig.toml")
+    with TemporaryDirectory(prefix="deltact-fab-") as scratch:
+        job = RigJob(
+            protocol,
+            catalog.validate(SensorDimensions, told["sensor"], "sensor"),
+            catalog.validate(PatternRecipe, told["recipe"], "recipe"),
+            told["seed"],
+            Path(scratch) / protocol.name,
+        )
+        rig = catalog.validate(VirtualConfig, told["rig"], "rig")
+        cv2.setNumThreads(1)  # a processor has a job of its own
+        bench = run_presses(job, rig, source, told["presses"], _tell)
+        yield record.open(job.folder), bench
+
+
+def gel_of(bench: VirtualRig) -> dict[str, Any]:
+    """What the gel of presses has to say, plain data.
+
+    why: a line a mesh. flags: by kind, the last in full. between_mm, between_n: the largest error
+    of interpolation between its knots, where it was tried. left_out: by the rig.
+    """
+    presses = bench.presses
+    opened = [press for press in presses.opened if press.name]
+    between = presses.between
+    flags: dict[str, str] = {}
+    for press in opened:
+        for flag in (flag for knot in press.solver.knots for flag in knot.flags):
+            flags.setdefault(flag.partition(":")[0], flag)
+    by_name = {path.press: path for path in presses.paths}
+    return {
+        "why": sorted({presses.choice(by_name[press.name]).why for press in opened}),
+        "flags": flags,
+        "between_samples": between.samples,
+        "between_mm": between.displacement_mm,
+        "between_n": presses.modulus_mpa * between.force_n,
+        "left_out": bench.left_out(),
+    }
+
+
+def _tell(done: int, of: int, what: str) -> None:
+    tell(done / max(of, 1))

@@ -1,0 +1,311 @@
+"""What presses of objects say, as a study tells it: verdict, headlines, tables, figures, data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...analysis.shape import GOALS, Picture, PressShape
+from ...preflight.peaks import MODULUS_FACTOR
+from ...report import force_map_figures, shape_figures
+from ...report.result import Drawn, Headline, Table
+from ..intervals import Estimate, Scale, estimate, rmse
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+NINE_D_TACT_MM = 0.0462
+"""Mean depth error that 9DTact gives of one press of a ball (arXiv 2308.14277)."""
+FEWEST = 3
+"""Groups of an interval."""
+GOAL_N = 0.2
+GOAL_FIELD = 0.3
+"""Of the peak pressure, in the mean over the contact."""
+WORDS = {
+    "indenter": "object", "tip_depth_mm": "pressed, mm", "places": "places",
+    "depth_error_contact_mm": "error over contact, mm",
+    "depth_error_face_mm": "error over face, mm",
+    "true_peak_depth_mm": "true peak, mm", "peak_depth_mm": "measured peak, mm",
+    "true_area_mm2": "true contact, mm2", "area_mm2": "measured contact, mm2",
+    "contact_iou": "overlap of both", "relative_correlation": "density's correlation with depth",
+    "depth_correlation": "depth's correlation", "normal_n": "force sensor, N",
+    "found_normal_n": "force found, N", "pressure_error": "pressure error, of its peak",
+}  # fmt: skip
+"""Columns of the page's table and what stands above them."""
+_MEANS = tuple(name for name in WORDS if name not in ("indenter", "tip_depth_mm", "places"))
+PAPER = (
+    "The paper shows these shapes and gives no number for them, so there is none to stand beside; "
+    "nor does it give a size, a place or a depth."
+)
+DENSITY = (
+    "The paper's Gaussian density tells outlines, edges and steps: at edges the pattern crowds, on "
+    "a flat face it hardly changes. Off the axis parallax shifts what presses, so the density "
+    "crowds on one side and spreads on the other. It is no map of the depth."
+)
+TWIST = (
+    "A stage of three axes does not turn: the twist is a ball sheared far from the centre, which "
+    "gives torque about the face's middle; a turn about the ball's own axis would show as a whirl."
+)
+
+
+def frame_of(presses: Mapping[str, PressShape]) -> pd.DataFrame:
+    """A row a settled frame that presses; columns as the rows of `PressShape`, and `job`."""
+    import pandas as pd
+
+    rows = [
+        {"job": job, **row}
+        for job, seen in presses.items()
+        for row in seen.rows
+        if row["tip_depth_mm"] > 0
+    ]
+    table = pd.DataFrame(rows)
+    return table.dropna(axis="columns", how="all")
+
+
+def by_object(frames: pd.DataFrame) -> pd.DataFrame:
+    """Means over the places of each object at each depth, of what is known."""
+    known = [name for name in _MEANS if name in frames]
+    unsheared = frames[frames["kind"] != "shear"] if "kind" in frames else frames
+    depths = unsheared["tip_depth_mm"].round(2)
+    grouped = unsheared.assign(tip_depth_mm=depths).groupby(
+        ["indenter", "tip_depth_mm"], sort=False
+    )
+    table = grouped[known].mean()
+    table.insert(0, "places", grouped["job"].nunique())
+    return table.reset_index()
+
+
+def headlines(frames: pd.DataFrame, force_left_out_n: float | None = None) -> tuple[Headline, ...]:
+    """Of what has a truth, or a force sensor; their intervals are over presses or places."""
+    found: list[Headline] = []
+    if "depth_error_contact_mm" in frames:
+        found += _depth(frames)
+    if {"found_normal_n", "normal_n"} <= set(frames.columns):
+        both = frames.dropna(subset=["found_normal_n", "normal_n"])
+        off = both["found_normal_n"] - both["normal_n"]
+        remark = "calibrated on one ball that is none of them"
+        if force_left_out_n is not None:
+            remark += f"; {force_left_out_n:.2f} N on a place of that ball left out"
+        low, high = (float(v) for v in (both["normal_n"].min(), both["normal_n"].max()))
+        found.append(
+            _head("normal force by the flow, root mean square error", "N",
+                  _few(rmse(off, list(both["job"]), "press"), list(both["job"])), goal=GOAL_N,
+                  remark=f"{remark}; forces of {low:.1f} to {high:.1f} N")
+        )  # fmt: skip
+    if "pressure_error" in frames:
+        both = frames.dropna(subset=["pressure_error"])
+        found.append(
+            _head("pressure field, mean error over the contact, of its peak", "",
+                  _mean(both["pressure_error"], list(both["job"]), "press"), goal=GOAL_FIELD,
+                  remark="cells of 1 mm, and a linear model: edges are rounded off")
+        )  # fmt: skip
+    return tuple(found)
+
+
+def _depth(frames: pd.DataFrame) -> list[Headline]:
+    known = frames.dropna(subset=["depth_error_contact_mm"])
+    found = [
+        _head("depth over the contact, mean error", "mm",
+              _mean(known["depth_error_contact_mm"], list(known["job"]), "press"),
+              goal=GOALS["depth_error_contact_mm"],
+              remark=f"to say 'depth is zero' errs by {known['zero_error_contact_mm'].mean():.2f} "
+              "mm"),
+        _head("depth over the face, mean error", "mm",
+              _mean(known["depth_error_face_mm"], list(known["job"]), "press"),
+              goal=GOALS["depth_error_face_mm"],
+              remark="most of a face is not pressed, so this figure flatters"),
+    ]  # fmt: skip
+    for name, part in known.groupby("indenter", sort=False):
+        remark = ""
+        if str(name).startswith("sphere:"):
+            remark = (
+                f"9DTact gives {NINE_D_TACT_MM:g} mm for one ball: another sensor, a real one, and "
+                "another experiment"
+            )
+        found.append(
+            _head(f"{name}: depth over the contact, mean error", "mm",
+                  _mean(part["depth_error_contact_mm"], list(part["job"]), "place"), remark=remark)
+        )  # fmt: skip
+    part = known.dropna(subset=["relative_correlation"])
+    found.append(
+        _head("the paper's density: correlation with the true depth", "",
+              _mean(part["relative_correlation"], list(part["job"]), "press", "correlation"),
+              better="high", remark=f"of our depth: {known['depth_correlation'].mean():.2f}")
+    )  # fmt: skip
+    return found
+
+
+def _mean(
+    values: pd.Series[float], groups: list[str], each: str, scale: Scale = "positive"
+) -> Estimate:
+    return _few(estimate(values, groups, lambda rows: float(rows.mean()), each, scale), groups)
+
+
+def _few(found: Estimate, groups: list[str]) -> Estimate:
+    """Without the interval that two groups give, which says nothing."""
+    if len(set(groups)) >= FEWEST or found.low is None:
+        return found
+    return Estimate(found.value, None, None, f"{found.over}: too few for an interval")
+
+
+def _head(what: str, unit: str, of: Estimate, **more: Any) -> Headline:
+    return Headline(what, of.value, unit, of.low, of.high, of.over, **more)
+
+
+def tables(frames: pd.DataFrame) -> tuple[Table, ...]:
+    """By object and depth, and every frame."""
+    objects = by_object(frames)
+    return (
+        Table(
+            "shapes-by-object",
+            "Means over the places at which each object was pressed, without shear.",
+            objects,
+            words={name: words for name, words in WORDS.items() if name in objects},
+        ),
+        Table(
+            "shapes-frames",
+            "Every settled frame.",
+            frames,
+            shown=tuple(
+                name
+                for name in ("indenter", "press", "tip_depth_mm", "depth_error_contact_mm",
+                             "peak_depth_mm", "area_mm2", "normal_n", "found_normal_n")
+                if name in frames
+            ),
+        ),
+    )  # fmt: skip
+
+
+def drawn(
+    pictures: Sequence[Picture], press: Picture | None, twist: Picture | None, note: str
+) -> tuple[Drawn, ...]:
+    """The gallery, the depth against truth where there is one, forces where there is a field."""
+    found = []
+    if pictures:
+        found.append(
+            Drawn(
+                "shapes-gallery",
+                "The paper's gallery: object; camera image with the flow; Gaussian density of 3 px "
+                "as a hot map, redder where it is deeper; the face, deepest upwards.",
+                partial(shape_figures.gallery, pictures, note),
+            )
+        )
+    if any(picture.true_depth_mm is not None for picture in pictures):
+        found.append(
+            Drawn(
+                "shapes-depth-error",
+                "Above: sections through the tip. Below: measured less true depth; black the "
+                "contact found, dashed the true one.",
+                partial(shape_figures.against_truth, pictures, note),
+            )
+        )
+    for name, picture, what in (
+        ("force-distribution-press", press, "of a ball pressed down"),
+        ("force-distribution-twist", twist, "of a ball sheared far from the centre"),
+    ):
+        if picture is not None and force_map_figures.has_field(picture):
+            found.append(
+                Drawn(
+                    name,
+                    f"The paper's force distribution, {what}: flow, normal force and shear, with "
+                    "the contact in white, and below what is true where that is known.",
+                    partial(force_map_figures.distribution, picture, note),
+                )
+            )
+    return tuple(found)
+
+
+def verdict(frames: pd.DataFrame, heads: Sequence[Headline]) -> tuple[str, ...]:
+    """Sentences, the answer first."""
+    names = ", ".join(dict.fromkeys(frames["indenter"]))
+    lines = []
+    if "depth_error_contact_mm" in frames:
+        first, face = heads[0], heads[1]
+        lines.append(
+            f"Depth of {names} is off by {_told(first)} mm over the contact and {_told(face, 3)} "
+            f"mm over the face ({first.over}); {_met(first)}, {_met(face)}."
+        )
+        by = frames.groupby("indenter", sort=False)["depth_error_contact_mm"].mean()
+        lines.append(
+            f"Best is {by.idxmin()} ({by.min():.2f} mm), worst {by.idxmax()} ({by.max():.2f} mm)."
+        )
+        relative = frames["relative_correlation"].mean()
+        lines.append(
+            f"The paper's density correlates with the true depth by {relative:.2f} in the mean, "
+            f"the depth by {frames['depth_correlation'].mean():.2f}."
+        )
+    else:
+        lines.append(f"{names}: no truth, so the error of the depth is not known.")
+    for head in heads:
+        if head.unit == "N":
+            lines.append(
+                f"Normal force by the flow is off by {_told(head)} N (root mean square, "
+                f"{head.over}); {head.remark}."
+            )
+        elif head.what.startswith("pressure field"):
+            lines.append(
+                f"The pressure field is off by {_told(head)} of its peak in the mean over the "
+                "contact."
+            )
+    return (*lines, PAPER)
+
+
+def _told(head: Headline, digits: int = 2) -> str:
+    interval = ""
+    if head.low is not None and head.high is not None:
+        interval = f" ({max(head.low, 0):.{digits}f} to {head.high:.{digits}f})"
+    return f"{head.value:.{digits}f}{interval}"
+
+
+def _met(head: Headline) -> str:
+    return f"the goal of {head.goal:g} is {'met' if head.met else 'missed'}"
+
+
+def modulus_note() -> str:
+    """What the gel's modulus, known to a factor, changes here."""
+    return (
+        f"The gel's modulus is known to a factor of {MODULUS_FACTOR:g}. Shapes, flows and depths "
+        "do not depend on it. Forces, tractions and their errors in N and kPa are in proportion to "
+        "it; the calibration of force is fitted to the same gel, so shares of the peak stay."
+    )
+
+
+def data(
+    frames: pd.DataFrame, heads: Sequence[Headline], presses: Mapping[str, PressShape]
+) -> dict[str, Any]:
+    """Plain data, for `--json`."""
+    by = {str(name): _means(part) for name, part in frames.groupby("indenter", sort=False)}
+    ways = sorted({str(seen.contact_by) for seen in presses.values()} - {"None"})
+    return {
+        "headlines": [head.as_dict() for head in heads],
+        "objects": by,
+        "by_object_and_depth": _plain(by_object(frames)),
+        "frames": _plain(frames),
+        "contact_by": ways,
+        "goals": {**GOALS, "normal_n": GOAL_N, "pressure_error": GOAL_FIELD},
+        "nine_d_tact_depth_error_mm": NINE_D_TACT_MM,
+        "paper": None,
+    }
+
+
+def _means(part: pd.DataFrame) -> dict[str, float]:
+    return {
+        name: float(part[name].mean())
+        for name in _MEANS
+        if name in part and part[name].notna().any()
+    }
+
+
+def _plain(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Rows of plain data; what is not known is left out."""
+    return [
+        {
+            str(name): value.item() if isinstance(value, np.generic) else value
+            for name, value in row.items()
+            if value is not None and value == value
+        }
+        for row in table.to_dict(orient="records")
+    ]

@@ -1,0 +1,199 @@
+"""`study run shapes`: the paper's Shape Reconstruction and its figure of the force distribution.
+
+Sphere, cylinder, ring and toy hat, pressed on the virtual rig or recorded on any bench: the paper's
+gallery, the depth's error against truth where there is one, force fields of a press and a twist.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import InputError
+from ..report.result import LeftOut, StudyResult
+from .asked import Asked
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from ..analysis.shape import Picture, PressShape
+    from ..measure.sensor_id import Kind
+    from ..record import Run
+
+STUDY, TITLE = "shapes", "Shapes and force distribution"
+
+
+def run(asked: Asked) -> StudyResult:
+    """The study, simulated or of recorded runs. Raises InputError, RunFailed."""
+    return _recorded(asked) if asked.runs else _simulated(asked)
+
+
+def _simulated(asked: Asked) -> StudyResult:
+    from .shape import told
+    from .shape.simulated import settings, simulate
+
+    if named := next((name for name in ("depth", "force") if asked.more.get(name)), None):
+        raise InputError(f"--{named}: only with --from; a simulated sensor is calibrated here")
+    made = simulate(asked)
+    of = made.scene
+    frames = told.frame_of(made.objects)
+    heads = told.headlines(frames, made.force_error_n.get("normal"))
+    first = [seen.deepest for job, seen in made.objects.items() if job.endswith("/p1")]
+    pictures = [picture for picture in first if picture is not None]
+    ball = next((p for p in pictures if p.indenter.startswith("sphere:")), None)
+    twist = None if made.twist is None else made.twist.twisted
+    scene = settings(of, made.gel)
+    note = f"simulated on {of.rig_name}, seed {asked.seed}"
+    scale = 1.0 if asked.scale is None else asked.scale
+    shown = {line for one in made.gel for line in one["left_out"]}
+    twisted = {} if made.twist is None else {"twist": made.twist.rows}
+    return StudyResult(
+        study=STUDY,
+        title=TITLE,
+        verdict=told.verdict(frames, heads),
+        data={
+            **told.data(frames, heads, made.objects), **twisted, "simulated": True,
+            "seed": asked.seed, "scale": scale, "settings": scene,
+            "depth_calibration": made.depth_line,
+            "force_rmse_left_out_position_n": made.force_error_n,
+        },
+        simulated=True,
+        seed=asked.seed,
+        scale=scale,
+        headlines=heads,
+        tables=told.tables(frames),
+        figures=told.drawn(pictures, ball, twist, note),
+        settings=scene,
+        notes=(made.depth_line, told.DENSITY, told.TWIST, told.modulus_note()),
+        left_out=tuple(_scene(line) for line in sorted(shown)),
+        missing=made.missing,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Recorded:
+    """A press of a recorded run, and the calibrations of its sensor by kind."""
+
+    folder: str
+    press: str
+    files: Mapping[Kind, Path]
+
+
+def _seen(job: _Recorded) -> PressShape:
+    from .. import record
+    from .shape.press import seen_of
+
+    return seen_of(record.open(job.folder), job.press, job.files)
+
+
+def _recorded(asked: Asked) -> StudyResult:
+    from .. import record
+    from ..analysis.frames import recorded
+    from ..jobs import each
+    from .shape import told
+
+    if asked.scale is not None or asked.rig is not None:
+        named = "--scale" if asked.scale is not None else "--rig"
+        raise InputError(f"{named}: not with --from, which takes the presses that were recorded")
+    runs = [record.open(folder) for folder in asked.runs]
+    jobs = []
+    for open_run in runs:
+        files = _calibrations(open_run, asked.more)
+        presses = dict.fromkeys(recorded(open_run, "shape")["press"])
+        jobs += [_Recorded(str(open_run.folder), str(press), files) for press in presses]
+    names = [f"{Path(job.folder).name}/{job.press}" for job in jobs]
+    seen = dict(zip(names, each(_seen, jobs, names, asked.executor, asked.progress), strict=True))
+    frames = told.frame_of(seen)
+    if frames.empty:
+        raise InputError(f"{runs[0].folder}: nothing is pressed in what was recorded")
+    heads = told.headlines(frames)
+    pictures = _deepest([one.deepest for one in seen.values()])
+    ball = next((p for p in pictures if p.indenter.startswith("sphere:")), None)
+    simulated = any(one.simulated for one in runs)
+    note = ", ".join(one.folder.name for one in runs) + (", simulated" if simulated else "")
+    kinds = {kind: file for job in jobs for kind, file in job.files.items()}
+    return StudyResult(
+        study=STUDY,
+        title=TITLE,
+        verdict=told.verdict(frames, heads),
+        data={
+            **told.data(frames, heads, seen), "simulated": simulated,
+            "runs": [str(one.folder) for one in runs],
+            "calibrations": {kind: str(file) for kind, file in kinds.items()},
+        },
+        simulated=simulated,
+        seed=int(runs[0].meta["seed"]),
+        scale=None,
+        headlines=heads,
+        tables=told.tables(frames),
+        figures=told.drawn(
+            pictures, ball or (pictures[0] if pictures else None), _most_twisted(seen), note
+        ),
+        settings={
+            "runs": ", ".join(str(one.folder) for one in runs),
+            "depth": str(kinds.get("depth", "not calibrated: as the inverse finds it")),
+            "force": str(kinds.get("force", "not calibrated")),
+        },
+        notes=(told.DENSITY,),
+        left_out=tuple(_without(kinds, frames)),
+    )  # fmt: skip
+
+
+def _calibrations(run: Run, more: Mapping[str, str | None]) -> Mapping[Kind, Path]:
+    """By kind: those named, else those that lie in the run's folder. Raises InputError."""
+    from ..analysis.measured import calibrations_of
+    from ..measure.sensor_id import read_calibration
+
+    kinds: tuple[Kind, ...] = ("depth", "force")
+    asked = {kind: Path(name) for kind in kinds if (name := more.get(kind))}
+    for kind, file in asked.items():
+        read_calibration(file, kind)
+    beside = {
+        kind: file
+        for kind, file in ((_kind(f), f) for f in calibrations_of(run))
+        if kind not in asked
+    }
+    calibrations_of(run, list(asked.values()))
+    return beside | asked
+
+
+def _kind(file: Path) -> Kind:
+    from ..measure.sensor_id import read_calibration
+
+    return read_calibration(file)[0].kind
+
+
+def _deepest(pictures: Sequence[Picture | None]) -> list[Picture]:
+    """The deepest of each indenter, in the order of the runs."""
+    found: dict[str, Picture] = {}
+    for picture in pictures:
+        if picture is None or picture.tip_depth_mm == 0:
+            continue
+        held = found.get(picture.indenter)
+        if held is None or picture.tip_depth_mm > held.tip_depth_mm + 0.01:
+            found[picture.indenter] = picture
+    return list(found.values())
+
+
+def _most_twisted(seen: dict[str, PressShape]) -> Picture | None:
+    """Where the torque that was measured is largest; None without shear, or without torque."""
+    twisted = [one.twisted for one in seen.values() if one.twisted is not None]
+    return max(twisted, key=lambda p: abs(p.torque_z_nmm or 0.0), default=None)
+
+
+def _without(kinds: Mapping[Kind, Path], frames: pd.DataFrame) -> list[LeftOut]:
+    lines = []
+    if "depth_error_contact_mm" not in frames:
+        lines.append(LeftOut("errors of depth and contact", "a bench knows no truth"))
+    if "depth" not in kinds:
+        lines.append(LeftOut("depth in calibrated mm", "no --depth, see `calibrate-depth`"))
+    if "force" not in kinds:
+        lines.append(LeftOut("force and its distribution", "no --force, see `analyze force`"))
+    return lines
+
+
+def _scene(line: str) -> LeftOut:
+    what, _, why = line.partition(": ")
+    return LeftOut(what, why)

@@ -1,0 +1,133 @@
+"""The gallery of shapes and the force distribution, on a face whose dent and traction are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.collections import QuadMesh
+from matplotlib.quiver import Quiver
+
+from deltact_fab.analysis.shape import Picture
+from deltact_fab.report import force_map_figures, maps, shape_figures
+from deltact_fab.report.figures import to_svg
+
+X, Y = np.linspace(-10, 10, 81), np.linspace(-8, 8, 65)
+FAR2 = X**2 + Y[:, None] ** 2
+DENT = np.exp(-FAR2 / 8).astype(np.float32)
+SQUARE = np.array([[-2.0, -2], [2, -2], [2, 2], [-2, 2]])
+CELLS = np.arange(-6.5, 7)
+PRESSURE = np.exp(-(CELLS**2 + CELLS[:, None] ** 2) / 6)
+
+
+def picture(**changed: Any) -> Picture:
+    """A dent of 1 mm that the flow shows as motion outwards."""
+    shift = np.stack((DENT * X / 10, DENT * Y[:, None] / 10), axis=-1)
+    one = Picture(
+        indenter="sphere:10",
+        frame_id="p/1",
+        tip_mm=np.array([0.0, 0, -1]),
+        image=np.full((32, 40, 3), 200, np.uint8),
+        edges_mm=np.array([-10.0, 10, -8, 8]),
+        x_mm=X,
+        y_mm=Y,
+        shift_mm=shift,
+        known=FAR2 < 150,
+        relative=DENT / 5,
+        reliable=FAR2 < 140,
+        depth_mm=DENT,
+        outlines_mm=[SQUARE],
+    )
+    return replace(one, **changed)
+
+
+def with_field(**changed: Any) -> Picture:
+    traction = np.stack((0.2 * PRESSURE, 0 * PRESSURE, -PRESSURE), axis=-1)
+    return picture(
+        traction_mpa=traction, cells_x_mm=CELLS, cells_y_mm=CELLS,
+        total_n=traction.sum((0, 1)), force_n=np.array([1.0, 0, -5]), **changed,
+    )  # fmt: skip
+
+
+WITH_TRUTH: dict[str, Any] = {"true_depth_mm": DENT, "true_contact": DENT > 0.4}
+
+
+def meshes(axis: Any) -> list[QuadMesh]:
+    """Maps, but for bars of colours."""
+    found = [part for part in axis.collections if isinstance(part, QuadMesh)]
+    return [part for part in found if part.get_array().shape[1] > 1]
+
+
+def test_the_gallery_has_a_column_a_press_and_no_more_than_fit() -> None:
+    drawn = to_svg(shape_figures.gallery([picture()] * 10, "simulated"))
+    assert "8 of 10 presses" in drawn
+    assert drawn.count("sphere:10, 1.00 mm") == 8
+    assert "true, to" not in drawn
+
+
+def test_the_density_drawn_is_the_density_that_was_found() -> None:
+    figure = shape_figures.gallery([picture(), picture(**WITH_TRUTH)], "")
+    drawn = [mesh for axis in figure.axes for mesh in meshes(axis)]
+    assert len(drawn) == 2
+    np.testing.assert_array_equal(drawn[0].get_array(), DENT / 5)
+    words = to_svg(figure)
+    assert words.count("measured, to 1.00 mm") == 2
+    assert words.count("true, to 1.00 mm") == 1
+
+
+def test_what_is_measured_right_has_a_white_map_of_errors() -> None:
+    figure = shape_figures.against_truth([picture(), picture(**WITH_TRUTH)], "")
+    (mesh,) = (m for axis in figure.axes for m in meshes(axis))
+    assert not mesh.get_array().any()
+    low, high = mesh.get_clim()
+    assert low == -high == -0.02
+
+
+def test_found_and_true_forces_have_one_scale_and_the_contact_in_white() -> None:
+    nodes = np.linspace(-18, 18, 30)
+    true = np.zeros((30, 30, 3))
+    true[..., 2] = -2 * np.exp(-(nodes**2 + nodes[:, None] ** 2) / 6)
+    figure = force_map_figures.distribution(
+        with_field(**WITH_TRUTH, true_traction_mpa=true, face_x_mm=nodes, face_y_mm=nodes), "run"
+    )
+    titles = {axis.get_title(): axis for axis in figure.axes}
+    found, known = titles["normal force, found"], titles["normal force, true"]
+    (above,), (below,) = meshes(found), meshes(known)
+    assert above.get_clim() == below.get_clim()
+    np.testing.assert_allclose(above.get_array(), 1e3 * PRESSURE)
+    outline = found.lines[0].get_xydata()
+    np.testing.assert_array_equal(outline, np.vstack((SQUARE, SQUARE[:1])))
+    assert found.lines[0].get_color() == "white"
+    # The true contact's line lies between the points that touch and those that do not.
+    (line,) = known.collections[1].get_paths()
+    radius = np.hypot(*line.vertices.T)
+    assert np.sqrt(-8 * np.log(0.4)) == pytest.approx(radius.mean(), abs=X[1] - X[0])
+    assert "force sensor: normal 5.00 N, shear (1.00, 0.00) N" in to_svg(figure)
+
+
+def test_arrows_are_sparse_and_leave_out_what_is_not_known() -> None:
+    figure = force_map_figures.distribution(with_field(), "")
+    flow = next(axis for axis in figure.axes if axis.get_title().startswith("flow"))
+    (arrows,) = (part for part in flow.collections if isinstance(part, Quiver))
+    steps = np.diff(np.unique(arrows.X))
+    np.testing.assert_allclose(steps, maps.ARROW_MM)
+    shown = np.isfinite(np.ma.filled(arrows.U, np.nan))
+    assert shown.any()
+    assert not shown[arrows.X**2 + arrows.Y**2 > 155].any()
+
+
+def test_no_field_no_figure() -> None:
+    assert not force_map_figures.has_field(picture())
+    with pytest.raises(ValueError, match="no traction"):
+        force_map_figures.distribution(picture(), "")
+
+
+def test_a_picture_comes_back_from_what_is_kept_of_it() -> None:
+    one = with_field(**WITH_TRUTH, outlines_mm=[SQUARE, SQUARE + 5])
+    again = Picture.of_value(one.as_value("deepest/"), "deepest/")
+    assert again.frame_id == one.frame_id
+    assert again.true_traction_mpa is None
+    np.testing.assert_array_equal(again.traction_mpa, one.traction_mpa)
+    np.testing.assert_array_equal(again.outlines_mm[1], SQUARE + 5)

@@ -1,0 +1,162 @@
+"""What the study of shapes makes of presses that were seen, and what it refuses."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from deltact_fab.analysis.shape import PressShape
+from deltact_fab.errors import InputError
+from deltact_fab.study import shapes
+from deltact_fab.study.asked import Asked
+from deltact_fab.study.shape import told
+from deltact_fab.study.shape.simulated import FORCE, OBJECTS, TWIST, scene
+
+
+def press(name: str, error_mm: float | None = None, **more: Any) -> PressShape:
+    """A frame at rest and one that presses 1.5 mm, its depth off by so much; None: no truth."""
+    row: dict[str, Any] = {
+        "press": f"{name}/p1", "indenter": name, "frame_id": "1", "kind": "press",
+        "tip_depth_mm": 1.5, "peak_depth_mm": 1.5, "area_mm2": 20.0, **more,
+    }  # fmt: skip
+    if error_mm is not None:
+        row |= {
+            "depth_error_contact_mm": error_mm, "depth_error_face_mm": error_mm / 10,
+            "zero_error_contact_mm": 1.0, "true_peak_depth_mm": 1.5 + error_mm,
+            "relative_correlation": 0.5, "depth_correlation": 0.9, "true_area_mm2": 20.0,
+        }  # fmt: skip
+    return PressShape([{**row, "tip_depth_mm": 0.0}, row], None, None, None)
+
+
+def seen(**errors: float | None) -> dict[str, PressShape]:
+    return {
+        f"{name} {place}": press(name, error, x_mm=float(place))
+        for name, error in errors.items()
+        for place in range(3)
+    }
+
+
+def test_a_depth_that_is_right_errs_by_nothing_and_meets_its_goals() -> None:
+    frames = told.frame_of(seen(ring=0.0, hat=0.0))
+    assert (frames["tip_depth_mm"] > 0).all()
+    contact, face = told.headlines(frames)[:2]
+    assert (contact.value, contact.low, contact.high) == (0, 0, 0)
+    assert contact.over == "6 presses"
+    assert contact.met
+    assert face.met
+
+
+def test_each_object_has_its_error_and_the_worst_is_named() -> None:
+    frames = told.frame_of(seen(ring=0.1, hat=0.4))
+    heads = told.headlines(frames)
+    by = {head.what.partition(":")[0]: head for head in heads}
+    assert by["ring"].value == pytest.approx(0.1)
+    assert by["hat"].over == "3 places"
+    assert heads[0].value == pytest.approx(0.25)
+    said = " ".join(told.verdict(frames, heads))
+    assert "Best is ring (0.10 mm), worst hat (0.40 mm)." in said
+    assert "no number" in said
+    rows = told.data(frames, heads, {})["by_object_and_depth"]
+    assert [(row["indenter"], row["places"]) for row in rows] == [("ring", 3), ("hat", 3)]
+    assert rows[1]["depth_error_contact_mm"] == pytest.approx(0.4)
+
+
+def test_without_truth_there_is_no_column_of_errors() -> None:
+    frames = told.frame_of(seen(ring=None))
+    for table in told.tables(frames):
+        assert not [name for name in table.frame if "error" in name or "true" in name]
+        assert table.frame.notna().to_numpy().all()
+    assert told.headlines(frames) == ()
+    assert told.verdict(frames, ())[0].startswith("ring: no truth")
+
+
+def test_the_force_is_held_against_the_sensor() -> None:
+    presses = {
+        f"p{k}": press("ring", found_normal_n=5.0 + off, normal_n=5.0)
+        for k, off in enumerate((0.1, -0.1, 0.1))
+    }
+    (head,) = told.headlines(told.frame_of(presses), force_left_out_n=0.06)
+    assert head.value == pytest.approx(0.1)
+    assert head.goal == 0.2
+    assert "0.06 N on a place of that ball left out" in head.remark
+
+
+def test_two_presses_are_too_few_for_an_interval() -> None:
+    frames = told.frame_of(dict(list(seen(ring=0.1).items())[:2]))
+    head = told.headlines(frames)[0]
+    assert head.low is head.high is None
+    assert head.over == "2 presses: too few for an interval"
+
+
+def test_the_scale_thins_places_and_no_object() -> None:
+    whole, least = scene(Asked()), scene(Asked(scale=0.01))
+    for name in OBJECTS:
+        assert len(whole.protocols[name].positions_mm) == 3
+        assert least.protocols[name].positions_mm == whole.protocols[name].positions_mm[:1]
+        assert least.protocols[name].indenters == whole.protocols[name].indenters
+        assert least.protocols[name].depths_mm == whole.protocols[name].depths_mm
+    assert least.protocols[FORCE] == whole.protocols[FORCE]
+    assert whole.presses(TWIST) == ["sphere-15/p1"]
+    kinds = {one.partition("/")[0] for name in OBJECTS for one in whole.presses(name)}
+    assert kinds == {"sphere-15", "cylinder", "ring", "hat"}
+    # No object is the ball that depth and force are calibrated on.
+    assert set(whole.protocols[FORCE].indenters) == set(whole.protocols["ball-press"].indenters)
+    assert "sphere-10" not in kinds
+
+
+@pytest.mark.parametrize(
+    ("asked", "says"),
+    [
+        (Asked(scale=2.0), "--scale: 2"),
+        (Asked(rig="grbl-bench"), "'virtual' rig"),
+        (Asked(more={"depth": "d.toml", "force": None}), "--depth: only with --from"),
+        (Asked(runs=(Path("x"),), scale=0.5), "--scale: not with --from"),
+        (Asked(runs=(Path("x"),), rig="virtual"), "--rig: not with --from"),
+    ],
+)
+def test_what_does_not_go_together_is_refused_in_one_line(asked: Asked, says: str) -> None:
+    with pytest.raises(InputError, match=says) as refused:
+        shapes.run(asked)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.slow
+def test_a_recorded_run_without_truth_gives_the_gallery_and_no_errors(
+    mini_run: Path, calibrations: list[Path], tmp_path: Path
+) -> None:
+    bench = tmp_path / "bench"
+    shutil.copytree(mini_run, bench)
+    shutil.rmtree(bench / "truth")
+    shutil.rmtree(bench / "analysis", ignore_errors=True)
+    force, depth = map(str, calibrations)
+    found = shapes.run(Asked(runs=(bench,), more={"depth": depth, "force": force}))
+    assert [figure.name for figure in found.figures] == [
+        "shapes-gallery", "force-distribution-press", "force-distribution-twist",
+    ]  # fmt: skip
+    columns = set(found.tables[1].frame)
+    assert {"found_normal_n", "normal_n", "peak_depth_mm"} <= columns
+    # Of the place the stage knows.
+    errors = {name for name in columns if "error" in name or "true" in name}
+    assert errors == {"place_error_mm"}
+    assert found.settings["depth"] == depth
+    assert any("bench knows no truth" in one.why for one in found.left_out)
+
+    bare = shapes.run(Asked(runs=(mini_run,), more={"depth": None, "force": None}))
+    assert [figure.name for figure in bare.figures] == ["shapes-gallery", "shapes-depth-error"]
+    assert "found_normal_n" not in bare.tables[1].frame
+    assert bare.headlines[0].value == pytest.approx(
+        np.mean([row["depth_error_contact_mm"] for row in bare.data["frames"]])
+    )
+    assert {one.what for one in bare.left_out} >= {"force and its distribution"}
+    for figure in (*found.figures, *bare.figures):
+        assert figure.draw().axes
+
+
+def test_a_calibration_of_another_kind_is_refused(mini_run: Path, calibrations: list[Path]) -> None:
+    force, _ = map(str, calibrations)
+    with pytest.raises(InputError, match=r"force\.toml"):
+        shapes.run(Asked(runs=(mini_run,), more={"depth": force, "force": None}))
