@@ -218,7 +218,7 @@ def test_killed_and_gone_on_with_its_tables_are_those_of_an_undisturbed_one(
             time.sleep(0.05)
         assert running.poll() is None, "it ended before it could be killed"
         os.killpg(running.pid, signal.SIGKILL)
-    assert not (tmp_path / "killed").exists()
+    assert not (tmp_path / "killed" / "result.json").exists()
     before = set(kept.glob("*.bin"))
     for folder in ("killed", "whole"):
         words, environment = command(folder)
