@@ -12,6 +12,7 @@ import json
 import os
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +69,12 @@ def alone(job: dict[str, Any]) -> dict[str, float]:
     return found
 
 
-def line(x: list[float], y: list[float]) -> dict[str, float]:
+def cpu_s_of(rows: dict[int, dict[str, float]]) -> list[float]:
+    """Of each row."""
+    return [row["cpu_s"] for row in rows.values()]
+
+
+def line(x: Sequence[float], y: Sequence[float]) -> dict[str, float]:
     """Least squares y = a + b x, and the largest departure from it as a share of y."""
     import numpy as np
 
