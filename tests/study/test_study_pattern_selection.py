@@ -225,7 +225,7 @@ def test_killed_and_gone_on_with_its_tables_are_those_of_an_undisturbed_one(
         subprocess.run(words, env=environment, check=True, capture_output=True)
     assert before <= set(kept.glob("*.bin"))
     tables = sorted(path.name for path in (tmp_path / "whole").glob("*.csv"))
-    assert tables == ["depths.csv", "indenters.csv", "patterns.csv"]
+    assert {"depths.csv", "indenters.csv", "patterns.csv"} <= set(tables)
     for name in tables:
         texts = [(tmp_path / folder / name).read_bytes() for folder in ("killed", "whole")]
         assert texts[0] == texts[1]
