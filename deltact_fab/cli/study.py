@@ -6,10 +6,19 @@ from typing import Any
 
 import click
 
+<<<<<<< HEAD
+=======
+from .options import JSON, SEED
+from .study_index import index
+
+>>>>>>> report
 
 @click.group()
 def study() -> None:
-    """The paper's experiments, and better ones: list, run."""
+    """The paper's experiments, and better ones: list, run, index."""
+
+
+study.add_command(index)
 
 
 @study.command("list")
