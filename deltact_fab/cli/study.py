@@ -6,12 +6,8 @@ from typing import Any
 
 import click
 
-<<<<<<< HEAD
-=======
-from .options import JSON, SEED
 from .study_index import index
 
->>>>>>> report
 
 @click.group()
 def study() -> None:

@@ -90,7 +90,9 @@ def _simulated(asked: Asked) -> StudyResult:
         f"{off_pct:.2g} % of the force at any solved knot.",
         "Shares of the force do not depend on mesh or modulus: a coarser mesh gives the same curve.",
     ]  # fmt: skip
-    flags = sorted({name for viscous, _ in pairs for name in found.get(viscous, {}).get("flags", ())})
+    flags = sorted(
+        {name for viscous, _ in pairs for name in found.get(viscous, {}).get("flags", ())}
+    )
     settings = {
         "gel": f"Prony series {_words(series)}, {ASSUMED}",
         "rig": f"{source.stem}: {found[pairs[0][0]]['dofs']} unknowns"
@@ -265,8 +267,11 @@ def _result(
         Drawn(
             "error-against-wait",
             "Force over its steady value against the wait, by depth: "
-            + ("solved on the viscous gel (points) and in closed form (lines)." if simulated_ and
-               not asked.runs else "as measured (thin) and by the fitted series (thick).")
+            + (
+                "solved on the viscous gel (points) and in closed form (lines)."
+                if simulated_ and not asked.runs
+                else "as measured (thin) and by the fitted series (thick)."
+            )
             + " Dotted: 5, 2, 1, 0.5 %.",
             partial(draw.curve, stops, series, not asked.runs),
         ),
