@@ -25,7 +25,8 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
     given: protocol, gel (resolution) and skin as data, press. Result: t_s (n + 1,) since first
     touch, force_n (n + 1, 3), moved_mm (n + 1,) in plane and at most since the tip last came to
     rest (0 without fields); stops: of each line of motion that ends in contact id, kind, depth_mm,
-    rests_s and the knots `arrived` and `left` at the ends of its rest; flags of the solver; seconds.
+    rests_s and the knots `arrived` and `left` at the ends of its rest; of the solver flags, dofs
+    and seconds.
     """
     protocol = Protocol.model_validate(given["protocol"])
     skin = SkinDimensions(**given["skin"])

@@ -23,7 +23,8 @@ class Stop:
     """One stop. wait_s (n,): since the tip came to rest; force_n (n, 3); steady_n (3,): at the end.
 
     kind: press or shear. by_series_n (n, 3): what the closed form, or the fit, says of the excess.
-    group: what errs together, here the depth's press and drags.
+    group: what errs together, here the depth's press and drags. fade_s (m,), fade_n (m, 3): the
+    excess that waits are read from: the solved one, or the series where samples have noise.
     """
 
     name: str
@@ -34,6 +35,8 @@ class Stop:
     steady_n: Field
     by_series_n: Field
     group: str
+    fade_s: Field
+    fade_n: Field
 
     @property
     def axes(self) -> list[int]:
@@ -66,11 +69,12 @@ def simulated(found: dict[str, Any], elastic: dict[str, Any], series: Series) ->
         a, b = stop["arrived"], stop["left"]
         if a == b:
             continue
-        force = found["force_n"][a : b + 1]
+        force, t_s = found["force_n"][a : b + 1], found["t_s"][a : b + 1]
         stops.append(
             Stop(
-                stop["id"], stop["kind"], stop["depth_mm"], found["t_s"][a : b + 1] - found["t_s"][a],
+                stop["id"], stop["kind"], stop["depth_mm"], t_s - t_s[0],
                 force, force[-1], told[a : b + 1], f"{stop['depth_mm']:g} mm",
+                t_s - t_s[0], force - force[-1],
             )
         )  # fmt: skip
     return stops
@@ -85,11 +89,11 @@ def slow_force(found: dict[str, Any], elastic: dict[str, Any]) -> Field:
 
 
 def waits(stop: Stop) -> dict[str, float]:
-    """Seconds until the force stays within each bound; nan where the rest was too short."""
-    excess, steady = stop.excess_n(), stop.steady
-    found = {f"wait_{100 * share:g}pct_s": time_to(stop.wait_s, excess / steady, share)
+    """Seconds until the force stays within each bound; nan: never in the time that is known."""
+    wait, excess = stop.fade_s, np.linalg.norm(stop.fade_n[:, stop.axes], axis=1)
+    found = {f"wait_{100 * share:g}pct_s": time_to(wait, excess / stop.steady, share)
              for share in SHARES}  # fmt: skip
-    return found | {f"wait_{bound:g}n_s": time_to(stop.wait_s, excess, bound) for bound in FORCES_N}
+    return found | {f"wait_{bound:g}n_s": time_to(wait, excess, bound) for bound in FORCES_N}
 
 
 def judged(
