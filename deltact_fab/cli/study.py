@@ -14,9 +14,6 @@ def study() -> None:
     """The paper's experiments, and better ones: list, run, index."""
 
 
-study.add_command(index)
-
-
 @study.command("list")
 def list_() -> None:
     """Every study with one line."""
@@ -53,3 +50,6 @@ def run(**_: Any) -> None:
 
     What a study computes is kept: stopped or killed, the same command goes on where it was.
     """
+
+
+study.add_command(index)

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 MOST_ROWS, FIRST_ROWS = 120, 20  # a longer table is shown by its first rows
-SHORT = 28  # letters that stay on one line
+SHORT = 32  # letters that stay on one line
 
 
 def prepared(table: Table) -> dict[str, Any]:

@@ -83,15 +83,18 @@ def sensor_of(name: str) -> Sensor:
     from ..cad.envelope import size_mm
 
     design = load_design(name)
-    optics, skin = design.optics, design.skin
-    seen = [min(v, s) for v, s in zip(optics.view_mm, (skin.width_mm, skin.length_mm), strict=True)]
+    try:
+        outer_mm = size_mm(design)
+    except InputError as why:
+        raise InputError(f"{name}: {why}") from why
+    optics = design.optics
     return Sensor(
         f"own: {catalog.find(OWN, name).stem}",
         "",
         str(name),
-        size_mm(design),
-        tuple(round(s / optics.mm_per_px) for s in seen),  # type: ignore[arg-type]
-        math.prod(seen),
+        outer_mm,
+        (optics.image_width_px, optics.image_height_px),
+        math.prod(optics.view_mm),
         said_in=OWN,
     )
 
