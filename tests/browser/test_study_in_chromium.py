@@ -37,8 +37,7 @@ STICKS_OUT = """() => [...document.querySelectorAll('main *')].filter(e => {
 # Of every box that scrolls: how far its end can be reached.
 REACHED = """() => [...document.querySelectorAll('.scroll')].map(e => {
   e.scrollLeft = 1e6; return e.scrollWidth - e.clientWidth - e.scrollLeft; })"""
-BAR_PX = 400  # of the test figure at 100 dpi
-DPI = 100
+FIGURES = 20
 
 pytestmark = pytest.mark.slow
 
@@ -159,41 +158,43 @@ def test_the_print_has_every_column_of_a_wide_table(
     assert "Copytable" not in words
 
 
-def bar(colour: str) -> Callable[[], Figure]:
+def bar(colour: str, height_in: float) -> Callable[[], Figure]:
     """A figure that is one high bar of one colour."""
 
     def draw() -> Figure:
-        figure, (axis,) = figures.blank(6, 4)
+        figure, (axis,) = figures.blank(6, height_in)
         axis.axis("off")
-        axis.barh([0], [1], BAR_PX / DPI, color=colour)
+        axis.barh([0], [1], 1, color=colour)
         axis.margins(0)
         return figure
 
     return draw
 
 
-def test_no_figure_is_split_between_two_sheets(tabs: Opened, tmp_path: Path) -> None:
+def test_no_figure_is_split_between_two_sheets_or_from_its_words(
+    tabs: Opened, tmp_path: Path
+) -> None:
     if shutil.which("pdftoppm") is None:
         pytest.skip("no pdftoppm on this machine: apt-get install poppler-utils")
-    colours = {(255, 0, 0): "#ff0000", (0, 200, 0): "#00c800", (120, 60, 200): "#783cc8",
-               (200, 0, 200): "#c800c8", (0, 200, 200): "#00c8c8"}  # fmt: skip
+    # So many heights that a sheet's end meets every part of a figure and of its words.
+    heights_in = [2.6 + 0.17 * (7 * i % FIGURES) for i in range(FIGURES)]
+    greens = [10 * i for i in range(FIGURES)]
     drawn = tuple(
-        Drawn(f"f{i}", f"Figure {i}.", bar(colour)) for i, colour in enumerate(colours.values())
+        Drawn(f"f{i}", f"Figure {i}: " + "words " * 80, bar(f"#c8{green:02x}c8", height_in))
+        for i, (green, height_in) in enumerate(zip(greens, heights_in, strict=True))
     )
     page = study_page.write(replace(study(), figures=drawn, tables=()), tmp_path / "s")
     pdf = printed(tabs(page, 1280), tmp_path / "p.pdf")
     subprocess.run(["pdftoppm", "-r", "50", "-png", pdf, tmp_path / "sheet"], check=True)
     sheets = [cv2.imread(str(path)) for path in sorted(tmp_path.glob("sheet*.png"))]
-    assert len(sheets) >= 3
-    heights = []
-    for i, (red, green, blue) in enumerate(colours):
-        found = [
-            np.all(np.abs(sheet.astype(int) - (blue, green, red)) < 30, axis=2).any(axis=1).sum()
+    assert len(sheets) >= 8
+    for i, (green, height_in) in enumerate(zip(greens, heights_in, strict=True)):
+        rows = [
+            int(np.all(np.abs(sheet.astype(int) - (200, green, 200)) < 4, axis=2).any(axis=1).sum())
             for sheet in sheets
             if sheet is not None
         ]
-        assert sum(rows > 0 for rows in found) == 1, (red, green, blue)
-        heights.append(max(found))
-        assert f"Figure{i}." in words_of(pdf, 1 + int(np.argmax(found)))
-    assert max(heights) - min(heights) <= 2
-    assert min(heights) > 100
+        assert sum(count > 0 for count in rows) == 1, i
+        assert max(rows) > 0.9 * 50 * height_in
+        words = words_of(pdf, 1 + int(np.argmax(rows)))
+        assert words.partition(f"Figure{i}:")[2].startswith("words" * 80), i
