@@ -8,6 +8,7 @@ three forces, of the times and shares; each rest's steady force is free.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -23,6 +24,7 @@ Field = NDArray[np.float64]
 MOST_BRANCHES = 3
 WORTH = 0.97  # a further branch is taken when it makes the residual this much smaller
 LONGEST = 2.0  # x the longest rest: slower branches cannot be told from a steady force
+FIRST_S, FIRST_SHARE = 2.0, 0.1  # where the search starts
 SHARES = (1e-4, 10.0)
 SHORTEST_S = 2 * BIN_S
 STILL_RESTS = 0.5  # a branch over this x the longest rest is told badly
@@ -53,25 +55,41 @@ def fit(rests: Sequence[Rest], branches: int | None = None) -> Fitted:
 
     Raises SolverError where the search does not converge.
     """
-    if branches is not None:
-        return _fit(rests, branches)
-    best = _fit(rests, 1)
-    for count in range(2, MOST_BRANCHES + 1):
-        more = _fit(rests, count)
-        if more.rms_n > WORTH * best.rms_n:
+    best = _best(rests, [(FIRST_S,)])
+    for count in range(2, (branches or MOST_BRANCHES) + 1):
+        more = _best(rests, _split(best.series.times_s, rests))
+        if branches is None and more.rms_n > WORTH * best.rms_n:
             break
         best = more
+        assert len(best.series.times_s) == count
     return best
 
 
-def _fit(rests: Sequence[Rest], count: int) -> Fitted:
+def _split(times_s: Sequence[float], rests: Sequence[Rest]) -> list[tuple[float, ...]]:
+    """Starts with one branch more: below, between and above those that were found.
+
+    Sums of exponentials have valleys of their own; from one start the search ends in any of them.
+    """
+    ends = [SHORTEST_S, *times_s, LONGEST * _longest_s(rests)]
+    gaps = [float(np.sqrt(a * b)) for a, b in itertools.pairwise(ends)]
+    return [tuple(sorted((*times_s, gap))) for gap in gaps]
+
+
+def _longest_s(rests: Sequence[Rest]) -> float:
+    return max(float(rest.wait_s[-1]) for rest in rests)
+
+
+def _best(rests: Sequence[Rest], starts: Sequence[tuple[float, ...]]) -> Fitted:
+    return min((_from(rests, start) for start in starts), key=lambda fitted: fitted.rms_n)
+
+
+def _from(rests: Sequence[Rest], times_s: Sequence[float]) -> Fitted:
     from scipy.optimize import least_squares
 
-    longest = max(float(rest.wait_s[-1]) for rest in rests)
+    count, longest = len(times_s), _longest_s(rests)
     low = np.log([SHORTEST_S] * count + [SHARES[0]] * count)
     high = np.log([LONGEST * longest] * count + [SHARES[1]] * count)
-    first = np.geomspace(0.3, max(0.5 * longest, 0.6), count + 2)[1:-1]
-    start = np.clip(np.log([*first, *[0.05] * count]), low + 1e-6, high - 1e-6)
+    start = np.clip(np.log([*times_s, *[FIRST_SHARE / count] * count]), low + 1e-6, high - 1e-6)
 
     def residuals(p: Field) -> Field:
         off = _told(rests, _series(p))[-1]
