@@ -84,6 +84,18 @@ STUDIES = {
     "settling": Study(
         "settling",
         "How long to wait at a stop before the force is steady.",
+        about="On a simulated gel whose relaxation is assumed, or given by --prony; of your own "
+        "gel: record the protocol `settling` and give the run by --from, the relaxation is fitted.",
+        takes=("scale", "rig", "from", "grid"),
+        scale=1.0,
+        options=(
+            Option(
+                "prony",
+                "G:TAU_S, a share of the steady force that fades with TAU_S; may be given several "
+                "times.",
+                (),
+            ),
+        ),
     ),
 }
 

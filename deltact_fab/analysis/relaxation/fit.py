@@ -8,11 +8,12 @@ three forces, of the times and shares; each rest's steady force is free.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ...errors import SolverError
 from .rests import BIN_S, Rest, Way
@@ -23,6 +24,7 @@ Field = NDArray[np.float64]
 MOST_BRANCHES = 3
 WORTH = 0.97  # a further branch is taken when it makes the residual this much smaller
 LONGEST = 2.0  # x the longest rest: slower branches cannot be told from a steady force
+FIRST_S, FIRST_SHARE = 2.0, 0.1  # where the search starts
 SHARES = (1e-4, 10.0)
 SHORTEST_S = 2 * BIN_S
 STILL_RESTS = 0.5  # a branch over this x the longest rest is told badly
@@ -32,15 +34,20 @@ STILL_RESTS = 0.5  # a branch over this x the longest rest is told badly
 class Fitted:
     """series: what was found. rms_n: of what it leaves over. steady_n (rests, 3): each rest's end.
 
-    left_n: per rest (n, 3), what the force has too much by the series. unsure: branches so slow
-    that the rests are too short to tell them well.
+    arrived_n (rests, k, 3): what the force has too much, by branch, when the tip comes to rest.
+    unsure: times of branches so slow that the rests are too short to tell them well.
     """
 
     series: Series
     rms_n: float
     steady_n: Field
-    left_n: tuple[Field, ...]
+    arrived_n: Field
     unsure: tuple[float, ...]
+
+    def left_n(self, rest: int, wait_s: ArrayLike) -> Field:
+        """(n, 3): what the force of a rest still has too much, wait_s (n,) into it."""
+        wait = np.asarray(wait_s, float)[:, None]
+        return np.asarray(np.exp(-wait / np.array(self.series.times_s)) @ self.arrived_n[rest])
 
 
 def fit(rests: Sequence[Rest], branches: int | None = None) -> Fitted:
@@ -48,38 +55,54 @@ def fit(rests: Sequence[Rest], branches: int | None = None) -> Fitted:
 
     Raises SolverError where the search does not converge.
     """
-    if branches is not None:
-        return _fit(rests, branches)
-    best = _fit(rests, 1)
-    for count in range(2, MOST_BRANCHES + 1):
-        more = _fit(rests, count)
-        if more.rms_n > WORTH * best.rms_n:
+    best = _best(rests, [(FIRST_S,)])
+    for count in range(2, (branches or MOST_BRANCHES) + 1):
+        more = _best(rests, _split(best.series.times_s, rests))
+        if branches is None and more.rms_n > WORTH * best.rms_n:
             break
         best = more
+        assert len(best.series.times_s) == count
     return best
 
 
-def _fit(rests: Sequence[Rest], count: int) -> Fitted:
+def _split(times_s: Sequence[float], rests: Sequence[Rest]) -> list[tuple[float, ...]]:
+    """Starts with one branch more: below, between and above those that were found.
+
+    Sums of exponentials have valleys of their own; from one start the search ends in any of them.
+    """
+    ends = [SHORTEST_S, *times_s, LONGEST * _longest_s(rests)]
+    gaps = [float(np.sqrt(a * b)) for a, b in itertools.pairwise(ends)]
+    return [tuple(sorted((*times_s, gap))) for gap in gaps]
+
+
+def _longest_s(rests: Sequence[Rest]) -> float:
+    return max(float(rest.wait_s[-1]) for rest in rests)
+
+
+def _best(rests: Sequence[Rest], starts: Sequence[tuple[float, ...]]) -> Fitted:
+    return min((_from(rests, start) for start in starts), key=lambda fitted: fitted.rms_n)
+
+
+def _from(rests: Sequence[Rest], times_s: Sequence[float]) -> Fitted:
     from scipy.optimize import least_squares
 
-    longest = max(float(rest.wait_s[-1]) for rest in rests)
+    count, longest = len(times_s), _longest_s(rests)
     low = np.log([SHORTEST_S] * count + [SHARES[0]] * count)
     high = np.log([LONGEST * longest] * count + [SHARES[1]] * count)
-    first = np.geomspace(0.3, max(0.5 * longest, 0.6), count + 2)[1:-1]
-    start = np.clip(np.log([*first, *[0.05] * count]), low + 1e-6, high - 1e-6)
+    start = np.clip(np.log([*times_s, *[FIRST_SHARE / count] * count]), low + 1e-6, high - 1e-6)
 
     def residuals(p: Field) -> Field:
-        _, _, off = _told(rests, _series(p))
+        off = _told(rests, _series(p))[-1]
         return np.concatenate([part.ravel() for part in off])
 
     found = least_squares(residuals, start, bounds=(low, high), x_scale="jac")
     if found.status <= 0:
         raise SolverError(f"relaxation: {count} branches: the fit did not converge")
     series = _series(found.x)
-    steady, left, off = _told(rests, series)
+    steady, arrived, off = _told(rests, series)
     rms = float(np.sqrt(np.mean(np.concatenate([part.ravel() for part in off]) ** 2)))
     unsure = tuple(tau for tau in series.times_s if tau > STILL_RESTS * longest)
-    return Fitted(series, rms, np.array(steady), tuple(left), unsure)
+    return Fitted(series, rms, np.array(steady), np.array(arrived), unsure)
 
 
 def _series(p: Field) -> Series:
@@ -90,21 +113,19 @@ def _series(p: Field) -> Series:
 
 
 def _told(rests: Sequence[Rest], series: Series) -> tuple[list[Field], list[Field], list[Field]]:
-    """Of every rest: its steady force (3,), what is left over it (n, 3), and the misfit (n, 3)."""
+    """Of every rest: its steady force (3,), what branches (k, 3) have at first, misfit (n, 3)."""
     slow: dict[int, Field] = {}
-    steady, left, off = [], [], []
+    steady, arrived, off = [], [], []
     for rest in rests:
         if id(rest.way) not in slow:
             slow[id(rest.way)] = _branches(rest.way, series)
-        q = slow[id(rest.way)][rest.at.start]  # (k, 3)
-        t = rest.wait_s - rest.wait_s[0]
-        fading = np.exp(-t[:, None] / np.array(series.times_s))
-        own = fading @ (np.array(series.shares)[:, None] * q)
+        first = np.array(series.shares)[:, None] * slow[id(rest.way)][rest.at.start]
+        own = np.exp(-rest.wait_s[:, None] / np.array(series.times_s)) @ first
         end = (rest.force_n - own).mean(axis=0)
         steady.append(end)
-        left.append(own)
+        arrived.append(first)
         off.append(rest.force_n - own - end)
-    return steady, left, off
+    return steady, arrived, off
 
 
 def _branches(way: Way, series: Series) -> Field:

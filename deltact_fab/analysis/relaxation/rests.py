@@ -42,9 +42,9 @@ class Rest:
 
     @property
     def wait_s(self) -> Field:
-        """(n,) since the tip came to rest."""
+        """(n,) since the first of them, at most 0.1 s after the tip came to rest."""
         t = self.way.t_s[self.at]
-        return np.asarray(t - t[0] + BIN_S / 2)
+        return np.asarray(t - t[0])
 
     @property
     def force_n(self) -> Field:
