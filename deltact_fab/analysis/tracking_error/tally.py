@@ -112,8 +112,8 @@ class Tally:
     @classmethod
     def of(cls, plain: dict[str, Any], histogram: NDArray[np.int64]) -> Self:
         """What `plain` gave, and its histogram; milliseconds are not known."""
-        means = {name: Mean(*plain[name]) for name in _MEANS}
-        return cls(**means, **{name: plain[name] for name in _COUNTS}, histogram=histogram)
+        known: dict[str, Any] = {name: Mean(*plain[name]) for name in _MEANS}
+        return cls(**known, **{name: plain[name] for name in _COUNTS}, histogram=histogram)
 
     @property
     def n_frames(self) -> int:
