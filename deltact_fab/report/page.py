@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from .. import record
 from ..analysis.measured import MeasuredRun
+from ..analysis.shape import ShapeResult
 from ..analysis.tracking_error import (
     ARROW_STEP_PX,
     PAPER_BEST_MM,
@@ -41,10 +42,12 @@ def write(
     measured: MeasuredRun | None = None,
     parts: dict[str, Any] | None = None,
     layer_costs: Sequence[dict[str, Any]] = (),
+    shape: ShapeResult | None = None,
 ) -> Path:
     """Write the report of a run, its tracking analysis and what was measured to one file.
 
-    measured: shape, contact and force of it; without it the page has no word of them.
+    measured: shape, contact and force of it; without it the page has no word of them. shape: its
+    depth and contacts against truth.
     parts: `parts` (a row a part, with its formats) and `note` (why there are none), from the demo.
     layer_costs: what each layer costs that a scene may leave out, as `numerics` measured it; what
     was not measured is not in the page.
@@ -83,6 +86,7 @@ def write(
         methods=_known(_METHODS, tracking.methods),
         at_dots=_known(_AT_DOTS, tracking.methods),
         measured=measured,
+        shape=shape,
         rule=RULE,
         best=next(m for m in tracking.methods if m["name"] == verdict.about),
         paper_mm=PAPER_BEST_MM,

@@ -63,6 +63,16 @@ STUDIES = {
     "pattern-selection": Study(
         "pattern_selection",
         "The paper's 17 patterns under 5 indenters.",
+        "By the paper's own tracker and by ours, at the dots and off them. --scale 1 is the "
+        "paper's 3600 frames an indenter and pattern: a day on two cores. Below, fewer positions "
+        "and shorter drags are filmed, with the same step between frames. The gel is solved once "
+        "and kept. With --from, each run is one tactile base.",
+        scale=0.04,
+        options=(
+            Option("protocol", "What is pressed, by name or path.", "pattern-selection"),
+            Option("pattern", "One of the series, as d0p1-r0p5; may be given several times.", ()),
+            Option("indenter", "One of the protocol's; may be given several times.", ()),
+        ),
     ),
     "shapes": Study(
         "shapes",
@@ -91,6 +101,18 @@ STUDIES = {
     "settling": Study(
         "settling",
         "How long to wait at a stop before the force is steady.",
+        about="On a simulated gel whose relaxation is assumed, or given by --prony; of your own "
+        "gel: record the protocol `settling` and give the run by --from, the relaxation is fitted.",
+        takes=("scale", "rig", "from", "grid"),
+        scale=1.0,
+        options=(
+            Option(
+                "prony",
+                "G:TAU_S, a share of the steady force that fades with TAU_S; may be given several "
+                "times.",
+                (),
+            ),
+        ),
     ),
 }
 
