@@ -67,6 +67,7 @@ class StudyResult:
 
     settings: what it was made with, as shown (friction, noise, range, step between frames...).
     missing: names of jobs that failed or were not done; statistics over the rest say so.
+    files: name -> text, written beside the page and linked from it, such as a recipe to print.
     """
 
     study: str
@@ -83,3 +84,4 @@ class StudyResult:
     notes: tuple[str, ...] = ()
     left_out: tuple[LeftOut, ...] = ()
     missing: tuple[str, ...] = ()
+    files: dict[str, str] = field(default_factory=dict)

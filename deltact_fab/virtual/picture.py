@@ -91,6 +91,10 @@ class Picture:
         Raises SolverError where a pixel sees no point of the surface.
         """
         at = self._target if displacement_mm is None else self.material_px(displacement_mm)
+        return self.expose(at, rng)
+
+    def expose(self, at: Float, rng: np.random.Generator) -> NDArray[np.uint8]:
+        """Image (h, w, 3) BGR of the material points that its pixels see, as of `material_px`."""
         if self._raw is not None:
             at = self._raw.look(at)
         fine = cv2.resize(at, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)[2:-2, 2:-2]
