@@ -47,7 +47,7 @@ class Picture:
     ) -> None:
         self._raw = camera if isinstance(camera, RawView) else None
         self.camera = camera = camera.flat if isinstance(camera, RawView) else camera
-        self._texture = texture
+        self.texture = texture
         self._sensor = sensor
         self._motion: FaceMotion | None = None
         if self._raw is None:
@@ -99,12 +99,12 @@ class Picture:
             at = self._raw.look(at)
         fine = cv2.resize(at, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)[2:-2, 2:-2]
         cx, cy = self.camera.centre_px
-        texels = self.camera.mm_per_px / self._texture.mm_per_texel
-        h, w = self._texture.values.shape[:2]
+        texels = self.camera.mm_per_px / self.texture.mm_per_texel
+        h, w = self.texture.values.shape[:2]
         map_x = (fine[..., 0] - np.float32(cx)) * np.float32(texels) + np.float32((w - 1) / 2)
         map_y = (fine[..., 1] - np.float32(cy)) * np.float32(texels) + np.float32((h - 1) / 2)
         seen = cv2.remap(
-            self._texture.values, map_x, map_y, cv2.INTER_LINEAR, borderMode=self._beyond
+            self.texture.values, map_x, map_y, cv2.INTER_LINEAR, borderMode=self._beyond
         )
         size = (at.shape[1] - 2, at.shape[0] - 2)
         radiance = np.asarray(cv2.resize(seen, size, interpolation=cv2.INTER_AREA), np.float32)
