@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -13,24 +14,32 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Drawn:
-    """A figure: name is its file's, caption one or two sentences, draw makes it with matplotlib."""
+    """A figure: name is its file's, caption one or two sentences, draw makes it with matplotlib.
+
+    draw takes its figure from `figures.blank`, which makes it as wide as the page or the paper
+    wants it. column: in a paper one column is enough (3.5 in), else it takes both (7.16 in).
+    """
 
     name: str
     caption: str
     draw: Callable[[], Figure]
+    column: bool = False
 
 
 @dataclass(frozen=True)
 class Table:
     """A table of the page and a CSV file of its name; columns have units in their names.
 
-    shown: the page's columns, None for all; the CSV has all.
+    shown: the page's columns, None for all; the CSV has all. words: what stands above a column on
+    the page in place of its name, for those that need it. A column in which nothing was measured
+    is left out of the page.
     """
 
     name: str
     caption: str
     frame: pd.DataFrame
     shown: tuple[str, ...] | None = None
+    words: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -38,7 +47,8 @@ class Headline:
     """One figure that counts, with its 95 % interval and the paper's own beside it.
 
     over: what the interval is drawn over ("5 seeds", "9 positions"); low, high None: not known, and
-    over says why. remark: why it disagrees, or what it depends on.
+    over says why. goal: the value may be no larger, or with better = "high" no smaller. remark: why
+    it disagrees with the paper or misses its goal, or what it depends on.
     """
 
     what: str
@@ -50,15 +60,52 @@ class Headline:
     paper: float | None = None
     goal: float | None = None
     remark: str = ""
+    better: Literal["low", "high"] = "low"
+
+    @property
+    def met(self) -> bool | None:
+        """Whether the goal is met by the value; None without a goal. Not a number meets none."""
+        if self.goal is None:
+            return None
+        return self.value <= self.goal if self.better == "low" else self.value >= self.goal
+
+    @property
+    def sure(self) -> bool | None:
+        """Whether the whole interval says the same of the goal as the value; None: not known."""
+        if self.goal is None or self.low is None or self.high is None:
+            return None
+        return not self.low < self.goal < self.high
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data; a value that is no number becomes None."""
+        known = math.isfinite(self.value)
+        return {
+            "what": self.what,
+            "value": self.value if known else None,
+            "unit": self.unit,
+            "low": self.low,
+            "high": self.high,
+            "over": self.over,
+            "paper": self.paper,
+            "goal": self.goal,
+            "better": self.better,
+            "met": self.met,
+            "remark": self.remark,
+        }
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """What this scene did without, and what it would have cost where that was measured."""
+    """What this scene did without, and what it would have cost where that was measured.
+
+    layer: a name of `numerics.scenes.LAYERS`; what leaving it out saves is added where this
+    machine has measured it and cost is empty.
+    """
 
     what: str
     why: str
     cost: str = ""
+    layer: str = ""
 
 
 @dataclass(frozen=True)
@@ -67,7 +114,7 @@ class StudyResult:
 
     settings: what it was made with, as shown (friction, noise, range, step between frames...).
     missing: names of jobs that failed or were not done; statistics over the rest say so.
-    files: name -> text, written beside the page and linked from it, such as a recipe to print.
+    files: text of further files beside the page, by name (a recipe).
     """
 
     study: str
