@@ -99,7 +99,7 @@ def imported(path: Path, package: Path = PACKAGE) -> tuple[Path, ...]:
 
 
 def _silent(file: Path, package: Path) -> bool:
-    return file.parent in (package, PACKAGE) and file.stem in SILENT
+    return file.relative_to(_home(file, package)).parts[0].removesuffix(".py") in SILENT
 
 
 def _home(path: Path, package: Path) -> Path:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import Any
 
 import click
-
-from .options import JSON, SEED
 
 
 @click.group()
@@ -20,38 +18,33 @@ def list_() -> None:
     from ..study.registry import STUDIES
     from .output import echo_table
 
-    echo_table(("study", "what"), [(name, line) for name, (_, line) in STUDIES.items()])
+    echo_table(("study", "what"), [(name, one.line) for name, one in STUDIES.items()])
 
 
-@study.command("run")
-@click.argument("name")
-@click.option("--scale", type=click.FloatRange(0, 1, min_open=True), help="Share of the paper's.")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder of page and tables.")
-@click.option("--from", "runs", multiple=True, type=click.Path(path_type=Path), help="A run.")
-@click.option("--rig", help="A virtual rig.")
-@click.option("--seed", default=0, show_default=True, type=SEED)
-@JSON
-def run(
-    name: str,
-    scale: float | None,
-    out: Path | None,
-    runs: tuple[Path, ...],
-    rig: str | None,
-    seed: int,
-    as_json: bool,
-) -> None:
-    """Run a study."""
-    from ..report.study_page import write
-    from ..study.asked import Asked
-    from ..study.registry import run as run_study
-    from .output import echo_json, progress
+class Studies(click.Group):
+    """A command for each study, made when it is asked for."""
 
-    with progress(name) as tick:
-        found = run_study(name, Asked(scale, seed, rig, runs, progress=tick))
-    if out is not None:
-        click.echo(write(found, out), err=True)
-    if as_json:
-        echo_json(found.data)
-    else:
-        for line in found.verdict:
-            click.echo(line)
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        from ..study.registry import STUDIES
+
+        return list(STUDIES)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        from ..study.registry import find
+        from .study_command import command
+
+        return command(cmd_name, find(cmd_name))
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        from ..study.registry import STUDIES
+
+        with formatter.section("Studies"):
+            formatter.write_dl([(name, one.line) for name, one in STUDIES.items()])
+
+
+@study.group("run", cls=Studies)
+def run(**_: Any) -> None:
+    """Run a study: a page, tables and figures in a folder.
+
+    What a study computes is kept: stopped or killed, the same command goes on where it was.
+    """

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..jobs import Progress
+
+if TYPE_CHECKING:
+    from .grid import Grid, Job
 
 
 def _silent(text: str) -> None:
@@ -22,7 +25,7 @@ class Asked:
     scale: share of the paper's points or frames, in (0, 1]; None: the study's default. rig: a
     virtual rig's name or path; None: the study's own. runs: recorded runs to take instead of
     simulating. executor: None is local processes. say: one line for the user, on stderr.
-    more: options of one study only.
+    more: options of one study only, every one that the registry declares. grids: those solved.
     """
 
     scale: float | None = None
@@ -33,3 +36,12 @@ class Asked:
     progress: Progress | None = None
     say: Callable[[str], None] = _silent
     more: dict[str, Any] = field(default_factory=dict)
+    grids: list[Grid] = field(default_factory=list, compare=False, repr=False)
+
+    def solve(self, jobs: Sequence[Job]) -> Grid:
+        """A grid of jobs on what was asked for; what is missing in it gets into the result."""
+        from .grid import solve
+
+        grid = solve(jobs, self.executor, self.progress, self.say)
+        self.grids.append(grid)
+        return grid

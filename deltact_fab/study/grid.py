@@ -5,7 +5,8 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,61 +14,185 @@ from typing import Any
 import numpy as np
 
 from .. import cache, digest
-from ..jobs import Progress, each
+from ..errors import DeltactFabError, RunFailed, Stopped
+from ..jobs import Progress, as_done, width
+from .pace import Pace
 
 KIND = "study"
+KEPT_BYTES = 4_000_000_000
+"""Of all studies; what a grid has just used is kept in any case."""
 Value = dict[str, Any]
 """Plain JSON data, and numpy arrays as values of its top level."""
+
+# What may end one job and no other; anything else is a mistake in the code of all of them.
+_FAILURES = (DeltactFabError, ArithmeticError, ValueError, MemoryError, OSError)
 
 
 @dataclass(frozen=True)
 class Job:
     """One cell of a grid.
 
-    name: unique in the grid, shown while it runs. work: a function of a module of the package.
-    given: all that the result depends on, plain JSON data, the seed among it.
+    name: unique in the grid, shown while it runs. work: a function of a module of the package; it
+    may `jobs.tell` the share of it that is done. given: all that the result depends on, plain JSON
+    data, the seed among it (seeds.seed_of). cost: seconds that it may take on one core, 0 where
+    that is not known.
     """
 
     name: str
     work: Callable[[dict[str, Any]], Value]
     given: dict[str, Any] = field(default_factory=dict)
+    cost: float = 0.0
 
     def key(self) -> dict[str, Any]:
-        """What its result is kept under."""
+        """What its result is kept under. Raises TypeError for what is no plain data."""
         module = self.work.__module__.removeprefix("deltact_fab.")
         return {
             "work": f"{module}:{self.work.__name__}",
             "code": digest.of(module),
-            "given": self.given,
+            "given": json.loads(json.dumps(self.given)),
         }
 
 
+class Grid(Mapping[str, Value]):
+    """Results of jobs by name. Of a job that has none, and of all while one is missing, it raises
+    RunFailed: whoever goes on without them says so, by `partial` and `missing`.
+
+    missing: why each job has no result, by name. kept: how many were there from before.
+    """
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        found: Mapping[str, Value],
+        missing: Mapping[str, str],
+        kept: int,
+    ) -> None:
+        self._names, self._found = tuple(names), dict(found)
+        self.missing, self.kept = dict(missing), kept
+
+    def __getitem__(self, name: str) -> Value:
+        if name in self.missing:
+            raise RunFailed(f"{name}: has no result: {self.missing[name]}")
+        return self._found[name]
+
+    def __iter__(self) -> Iterator[str]:
+        self.require_whole()
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def require_whole(self) -> None:
+        """Raises RunFailed that names the jobs which have no result."""
+        if self.missing:
+            first, why = next(iter(self.missing.items()))
+            others = f" and {len(self.missing) - 1} more" if len(self.missing) > 1 else ""
+            raise RunFailed(
+                f"{len(self.missing)} of {len(self)} jobs have no result: {first}{others} ({why}); "
+                "the rest is kept, and the same command tries these again"
+            )
+
+    def partial(self) -> dict[str, Value]:
+        """The results that there are, in the order of the jobs; `missing` names the others."""
+        return {name: self._found[name] for name in self._names if name in self._found}
+
+
 def solve(
-    jobs: Sequence[Job], executor: Executor | None = None, progress: Progress | None = None
-) -> dict[str, Value]:
-    """The result of every job by its name; those that are kept are not done again."""
-    found = {job.name: _load(job) for job in jobs}
-    todo = [job for job in jobs if found[job.name] is None]
-    each(_do, todo, [job.name for job in todo], executor, progress)
-    return {job.name: found[job.name] or _load(job) or {} for job in jobs}
+    jobs: Sequence[Job],
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+    say: Callable[[str], None] | None = None,
+) -> Grid:
+    """The results of jobs; those that are kept are not done again, and each is kept when it ends.
+
+    A failure ends that job and no other. progress: hears of each job's end, with the remaining
+    time. say: hears what there is to do, before it is begun, and each failure. Raises ValueError
+    for two jobs of one name; the error itself when every job fails; Stopped on Ctrl-C.
+    """
+    if twice := [name for name, n in Counter(job.name for job in jobs).items() if n > 1]:
+        raise ValueError(f"jobs of one name: {', '.join(twice)}")
+    say = say or (lambda text: None)
+    keys = {job.name: job.key() for job in jobs}
+    found = {name: value for name, key in keys.items() if (value := _load(key)) is not None}
+    kept = len(found)
+    # The longest first, so that none is left alone at the end.
+    todo = sorted((job for job in jobs if job.name not in found), key=lambda job: -job.cost)
+    work = keys[todo[0].name]["work"] if todo else ""
+    pace = Pace([job.cost for job in todo], work, width_of(executor))
+    if todo:
+        about = pace.beforehand()
+        say(f"{kept} of {len(jobs)} jobs are kept, {len(todo)} to do{about and f', {about}'}")
+    missing: dict[str, str] = {}
+    errors: list[Exception] = []
+    refused = False
+
+    def tick(what: str) -> None:
+        if progress is not None:
+            left = pace.left()
+            progress(len(found) + len(missing), len(jobs), f"{what}{left and f', {left}'}")
+
+    def told(index: int, share: Any) -> None:
+        if isinstance(share, int | float):
+            pace.share(index, share)
+            tick(todo[index].name)
+
+    tick("")
+    try:
+        for ended in as_done(_do, todo, executor, told=told):
+            name = todo[ended.index].name
+            pace.ended(ended.index)
+            if ended.error is not None:
+                if not isinstance(ended.error, _FAILURES):
+                    ended.error.add_note(f"in the job {name}")
+                    raise ended.error
+                errors.append(ended.error)
+                missing[name] = " ".join(str(ended.error).split()) or type(ended.error).__name__
+                say(f"failed: {name}: {missing[name]}")
+            else:
+                assert ended.value is not None
+                data, plain = ended.value
+                found[name] = _unpacked(data, plain)
+                if not cache.put_file(KIND, keys[name], data, plain) and not refused:
+                    refused = True
+                    say(f"{cache.user_folder()}: nothing can be kept there; do not interrupt this")
+            tick(name)
+    except KeyboardInterrupt as why:
+        raise Stopped(
+            f"stopped: {len(found)} of {len(jobs)} jobs are kept; the same command goes on there"
+        ) from why
+    if errors and not found:
+        raise errors[0]
+    pace.keep()
+    return Grid([job.name for job in jobs], found, missing, kept)
 
 
-def _do(job: Job) -> None:
-    value = job.work(job.given)
+def width_of(executor: Executor | None) -> int:
+    """How many jobs at a time."""
+    from ..jobs import processors
+
+    return processors() if executor is None else width(executor)
+
+
+def _do(job: Job) -> tuple[bytes, Value]:
+    """A job's value as it is kept: what comes now and what comes from the store are the same."""
+    value = job.work(json.loads(json.dumps(job.given)))
     arrays: dict[str, Any] = {k: v for k, v in value.items() if isinstance(v, np.ndarray)}
     plain = {k: v for k, v in value.items() if k not in arrays}
     packed = io.BytesIO()
-    np.savez_compressed(packed, **arrays)
-    cache.put_file(KIND, job.key(), packed.getvalue(), plain)
+    np.savez_compressed(packed, allow_pickle=False, **arrays)
+    return packed.getvalue(), json.loads(json.dumps(plain))
 
 
-def _load(job: Job) -> Value | None:
-    kept = cache.get_file(KIND, job.key())
+def _load(key: dict[str, Any]) -> Value | None:
+    kept = cache.get_file(KIND, key)
     if kept is None:
         return None
-    data, plain = kept
     try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            return {**plain, **{name: arrays[name] for name in arrays.files}}
-    except (ValueError, OSError, zipfile.BadZipFile, json.JSONDecodeError):
+        return _unpacked(*kept)
+    except (ValueError, OSError, zipfile.BadZipFile):
         return None
+
+
+def _unpacked(data: bytes, plain: Value) -> Value:
+    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+        return {**plain, **{name: arrays[name] for name in arrays.files}}

@@ -1,29 +1,96 @@
-"""The studies by name; a study's module is imported only when it is run."""
+"""The studies by name, as plain data; a study's module is imported only when it is run."""
 
 from __future__ import annotations
 
 import importlib
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, did_you_mean
-from ..report.result import StudyResult
-from .asked import Asked
+
+if TYPE_CHECKING:
+    from ..report.result import StudyResult
+    from .asked import Asked
+
+
+@dataclass(frozen=True)
+class Option:
+    """An option of one study only: `--name VALUE` of its command, `Asked.more["name"]` in it.
+
+    name: with hyphens; in `more` with underscores. default: its type is the option's (True and
+    False: a switch; a tuple: may be given several times, a tuple of words arrives). None: no
+    default, and kind says the type. low, high: limits, both allowed. choices: what is valid.
+    """
+
+    name: str
+    help: str
+    default: Any = None
+    kind: type = str
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study. line: what `study list` says. about: paragraphs of its `--help`.
+
+    takes: which of the common options it has: "scale", "seed", "rig", "from", and "grid" for --jobs
+    and --on. scale: its default scale, shown in the help; None where it takes none.
+    """
+
+    module: str
+    line: str
+    about: str = ""
+    takes: tuple[str, ...] = ("scale", "seed", "rig", "from", "grid")
+    scale: float | None = None
+    options: tuple[Option, ...] = ()
+
 
 STUDIES = {
-    "force-calibration": ("force_calibration", "The paper's force table: 5 balls, 2070 points."),
-    "pattern-selection": ("pattern_selection", "The paper's 17 patterns under 5 indenters."),
-    "shapes": ("shapes", "Sphere, cylinder, ring, toy hat: depth against truth; force fields."),
-    "comparison": ("comparison", "The paper's table of sensors, with your designs as rows."),
-    "pattern-search": ("pattern_search", "The best pattern for a printer and a camera."),
-    "settling": ("settling", "How long to wait at a stop before the force is steady."),
+    "force-calibration": Study(
+        "force_calibration",
+        "The paper's force table: 5 balls, 2070 points.",
+    ),
+    "pattern-selection": Study(
+        "pattern_selection",
+        "The paper's 17 patterns under 5 indenters.",
+    ),
+    "shapes": Study(
+        "shapes",
+        "Sphere, cylinder, ring, toy hat: depth against truth; force fields.",
+    ),
+    "comparison": Study(
+        "comparison",
+        "The paper's table of sensors, with your designs as rows.",
+        takes=(),
+    ),
+    "pattern-search": Study(
+        "pattern_search",
+        "The best pattern for a printer and a camera.",
+        takes=("scale", "seed", "rig", "grid"),
+    ),
+    "settling": Study(
+        "settling",
+        "How long to wait at a stop before the force is steady.",
+    ),
 }
-"""name: (module, one line of help)."""
+
+
+def find(name: str) -> Study:
+    """A study by its name. Raises InputError for an unknown one."""
+    if name not in STUDIES:
+        raise InputError(f"{name}: no such study; {did_you_mean(name, STUDIES)}")
+    return STUDIES[name]
 
 
 def run(name: str, asked: Asked) -> StudyResult:
-    """Run a study. Raises InputError for an unknown one or bad options, RunFailed."""
-    if name not in STUDIES:
-        raise InputError(f"{name}: no such study{did_you_mean(name, STUDIES)}")
-    module = importlib.import_module(f"deltact_fab.study.{STUDIES[name][0]}")
-    result = module.run(asked)
-    assert isinstance(result, StudyResult)
-    return result
+    """Run a study. Raises InputError for an unknown one or bad options, RunFailed.
+
+    Jobs that were asked for and have no result stand in the result's `missing`, whatever the study
+    says of them.
+    """
+    module = importlib.import_module(f"deltact_fab.study.{find(name).module}")
+    result: StudyResult = module.run(asked)
+    forgotten = [job for grid in asked.grids for job in grid.missing if job not in result.missing]
+    return replace(result, missing=(*result.missing, *forgotten)) if forgotten else result

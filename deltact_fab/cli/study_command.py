@@ -1,0 +1,136 @@
+"""The command of a study, made from what the registry declares."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..errors import InputError
+from .options import SEED, Finite
+
+if TYPE_CHECKING:
+    from ..study.registry import Option, Study
+
+# option: (what `Study.takes` calls it, how it is declared)
+COMMON: dict[str, tuple[str, Callable[[Study], dict[str, Any]]]] = {
+    "--scale": (
+        "scale",
+        lambda one: {
+            "type": Finite(0, 1, min_open=True),
+            "default": one.scale,
+            "show_default": one.scale is not None,
+            "help": "Share of the paper's points or frames, up to 1.",
+        },
+    ),
+    "--seed": (
+        "seed",
+        lambda one: {
+            "type": SEED,
+            "default": 0,
+            "show_default": True,
+            "help": "Of all that is drawn.",
+        },
+    ),
+    "--rig": ("rig", lambda one: {"help": "A virtual rig, by name or path, not the study's own."}),
+    "--from": (
+        "from",
+        lambda one: {
+            "multiple": True,
+            "type": click.Path(path_type=Path),
+            "metavar": "RUN",
+            "help": "A recorded run, taken instead of simulating; may be given several times.",
+        },
+    ),
+    "--jobs": (
+        "grid",
+        lambda one: {
+            "type": click.IntRange(1, 256),
+            "help": "Processes at a time; by default one a processor.",
+        },
+    ),
+    "--on": (
+        "grid",
+        lambda one: {
+            "default": "local",
+            "show_default": True,
+            "help": "Where jobs run: local, or dask:tcp://HOST:PORT of a Dask scheduler.",
+        },
+    ),
+}
+OUT = "study-out"
+
+
+class _Command(click.Command):
+    """Says of an option of other studies that this one does not take it."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as why:
+            if why.option_name not in COMMON:
+                raise
+            raise InputError(f"{why.option_name}: the study {self.name} does not take it") from why
+
+
+def command(name: str, one: Study) -> click.Command:
+    """`study run NAME`, with the options that this study takes."""
+    options: list[click.Parameter] = [
+        click.Option([flag], **declared(one))
+        for flag, (what, declared) in COMMON.items()
+        if what in one.takes
+    ]
+    options += [_option(more) for more in one.options]
+    options += [
+        click.Option(
+            ["--out"],
+            type=click.Path(path_type=Path, file_okay=False),
+            default=Path(OUT) / name,
+            show_default=True,
+            help="Folder of page and tables.",
+        ),
+        click.Option(
+            ["--figures"],
+            type=click.Path(path_type=Path, file_okay=False),
+            metavar="DIR",
+            help="Write the figures as SVG and PDF too.",
+        ),
+        click.Option(["--json", "as_json"], is_flag=True, help="Print JSON."),
+    ]
+    about = f"{one.line}\n\n{one.about}".strip()
+
+    def run(**given: Any) -> None:
+        from .study_run import run
+
+        run(name, one, given)
+
+    return _Command(name, params=options, callback=run, help=about, short_help=one.line)
+
+
+def _option(one: Option) -> click.Option:
+    given: dict[str, Any] = {"help": one.help}
+    kind = one.kind if one.default is None else type(one.default)
+    flag = f"--{one.name}"
+    if kind is bool:
+        return click.Option(
+            [f"{flag}/--no-{one.name}"], default=one.default, show_default=True, **given
+        )
+    if one.default not in (None, ()):
+        given |= {"default": one.default, "show_default": True}
+    if kind is tuple:
+        given["multiple"] = True
+    elif kind is bool:
+        pass  # the flag's form says it
+    elif one.choices:
+        given["type"] = click.Choice(one.choices)
+    elif kind is int:
+        given["type"] = click.IntRange(
+            None if one.low is None else int(one.low), None if one.high is None else int(one.high)
+        )
+    elif kind is float:
+        given["type"] = Finite(one.low, one.high)
+    else:
+        given["type"] = kind
+    return click.Option([flag], **given)

@@ -1,0 +1,24 @@
+"""The one executor of the package: jobs side by side, on this machine or on a Dask cluster.
+
+Everything is written against concurrent.futures.Executor. each.py hands jobs to one and collects,
+local.py is processes here, cluster.py is an existing Dask cluster, word.py is what a job says while
+it runs.
+"""
+
+from .each import Ended, Progress, arrivals, as_done, each
+from .local import THREAD_VARIABLES, processors
+from .where import executor, width
+from .word import tell
+
+__all__ = [
+    "THREAD_VARIABLES",
+    "Ended",
+    "Progress",
+    "arrivals",
+    "as_done",
+    "each",
+    "executor",
+    "processors",
+    "tell",
+    "width",
+]

@@ -1,0 +1,113 @@
+"""An existing Dask cluster as an executor, whose workers have the same code as this process."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import logging
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+from ..errors import InputError, MissingLibrary, RunFailed
+from . import word
+
+R = TypeVar("R")
+
+CONNECT_S = 10.0
+WORKERS_S = 10.0
+PACKAGE = Path(__file__).parents[1]
+
+
+class OtherCode(RunFailed):
+    """A worker has another deltact_fab than who asks it."""
+
+
+@cache
+def code() -> str:
+    """The digest of the package's sources, as they are on this machine."""
+    text = hashlib.sha256()
+    for file in sorted(PACKAGE.rglob("*.py")):
+        text.update(f"{file.relative_to(PACKAGE).as_posix()}\n".encode() + file.read_bytes())
+    return text.hexdigest()[:16]
+
+
+@contextlib.contextmanager
+def cluster(address: str) -> Iterator[Cluster]:
+    """The workers of the scheduler at tcp://HOST:PORT, until the end of the block.
+
+    Raises InputError for another form of address, MissingLibrary without the extra `cluster`,
+    RunFailed when no scheduler answers, no worker is there, or one has other code.
+    """
+    place = address.partition("://")
+    if place[0] not in ("tcp", "tls") or not place[2].rpartition(":")[2].isdecimal():
+        raise InputError(f"--on 'dask:{address}': dask:tcp://HOST:PORT is right")
+    try:
+        from distributed import Client
+    except ImportError as why:
+        raise MissingLibrary(
+            f"--on dask:{address}: needs the extra `cluster`: pip install 'deltact-fab[cluster]'"
+        ) from why
+    # What goes wrong there is told by the error that ends it.
+    quiet = logging.getLogger("distributed")
+    level = quiet.level
+    quiet.setLevel(logging.CRITICAL)
+    try:
+        try:
+            client = Client(address, timeout=CONNECT_S, set_as_default=False)
+        except (OSError, TimeoutError) as why:
+            raise RunFailed(f"no Dask scheduler answers at {address}") from why
+        with client:
+            _require_same_code(client, address)
+            client.subscribe_topic(word.TOPIC, lambda event: word.hear(tuple(event[1])))
+            there = Cluster(client)
+            try:
+                yield there
+            finally:
+                there.shutdown(wait=False)
+    finally:
+        quiet.setLevel(level)
+
+
+def _require_same_code(client: Any, address: str) -> None:
+    try:
+        client.wait_for_workers(1, timeout=WORKERS_S)
+    except TimeoutError as why:
+        raise RunFailed(f"the Dask scheduler at {address} has no workers") from why
+    for worker, answer in client.run(code, on_error="return").items():
+        if isinstance(answer, ImportError):
+            raise RunFailed(f"Dask worker {worker}: cannot import deltact_fab ({answer})")
+        if isinstance(answer, BaseException):
+            raise RunFailed(f"Dask worker {worker}: {answer}")
+        if answer != code():
+            raise OtherCode(f"Dask worker {worker}: {_unlike(answer)}")
+
+
+def _unlike(there: str) -> str:
+    return f"its deltact_fab is another ({there}, here {code()}): install the same on both"
+
+
+class Cluster(Executor):
+    """Dask's own executor; each job makes sure that its worker, which may be new, has our code."""
+
+    def __init__(self, client: Any) -> None:
+        # pure: a job that failed and is asked again is done again.
+        self._inner = client.get_executor(pure=False)
+        self.workers = sum(client.nthreads().values())
+
+    def submit(self, fn: Callable[..., R], /, *args: Any, **kwargs: Any) -> Future[R]:
+        """As every Executor's."""
+        future: Future[R] = self._inner.submit(_checked, code(), fn, args, kwargs)
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """As every Executor's; without wait, what runs is cancelled."""
+        self._inner.shutdown(wait=wait and not cancel_futures)
+
+
+def _checked(asked: str, fn: Callable[..., R], args: tuple[Any, ...], kwargs: dict[str, Any]) -> R:
+    if code() != asked:
+        raise OtherCode(f"a Dask worker that came later: {_unlike(code())}")
+    return fn(*args, **kwargs)

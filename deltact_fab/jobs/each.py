@@ -1,0 +1,185 @@
+"""Jobs given to an executor, and what came of them."""
+
+from __future__ import annotations
+
+import queue
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError, Executor, Future
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+from ..errors import RunFailed
+from . import word
+from .local import local, processors
+
+Progress = Callable[[int, int, str], None]
+"""Hears (done, of how many, what)."""
+Told = Callable[[int, Any], None]
+"""Hears (index of a job, what it told)."""
+
+_POLL_S = 1.0  # where a blocked wait does not let Ctrl-C in
+
+J = TypeVar("J")
+R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class Ended(Generic[R]):
+    """What came of the job at an index: a value, or an error."""
+
+    index: int
+    value: R | None = None
+    error: Exception | None = None
+
+
+def each(
+    work: Callable[[J], R],
+    jobs: Sequence[J],
+    names: Sequence[str],
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+    *,
+    told: Told | None = None,
+    workers: int | None = None,
+) -> list[R]:
+    """The results of jobs in their order; arguments and errors as of `arrivals`.
+
+    names: of the jobs, for progress, which hears of each when it is done.
+    """
+    if len(names) != len(jobs):
+        raise ValueError(f"{len(names)} names for {len(jobs)} jobs")
+    results: dict[int, R] = {}
+    for index, result in arrivals(work, jobs, executor, told=told, workers=workers):
+        results[index] = result
+        if progress is not None:
+            progress(len(results), len(jobs), names[index])
+    return [results[index] for index in range(len(jobs))]
+
+
+def arrivals(
+    work: Callable[[J], R],
+    jobs: Sequence[J],
+    executor: Executor | None = None,
+    *,
+    told: Told | None = None,
+    workers: int | None = None,
+) -> Iterator[tuple[int, R]]:
+    """(index, result) of jobs as they come.
+
+    The error of the first job that fails, in the order of the jobs however they were scheduled, is
+    raised once all before it have ended; those behind it are cancelled. Arguments as of `as_done`.
+    """
+    failed: dict[int, Exception] = {}
+    for ended in as_done(work, jobs, executor, told=told, workers=workers, until_failure=True):
+        if ended.error is not None:
+            failed[ended.index] = ended.error
+        elif not failed:
+            yield ended.index, ended.value  # type: ignore[misc]
+    if failed:
+        raise failed[min(failed)]
+
+
+def as_done(
+    work: Callable[[J], R],
+    jobs: Sequence[J],
+    executor: Executor | None = None,
+    *,
+    told: Told | None = None,
+    workers: int | None = None,
+    until_failure: bool = False,
+) -> Iterator[Ended[R]]:
+    """What came of every job, as they end; those not begun are cancelled when no one asks on.
+
+    work: a function of a module, jobs: its arguments; both are pickled. executor: None is processes
+    of this machine, `workers` of them, by default a processor each; with one of either the jobs run
+    in this process. told: hears what jobs `tell`, in the caller's thread. until_failure: after a
+    failure only what comes before it.
+    """
+    if executor is not None:
+        yield from _on(executor, work, jobs, told, until_failure)
+        return
+    several = min(workers or processors(), len(jobs))
+    if several > 1:
+        with local(several) as own:
+            yield from _on(own, work, jobs, told, until_failure)
+        return
+    with word.listening(told) as name:
+        for index, job in enumerate(jobs):
+            ended = _here(name, index, work, job)
+            yield ended
+            if until_failure and ended.error is not None:
+                return
+
+
+def _here(name: str, index: int, work: Callable[[J], R], job: J) -> Ended[R]:
+    try:
+        return Ended(index, _run(name, index, work, job))
+    except Exception as why:
+        return Ended(index, error=why)
+
+
+def _run(name: str, index: int, work: Callable[[J], R], job: J) -> R:
+    """A job, wherever it is."""
+    with word.speaking(name, index):
+        return work(job)
+
+
+def _on(
+    executor: Executor,
+    work: Callable[[J], R],
+    jobs: Sequence[J],
+    told: Told | None,
+    until_failure: bool,
+) -> Iterator[Ended[R]]:
+    # One queue for all that happens, so that it is heard in its order and in this thread.
+    news: queue.SimpleQueue[Future[R] | tuple[int, Any]] = queue.SimpleQueue()
+    futures: dict[Future[R], int] = {}
+    first_failed = len(jobs)
+    with word.listening(None if told is None else lambda *said: news.put(said)) as name:
+        try:
+            for index, job in enumerate(jobs):
+                futures[executor.submit(_run, name, index, work, job)] = index
+            for future in futures:
+                future.add_done_callback(news.put)
+            left = len(futures)
+            while left:
+                item = _next(news)
+                if not isinstance(item, Future):
+                    assert told is not None
+                    told(*item)
+                    continue
+                left -= 1
+                index = futures[item]
+                if index > first_failed:
+                    continue
+                ended = _ended(index, item)
+                if until_failure and ended.error is not None:
+                    first_failed = index
+                    for other, place in futures.items():
+                        if place > index:
+                            other.cancel()
+                yield ended
+        finally:
+            for future in futures:
+                future.cancel()
+
+
+def _next(news: queue.SimpleQueue[Any]) -> Any:
+    while True:
+        try:
+            return news.get(timeout=_POLL_S)
+        except queue.Empty:
+            continue
+
+
+def _ended(index: int, future: Future[R]) -> Ended[R]:
+    try:
+        return Ended(index, future.result())
+    except CancelledError:
+        return Ended(index, error=RunFailed("cancelled: its executor was closed or is gone"))
+    except Exception as why:
+        if type(why).__name__ == "KilledWorker":
+            why = RunFailed(
+                "every worker that tried it died (out of memory, or killed); the cluster gave it up"
+            )
+        return Ended(index, error=why)

@@ -1,0 +1,202 @@
+"""Processes of this machine that behave: they share the cores, leave Ctrl-C to the caller, end with
+it, do not run its script again, and one that dies takes no other's job with it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pickle
+import signal
+import sys
+import threading
+import types
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from ..errors import RunFailed
+from . import word
+
+if TYPE_CHECKING:
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing.connection import Connection
+
+R = TypeVar("R")
+
+THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMEXPR_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+    "OPENCV_FOR_THREADS_NUM",
+)
+TRIES = 2
+"""A job is begun at most so often, when its process dies under it."""
+
+
+def processors() -> int:
+    """Processors that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+@contextlib.contextmanager
+def local(workers: int) -> Iterator[Local]:
+    """Processes until the end of the block; on every way out none is left behind."""
+    found = Local(workers)
+    try:
+        yield found
+    finally:
+        found.close()
+
+
+class Local(ThreadPoolExecutor):
+    """A thread for each process, that gives it one job after the other.
+
+    A pool of one process each, because a pool of several breaks as a whole when one of them dies.
+    Processes start when there is a job for them and import what it needs. What is defined in the
+    caller's own script is not known to them.
+    """
+
+    def __init__(self, workers: int) -> None:
+        from multiprocessing import resource_tracker
+
+        super().__init__(workers, "deltact-fab-job", _hold_interrupts)
+        self.workers = workers
+        self.threads = max(1, processors() // workers)
+        self._mine = threading.local()
+        self._pools: list[ProcessPoolExecutor] = []
+        self._starting = threading.Lock()
+        self._closed = False
+        # Its start would let signals through to the threads that hold them.
+        resource_tracker.ensure_running()
+
+    def submit(self, fn: Callable[..., R], /, *args: Any, **kwargs: Any) -> Future[R]:
+        """As every Executor's; a job whose process dies is begun again, TRIES times in all."""
+        return super().submit(self._give, fn, *args, **kwargs)
+
+    def _give(self, fn: Callable[..., R], *args: Any, **kwargs: Any) -> R:
+        from concurrent.futures.process import BrokenProcessPool
+
+        # Here, and unpacked by the job: what cannot be unpacked fails like any other job.
+        packed = pickle.dumps((fn, args, kwargs))
+        for _ in range(TRIES):
+            try:
+                answer: R = self._process(packed).result()
+                return answer
+            except BrokenProcessPool:
+                if self._closed:
+                    raise CancelledError from None
+        raise RunFailed(
+            "its process died twice (out of memory, or killed): fewer jobs at a time need less "
+            "memory"
+        )
+
+    def _process(self, packed: bytes) -> Future[Any]:
+        """A job given to this thread's process, which is started where there is none."""
+        from concurrent.futures.process import BrokenProcessPool
+
+        if (pool := getattr(self._mine, "pool", None)) is not None:
+            # One that died while it had nothing to do has not tried.
+            with contextlib.suppress(BrokenProcessPool):
+                return pool.submit(_work, packed)
+        with self._starting:
+            if self._closed:
+                raise CancelledError
+            self._mine.pool, future = _start(packed, self.threads)
+            self._pools.append(self._mine.pool)
+        return future
+
+    def close(self) -> None:
+        """End the workers at once: an idle one has nothing to lose, a busy one nothing to give."""
+        with self._starting:
+            self._closed = True
+        self.shutdown(wait=False, cancel_futures=True)
+        for pool in self._pools:
+            _end(pool)
+        self.shutdown(wait=True)
+
+
+def _start(packed: bytes, threads: int) -> tuple[ProcessPoolExecutor, Future[Any]]:
+    """A process, with its first job: it starts when it has one."""
+    import multiprocessing
+    from concurrent.futures import ProcessPoolExecutor
+
+    context = multiprocessing.get_context("spawn")
+    ear, mouth = context.Pipe(duplex=False)
+    pool = ProcessPoolExecutor(1, context, _begin, (mouth, threads))
+    with _main_hidden():
+        future = pool.submit(_work, packed)
+    mouth.close()  # only the process has it now, so its end is heard
+    threading.Thread(target=_listen, args=(ear,), daemon=True).start()
+    return pool, future
+
+
+def _listen(ear: Connection) -> None:
+    with contextlib.suppress(EOFError, OSError), ear:
+        while True:
+            word.hear(ear.recv())
+
+
+def _end(pool: ProcessPoolExecutor) -> None:
+    # After an orderly end the pool has forgotten its processes.
+    workers: dict[int, Any] = dict(getattr(pool, "_processes", None) or {})
+    for worker in workers.values():
+        worker.terminate()
+    pool.shutdown(wait=True, cancel_futures=True)
+    for worker in workers.values():
+        worker.join(5)
+        if worker.is_alive():
+            worker.kill()
+            worker.join()
+
+
+def _hold_interrupts() -> None:
+    """In a thread: Ctrl-C never reaches the processes that it starts, they inherit that."""
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+
+
+@contextlib.contextmanager
+def _main_hidden() -> Iterator[None]:
+    """Processes started inside do not import the caller's script.
+
+    They need nothing of it, and one without `if __name__ == "__main__":` would run again in each.
+    """
+    main = sys.modules["__main__"]
+    sys.modules["__main__"] = types.ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
+
+
+# -- in the process --------------------------------------------------------------------------------
+
+
+def _begin(mouth: Connection, threads: int) -> None:
+    """Ctrl-C is the parent's to answer, no worker outlives it, and the cores are shared."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Before any library is loaded; who has set one means it.
+    for name in THREAD_VARIABLES:
+        os.environ.setdefault(name, str(threads))
+    word.speak_through(mouth.send)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    import multiprocessing
+
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _work(packed: bytes) -> Any:
+    function, args, kwargs = pickle.loads(packed)
+    return function(*args, **kwargs)
