@@ -21,7 +21,7 @@ from ...patterns.raster import albedo
 from ...patterns.recipe import PatternRecipe, load_recipe
 from ...shapes import SensorDimensions
 from ...study.star import Star
-from ...virtual.picture import MARGIN_PX, Picture, Texture
+from ...virtual.picture import MARGIN_PX, Geometry, Picture, Texture
 from ...virtual.scene import LatticeCrop
 
 Image = NDArray[np.uint8]
@@ -116,9 +116,9 @@ def drawn(
     printer = Printer()
     printed = printer.print_(albedo(recipe, printer.mm_per_dot), rng)
     texture = Texture(printed, printer.mm_per_dot)
-    picture = Picture(CAMERA, lattice, texture, sensor or Sensor())
+    picture = Picture(Geometry(CAMERA, lattice), texture, sensor or Sensor())
     inner = slice(MARGIN_PX, -MARGIN_PX)
-    truth = np.ascontiguousarray(picture.forward_px(displacement_mm)[inner, inner])
+    truth = np.ascontiguousarray(picture.geometry.forward_px(displacement_mm)[inner, inner])
     parts = np.arange(n_frames + 1) / n_frames
     images = [picture.render(displacement_mm * part if part else None, rng) for part in parts]
     return Scene(np.stack(images), truth, parts)

@@ -8,14 +8,16 @@ from typing import Any
 
 from ...patterns.recipe import PatternRecipe
 
-SIZES_MM = (0.05, 0.075, 0.1, 0.15, 0.2, 0.3, 0.4)
+SIZES_MM = (0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4)
 LEAST_DOTS = 3.0
 """Printer dots a patch: fewer, and halftone and misplaced ink leave none of its own colour."""
 LEAST_PX, MOST_PX = 1.5, 12.0
 """Camera pixels a patch: fewer alias; in larger ones a matching window has no edge in it."""
 R = (0.1, 0.3, 0.6)
-SCALES = ((1, 2), (1, 4), (1, 2, 4), (1, 2, 4, 8))
+SCALES = ((1, 2), (1, 2, 4), (1, 2, 4, 8))
 """Sides of octave noise's blocks, in patches."""
+MOST_OCTAVE_MM = 0.2
+"""Its coarse blocks give what larger patches would."""
 PAPER = {"law": "algorithm1", "patch_mm": 0.075, "r": 0.6}
 """The paper's choice; it is always among the candidates."""
 
@@ -52,18 +54,18 @@ def candidates(mm_per_dot: float, mm_per_px: float) -> list[Candidate]:
 
 def _all() -> Iterator[Candidate]:
     for d in SIZES_MM:
-        for r in R if d <= 0.2 else R[:1]:
+        for r in R:
             yield _made(f"algorithm1 {d:g} r {r:g}", "Algorithm 1",
                         law="algorithm1", patch_mm=d, r=r)  # fmt: skip
-        for channels, colour in ((3, "colour"), (1, "grey")):
-            for law in ("iid", "binary"):
+        for law in ("iid", "binary"):
+            for channels, colour in ((3, "colour"), (1, "grey")):
                 yield _made(f"{law} {d:g} {colour}", law, law=law, patch_mm=d, channels=channels)
-            for blocks in SCALES if d <= 0.2 and channels == 3 else SCALES[2:3] if d <= 0.2 else ():
-                scales = tuple(round(d * side, 9) for side in blocks)
-                words = "/".join(f"{scale:g}" for scale in scales)
-                yield _made(f"octave {words} {colour}", "octave", law="octave", patch_mm=d,
-                            scales_mm=scales, channels=channels)  # fmt: skip
+        for blocks in SCALES if d <= MOST_OCTAVE_MM else ():
+            scales = tuple(round(d * side, 9) for side in blocks)
+            words = "/".join(f"{scale:g}" for scale in scales)
+            yield _made(f"octave {words}", "octave", law="octave", patch_mm=d, scales_mm=scales)
 
 
 def _made(name: str, family: str, **keys: Any) -> Candidate:
-    return Candidate(name, family, tuple((k, v) for k, v in keys.items() if (k, v) != ("channels", 3)))
+    plain = ((key, value) for key, value in keys.items() if (key, value) != ("channels", 3))
+    return Candidate(name, family, tuple(plain))

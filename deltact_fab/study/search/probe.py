@@ -20,9 +20,19 @@ from ...errors import SensorError
 from ...measure.flow import named_tracker
 from ...patterns.quality.figures import figures
 from ...patterns.recipe import PatternRecipe
-from ...virtual.picture import Picture
+from ...virtual.picture import Picture, Texture
 from .bench import Bench
-from .scenes import SHIFTS_PX, View, at_rest, dragged, shifted, star_of, starred, view_of
+from .scenes import (
+    SHIFTS_PX,
+    Drawn,
+    View,
+    at_rest,
+    dragged,
+    shifted,
+    star_of,
+    starred,
+    view_of,
+)
 
 FIELD_PX = 200_000
 TRACKER = "fused"
@@ -38,29 +48,34 @@ Vectors = NDArray[Any]
 def probe(given: dict[str, Any]) -> dict[str, Any]:
     """given: bench, recipe (plain data), seed (of print, noise and drag), field_px.
 
-    Returns plain data by predictor's name, `error_mm` of the drag and its coverage; lengths in px
-    but where the name says mm. A pattern in which nothing can be tracked has `refused`, saying why.
+    Returns plain data by predictor's name, lengths in px but where the name says mm; `error_mm`,
+    `confident_error_mm` and `coverage` of the drag, and with `leap_` before of the same motion in
+    one step. A pattern in which nothing can be tracked has `refused`, saying why.
     """
     cv2.setNumThreads(1)  # DIS splits the image by thread
     bench = Bench.from_dict(given["bench"])
     recipe = PatternRecipe.model_validate_json(json.dumps(given["recipe"]))
     view = view_of(bench, given["field_px"])
     rng = np.random.default_rng([given["seed"], 5])
-    picture = view.picture(view.printed(recipe, bench.printer, rng))
+    texture = view.printed(recipe, bench.printer, rng)
+    picture = view.picture(texture)
     rest = [picture.expose(at_rest(view).at_px, rng) for _ in range(2)]
-    found = _of_image(view, picture, rng)
+    found = _of_image(view, texture, rng)
     try:
         found |= _of_shifts(picture, view, rest, rng)
         found |= _of_star(picture, view, rest[0], rng)
-        found |= _of_drag(picture, view, rest[0], given["seed"], rng)
+        frames = dragged(view, given["seed"])
+        found |= _of_drag(picture, view, rest[0], frames, rng)
+        leap = _of_drag(picture, view, rest[0], frames[-1:], rng)
+        found |= {f"leap_{key}": value for key, value in leap.items()}
     except SensorError as why:  # no texture anywhere
         return found | {"refused": str(why)}
     return found
 
 
-def _of_image(view: View, picture: Picture, rng: np.random.Generator) -> dict[str, Any]:
-    even = replace(view, sensor=replace(view.sensor, shading=0.0))  # falloff is no contrast
-    image = even.picture(picture.texture).expose(at_rest(view).at_px, rng)
+def _of_image(view: View, texture: Texture, rng: np.random.Generator) -> dict[str, Any]:
+    even = replace(view.sensor, shading=0.0)  # falloff is no contrast
+    image = view.picture(texture, even).expose(at_rest(view).at_px, rng)
     seen = figures(image[..., ::-1], view.camera.mm_per_px, None, None)
     return {
         "mean_gradient": seen.mean_gradient,
@@ -121,14 +136,14 @@ def _of_star(
 
 
 def _of_drag(
-    picture: Picture, view: View, rest: Image, seed: int, rng: np.random.Generator
+    picture: Picture, view: View, rest: Image, frames: list[Drawn], rng: np.random.Generator
 ) -> dict[str, Any]:
     """Mean error over frames and moving pixels, of all and of the confident ones."""
     scale = view.camera.mm_per_px
     tracker = named_tracker(TRACKER)
     tracker.update(rest)
     total, n, sure_total, sure_n = 0.0, 0, 0.0, 0
-    for drawn in dragged(view, seed):
+    for drawn in frames:
         seen = tracker.update(picture.expose(drawn.at_px, rng))
         off_mm = np.hypot(*np.moveaxis(seen.flow_px - drawn.truth_px, -1, 0)) * scale
         moving = moving_px(drawn.truth_px, scale)

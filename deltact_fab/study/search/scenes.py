@@ -18,7 +18,7 @@ from ...imaging import Printer, Sensor
 from ...optics import Pinhole, SurfaceLattice, axes_mm
 from ...patterns.raster import albedo
 from ...patterns.recipe import PatternRecipe
-from ...virtual.picture import MARGIN_PX, Picture, Texture
+from ...virtual.picture import MARGIN_PX, Geometry, Picture, Texture
 from ..star import Star
 from .bench import Bench
 
@@ -52,24 +52,26 @@ class Drawn(NamedTuple):
 
 @dataclass(frozen=True)
 class View:
-    """A camera and its sensor; geometry is kept by it and not by what is printed."""
+    """A camera and its sensor: what is solved of a motion is kept by it, for any print."""
 
     camera: Pinhole
     sensor: Sensor
 
-    def printed(self, recipe: PatternRecipe, printer: Printer, rng: np.random.Generator) -> Texture:
+    def printed(
+        self, recipe: PatternRecipe, printer: Printer, rng: np.random.Generator
+    ) -> Texture:
         """What of the print can come into the view."""
         reach_mm = DRAG_MM + BEYOND_MM
-        size = tuple(
+        height, width = (
             round((side_px * self.camera.mm_per_px + 2 * reach_mm) / printer.mm_per_dot)
             for side_px in (self.camera.height_px, self.camera.width_px)
         )
-        colours = albedo(recipe, printer.mm_per_dot, (size[0], size[1]))
+        colours = albedo(recipe, printer.mm_per_dot, (height, width))
         return Texture(printer.print_(colours, rng), printer.mm_per_dot)
 
-    def picture(self, texture: Texture, spacing_mm: float = LATTICE_MM) -> Picture:
-        """What draws a print. spacing_mm: of the lattice that holds displacements."""
-        return Picture(self.camera, lattice(self.camera, spacing_mm), texture, self.sensor)
+    def picture(self, texture: Texture, sensor: Sensor | None = None) -> Picture:
+        """What draws a print; sensor: None for the view's own."""
+        return Picture(geometry(self, LATTICE_MM), texture, sensor or self.sensor)
 
 
 def lattice(camera: Pinhole, spacing_mm: float) -> SurfaceLattice:
@@ -79,18 +81,19 @@ def lattice(camera: Pinhole, spacing_mm: float) -> SurfaceLattice:
     return SurfaceLattice(float(x_mm[0]), float(y_mm[0]), spacing_mm, nx, ny)
 
 
-def _nothing() -> Texture:
-    return Texture(np.ones((2, 2, 3), np.float32), 1.0)
+@lru_cache(maxsize=4)
+def geometry(view: View, spacing_mm: float) -> Geometry:
+    """Of displacements on a lattice of that spacing."""
+    return Geometry(view.camera, lattice(view.camera, spacing_mm))
 
 
 def _drawn(view: View, fields_mm: Sequence[Field], spacing_mm: float) -> list[Drawn]:
-    picture = view.picture(_nothing(), spacing_mm)
+    seen = geometry(view, spacing_mm)
     inner = slice(MARGIN_PX, -MARGIN_PX)
-    out = []
-    for field_mm in fields_mm:
-        truth = np.ascontiguousarray(picture.forward_px(field_mm)[inner, inner])
-        out.append(Drawn(picture.material_px(field_mm), truth))
-    return out
+    return [
+        Drawn(seen.material_px(u), np.ascontiguousarray(seen.forward_px(u)[inner, inner]))
+        for u in fields_mm
+    ]
 
 
 def _grid(view: View, spacing_mm: float) -> tuple[Field, Field]:
