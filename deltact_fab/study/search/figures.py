@@ -21,7 +21,7 @@ UM = 1000.0
 
 
 def predictors_against_error(frame: pd.DataFrame, named: Sequence[str], paper: str) -> Figure:
-    """A panel a predictor; a mark a candidate, coloured by family, some of them with their names."""
+    """A panel a predictor, a mark a candidate; rings: the named ones."""
     known = frame[frame[ERROR].notna()]
     figure, axes = blank(9.6, 7.2, 4, rows=3)
     families = list(dict.fromkeys(known["family"]))
@@ -43,7 +43,7 @@ def predictors_against_error(frame: pd.DataFrame, named: Sequence[str], paper: s
         log_ticks(axis, "xy" if positive.min() > 0 and np.ptp(np.log(positive)) > 1 else "y")
         axis.tick_params(labelsize=7.5)
         axis.set_xlabel(f"{p.words}{', px' if p.column.endswith('_px') else ''}", fontsize=8.5)
-    for axis in axes[len(PREDICTORS):]:
+    for axis in axes[len(PREDICTORS) :]:
         axis.set_visible(False)
     for first in range(0, len(axes), 4):
         axes[first].set_ylabel("mean error, um")

@@ -1,4 +1,4 @@
-"""What was asked of a pattern search: a rig file's printer and camera, and what differs from them."""
+"""Printer and camera of a search: a rig file's, and what was asked to differ."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 from ...catalog import validate
 from ...errors import InputError
 from ...imaging import Printer, Sensor
-from ...rig.config import load
+from ...rig.config import VirtualConfig, load
 from ...rig.simulator import CameraConfig, PrinterConfig
 from ...shapes import SensorDimensions
 from .bench import Bench
@@ -19,17 +19,22 @@ OPTIONS = ("mm_per_px", *PrinterConfig.model_fields, "blur_px", "full_well_elect
 """What may be asked for by name; everything else is the rig file's."""
 
 
+def rig_of(name: str) -> VirtualConfig:
+    """A virtual rig by name or path. Raises InputError for another one."""
+    config, path = load(name)
+    if config.kind != "virtual":
+        raise InputError(
+            f"{path}: kind: {config.kind!r} has no model of printer and camera; name a virtual rig"
+        )
+    return config
+
+
 def bench_of(rig: str, more: dict[str, Any]) -> Bench:
     """Printer and camera of a virtual rig's file, changed by what was asked for.
 
     more: values of OPTIONS by name, None where nothing was asked. Raises InputError for a rig that
     is not virtual, an unknown option, or a value out of range.
     """
-    config, path = load(rig)
-    if config.kind != "virtual":
-        raise InputError(
-            f"{path}: kind: {config.kind!r} has no model of printer and camera; name a virtual rig"
-        )
     asked = {key: value for key, value in more.items() if value is not None}
     if unknown := sorted(set(asked) - set(OPTIONS)):
         raise InputError(f"pattern-search: {unknown[0]}: no such option; {', '.join(OPTIONS)}")
@@ -39,7 +44,7 @@ def bench_of(rig: str, more: dict[str, Any]) -> Bench:
             f"pattern-search: mm_per_px: {mm_per_px:g}; {LEAST_MM_PER_PX} to {MOST_MM_PER_PX} mm "
             "of the face a pixel can be simulated"
         )
-    tables = config.virtual
+    tables = rig_of(rig).virtual
     printer, camera = (
         validate(
             kind,

@@ -2,8 +2,9 @@
 
 Simulated. Predictors of the image alone are `patterns.quality`'s; those that need a tracker take
 the default one. Bias: a print moved as a whole by known parts of a pixel, each photographed twice,
-so that what both pairs have in common can be told from noise (in the DIC literature, pattern-induced
-bias: Fayad, Reu, Jones, Exp. Mech. 60 (2020)). Resolution: the star of the DIC Challenge 2.0.
+so that what both pairs have in common, which interpolation and aliasing make (Schreier, Braasch,
+Sutton, Opt. Eng. 39 (2000) 2915), can be told from noise. Resolution: the star of the DIC
+Challenge 2.0.
 """
 
 from __future__ import annotations
@@ -125,9 +126,7 @@ def bias_figures(offs_px: NDArray[np.float64]) -> dict[str, float]:
     }
 
 
-def _of_star(
-    picture: Picture, view: View, rest: Image, rng: np.random.Generator
-) -> dict[str, Any]:
+def _of_star(picture: Picture, view: View, rest: Image, rng: np.random.Generator) -> dict[str, Any]:
     star = star_of(view)
     found = star.figures(flow_px([rest, picture.expose(starred(view).at_px, rng)])[0])
     # Finer than every period of the star: as fine as its finest one.
@@ -162,4 +161,6 @@ def moving_px(truth_px: Vectors, mm_per_px: float) -> NDArray[np.bool_]:
     h, w = truth_px.shape[:2]
     x, y = np.arange(w) + truth_px[..., 0], np.arange(h)[:, None] + truth_px[..., 1]
     seen = (x >= 0) & (x <= w - 1) & (y >= 0) & (y <= h - 1)
-    return np.asarray(seen & (np.hypot(truth_px[..., 0], truth_px[..., 1]) * mm_per_px >= MOVING_MM))
+    return np.asarray(
+        seen & (np.hypot(truth_px[..., 0], truth_px[..., 1]) * mm_per_px >= MOVING_MM)
+    )

@@ -57,9 +57,7 @@ class View:
     camera: Pinhole
     sensor: Sensor
 
-    def printed(
-        self, recipe: PatternRecipe, printer: Printer, rng: np.random.Generator
-    ) -> Texture:
+    def printed(self, recipe: PatternRecipe, printer: Printer, rng: np.random.Generator) -> Texture:
         """What of the print can come into the view."""
         reach_mm = DRAG_MM + BEYOND_MM
         height, width = (
@@ -164,5 +162,3 @@ def drag_mm(x: Field, y: Field, rng: np.random.Generator) -> Field:
 def view_of(bench: Bench, field_px: int) -> View:
     """The middle of the bench's view, at most so many pixels."""
     return View(bench.view(field_px), bench.sensor)
-
-

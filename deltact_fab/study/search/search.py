@@ -38,12 +38,15 @@ PREDICTORS = (
     Predictor("noise_px", "noise", 1, True),
     Predictor("resolution_px", "spatial resolution", 1, True),
 )
-ERROR = "error_mm"
+ERROR, LEAP = "error_mm", "leap_error_mm"
+ERRORS = (ERROR, "coverage", LEAP, "leap_coverage")
 LEAST_COVERAGE = 0.9
 """Share of the moving pixels that a pattern's tracker must be sure of, to be recommended."""
 
 
-def table(found: Mapping[str, Sequence[dict[str, Any]]], among: Sequence[Candidate]) -> pd.DataFrame:
+def table(
+    found: Mapping[str, Sequence[dict[str, Any]]], among: Sequence[Candidate]
+) -> pd.DataFrame:
     """A row a candidate, means over seeds; `refused` says why one has no figures.
 
     found: what `probe` returned by candidate's name, a value a seed. Raises RunFailed where nothing
@@ -65,7 +68,7 @@ def table(found: Mapping[str, Sequence[dict[str, Any]]], among: Sequence[Candida
         }
         whole = [v for v in values if "refused" not in v]
         if whole and not row["refused"]:
-            for column in (*(p.column for p in PREDICTORS), ERROR, "coverage"):
+            for column in (*(p.column for p in PREDICTORS), *ERRORS):
                 row[column] = float(np.mean([v[column] for v in whole]))
             sure = [v["confident_error_mm"] for v in whole if v["confident_error_mm"] is not None]
             row["confident_error_mm"] = float(np.mean(sure)) if sure else None

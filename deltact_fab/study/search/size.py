@@ -38,7 +38,9 @@ def size_of(scale: float, whole: int) -> Size:
     )
 
 
-def thinned(among: list[Candidate], count: int, kept: tuple[dict[str, object], ...]) -> list[Candidate]:
+def thinned(
+    among: list[Candidate], count: int, kept: tuple[dict[str, object], ...]
+) -> list[Candidate]:
     """So many of them, evenly over their order; the paper's and those in kept are among them."""
     must = [i for i, c in enumerate(among) if dict(c.keys) in (PAPER, *kept)]
     free = [i for i in range(len(among)) if i not in must]

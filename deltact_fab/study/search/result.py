@@ -1,0 +1,379 @@
+"""What a pattern search found, in words, tables, figures and a recipe to print."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any
+
+from ...catalog import as_toml
+from ...protocols.plan import Protocol, expand
+from ...report.result import Drawn, Headline, LeftOut, StudyResult, Table
+from ..intervals import Estimate
+from . import figures
+from .bench import Bench
+from .candidates import LEAST_DOTS, LEAST_PX, MOST_PX, Candidate
+from .ranking import Pair
+from .search import LEAST_COVERAGE, PREDICTORS
+from .size import Size
+from .verdict import DEFAULT, FARNEBACK, GOAL, Confirmed, best_of, confirmed, gain, ratio
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+UM = 1000.0
+RECIPE_SEED = 7
+RECIPE_FILE = "best-pattern.toml"
+
+
+@dataclass(frozen=True)
+class Findings:
+    """All that the two grids gave. frame: of candidates. order, leap_order: of predictors, by the
+    drag's error in small steps and in one. confirmations: of `confirm`, a value a held-out seed.
+    """
+
+    bench: Bench
+    rig: str
+    seed: int
+    scale: float | None
+    size: Size
+    protocol: Protocol
+    among: tuple[Candidate, ...]
+    frame: pd.DataFrame
+    order: pd.DataFrame
+    leap_order: pd.DataFrame
+    pair: Pair | None
+    finalists: tuple[str, ...]
+    paper: str
+    shipped: str | None
+    confirmed_names: tuple[str, ...]
+    confirmations: tuple[Mapping[str, Any], ...]
+    missing: tuple[str, ...]
+
+    @cached_property
+    def ours(self) -> list[Confirmed]:
+        """With the default tracker, best first."""
+        return confirmed(self.confirmations, self.confirmed_names, DEFAULT)[0]
+
+    @cached_property
+    def refused(self) -> dict[str, str]:
+        """Patterns that could not be tracked on the gel, and why."""
+        return confirmed(self.confirmations, self.confirmed_names, DEFAULT)[1]
+
+    @cached_property
+    def farneback(self) -> list[Confirmed]:
+        """With the paper's own tracker."""
+        return confirmed(self.confirmations, self.confirmed_names, FARNEBACK)[0]
+
+    @cached_property
+    def best(self) -> Confirmed:
+        """The pattern to print. Raises RunFailed where no finalist was tracked."""
+        return best_of(self.ours, self.finalists)
+
+    @cached_property
+    def gain(self) -> Estimate | None:
+        """Its error over that of the paper's pattern."""
+        return gain(self.ours, self.finalists, self.paper)
+
+    def of(self, found: list[Confirmed], name: str | None) -> Confirmed | None:
+        """A confirmed pattern by its name."""
+        return next((one for one in found if one.pattern == name), None)
+
+    def row(self, name: str) -> dict[str, Any]:
+        """A candidate's row of the table of the search."""
+        row = self.frame[self.frame["pattern"] == name].iloc[0]
+        return {str(column): row[column] for column in self.frame}
+
+
+def result(found: Findings) -> StudyResult:
+    """The study's result. Raises RunFailed where no finalist was tracked on the gel."""
+    return StudyResult(
+        study="pattern-search",
+        title="The best pattern for a printer and a camera",
+        verdict=_verdict(found),
+        data=_data(found),
+        simulated=True,
+        seed=found.seed,
+        scale=found.scale,
+        headlines=_headlines(found),
+        tables=_tables(found),
+        figures=_figures(found),
+        settings=_settings(found),
+        notes=_notes(found),
+        left_out=_left_out(),
+        missing=found.missing,
+        files={RECIPE_FILE: recipe_text(found)},
+    )
+
+
+def recipe_text(found: Findings) -> str:
+    """The winner as a recipe file, with the figures that speak for it."""
+    candidate = next(c for c in found.among if c.name == found.best.pattern)
+    recipe = candidate.recipe(RECIPE_SEED).model_dump(mode="json", exclude_none=True)
+    words = found.bench.words()
+    about = [
+        f"The best of {len(found.among)} patterns for this printer and camera, simulated:",
+        f"{words['printer']};",
+        f"{words['camera']}.",
+        f"Mean error of the moving pixels {UM * found.best.error.value:.2g} um"
+        + (f", {found.gain.value:.2f} of that of the paper's d 0.075, r 0.6" if found.gain else "")
+        + f" ({found.best.error.over}).",
+        "Its seed may be any.",
+    ]
+    return as_toml({k: v for k, v in recipe.items() if (k, v) != ("channels", 3)}, about)
+
+
+def _um(value: Estimate) -> str:
+    if value.low is None or value.high is None:
+        return f"{UM * value.value:.2f} um"
+    return f"{UM * value.value:.2f} um ({UM * value.low:.2f} to {UM * value.high:.2f})"
+
+
+def _interval(value: Estimate) -> str:
+    if value.low is None or value.high is None:
+        return f"{value.value:.2f}"
+    return f"{value.value:.2f} ({value.low:.2f} to {value.high:.2f})"
+
+
+def _verdict(found: Findings) -> tuple[str, ...]:
+    best, paper = found.best, found.of(found.ours, found.paper)
+    lines = [f"Print {best.pattern}: on this printer and camera its mean error is "
+             f"{_um(best.error)}, over {best.error.over}."]  # fmt: skip
+    if found.gain is not None and paper is not None:
+        met = "met" if found.gain.value <= GOAL else "missed"
+        lines.append(
+            f"That is {_interval(found.gain)} of the {_um(paper.error)} of the paper's d 0.075, "
+            f"r 0.6; the goal of a third is {met}."
+        )
+    else:
+        lines.append("The paper's d 0.075, r 0.6 could not be tracked here at all.")
+    far = [found.of(found.farneback, name) for name in (found.finalists[0], found.paper)]
+    if far[0] is not None and far[1] is not None:
+        lines.append(
+            f"The paper's own tracker (Farneback, summed): {far[0].pattern} "
+            f"{_um(far[0].error)}, the paper's pattern {_um(far[1].error)}."
+        )
+    if len(found.order):
+        first = found.order.iloc[0]
+        image = found.order[~found.order["needs_tracker"]].iloc[0]
+        lines.append(
+            f"What orders patterns best is {first['predictor']} (rank correlation "
+            f"{first['rho']:.2f}); of one image alone, {image['predictor']} ({image['rho']:.2f})."
+        )
+    lines.append(_of_leaps(found))
+    return tuple(lines)
+
+
+def _of_leaps(found: Findings) -> str:
+    """Of motions in one step, where another pattern is the better one."""
+    best = found.row(found.best.pattern)
+    known = found.frame[found.frame["leap_error_mm"].notna()]
+    bold = known.sort_values("leap_error_mm").iloc[0]
+    whole = (
+        f"{100 * best['leap_coverage']:.0f} % of the moving pixels are followed through the same "
+        "motion in one step"
+    )
+    if bold["pattern"] == found.best.pattern:
+        return f"No candidate takes a leap better: {whole}."
+    return (
+        f"It wants small steps between frames: {whole}, with {bold['pattern']} "
+        f"{100 * bold['leap_coverage']:.0f} %."
+    )
+
+
+def _headlines(found: Findings) -> tuple[Headline, ...]:
+    error = found.best.error
+    out = [
+        Headline(
+            "mean error, the pattern to print",
+            UM * error.value,
+            "um",
+            None if error.low is None else UM * error.low,
+            None if error.high is None else UM * error.high,
+            error.over,
+            remark="moving pixels, default tracker, no dots, finite-strain gel",
+        )
+    ]
+    if found.gain is not None:
+        g = found.gain
+        out.append(
+            Headline("its share of the paper's pattern's error", g.value, "", g.low, g.high,
+                     g.over, goal=GOAL,
+                     remark="for each seed the finalist that the other seeds call best")
+        )  # fmt: skip
+    far = [found.of(found.farneback, name) for name in (found.finalists[0], found.paper)]
+    if far[0] is not None and far[1] is not None:
+        share = ratio(far[0], far[1])
+        out.append(
+            Headline(f"the same share with the paper's tracker, {far[0].pattern}", share.value,
+                     "", share.low, share.high, share.over,
+                     remark="Farneback, summed, reference renewed by a photometric threshold")
+        )  # fmt: skip
+    if found.pair is not None:
+        held = found.pair.held_out
+        out.append(
+            Headline("rank correlation of the best two predictors, families left out", held.value,
+                     "", held.low, held.high, held.over, better="high",
+                     remark=f"chosen on all: {' and '.join(found.pair.names)}, "
+                     f"{found.pair.rho:.2f}")
+        )  # fmt: skip
+    return tuple(out)
+
+
+def _tables(found: Findings) -> tuple[Table, ...]:
+    import pandas as pd
+
+    rows = [c.as_row() for c in (*found.ours, *found.farneback)]
+    confirmed_rows = pd.DataFrame(rows)
+    paper = found.of(found.ours, found.paper)
+    if paper is not None:
+        shares = [None if c.method != DEFAULT else c.error.value / paper.error.value
+                  for c in (*found.ours, *found.farneback)]  # fmt: skip
+        confirmed_rows["share_of_paper"] = shares
+    columns = (
+        "pattern", "error_mm", "coverage", "leap_error_mm", "leap_coverage",
+        *(p.column for p in PREDICTORS), "refused",
+    )  # fmt: skip
+    both = found.order.merge(
+        found.leap_order[["predictor", "rho", "low", "high"]],
+        on="predictor", how="left", suffixes=("", "_leap"),
+    )  # fmt: skip
+    tables = [
+        Table("confirmed", f"On the finite-strain gel, means over {found.size.held_out} seeds "
+              "that the search has not seen; lengths in mm.", confirmed_rows),
+        Table("candidates", "The search: predictors and errors of every candidate, means over "
+              f"{found.size.seeds} seed{'s' * (found.size.seeds > 1)}, best first; leap: the "
+              "same motion in one step.", found.frame,
+              tuple(c for c in columns if c in found.frame)),
+        Table("predictors", "Rank correlation with the candidates' error, in small steps and in "
+              "one leap; 1: what it calls better is better.", both),
+    ]  # fmt: skip
+    if found.pair is not None:
+        left_out = [
+            {"family": name, "picked": " and ".join(names), "rho_within": rho}
+            for name, (names, rho) in found.pair.left_out.items()
+        ]
+        tables.append(
+            Table("families-left-out", "Two predictors by their mean rank, picked without the "
+                  "family that they then order.", pd.DataFrame(left_out))
+        )  # fmt: skip
+    return tuple(tables)
+
+
+def _figures(found: Findings) -> tuple[Drawn, ...]:
+    pictures = _pictures(found)
+    words = {found.paper: f"the paper's: {found.paper}"}
+    drawn = [
+        Drawn("confirmed", "Mean error on the finite-strain gel with its 95 % interval over the "
+              "seeds; simulated.",
+              partial(figures.confirmed_errors, [c.as_row() for c in found.ours],
+                      found.best.pattern, found.paper)),
+        Drawn("predictors-against-error", "Each predictor against the candidates' error, in the "
+              "search; rings: those that were confirmed best, and the paper's.",
+              partial(figures.predictors_against_error, found.frame, found.finalists,
+                      found.paper)),
+        Drawn("rank-correlations", "How well each predictor orders the candidates, with its 95 % "
+              "interval over kinds of pattern.",
+              partial(figures.correlations, found.order)),
+    ]  # fmt: skip
+    if pictures:
+        drawn.append(
+            Drawn("seen", "Patterns at rest as the camera sees them.",
+                  partial(figures.strip, pictures, words))
+        )  # fmt: skip
+    return tuple(drawn)
+
+
+def _pictures(found: Findings) -> dict[str, Any]:
+    if not found.confirmations:
+        return {}
+    first = found.confirmations[0]
+    names = dict.fromkeys((found.best.pattern, *found.finalists[:3], found.paper))
+    return {n: first[f"picture/{n}"] for n in names if f"picture/{n}" in first}
+
+
+def _settings(found: Findings) -> dict[str, str]:
+    p = found.protocol
+    assert p.shear is not None
+    frames = sum(step.frames for step in expand(p))
+    return {
+        **found.bench.words(),
+        "candidates": f"{len(found.among)}, of at least {LEAST_DOTS:g} printer dots and "
+        f"{LEAST_PX:g} to {MOST_PX:g} camera pixels a patch (the paper's in any case)",
+        "to be a finalist": f"the tracker is sure of {100 * LEAST_COVERAGE:.0f} % of the moving "
+        "pixels; one of each law and patch size",
+        "confirmed on": f"{p.indenters[0]}, {max(p.depths_mm):g} mm deep, "
+        f"{p.shear.at_depth_mm(max(p.depths_mm)):g} mm of drag each way in "
+        f"{' and '.join(p.shear.axes)}, {frames} frames, finite-strain gel of the rig "
+        f"{found.rig!r}",
+        "friction": f"{p.specimen.friction:g}",
+        "seeds": f"{found.size.seeds} of the search, {found.size.held_out} held out: pattern, "
+        "print and noise are drawn anew with each",
+    }
+
+
+def _notes(found: Findings) -> tuple[str, ...]:
+    notes = [
+        "Printer and camera are models with assumed parameters, not measured ones: print the best "
+        "few on one sheet and run `study run pattern-selection` on your bench before you commit.",
+        "The rank correlations hold for these candidates, this tracker, and a motion in small "
+        "steps.",
+    ]
+    notes += [
+        f"{name} could not be tracked on the gel: {why}" for name, why in found.refused.items()
+    ]
+    none = found.frame[found.frame["refused"] != ""]
+    notes += [f"{row['pattern']}: {row['refused']}" for _, row in none.iterrows()]
+    return tuple(notes)
+
+
+def _left_out() -> tuple[LeftOut, ...]:
+    return (
+        LeftOut("marker dots", "they are features themselves and would flatter the error"),
+        LeftOut("the lens", "the view is a pinhole's: the search is for a scale in mm a pixel"),
+        LeftOut("the search's own gel", "its drag is a known motion: nothing is solved for it"),
+    )
+
+
+def _data(found: Findings) -> dict[str, Any]:
+    def estimate(value: Estimate | None) -> dict[str, Any] | None:
+        return None if value is None else dict(value._asdict())
+
+    shipped = found.of(found.ours, found.shipped)
+    pair = found.pair
+    return {
+        "printer": found.bench.as_dict()["printer"],
+        "camera": found.bench.as_dict()["sensor"] | {"mm_per_px": found.bench.mm_per_px},
+        "best": {"pattern": found.best.pattern, **_keys(found)},
+        "best_mean_error_mm": estimate(found.best.error),
+        "best_over_paper": estimate(found.gain),
+        "best_over_shipped": estimate(None if shipped is None else ratio(found.best, shipped)),
+        "goal_over_paper": GOAL,
+        "goal_met": None if found.gain is None else found.gain.value <= GOAL,
+        "confirmed": [c.as_row() for c in found.ours],
+        "farneback": [c.as_row() for c in found.farneback],
+        "predictors": _records(found.order),
+        "predictors_of_a_leap": _records(found.leap_order),
+        "combined": None
+        if pair is None
+        else {
+            "picked": list(pair.names),
+            "rho": pair.rho,
+            "rho_families_left_out": estimate(pair.held_out),
+        },
+        "candidates": _records(found.frame),
+        "search_seeds": found.size.seeds,
+        "held_out_seeds": found.size.held_out,
+    }
+
+
+def _keys(found: Findings) -> dict[str, Any]:
+    candidate = next(c for c in found.among if c.name == found.best.pattern)
+    return {"recipe": candidate.recipe(RECIPE_SEED).model_dump(mode="json", exclude_none=True)}
+
+
+def _records(frame: pd.DataFrame) -> list[dict[str, Any]]:
+    """Rows as plain data, None where there is no number."""
+    plain = frame.astype(object).where(frame.notna(), None)
+    return [{str(k): v for k, v in row.items()} for row in plain.to_dict("records")]
