@@ -47,8 +47,8 @@ def run(asked: Asked) -> StudyResult:
     chosen = [next(c for c in among if c.name == name) for name in names]
     farneback = {best[0], paper} if best else {paper}
     confirmations = asked.solve(
-        [_confirm(chosen, farneback, k, bench, rig, protocol, asked.seed)
-         for k in range(size.held_out)]
+        [_confirm(chosen, farneback, k, press, bench, rig, protocol, asked.seed)
+         for k in range(size.held_out) for press in presses_of(protocol)]
     )  # fmt: skip
     return result(
         Findings(
@@ -66,8 +66,9 @@ def run(asked: Asked) -> StudyResult:
             finalists=tuple(best),
             paper=paper,
             shipped=shipped[0] if shipped else None,
+            presses=tuple(presses_of(protocol)),
             confirmed_names=tuple(names),
-            confirmations=tuple(confirmations.partial().values()),
+            confirmations=_by_seed(confirmations, protocol, size.held_out),
             missing=(*probes.missing, *confirmations.missing),
         )
     )
@@ -89,12 +90,13 @@ def _confirm(
     chosen: list[Candidate],
     farneback: set[str],
     k: int,
+    press: str,
     bench: Bench,
     rig: str,
     protocol: plan.Protocol,
     seed: int,
 ) -> Job:
-    """All chosen patterns on the gel, with a seed that the search has not seen."""
+    """All chosen patterns in one press, with a seed that the search has not seen."""
     own = seed_of(seed, f"held out {k}")
     patterns = [
         {
@@ -104,7 +106,6 @@ def _confirm(
         }
         for c in chosen
     ]
-    press = f"{protocol.indenters[0].replace(':', '-')}/p1"
     given = {
         "protocol": protocol.model_dump(mode="json"),
         "press": press,
@@ -113,12 +114,25 @@ def _confirm(
         "patterns": patterns,
         "seed": own,
     }
-    frames = sum(step.frames for step in plan.expand(protocol))
-    return Job(f"held out {k + 1}", confirm, given, FRAME_S * frames * (len(chosen) + 6))
+    frames = sum(step.frames for step in plan.expand(protocol) if step.press == press)
+    cost = FRAME_S * frames * (len(chosen) + 6)  # geometry is one more, Farneback two or three
+    return Job(f"{press}, held out {k + 1}", confirm, given, cost)
 
 
 def _plain(candidate: Candidate, seed: int) -> dict[str, Any]:
     return candidate.recipe(seed).model_dump(mode="json", exclude_none=True)
+
+
+def presses_of(protocol: plan.Protocol) -> list[str]:
+    """Names of the protocol's presses."""
+    return list(dict.fromkeys(step.press for step in plan.expand(protocol) if step.frames))
+
+
+def _by_seed(grid: Grid, protocol: plan.Protocol, seeds: int) -> tuple[list[Any], ...]:
+    """Of each seed that was done whole what its presses gave."""
+    there = grid.partial()
+    names = [[f"{press}, held out {k + 1}" for press in presses_of(protocol)] for k in range(seeds)]
+    return tuple([there[n] for n in some] for some in names if all(n in there for n in some))
 
 
 def _by_candidate(grid: Grid, among: list[Candidate], seeds: int) -> dict[str, list[Any]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
@@ -15,7 +15,7 @@ from . import figures
 from .bench import Bench
 from .candidates import LEAST_DOTS, LEAST_PX, MOST_PX, Candidate
 from .ranking import Pair
-from .search import LEAST_COVERAGE, PREDICTORS
+from .search import LEAST_BRIDGED_MM, LEAST_COVERAGE, PREDICTORS
 from .size import Size
 from .verdict import DEFAULT, FARNEBACK, GOAL, Confirmed, best_of, confirmed, gain, ratio
 
@@ -30,7 +30,8 @@ RECIPE_FILE = "best-pattern.toml"
 @dataclass(frozen=True)
 class Findings:
     """All that the two grids gave. frame: of candidates. order, leap_order: of predictors, by the
-    drag's error in small steps and in one. confirmations: of `confirm`, a value a held-out seed.
+    drag's error in small steps and in one. presses: by name. confirmations:
+    by held-out seed, what `confirm` gave of each press.
     """
 
     bench: Bench
@@ -48,7 +49,8 @@ class Findings:
     paper: str
     shipped: str | None
     confirmed_names: tuple[str, ...]
-    confirmations: tuple[Mapping[str, Any], ...]
+    presses: tuple[str, ...]
+    confirmations: tuple[Sequence[Mapping[str, Any]], ...]
     missing: tuple[str, ...]
 
     @cached_property
@@ -83,7 +85,7 @@ class Findings:
     def row(self, name: str) -> dict[str, Any]:
         """A candidate's row of the table of the search."""
         row = self.frame[self.frame["pattern"] == name].iloc[0]
-        return {str(column): row[column] for column in self.frame}
+        return {str(column): value for column, value in row.items()}
 
 
 def result(found: Findings) -> StudyResult:
@@ -169,16 +171,14 @@ def _of_leaps(found: Findings) -> str:
     """Of motions in one step, where another pattern is the better one."""
     best = found.row(found.best.pattern)
     known = found.frame[found.frame["leap_error_mm"].notna()]
-    bold = known.sort_values("leap_error_mm").iloc[0]
-    whole = (
-        f"{100 * best['leap_coverage']:.0f} % of the moving pixels are followed through the same "
-        "motion in one step"
-    )
-    if bold["pattern"] == found.best.pattern:
-        return f"No candidate takes a leap better: {whole}."
+    bold = known.sort_values(["bridged_mm", "leap_error_mm"], ascending=[False, True]).iloc[0]
+    line = f"It is followed in steps of up to {best['bridged_mm']:.1f} mm a frame"
+    if bold["bridged_mm"] <= best["bridged_mm"]:
+        return f"{line}, and no candidate in longer ones."
     return (
-        f"It wants small steps between frames: {whole}, with {bold['pattern']} "
-        f"{100 * bold['leap_coverage']:.0f} %."
+        f"{line}; where frames are further apart, {bold['pattern']} bridges "
+        f"{bold['bridged_mm']:.1f} mm at {bold['error_mm'] / best['error_mm']:.1f} times the error "
+        "of the search."
     )
 
 
@@ -224,7 +224,11 @@ def _headlines(found: Findings) -> tuple[Headline, ...]:
 def _tables(found: Findings) -> tuple[Table, ...]:
     import pandas as pd
 
-    rows = [c.as_row() for c in (*found.ours, *found.farneback)]
+    rows = [
+        c.as_row() | {f"{press.split('/')[0]}_mm": error
+                      for press, error in zip(found.presses, c.by_press_mm, strict=True)}
+        for c in (*found.ours, *found.farneback)
+    ]  # fmt: skip
     confirmed_rows = pd.DataFrame(rows)
     paper = found.of(found.ours, found.paper)
     if paper is not None:
@@ -232,7 +236,7 @@ def _tables(found: Findings) -> tuple[Table, ...]:
                   for c in (*found.ours, *found.farneback)]  # fmt: skip
         confirmed_rows["share_of_paper"] = shares
     columns = (
-        "pattern", "error_mm", "coverage", "leap_error_mm", "leap_coverage",
+        "pattern", "error_mm", "coverage", "bridged_mm", "leap_error_mm",
         *(p.column for p in PREDICTORS), "refused",
     )  # fmt: skip
     both = found.order.merge(
@@ -288,7 +292,7 @@ def _figures(found: Findings) -> tuple[Drawn, ...]:
 def _pictures(found: Findings) -> dict[str, Any]:
     if not found.confirmations:
         return {}
-    first = found.confirmations[0]
+    first = found.confirmations[0][0]
     names = dict.fromkeys((found.best.pattern, *found.finalists[:3], found.paper))
     return {n: first[f"picture/{n}"] for n in names if f"picture/{n}" in first}
 
@@ -302,8 +306,8 @@ def _settings(found: Findings) -> dict[str, str]:
         "candidates": f"{len(found.among)}, of at least {LEAST_DOTS:g} printer dots and "
         f"{LEAST_PX:g} to {MOST_PX:g} camera pixels a patch (the paper's in any case)",
         "to be a finalist": f"the tracker is sure of {100 * LEAST_COVERAGE:.0f} % of the moving "
-        "pixels; one of each law and patch size",
-        "confirmed on": f"{p.indenters[0]}, {max(p.depths_mm):g} mm deep, "
+        f"pixels and bridges steps of {LEAST_BRIDGED_MM:.1f} mm; one of each law and patch size",
+        "confirmed on": f"{' and '.join(p.indenters)}, {max(p.depths_mm):g} mm deep, "
         f"{p.shear.at_depth_mm(max(p.depths_mm)):g} mm of drag each way in "
         f"{' and '.join(p.shear.axes)}, {frames} frames, finite-strain gel of the rig "
         f"{found.rig!r}",
@@ -330,6 +334,11 @@ def _notes(found: Findings) -> tuple[str, ...]:
 
 def _left_out() -> tuple[LeftOut, ...]:
     return (
+        LeftOut(
+            "grey patterns",
+            "a printer makes them of one ink, which the model of three does "
+            "not hold; and the tracker's second witness is colour",
+        ),
         LeftOut("marker dots", "they are features themselves and would flatter the error"),
         LeftOut("the lens", "the view is a pinhole's: the search is for a scale in mm a pixel"),
         LeftOut("the search's own gel", "its drag is a known motion: nothing is solved for it"),

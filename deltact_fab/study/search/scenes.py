@@ -35,12 +35,12 @@ MOST_STAR_PX = 190.0
 """Longest period of the star: the view that is judged is smaller than the DIC Challenge's."""
 
 DRAG_MM = 2.4
-"""The drag's largest motion, at most `STEP_MM` a frame."""
+"""The largest motion of the drag, STEP_MM a frame: 12 frames, which many steps divide."""
+STEP_MM = 0.2
 DRAG_WIDTH_MM = 3.0
 DRAG_DEPTH_MM = 1.0
 WAVES = ((1.5, 0.015), (2.5, 0.03), (4.0, 0.06))
 """Wavelength and amplitude (mm) of smooth waves on top: a slope of .06 to .09 each."""
-STEP_MM = 0.2
 
 
 class Drawn(NamedTuple):
@@ -136,11 +136,12 @@ def starred(view: View) -> Drawn:
 
 @lru_cache(maxsize=2)
 def dragged(view: View, seed: int) -> list[Drawn]:
-    """Frames of a press that is dragged, with waves on the skin; in steps of STEP_MM at most."""
+    """Frames of a press that is dragged, with waves on the skin, in steps of STEP_MM."""
     rng = np.random.default_rng([seed, 22])
     x, y = _grid(view, LATTICE_MM)
     whole = drag_mm(x, y, rng)
-    n = int(np.ceil(np.hypot(whole[..., 0], whole[..., 1]).max() / STEP_MM))
+    whole *= DRAG_MM / np.hypot(whole[..., 0], whole[..., 1]).max()
+    n = round(DRAG_MM / STEP_MM)
     return _drawn(view, [whole * (k / n) for k in range(1, n + 1)], LATTICE_MM)
 
 

@@ -1,4 +1,4 @@
-"""The grid over candidates, as tables: predictors and errors, and what orders what."""
+"""The grid over candidates as tables: predictors and errors, and what orders what."""
 
 from __future__ import annotations
 
@@ -39,9 +39,11 @@ PREDICTORS = (
     Predictor("resolution_px", "spatial resolution", 1, True),
 )
 ERROR, LEAP = "error_mm", "leap_error_mm"
-ERRORS = (ERROR, "coverage", LEAP, "leap_coverage")
+ERRORS = (ERROR, "coverage", "bridged_mm", LEAP, "leap_coverage")
 LEAST_COVERAGE = 0.9
 """Share of the moving pixels that a pattern's tracker must be sure of, to be recommended."""
+LEAST_BRIDGED_MM = 0.39
+"""Twice the step between frames that the protocols have: a press may be quicker than planned."""
 
 
 def table(
@@ -114,8 +116,9 @@ def combined(frame: pd.DataFrame) -> Pair | None:
 
 
 def finalists(frame: pd.DataFrame, count: int) -> list[str]:
-    """The best of different kinds that their tracker is sure of; fewer where there are no more."""
-    fit = frame[frame[ERROR].notna() & (frame["coverage"] >= LEAST_COVERAGE)]
+    """The best of different kinds that can be recommended; fewer where there are no more."""
+    sure = (frame["coverage"] >= LEAST_COVERAGE) & (frame["bridged_mm"] >= LEAST_BRIDGED_MM)
+    fit = frame[frame[ERROR].notna() & sure]
     return list(fit.drop_duplicates("kind")["pattern"])[:count]
 
 

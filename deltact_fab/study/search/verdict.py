@@ -20,11 +20,15 @@ GOAL = 1 / 3
 
 @dataclass(frozen=True)
 class Confirmed:
-    """A pattern on the finite-strain gel: means over seeds; errors_mm by seed, in their order."""
+    """A pattern on the finite-strain gel: means over seeds and presses.
+
+    errors_mm: by seed; by_press_mm: of each press, over the seeds; in their order.
+    """
 
     pattern: str
     method: str
     errors_mm: tuple[float, ...]
+    by_press_mm: tuple[float, ...]
     error: Estimate
     confident_mm: float | None
     p95_mm: float | None
@@ -46,34 +50,38 @@ class Confirmed:
 
 
 def confirmed(
-    results: Sequence[Mapping[str, Any]], names: Sequence[str], method: str
+    results: Sequence[Sequence[Mapping[str, Any]]], names: Sequence[str], method: str
 ) -> tuple[list[Confirmed], dict[str, str]]:
     """Patterns that a method tracked with every seed, best first; why not, of the others.
 
-    results: what `confirm` returned, a value a seed.
+    results: by seed, what `confirm` returned of each press. A press counts as much as another.
     """
     found, refused = [], {}
     for name in names:
-        each = [r["figures"].get(name, {}) for r in results]
-        if why := next((f["why"] for f in each if "why" in f), ""):
+        each = [[press["figures"].get(name, {}) for press in presses] for presses in results]
+        flat = [figures for presses in each for figures in presses]
+        if why := next((f["why"] for f in flat if "why" in f), ""):
             refused[name] = why
-            continue
-        figures = [f[method] for f in each if method in f]
-        if not figures or len(figures) < len(results):
-            continue
-        errors = [f["mean_off_dots_mm"] for f in figures]
-        found.append(
-            Confirmed(
-                name,
-                method,
-                tuple(errors),
-                mean(errors, range(len(errors)), "seed"),
-                _mean(f["mean_confident_mm"] for f in figures),
-                _mean(f["p95_off_dots_mm"] for f in figures),
-                float(np.mean([f["coverage"] or 0.0 for f in figures])),
-            )
-        )
+        elif flat and all(method in f for f in flat):
+            found.append(_one(name, method, [[f[method] for f in presses] for presses in each]))
     return sorted(found, key=lambda c: c.error.value), refused
+
+
+def _one(name: str, method: str, figures: list[list[dict[str, Any]]]) -> Confirmed:
+    """figures: by seed, of each press."""
+    by_press = np.array([[f["mean_off_dots_mm"] for f in presses] for presses in figures])
+    flat = [f for presses in figures for f in presses]
+    errors = tuple(float(v) for v in by_press.mean(axis=1))
+    return Confirmed(
+        name,
+        method,
+        errors,
+        tuple(float(v) for v in by_press.mean(axis=0)),
+        mean(errors, range(len(errors)), "seed"),
+        _mean(f["mean_confident_mm"] for f in flat),
+        _mean(f["p95_off_dots_mm"] for f in flat),
+        float(np.mean([f["coverage"] or 0.0 for f in flat])),
+    )
 
 
 def _mean(values: Any) -> float | None:
