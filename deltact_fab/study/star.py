@@ -21,7 +21,8 @@ SMOOTHED = 15  # columns, so that the noise of one is not taken for a loss
 
 
 class StarFigures(NamedTuple):
-    """noise_px: standard deviation of v less the truth where the period is above 119 px.
+    """noise_px: standard deviation of v less the truth where the period is above 119 px, nan where
+    none is that long.
 
     loss_px: the longest period with less than 90 % of the amplitude; nan where every one has it.
     """
@@ -71,7 +72,10 @@ class Star:
         off = (flow_px[..., 1] - v)[near & (period > FLAT_PX) & np.isfinite(flow_px[..., 1])]
         periods, share = self.amplitudes(flow_px)
         lost = np.flatnonzero(share < 1 - LOSS)
-        return StarFigures(float(off.std()), float(periods[lost[-1]]) if len(lost) else np.nan)
+        return StarFigures(
+            float(off.std()) if off.size else np.nan,
+            float(periods[lost[-1]]) if len(lost) else np.nan,
+        )
 
     def _judged(self) -> tuple[Field, Field, NDArray[np.bool_]]:
         """Period (w,), v (h, w) of the truth, and where it is judged."""
