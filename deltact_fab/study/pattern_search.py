@@ -11,9 +11,10 @@ from .grid import Grid, Job
 from .search.bench import Bench
 from .search.candidates import Candidate, candidates
 from .search.confirm import confirm
+from .search.findings import Findings
 from .search.options import bench_of, rig_of
 from .search.probe import FIELD_PX, probe
-from .search.result import Findings, result
+from .search.result import result
 from .search.search import combined, finalists, order, spread, table
 from .search.size import shortened, size_of, thinned
 from .search.verdict import DEFAULT, FARNEBACK

@@ -21,7 +21,7 @@ UM = 1000.0
 
 
 def predictors_against_error(frame: pd.DataFrame, named: Sequence[str], paper: str) -> Figure:
-    """A panel a predictor, a mark a candidate; rings: the named ones."""
+    """A panel a predictor, a mark a candidate; rings: the named ones, by their numbers."""
     known = frame[frame[ERROR].notna()]
     figure, axes = blank(9.6, 7.2, 4, rows=3)
     families = list(dict.fromkeys(known["family"]))
@@ -29,16 +29,13 @@ def predictors_against_error(frame: pd.DataFrame, named: Sequence[str], paper: s
         for colour, family in zip(cycle(COLOURS), families, strict=False):
             part = known[known["family"] == family]
             axis.plot(part[p.column], UM * part[ERROR], "o", ms=4, color=colour, label=family)
-        for name in (*named, paper):
+        for mark, name in (*enumerate(named, start=1), ("paper", paper)):
             row = known[known["pattern"] == name]
             if len(row):
-                x, y = float(row[p.column].iloc[0]), UM * float(row[ERROR].iloc[0])
-                axis.plot(x, y, "o", ms=8, mfc="none", color="#000000" if name != paper
-                          else PAPER_COLOUR)  # fmt: skip
-        paper_row = known[known["pattern"] == paper]
-        if len(paper_row):
-            at = float(paper_row[p.column].iloc[0]), UM * float(paper_row[ERROR].iloc[0])
-            axis.annotate("paper", at, xytext=(4, -9), textcoords="offset points", fontsize=8)
+                at = float(row[p.column].iloc[0]), UM * float(row[ERROR].iloc[0])
+                colour = PAPER_COLOUR if name == paper else "#000000"
+                axis.plot(*at, "o", ms=8, mfc="none", color=colour)
+                axis.annotate(str(mark), at, xytext=(5, -9), textcoords="offset points", fontsize=8)
         positive = known[p.column].to_numpy(float)
         log_ticks(axis, "xy" if positive.min() > 0 and np.ptp(np.log(positive)) > 1 else "y")
         axis.tick_params(labelsize=7.5)

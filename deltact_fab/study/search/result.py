@@ -1,91 +1,22 @@
-"""What a pattern search found, in words, tables, figures and a recipe to print."""
+"""A pattern search in words and plain data."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
-from ...catalog import as_toml
-from ...protocols.plan import Protocol, expand
-from ...report.result import Drawn, Headline, LeftOut, StudyResult, Table
+from ...protocols.plan import expand
+from ...report.result import Headline, LeftOut, StudyResult
 from ..intervals import Estimate
-from . import figures
-from .bench import Bench
-from .candidates import LEAST_DOTS, LEAST_PX, MOST_PX, Candidate
-from .ranking import Pair
-from .search import LEAST_BRIDGED_MM, LEAST_COVERAGE, PREDICTORS
-from .size import Size
-from .verdict import DEFAULT, FARNEBACK, GOAL, Confirmed, best_of, confirmed, gain, ratio
+from .candidates import LEAST_DOTS, LEAST_PX, MOST_PX
+from .findings import RECIPE_SEED, UM, Findings, recipe_text
+from .search import LEAST_BRIDGED_MM, LEAST_COVERAGE
+from .shown import drawn, tables
+from .verdict import GOAL, ratio
 
 if TYPE_CHECKING:
     import pandas as pd
 
-UM = 1000.0
-RECIPE_SEED = 7
 RECIPE_FILE = "best-pattern.toml"
-
-
-@dataclass(frozen=True)
-class Findings:
-    """All that the two grids gave. frame: of candidates. order, leap_order: of predictors, by the
-    drag's error in small steps and in one. presses: by name. confirmations:
-    by held-out seed, what `confirm` gave of each press.
-    """
-
-    bench: Bench
-    rig: str
-    seed: int
-    scale: float | None
-    size: Size
-    protocol: Protocol
-    among: tuple[Candidate, ...]
-    frame: pd.DataFrame
-    order: pd.DataFrame
-    leap_order: pd.DataFrame
-    pair: Pair | None
-    finalists: tuple[str, ...]
-    paper: str
-    shipped: str | None
-    confirmed_names: tuple[str, ...]
-    presses: tuple[str, ...]
-    confirmations: tuple[Sequence[Mapping[str, Any]], ...]
-    missing: tuple[str, ...]
-
-    @cached_property
-    def ours(self) -> list[Confirmed]:
-        """With the default tracker, best first."""
-        return confirmed(self.confirmations, self.confirmed_names, DEFAULT)[0]
-
-    @cached_property
-    def refused(self) -> dict[str, str]:
-        """Patterns that could not be tracked on the gel, and why."""
-        return confirmed(self.confirmations, self.confirmed_names, DEFAULT)[1]
-
-    @cached_property
-    def farneback(self) -> list[Confirmed]:
-        """With the paper's own tracker."""
-        return confirmed(self.confirmations, self.confirmed_names, FARNEBACK)[0]
-
-    @cached_property
-    def best(self) -> Confirmed:
-        """The pattern to print. Raises RunFailed where no finalist was tracked."""
-        return best_of(self.ours, self.finalists)
-
-    @cached_property
-    def gain(self) -> Estimate | None:
-        """Its error over that of the paper's pattern."""
-        return gain(self.ours, self.finalists, self.paper)
-
-    def of(self, found: list[Confirmed], name: str | None) -> Confirmed | None:
-        """A confirmed pattern by its name."""
-        return next((one for one in found if one.pattern == name), None)
-
-    def row(self, name: str) -> dict[str, Any]:
-        """A candidate's row of the table of the search."""
-        row = self.frame[self.frame["pattern"] == name].iloc[0]
-        return {str(column): value for column, value in row.items()}
 
 
 def result(found: Findings) -> StudyResult:
@@ -99,31 +30,14 @@ def result(found: Findings) -> StudyResult:
         seed=found.seed,
         scale=found.scale,
         headlines=_headlines(found),
-        tables=_tables(found),
-        figures=_figures(found),
+        tables=tables(found),
+        figures=drawn(found),
         settings=_settings(found),
         notes=_notes(found),
         left_out=_left_out(),
         missing=found.missing,
         files={RECIPE_FILE: recipe_text(found)},
     )
-
-
-def recipe_text(found: Findings) -> str:
-    """The winner as a recipe file, with the figures that speak for it."""
-    candidate = next(c for c in found.among if c.name == found.best.pattern)
-    recipe = candidate.recipe(RECIPE_SEED).model_dump(mode="json", exclude_none=True)
-    words = found.bench.words()
-    about = [
-        f"The best of {len(found.among)} patterns for this printer and camera, simulated:",
-        f"{words['printer']};",
-        f"{words['camera']}.",
-        f"Mean error of the moving pixels {UM * found.best.error.value:.2g} um"
-        + (f", {found.gain.value:.2f} of that of the paper's d 0.075, r 0.6" if found.gain else "")
-        + f" ({found.best.error.over}).",
-        "Its seed may be any.",
-    ]
-    return as_toml({k: v for k, v in recipe.items() if (k, v) != ("channels", 3)}, about)
 
 
 def _um(value: Estimate) -> str:
@@ -219,82 +133,6 @@ def _headlines(found: Findings) -> tuple[Headline, ...]:
                      f"{found.pair.rho:.2f}")
         )  # fmt: skip
     return tuple(out)
-
-
-def _tables(found: Findings) -> tuple[Table, ...]:
-    import pandas as pd
-
-    rows = [
-        c.as_row() | {f"{press.split('/')[0]}_mm": error
-                      for press, error in zip(found.presses, c.by_press_mm, strict=True)}
-        for c in (*found.ours, *found.farneback)
-    ]  # fmt: skip
-    confirmed_rows = pd.DataFrame(rows)
-    paper = found.of(found.ours, found.paper)
-    if paper is not None:
-        shares = [None if c.method != DEFAULT else c.error.value / paper.error.value
-                  for c in (*found.ours, *found.farneback)]  # fmt: skip
-        confirmed_rows["share_of_paper"] = shares
-    columns = (
-        "pattern", "error_mm", "coverage", "bridged_mm", "leap_error_mm",
-        *(p.column for p in PREDICTORS), "refused",
-    )  # fmt: skip
-    both = found.order.merge(
-        found.leap_order[["predictor", "rho", "low", "high"]],
-        on="predictor", how="left", suffixes=("", "_leap"),
-    )  # fmt: skip
-    tables = [
-        Table("confirmed", f"On the finite-strain gel, means over {found.size.held_out} seeds "
-              "that the search has not seen; lengths in mm.", confirmed_rows),
-        Table("candidates", "The search: predictors and errors of every candidate, means over "
-              f"{found.size.seeds} seed{'s' * (found.size.seeds > 1)}, best first; leap: the "
-              "same motion in one step.", found.frame,
-              tuple(c for c in columns if c in found.frame)),
-        Table("predictors", "Rank correlation with the candidates' error, in small steps and in "
-              "one leap; 1: what it calls better is better.", both),
-    ]  # fmt: skip
-    if found.pair is not None:
-        left_out = [
-            {"family": name, "picked": " and ".join(names), "rho_within": rho}
-            for name, (names, rho) in found.pair.left_out.items()
-        ]
-        tables.append(
-            Table("families-left-out", "Two predictors by their mean rank, picked without the "
-                  "family that they then order.", pd.DataFrame(left_out))
-        )  # fmt: skip
-    return tuple(tables)
-
-
-def _figures(found: Findings) -> tuple[Drawn, ...]:
-    pictures = _pictures(found)
-    words = {found.paper: f"the paper's: {found.paper}"}
-    drawn = [
-        Drawn("confirmed", "Mean error on the finite-strain gel with its 95 % interval over the "
-              "seeds; simulated.",
-              partial(figures.confirmed_errors, [c.as_row() for c in found.ours],
-                      found.best.pattern, found.paper)),
-        Drawn("predictors-against-error", "Each predictor against the candidates' error, in the "
-              "search; rings: those that were confirmed best, and the paper's.",
-              partial(figures.predictors_against_error, found.frame, found.finalists,
-                      found.paper)),
-        Drawn("rank-correlations", "How well each predictor orders the candidates, with its 95 % "
-              "interval over kinds of pattern.",
-              partial(figures.correlations, found.order)),
-    ]  # fmt: skip
-    if pictures:
-        drawn.append(
-            Drawn("seen", "Patterns at rest as the camera sees them.",
-                  partial(figures.strip, pictures, words))
-        )  # fmt: skip
-    return tuple(drawn)
-
-
-def _pictures(found: Findings) -> dict[str, Any]:
-    if not found.confirmations:
-        return {}
-    first = found.confirmations[0][0]
-    names = dict.fromkeys((found.best.pattern, *found.finalists[:3], found.paper))
-    return {n: first[f"picture/{n}"] for n in names if f"picture/{n}" in first}
 
 
 def _settings(found: Findings) -> dict[str, str]:
