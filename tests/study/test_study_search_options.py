@@ -98,6 +98,7 @@ def test_fewer_candidates_still_hold_the_papers() -> None:
         among = thinned(whole, size.candidates, ())
         assert len(among) == size.candidates
         assert any(c.is_paper for c in among)
+        assert {c.family for c in among} == {c.family for c in whole}
         assert size.held_out >= 2
 
 

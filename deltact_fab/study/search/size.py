@@ -41,9 +41,10 @@ def size_of(scale: float, whole: int) -> Size:
 def thinned(
     among: list[Candidate], count: int, kept: tuple[dict[str, object], ...]
 ) -> list[Candidate]:
-    """So many of them, evenly over their order; the paper's and those in kept are among them."""
+    """So many of them, evenly over families; the paper's and those in kept are among them."""
     must = [i for i, c in enumerate(among) if dict(c.keys) in (PAPER, *kept)]
-    free = [i for i in range(len(among)) if i not in must]
+    by_family = sorted(range(len(among)), key=lambda i: among[i].family)
+    free = [i for i in by_family if i not in must]
     wanted = max(0, count - len(must))
     step = len(free) / wanted if wanted else 1.0
     some = {free[int(k * step)] for k in range(wanted)}
