@@ -13,6 +13,7 @@ from ..intervals import Estimate
 from .bench import Bench
 from .candidates import Candidate
 from .ranking import Pair
+from .search import order
 from .size import Size
 from .verdict import DEFAULT, FARNEBACK, Confirmed, best_of, confirmed, gain
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 UM = 1000.0
 RECIPE_SEED = 7
+LEAST_ORDERED = 6
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,13 @@ class Findings:
     def gain(self) -> Estimate | None:
         """Its error over that of the paper's pattern."""
         return gain(self.ours, self.finalists, self.paper)
+
+    @cached_property
+    def confirmed_order(self) -> pd.DataFrame | None:
+        """Of predictors, by the error on the gel; None where too few patterns were confirmed."""
+        errors = {one.pattern: one.error.value for one in self.ours}
+        part = self.frame.assign(confirmed_mm=self.frame["pattern"].map(errors))
+        return order(part, "confirmed_mm") if len(errors) >= LEAST_ORDERED else None
 
     def of(self, found: list[Confirmed], name: str | None) -> Confirmed | None:
         """A confirmed pattern by its name."""

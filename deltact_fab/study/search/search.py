@@ -42,8 +42,10 @@ ERROR, LEAP = "error_mm", "leap_error_mm"
 ERRORS = (ERROR, "coverage", "bridged_mm", LEAP, "leap_coverage")
 LEAST_COVERAGE = 0.9
 """Share of the moving pixels that a pattern's tracker must be sure of, to be recommended."""
-LEAST_BRIDGED_MM = 0.39
-"""Twice the step between frames that the protocols have: a press may be quicker than planned."""
+LEAST_BRIDGED_MM, STEADY_MM = 0.39, 0.99
+"""Twice and five times the step between frames that the protocols have. Half of the finalists bridge
+the longer one: patterns that repeat themselves do not, and what else they fail in a press of small
+strain does not show."""
 
 
 def table(
@@ -116,10 +118,19 @@ def combined(frame: pd.DataFrame) -> Pair | None:
 
 
 def finalists(frame: pd.DataFrame, count: int) -> list[str]:
-    """The best of different kinds that can be recommended; fewer where there are no more."""
-    sure = (frame["coverage"] >= LEAST_COVERAGE) & (frame["bridged_mm"] >= LEAST_BRIDGED_MM)
-    fit = frame[frame[ERROR].notna() & sure]
-    return list(fit.drop_duplicates("kind")["pattern"])[:count]
+    """The best of different kinds that can be recommended; fewer where there are no more.
+
+    Half of them, the first ones, from those that bridge STEADY_MM.
+    """
+    steady = fit(frame, STEADY_MM)[: -(-count // 2)]
+    others = [name for name in fit(frame, LEAST_BRIDGED_MM) if name not in steady]
+    return [*steady, *others][:count]
+
+
+def fit(frame: pd.DataFrame, bridged_mm: float) -> list[str]:
+    """Patterns that their tracker is sure of and that bridge such a step, best of a kind first."""
+    sure = (frame["coverage"] >= LEAST_COVERAGE) & (frame["bridged_mm"] >= bridged_mm)
+    return list(frame[frame[ERROR].notna() & sure].drop_duplicates("kind")["pattern"])
 
 
 def spread(frame: pd.DataFrame, taken: Sequence[str], count: int) -> list[str]:

@@ -30,10 +30,13 @@ def tables(found: Findings) -> tuple[Table, ...]:
         "pattern", "error_mm", "coverage", "bridged_mm", "leap_error_mm",
         *(p.column for p in PREDICTORS), "refused",
     )  # fmt: skip
-    both = found.order.merge(
-        found.leap_order[["predictor", "rho", "low", "high"]],
-        on="predictor", how="left", suffixes=("", "_leap"),
-    )  # fmt: skip
+    orders = found.order
+    for suffix, other in (("_leap", found.leap_order), ("_gel", found.confirmed_order)):
+        if other is not None:
+            orders = orders.merge(
+                other[["predictor", "rho", "low", "high"]],
+                on="predictor", how="left", suffixes=("", suffix),
+            )  # fmt: skip
     out = [
         Table("confirmed", f"On the finite-strain gel, means over {found.size.held_out} seeds "
               "that the search has not seen; lengths in mm.", confirmed_rows),
@@ -41,8 +44,9 @@ def tables(found: Findings) -> tuple[Table, ...]:
               f"{found.size.seeds} seed{'s' * (found.size.seeds > 1)}, best first; leap: the "
               "same motion in one step.", found.frame,
               tuple(c for c in columns if c in found.frame)),
-        Table("predictors", "Rank correlation with the candidates' error, in small steps and in "
-              "one leap; 1: what it calls better is better.", both),
+        Table("predictors", "Rank correlation with the candidates' error, in small steps, in "
+              "one leap, and on the gel of those that were confirmed; 1: what it calls better is "
+              "better.", orders),
     ]  # fmt: skip
     if found.pair is not None:
         left_out = [
