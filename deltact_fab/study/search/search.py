@@ -43,9 +43,9 @@ ERRORS = (ERROR, "coverage", "bridged_mm", LEAP, "leap_coverage")
 LEAST_COVERAGE = 0.9
 """Share of the moving pixels that a pattern's tracker must be sure of, to be recommended."""
 LEAST_BRIDGED_MM, STEADY_MM = 0.39, 0.99
-"""Twice and five times the step between frames that the protocols have. Half of the finalists bridge
-the longer one: patterns that repeat themselves do not, and what else they fail in a press of small
-strain does not show."""
+"""Twice and five times the step between frames that the protocols have. Half of the finalists
+bridge the longer one: patterns that repeat themselves do not, and it is they that fail where parts
+are hidden, which the search's drag does not show."""
 
 
 def table(
