@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from itertools import pairwise
@@ -121,3 +121,56 @@ def mark_legs(axis: Axes, rows: pd.DataFrame) -> None:
             axis.axvline(i + 0.5, color="#bbbbbb", lw=0.7)
             axis.text(i + 0.8, 1.0, leg.replace("shear-", ""), transform=axis.get_xaxis_transform(),
                       fontsize=7.5, color="#666666", va="top", rotation=90)  # fmt: skip
+
+
+Box = tuple[float, float, float, float]
+
+
+def name_marks(
+    figure: Figure, axis: Axes, marks: Sequence[tuple[float, float, str, str]], bold: str = ""
+) -> None:
+    """Write names beside their marks (x, y, name, colour), where they cover no other.
+
+    A name that finds its place farther off is joined to its mark. bold: the name to stress. Limits
+    and scales of the axis are to be set before.
+    """
+    figure.draw_without_rendering()  # the layout says how many points lie between two marks
+    scale, size = 72 / figure.dpi, 8.0
+    inside = axis.get_window_extent()
+    spots = [axis.transData.transform((x, y)) * scale for x, y, _, _ in marks]
+    taken: list[Box] = [(x - 4, y - 4, x + 4, y + 4) for x, y in spots]
+    for (x, y, name, colour), (at_x, at_y) in zip(marks, spots, strict=True):
+        wide, high = 0.58 * size * len(name) * (1.06 if name == bold else 1), 1.15 * size
+        for dx, dy in _around(wide, high):
+            box = (at_x + dx, at_y + dy, at_x + dx + wide, at_y + dy + high)
+            within = inside.x0 * scale <= box[0] and box[2] <= inside.x1 * scale
+            if within and not any(_overlap(box, other) for other in taken):
+                break
+        taken.append(box)
+        far = max(abs(dx), abs(dy)) > 2 * size and abs(dx + wide) > 2 * size
+        axis.annotate(
+            name,
+            (x, y),
+            xytext=(dx, dy),
+            textcoords="offset points",
+            fontsize=size,
+            color=colour,
+            fontweight="bold" if name == bold else None,
+            arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.6} if far else None,
+        )
+
+
+def _around(wide: float, high: float) -> Iterator[tuple[float, float]]:
+    """Places for a name round its mark in points, the nearest first: right, left, above, below."""
+    for away in (6.0, 16.0, 28.0, 42.0, 60.0):
+        yield away, -0.35 * high
+        yield -away - wide, -0.35 * high
+        for side in (1, -1):
+            up = side * away - (0.0 if side > 0 else high)
+            yield 4.0, up
+            yield -4.0 - wide, up
+            yield -wide / 2, up
+
+
+def _overlap(one: Box, other: Box) -> bool:
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +17,7 @@ from ..analysis.tracking_error import (
     ARROW_STEP_PX,
     PAPER_BEST_MM,
     RULE,
+    WRONG_MM,
     TrackingResult,
     percent,
     shown,
@@ -28,6 +29,7 @@ from .templating import environment, save
 if TYPE_CHECKING:
     import pandas as pd
 
+DASH = "–"
 ARROW_GAIN = 2.0
 STRIP_FRAMES = 4
 
@@ -44,12 +46,14 @@ def write(
 
     measured: shape, contact and force of it; without it the page has no word of them.
     parts: `parts` (a row a part, with its formats) and `note` (why there are none), from the demo.
-    layer_costs: what each layer costs that a scene may leave out, as `numerics` measured it.
+    layer_costs: what each layer costs that a scene may leave out, as `numerics` measured it; what
+    was not measured is not in the page.
     Raises InputError for a run that is not finished, MissingLibrary without the extra `report`,
     RunFailed when the disk refuses.
     """
     pages = environment(fig=_fig, percent=_percent)
     pages.globals["shown"] = shown
+    measured_costs = [cost for cost in layer_costs if cost["seconds"] is not None]
     run = record.open(run_folder)
     if not run.finished:
         raise InputError(f"{run_folder}: the run is not finished; go on with `run --resume`")
@@ -76,6 +80,8 @@ def write(
         pattern=run.pattern,
         simulated=run.simulated,
         tracking=tracking.as_dict(),
+        methods=_known(_METHODS, tracking.methods),
+        at_dots=_known(_AT_DOTS, tracking.methods),
         measured=measured,
         rule=RULE,
         best=next(m for m in tracking.methods if m["name"] == verdict.about),
@@ -85,11 +91,41 @@ def write(
         strips=_strips(run, frames, tracking),
         arrow_gain=ARROW_GAIN,
         parts=parts,
-        layer_costs=layer_costs,
+        layer_costs=measured_costs,
         counts=_counts(frames),
         notes=_notes(run),
     )
     return save(page, out)
+
+
+# Above a column of the methods' tables: what stands in it.
+_METHODS: dict[str, Callable[[dict[str, Any]], str]] = {
+    "all moving, mm": lambda m: _fig(m["mean_off_dots_mm"]),
+    "p95, mm": lambda m: _fig(shown(m, "p95_off_dots_mm")),
+    "sure ones, mm": lambda m: _fig(m["mean_confident_mm"]),
+    "share that is sure": lambda m: _percent(
+        m["confident_share"] if m["coverage"] is None else m["coverage"]
+    ),
+    f"of these off by over {WRONG_MM:g} mm": lambda m: _percent(m["confident_wrong_share"]),
+    "frames trusted": lambda m: _percent(m["trusted_share"]),
+    "CPU ms, p50": lambda m: _fig(m["cpu_ms"]["p50"], 1),
+    "p95": lambda m: _fig(m["cpu_ms"]["p95"], 1),
+}
+_AT_DOTS: dict[str, Callable[[dict[str, Any]], str]] = {
+    "at moving dots, mm": lambda m: _fig(m["mean_at_moving_dots_mm"]),
+    "still pixels, mm": lambda m: _fig(m["mean_still_mm"]),
+    "read as in-plane, mm": lambda m: _fig(m["mean_as_in_plane_mm"]),
+    "moving px": lambda m: _fig(m["n_moving_px"]),
+    "new references": lambda m: str(m["reference_switches"]),
+}
+
+
+def _known(
+    columns: dict[str, Callable[[dict[str, Any]], str]], methods: Sequence[dict[str, Any]]
+) -> dict[str, list[str]]:
+    """Cells of each column by what stands above it, without those of dashes only."""
+    cells = {head: [of(method) for method in methods] for head, of in columns.items()}
+    return {head: column for head, column in cells.items() if set(column) - {DASH}}
 
 
 def _by_step(tracking: TrackingResult) -> dict[str, Any]:
@@ -109,13 +145,13 @@ def _by_step(tracking: TrackingResult) -> dict[str, Any]:
 
 
 def _percent(value: float | None) -> str:
-    return "–" if value is None else percent(value).replace(" ", "\u00a0")
+    return DASH if value is None else percent(value).replace(" ", "\u00a0")
 
 
 def _fig(value: Any, digits: int = 4) -> str:
     """A number as a person reads it; a dash where nothing was measured."""
     if value is None:
-        return "–"
+        return DASH
     if isinstance(value, int):
         return f"{value:,}".replace(",", "\u202f")  # a thin space that does not break
     return f"{value:.{digits}f}" if isinstance(value, float) else str(value)

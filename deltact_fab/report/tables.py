@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 MOST_ROWS, FIRST_ROWS = 120, 20  # a longer table is shown by its first rows
-DASH = "–"
+SHORT = 32  # letters that stay on one line
 
 
 def prepared(table: Table) -> dict[str, Any]:
@@ -26,7 +26,7 @@ def prepared(table: Table) -> dict[str, Any]:
     title, _, more = table.caption.partition(". ")
     shown = frame if len(frame) <= MOST_ROWS else frame.iloc[:FIRST_ROWS]
     head = [
-        {"words": breakable(table.words.get(str(name), str(name))), "left": _is_text(frame[name])}
+        {"words": breakable(table.words.get(str(name), str(name))), "kind": _kind(frame[name])}
         for name in frame
     ]
     return {
@@ -54,9 +54,9 @@ def tsv(frame: pd.DataFrame) -> str:
 
 
 def number(value: Any) -> str:
-    """Four digits at most; a dash where there is none."""
+    """Four digits at most; nothing where there is none."""
     if _is_none(value):
-        return DASH
+        return ""
     if isinstance(value, int) or (float(value).is_integer() and abs(value) < 1e9):
         text = f"{int(value):,}".replace(",", "\u202f")  # a thin space that does not break
         return text.replace("-", "−")
@@ -98,9 +98,12 @@ def _is_none(value: Any) -> bool:
     return value is None or (isinstance(value, float) and not math.isfinite(value))
 
 
-def _is_text(column: pd.Series[Any]) -> bool:
+def _kind(column: pd.Series[Any]) -> str:
+    """number, or short or long words: the last are broken into lines."""
     known = column.dropna()
-    return not all(isinstance(value, int | float) or hasattr(value, "dtype") for value in known)
+    if all(isinstance(value, int | float) or hasattr(value, "dtype") for value in known):
+        return "number"
+    return "short" if max(len(str(value)) for value in known) <= SHORT else "long"
 
 
 def _plain(value: Any) -> str:

@@ -9,16 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .figures import COLOURS, PAPER_COLOUR, blank, legend_below, log_ticks, mark_legs
+from .figures import COLOURS, PAPER_COLOUR, blank, legend_below, log_ticks, mark_legs, name_marks
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from ..analysis.tracking_error import Verdict
 
-NAME_WIDTH_PT, NAME_HEIGHT_PT = 130, 10  # of a method's name beside its mark
 FRONT_COLOUR = "#d9e2ec"
 ARROW_BGR = (90, 235, 255)
 
@@ -94,7 +92,7 @@ def error_by_time(
         at_dots = row["mean_at_dots_mm"]
         if at_dots is not None and error != "mean_at_dots_mm":
             axis.plot(x_ms, at_dots, "s", color=colour, mfc="none", ms=6, mew=1.2)
-        names.append((x_ms, y_mm, row["name"], colour))
+        names.append((x_ms, y_mm, _label(row["name"]), colour))
     axis.axhline(paper_mm, color=PAPER_COLOUR, lw=1.2, ls=":",
                  label=f"paper, at the dots, real sensor: {paper_mm} mm")  # fmt: skip
     log_ticks(axis, "xy")
@@ -108,29 +106,8 @@ def error_by_time(
     ):
         axis.plot([], [], marker, color="#444444", mfc=face, label=words)
     legend_below(figure, axis)
-    _write_names(figure, axis, names, verdict.take)
+    name_marks(figure, axis, names, _label(verdict.take or ""))
     return figure
-
-
-def _write_names(
-    figure: Figure,
-    axis: Axes,
-    names: Sequence[tuple[float, float, str, str]],
-    bold: str | None,
-) -> None:
-    """Names beside their marks (x, y, name, colour), each above those that it would cover."""
-    figure.draw_without_rendering()  # the layout says how many points lie between two marks
-    written: list[tuple[float, float]] = []
-    for x, y, name, colour in sorted(names, key=lambda mark: mark[1]):
-        at_x, at_y = axis.transData.transform((x, y)) * 72 / figure.dpi
-        up = 4.0
-        while any(abs(at_x - a) < NAME_WIDTH_PT and abs(at_y + up - b) < NAME_HEIGHT_PT
-                  for a, b in written):  # fmt: skip
-            up += 1.0
-        written.append((at_x, at_y + up))
-        axis.annotate(_label(name), (x, y), xytext=(8, up), textcoords="offset points",
-                      fontsize=8.5, color=colour,
-                      fontweight="bold" if name == bold else None)  # fmt: skip
 
 
 def error_by_indenter(

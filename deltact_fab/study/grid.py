@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import io
 import json
+import sys
 import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .. import cache, digest
 from ..errors import DeltactFabError, RunFailed, Stopped
-from ..jobs import Progress, as_done, width
+from ..jobs import Ended, Progress, processors, run, width
 from .pace import Pace
 
 KIND = "study"
@@ -32,7 +34,7 @@ _FAILURES = (DeltactFabError, ArithmeticError, ValueError, MemoryError, OSError)
 class Job:
     """One cell of a grid.
 
-    name: unique in the grid, shown while it runs. work: a function of a module of the package; it
+    name: unique in the grid, shown while it runs. work: a function of a module; it
     may `jobs.tell` the share of it that is done. given: all that the result depends on, plain JSON
     data, the seed among it (seeds.seed_of). cost: seconds that it may take on one core, 0 where
     that is not known.
@@ -45,10 +47,11 @@ class Job:
 
     def key(self) -> dict[str, Any]:
         """What its result is kept under. Raises TypeError for what is no plain data."""
-        module = self.work.__module__.removeprefix("deltact_fab.")
+        top, _, module = self.work.__module__.partition(".")
+        folder = Path(str(sys.modules[top].__file__)).parent
         return {
-            "work": f"{module}:{self.work.__name__}",
-            "code": digest.of(module),
+            "work": f"{self.work.__module__}:{self.work.__name__}",
+            "code": digest.of(module or top, package=folder),
             "given": json.loads(json.dumps(self.given)),
         }
 
@@ -136,26 +139,27 @@ def solve(
             pace.share(index, share)
             tick(todo[index].name)
 
+    def heard(ended: Ended[tuple[bytes, Value]]) -> None:
+        name = todo[ended.index].name
+        pace.ended(ended.index)
+        if ended.value is not None:
+            nonlocal refused
+            found[name] = _unpacked(*ended.value)
+            if not cache.put_file(KIND, keys[name], *ended.value) and not refused:
+                refused = True
+                say(f"{cache.user_folder()}: nothing can be kept there; do not interrupt this")
+        elif isinstance(ended.error, _FAILURES):
+            errors.append(ended.error)
+            missing[name] = " ".join(str(ended.error).split()) or type(ended.error).__name__
+            say(f"failed: {name}: {missing[name]}")
+        elif ended.error is not None:
+            ended.error.add_note(f"in the job {name}")
+            raise ended.error
+        tick(name)
+
     tick("")
     try:
-        for ended in as_done(_do, todo, executor, told=told):
-            name = todo[ended.index].name
-            pace.ended(ended.index)
-            if ended.error is not None:
-                if not isinstance(ended.error, _FAILURES):
-                    ended.error.add_note(f"in the job {name}")
-                    raise ended.error
-                errors.append(ended.error)
-                missing[name] = " ".join(str(ended.error).split()) or type(ended.error).__name__
-                say(f"failed: {name}: {missing[name]}")
-            else:
-                assert ended.value is not None
-                data, plain = ended.value
-                found[name] = _unpacked(data, plain)
-                if not cache.put_file(KIND, keys[name], data, plain) and not refused:
-                    refused = True
-                    say(f"{cache.user_folder()}: nothing can be kept there; do not interrupt this")
-            tick(name)
+        run(_do, todo, heard, executor, told=told)
     except KeyboardInterrupt as why:
         raise Stopped(
             f"stopped: {len(found)} of {len(jobs)} jobs are kept; the same command goes on there"
@@ -168,8 +172,6 @@ def solve(
 
 def width_of(executor: Executor | None) -> int:
     """How many jobs at a time."""
-    from ..jobs import processors
-
     return processors() if executor is None else width(executor)
 
 

@@ -1,4 +1,4 @@
-"""The job of the pattern selection: one press, drawn with several patterns and tracked at once."""
+"""The jobs of the pattern selection: a gel of a press, and the press under several patterns."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ from ..patterns.recipe import PatternRecipe
 from ..protocols.plan import Protocol
 from ..rig.config import VirtualConfig
 from ..shapes import SensorDimensions
+from ..virtual.presses import Presses, path_of
 from .stream import PressStream, Truth
 
 # CPU seconds on one core, about, for the time that is told beforehand.
-GEOMETRY_S, PATTERN_S, PRINT_S = 0.16, 0.34, 1.2
+GEOMETRY_S, PATTERN_S, PRINT_S, KNOT_S = 0.6, 0.34, 1.2, 10.0
 FIGURES = ("mean_at_dots_mm", "mean_off_dots_mm", "coverage")
 """Columns of a job's table of frames."""
 
@@ -56,6 +57,18 @@ def cost_s(frames: int, patterns: int) -> float:
     return frames * (GEOMETRY_S + patterns * PATTERN_S) + patterns * PRINT_S
 
 
+def solve_gel(given: dict[str, Any]) -> dict[str, Any]:
+    """The gel of a press into the store, where `follow` finds it; `given` without patterns.
+
+    Raises SolverError where it cannot be solved.
+    """
+    sensor, protocol, config, _ = _read(given)
+    presses = Presses(protocol, sensor.skin, config.virtual.gel)
+    solver = presses.of(path_of(presses, given["press"])).solver
+    solver.solve_all(lambda done, of, seconds: tell(done / of))
+    return {"knots": len(solver.knots), "flags": solver.flags}
+
+
 def follow(given: dict[str, Any]) -> dict[str, Any]:
     """Every frame of a press, its geometry and truth once, tracked under every pattern.
 
@@ -65,17 +78,10 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
     Raises SolverError where the gel cannot be solved or drawn.
     """
     import cv2
-    from pydantic import TypeAdapter
 
     cv2.setNumThreads(1)  # the other cores have jobs of their own
-    sensor = TypeAdapter(SensorDimensions).validate_python(given["sensor"])
-    stream = PressStream(
-        Protocol.model_validate(given["protocol"]),
-        given["press"],
-        sensor,
-        VirtualConfig.model_validate(given["rig"]),
-        Path(given["rig_file"] or "rig.toml"),
-    )
+    sensor, protocol, config, source = _read(given)
+    stream = PressStream(protocol, given["press"], sensor, config, source)
     truth, seed = Truth(stream), given["seed"]
     printed = []
     for name, data in given["patterns"].items():
@@ -132,3 +138,16 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
             for method, tally in follower.tallies.items()
         },
     }
+
+
+def _read(
+    given: dict[str, Any],
+) -> tuple[SensorDimensions, Protocol, VirtualConfig, Path]:
+    from pydantic import TypeAdapter
+
+    return (
+        TypeAdapter(SensorDimensions).validate_python(given["sensor"]),
+        Protocol.model_validate(given["protocol"]),
+        VirtualConfig.model_validate(given["rig"]),
+        Path(given["rig_file"] or "rig.toml"),
+    )

@@ -55,6 +55,16 @@ STUDIES = {
     "pattern-selection": Study(
         "pattern_selection",
         "The paper's 17 patterns under 5 indenters.",
+        "By the paper's own tracker and by ours, at the dots and off them. --scale 1 is the "
+        "paper's 3600 frames an indenter and pattern: a day on two cores. Below, fewer positions "
+        "and shorter drags are filmed, with the same step between frames. The gel is solved once "
+        "and kept. With --from, each run is one tactile base.",
+        scale=0.04,
+        options=(
+            Option("protocol", "What is pressed, by name or path.", "pattern-selection"),
+            Option("pattern", "One of the series, as d0p1-r0p5; may be given several times.", ()),
+            Option("indenter", "One of the protocol's; may be given several times.", ()),
+        ),
     ),
     "shapes": Study(
         "shapes",
@@ -64,6 +74,7 @@ STUDIES = {
         "comparison",
         "The paper's table of sensors, with your designs as rows.",
         takes=(),
+        options=(Option("design", "A sensor's TOML, as a row; may be given several times.", ()),),
     ),
     "pattern-search": Study(
         "pattern_search",

@@ -101,13 +101,14 @@ class Geometry:
             x, y = cv2.split(at + self._margin_px)
             moved = cv2.remap(field, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
             before, at = at, self._target - moved
-        x, y = cv2.split(cv2.absdiff(at, before))
-        open_ = cv2.max(x, y) >= TOLERANCE_PX
-        # Fixed point needs a gradient below 1; the stretched skin behind a sliding tip has more.
-        at[open_] = _newton(field, self._margin_px, self._target[open_], at[open_])
         # The border's first pixel has the index 0, and lies at -1.
         at_px = seen_px + 1
-        wanted = np.isnan(at[..., 0]) | in_dispute(at_px, at.shape[:2])
+        disputed = in_dispute(at_px, at.shape[:2])
+        x, y = cv2.split(cv2.absdiff(at, before))
+        open_ = (cv2.max(x, y) >= TOLERANCE_PX) & ~disputed
+        # Fixed point needs a gradient below 1; the stretched skin behind a sliding tip has more.
+        at[open_] = _newton(field, self._margin_px, self._target[open_], at[open_])
+        wanted = np.isnan(at[..., 0]) | disputed
         if wanted.any():
             out_mm = self._sampler(displacement_mm[..., 2:])[..., 0]
             at[wanted] = nearest(at_px, out_mm, wanted) - self._margin_px

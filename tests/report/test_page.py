@@ -174,3 +174,23 @@ def test_it_names_the_sensor_that_was_pressed(
     meta["protocol"]["specimen"]["serial"] = "DT-007 <i>"
     (run / "run.json").write_text(json.dumps(meta))
     assert "sensor <b>DT-007 &lt;i&gt;</b>" in write(run, tmp_path / "r.html", result).read_text()
+
+
+def test_columns_and_costs_that_nobody_measured_are_not_in_the_page(
+    mini_run: Path, result: TrackingResult, page: str, tmp_path: Path
+) -> None:
+    unknown = dict.fromkeys(("mean_off_dots_mm", "p95_off_dots_mm", "mean_confident_mm"))
+    blind = replace(result, methods=[{**row, **unknown} for row in result.methods])
+    costs = [{"layer": "lens", "seconds": None, "megabytes": None, "modules": None,
+              "about": "", "note": "not measured on this machine"}]  # fmt: skip
+    out = write(mini_run, tmp_path / "r.html", blind, layer_costs=costs).read_text()
+    for head in ("all moving, mm", "p95, mm", "sure ones, mm"):
+        assert f"<th>{head}</th>" in page
+        assert f"<th>{head}</th>" not in out
+    assert "<th>frames trusted</th>" in out
+    assert "<th>layer</th>" not in out
+    measured_one = [*costs, {**costs[0], "layer": "friction", "seconds": 1.5, "megabytes": 3.0,
+                             "modules": 2, "note": ""}]  # fmt: skip
+    told = write(mini_run, tmp_path / "s.html", blind, layer_costs=measured_one).read_text()
+    assert "<td>friction</td><td>1.50</td>" in told
+    assert "<td>lens</td>" not in told
