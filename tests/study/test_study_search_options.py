@@ -58,7 +58,7 @@ def test_candidates_can_be_printed_and_seen(dpi: int, mm_per_px: float) -> None:
     mm_per_dot = 25.4 / dpi
     found = candidates(mm_per_dot, mm_per_px)
     assert len({c.name for c in found}) == len(found)
-    assert [c.name for c in found if c.is_paper] == ["algorithm1 0.075 r 0.6"]
+    assert [c.name for c in found if c.is_paper] == ["algorithm1 d 0.075 r 0.6"]
     for c in found:
         recipe = c.recipe(3)
         if not c.is_paper:

@@ -24,7 +24,7 @@ def test_a_small_search_finds_a_better_pattern_than_the_papers() -> None:
     assert found.verdict[0].startswith(f"Print {data['best']['pattern']}")
     recipe = recipe_from(tomllib.loads(found.files["best-pattern.toml"]), "best")
     assert recipe.model_dump(mode="json", exclude_none=True) == data["best"]["recipe"]
-    assert {row["pattern"] for row in data["confirmed"]} >= {"algorithm1 0.075 r 0.6"}
+    assert {row["pattern"] for row in data["confirmed"]} >= {"algorithm1 d 0.075 r 0.6"}
     assert all(0 < row["mean_error_mm"] < 0.05 for row in data["confirmed"])
     assert len(data["farneback"]) == 2
     for drawn in found.figures:

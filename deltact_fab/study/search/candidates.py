@@ -59,10 +59,10 @@ def candidates(mm_per_dot: float, mm_per_px: float) -> list[Candidate]:
 def _all() -> Iterator[Candidate]:
     for d in SIZES_MM:
         for r in R:
-            yield _made(f"algorithm1 {d:g} r {r:g}", "Algorithm 1",
+            yield _made(f"algorithm1 d {d:g} r {r:g}", "Algorithm 1",
                         law="algorithm1", patch_mm=d, r=r)  # fmt: skip
         for law in ("iid", "binary"):
-            yield _made(f"{law} {d:g}", law, law=law, patch_mm=d)
+            yield _made(f"{law} d {d:g}", law, law=law, patch_mm=d)
         for blocks in SCALES if d <= MOST_OCTAVE_MM else ():
             scales = tuple(round(d * side, 9) for side in blocks)
             words = "/".join(f"{scale:g}" for scale in scales)

@@ -54,8 +54,12 @@ def _interval(value: Estimate) -> str:
 
 def _verdict(found: Findings) -> tuple[str, ...]:
     best, paper = found.best, found.of(found.ours, found.paper)
-    lines = [f"Print {best.pattern}: on this printer and camera its mean error is "
-             f"{_um(best.error)}, over {best.error.over}."]  # fmt: skip
+    d_mm = found.row(best.pattern)["patch_mm"]
+    px, dots = d_mm / found.bench.mm_per_px, d_mm / found.bench.printer.mm_per_dot
+    lines = [
+        f"Print {best.pattern}, patches of {px:.1f} camera pixels and {dots:.1f} printer dots: its "
+        f"mean error is {_um(best.error)}, over {best.error.over}."
+    ]
     if found.gain is not None and paper is not None:
         met = "met" if found.gain.value <= GOAL else "missed"
         lines.append(
