@@ -96,7 +96,22 @@ STUDIES = {
     "pattern-search": Study(
         "pattern_search",
         "The best pattern for a printer and a camera.",
+        about="Candidates are printed and photographed by the models of a virtual rig's printer "
+        "and camera, what predicts their tracking error is ranked, and the best few are followed "
+        "on the finite-strain gel beside the paper's pattern. The scale thins candidates, seeds "
+        "and drag.",
         takes=("scale", "seed", "rig", "grid"),
+        scale=1.0,
+        options=(
+            Option("dpi", "Of the printer.", kind=int),
+            Option("levels", "Grey levels of a printed dot and ink.", kind=int),
+            Option("spread-um", "How far ink runs, um.", kind=float),
+            Option("misregistration-um", "How far an ink is misplaced, um.", kind=float),
+            Option("mm-per-px", "Of the face, a pixel of the camera, mm.", kind=float),
+            Option("blur-px", "Of lens and sensor together, pixels.", kind=float),
+            Option("full-well-electrons", "Of a pixel: fewer make more noise.", kind=float),
+            Option("read-noise-electrons", "Of a pixel.", kind=float),
+        ),
     ),
     "settling": Study(
         "settling",
