@@ -22,6 +22,24 @@ if TYPE_CHECKING:
 
 ASSUMED = "assumed: no relaxation of Solaris was found measured"
 BOUND = 0.02  # of the headlines, of the steady force
+WAIT_WORDS = {
+    "depth_mm": "depth, mm",
+    "steady_n": "steady, N",
+    "at_once_n": "at once, N",
+    "at_once_pct": "at once, %",
+    **{f"wait_{100 * share:g}pct_s": f"{100 * share:g} %, s" for share in SHARES},
+    **{f"wait_{bound:g}n_s": f"{bound:g} N, s" for bound in FORCES_N},
+}
+PROTOCOL_WORDS = {
+    "settle_s": "settle_s, s",
+    "worst_n": "worst, N",
+    "worst_pct": "worst, %",
+    "normal_bias_pct": "normal, common, %",
+    "normal_scatter_n": "normal, scatter, N",
+    "shear_bias_pct": "shear, common, %",
+    "shear_scatter_n": "shear, scatter, N",
+    f"settle_for_{100 * BOUND:g}pct_s": f"settle_s for {100 * BOUND:g} %, s",
+}
 
 
 def result(
@@ -68,19 +86,10 @@ def result(
         simulated_, asked.seed, asked.scale, heads,
         (
             Table("waits", "Seconds of rest until the force is within a bound of its steady value. "
-                  "Empty: the rest was too short to tell.", table,
-                  words={"steady_n": "steady, N", "at_once_n": "at once, N", "at_once_pct":
-                         "at once, %", "depth_mm": "depth, mm",
-                         **{f"wait_{100 * share:g}pct_s": f"{100 * share:g} %, s" for share in SHARES},
-                         **{f"wait_{bound:g}n_s": f"{bound:g} N, s" for bound in FORCES_N}}),
+                  "Empty: the rest was too short to tell.", table, words=WAIT_WORDS),
             Table("protocols", "The shipped protocols with their settle_s, largest ball, on a gel "
                   "of this series. A common factor goes into a calibration's coefficients; scatter "
-                  "is left as error.", judged_,
-                  words={"settle_s": "settle_s, s", "worst_n": "worst, N", "worst_pct": "worst, %",
-                         "normal_bias_pct": "normal, common, %", "normal_scatter_n":
-                         "normal, scatter, N", "shear_bias_pct": "shear, common, %",
-                         "shear_scatter_n": "shear, scatter, N",
-                         f"settle_for_{100 * BOUND:g}pct_s": f"settle_s for {100 * BOUND:g} %, s"}),
+                  "is left as error.", judged_, words=PROTOCOL_WORDS),
         ),
         figures, settings,
         (*notes, "Nothing is drawn at random: the seed does not matter.",
