@@ -90,7 +90,7 @@ class _Stage:
 
     @property
     def files(self) -> tuple[Path, Path]:
-        """The calibrations of force and depth, where `report RUN` looks for them as well."""
+        """The calibrations of force and depth, with the run that they were made from."""
         kept = self.calibration / "analysis"
         return kept / "calibration.toml", kept / "depth.toml"
 

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from .asked import Asked
 
 PROTOCOL = "settling"
+NO_BENCH = (PROTOCOL, "demo", "demo-calibration")  # the first is judged here, of the gel itself
 RIG = "virtual-coarse"
 FADE_S = np.concatenate([[0.0], np.geomspace(0.02, 2000.0, 120)])  # of a fitted series
 RELAXED = 10.0  # x the slowest time: what is left then is e^-10 of its branch
@@ -220,7 +221,7 @@ def _shipped(given: dict[str, Any]) -> tuple[dict[str, float], list[Job]]:
     settle, jobs = {}, []
     for name in catalog.names("protocols"):
         protocol, _ = plan.load(name)
-        if not protocol.capture.settle_s or name == PROTOCOL or "force" not in protocol.channels:
+        if not protocol.capture.settle_s or "force" not in protocol.channels or name in NO_BENCH:
             continue
         settle[name] = protocol.capture.settle_s
         layer = protocol.model_copy(

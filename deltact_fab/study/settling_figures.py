@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LEAST_PCT = 0.05
+LEAST_N = 1e-4
 TOTALS = (0.05, 0.1, 0.2, 0.4)
 
 
@@ -81,14 +82,15 @@ def judged(tables: dict[str, list[dict[str, float]]]) -> Figure:
         axes, ("normal_scatter_n", "shear_scatter_n"), ("normal force", "shear"), strict=True
     ):
         for colour, (name, rows) in zip(cycle(figures.COLOURS), tables.items(), strict=False):
-            rest, scatter = (np.array([row[key] for row in rows]) for key in ("settle_s", column))
-            if scatter.max() > 0:
+            tried = sorted(rows, key=lambda row: row["settle_s"])
+            rest, scatter = (np.array([row[key] for row in tried]) for key in ("settle_s", column))
+            if scatter.max() > LEAST_N:
                 axis.plot(rest, scatter, color=colour, lw=1.4, label=name)
         axis.set_xscale("log")
         axis.set_yscale("log")
         axis.set_xlabel("settle_s, s")
         axis.set_title(words, loc="left", fontweight="bold")
     axes[0].set_ylabel("scatter among the stops, N")
-    axes[0].set_ylim(1e-4, None)
+    axes[0].set_ylim(LEAST_N, None)
     figures.legend_below(figure, axes[0])
     return figure

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..analysis.relaxation import Series
+from ..analysis.relaxation import Series, time_to
 from ..protocols.plan import Protocol
 from ..report.result import Drawn, Headline, LeftOut, StudyResult, Table
 from . import intervals, modulus
 from . import settling_figures as draw
-from .settling_stops import Stop, waits
+from .settling_stops import FORCES_N, SHARES, Stop, waits
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,6 +22,24 @@ if TYPE_CHECKING:
 
 ASSUMED = "assumed: no relaxation of Solaris was found measured"
 BOUND = 0.02  # of the headlines, of the steady force
+WAIT_WORDS = {
+    "depth_mm": "depth, mm",
+    "steady_n": "steady, N",
+    "at_once_n": "at once, N",
+    "at_once_pct": "at once, %",
+    **{f"wait_{100 * share:g}pct_s": f"{100 * share:g} %, s" for share in SHARES},
+    **{f"wait_{bound:g}n_s": f"{bound:g} N, s" for bound in FORCES_N},
+}
+PROTOCOL_WORDS = {
+    "settle_s": "settle_s, s",
+    "worst_n": "worst, N",
+    "worst_pct": "worst, %",
+    "normal_bias_pct": "normal, common, %",
+    "normal_scatter_n": "normal, scatter, N",
+    "shear_bias_pct": "shear, common, %",
+    "shear_scatter_n": "shear, scatter, N",
+    f"settle_for_{100 * BOUND:g}pct_s": f"settle_s for {100 * BOUND:g} %, s",
+}
 
 
 def result(
@@ -68,10 +86,10 @@ def result(
         simulated_, asked.seed, asked.scale, heads,
         (
             Table("waits", "Seconds of rest until the force is within a bound of its steady value. "
-                  "Empty: the rest was too short to tell.", table),
+                  "Empty: the rest was too short to tell.", table, words=WAIT_WORDS),
             Table("protocols", "The shipped protocols with their settle_s, largest ball, on a gel "
                   "of this series. A common factor goes into a calibration's coefficients; scatter "
-                  "is left as error.", judged_),
+                  "is left as error.", judged_, words=PROTOCOL_WORDS),
         ),
         figures, settings,
         (*notes, "Nothing is drawn at random: the seed does not matter.",
@@ -124,9 +142,9 @@ def _protocol_table(protocols: dict[str, list[dict[str, float]]]) -> pd.DataFram
     rows = []
     for name, table in protocols.items():
         own, tried = table[0], table[1:]
-        enough = [row["settle_s"] for row in tried if row["worst_pct"] <= 100 * BOUND]
-        rows.append({"protocol": name, **own, f"settle_for_{100 * BOUND:g}pct_s":
-                     min(enough, default=float("nan"))})  # fmt: skip
+        rests, worst = ([row[key] for row in tried] for key in ("settle_s", "worst_pct"))
+        enough = {f"settle_for_{100 * BOUND:g}pct_s": time_to(rests, worst, 100 * BOUND)}
+        rows.append({"protocol": name, **own, **enough})
     return pd.DataFrame(rows)
 
 

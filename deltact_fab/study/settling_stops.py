@@ -15,6 +15,7 @@ Field = NDArray[np.float64]
 
 SHARES = (0.05, 0.02, 0.01, 0.005)
 FORCES_N = (0.05, 0.02)
+ROUNDING = 1e-9  # of a force: a ball that nothing drags has no shear
 WAITS_S = np.geomspace(0.05, 600.0, 33)
 
 
@@ -119,10 +120,10 @@ def judged(
         for name, axes in (("normal", [2]), ("shear", [0, 1])):
             e, s = excess[:, axes], steady[:, axes]
             bias = float((e * s).sum() / (s * s).sum()) if (s * s).sum() > 0 else 0.0
-            row |= {
-                f"{name}_bias_pct": 100 * bias,
-                f"{name}_scatter_n": float(np.sqrt(np.mean(np.sum((e - bias * s) ** 2, axis=1)))),
-            }
+            scatter = float(np.sqrt(np.mean(np.sum((e - bias * s) ** 2, axis=1))))
+            if scatter < ROUNDING * float(size.max()):
+                scatter = 0.0
+            row |= {f"{name}_bias_pct": 100 * bias, f"{name}_scatter_n": scatter}
         found.append(row)
     return found
 

@@ -56,12 +56,15 @@ def fit(rests: Sequence[Rest], branches: int | None = None) -> Fitted:
     Raises SolverError where the search does not converge.
     """
     best = _best(rests, [(FIRST_S,)])
-    for count in range(2, (branches or MOST_BRANCHES) + 1):
+    for _ in range(2, (branches or MOST_BRANCHES) + 1):
+        if best is None:
+            break
         more = _best(rests, _split(best.series.times_s, rests))
-        if branches is None and more.rms_n > WORTH * best.rms_n:
+        if branches is None and (more is None or more.rms_n > WORTH * best.rms_n):
             break
         best = more
-        assert len(best.series.times_s) == count
+    if best is None:
+        raise SolverError("relaxation: no search for a series converged")
     return best
 
 
@@ -79,11 +82,13 @@ def _longest_s(rests: Sequence[Rest]) -> float:
     return max(float(rest.wait_s[-1]) for rest in rests)
 
 
-def _best(rests: Sequence[Rest], starts: Sequence[tuple[float, ...]]) -> Fitted:
-    return min((_from(rests, start) for start in starts), key=lambda fitted: fitted.rms_n)
+def _best(rests: Sequence[Rest], starts: Sequence[tuple[float, ...]]) -> Fitted | None:
+    """None where no search converged: a branch too many has nowhere to go."""
+    found = [fitted for start in starts if (fitted := _from(rests, start)) is not None]
+    return min(found, key=lambda fitted: fitted.rms_n, default=None)
 
 
-def _from(rests: Sequence[Rest], times_s: Sequence[float]) -> Fitted:
+def _from(rests: Sequence[Rest], times_s: Sequence[float]) -> Fitted | None:
     from scipy.optimize import least_squares
 
     count, longest = len(times_s), _longest_s(rests)
@@ -97,7 +102,7 @@ def _from(rests: Sequence[Rest], times_s: Sequence[float]) -> Fitted:
 
     found = least_squares(residuals, start, bounds=(low, high), x_scale="jac")
     if found.status <= 0:
-        raise SolverError(f"relaxation: {count} branches: the fit did not converge")
+        return None
     series = _series(found.x)
     steady, arrived, off = _told(rests, series)
     rms = float(np.sqrt(np.mean(np.concatenate([part.ravel() for part in off]) ** 2)))
