@@ -2,9 +2,9 @@
 
     deltact-fab study run NAME --out NAME-study
     python -m benchmarks.studies take NAME-study…    # keeps what docs show of them
-    python -m benchmarks.studies                     # writes docs/evidence/studies.md, README's block
+    python -m benchmarks.studies                     # writes what is kept into the docs
 
-A test holds both texts against what is kept.
+That is docs/evidence/studies.md and the block of the README; a test holds both against it.
 """
 
 from __future__ import annotations
@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from deltact_fab.record.files import write_whole
-from deltact_fab.report.figures import digits
-from deltact_fab.report.study_page import read_result
+from deltact_fab.report.study_folder import read_result
 
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "docs" / "evidence" / "studies"
@@ -30,7 +29,7 @@ ORDER = (
 SHOWN = ("study", "title", "verdict", "headlines", "settings", "seed", "scale", "simulated",
          "missing", "versions", "made")  # fmt: skip
 """Of result.json; what else stands in it is for programs."""
-IN_README = 2
+IN_README = 1
 """Sentences of a verdict that the README has of each study."""
 
 
@@ -140,13 +139,13 @@ def _goal(headline: dict[str, Any]) -> str:
 def _interval(headline: dict[str, Any]) -> str:
     if headline["low"] is None or headline["high"] is None:
         return ""
-    return f"{digits(headline['low'])} to {digits(headline['high'])}"
+    return f"{headline['low']:.3g} to {headline['high']:.3g}"
 
 
 def _number(value: float | None, unit: str) -> str:
     if value is None or not math.isfinite(value):
         return ""
-    return f"{digits(value)} {unit}".rstrip()
+    return f"{value:.3g} {unit}".rstrip()
 
 
 def _cell(text: str) -> str:

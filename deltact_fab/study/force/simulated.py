@@ -167,7 +167,7 @@ def _seconds(of: Scene, paths: Sequence[PressPath]) -> float:
     """What a job takes on one core: its gel, solved half-way between too at a first place."""
     presses = Presses(of.protocol, of.sensor.skin, of.rig.virtual.gel)
     first = next(path for path in presses.paths if path.indenter == paths[0].indenter)
-    knots = len(poses(paths[0], presses.increments, presses.timed))
+    knots = len(poses(paths[0], presses.increments, presses.relaxing_s))
     steps = plan.expand(of.protocol)
     frames = sum(step.frames for step in steps if step.press in {path.press for path in paths})
     return KNOT_S * knots * (2 if first == paths[0] else 1) + FRAME_S * frames
