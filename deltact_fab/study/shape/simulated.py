@@ -226,8 +226,8 @@ def settings(of: Scene, gel: Sequence[dict[str, Any]]) -> dict[str, str]:
         f"{specimen.poisson:g}",
         "force sensor's noise": f"{of.rig.virtual.force.noise_n:g} N a sample",
         "gel": "; ".join(dict.fromkeys(line for one in gel for line in one["why"])),
-        "gel's stated error": f"{tolerance:.0%} of the force on cells as the tolerance asks for; on "
-        f"the coarsest here, {coarse:.2g} times as large, {tolerance * coarse**2:.0%}",
+        "gel's stated error": f"{tolerance:.0%} of the force on cells as the tolerance asks for; "
+        f"on the coarsest here, {coarse:.2g} times as large, {tolerance * coarse**2:.0%}",
     }
     flags = {name: text for one in gel for name, text in one["flags"].items()}
     if flags:
