@@ -21,7 +21,7 @@ def press(name: str, error_mm: float | None = None, **more: Any) -> PressShape:
     """A frame at rest and one that presses 1.5 mm, its depth off by so much; None: no truth."""
     row: dict[str, Any] = {
         "press": f"{name}/p1", "indenter": name, "frame_id": "1", "kind": "press",
-        "tip_depth_mm": 1.5, "peak_depth_mm": 1.5, "area_mm2": 20.0, **more,
+        "tip_depth_mm": 1.5, "peak_depth_mm": 1.5, "area_mm2": 20.0, "extrapolated": False, **more,
     }  # fmt: skip
     if error_mm is not None:
         row |= {
@@ -84,7 +84,7 @@ def test_the_force_is_held_against_the_sensor() -> None:
     assert head.goal == 0.2
     assert "0.06 N on a place of its ball left out" in head.remark
     assert beyond.value == pytest.approx(1)
-    assert beyond.what.endswith("beyond its calibration")
+    assert beyond.what.endswith("beyond the calibrations")
     assert beyond.goal is None
     assert "+20 %" in beyond.remark
 

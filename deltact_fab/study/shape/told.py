@@ -97,11 +97,12 @@ def headlines(frames: pd.DataFrame, force_left_out_n: float | None = None) -> tu
 
 
 def _force(frames: pd.DataFrame, left_out_n: float | None) -> list[Headline]:
-    """Error of the normal force, apart where its calibration says that it does not reach."""
+    """Error of the normal force, apart where a calibration, of force or depth, does not reach."""
     remark = "" if left_out_n is None else f"{left_out_n:.2f} N on a place of its ball left out; "
     found = []
-    for beyond, words in ((False, "within its calibration"), (True, "beyond its calibration")):
-        part = frames[frames["force_extrapolated"].astype(bool) == beyond]
+    outside = frames["force_extrapolated"].astype(bool) | frames["extrapolated"].astype(bool)
+    for beyond, words in ((False, "within the calibrations"), (True, "beyond the calibrations")):
+        part = frames[outside == beyond]
         if part.empty:
             continue
         off, of = part["found_normal_n"] - part["normal_n"], list(part["job"])
