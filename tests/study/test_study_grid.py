@@ -166,6 +166,13 @@ def test_a_mistake_in_the_code_is_raised_with_the_job_that_it_was_in() -> None:
     assert why.value.__notes__ == ["in the job wrong"]
 
 
+@pytest.mark.parametrize("thing", ["numpy number", "objects"])
+def test_a_value_that_cannot_be_kept_is_a_mistake_and_not_a_failure(thing: str) -> None:
+    with pytest.raises(TypeError) as why:
+        solve([Job("wrong", tiny_study.strange, {"thing": thing}), *tiny_study.jobs_of(7, 1)])
+    assert why.value.__notes__ == ["in the job wrong"]
+
+
 def test_a_store_that_refuses_is_said_once_and_the_values_are_there(tmp_path: Path) -> None:
     cache.user_folder().parent.mkdir(exist_ok=True)
     cache.user_folder().write_text("no folder")
