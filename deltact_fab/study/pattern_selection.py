@@ -10,6 +10,8 @@ from __future__ import annotations
 from typing import Any
 
 from ..report.result import LeftOut, StudyResult
+from ..units import MM_PER_INCH
+from . import modulus
 from .asked import Asked
 from .grid import Grid
 from .pattern_errors import Errors, Printed, cells_of
@@ -63,6 +65,7 @@ def _simulated(asked: Asked) -> StudyResult:
         asked,
         errors,
         grid,
+        bench=_bench(scene),
         simulated=True,
         part=part.as_dict(),
         covers=part.words,
@@ -70,13 +73,13 @@ def _simulated(asked: Asked) -> StudyResult:
             "path": part.words,
             "step between frames": f"{part.longest_step_mm:.3f} mm at most",
             "trackers": "paper: Farneback 5/13/10, photometric rule, summed; ours: fused, anchored",
-            "gel": f"{specimen.gel_model}, {specimen.modulus_mpa:g} MPa (uncertain by a factor of "
-            f"2: it moves forces, not the surface), friction {specimen.friction:g}",
+            "gel": f"{specimen.gel_model}, {specimen.modulus_mpa:g} MPa, friction "
+            f"{specimen.friction:g}",
             "printer": f"{printer.dpi} dpi, {printer.levels} levels, spread {printer.spread_um:g} "
             f"um, misregistration {printer.misregistration_um:g} um",
             "camera": "; ".join(f"{k} {v:g}" for k, v in scene.config.virtual.camera),
         },
-        notes=_gel_notes(grid),
+        notes=(modulus.remark(NAME, specimen.modulus_mpa), *_gel_notes(grid)),
         left_out=_left_out(scene),
     )
 
@@ -96,11 +99,13 @@ def _recorded(asked: Asked) -> StudyResult:
     from .. import record
 
     runs = [record.open(folder) for folder in asked.runs]
+    simulated = any(run.simulated for run in runs)
     return _result(
         asked,
         errors,
         grid,
-        simulated=any(run.simulated for run in runs),
+        bench="" if not simulated else "Some of the runs are simulated.",
+        simulated=simulated,
         part=None,
         covers=f"{len(runs)} recorded runs",
         settings={
@@ -117,6 +122,7 @@ def _result(
     errors: Errors,
     grid: Grid,
     *,
+    bench: str,
     simulated: bool,
     part: dict[str, Any] | None,
     covers: str,
@@ -132,7 +138,7 @@ def _result(
     return StudyResult(
         study=NAME,
         title=TITLE,
-        verdict=verdict(errors, covers, simulated),
+        verdict=verdict(errors, covers, bench),
         data=data,
         simulated=simulated,
         seed=asked.seed,
@@ -144,6 +150,20 @@ def _result(
         notes=(*NOTES, *notes, *lost),
         left_out=left_out,
         missing=tuple(grid.missing),
+    )
+
+
+def _bench(scene: Selection) -> str:
+    """What may part it from the paper's bench, in figures."""
+    printer, optics = scene.config.virtual.printer, scene.sensor.optics
+    least_mm = min(e.recipe.patch_mm for e in scene.entries if e.recipe.patch_mm)
+    dots, pixels = least_mm / (MM_PER_INCH / printer.dpi), least_mm / optics.mm_per_px
+    return (
+        f"What parts it from the paper's bench: a printer model ({printer.dpi} dpi, "
+        f"{printer.spread_um:g} um of spread: the smallest patch, {least_mm:g} mm, is {dots:.1f} "
+        f"of its dots and {pixels:.1f} pixels), no motion blur, light that stays. The paper does "
+        "not print its gel, its indenters' sizes, its positions, nor the threshold at which its "
+        "reference is renewed."
     )
 
 

@@ -10,28 +10,33 @@ from .pattern_tables import MEASURES, TRACKERS, rounds
 PAPER_BEST = ((0.1, 0.5), (0.075, 0.6))
 """(d in mm, r) of the least error in each of the paper's rounds."""
 TOO_SMALL_MM, SMALL_MM = 0.05, 0.075
-WHY = (
-    "What differs from the paper's bench: the printer model resolves d = 0.05 mm (1200 dpi with 20 "
-    "um of spread; theirs merged such patches to grey), the pinhole samples the face evenly, and "
-    "no frame is blurred or lost. Their gel, indenters, positions and thresholds are not printed."
-)
-FLOOR = (
-    "Where the reference is renewed, summed flow carries the error of that frame from then on, for "
-    "every pattern alike: a floor of the bookkeeping and not of the pattern."
-)
 
 
-def verdict(errors: Errors, covers: str, simulated: bool) -> tuple[str, ...]:
-    """Sentences, the answer first."""
+def verdict(errors: Errors, covers: str, bench: str = "") -> tuple[str, ...]:
+    """Sentences, the answer first. bench: of a simulated one in figures, empty for a real one."""
     if not any(errors.best(m, "at_dots") for m in errors.methods):
         return ("No pattern has an error under every indenter: nothing can be compared.",)
     lines = [_optimum(errors), *(_of(errors, m) for m in errors.methods)]
-    if (small := _small(errors)) is not None:
-        lines.append(small)
-    if simulated:
-        lines += [WHY, FLOOR]
-    lines.append(f"{'Simulated: ' if simulated else ''}{covers}.")
+    lines += [_small(errors), _renewals(errors), bench]
+    lines.append(f"{'Simulated: ' if bench else ''}{covers}.")
     return tuple(line for line in lines if line)
+
+
+def _renewals(errors: Errors) -> str:
+    """How often the summed flow took on the error of a frame for good, which no pattern helps."""
+    if "paper" not in errors.methods:
+        return ""
+    counts = [errors.tally(p.name, "paper").switches for p in errors.printed]
+    presses = len({cell.press for cell in errors.cells})
+    if not any(counts):
+        return (
+            "The paper's tracker never renewed its reference, so nothing here is a floor of summed "
+            "flow."
+        )
+    return (
+        f"The paper's tracker renewed its reference {min(counts)} to {max(counts)} times a pattern "
+        f"in {presses} presses; from then on it carries that frame's error, whatever the pattern."
+    )
 
 
 def _optimum(errors: Errors) -> str:
@@ -82,11 +87,11 @@ def _of(errors: Errors, method: str) -> str:
     return f"{name[0].upper()}{name[1:]}: {'; '.join(parts)}." if parts else ""
 
 
-def _small(errors: Errors) -> str | None:
+def _small(errors: Errors) -> str:
     """Whether the error rises where patches get too small for the printer."""
     sizes = [_mean_of(errors, d_mm, "paper") for d_mm in (TOO_SMALL_MM, SMALL_MM)]
-    if any(v is None for v in sizes) or "paper" not in errors.methods:
-        return None
+    if any(v is None for v in sizes):
+        return ""
     tiny, small = (v for v in sizes if v is not None)
     moves = "rises" if tiny > small else "does not rise"
     return (

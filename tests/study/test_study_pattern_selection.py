@@ -160,7 +160,7 @@ def test_the_papers_optimum_appears_where_it_is_the_least_of_both_rounds() -> No
             "d0p05-r0p4": (0.4, 0.5, 0.6),
         }
     )
-    first, *others = verdict(errors, "all of it", simulated=False)
+    first, *others = verdict(errors, "all of it")
     assert first.startswith("The paper's optimum appears")
     assert "d 0.075 r 0.6 is the best of its round (0.06 mm" in first
     assert any("d 0.075 r 0.6" in line for line in others)
@@ -181,7 +181,7 @@ def test_it_does_not_appear_where_another_is_less_and_says_if_indenters_disagree
             "d0p05-r0p4": (0.1, 0.2, 0.3),
         }
     )
-    first = verdict(errors, "all of it", simulated=False)[0]
+    first = verdict(errors, "all of it")[0]
     assert first.startswith("The paper's optimum does not appear")
     assert "d 0.2 r 0.1" in first
     assert first.count("which the indenters do not tell apart") == 1
