@@ -5,7 +5,7 @@ local.py is processes here, cluster.py is an existing Dask cluster, word.py is w
 it runs.
 """
 
-from .each import Ended, Progress, arrivals, as_done, each
+from .each import Ended, Progress, arrivals, each, run
 from .local import THREAD_VARIABLES, processors
 from .where import executor, width
 from .word import tell
@@ -15,10 +15,10 @@ __all__ = [
     "Ended",
     "Progress",
     "arrivals",
-    "as_done",
     "each",
     "executor",
     "processors",
+    "run",
     "tell",
     "width",
 ]

@@ -81,6 +81,7 @@ STUDIES = {
         "comparison",
         "The paper's table of sensors, with your designs as rows.",
         takes=(),
+        options=(Option("design", "A sensor's TOML, as a row; may be given several times.", ()),),
     ),
     "pattern-search": Study(
         "pattern_search",
