@@ -7,12 +7,15 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from ..study.registry import Study
 from ..study.registry import run as run_study
+
+if TYPE_CHECKING:
+    from ..report.result import StudyResult
 
 LOG_EVERY_S = 60.0
 
@@ -43,7 +46,7 @@ def run(name: str, one: Study, given: dict[str, Any]) -> None:
                 more={key: given[key] for key in more},
             ),
         )
-    click.echo(f"report: {study_page.write(found, out, _layer_costs())}", err=True)
+    click.echo(f"report: {study_page.write(found, out, _layer_costs(found))}", err=True)
     if figures is not None:
         files = paper_figures.save(found, figures)
         click.echo(f"figures: {len(files)} files in {figures}", err=True)
@@ -61,8 +64,10 @@ def run(name: str, one: Study, given: dict[str, Any]) -> None:
         )
 
 
-def _layer_costs() -> list[dict[str, Any]]:
-    """What this machine has measured of them, perhaps nothing."""
+def _layer_costs(found: StudyResult) -> list[dict[str, Any]]:
+    """What this machine has measured of layers that were left out, perhaps nothing."""
+    if not any(one.layer for one in found.left_out):
+        return []
     from ..numerics.scenes import costs
 
     return [cost.as_dict() for cost in costs()]

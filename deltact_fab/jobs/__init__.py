@@ -5,13 +5,14 @@ local.py is processes here, cluster.py is an existing Dask cluster, word.py is w
 it runs.
 """
 
-from .each import Ended, Progress, arrivals, each, run
+from .each import CannotGoOn, Ended, Progress, arrivals, each, run
 from .local import THREAD_VARIABLES, processors
 from .where import executor, width
 from .word import tell
 
 __all__ = [
     "THREAD_VARIABLES",
+    "CannotGoOn",
     "Ended",
     "Progress",
     "arrivals",

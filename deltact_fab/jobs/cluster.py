@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 from ..errors import InputError, MissingLibrary, RunFailed
 from . import word
+from .each import CannotGoOn
 from .local import take_share
 
 R = TypeVar("R")
@@ -24,7 +25,7 @@ GONE_S = 60.0  # a worker that died is often started again
 PACKAGE = Path(__file__).parents[1]
 
 
-class OtherCode(RunFailed):
+class OtherCode(CannotGoOn):
     """A worker has another deltact_fab than who asks it."""
 
 
@@ -53,11 +54,7 @@ def cluster(address: str) -> Iterator[Cluster]:
         raise MissingLibrary(
             f"--on dask:{address}: needs the extra `cluster`: pip install 'deltact-fab[cluster]'"
         ) from why
-    # What goes wrong there is told by the error that ends it.
-    quiet = logging.getLogger("distributed")
-    level = quiet.level
-    quiet.setLevel(logging.CRITICAL)
-    try:
+    with _quiet():
         try:
             client = Client(address, timeout=CONNECT_S, set_as_default=False)
         except (OSError, TimeoutError) as why:
@@ -70,8 +67,21 @@ def cluster(address: str) -> Iterator[Cluster]:
                 yield there
             finally:
                 there.shutdown(wait=False)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """What goes wrong is told by the error that ends it, and by no traceback of a library's."""
+    names = [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]
+    loggers = [logging.getLogger(name) for name in (*names, "tornado.application")]
+    before = [one.level for one in loggers]
+    for one in loggers:
+        one.setLevel(logging.CRITICAL)
+    try:
+        yield
     finally:
-        quiet.setLevel(level)
+        for one, level in zip(loggers, before, strict=True):
+            one.setLevel(level)
 
 
 def _require_same_code(client: Any, address: str) -> None:
@@ -107,12 +117,12 @@ class Cluster(Executor):
         return future
 
     def check(self) -> None:
-        """While someone waits: raises RunFailed when there is nothing left to wait for."""
+        """While someone waits: raises CannotGoOn when there is nothing left to wait for."""
         now_s = time.monotonic()
         if self._client.status == "running" and self._client.scheduler_info()["workers"]:
             self._seen_s = now_s
         elif now_s - self._seen_s > GONE_S:
-            raise RunFailed(f"the Dask cluster is gone: no worker for {GONE_S:g} s")
+            raise CannotGoOn(f"the Dask cluster is gone: no worker for {GONE_S:g} s")
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """As every Executor's; without wait, what runs is cancelled."""

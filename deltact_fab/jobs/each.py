@@ -23,6 +23,10 @@ J = TypeVar("J")
 R = TypeVar("R")
 
 
+class CannotGoOn(RunFailed):
+    """Not a job failed but what they run on: no other job of it will come through."""
+
+
 @dataclass(frozen=True)
 class Ended(Generic[R]):
     """What came of the job at an index: a value, or an error."""
@@ -102,7 +106,8 @@ def run(
     of this machine, `workers` of them, by default a processor each; with one of either the jobs run
     in this process. told: hears what jobs `tell`, in this thread too, and of a job that has ended
     perhaps once more. until_failure: after a failure only what comes before it. On every way out
-    the jobs that were not begun are cancelled, and no process of its own is left.
+    the jobs that were not begun are cancelled, and no process of its own is left. Raises CannotGoOn
+    when the executor is gone, or is none that these jobs may run on.
     """
     if executor is not None:
         _run_on(executor, work, jobs, heard, told, until_failure)
@@ -149,17 +154,16 @@ def _run_on(
         try:
             for index, job in enumerate(jobs):
                 futures[executor.submit(_job, name, index, work, job)] = index
-            for future in futures:
+            for future in tuple(futures):
                 future.add_done_callback(news.put)
-            left = len(futures)
-            while left:
+            while futures:
                 item = _next(news, executor)
                 if not isinstance(item, Future):
                     assert told is not None
                     told(*item)
                     continue
-                left -= 1
-                index = futures[item]
+                # Let go of, so that no more results are held than the caller holds.
+                index = futures.pop(item)
                 if index > first_failed:
                     continue
                 ended = _ended(index, item)
@@ -186,8 +190,10 @@ def _next(news: queue.SimpleQueue[Any], executor: Executor) -> Any:
 def _ended(index: int, future: Future[R]) -> Ended[R]:
     try:
         return Ended(index, future.result())
-    except CancelledError:
-        return Ended(index, error=RunFailed("cancelled: its executor was closed or is gone"))
+    except CancelledError as why:  # not by us, who ask no more then
+        raise CannotGoOn("what the jobs ran on is gone") from why
+    except CannotGoOn:
+        raise
     except Exception as why:
         if type(why).__name__ == "KilledWorker":
             why = RunFailed(

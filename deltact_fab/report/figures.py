@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -147,7 +148,10 @@ def name_marks(
             if within and not any(_overlap(box, other) for other in taken):
                 break
         taken.append(box)
-        far = max(abs(dx), abs(dy)) > 2 * size and abs(dx + wide) > 2 * size
+        aside = min(max(-dx / wide, 0.0), 1.0)  # where along the name its mark is
+        far = math.hypot(dx + aside * wide, max(dy, 0.0, -dy - high)) > 1.5 * size
+        line = {"arrowstyle": "-", "color": colour, "lw": 0.6, "shrinkA": 0, "shrinkB": 3}
+        line["relpos"] = (aside, 0.0 if dy > 0 else 1.0)
         axis.annotate(
             name,
             (x, y),
@@ -156,7 +160,7 @@ def name_marks(
             fontsize=size,
             color=colour,
             fontweight="bold" if name == bold else None,
-            arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.6} if far else None,
+            arrowprops=line if far else None,
         )
 
 

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from .. import cache
 
 KIND = "study-pace"
-Seconds = float
 
 
 class Pace:
@@ -46,11 +45,13 @@ class Pace:
         """What to expect, in words; empty where nothing is known."""
         entry = cache.get(KIND, self._key)
         rate = entry.get("seconds_per_cost") if isinstance(entry, dict) else None
+        if rate is None and not self._known:
+            return ""
+        # Of one process: several share the jobs, and no job is shared.
+        cost = max(sum(self._costs) / self._width, *self._costs)
         if rate is None:
-            return f"about {spelled(sum(self._costs) / self._width)}" if self._known else ""
-        # The rate is of one process; several share the work, and the last job is not shared.
-        seconds = max(rate * sum(self._costs) / self._width, rate * max(self._costs, default=0.0))
-        return f"about {spelled(seconds)} at the pace of earlier ones"
+            return f"about {spelled(cost)}"
+        return f"about {spelled(rate * cost)} at the pace of earlier ones"
 
     def left_s(self, now_s: float | None = None) -> float | None:
         """Seconds to go at the pace so far; None before anything is done."""
@@ -76,6 +77,6 @@ def spelled(seconds: float) -> str:
     if seconds < 90:
         return f"{max(1, round(seconds))} s"
     minutes = round(seconds / 60)
-    if minutes < 90:
+    if seconds < 5400:
         return f"{minutes} min"
     return f"{minutes // 60} h {minutes % 60} min"

@@ -79,6 +79,10 @@ def not_worse(one: Sensor, other: Sensor) -> bool:
     return areas[0] >= areas[1] and pixels[0] <= pixels[1]
 
 
+def _count(one: Sensor) -> int:
+    return math.prod(one.pixels or (0,))
+
+
 def claims() -> dict[str, Claim]:
     """Every claim by a short name, in the order in which a reader wants them."""
     drawn, printed = (reduction(s.size_mm) for s in (PREDECESSOR_DRAWN, PREDECESSOR))
@@ -87,6 +91,7 @@ def claims() -> dict[str, Claim]:
     by_volume = rank([s.volume_mm3 for s in others], DELTACT.volume_mm3)
     by_area = rank([-(s.area_mm2 or 0) for s in others], -(DELTACT.area_mm2 or 0))
     by_pixel = rank([s.true_pixel_mm or 0 for s in others], DELTACT.true_pixel_mm or 0)
+    by_count = rank([-_count(s) for s in others], -_count(DELTACT))
     smaller = [s.name for s in others if s.volume_mm3 < DELTACT.volume_mm3]
     better = [s.name for s in others if not_worse(s, DELTACT)]
     area = 1 - (DELTACT.area_mm2 or 0) / (PREDECESSOR.area_mm2 or 1)
@@ -116,11 +121,12 @@ def claims() -> dict[str, Claim]:
             "a large sensing area at a higher resolution",
             "Discussion and Conclusion",
             "no" if better else "yes",
-            f"place {by_area} of {len(IN_TABLE)} by area and {by_pixel} by pixel size, but "
+            f"place {by_area} of {len(IN_TABLE)} by area, {by_pixel} by pixel size and "
+            f"{by_count} by number of pixels; "
             + (
                 f"{', '.join(better)} is no worse in both"
                 if better
-                else "no other has as much area in pixels as small, and none has as many pixels"
+                else "none of the others has as much area in pixels as small"
             ),
         ),
         "compact": Claim(

@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner
 from made_up_study import study
 
-from deltact_fab.cli.study_index import index
+from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError
 from deltact_fab.report import index_page, study_page
 from deltact_fab.report.index_page import Entry, entries
@@ -119,7 +119,9 @@ def test_the_newest_stands_first_and_what_has_no_date_last(all_sorts: Path) -> N
 
 def test_the_command_writes_a_page_whose_links_hold(all_sorts: Path, tmp_path: Path) -> None:
     out = tmp_path / "deep" / "index.html"
-    done = CliRunner().invoke(index, [str(all_sorts), "-o", str(out)], catch_exceptions=False)
+    done = CliRunner().invoke(
+        main, ["study", "index", str(all_sorts), "-o", str(out)], catch_exceptions=False
+    )
     assert (done.exit_code, done.output) == (0, f"{out}\n")
     page = out.read_text()
     links = [html.unescape(link) for link in re.findall(r'<a href="([^"]+)"', page)]

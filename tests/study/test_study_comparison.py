@@ -114,7 +114,10 @@ def test_claims_are_held_against_ranks_in_the_table() -> None:
         "pixel": "cut off, not rounded",
     }
     assert "11 % less" in said["same area"].figures
-    assert "place 4 of 8 by area and 3 by pixel size" in said["large area"].figures
+    assert (
+        "place 4 of 8 by area, 3 by pixel size and 1 by number of pixels"
+        in said["large area"].figures
+    )
     assert "place 6 of 8 by volume" in said["compact"].figures
     assert "640 mm²" in said["pixel"].figures
 
