@@ -23,11 +23,11 @@ from typing import Any
 
 from deltact_fab import digest, experiment
 from deltact_fab.gel.finite.linear import Name
+from deltact_fab.jobs import THREAD_VARIABLES
 from deltact_fab.measure.flow import FLOW_METHODS
 from deltact_fab.numerics.engine import Case
 from deltact_fab.numerics.engines import gel_cases, gel_finite, gel_run
 from deltact_fab.numerics.engines.gel_finite import Run
-from deltact_fab.numerics.process import THREAD_VARIABLES
 from deltact_fab.numerics.scenes import machine
 
 from . import felupe, flow_peers, gel_long, store

@@ -16,11 +16,11 @@ import numpy as np
 
 from deltact_fab.errors import RunFailed
 from deltact_fab.measure.flow import FLOW_METHODS
-from deltact_fab.numerics.engines import flow_star
 from deltact_fab.numerics.engines.flow_curves import found, tracked
 from deltact_fab.numerics.engines.flow_frames import (
     COARSE,
     SCENES,
+    STAR,
     Scene,
     Vectors,
     bump,
@@ -69,7 +69,7 @@ def peer_row(method: str) -> dict[str, Any]:
     for name, question in STARS.items():
         scene = question.scene()
         flow, cpu_s, out["version"] = answer(method, question, scene)
-        noise_px, loss_px = flow_star.figures(flow)
+        noise_px, loss_px = STAR.figures(flow)
         out["stars"][name] = {
             "noise_px": noise_px, "loss_px": plain(loss_px), "cpu_s": cpu_s,
         }  # fmt: skip

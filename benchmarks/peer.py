@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from deltact_fab.errors import RunFailed
-from deltact_fab.numerics.process import THREAD_VARIABLES
+from deltact_fab.jobs import THREAD_VARIABLES
 
 VARIABLE = "DELTACT_PEERS"
 HERE = Path(__file__).resolve().parent

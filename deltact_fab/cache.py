@@ -77,6 +77,14 @@ def put_file(kind: str, key: dict[str, Any], data: bytes, note: Any = None) -> b
     return _write(_path(kind, key, ".bin"), json.dumps(head).encode() + b"\n" + data)
 
 
+def file_bytes(kind: str, key: dict[str, Any]) -> int:
+    """What `put_file` under a key takes of the disk; 0 where there is nothing."""
+    try:
+        return _path(kind, key, ".bin").stat().st_size
+    except OSError:
+        return 0
+
+
 def trim(kind: str, limit_bytes: int) -> int:
     """Delete files of a kind, the longest unused first, until they take at most limit_bytes.
 

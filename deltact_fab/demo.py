@@ -1,21 +1,32 @@
-"""The whole chain in one go: parts, pattern, run on the virtual rig, tracking error, report."""
+"""The whole chain in one go: parts, pattern, calibration, run, tracking, shape, force, report.
+
+What does not wait for anything else is done side by side: two processes serve two cores.
+"""
 
 from __future__ import annotations
 
 import json
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from . import experiment
+from . import experiment, jobs
 from .errors import InputError, MissingLibrary
+
+if TYPE_CHECKING:
+    from .analysis.measured import MeasuredRun
+    from .analysis.shape import ShapeResult
 
 Bar = Callable[[str], AbstractContextManager[Callable[[int, int, str], None]]]
 MARKER = "demo.json"
-RIG = "fisheye"
+RIG = "fisheye-coarse"
+PROTOCOL, CALIBRATION = "demo", "demo-calibration"
+FORCE_MODEL = "inverse"
+"""The one that does not depend on the indenter, which is another in the calibration."""
 
 
 def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
@@ -25,38 +36,146 @@ def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
     """
     started = time.monotonic()
     _clear(out)
-    parts = _parts(out / "cad", bar, say)
-    with bar("pattern") as tick:
-        tick(0, 1, "dense-with-dots")
-        made = _pattern(out / "pattern")
-        tick(1, 1, "dense-with-dots")
+    first = [
+        _Stage("calibration (simulated)", _calibrate, out, seed),
+        _Stage("indentation (simulated)", _indent, out, seed),
+        _Stage("parts", _parts, out, seed),
+        _Stage("pattern", _pattern, out, seed),
+    ]
+    (calibrated, summary, parts, made) = _side_by_side("parts, pattern, runs", first, bar)
+    say(parts["said"])
     say(f"pattern: {made}")
-    run_folder = out / "run"
-    with bar("indentation (simulated)") as tick:
-        summary = experiment.run("smoke", RIG, run_folder, seed=seed, progress=tick)
+    for line in calibrated:
+        say(f"calibration: {line}")
     say(
         f"run: {summary['frames']} frames through the fisheye, {summary['rig_seconds']:.0f} s of "
         f"rig time in {summary['wall_seconds']:.0f} s"
     )
+    then = [_Stage("tracking", _track, out, seed), _Stage("shape and force", _measure, out, seed)]
+    tracking, (shape, found) = _side_by_side("tracking, shape, force", then, bar)
 
-    from . import record
-    from .analysis.measured import measured
-    from .analysis.tracking_error import analyse
     from .numerics.scenes import costs
     from .report.page import write
 
-    with bar("tracking error") as tick:
-        result = analyse(run_folder, progress=tick)
-    result.save(run_folder / "analysis")
-    say(f"tracking error: {result.verdict.line}")
     layer_costs = [cost.as_dict() for cost in costs()]
-    with bar("shape") as tick:
-        found = measured(record.open(run_folder), progress=tick)
-    page = write(run_folder, out / "report.html", result, found, parts, layer_costs)
+    page = write(out / "run", out / "report.html", tracking, found, parts, layer_costs, shape)
     seconds = time.monotonic() - started
     (out / MARKER).write_text(json.dumps({"seed": seed, "finished": True}) + "\n")
     say(f"report: {page} ({seconds:.0f} s in all)")
+    say(f"simulated, seed {seed}; calibrated on sphere:15, measured on other indenters:")
+    say(f"tracking error: {tracking.verdict.line}")
+    for line in _results(shape, found):
+        say(line)
     return page
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """Something to be done under out, in a process of its own."""
+
+    name: str
+    work: Callable[[_Stage], Any]
+    out: Path
+    seed: int
+
+    @property
+    def folder(self) -> Path:
+        """Of the run that is measured."""
+        return self.out / "run"
+
+    @property
+    def calibration(self) -> Path:
+        """Folder of the run that force and depth are calibrated on."""
+        return self.out / "calibration"
+
+    @property
+    def files(self) -> tuple[Path, Path]:
+        """The calibrations of force and depth, with the run that they were made from."""
+        kept = self.calibration / "analysis"
+        return kept / "calibration.toml", kept / "depth.toml"
+
+    def tick(self, done: int, total: int, what: str) -> None:
+        """Tell the parent how far this is."""
+        jobs.tell((done / max(total, 1), what))
+
+
+def _side_by_side(title: str, stages: Sequence[_Stage], bar: Bar) -> list[Any]:
+    """What the stages return, in their order; what takes longest is named first."""
+    shares = [0.0] * len(stages)
+    with bar(title) as tick:
+
+        def told(index: int, said: Any) -> None:
+            shares[index], what = said
+            tick(round(100 * sum(shares)), 100 * len(stages), f"{stages[index].name} {what}")
+
+        return jobs.each(_do, stages, [stage.name for stage in stages], told=told)
+
+
+def _do(stage: _Stage) -> Any:
+    return stage.work(stage)
+
+
+def _calibrate(stage: _Stage) -> tuple[str, str]:
+    """Press a ball at two places, and fit force and depth to it. What was found, in two lines."""
+    from .analysis.force import calibrate, write_calibration
+    from .analysis.shape import calibrate_depth
+    from .record import write_whole
+
+    folder, (force_file, depth_file) = stage.calibration, stage.files
+    # Another noise than that of the run that is measured.
+    experiment.run(CALIBRATION, RIG, folder, seed=stage.seed + 1, progress=stage.tick)
+    force = calibrate([folder], (FORCE_MODEL,), stage.seed)
+    write_calibration(force.calibration, force_file)
+    depth = calibrate_depth(folder)
+    write_whole(depth_file, depth.toml().encode())
+    return (
+        f"force by {force.best.name!r} from {len(force.data)} settled points of sphere:15 at two "
+        f"places, too few to be judged by: {force_file}",
+        f"depth from the same, gain {depth.model.gain:.3f}: {depth_file}",
+    )
+
+
+def _indent(stage: _Stage) -> dict[str, Any]:
+    return experiment.run(PROTOCOL, RIG, stage.folder, seed=stage.seed, progress=stage.tick)
+
+
+def _track(stage: _Stage) -> Any:
+    from .analysis.tracking_error import analyse
+
+    result = analyse(stage.folder, progress=stage.tick)
+    result.save(stage.folder / "analysis")
+    return result
+
+
+def _measure(stage: _Stage) -> tuple[ShapeResult, MeasuredRun]:
+    from . import record
+    from .analysis.measured import measured
+    from .analysis.shape import analyse
+
+    shape = analyse(stage.folder, stage.files[1], progress=stage.tick)
+    shape.save(stage.folder / "analysis")
+    return shape, measured(record.open(stage.folder), stage.files, progress=stage.tick)
+
+
+def _results(shape: ShapeResult, found: MeasuredRun) -> list[str]:
+    """Depth, contact and force in a line each, by indenter."""
+    depth, contact = [], []
+    for name in shape.indenters:
+        means = shape.means(name)
+        error, zero = means["depth_error_contact_mm"], means["zero_error_contact_mm"]
+        if error is None:
+            continue
+        depth.append(f"{name} {error:.2f} mm of {zero:.2f} mm")
+        contact.append(
+            f"{name} {means['centroid_error_mm']:.2f} mm off, {means['contact_iou']:.0%} overlap"
+        )
+    lines = [
+        f"depth error: mean over the true contact: {', '.join(depth)}",
+        f"contact: {', '.join(contact)} with the true one",
+    ]
+    if found.force is not None:
+        lines.append(f"force error: {found.force.line}")
+    return lines
 
 
 def _clear(out: Path) -> None:
@@ -70,18 +189,19 @@ def _clear(out: Path) -> None:
     (out / MARKER).write_text(json.dumps({"finished": False}) + "\n")
 
 
-def _parts(folder: Path, bar: Bar, say: Callable[[str], None]) -> dict[str, Any]:
+def _parts(stage: _Stage) -> dict[str, Any]:
+    """A row a part, and what is said of them."""
     from .cad.design import load_design
     from .cad.export import FORMATS, export_parts
     from .cad.registry import select
 
     try:
-        with bar("cad export") as tick:
-            files = export_parts(load_design(), select(["sensor"]), FORMATS, 0.01, folder, tick)
+        files = export_parts(
+            load_design(), select(["sensor"]), FORMATS, 0.01, stage.out / "cad", stage.tick
+        )
     except MissingLibrary as why:
-        say(f"cad: left out: {why}")
-        return {"parts": [], "note": f"The parts were left out: {why}"}
-    say(f"cad: {len(files)} files in {folder}")
+        note = f"left out: {why}"
+        return {"parts": [], "note": f"The parts were {note}", "said": f"cad: {note}"}
     rows = []
     for part in dict.fromkeys(f.part for f in files):
         own = [f for f in files if f.part == part]
@@ -96,13 +216,14 @@ def _parts(folder: Path, bar: Bar, say: Callable[[str], None]) -> dict[str, Any]
                 "mesh_deviation_mm": max((f.mesh_deviation_mm or 0.0 for f in own), default=None),
             }
         )
-    return {"parts": rows, "note": ""}
+    return {"parts": rows, "note": "", "said": f"cad: {len(files)} files in {stage.out / 'cad'}"}
 
 
-def _pattern(folder: Path) -> str:
+def _pattern(stage: _Stage) -> str:
     from .patterns.raster import make
     from .patterns.recipe import load_recipe
 
+    folder = stage.out / "pattern"
     folder.mkdir()
     made = make(load_recipe("dense-with-dots"), folder / "dense-with-dots.png")
     recipe = made.recipe

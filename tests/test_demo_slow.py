@@ -61,12 +61,46 @@ def test_the_demo_measures_what_it_claims(demo: Path) -> None:
     rows = [row for row in tracking["by_indenter"] if row["name"] == "fused"]
     assert {row["indenter"] for row in rows} == {"sphere:10", "4dots"}
     for row in rows:  # something moved far enough for an error to mean anything
-        assert row["peak_true_mm"] >= 0.9, row["indenter"]
+        assert row["peak_true_mm"] >= 0.5, row["indenter"]
+
+
+def test_the_demo_ends_with_shape_contact_and_force_beside_the_tracking_error(demo: Path) -> None:
+    """Judged on indenters and a noise that the calibration never saw."""
+    shape = json.loads((demo / "run" / "analysis" / "shape.json").read_text())
+    assert shape["contact_by"] == "traction"
+    assert set(shape["by_indenter"]) == {"sphere:10", "4dots"}
+    for name, means in shape["by_indenter"].items():
+        assert means["frames"] == 10, name
+        assert means["depth_error_contact_mm"] <= 0.25 * means["zero_error_contact_mm"], name
+        assert means["centroid_error_mm"] <= 0.3, name
+    assert shape["by_indenter"]["sphere:10"]["contact_iou"] >= 0.45
+    runs = [json.loads((demo / run / "run.json").read_text()) for run in ("run", "calibration")]
+    assert runs[0]["seed"] != runs[1]["seed"]
+    assert not set(runs[0]["protocol"]["indenters"]) & set(runs[1]["protocol"]["indenters"])
+    page = (demo / "report.html").read_text()
+    (off,) = re.findall(
+        r"Force from the flow by &#39;inverse&#39;, (\d+) frames: off by ([.\d]+) N normal, "
+        r"([.\d]+) and ([.\d]+) N in shear", page
+    )  # fmt: skip
+    assert int(off[0]) >= 30
+    assert float(off[1]) <= 0.4  # of 9 N
+    assert max(float(off[2]), float(off[3])) <= 0.06  # of 1.6 N
+    for words in ("Shape and contact at the deepest press", "Shape and contact: Mean error of 20"):
+        assert words in page
+
+
+def test_the_demo_s_last_lines_are_its_figures(bare: tuple[str, Path]) -> None:
+    said = bare[0].splitlines()
+    heads = [line.partition(":")[0] for line in said[-6:]]
+    assert heads == [
+        "report", "simulated, seed 3; calibrated on sphere", "tracking error", "depth error",
+        "contact", "force error",
+    ]  # fmt: skip
 
 
 def test_the_demo_tells_its_own_time_and_that_of_the_bench_it_simulates(demo: Path) -> None:
     summary = json.loads((demo / "run" / "summary.json").read_text())
-    assert 120 < summary["rig_seconds"] < 600  # smoke: 2 min 14 s of motion, and the host's part
+    assert 60 < summary["rig_seconds"] < 300  # 1 min 11 s of motion, and the host's part
     assert summary["wall_seconds"] > 0
 
 
@@ -138,10 +172,10 @@ def test_the_demo_leaves_cad_out_where_libgl_is_broken(bare: tuple[str, Path]) -
     assert tracking["methods"][0]["mean_off_dots_mm"] <= 0.004
 
 
-def test_two_smoke_runs_of_one_seed_are_the_same(demo: Path, bare: tuple[str, Path]) -> None:
+def test_two_runs_of_one_seed_are_the_same(demo: Path, bare: tuple[str, Path]) -> None:
     folders = [demo / "run", bare[1] / "run"]
     one, two = (images(folder) for folder in folders)
-    assert len(one) > 50
+    assert len(one) > 30
     assert len(set(one.values())) == len(one)
     assert one == two
     first, second = (rows(folder) for folder in folders)

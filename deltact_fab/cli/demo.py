@@ -13,7 +13,7 @@ from .options import SEED
 @click.option("--out", type=click.Path(path_type=Path), default=Path("demo-out"), show_default=True)
 @click.option("--seed", type=SEED, default=3, show_default=True, help="Of all that is drawn.")
 def demo(out: Path, seed: int) -> None:
-    """Export parts, make the pattern, run `smoke` on the virtual rig, analyse, write a report."""
+    """Everything once: parts, pattern, a calibrated experiment on the virtual rig, its report."""
     from .. import demo as chain
     from .output import progress
 

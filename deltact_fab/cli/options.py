@@ -15,6 +15,10 @@ class Finite(click.FloatRange):
 
     name = "number"
 
+    def _describe_range(self) -> str:
+        """For the help; nothing where there are no limits."""
+        return "" if self.min is None is self.max else super()._describe_range()
+
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """As click has it: ends with one line for what is no such number."""
         number = super().convert(value, param, ctx)

@@ -6,10 +6,12 @@ from typing import Any
 
 import click
 
+from .study_index import index
+
 
 @click.group()
 def study() -> None:
-    """The paper's experiments, and better ones: list, run."""
+    """The paper's experiments, and better ones: list, run, index."""
 
 
 @study.command("list")
@@ -48,3 +50,6 @@ def run(**_: Any) -> None:
 
     What a study computes is kept: stopped or killed, the same command goes on where it was.
     """
+
+
+study.add_command(index)

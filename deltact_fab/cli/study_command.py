@@ -125,12 +125,11 @@ def _option(one: Option) -> click.Option:
         pass  # the flag's form says it
     elif one.choices:
         given["type"] = click.Choice(one.choices)
-    elif kind is int:
-        given["type"] = click.IntRange(
-            None if one.low is None else int(one.low), None if one.high is None else int(one.high)
-        )
-    elif kind is float:
-        given["type"] = Finite(one.low, one.high)
-    else:
+    elif one.low is None and one.high is None and kind is not float:
         given["type"] = kind
+    elif kind is int:
+        low, high = (None if limit is None else int(limit) for limit in (one.low, one.high))
+        given["type"] = click.IntRange(low, high)
+    else:
+        given["type"] = Finite(one.low, one.high)
     return click.Option([flag], **given)

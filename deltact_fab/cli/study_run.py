@@ -2,29 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import sys
+import time
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from ..study.registry import Study
 from ..study.registry import run as run_study
 
+if TYPE_CHECKING:
+    from ..report.result import StudyResult
+
+LOG_EVERY_S = 60.0
+
 
 def run(name: str, one: Study, given: dict[str, Any]) -> None:
-    """Run a study with the options of its command, by their names."""
-    from ..report.study_page import write
-    from ..study.asked import Asked
-    from ..study.folder import refuse_strange, replaced
-    from .output import echo_json, progress
+    """Run a study with the options of its command, by their names.
 
-    out, as_json = given["out"], given["as_json"]
-    refuse_strange(out, name)
-    more = {option.name.replace("-", "_"): None for option in one.options}
-    more = {key: given[key] for key in more}
-    with _executor(given) as executor, progress(name) as tick:
+    What would keep its page from being written is said before anything is computed.
+    """
+    from ..report import paper_figures, study_page
+    from ..study.asked import Asked
+    from .output import echo_json
+
+    out, figures = given["out"], given["figures"]
+    study_page.ready(name, out, figures)
+    more = (option.name.replace("-", "_") for option in one.options)
+    with _executor(given) as executor, _progress(name) as tick:
         found = run_study(
             name,
             Asked(
@@ -35,19 +43,34 @@ def run(name: str, one: Study, given: dict[str, Any]) -> None:
                 executor=executor,
                 progress=tick,
                 say=lambda text: click.echo(text, err=True),
-                more=more,
+                more={key: given[key] for key in more},
             ),
         )
-    with replaced(out, name) as folder:
-        page = write(found, folder).relative_to(folder)
-    click.echo(f"report: {out / page}", err=True)
-    if as_json:
+    click.echo(f"report: {study_page.write(found, out, _layer_costs(found))}", err=True)
+    if figures is not None:
+        files = paper_figures.save(found, figures)
+        click.echo(f"figures: {len(files)} files in {figures}", err=True)
+    if given["as_json"]:
         echo_json(found.data)
     else:
         for line in found.verdict:
             click.echo(line)
-    for job in found.missing:
-        click.echo(f"missing: {job}", err=True)
+    if found.missing:
+        click.echo(
+            f"warning: {len(found.missing)} jobs have no result and are not in this: "
+            f"{', '.join(found.missing[:5])}{', ...' if len(found.missing) > 5 else ''}; "
+            "the same command tries them again",
+            err=True,
+        )
+
+
+def _layer_costs(found: StudyResult) -> list[dict[str, Any]]:
+    """What this machine has measured of layers that were left out, perhaps nothing."""
+    if not any(one.layer for one in found.left_out):
+        return []
+    from ..numerics.scenes import costs
+
+    return [cost.as_dict() for cost in costs()]
 
 
 @contextmanager
@@ -59,3 +82,23 @@ def _executor(given: dict[str, Any]) -> Iterator[Executor | None]:
 
     with executor(given["on"], given["jobs"]) as found:
         yield found
+
+
+@contextmanager
+def _progress(name: str) -> Iterator[Callable[[int, int, str], None]]:
+    """A bar on a terminal; in a log a line a minute."""
+    from .output import progress
+
+    with progress(name) as bar:
+        if sys.stderr.isatty():
+            yield bar
+            return
+        told_s = time.monotonic()
+
+        def tick(done: int, total: int, what: str) -> None:
+            nonlocal told_s
+            if time.monotonic() - told_s >= LOG_EVERY_S:
+                told_s = time.monotonic()
+                click.echo(f"{name}: {done} of {total}: {what}", err=True)
+
+        yield tick

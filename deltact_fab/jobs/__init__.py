@@ -5,20 +5,21 @@ local.py is processes here, cluster.py is an existing Dask cluster, word.py is w
 it runs.
 """
 
-from .each import Ended, Progress, arrivals, as_done, each
+from .each import CannotGoOn, Ended, Progress, arrivals, each, run
 from .local import THREAD_VARIABLES, processors
 from .where import executor, width
 from .word import tell
 
 __all__ = [
     "THREAD_VARIABLES",
+    "CannotGoOn",
     "Ended",
     "Progress",
     "arrivals",
-    "as_done",
     "each",
     "executor",
     "processors",
+    "run",
     "tell",
     "width",
 ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import logging
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from functools import cache
@@ -13,15 +14,18 @@ from typing import Any, TypeVar
 
 from ..errors import InputError, MissingLibrary, RunFailed
 from . import word
+from .each import CannotGoOn
+from .local import take_share
 
 R = TypeVar("R")
 
 CONNECT_S = 10.0
 WORKERS_S = 10.0
+GONE_S = 60.0  # a worker that died is often started again
 PACKAGE = Path(__file__).parents[1]
 
 
-class OtherCode(RunFailed):
+class OtherCode(CannotGoOn):
     """A worker has another deltact_fab than who asks it."""
 
 
@@ -50,11 +54,7 @@ def cluster(address: str) -> Iterator[Cluster]:
         raise MissingLibrary(
             f"--on dask:{address}: needs the extra `cluster`: pip install 'deltact-fab[cluster]'"
         ) from why
-    # What goes wrong there is told by the error that ends it.
-    quiet = logging.getLogger("distributed")
-    level = quiet.level
-    quiet.setLevel(logging.CRITICAL)
-    try:
+    with _quiet():
         try:
             client = Client(address, timeout=CONNECT_S, set_as_default=False)
         except (OSError, TimeoutError) as why:
@@ -67,8 +67,21 @@ def cluster(address: str) -> Iterator[Cluster]:
                 yield there
             finally:
                 there.shutdown(wait=False)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """What goes wrong is told by the error that ends it, and by no traceback of a library's."""
+    names = [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]
+    loggers = [logging.getLogger(name) for name in (*names, "tornado.application")]
+    before = [one.level for one in loggers]
+    for one in loggers:
+        one.setLevel(logging.CRITICAL)
+    try:
+        yield
     finally:
-        quiet.setLevel(level)
+        for one, level in zip(loggers, before, strict=True):
+            one.setLevel(level)
 
 
 def _require_same_code(client: Any, address: str) -> None:
@@ -82,11 +95,11 @@ def _require_same_code(client: Any, address: str) -> None:
         if isinstance(answer, BaseException):
             raise RunFailed(f"Dask worker {worker}: {answer}")
         if answer != code():
-            raise OtherCode(f"Dask worker {worker}: {_unlike(answer)}")
+            raise OtherCode(f"Dask worker {worker}: {_unlike(answer, code())}")
 
 
-def _unlike(there: str) -> str:
-    return f"its deltact_fab is another ({there}, here {code()}): install the same on both"
+def _unlike(there: str, here: str) -> str:
+    return f"its deltact_fab is another ({there}, here {here}): install the same on both"
 
 
 class Cluster(Executor):
@@ -94,13 +107,22 @@ class Cluster(Executor):
 
     def __init__(self, client: Any) -> None:
         # pure: a job that failed and is asked again is done again.
-        self._inner = client.get_executor(pure=False)
+        self._client, self._inner = client, client.get_executor(pure=False)
         self.workers = sum(client.nthreads().values())
+        self._seen_s = time.monotonic()
 
     def submit(self, fn: Callable[..., R], /, *args: Any, **kwargs: Any) -> Future[R]:
         """As every Executor's."""
         future: Future[R] = self._inner.submit(_checked, code(), fn, args, kwargs)
         return future
+
+    def check(self) -> None:
+        """While someone waits: raises CannotGoOn when there is nothing left to wait for."""
+        now_s = time.monotonic()
+        if self._client.status == "running" and self._client.scheduler_info()["workers"]:
+            self._seen_s = now_s
+        elif now_s - self._seen_s > GONE_S:
+            raise CannotGoOn(f"the Dask cluster is gone: no worker for {GONE_S:g} s")
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """As every Executor's; without wait, what runs is cancelled."""
@@ -109,5 +131,6 @@ class Cluster(Executor):
 
 def _checked(asked: str, fn: Callable[..., R], args: tuple[Any, ...], kwargs: dict[str, Any]) -> R:
     if code() != asked:
-        raise OtherCode(f"a Dask worker that came later: {_unlike(code())}")
+        raise OtherCode(f"a Dask worker that came later: {_unlike(code(), asked)}")
+    take_share(1)
     return fn(*args, **kwargs)

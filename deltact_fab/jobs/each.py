@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import queue
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError, Executor, Future
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
@@ -21,6 +21,10 @@ _POLL_S = 1.0  # where a blocked wait does not let Ctrl-C in
 
 J = TypeVar("J")
 R = TypeVar("R")
+
+
+class CannotGoOn(RunFailed):
+    """Not a job failed but what they run on: no other job of it will come through."""
 
 
 @dataclass(frozen=True)
@@ -49,88 +53,99 @@ def each(
     if len(names) != len(jobs):
         raise ValueError(f"{len(names)} names for {len(jobs)} jobs")
     results: dict[int, R] = {}
-    for index, result in arrivals(work, jobs, executor, told=told, workers=workers):
+
+    def arrived(index: int, result: R) -> None:
         results[index] = result
         if progress is not None:
             progress(len(results), len(jobs), names[index])
+
+    arrivals(work, jobs, arrived, executor, told=told, workers=workers)
     return [results[index] for index in range(len(jobs))]
 
 
 def arrivals(
     work: Callable[[J], R],
     jobs: Sequence[J],
+    arrived: Callable[[int, R], None],
     executor: Executor | None = None,
     *,
     told: Told | None = None,
     workers: int | None = None,
-) -> Iterator[tuple[int, R]]:
-    """(index, result) of jobs as they come.
+) -> None:
+    """`arrived(index, result)` of every job, as they come; the other arguments as of `run`.
 
     The error of the first job that fails, in the order of the jobs however they were scheduled, is
-    raised once all before it have ended; those behind it are cancelled. Arguments as of `as_done`.
+    raised once all before it have ended; those behind it are cancelled.
     """
     failed: dict[int, Exception] = {}
-    for ended in as_done(work, jobs, executor, told=told, workers=workers, until_failure=True):
+
+    def heard(ended: Ended[R]) -> None:
         if ended.error is not None:
             failed[ended.index] = ended.error
         elif not failed:
-            yield ended.index, ended.value  # type: ignore[misc]
+            arrived(ended.index, ended.value)  # type: ignore[arg-type]
+
+    run(work, jobs, heard, executor, told=told, workers=workers, until_failure=True)
     if failed:
         raise failed[min(failed)]
 
 
-def as_done(
+def run(
     work: Callable[[J], R],
     jobs: Sequence[J],
+    heard: Callable[[Ended[R]], None],
     executor: Executor | None = None,
     *,
     told: Told | None = None,
     workers: int | None = None,
     until_failure: bool = False,
-) -> Iterator[Ended[R]]:
-    """What came of every job, as they end; those not begun are cancelled when no one asks on.
+) -> None:
+    """Jobs done, and what came of each heard here, in this thread, as they end.
 
     work: a function of a module, jobs: its arguments; both are pickled. executor: None is processes
     of this machine, `workers` of them, by default a processor each; with one of either the jobs run
-    in this process. told: hears what jobs `tell`, in the caller's thread. until_failure: after a
-    failure only what comes before it.
+    in this process. told: hears what jobs `tell`, in this thread too, and of a job that has ended
+    perhaps once more. until_failure: after a failure only what comes before it. On every way out
+    the jobs that were not begun are cancelled, and no process of its own is left. Raises CannotGoOn
+    when the executor is gone, or is none that these jobs may run on.
     """
     if executor is not None:
-        yield from _on(executor, work, jobs, told, until_failure)
+        _run_on(executor, work, jobs, heard, told, until_failure)
         return
     several = min(workers or processors(), len(jobs))
     if several > 1:
         with local(several) as own:
-            yield from _on(own, work, jobs, told, until_failure)
+            _run_on(own, work, jobs, heard, told, until_failure)
         return
     with word.listening(told) as name:
         for index, job in enumerate(jobs):
-            ended = _here(name, index, work, job)
-            yield ended
+            ended = _run_here(name, index, work, job)
+            heard(ended)
             if until_failure and ended.error is not None:
                 return
 
 
-def _here(name: str, index: int, work: Callable[[J], R], job: J) -> Ended[R]:
+def _run_here(name: str, index: int, work: Callable[[J], R], job: J) -> Ended[R]:
     try:
-        return Ended(index, _run(name, index, work, job))
+        return Ended(index, _job(name, index, work, job))
     except Exception as why:
         return Ended(index, error=why)
 
 
-def _run(name: str, index: int, work: Callable[[J], R], job: J) -> R:
+def _job(name: str, index: int, work: Callable[[J], R], job: J) -> R:
     """A job, wherever it is."""
     with word.speaking(name, index):
         return work(job)
 
 
-def _on(
+def _run_on(
     executor: Executor,
     work: Callable[[J], R],
     jobs: Sequence[J],
+    heard: Callable[[Ended[R]], None],
     told: Told | None,
     until_failure: bool,
-) -> Iterator[Ended[R]]:
+) -> None:
     # One queue for all that happens, so that it is heard in its order and in this thread.
     news: queue.SimpleQueue[Future[R] | tuple[int, Any]] = queue.SimpleQueue()
     futures: dict[Future[R], int] = {}
@@ -138,18 +153,17 @@ def _on(
     with word.listening(None if told is None else lambda *said: news.put(said)) as name:
         try:
             for index, job in enumerate(jobs):
-                futures[executor.submit(_run, name, index, work, job)] = index
-            for future in futures:
+                futures[executor.submit(_job, name, index, work, job)] = index
+            for future in tuple(futures):
                 future.add_done_callback(news.put)
-            left = len(futures)
-            while left:
-                item = _next(news)
+            while futures:
+                item = _next(news, executor)
                 if not isinstance(item, Future):
                     assert told is not None
                     told(*item)
                     continue
-                left -= 1
-                index = futures[item]
+                # Let go of, so that no more results are held than the caller holds.
+                index = futures.pop(item)
                 if index > first_failed:
                     continue
                 ended = _ended(index, item)
@@ -158,25 +172,28 @@ def _on(
                     for other, place in futures.items():
                         if place > index:
                             other.cancel()
-                yield ended
+                heard(ended)
         finally:
             for future in futures:
                 future.cancel()
 
 
-def _next(news: queue.SimpleQueue[Any]) -> Any:
+def _next(news: queue.SimpleQueue[Any], executor: Executor) -> Any:
     while True:
         try:
             return news.get(timeout=_POLL_S)
         except queue.Empty:
-            continue
+            check: Callable[[], None] = getattr(executor, "check", lambda: None)
+            check()
 
 
 def _ended(index: int, future: Future[R]) -> Ended[R]:
     try:
         return Ended(index, future.result())
-    except CancelledError:
-        return Ended(index, error=RunFailed("cancelled: its executor was closed or is gone"))
+    except CancelledError as why:  # not by us, who ask no more then
+        raise CannotGoOn("what the jobs ran on is gone") from why
+    except CannotGoOn:
+        raise
     except Exception as why:
         if type(why).__name__ == "KilledWorker":
             why = RunFailed(

@@ -37,8 +37,13 @@ TRIES = 2
 """A job is begun at most so often, when its process dies under it."""
 
 
+_share: int | None = None
+
+
 def processors() -> int:
-    """Processors that this process may use."""
+    """Processors that this process may use: in a worker its share of them."""
+    if _share is not None:
+        return _share
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -181,11 +186,18 @@ def _main_hidden() -> Iterator[None]:
 def _begin(mouth: Connection, threads: int) -> None:
     """Ctrl-C is the parent's to answer, no worker outlives it, and the cores are shared."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    take_share(threads)
     # Before any library is loaded; who has set one means it.
     for name in THREAD_VARIABLES:
         os.environ.setdefault(name, str(threads))
     word.speak_through(mouth.send)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def take_share(threads: int) -> None:
+    """This process is one of several workers: what its jobs start shares that many processors."""
+    global _share
+    _share = threads
 
 
 def _end_with_parent() -> None:

@@ -12,15 +12,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from ..errors import RunFailed
+from ..jobs import THREAD_VARIABLES
 
-THREAD_VARIABLES = (
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "NUMEXPR_NUM_THREADS",
-    "NUMBA_NUM_THREADS",
-    "VECLIB_MAXIMUM_THREADS",
-)
 # A reference takes a minute on a quiet core and several on a busy one; this ends what hangs.
 SILENCE_S = 600.0
 

@@ -50,11 +50,9 @@ def _answers(job: dict[str, Any]) -> Any:
         setting = next(s for s in engine.curves(quick) if s.key == job["key"])
         yield time_setting(setting, scratch)
     elif job["kind"] == "cases":
-        _limit_threads(job["threads"])
         for case in list(engine.cases(quick))[job["first"] :]:
             yield judge(case, scratch)
     elif job["kind"] == "tables":
-        _limit_threads(job["threads"])
         for table in engine.tables(scratch):
             yield {
                 "title": table.title,
@@ -70,7 +68,6 @@ def time_setting(setting: Setting, scratch: Path) -> dict[str, Any]:
     The best of several runs, for whatever else is at work only ever adds, and the slowest.
     """
     work = setting.build(scratch)
-    _limit_threads(setting.threads)  # after build: only then is it known which libraries are in
     before_mb = reset_peak_mb()
     start_s = time.process_time()
     result = work.run()
@@ -100,12 +97,6 @@ def _pin(threads: int) -> None:
     if hasattr(os, "sched_setaffinity"):
         cores = sorted(os.sched_getaffinity(0))
         os.sched_setaffinity(0, cores[-threads:])
-
-
-def _limit_threads(threads: int) -> None:
-    """OpenCV reads no variable of the environment."""
-    if "cv2" in sys.modules:
-        sys.modules["cv2"].setNumThreads(threads)
 
 
 if __name__ == "__main__":

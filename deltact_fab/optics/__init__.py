@@ -6,6 +6,7 @@ lens as it is, behind air, acrylic and gel, and `Rectified` the view of the face
 """
 
 from .camera import CameraModel, Medium, axes_mm
+from .face import SeenFace
 from .fisheye import Fisheye
 from .flat import FlatField
 from .lattice import LatticeSampler, PointSampler, SurfaceLattice
@@ -27,6 +28,7 @@ __all__ = [
     "Pinhole",
     "PointSampler",
     "Rectified",
+    "SeenFace",
     "StageFrame",
     "SurfaceLattice",
     "aliased_share",

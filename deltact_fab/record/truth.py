@@ -17,13 +17,10 @@ from numpy.typing import NDArray
 from ..errors import InputError, RunFailed
 from ..optics import (
     CameraModel,
-    FaceMotion,
     Fisheye,
-    LatticeSampler,
-    PointSampler,
     Rectified,
+    SeenFace,
     SurfaceLattice,
-    axes_mm,
     camera_from_dict,
 )
 from .files import lattice_file, lens_file, truth_file
@@ -89,36 +86,23 @@ class Truth:
 
     def flow_px(self, frame_id: str) -> NDArray[np.float64]:
         """Projected displacement of what every pixel sees at rest, (h, w, 2) px."""
-        u_mm = self.displacement_mm(frame_id)
-        if self._through is not None:
-            return self._through.flow_px(u_mm)
-        return self._moved_px(self._grid(u_mm), *np.meshgrid(*axes_mm(self.camera)))
+        return self._seen.flow_px(self.displacement_mm(frame_id))
 
     def in_plane_mm(self, frame_id: str) -> NDArray[np.float64]:
         """In-plane displacement of what every pixel sees at rest, (h, w, 2) mm: not projected."""
-        u_mm = self.displacement_mm(frame_id)[..., :2]
-        return self._grid(u_mm) if self._through is None else self._through.at_rest(u_mm)
+        return self._seen.in_plane_mm(self.displacement_mm(frame_id))
+
+    def flow_and_in_plane(self, frame_id: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """`flow_px` and `in_plane_mm`, for little more than the first."""
+        return self._seen.both(self.displacement_mm(frame_id))
 
     def points_px(self, frame_id: str, xy_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Projected displacement (n, 2) px of points of the resting face (n, 2) mm."""
-        moved = PointSampler(self.lattice, xy_mm)(self.displacement_mm(frame_id))
-        return self._moved_px(moved, xy_mm[:, 0], xy_mm[:, 1])
-
-    def _moved_px(self, u_mm: NDArray[Any], x_mm: NDArray[Any], y_mm: NDArray[Any]) -> NDArray[Any]:
-        rest = np.stack((x_mm, y_mm, np.zeros_like(x_mm)), axis=-1)
-        project_px = (self._through or self.camera).project_px
-        return project_px(rest + u_mm) - project_px(rest)
+        return self._seen.points_px(self.displacement_mm(frame_id), xy_mm)
 
     @cached_property
-    def _grid(self) -> LatticeSampler:
-        return LatticeSampler.make(self.lattice, *axes_mm(self.camera))
-
-    @cached_property
-    def _through(self) -> _Through | None:
-        if self.lens is None:
-            return None
-        assert isinstance(self.camera, Rectified), "a lens's frames are rectified"
-        return _Through(self.lens, self.camera, self.lattice)
+    def _seen(self) -> SeenFace:
+        return SeenFace(self.camera, self.lattice, self.lens)
 
     def _held(self, press: str, name: str) -> dict[str, NDArray[Any]]:
         """The arrays of a press, `name` among them."""
@@ -133,31 +117,6 @@ class Truth:
                 f"{path}: no {name}: the protocol's channels did not ask for 'traction'"
             )
         return held[press]
-
-
-class _Through:
-    """What a rectified view shows of frames that were drawn through another lens than it holds."""
-
-    def __init__(self, lens: Fisheye, view: Rectified, lattice: SurfaceLattice) -> None:
-        self._lens, self._view = lens, view
-        columns, rows = np.meshgrid(np.arange(view.width_px), np.arange(view.height_px))
-        px = np.stack((columns, rows), axis=-1).astype(float)
-        seen_mm = lens.rest_mm(view.lens.rest_px(view.rest_mm(px))).reshape(-1, 2)
-        self._shape = px.shape
-        self._motion = FaceMotion(lattice, self.project_px)
-        self._at_seen = PointSampler(self._motion.lattice, seen_mm)
-
-    def project_px(self, xyz_mm: NDArray[Any]) -> NDArray[Any]:
-        """Points (..., 3) mm, through the lens, to where the view takes them to be (..., 2) px."""
-        return self._view.rest_px(self._view.lens.rest_mm(self._lens.project_px(xyz_mm)))
-
-    def flow_px(self, u_mm: NDArray[Any]) -> NDArray[Any]:
-        """Motion (h, w, 2) px of what each pixel sees at rest, from displacements (ny, nx, 3)."""
-        return self._at_seen(self._motion(u_mm)).reshape(self._shape)
-
-    def at_rest(self, u_mm: NDArray[Any]) -> NDArray[Any]:
-        """Displacements (ny, nx, 2) at what each pixel sees at rest, (h, w, 2)."""
-        return self._at_seen(self._motion.displaced(u_mm)).reshape(self._shape)
 
 
 def load(

@@ -1,15 +1,15 @@
-"""Figures of the report, drawn by matplotlib as SVG text that needs no other file."""
+"""What all figures share: size, letters, colours, and the way to SVG that needs no other file."""
 
 from __future__ import annotations
 
 import io
+import math
 import re
-from collections.abc import Sequence
-from itertools import cycle, pairwise
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import MissingLibrary
 
@@ -18,28 +18,43 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ..analysis.tracking_error import Verdict
-
 # Okabe and Ito's palette: told apart by people who see colours differently.
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#000000")
 PAPER_COLOUR = "#666666"
-NAME_WIDTH_PT, NAME_HEIGHT_PT = 130, 10  # of a method's name beside its mark
-FRONT_COLOUR = "#d9e2ec"
-ARROW_BGR = (90, 235, 255)
+PAGE_PT, PAPER_PT = 9.5, 8.0
+FLATTEST = 0.6  # of a figure in a paper's column: height by width
+_paper_in: ContextVar[float | None] = ContextVar("paper_in", default=None)
+
+
+@contextmanager
+def on_paper(width_in: float) -> Iterator[None]:
+    """Within it, `blank` makes figures of this width in inches, in the letters of a paper."""
+    before = _paper_in.set(width_in)
+    try:
+        yield
+    finally:
+        _paper_in.reset(before)
 
 
 def blank(width: float, height: float, panels: int = 1, share_y: bool = True, rows: int = 1) -> Any:
-    """A figure and its axes side by side, row by row, drawn without a display."""
+    """A figure and its axes side by side, row by row, drawn without a display.
+
+    width, height: inches on the page; `on_paper` keeps their ratio, but for what gets too flat.
+    """
     try:
         import matplotlib
     except ImportError as why:
         raise MissingLibrary("figures need matplotlib: pip install 'deltact-fab[report]'") from why
+    paper_in = _paper_in.get()
+    if paper_in is not None:
+        width, height = paper_in, max(paper_in * height / width, FLATTEST * min(paper_in, 3.5))
     matplotlib.rcParams.update(
         {
             "svg.hashsalt": "deltact-fab",  # same figure, same bytes
             "svg.fonttype": "none",
+            "pdf.fonttype": 42,  # letters stay letters, their font goes along
             "font.family": "sans-serif",
-            "font.size": 9.5,
+            "font.size": PAGE_PT if paper_in is None else PAPER_PT,
             "axes.spines.top": False,
             "axes.spines.right": False,
             "axes.grid": True,
@@ -76,45 +91,6 @@ def hash_text(text: str) -> int:
     return zlib.crc32(text.encode())
 
 
-def _label(name: str) -> str:
-    method, _, reference = name.partition("/")
-    words = {"farneback": "Farneback", "dis-medium": "DIS medium", "dis-fast": "DIS fast",
-             "paper": "as the paper has it"}  # fmt: skip
-    shown = words.get(method, method)
-    notes = {
-        "static": "static reference",
-        "summed-every": "summed, every frame",
-        "composed-every": "composed, every frame",
-    }
-    return f"{shown}, {notes.get(reference, reference)}" if reference else shown
-
-
-def by_step(
-    frames: pd.DataFrame, methods: Sequence[str], column: str, words: str, log: bool = True
-) -> Figure:
-    """A column of the table of frames against the frame, a panel an indenter."""
-    indenters = list(dict.fromkeys(frames["indenter"]))
-    figure, axes = blank(9.6, 3.6, len(indenters))
-    for axis, indenter in zip(axes, indenters, strict=True):
-        part = frames[frames["indenter"] == indenter]
-        for colour, name in zip(cycle(COLOURS), methods, strict=False):
-            rows = part[part["method"] == name].sort_values("seq")
-            index = np.arange(1, len(rows) + 1)
-            axis.plot(index, rows[column].astype(float), color=colour, lw=1.4, label=_label(name),
-                      ls="-" if "/" not in name else "--")  # fmt: skip
-        mark_legs(axis, part[part["method"] == methods[0]].sort_values("seq"))
-        axis.set_xlabel("frame")
-        axis.set_title(indenter, loc="left", fontweight="bold")
-    axes[0].set_ylabel(words)
-    if log:
-        log_ticks(axes[0], "y")
-    # Room for the names of the legs.
-    low, high = axes[0].get_ylim()
-    axes[0].set_ylim(low, high * (high / low) ** 0.15 if log else high + 0.15 * (high - low))
-    legend_below(figure, axes[-1])
-    return figure
-
-
 def legend_below(figure: Figure, axis: Axes) -> None:
     """What the marks of an axis mean, under all of them."""
     figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3,
@@ -148,138 +124,57 @@ def mark_legs(axis: Axes, rows: pd.DataFrame) -> None:
                       fontsize=7.5, color="#666666", va="top", rotation=90)  # fmt: skip
 
 
-def error_by_time(
-    methods: Sequence[dict[str, Any]], verdict: Verdict, paper_mm: float, simulated: bool
-) -> Figure | None:
-    """Error against CPU time a frame, one mark a method, and the front of those to be believed.
-
-    None without any error.
-    """
-    error = verdict.error
-    if error is None:
-        return None
-    rows = [row for row in methods if row[error] is not None]
-    figure, (axis,) = blank(9.6, 4.2)
-    at_front = {row["name"]: row for row in rows if row["name"] in verdict.front}
-    front = [at_front[name] for name in verdict.front]
-    times = [row["cpu_ms"]["p50"] for row in rows]
-    left_ms, right_ms = min(times) / 1.6, max(times) * 2.2
-    if front:
-        # Down and to the right in steps: what each time buys.
-        x = [row["cpu_ms"]["p50"] for row in front]
-        y = [row[error] for row in front]
-        axis.step([*x, right_ms], [*y, y[-1]], where="post", color=FRONT_COLOUR, lw=5, zorder=0,
-                  label="the front: no other one beats it in both")  # fmt: skip
-    names = []
-    for colour, row in zip(cycle(COLOURS), methods, strict=False):
-        if row not in rows:
-            continue
-        x_ms, y_mm = row["cpu_ms"]["p50"], row[error]
-        believed = not verdict.doubts[row["name"]]
-        axis.plot(x_ms, y_mm, "o" if believed else "x", color=colour, ms=8, mew=1.8)
-        at_dots = row["mean_at_dots_mm"]
-        if at_dots is not None and error != "mean_at_dots_mm":
-            axis.plot(x_ms, at_dots, "s", color=colour, mfc="none", ms=6, mew=1.2)
-        names.append((x_ms, y_mm, row["name"], colour))
-    axis.axhline(paper_mm, color=PAPER_COLOUR, lw=1.2, ls=":",
-                 label=f"paper, at the dots, real sensor: {paper_mm} mm")  # fmt: skip
-    log_ticks(axis, "xy")
-    axis.set_xlim(left_ms, right_ms)
-    axis.set_xlabel("CPU milliseconds a frame, median, one thread")
-    axis.set_ylabel("mean error, mm" + (", simulated" if simulated else ""))
-    for marker, face, words in (
-        ("o", "#444444", f"{verdict.error_words}, can be believed"),
-        ("x", "#444444", "cannot be believed"),
-        ("s", "none", "at the dots"),
-    ):
-        axis.plot([], [], marker, color="#444444", mfc=face, label=words)
-    legend_below(figure, axis)
-    _write_names(figure, axis, names, verdict.take)
-    return figure
+Box = tuple[float, float, float, float]
 
 
-def _write_names(
-    figure: Figure,
-    axis: Axes,
-    names: Sequence[tuple[float, float, str, str]],
-    bold: str | None,
+def name_marks(
+    figure: Figure, axis: Axes, marks: Sequence[tuple[float, float, str, str]], bold: str = ""
 ) -> None:
-    """Names beside their marks (x, y, name, colour), each above those that it would cover."""
+    """Write names beside their marks (x, y, name, colour), where they cover no other.
+
+    A name that finds its place farther off is joined to its mark. bold: the name to stress. Limits
+    and scales of the axis are to be set before.
+    """
     figure.draw_without_rendering()  # the layout says how many points lie between two marks
-    written: list[tuple[float, float]] = []
-    for x, y, name, colour in sorted(names, key=lambda mark: mark[1]):
-        at_x, at_y = axis.transData.transform((x, y)) * 72 / figure.dpi
-        up = 4.0
-        while any(abs(at_x - a) < NAME_WIDTH_PT and abs(at_y + up - b) < NAME_HEIGHT_PT
-                  for a, b in written):  # fmt: skip
-            up += 1.0
-        written.append((at_x, at_y + up))
-        axis.annotate(_label(name), (x, y), xytext=(8, up), textcoords="offset points",
-                      fontsize=8.5, color=colour,
-                      fontweight="bold" if name == bold else None)  # fmt: skip
+    scale, size = 72 / figure.dpi, 8.0
+    inside = axis.get_window_extent()
+    spots = [axis.transData.transform((x, y)) * scale for x, y, _, _ in marks]
+    taken: list[Box] = [(x - 4, y - 4, x + 4, y + 4) for x, y in spots]
+    for (x, y, name, colour), (at_x, at_y) in zip(marks, spots, strict=True):
+        wide, high = 0.58 * size * len(name) * (1.06 if name == bold else 1), 1.15 * size
+        for dx, dy in _around(wide, high):
+            box = (at_x + dx, at_y + dy, at_x + dx + wide, at_y + dy + high)
+            within = inside.x0 * scale <= box[0] and box[2] <= inside.x1 * scale
+            if within and not any(_overlap(box, other) for other in taken):
+                break
+        taken.append(box)
+        aside = min(max(-dx / wide, 0.0), 1.0)  # where along the name its mark is
+        far = math.hypot(dx + aside * wide, max(dy, 0.0, -dy - high)) > 1.5 * size
+        line = {"arrowstyle": "-", "color": colour, "lw": 0.6, "shrinkA": 0, "shrinkB": 3}
+        line["relpos"] = (aside, 0.0 if dy > 0 else 1.0)
+        axis.annotate(
+            name,
+            (x, y),
+            xytext=(dx, dy),
+            textcoords="offset points",
+            fontsize=size,
+            color=colour,
+            fontweight="bold" if name == bold else None,
+            arrowprops=line if far else None,
+        )
 
 
-def error_by_indenter(
-    rows: Sequence[dict[str, Any]], verdict: Verdict, paper_mm: float
-) -> Figure | None:
-    """Bars a method, grouped by indenter, of the error that was judged; None without any."""
-    error = verdict.error
-    if error is None:
-        return None
-    indenters = list(dict.fromkeys(r["indenter"] for r in rows))
-    names = list(dict.fromkeys(r["name"] for r in rows))
-    found = {(r["name"], r["indenter"]): r[error] for r in rows}
-    figure, (axis,) = blank(9.6, 3.6)
-    width = 0.8 / len(names)
-    for i, (name, colour) in enumerate(zip(names, cycle(COLOURS), strict=False)):
-        known = [(k, found[name, n]) for k, n in enumerate(indenters) if found[name, n] is not None]
-        at = np.array([k for k, _ in known]) + (i - (len(names) - 1) / 2) * width
-        axis.bar(at, [v for _, v in known], width * 0.9, color=colour, label=_label(name))
-        for x, (_, value) in zip(at, known, strict=True):
-            axis.text(x, value, f"{value:.2g}", ha="center", va="bottom", fontsize=7.5)
-    axis.axhline(
-        paper_mm, color=PAPER_COLOUR, lw=1.2, ls=":", label=f"paper: {paper_mm} mm, at dots"
-    )
-    axis.set_xticks(np.arange(len(indenters)), indenters)
-    axis.set_ylabel(f"mean error, mm ({verdict.error_words})")
-    axis.grid(axis="x", visible=False)
-    legend_below(figure, axis)
-    return figure
+def _around(wide: float, high: float) -> Iterator[tuple[float, float]]:
+    """Places for a name round its mark in points, the nearest first: right, left, above, below."""
+    for away in (6.0, 16.0, 28.0, 42.0, 60.0):
+        yield away, -0.35 * high
+        yield -away - wide, -0.35 * high
+        for side in (1, -1):
+            up = side * away - (0.0 if side > 0 else high)
+            yield 4.0, up
+            yield -4.0 - wide, up
+            yield -wide / 2, up
 
 
-def force_by_frame(frames: pd.DataFrame) -> Figure:
-    """Measured force on the sensor against the frame, a panel an indenter."""
-    indenters = list(dict.fromkeys(frames["indenter"]))
-    figure, axes = blank(9.6, 3.0, len(indenters))
-    for axis, indenter in zip(axes, indenters, strict=True):
-        part = frames[frames["indenter"] == indenter].reset_index(drop=True)
-        index = np.arange(len(part))
-        for colour, column, label in zip(
-            COLOURS, ("fx_n", "fy_n", "fz_n"), ("$F_x$", "$F_y$", "$F_z$"), strict=False
-        ):
-            axis.plot(index, part[column], color=colour, lw=1.4, label=label)
-        mark_legs(axis, part)
-        axis.set_title(indenter, loc="left", fontweight="bold")
-        axis.set_xlabel("frame")
-    axes[0].set_ylabel("force on the sensor, N")
-    axes[-1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    return figure
-
-
-def flow_picture(
-    image: NDArray[np.uint8], arrows: NDArray[np.float32], step_px: int, gain: float
-) -> NDArray[np.uint8]:
-    """(h, w, 3) BGR with the flow drawn as arrows, `gain` times as long as the motion."""
-    import cv2
-
-    out = (image * 0.5).astype(np.uint8)
-    half = step_px // 2
-    for i in range(arrows.shape[0]):
-        for j in range(arrows.shape[1]):
-            u, v = (float(c) for c in arrows[i, j])
-            if u * u + v * v < 0.25:
-                continue
-            x, y = half + j * step_px, half + i * step_px
-            tip = (round((x + gain * u) * 8), round((y + gain * v) * 8))
-            cv2.arrowedLine(out, (x * 8, y * 8), tip, ARROW_BGR, 2, cv2.LINE_AA, 3, 0.3)
-    return out
+def _overlap(one: Box, other: Box) -> bool:
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]

@@ -48,7 +48,10 @@ def write(data: dict[str, Any], out: Path) -> Path:
             }
         )
     page = pages.get_template("numerics.html").render(
-        engines=drawn, scenes=data["scenes"], meta=data["meta"], wrong=data["wrong"]
+        engines=drawn,
+        scenes=[row for row in data["scenes"] if row["seconds"] is not None],
+        meta=data["meta"],
+        wrong=data["wrong"],
     )
     write_whole(out, page.encode())
     return out

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,21 +13,24 @@ from numpy.typing import NDArray
 
 from .. import record
 from ..analysis.measured import MeasuredRun
+from ..analysis.shape import ShapeResult
 from ..analysis.tracking_error import (
     ARROW_STEP_PX,
     PAPER_BEST_MM,
     RULE,
+    WRONG_MM,
     TrackingResult,
     percent,
     shown,
 )
 from ..errors import InputError
-from . import contact_figures, figures
+from . import contact_figures, figures, tracking_figures
 from .templating import environment, save
 
 if TYPE_CHECKING:
     import pandas as pd
 
+DASH = "–"
 ARROW_GAIN = 2.0
 STRIP_FRAMES = 4
 
@@ -39,29 +42,37 @@ def write(
     measured: MeasuredRun | None = None,
     parts: dict[str, Any] | None = None,
     layer_costs: Sequence[dict[str, Any]] = (),
+    shape: ShapeResult | None = None,
 ) -> Path:
     """Write the report of a run, its tracking analysis and what was measured to one file.
 
-    measured: shape, contact and force of it; without it the page has no word of them.
+    measured: shape, contact and force of it; without it the page has no word of them. shape: its
+    depth and contacts against truth.
     parts: `parts` (a row a part, with its formats) and `note` (why there are none), from the demo.
-    layer_costs: what each layer costs that a scene may leave out, as `numerics` measured it.
+    layer_costs: what each layer costs that a scene may leave out, as `numerics` measured it; what
+    was not measured is not in the page.
     Raises InputError for a run that is not finished, MissingLibrary without the extra `report`,
     RunFailed when the disk refuses.
     """
     pages = environment(fig=_fig, percent=_percent)
     pages.globals["shown"] = shown
+    measured_costs = [cost for cost in layer_costs if cost["seconds"] is not None]
     run = record.open(run_folder)
     if not run.finished:
         raise InputError(f"{run_folder}: the run is not finished; go on with `run --resume`")
     frames = run.frames()
     verdict = tracking.verdict
     drawn = {
-        "by_time": figures.error_by_time(tracking.methods, verdict, PAPER_BEST_MM, run.simulated),
-        "by_indenter": figures.error_by_indenter(tracking.by_indenter, verdict, PAPER_BEST_MM),
+        "by_time": tracking_figures.error_by_time(
+            tracking.methods, verdict, PAPER_BEST_MM, run.simulated
+        ),
+        "by_indenter": tracking_figures.error_by_indenter(
+            tracking.by_indenter, verdict, PAPER_BEST_MM
+        ),
         **_by_step(tracking),
     }
     if frames["fz_n"].notna().any():
-        drawn["force"] = figures.force_by_frame(frames)
+        drawn["force"] = tracking_figures.force_by_frame(frames)
     if measured is not None and measured.force is not None:
         drawn["force"] = contact_figures.force_traces(measured.force)
     if measured is not None and measured.deepest:
@@ -72,7 +83,10 @@ def write(
         pattern=run.pattern,
         simulated=run.simulated,
         tracking=tracking.as_dict(),
+        methods=_known(_METHODS, tracking.methods),
+        at_dots=_known(_AT_DOTS, tracking.methods),
         measured=measured,
+        shape=shape,
         rule=RULE,
         best=next(m for m in tracking.methods if m["name"] == verdict.about),
         paper_mm=PAPER_BEST_MM,
@@ -81,11 +95,41 @@ def write(
         strips=_strips(run, frames, tracking),
         arrow_gain=ARROW_GAIN,
         parts=parts,
-        layer_costs=layer_costs,
+        layer_costs=measured_costs,
         counts=_counts(frames),
         notes=_notes(run),
     )
     return save(page, out)
+
+
+# Above a column of the methods' tables: what stands in it.
+_METHODS: dict[str, Callable[[dict[str, Any]], str]] = {
+    "all moving, mm": lambda m: _fig(m["mean_off_dots_mm"]),
+    "p95, mm": lambda m: _fig(shown(m, "p95_off_dots_mm")),
+    "sure ones, mm": lambda m: _fig(m["mean_confident_mm"]),
+    "share that is sure": lambda m: _percent(
+        m["confident_share"] if m["coverage"] is None else m["coverage"]
+    ),
+    f"of these off by over {WRONG_MM:g} mm": lambda m: _percent(m["confident_wrong_share"]),
+    "frames trusted": lambda m: _percent(m["trusted_share"]),
+    "CPU ms, p50": lambda m: _fig(m["cpu_ms"]["p50"], 1),
+    "p95": lambda m: _fig(m["cpu_ms"]["p95"], 1),
+}
+_AT_DOTS: dict[str, Callable[[dict[str, Any]], str]] = {
+    "at moving dots, mm": lambda m: _fig(m["mean_at_moving_dots_mm"]),
+    "still pixels, mm": lambda m: _fig(m["mean_still_mm"]),
+    "read as in-plane, mm": lambda m: _fig(m["mean_as_in_plane_mm"]),
+    "moving px": lambda m: _fig(m["n_moving_px"]),
+    "new references": lambda m: str(m["reference_switches"]),
+}
+
+
+def _known(
+    columns: dict[str, Callable[[dict[str, Any]], str]], methods: Sequence[dict[str, Any]]
+) -> dict[str, list[str]]:
+    """Cells of each column by what stands above it, without those of dashes only."""
+    cells = {head: [of(method) for method in methods] for head, of in columns.items()}
+    return {head: column for head, column in cells.items() if set(column) - {DASH}}
 
 
 def _by_step(tracking: TrackingResult) -> dict[str, Any]:
@@ -95,23 +139,23 @@ def _by_step(tracking: TrackingResult) -> dict[str, Any]:
     table, drawn = tracking.frames, {}
     if error is not None:
         label = f"mean error, mm\n({words})"
-        drawn["by_step"] = figures.by_step(table, names, error, label)
+        drawn["by_step"] = tracking_figures.by_step(table, names, error, label)
     with_truth = table["coverage"].notna().any()
     sure, of = ("coverage", "moving pattern") if with_truth else ("confident_share", "image")
     if len(table):
         label = f"share of the {of}\nthat is known for sure"
-        drawn["sure_by_step"] = figures.by_step(table, names, sure, label, log=False)
+        drawn["sure_by_step"] = tracking_figures.by_step(table, names, sure, label, log=False)
     return drawn
 
 
 def _percent(value: float | None) -> str:
-    return "–" if value is None else percent(value).replace(" ", "\u00a0")
+    return DASH if value is None else percent(value).replace(" ", "\u00a0")
 
 
 def _fig(value: Any, digits: int = 4) -> str:
     """A number as a person reads it; a dash where nothing was measured."""
     if value is None:
-        return "–"
+        return DASH
     if isinstance(value, int):
         return f"{value:,}".replace(",", "\u202f")  # a thin space that does not break
     return f"{value:.{digits}f}" if isinstance(value, float) else str(value)
@@ -150,7 +194,7 @@ def _strips(
             image = run.image(str(row.file))
             arrows = tracking.arrows.get(str(row.frame_id))
             if arrows is not None:
-                image = figures.flow_picture(image, arrows, ARROW_STEP_PX, ARROW_GAIN)
+                image = tracking_figures.flow_picture(image, arrows, ARROW_STEP_PX, ARROW_GAIN)
             pictures.append(
                 {
                     "src": _png(_smaller(image)),

@@ -11,13 +11,15 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
-from ..report.result import LeftOut, StudyResult
+from ..report.result import LeftOut, StudyResult, Table
 from .asked import Asked
 
 if TYPE_CHECKING:
     from ..analysis.force import ForceResult
 
 STUDY = "force-calibration"
+_LAYERS = {"lens": "lens", "viscosity": "its viscosity", "solid models": "cadquery"}
+"""What a rig calls what it left out: the layer whose cost `numerics` measures."""
 
 
 def run(asked: Asked) -> StudyResult:
@@ -26,7 +28,7 @@ def run(asked: Asked) -> StudyResult:
 
 
 def _simulated(asked: Asked) -> StudyResult:
-    from .force.simulated import settings, simulate
+    from .force.simulated import meshes, settings, simulate
     from .force.told import modulus, told, with_modulus
 
     made = simulate(asked)
@@ -38,9 +40,17 @@ def _simulated(asked: Asked) -> StudyResult:
     )
     found = with_modulus(found, result, table)
     scene = settings(of, made.gel)
+    gel = Table(
+        "force-gel",
+        "The gel. The presses of each job, what the solver flags of their mesh, and the largest "
+        "error of linear interpolation between solved poses, where it was tried.",
+        meshes(made.gel),
+        ("presses", "flags", "between_poses_n", "between_poses_mm"),
+    )
     shown = {line for one in made.gel for line in one["left_out"]}
     return replace(
         found,
+        tables=(*found.tables, gel),
         settings=scene,
         data={**found.data, "scale": scale, "settings": scene},
         left_out=(*(_scene(line) for line in sorted(shown)), *_left_out(result)),
@@ -53,9 +63,10 @@ def _recorded(asked: Asked) -> StudyResult:
     from ..analysis.force import calibrate
     from .force.told import modulus, told, with_modulus
 
-    if asked.scale is not None or asked.rig is not None:
-        named = "--scale" if asked.scale is not None else "--rig"
-        raise InputError(f"{named}: not with --from, which takes the points that were recorded")
+    given = {"scale": asked.scale, "rig": asked.rig, "protocol": asked.more.get("protocol")}
+    for name, value in given.items():
+        if value is not None:
+            raise InputError(f"--{name}: not with --from, which takes the points of its runs")
     runs = [record.open(folder) for folder in asked.runs]
     for run in runs:
         level = run.meta["protocol"]["specimen"]["gel_model"]
@@ -90,7 +101,7 @@ def _recorded(asked: Asked) -> StudyResult:
 def _scene(line: str) -> LeftOut:
     """Of a line of a rig: "what: why"."""
     what, _, why = line.partition(": ")
-    return LeftOut(what, why)
+    return LeftOut(what, why, layer=_LAYERS.get(what.partition(",")[0], ""))
 
 
 def _left_out(result: ForceResult) -> tuple[LeftOut, ...]:

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import io
 import json
+import sys
 import zipfile
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .. import cache, digest
 from ..errors import DeltactFabError, RunFailed, Stopped
-from ..jobs import Progress, as_done, width
+from ..jobs import CannotGoOn, Ended, Progress, processors, run, width
 from .pace import Pace
 
 KIND = "study"
@@ -32,7 +34,7 @@ _FAILURES = (DeltactFabError, ArithmeticError, ValueError, MemoryError, OSError)
 class Job:
     """One cell of a grid.
 
-    name: unique in the grid, shown while it runs. work: a function of a module of the package; it
+    name: unique in the grid, shown while it runs. work: a function of a module; it
     may `jobs.tell` the share of it that is done. given: all that the result depends on, plain JSON
     data, the seed among it (seeds.seed_of). cost: seconds that it may take on one core, 0 where
     that is not known.
@@ -45,12 +47,21 @@ class Job:
 
     def key(self) -> dict[str, Any]:
         """What its result is kept under. Raises TypeError for what is no plain data."""
-        module = self.work.__module__.removeprefix("deltact_fab.")
+        top, _, module = self.work.__module__.partition(".")
+        folder = Path(str(sys.modules[top].__file__)).parent
         return {
-            "work": f"{module}:{self.work.__name__}",
-            "code": digest.of(module),
-            "given": json.loads(json.dumps(self.given)),
+            "work": f"{self.work.__module__}:{self.work.__name__}",
+            "code": digest.of(module or top, package=folder),
+            "given": self.plain(),
         }
+
+    def plain(self) -> dict[str, Any]:
+        """What it is given, as JSON has it. Raises TypeError for what is no plain data."""
+        try:
+            plain: dict[str, Any] = json.loads(json.dumps(self.given))
+        except TypeError as why:
+            raise TypeError(f"{self.name}: given: {why}") from why
+        return plain
 
 
 class Grid(Mapping[str, Value]):
@@ -107,7 +118,8 @@ def solve(
 
     A failure ends that job and no other. progress: hears of each job's end, with the remaining
     time. say: hears what there is to do, before it is begun, and each failure. Raises ValueError
-    for two jobs of one name; the error itself when every job fails; Stopped on Ctrl-C.
+    for two jobs of one name; the error itself when every job fails; Stopped on Ctrl-C; RunFailed
+    when what they run on is gone.
     """
     if twice := [name for name, n in Counter(job.name for job in jobs).items() if n > 1]:
         raise ValueError(f"jobs of one name: {', '.join(twice)}")
@@ -115,13 +127,21 @@ def solve(
     keys = {job.name: job.key() for job in jobs}
     found = {name: value for name, key in keys.items() if (value := _load(key)) is not None}
     kept = len(found)
-    # The longest first, so that none is left alone at the end.
-    todo = sorted((job for job in jobs if job.name not in found), key=lambda job: -job.cost)
+    # Jobs of other names that are the same are done once, and the longest are begun first, so that
+    # none is left alone at the end.
+    same: dict[str, list[str]] = {}
+    for job in jobs:
+        if job.name not in found:
+            same.setdefault(json.dumps(keys[job.name]), []).append(job.name)
+    names = {alike[0]: alike for alike in same.values()}
+    todo = sorted((job for job in jobs if job.name in names), key=lambda job: -job.cost)
     work = keys[todo[0].name]["work"] if todo else ""
     pace = Pace([job.cost for job in todo], work, width_of(executor))
     if todo:
         about = pace.beforehand()
-        say(f"{kept} of {len(jobs)} jobs are kept, {len(todo)} to do{about and f', {about}'}")
+        say(
+            f"{kept} of {len(jobs)} jobs are kept, {len(jobs) - kept} to do{about and f', {about}'}"
+        )
     missing: dict[str, str] = {}
     errors: list[Exception] = []
     refused = False
@@ -131,55 +151,64 @@ def solve(
             left = pace.left()
             progress(len(found) + len(missing), len(jobs), f"{what}{left and f', {left}'}")
 
-    def told(index: int, share: Any) -> None:
+    def hear(index: int, share: Any) -> None:
         if isinstance(share, int | float):
             pace.share(index, share)
             tick(todo[index].name)
 
+    def heard(ended: Ended[tuple[bytes, Value]]) -> None:
+        name = todo[ended.index].name
+        pace.ended(ended.index)
+        if ended.value is not None:
+            nonlocal refused
+            found.update({alike: _unpacked(*ended.value) for alike in names[name]})
+            if not cache.put_file(KIND, keys[name], *ended.value) and not refused:
+                refused = True
+                say(f"{cache.user_folder()}: nothing can be kept there; do not interrupt this")
+        elif isinstance(ended.error, _FAILURES):
+            errors.append(ended.error)
+            why = " ".join(str(ended.error).split()) or type(ended.error).__name__
+            missing.update(dict.fromkeys(names[name], why))
+            say(f"failed: {name}: {why}")
+        elif ended.error is not None:
+            ended.error.add_note(f"in the job {name}")
+            raise ended.error
+        tick(name)
+
     tick("")
     try:
-        for ended in as_done(_do, todo, executor, told=told):
-            name = todo[ended.index].name
-            pace.ended(ended.index)
-            if ended.error is not None:
-                if not isinstance(ended.error, _FAILURES):
-                    ended.error.add_note(f"in the job {name}")
-                    raise ended.error
-                errors.append(ended.error)
-                missing[name] = " ".join(str(ended.error).split()) or type(ended.error).__name__
-                say(f"failed: {name}: {missing[name]}")
-            else:
-                assert ended.value is not None
-                data, plain = ended.value
-                found[name] = _unpacked(data, plain)
-                if not cache.put_file(KIND, keys[name], data, plain) and not refused:
-                    refused = True
-                    say(f"{cache.user_folder()}: nothing can be kept there; do not interrupt this")
-            tick(name)
-    except KeyboardInterrupt as why:
-        raise Stopped(
-            f"stopped: {len(found)} of {len(jobs)} jobs are kept; the same command goes on there"
-        ) from why
+        run(_do, todo, heard, executor, told=hear)
+    except (KeyboardInterrupt, CannotGoOn) as why:
+        state = f"{len(found)} of {len(jobs)} jobs are kept; the same command goes on there"
+        if isinstance(why, KeyboardInterrupt):
+            raise Stopped(f"stopped: {state}") from why
+        raise RunFailed(f"{why}; {state}") from why
     if errors and not found:
         raise errors[0]
     pace.keep()
+    _trim(keys.values())
     return Grid([job.name for job in jobs], found, missing, kept)
+
+
+def _trim(used: Iterable[dict[str, Any]]) -> None:
+    """The longest unused make room, and never what has been used now, which is the youngest."""
+    cache.trim(KIND, max(KEPT_BYTES, sum(cache.file_bytes(KIND, key) for key in used)))
 
 
 def width_of(executor: Executor | None) -> int:
     """How many jobs at a time."""
-    from ..jobs import processors
-
     return processors() if executor is None else width(executor)
 
 
 def _do(job: Job) -> tuple[bytes, Value]:
     """A job's value as it is kept: what comes now and what comes from the store are the same."""
-    value = job.work(json.loads(json.dumps(job.given)))
+    value = job.work(job.plain())
     arrays: dict[str, Any] = {k: v for k, v in value.items() if isinstance(v, np.ndarray)}
     plain = {k: v for k, v in value.items() if k not in arrays}
+    if pickled := [k for k, v in arrays.items() if v.dtype.hasobject]:
+        raise TypeError(f"{', '.join(pickled)}: arrays of objects cannot be kept")
     packed = io.BytesIO()
-    np.savez_compressed(packed, allow_pickle=False, **arrays)
+    np.savez_compressed(packed, **arrays)
     return packed.getvalue(), json.loads(json.dumps(plain))
 
 

@@ -63,6 +63,16 @@ STUDIES = {
     "pattern-selection": Study(
         "pattern_selection",
         "The paper's 17 patterns under 5 indenters.",
+        "By the paper's own tracker and by ours, at the dots and off them. --scale 1 is the "
+        "paper's 3600 frames an indenter and pattern: a day on two cores. Below, fewer positions "
+        "and shorter drags are filmed, with the same step between frames. The gel is solved once "
+        "and kept. With --from, each run is one tactile base.",
+        scale=0.04,
+        options=(
+            Option("protocol", "What is pressed, by name or path.", "pattern-selection"),
+            Option("pattern", "One of the series, as d0p1-r0p5; may be given several times.", ()),
+            Option("indenter", "One of the protocol's; may be given several times.", ()),
+        ),
     ),
     "shapes": Study(
         "shapes",
@@ -81,15 +91,43 @@ STUDIES = {
         "comparison",
         "The paper's table of sensors, with your designs as rows.",
         takes=(),
+        options=(Option("design", "A sensor's TOML, as a row; may be given several times.", ()),),
     ),
     "pattern-search": Study(
         "pattern_search",
         "The best pattern for a printer and a camera.",
+        about="Candidates are printed and photographed by the models of a virtual rig's printer "
+        "and camera, what predicts their tracking error is ranked, and the best few are followed "
+        "on the finite-strain gel beside the paper's pattern. The scale thins candidates, seeds "
+        "and drag.",
         takes=("scale", "seed", "rig", "grid"),
+        scale=1.0,
+        options=(
+            Option("dpi", "Of the printer.", kind=int),
+            Option("levels", "Grey levels of a printed dot and ink.", kind=int),
+            Option("spread-um", "How far ink runs, um.", kind=float),
+            Option("misregistration-um", "How far an ink is misplaced, um.", kind=float),
+            Option("mm-per-px", "Of the face, a pixel of the camera, mm.", kind=float),
+            Option("blur-px", "Of lens and sensor together, pixels.", kind=float),
+            Option("full-well-electrons", "Of a pixel: fewer make more noise.", kind=float),
+            Option("read-noise-electrons", "Of a pixel.", kind=float),
+        ),
     ),
     "settling": Study(
         "settling",
         "How long to wait at a stop before the force is steady.",
+        about="On a simulated gel whose relaxation is assumed, or given by --prony; of your own "
+        "gel: record the protocol `settling` and give the run by --from, the relaxation is fitted.",
+        takes=("scale", "rig", "from", "grid"),
+        scale=1.0,
+        options=(
+            Option(
+                "prony",
+                "G:TAU_S, a share of the steady force that fades with TAU_S; may be given several "
+                "times.",
+                (),
+            ),
+        ),
     ),
 }
 

@@ -6,26 +6,18 @@ way; the next time goes on with those that are not in the store.
 
 from __future__ import annotations
 
-import os
-import queue
 import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
-from multiprocessing import get_context
 from typing import Any
 
 from ..errors import DeltactFabError
+from ..jobs import Ended, run, tell
 from ..protocols.plan import Protocol
 from ..rig.simulator import GelConfig
 from ..shapes import SkinDimensions
 from .press import Press
 from .presses import Presses, path_of
-
-POLL_S = 0.2
-THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
 @dataclass
@@ -88,11 +80,7 @@ def solve_ahead(
         rows.append(row)
         if not row.like:
             told(row)
-    if jobs == 1:
-        for row in todo.values():
-            _here(protocol, skin, config, row, told)
-    elif todo:
-        _in_processes(protocol, skin, config, min(jobs, len(todo)), list(todo.values()), told)
+    _solve(protocol, skin, config, list(todo.values()), jobs, told)
     for row, solved in waiting:
         if solved.failure:
             row.failure = f"as {solved.press}, its mirror image: {solved.failure}"
@@ -103,81 +91,46 @@ def solve_ahead(
     return rows
 
 
-def _here(
-    protocol: Protocol, skin: SkinDimensions, config: GelConfig, row: Row, told: Told
-) -> None:
-    def hear(done: int, of: int, seconds: float) -> None:
-        row.done, row.seconds = done, row.seconds + seconds
-        told(row)
-
-    vars(row).update(vars(_solved(protocol, skin, config, row.press, hear)))
-    told(row)
-
-
-def _in_processes(
+def _solve(
     protocol: Protocol,
     skin: SkinDimensions,
     config: GelConfig,
+    rows: list[Row],
     jobs: int,
-    todo: list[Row],
     told: Told,
 ) -> None:
-    context = get_context("spawn")
-    with _few_threads(max(1, (os.cpu_count() or 1) // jobs)), context.Manager() as manager:
-        news = manager.Queue()
-        pool = ProcessPoolExecutor(jobs, mp_context=context)
-        try:
-            by_name = {row.press: row for row in todo}
-            running: dict[Future[Row], Row] = {
-                pool.submit(_one, protocol, skin, config, row.press, news): row for row in todo
-            }
-            while running:
-                _hear(news, by_name, told)
-                for future in [f for f in running if f.done()]:
-                    row = running.pop(future)
-                    _hear(news, by_name, told)
-                    try:
-                        vars(row).update(vars(future.result()))
-                    except BrokenProcessPool:
-                        row.failure = "its process was killed"
-                    told(row)
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+    ended: set[int] = set()
+
+    def hear(index: int, knot: list[float]) -> None:
+        row = rows[index]
+        if index not in ended:  # what was said may come after the end
+            row.done, row.seconds = int(knot[0]), row.seconds + knot[1]
+            told(row)
+
+    def heard(end: Ended[Row]) -> None:
+        row = rows[end.index]
+        ended.add(end.index)
+        if end.value is not None:
+            vars(row).update(vars(end.value))
+        elif isinstance(end.error, DeltactFabError):
+            row.failure = " ".join(str(end.error).split())
+        elif end.error is not None:
+            raise end.error
+        told(row)
+
+    todo = [(protocol, skin, config, row.press) for row in rows]
+    run(_one, todo, heard, told=hear, workers=jobs)
 
 
-def _hear(news: Any, rows: dict[str, Row], told: Told) -> None:
-    """Take what the processes said; waits POLL_S for the first word."""
-    wait_s = POLL_S
-    while True:
-        try:
-            name, done, seconds = news.get(timeout=wait_s)
-        except queue.Empty:
-            return
-        rows[name].done, rows[name].seconds = done, rows[name].seconds + seconds
-        told(rows[name])
-        wait_s = 0.001
-
-
-def _one(protocol: Protocol, skin: SkinDimensions, config: GelConfig, name: str, news: Any) -> Row:
-    """One press, in a process of its own."""
-    return _solved(
-        protocol, skin, config, name, lambda done, of, seconds: news.put((name, done, seconds))
-    )
-
-
-def _solved(
-    protocol: Protocol,
-    skin: SkinDimensions,
-    config: GelConfig,
-    name: str,
-    hear: Callable[[int, int, float], None],
-) -> Row:
+def _one(job: tuple[Protocol, SkinDimensions, GelConfig, str]) -> Row:
+    """One press, kept when it is whole; it tells each knot."""
+    protocol, skin, config, name = job
     started = time.perf_counter()
     presses = Presses(protocol, skin, config)
     press = presses.of(path_of(presses, name))
     failure = ""
     try:
-        press.solver.solve_all(hear)
+        press.solver.solve_all(lambda done, of, seconds: tell([done, seconds]))
     except DeltactFabError as why:
         failure = " ".join(str(why).split())
     except (ArithmeticError, ValueError, MemoryError) as why:
@@ -199,17 +152,3 @@ def _row(press: Press, modulus_mpa: float) -> Row:
         flags=press.solver.flags,
         failure=press.solver.ended,
     )
-
-
-@contextmanager
-def _few_threads(number: int) -> Iterator[None]:
-    """Processes started meanwhile share the cores instead of fighting for them."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    for name in THREADS:
-        os.environ.setdefault(name, str(number))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from ..optics import Fisheye, Pinhole, Rectified
 from ..rig.config import VirtualConfig
 from ..rig.interface import Job
@@ -63,37 +61,14 @@ class Below:
 
         view: of the images that are tracked.
         """
-        from ..imaging import Printer, Sensor
-        from ..patterns.raster import albedo
-        from .picture import Picture, Texture
-        from .raw_view import RawView
+        from .drawing import geometry_of, printed
 
-        job, simulator = self._job, self._config.virtual
         assert self.crop is not None, "images are asked for"
-        printer = Printer(**simulator.printer.model_dump())
-        rng = np.random.default_rng(np.random.SeedSequence([job.seed, 3]))
-        printed = printer.print_(albedo(job.recipe, printer.mm_per_dot), rng)
-        texture = Texture(printed, printer.mm_per_dot)
-        exposure = Sensor(**simulator.camera.model_dump())
-        lens = None
-        camera: Pinhole | RawView
-        if isinstance(view, Rectified):
-            from .lens import true_lens
-
-            lens = true_lens(self._config, job.sensor)
-            camera = RawView(lens, view)
-        else:
-            camera = view
-        return Picture(camera, self.crop.lattice, texture, exposure), lens
+        config, job = self._config, self._job
+        geometry, lens = geometry_of(config, job.sensor, view, self.crop.lattice)
+        return printed(config, job.recipe, geometry, job.seed), lens
 
     def _crop(self) -> LatticeCrop:
-        from .picture import MARGIN_PX
-        from .raw_view import BAND_PX
+        from .drawing import crop_of
 
-        optics = self._job.sensor.optics
-        view = optics.view_mm
-        margin_px = MARGIN_PX + (BAND_PX if self._config.virtual.lens is not None else 0)
-        margin_mm = margin_px * optics.mm_per_px
-        return LatticeCrop(
-            *self.presses.axes_mm(), (view[0] / 2 + margin_mm, view[1] / 2 + margin_mm)
-        )
+        return crop_of(self._config, self._job.sensor, self.presses.axes_mm())

@@ -14,6 +14,7 @@ from ..errors import RunFailed
 from ..optics import Fisheye, SurfaceLattice
 from ..record import lattice_file, lens_file, truth_file, write_whole
 from ..rig.interface import Clock, Frame
+from .drawing import noise_of
 from .picture import Picture
 from .scene import GelScene
 from .streams import stream_number
@@ -54,8 +55,7 @@ class VirtualCamera:
         self._stream = stream
         self._seen = []
         self._scene.begin()
-        seeds = np.random.SeedSequence([self._seed, 2, stream_number(stream)])
-        self._rng = np.random.default_rng(seeds)
+        self._rng = noise_of(self._seed, stream_number(stream))
 
     def capture(self) -> Frame:
         """Draw the scene as it is now."""

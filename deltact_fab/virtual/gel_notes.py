@@ -38,7 +38,7 @@ def gel_left_out(presses: Presses, choices: Sequence[Choice]) -> list[str]:
         lines.append("the gel's surface field: no channel asks for images")
     if not presses.tractions:
         lines.append("the face's tractions: the channel 'traction' is not asked for")
-    if not presses.timed:
+    if not presses.relaxing_s:
         lines.append("viscosity: the specimen has no Prony series")
     return lines
 
@@ -61,7 +61,7 @@ def gel_notes(presses: Presses, choices: Sequence[Choice], skin: SkinDimensions)
     limit_mm = SMALL_STRAIN * skin.thickness_mm * (1 + 1e-9)
     if presses.level in LINEAR and max(p.box_mm[2] for p in presses.paths) > limit_mm:
         lines.append("WARNING: pressed beyond 10 % of the thickness, past small strain")
-    if presses.timed:
+    if presses.relaxing_s:
         lines.append(
             "the gel's time is the plan's: lines at their feed, rests as long as they settle; "
             "ramps of the stage and the host's delays, some hundredths of a second, are not in"

@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from ..gel.path.knots import CONTACT_EPS_MM, Increments, Point, Pose, divide
 from ..protocols.plan import Protocol, expand
+
+REST_GROWTH = 1.5
 
 
 @dataclass(frozen=True)
@@ -61,10 +64,11 @@ def paths(protocol: Protocol) -> list[PressPath]:
     return list(found.values())
 
 
-def poses(path: PressPath, increments: Increments, timed: bool) -> list[Pose]:
-    """All knots of a press that have to be solved, in order; timed: rests count, as the gel creeps.
+def poses(path: PressPath, increments: Increments, relaxing_s: Sequence[float] = ()) -> list[Pose]:
+    """All knots of a press that have to be solved, in order.
 
-    A rest is one knot more at the same place.
+    relaxing_s: the times in which the gel relaxes; none: it does not, and rests do not count. Else
+    a rest is knots more at the same place, see `rest_s`.
     """
     found = []
     for line in path.lines:
@@ -72,6 +76,18 @@ def poses(path: PressPath, increments: Increments, timed: bool) -> list[Pose]:
         for (a, b), tip in zip(itertools.pairwise(at), where[1:], strict=True):
             if tip[2] < 0:
                 found.append(Pose(tip, (b - a) * line.seconds, b))
-        if timed and line.dwell_s > 0:
-            found.append(Pose(line.end_mm, line.dwell_s, 0.0))
+        if relaxing_s and line.dwell_s > 0:
+            found += [Pose(line.end_mm, s, 0.0) for s in rest_s(line.dwell_s, relaxing_s)]
     return found
+
+
+def rest_s(dwell_s: float, relaxing_s: Sequence[float]) -> list[float]:
+    """A rest in parts, each ending REST_GROWTH times as late as the one before.
+
+    The first is at most an eighth of the shortest time of relaxing. Straight lines between the
+    ends are off by at most .012 of what a branch of the series gives.
+    """
+    latest = math.log(8 * dwell_s / min(relaxing_s)) / math.log(REST_GROWTH)
+    parts = max(0, math.ceil(latest))
+    ends = [dwell_s / REST_GROWTH**k for k in range(parts, -1, -1)]
+    return [b - a for a, b in itertools.pairwise([0.0, *ends])]

@@ -35,30 +35,21 @@ class Texture:
     mm_per_texel: float
 
 
-class Picture:
-    """Draws frames of one pattern through one camera, which is flat or the raw view of a lens."""
+class Geometry:
+    """Which point of the resting face each pixel sees, of any pattern that is printed on it.
 
-    def __init__(
-        self,
-        camera: CameraModel | RawView,
-        lattice: SurfaceLattice,
-        texture: Texture,
-        sensor: Sensor,
-    ) -> None:
-        self._raw = camera if isinstance(camera, RawView) else None
+    It is what drawing costs most, and many patterns of one deformed face can share it.
+    """
+
+    def __init__(self, camera: CameraModel | RawView, lattice: SurfaceLattice) -> None:
+        """camera: flat, or the raw view of a lens."""
+        self.raw = camera if isinstance(camera, RawView) else None
         self.camera = camera = camera.flat if isinstance(camera, RawView) else camera
-        self._texture = texture
-        self._sensor = sensor
         self._motion: FaceMotion | None = None
-        if self._raw is None:
-            self._shade = sensor.shade(camera.height_px, camera.width_px)
-            self._beyond = cv2.BORDER_REPLICATE
-        else:
-            self._shade = self._raw.shade(sensor.shading)
-            self._beyond = cv2.BORDER_CONSTANT  # beyond the print it is dark
+        if self.raw is not None:
             self._motion = FaceMotion(lattice, camera.project_px)
         xs_mm, ys_mm = axes_mm(camera, MARGIN_PX)
-        if self._raw is not None:  # the larger view may reach over the edge of the face
+        if self.raw is not None:  # the larger view may reach over the edge of the face
             xs_mm, ys_mm = (
                 _within(v, w) for v, w in zip((xs_mm, ys_mm), lattice.axes_mm(), strict=True)
             )
@@ -68,7 +59,7 @@ class Picture:
         self._rest = np.stack((*np.meshgrid(xs_mm, ys_mm), np.zeros((len(ys_mm), len(xs_mm)))), -1)
         self._rest_px = camera.rest_px(self._rest[..., :2])
         self._margin_px = np.asarray(-np.rint(self._rest_px[0, 0]), np.float32)
-        # One pixel of border, so that the halved grid below is interpolated at the edge too.
+        # One pixel of border, so that the halved grid of a picture is interpolated at the edge too.
         self._target = np.stack(
             np.meshgrid(
                 np.arange(-1, camera.width_px + 1, dtype=np.float32),
@@ -80,33 +71,8 @@ class Picture:
     @property
     def size_px(self) -> tuple[int, int]:
         """Width and height of an image."""
-        seen = self.camera if self._raw is None else self._raw.lens
+        seen = self.camera if self.raw is None else self.raw.lens
         return seen.width_px, seen.height_px
-
-    def render(
-        self, displacement_mm: NDArray[np.float64] | None, rng: np.random.Generator
-    ) -> NDArray[np.uint8]:
-        """Image (h, w, 3) BGR of a surface displacement (ny, nx, 3) on the lattice, None at rest.
-
-        Raises SolverError where a pixel sees no point of the surface.
-        """
-        at = self._target if displacement_mm is None else self.material_px(displacement_mm)
-        if self._raw is not None:
-            at = self._raw.look(at)
-        fine = cv2.resize(at, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)[2:-2, 2:-2]
-        cx, cy = self.camera.centre_px
-        texels = self.camera.mm_per_px / self._texture.mm_per_texel
-        h, w = self._texture.values.shape[:2]
-        map_x = (fine[..., 0] - np.float32(cx)) * np.float32(texels) + np.float32((w - 1) / 2)
-        map_y = (fine[..., 1] - np.float32(cy)) * np.float32(texels) + np.float32((h - 1) / 2)
-        seen = cv2.remap(
-            self._texture.values, map_x, map_y, cv2.INTER_LINEAR, borderMode=self._beyond
-        )
-        size = (at.shape[1] - 2, at.shape[0] - 2)
-        radiance = np.asarray(cv2.resize(seen, size, interpolation=cv2.INTER_AREA), np.float32)
-        if self._raw is not None:
-            radiance = self._raw.framed(radiance)
-        return self._sensor.expose(radiance, self._shade, rng)
 
     def forward_px(self, displacement_mm: NDArray[np.float64]) -> Float:
         """Projected displacement of the rest pixels and their margin, (h + 2m, w + 2m, 2)."""
@@ -120,24 +86,29 @@ class Picture:
         seen_px = self.camera.project_px(self._rest + self._sampler(displacement_mm))
         return np.asarray(seen_px - self._rest_px, np.float32), seen_px
 
-    def material_px(self, displacement_mm: NDArray[np.float64]) -> Float:
+    def material_px(self, displacement_mm: NDArray[np.float64] | None) -> Float:
         """Rest position (px) of the material point seen by each pixel, with a border of one pixel.
 
-        Solves X + g(X) = p for X with g the projected displacement; shape (h + 2, w + 2, 2).
+        Solves X + g(X) = p for X with g the projection of a displacement (ny, nx, 3) on the
+        lattice, None at rest; shape (h + 2, w + 2, 2). Raises SolverError where a pixel sees no
+        point of the surface.
         """
+        if displacement_mm is None:
+            return self._target
         field, seen_px = self._forward(displacement_mm)
         at = before = self._target
         for _ in range(FIXED_POINT_ITERATIONS):
             x, y = cv2.split(at + self._margin_px)
             moved = cv2.remap(field, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
             before, at = at, self._target - moved
-        x, y = cv2.split(cv2.absdiff(at, before))
-        open_ = cv2.max(x, y) >= TOLERANCE_PX
-        # Fixed point needs a gradient below 1; the stretched skin behind a sliding tip has more.
-        at[open_] = _newton(field, self._margin_px, self._target[open_], at[open_])
         # The border's first pixel has the index 0, and lies at -1.
         at_px = seen_px + 1
-        wanted = np.isnan(at[..., 0]) | in_dispute(at_px, at.shape[:2])
+        disputed = in_dispute(at_px, at.shape[:2])
+        x, y = cv2.split(cv2.absdiff(at, before))
+        open_ = (cv2.max(x, y) >= TOLERANCE_PX) & ~disputed
+        # Fixed point needs a gradient below 1; the stretched skin behind a sliding tip has more.
+        at[open_] = _newton(field, self._margin_px, self._target[open_], at[open_])
+        wanted = np.isnan(at[..., 0]) | disputed
         if wanted.any():
             out_mm = self._sampler(displacement_mm[..., 2:])[..., 0]
             at[wanted] = nearest(at_px, out_mm, wanted) - self._margin_px
@@ -148,6 +119,51 @@ class Picture:
                     f"{MARGIN_PX} px of the view"
                 )
         return at
+
+
+class Picture:
+    """Draws frames of one pattern through one camera; cheap where the geometry is shared."""
+
+    def __init__(self, geometry: Geometry, texture: Texture, sensor: Sensor) -> None:
+        self.geometry = geometry
+        self._texture = texture
+        self._sensor = sensor
+        camera, raw = geometry.camera, geometry.raw
+        if raw is None:
+            self._shade = sensor.shade(camera.height_px, camera.width_px)
+            self._beyond = cv2.BORDER_REPLICATE
+        else:
+            self._shade = raw.shade(sensor.shading)
+            self._beyond = cv2.BORDER_CONSTANT  # beyond the print it is dark
+
+    def render(
+        self, displacement_mm: NDArray[np.float64] | None, rng: np.random.Generator
+    ) -> NDArray[np.uint8]:
+        """Image (h, w, 3) BGR of a surface displacement (ny, nx, 3) on the lattice, None at rest.
+
+        Raises SolverError where a pixel sees no point of the surface.
+        """
+        return self.expose(self.geometry.material_px(displacement_mm), rng)
+
+    def expose(self, at_px: Float, rng: np.random.Generator) -> NDArray[np.uint8]:
+        """Image (h, w, 3) BGR of what the geometry's `material_px` says that the pixels see."""
+        at, camera, raw = at_px, self.geometry.camera, self.geometry.raw
+        if raw is not None:
+            at = raw.look(at)
+        fine = cv2.resize(at, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)[2:-2, 2:-2]
+        cx, cy = camera.centre_px
+        texels = camera.mm_per_px / self._texture.mm_per_texel
+        h, w = self._texture.values.shape[:2]
+        map_x = (fine[..., 0] - np.float32(cx)) * np.float32(texels) + np.float32((w - 1) / 2)
+        map_y = (fine[..., 1] - np.float32(cy)) * np.float32(texels) + np.float32((h - 1) / 2)
+        seen = cv2.remap(
+            self._texture.values, map_x, map_y, cv2.INTER_LINEAR, borderMode=self._beyond
+        )
+        size = (at.shape[1] - 2, at.shape[0] - 2)
+        radiance = np.asarray(cv2.resize(seen, size, interpolation=cv2.INTER_AREA), np.float32)
+        if raw is not None:
+            radiance = raw.framed(radiance)
+        return self._sensor.expose(radiance, self._shade, rng)
 
 
 def _within(points_mm: NDArray[np.float64], nodes_mm: NDArray[np.float64]) -> NDArray[np.float64]:

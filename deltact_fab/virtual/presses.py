@@ -47,7 +47,7 @@ class Presses:
         self.fields = "image" in protocol.channels
         self.observed = not protocol.channels.isdisjoint(("image", "force"))
         self.tractions = "traction" in protocol.channels
-        self.timed = bool(specimen.prony)
+        self.relaxing_s = tuple(tau for g, tau in specimen.prony if g > 0)
         self.material = GelMaterial(1.0, specimen.poisson, specimen.friction, specimen.prony)
         self.paths = paths(protocol)
         self.opened: list[Press] = []
@@ -122,10 +122,10 @@ class Presses:
 
     def choice(self, path: PressPath) -> Choice:
         """Mesh and friction of a planned press. Raises InputError where the level has none."""
-        return self._choose(path.indenter, poses(path, self.increments, self.timed))
+        return self._choose(path.indenter, poses(path, self.increments, self.relaxing_s))
 
     def _press(self, path: PressPath) -> Press:
-        planned = poses(path, self.increments, self.timed)
+        planned = poses(path, self.increments, self.relaxing_s)
         # Where lines are a knot long, solving them half-way as well doubles the work: one press
         # of an indenter speaks for its others.
         first = next(p for p in self.paths if p.indenter == path.indenter)

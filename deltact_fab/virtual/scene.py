@@ -244,27 +244,33 @@ class GelScene:
         return np.stack([np.interp(done, at, column) for column in knots.T], axis=1)
 
     def _still(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Wrenches (n, 6) at times (n,) of a rest."""
-        rest_s, here, since_ns = self._rest_s(), self._here, self._arrived_ns
-        after = self._resting(int(t_ns[-1])).b
-        share = np.zeros(len(t_ns))
-        if rest_s is not None:
-            share = np.minimum((t_ns - since_ns) / NS_PER_S / rest_s, 1.0)
-        a, b = np.array(here.wrench), np.array(after.wrench)
-        return np.asarray(a + share[:, None] * (b - a), float)
+        """Wrenches (n, 6) at times (n,) of a rest, which may have several knots."""
+        found = np.empty((len(t_ns), 6))
+        k = 0
+        while k < len(t_ns):
+            at = self._resting(int(t_ns[k]))
+            a, b = np.array(at.a.wrench), np.array(at.b.wrench)
+            rest_s, since_ns = self._rest_s(), self._arrived_ns
+            if rest_s is None:
+                found[k:] = a
+                break
+            share = (t_ns[k:] - since_ns) / NS_PER_S / rest_s
+            share = share[share < 1.0]
+            found[k : k + len(share)] = a + share[:, None] * (b - a)
+            k += len(share)
+        return found
 
-    def _resting(self, now_ns: int) -> Observation:
+    def _resting(self, now_ns: float) -> Observation:
         """Where no line is under way: still, unless the gel creeps under a resting tip."""
-        rest_s = self._rest_s()
-        if rest_s is None:
-            return Observation(self._here, self._here, 0.0)
-        assert self._press is not None
-        tip = self._press.solver.poses[self._here.key].tip_mm
-        after = self._knot(self._press.solver.next(self._here.key, tip, rest_s))
-        fraction = min((now_ns - self._arrived_ns) / NS_PER_S / rest_s, 1.0)
-        if fraction == 1.0:
-            self._settle(after, self._arrived_ns)
-        return Observation(self._here, after, fraction)
+        while (rest_s := self._rest_s()) is not None:
+            assert self._press is not None
+            tip = self._press.solver.poses[self._here.key].tip_mm
+            after = self._knot(self._press.solver.next(self._here.key, tip, rest_s))
+            fraction = (now_ns - self._arrived_ns) / NS_PER_S / rest_s
+            if fraction < 1.0:
+                return Observation(self._here, after, fraction)
+            self._settle(after, self._arrived_ns + round(rest_s * NS_PER_S))
+        return Observation(self._here, self._here, 0.0)
 
     def _rest_s(self) -> float | None:
         return None if self._press is None else self._press.rest_after(self._here.key)
@@ -289,9 +295,9 @@ class GelScene:
         line = self._line
         if line is not None and line.segment == segment:
             return line
-        if line is None and (rest_s := self._rest_s()) is not None:
+        if line is None:
             # The plan's rest is over when the next line starts, whatever the host took for it.
-            self._resting(self._arrived_ns + math.ceil(rest_s * NS_PER_S))
+            self._resting(math.inf)
         start, end = (self._planned(p) for p in (segment.start_mm, segment.end_mm))
         at, where = divide(start, end, self._increments)
         knots = [self._here]

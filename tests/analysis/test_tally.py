@@ -81,7 +81,7 @@ def test_all_lost_has_an_error_and_a_coverage_of_nothing() -> None:
 def test_a_frame_in_which_nothing_moves_counts_as_a_frame_and_adds_no_pixel() -> None:
     tally = Tally()
     tally.take_moving(np.zeros(0), np.zeros(0, bool))
-    tally.ms.append(3.0)
+    tally.believed.take(1.0)
     figures = tally.figures()
     assert figures["n_frames"] == 1
     assert figures["n_moving_px"] == 0

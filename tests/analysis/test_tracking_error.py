@@ -109,13 +109,10 @@ class Shelf(record.Truth):
     def __init__(self) -> None:
         pass
 
-    def flow_px(self, frame_id: str) -> NDArray[np.float64]:
+    def flow_and_in_plane(self, frame_id: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         flow = np.zeros((10, 60, 2))
         flow[:, :20, 0] = 8.0
-        return flow
-
-    def in_plane_mm(self, frame_id: str) -> NDArray[np.float64]:
-        return 0.04 * self.flow_px(frame_id)
+        return flow, 0.04 * flow
 
     def points_px(self, frame_id: str, xy_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         return xy_mm

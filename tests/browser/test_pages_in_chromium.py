@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -98,10 +99,19 @@ def test_a_bad_page_is_caught(browser: Browser, tmp_path: Path) -> None:
     assert min(seen.ink()) == 0
 
 
-def test_the_numerics_page_opens_the_same_way(browser: Browser, tmp_path: Path) -> None:
+def test_nothing_of_the_report_is_cut_off_on_a_telephone(
+    cut_off: Callable[[Path, int], list[str]], demo: Path
+) -> None:
+    assert cut_off(demo / "report.html", 390) == []
+
+
+def test_the_numerics_page_opens_the_same_way(
+    browser: Browser, cut_off: Callable[[Path, int], list[str]], tmp_path: Path
+) -> None:
     page = harness.run(["pattern"], quick=True).save(tmp_path)[-1]
     seen = visit(browser, page)
     assert seen.said == []
     assert outside(seen, page) == []
     assert len(seen.shown["figures"]) >= 1
     assert min(seen.shown["figures"]) > 100
+    assert cut_off(page, 390) == []

@@ -470,7 +470,7 @@ def test_cut_short_the_folder_has_no_manifest_rather_than_a_wrong_one(tmp_path, 
 def test_processes_by_the_work_that_is_left(
     monkeypatch, asked, tasks, tolerance_mm, loaded, processors, jobs
 ):
-    monkeypatch.setattr(export.parallel, "processors", lambda: processors)
+    monkeypatch.setattr(export, "processors", lambda: processors)
     if loaded:
         monkeypatch.setitem(sys.modules, "cadquery", None)
     else:

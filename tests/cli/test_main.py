@@ -11,6 +11,7 @@ import pytest
 
 from deltact_fab import catalog
 from deltact_fab.cli.main import COMMANDS, entry
+from deltact_fab.study.registry import STUDIES
 
 HEAVY = ("cadquery", "OCP", "scipy.sparse", "plotly", "matplotlib", "pandas", "cv2", "numpy",
          "serial", "pydantic")  # fmt: skip
@@ -32,6 +33,8 @@ SUBCOMMANDS = [
     ["protocol", "show"], ["rig", "show"], ["rig", "photograph"],
     ["gel", "press"],
     ["analyze", "tracking"], ["analyze", "force"], ["analyze", "shape"],
+    ["study", "list"], ["study", "index"], ["study", "run"],
+    *(["study", "run", name] for name in STUDIES),
 ]  # fmt: skip
 
 

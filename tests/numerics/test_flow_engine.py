@@ -10,8 +10,8 @@ import pytest
 
 from deltact_fab.imaging import Sensor
 from deltact_fab.measure.flow import FlowTracker
-from deltact_fab.numerics.engines import flow, flow_frames, flow_hard, flow_star
-from deltact_fab.numerics.engines.flow_frames import CAMERA, Scene, Vectors
+from deltact_fab.numerics.engines import flow, flow_frames, flow_hard
+from deltact_fab.numerics.engines.flow_frames import CAMERA, STAR, Scene, Vectors
 from deltact_fab.numerics.judge import judge
 
 
@@ -22,32 +22,32 @@ def pixels() -> tuple[flow_frames.Field, flow_frames.Field]:
 
 @pytest.fixture
 def star() -> Vectors:
-    return flow_frames.star(*pixels()).astype(np.float32)
+    return STAR.motion(*pixels()).astype(np.float32)
 
 
 def test_the_true_star_has_no_noise_and_loses_nothing(star: Vectors) -> None:
-    noise_px, loss_px = flow_star.figures(star)
+    noise_px, loss_px = STAR.figures(star)
     assert noise_px < 1e-6
     assert np.isnan(loss_px)
 
 
 def test_noise_of_the_star_is_the_noise(star: Vectors) -> None:
     noisy = star + np.random.default_rng(1).normal(0, 0.02, star.shape).astype(np.float32)
-    assert flow_star.figures(noisy).noise_px == pytest.approx(0.02, rel=0.02)
+    assert STAR.figures(noisy).noise_px == pytest.approx(0.02, rel=0.02)
 
 
 @pytest.mark.parametrize("side", [7, 13, 21])
 def test_a_box_loses_a_tenth_at_four_times_its_side(star: Vectors, side: int) -> None:
     """sinc(1/4) = .90: the transfer function of a box is known."""
     seen = np.asarray(cv2.blur(star, (1, side)))
-    assert flow_star.figures(seen).loss_px == pytest.approx(4 * side, rel=0.05)
+    assert STAR.figures(seen).loss_px == pytest.approx(4 * side, rel=0.05)
 
 
 def test_a_star_on_a_grid_of_nodes_has_the_same_figures(star: Vectors) -> None:
     seen = np.asarray(cv2.blur(star, (1, 21)))
     nodes = np.full_like(seen, np.nan)
     nodes[2::4, 2::4] = seen[2::4, 2::4]
-    assert flow_star.figures(nodes).loss_px == pytest.approx(84, rel=0.06)
+    assert STAR.figures(nodes).loss_px == pytest.approx(84, rel=0.06)
 
 
 def test_the_long_motion_is_121_px_and_squeezes_and_stretches() -> None:

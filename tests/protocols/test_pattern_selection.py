@@ -58,6 +58,15 @@ def test_the_frames_of_a_leg_lie_evenly_along_its_axis(steps: list[Step]) -> Non
         for a, b in pairs
     ]
     assert max(gaps) / min(gaps) < 1.01
+    assert max(gaps) < 0.2
+
+
+def test_no_two_frames_of_a_press_are_more_than_a_fifth_of_a_millimetre_apart(
+    steps: list[Step],
+) -> None:
+    pairs = [(a, b) for a, b in itertools.pairwise(steps) if b.kind == "press"]
+    assert len(pairs) == 5 * 4 * 2
+    assert max(abs(b.target_mm[2] - a.target_mm[2]) / b.frames for a, b in pairs) < 0.2
 
 
 def test_every_check_passes_on_the_virtual_rig() -> None:
@@ -75,8 +84,8 @@ def test_time_and_disk_are_estimated_and_shown(steps: list[Step]) -> None:
     estimate = shown["estimate"]
     assert estimate["frames"] == 5 * 3600
     assert estimate["presses"] == 5 * 4
-    # At least the time of the straight lines: 20 presses of 10.5 mm down and 320 mm of shear.
-    motion_s = 20 * (10.5 / (60 / 60) + 2 * 80 / (36 / 60))
+    # At least the time of the straight lines: 20 presses of 10.5 mm down, 15 up and 160 of shear.
+    motion_s = 20 * ((10.5 + 15) / (37 / 60) + 2 * 80 / (36 / 60))
     assert motion_s < estimate["seconds"] < 1.1 * motion_s
     picture_mb = estimate["disk_mb"] / estimate["frames"]
     assert 0.5 < picture_mb < 1.5

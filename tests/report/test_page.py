@@ -16,7 +16,7 @@ import pytest
 from deltact_fab import record
 from deltact_fab.analysis.measured import measured
 from deltact_fab.analysis.tracking_error import TrackingResult, analyse, judge
-from deltact_fab.report import figures
+from deltact_fab.report import figures, tracking_figures
 from deltact_fab.report.page import write
 
 
@@ -119,7 +119,7 @@ def test_the_figure_draws_the_front_of_those_to_be_believed(result: TrackingResu
     lying = {**good, "name": "dis-ultrafast", "confident_wrong_share": 0.2}
     drawn = {}
     for rows in ([good, slow, lying], [lying]):
-        figure = figures.error_by_time(rows, judge(rows, True), 0.08, True)
+        figure = tracking_figures.error_by_time(rows, judge(rows, True), 0.08, True)
         assert figure is not None
         (axis,) = figure.axes
         drawn[len(rows)] = [line for line in axis.lines if "front" in str(line.get_label())]
@@ -129,7 +129,7 @@ def test_the_figure_draws_the_front_of_those_to_be_believed(result: TrackingResu
     assert front.get_ydata()[:2] == pytest.approx([0.02, 0.01])
     unknown = [{**good, "mean_off_dots_mm": None, "mean_at_dots_mm": None,
                 "mean_confident_mm": None, "coverage": None}]  # fmt: skip
-    assert figures.error_by_time(unknown, judge(unknown, False), 0.08, False) is None
+    assert tracking_figures.error_by_time(unknown, judge(unknown, False), 0.08, False) is None
 
 
 def test_the_table_holds_the_computed_figures(page: str, result: TrackingResult) -> None:
@@ -140,7 +140,7 @@ def test_the_table_holds_the_computed_figures(page: str, result: TrackingResult)
 def test_figures_are_the_same_bytes_each_time(result: TrackingResult) -> None:
     drawn = []
     for _ in range(2):
-        figure = figures.error_by_indenter(result.by_indenter, result.verdict, 0.08)
+        figure = tracking_figures.error_by_indenter(result.by_indenter, result.verdict, 0.08)
         assert figure is not None
         drawn.append(figures.to_svg(figure))
     assert drawn[0] == drawn[1]
@@ -174,3 +174,23 @@ def test_it_names_the_sensor_that_was_pressed(
     meta["protocol"]["specimen"]["serial"] = "DT-007 <i>"
     (run / "run.json").write_text(json.dumps(meta))
     assert "sensor <b>DT-007 &lt;i&gt;</b>" in write(run, tmp_path / "r.html", result).read_text()
+
+
+def test_columns_and_costs_that_nobody_measured_are_not_in_the_page(
+    mini_run: Path, result: TrackingResult, page: str, tmp_path: Path
+) -> None:
+    unknown = dict.fromkeys(("mean_off_dots_mm", "p95_off_dots_mm", "mean_confident_mm"))
+    blind = replace(result, methods=[{**row, **unknown} for row in result.methods])
+    costs = [{"layer": "lens", "seconds": None, "megabytes": None, "modules": None,
+              "about": "", "note": "not measured on this machine"}]  # fmt: skip
+    out = write(mini_run, tmp_path / "r.html", blind, layer_costs=costs).read_text()
+    for head in ("all moving, mm", "p95, mm", "sure ones, mm"):
+        assert f"<th>{head}</th>" in page
+        assert f"<th>{head}</th>" not in out
+    assert "<th>frames trusted</th>" in out
+    assert "<th>layer</th>" not in out
+    measured_one = [*costs, {**costs[0], "layer": "friction", "seconds": 1.5, "megabytes": 3.0,
+                             "modules": 2, "note": ""}]  # fmt: skip
+    told = write(mini_run, tmp_path / "s.html", blind, layer_costs=measured_one).read_text()
+    assert "<td>friction</td><td>1.50</td>" in told
+    assert "<td>lens</td>" not in told

@@ -110,7 +110,7 @@ def test_off_the_plan_an_image_is_solved_in_its_own_frame() -> None:
 
 
 def way(path: PressPath) -> list[Pose]:
-    return poses(path, Increments(1.0, 1.0), timed=False)
+    return poses(path, Increments(1.0, 1.0))
 
 
 def test_only_planes_that_indenter_and_path_share_are_used() -> None:

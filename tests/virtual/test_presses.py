@@ -20,7 +20,7 @@ from deltact_fab.protocols.plan import Protocol
 from deltact_fab.rig.simulator import FiniteGelConfig, GelConfig
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.virtual.ahead import solve_ahead
-from deltact_fab.virtual.paths import paths, poses
+from deltact_fab.virtual.paths import paths, poses, rest_s
 from deltact_fab.virtual.presses import Presses
 
 COARSE = GelConfig(spacing_mm=1.0, press_increment_mm=0.25, shear_increment_mm=0.5)
@@ -74,7 +74,7 @@ def test_knots_are_no_further_apart_than_the_increments_and_one_is_at_first_touc
     assert [round(p[2], 9) for p in where[2:]] == [-0.2, -0.4, -0.6]
     assert at[0] == 0.0
     assert at[-1] == 1.0
-    found = poses(paths(declared())[0], Increments(0.25, 0.5), timed=False)
+    found = poses(paths(declared())[0], Increments(0.25, 0.5))
     assert len(found) == 3 + 2 + 4 + 2
     for a, b in itertools.pairwise(found):
         assert math.dist(a.tip_mm, b.tip_mm) <= 0.5 + 1e-12
@@ -83,11 +83,24 @@ def test_knots_are_no_further_apart_than_the_increments_and_one_is_at_first_touc
 def test_rests_count_for_a_gel_that_creeps_only() -> None:
     step = declared(capture={"settle_s": 2.0})
     path = paths(step)[0]
-    plain, timed = (poses(path, Increments(1.0, 1.0), timed=t) for t in (False, True))
+    plain, timed = (poses(path, Increments(1.0, 1.0), relaxing_s=t) for t in ((), (5.0, 0.4)))
     assert [p for p in timed if p.part > 0] == plain
     rests = [p for p in timed if p.part == 0]
-    assert len(rests) == len(path.lines) - 1  # the way back to the centre is no stop
-    assert all(p.seconds == 2.0 for p in rests)
+    stops = len(path.lines) - 1  # the way back to the centre is no stop
+    assert sum(p.seconds for p in rests) == pytest.approx(2.0 * stops, rel=1e-12)
+    assert {p.tip_mm for p in rests} == {line.end_mm for line in path.lines if line.dwell_s}
+    assert len(rests) == stops * len(rest_s(2.0, (5.0, 0.4)))
+
+
+@pytest.mark.parametrize("dwell", [0.001, 0.05, 1.0, 30.0, 600.0])
+def test_a_rest_is_parted_so_that_what_lies_between_its_knots_is_right(dwell: float) -> None:
+    times = (0.3, 3.0, 30.0)
+    knots = np.concatenate([[0.0], np.cumsum(rest_s(dwell, times))])
+    assert knots[-1] == pytest.approx(dwell, rel=1e-12)
+    t = np.linspace(0.0, dwell, 20_001)
+    for tau in times:
+        between = np.interp(t, knots, np.exp(-knots / tau))
+        assert np.abs(between - np.exp(-t / tau)).max() < 0.012
 
 
 def test_a_press_is_solved_once_and_found_bit_for_bit() -> None:

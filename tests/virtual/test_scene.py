@@ -282,6 +282,42 @@ def test_a_creeping_gel_goes_on_while_the_tip_rests() -> None:
     assert [k.key for k in bench.scene.knots[:4]] == [0, 1, 2, 3]
 
 
+def test_a_rest_of_several_knots_is_followed_and_is_over_when_the_next_line_starts() -> None:
+    """Looked at one by one or all at once, the force goes through every knot of the rest."""
+    gel = GelMaterial(1.0, prony=((1.0, 2.0),))
+    down = (0.0, 0.0, -1.0)
+    parts = (0.25, 0.25, 0.5, 1.0)
+    planned = [Pose(down, 0.05, 1.0), *(Pose(down, s, 0.0) for s in parts)]
+    contact = open_contact(
+        SkinDimensions(), gel, parse("sphere:15"),
+        level="hyperelastic", reach=Reach((0.0, 0.5), (0.0, 0.0), 1.0), lattice_mm=1.0,
+        spacing_mm=3.0,
+    )  # fmt: skip
+    press = Press(PathSolver(lambda: contact, planned), "", ((0.0, 0.0, 0.0), down))
+    bench = Bench(drawn=False)
+    bench.scene = GelScene(
+        bench.controller, bench.clock, FRAME, Increments(1.0, 0.5), lambda name, at: press, None
+    )
+    bench.go(0.0, 0.0, 0.0)
+    bench.scene.begin()
+    bench.jog(0.0, 0.0, -1.0, 1200.0)
+    bench.clock.sleep_s(0.1)
+    start_ns = bench.clock.now_ns()
+    bench.scene.observe()
+    bench.clock.sleep_s(1.3)
+    one = -bench.force_n()[2]  # from here, and not from the rest's beginning
+    bench.clock.sleep_s(3.0)
+    t_ns = start_ns + np.arange(int(1.35e9), int(4.2e9), 10_000_000)
+    forces = -bench.scene.wrenches(t_ns)[:, 2]
+    bench.go(0.5, 0.0, -1.0, 1200.0)
+    bench.scene.observe()
+    assert [k.key for k in bench.scene.knots[:6]] == [0, 1, 2, 3, 4, 5]
+    knots = [-k.force_n[2] for k in bench.scene.knots[1:6]]
+    assert (np.diff(knots) < 0).all()
+    assert knots[0] > one > forces[0] >= forces[-1] == knots[-1]
+    assert (np.diff(forces) <= 0).all()
+
+
 def test_a_lattice_that_is_not_square_is_laid_on_one_that_is() -> None:
     x, y = np.linspace(-18.3, 18.3, 75), np.linspace(-17.0, 17.0, 69)
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ... import record
 from ...measure.compose import inside
 from ...measure.dots import DotTracker, Polarity
+from ...optics import CameraModel
 from .tally import MOVING_MM, Tally, confident_figures, largest
 
 Points = NDArray[np.float64]
@@ -67,17 +67,40 @@ class DotFrame:
         return np.isfinite(self.moved_px[:, 0])
 
 
-class Dots:
-    """Follows the dots of one press of a run, and counts them."""
+@dataclass(frozen=True)
+class Marks:
+    """The dots of a printed pattern, and the camera whose images are tracked.
 
-    def __init__(self, run: record.Run) -> None:
-        camera = run.camera
-        self.rest_mm = run.dots_mm()
+    dots_mm: centres at rest, (n, 2); n = 0 without dots.
+    """
+
+    camera: CameraModel
+    dots_mm: Points
+    diameter_mm: float
+    polarity: Polarity
+
+    @classmethod
+    def of(cls, camera: CameraModel, pattern: dict[str, Any]) -> Marks:
+        """pattern: as a run's `pattern.json` has it."""
+        dots_mm = np.asarray(pattern.get("dots_mm", []), dtype=float).reshape(-1, 2)
+        # Dark on light, where the recipe's dots are nearer to black; else white on colours.
+        colour = str((pattern["recipe"].get("dots") or {}).get("colour", "#ffffff"))
+        levels = [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
+        polarity: Polarity = "dark" if sum(levels) < 3 * 128 else "white"
+        return cls(camera, dots_mm, float(pattern["dot_diameter_mm"]), polarity)
+
+
+class Dots:
+    """Follows the dots of one press, and counts them."""
+
+    def __init__(self, marks: Marks) -> None:
+        camera = marks.camera
+        self.rest_mm = marks.dots_mm
         self.rest_px = camera.rest_px(self.rest_mm)
         self.mm_per_px = camera.mm_per_px
         self.shape = camera.height_px, camera.width_px
         self.tracker = DotTracker(
-            self.rest_px, run.dot_diameter_mm() / self.mm_per_px, polarity=_polarity(run)
+            self.rest_px, marks.diameter_mm / self.mm_per_px, polarity=marks.polarity
         )
         self.tally = DotTally()
 
@@ -100,10 +123,6 @@ class Dots:
         nearest = np.nan_to_num(apart, nan=np.inf).argmin(axis=1)
         swapped = int((nearest != np.flatnonzero(known)).sum())
         self.tally.swapped = (self.tally.swapped or 0) + swapped
-
-    def true_px(self, truth: record.Truth, frame_id: str) -> Points:
-        """(n, 2) motion of the dots by the truth itself, one by one."""
-        return truth.points_px(frame_id, self.rest_mm)
 
     def as_method(self, tally: Tally, frame: DotFrame, true_px: Points | None) -> dict[str, Any]:
         """Count a frame as that of a method whose pixels are the dots; its figures.
@@ -137,10 +156,3 @@ class Dots:
             "n_moving_px": n,
             "peak_true_mm": peak,
         }
-
-
-def _polarity(run: record.Run) -> Polarity:
-    """Dark on light, where the recipe's dots are nearer to black; else white on colours."""
-    colour = str((run.pattern["recipe"].get("dots") or {}).get("colour", "#ffffff"))
-    levels = [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
-    return "dark" if sum(levels) < 3 * 128 else "white"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,6 +41,10 @@ class Mean:
 _MEANS = (
     "at_dots", "at_moving_dots", "still", "in_plane", "off", "confident", "believed", "matched",
     "predicted", "lost",
+)  # fmt: skip
+_COUNTS = (
+    "n_moving", "wrong_n", "worst_confident_mm", "peak_true_mm", "peak_in_plane_mm", "switches",
+    "bad_frames",
 )  # fmt: skip
 
 
@@ -100,6 +104,22 @@ class Tally:
         self.switches += other.switches
         self.bad_frames += other.bad_frames
 
+    def plain(self) -> dict[str, Any]:
+        """All but histogram and milliseconds as plain data, for `of`."""
+        means = {name: [getattr(self, name).total, getattr(self, name).n] for name in _MEANS}
+        return means | {name: getattr(self, name) for name in _COUNTS}
+
+    @classmethod
+    def of(cls, plain: dict[str, Any], histogram: NDArray[np.int64]) -> Self:
+        """What `plain` gave, and its histogram; milliseconds are not known."""
+        known: dict[str, Any] = {name: Mean(*plain[name]) for name in _MEANS}
+        return cls(**known, **{name: plain[name] for name in _COUNTS}, histogram=histogram)
+
+    @property
+    def n_frames(self) -> int:
+        """Frames that were counted in."""
+        return self.believed.n
+
     def figures(self) -> dict[str, Any]:
         """The figures of the report; None where nothing was measured.
 
@@ -107,8 +127,8 @@ class Tally:
         `p95_off_dots_beyond_mm`, which is None otherwise.
         """
         p95, beyond = self._p95()
-        n = len(self.ms)
-        p50_ms, p95_ms = (float(v) for v in np.percentile(self.ms, (50, 95))) if n else (None,) * 2
+        n, ms = self.n_frames, self.ms
+        p50_ms, p95_ms = (float(v) for v in np.percentile(ms, (50, 95))) if ms else (None,) * 2
         return {
             "mean_at_dots_mm": self.at_dots.value,
             "mean_at_moving_dots_mm": self.at_moving_dots.value,

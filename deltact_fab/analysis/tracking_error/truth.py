@@ -40,9 +40,22 @@ class TrueFrame:
         seen: NDArray[np.bool_],
         mm_per_px: float,
     ) -> TrueFrame:
-        """Of one frame; off: (h, w) rest pixels that lie on no dot; seen: that the camera sees."""
-        flow = truth.flow_px(frame_id)
-        in_plane = truth.in_plane_mm(frame_id)
+        """Of one frame of a run; the rest as in `of`."""
+        return cls.of(*truth.flow_and_in_plane(frame_id), off, seen, mm_per_px)
+
+    @classmethod
+    def of(
+        cls,
+        flow: NDArray[np.float64],
+        in_plane: NDArray[np.float64],
+        off: NDArray[np.bool_],
+        seen: NDArray[np.bool_],
+        mm_per_px: float,
+    ) -> TrueFrame:
+        """flow, in_plane: (h, w, 2), px and mm, of what every pixel sees at rest.
+
+        off: (h, w) rest pixels that lie on no dot; seen: that the camera sees.
+        """
         h, w = off.shape
         y, x = np.mgrid[:h, :w]
         to_x, to_y = x + flow[..., 0], y + flow[..., 1]

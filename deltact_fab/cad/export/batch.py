@@ -9,16 +9,16 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from ...errors import InputError, RunFailed
+from ...jobs import Progress, arrivals, processors
 from ..build import expected
 from ..dimensions import Design
 from ..registry import SENSOR_PARTS, Part
-from . import parallel
 from .formats import glb
 from .part_files import ASSEMBLY, FORMATS, Made, Task, applicable, checked_formats, make, whole
 from .stored import Store
@@ -34,8 +34,6 @@ SHARED_FROM_S, SHARED_FROM_LOADED_S = 4.0, 12.0
 _DIGITS = 6
 # What a manifest may name: nothing that leads out of its folder.
 _OURS = re.compile(rf"[a-z0-9-]+\.(?:{'|'.join(FORMATS)})")
-
-Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True)
@@ -211,7 +209,7 @@ def _make(
         done += 1
         tell(done, len(units), names[index])
 
-    parallel.run(make, tasks, _jobs(jobs, len(tasks), dimensions[1]), arrived)
+    arrivals(make, tasks, arrived, workers=_jobs(jobs, len(tasks), dimensions[1]))
 
 
 def _jobs(asked: int | None, tasks: int, tolerance_mm: float) -> int:
@@ -220,7 +218,7 @@ def _jobs(asked: int | None, tasks: int, tolerance_mm: float) -> int:
         return asked
     work_s = tasks * PART_S * max(1.0, PART_TOLERANCE_MM / tolerance_mm) ** PART_POWER
     least_s = SHARED_FROM_LOADED_S if "cadquery" in sys.modules else SHARED_FROM_S
-    return min(parallel.processors(), MAX_JOBS) if work_s >= least_s else 1
+    return min(processors(), MAX_JOBS) if work_s >= least_s else 1
 
 
 def _assembly_glb(batch: _Batch, design: Design) -> Made:

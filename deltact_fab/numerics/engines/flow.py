@@ -1,6 +1,6 @@
 """The flow: error against exact truth, on frames that the virtual camera draws (simulated).
 
-`flow_frames` draws, `flow_curves` times, `flow_star` judges detail and noise, `flow_hard` spoils
+`flow_frames` draws, `flow_curves` times, `study.star` judges detail and noise, `flow_hard` spoils
 images; here is what is expected of methods and tracker.
 """
 
@@ -15,10 +15,11 @@ import cv2
 import numpy as np
 
 from ...measure.flow import FLOW_METHODS, FlowMethod, FlowTracker, to_gray
+from ...study.star import StarFigures
 from ..engine import Case, Engine, Table
-from . import flow_hard, flow_star
+from . import flow_hard
 from .flow_curves import curves, found
-from .flow_frames import MM_PER_PX, STARS, Image, scene
+from .flow_frames import MM_PER_PX, STAR, STARS, Image, scene
 
 NOISE_PX, LOSS_PX = 0.018, 34.0  # of the fused steps on the star
 SILENT = 0.005  # share of an unrelated image that may be confident
@@ -75,8 +76,8 @@ def _threads(method: str, scratch: Path) -> float:
     return float(moved.mean(dtype=np.float64) * MM_PER_PX)
 
 
-def _star(method: str, name: str, scratch: Path) -> flow_star.StarFigures:
-    return flow_star.figures(found(method, scene(scratch, name)))
+def _star(method: str, name: str, scratch: Path) -> StarFigures:
+    return STAR.figures(found(method, scene(scratch, name)))
 
 
 def _star_figure(method: str, name: str, figure: int, scratch: Path) -> float:

@@ -22,8 +22,7 @@ from ...measure.flow import (
 from ...measure.flow.fused import Plane, Reference
 from ...virtual.picture import TOLERANCE_PX
 from ..engine import Setting, Work
-from . import flow_star
-from .flow_frames import MM_PER_PX, Image, Scene, Vectors, scene
+from .flow_frames import MM_PER_PX, STAR, Image, Scene, Vectors, scene
 
 MOTIONS = {
     "press": "sphere:10, 1.2 mm deep and 1.5 mm of shear",
@@ -82,7 +81,7 @@ def _prepared(name: str, stride: int, scratch: Path) -> Work:
 def _star(method: str, name: str, figure: int, scratch: Path) -> Work:
     pair = scene(scratch, name)
     rest, moved = map(tracked, pair.images)
-    return Work(lambda: between(method, rest, moved), lambda f: flow_star.figures(f)[figure])
+    return Work(lambda: between(method, rest, moved), lambda f: STAR.figures(f)[figure])
 
 
 def _followed(make: Callable[[], Any], scratch: Path) -> Work:

@@ -20,7 +20,8 @@ from ...optics import Pinhole, SurfaceLattice, axes_mm
 from ...patterns.raster import albedo
 from ...patterns.recipe import PatternRecipe, load_recipe
 from ...shapes import SensorDimensions
-from ...virtual.picture import MARGIN_PX, Picture, Texture
+from ...study.star import Star
+from ...virtual.picture import MARGIN_PX, Geometry, Picture, Texture
 from ...virtual.scene import LatticeCrop
 
 Image = NDArray[np.uint8]
@@ -31,6 +32,8 @@ Motion = Callable[[Field, Field], Field]
 SENSOR = SensorDimensions()
 CAMERA = Pinhole.of(SENSOR)
 MM_PER_PX = CAMERA.mm_per_px
+STAR = Star(CAMERA.width_px, CAMERA.height_px)
+"""v = 0.5 cos(2 pi y / p(x)) px, p from 10 to 300 px, as of the DIC Challenge 2.0."""
 MOVING_MM = 0.1  # as in the tracking error
 SEED = 11
 DOTS = load_recipe("dense-with-dots")
@@ -113,9 +116,9 @@ def drawn(
     printer = Printer()
     printed = printer.print_(albedo(recipe, printer.mm_per_dot), rng)
     texture = Texture(printed, printer.mm_per_dot)
-    picture = Picture(CAMERA, lattice, texture, sensor or Sensor())
+    picture = Picture(Geometry(CAMERA, lattice), texture, sensor or Sensor())
     inner = slice(MARGIN_PX, -MARGIN_PX)
-    truth = np.ascontiguousarray(picture.forward_px(displacement_mm)[inner, inner])
+    truth = np.ascontiguousarray(picture.geometry.forward_px(displacement_mm)[inner, inner])
     parts = np.arange(n_frames + 1) / n_frames
     images = [picture.render(displacement_mm * part if part else None, rng) for part in parts]
     return Scene(np.stack(images), truth, parts)
@@ -153,17 +156,6 @@ far: Motion = partial(bump, 121.0, 105.0, 73.5)
 near: Motion = partial(bump, 12.0, 90.0, 90.0)
 
 
-def star_period_px(x: Field) -> Field:
-    """Period of the star of the DIC Challenge 2.0: 10 px at the left edge to 300 at the right."""
-    return np.asarray(np.clip(10 + 290 * x / (CAMERA.width_px - 1), 10, 300))
-
-
-def star(x: Field, y: Field) -> Field:
-    """v = 0.5 cos(2 pi y / p(x)) px, (h, w, 2); the rays meet left of the image's middle row."""
-    v = 0.5 * np.cos(2 * np.pi * (y - CAMERA.centre_px[1]) / star_period_px(x))
-    return np.stack((np.zeros_like(v), v), axis=-1)
-
-
 def speckle_star() -> Scene:
     """The star on grey speckle, without printer, lens and mosaic, with the Challenge's noise.
 
@@ -177,10 +169,10 @@ def speckle_star() -> Scene:
     field = cv2.GaussianBlur(white, (0, 0), 1.37 * fine)
     level = 118 + 55 * np.tanh(field / field.std())
     x, y = np.meshgrid(np.arange(float(w)), np.arange(float(h)))
-    truth = star(x, y)
+    truth = STAR.motion(x, y)
     back = y.copy()
     for _ in range(30):  # the slope is .31 at most
-        back = y - star(x, back)[..., 1]
+        back = y - STAR.motion(x, back)[..., 1]
     images = []
     columns = ((x + 8.5) * fine - 0.5).astype(np.float32)
     for rows in (y, back):
@@ -231,10 +223,10 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "slide": partial(_on_the_gel, partial(_slid, (2.7, 1.35), 5.0)),
     "leap": partial(_on_the_gel, partial(_slid, (7.2, 3.6), 8.0)),
     "star: speckle": speckle_star,
-    "star: coarse": partial(in_plane, COARSE, star),
-    "star: coarse, three chips": partial(in_plane, COARSE, star, mosaic=False),
-    "star: fine": partial(in_plane, FINE, star),
-    "star: fine, three chips": partial(in_plane, FINE, star, mosaic=False),
+    "star: coarse": partial(in_plane, COARSE, STAR.motion),
+    "star: coarse, three chips": partial(in_plane, COARSE, STAR.motion, mosaic=False),
+    "star: fine": partial(in_plane, FINE, STAR.motion),
+    "star: fine, three chips": partial(in_plane, FINE, STAR.motion, mosaic=False),
     "far": partial(in_plane, COARSE, far, 10),
     "far, fine": partial(in_plane, FINE, far, 10),
     "near": partial(in_plane, COARSE, near, 4),

@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 from ...analysis.force import FORCES, ForceData, ForceResult, component, fit
 from ...analysis.force.judge import Judged
 from ...errors import InputError
+from ...measure.force import ForceModel
 
 if TYPE_CHECKING:
     import pandas as pd
 
 Array = NDArray[Any]
+ALL, STRAIGHT = "all points", "stops without shear"
 BIASED = 0.5
 """Of the square of an error, from which on its mean over a group is most of it."""
 
@@ -56,37 +58,99 @@ def _gain(off: Array, measured: Array) -> float | None:
 
 
 def parts(result: ForceResult, name: str) -> pd.DataFrame:
-    """A feature set fitted to all points, and to one place or one indenter alone; RMSE in N.
+    """A feature set fitted to all points and to parts of them alone; RMSE and mean error in N.
 
-    What a part alone is fitted to better than the whole is what the model cannot say of all.
+    What a part alone is fitted to better than the whole is what the model cannot say of all. Rows
+    are of the points fitted to, but for the last: stops with shear, by the fit to those without.
     """
     import pandas as pd
 
     data = result.data
     x, y = data.points["x_mm"], data.points["y_mm"]
-    place = "(" + x.map("{:g}".format) + ", " + y.map("{:g}".format) + ")"
-    groups = {"all points": place.map(lambda _: ""), "one place": place,
-              "one indenter": data.points["indenter"]}  # fmt: skip
+    sheared = data.points["frame_id"].str.split("/").str[-1].str.startswith("shear")
+    every = pd.Series("", index=data.points.index)
+    groups = {
+        ALL: every,
+        "one place": "(" + x.map("{:g}".format) + ", " + y.map("{:g}".format) + ")",
+        "one indenter": data.points["indenter"],
+        "one press": data.points["press"],
+        STRAIGHT: every.mask(sheared, None),
+    }
     rows = []
     for words, of in groups.items():
         off = np.full((len(data), 3), np.nan)
-        for value in dict.fromkeys(of):
+        kept = of.notna().to_numpy()
+        for value in of[kept].unique():
             mine = (of == value).to_numpy()
-            try:
-                model = fit(data, name, mine)
-            except InputError:
-                continue
-            off[mine] = (model.predict(data.features[name][mine]) - data.wrench[mine])[:, :3]
-        if np.isnan(off).any():
-            continue
-        fx, fy, fz = np.sqrt(np.mean(off**2, axis=0)).tolist()
-        rows.append({"fitted_to": words, "fits": len(set(of)), "normal_n": fz, "shear_x_n": fx,
-                     "shear_y_n": fy})  # fmt: skip
+            model = _fitted(data, name, mine)
+            if model is not None:
+                off[mine] = (model.predict(data.features[name][mine]) - data.wrench[mine])[:, :3]
+        if not np.isnan(off[kept]).any():
+            rows.append(_row(words, "the same", of.nunique(), off[kept]))
+    straight = _fitted(data, name, ~sheared.to_numpy())
+    if straight is not None and sheared.any():
+        at = sheared.to_numpy()
+        off = (straight.predict(data.features[name][at]) - data.wrench[at])[:, :3]
+        rows.append(_row(STRAIGHT, "stops with shear", 1, off))
     return pd.DataFrame(rows)
 
 
+def _fitted(data: ForceData, name: str, rows: Array) -> ForceModel | None:
+    try:
+        return fit(data, name, rows)
+    except InputError:
+        return None
+
+
+def _row(fitted_to: str, judged_on: str, fits: int, off: Array) -> dict[str, Any]:
+    fx, fy, fz = np.sqrt(np.mean(off**2, axis=0)).tolist()
+    if fitted_to == STRAIGHT:  # they have no shear to fit to
+        fx = fy = None
+    mean_n = -float(off[:, 2].mean())
+    return {"fitted_to": fitted_to, "judged_on": judged_on, "fits": fits, "points": len(off),
+            "normal_n": fz, "shear_x_n": fx, "shear_y_n": fy, "normal_mean_n": mean_n}  # fmt: skip
+
+
+def under_shear(judged: Judged, data: ForceData) -> tuple[float, float] | None:
+    """How much normal force varies at one depth of a press, where only shear changes, N.
+
+    Measured, and as the model says it: standard deviations about the mean of the stops there. None
+    where no depth has several stops.
+    """
+    import pandas as pd
+
+    depth = data.points["run"] + data.points["frame_id"].str.rsplit("/", n=1).str[0]
+    said = component(judged.predicted["test"], "normal")
+    table = pd.DataFrame(
+        {"depth": depth, "measured": component(data.wrench, "normal"), "said": said}
+    )
+    several = table[table.groupby("depth")["depth"].transform("size") > 1]
+    if several.empty:
+        return None
+    about = several[["measured", "said"]] - several.groupby("depth").transform("mean")
+    measured_n, said_n = np.sqrt((about**2).mean()).tolist()
+    return measured_n, said_n
+
+
+def why_not_the_papers(result: ForceResult, refits: pd.DataFrame, name: str) -> str:
+    """Of the paper's model off by more than the paper has: what it cannot tell apart."""
+    assert result.paper is not None, "it was asked for"
+    wanted = ("one place", "one indenter", "one press")
+    own = [row for row in refits.to_dict(orient="records") if row["fitted_to"] in wanted]
+    said = [f"{row[f'{name}_n']:.2f} N fitted to {row['fitted_to']}" for row in own]
+    text = f"alone: {', '.join(said)}" if said else ""
+    varies = under_shear(result.paper, result.data) if name == "normal" else None
+    if varies is not None:
+        text += (
+            f"; at one depth of a press, where only shear changes, the normal force varies by "
+            f"{varies[0]:.2f} N and the model's by {varies[1]:.2f} N: shear changes the sums of "
+            "a density that is never negative"
+        )
+    return text
+
+
 def why_missed(table: pd.DataFrame, model: str, left_out: str, name: str) -> str:
-    """Of a goal that a model misses: which group is worst, and whether it is a wrong factor."""
+    """Of a goal that is missed: the worst group, is it a wrong factor, what was it fitted to."""
     rows = table[
         (table["model"] == model) & (table["left_out"] == left_out) & (table["force"] == name)
     ]
@@ -95,4 +159,5 @@ def why_missed(table: pd.DataFrame, model: str, left_out: str, name: str) -> str
     text = f"worst at {worst['which']}: {rmse_n:.2f} N"
     if gain is not None and mean_n**2 > BIASED * rmse_n**2:
         text += f", {mean_n:+.2f} N of it the same for all (gain {gain:.2f})"
-    return text
+    others = len(rows) - 1
+    return f"{text}; fitted to {others} other{'s' if others > 1 else ''}"

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ... import __version__
 from ...analysis.force import (
@@ -20,7 +21,7 @@ from ...analysis.force import (
 )
 from ...cad.design import load_design
 from ...errors import InputError
-from ...gel.choose import pick
+from ...gel.choose import SHARE, pick
 from ...gel.level import Choice, Reach
 from ...measure.force import FEATURES
 from ...measure.force.calibration import ForceCalibration
@@ -40,6 +41,9 @@ from ..asked import Asked
 from ..grid import Job
 from . import press
 from .scaled import scaled
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 PROTOCOL, RIG = "force-calibration", "virtual"
 KNOT_S, FRAME_S = 2.0, 0.25
@@ -104,6 +108,8 @@ def scene(asked: Asked) -> Scene:
         raise InputError(
             f"{source}: channels: without {', '.join(sorted(lacking))}; both are needed"
         )
+    if protocol.capture.settle_s is None:
+        raise InputError(f"{source}: capture.settle_s: missing key; points are frames at rest")
     protocol = scaled(protocol, 1.0 if asked.scale is None else asked.scale)
     sensor = load_design(protocol.specimen.design)
     limits.require(limits.check(protocol, sensor, rig.stage.box), str(source))
@@ -161,7 +167,7 @@ def _seconds(of: Scene, paths: Sequence[PressPath]) -> float:
     """What a job takes on one core: its gel, solved half-way between too at a first place."""
     presses = Presses(of.protocol, of.sensor.skin, of.rig.virtual.gel)
     first = next(path for path in presses.paths if path.indenter == paths[0].indenter)
-    knots = len(poses(paths[0], presses.increments, presses.timed))
+    knots = len(poses(paths[0], presses.increments, presses.relaxing_s))
     steps = plan.expand(of.protocol)
     frames = sum(step.frames for step in steps if step.press in {path.press for path in paths})
     return KNOT_S * knots * (2 if first == paths[0] else 1) + FRAME_S * frames
@@ -217,12 +223,13 @@ def settings(of: Scene, gel: Sequence[dict[str, Any]]) -> dict[str, str]:
         f"{specimen.poisson:g}",
         "force sensor": f"range {range_n} N and {range_nmm} N mm, noise "
         f"{of.rig.virtual.force.noise_n:g} N a sample at {force.rate_hz:g} Hz",
-        "gel": f"{_levels(of)}, at the tolerance of "
-        f"{of.rig.virtual.gel.hyperelastic.tolerance:.0%} of the force",
+        "gel": _gel(of),
     }
-    flags = {name: text for one in gel for name, text in one["flags"].items()}
+    flags = Counter(name for one in gel for name in one["flags"])
     if flags:
-        found["gel's flags"] = "; ".join(flags.values())
+        found["gel's flags"] = "; ".join(
+            f"{name} at {n} of {len(gel)} jobs" for name, n in flags.items()
+        )
     tried = [one for one in gel if one["between_samples"]]
     if tried:
         found["gel's interpolation"] = (
@@ -233,6 +240,39 @@ def settings(of: Scene, gel: Sequence[dict[str, Any]]) -> dict[str, str]:
     return found
 
 
-def _levels(of: Scene) -> str:
-    names = sorted({choice.level for choice in of.choices})
-    return f"{of.protocol.specimen.gel_model} (the tolerance picks {' and '.join(names)})"
+def _gel(of: Scene) -> str:
+    """Level and cells, and what the rig's cap on unknowns may make of the mesh's error."""
+    tolerance = of.rig.virtual.gel.hyperelastic.tolerance
+    levels = sorted({choice.level for choice in of.choices})
+    presses = Presses(of.protocol, of.sensor.skin, of.rig.virtual.gel)
+    meshes = [presses.choice(paths[0]) for paths in of.groups().values()]
+    cells = sorted(mesh.spacing_mm for mesh in meshes)
+    times = max((m.spacing_mm / m.asked_mm) ** 2 if m.asked_mm else 1.0 for m in meshes)
+    text = (
+        f"{of.protocol.specimen.gel_model}; the tolerance of {tolerance:.0%} of the force picks "
+        f"{' and '.join(levels)}; cells {cells[0]:g} to {cells[-1]:g} mm"
+    )
+    if times > 1:
+        asked = sorted(mesh.asked_mm for mesh in meshes)
+        text += (
+            f" where it asks for {asked[0]:g} to {asked[-1]:g}: the mesh's part of the error may "
+            f"be {times:.2g} times as large, {times * (1 - SHARE) * tolerance:.1%} of the force"
+        )
+    return text
+
+
+def meshes(gel: Sequence[dict[str, Any]]) -> pd.DataFrame:
+    """A row a job: its points' presses, mesh, flags, and what interpolation costs."""
+    import pandas as pd
+
+    rows = [
+        {
+            "presses": ", ".join(dict.fromkeys(one["rows"]["press"])),
+            "mesh": "; ".join(one["why"]),
+            "flags": "; ".join(one["flags"].values()),
+            "between_poses_n": one["between_n"] if one["between_samples"] else None,
+            "between_poses_mm": one["between_mm"] if one["between_samples"] else None,
+        }
+        for one in gel
+    ]
+    return pd.DataFrame(rows)

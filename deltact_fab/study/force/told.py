@@ -22,7 +22,7 @@ from ...preflight.peaks import MODULUS_FACTOR
 from ...report.force_figures import drawn
 from ...report.result import Headline, StudyResult, Table
 from ..intervals import Estimate, rmse
-from .reasons import by_group, error, parts, why_missed
+from .reasons import by_group, error, parts, why_missed, why_not_the_papers
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,10 +31,6 @@ GOAL_N, GOAL_SHEAR = 0.2, 0.02
 """Of the normal force, and of the range in shear, on a left-out position or indenter."""
 WORDS = {"normal": "normal force", "shear_x": "shear along x", "shear_y": "shear along y"}
 LEFT_OUT = {"position": "a position left out", "indenter": "an indenter left out"}
-NOT_THE_PAPERS = (
-    "a gel that is bonded and hardly changes its volume hides an even pressure from sums of the "
-    "flow, and parallax dominates them off the axis (decision 0023)"
-)
 
 
 def models(result: ForceResult) -> dict[str, Judged]:
@@ -60,16 +56,12 @@ def told(result: ForceResult, study: str, scale: float | None) -> StudyResult:
         headlines=tuple(heads),
         tables=(
             _compared(result),
-            Table(
-                "force-left-out",
-                "Error on each position (its mirror images with it) and each indenter by a model "
-                "that never saw it; gain: predicted over measured. Mean errors have a sign.",
-                where,
-            ),
+            _left_out(where),
             Table(
                 "force-paper-refits",
-                "The paper's model fitted again to a part of the points, tested on the same ones: "
-                "what it gains is what one linear model of these sums cannot say of all of them.",
+                "The paper's model fitted to parts. What it gains on a part of the points alone "
+                "is what one linear model of its sums cannot say of all. The last row is of "
+                "points that its fit has not seen.",
                 refits,
             ),
             _learning(result),
@@ -122,7 +114,7 @@ def modulus(
         rows.append(row)
     return Table(
         "force-modulus",
-        "What the modulus's factor of 2 changes: newtons, all alike, and how much of the force "
+        "What the modulus's factor of 2 changes. Newtons, all alike, and how much of the force "
         "sensor's range the settled points take (above 1 they would be refused as saturated).",
         pd.DataFrame(rows),
     )
@@ -167,10 +159,7 @@ def _paper(result: ForceResult, refits: pd.DataFrame) -> list[Headline]:
         found = _interval(result, judged, "test", name)
         remark = ""
         if found.low is not None and found.low > printed_n:
-            alone = refits[refits["fitted_to"] == "one place"]
-            remark = NOT_THE_PAPERS
-            if len(alone):
-                remark += f"; fitted to each place alone it is {alone[f'{name}_n'].iloc[0]:.2f} N"
+            remark = why_not_the_papers(result, refits, name)
         heads.append(
             Headline(
                 f"paper's model, {WORDS[name]}, test points: RMSE", found.value, "N",
@@ -191,17 +180,18 @@ def _verdict(result: ForceResult, heads: list[Headline]) -> tuple[str, ...]:
         )
     elif missed:
         named = "; ".join(
-            f"{head.what.partition(', ')[2]} {head.value:.3f} N for {head.goal:.3f} ({head.remark})"
+            f"{head.what.partition(', ')[2]} {head.value:.3f} N for {head.goal:.3f}"
             for head in missed
         )
-        lines.append(f"The goal is missed: {named}.")
+        lines.append(f"The goal is missed, for the reasons beside the figures: {named}.")
     paper = [head for head in heads if head.paper is not None]
     said = ", ".join(f"{head.value:.2f} N for {head.paper:.2f}" for head in paper)
-    above = [head for head in paper if head.remark]
     lines.append(
-        f"The paper's model on test points, beside what the paper printed (normal, shear x, y): "
-        f"{said}" + (f": {above[0].remark}." if above else ".")
+        "The paper's model on test points, beside what the paper printed for a real sensor "
+        f"(normal, shear x, y): {said}."
     )
+    if paper[0].remark:
+        lines.append(f"Its normal force: {paper[0].remark}.")
     return tuple(lines)
 
 
@@ -261,10 +251,32 @@ def _compared(result: ForceResult) -> Table:
                      "rmse": rmse_n})  # fmt: skip
     return Table(
         "force-models",
-        "Every model, ranked by what it makes of a left-out position and indenter; rmse: of the "
-        "test points. The last rows are the paper's table, of a real sensor.",
+        "Every model. Ranked by what it makes of a left-out position and indenter; RMSE without "
+        "more is of the test points. The last rows are the paper's table, of a real sensor.",
         pd.DataFrame(rows),
     )
+
+
+def _left_out(where: pd.DataFrame) -> Table:
+    """A row a model and what was left out; columns as in normal_rmse_n."""
+    keys = ["model", "left_out", "which", "points"]
+    wide = where.pivot(index=keys, columns="force", values=["rmse_n", "mean_error_n", "gain"])
+    wide.columns = _joined_names(wide.columns)
+    order = [f"{name}_{value}" for name in FORCES for value in ("rmse_n", "mean_error_n", "gain")]
+    frame = wide[order].reset_index().sort_values(["model", "left_out"], ascending=[True, False])
+    shown = (*keys, *(column for column in order if not column.endswith("gain")), "normal_gain")
+    return Table(
+        "force-left-out",
+        "What was left out. Error on each position (its mirror images with it) and each indenter "
+        "by a model that never saw it; gain: predicted over measured.",
+        frame.reset_index(drop=True),
+        shown,
+    )
+
+
+def _joined_names(columns: pd.Index) -> list[str]:
+    """Names as normal_rmse_n of pairs (rmse_n, normal)."""
+    return [f"{force}_{value}" for value, force in columns]
 
 
 def _learning(result: ForceResult) -> Table:
@@ -275,7 +287,7 @@ def _learning(result: ForceResult) -> Table:
     ]
     return Table(
         "force-learning",
-        "Error on all other presses when a model is fitted to few, drawn at random; low and high "
-        "are the 10th and 90th percentile of the draws.",
+        "How many presses. Error on all other presses when a model is fitted to few, drawn at "
+        "random; low and high are the 10th and 90th percentile of the draws.",
         pd.DataFrame(rows),
     )

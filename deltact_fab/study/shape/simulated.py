@@ -83,7 +83,7 @@ class Scene:
         for path in gel.paths:
             if path.press in presses:
                 first = next(p for p in gel.paths if p.indenter == path.indenter)
-                knots = len(poses(path, gel.increments, gel.timed))
+                knots = len(poses(path, gel.increments, gel.relaxing_s))
                 told += KNOT_S * knots * (2 if path == first else 1)
         return told + FRAME_S * sum(s.frames for s in expand(protocol) if s.press in presses)
 

@@ -82,7 +82,7 @@ class Bench:
             assert self._view is not None, "images are asked for"
             picture, self._lens = below.picture(self._view)
             rate_hz = config.virtual.realtime.camera_rate_hz
-            size_px = picture.size_px
+            size_px = picture.geometry.size_px
             self.camera = LiveCamera(picture, self._look, folder / "images", rate_hz, job.seed)
         self._force = open_.enter_context(
             NetFTServer(

@@ -1,0 +1,10 @@
+"""How a gel's force fades at rest: the series in closed form, a run's rests, and what fits them.
+
+Reading order: `series`, `rests`, `fit`.
+"""
+
+from .fit import Fitted, fit
+from .rests import Rest, rests
+from .series import Series, time_to
+
+__all__ = ["Fitted", "Rest", "Series", "fit", "rests", "time_to"]

@@ -1,0 +1,173 @@
+"""The series that makes a run's rests flat: shares and times of relaxation with their residual.
+
+The force that was measured has the past of the whole press in it, ramps and earlier stops. For a
+series it is undone sample by sample, which gives the slow gel's force; within each rest that one is
+constant, and what is measured over it is what the series left. Least squares over all rests, in the
+three forces, of the times and shares; each rest's steady force is free. A rest counts in blocks
+that grow with the wait, else the many samples of a minute would drown its first second.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...errors import SolverError
+from .rests import BIN_S, Rest, Way
+from .series import Series
+
+Field = NDArray[np.float64]
+
+MOST_BRANCHES = 3
+WORTH = 0.9  # a further branch is taken when it makes the blocks' residual this much smaller
+BLOCKS = 40  # of a rest, each as much later as the one before
+LONGEST = 2.0  # x the longest rest: slower branches cannot be told from a steady force
+FIRST_S, FIRST_SHARE = 2.0, 0.1  # where the search starts
+SHARES = (1e-4, 10.0)
+SHORTEST_S = 2 * BIN_S
+STILL_RESTS = 0.5  # a branch over this x the longest rest is told badly
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """series: what was found. rms_n: of what it leaves over. steady_n (rests, 3): each rest's end.
+
+    arrived_n (rests, k, 3): what the force has too much, by branch, when the tip comes to rest.
+    unsure: times of branches so slow that the rests are too short to tell them well. blocks_n: as
+    rms_n, of the blocks that it was fitted to.
+    """
+
+    series: Series
+    rms_n: float
+    steady_n: Field
+    arrived_n: Field
+    unsure: tuple[float, ...]
+    blocks_n: float
+
+    def left_n(self, rest: int, wait_s: ArrayLike) -> Field:
+        """(n, 3): what the force of a rest still has too much, wait_s (n,) into it."""
+        wait = np.asarray(wait_s, float)[:, None]
+        return np.asarray(np.exp(-wait / np.array(self.series.times_s)) @ self.arrived_n[rest])
+
+
+def fit(rests: Sequence[Rest], branches: int | None = None) -> Fitted:
+    """The series of rests; branches None: the fewest, up to MOST_BRANCHES, that are worth it.
+
+    Raises SolverError where the search does not converge.
+    """
+    best = _best(rests, [(FIRST_S,)])
+    for _ in range(2, (branches or MOST_BRANCHES) + 1):
+        if best is None:
+            break
+        more = _best(rests, _split(best.series.times_s, rests))
+        if branches is None and (more is None or more.blocks_n > WORTH * best.blocks_n):
+            break
+        best = more
+    if best is None:
+        raise SolverError("relaxation: no search for a series converged")
+    return best
+
+
+def _split(times_s: Sequence[float], rests: Sequence[Rest]) -> list[tuple[float, ...]]:
+    """Starts with one branch more: below, between and above those that were found.
+
+    Sums of exponentials have valleys of their own; from one start the search ends in any of them.
+    """
+    ends = [SHORTEST_S, *times_s, LONGEST * _longest_s(rests)]
+    gaps = [float(np.sqrt(a * b)) for a, b in itertools.pairwise(ends)]
+    return [tuple(sorted((*times_s, gap))) for gap in gaps]
+
+
+def _longest_s(rests: Sequence[Rest]) -> float:
+    return max(float(rest.wait_s[-1]) for rest in rests)
+
+
+def _best(rests: Sequence[Rest], starts: Sequence[tuple[float, ...]]) -> Fitted | None:
+    """None where no search converged: a branch too many has nowhere to go."""
+    found = [fitted for start in starts if (fitted := _from(rests, start)) is not None]
+    return min(found, key=lambda fitted: fitted.blocks_n, default=None)
+
+
+def _from(rests: Sequence[Rest], times_s: Sequence[float]) -> Fitted | None:
+    from scipy.optimize import least_squares
+
+    count, longest = len(times_s), _longest_s(rests)
+    low = np.log([SHORTEST_S] * count + [SHARES[0]] * count)
+    high = np.log([LONGEST * longest] * count + [SHARES[1]] * count)
+    start = np.clip(np.log([*times_s, *[FIRST_SHARE / count] * count]), low + 1e-6, high - 1e-6)
+
+    def residuals(p: Field) -> Field:
+        off = _told(rests, _series(p))[-1]
+        return np.concatenate([_blocks(part).ravel() for part in off])
+
+    found = least_squares(residuals, start, bounds=(low, high), x_scale="jac")
+    if found.status <= 0:
+        return None
+    series = _series(found.x)
+    steady, arrived, off = _told(rests, series)
+    rms, blocks = (
+        float(np.sqrt(np.mean(np.concatenate([of(part).ravel() for part in off]) ** 2)))
+        for of in (np.asarray, _blocks)
+    )
+    unsure = tuple(tau for tau in series.times_s if tau > STILL_RESTS * longest)
+    return Fitted(series, rms, np.array(steady), np.array(arrived), unsure, blocks)
+
+
+def _blocks(misfit_n: Field) -> Field:
+    """(b, 3) means of (n, 3) over blocks that grow."""
+    starts = np.unique(np.geomspace(1, len(misfit_n), BLOCKS + 1).astype(int)) - 1
+    starts = starts[:-1]
+    counts = np.diff([*starts, len(misfit_n)])
+    return np.asarray(np.add.reduceat(misfit_n, starts, axis=0) / counts[:, None])
+
+
+def _series(p: Field) -> Series:
+    count = len(p) // 2
+    order = np.argsort(p[:count])
+    taus, shares = np.exp(p[:count][order]), np.exp(p[count:][order])
+    return Series(tuple(shares.tolist()), tuple(taus.tolist()))
+
+
+def _told(rests: Sequence[Rest], series: Series) -> tuple[list[Field], list[Field], list[Field]]:
+    """Of every rest: its steady force (3,), what branches (k, 3) have at first, misfit (n, 3)."""
+    slow: dict[int, Field] = {}
+    steady, arrived, off = [], [], []
+    for rest in rests:
+        if id(rest.way) not in slow:
+            slow[id(rest.way)] = _branches(rest.way, series)
+        first = np.array(series.shares)[:, None] * slow[id(rest.way)][rest.at.start]
+        own = np.exp(-rest.wait_s[:, None] / np.array(series.times_s)) @ first
+        end = (rest.force_n - own).mean(axis=0)
+        steady.append(end)
+        arrived.append(first)
+        off.append(rest.force_n - own - end)
+    return steady, arrived, off
+
+
+def _branches(way: Way, series: Series) -> Field:
+    """q (n, k, 3) of the slow gel's force, which is the measured one with the series undone."""
+    from scipy.signal import lfilter
+
+    x = BIN_S / np.array(series.times_s)
+    keep, gain = np.exp(-x), -np.expm1(-x) / x
+    # As polynomials in the delay: F = S (1 + sum g gain (1 - z) / (1 - keep z)).
+    poles = [np.array([1.0, -e]) for e in keep]
+    whole = np.array([1.0])
+    for pole in poles:
+        whole = np.convolve(whole, pole)
+    top = whole.copy()
+    for k, (g, a) in enumerate(zip(series.shares, gain, strict=True)):
+        part = g * a * np.array([1.0, -1.0])
+        for j, pole in enumerate(poles):
+            if j != k:
+                part = np.convolve(part, pole)
+        top += part
+    steady = lfilter(whole, top, way.force_n, axis=0)
+    return np.stack(
+        [lfilter([a, -a], [1.0, -e], steady, axis=0) for a, e in zip(gain, keep, strict=True)],
+        axis=1,
+    )

@@ -1,0 +1,147 @@
+"""One offline page over a folder of runs and studies: what each is and what came out of it."""
+
+from __future__ import annotations
+
+import json
+import os
+import sqlite3
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from urllib.parse import quote
+
+from .. import record
+from ..errors import DeltactFabError, InputError
+from . import study_folder
+from .templating import environment, save
+
+RUN = "run.json"
+# Where neither runs nor studies lie, but thousands of files may.
+SKIPPED = frozenset({"images", "truth", "analysis", "node_modules", "__pycache__"})
+PAGE = "report.html"  # of a run and of a study alike
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A row of the index. name: the folder's path below the index's.
+
+    date: UTC, to the minute, or empty. line: the verdict, or what there is. trouble: what is not in
+    order, or empty. link: from the index to its page or, where there is none, its folder.
+    """
+
+    name: str
+    kind: str
+    date: str = ""
+    line: str = ""
+    trouble: str = ""
+    link: str = ""
+    simulated: bool = False
+
+
+def write(folder: Path, out: Path) -> Path:
+    """Write the index of a folder, of all that lies below it, to one file.
+
+    Raises InputError for a folder that is none, MissingLibrary without the extra `report`,
+    RunFailed when the disk refuses.
+    """
+    rows = entries(folder, out.parent)
+    page = (
+        environment()
+        .get_template("index.html")
+        .render(
+            folder=folder.resolve().name,
+            entries=rows,
+            worse=sum(bool(row.trouble) for row in rows),
+        )
+    )
+    return save(page, out)
+
+
+def entries(folder: Path, seen_from: Path) -> list[Entry]:
+    """Every run and study below a folder, the newest first; links as from another folder.
+
+    What cannot be read has a row that says so. Raises InputError for a folder that is none.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder")
+    found = []
+    for place, is_study in _places(folder):
+        inside = place.relative_to(folder).as_posix()
+        name = folder.resolve().name if inside == "." else inside
+        entry = (_study if is_study else _run)(place, Entry(name, "study" if is_study else "run"))
+        page = place / PAGE
+        target = os.path.relpath(page if page.is_file() else place, seen_from)
+        found.append(replace(entry, link=quote(Path(target).as_posix())))
+    found.sort(key=lambda entry: entry.name)
+    return sorted(found, key=lambda entry: entry.date, reverse=True)
+
+
+def _places(folder: Path) -> Iterator[tuple[Path, bool]]:
+    """Folders of runs and (True) of studies; a run holds no other one."""
+    for place, inner, files in os.walk(folder):
+        inner[:] = sorted(n for n in inner if n not in SKIPPED and not n.startswith("."))
+        if study_folder.RESULT in files:
+            yield Path(place), True
+        if RUN in files:
+            inner[:] = []
+            yield Path(place), False
+
+
+def _study(place: Path, entry: Entry) -> Entry:
+    try:
+        kept = study_folder.read_result(place)
+    except DeltactFabError as why:
+        return replace(entry, trouble="damaged:", line=_inside(str(why), place))
+    trouble = ""
+    if kept.missing:
+        trouble = f"{len(kept.missing)} {'job' if len(kept.missing) == 1 else 'jobs'} missing:"
+    elif not (place / PAGE).is_file():
+        trouble = "its page is gone:"
+    return replace(
+        entry,
+        kind=f"study {kept.study}",
+        date=kept.made.replace("T", " ").removesuffix("Z"),
+        line=kept.verdict[0] if kept.verdict else "",
+        trouble=trouble,
+        simulated=kept.simulated,
+    )
+
+
+def _run(place: Path, entry: Entry) -> Entry:
+    try:
+        told = record.about(record.open(place))
+        kind, simulated = f"run of {told['protocol']}", bool(told["simulated"])
+        entry = replace(entry, kind=kind, simulated=simulated)
+        if told["begun_s"] is not None:
+            began = datetime.fromtimestamp(told["begun_s"], UTC)
+            entry = replace(entry, date=f"{began:%Y-%m-%d %H:%M}")
+        trouble = "" if told["state"] == "finished" else f"{told['state']}:"
+        return replace(entry, trouble=trouble, line=_verdict(place) or _counts(told))
+    except _DAMAGE as why:
+        text = " ".join(str(why).split()) or type(why).__name__
+        return replace(entry, trouble="damaged:", line=_inside(text, place))
+
+
+# What reading a folder raises in which anything may be anything.
+_DAMAGE = (
+    DeltactFabError, OSError, ValueError, LookupError, TypeError, AttributeError, sqlite3.Error,
+)  # fmt: skip
+
+
+def _inside(text: str, place: Path) -> str:
+    """An error's words without the folder, which the row names already."""
+    return text.replace(f"{place}/", "").replace(f"{place}: ", "")
+
+
+def _verdict(place: Path) -> str:
+    """What the tracking analysis of a run says, where there is one."""
+    path = place / "analysis" / "tracking.json"
+    if not path.is_file():
+        return ""
+    return str(json.loads(path.read_bytes())["verdict"]["line"])
+
+
+def _counts(told: dict[str, object]) -> str:
+    presses = "1 press" if told["presses"] == 1 else f"{told['presses']} presses"
+    return f"{told['frames']} frames in {presses}, not analysed yet"

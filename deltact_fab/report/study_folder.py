@@ -1,0 +1,190 @@
+"""A study's folder: what it holds, how it is written whole, and how it is read again."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError, RunFailed
+from ..record import write_whole
+from .result import Headline, StudyResult
+
+PAGE, RESULT = "report.html", "result.json"
+FORMAT = "deltact-fab study 1"
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+
+
+@dataclass(frozen=True)
+class KeptResult:
+    """What `result.json` holds of a study.
+
+    made: day and time (UTC, ISO 8601) at which it was written. versions: of what can change a
+    number. tables, figures, files: names; data: what `--json` prints.
+    """
+
+    study: str
+    title: str
+    verdict: tuple[str, ...]
+    simulated: bool
+    seed: int
+    scale: float | None
+    made: str
+    headlines: tuple[Headline, ...]
+    settings: dict[str, str]
+    missing: tuple[str, ...]
+    versions: dict[str, str]
+    tables: tuple[str, ...]
+    figures: tuple[str, ...]
+    files: tuple[str, ...]
+    data: dict[str, Any]
+
+
+def read_result(folder: str | Path) -> KeptResult:
+    """What a study left in a folder. Raises InputError naming file and key."""
+    path = Path(folder) / RESULT
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError as why:
+        raise InputError(
+            f"{folder}: no study ({RESULT} is missing); name a folder that `study run` wrote"
+        ) from why
+    except OSError as why:
+        raise InputError(f"{path}: cannot be read: {why.strerror}") from why
+    return _read(data, path)
+
+
+def made_of(files: Mapping[str, bytes]) -> KeptResult:
+    """As `read_result`, of `contents` that are not written yet."""
+    return _read(files[RESULT], Path(RESULT))
+
+
+def _read(data: bytes, path: Path) -> KeptResult:
+    try:
+        found = json.loads(data)
+    except ValueError as why:
+        raise InputError(f"{path}: cannot be read: {why}") from why
+    kept = found.get("format") if isinstance(found, dict) else None
+    if kept != FORMAT:
+        raise InputError(f"{path}: format: {kept!r}; this version reads {FORMAT!r}")
+    values: dict[str, Any] = {}
+    for key in (f.name for f in fields(KeptResult)):
+        value = found.get(key)
+        if not isinstance(value, _KINDS[key]):
+            raise InputError(f"{path}: {key}: {value!r:.40} is not what a study writes there")
+        values[key] = tuple(value) if isinstance(value, list) else value
+    try:
+        values["headlines"] = tuple(_headline(one) for one in values["headlines"])
+    except (TypeError, KeyError, ValueError) as why:
+        raise InputError(f"{path}: headlines: cannot be read: {why}") from why
+    return KeptResult(**values)
+
+
+_KINDS: dict[str, Any] = {
+    "study": str, "title": str, "verdict": list, "simulated": bool, "seed": int,
+    "scale": int | float | None, "made": str, "headlines": list, "settings": dict,
+    "missing": list, "versions": dict, "tables": list, "figures": list, "files": list,
+    "data": dict,
+}  # fmt: skip
+
+
+def _headline(one: dict[str, Any]) -> Headline:
+    kept = {key: value for key, value in one.items() if key != "met"}
+    return Headline(**{**kept, "value": float("nan") if one["value"] is None else one["value"]})
+
+
+def contents(result: StudyResult) -> dict[str, bytes]:
+    """The files of a study but its page, by name; result.json last.
+
+    Raises RunFailed for a number that JSON does not have, ValueError for a name that is no file's.
+    """
+    from ..experiment import versions
+
+    made = {
+        f"{table.name}.csv": table.frame.to_csv(index=False).encode() for table in result.tables
+    }
+    taken = {*made, PAGE, RESULT}
+    if len(made) != len(result.tables) or taken.intersection(result.files):
+        raise ValueError(f"{result.study}: two files of one name")
+    made |= {name: text.encode() for name, text in result.files.items()}
+    if odd := [
+        name for name in (*made, *(f.name for f in result.figures)) if not _NAME.fullmatch(name)
+    ]:
+        raise ValueError(f"{result.study}: no file's name: {odd[0]!r}")
+    kept = {
+        "format": FORMAT,
+        "study": result.study,
+        "title": result.title,
+        "verdict": list(result.verdict),
+        "simulated": result.simulated,
+        "seed": result.seed,
+        "scale": result.scale,
+        "made": f"{datetime.now(UTC):%Y-%m-%dT%H:%MZ}",
+        "headlines": [one.as_dict() for one in result.headlines],
+        "settings": result.settings,
+        "missing": list(result.missing),
+        "versions": versions(),
+        "tables": [table.name for table in result.tables],
+        "figures": [figure.name for figure in result.figures],
+        "files": [PAGE, *made],
+        "data": result.data,
+    }
+    try:
+        made[RESULT] = (json.dumps(kept, indent=1, allow_nan=False) + "\n").encode()
+    except ValueError as why:
+        raise RunFailed(f"{result.study}: its data hold a figure that is no number: {why}") from why
+    return made
+
+
+def make(folder: Path) -> None:
+    """A folder to write into. Raises InputError where there can be none."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as why:
+        raise InputError(f"{folder}: cannot be made: {why.strerror}") from why
+
+
+def refuse_strange(out: Path, study: str) -> None:
+    """Raises InputError for a folder that is neither empty nor an earlier one of this study."""
+    try:
+        other = read_result(out).study
+    except InputError:
+        other = None
+    if other == study or not any(not one.name.startswith(".new-") for one in out.iterdir()):
+        return
+    held = f"holds the study {other}" if other else f"is not empty, and no earlier {study}"
+    raise InputError(f"{out}: {held}; name another folder")
+
+
+def place(files: Mapping[str, bytes], out: Path) -> None:
+    """Put files into a study's folder; those that an earlier study left there go, others stay.
+
+    Until all are on the disk the earlier ones stay as they are. Raises RunFailed when the disk
+    refuses.
+    """
+    try:
+        with tempfile.TemporaryDirectory(dir=out, prefix=".new-") as staged:
+            for name, data in files.items():
+                write_whole(Path(staged) / name, data)
+            for name in _earlier(out).difference(files):
+                (out / name).unlink(missing_ok=True)
+            # Its list is the last to change: what is cut short here is found by the next.
+            for name in sorted(files, key=lambda name: name == RESULT):
+                os.replace(Path(staged) / name, out / name)
+    except OSError as why:
+        raise RunFailed(f"{out}: cannot be written: {why.strerror}") from why
+
+
+def _earlier(out: Path) -> set[str]:
+    """Files that the study of this folder wrote; none where there is none to be read."""
+    try:
+        names = read_result(out).files
+    except InputError:
+        return set()
+    return {name for name in names if isinstance(name, str) and _NAME.fullmatch(name)}

@@ -1,0 +1,106 @@
+"""The pattern selection of a lab that has a bench: recorded runs, each of one tactile base.
+
+The paper's error needs the dots only, so no truth is asked for; a simulated run has it too.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import record
+from ..analysis.frames import recorded
+from ..analysis.tracking_error.press import Job as PressJob
+from ..analysis.tracking_error.press import analyse_press
+from ..analysis.tracking_error.scene import ONLY_DOTS, scene_of
+from ..errors import InputError
+from ..patterns.series.job import recipes
+from ..record import Run
+from .grid import Job
+from .pattern_errors import Printed
+from .pattern_press import FIGURES
+
+
+def jobs_of(folders: Sequence[Path], methods: Sequence[str]) -> list[tuple[Printed, str, Job]]:
+    """(pattern, indenter, job) for each press of the runs.
+
+    Raises InputError for a run that is not finished, has no images, dots or dense pattern, and for
+    two runs of one pattern.
+    """
+    found: list[tuple[Printed, str, Job]] = []
+    taken: dict[str, Path] = {}
+    for folder in folders:
+        run = record.open(folder)
+        frames = recorded(run, "the pattern selection")
+        if run.pattern["recipe"]["law"] == ONLY_DOTS:
+            raise InputError(f"{folder}: the pattern has only dots; a dense one is right")
+        if "dots" not in run.meta["protocol"]["channels"] or not len(run.dots_mm()):
+            raise InputError(
+                f"{folder}: no dots were recorded, and the error is taken at them; a pattern with "
+                "dots and the channel 'dots' are right"
+            )
+        printed = printed_of(run)
+        if printed.name in taken:
+            raise InputError(
+                f"{folder}: the pattern {printed.words} again, as in {taken[printed.name]}; one "
+                "run a pattern is right"
+            )
+        taken[printed.name] = folder
+        for press, part in frames.groupby("press", sort=False):
+            what = [run.meta, run.pattern, part[["file", "sha256"]].to_numpy().tolist()]
+            told = {
+                "folder": str(folder.resolve()),
+                "press": str(press),
+                "name": printed.name,
+                "methods": list(methods),
+                "content": hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest(),
+            }
+            indenter = str(part["indenter"].iloc[0])
+            job = Job(f"{printed.name} {press}", follow, told, float(len(part)))
+            found.append((printed, indenter, job))
+    return found
+
+
+def printed_of(run: Run) -> Printed:
+    """The pattern of a run: one of the paper's by its d and r, else by the run's name."""
+    recipe = run.pattern["recipe"]
+    d_mm, r = recipe.get("patch_mm"), recipe.get("r")
+    for entry in recipes():
+        if recipe["law"] == entry.recipe.law and (d_mm, r) == (
+            entry.recipe.patch_mm,
+            entry.recipe.r,
+        ):
+            return Printed.of(entry)
+    if recipe["law"] == "algorithm1":
+        return Printed(f"d{d_mm:g}-r{r:g}".replace(".", "p"), d_mm, r)
+    return Printed(run.folder.name, None, None)
+
+
+def follow(given: dict[str, Any]) -> dict[str, Any]:
+    """One press of a run, as `pattern_press.follow` returns one of a simulated gel."""
+    run, name = record.open(given["folder"]), given["name"]
+    scene = scene_of(run, given["methods"])
+    found = analyse_press(PressJob(given["folder"], given["press"], scene))
+    first = [row for row in found.rows if row["method"] == given["methods"][0]]
+    rows = {
+        method: [
+            [np.nan if row.get(key) is None else row[key] for key in FIGURES]
+            for row in found.rows
+            if row["method"] == method
+        ]
+        for method in given["methods"]
+    }
+    return {
+        "frames": len(first) + 1,
+        "steps": [row["step_id"] for row in first],
+        "tallies": {name: {m: tally.plain() for m, tally in found.tallies.items()}},
+        "dots": {name: found.dots.figures()},
+        "left_out": {name: found.left_out},
+        **{f"rows|{name}|{m}": np.array(v).reshape(-1, len(FIGURES)) for m, v in rows.items()},
+        **{f"histogram|{name}|{m}": tally.histogram for m, tally in found.tallies.items()},
+    }

@@ -1,0 +1,204 @@
+"""`study run pattern-selection`: the paper's 17 patterns under 5 indenters (Pattern Selection).
+
+Simulated: the gel of a press is solved once, and its frames are drawn and tracked as a stream
+(`stream`) under every pattern, by the paper's tracker and by ours. Recorded: a run is one tactile
+base, as in the paper, and its error is taken at the dots.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..report.result import LeftOut, StudyResult
+from ..units import MM_PER_INCH
+from . import modulus
+from .asked import Asked
+from .grid import Grid
+from .pattern_errors import Errors, Printed, cells_of
+from .pattern_scene import METHODS, Selection
+from .pattern_tables import charts, data_of, tables
+from .pattern_verdict import headlines, verdict
+
+NAME, TITLE = "pattern-selection", "Which pattern is tracked best"
+NOTES = (
+    "A pattern's error is the mean of its indenters' (each of its frames and dots); a part of a "
+    "column is what one indenter adds to it, so a column is as high as that mean. The paper "
+    "stacks its indenters' errors and calls the result the average error; read as a sum of five, "
+    "its values would be means of a fifth.",
+    "Intervals are over indenters (jackknife, 95 %): not over prints of a pattern, seeds or gels.",
+)
+
+
+def run(asked: Asked) -> StudyResult:
+    """The study. `asked.more`: "pattern" and "indenter", names of a part of them.
+
+    Raises InputError for names that are not known, RunFailed where every job failed.
+    """
+    return _recorded(asked) if asked.runs else _simulated(asked)
+
+
+def _simulated(asked: Asked) -> StudyResult:
+    scene = Selection.of(asked)
+    part, protocol = scene.part, scene.protocol
+    asked.say(
+        f"{len(scene.entries)} patterns x {len(protocol.indenters)} indenters: {part.words}; "
+        f"{part.longest_step_mm:.3f} mm between frames at most"
+    )
+    gel_jobs = scene.gel_jobs()
+    if gel_jobs:
+        asked.say(f"the gel of {len(gel_jobs)} presses is solved first, and kept")
+        asked.solve(gel_jobs)
+    jobs = scene.jobs()
+    grid = asked.solve(jobs)
+    indenters = {f"{_slug(name)}": name for name in protocol.indenters}
+    cells = [
+        cell
+        for job in jobs
+        if job.name in grid.partial()
+        for cell in cells_of(
+            grid[job.name], job.given["press"], indenters[job.given["press"].split("/")[0]]
+        )
+    ]
+    errors = Errors([Printed.of(entry) for entry in scene.entries], cells)
+    specimen, printer = protocol.specimen, scene.config.virtual.printer
+    return _result(
+        asked,
+        errors,
+        grid,
+        bench=_bench(scene),
+        simulated=True,
+        part=part.as_dict(),
+        covers=part.words,
+        settings={
+            "path": part.words,
+            "step between frames": f"{part.longest_step_mm:.3f} mm at most",
+            "trackers": "paper: Farneback 5/13/10, photometric rule, summed; ours: fused, anchored",
+            "gel": f"{specimen.gel_model}, {specimen.modulus_mpa:g} MPa, friction "
+            f"{specimen.friction:g}",
+            "printer": f"{printer.dpi} dpi, {printer.levels} levels, spread {printer.spread_um:g} "
+            f"um, misregistration {printer.misregistration_um:g} um",
+            "camera": "; ".join(f"{k} {v:g}" for k, v in scene.config.virtual.camera),
+        },
+        notes=(modulus.remark(NAME, specimen.modulus_mpa), *_gel_notes(grid)),
+        left_out=_left_out(scene),
+    )
+
+
+def _recorded(asked: Asked) -> StudyResult:
+    from .pattern_recorded import jobs_of
+
+    found = jobs_of(asked.runs, METHODS)
+    grid = asked.solve([job for _, _, job in found])
+    cells = [
+        cell
+        for _, indenter, job in found
+        if job.name in grid.partial()
+        for cell in cells_of(grid[job.name], job.given["press"], indenter)
+    ]
+    errors = Errors(list(dict.fromkeys(printed for printed, _, _ in found)), cells)
+    from .. import record
+
+    runs = [record.open(folder) for folder in asked.runs]
+    simulated = any(run.simulated for run in runs)
+    return _result(
+        asked,
+        errors,
+        grid,
+        bench="" if not simulated else "Some of the runs are simulated.",
+        simulated=simulated,
+        part=None,
+        covers=f"{len(runs)} recorded runs",
+        settings={
+            "runs": ", ".join(run.folder.name for run in runs),
+            "trackers": "paper: Farneback 5/13/10, photometric rule, summed; ours: fused, anchored",
+        },
+        notes=(),
+        left_out=(),
+    )
+
+
+def _result(
+    asked: Asked,
+    errors: Errors,
+    grid: Grid,
+    *,
+    bench: str,
+    simulated: bool,
+    part: dict[str, Any] | None,
+    covers: str,
+    settings: dict[str, str],
+    notes: tuple[str, ...],
+    left_out: tuple[LeftOut, ...],
+) -> StudyResult:
+    lost = [
+        f"{cell.pattern} under {cell.press}: {line}" for cell in errors.cells
+        for line in cell.left_out
+    ]  # fmt: skip
+    data = data_of(errors) | {"part": part, "simulated": simulated, "seed": asked.seed}
+    return StudyResult(
+        study=NAME,
+        title=TITLE,
+        verdict=verdict(errors, covers, bench),
+        data=data,
+        simulated=simulated,
+        seed=asked.seed,
+        scale=None if asked.runs else asked.scale,
+        headlines=headlines(errors),
+        tables=tables(errors, part, covers),
+        figures=charts(errors, covers),
+        settings=settings,
+        notes=(*NOTES, *notes, *lost),
+        left_out=left_out,
+        missing=tuple(grid.missing),
+    )
+
+
+def _bench(scene: Selection) -> str:
+    """What may part it from the paper's bench, in figures."""
+    printer, optics = scene.config.virtual.printer, scene.sensor.optics
+    least_mm = min(e.recipe.patch_mm for e in scene.entries if e.recipe.patch_mm)
+    dots, pixels = least_mm / (MM_PER_INCH / printer.dpi), least_mm / optics.mm_per_px
+    return (
+        f"What parts it from the paper's bench: a printer model ({printer.dpi} dpi, "
+        f"{printer.spread_um:g} um of spread: the smallest patch, {least_mm:g} mm, is {dots:.1f} "
+        f"of its dots and {pixels:.1f} pixels), no motion blur, light that stays. The paper does "
+        "not print its gel, its indenters' sizes, its positions, nor the threshold at which its "
+        "reference is renewed."
+    )
+
+
+def _gel_notes(grid: Grid) -> tuple[str, ...]:
+    """What the solver flagged of deep presses, and what lies between its knots."""
+    lines = []
+    for name, value in grid.partial().items():
+        gel = value["gel"]
+        flags = ", ".join(f"{flag} at {n}" for flag, n in gel["flags"].items())
+        lines.append(
+            f"gel of {name}: {gel['knots']} knots{flags and f', flagged: {flags}'}; half-way "
+            f"between two, linear interpolation is off by up to {gel['between_mm']:.2g} mm, in "
+            "image and truth alike"
+        )
+    return tuple(lines)
+
+
+def _left_out(scene: Selection) -> tuple[LeftOut, ...]:
+    part = scene.part
+    found = [LeftOut("images and records", "drawn, tracked and let go: a stream", layer="")]
+    if part.frames < part.of_frames:
+        share = 1 - part.frames / part.of_frames
+        found.append(
+            LeftOut(
+                f"{share:.0%} of the paper's path",
+                "scale: fewer positions and shorter drags, never a longer step; --scale 1 has all",
+            )
+        )
+    if scene.config.virtual.lens is None:
+        found.append(LeftOut("the lens", "the rig draws through a pinhole", layer="lens"))
+    found.append(LeftOut("forces", "no channel asks for them", layer="force box"))
+    return tuple(found)
+
+
+def _slug(name: str) -> str:
+    from ..shapes.indenter import parse
+
+    return parse(name).slug

@@ -1,0 +1,67 @@
+"""The printer and the camera that a pattern is sought for."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from ...imaging import Printer, Sensor
+from ...optics import Pinhole
+from ...shapes import SensorDimensions
+
+
+@dataclass(frozen=True)
+class Bench:
+    """printer, sensor: models with assumed parameters. mm_per_px: of the resting face."""
+
+    printer: Printer
+    sensor: Sensor
+    mm_per_px: float
+
+    def view(self, field_px: int | None = None) -> Pinhole:
+        """The camera over the sensor's view, or over its middle of at most so many pixels.
+
+        Sides are even, for the mosaic.
+        """
+        sensor = SensorDimensions()
+        width_mm, height_mm = sensor.optics.view_mm
+        part = 1.0
+        if field_px is not None:
+            part = min(1.0, math.sqrt(field_px * self.mm_per_px**2 / (width_mm * height_mm)))
+        width_px, height_px = (
+            2 * math.floor(side_mm * part / self.mm_per_px / 2 + 1e-9)
+            for side_mm in (width_mm, height_mm)
+        )
+        return Pinhole(self.mm_per_px, width_px, height_px, sensor.eye_distance_mm)
+
+    def design(self) -> SensorDimensions:
+        """The sensor with this camera."""
+        whole, sensor = self.view(), SensorDimensions()
+        optics = replace(
+            sensor.optics,
+            mm_per_px=self.mm_per_px,
+            image_width_px=whole.width_px,
+            image_height_px=whole.height_px,
+        )
+        return replace(sensor, optics=optics)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data, which `from_dict` reads."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> Bench:
+        """What `as_dict` gave."""
+        return cls(Printer(**data["printer"]), Sensor(**data["sensor"]), data["mm_per_px"])
+
+    def words(self) -> dict[str, str]:
+        """Printer and camera for people."""
+        p, s = self.printer, self.sensor
+        return {
+            "printer": f"{p.dpi} dpi, {p.levels} levels an ink, spread {p.spread_um:g} um, inks "
+            f"misplaced by {p.misregistration_um:g} um (standard deviation)",
+            "camera": f"{self.mm_per_px:g} mm a pixel, blur {s.blur_px:g} px, full well "
+            f"{s.full_well_electrons:g} electrons, read noise {s.read_noise_electrons:g}, "
+            f"shading {s.shading:g}, Bayer mosaic",
+        }

@@ -1,0 +1,198 @@
+"""One candidate, printed and photographed once: its predictors, and its error on a known drag.
+
+Simulated. Predictors of the image alone are `patterns.quality`'s, of the green that the default
+tracker follows; the others need that tracker. Bias: a print moved as a whole by known parts of a
+pixel, each photographed twice, so that what both pairs have in common, which interpolation and
+aliasing make (Schreier, Braasch, Sutton, Opt. Eng. 39 (2000) 2915), can be told from noise.
+Resolution: the star of the DIC Challenge 2.0.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...analysis.tracking_error.tally import MOVING_MM, Mean
+from ...errors import SensorError
+from ...measure.flow import named_tracker
+from ...patterns.quality.figures import figures
+from ...patterns.recipe import PatternRecipe
+from ...virtual.picture import Picture, Texture
+from .bench import Bench
+from .scenes import (
+    DRAG_MM,
+    SHIFTS_PX,
+    Drawn,
+    View,
+    at_rest,
+    dragged,
+    shifted,
+    star_of,
+    starred,
+    view_of,
+)
+
+FIELD_PX = 200_000
+TRACKER = "fused"
+EDGE_PX = 12
+"""Left out at the border, where half of a matching window sees nothing."""
+MOST_LOSS = 2.0
+"""Times the error of short steps: beyond it a step counts as not bridged."""
+
+Image = NDArray[np.uint8]
+Vectors = NDArray[Any]
+
+
+def probe(given: dict[str, Any]) -> dict[str, Any]:
+    """given: bench, recipe (plain data), seed (of print, noise and drag), field_px.
+
+    Returns plain data by predictor's name, lengths in px but where the name says mm; `error_mm`,
+    `confident_error_mm` and `coverage` of the drag; `leap_error_mm` and `leap_coverage` of the same
+    motion in one step; `bridged_mm`, the longest step in which it is followed as well as in short
+    ones. A pattern in which nothing can be tracked has `refused`, saying why.
+    """
+    cv2.setNumThreads(1)  # DIS splits the image by thread
+    bench = Bench.from_dict(given["bench"])
+    recipe = PatternRecipe.model_validate_json(json.dumps(given["recipe"]))
+    view = view_of(bench, given["field_px"])
+    rng = np.random.default_rng([given["seed"], 5])
+    texture = view.printed(recipe, bench.printer, rng)
+    picture = view.picture(texture)
+    rest = [picture.expose(at_rest(view).at_px, rng) for _ in range(2)]
+    found = _of_image(view, texture, rng)
+    try:
+        found |= _of_shifts(picture, view, rest, rng)
+        found |= _of_star(picture, view, rest[0], rng)
+        found |= _of_drag(picture, view, rest[0], given["seed"], rng)
+    except SensorError as why:  # no texture anywhere
+        return found | {"refused": str(why)}
+    return found
+
+
+def _of_image(view: View, texture: Texture, rng: np.random.Generator) -> dict[str, Any]:
+    even = replace(view.sensor, shading=0.0)  # falloff is no contrast
+    image = view.picture(texture, even).expose(at_rest(view).at_px, rng)
+    # Of the channel that is followed: a pattern's colours may cancel in grey, by the luck of a seed
+    green = np.repeat(image[..., 1:2], 3, axis=-1)
+    seen = figures(green, view.camera.mm_per_px, None, None)
+    return {
+        "mean_gradient": seen.mean_gradient,
+        "sssig": seen.sssig,
+        "contrast_0": seen.contrast[0],
+        "contrast_3": seen.contrast[3],
+        "contrast_4": seen.contrast[4],
+        "peak": seen.peak,
+    }
+
+
+def flow_px(images: list[Image]) -> tuple[Vectors, NDArray[np.bool_]]:
+    """The default tracker's flow (h, w, 2) of the last image, and where it is confident (h, w)."""
+    tracker = named_tracker(TRACKER)
+    for image in images:
+        seen = tracker.update(image)
+    return seen.flow_px, seen.confident
+
+
+def _of_shifts(
+    picture: Picture, view: View, rest: list[Image], rng: np.random.Generator
+) -> dict[str, Any]:
+    """Mean error, what stays of it at a place, and noise, over all shifts; root mean squares."""
+    offs = []
+    for drawn, shift in zip(shifted(view), SHIFTS_PX, strict=True):
+        pair = [flow_px([image, picture.expose(drawn.at_px, rng)])[0] for image in rest]
+        inner = (slice(EDGE_PX, -EDGE_PX),) * 2
+        offs.append([flow[inner].astype(np.float64) - np.array(shift) for flow in pair])
+    return bias_figures(np.array(offs))
+
+
+def bias_figures(offs_px: NDArray[np.float64]) -> dict[str, float]:
+    """Of errors (shifts, 2 exposures, h, w, 2) px, each exposure with noise of its own.
+
+    bias_px: of the mean over the image. local_bias_px: what two exposures have in common beside it,
+    place by place. noise_px: what they have not. All are of the vector, root mean square over
+    shifts.
+    """
+    mean = offs_px.mean(axis=(1, 2, 3), keepdims=True)
+    first, second = np.moveaxis(offs_px - mean, 1, 0)
+    common = float((first * second).sum(axis=-1).mean())
+    apart = float(((first - second) ** 2).sum(axis=-1).mean() / 2)
+    return {
+        "bias_px": float(np.sqrt((mean**2).sum(axis=-1).mean())),
+        "local_bias_px": float(np.sqrt(max(common, 0.0))),
+        "noise_px": float(np.sqrt(apart)),
+    }
+
+
+def _of_star(picture: Picture, view: View, rest: Image, rng: np.random.Generator) -> dict[str, Any]:
+    star = star_of(view)
+    found = star.figures(flow_px([rest, picture.expose(starred(view).at_px, rng)])[0])
+    # Finer than every period of the star: as fine as its finest one.
+    loss_px = star.least_px if np.isnan(found.loss_px) else found.loss_px
+    return {"resolution_px": loss_px}
+
+
+def _of_drag(
+    picture: Picture, view: View, rest: Image, seed: int, rng: np.random.Generator
+) -> dict[str, Any]:
+    """The drag, in all its frames and in ever fewer of them."""
+    frames = dragged(view, seed)
+    images = [picture.expose(drawn.at_px, rng) for drawn in frames]
+    found = {
+        stride: _followed(rest, list(zip(images, frames, strict=True))[stride - 1 :: stride], view)
+        for stride in strides(len(frames))
+    }
+    short, leap = found[1], found[len(frames)]
+    return short | {
+        "leap_error_mm": leap["error_mm"],
+        "leap_coverage": leap["coverage"],
+        "bridged_mm": DRAG_MM / len(frames) * bridged(found),
+    }
+
+
+def strides(n: int) -> list[int]:
+    """Frames a step, so that every way ends at the last one of n."""
+    return [stride for stride in range(1, n + 1) if n % stride == 0]
+
+
+def bridged(found: dict[int, dict[str, Any]]) -> int:
+    """The longest stride up to which the error stays within MOST_LOSS of that at stride 1."""
+    longest = 1
+    for stride in sorted(found):
+        if found[stride]["error_mm"] > MOST_LOSS * found[1]["error_mm"]:
+            break
+        longest = stride
+    return longest
+
+
+def _followed(rest: Image, frames: list[tuple[Image, Drawn]], view: View) -> dict[str, Any]:
+    """Mean error over frames and moving pixels, of all and of the confident ones."""
+    scale = view.camera.mm_per_px
+    tracker = named_tracker(TRACKER)
+    tracker.update(rest)
+    off, sure = Mean(), Mean()
+    for image, drawn in frames:
+        seen = tracker.update(image)
+        off_mm = np.hypot(*np.moveaxis(seen.flow_px - drawn.truth_px, -1, 0)) * scale
+        moving = moving_px(drawn.truth_px, scale)
+        off.take(off_mm[moving])
+        sure.take(off_mm[moving & seen.confident])
+    return {
+        "error_mm": off.value,
+        "confident_error_mm": sure.value,
+        "coverage": sure.n / off.n,
+    }
+
+
+def moving_px(truth_px: Vectors, mm_per_px: float) -> NDArray[np.bool_]:
+    """Pixels (h, w) that move by MOVING_MM or more and stay in view."""
+    h, w = truth_px.shape[:2]
+    x, y = np.arange(w) + truth_px[..., 0], np.arange(h)[:, None] + truth_px[..., 1]
+    seen = (x >= 0) & (x <= w - 1) & (y >= 0) & (y <= h - 1)
+    return np.asarray(
+        seen & (np.hypot(truth_px[..., 0], truth_px[..., 1]) * mm_per_px >= MOVING_MM)
+    )

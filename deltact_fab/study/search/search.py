@@ -1,0 +1,142 @@
+"""The grid over candidates as tables: predictors and errors, and what orders what."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...errors import RunFailed
+from .candidates import Candidate
+from .ranking import Pair, best_pair, rank_correlation
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class Predictor:
+    """A column of the table of candidates. worse: 1 where more of it is worse, else -1."""
+
+    column: str
+    words: str
+    worse: int
+    by_tracker: bool
+
+
+PREDICTORS = (
+    Predictor("mean_gradient", "mean intensity gradient", -1, False),
+    Predictor("sssig", "SSSIG", -1, False),
+    Predictor("contrast_0", "contrast", -1, False),
+    Predictor("contrast_3", "contrast at pyramid level 3", -1, False),
+    Predictor("contrast_4", "contrast at pyramid level 4", -1, False),
+    Predictor("peak", "secondary peak", 1, False),
+    Predictor("bias_px", "bias, mean", 1, True),
+    Predictor("local_bias_px", "bias, at a place", 1, True),
+    Predictor("noise_px", "noise", 1, True),
+    Predictor("resolution_px", "spatial resolution", 1, True),
+)
+ERROR, LEAP = "error_mm", "leap_error_mm"
+ERRORS = (ERROR, "coverage", "bridged_mm", LEAP, "leap_coverage")
+LEAST_COVERAGE = 0.9
+"""Share of the moving pixels that a pattern's tracker must be sure of, to be recommended."""
+LEAST_BRIDGED_MM, STEADY_MM = 0.39, 0.99
+"""Twice and five times the step between frames that the protocols have. Half of the finalists
+bridge the longer one: patterns that repeat themselves do not, and it is they that fail where parts
+are hidden, which the search's drag does not show."""
+
+
+def table(
+    found: Mapping[str, Sequence[dict[str, Any]]], among: Sequence[Candidate]
+) -> pd.DataFrame:
+    """A row a candidate, means over seeds; `refused` says why one has no figures.
+
+    found: what `probe` returned by candidate's name, a value a seed. Raises RunFailed where nothing
+    is left to compare with the paper's pattern.
+    """
+    import pandas as pd
+
+    rows = []
+    for c in among:
+        values = found.get(c.name, ())
+        keys = dict(c.keys)
+        row: dict[str, Any] = {
+            "pattern": c.name,
+            "family": c.family,
+            "patch_mm": keys["patch_mm"],
+            "kind": f"{c.family} {keys['patch_mm']:g}",
+            "seeds": len(values),
+            "refused": next((v["refused"] for v in values if "refused" in v), ""),
+        }
+        whole = [v for v in values if "refused" not in v]
+        if whole and not row["refused"]:
+            for column in (*(p.column for p in PREDICTORS), *ERRORS):
+                row[column] = float(np.mean([v[column] for v in whole]))
+            sure = [v["confident_error_mm"] for v in whole if v["confident_error_mm"] is not None]
+            row["confident_error_mm"] = float(np.mean(sure)) if sure else None
+        elif not values:
+            row["refused"] = "no result"
+        rows.append(row)
+    frame = pd.DataFrame(rows)
+    if ERROR not in frame or frame[ERROR].notna().sum() < 4:
+        raise RunFailed("pattern-search: fewer than 4 candidates could be tracked: nothing to rank")
+    return frame.sort_values(ERROR, na_position="last", ignore_index=True)
+
+
+def order(frame: pd.DataFrame, error: str = ERROR) -> pd.DataFrame:
+    """A row a predictor: its rank correlation with an error, over the rows that have both.
+
+    Signed so that 1 says: what it calls better is better.
+    """
+    import pandas as pd
+
+    known = frame[frame[error].notna()]
+    rows = []
+    for p in PREDICTORS:
+        values = p.worse * known[p.column].to_numpy(float)
+        if np.ptp(values) == 0:  # there is no order in it
+            continue
+        rho = rank_correlation(values, known[error].to_numpy(float), list(known["kind"]))
+        rows.append({"predictor": p.words, "column": p.column, "rho": rho.value, "low": rho.low,
+                     "high": rho.high, "over": rho.over, "patterns": len(known),
+                     "needs_tracker": p.by_tracker})  # fmt: skip
+    return pd.DataFrame(rows).sort_values("rho", ascending=False, ignore_index=True)
+
+
+def combined(frame: pd.DataFrame) -> Pair | None:
+    """The pair of predictors that orders best, tested on families left out; None for one family."""
+    known = frame[frame[ERROR].notna()]
+    if known["family"].value_counts().min() < 2 or known["family"].nunique() < 2:
+        return None
+    values = {p.column: p.worse * known[p.column].to_numpy(float) for p in PREDICTORS}
+    values = {column: v for column, v in values.items() if np.ptp(v) > 0}
+    return best_pair(
+        values, known[ERROR].to_numpy(float), list(known["family"]), list(known["kind"])
+    )
+
+
+def finalists(frame: pd.DataFrame, count: int) -> list[str]:
+    """The best of different kinds that can be recommended; fewer where there are no more.
+
+    Half of them, the first ones, from those that bridge STEADY_MM.
+    """
+    steady = fit(frame, STEADY_MM)[: -(-count // 2)]
+    others = [name for name in fit(frame, LEAST_BRIDGED_MM) if name not in steady]
+    return [*steady, *others][:count]
+
+
+def fit(frame: pd.DataFrame, bridged_mm: float) -> list[str]:
+    """Patterns that their tracker is sure of and that bridge such a step, best of a kind first."""
+    sure = (frame["coverage"] >= LEAST_COVERAGE) & (frame["bridged_mm"] >= bridged_mm)
+    return list(frame[frame[ERROR].notna() & sure].drop_duplicates("kind")["pattern"])
+
+
+def spread(frame: pd.DataFrame, taken: Sequence[str], count: int) -> list[str]:
+    """Others, evenly over the order of the search, so that the order itself is confirmed."""
+    others = [name for name in frame[frame[ERROR].notna()]["pattern"] if name not in taken]
+    if count <= 0 or not others:
+        return []
+    at = np.linspace(0, len(others) - 1, min(count, len(others)) + 2)[1:-1]
+    return [others[i] for i in dict.fromkeys(np.rint(at).astype(int).tolist())]

@@ -1,0 +1,96 @@
+"""Tables and figures of a pattern search."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+from ...report.result import Drawn, Table
+from . import figures
+from .findings import Findings
+from .search import PREDICTORS
+from .verdict import DEFAULT
+
+
+def tables(found: Findings) -> tuple[Table, ...]:
+    import pandas as pd
+
+    rows = [
+        c.as_row() | {f"{press.split('/')[0]}_mm": error
+                      for press, error in zip(found.presses, c.by_press_mm, strict=True)}
+        for c in (*found.ours, *found.farneback)
+    ]  # fmt: skip
+    confirmed_rows = pd.DataFrame(rows)
+    paper = found.of(found.ours, found.paper)
+    if paper is not None:
+        shares = [None if c.method != DEFAULT else c.error.value / paper.error.value
+                  for c in (*found.ours, *found.farneback)]  # fmt: skip
+        confirmed_rows["share_of_paper"] = shares
+    columns = (
+        "pattern", "error_mm", "coverage", "bridged_mm", "leap_error_mm",
+        *(p.column for p in PREDICTORS), "refused",
+    )  # fmt: skip
+    orders = found.order
+    for suffix, other in (("_leap", found.leap_order), ("_gel", found.confirmed_order)):
+        if other is not None:
+            orders = orders.merge(
+                other[["predictor", "rho", "low", "high"]],
+                on="predictor", how="left", suffixes=("", suffix),
+            )  # fmt: skip
+    out = [
+        Table("confirmed", f"On the finite-strain gel, means over {found.size.held_out} seeds "
+              "that the search has not seen; lengths in mm.", confirmed_rows),
+        Table("candidates", "The search: predictors and errors of every candidate, means over "
+              f"{found.size.seeds} seed{'s' * (found.size.seeds > 1)}, best first; leap: the "
+              "same motion in one step.", found.frame,
+              tuple(c for c in columns if c in found.frame)),
+        Table("predictors", "Rank correlation with the candidates' error, in small steps, in "
+              "one leap, and on the gel of those that were confirmed; 1: what it calls better is "
+              "better.", orders),
+    ]  # fmt: skip
+    if found.pair is not None:
+        left_out = [
+            {"family": name, "picked": " and ".join(names), "rho_within": rho}
+            for name, (names, rho) in found.pair.left_out.items()
+        ]
+        out.append(
+            Table("families-left-out", "Two predictors by their mean rank, picked without the "
+                  "family that they then order.", pd.DataFrame(left_out))
+        )  # fmt: skip
+    return tuple(out)
+
+
+def drawn(found: Findings) -> tuple[Drawn, ...]:
+    pictures = _pictures(found)
+    words = {found.paper: f"the paper's: {found.paper}"}
+    out = [
+        Drawn("confirmed", "Mean error on the finite-strain gel with its 95 % interval over the "
+              "seeds; simulated.",
+              partial(figures.confirmed_errors, [c.as_row() for c in found.ours],
+                      found.best.pattern, found.paper)),
+        Drawn("predictors-against-error", "Each predictor against the candidates' error, in the "
+              f"search; rings: the paper's and the finalists, {_numbered(found)}.",
+              partial(figures.predictors_against_error, found.frame, found.finalists,
+                      found.paper)),
+        Drawn("rank-correlations", "How well each predictor orders the candidates, with its 95 % "
+              "interval over kinds of pattern.",
+              partial(figures.correlations, found.order)),
+    ]  # fmt: skip
+    if pictures:
+        out.append(
+            Drawn("seen", "Patterns at rest as the camera sees them.",
+                  partial(figures.strip, pictures, words))
+        )  # fmt: skip
+    return tuple(out)
+
+
+def _numbered(found: Findings) -> str:
+    return ", ".join(f"{i} {name}" for i, name in enumerate(found.finalists, start=1))
+
+
+def _pictures(found: Findings) -> dict[str, Any]:
+    if not found.confirmations:
+        return {}
+    first = found.confirmations[0][0]
+    names = dict.fromkeys((found.best.pattern, *found.finalists[:3], found.paper))
+    return {n: first[f"picture/{n}"] for n in names if f"picture/{n}" in first}

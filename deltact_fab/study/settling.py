@@ -1,0 +1,250 @@
+"""How long to wait at a stop: the force's error against the wait, on the viscous gel or a bench's.
+
+Simulated: the protocol `settling` with rests until nothing is left, each depth a job, on the
+viscous gel and (for the closed form) on the elastic one. Recorded: the rests of runs, and the
+series that fits them. Both give stops, and from there on it is one study.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import catalog, record
+from ..analysis.relaxation import Fitted, Rest, Series, fit, rests
+from ..cad.design import load_design
+from ..errors import InputError
+from ..protocols import plan
+from ..protocols.plan import Protocol
+from ..report.result import Headline, StudyResult
+from ..rig import config as rig_config
+from ..rig.config import VirtualConfig
+from . import intervals
+from .grid import Job
+from .settling_gel import follow
+from .settling_page import ASSUMED, result, words
+from .settling_stops import WAITS_S, Stop, judged, simulated
+
+if TYPE_CHECKING:
+    from .asked import Asked
+
+PROTOCOL = "settling"
+NO_BENCH = (PROTOCOL, "demo", "demo-calibration")  # the first is judged here, of the gel itself
+RIG = "virtual-coarse"
+FADE_S = np.concatenate([[0.0], np.geomspace(0.02, 2000.0, 120)])  # of a fitted series
+RELAXED = 10.0  # x the slowest time: what is left then is e^-10 of its branch
+
+
+def run(asked: Asked) -> StudyResult:
+    """The study. Raises InputError for a bad series, rig or run; SolverError, RunFailed."""
+    return _recorded(asked) if asked.runs else _simulated(asked)
+
+
+# -- simulated -----------------------------------------------------------------------------------
+
+
+def _simulated(asked: Asked) -> StudyResult:
+    protocol, _ = plan.load(PROTOCOL)
+    series = series_of(asked.more.get("prony") or (), protocol)
+    depths = _thinned(protocol.depths_mm, asked.scale or 1.0)
+    given = _gel(asked.rig or RIG, protocol.specimen.design)
+    jobs, pairs = [], []
+    for depth in depths:
+        viscous, elastic = _one_depth(protocol, depth, series), _one_depth(protocol, depth, None)
+        press = f"{viscous.indenters[0].replace(':', '-')}/p1"
+        pairs.append((f"{depth:g} mm, viscous", f"{depth:g} mm, elastic"))
+        for name, one, cost in zip(pairs[-1], (viscous, elastic), (25.0, 8.0), strict=True):
+            data = one.model_dump(mode="json", exclude={"description"})
+            jobs.append(Job(name, follow, {**given, "protocol": data, "press": press}, cost))
+    ways, way_jobs = _shipped(given)
+    grid = asked.solve([*jobs, *way_jobs])
+    found = grid.partial()
+    stops = [
+        stop for viscous, elastic in pairs if viscous in found and elastic in found
+        for stop in simulated(found[viscous], found[elastic], series)
+    ]  # fmt: skip
+    if not stops:
+        grid.require_whole()
+    solved = [found[viscous] for viscous, _ in pairs if viscous in found]
+    moved_um = max(float(1e3 * one["moved_mm"].max()) for one in solved)
+    off_pct = max(_off_closed_form(stop) for stop in stops)
+    table = _judged_protocols(ways, found, series)
+    notes = [
+        "The camera sees nothing of it: while the force fades at a stop, no point of the face "
+        f"moves by more than {moved_um:.1f} um in plane. An image is of the deformation; the force "
+        "beside it is a matter of when it was read.",
+        f"The closed form (ramp, then hold, of the same way on an elastic gel) is off by at most "
+        f"{off_pct:.2g} % of the force at any solved knot.",
+        "Shares of the force do not depend on the modulus, and hardly on the mesh.",
+    ]  # fmt: skip
+    flags = sorted(
+        {name for viscous, _ in pairs for name in found.get(viscous, {}).get("flags", ())}
+    )
+    settings = {
+        "gel": f"Prony series {words(series)}, {ASSUMED}",
+        "rig": f"{asked.rig or RIG}: {solved[-1]['dofs']} unknowns"
+        + (f", flagged {', '.join(flags)}" if flags else ""),
+        "ramp": f"{protocol.motion.press_feed_mm_min:g} mm/min",
+    }
+    return result(
+        asked, stops, series, protocol, table, notes, settings,
+        simulated_=True, missing=tuple(grid.missing),
+        more={"moved_um": moved_um, "closed_form_off_pct": off_pct},
+    )  # fmt: skip
+
+
+def series_of(given: Sequence[str], protocol: Protocol) -> Series:
+    """The series as typed, G:TAU_S each, else the protocol's. Raises InputError."""
+    pairs: list[tuple[float, float]] = [(g, tau) for g, tau in protocol.specimen.prony if g > 0]
+    if given:
+        pairs = []
+        for text in given:
+            g, _, tau = text.partition(":")
+            try:
+                pairs.append((float(g), float(tau)))
+            except ValueError:
+                raise InputError(
+                    f"--prony {text}: G:TAU_S is right, as 0.05:3 (5 % of the steady force fade "
+                    "with 3 s)"
+                ) from None
+    if not pairs:
+        raise InputError("protocol settling: specimen.prony: a series is needed, or --prony")
+    return Series(tuple(g for g, _ in pairs), tuple(tau for _, tau in pairs))
+
+
+def _one_depth(protocol: Protocol, depth_mm: float, series: Series | None) -> Protocol:
+    """The protocol at one depth: on the viscous gel with rests to the end, or elastic with none."""
+    rest = 0.0 if series is None else RELAXED * max(series.times_s)
+    prony = () if series is None else series.pairs
+    fields = {"image"} if series is not None else set()
+    return protocol.model_copy(
+        update={
+            "depths_mm": (depth_mm,),
+            "channels": protocol.channels | fields,
+            "capture": protocol.capture.model_copy(update={"settle_s": rest}),
+            "specimen": protocol.specimen.model_copy(update={"prony": prony}),
+        }
+    )
+
+
+def _gel(rig_name: str, design: str) -> dict[str, Any]:
+    """Resolution of the simulated gel, and the skin, as a job takes them."""
+    rig, source = rig_config.load(rig_name)
+    if not isinstance(rig, VirtualConfig):
+        raise InputError(f"{source}: a virtual rig is needed; a real one's runs come by --from")
+    skin = asdict(load_design(design).skin)
+    return {"gel": rig.virtual.gel.model_dump(mode="json"), "skin": skin}
+
+
+def _thinned(depths: Sequence[float], scale: float) -> list[float]:
+    """The deepest are kept."""
+    return list(depths)[-max(1, round(scale * len(depths))):]  # fmt: skip
+
+
+def _off_closed_form(stop: Stop) -> float:
+    """%: of the stop's force, at most, of the excess itself."""
+    off = np.linalg.norm(stop.force_n - stop.steady_n - stop.by_series_n, axis=1)
+    return float(100 * off.max() / np.linalg.norm(stop.steady_n))
+
+
+# -- recorded ------------------------------------------------------------------------------------
+
+
+def _recorded(asked: Asked) -> StudyResult:
+    if asked.more.get("prony"):
+        raise InputError("--prony: the series of recorded runs is fitted; leave it out")
+    runs = [record.open(folder) for folder in asked.runs]
+    found: list[Rest] = []
+    for run_ in runs:
+        found += rests(run_)
+    fitted = fit(found)
+    stops = [_stop(rest, fitted, n) for n, rest in enumerate(found)]
+    protocol = plan.load(PROTOCOL)[0]
+    specimen = runs[0].meta["protocol"]["specimen"]
+    ways, jobs = _shipped(_gel(asked.rig or RIG, specimen["design"]))
+    grid = asked.solve(jobs)
+    longest = max(float(rest.wait_s[-1]) for rest in found)
+    notes = [
+        f"{len(found)} rests of up to {longest:.3g} s; the series leaves {1e3 * fitted.rms_n:.2g} "
+        "mN rms of samples averaged over 20 ms.",
+    ]  # fmt: skip
+    if fitted.unsure:
+        slow = ", ".join(f"{tau:.3g} s" for tau in fitted.unsure)
+        notes.append(
+            f"A branch of {slow} is slower than half of the longest rest: its share, and the "
+            "steady force, are extrapolated. Rest longer (settle_s) to know them, and see to the "
+            "force sensor's drift, which looks the same."
+        )  # fmt: skip
+    shares = np.arange(len(found))
+    groups = [stop.group for stop in stops]
+    total = intervals.estimate(
+        shares, groups, lambda rows: sum(fit([found[int(n)] for n in rows]).series.shares),
+        "press", "positive",
+    )  # fmt: skip
+    head = Headline(
+        "Share of the steady force that fades", 100 * total.value, "%",
+        None if total.low is None else 100 * total.low,
+        None if total.high is None else 100 * total.high, total.over,
+    )  # fmt: skip
+    settings = {
+        "runs": ", ".join(str(folder) for folder in asked.runs),
+        "gel": f"fitted: {words(fitted.series)}",
+        "ramp": f"{runs[0].meta['protocol']['motion']['press_feed_mm_min']:g} mm/min",
+    }
+    return result(
+        asked, stops, fitted.series, protocol,
+        _judged_protocols(ways, grid.partial(), fitted.series), notes, settings,
+        simulated_=all(run_.simulated for run_ in runs), missing=tuple(grid.missing), heads=(head,),
+        more={"rms_n": fitted.rms_n, "unsure_tau_s": list(fitted.unsure), "rests": len(found)},
+    )  # fmt: skip
+
+
+def _stop(rest: Rest, fitted: Fitted, n: int) -> Stop:
+    return Stop(
+        rest.step_id, rest.kind, rest.depth_mm, rest.wait_s, rest.force_n, fitted.steady_n[n],
+        fitted.left_n(n, rest.wait_s), f"{rest.way.press} {rest.depth_mm:g} mm",
+        FADE_S, fitted.left_n(n, FADE_S),
+    )  # fmt: skip
+
+
+# -- what both give ------------------------------------------------------------------------------
+
+
+def _shipped(given: dict[str, Any]) -> tuple[dict[str, float], list[Job]]:
+    """Protocols whose stops rest, with their settle_s, and the jobs of their elastic ways.
+
+    Of each the largest ball's first press, on the linear layer: ratios along the way matter here.
+    """
+    settle, jobs = {}, []
+    for name in catalog.names("protocols"):
+        protocol, _ = plan.load(name)
+        if not protocol.capture.settle_s or "force" not in protocol.channels or name in NO_BENCH:
+            continue
+        settle[name] = protocol.capture.settle_s
+        layer = protocol.model_copy(
+            update={
+                "indenters": protocol.indenters[-1:],
+                "channels": protocol.channels & {"force", "shear"},
+                "specimen": protocol.specimen.model_copy(
+                    update={"gel_model": "layer", "prony": ()}
+                ),
+            }
+        )
+        press = f"{layer.indenters[0].replace(':', '-')}/p1"
+        data = layer.model_dump(mode="json", exclude={"description"})
+        jobs.append(Job(f"way of {name}", follow, {**given, "protocol": data, "press": press}, 8.0))
+    return settle, jobs
+
+
+def _judged_protocols(
+    settle: dict[str, float], found: dict[str, Any], series: Series
+) -> dict[str, list[dict[str, float]]]:
+    """Rows over settle_s of each protocol, its own settle_s first."""
+    tables = {}
+    for name, own in settle.items():
+        if f"way of {name}" in found:
+            tables[name] = judged(found[f"way of {name}"], series, [own, *WAITS_S])
+    return tables

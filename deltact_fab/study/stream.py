@@ -1,0 +1,228 @@
+"""Frames of one press as a stream: drawn, looked at, and let go, with no record of them.
+
+Geometry and truth of a frame are found once, whatever number of patterns is printed on the gel:
+a pattern costs its print once, and a frame of it what the camera does to it. The images are those
+that the virtual rig would record, but for where a real controller's ramps put the tip (a few
+micrometres); `Look`s taken from a record give its very bytes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..analysis.tracking_error.dots import Marks
+from ..analysis.tracking_error.truth import TrueFrame, off_dots, seen_by
+from ..errors import SolverError
+from ..experiment.meta import pattern_of
+from ..gel.path.knots import CONTACT_EPS_MM, Increments, divide
+from ..optics import FlatField, Pinhole, Rectified, SeenFace
+from ..patterns.recipe import PatternRecipe
+from ..protocols.plan import Protocol, Step, expand
+from ..rig.config import VirtualConfig
+from ..shapes import SensorDimensions
+from ..virtual.drawing import crop_of, geometry_of, noise_of, printed
+from ..virtual.paths import PressPath
+from ..virtual.picture import Picture
+from ..virtual.presses import Presses, path_of
+from ..virtual.rig import VirtualKind
+from ..virtual.streams import stream_number
+
+Field = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Look:
+    """When a frame is taken: `fraction` of the way from knot a to knot b of the press; 0 is rest.
+
+    tip_mm: where the tip is, sensor frame. step: the protocol's, by its id.
+    """
+
+    step: str
+    a: int
+    b: int
+    fraction: float
+    tip_mm: tuple[float, float, float] = (math.nan, math.nan, math.nan)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One moment of the face, before any pattern is on it.
+
+    at_px: (h + 2, w + 2, 2), what each pixel sees, for `Picture.expose`. displacement_mm: (ny, nx,
+    3) on the lattice, None at rest.
+    """
+
+    number: int
+    look: Look
+    at_px: NDArray[np.float32]
+    displacement_mm: Field | None
+
+
+class PressStream:
+    """One press of a protocol on a virtual rig, its gel solved or found, frame by frame."""
+
+    def __init__(
+        self,
+        protocol: Protocol,
+        press: str,
+        sensor: SensorDimensions,
+        config: VirtualConfig,
+        source: Path = Path("rig.toml"),
+    ) -> None:
+        """press: as `sphere-10/p1`. source: of the rig file, for the paths in it.
+
+        Raises SolverError and InputError where the gel cannot be solved.
+        """
+        self.protocol, self.config, self.sensor, self.press = protocol, config, sensor, press
+        presses = Presses(protocol, sensor.skin, config.virtual.gel)
+        self.path = path_of(presses, press)
+        self.increments = presses.increments
+        self.solver = presses.of(self.path).solver
+        self.solver.solve_all()
+        kind = VirtualKind(config, source)
+        view, self._flat = kind.camera(protocol, sensor), kind.flat(protocol)
+        assert view is not None, "a protocol that is drawn asks for images"
+        self.view: Pinhole | Rectified = view
+        self._crop = crop_of(config, sensor, self.solver.axes_mm)
+        lattice = self._crop.lattice
+        self.geometry, lens = geometry_of(config, sensor, view, lattice)
+        self.seen = SeenFace(view, lattice, lens)
+        self._knot: list[tuple[int, NDArray[Any]]] = [(-1, np.zeros(0))] * 2
+
+    @cached_property
+    def looks(self) -> list[Look]:
+        """The moments of the protocol's frames."""
+        return looks(self.protocol, self.path, self.increments)
+
+    def frames(self, looks: Iterable[Look] | None = None) -> Iterator[Frame]:
+        """Each moment's geometry, one after the other; looks: None for the protocol's own.
+
+        Raises SolverError where a pixel would see no point of the surface.
+        """
+        for number, look in enumerate(self.looks if looks is None else looks):
+            u_mm = self._displacement_mm(look)
+            yield Frame(number, look, self.geometry.material_px(u_mm), u_mm)
+
+    def picture(self, recipe: PatternRecipe, seed: int) -> Picture:
+        """The gel with that pattern printed on it, as the rig's own run with that seed has it."""
+        return printed(self.config, recipe, self.geometry, seed)
+
+    def noise(self, seed: int) -> np.random.Generator:
+        """What `Picture.expose` takes, one generator a pattern, from the first frame on."""
+        return noise_of(seed, stream_number(self.press))
+
+    def tracked(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """An image as trackers take it: rectified where the rig has a lens."""
+        if not isinstance(self.view, Rectified):
+            return image
+        seen = np.asarray(self.view.rectify(image), np.uint8)
+        return seen if self._light is None else self._light.apply(seen)
+
+    def marks(self, recipe: PatternRecipe) -> Marks:
+        """The pattern's dots before this camera."""
+        return Marks.of(self.view, pattern_of(recipe))
+
+    @cached_property
+    def _light(self) -> FlatField | None:
+        return None if self._flat is None else self._flat.seen_by(self.view)
+
+    def _displacement_mm(self, look: Look) -> Field | None:
+        """As the rig's scene has it: linear between knots, each as a float of 32 bits."""
+        if look.a == look.b == 0:
+            return None
+        first = self._field(look.a).astype(float)
+        return np.asarray(first + look.fraction * (self._field(look.b).astype(float) - first))
+
+    def _field(self, knot: int) -> NDArray[Any]:
+        """Displacement (ny, nx, 3) of a knot on the cut lattice; the last two are at hand."""
+        for number, field in self._knot:
+            if number == knot:
+                return field
+        if knot == 0:
+            lattice = self._crop.lattice
+            field = np.zeros((lattice.ny, lattice.nx, 3), np.float32)
+        else:
+            whole = self.solver.knots[knot - 1].displacement_mm
+            if whole is None:
+                raise SolverError(f"{self.press}: knot {knot} has no displacement of the face")
+            field = self._crop(whole)
+        self._knot = [self._knot[1], (knot, field)]
+        return field
+
+
+class Truth:
+    """What is true of the frames of a stream; of a frame, once for all patterns with equal dots."""
+
+    def __init__(self, stream: PressStream) -> None:
+        self._stream = stream
+        self._in_view = seen_by(stream.view)
+        self._off: dict[bytes, NDArray[np.bool_]] = {}
+        self._number = -1
+        self._motion: tuple[Field, Field] | None = None
+        self._frames: dict[bytes, TrueFrame] = {}
+
+    def of(self, frame: Frame, marks: Marks) -> TrueFrame:
+        """Motion of every pixel, and which of them move and lie on no dot of a pattern."""
+        stream = self._stream
+        if frame.number != self._number:
+            self._number, self._frames, self._motion = frame.number, {}, None
+        key = marks.dots_mm.tobytes() + np.float64(marks.diameter_mm).tobytes()
+        if key not in self._frames:
+            if key not in self._off:
+                self._off[key] = off_dots(stream.view, marks.dots_mm, marks.diameter_mm)
+            if self._motion is None:
+                u_mm = frame.displacement_mm
+                if u_mm is None:
+                    nothing = np.zeros((*self._off[key].shape, 2))
+                    self._motion = nothing, nothing
+                else:
+                    self._motion = stream.seen.both(u_mm)
+            self._frames[key] = TrueFrame.of(
+                *self._motion, self._off[key], self._in_view, stream.view.mm_per_px
+            )
+        return self._frames[key]
+
+
+def looks(protocol: Protocol, path: PressPath, increments: Increments) -> list[Look]:
+    """The moments of a press's frames: evenly over each filmed line, the last one at its end.
+
+    Not for a gel that creeps: a rest has a knot of its own there.
+    """
+    found: list[Look] = []
+    here, knot = (*path.at_mm, protocol.motion.clearance_mm), 0
+    for step in expand(protocol):
+        if step.press != path.press:
+            continue
+        start, here = here, step.target_mm
+        if here[2] > -CONTACT_EPS_MM:
+            knot = 0
+            found += [Look(step.id, 0, 0, 0.0, here)] * step.frames
+            continue
+        at, where = divide(start, here, increments)
+        numbers = [knot]
+        for tip in where[1:]:
+            knot = knot + 1 if tip[2] < 0 else 0
+            numbers.append(knot)
+        found += [_between(step, start, at, numbers, k) for k in range(1, step.frames + 1)]
+    return found
+
+
+def _between(
+    step: Step, start: tuple[float, ...], at: list[float], numbers: list[int], k: int
+) -> Look:
+    """The k-th frame of a line with knots `numbers` at its fractions `at`."""
+    done = k / step.frames
+    i = 0
+    while i + 2 < len(at) and at[i + 1] <= done:
+        i += 1
+    part = min(max((done - at[i]) / (at[i + 1] - at[i]), 0.0), 1.0)
+    x, y, z = (p + done * (q - p) for p, q in zip(start, step.target_mm, strict=True))
+    return Look(step.id, numbers[i], numbers[i + 1], part, (x, y, z))

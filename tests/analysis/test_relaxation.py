@@ -1,0 +1,127 @@
+"""Relaxation in closed form, and the series found again in forces that were made from it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from deltact_fab.analysis.relaxation import Rest, Series, fit, rests, time_to
+from deltact_fab.analysis.relaxation.rests import BIN_S, Way
+from deltact_fab.errors import InputError
+from deltact_fab.record import Run
+
+GEL = Series((0.08, 0.05), (0.4, 6.0))
+
+
+def boltzmann(series: Series, t_s: float, rate, until_s: float) -> float:
+    """The excess by the convolution itself: sum of g, integral of exp(-(t - s) / tau) dF(s)."""
+    return sum(
+        g * quad(lambda s, tau=tau: np.exp(-(t_s - s) / tau) * rate(s), 0, min(t_s, until_s))[0]
+        for g, tau in series.pairs
+    )
+
+
+def test_a_ramp_and_a_hold_are_the_closed_form():
+    ramp_s, t = 3.2, np.array([0.0, 0.5, 1.0, 3.2, 3.3, 4.0, 10.0, 60.0])
+    steady = np.minimum(t / ramp_s, 1.0) * 7.0
+    excess = GEL.excess(t, steady)
+    for k, at in enumerate(t):
+        told = boltzmann(GEL, at, lambda s: 7.0 / ramp_s, ramp_s)
+        assert excess[k] == pytest.approx(told, rel=1e-7, abs=1e-12)
+    assert GEL.after_ramp(ramp_s, t[3:] - ramp_s) * 7.0 == pytest.approx(excess[3:], rel=1e-12)
+
+
+def test_any_way_is_a_sum_of_ramps_and_parting_it_changes_nothing():
+    t = np.array([0.0, 2.0, 5.0, 6.0, 20.0])
+    steady = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 0.0], [3.0, 1.5], [3.0, 1.5]])
+    coarse = GEL.excess(t, steady)
+    fine_t = np.unique(np.concatenate([t, np.linspace(0, 20, 1001)]))
+    fine = GEL.excess(fine_t, np.stack([np.interp(fine_t, t, f) for f in steady.T], axis=1))
+    assert fine[np.searchsorted(fine_t, t)] == pytest.approx(coarse, abs=1e-12)
+    assert (np.abs(coarse[-1]) < np.abs(coarse[3])).all()
+
+
+def test_a_sudden_press_has_all_of_the_shares_and_a_slow_one_nothing():
+    assert GEL.after_ramp(1e-9, [0.0])[0] == pytest.approx(0.13, rel=1e-6)
+    assert GEL.after_ramp(0.0, [0.0])[0] == pytest.approx(0.13, rel=1e-12)
+    assert GEL.after_ramp(1e7, [0.0])[0] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_time_to_a_bound_is_that_of_the_exponential():
+    wait = np.concatenate([[0.0], np.geomspace(0.05, 100, 30)])
+    error = 0.1 * np.exp(-wait / 3.0)
+    assert time_to(wait, error, 0.02) == pytest.approx(3 * np.log(5), rel=1e-9)
+    assert time_to(wait, error, 0.2) == 0.0
+    assert np.isnan(time_to(wait[:10], error[:10], 0.02))
+    # It counts from when on it stays within, not when it first is.
+    assert time_to([0.0, 1.0, 2.0, 3.0], [0.1, 0.01, 0.1, 0.001], 0.02) > 2.0
+
+
+@pytest.mark.parametrize(
+    ("shares", "times", "words"),
+    [((), (), "at least one"), ((0.1,), (1.0, 2.0), "as many g"), ((-0.1,), (1.0,), "g > 0"),
+     ((0.1,), (0.0,), "tau_s > 0"), ((0.1,), (float("nan"),), "tau_s > 0")],
+)  # fmt: skip
+def test_what_is_no_series_is_refused(shares, times, words):
+    with pytest.raises(InputError, match=words):
+        Series(shares, times)
+
+
+def stops(series: Series, noise_n: float, rest_s: float, seed: int = 0) -> list[Rest]:
+    """Rests of a press with a drag to either side, with what each still has of the one before."""
+    rng = np.random.default_rng(seed)
+    corners_s, corners_n = [BIN_S / 2], [(0.0, 0.0, 0.0)]  # nothing at the first time
+    starts = []
+    for ramp_s, force in ((3.2, (0, 0, -7.6)), (1.3, (2.4, 0, -7.6)), (2.6, (-2.4, 0, -7.6))):
+        corners_s.append(corners_s[-1] + ramp_s)
+        corners_n.append(force)
+        starts.append(corners_s[-1])
+        corners_s.append(corners_s[-1] + rest_s)
+        corners_n.append(force)
+    t = np.arange(0.0, corners_s[-1], BIN_S) + BIN_S / 2
+    steady = np.stack([np.interp(t, corners_s, f) for f in np.array(corners_n).T], axis=1)
+    force = steady + series.excess(t, steady) + rng.normal(0, noise_n, steady.shape)
+    way = Way("sphere-15/p1", t, force)
+    found = []
+    for kind, start in zip(("press", "shear", "shear"), starts, strict=True):
+        at = np.searchsorted(t, [start + 0.1, start + rest_s])
+        found.append(Rest(way, kind, kind, 1.6, slice(int(at[0]), int(at[1]))))
+    return found
+
+
+def test_the_series_is_found_again_from_rests_that_follow_each_other():
+    fitted = fit(stops(GEL, noise_n=0.002, rest_s=30.0))
+    assert len(fitted.series.shares) == 2
+    assert fitted.series.shares == pytest.approx(GEL.shares, rel=0.1)
+    assert fitted.series.times_s == pytest.approx(GEL.times_s, rel=0.1)
+    assert fitted.rms_n == pytest.approx(0.002, rel=0.1)
+    assert fitted.unsure == ()
+    # Steady forces are those of the slow gel, though none of the rests is over.
+    assert np.abs(fitted.steady_n[:, 2]) == pytest.approx(7.6, abs=0.02)
+    assert fitted.steady_n[:, 0] == pytest.approx([0, 2.4, -2.4], abs=0.01)
+    left = fitted.left_n(0, [0.0, 5.0, 50.0])[:, 2]
+    assert -0.5 < left[0] < left[1] < left[2] < 0
+    assert left[2] == pytest.approx(0, abs=0.002)
+
+
+def test_a_gel_of_one_time_takes_no_second_branch():
+    one = Series((0.1,), (2.0,))
+    fitted = fit(stops(one, noise_n=0.002, rest_s=30.0))
+    assert len(fitted.series.shares) == 1
+    assert fitted.series.times_s[0] == pytest.approx(2.0, rel=0.03)
+    assert fitted.series.shares[0] == pytest.approx(0.1, rel=0.03)
+
+
+def test_what_is_slower_than_the_rests_is_said_to_be_unsure():
+    slow = Series((0.08, 0.05), (0.4, 30.0))
+    fitted = fit(stops(slow, noise_n=0.002, rest_s=15.0))
+    assert len(fitted.unsure) == 1
+    assert fitted.unsure[0] == fitted.series.times_s[-1] > 7.5
+
+
+def test_a_run_whose_stops_do_not_rest_is_refused(mini_run: Path):
+    with pytest.raises(InputError, match="settle_s"):
+        rests(Run(mini_run))

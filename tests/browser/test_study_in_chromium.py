@@ -1,0 +1,197 @@
+"""A study's page as a browser meets it: wide and narrow, copied from, and printed."""
+
+from __future__ import annotations
+
+import io
+import re
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+from made_up_study import COLUMNS, study, wide
+
+from deltact_fab.report import figures, index_page, study_page
+from deltact_fab.report.result import Drawn, Table
+from deltact_fab.study import comparison
+from deltact_fab.study.asked import Asked
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from playwright.sync_api import Browser, Page
+
+    Opened = Callable[[Path, int], Page]
+
+FIGURES = 20
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A made-up study with missing jobs."""
+    out = tmp_path_factory.mktemp("study") / "s"
+    study_page.write(study(missing=3), out)
+    return out
+
+
+@pytest.fixture(scope="module")
+def tabs(browser: Browser) -> Iterator[Opened]:
+    """Opens pages that may neither complain nor fetch anything."""
+    said: list[str] = []
+
+    def opened(page: Path, width_px: int) -> Page:
+        tab = browser.new_page(viewport={"width": width_px, "height": 900})
+        tab.on("console", lambda message: said.append(message.text))
+        tab.on("pageerror", lambda error: said.append(str(error)))
+        tab.on("request", lambda r: said.append(r.url) if r.url.startswith("http") else None)
+        tab.goto(page.as_uri())
+        return tab
+
+    yield opened
+    assert said == []
+
+
+@pytest.mark.parametrize("what", ["study", "comparison", "index"])
+def test_nothing_runs_over_and_every_column_can_be_reached(
+    folder: Path, cut_off: Callable[[Path, int], list[str]], tmp_path: Path, what: str
+) -> None:
+    if what == "comparison":
+        page = study_page.write(comparison.run(Asked()), tmp_path / "c")
+    elif what == "index":
+        page = index_page.write(folder.parent, tmp_path / "index.html")
+    else:
+        page = folder / "report.html"
+    assert cut_off(page, 390) == []
+    assert cut_off(page, 1280) == []
+
+
+def test_what_a_section_cuts_off_is_caught(
+    cut_off: Callable[[Path, int], list[str]], tmp_path: Path
+) -> None:
+    page = tmp_path / "bad.html"
+    wide_table = "<table><tr><td style='min-width: 600px'>x</td></tr></table>"
+    page.write_text(f"<main><section style='overflow: hidden'>{wide_table}</section></main>")
+    assert any(found.startswith("<table>") for found in cut_off(page, 390))
+    assert cut_off(page, 1280) == []
+
+
+def test_headlines_are_read_at_390_px_without_scrolling(folder: Path, tabs: Opened) -> None:
+    tab = tabs(folder / "report.html", 390)
+    box = tab.locator("table.headlines").bounding_box()
+    assert box is not None
+    assert box["x"] + box["width"] <= 390
+    words = tab.locator("table.headlines").inner_text()
+    assert "0.15 to 0.4" in words
+    # What stands above a column at full width is written before each value.
+    before = "getComputedStyle(document.querySelector('.headlines td + td'), '::before').content"
+    assert "value" in tab.evaluate(before)
+    tab.close()
+
+
+def test_the_button_copies_the_table_as_tsv(browser: Browser, folder: Path) -> None:
+    around = browser.new_context()
+    tab = around.new_page()
+    tab.goto((folder / "report.html").as_uri())
+    button = tab.locator('button[data-from="tsv-wide"]')
+    button.click()
+    assert button.inner_text() == "Copied"
+    assert tab.locator("#tsv-wide").is_hidden()
+    tab.evaluate("""() => { const t = document.createElement('textarea'); t.id = 'here';
+        document.body.append(t); t.focus(); }""")
+    tab.keyboard.press("Control+V")
+    pasted = tab.input_value("#here")
+    lines = pasted.strip("\n").split("\n")
+    assert lines[0].split("\t") == list(wide().columns)
+    assert len(lines) == 1 + len(wide())
+    numbers = [name for name in wide() if name.startswith("rmse")]
+    got = pd.read_csv(io.StringIO(pasted), sep="\t")
+    pd.testing.assert_frame_equal(got[numbers], wide()[numbers])
+    assert list(got["indenter"]) == ["sphere:10", "4 dots", "a </textarea> b", "star"]
+    button.get_by_text("Copy table").wait_for(timeout=5000)
+    around.close()
+
+
+def printed(tab: Page, out: Path) -> Path:
+    """The page on paper."""
+    tab.pdf(path=str(out), prefer_css_page_size=True)
+    return out
+
+
+def words_of(pdf: Path, sheet: int | None = None) -> str:
+    """The words of a PDF or of one sheet, counted from 1, without blanks: lines break them."""
+    if shutil.which("pdftotext") is None:
+        pytest.skip("no pdftotext on this machine: apt-get install poppler-utils")
+    only = [] if sheet is None else ["-f", str(sheet), "-l", str(sheet)]
+    command = ["pdftotext", "-raw", *only, str(pdf), "-"]
+    text = subprocess.run(command, capture_output=True, check=True).stdout
+    return re.sub(r"\s", "", text.decode())
+
+
+def test_the_print_has_every_column_of_a_wide_table(
+    folder: Path, tabs: Opened, tmp_path: Path
+) -> None:
+    many = pd.DataFrame({f"column_{i}_of_many_mm": [i + 0.5, 700.25 + i] for i in range(22)})
+    page = study_page.write(
+        replace(study(), figures=(), tables=(*study().tables[:1], Table("many", "Many", many))),
+        tmp_path / "s",
+    )
+    words = words_of(printed(tabs(page, 1280), tmp_path / "p.pdf"))
+    assert wide().shape[1] == COLUMNS
+    for name in (*wide(), *many):
+        assert name in words, name
+    for i in range(22):
+        assert f"{700.25 + i:.4g}" in words
+    for value in wide()["rmse_left_out_position_9_n"]:
+        assert f"{value:.4g}".replace("-", "−") in words
+    for head in ("95%interval,over", "goal", "remark"):
+        assert head in words
+    assert "Copytable" not in words
+
+
+def bar(colour: str, height_in: float) -> Callable[[], Figure]:
+    """A figure that is one high bar of one colour."""
+
+    def draw() -> Figure:
+        figure, (axis,) = figures.blank(6, height_in)
+        axis.axis("off")
+        axis.barh([0], [1], 1, color=colour)
+        axis.margins(0)
+        return figure
+
+    return draw
+
+
+def test_no_figure_is_split_between_two_sheets_or_from_its_words(
+    tabs: Opened, tmp_path: Path
+) -> None:
+    if shutil.which("pdftoppm") is None:
+        pytest.skip("no pdftoppm on this machine: apt-get install poppler-utils")
+    # So many heights that a sheet's end meets every part of a figure and of its words.
+    heights_in = [2.6 + 0.17 * (7 * i % FIGURES) for i in range(FIGURES)]
+    greens = [10 * i for i in range(FIGURES)]
+    drawn = tuple(
+        Drawn(f"f{i}", f"Figure {i}: " + "words " * 80, bar(f"#c8{green:02x}c8", height_in))
+        for i, (green, height_in) in enumerate(zip(greens, heights_in, strict=True))
+    )
+    page = study_page.write(replace(study(), figures=drawn, tables=()), tmp_path / "s")
+    pdf = printed(tabs(page, 1280), tmp_path / "p.pdf")
+    subprocess.run(["pdftoppm", "-r", "50", "-png", pdf, tmp_path / "sheet"], check=True)
+    sheets = [cv2.imread(str(path)) for path in sorted(tmp_path.glob("sheet*.png"))]
+    assert len(sheets) >= 8
+    for i, (green, height_in) in enumerate(zip(greens, heights_in, strict=True)):
+        rows = [
+            int(np.all(np.abs(sheet.astype(int) - (200, green, 200)) < 4, axis=2).any(axis=1).sum())
+            for sheet in sheets
+            if sheet is not None
+        ]
+        assert sum(count > 0 for count in rows) == 1, i
+        assert max(rows) > 0.9 * 50 * height_in
+        words = words_of(pdf, 1 + int(np.argmax(rows)))
+        assert words.partition(f"Figure{i}:")[2].startswith("words" * 80), i

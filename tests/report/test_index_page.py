@@ -1,0 +1,143 @@
+"""The index finds runs and studies below a folder, and says which are not in order."""
+
+from __future__ import annotations
+
+import html
+import re
+import shutil
+import time
+from dataclasses import replace
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+from click.testing import CliRunner
+from made_up_study import study
+
+from deltact_fab.cli.main import main
+from deltact_fab.errors import InputError
+from deltact_fab.report import index_page, study_page
+from deltact_fab.report.index_page import Entry, entries
+
+OLD_RUN = Path(__file__).parent.parent / "data" / "run-format-2"
+
+
+@pytest.fixture(scope="module")
+def all_sorts(mini_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Runs and studies, whole, unfinished and damaged."""
+    top = tmp_path_factory.mktemp("results")
+    made = replace(study(), figures=())
+    study_page.write(made, top / "studies" / "a study #1")
+    study_page.write(replace(made, missing=("one", "two")), top / "half")
+    study_page.write(made, top / "no-page")
+    (top / "no-page" / "report.html").unlink()
+    (top / "cut").mkdir()
+    (top / "cut" / "result.json").write_text('{"format": "delt')
+    shutil.copytree(mini_run, top / "runs" / "mini")
+    shutil.copytree(mini_run, top / "stopped")
+    (top / "stopped" / "summary.json").unlink()
+    shutil.copytree(OLD_RUN, top / "old")
+    shutil.copytree(OLD_RUN, top / "hurt")
+    (top / "hurt" / "journal.sqlite").write_bytes(b"not a database at all" * 100)
+    (top / "odd").mkdir()
+    (top / "odd" / "run.json").write_text("[]")
+    (top / "odd" / "pattern.json").write_text("{}")
+    (top / ".hidden").mkdir()
+    (top / ".hidden" / "run.json").write_text("{}")
+    return top
+
+
+@pytest.fixture(scope="module")
+def found(all_sorts: Path) -> dict[str, Entry]:
+    return {entry.name: entry for entry in entries(all_sorts, all_sorts)}
+
+
+def test_every_run_and_study_has_a_row_and_nothing_else(found: dict[str, Entry]) -> None:
+    assert set(found) == {
+        "studies/a study #1", "half", "no-page", "cut", "runs/mini", "stopped", "old", "hurt",
+        "odd",
+    }  # fmt: skip
+
+
+def test_a_study_tells_its_verdict_its_date_and_where_its_page_is(found: dict[str, Entry]) -> None:
+    entry = found["studies/a study #1"]
+    assert entry.kind == "study made-up"
+    assert entry.line == "The better one is half as far off."
+    assert entry.date[:10] in {
+        time.strftime("%Y-%m-%d", time.gmtime(time.time() - s)) for s in (0, 600)
+    }
+    assert entry.link == "studies/a%20study%20%231/report.html"
+    assert entry.simulated
+    assert entry.trouble == ""
+
+
+def test_a_run_tells_what_there_is(found: dict[str, Entry]) -> None:
+    entry = found["runs/mini"]
+    assert (entry.kind, entry.trouble, entry.simulated) == ("run of mini", "", True)
+    assert re.fullmatch(r"\d+ frames in 2 presses, not analysed yet", entry.line)
+    assert re.fullmatch(r"20\d\d-\d\d-\d\d \d\d:\d\d", entry.date)
+    assert entry.link == "runs/mini"
+    assert found["old"].line == "6 frames in 1 press, not analysed yet"
+
+
+@pytest.mark.parametrize(
+    ("name", "trouble", "line"),
+    [
+        ("half", "2 jobs missing:", "The better one"),
+        ("no-page", "its page is gone:", "The better one"),
+        ("cut", "damaged:", "cannot be read"),
+        ("stopped", "unfinished:", "frames in"),
+        ("hurt", "damaged:", "journal"),
+        ("odd", "damaged:", "format"),
+    ],
+)
+def test_what_is_not_in_order_says_so_in_a_line(
+    found: dict[str, Entry], all_sorts: Path, name: str, trouble: str, line: str
+) -> None:
+    assert found[name].trouble == trouble
+    assert line in found[name].line
+    assert str(all_sorts) not in found[name].line
+
+
+def test_an_analysed_run_tells_its_verdict(mini_run: Path, tmp_path: Path) -> None:
+    shutil.copytree(mini_run, tmp_path / "run")
+    (tmp_path / "run" / "analysis").mkdir(exist_ok=True)
+    path = tmp_path / "run" / "analysis" / "tracking.json"
+    path.write_text('{"verdict": {"line": "Take dis-fast."}}')
+    (tmp_path / "run" / "report.html").write_text("")
+    (entry,) = entries(tmp_path, tmp_path)
+    assert (entry.line, entry.trouble, entry.link) == ("Take dis-fast.", "", "run/report.html")
+    path.write_text('{"verdict"')
+    assert entries(tmp_path, tmp_path)[0].trouble == "damaged:"
+
+
+def test_the_newest_stands_first_and_what_has_no_date_last(all_sorts: Path) -> None:
+    dates = [entry.date for entry in entries(all_sorts, all_sorts)]
+    assert dates == sorted(dates, reverse=True)
+    assert dates[-1] == ""
+
+
+def test_the_command_writes_a_page_whose_links_hold(all_sorts: Path, tmp_path: Path) -> None:
+    out = tmp_path / "deep" / "index.html"
+    done = CliRunner().invoke(
+        main, ["study", "index", str(all_sorts), "-o", str(out)], catch_exceptions=False
+    )
+    assert (done.exit_code, done.output) == (0, f"{out}\n")
+    page = out.read_text()
+    links = [html.unescape(link) for link in re.findall(r'<a href="([^"]+)"', page)]
+    assert len(links) == 9
+    assert all((out.parent / unquote(link)).exists() for link in links)
+    assert "6 are unfinished or damaged" in page
+    assert page.count('<tr class="bad">') == 6
+    assert "<script" not in page
+
+
+def test_an_empty_folder_has_an_index_that_says_what_would_be_in_it(tmp_path: Path) -> None:
+    page = index_page.write(tmp_path, tmp_path / "index.html").read_text()
+    assert "None was found" in page
+
+
+def test_no_folder_is_bad_input(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such folder"):
+        index_page.write(tmp_path / "nothing", tmp_path / "index.html")
+    assert list(tmp_path.iterdir()) == []

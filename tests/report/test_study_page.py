@@ -1,0 +1,326 @@
+"""A study's page is offline and says the verdict first; its folder is whole or as it was."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+import resource
+import signal
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from made_up_study import study
+
+from deltact_fab.errors import InputError, RunFailed
+from deltact_fab.report import study_page, tables
+from deltact_fab.report.result import Drawn, Headline, LeftOut, StudyResult, Table
+from deltact_fab.report.study_folder import read_result
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("study") / "made-up"
+    assert study_page.write(study(missing=25), out) == out / "report.html"
+    return out
+
+
+@pytest.fixture(scope="module")
+def page(folder: Path) -> str:
+    return (folder / "report.html").read_text()
+
+
+def plain() -> StudyResult:
+    """Without figures: they take the time."""
+    return replace(study(), figures=())
+
+
+class Seen(HTMLParser):
+    """Ids, links, and words in the order in which a reader meets them."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.ids: list[str] = []
+        self.links: list[str] = []
+        self.words: list[str] = []
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        for name, value in attrs:
+            if name == "id" and value:
+                self.ids.append(value)
+            if name in ("src", "href", "xlink:href", "srcset") and value:
+                self.links.append(value)
+
+    def handle_data(self, data: str) -> None:
+        self.words += data.split()
+
+
+def section(page: str, title: str) -> str:
+    """One section of the page, by its heading."""
+    return page.partition(f"<h2>{title}</h2>")[2].partition("</section>")[0]
+
+
+def table_of(part: str) -> list[list[str]]:
+    """The cells of the first table in a part of the page, the head first."""
+    rows = re.findall(r"<tr.*?</tr>", part.partition("</table>")[0], re.DOTALL)
+    cells = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row, re.DOTALL) for row in rows]
+    return [[html.unescape(re.sub("<.*?>", "", cell)) for cell in row] for row in cells]
+
+
+def test_the_verdict_stands_first_and_what_it_is_made_with_last(page: str) -> None:
+    body = page.partition("<body>")[2]
+    places = [body.index(words) for words in (
+        "The better one is half as far off.", "It holds for &lt;all&gt; seeds.",
+        "25 jobs are missing", "What counts", "Bars of three tools.", "Twelve columns",
+        "What this scene left out", "Made with", "opencv-contrib-python-headless",
+    )]  # fmt: skip
+    assert places == sorted(places)
+    assert "simulated</span>" in body
+    assert "seed 7" in body
+
+
+def test_it_fetches_nothing_and_links_to_what_lies_beside_it(page: str, folder: Path) -> None:
+    seen = Seen(page)
+    beside = [link for link in seen.links if not link.startswith(("data:", "#"))]
+    assert set(beside) == {"headlines.csv", "wide.csv", "points.csv", "part.csv", "recipe.toml"}
+    assert all((folder / link).is_file() for link in beside)
+    assert not re.search(r"@import|url\((?!#)", page)
+    assert len(seen.ids) > 20
+
+
+def test_headlines_tell_value_interval_paper_and_goal(page: str) -> None:
+    head, *rows = table_of(section(page, "What counts"))
+    assert head == ["figure", "value", "95 % interval, over", "paper", "goal", "remark"]
+    assert rows[0] == [
+        "mean error of the default tracker", "0.01235\u00a0mm", "0.011 to 0.014\u00a0mm, 5 seeds",
+        "0.08\u00a0mm", "at most 0.03\u00a0mm: met", "",
+    ]  # fmt: skip
+    assert rows[1][4:] == [
+        "at most 0.2\u00a0N: missed, but the interval reaches over it",
+        "the edge of the gel is softer",
+    ]
+    assert rows[2][1:] == ["0.991", "one fit", "0.99", "at least 0.98: met", ""]
+
+
+def test_a_goal_that_is_missed_for_no_reason_says_that_too(tmp_path: Path) -> None:
+    short = Headline("error", 2.0, "mm", 1.5, 2.5, "5 seeds", goal=1.0)
+    out = study_page.write(replace(plain(), headlines=(short,)), tmp_path / "s").read_text()
+    (row,) = table_of(section(out, "What counts"))[1:]
+    assert row[-1] == "the study gives no reason"
+    assert 'class="verdict doubt"' in out
+
+
+def test_goals_and_missing_jobs_put_the_verdict_in_doubt_and_nothing_else(tmp_path: Path) -> None:
+    good = replace(plain(), headlines=plain().headlines[:1])
+    page = study_page.write(good, tmp_path / "good").read_text()
+    assert 'class="verdict"' in page
+    assert "missing</h2>" not in page
+    bad = study_page.write(replace(good, missing=("one",)), tmp_path / "bad").read_text()
+    assert 'class="verdict doubt"' in bad
+    assert "1 job is missing" in bad
+
+
+def test_missing_jobs_are_named_up_to_a_point(page: str) -> None:
+    part = section(page, "25 jobs are missing")
+    assert part.count("d0.1-r") == study_page.MOST_MISSING
+    assert "and 5 more" in part
+
+
+def test_columns_without_a_value_are_left_out_and_rows_of_long_tables(page: str) -> None:
+    head, *rows = table_of(section(page, "Every point"))
+    assert head == ["point", "normal_n"]
+    assert len(rows) == tables.FIRST_ROWS
+    assert "The first 20 of 2070 rows are shown" in page
+    text = page.partition('id="tsv-points"')[2].partition("</textarea>")[0].partition(">")[2]
+    lines = text.strip().split("\n")
+    assert len(lines) == 2071
+    assert lines[-1].split("\t") == ["2069", "9.67"]
+
+
+def test_a_shown_column_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    wrong = Table("t", "T", pd.DataFrame({"a": [1]}), ("b",))
+    with pytest.raises(ValueError, match="no column 'b'"):
+        study_page.write(replace(plain(), tables=(wrong,)), tmp_path / "s")
+    assert list((tmp_path / "s").iterdir()) == []
+
+
+COSTS = [
+    {"layer": "its viscosity", "seconds": 1.234, "megabytes": 40.0},
+    {"layer": "cadquery", "seconds": 2.0, "megabytes": 300.0},
+]
+
+
+def test_costs_stand_beside_what_was_left_out_only_where_they_were_measured(
+    tmp_path: Path,
+) -> None:
+    result = replace(plain(), left_out=plain().left_out[:1])
+    unmeasured = [{**cost, "seconds": None, "megabytes": None} for cost in COSTS]
+    for costs in ((), unmeasured):
+        page = study_page.write(result, tmp_path / "s", costs).read_text()
+        head, *rows = table_of(section(page, "What this scene left out"))
+        assert head == ["without", "why"]
+        assert rows == [["viscosity", "the specimen has no Prony series"]]
+    page = study_page.write(plain(), tmp_path / "s", COSTS).read_text()
+    head, *rows = table_of(section(page, "What this scene left out"))
+    assert head[-1] == "what that saved"
+    assert [row[-1] for row in rows] == ["1.23 CPU s, 40 MB", "1.5 s, 200 MB"]
+    assert "measured once on this machine" in page
+    none = study_page.write(replace(plain(), left_out=()), tmp_path / "s", COSTS).read_text()
+    assert "What this scene left out" not in none
+
+
+def test_what_was_written_is_read_again(folder: Path) -> None:
+    kept, made = read_result(folder), study(missing=25)
+    assert (kept.study, kept.title, kept.verdict) == (made.study, made.title, made.verdict)
+    assert (kept.seed, kept.scale, kept.simulated) == (7, 0.1, True)
+    assert kept.headlines == made.headlines
+    assert kept.missing == made.missing
+    assert kept.settings == made.settings
+    assert kept.data == made.data
+    assert kept.versions["numpy"] == np.__version__
+    assert sorted(kept.files) == sorted(p.name for p in folder.iterdir() if p.name != "result.json")
+    assert (folder / "recipe.toml").read_text() == "seed = 7\n"
+    again = pd.read_csv(folder / "wide.csv")
+    pd.testing.assert_frame_equal(again, made.tables[0].frame)
+
+
+def test_a_value_that_is_no_number_is_kept_as_none_and_meets_no_goal(tmp_path: Path) -> None:
+    lost = Headline("error", float("nan"), "mm", None, None, "no frame was trusted", goal=1.0)
+    study_page.write(replace(plain(), headlines=(lost,)), tmp_path)
+    assert json.loads((tmp_path / "result.json").read_text())["headlines"][0]["value"] is None
+    (kept,) = read_result(tmp_path).headlines
+    assert np.isnan(kept.value)
+    assert kept.met is False
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"format": "deltact-fab study 0"}, "format: 'deltact-fab study 0'"),
+        ({"verdict": "yes"}, "verdict: 'yes'"),
+        ({"headlines": [{"what": "x"}]}, "headlines: cannot be read"),
+        ({"data": None}, "data: None"),
+    ],
+)
+def test_a_result_that_is_none_names_file_and_key(
+    folder: Path, tmp_path: Path, change: dict[str, object], words: str
+) -> None:
+    found = json.loads((folder / "result.json").read_text())
+    (tmp_path / "result.json").write_text(json.dumps({**found, **change}))
+    with pytest.raises(InputError, match=re.escape(words)) as caught:
+        read_result(tmp_path)
+    assert str(tmp_path / "result.json") in str(caught.value)
+
+
+def test_a_folder_without_a_study_and_half_a_file_are_told_apart(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"result\.json is missing"):
+        read_result(tmp_path)
+    (tmp_path / "result.json").write_text('{"format"')
+    with pytest.raises(InputError, match="cannot be read"):
+        read_result(tmp_path)
+
+
+def state(folder: Path) -> dict[str, bytes]:
+    """All files of a folder."""
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+def _fails() -> None:
+    raise RunFailed("no such figure")
+
+
+@pytest.mark.parametrize("what", ["figure", "number", "name"])
+def test_what_fails_leaves_the_earlier_study_as_it_is(tmp_path: Path, what: str) -> None:
+    study_page.write(plain(), tmp_path)
+    before = state(tmp_path)
+    if what == "figure":
+        bad = replace(plain(), figures=(Drawn("bad", "Bad.", _fails),))  # type: ignore[arg-type]
+    elif what == "number":
+        bad = replace(plain(), data={"error_mm": float("nan")})
+    else:
+        bad = replace(plain(), files={"../recipe.toml": ""})
+    with pytest.raises((RunFailed, ValueError)):
+        study_page.write(bad, tmp_path)
+    assert state(tmp_path) == before
+
+
+def test_a_full_disk_leaves_the_earlier_study_as_it_is(tmp_path: Path) -> None:
+    study_page.write(plain(), tmp_path)
+    before = state(tmp_path)
+    was = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, was[1]))  # the page has more
+    try:
+        with pytest.raises(RunFailed, match="cannot be written"):
+            study_page.write(replace(plain(), title="Another"), tmp_path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, was)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert state(tmp_path) == before
+
+
+def test_files_of_the_earlier_study_go_and_a_users_own_stay(tmp_path: Path) -> None:
+    study_page.write(plain(), tmp_path)
+    (tmp_path / "my-notes.txt").write_text("mine")
+    study_page.write(replace(plain(), tables=plain().tables[:1], files={}), tmp_path)
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"report.html", "result.json", "headlines.csv", "wide.csv", "my-notes.txt"}
+
+
+@pytest.mark.parametrize("held", ["another study", "a run"])
+def test_no_other_folder_is_written_into(tmp_path: Path, held: str) -> None:
+    if held == "a run":
+        (tmp_path / "run.json").write_text("{}")
+    else:
+        study_page.write(replace(plain(), study="other"), tmp_path)
+    before = state(tmp_path)
+    with pytest.raises(InputError, match="name another folder"):
+        study_page.ready("made-up", tmp_path)
+    with pytest.raises(InputError, match="name another folder"):
+        study_page.write(plain(), tmp_path)
+    assert state(tmp_path) == before
+
+
+def test_ready_finds_a_folder_that_cannot_be(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be made"):
+        study_page.ready("made-up", tmp_path / "file" / "out")
+    with pytest.raises(InputError, match="cannot be made"):
+        study_page.ready("made-up", tmp_path / "out", tmp_path / "file")
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (0.0123456, "0.01235"), (2070, "2\u202f070"), (-12.5, "−12.5"), (1.23e-7, "1.23e−07"),
+        (123456.7, "123\u202f457"), (True, "yes"), (None, ""), (float("nan"), ""), (3.0, "3"),
+        ("star", "star"), (np.int64(5), "5"), (np.float64(0.25), "0.25"),
+    ],
+)  # fmt: skip
+def test_cells_are_for_people(value: object, shown: str) -> None:
+    assert tables.cell(value) == shown
+
+
+def test_copied_text_has_all_digits_and_one_line_a_row() -> None:
+    frame = pd.DataFrame({"a_mm": [1 / 3, np.nan], "b": ["x\ty", "two\nlines"]})
+    assert tables.tsv(frame) == "a_mm\tb\n0.3333333333333333\tx y\n\ttwo lines\n"
+
+
+def test_headline_goals() -> None:
+    low = Headline("e", 0.1, "mm", 0.05, 0.15, "", goal=0.2)
+    assert (low.met, low.sure) == (True, True)
+    assert replace(low, goal=0.12).sure is False
+    high = replace(low, goal=0.2, better="high")
+    assert (high.met, high.sure) == (False, True)
+    assert (replace(low, goal=None).met, replace(low, low=None).sure) == (None, None)
+
+
+def test_left_out_without_layer_is_never_given_a_cost(tmp_path: Path) -> None:
+    result = replace(plain(), left_out=(LeftOut("x", "y"),))
+    page = study_page.write(result, tmp_path, [{"layer": "", **COSTS[0]}]).read_text()
+    assert "CPU s" not in page

@@ -1,0 +1,107 @@
+"""Presses as pure jobs: the whole run's own images, and the study's figures are a record's."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from deltact_fab import cache, experiment, record
+from deltact_fab.cad.design import load_design
+from deltact_fab.experiment.presses import run_presses
+from deltact_fab.patterns.recipe import load_recipe
+from deltact_fab.protocols import plan
+from deltact_fab.rig import config
+from deltact_fab.rig.interface import Job
+from deltact_fab.study.asked import Asked
+from deltact_fab.study.force_calibration import run
+from deltact_fab.study.grid import KIND
+
+PROTOCOL = """
+name = "two-places"
+indenters = ["sphere:15"]
+positions_mm = [[0.0, 0.0], [6.0, 5.0], [-6.0, 5.0]]
+depths_mm = [0.5]
+channels = ["image", "force", "shear"]
+[shear]
+amplitude_of_depth = 0.4
+grid = true
+first = "outward"
+[capture]
+settle_s = 0.2
+[specimen]
+gel_model = "hyperelastic"
+"""
+
+
+def test_a_press_alone_is_the_whole_runs(
+    mini: tuple[Path, Path], mini_run: Path, tmp_path: Path
+) -> None:
+    protocol, _ = plan.load(str(mini[0]))
+    rig, source = config.load(str(mini[1]))
+    assert isinstance(rig, config.VirtualConfig)
+    sensor, recipe = load_design(protocol.specimen.design), load_recipe(protocol.specimen.pattern)
+    press = "4dots/p1"  # the second one
+    run_presses(Job(protocol, sensor, recipe, 3, tmp_path / "alone"), rig, source, [press])
+    whole, alone = record.open(mini_run), record.open(tmp_path / "alone")
+    columns = ["frame_id", "sha256", "fx_n", "fy_n", "fz_n", "tx_nmm", "settled"]
+    expected = whole.frames(press)[columns].reset_index(drop=True)
+    assert alone.frames()[columns].reset_index(drop=True).equals(expected)
+    assert len(expected) > 2
+
+
+@pytest.fixture(scope="module")
+def asked(tmp_path_factory: pytest.TempPathFactory) -> Asked:
+    protocol = tmp_path_factory.mktemp("protocol") / "two-places.toml"
+    protocol.write_text(PROTOCOL)
+    return Asked(rig="virtual-coarse", seed=5, more={"protocol": str(protocol)})
+
+
+@pytest.fixture(scope="module")
+def simulated(asked: Asked) -> dict[str, Any]:
+    return json.loads(json.dumps(run(asked).data, allow_nan=False))
+
+
+@pytest.mark.slow
+def test_the_study_is_simulated_judged_and_told(simulated: dict[str, Any]) -> None:
+    # One at rest and nine stops of a grid of shear, at three places, two of them mirror images.
+    assert (simulated["n_points"], simulated["n_train"], simulated["n_test"]) == (30, 24, 6)
+    assert simulated["n_presses"] == 3
+    best = simulated["models"]["best"]
+    assert best["normal"]["rmse_left_out_position_n"] < 0.1 * best["normal"]["range_n"]
+    assert best["normal"]["rmse_left_out_indenter_n"] is None, "there is one"
+    assert 1 < best["normal"]["range_n"] < 5
+    told = simulated["settings"]
+    assert told["friction"] == "0.5"
+    assert "noise 0.01 N" in told["force sensor"]
+    assert "the tolerance of 3% of the force picks hyperelastic" in told["gel"]
+    assert "the mesh's part of the error may be 6.2 times as large, 9.3%" in told["gel"]
+    assert "mesh at 2 of 2 jobs" in told["gel's flags"]
+    assert (simulated["simulated"], simulated["seed"]) == (True, 5)
+
+
+@pytest.mark.slow
+def test_a_recorded_run_of_the_protocol_says_the_same(
+    asked: Asked, simulated: dict[str, Any], tmp_path: Path
+) -> None:
+    folder = tmp_path / "recorded"
+    experiment.run(asked.more["protocol"], str(asked.rig), folder, seed=5)
+    recorded = run(Asked(runs=(folder,), seed=5)).data
+    assert recorded["models"] == simulated["models"]
+    assert recorded["modulus"] == simulated["modulus"]
+    assert recorded["runs"] == ["recorded"]
+
+
+@pytest.mark.slow
+def test_what_a_stopped_study_has_kept_is_taken_up_to_the_same_tables(
+    asked: Asked, simulated: dict[str, Any]
+) -> None:
+    kept = sorted((cache.user_folder() / KIND).glob("*.bin"))
+    assert len(kept) >= 2
+    kept[0].unlink()  # a job that had not ended
+    again = json.loads(json.dumps(run(asked).data, allow_nan=False))
+    assert again == simulated
+    assert np.isfinite(again["models"]["paper"]["normal"]["rmse_n"])

@@ -1,0 +1,292 @@
+"""A grid: kept, gone on with, told apart, and never taken for whole when it is not."""
+
+from __future__ import annotations
+
+import math
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tiny_study
+
+from deltact_fab import cache
+from deltact_fab.errors import InputError, RunFailed, SolverError
+from deltact_fab.study import grid as engine
+from deltact_fab.study.asked import Asked
+from deltact_fab.study.grid import Grid, Job
+from deltact_fab.study.pace import Pace, spelled
+from deltact_fab.study.seeds import seed_of
+
+
+@pytest.fixture(autouse=True)
+def done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A store of its own, and the folder where a job leaves a file when it is done."""
+    monkeypatch.setenv("DELTACT_FAB_CACHE", str(tmp_path / "store"))
+    (tmp_path / "done").mkdir()
+    monkeypatch.setenv(tiny_study.DONE, str(tmp_path / "done"))
+    return tmp_path / "done"
+
+
+def solve(jobs: list[Job], say: Callable[[str], None] | None = None) -> Grid:
+    """On threads, which start at once."""
+    with ThreadPoolExecutor(2) as threads:
+        return engine.solve(jobs, threads, say=say)
+
+
+def entries() -> list[Path]:
+    return sorted((cache.user_folder() / engine.KIND).glob("*.bin"))
+
+
+def same(one: Grid, other: Grid) -> bool:
+    return list(one) == list(other) and all(
+        a.keys() == b.keys() and all(np.array_equal(a[k], b[k], equal_nan=k == "nan") for k in a)
+        for a, b in zip(one.values(), other.values(), strict=True)
+    )
+
+
+def test_what_is_kept_is_not_done_again_and_is_the_same(done: Path) -> None:
+    said: list[str] = []
+    first = solve(tiny_study.jobs_of(7, 3), say=said.append)
+    again = solve(tiny_study.jobs_of(7, 3), say=said.append)
+    assert said == ["0 of 3 jobs are kept, 3 to do"]
+    assert (first.kept, again.kept, len(list(done.iterdir()))) == (0, 3, 3)
+    assert same(first, again)
+    value = first["job-1"]
+    assert value["draws"].shape == (4, 2)
+    assert value["draws"].dtype == np.float64
+    # As JSON has it from the first time on, so that nobody builds on what a second time has not.
+    assert value["pair"] == [1, 2]
+    assert math.isnan(value["nan"])
+
+
+def test_another_seed_or_another_given_is_another_job(done: Path) -> None:
+    solve(tiny_study.jobs_of(7, 2))
+    assert solve(tiny_study.jobs_of(8, 2)).kept == 0
+    assert solve(tiny_study.jobs_of(7, 3)).kept == 2
+
+
+def test_another_code_is_another_job(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    script = tmp_path / "own.py"
+    ask = [
+        sys.executable, "-c",
+        "import own; from deltact_fab.study.grid import Job, solve\n"
+        "grid = solve([Job('a', own.work)]); print(grid.kept, grid['a']['n'])",
+    ]  # fmt: skip
+    environment = {**os.environ, "PYTHONPATH": f"{tmp_path}:{':'.join(sys.path)}"}
+    found = []
+    for n, remark in ((1, ""), (1, "  # a remark"), (2, "")):
+        script.write_text(f"def work(given):\n    return {{'n': {n}}}{remark}\n")
+        found.append(subprocess.run(
+            ask, env=environment, capture_output=True, text=True, check=True, timeout=60,
+        ).stdout.split())  # fmt: skip
+    assert found == [["0", "1"], ["1", "1"], ["0", "2"]]
+
+
+def test_two_jobs_of_one_name_are_refused() -> None:
+    job = tiny_study.jobs_of(1, 1)[0]
+    with pytest.raises(ValueError, match="jobs of one name: job-0"):
+        solve([job, job])
+
+
+def test_one_of_two_names_for_the_same_is_done(done: Path) -> None:
+    job = tiny_study.jobs_of(1, 1)[0]
+    grid = solve([job, replace(job, name="also")])
+    assert len(list(done.iterdir())) == 1
+    assert grid["also"]["mean"] == grid["job-0"]["mean"]
+
+
+def test_given_that_is_no_plain_data_is_refused_before_anything_is_done() -> None:
+    job = tiny_study.jobs_of(1, 1)[0]
+    with pytest.raises(TypeError, match="job-0"):
+        solve([replace(job, given={"path": Path()})])
+
+
+@pytest.mark.parametrize("harm", ["cut", "bit", "empty", "other"])
+def test_a_damaged_entry_is_done_again(harm: str, done: Path) -> None:
+    whole = solve(tiny_study.jobs_of(7, 2))
+    one, other = entries()
+    data = one.read_bytes()
+    harmed = {
+        "cut": data[: len(data) // 2],
+        "bit": data[:-30] + bytes([data[-30] ^ 1]) + data[-29:],
+        "empty": b"",
+        "other": other.read_bytes(),
+    }
+    one.write_bytes(harmed[harm])
+    again = solve(tiny_study.jobs_of(7, 2))
+    assert (again.kept, len(list(done.iterdir()))) == (1, 3)
+    assert same(whole, again)
+    assert solve(tiny_study.jobs_of(7, 2)).kept == 2
+
+
+def test_a_failure_ends_one_job_and_the_grid_says_so_whatever_is_asked_of_it(done: Path) -> None:
+    said: list[str] = []
+    grid = solve(tiny_study.jobs_of(7, 4, fails="job-2"), say=said.append)
+    assert said[1:] == ["failed: job-2: it did not converge"]
+    assert grid.missing == {"job-2": "it did not converge"}
+    assert len(grid) == 4
+    assert list(grid.partial()) == ["job-0", "job-1", "job-3"]
+    assert grid["job-3"]["mean"] == grid.partial()["job-3"]["mean"]
+    for forgetful in (list, dict, lambda g: list(g.values()), lambda g: sum(1 for _ in g.items())):
+        with pytest.raises(RunFailed, match=r"1 of 4 jobs have no result: job-2 \(it did not conv"):
+            forgetful(grid)
+    with pytest.raises(RunFailed, match="job-2: has no result"):
+        grid["job-2"]
+    with pytest.raises(KeyError):
+        grid["job-9"]
+    # It is tried again, and then the grid is whole.
+    later = solve(tiny_study.jobs_of(7, 4))
+    assert (later.missing, later.kept, len(list(later))) == ({}, 3, 4)
+    failing = tiny_study.jobs_of(7, 4, fails="job-2")
+    assert [solve(failing).missing for _ in range(2)] == [{"job-2": "it did not converge"}] * 2
+
+
+def test_when_all_fail_the_reason_is_the_error() -> None:
+    job = tiny_study.jobs_of(7, 1, fails="job-0")
+    with pytest.raises(SolverError, match="converge"):
+        solve(job)
+
+
+def test_a_process_that_dies_each_time_costs_its_job_only() -> None:
+    grid = engine.solve([*tiny_study.jobs_of(7, 3), Job("dies", tiny_study.die)])
+    assert list(grid.missing) == ["dies"]
+    assert grid.missing["dies"].startswith("its process died twice")
+    assert len(grid.partial()) == 3
+
+
+def test_a_mistake_in_the_code_is_raised_with_the_job_that_it_was_in() -> None:
+    with pytest.raises(KeyError) as why:
+        solve([Job("wrong", tiny_study.draw, {}), *tiny_study.jobs_of(7, 1)])
+    assert why.value.__notes__ == ["in the job wrong"]
+
+
+@pytest.mark.parametrize("thing", ["numpy number", "objects"])
+def test_a_value_that_cannot_be_kept_is_a_mistake_and_not_a_failure(thing: str) -> None:
+    with pytest.raises(TypeError) as why:
+        solve([Job("wrong", tiny_study.strange, {"thing": thing}), *tiny_study.jobs_of(7, 1)])
+    assert why.value.__notes__ == ["in the job wrong"]
+
+
+def test_a_store_that_refuses_is_said_once_and_the_values_are_there(tmp_path: Path) -> None:
+    cache.user_folder().parent.mkdir(exist_ok=True)
+    cache.user_folder().write_text("no folder")
+    said: list[str] = []
+    assert len(solve(tiny_study.jobs_of(7, 3), say=said.append).partial()) == 3
+    assert [line for line in said if "nothing can be kept" in line] == said[1:]
+    assert len(said) == 2
+
+
+def test_the_stores_limit_takes_what_is_unused_and_nothing_of_this_grid(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    solve(tiny_study.jobs_of(1, 2))
+    old = entries()
+    for path in old:
+        os.utime(path, (1e9, 1e9))
+    monkeypatch.setattr(engine, "KEPT_BYTES", 1)
+    grid = solve(tiny_study.jobs_of(2, 3))
+    assert not set(old) & set(entries())
+    assert len(entries()) == 3
+    assert solve(tiny_study.jobs_of(2, 3)).kept == len(grid) == 3
+
+
+def test_what_a_study_forgets_is_in_its_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    from deltact_fab.study import registry
+
+    monkeypatch.setattr(registry, "STUDIES", dict(registry.STUDIES))
+    monkeypatch.setitem(registry.STUDIES, "tiny", registry.Study("tiny_study", "Tiny."))
+    monkeypatch.setitem(sys.modules, "deltact_fab.study.tiny_study", tiny_study)
+    more = {"count": 3, "seconds": 0.0, "fails": "job-1", "partial": True}
+    assert registry.run("tiny", Asked(more=more)).missing == ("job-1",)
+    with pytest.raises(RunFailed, match="1 of 3 jobs have no result"):
+        registry.run("tiny", Asked(more={**more, "partial": False}))
+    with pytest.raises(InputError, match="did you mean 'tiny'"):
+        registry.run("tinny", Asked())
+
+
+def test_the_longest_jobs_are_begun_first() -> None:
+    jobs = [
+        replace(job, cost=cost)
+        for job, cost in zip(tiny_study.jobs_of(7, 3), (1.0, 3.0, 2.0), strict=True)
+    ]
+    heard: list[str] = []
+    with ThreadPoolExecutor(1) as one:
+        engine.solve(jobs, one, progress=lambda done, of, what: heard.append(what.split(",")[0]))
+    assert [name for name in heard if name] == ["job-1", "job-2", "job-0"]
+
+
+def test_seeds_depend_on_the_study_and_the_name_and_nothing_else() -> None:
+    names = [f"sphere:{d}/p{n}" for d in range(40) for n in range(50)]
+    found = [seed_of(3, name) for name in names]
+    assert len(set(found)) == len(names)
+    assert found == [seed_of(3, name) for name in names]
+    assert not set(found) & {seed_of(4, name) for name in names}
+    assert all(0 <= seed < 2**48 for seed in found)
+    # A change of numpy or of ours would make other draws of the same seed, and throw all away.
+    assert seed_of(3, "sphere:10/p1") == 249821586942346
+
+
+def test_remaining_time_by_what_the_jobs_cost() -> None:
+    pace = Pace([30.0, 10.0, 10.0, 10.0], "work", 2)  # 30 s expected, which count as a tenth
+    began = pace._began
+    assert pace.left_s(began + 5) is None
+    assert pace.left() == ""
+    pace.ended(1)
+    assert pace.left_s(began + 8) == pytest.approx(50 / 60 * (8 + 3) / (10 / 60 + 0.1))
+    pace.share(0, 0.5)
+    assert pace.left_s(began + 10) == pytest.approx(35 / 60 * (10 + 3) / (25 / 60 + 0.1))
+    pace.share(0, 0.2)  # never back
+    assert pace.done() == pytest.approx(25 / 60)
+    for index in (0, 2, 3):
+        pace.ended(index)
+    assert pace.left_s(began + 30) == 0
+    assert pace.left() == ""
+
+
+def test_the_first_moments_do_not_upset_what_was_expected() -> None:
+    pace = Pace([600.0] * 4, "work", 2)
+    pace.share(0, 0.001)  # after half a minute of getting ready
+    assert 1000 < (pace.left_s(pace._began + 30) or 0) < 1600
+
+
+def test_without_an_expectation_the_pace_counts_when_something_is_done() -> None:
+    pace = Pace([0.0] * 4, "work", 2)
+    began = pace._began
+    pace.share(0, 0.01)
+    assert pace.left_s(began + 5) is None
+    pace.share(0, 0.4)
+    assert pace.left_s(began + 5) == pytest.approx(5 * 0.9 / 0.1)
+
+
+def test_jobs_count_alike_where_not_all_costs_are_known() -> None:
+    pace = Pace([30.0, 0.0], "work", 2)
+    pace.ended(1)
+    assert pace.done() == 0.5
+
+
+def test_time_is_told_beforehand() -> None:
+    assert Pace([60.0] * 20, "unknown", 2).beforehand() == "about 10 min"
+    assert Pace([0.0] * 20, "unknown", 2).beforehand() == ""
+    assert Pace([60.0, 600.0], "unknown", 2).beforehand() == "about 10 min"  # the longest
+    pace = Pace([60.0] * 20, "met", 2)
+    pace._began -= 100.0
+    for index in range(20):
+        pace.ended(index)
+    pace.keep()
+    assert Pace([60.0] * 200, "met", 2).beforehand() == "about 17 min at the pace of earlier ones"
+    assert Pace([60.0] * 200, "met", 4).beforehand() == "about 8 min at the pace of earlier ones"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [(0.2, "1 s"), (89, "89 s"), (91, "2 min"), (5399, "90 min"), (5401, "1 h 30 min"),
+     (7190, "2 h 0 min")],
+)  # fmt: skip
+def test_times_in_words(seconds: float, words: str) -> None:
+    assert spelled(seconds) == words

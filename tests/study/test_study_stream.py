@@ -1,0 +1,131 @@
+"""Frames as a stream: those that the virtual rig records, with nothing kept of them."""
+
+from __future__ import annotations
+
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from deltact_fab import record
+from deltact_fab.analysis.tracking_error.press import Job, analyse_press
+from deltact_fab.analysis.tracking_error.scene import Scene
+from deltact_fab.analysis.tracking_error.truth import TrueFrame, off_dots, seen_by
+from deltact_fab.cad.design import load_design
+from deltact_fab.patterns.recipe import PatternRecipe
+from deltact_fab.protocols import plan
+from deltact_fab.rig import config as rig_config
+from deltact_fab.rig.config import VirtualConfig
+from deltact_fab.study.stream import Look, PressStream, Truth
+
+PRESS = "sphere-10/p1"
+
+
+@pytest.fixture(scope="module")
+def run(mini_run: Path) -> record.Run:
+    return record.open(mini_run)
+
+
+@pytest.fixture(scope="module")
+def stream(mini: tuple[Path, Path], run: record.Run) -> PressStream:
+    """Of the press that was recorded, which the run has left in the store of gels."""
+    config, source = rig_config.load(str(mini[1]))
+    assert isinstance(config, VirtualConfig)
+    protocol = plan.load(str(mini[0]))[0]
+    return PressStream(protocol, PRESS, load_design("deltact"), config, source)
+
+
+@pytest.fixture(scope="module")
+def recipe(run: record.Run) -> PatternRecipe:
+    return PatternRecipe.model_validate(run.pattern["recipe"])
+
+
+@pytest.fixture(scope="module")
+def recorded(run: record.Run) -> list[Look]:
+    """When the rig took its frames."""
+    with np.load(record.truth_file(run.folder, PRESS)) as held:
+        rows = zip(held["knots"].tolist(), held["fraction"].tolist(), strict=True)
+        return [Look("", a, b, fraction) for (a, b), fraction in rows]
+
+
+def test_its_images_are_the_bytes_that_the_rig_records(
+    stream: PressStream, run: record.Run, recipe: PatternRecipe, recorded: list[Look]
+) -> None:
+    seed = int(run.meta["seed"])
+    picture, noise = stream.picture(recipe, seed), stream.noise(seed)
+    files = run.frames(PRESS)["file"]
+    assert len(files) == len(recorded) > 5
+    for frame, file in zip(stream.frames(recorded), files, strict=True):
+        drawn = picture.expose(frame.at_px, noise)
+        assert np.array_equal(drawn, run.raw(str(file))), frame.look
+
+
+def test_its_truth_is_that_of_the_record(
+    stream: PressStream, run: record.Run, recipe: PatternRecipe, recorded: list[Look]
+) -> None:
+    truth, marks, held = Truth(stream), stream.marks(recipe), run.truth()
+    assert held is not None
+    off = off_dots(run.camera, run.dots_mm(), run.dot_diameter_mm())
+    ids = run.frames(PRESS)["frame_id"]
+    for frame, frame_id in list(zip(stream.frames(recorded), ids, strict=True))[1:4]:
+        found = truth.of(frame, marks)
+        assert truth.of(frame, marks) is found
+        wanted = TrueFrame.read(held, str(frame_id), off, seen_by(run.camera), run.camera.mm_per_px)
+        for name in ("flow_px", "in_plane_mm", "moving", "still"):
+            assert np.array_equal(getattr(found, name), getattr(wanted, name))
+
+
+def test_the_plan_has_the_rigs_frames_but_for_the_ramps_of_its_motors(
+    stream: PressStream, recorded: list[Look]
+) -> None:
+    planned = stream.looks
+    assert len(planned) == len(recorded)
+
+    def tip_mm(look: Look) -> np.ndarray:
+        poses = [(*stream.path.at_mm, 0.0), *(p.tip_mm for p in stream.solver.poses)]
+        a, b = (np.array(poses[k]) for k in (look.a, look.b))
+        return a + look.fraction * (b - a)
+
+    for look, taken in zip(planned, recorded, strict=True):
+        assert np.abs(tip_mm(look) - tip_mm(taken)).max() < 0.01
+        if look.tip_mm[2] < 0:
+            assert tip_mm(look) == pytest.approx(look.tip_mm, abs=1e-6)
+
+
+def test_memory_does_not_grow_with_the_frames(stream: PressStream, recipe: PatternRecipe) -> None:
+    picture, noise, truth = stream.picture(recipe, 0), stream.noise(0), Truth(stream)
+    marks, looks = stream.marks(recipe), stream.looks
+    held = []
+    tracemalloc.start()
+    try:
+        for frame in stream.frames([*looks, *looks]):
+            picture.expose(frame.at_px, noise)
+            truth.of(frame, marks)
+            held.append(tracemalloc.get_traced_memory()[0])
+    finally:
+        tracemalloc.stop()
+    first, second = held[: len(looks)], held[len(looks) :]
+    # An image of this camera has 1.4 MB, the geometry of a frame 3.8 MB.
+    assert max(second) - max(first) < 2e5
+
+
+@pytest.mark.slow
+def test_followed_as_a_stream_a_press_has_the_errors_that_its_record_has(
+    stream: PressStream, run: record.Run, recipe: PatternRecipe, recorded: list[Look]
+) -> None:
+    from deltact_fab.analysis.tracking_error.follow import Follower
+
+    scene = Scene(("fused",), True, ())
+    kept = analyse_press(Job(str(run.folder), PRESS, scene)).tallies["fused"].figures()
+    seed, truth, marks = int(run.meta["seed"]), Truth(stream), stream.marks(recipe)
+    picture, noise = stream.picture(recipe, seed), stream.noise(seed)
+    follower = Follower(scene, marks)
+    for frame in stream.frames(recorded):
+        image = stream.tracked(picture.expose(frame.at_px, noise))
+        follower.take(image, truth.of(frame, marks) if frame.number else None)
+    found = follower.tallies["fused"].figures()
+    times = {"cpu_ms", "ms_per_frame"}
+    assert {k: v for k, v in found.items() if k not in times} == {
+        k: v for k, v in kept.items() if k not in times
+    }

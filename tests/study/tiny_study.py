@@ -1,0 +1,103 @@
+"""A study of cheap jobs, registered by the tests that run it; `python tiny_study.py WORDS` too."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deltact_fab import jobs
+from deltact_fab.errors import SolverError
+from deltact_fab.report.result import StudyResult, Table
+from deltact_fab.study.asked import Asked
+from deltact_fab.study.grid import Job
+from deltact_fab.study.registry import STUDIES, Option, Study
+from deltact_fab.study.seeds import seed_of
+
+OPTIONS = (
+    Option("count", "Jobs.", 12, low=1),
+    Option("seconds", "Of each.", 0.0, low=0.0),
+    Option("fails", "The job that fails.", ""),
+    Option("partial", "Go on without those that failed.", False),
+)
+DONE = "DONE_JOBS"
+
+
+def draw(given: dict[str, Any]) -> dict[str, Any]:
+    """Draws of a seed; notes that it was done, where that is asked."""
+    began = time.monotonic()
+    while (spent := time.monotonic() - began) < given["seconds"]:
+        jobs.tell(spent / given["seconds"])
+        time.sleep(0.01)
+    if given["fails"]:
+        raise SolverError("it did not\nconverge")
+    if folder := os.environ.get(DONE):
+        Path(folder, f"{given['name']}-{time.monotonic_ns()}").touch()
+    draws = np.random.default_rng(given["seed"]).normal(size=(4, 2))
+    return {"draws": draws, "mean": float(draws.mean()), "pair": (1, 2), "nan": float("nan")}
+
+
+def die(given: dict[str, Any]) -> dict[str, Any]:
+    """What memory that runs out does to a process."""
+    os.kill(os.getpid(), signal.SIGKILL)
+    return {}
+
+
+def strange(given: dict[str, Any]) -> dict[str, Any]:
+    """A value that is neither plain data nor numbers."""
+    if given["thing"] == "objects":
+        return {"a": np.array([{}, None])}
+    return {"a": np.float32(1)}
+
+
+def jobs_of(seed: int, count: int, seconds: float = 0.0, fails: str = "") -> list[Job]:
+    names = [f"job-{n}" for n in range(count)]
+    return [
+        Job(
+            name,
+            draw,
+            {"name": name, "seed": seed_of(seed, name), "seconds": seconds, "fails": name == fails},
+            cost=seconds,
+        )
+        for name in names
+    ]
+
+
+def run(asked: Asked) -> StudyResult:
+    import pandas as pd
+
+    more = asked.more
+    grid = asked.solve(jobs_of(asked.seed, more["count"], more["seconds"], more["fails"]))
+    found = grid.partial() if more["partial"] else dict(grid)
+    frame = pd.DataFrame({"job": list(found), "mean": [v["mean"] for v in found.values()]})
+    return StudyResult(
+        study="tiny",
+        title="Tiny",
+        verdict=(f"{len(found)} means.",),
+        data={"means": frame["mean"].tolist()},
+        simulated=True,
+        seed=asked.seed,
+        scale=asked.scale,
+        tables=(Table("means", "Means of draws.", frame),),
+    )
+
+
+def register() -> None:
+    STUDIES["tiny"] = Study("tiny_study", "Tiny.", takes=("seed", "grid"), options=OPTIONS)
+    sys.modules["deltact_fab.study.tiny_study"] = sys.modules[__name__]
+
+
+if __name__ == "__main__":
+    import tiny_study
+
+    from deltact_fab.cli.main import entry
+
+    # A shell starts what it puts in the background, this test perhaps, with Ctrl-C ignored.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    tiny_study.register()
+    entry()

@@ -1,0 +1,211 @@
+"""An existing Dask cluster as the executor: a real scheduler and its workers on loopback."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from deltact_fab import jobs
+from deltact_fab.errors import RunFailed
+
+pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
+pytestmark = pytest.mark.slow
+
+TINY = Path(__file__).parent / "study" / "tiny_study.py"
+DASK = [sys.executable, "-m", "dask"]
+LOOPBACK = ["--host", "127.0.0.1", "--no-dashboard"]
+
+
+class Cluster:
+    """A scheduler and workers of one thread each, on free ports."""
+
+    def __init__(self, folder: Path, stack: contextlib.ExitStack) -> None:
+        self.folder, self._stack = folder, stack
+        self.file = folder / "scheduler.json"
+        self.scheduler = self._start("scheduler", "--port", "0", *LOOPBACK)
+        wait(self.file.exists)
+        self.address: str = wait(lambda: json.loads(self.file.read_text() or "{}").get("address"))
+        self.on = f"dask:{self.address}"
+        self.workers: list[subprocess.Popen[bytes]] = []
+
+    def add(self, count: int = 1, nanny: bool = False, path: str = "") -> None:
+        """More workers; path: where they find modules first."""
+        self.workers += [
+            self._start("worker", "--nthreads", "1", *LOOPBACK, *([] if nanny else ["--no-nanny"]),
+                        path=path)
+            for _ in range(count)
+        ]  # fmt: skip
+
+    def _start(self, *words: str, path: str = "") -> subprocess.Popen[bytes]:
+        paths = [path, str(TINY.parent), *sys.path]
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+        with (self.folder / f"{words[0]}.log").open("ab") as log:
+            process = subprocess.Popen(
+                [*DASK, *words, "--scheduler-file", str(self.file)],
+                stdout=log, stderr=log, env=environment, cwd=self.folder, start_new_session=True,
+            )  # fmt: skip
+        self._stack.callback(self._end, process)
+        return process
+
+    @staticmethod
+    def _end(process: subprocess.Popen[bytes]) -> None:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[Cluster]:
+    with contextlib.ExitStack() as stack:
+        yield Cluster(tmp_path, stack)
+
+
+def wait(true: Callable[[], Any], limit_s: float = 60) -> Any:
+    started = time.monotonic()
+    while not (found := true()):
+        assert time.monotonic() - started < limit_s
+        time.sleep(0.05)
+    return found
+
+
+def test_results_errors_and_words_come_from_there(cluster: Cluster) -> None:
+    cluster.add(2)
+    heard: list[Any] = []
+    ended: dict[int, jobs.Ended[Any]] = {}
+    tell = "__import__('deltact_fab.jobs').jobs.tell([0.5]) or __import__('time').sleep(1) or 3"
+    with jobs.executor(cluster.on) as there:
+        wait(lambda: len(there._client.nthreads()) == 2)  # type: ignore[attr-defined]
+        assert jobs.each(math.sqrt, [4, 9, 16], "abc", there) == [2, 3, 4]
+        jobs.run(
+            eval, [tell, "1/0", "__import__('os').getpid()"],
+            lambda e: ended.update({e.index: e}), there, told=lambda *said: heard.append(said),
+        )  # fmt: skip
+        assert [type(ended[i].error) for i in range(3)] == [
+            type(None), ZeroDivisionError, type(None)
+        ]  # fmt: skip
+        assert ended[0].value == 3
+        assert ended[2].value != os.getpid()
+        assert [(index, list(word)) for index, word in heard] == [(0, [0.5])]
+        with pytest.raises(NameError, match="'one'"):
+            jobs.each(eval, ["1", "one", "two"], "abc", there)
+    with jobs.executor(cluster.on) as again:  # the first left it as it was
+        assert jobs.each(math.sqrt, [4], "a", again) == [2]
+
+
+def test_a_job_that_kills_its_workers_fails_alone_in_one_line(cluster: Cluster) -> None:
+    cluster.add(2, nanny=True)
+    ended: dict[int, jobs.Ended[Any]] = {}
+    with jobs.executor(cluster.on) as there:
+        jobs.run(
+            eval, ["__import__('os')._exit(3)", "7", "8"], lambda e: ended.update({e.index: e}),
+            there,
+        )  # fmt: skip
+    assert [ended[i].value for i in (1, 2)] == [7, 8]
+    assert isinstance(ended[0].error, RunFailed)
+    assert str(ended[0].error).startswith("every worker that tried it died")
+
+
+def test_a_cluster_that_is_gone_is_said(cluster: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.import_module("deltact_fab.jobs.cluster"), "GONE_S", 3.0)
+    cluster.add(1)
+    with (
+        pytest.raises(jobs.CannotGoOn, match="is gone"),
+        jobs.executor(cluster.on) as there,
+    ):
+        jobs.run(
+            time.sleep, [0.1, 60], lambda e: os.killpg(cluster.scheduler.pid, signal.SIGKILL), there
+        )
+
+
+def test_workers_that_all_died_are_waited_for_and_not_for_ever(
+    cluster: Cluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(importlib.import_module("deltact_fab.jobs.cluster"), "GONE_S", 3.0)
+    cluster.add(1)
+    with (
+        pytest.raises(jobs.CannotGoOn, match="the Dask cluster is gone: no worker for 3 s"),
+        jobs.executor(cluster.on) as there,
+    ):
+        jobs.run(eval, ["__import__('os')._exit(3)"], print, there)
+
+
+@pytest.mark.parametrize("way", ["nobody", "no workers"])
+def test_where_there_is_nothing_it_is_said(
+    cluster: Cluster, way: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = importlib.import_module("deltact_fab.jobs.cluster")
+    monkeypatch.setattr(module, "CONNECT_S", 2.0)
+    monkeypatch.setattr(module, "WORKERS_S", 2.0)
+    if way == "nobody":
+        cluster._end(cluster.scheduler)
+    says = {"nobody": "no Dask scheduler answers at", "no workers": "has no workers"}[way]
+    with pytest.raises(RunFailed, match=says) as why, jobs.executor(cluster.on):
+        pass
+    assert cluster.address in str(why.value)
+    assert "\n" not in str(why.value)
+
+
+def test_a_worker_with_other_code_is_refused_when_it_is_there_and_when_it_comes(
+    cluster: Cluster, tmp_path: Path
+) -> None:
+    package = Path(jobs.__file__).parents[1]
+    other = tmp_path / "other"
+    (other / "deltact_fab").mkdir(parents=True)
+    for file in (*package.glob("*.py"), *(package / "jobs").glob("*.py")):
+        copy = other / file.relative_to(package.parent)
+        copy.parent.mkdir(exist_ok=True)
+        copy.write_bytes(file.read_bytes())
+    cluster.add(1)
+    with jobs.executor(cluster.on) as there:
+        assert jobs.each(math.sqrt, [4], "a", there) == [2]
+        cluster.add(1, path=str(other))
+        wait(lambda: len(there._client.nthreads()) == 2)  # type: ignore[attr-defined]
+        with pytest.raises(RunFailed, match="that came later: its deltact_fab is another"):
+            jobs.each(time.sleep, [0.2] * 20, [str(n) for n in range(20)], there)
+    with pytest.raises(RunFailed, match=r"Dask worker tcp://.*: its deltact_fab is another") as why:
+        jobs.executor(cluster.on).__enter__()
+    assert "\n" not in str(why.value)
+
+
+def test_a_worker_killed_in_mid_study_loses_nothing(cluster: Cluster, tmp_path: Path) -> None:
+    """SIGKILL while both work: the study ends by itself, and is what one on this machine is."""
+    cluster.add(2)
+    asked = [sys.executable, str(TINY), "study", "run", "tiny", "--count", "16", "--seconds", "0.4"]
+    stores = {where: tmp_path / f"store-{where}" for where in ("there", "here")}
+
+    def begin(where: str, *words: str) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            [*asked, "--out", where, *words], text=True, cwd=tmp_path,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            env={**os.environ, "DELTACT_FAB_CACHE": str(stores[where])},
+        )  # fmt: skip
+
+    with begin("there", "--on", cluster.on) as study:
+        wait(lambda: len(list(stores["there"].glob("study/*.bin"))) >= 4 or study.poll(), 120)
+        assert study.poll() is None
+        os.killpg(cluster.workers[0].pid, signal.SIGKILL)
+        out, said = study.communicate(timeout=240)
+    assert study.returncode == 0, said
+    assert out == "16 means.\n"
+    assert [line for line in said.splitlines() if "left" not in line] == [
+        "0 of 16 jobs are kept, 16 to do, about 3 s",
+        "report: there/report.html",
+    ]
+    assert len(list(stores["there"].glob("study/*.bin"))) == 16  # kept by who asked
+    with begin("here", "--jobs", "2") as study:
+        assert study.communicate(timeout=240)[0] == "16 means.\n"
+    one, other = ((tmp_path / where / "means.csv").read_bytes() for where in ("there", "here"))
+    assert one == other
+    assert one.count(b"\n") == 17
