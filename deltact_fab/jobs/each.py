@@ -154,17 +154,16 @@ def _run_on(
         try:
             for index, job in enumerate(jobs):
                 futures[executor.submit(_job, name, index, work, job)] = index
-            for future in futures:
+            for future in tuple(futures):
                 future.add_done_callback(news.put)
-            left = len(futures)
-            while left:
+            while futures:
                 item = _next(news, executor)
                 if not isinstance(item, Future):
                     assert told is not None
                     told(*item)
                     continue
-                left -= 1
-                index = futures[item]
+                # Let go of, so that no more results are held than the caller holds.
+                index = futures.pop(item)
                 if index > first_failed:
                     continue
                 ended = _ended(index, item)

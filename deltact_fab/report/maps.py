@@ -37,11 +37,11 @@ def window_mm(picture: Picture) -> tuple[Array, Array]:
 def frame(axis: Axes, picture: Picture, first: bool, last: bool) -> None:
     """Limits and labels of a map; first in its row, last in its column."""
     x, y = window_mm(picture)
-    axis.set(xlim=x, ylim=y[::-1], aspect="equal")
     axis.grid(visible=False)
     axis.tick_params(labelsize=TICKS)
     for side, low in ((axis.xaxis, x[0]), (axis.yaxis, y[0])):
         side.set_ticks(np.arange(np.ceil(low / 5) * 5, low + 2 * HALF_MM, 5))
+    axis.set(xlim=x, ylim=y[::-1], aspect="equal")  # ticks would widen them
     if last:
         axis.set_xlabel("x, mm", fontsize=LABELS)
     if first:

@@ -42,9 +42,10 @@ def _simulated(asked: Asked) -> StudyResult:
     scene = settings(of, made.gel)
     gel = Table(
         "force-gel",
-        "The gel. The mesh of each job, what its solver flags, and the largest error of linear "
-        "interpolation between solved poses, where it was tried.",
+        "The gel. The presses of each job, what the solver flags of their mesh, and the largest "
+        "error of linear interpolation between solved poses, where it was tried.",
         meshes(made.gel),
+        ("presses", "flags", "between_poses_n", "between_poses_mm"),
     )
     shown = {line for one in made.gel for line in one["left_out"]}
     return replace(

@@ -205,8 +205,10 @@ def _do(job: Job) -> tuple[bytes, Value]:
     value = job.work(job.plain())
     arrays: dict[str, Any] = {k: v for k, v in value.items() if isinstance(v, np.ndarray)}
     plain = {k: v for k, v in value.items() if k not in arrays}
+    if pickled := [k for k, v in arrays.items() if v.dtype.hasobject]:
+        raise TypeError(f"{', '.join(pickled)}: arrays of objects cannot be kept")
     packed = io.BytesIO()
-    np.savez_compressed(packed, allow_pickle=False, **arrays)
+    np.savez_compressed(packed, **arrays)
     return packed.getvalue(), json.loads(json.dumps(plain))
 
 

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from .. import cache
 
 KIND = "study-pace"
+TRUST, FIRST = 0.1, 0.02  # shares of all the work
 
 
 class Pace:
@@ -25,6 +26,14 @@ class Pace:
         self._width = max(1, min(width, len(costs)))
         self._key = {"work": work, "known": self._known}
         self._began = time.monotonic()
+        entry = cache.get(KIND, self._key)
+        rate = entry.get("seconds_per_cost") if isinstance(entry, dict) else None
+        self._kept = rate is not None
+        self._expected_s: float | None = None
+        if costs and (rate is not None or self._known):
+            # Of one process: several share the jobs, and no job is shared.
+            cost = max(sum(self._costs) / self._width, *self._costs)
+            self._expected_s = cost if rate is None else rate * cost
 
     def share(self, index: int, share: float) -> None:
         """That much of a job is done, 0 to 1."""
@@ -43,21 +52,26 @@ class Pace:
 
     def beforehand(self) -> str:
         """What to expect, in words; empty where nothing is known."""
-        entry = cache.get(KIND, self._key)
-        rate = entry.get("seconds_per_cost") if isinstance(entry, dict) else None
-        if rate is None and not self._known:
+        if self._expected_s is None:
             return ""
-        # Of one process: several share the jobs, and no job is shared.
-        cost = max(sum(self._costs) / self._width, *self._costs)
-        if rate is None:
-            return f"about {spelled(cost)}"
-        return f"about {spelled(rate * cost)} at the pace of earlier ones"
+        kept = " at the pace of earlier ones" if self._kept else ""
+        return f"about {spelled(self._expected_s)}{kept}"
 
     def left_s(self, now_s: float | None = None) -> float | None:
-        """Seconds to go at the pace so far; None before anything is done."""
+        """Seconds to go; None before anything is done.
+
+        At the pace so far, which the first moments tell badly, for jobs begin with what is done
+        once: so what was expected counts as if TRUST of all had been done at its pace. Where
+        nothing was expected, the pace counts from FIRST on.
+        """
         spent = (time.monotonic() if now_s is None else now_s) - self._began
         done = self.done()
-        return spent * (1.0 - done) / done if done > 0 else None
+        if done <= 0 or (self._expected_s is None and done < FIRST and not self._ended):
+            return None
+        before_s, share = (
+            (0.0, 0.0) if self._expected_s is None else (TRUST * self._expected_s, TRUST)
+        )
+        return (1.0 - done) * (spent + before_s) / (done + share)
 
     def left(self) -> str:
         """Time to go, in words; empty where nothing is known, and at the end."""

@@ -133,7 +133,7 @@ entry()
                 os.killpg(process.pid, signal.SIGINT)
             else:
                 os.kill(workers[0], signal.SIGKILL)
-            _, errors = process.communicate(timeout=60)
+            _, errors = process.communicate(timeout=300)
         finally:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)

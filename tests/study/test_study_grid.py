@@ -166,6 +166,13 @@ def test_a_mistake_in_the_code_is_raised_with_the_job_that_it_was_in() -> None:
     assert why.value.__notes__ == ["in the job wrong"]
 
 
+@pytest.mark.parametrize("thing", ["numpy number", "objects"])
+def test_a_value_that_cannot_be_kept_is_a_mistake_and_not_a_failure(thing: str) -> None:
+    with pytest.raises(TypeError) as why:
+        solve([Job("wrong", tiny_study.strange, {"thing": thing}), *tiny_study.jobs_of(7, 1)])
+    assert why.value.__notes__ == ["in the job wrong"]
+
+
 def test_a_store_that_refuses_is_said_once_and_the_values_are_there(tmp_path: Path) -> None:
     cache.user_folder().parent.mkdir(exist_ok=True)
     cache.user_folder().write_text("no folder")
@@ -226,20 +233,35 @@ def test_seeds_depend_on_the_study_and_the_name_and_nothing_else() -> None:
 
 
 def test_remaining_time_by_what_the_jobs_cost() -> None:
-    pace = Pace([30.0, 10.0, 10.0, 10.0], "work", 2)
+    pace = Pace([30.0, 10.0, 10.0, 10.0], "work", 2)  # 30 s expected, which count as a tenth
     began = pace._began
     assert pace.left_s(began + 5) is None
     assert pace.left() == ""
     pace.ended(1)
-    assert pace.left_s(began + 8) == pytest.approx(8 * 50 / 10)
+    assert pace.left_s(began + 8) == pytest.approx(50 / 60 * (8 + 3) / (10 / 60 + 0.1))
     pace.share(0, 0.5)
-    assert pace.left_s(began + 10) == pytest.approx(10 * 35 / 25)
+    assert pace.left_s(began + 10) == pytest.approx(35 / 60 * (10 + 3) / (25 / 60 + 0.1))
     pace.share(0, 0.2)  # never back
     assert pace.done() == pytest.approx(25 / 60)
     for index in (0, 2, 3):
         pace.ended(index)
     assert pace.left_s(began + 30) == 0
     assert pace.left() == ""
+
+
+def test_the_first_moments_do_not_upset_what_was_expected() -> None:
+    pace = Pace([600.0] * 4, "work", 2)
+    pace.share(0, 0.001)  # after half a minute of getting ready
+    assert 1000 < (pace.left_s(pace._began + 30) or 0) < 1600
+
+
+def test_without_an_expectation_the_pace_counts_when_something_is_done() -> None:
+    pace = Pace([0.0] * 4, "work", 2)
+    began = pace._began
+    pace.share(0, 0.01)
+    assert pace.left_s(began + 5) is None
+    pace.share(0, 0.4)
+    assert pace.left_s(began + 5) == pytest.approx(5 * 0.9 / 0.1)
 
 
 def test_jobs_count_alike_where_not_all_costs_are_known() -> None:

@@ -21,7 +21,7 @@ def press(name: str, error_mm: float | None = None, **more: Any) -> PressShape:
     """A frame at rest and one that presses 1.5 mm, its depth off by so much; None: no truth."""
     row: dict[str, Any] = {
         "press": f"{name}/p1", "indenter": name, "frame_id": "1", "kind": "press",
-        "tip_depth_mm": 1.5, "peak_depth_mm": 1.5, "area_mm2": 20.0, **more,
+        "tip_depth_mm": 1.5, "peak_depth_mm": 1.5, "area_mm2": 20.0, "extrapolated": False, **more,
     }  # fmt: skip
     if error_mm is not None:
         row |= {
@@ -76,13 +76,17 @@ def test_without_truth_there_is_no_column_of_errors() -> None:
 
 def test_the_force_is_held_against_the_sensor() -> None:
     presses = {
-        f"p{k}": press("ring", found_normal_n=5.0 + off, normal_n=5.0)
-        for k, off in enumerate((0.1, -0.1, 0.1))
+        f"p{k}": press("ring", found_normal_n=5.0 + off, normal_n=5.0, force_extrapolated=off == 1)
+        for k, off in enumerate((0.1, -0.1, 0.1, 1))
     }
-    (head,) = told.headlines(told.frame_of(presses), force_left_out_n=0.06)
+    head, beyond = told.headlines(told.frame_of(presses), force_left_out_n=0.06)
     assert head.value == pytest.approx(0.1)
     assert head.goal == 0.2
-    assert "0.06 N on a place of that ball left out" in head.remark
+    assert "0.06 N on a place of its ball left out" in head.remark
+    assert beyond.value == pytest.approx(1)
+    assert beyond.what.endswith("beyond the calibrations")
+    assert beyond.goal is None
+    assert "+20 %" in beyond.remark
 
 
 def test_two_presses_are_too_few_for_an_interval() -> None:

@@ -48,6 +48,13 @@ def die(given: dict[str, Any]) -> dict[str, Any]:
     return {}
 
 
+def strange(given: dict[str, Any]) -> dict[str, Any]:
+    """A value that is neither plain data nor numbers."""
+    if given["thing"] == "objects":
+        return {"a": np.array([{}, None])}
+    return {"a": np.float32(1)}
+
+
 def jobs_of(seed: int, count: int, seconds: float = 0.0, fails: str = "") -> list[Job]:
     names = [f"job-{n}" for n in range(count)]
     return [

@@ -3,7 +3,8 @@
 The force that was measured has the past of the whole press in it, ramps and earlier stops. For a
 series it is undone sample by sample, which gives the slow gel's force; within each rest that one is
 constant, and what is measured over it is what the series left. Least squares over all rests, in the
-three forces, of the times and shares; each rest's steady force is free.
+three forces, of the times and shares; each rest's steady force is free. A rest counts in blocks
+that grow with the wait, else the many samples of a minute would drown its first second.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from .series import Series
 Field = NDArray[np.float64]
 
 MOST_BRANCHES = 3
-WORTH = 0.97  # a further branch is taken when it makes the residual this much smaller
+WORTH = 0.9  # a further branch is taken when it makes the blocks' residual this much smaller
+BLOCKS = 40  # of a rest, each as much later as the one before
 LONGEST = 2.0  # x the longest rest: slower branches cannot be told from a steady force
 FIRST_S, FIRST_SHARE = 2.0, 0.1  # where the search starts
 SHARES = (1e-4, 10.0)
@@ -35,7 +37,8 @@ class Fitted:
     """series: what was found. rms_n: of what it leaves over. steady_n (rests, 3): each rest's end.
 
     arrived_n (rests, k, 3): what the force has too much, by branch, when the tip comes to rest.
-    unsure: times of branches so slow that the rests are too short to tell them well.
+    unsure: times of branches so slow that the rests are too short to tell them well. blocks_n: as
+    rms_n, of the blocks that it was fitted to.
     """
 
     series: Series
@@ -43,6 +46,7 @@ class Fitted:
     steady_n: Field
     arrived_n: Field
     unsure: tuple[float, ...]
+    blocks_n: float
 
     def left_n(self, rest: int, wait_s: ArrayLike) -> Field:
         """(n, 3): what the force of a rest still has too much, wait_s (n,) into it."""
@@ -60,7 +64,7 @@ def fit(rests: Sequence[Rest], branches: int | None = None) -> Fitted:
         if best is None:
             break
         more = _best(rests, _split(best.series.times_s, rests))
-        if branches is None and (more is None or more.rms_n > WORTH * best.rms_n):
+        if branches is None and (more is None or more.blocks_n > WORTH * best.blocks_n):
             break
         best = more
     if best is None:
@@ -85,7 +89,7 @@ def _longest_s(rests: Sequence[Rest]) -> float:
 def _best(rests: Sequence[Rest], starts: Sequence[tuple[float, ...]]) -> Fitted | None:
     """None where no search converged: a branch too many has nowhere to go."""
     found = [fitted for start in starts if (fitted := _from(rests, start)) is not None]
-    return min(found, key=lambda fitted: fitted.rms_n, default=None)
+    return min(found, key=lambda fitted: fitted.blocks_n, default=None)
 
 
 def _from(rests: Sequence[Rest], times_s: Sequence[float]) -> Fitted | None:
@@ -98,16 +102,27 @@ def _from(rests: Sequence[Rest], times_s: Sequence[float]) -> Fitted | None:
 
     def residuals(p: Field) -> Field:
         off = _told(rests, _series(p))[-1]
-        return np.concatenate([part.ravel() for part in off])
+        return np.concatenate([_blocks(part).ravel() for part in off])
 
     found = least_squares(residuals, start, bounds=(low, high), x_scale="jac")
     if found.status <= 0:
         return None
     series = _series(found.x)
     steady, arrived, off = _told(rests, series)
-    rms = float(np.sqrt(np.mean(np.concatenate([part.ravel() for part in off]) ** 2)))
+    rms, blocks = (
+        float(np.sqrt(np.mean(np.concatenate([of(part).ravel() for part in off]) ** 2)))
+        for of in (np.asarray, _blocks)
+    )
     unsure = tuple(tau for tau in series.times_s if tau > STILL_RESTS * longest)
-    return Fitted(series, rms, np.array(steady), np.array(arrived), unsure)
+    return Fitted(series, rms, np.array(steady), np.array(arrived), unsure, blocks)
+
+
+def _blocks(misfit_n: Field) -> Field:
+    """(b, 3) means of (n, 3) over blocks that grow."""
+    starts = np.unique(np.geomspace(1, len(misfit_n), BLOCKS + 1).astype(int)) - 1
+    starts = starts[:-1]
+    counts = np.diff([*starts, len(misfit_n)])
+    return np.asarray(np.add.reduceat(misfit_n, starts, axis=0) / counts[:, None])
 
 
 def _series(p: Field) -> Series:

@@ -104,6 +104,8 @@ def _fitted(data: ForceData, name: str, rows: Array) -> ForceModel | None:
 
 def _row(fitted_to: str, judged_on: str, fits: int, off: Array) -> dict[str, Any]:
     fx, fy, fz = np.sqrt(np.mean(off**2, axis=0)).tolist()
+    if fitted_to == STRAIGHT:  # they have no shear to fit to
+        fx = fy = None
     mean_n = -float(off[:, 2].mean())
     return {"fitted_to": fitted_to, "judged_on": judged_on, "fits": fits, "points": len(off),
             "normal_n": fz, "shear_x_n": fx, "shear_y_n": fy, "normal_mean_n": mean_n}  # fmt: skip
@@ -135,8 +137,8 @@ def why_not_the_papers(result: ForceResult, refits: pd.DataFrame, name: str) -> 
     assert result.paper is not None, "it was asked for"
     wanted = ("one place", "one indenter", "one press")
     own = [row for row in refits.to_dict(orient="records") if row["fitted_to"] in wanted]
-    said = [f"{row['fitted_to']} {row[f'{name}_n']:.2f} N" for row in own]
-    text = f"fitted to a part alone it errs by {', '.join(said)}" if said else ""
+    said = [f"{row[f'{name}_n']:.2f} N fitted to {row['fitted_to']}" for row in own]
+    text = f"alone: {', '.join(said)}" if said else ""
     varies = under_shear(result.paper, result.data) if name == "normal" else None
     if varies is not None:
         text += (

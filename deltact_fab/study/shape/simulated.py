@@ -205,6 +205,8 @@ def settings(of: Scene, gel: Sequence[dict[str, Any]]) -> dict[str, str]:
     hat, force, twist = (of.protocols[name] for name in (OBJECTS[1], FORCE, TWIST))
     told = limits.estimate(first, 0, of.rig.stage.box)
     specimen = first.specimen
+    tolerance = of.rig.virtual.gel.hyperelastic.tolerance
+    coarse = max(one["coarse"] for one in gel)
     places = "; ".join(f"({x:g}, {y:g})" for x, y in first.positions_mm)
     found = {
         "objects": f"{', '.join(first.indenters)} to {_depths(first)} mm, "
@@ -224,6 +226,8 @@ def settings(of: Scene, gel: Sequence[dict[str, Any]]) -> dict[str, str]:
         f"{specimen.poisson:g}",
         "force sensor's noise": f"{of.rig.virtual.force.noise_n:g} N a sample",
         "gel": "; ".join(dict.fromkeys(line for one in gel for line in one["why"])),
+        "gel's stated error": f"{tolerance:.0%} of the force on cells as the tolerance asks for; "
+        f"on the coarsest here, {coarse:.2g} times as large, {tolerance * coarse**2:.0%}",
     }
     flags = {name: text for one in gel for name, text in one["flags"].items()}
     if flags:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 NINE_D_TACT_MM = 0.0462
 """Mean depth error that 9DTact gives of one press of a ball (arXiv 2308.14277)."""
+NORMAL = "Normal force by the flow"
 FEWEST = 3
 """Groups of an interval."""
 GOAL_N = 0.2
@@ -84,17 +85,7 @@ def headlines(frames: pd.DataFrame, force_left_out_n: float | None = None) -> tu
     if "depth_error_contact_mm" in frames:
         found += _depth(frames)
     if {"found_normal_n", "normal_n"} <= set(frames.columns):
-        both = frames.dropna(subset=["found_normal_n", "normal_n"])
-        off = both["found_normal_n"] - both["normal_n"]
-        remark = "calibrated on one ball that is none of them"
-        if force_left_out_n is not None:
-            remark += f"; {force_left_out_n:.2f} N on a place of that ball left out"
-        low, high = (float(v) for v in (both["normal_n"].min(), both["normal_n"].max()))
-        found.append(
-            _head("normal force by the flow, root mean square error", "N",
-                  _few(rmse(off, list(both["job"]), "press"), list(both["job"])), goal=GOAL_N,
-                  remark=f"{remark}; forces of {low:.1f} to {high:.1f} N")
-        )  # fmt: skip
+        found += _force(frames.dropna(subset=["found_normal_n", "normal_n"]), force_left_out_n)
     if "pressure_error" in frames:
         both = frames.dropna(subset=["pressure_error"])
         found.append(
@@ -103,6 +94,27 @@ def headlines(frames: pd.DataFrame, force_left_out_n: float | None = None) -> tu
                   remark="cells of 1 mm, and a linear model: edges are rounded off")
         )  # fmt: skip
     return tuple(found)
+
+
+def _force(frames: pd.DataFrame, left_out_n: float | None) -> list[Headline]:
+    """Error of the normal force, apart where a calibration, of force or depth, does not reach."""
+    remark = "" if left_out_n is None else f"{left_out_n:.2f} N on a place of its ball left out; "
+    found = []
+    outside = frames["force_extrapolated"].astype(bool) | frames["extrapolated"].astype(bool)
+    for beyond, words in ((False, "within the calibrations"), (True, "beyond the calibrations")):
+        part = frames[outside == beyond]
+        if part.empty:
+            continue
+        off, of = part["found_normal_n"] - part["normal_n"], list(part["job"])
+        low, high = float(part["normal_n"].min()), float(part["normal_n"].max())
+        found.append(
+            _head(f"{NORMAL} {words}", "N", _few(rmse(off, of, "press"), of),
+                  goal=None if beyond else GOAL_N,
+                  remark=f"{remark}forces of {low:.1f} to {high:.1f} N; in the mean "
+                  f"{100 * float((off / part['normal_n']).mean()):+.0f} %")
+        )  # fmt: skip
+        remark = ""
+    return found
 
 
 def _depth(frames: pd.DataFrame) -> list[Headline]:
@@ -242,8 +254,8 @@ def verdict(frames: pd.DataFrame, heads: Sequence[Headline]) -> tuple[str, ...]:
     for head in heads:
         if head.unit == "N":
             lines.append(
-                f"Normal force by the flow is off by {_told(head)} N (root mean square, "
-                f"{head.over}); {head.remark}."
+                f"{head.what}: off by {_told(head)} N (root mean square, {head.over}); "
+                f"{head.remark}."
             )
         elif head.what.startswith("pressure field"):
             lines.append(
