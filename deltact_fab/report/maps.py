@@ -67,6 +67,7 @@ def bar(axis: Axes, drawn: Any, words: str) -> None:
     made.ax.tick_params(labelsize=TICKS)
     made.set_label(words, fontsize=LABELS)
     assert made.solids is not None, "of a map"
+    made.solids.set_edgecolor("face")  # no seams
     made.solids.set_rasterized(False)  # as an image it would have the id of any other panel's
 
 

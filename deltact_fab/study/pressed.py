@@ -90,9 +90,9 @@ def carried_out(told: dict[str, Any]) -> Iterator[tuple[Run, VirtualRig]]:
 def gel_of(bench: VirtualRig) -> dict[str, Any]:
     """What the gel of presses has to say, plain data.
 
-    why: a line a mesh. coarse: cells over those that the tolerance asks for, the worst. flags: by
-    kind, the first in full. between_mm, between_n: the largest error of interpolation between its
-    knots, where it was tried. left_out: by the rig.
+    why: a line a mesh. cells_mm: of each. coarse: cells over those that the tolerance asks for, the
+    worst. flags: by kind, the first in full. between_mm, between_n: the largest error of
+    interpolation between its knots, where it was tried. left_out: by the rig.
     """
     presses = bench.presses
     opened = [press for press in presses.opened if press.name]
@@ -105,6 +105,7 @@ def gel_of(bench: VirtualRig) -> dict[str, Any]:
     choices = [presses.choice(by_name[press.name]) for press in opened]
     return {
         "why": sorted({choice.why for choice in choices}),
+        "cells_mm": sorted({choice.spacing_mm for choice in choices}),
         "coarse": max((c.spacing_mm / c.asked_mm for c in choices if c.asked_mm), default=1.0),
         "flags": flags,
         "between_samples": between.samples,

@@ -32,6 +32,7 @@ def run(asked: Asked) -> StudyResult:
 
 def _simulated(asked: Asked) -> StudyResult:
     from .shape import told
+    from .shape.headlines import headlines
     from .shape.simulated import settings, simulate
 
     if named := next((name for name in ("depth", "force") if asked.more.get(name)), None):
@@ -39,7 +40,7 @@ def _simulated(asked: Asked) -> StudyResult:
     made = simulate(asked)
     of = made.scene
     frames = told.frame_of(made.objects)
-    heads = told.headlines(frames, made.force_error_n.get("normal"))
+    heads = headlines(frames, made.force_error_n.get("normal"))
     first = [seen.deepest for job, seen in made.objects.items() if job.endswith("/p1")]
     pictures = [picture for picture in first if picture is not None]
     ball = next((p for p in pictures if p.indenter.startswith("sphere:")), None)
@@ -93,6 +94,7 @@ def _recorded(asked: Asked) -> StudyResult:
     from ..analysis.frames import recorded
     from ..jobs import each
     from .shape import told
+    from .shape.headlines import headlines
 
     if asked.scale is not None or asked.rig is not None:
         named = "--scale" if asked.scale is not None else "--rig"
@@ -108,7 +110,7 @@ def _recorded(asked: Asked) -> StudyResult:
     frames = told.frame_of(seen)
     if frames.empty:
         raise InputError(f"{runs[0].folder}: nothing is pressed in what was recorded")
-    heads = told.headlines(frames)
+    heads = headlines(frames)
     pictures = _deepest([one.deepest for one in seen.values()])
     ball = next((p for p in pictures if p.indenter.startswith("sphere:")), None)
     simulated = any(one.simulated for one in runs)

@@ -40,6 +40,7 @@ Array = NDArray[Any]
 SAME_MM = 0.01
 """Depths that are one."""
 FORCE = ("fx_n", "fy_n", "fz_n")
+KPA = 1e3  # of an MPa
 
 
 @dataclass(frozen=True)
@@ -206,7 +207,11 @@ def _forces(
         x, y, z = map(float, found.wrench.force_n)
         told |= {"found_shear_x_n": x, "found_shear_y_n": y, "found_normal_n": -z}
         told["force_extrapolated"] = found.wrench.extrapolated
-    if found.field is not None and truth is not None and truth.tractions and force_n is not None:
+    if found.field is None:
+        return told
+    told["peak_kpa"] = -KPA * float(found.field.traction_mpa[..., 2].min())
+    if truth is not None and truth.tractions and force_n is not None:
+        told["true_peak_kpa"] = -KPA * float(truth.traction_mpa(frame_id)[..., 2].min())
         errors = frame_errors(found.field, truth, frame_id, force_n)
         if errors is not None:
             told |= {"pressure_error": errors[0], "traction_error": errors[1]}

@@ -207,6 +207,7 @@ def settings(of: Scene, gel: Sequence[dict[str, Any]]) -> dict[str, str]:
     specimen = first.specimen
     tolerance = of.rig.virtual.gel.hyperelastic.tolerance
     coarse = max(one["coarse"] for one in gel)
+    cells = [cell for one in gel for cell in one["cells_mm"]]
     places = "; ".join(f"({x:g}, {y:g})" for x, y in first.positions_mm)
     found = {
         "objects": f"{', '.join(first.indenters)} to {_depths(first)} mm, "
@@ -225,7 +226,8 @@ def settings(of: Scene, gel: Sequence[dict[str, Any]]) -> dict[str, str]:
         "modulus": f"{specimen.modulus_mpa:g} MPa, known to a factor of 2; Poisson's ratio "
         f"{specimen.poisson:g}",
         "force sensor's noise": f"{of.rig.virtual.force.noise_n:g} N a sample",
-        "gel": "; ".join(dict.fromkeys(line for one in gel for line in one["why"])),
+        "gel": f"{specimen.gel_model}, cells below an object of {min(cells):.2g} to "
+        f"{max(cells):.2g} mm, {of.rig.virtual.gel.hyperelastic.most_unknowns} unknowns at most",
         "gel's stated error": f"{tolerance:.0%} of the force on cells as the tolerance asks for; "
         f"on the coarsest here, {coarse:.2g} times as large, {tolerance * coarse**2:.0%}",
     }

@@ -1,4 +1,4 @@
-"""What presses of objects say, as a study tells it: verdict, headlines, tables, figures, data."""
+"""What presses of objects say, as a study tells it: verdict, tables, figures, data."""
 
 from __future__ import annotations
 
@@ -12,30 +12,24 @@ from ...analysis.shape import GOALS, Picture, PressShape
 from ...preflight.peaks import MODULUS_FACTOR
 from ...report import force_map_figures, shape_figures
 from ...report.result import Drawn, Headline, Table
-from ..intervals import Estimate, Scale, estimate, rmse
+from .headlines import GOAL_FIELD, GOAL_N, NINE_D_TACT_MM
 
 if TYPE_CHECKING:
     import pandas as pd
 
-NINE_D_TACT_MM = 0.0462
-"""Mean depth error that 9DTact gives of one press of a ball (arXiv 2308.14277)."""
-NORMAL = "Normal force by the flow"
-FEWEST = 3
-"""Groups of an interval."""
-GOAL_N = 0.2
-GOAL_FIELD = 0.3
-"""Of the peak pressure, in the mean over the contact."""
 WORDS = {
-    "indenter": "object", "tip_depth_mm": "pressed, mm", "places": "places",
-    "depth_error_contact_mm": "error over contact, mm",
-    "depth_error_face_mm": "error over face, mm",
-    "true_peak_depth_mm": "true peak, mm", "peak_depth_mm": "measured peak, mm",
-    "true_area_mm2": "true contact, mm2", "area_mm2": "measured contact, mm2",
-    "contact_iou": "overlap of both", "relative_correlation": "density's correlation with depth",
-    "depth_correlation": "depth's correlation", "normal_n": "force sensor, N",
-    "found_normal_n": "force found, N", "pressure_error": "pressure error, of its peak",
+    "indenter": "object", "tip_depth_mm": "tip, mm", "places": "places",
+    "depth_error_contact_mm": "error, contact, mm", "depth_error_face_mm": "error, face, mm",
+    "true_peak_depth_mm": "peak true, mm", "peak_depth_mm": "found, mm",
+    "true_area_mm2": "contact true, mm2", "area_mm2": "found, mm2",
+    "contact_iou": "overlap", "relative_correlation": "density to depth",
+    "depth_correlation": "depth to depth", "normal_n": "force sensor, N",
+    "found_normal_n": "found, N", "true_peak_kpa": "pressure peak true, kPa",
+    "peak_kpa": "found, kPa", "pressure_error": "pressure error, of the peak",
 }  # fmt: skip
-"""Columns of the page's table and what stands above them."""
+"""Columns of the table of objects, and what stands above them."""
+_ONLY_KEPT = ("places", "depth_correlation", "pressure_error", "true_peak_kpa", "peak_kpa")
+"""Of them, those that the page has no room for."""
 _MEANS = tuple(name for name in WORDS if name not in ("indenter", "tip_depth_mm", "places"))
 PAPER = (
     "The paper shows these shapes and gives no number for them, so there is none to stand beside; "
@@ -79,102 +73,18 @@ def by_object(frames: pd.DataFrame) -> pd.DataFrame:
     return table.reset_index()
 
 
-def headlines(frames: pd.DataFrame, force_left_out_n: float | None = None) -> tuple[Headline, ...]:
-    """Of what has a truth, or a force sensor; their intervals are over presses or places."""
-    found: list[Headline] = []
-    if "depth_error_contact_mm" in frames:
-        found += _depth(frames)
-    if {"found_normal_n", "normal_n"} <= set(frames.columns):
-        found += _force(frames.dropna(subset=["found_normal_n", "normal_n"]), force_left_out_n)
-    if "pressure_error" in frames:
-        both = frames.dropna(subset=["pressure_error"])
-        found.append(
-            _head("pressure field, mean error over the contact, of its peak", "",
-                  _mean(both["pressure_error"], list(both["job"]), "press"), goal=GOAL_FIELD,
-                  remark="cells of 1 mm, and a linear model: edges are rounded off")
-        )  # fmt: skip
-    return tuple(found)
-
-
-def _force(frames: pd.DataFrame, left_out_n: float | None) -> list[Headline]:
-    """Error of the normal force, apart where a calibration, of force or depth, does not reach."""
-    remark = "" if left_out_n is None else f"{left_out_n:.2f} N on a place of its ball left out; "
-    found = []
-    outside = frames["force_extrapolated"].astype(bool) | frames["extrapolated"].astype(bool)
-    for beyond, words in ((False, "within the calibrations"), (True, "beyond the calibrations")):
-        part = frames[outside == beyond]
-        if part.empty:
-            continue
-        off, of = part["found_normal_n"] - part["normal_n"], list(part["job"])
-        low, high = float(part["normal_n"].min()), float(part["normal_n"].max())
-        found.append(
-            _head(f"{NORMAL} {words}", "N", _few(rmse(off, of, "press"), of),
-                  goal=None if beyond else GOAL_N,
-                  remark=f"{remark}forces of {low:.1f} to {high:.1f} N; in the mean "
-                  f"{100 * float((off / part['normal_n']).mean()):+.0f} %")
-        )  # fmt: skip
-        remark = ""
-    return found
-
-
-def _depth(frames: pd.DataFrame) -> list[Headline]:
-    known = frames.dropna(subset=["depth_error_contact_mm"])
-    found = [
-        _head("depth over the contact, mean error", "mm",
-              _mean(known["depth_error_contact_mm"], list(known["job"]), "press"),
-              goal=GOALS["depth_error_contact_mm"],
-              remark=f"to say 'depth is zero' errs by {known['zero_error_contact_mm'].mean():.2f} "
-              "mm"),
-        _head("depth over the face, mean error", "mm",
-              _mean(known["depth_error_face_mm"], list(known["job"]), "press"),
-              goal=GOALS["depth_error_face_mm"],
-              remark="most of a face is not pressed, so this figure flatters"),
-    ]  # fmt: skip
-    for name, part in known.groupby("indenter", sort=False):
-        remark = ""
-        if str(name).startswith("sphere:"):
-            remark = (
-                f"9DTact gives {NINE_D_TACT_MM:g} mm for one ball: another sensor, a real one, and "
-                "another experiment"
-            )
-        found.append(
-            _head(f"{name}: depth over the contact, mean error", "mm",
-                  _mean(part["depth_error_contact_mm"], list(part["job"]), "place"), remark=remark)
-        )  # fmt: skip
-    part = known.dropna(subset=["relative_correlation"])
-    found.append(
-        _head("the paper's density: correlation with the true depth", "",
-              _mean(part["relative_correlation"], list(part["job"]), "press", "correlation"),
-              better="high", remark=f"of our depth: {known['depth_correlation'].mean():.2f}")
-    )  # fmt: skip
-    return found
-
-
-def _mean(
-    values: pd.Series[float], groups: list[str], each: str, scale: Scale = "positive"
-) -> Estimate:
-    return _few(estimate(values, groups, lambda rows: float(rows.mean()), each, scale), groups)
-
-
-def _few(found: Estimate, groups: list[str]) -> Estimate:
-    """Without the interval that two groups give, which says nothing."""
-    if len(set(groups)) >= FEWEST or found.low is None:
-        return found
-    return Estimate(found.value, None, None, f"{found.over}: too few for an interval")
-
-
-def _head(what: str, unit: str, of: Estimate, **more: Any) -> Headline:
-    return Headline(what, of.value, unit, of.low, of.high, of.over, **more)
-
-
 def tables(frames: pd.DataFrame) -> tuple[Table, ...]:
     """By object and depth, and every frame."""
     objects = by_object(frames)
     return (
         Table(
             "shapes-by-object",
-            "Means over the places at which each object was pressed, without shear.",
+            "Means over the places at which each object was pressed. Contact: where the true depth "
+            "or pressure says so, and what was found; overlap: of both, of all that either has; "
+            "density to depth: correlation of the paper's density with the true depth. The CSV has "
+            "peaks of the pressure too.",
             objects,
+            shown=tuple(name for name in map(str, objects) if name not in _ONLY_KEPT),
             words={name: words for name, words in WORDS.items() if name in objects},
         ),
         Table(
