@@ -107,8 +107,11 @@ class Selection:
 
     def _given(self, press: str, entries: Sequence[SeriesEntry]) -> dict[str, Any]:
         patterns = {entry.name: entry.recipe for entry in entries}
+        indenter = next(p.indenter for p in paths(self.protocol) if p.press == press)
+        # A press does not depend on the other indenters: with more of them it is found again.
+        alone = self.protocol.model_copy(update={"indenters": (indenter,)})
         return given(
-            self.protocol, press, self.sensor, self.config, self.source, patterns, METHODS,
+            alone, press, self.sensor, self.config, self.source, patterns, METHODS,
             self.seed,
         )  # fmt: skip
 

@@ -129,6 +129,12 @@ def test_a_press_is_one_job_and_an_odd_one_is_shared_by_two() -> None:
     assert sum(costs) / max(shares) > 1.9
 
 
+def test_a_press_is_found_again_when_other_indenters_join() -> None:
+    few = Selection.of(Asked(more={"indenter": ("edges", "4dots")}))
+    every = {job.name: job.key() for job in Selection.of(Asked()).jobs()}
+    assert [job.key() for job in few.jobs()] == [every["4dots/p1"], every["edges/p1"]]
+
+
 def test_at_full_scale_the_gel_of_mirrored_positions_is_solved_once() -> None:
     scene = Selection.of(Asked(scale=1.0))
     assert len(scene.jobs()) == 20
