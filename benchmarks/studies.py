@@ -29,7 +29,7 @@ ORDER = (
 SHOWN = ("study", "title", "verdict", "headlines", "settings", "seed", "scale", "simulated",
          "missing", "versions", "made")  # fmt: skip
 """Of result.json; what else stands in it is for programs."""
-IN_README = 1
+IN_README = 2
 """Sentences of a verdict that the README has of each study."""
 
 

@@ -57,7 +57,7 @@ def test_a_recorded_run_gives_back_the_gel_that_it_was_recorded_on(found, tmp_pa
     for (g, tau), (true_g, true_tau) in zip(told, true, strict=True):
         assert g == pytest.approx(true_g, rel=0.15)
         assert tau == pytest.approx(true_tau, rel=0.2)
-    assert own.data["rms_n"] < 0.004  # the sensor's noise is .01 N a sample, 20 of them in a bin
+    assert own.data["rms_n"] < 0.008  # straight lines between a rest's knots: .012 of a branch
     for mine, solved in zip(own.data["stops"], found.data["stops"], strict=True):
         # There the stop before was rested out, here it rested 15 s.
         assert mine["wait_2pct_s"] == pytest.approx(solved["wait_2pct_s"], rel=0.15)
