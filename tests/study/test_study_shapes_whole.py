@@ -61,7 +61,7 @@ def test_the_study_is_whole_and_done_once(tmp_path: Path, monkeypatch: pytest.Mo
     assert abs(twisted["shear_y_n"]) > 1
     assert twisted["found_shear_y_n"] == pytest.approx(twisted["shear_y_n"], rel=0.2)
     assert "factor of 2" in " ".join(found.notes)
-    assert "cells 1.1" in found.settings["gel"]
+    assert "of 1.1 to 2.1 mm" in found.settings["gel"]
 
     said: list[str] = []
     again = registry.run("shapes", Asked(scale=0.3, rig="virtual-coarse", seed=2, say=said.append))

@@ -18,6 +18,7 @@ from ...analysis.force.result import errors_kept
 from ...analysis.shape import PressShape
 from ...cad.design import load_design
 from ...errors import InputError
+from ...gel.choose import SHARE
 from ...measure.force.calibration import ForceCalibration
 from ...measure.sensor_id import Head, Made, SensorId
 from ...measure.view import SensorView
@@ -229,7 +230,8 @@ def settings(of: Scene, gel: Sequence[dict[str, Any]]) -> dict[str, str]:
         "gel": f"{specimen.gel_model}, cells below an object of {min(cells):.2g} to "
         f"{max(cells):.2g} mm, {of.rig.virtual.gel.hyperelastic.most_unknowns} unknowns at most",
         "gel's stated error": f"{tolerance:.0%} of the force on cells as the tolerance asks for; "
-        f"on the coarsest here, {coarse:.2g} times as large, {tolerance * coarse**2:.0%}",
+        f"on the coarsest here the mesh's part of it may be {coarse**2:.2g} times as large, "
+        f"{coarse**2 * (1 - SHARE) * tolerance:.1%} of the force",
     }
     flags = {name: text for one in gel for name, text in one["flags"].items()}
     if flags:
