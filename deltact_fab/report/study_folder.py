@@ -151,15 +151,25 @@ def make(folder: Path) -> None:
 
 
 def refuse_strange(out: Path, study: str) -> None:
-    """Raises InputError for a folder that is neither empty nor an earlier one of this study."""
+    """Raises InputError for a folder that is neither empty nor an earlier one of this study.
+
+    Empty folders in it count for nothing: that of its figures may be one.
+    """
     try:
         other = read_result(out).study
     except InputError:
         other = None
-    if other == study or not any(not one.name.startswith(".new-") for one in out.iterdir()):
+    if other == study or not any(_holds(one) for one in out.iterdir()):
         return
     held = f"holds the study {other}" if other else f"is not empty, and no earlier {study}"
     raise InputError(f"{out}: {held}; name another folder")
+
+
+def _holds(one: Path) -> bool:
+    """Whether something in a folder is another's."""
+    if one.name.startswith(".new-"):
+        return False
+    return not one.is_dir() or one.is_symlink() or any(one.iterdir())
 
 
 def place(files: Mapping[str, bytes], out: Path) -> None:

@@ -324,3 +324,12 @@ def test_left_out_without_layer_is_never_given_a_cost(tmp_path: Path) -> None:
     result = replace(plain(), left_out=(LeftOut("x", "y"),))
     page = study_page.write(result, tmp_path, [{"layer": "", **COSTS[0]}]).read_text()
     assert "CPU s" not in page
+
+
+def test_a_folder_of_figures_may_lie_in_the_study_s_own(tmp_path: Path) -> None:
+    out = tmp_path / "study"
+    study_page.ready("made-up", out, out / "figures")
+    study_page.ready("made-up", out, out / "figures")  # as `write` asks again
+    (out / "figures" / "mine.svg").write_text("<svg/>")
+    with pytest.raises(InputError, match=r"is not empty, and no earlier made-up"):
+        study_page.ready("made-up", out, out / "figures")
