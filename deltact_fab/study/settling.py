@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 PROTOCOL = "settling"
 NO_BENCH = (PROTOCOL, "demo", "demo-calibration")  # the first is judged here, of the gel itself
 RIG = "virtual-coarse"
+BALL = "sphere:"
 FADE_S = np.concatenate([[0.0], np.geomspace(0.02, 2000.0, 120)])  # of a fitted series
 RELAXED = 10.0  # x the slowest time: what is left then is e^-10 of its branch
 
@@ -59,7 +60,7 @@ def _simulated(asked: Asked) -> StudyResult:
         for name, one, cost in zip(pairs[-1], (viscous, elastic), (25.0, 8.0), strict=True):
             data = one.model_dump(mode="json", exclude={"description"})
             jobs.append(Job(name, follow, {**given, "protocol": data, "press": press}, cost))
-    ways, way_jobs = _shipped(given)
+    ways, way_jobs = shipped(given)
     grid = asked.solve([*jobs, *way_jobs])
     found = grid.partial()
     stops = [
@@ -164,7 +165,7 @@ def _recorded(asked: Asked) -> StudyResult:
     stops = [_stop(rest, fitted, n) for n, rest in enumerate(found)]
     protocol = plan.load(PROTOCOL)[0]
     specimen = runs[0].meta["protocol"]["specimen"]
-    ways, jobs = _shipped(_gel(asked.rig or RIG, specimen["design"]))
+    ways, jobs = shipped(_gel(asked.rig or RIG, specimen["design"]))
     grid = asked.solve(jobs)
     longest = max(float(rest.wait_s[-1]) for rest in found)
     notes = [
@@ -213,20 +214,25 @@ def _stop(rest: Rest, fitted: Fitted, n: int) -> Stop:
 # -- what both give ------------------------------------------------------------------------------
 
 
-def _shipped(given: dict[str, Any]) -> tuple[dict[str, float], list[Job]]:
+def shipped(given: dict[str, Any]) -> tuple[dict[str, float], list[Job]]:
     """Protocols whose stops rest, with their settle_s, and the jobs of their elastic ways.
 
-    Of each the largest ball's first press, on the linear layer: ratios along the way matter here.
+    Of each that presses a ball the largest one's first press, on the linear layer: ratios along
+    the way matter here.
     """
     settle, jobs = {}, []
     for name in catalog.names("protocols"):
         protocol, _ = plan.load(name)
         if not protocol.capture.settle_s or "force" not in protocol.channels or name in NO_BENCH:
             continue
+        balls = [one for one in protocol.indenters if one.startswith(BALL)]
+        if not balls:
+            continue
+        largest = max(balls, key=lambda one: float(one.removeprefix(BALL)))
         settle[name] = protocol.capture.settle_s
         layer = protocol.model_copy(
             update={
-                "indenters": protocol.indenters[-1:],
+                "indenters": (largest,),
                 "channels": protocol.channels & {"force", "shear"},
                 "specimen": protocol.specimen.model_copy(
                     update={"gel_model": "layer", "prony": ()}

@@ -10,7 +10,7 @@ from deltact_fab.errors import InputError
 from deltact_fab.protocols import plan
 from deltact_fab.study import modulus
 from deltact_fab.study.registry import STUDIES
-from deltact_fab.study.settling import series_of
+from deltact_fab.study.settling import series_of, shipped
 from deltact_fab.study.settling_gel import follow
 from deltact_fab.study.settling_stops import judged, simulated, slow_force, waits
 
@@ -115,6 +115,16 @@ def test_a_protocol_is_judged_by_the_closed_form_and_rests_make_it_better(elasti
     # What all stops have in common is taken out of the scatter.
     assert 0 < rows[1]["normal_scatter_n"] < rows[1]["worst_n"]
     assert 0 < rows[1]["normal_bias_pct"] < worst[1]
+
+
+def test_every_protocol_whose_stops_rest_can_be_judged() -> None:
+    settle, jobs = shipped({"skin": SKIN, "gel": COARSE | {"spacing_mm": 2.0}})
+    assert {"force-calibration", "force-calibration-small", "ball-press", "twist"} <= set(settle)
+    assert not {"settling", "demo", "smoke"} & set(settle)
+    for (name, own), job in zip(settle.items(), jobs, strict=True):
+        assert own > 0
+        (row,) = judged(job.work(job.given), GEL, [own])
+        assert 1 < row["worst_pct"] < 20, name
 
 
 def test_a_series_is_typed_as_shares_and_times() -> None:

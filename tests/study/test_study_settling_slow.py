@@ -59,5 +59,7 @@ def test_a_recorded_run_gives_back_the_gel_that_it_was_recorded_on(found, tmp_pa
         assert tau == pytest.approx(true_tau, rel=0.2)
     assert own.data["rms_n"] < 0.008  # straight lines between a rest's knots: .012 of a branch
     for mine, solved in zip(own.data["stops"], found.data["stops"], strict=True):
-        # There the stop before was rested out, here it rested 15 s.
-        assert mine["wait_2pct_s"] == pytest.approx(solved["wait_2pct_s"], rel=0.15)
+        # There the stop before was rested out, here it rested 15 s; and a drag's own force has a
+        # little more than the closed form says, which the fit takes for all forces alike.
+        within = 0.15 if mine["kind"] == "press" else 0.25
+        assert mine["wait_2pct_s"] == pytest.approx(solved["wait_2pct_s"], rel=within)
