@@ -9,7 +9,7 @@ from ...report.result import Drawn, Table
 from . import figures
 from .findings import Findings
 from .search import PREDICTORS
-from .verdict import DEFAULT
+from .verdict import DEFAULT, Confirmed
 
 WORDS = {
     "error_mm": "mean error, mm",
@@ -41,11 +41,7 @@ ORDER_WORDS = {
 def tables(found: Findings) -> tuple[Table, ...]:
     import pandas as pd
 
-    rows = [
-        c.as_row() | {f"{press.split('/')[0]}_mm": error
-                      for press, error in zip(found.presses, c.by_press_mm, strict=True)}
-        for c in (*found.ours, *found.farneback)
-    ]  # fmt: skip
+    rows = [c.as_row() | _by_press(found, c) for c in (*found.ours, *found.farneback)]
     confirmed_rows = pd.DataFrame(rows)
     paper = found.of(found.ours, found.paper)
     if paper is not None:
@@ -75,7 +71,7 @@ def tables(found: Findings) -> tuple[Table, ...]:
         Table("predictors", "What orders them. Rank correlation with the candidates' error, with "
               "that of a leap, and with that on the gel where it is known; 1: what it calls better "
               "is better.", orders,
-              tuple(c for c in orders if c not in ("column", "over", "patterns")), ORDER_WORDS),
+              tuple(str(c) for c in orders if c not in ("column", "over", "patterns")), ORDER_WORDS),
     ]  # fmt: skip
     if found.pair is not None:
         left_out = [
@@ -88,6 +84,14 @@ def tables(found: Findings) -> tuple[Table, ...]:
                   words={"rho_within": "rank correlation in it"})
         )  # fmt: skip
     return tuple(out)
+
+
+def _by_press(found: Findings, one: Confirmed) -> dict[str, float]:
+    """The error of each press, where there are several."""
+    if len(found.presses) == 1:
+        return {}
+    names = (f"{press.replace('/', '-')}_mm" for press in found.presses)
+    return dict(zip(names, one.by_press_mm, strict=True))
 
 
 def drawn(found: Findings) -> tuple[Drawn, ...]:
