@@ -24,6 +24,7 @@ CONFIRMED_WORDS = {
     "p95_error_mm": "95th percentile, mm",
     "share_of_paper": "share of the paper's",
 }
+NOT_SHOWN = ("column", "over", "patterns")
 ORDER_WORDS = {
     "rho": "small steps",
     "low": "from",
@@ -71,7 +72,7 @@ def tables(found: Findings) -> tuple[Table, ...]:
         Table("predictors", "What orders them. Rank correlation with the candidates' error, with "
               "that of a leap, and with that on the gel where it is known; 1: what it calls better "
               "is better.", orders,
-              tuple(str(c) for c in orders if c not in ("column", "over", "patterns")), ORDER_WORDS),
+              tuple(str(c) for c in orders if c not in NOT_SHOWN), ORDER_WORDS),
     ]  # fmt: skip
     if found.pair is not None:
         left_out = [
