@@ -24,7 +24,7 @@ RIG = "virtual"
 PROTOCOL = "pattern-search"
 SHIPPED = {"law": "algorithm1", "patch_mm": 0.15, "r": 0.1}
 """What `dense-with-dots` prints: the pattern that a sensor has that takes the default."""
-PROBE_S, FRAME_S = 1.4, 0.1
+PROBE_S, FRAME_S = 1.9, 0.11
 """A candidate's cost, and a frame's of a pattern on the gel; measured on one core."""
 
 
@@ -98,7 +98,7 @@ def _confirm(
     seed: int,
 ) -> Job:
     """All chosen patterns in one press, with a seed that the search has not seen."""
-    own = seed_of(seed, f"held out {k}")
+    own = seed_of(seed, f"held-out seed {k}")
     patterns = [
         {
             "name": c.name,

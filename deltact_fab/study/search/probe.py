@@ -19,14 +19,15 @@ from numpy.typing import NDArray
 
 from ...analysis.tracking_error.tally import MOVING_MM, Mean
 from ...errors import SensorError
-from ...measure.flow import named_tracker
+from ...measure.flow import FlowObservation, named_tracker
 from ...patterns.quality.figures import figures
 from ...patterns.recipe import PatternRecipe
 from ...virtual.picture import Picture, Texture
 from .bench import Bench
 from .scenes import (
-    DRAG_MM,
+    OUTWARD,
     SHIFTS_PX,
+    STEP_MM,
     Drawn,
     View,
     at_rest,
@@ -52,9 +53,10 @@ def probe(given: dict[str, Any]) -> dict[str, Any]:
     """given: bench, recipe (plain data), seed (of print, noise and drag), field_px.
 
     Returns plain data by predictor's name, lengths in px but where the name says mm; `error_mm`,
-    `confident_error_mm` and `coverage` of the drag; `leap_error_mm` and `leap_coverage` of the same
-    motion in one step; `bridged_mm`, the longest step in which it is followed as well as in short
-    ones. A pattern in which nothing can be tracked has `refused`, saying why.
+    `confident_error_mm` and `coverage` of the drag there and back; `leap_error_mm` and
+    `leap_coverage` of the way there in one step, `bridged_mm`, the longest step in which it is
+    followed as well as in short ones. A pattern in which nothing can be tracked has `refused`,
+    saying why.
     """
     cv2.setNumThreads(1)  # DIS splits the image by thread
     bench = Bench.from_dict(given["bench"])
@@ -139,19 +141,42 @@ def _of_star(picture: Picture, view: View, rest: Image, rng: np.random.Generator
 def _of_drag(
     picture: Picture, view: View, rest: Image, seed: int, rng: np.random.Generator
 ) -> dict[str, Any]:
-    """The drag, in all its frames and in ever fewer of them."""
+    """The drag there and back, and the way there in ever fewer frames."""
     frames = dragged(view, seed)
     images = [picture.expose(drawn.at_px, rng) for drawn in frames]
-    found = {
-        stride: _followed(rest, list(zip(images, frames, strict=True))[stride - 1 :: stride], view)
-        for stride in strides(len(frames))
+    scale = view.camera.mm_per_px
+    tracker = named_tracker(TRACKER)
+    tracker.update(rest)
+    off, sure = Mean(), Mean()
+    for image, drawn in zip(images, frames, strict=True):
+        moving, off_mm, confident = _judged(tracker.update(image), drawn, scale)
+        off.take(off_mm[moving])
+        sure.take(off_mm[moving & confident])
+    leaps = {}
+    for stride in strides(OUTWARD):
+        tracker = named_tracker(TRACKER)
+        tracker.update(rest)
+        for image in images[stride - 1 : OUTWARD : stride]:
+            seen = tracker.update(image)
+        moving, off_mm, confident = _judged(seen, frames[OUTWARD - 1], scale)
+        leaps[stride] = float(off_mm[moving].mean()), float(confident[moving].mean())
+    errors = {stride: error for stride, (error, _) in leaps.items()}
+    return {
+        "error_mm": off.value,
+        "confident_error_mm": sure.value,
+        "coverage": sure.n / off.n,
+        "leap_error_mm": leaps[OUTWARD][0],
+        "leap_coverage": leaps[OUTWARD][1],
+        "bridged_mm": STEP_MM * bridged(errors),
     }
-    short, leap = found[1], found[len(frames)]
-    return short | {
-        "leap_error_mm": leap["error_mm"],
-        "leap_coverage": leap["coverage"],
-        "bridged_mm": DRAG_MM / len(frames) * bridged(found),
-    }
+
+
+def _judged(
+    seen: FlowObservation, drawn: Drawn, mm_per_px: float
+) -> tuple[NDArray[np.bool_], Vectors, NDArray[np.bool_]]:
+    """Which pixels (h, w) move, the error (h, w) mm, and where the tracker is confident."""
+    off_mm = np.hypot(*np.moveaxis(seen.flow_px - drawn.truth_px, -1, 0)) * mm_per_px
+    return moving_px(drawn.truth_px, mm_per_px), off_mm, seen.confident
 
 
 def strides(n: int) -> list[int]:
@@ -159,33 +184,14 @@ def strides(n: int) -> list[int]:
     return [stride for stride in range(1, n + 1) if n % stride == 0]
 
 
-def bridged(found: dict[int, dict[str, Any]]) -> int:
+def bridged(errors: dict[int, float]) -> int:
     """The longest stride up to which the error stays within MOST_LOSS of that at stride 1."""
     longest = 1
-    for stride in sorted(found):
-        if found[stride]["error_mm"] > MOST_LOSS * found[1]["error_mm"]:
+    for stride in sorted(errors):
+        if errors[stride] > MOST_LOSS * errors[1]:
             break
         longest = stride
     return longest
-
-
-def _followed(rest: Image, frames: list[tuple[Image, Drawn]], view: View) -> dict[str, Any]:
-    """Mean error over frames and moving pixels, of all and of the confident ones."""
-    scale = view.camera.mm_per_px
-    tracker = named_tracker(TRACKER)
-    tracker.update(rest)
-    off, sure = Mean(), Mean()
-    for image, drawn in frames:
-        seen = tracker.update(image)
-        off_mm = np.hypot(*np.moveaxis(seen.flow_px - drawn.truth_px, -1, 0)) * scale
-        moving = moving_px(drawn.truth_px, scale)
-        off.take(off_mm[moving])
-        sure.take(off_mm[moving & seen.confident])
-    return {
-        "error_mm": off.value,
-        "confident_error_mm": sure.value,
-        "coverage": sure.n / off.n,
-    }
 
 
 def moving_px(truth_px: Vectors, mm_per_px: float) -> NDArray[np.bool_]:

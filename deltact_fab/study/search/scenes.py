@@ -37,8 +37,11 @@ MOST_STAR_PX = 190.0
 DRAG_MM = 2.4
 """The largest motion of the drag, STEP_MM a frame: 12 frames, which many steps divide."""
 STEP_MM = 0.2
-DRAG_WIDTH_MM = 3.0
-DRAG_DEPTH_MM = 1.0
+OUTWARD = round(DRAG_MM / STEP_MM)
+DRAG_WIDTH_MM, DRAG_DEPTH_MM = 2.0, 2.0
+"""So steep that the skin before it nearly folds (det F .2) and is lost to a tracker, as before an
+indenter that is dragged: where it comes back, a pattern that repeats itself is mistaken for itself.
+With a width of 3 mm that never happens, and the order of patterns is not that on the gel."""
 WAVES = ((1.5, 0.015), (2.5, 0.03), (4.0, 0.06))
 """Wavelength and amplitude (mm) of smooth waves on top: a slope of .06 to .09 each."""
 
@@ -136,13 +139,16 @@ def starred(view: View) -> Drawn:
 
 @lru_cache(maxsize=2)
 def dragged(view: View, seed: int) -> list[Drawn]:
-    """Frames of a press that is dragged, with waves on the skin, in steps of STEP_MM."""
+    """Frames of a press that is dragged and goes back, with waves on the skin.
+
+    In steps of STEP_MM; the first half and one more, OUTWARD, lead to the largest motion.
+    """
     rng = np.random.default_rng([seed, 22])
     x, y = _grid(view, LATTICE_MM)
     whole = drag_mm(x, y, rng)
     whole *= DRAG_MM / np.hypot(whole[..., 0], whole[..., 1]).max()
-    n = round(DRAG_MM / STEP_MM)
-    return _drawn(view, [whole * (k / n) for k in range(1, n + 1)], LATTICE_MM)
+    shares = [k / OUTWARD for k in (*range(1, OUTWARD + 1), *range(OUTWARD - 1, 0, -1))]
+    return _drawn(view, [whole * share for share in shares], LATTICE_MM)
 
 
 def drag_mm(x: Field, y: Field, rng: np.random.Generator) -> Field:

@@ -42,16 +42,14 @@ ERROR, LEAP = "error_mm", "leap_error_mm"
 ERRORS = (ERROR, "coverage", "bridged_mm", LEAP, "leap_coverage")
 LEAST_COVERAGE = 0.9
 """Share of the moving pixels that a pattern's tracker must be sure of, to be recommended."""
-LEAST_BRIDGED_MM, STEADY_MM = 0.39, 0.99
-"""Twice and five times the step between frames that the protocols have. Half of the finalists
-bridge the longer one: patterns that repeat themselves do not, and it is they that fail where parts
-are hidden, which the search's drag does not show."""
+LEAST_BRIDGED_MM = 0.39
+"""Twice the step between frames that the protocols have: a press may be quicker than planned."""
 
 
 def table(
     found: Mapping[str, Sequence[dict[str, Any]]], among: Sequence[Candidate]
 ) -> pd.DataFrame:
-    """A row a candidate, means over seeds; `refused` says why one has no figures.
+    """A row a candidate, means over seeds, of `bridged_mm` the least; `refused`: why it has none.
 
     found: what `probe` returned by candidate's name, a value a seed. Raises RunFailed where nothing
     is left to compare with the paper's pattern.
@@ -74,6 +72,7 @@ def table(
         if whole and not row["refused"]:
             for column in (*(p.column for p in PREDICTORS), *ERRORS):
                 row[column] = float(np.mean([v[column] for v in whole]))
+            row["bridged_mm"] = min(v["bridged_mm"] for v in whole)
             sure = [v["confident_error_mm"] for v in whole if v["confident_error_mm"] is not None]
             row["confident_error_mm"] = float(np.mean(sure)) if sure else None
         elif not values:
@@ -118,19 +117,9 @@ def combined(frame: pd.DataFrame) -> Pair | None:
 
 
 def finalists(frame: pd.DataFrame, count: int) -> list[str]:
-    """The best of different kinds that can be recommended; fewer where there are no more.
-
-    Half of them, the first ones, from those that bridge STEADY_MM.
-    """
-    steady = fit(frame, STEADY_MM)[: -(-count // 2)]
-    others = [name for name in fit(frame, LEAST_BRIDGED_MM) if name not in steady]
-    return [*steady, *others][:count]
-
-
-def fit(frame: pd.DataFrame, bridged_mm: float) -> list[str]:
-    """Patterns that their tracker is sure of and that bridge such a step, best of a kind first."""
-    sure = (frame["coverage"] >= LEAST_COVERAGE) & (frame["bridged_mm"] >= bridged_mm)
-    return list(frame[frame[ERROR].notna() & sure].drop_duplicates("kind")["pattern"])
+    """The best of different kinds that can be recommended; fewer where there are no more."""
+    sure = (frame["coverage"] >= LEAST_COVERAGE) & (frame["bridged_mm"] >= LEAST_BRIDGED_MM)
+    return list(frame[frame[ERROR].notna() & sure].drop_duplicates("kind")["pattern"])[:count]
 
 
 def spread(frame: pd.DataFrame, taken: Sequence[str], count: int) -> list[str]:

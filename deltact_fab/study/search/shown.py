@@ -9,17 +9,40 @@ from ...report.result import Drawn, Table
 from . import figures
 from .findings import Findings
 from .search import PREDICTORS
-from .verdict import DEFAULT
+from .verdict import DEFAULT, Confirmed
+
+WORDS = {
+    "error_mm": "mean error, mm",
+    "bridged_mm": "bridged, mm",
+    "leap_error_mm": "leap, mm",
+}
+CONFIRMED_WORDS = {
+    "mean_error_mm": "mean error, mm",
+    "low_mm": "from",
+    "high_mm": "to",
+    "confident_error_mm": "of the confident, mm",
+    "p95_error_mm": "95th percentile, mm",
+    "share_of_paper": "share of the paper's",
+}
+NOT_SHOWN = ("column", "over", "patterns")
+ORDER_WORDS = {
+    "rho": "small steps",
+    "low": "from",
+    "high": "to",
+    "needs_tracker": "needs a tracker",
+    "rho_leap": "leap",
+    "low_leap": "from",
+    "high_leap": "to",
+    "rho_gel": "gel",
+    "low_gel": "from",
+    "high_gel": "to",
+}
 
 
 def tables(found: Findings) -> tuple[Table, ...]:
     import pandas as pd
 
-    rows = [
-        c.as_row() | {f"{press.split('/')[0]}_mm": error
-                      for press, error in zip(found.presses, c.by_press_mm, strict=True)}
-        for c in (*found.ours, *found.farneback)
-    ]  # fmt: skip
+    rows = [c.as_row() | _by_press(found, c) for c in (*found.ours, *found.farneback)]
     confirmed_rows = pd.DataFrame(rows)
     paper = found.of(found.ours, found.paper)
     if paper is not None:
@@ -37,16 +60,19 @@ def tables(found: Findings) -> tuple[Table, ...]:
                 other[["predictor", "rho", "low", "high"]],
                 on="predictor", how="left", suffixes=("", suffix),
             )  # fmt: skip
+    seeds = f"{found.size.seeds} seed{'s' * (found.size.seeds > 1)}"
     out = [
-        Table("confirmed", f"On the finite-strain gel, means over {found.size.held_out} seeds "
-              "that the search has not seen; lengths in mm.", confirmed_rows),
-        Table("candidates", "The search: predictors and errors of every candidate, means over "
-              f"{found.size.seeds} seed{'s' * (found.size.seeds > 1)}, best first; leap: the "
-              "same motion in one step.", found.frame,
-              tuple(c for c in columns if c in found.frame)),
-        Table("predictors", "Rank correlation with the candidates' error, in small steps, in "
-              "one leap, and on the gel of those that were confirmed; 1: what it calls better is "
-              "better.", orders),
+        Table("confirmed", "Confirmed on the finite-strain gel. Means over "
+              f"{found.size.held_out} seeds that the search has not seen.", confirmed_rows,
+              words=CONFIRMED_WORDS),
+        Table("candidates", f"The candidates. Means over {seeds}, best first; of the longest step "
+              "that is bridged the least; leap: all of the motion in one step.", found.frame,
+              tuple(c for c in columns if c in found.frame),
+              WORDS | {p.column: p.words for p in PREDICTORS}),
+        Table("predictors", "What orders them. Rank correlation with the candidates' error, with "
+              "that of a leap, and with that on the gel where it is known; 1: what it calls better "
+              "is better.", orders,
+              tuple(str(c) for c in orders if c not in NOT_SHOWN), ORDER_WORDS),
     ]  # fmt: skip
     if found.pair is not None:
         left_out = [
@@ -54,10 +80,19 @@ def tables(found: Findings) -> tuple[Table, ...]:
             for name, (names, rho) in found.pair.left_out.items()
         ]
         out.append(
-            Table("families-left-out", "Two predictors by their mean rank, picked without the "
-                  "family that they then order.", pd.DataFrame(left_out))
+            Table("families-left-out", "Two predictors together. By their mean rank, picked "
+                  "without the family that they then order.", pd.DataFrame(left_out),
+                  words={"rho_within": "rank correlation in it"})
         )  # fmt: skip
     return tuple(out)
+
+
+def _by_press(found: Findings, one: Confirmed) -> dict[str, float]:
+    """The error of each press, where there are several."""
+    if len(found.presses) == 1:
+        return {}
+    names = (f"{press.replace('/', '-')}_mm" for press in found.presses)
+    return dict(zip(names, one.by_press_mm, strict=True))
 
 
 def drawn(found: Findings) -> tuple[Drawn, ...]:

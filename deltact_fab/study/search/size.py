@@ -27,12 +27,12 @@ class Size:
 
 
 def size_of(scale: float, whole: int) -> Size:
-    """At scale 1: all candidates with 2 seeds; 6 finalists and 2 others with 5 held-out seeds."""
+    """At scale 1: all candidates with 2 seeds; 4 finalists and 2 others with 5 held-out seeds."""
     return Size(
         candidates=min(whole, max(LEAST_CANDIDATES, round(scale * whole))),
         seeds=max(1, round(2 * scale)),
         held_out=max(2, round(5 * scale)),
-        finalists=max(2, round(6 * scale)),
+        finalists=max(2, round(4 * scale)),
         others=round(2 * scale),
         drag=scale,
     )
