@@ -60,6 +60,12 @@ def until(what: Callable[[], object], within_s: float = 20.0) -> None:
         time.sleep(0.01)
 
 
+def at_rest(host: Host) -> bool:
+    before_mm = host.at_mm()
+    time.sleep(0.05)
+    return host.at_mm() == before_mm
+
+
 def test_a_job_is_homed_streamed_and_done(host: Host) -> None:
     assert not host.it.command("G1X-2F600")  # locked, as it was switched on
     assert host.it.home(wait_idle=True)
@@ -90,6 +96,7 @@ def test_errors_holds_and_alarms_are_as_that_host_expects_them(host: Host) -> No
     until(lambda: host.at_mm()[0] < -1)
     host.it.pause()
     until(lambda: host.terminal.controller.state == "Hold")
+    until(lambda: at_rest(host))  # it brakes first
     held_mm = host.at_mm()
     time.sleep(0.3)
     assert host.at_mm() == held_mm
