@@ -38,6 +38,7 @@ from ...virtual.paths import PressPath, poses
 from ...virtual.presses import Presses
 from ...virtual.rig import VirtualKind
 from ..asked import Asked
+from ..gel_words import interpolation
 from ..grid import Job
 from . import press
 from .scaled import scaled
@@ -230,14 +231,7 @@ def settings(of: Scene, gel: Sequence[dict[str, Any]]) -> dict[str, str]:
         found["gel's flags"] = "; ".join(
             f"{name} at {n} of {len(gel)} jobs" for name, n in flags.items()
         )
-    tried = [one for one in gel if one["between_samples"]]
-    if tried:
-        found["gel's interpolation"] = (
-            f"between solved poses off by at most {max(g['between_n'] for g in tried):.2g} N and "
-            f"{max(g['between_mm'] for g in tried):.2g} mm in plane; settled "
-            "points are solved poses"
-        )
-    return found
+    return found | interpolation(gel, "points")
 
 
 def _gel(of: Scene) -> str:

@@ -34,6 +34,7 @@ from ...virtual.rig import VirtualKind
 from .. import pressed
 from ..asked import Asked
 from ..force import press as force_press
+from ..gel_words import interpolation
 from ..grid import Job
 from . import press
 
@@ -236,14 +237,7 @@ def settings(of: Scene, gel: Sequence[dict[str, Any]]) -> dict[str, str]:
     flags = {name: text for one in gel for name, text in one["flags"].items()}
     if flags:
         found["gel's flags"] = "; ".join(flags.values())
-    tried = [one for one in gel if one["between_samples"]]
-    if tried:
-        found["gel's interpolation"] = (
-            f"between solved poses off by at most {max(g['between_n'] for g in tried):.2g} N and "
-            f"{max(g['between_mm'] for g in tried):.2g} mm in plane; settled frames are solved "
-            "poses"
-        )
-    return found
+    return found | interpolation(gel, "frames")
 
 
 def _depths(protocol: Protocol) -> str:
