@@ -71,6 +71,8 @@ def block(studies: list[dict[str, Any]]) -> str:
     for study in studies:
         words = " ".join(study["verdict"][:IN_README])
         simulated = " (simulated)" if study["simulated"] else ""
+        if study["missing"]:
+            simulated += f" (incomplete: {len(study['missing'])} jobs missing)"
         lines.append(f"| `study run {study['study']}`{simulated} | {_cell(words)} |")
     return "\n".join([*lines, END])
 
