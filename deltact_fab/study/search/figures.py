@@ -48,22 +48,25 @@ def predictors_against_error(frame: pd.DataFrame, named: Sequence[str], paper: s
     return figure
 
 
-def correlations(order: pd.DataFrame) -> Figure:
-    """Rank correlation of each predictor with the error, with its interval."""
-    figure, (axis,) = blank(9.6, 0.32 * len(order) + 1.1)
-    rows = order.iloc[::-1].reset_index(drop=True)
-    for i, row in rows.iterrows():
-        colour = COLOURS[0] if row["needs_tracker"] else COLOURS[1]
-        if row["low"] is not None:
-            axis.plot([row["low"], row["high"]], [i, i], color=colour, lw=2)
-        axis.plot(row["rho"], i, "o", color=colour, ms=6)
-    axis.set_yticks(np.arange(len(rows)), rows["predictor"])
-    axis.axvline(0, color="#999999", lw=0.8)
-    axis.set_xlim(-1, 1.02)
-    axis.set_xlabel("rank correlation: 1, what it calls better is better")
+def correlations(orders: Mapping[str, pd.DataFrame]) -> Figure:
+    """Rank correlation of each predictor with several errors, a panel each, with its interval."""
+    names = list(next(iter(orders.values()))["predictor"])[::-1]
+    figure, axes = blank(9.6, 0.32 * len(names) + 1.2, len(orders))
+    for axis, (title, order) in zip(axes, orders.items(), strict=True):
+        for _, row in order.iterrows():
+            at = names.index(row["predictor"])
+            colour = COLOURS[0] if row["needs_tracker"] else COLOURS[1]
+            if row["low"] is not None:
+                axis.plot([row["low"], row["high"]], [at, at], color=colour, lw=2)
+            axis.plot(row["rho"], at, "o", color=colour, ms=6)
+        axis.set_yticks(np.arange(len(names)), names)
+        axis.axvline(0, color="#999999", lw=0.8)
+        axis.set_xlim(-1, 1.02)
+        axis.set_title(title, loc="left", fontsize=8.5)
+    axes[len(axes) // 2].set_xlabel("rank correlation: 1, what it calls better is better")
     for colour, words in ((COLOURS[0], "needs a tracker"), (COLOURS[1], "of one image alone")):
-        axis.plot([], [], "o-", color=colour, label=words)
-    legend_below(figure, axis)
+        axes[0].plot([], [], "o-", color=colour, label=words)
+    legend_below(figure, axes[0])
     return figure
 
 

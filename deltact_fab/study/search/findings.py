@@ -27,9 +27,11 @@ LEAST_ORDERED = 6
 
 @dataclass(frozen=True)
 class Findings:
-    """All that the two grids gave. frame: of candidates. order, leap_order: of predictors, by the
-    drag's error in small steps and in one. presses: by name. confirmations:
-    by held-out seed, what `confirm` gave of each press.
+    """All that the two grids gave.
+
+    frame: of candidates. order, sure_order, lost_order: of predictors, by the drag's error, by that
+    of the pixels that the tracker is sure of, and by the share that it is not sure of. presses: by
+    name. confirmations: by held-out seed, what `confirm` gave of each press.
     """
 
     bench: Bench
@@ -41,7 +43,8 @@ class Findings:
     among: tuple[Candidate, ...]
     frame: pd.DataFrame
     order: pd.DataFrame
-    leap_order: pd.DataFrame
+    sure_order: pd.DataFrame
+    lost_order: pd.DataFrame
     pair: Pair | None
     finalists: tuple[str, ...]
     paper: str

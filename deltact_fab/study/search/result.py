@@ -74,15 +74,35 @@ def _verdict(found: Findings) -> tuple[str, ...]:
             f"The paper's own tracker (Farneback, summed): {far[0].pattern} "
             f"{_um(far[0].error)}, the paper's pattern {_um(far[1].error)}."
         )
-    if len(found.order):
-        first = found.order.iloc[0]
-        image = found.order[~found.order["needs_tracker"]].iloc[0]
-        lines.append(
-            f"What orders patterns best is {first['predictor']} (rank correlation "
-            f"{first['rho']:.2f}); of one image alone, {image['predictor']} ({image['rho']:.2f})."
-        )
+    lines.append(_of_predictors(found))
     lines.append(_of_leaps(found))
     return tuple(lines)
+
+
+def _of_predictors(found: Findings) -> str:
+    """What orders patterns, and of two things that make the error, what orders each."""
+    whole, sure, lost = (
+        _best_order(order) for order in (found.order, found.sure_order, found.lost_order)
+    )
+    image = _best_order(found.sure_order[~found.sure_order["needs_tracker"]])
+    first = found.order.iloc[0]
+    certain = first["low"] is not None and first["low"] > 0
+    lead = (
+        f"What orders patterns by their mean error best is {whole}"
+        if certain
+        else f"No figure orders patterns by their mean error for certain; the best is {whole}"
+    )
+    return (
+        f"{lead}. Two things make it: how exactly pixels are followed, best ordered by {sure}, of "
+        f"one image alone by {image}; and how many are not followed, by {lost}."
+    )
+
+
+def _best_order(order: pd.DataFrame) -> str:
+    """The first predictor of an order with its rank correlation and interval."""
+    row = order.iloc[0]
+    rho = Estimate(row["rho"], row["low"], row["high"], row["over"])
+    return f"{row['predictor']}, {_interval(rho)}"
 
 
 def _of_leaps(found: Findings) -> str:
@@ -163,8 +183,8 @@ def _notes(found: Findings) -> tuple[str, ...]:
     notes = [
         "Printer and camera are models with assumed parameters, not measured ones: print the best "
         "few on one sheet and run `study run pattern-selection` on your bench before you commit.",
-        "The rank correlations hold for these candidates, this tracker, and a motion in small "
-        "steps.",
+        "The rank correlations hold for these candidates, this tracker, and a drag that nearly "
+        "folds the skin.",
     ]
     notes += [
         f"{name} could not be tracked on the gel: {why}" for name, why in found.refused.items()
@@ -205,7 +225,8 @@ def _data(found: Findings) -> dict[str, Any]:
         "confirmed": [c.as_row() for c in found.ours],
         "farneback": [c.as_row() for c in found.farneback],
         "predictors": _records(found.order),
-        "predictors_of_a_leap": _records(found.leap_order),
+        "predictors_of_the_sure": _records(found.sure_order),
+        "predictors_of_the_lost": _records(found.lost_order),
         "combined": None
         if pair is None
         else {

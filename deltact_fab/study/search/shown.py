@@ -26,13 +26,16 @@ CONFIRMED_WORDS = {
 }
 NOT_SHOWN = ("column", "over", "patterns")
 ORDER_WORDS = {
-    "rho": "small steps",
+    "rho": "mean error",
     "low": "from",
     "high": "to",
     "needs_tracker": "needs a tracker",
-    "rho_leap": "leap",
-    "low_leap": "from",
-    "high_leap": "to",
+    "rho_sure": "of the sure",
+    "low_sure": "from",
+    "high_sure": "to",
+    "rho_lost": "not sure of",
+    "low_lost": "from",
+    "high_lost": "to",
     "rho_gel": "gel",
     "low_gel": "from",
     "high_gel": "to",
@@ -54,7 +57,11 @@ def tables(found: Findings) -> tuple[Table, ...]:
         *(p.column for p in PREDICTORS), "refused",
     )  # fmt: skip
     orders = found.order
-    for suffix, other in (("_leap", found.leap_order), ("_gel", found.confirmed_order)):
+    for suffix, other in (
+        ("_sure", found.sure_order),
+        ("_lost", found.lost_order),
+        ("_gel", found.confirmed_order),
+    ):
         if other is not None:
             orders = orders.merge(
                 other[["predictor", "rho", "low", "high"]],
@@ -69,9 +76,10 @@ def tables(found: Findings) -> tuple[Table, ...]:
               "that is bridged the least; leap: all of the motion in one step.", found.frame,
               tuple(c for c in columns if c in found.frame),
               WORDS | {p.column: p.words for p in PREDICTORS}),
-        Table("predictors", "What orders them. Rank correlation with the candidates' error, with "
-              "that of a leap, and with that on the gel where it is known; 1: what it calls better "
-              "is better.", orders,
+        Table("predictors", "What orders them. Rank correlation with the candidates' mean error, "
+              "with that of the pixels that the tracker is sure of, with the share that it is not "
+              "sure of, and with the mean error on the gel where it is known; 1: what it calls "
+              "better is better.", orders,
               tuple(str(c) for c in orders if c not in NOT_SHOWN), ORDER_WORDS),
     ]  # fmt: skip
     if found.pair is not None:
@@ -108,8 +116,11 @@ def drawn(found: Findings) -> tuple[Drawn, ...]:
               partial(figures.predictors_against_error, found.frame, found.finalists,
                       found.paper)),
         Drawn("rank-correlations", "How well each predictor orders the candidates, with its 95 % "
-              "interval over kinds of pattern.",
-              partial(figures.correlations, found.order)),
+              "interval over kinds of pattern: by their mean error, by that of the pixels that the "
+              "tracker is sure of, and by the share that it is not sure of.",
+              partial(figures.correlations,
+                      {"mean error": found.order, "error of the sure": found.sure_order,
+                       "share not sure of": found.lost_order})),
     ]  # fmt: skip
     if pictures:
         out.append(
