@@ -12,7 +12,6 @@ import pytest
 from deltact_fab.cad import registry
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.drafting import callouts
 from deltact_fab.cad.drafting.dimensioning import Leader, Linear, shown
 from deltact_fab.cad.drafting.drawing import FLIPPED, SCALES, VIEWS, drawing_svg, has_drawing
 from deltact_fab.cad.drafting.projection import View, project
@@ -199,7 +198,7 @@ def test_texts_lie_on_the_sheet_and_on_no_other(made, name):
 def test_dimensions_end_where_the_solid_has_something(made, name):
     """An end lies on an edge's end, on an outline's extreme, or on the centre of a round edge."""
     part, design, solid, _, _ = made(name)
-    said = callouts.of(part, design)
+    said = part.callouts(part.source(design))
     round_edges = [e for e in solid.Edges() if e.geomType() == "CIRCLE"]
     points = [v.toTuple() for v in solid.Vertices()]
     points += [e.arcCenter().toTuple() for e in round_edges]

@@ -27,7 +27,7 @@ from deltact_fab.shapes.sensor import FrameDimensions, SkinDimensions
 DESIGN = load_design()
 KINDS = ("step", "stl", "3mf", "dxf", "glb")
 NAMES = ("sensor", "sphere:10")
-SENSOR = [part.name for part in registry.SENSOR_PARTS]
+SENSOR = [part.name for part in registry.of_group("sensor")]
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -114,7 +114,7 @@ def test_the_assembly_is_the_sum_of_its_parts(exported):
     size = [b - a for a, b in zip(low, high, strict=True)]
     assert size == pytest.approx(DESIGN.outer_mm, abs=1e-5)
     solids = cq.importers.importStep(str(folder / "assembly.step")).solids().vals()
-    assert len(solids) == sum(part.quantity for part in registry.SENSOR_PARTS)
+    assert len(solids) == sum(part.quantity for part in registry.of_group("sensor"))
     assert sum(s.Volume() for s in solids) == pytest.approx(volume_mm3, rel=1e-6)
     assert all(s.isValid() for s in solids)
 

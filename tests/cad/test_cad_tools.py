@@ -18,7 +18,7 @@ from deltact_fab.cad.parts import coupon_mold, mold, skin, skin_frame
 from deltact_fab.errors import InputError, RunFailed
 
 DEFAULT = Design()
-MOLD, COUPON = registry.TOOL_PARTS
+MOLD, COUPON = registry.find("mold"), registry.find("coupon-mold")
 
 
 def changed(*changes: str) -> Design:

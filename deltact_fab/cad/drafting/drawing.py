@@ -19,8 +19,7 @@ import numpy as np
 from ...errors import InputError
 from ..dimensions import Design
 from ..kernel import guarded, require
-from ..registry import Part
-from . import callouts
+from ..part import Part
 from .arrangement import Arranged
 from .items import Callouts
 from .projection import Points, Projected, View, project, sampled
@@ -118,7 +117,7 @@ class _Layout:
 
 def has_drawing(part: Part) -> bool:
     """Whether a machine shop or a laser cutter may make the part, and needs a drawing."""
-    return callouts.has(part)
+    return part.callouts is not None
 
 
 def drawing_svg(part: Part, design: Design, solid: Any) -> str:
@@ -127,9 +126,9 @@ def drawing_svg(part: Part, design: Design, solid: Any) -> str:
     Raises InputError for a part without a drawing, and where no standard scale fits it on A3;
     RunFailed when the CAD kernel fails.
     """
-    said = callouts.of(part, design)
-    if said is None:
+    if part.callouts is None:
         raise InputError(f"part {part.name!r}: has no drawing; it is {part.process}")
+    said = part.callouts(part.source(design))
     with guarded(part.name, {}):
         drawn = _views(solid, said)
     notes = [*said.notes]

@@ -12,7 +12,7 @@ from typing import Any
 
 from ... import __version__, cache, digest
 from ..dimensions import Design
-from ..registry import Part
+from ..part import Part
 from .part_files import MESHED, Made
 
 KIND = "cad"
@@ -77,12 +77,13 @@ def plain(value: Any) -> Any:
         return {"class": type(value).__name__, **inside}
     if isinstance(value, tuple | list):
         return [plain(item) for item in value]
-    return value
+    # What it does is in the digest of the sources.
+    return value.__qualname__ if callable(value) else value
 
 
 def sources(parts: Sequence[Part]) -> str:
     """The digest of what makes these parts' solids and files: of other parts' builders, nothing."""
-    builders = {part.builder.partition(":")[0].removeprefix("deltact_fab.") for part in parts}
+    builders = {part.build.__module__.removeprefix("deltact_fab.") for part in parts}
     return digest.of("cad.export.part_files", *builders)
 
 
