@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 import subprocess
@@ -299,8 +300,11 @@ def test_bad_dimensions_of_any_part_write_nothing(tmp_path):
 
 
 def test_a_part_that_fails_late_leaves_the_folder_as_it_was(tmp_path, monkeypatch):
-    build = skin_frame.build
-    monkeypatch.setattr(skin_frame, "build", lambda d: build(d).translate((0.0, 0.0, 0.1)))
+    def shifted(design):
+        return skin_frame.build(design).translate((0.0, 0.0, 0.1))
+
+    parts = (dataclasses.replace(skin_frame.FRAME, build=shifted), *skin_frame.PARTS[1:])
+    monkeypatch.setattr(skin_frame, "PARTS", parts)
     export_parts(DESIGN, registry.select(["skin"]), ["stl"], 0.1, tmp_path)
     yesterdays = _bytes(tmp_path)
     for folder in (tmp_path, tmp_path / "new" / "one"):

@@ -10,10 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from deltact_fab.cad.parts.mold import RELEASE_AGENT
 from deltact_fab.cad import kernel
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.making import fabrication
+from deltact_fab.cad.parts.mold import RELEASE_AGENT
 from deltact_fab.cad.registry import find, listed
 from deltact_fab.errors import InputError, MissingLibrary
 from deltact_fab.report import guide
