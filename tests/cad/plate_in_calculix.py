@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -87,8 +88,7 @@ def _lines(plate: Plate, axis: int, step_mm: float) -> np.ndarray:
     half, support = plate.half_mm[axis], plate.support_mm[axis]
     marks = sorted({0.0, half - plate.notch_mm[axis], half} | ({support} if support else set()))
     pieces = [
-        np.linspace(a, b, int(np.ceil((b - a) / step_mm)) + 1)[:-1]
-        for a, b in zip(marks, marks[1:], strict=False)
+        np.linspace(a, b, int(np.ceil((b - a) / step_mm)) + 1)[:-1] for a, b in pairwise(marks)
     ]
     return np.append(np.concatenate(pieces), half)
 

@@ -15,8 +15,8 @@ Section below z_boss, seen along -z:     Section at x = 0:
 
 In each corner stands a post with a through hole on a screw's axis, from z_boss to the joint. Below
 z_boss the cover's boss takes its place and the wall's, and keeps `cover.fit_mm` from the shell.
-The ledges carry the acrylic's edges from behind, those in x (not drawn) like those in y: on two edges
-it would bend twice as far.
+The ledges carry the acrylic's edges from behind, those in x (not drawn) like those in y: on two
+edges it would bend twice as far.
 """
 
 from __future__ import annotations
@@ -271,9 +271,9 @@ PARTS = (
         colour=BLACK,
         sections=("shell", "mount", "screw", "skin", "frame"),
         derived=(
-            "outer_mm", "frame_outer_mm", "cavity_half_mm", "ledge_half_mm", "post_mm", "post_edge_mm",
-            "boss_room_mm", "screw_at_mm", "shell_depth_mm", "flange_arm_z_mm", "z_joint_mm",
-            "z_boss_mm", "z_floor_mm",
+            "outer_mm", "frame_outer_mm", "cavity_half_mm", "ledge_half_mm", "post_mm",
+            "post_edge_mm", "boss_room_mm", "screw_at_mm", "shell_depth_mm", "flange_arm_z_mm",
+            "z_joint_mm", "z_boss_mm", "z_floor_mm",
         ),
         rules=rules,
         wall_mm=wall_mm,

@@ -14,8 +14,8 @@ Seen along -z (from the touched side):            Section at x = 0:
 
 The paper gives no drawing. A 3 mm wall cannot hold an M1.6 screw, so a square post stands in each
 corner and takes a corner of the window; the skin is notched there below the protrusion. Behind the
-skin the window is wider in y (and by seat_x in x), so that the acrylic plate rests on a ledge. Frame and skin share
-faces and no volume.
+skin the window is wider in y (and by seat_x in x), so that the acrylic plate rests on a ledge.
+Frame and skin share faces and no volume.
 """
 
 from __future__ import annotations
