@@ -151,15 +151,13 @@ def bend(
     ring_mm: inner and outer radius of the ring behind the plate. What of the disc lies beyond a
     support is borne by the ledge itself.
     """
-    from scipy.linalg import cho_solve  # here, for the bill of materials starts without it
-
     (w, h), (sx, sy) = plate.half_mm, plate.support_mm
-    x_basis, y_basis, factored = _system(plate, terms)
+    x_basis, y_basis, compliance = _system(plate, terms)
     x, y, share = _disc(spread_mm, at_mm)
     inside = (np.abs(x) < (w if sx is None else sx)) & (np.abs(y) < sy)
     x, y, share = x[inside], y[inside], share[inside]
     load = ((x_basis.at(x, 0) * share) @ y_basis.at(y, 0).T).ravel()
-    weights = cho_solve(factored, load).reshape(terms, terms)
+    weights = (compliance @ load).reshape(terms, terms)
 
     def field(x: Array, y: Array, i: int = 0, j: int = 0) -> Array:
         by_point: Array = (x_basis.at(x, i) * (weights @ y_basis.at(y, j))).sum(axis=0)
@@ -180,14 +178,13 @@ def bend(
 
 
 @lru_cache(maxsize=8)
-def _system(plate: Plate, terms: int) -> tuple[_Basis, _Basis, tuple[Array, bool]]:
+def _system(plate: Plate, terms: int) -> tuple[_Basis, _Basis, Array]:
     """What all loads on a plate have in common."""
-    from scipy.linalg import cho_factor
-
     (w, h), (sx, sy) = plate.half_mm, plate.support_mm
     x_basis = _Basis.make(w, sx, plate.clamped, terms)
     y_basis = _Basis.make(h, sy, plate.clamped, terms)
-    return x_basis, y_basis, cho_factor(_stiffness(plate, x_basis, y_basis))
+    compliance: Array = np.linalg.inv(_stiffness(plate, x_basis, y_basis)).astype(np.float64)
+    return x_basis, y_basis, compliance
 
 
 def _stiffness(plate: Plate, x_basis: _Basis, y_basis: _Basis) -> Array:
