@@ -36,7 +36,7 @@ class PlateDimensions(Record):
     measured: keys that a lab knows of its own plate; they no longer count as unverified.
     """
 
-    force_n: float = number(49.0, "press it is made for (sphere:10 at depth_mm)", 0.1, 5000)
+    force_n: float = number(49.0, "press it is made for", 0.1, 5000)
     depth_mm: float = number(5.0, "depth of that press", 0.1, 60)
     spread_mm: float = number(22.0, "disc that the gel spreads it on", 1, 100, unverified=True)
     deflection_share: float = number(0.05, "of the depth, by which it may yield", 1e-3, 1)
