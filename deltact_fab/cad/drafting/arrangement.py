@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from .dimensioning import Axis, Centres, Circle, Item, Leader, Linear, Side
+from .dimensioning import Axis, Centres, Circle, Item, Leader, Linear, Side, shown
 from .projection import Vector, View
 from .sheet import ARROW_MM, LINE_MM, SMALL_MM, Page, Point2, Rect, meet, text_width_mm
 
@@ -22,6 +22,10 @@ RISES_MM = (-3.0, 5.5, -8.0, 10.5, -13.0, 15.5, -18.0, 20.5)
 AIR_MM = 0.6  # between a leader and a text
 TAIL_MM = 5.0  # of arrows that point inwards from outside
 SHORT_MM = 0.7
+# Of a label's parts behind its words: the frame's height, the check mark's width, the gaps.
+FRAME_MM = 4.5
+CHECK_MM = 3.2
+PART_GAP_MM = 2.0
 
 
 @dataclass(frozen=True)
@@ -75,7 +79,7 @@ class Arranged:
             column = self._column(side, room)
             self.labels += column
             if column:
-                widest = max(text_width_mm(leader.words) for leader, _, _ in column)
+                widest = max(label_width_mm(leader) for leader, _, _ in column)
                 if side == "left":
                     left = room + COLUMN_MM + widest
                 else:
@@ -251,8 +255,8 @@ class Arranged:
         points = [tip, knee, (x - way * 0.8, knee[1])]
         page.path([[(origin[0] + px, origin[1] + py) for px, py in points]], "thin")
         page.arrow((origin[0] + tip[0], origin[1] + tip[1]), (tip[0] - knee[0], tip[1] - knee[1]))
-        anchor = "end" if leader.side == "left" else "start"
-        page.text((origin[0] + x, origin[1] + y), leader.words, SMALL_MM, anchor)
+        left = x - label_width_mm(leader) if leader.side == "left" else x
+        _draw_words(page, (origin[0] + left, origin[1] + y), leader)
 
     def _draw_cut(self, page: Page, origin: Point2) -> None:
         """The cutting plane as ISO 128-44 has it: ends wide, arrows the way one looks."""
@@ -267,6 +271,45 @@ class Arranged:
             page.line((x - 5.0, y + 5 * away), (x, y + 5 * away))
             page.arrow((x, y + 5 * away), (1.0, 0.0))
             page.text((x - 5.8, base), "A", 3.5, "end")
+
+
+def label_width_mm(leader: Leader) -> float:
+    """Width of a leader's words with what stands behind them."""
+    parts = [text_width_mm(leader.words)] if leader.words else []
+    if leader.flatness_mm:
+        parts.append(FRAME_MM + text_width_mm(shown(leader.flatness_mm)) + 2.0)
+    if leader.roughness_um:
+        parts.append(CHECK_MM + text_width_mm(_roughness(leader)) + 0.5)
+    return sum(parts) + PART_GAP_MM * (len(parts) - 1)
+
+
+def _roughness(leader: Leader) -> str:
+    return f"Ra {shown(leader.roughness_um)}"
+
+
+def _draw_words(page: Page, at: Point2, leader: Leader) -> None:
+    """Words, flatness in its frame and the check mark of a surface's roughness, left to right."""
+    x, y = at
+    middle = y - SMALL_MM / 2
+    if leader.words:
+        page.text((x, y), leader.words)
+        x += text_width_mm(leader.words) + PART_GAP_MM
+    if leader.flatness_mm:
+        words = shown(leader.flatness_mm)
+        low, high = middle - FRAME_MM / 2, middle + FRAME_MM / 2
+        width = FRAME_MM + text_width_mm(words) + 2.0
+        page.path([[(x, low), (x + width, low), (x + width, high), (x, high)]], "thin", closed=True)
+        page.line((x + FRAME_MM, low), (x + FRAME_MM, high))
+        signs = [(0.6, 0.9), (1.8, -0.9), (3.9, -0.9), (2.7, 0.9)]
+        page.path([[(x + dx, middle + dy) for dx, dy in signs]], "thin", closed=True)
+        page.text((x + FRAME_MM + 1.0, y), words)
+        x += width + PART_GAP_MM
+    if leader.roughness_um:
+        words = _roughness(leader)
+        end = x + CHECK_MM + text_width_mm(words) + 0.5
+        stroke = [(x, y - 1.2), (x + 1.0, y + 0.6), (x + 3.2, y - 3.2), (end, y - 3.2)]
+        page.path([stroke, [(x, y - 1.2), (x + 2.05, y - 1.2)]], "thin")
+        page.text((x + CHECK_MM, y), words)
 
 
 def _cuts(line: tuple[Point2, Point2], rect: Rect) -> bool:

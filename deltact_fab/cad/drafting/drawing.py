@@ -138,7 +138,7 @@ def drawing_svg(part: Part, design: Design, solid: Any) -> str:
     page = Page()
     title = Title(
         part.name, _belongs(part), part.material, part.process, part.quantity, layout.scale,
-        layout.sheet, tuple(layout.notes),
+        layout.sheet, said.general_tolerance,
     )  # fmt: skip
     draw_frame(page, title)
     left, top, _, _ = layout.reserved

@@ -50,7 +50,7 @@ _WIDTHS = {
     **dict.fromkeys("r-", 333),
     **dict.fromkeys("ckvxyzsJ", 500),
     **dict.fromkeys("abdeghnopqu0123456789L_", 556),
-    **dict.fromkeys("FTZ+<>=±×~", 611),
+    **dict.fromkeys("FTZ+<>=±×~−", 611),
     **dict.fromkeys("ABEKPSVXY&", 667),
     **dict.fromkeys("CDHNRUw", 722),
     **dict.fromkeys("GOQØ⌀", 778),
@@ -185,7 +185,7 @@ class Title:
     quantity: int
     scale: str
     sheet: str
-    notes: tuple[str, ...]
+    general_tolerance: str
 
 
 def block_rect(sheet: str) -> Rect:
@@ -207,7 +207,7 @@ def draw_frame(page: Page, title: Title) -> None:
     cells: list[list[tuple[float, str, str]]] = [
         [(86, "Material", title.material), (64, "Process", title.process),
          (30, "Quantity", str(title.quantity))],
-        [(46, "General tolerances", "ISO 2768-m"), (40, "Projection", "first angle"),
+        [(46, "General tolerances", title.general_tolerance), (40, "Projection", "first angle"),
          (32, "Dimensions", "mm"), (32, "Scale", title.scale), (30, "Sheet", title.sheet)],
         [(86, "Part", title.name), (64, "Belongs to", title.group),
          (30, "Made by", f"deltact-fab {__version__}")],
