@@ -9,7 +9,18 @@ from ...errors import MissingLibrary, RunFailed
 from ..design import IndenterList
 from ..dimensions import Design
 from ..kernel import guarded, require
-from . import casting, indenters, inequalities, pegs, screws, sight, soundness, space, thickness
+from . import (
+    casting,
+    fits,
+    indenters,
+    inequalities,
+    pegs,
+    screws,
+    sight,
+    soundness,
+    space,
+    thickness,
+)
 from .built import Built
 from .row import Row
 from .table import Check
@@ -51,8 +62,11 @@ def run(
     InputError when the list of indenters is unusable.
     """
     rows = list(inequalities.rows(design))
-    if not all(row.passed for row in rows):
+    possible = all(row.passed for row in rows)
+    rows += fits.rows(design)
+    if not possible:
         return rows + [check.not_run("an inequality is broken") for check in CHECKS]
+    rows += fits.platform(design)
     require()
     from ..registry import listed
 

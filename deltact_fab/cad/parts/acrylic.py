@@ -12,20 +12,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..checks import Expected
 from ..drafting.dimensioning import Item, Linear
 from ..drafting.items import Callouts, x_of, y_of, z_of
+from ..fit import Fit, Length
 from ..kernel import require
 from ..part import CLEAR, LASER_CUT, Part
-from ..record import Point2
+from ..record import Point2, Record, number
 from ..rule import Rule
 
 if TYPE_CHECKING:
     from cadquery import Shape
 
     from ..dimensions import Design
+
+
+@dataclass(frozen=True)
+class PlateDimensions(Record):
+    """The acrylic plate (part 2)."""
+
+    fit_mm: float = number(0.1, "clearance in the frame's pocket, per side", 0.02, 2)
+    ledge_mm: float = number(0.5, "least width that lies on a ledge", 0.1, 10)
 
 
 def notched(half_mm: Point2, notch_mm: Point2) -> list[Point2]:
@@ -67,7 +77,7 @@ def build(design: Design) -> Shape:
 def rules(d: Design) -> Iterator[Rule]:
     """The plate on the frame's ledge, and what the notches leave of it."""
     plate = ("half acrylic in y - half ledge opening", d.acrylic_half_mm[1] - d.skin.length_mm / 2)
-    yield Rule("acrylic", ("0.5", 0.5), "<=", plate)
+    yield Rule("acrylic", ("plate.ledge_mm", d.plate.ledge_mm), "<=", plate)
     notch = d.acrylic_notch_mm
     for i, axis in enumerate("xy"):
         yield Rule(
@@ -76,6 +86,55 @@ def rules(d: Design) -> Iterator[Rule]:
             "<",
             (f"half the plate in {axis}", d.acrylic_half_mm[i]),
         )
+
+
+def fits(d: Design) -> Iterator[Fit]:
+    """In the frame's pocket, round its posts, and between the ledges of frame and shell."""
+    parts, printer, laser, keys = "acrylic, skin-frame", d.resin_printer, d.laser, ("plate.fit_mm",)
+    for i, axis in enumerate("xy"):
+        pocket = printer.inner("pocket", 2 * d.seat_half_mm[i])
+        plate = laser.cut("plate", 2 * d.acrylic_half_mm[i])
+        yield Fit(f"plate in its pocket, {axis}", parts, (pocket,), (plate,), keys)
+    for i, axis in enumerate("xy"):
+        if d.acrylic_notch_mm[i] > 0:
+            posts = printer.inner("between the posts", 2 * d.post_edge_mm[i])
+            neck = laser.cut("neck", 2 * (d.acrylic_half_mm[i] - d.acrylic_notch_mm[i]))
+            yield Fit(f"plate between the posts, {axis}", parts, (posts,), (neck,), keys)
+    thick = laser.sheet("plate", d.optics.acrylic_mm)
+    pocket = printer.tall("depth of the pocket", d.optics.acrylic_mm)
+    drop = printer.tall("shell.ledge_drop_mm", d.shell.ledge_drop_mm)
+    # A plate that is too thick would hold the joint open; a bead of adhesive fills what is left.
+    yield Fit(
+        "plate between the ledges, z",
+        "acrylic, skin-frame, shell",
+        (pocket, drop),
+        (thick,),
+        ("shell.ledge_drop_mm", "laser.sheet_tolerance"),
+    )
+    opening = printer.inner("opening of the frame", d.skin.length_mm)
+    pocket_y = printer.inner("pocket", 2 * d.seat_half_mm[1])
+    plate_y = laser.cut("plate", 2 * d.acrylic_half_mm[1])
+    # A plate that lies at one end of its pocket bears least at the other.
+    yield Fit(
+        "plate on the frame's ledge, y",
+        parts,
+        (plate_y,),
+        (opening.half(), pocket_y.half()),
+        ("frame.seat_y_mm", "plate.ledge_mm"),
+        d.plate.ledge_mm,
+    )
+    # The shell stands off the frame by what its screws leave it.
+    behind = printer.inner("opening of the shell", 2 * (d.cavity_half_mm[1] - d.shell.ledge_mm))
+    hole = printer.inner("hole of the shell", d.screw.row.clearance_mm)
+    shank = Length("less the screw", -d.screw.row.thread_mm)
+    yield Fit(
+        "plate on the shell's ledge, y",
+        "acrylic, shell",
+        (plate_y,),
+        (behind.half(), pocket_y.half(), hole.half(), shank.half()),
+        ("shell.ledge_mm", "plate.ledge_mm"),
+        d.plate.ledge_mm,
+    )
 
 
 def callouts(d: Design) -> Callouts:
@@ -116,12 +175,13 @@ PARTS = (
         number=2,
         explode_mm=14,
         colour=CLEAR,
-        sections=("skin", "frame", "optics", "screw", "shell"),
+        sections=("skin", "frame", "optics", "plate", "screw", "shell", "laser"),
         derived=(
             "acrylic_half_mm", "acrylic_notch_mm", "seat_half_mm", "post_edge_mm", "z_ledge_mm",
             "z_joint_mm",
         ),
         rules=rules,
+        fits=fits,
         callouts=callouts,
         note=note,
         how="cut by the DXF, step C",

@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any
 from ..checks import Expected
 from ..drafting.dimensioning import Axis, Cut, Item, Linear, shown
 from ..drafting.items import Callouts, holes, x_of, y_of, z_of
+from ..fit import Fit, Length
 from ..kernel import require
 from ..part import BLACK, PRINT, RESIN, Part
 from ..record import Point2, Record, number
@@ -42,32 +43,29 @@ class CoverDimensions(Record):
     """The cover (part 7): floor, four bosses for the screw heads, four snap-fit pegs."""
 
     floor_mm: float = number(1.5, "floor (paper: walls of 1.5)", 0.5, 20)
-    peg_mm: float = number(3.0, "diameter of a peg", 1, 10)
+    peg_mm: float = number(2.7, "diameter of a peg", 1, 10)
     peg_y_mm: float = number(8.0, "pegs at +-y", 1, 90)
-    peg_clearance_mm: float = number(0.1, "radial clearance of a peg in its hole", 0.01, 1)
-    slot_mm: float = number(0.6, "slot that splits a peg", 0.2, 5)
-    lip_mm: float = number(0.08, "lip of a peg beyond its hole", 0.01, 2)
+    peg_clearance_mm: float = number(0.25, "radial clearance of a peg in its hole", 0.01, 1)
+    slot_mm: float = number(1.0, "slot that splits a peg", 0.2, 5)
+    leg_mm: float = number(0.5, "thickness of a leg, flat on both sides", 0.2, 5)
+    lip_mm: float = number(0.12, "lip of a peg beyond its hole", 0.01, 2)
     lip_height_mm: float = number(0.6, "height of the lip", 0.2, 5)
     strain_limit: float = number(0.02, "what the resin bears once (Tough resins: 2 %)", 1e-3, 0.2)
-    fit_mm: float = number(0.1, "clearance between bosses and shell", 0.02, 2)
-
-    @property
-    def leg_mm(self) -> float:
-        """Thickness of one leg of a peg = (peg - slot) / 2: 1.2."""
-        return (self.peg_mm - self.slot_mm) / 2
+    fit_mm: float = number(0.2, "clearance between bosses and shell", 0.02, 2)
 
     @property
     def fibre_mm(self) -> float:
-        """Outermost fibre of a leg from its centroid; a leg is a segment of the peg's circle: 0.70.
+        """Outermost fibre of a leg from its centroid; a leg is a slab of the peg's circle: 0.26.
 
-        Centroid at 2/3 (R^2 - a^2)^1.5 / A, A = R^2 acos(a / R) - a sqrt(R^2 - a^2), a = slot / 2.
+        Between the chords at a = slot / 2 and b = a + leg: centroid at 2/3 ((R^2 - a^2)^1.5 -
+        (R^2 - b^2)^1.5) / A, A the area between them.
         """
-        r, a = self.peg_mm / 2, self.slot_mm / 2
-        if not a < r:
+        r, a, b = self.peg_mm / 2, self.slot_mm / 2, self.slot_mm / 2 + self.leg_mm
+        if not b <= r:
             return math.nan
-        q = math.sqrt(r**2 - a**2)
-        centroid = 2 / 3 * q**3 / (r**2 * math.acos(a / r) - a * q)
-        return max(r - centroid, centroid - a)
+        moment = 2 / 3 * ((r**2 - a**2) ** 1.5 - (r**2 - b**2) ** 1.5)
+        centroid = moment / (segment_mm2(a, r) - segment_mm2(b, r))
+        return max(b - centroid, centroid - a)
 
     @property
     def hole_mm(self) -> float:
@@ -139,7 +137,9 @@ def _leg_mm3(design: Design) -> float:
     """Volume of one leg above the floor: shaft, lip and lead-in, each beyond half the slot."""
     cover, half_slot_mm = design.cover, design.cover.slot_mm / 2
     radius, tip, height_mm = _lip_mm(design)
-    shaft_mm3 = segment_mm2(half_slot_mm, cover.peg_mm / 2) * design.holder.clearance_mm
+    outside_mm, peg = half_slot_mm + cover.leg_mm, cover.peg_mm / 2
+    leg_mm2 = segment_mm2(half_slot_mm, peg) - segment_mm2(outside_mm, peg)
+    shaft_mm3 = leg_mm2 * design.holder.clearance_mm
     beyond_mm = half_slot_mm - cover.lip_mm
     lip_mm3 = segment_mm2(beyond_mm, radius) * height_mm
     return shaft_mm3 + lip_mm3 + cone_segment_mm3(beyond_mm, radius, tip, height_mm)
@@ -163,8 +163,12 @@ def _leg(cq: Any, design: Design) -> Any:
         wide, 2 * wide, design.peg_length_mm + cover.floor_mm + 2,
         cq.Vector(cover.slot_mm / 2, -wide, low_mm - 1),
     )  # fmt: skip
+    slab = cq.Solid.makeBox(
+        cover.leg_mm, 2 * wide, design.peg_length_mm + cover.floor_mm + 2,
+        cq.Vector(cover.slot_mm / 2, -wide, low_mm - 1),
+    )  # fmt: skip
     # Cut first: in the slot the shaft's round side and the lip's would cross.
-    parts = [piece.intersect(half_space) for piece in (shaft, lip, cone)]
+    parts = [shaft.intersect(slab), lip.intersect(half_space), cone.intersect(half_space)]
     return parts[0].fuse(*parts[1:]).clean().Solids()[0]
 
 
@@ -172,7 +176,18 @@ def rules(d: Design) -> Iterator[Rule]:
     """Pegs: strain, legs and lips."""
     part, cover = "cover", d.cover
     yield Rule(part, ("strain of a peg", d.snap_strain), "<=", ("strain_limit", cover.strain_limit))
-    yield Rule(part, ("0.6", 0.6), "<=", ("leg of a peg", cover.leg_mm))
+    yield Rule(
+        part,
+        ("resin_printer.least_wall_mm", d.resin_printer.least_wall_mm),
+        "<=",
+        ("leg_mm", cover.leg_mm),
+    )
+    yield Rule(
+        part,
+        ("slot_mm / 2 + leg_mm", cover.slot_mm / 2 + cover.leg_mm),
+        "<",
+        ("peg_mm / 2", cover.peg_mm / 2),
+    )
     # Both legs bend inwards by the lip before they touch.
     yield Rule(part, ("2 lip_mm", 2 * cover.lip_mm), "<", ("slot_mm", cover.slot_mm))
     yield Rule(
@@ -190,6 +205,44 @@ def rules(d: Design) -> Iterator[Rule]:
         ("lip radius", lip),
         "<=",
         ("peg axis to the shell", d.cavity_half_mm[0] - d.peg_at_mm[0]),
+    )
+
+
+def fits(d: Design) -> Iterator[Fit]:
+    """The pegs in the holder, their lips over its holes, the heads in their bores."""
+    printer, cover, row = d.resin_printer, d.cover, d.screw.row
+    parts, pitch = "cover, camera-holder", printer.pitch("both patterns")
+    hole = printer.inner("hole", cover.hole_mm)
+    peg = printer.outer("peg", cover.peg_mm)
+    yield Fit("peg in its hole", parts, (hole,), (peg, pitch), ("cover.peg_clearance_mm",))
+    # Over both lips of a peg that stands in the middle of its hole.
+    lips = printer.outer("over both lips", cover.hole_mm + 2 * cover.lip_mm)
+    yield Fit("lips over their hole", parts, (lips,), (hole,), ("cover.lip_mm",))
+    most_mm = Fit("", "", (lips,), (hole,), ()).range_mm[1] / 2
+    bends_mm = cover.strain_limit * d.holder.clearance_mm**2 / (3 * cover.fibre_mm)
+    yield Fit(
+        "largest lip within the strain",
+        parts,
+        (Length("what a leg bends", bends_mm),),
+        (Length("largest lip", most_mm, 0.0, lips.rests_on),),
+        ("cover.lip_mm", "cover.leg_mm", "cover.strain_limit"),
+    )
+    slot = printer.inner("slot", cover.slot_mm)
+    yield Fit(
+        "slot when both legs bend",
+        "cover",
+        (slot,),
+        (Length("twice the largest lip", 2 * most_mm, 0.0, lips.rests_on),),
+        ("cover.slot_mm",),
+    )
+    head = Length("head", row.head_mm)
+    bore = printer.inner("bore", row.bore_mm)
+    yield Fit(
+        "screw head in its bore",
+        "cover, screw, skin-frame",
+        (bore,),
+        (head, pitch),
+        ("screw.thread", "resin_printer.plane_mm"),
     )
 
 
@@ -252,6 +305,7 @@ PARTS = (
             "z_back_mm", "z_head_mm", "z_boss_mm",
         ),
         rules=rules,
+        fits=fits,
         wall_mm=wall_mm,
         callouts=callouts,
         how="outer face down, flat, no support near the pegs",

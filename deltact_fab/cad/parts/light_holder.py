@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING
 from ..checks import Expected
 from ..drafting.dimensioning import Axis, Centres, Cut, Item, Leader, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, x_of, y_of, z_of
+from ..fit import Fit, Length
 from ..kernel import require
 from ..part import PRINT, RESIN, WHITE, Part
 from ..record import Record, number
@@ -46,12 +47,18 @@ class LightDimensions(Record):
     led_count: int = number(5, "LEDs (paper: five 5050)", 1, 200)
     leds_per_m: float = number(60.0, "LEDs of a metre of strip", 10, 400)
     strip_width_mm: float = number(8.0, "width of the strip", 3, 20)
-    channel_mm: float = number(2.2, "radial room for strip and LED", 1, 10)
+    strip_thickness_mm: float = number(0.3, "strip with its adhesive", 0.05, 2)
+    led_width_mm: float = number(5.0, "LED along the strip (5050: 5)", 0.5, 20)
+    led_height_mm: float = number(1.6, "LED above the strip (5050: 1.6)", 0.2, 10)
+    led_tolerance_mm: float = number(0.1, "spread of LED and strip, +-", 0.0, 1)
+    channel_mm: float = number(2.4, "radial room for strip and LED", 1, 10)
     diffuser_mm: float = number(1.5, "wall between LED and camera", 0.4, 10)
     wall_mm: float = number(1.5, "outer wall", 0.4, 10)
     floor_mm: float = number(1.5, "floor below the strip", 0.4, 10)
     fit_mm: float = number(0.2, "radial clearance in the shell", 0.02, 2)
-    axial_fit_mm: float = number(0.2, "play below the acrylic, so that it bears no press", 0.02, 2)
+    axial_fit_mm: float = number(0.9, "play below the acrylic, so that it bears no press", 0.02, 5)
+    lens_clearance_mm: float = number(0.3, "between lens and bore, radial", 0.02, 5)
+    head_room_mm: float = number(0.1, "floor above the heads of the camera's screws", 0.0, 5)
     slot_mm: float = number(3.0, "slot for the wires", 0.5, 20)
     resistor_ohm: float = number(750.0, "in series (paper: 750)", 20, 1e5)
     supply_v: float = number(5.0, "supply of a strip that is cut at every LED", 4.5, 5.5)
@@ -148,7 +155,7 @@ def rules(d: Design) -> Iterator[Rule]:
     lens = d.camera.lens_diameter_mm / 2
     yield Rule(
         part,
-        ("lens radius + 0.3", lens + 0.3),
+        ("lens radius + lens_clearance_mm", lens + light.lens_clearance_mm),
         "<=",
         ("bore radius", d.light_bore_mm),
         ("camera.lens_diameter_mm",),
@@ -161,8 +168,10 @@ def rules(d: Design) -> Iterator[Rule]:
         ("depth of the channel", depth),
         ("camera.lens_height_mm",),
     )
-    head = d.holder.row.head_height_mm + 0.1
-    yield Rule(part, (f"{d.holder.screw} head + 0.1", head), "<=", ("floor_mm", light.floor_mm))
+    head = d.holder.row.head_height_mm + light.head_room_mm
+    yield Rule(
+        part, (f"{d.holder.screw} head + head_room_mm", head), "<=", ("floor_mm", light.floor_mm)
+    )
     # A relief that does not reach the ring's edge leaves a strip of floor, and that is a wall.
     away = math.hypot(*d.camera_screw_centres_mm[0])
     for name, rest in (
@@ -182,6 +191,64 @@ def rules(d: Design) -> Iterator[Rule]:
         ("inner corner of the posts", corner),
     )
     yield Rule(part, ("slot_mm", light.slot_mm), "<", ("bore radius", d.light_bore_mm))
+
+
+def led_room_mm(d: Design) -> float:
+    """Radial room of strip and LED = strip + LED + sagitta of the LED's chord: 2.11.
+
+    A LED is flat: the strip behind it is a chord of led_width, whose middle lies the sagitta
+    r - sqrt(r^2 - (w / 2)^2) inside the channel's wall. NaN where the LED is wider than the ring.
+    """
+    light, r = d.light, d.strip_radius_mm
+    half = light.led_width_mm / 2
+    sagitta = r - math.sqrt(r**2 - half**2) if r > half else math.nan
+    return light.strip_thickness_mm + light.led_height_mm + sagitta
+
+
+def fits(d: Design) -> Iterator[Fit]:
+    """In the shell, below the acrylic, round the lens, and with its LEDs."""
+    part, printer, light, cam = "light-holder", d.resin_printer, d.light, d.camera
+    ring = printer.outer("ring", 2 * d.light_radius_mm)
+    opening = printer.inner(
+        "opening of the shell", 2 * min(d.cavity_half_mm[0], d.cavity_half_mm[1] - d.shell.ledge_mm)
+    )
+    yield Fit("ring in the shell", f"{part}, shell", (opening,), (ring,), ("light.fit_mm",))
+    led = Length("strip and LED on a chord", led_room_mm(d), light.led_tolerance_mm)
+    channel = printer.inner("channel", light.channel_mm)
+    yield Fit(
+        "LED in its channel",
+        f"{part}, LED strip",
+        (channel,),
+        (led,),
+        ("light.channel_mm", "light.led_height_mm"),
+    )
+    off = cam.tolerance_mm
+    lens = Length("lens", cam.lens_diameter_mm, off, ("camera.lens_diameter_mm",))
+    yield Fit(
+        "lens in the bore",
+        f"{part}, camera",
+        (printer.inner("bore", 2 * d.light_bore_mm),),
+        (lens,),
+        ("light.lens_clearance_mm",),
+    )
+    # The ring stands on the board, the board on its holder, the holder on the cover's floor.
+    stack = (
+        printer.tall("holder", d.holder.clearance_mm),
+        Length("board", cam.board_mm, off, ("camera.board_mm",)),
+        printer.tall("ring", d.z_light_mm - d.z_board_front_mm),
+        d.laser.sheet("plate", d.optics.acrylic_mm),
+    )
+    room = (
+        printer.tall("depth of the shell", d.shell_depth_mm),
+        printer.tall("depth of the pocket", d.optics.acrylic_mm),
+    )
+    yield Fit(
+        "ring below the acrylic, z",
+        f"{part}, acrylic",
+        room,
+        stack,
+        ("light.axial_fit_mm", "laser.sheet_tolerance"),
+    )
 
 
 def callouts(d: Design) -> Callouts:
@@ -250,6 +317,7 @@ PARTS = (
             "z_board_front_mm",
         ),
         rules=rules,
+        fits=fits,
         wall_mm=wall_mm,
         in_view=True,
         callouts=callouts,

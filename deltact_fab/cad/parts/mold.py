@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any
 from ..checks import Expected
 from ..drafting.dimensioning import Axis, Cut, Item, Leader, shown
 from ..drafting.items import Callouts, x_of, y_of, z_of
+from ..fit import Fit
 from ..kernel import require
 from ..part import AMBER, PRINT, RESIN, Part
 from ..record import Point2, Record, number
@@ -128,17 +129,27 @@ def _cutter(cq: Any, design: Design) -> Any:
 def rules(d: Design) -> Iterator[Rule]:
     """Webs, seats and notches."""
     mold = d.mold
-    yield Rule("mold", ("fit_mm + 2", mold.fit_mm + 2.0), "<=", ("web_mm / 2", mold.web_mm / 2))
     yield Rule("mold", ("pry_mm", mold.pry_mm), "<", ("web_mm / 2", mold.web_mm / 2))
     yield Rule("mold", ("seat_mm", mold.seat_mm), "<", ("frame height", d.frame_height_mm))
     yield Rule("mold", ("pry_width_mm", mold.pry_width_mm), "<", ("outer x", d.frame_outer_mm[0]))
-    # Two notches face each other across a web; half a wall of 1.5 stays on either side.
+    # Two notches face each other across a web; half a wall stays on either side.
     yield Rule(
         "mold",
-        ("fit_mm + pry_mm + 0.75", mold.fit_mm + mold.pry_mm + 0.75),
+        ("fit_mm + pry_mm + shell.wall_mm / 2", mold.fit_mm + mold.pry_mm + d.shell.wall_mm / 2),
         "<=",
         ("web_mm / 2", mold.web_mm / 2),
     )
+
+
+def fits(d: Design) -> Iterator[Fit]:
+    """The frame in its seat."""
+    printer = d.resin_printer
+    for i, axis in enumerate("xy"):
+        seat = printer.inner("seat", seat_mm(d)[i])
+        frame = printer.outer("frame", d.frame_outer_mm[i])
+        yield Fit(
+            f"frame in its seat, {axis}", "mold, skin-frame", (seat,), (frame,), ("mold.fit_mm",)
+        )
 
 
 def callouts(d: Design) -> Callouts:
@@ -214,6 +225,7 @@ PARTS = (
         sections=("mold", "skin", "frame"),
         derived=("mold_outer_mm", "frame_outer_mm", "skin_volume_mm3"),
         rules=rules,
+        fits=fits,
         wall_mm=wall_mm,
         callouts=callouts,
         note=note,

@@ -28,10 +28,12 @@ from typing import TYPE_CHECKING, Any
 from ..checks import Expected
 from ..drafting.dimensioning import Axis, Cut, Item, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
+from ..fit import Fit, Length
 from ..kernel import require
-from ..part import BLACK, PRINT, RESIN, Part, no_rules
+from ..part import BLACK, PRINT, RESIN, Part, no_fits, no_rules
 from ..record import Point2
 from ..rule import Rule
+from ..standards import screw_tolerance_mm
 
 if TYPE_CHECKING:
     from cadquery import Shape
@@ -132,6 +134,26 @@ def rules(d: Design) -> Iterator[Rule]:
     yield Rule(part, depth, "<=", cap)
 
 
+def fits(d: Design) -> Iterator[Fit]:
+    """Its pilots: the screws bite, can be driven, and end before the bottom."""
+    printer, screw, row = d.resin_printer, d.screw, d.screw.row
+    parts, keys = "skin-frame, screw", ("screw.thread", "resin_printer.plane_mm")
+    pilot = printer.inner("pilot", row.pilot_mm)
+    major = Length(screw.thread, row.thread_mm, 0.0)
+    yield Fit(f"{screw.thread} bites in its pilot", parts, (major,), (pilot,), keys)
+    bottom = printer.tall("pilot", screw.pilot_depth_mm)
+    stack = printer.tall("shell", d.z_joint_mm - d.z_boss_mm)
+    boss = printer.tall("head to boss", d.z_boss_mm - d.z_head_mm)
+    length = Length("screw", screw.length_mm, screw_tolerance_mm(screw.length_mm))
+    yield Fit(
+        "screw ends before the pilot, z",
+        "skin-frame, screw, shell, cover",
+        (boss, stack, bottom),
+        (length,),
+        ("screw.tip_clearance_mm", "screw.length_mm"),
+    )
+
+
 def callouts(d: Design) -> Callouts:
     """The frame, seen from its back; section through window and pocket."""
     ox, oy = (s / 2 for s in d.frame_outer_mm)
@@ -195,6 +217,7 @@ FRAME = Part(
         "z_joint_mm",
     ),
     rules=rules,
+    fits=fits,
     wall_mm=wall_mm,
     in_view=True,
     callouts=callouts,
@@ -213,6 +236,7 @@ PARTS = (
         number=0,
         explode_mm=0.0,
         rules=no_rules,
+        fits=no_fits,
         bound_by=("skin-frame",),
         in_view=False,
         note=base_note,
