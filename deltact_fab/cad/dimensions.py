@@ -24,6 +24,8 @@ from .parts.camera import CameraDimensions
 from .parts.camera_holder import HolderDimensions
 from .parts.coupon_mold import CouponDimensions
 from .parts.cover import CoverDimensions
+from .parts.fit_coupon import FitCouponDimensions
+from .parts.kerf_coupon import KerfCouponDimensions
 from .parts.light_holder import LightDimensions
 from .parts.mold import MoldDimensions
 from .parts.mount import MountDimensions
@@ -59,6 +61,8 @@ class Design(SensorDimensions):
     envelope: EnvelopeDimensions = field(default_factory=EnvelopeDimensions)
     mold: MoldDimensions = field(default_factory=MoldDimensions)
     coupon: CouponDimensions = field(default_factory=CouponDimensions)
+    fit_coupon: FitCouponDimensions = field(default_factory=FitCouponDimensions)
+    kerf_coupon: KerfCouponDimensions = field(default_factory=KerfCouponDimensions)
     resin_printer: ResinPrinterDimensions = field(default_factory=ResinPrinterDimensions)
     laser: LaserDimensions = field(default_factory=LaserDimensions)
 
