@@ -42,6 +42,21 @@ class ResinPrinterDimensions(Record):
         check_limits(self)
         check_measured(self)
 
+    @property
+    def limits_mm(self) -> tuple[float, float]:
+        """What a fitted length in the layers may be off, (lower, upper)."""
+        return -self.plane_mm, self.plane_mm
+
+    @property
+    def tall_limits_mm(self) -> tuple[float, float]:
+        """What a fitted length across the layers may be off, (lower, upper)."""
+        return -self.height_mm, self.height_mm
+
+    @property
+    def general_tolerance(self) -> str:
+        """What a drawing says of every length without limits of its own."""
+        return f"±{self.plane_mm:.2g} in the layers, ±{self.height_mm:.2g} across"
+
     def inner(self, name: str, nominal_mm: float) -> Length:
         """A printed hole, slot or pocket, in the layers."""
         return Length(name, nominal_mm + self.hole_bias_mm, self.plane_mm, PLANE)
@@ -94,6 +109,16 @@ class LaserDimensions(Record):
     def __post_init__(self) -> None:
         check_limits(self)
         check_measured(self)
+
+    @property
+    def limits_mm(self) -> tuple[float, float]:
+        """What a cut length may be off, (lower, upper)."""
+        return -self.tolerance_mm, self.tolerance_mm
+
+    @property
+    def general_tolerance(self) -> str:
+        """What a drawing says of every length without limits of its own."""
+        return f"±{self.tolerance_mm:.2g}; sheet ±{100 * self.sheet_tolerance:.2g} %"
 
     def cut(self, name: str, nominal_mm: float) -> Length:
         """An outside length of a plate as it is cut."""

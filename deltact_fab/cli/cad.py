@@ -245,7 +245,10 @@ def bom(design: str, changes: tuple[str, ...], sensors: int, kind: str, out: Pat
 @click.argument("readings", type=click.Path(path_type=Path))
 @click.option("--design", default="deltact", show_default=True, help="Design: a path or a name.")
 @click.option(
-    "-o", "out", type=click.Path(path_type=Path), help="Design to write: --design with what was read."
+    "-o",
+    "out",
+    type=click.Path(path_type=Path),
+    help="Design to write: --design with what was read.",
 )
 @JSON
 def fit(readings: Path, design: str, out: Path | None, as_json: bool) -> None:

@@ -154,9 +154,7 @@ def estimates(readings: Sequence[Reading], design: Design) -> list[Estimate]:
     if off := _off(readings, "height"):
         bias, spread = _of(off, "height")
         # Heights go both ways in a stack: their bias counts as spread.
-        found.append(
-            _spread("resin_printer.height_mm", spread, printer.height_mm, len(off), bias)
-        )
+        found.append(_spread("resin_printer.height_mm", spread, printer.height_mm, len(off), bias))
     strips = [r for r in readings if r.feature == "strip"]
     if strips:
         pieces = sum(r.pieces for r in strips)
@@ -166,7 +164,9 @@ def estimates(readings: Sequence[Reading], design: Design) -> list[Estimate]:
         spread = math.nan
         if single:
             _, spread = _of(single, "strip of one piece")
-        found.append(Estimate("laser.kerf_mm", round(kerf, 3), laser.kerf_mm, pieces, -short, spread))
+        found.append(
+            Estimate("laser.kerf_mm", round(kerf, 3), laser.kerf_mm, pieces, -short, spread)
+        )
         if single:
             found.append(
                 _spread("laser.tolerance_mm", spread, laser.tolerance_mm, len(single), 0.0)
@@ -177,9 +177,7 @@ def estimates(readings: Sequence[Reading], design: Design) -> list[Estimate]:
         share = (abs(bias) + spread) / design.optics.acrylic_mm
         value = max(_up(share), 0.001)
         before = laser.sheet_tolerance
-        found.append(
-            Estimate("laser.sheet_tolerance", value, before, len(thick), bias, spread)
-        )
+        found.append(Estimate("laser.sheet_tolerance", value, before, len(thick), bias, spread))
     return found
 
 

@@ -141,15 +141,17 @@ def callouts(d: Design) -> Callouts:
     """The plate: outline, notches, thickness."""
     (x, y), (nx, ny) = d.acrylic_half_mm, d.acrylic_notch_mm
     back, front = d.z_joint_mm, d.z_ledge_mm
+    cut = d.laser.limits_mm
+    sheet = d.laser.sheet_tolerance * d.optics.acrylic_mm
     items: list[Item] = [
-        x_of("top", -x, x, "bottom", -y),
-        y_of("top", -y, y, "left", -x),
-        z_of("front", back, front, "left", -x),
+        x_of("top", -x, x, "bottom", -y, limits=cut),
+        y_of("top", -y, y, "left", -x, limits=cut),
+        z_of("front", back, front, "left", -x, limits=(-sheet, sheet)),
     ]
     if nx > 0:
         items += [
-            Linear("top", (x - nx, y, 0), (x, y - ny, 0), "top", after=" (4×)"),
-            Linear("top", (x, y - ny, 0), (x - nx, y, 0), "right", after=" (4×)"),
+            Linear("top", (x - nx, y, 0), (x, y - ny, 0), "top", after=" (4×)", limits=cut),
+            Linear("top", (x, y - ny, 0), (x - nx, y, 0), "right", after=" (4×)", limits=cut),
         ]
     notes = (
         "Cut from cast PMMA, clear on both faces; protective film stays on until bonding.",

@@ -251,23 +251,24 @@ def callouts(d: Design) -> Callouts:
     (px, py), upper = d.peg_at_mm, d.camera.hole_rows_mm[0]
     pitch = d.camera.hole_pitch_x_mm / 2
     row = d.holder.row
+    fitted = d.resin_printer.limits_mm
     items: list[Item] = [
-        x_of("top", -x, x, "bottom", -arm),
-        x_of("top", -px, px, "bottom", -py),
-        x_of("top", -window, window, "bottom", -arm),
-        x_of("top", -tongue, tongue, "top", top),
-        x_of("top", -pitch, pitch, "top", upper),
+        x_of("top", -x, x, "bottom", -arm, limits=fitted),
+        x_of("top", -px, px, "bottom", -py, limits=fitted),
+        x_of("top", -window, window, "bottom", -arm, limits=fitted),
+        x_of("top", -tongue, tongue, "top", top, limits=fitted),
+        x_of("top", -pitch, pitch, "top", upper, limits=fitted),
         y_of("top", -arm, arm, "left", -x),
-        y_of("top", -py, py, "left", -px),
+        y_of("top", -py, py, "left", -px, limits=fitted),
         y_of("top", -arm, top, "left", -tongue),
         y_of("top", 0, window_top, "right", window),
         y_of("top", 0, upper, "right", pitch),
         *holes([(s * px, t * py) for s in (-1, 1) for t in (-1, 1)], front, d.cover.hole_mm,
-                " through"),
+                " through", limits=fitted),
         *holes([(-pitch, upper), (pitch, upper)], front, row.pilot_mm, " through"),
         Axis("top", (0, -arm, 0), (0, top, 0)),
         Axis("top", (-x, 0, 0), (x, 0, 0)),
-        z_of("front", back, front, "left", -x),
+        z_of("front", back, front, "left", -x, limits=d.resin_printer.tall_limits_mm),
     ]  # fmt: skip
     notes = (
         f"Ø{shown(row.pilot_mm)}: {d.holder.screw} cuts its own thread. "

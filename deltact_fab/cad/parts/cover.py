@@ -254,29 +254,31 @@ def callouts(d: Design) -> Callouts:
     post = d.post_mm
     back, floor, boss, head = d.z_back_mm, d.z_floor_mm, d.z_boss_mm, d.z_head_mm
     tip = floor + d.peg_length_mm
+    fitted, tall = d.resin_printer.limits_mm, d.resin_printer.tall_limits_mm
     pegs = [(s * px, t * py) for s in (-1, 1) for t in (-1, 1)]
     items: list[Item] = [
         x_of("top", -ox, ox, "bottom", -oy),
-        x_of("top", -sx, sx, "bottom", -sy),
-        x_of("top", -px, px, "top", py),
-        x_of("top", ox - post, ox, "top", oy, after=" (4×)"),
+        x_of("top", -sx, sx, "bottom", -sy, limits=fitted),
+        x_of("top", -px, px, "top", py, limits=fitted),
+        x_of("top", ox - post, ox, "top", oy, after=" (4×)", limits=fitted),
         y_of("top", -oy, oy, "left", -ox),
-        y_of("top", -sy, sy, "left", -sx),
-        y_of("top", -py, py, "left", -px),
+        y_of("top", -sy, sy, "left", -sx, limits=fitted),
+        y_of("top", -py, py, "left", -px, limits=fitted),
         y_of("top", oy - post, oy, "right", ox),
-        *holes(d.screw_centres_mm, boss, row.clearance_mm, " through"),
-        *holes(pegs, tip, cover.peg_mm, f" peg, slot {shown(cover.slot_mm)} along y"),
+        *holes(d.screw_centres_mm, boss, row.clearance_mm, " through", limits=fitted),
+        *holes(pegs, tip, cover.peg_mm, f" peg, slot {shown(cover.slot_mm)} along y",
+               limits=fitted),
         Linear("front", (-ox, 0, back), (-px - cover.peg_mm / 2, 0, tip), "left"),
         z_of("front", back, boss, "left", -ox),
         z_of("front", back, floor, "right", ox - post),
-        z_of("front", floor, tip, "right", px + cover.peg_mm / 2),
+        z_of("front", floor, tip, "right", px + cover.peg_mm / 2, limits=tall),
         z_of("left", back, head, "right", 0, -sy),
         y_of("left", -sy - row.bore_mm / 2, -sy + row.bore_mm / 2, "bottom", 0, back,
-           before="Ø", after=" (4×)"),
+           before="Ø", after=" (4×)", limits=fitted),
         *(Axis("left", (-sx, s * sy, back), (-sx, s * sy, boss)) for s in (-1, 1)),
     ]  # fmt: skip
     notes = (
-        f"Pegs: legs {shown(cover.leg_mm)} thick, lip {shown(cover.lip_mm)} beyond the hole of "
+        f"Pegs: legs {shown(cover.leg_mm)} thick, flat outside, lip {shown(cover.lip_mm)} beyond the hole of "
         f"Ø{shown(cover.hole_mm)}, {shown(cover.lip_height_mm)} high, flat underneath; "
         f"strain when snapped in {shown(100 * d.snap_strain)} %.",
         "Pegs without support marks. Opaque.",

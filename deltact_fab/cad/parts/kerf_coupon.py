@@ -56,9 +56,7 @@ def build(design: Design) -> Shape:
 def rules(d: Design) -> Iterator[Rule]:
     """A strip that can be told from its side."""
     coupon = d.kerf_coupon
-    yield Rule(
-        "kerf-coupon", ("width_mm", coupon.width_mm), "<", ("length_mm", coupon.length_mm)
-    )
+    yield Rule("kerf-coupon", ("width_mm", coupon.width_mm), "<", ("length_mm", coupon.length_mm))
 
 
 def callouts(d: Design) -> Callouts:

@@ -266,16 +266,28 @@ def callouts(d: Design) -> Callouts:
     upper, screws = d.camera.hole_rows_mm[0], d.camera_screw_centres_mm
     relief = d.head_relief_mm
     r = radii["outer"]
+    fitted, tall = d.resin_printer.limits_mm, d.resin_printer.tall_limits_mm
     # The ring ends inside the relief: the arrow goes to the side of the relief that it keeps.
     (x, y), inward = screws[1], 1 - relief / math.hypot(*screws[1])
     near = (x * inward, y * inward)
     items: list[Item] = [
         Centres("top", ((0, 0, front),), r),
-        y_of("left", -r, r, "bottom", 0, back, before="Ø"),
-        y_of("left", -radii["channel"], radii["channel"], "top", 0, front, before="Ø"),
-        y_of("left", -radii["diffuser"], radii["diffuser"], "top", 0, front, before="Ø"),
+        y_of("left", -r, r, "bottom", 0, back, before="Ø", limits=fitted),
+        y_of(
+            "left", -radii["channel"], radii["channel"], "top", 0, front, before="Ø", limits=fitted
+        ),
+        y_of(
+            "left",
+            -radii["diffuser"],
+            radii["diffuser"],
+            "top",
+            0,
+            front,
+            before="Ø",
+            limits=fitted,
+        ),
         y_of("left", -radii["bore"], radii["bore"], "bottom", 0, back, before="Ø"),
-        z_of("left", back, front, "left", 0, r),
+        z_of("left", back, front, "left", 0, r, limits=tall),
         z_of("left", back, floor, "left", 0, radii["channel"]),
         x_of("top", -slot, slot, "bottom", -r, front),
         x_of("top", screws[0][0], screws[1][0], "top", upper, back),

@@ -53,6 +53,8 @@ class MoldDimensions(Record):
     base_mm: float = number(3.0, "below the cavities", 1.5, 50)
     seat_mm: float = number(3.0, "depth by which a frame is let in", 0.5, 30)
     fit_mm: float = number(0.1, "clearance of a frame, per side", 0.02, 2)
+    floor_flatness_mm: float = number(0.05, "flatness of a floor, the touched face", 0.005, 1)
+    floor_roughness_um: float = number(0.8, "Ra of a floor, the touched face", 0.01, 12.5)
     pry_width_mm: float = number(10.0, "notch to lift a frame out, along x", 2, 100)
     pry_mm: float = number(2.5, "that notch along y", 0.5, 20)
 
@@ -165,14 +167,15 @@ def callouts(d: Design) -> Callouts:
     seat = mold.base_mm + skin.protrusion_mm
     pry, last = mold.pry_width_mm / 2, cy + py * (mold.rows - 1)
     axes_x = [cx + px * i for i in range(mold.columns)]
+    fitted = d.resin_printer.limits_mm
     axes_y = [cy + py * i for i in range(mold.rows)]
     items: list[Item] = [
         x_of("top", -x / 2, x / 2, "bottom", -y / 2),
         y_of("top", -y / 2, y / 2, "left", -x / 2),
         x_of("top", cx - w, cx + w, "bottom", cy, mold.base_mm),
-        x_of("top", cx - sx, cx + sx, "bottom", cy - sy),
+        x_of("top", cx - sx, cx + sx, "bottom", cy - sy, limits=fitted),
         y_of("top", cy - h, cy + h, "left", cx, mold.base_mm),
-        y_of("top", cy - sy, cy + sy, "left", cx - sx),
+        y_of("top", cy - sy, cy + sy, "left", cx - sx, limits=fitted),
         x_of("top", cx - pry, cx + pry, "top", last + sy + mold.pry_mm),
         y_of("top", last + sy, last + sy + mold.pry_mm, "right", axes_x[-1] + pry),
         *(Axis("top", (a, -y / 2, z), (a, y / 2, z)) for a in axes_x),
@@ -180,7 +183,9 @@ def callouts(d: Design) -> Callouts:
         z_of("left", 0, z, "right", cx, -y / 2),
         z_of("left", 0, mold.base_mm, "right", cx, cy - h),
         z_of("left", seat, z, "left", cx, last + sy),
-        z_of("left", mold.base_mm, seat, "left", cx, last + h),
+        z_of(
+            "left", mold.base_mm, seat, "left", cx, last + h, limits=d.resin_printer.tall_limits_mm
+        ),
     ]
     if mold.columns > 1:
         items.append(x_of("top", cx, cx + px, "top", 0, z))
@@ -193,6 +198,16 @@ def callouts(d: Design) -> Callouts:
             (cx, cy - h + r * (1 - slant), mold.base_mm + r * (1 - slant)),
             0,
             f"R{shown(r)} all around the floor",
+        )
+    )
+    items.append(
+        Leader(
+            "left",
+            (cx, cy + h / 2, mold.base_mm),
+            0,
+            "floor, the touched face",
+            flatness_mm=mold.floor_flatness_mm,
+            roughness_um=mold.floor_roughness_um,
         )
     )
     notes = (

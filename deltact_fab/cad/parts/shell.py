@@ -241,11 +241,12 @@ def body_items(d: Design) -> list[Item]:
     px, py = d.post_edge_mm
     floor, joint, boss = d.z_floor_mm, d.z_joint_mm, d.z_boss_mm
     cable = shell.cable_width_mm / 2
+    fitted, tall = d.resin_printer.limits_mm, d.resin_printer.tall_limits_mm
     items: list[Item] = [
-        x_of("top", -sx, sx, "bottom", -sy),
-        y_of("top", -sy, sy, "left", -sx),
+        x_of("top", -sx, sx, "bottom", -sy, limits=fitted),
+        y_of("top", -sy, sy, "left", -sx, limits=fitted),
         y_of("top", -oy, oy, "left", -ox),
-        *holes(d.screw_centres_mm, joint, d.screw.row.clearance_mm, " through"),
+        *holes(d.screw_centres_mm, joint, d.screw.row.clearance_mm, " through", limits=fitted),
         x_of("top", -px, px, "top", py),
         y_of("top", -py, py, "right", px),
         x_of("front", -cable, cable, "bottom", -oy, floor),
@@ -254,14 +255,23 @@ def body_items(d: Design) -> list[Item]:
         z_of("left", joint - shell.ledge_height_mm, joint, "right", 0, shell.ledge_mm - cy),
         *_drop(d),
         y_of("left", -cy, cy, "bottom", 0, floor),
-        y_of("left", -(cy - shell.ledge_mm), cy - shell.ledge_mm, "top", 0, joint),
-        x_of("top", -cx, cx, "top", 0),
+        y_of("left", -(cy - shell.ledge_mm), cy - shell.ledge_mm, "top", 0, joint, limits=fitted),
+        x_of("top", -cx, cx, "top", 0, limits=fitted),
     ]
     if boss > floor:
         room = d.boss_room_mm
         items += [
             z_of("front", floor, boss, "right", ox, -oy),
-            x_of("front", -ox, -ox + room, "bottom", -oy, floor, after=" (4×, x and y)"),
+            x_of(
+                "front",
+                -ox,
+                -ox + room,
+                "bottom",
+                -oy,
+                floor,
+                after=" (4×, x and y)",
+                limits=fitted,
+            ),
         ]
     return items
 
@@ -270,7 +280,11 @@ def _drop(d: Design) -> list[Item]:
     """How far the ledge lies behind the joint."""
     drop, joint = d.shell.ledge_drop_mm, d.z_joint_mm
     y = d.cavity_half_mm[1] - d.shell.ledge_mm
-    return [z_of("left", joint - drop, joint, "left", 0, y)] if drop > 0 else []
+    return (
+        [z_of("left", joint - drop, joint, "left", 0, y, limits=d.resin_printer.tall_limits_mm)]
+        if drop > 0
+        else []
+    )
 
 
 def callouts(d: Design) -> Callouts:
@@ -279,7 +293,15 @@ def callouts(d: Design) -> Callouts:
     items = [
         *body_items(d),
         x_of("top", -ox, ox, "bottom", -oy),
-        z_of("front", d.z_floor_mm, d.z_joint_mm, "left", -ox, -oy),
+        z_of(
+            "front",
+            d.z_floor_mm,
+            d.z_joint_mm,
+            "left",
+            -ox,
+            -oy,
+            limits=d.resin_printer.tall_limits_mm,
+        ),
         *mount.callouts(d),
     ]
     notes = (

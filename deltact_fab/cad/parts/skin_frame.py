@@ -163,26 +163,28 @@ def callouts(d: Design) -> Callouts:
     seat = d.seat_half_mm[1]
     back, ledge, front = d.z_joint_mm, d.z_ledge_mm, d.z_front_mm
     pilot = d.screw.row.pilot_mm
+    fitted, tall = d.resin_printer.limits_mm, d.resin_printer.tall_limits_mm
     items: list[Item] = [
-        x_of("top", -ox, ox, "bottom", oy),
-        y_of("top", -oy, oy, "left", -ox),
-        x_of("top", -sx, sx, "bottom", sy),
-        y_of("top", -sy, sy, "left", -sx),
-        x_of("top", -w, w, "top"),
-        *holes(d.screw_centres_mm, back, pilot, f" depth {shown(d.screw.pilot_depth_mm)}"),
+        x_of("top", -ox, ox, "bottom", oy, limits=fitted),
+        y_of("top", -oy, oy, "left", -ox, limits=fitted),
+        x_of("top", -sx, sx, "bottom", sy, limits=fitted),
+        y_of("top", -sy, sy, "left", -sx, limits=fitted),
+        x_of("top", -w, w, "top", limits=fitted),
+        *holes(d.screw_centres_mm, back, pilot, f" depth {shown(d.screw.pilot_depth_mm)}",
+               limits=fitted),
         z_of("front", back, front, "left", -ox),
         z_of("front", back, back + d.screw.pilot_depth_mm, "right", sx),
         *(Axis("front", (s * sx, 0, back), (s * sx, 0, back + d.screw.pilot_depth_mm))
           for s in (-1, 1)),
         y_of("left", -h, h, "top", 0, front),
-        y_of("left", -seat, seat, "bottom", 0, back),
-        z_of("left", back, ledge, "right", 0, oy),
+        y_of("left", -seat, seat, "bottom", 0, back, limits=fitted),
+        z_of("left", back, ledge, "right", 0, oy, limits=tall),
         z_of("left", back, front, "right", 0, oy),
     ]  # fmt: skip
     if d.post_in_window_mm[0] > 0:
         items += [
-            x_of("top", -px, px, "top", -py),
-            y_of("top", -py, py, "right", px),
+            x_of("top", -px, px, "top", -py, limits=fitted),
+            y_of("top", -py, py, "right", px, limits=fitted),
         ]
     notes = (
         f"Holes: {d.screw.thread} cuts its own thread; ream, do not tap.",
