@@ -1,4 +1,4 @@
-"""The dimensioned drawing of a part as SVG in millimetres: ISO first angle, hidden lines removed.
+"""The dimensioned drawing of a part: ISO first angle, hidden lines removed.
 
     front    left (or section A-A)
     top      picture, notes, title block
@@ -23,21 +23,9 @@ from ..registry import Part
 from . import callouts
 from .arrangement import Arranged
 from .items import Callouts
+from .page import SMALL_MM, Page, Point2, Rect, meet
 from .projection import Points, Projected, View, project, sampled
-from .sheet import (
-    BORDER_MM,
-    LINE_MM,
-    SHEETS,
-    SMALL_MM,
-    Page,
-    Point2,
-    Rect,
-    Title,
-    block_rect,
-    draw_frame,
-    meet,
-    wrapped,
-)
+from .sheet import BORDER_MM, LINE_MM, SHEETS, Title, block_rect, draw_frame, wrapped
 
 # ISO 5455, the largest first.
 SCALES = {"5:1": 5.0, "2:1": 2.0, "1:1": 1.0, "1:2": 0.5, "1:5": 0.2}
@@ -121,8 +109,8 @@ def has_drawing(part: Part) -> bool:
     return callouts.has(part)
 
 
-def drawing_svg(part: Part, design: Design, solid: Any) -> str:
-    """The drawing of a part, its solid as built from the design. Same dimensions, same bytes.
+def drawing(part: Part, design: Design, solid: Any) -> Page:
+    """The drawing of a part, its solid as built from the design. Same dimensions, same page.
 
     Raises InputError for a part without a drawing, and where no standard scale fits it on A3;
     RunFailed when the CAD kernel fails.
@@ -136,7 +124,7 @@ def drawing_svg(part: Part, design: Design, solid: Any) -> str:
     if open_keys := [key for key in said.rests_on if key in design.unverified()]:
         notes.append(f"Rests on unverified values: {', '.join(open_keys)}.")
     layout = _layout(part.name, drawn, said, notes)
-    page = Page()
+    page = Page(SHEETS[layout.sheet], f"{part.name}, {layout.scale}")
     title = Title(
         part.name, _belongs(part), part.material, part.process, part.quantity, layout.scale,
         layout.sheet, said.general_tolerance,
@@ -148,7 +136,7 @@ def drawing_svg(part: Part, design: Design, solid: Any) -> str:
     for name, arranged in layout.arranged.items():
         _draw_view(page, name, drawn[name], arranged, layout.at[name])
     _draw_picture(page, drawn["picture"], layout)
-    return page.svg(*SHEETS[layout.sheet], f"{part.name}, {layout.scale}")
+    return page
 
 
 def _belongs(part: Part) -> str:

@@ -20,8 +20,8 @@ from ..dimensions import Design
 from ..kernel import guarded
 from ..registry import SENSOR_PARTS, Part
 from .balloons import RADIUS_MM, Balloon, arranged
+from .page import FONT, LARGE_MM, SMALL_MM, number, path_data, text_width_mm
 from .projection import Points, Projected, View, project
-from .sheet import FONT, LARGE_MM, SMALL_MM, number, path_data, text_width_mm
 
 CORNER = View((1, 1, -0.9), (0, 0, 1))
 TIPS_UP = View((1, -1, 0.9), (0, 0, -1))

@@ -1,177 +1,16 @@
-"""The sheet of a technical drawing as SVG in millimetres: frame, title block, lines and texts.
-
-Line widths are those of ISO 128 (0.5 wide, 0.25 narrow), texts 2.5 and 3.5 mm high (ISO 3098).
-"""
+"""The sheet of a technical drawing: frame, title block, first-angle symbol."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
-from html import escape
-from typing import Any
+from dataclasses import dataclass
 
 from ... import __version__
-
-Point2 = tuple[float, float]
-Rect = tuple[float, float, float, float]  # left, top, right, bottom
+from .page import LARGE_MM, SMALL_MM, Page, Rect, text_width_mm
 
 SHEETS = {"A4": (297.0, 210.0), "A3": (420.0, 297.0)}
 BORDER_MM = 10.0
 BLOCK_MM = (180.0, 36.0)
-SMALL_MM, LARGE_MM = 2.5, 3.5
 LINE_MM = 4.2  # from one line of small text to the next
-CAP = 0.716  # height of a capital over the font's size: Helvetica, Arial and Liberation Sans
-ARROW_MM = (2.5, 0.8)
-FONT = "Arial, Helvetica, 'Liberation Sans', sans-serif"
-
-# Every rule names the drawing: a page that holds several, or other pictures, is left alone.
-_RULES = {
-    "path, .drawing circle": "fill: none; stroke: #000; stroke-width: .25; "
-    "stroke-linecap: round; stroke-linejoin: round",
-    ".visible": "stroke-width: .5",
-    ".hidden": "stroke-dasharray: 2 1; stroke-linecap: butt",
-    ".smooth": "stroke-width: .18",
-    ".centre": "stroke-width: .18; stroke-dasharray: 5 1 .6 1; stroke-linecap: butt",
-    ".thin": "stroke-width: .18",
-    ".cut": "stroke-width: .35; stroke-dasharray: 6 1.2 .8 1.2; stroke-linecap: butt",
-    ".hatch": "stroke: none; fill: url(#hatch)",
-    ".arrow": "fill: #000; stroke: none",
-    ".frame": "stroke-width: .5",
-    "text": f"font-family: {FONT}; fill: #000; paint-order: stroke; stroke: #fff; "
-    "stroke-width: .8; stroke-linejoin: round",
-}
-STYLE = "\n".join(f".drawing {what} {{ {how} }}" for what, how in _RULES.items())
-
-# Advance widths of Helvetica in thousandths of its size, by class of letter.
-_WIDTHS = {
-    **dict.fromkeys("ijl'|", 222),
-    **dict.fromkeys("ftI .,:;/()[]!", 278),
-    **dict.fromkeys("r-", 333),
-    **dict.fromkeys("ckvxyzsJ", 500),
-    **dict.fromkeys("abdeghnopqu0123456789L_", 556),
-    **dict.fromkeys("FTZ+<>=±×~−", 611),
-    **dict.fromkeys("ABEKPSVXY&", 667),
-    **dict.fromkeys("CDHNRUw", 722),
-    **dict.fromkeys("GOQØ⌀", 778),
-    **dict.fromkeys("mM", 833),
-    "W": 944,
-}
-
-
-def text_width_mm(text: str, height_mm: float = SMALL_MM) -> float:
-    """Width of a text whose capitals are height_mm high."""
-    return sum(_WIDTHS.get(letter, 722) for letter in text) / 1000 * height_mm / CAP
-
-
-def meet(a: Rect, b: Rect) -> bool:
-    """Whether two rectangles overlap."""
-    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
-
-
-def number(value: float) -> str:
-    """A coordinate: thousandths of a millimetre, no trailing zeros, no minus zero."""
-    return f"{round(value, 3) + 0.0:.3f}".rstrip("0").rstrip(".")
-
-
-def path_data(lines: Iterable[Iterable[Sequence[float]]], closed: bool = False) -> str:
-    """Polylines as the `d` of a path."""
-    end = "Z" if closed else ""
-    return "".join(
-        "M" + "L".join(f"{number(x)} {number(y)}" for x, y in line) + end for line in lines
-    )
-
-
-@dataclass
-class Page:
-    """Elements in the order they are drawn, y downwards, and the boxes that texts take."""
-
-    items: list[str] = field(default_factory=list)
-    texts: list[tuple[str, Rect]] = field(default_factory=list)
-
-    def path(
-        self, lines: Iterable[Iterable[Sequence[float]]], style: str, closed: bool = False
-    ) -> None:
-        """Polylines of one style; nothing when there are none."""
-        if data := path_data(lines, closed):
-            self.items.append(f'<path class="{style}" d="{data}"/>')
-
-    def line(self, a: Point2, b: Point2, style: str = "thin") -> None:
-        """A straight line."""
-        self.path([[a, b]], style)
-
-    def circle(self, at: Point2, radius: float, style: str = "thin") -> None:
-        """A circle."""
-        self.items.append(
-            f'<circle class="{style}" cx="{number(at[0])}" cy="{number(at[1])}" '
-            f'r="{number(radius)}"/>'
-        )
-
-    def arrow(self, tip: Point2, towards: Point2) -> None:
-        """A filled arrow head whose tip lies at `tip` and that points along `towards`."""
-        length = math.hypot(*towards)
-        ux, uy = towards[0] / length, towards[1] / length
-        along, half = ARROW_MM[0], ARROW_MM[1] / 2
-        x, y = tip[0] - along * ux, tip[1] - along * uy
-        corners = [tip, (x - half * uy, y + half * ux), (x + half * uy, y - half * ux)]
-        self.path([corners], "arrow", closed=True)
-
-    def text(
-        self,
-        at: Point2,
-        words: str,
-        height_mm: float = SMALL_MM,
-        anchor: str = "start",
-        *,
-        upright: bool = False,
-        bold: bool = False,
-    ) -> None:
-        """Words with their base line's start, middle or end at a point; upright reads upwards."""
-        x, y = at
-        width = text_width_mm(words, height_mm) * (1.06 if bold else 1.0)
-        left = {"start": 0.0, "middle": -width / 2, "end": -width}[anchor]
-        if upright:
-            box = (x - height_mm, y - left - width, x, y - left)
-        else:
-            box = (x + left, y - height_mm, x + left + width, y)
-        self.texts.append((words, box))
-        turn = f' transform="rotate(-90 {number(x)} {number(y)})"' if upright else ""
-        weight = ' font-weight="bold"' if bold else ""
-        self.items.append(
-            f'<text x="{number(x)}" y="{number(y)}" font-size="{number(height_mm / CAP)}" '
-            f'text-anchor="{anchor}"{weight}{turn}>{escape(words)}</text>'
-        )
-
-    def open(self, name: str, **data: Any) -> None:
-        """Begin a group."""
-        more = "".join(f' data-{key}="{escape(str(value))}"' for key, value in data.items())
-        self.items.append(f'<g id="{escape(name)}"{more}>')
-
-    def close(self) -> None:
-        """End the group."""
-        self.items.append("</g>")
-
-    def svg(self, width_mm: float, height_mm: float, title: str) -> str:
-        """The whole document, in real millimetres."""
-        size = f'width="{number(width_mm)}mm" height="{number(height_mm)}mm"'
-        head = (
-            f'<svg xmlns="http://www.w3.org/2000/svg" class="drawing" {size} '
-            f'viewBox="0 0 {number(width_mm)} {number(height_mm)}">'
-        )
-        hatch = (
-            '<defs><pattern id="hatch" width="2" height="2" patternUnits="userSpaceOnUse" '
-            'patternTransform="rotate(45)"><line x1="0" y1="0" x2="0" y2="2" '
-            'style="stroke:#000;stroke-width:.36"/></pattern></defs>'
-        )
-        paper = '<rect width="100%" height="100%" style="fill:#fff;stroke:none"/>'
-        lines = [
-            head,
-            f"<title>{escape(title)}</title>",
-            f"<style>\n{STYLE}\n</style>",
-            hatch,
-            paper,
-        ]
-        return "\n".join([*lines, *self.items, "</svg>"]) + "\n"
 
 
 @dataclass(frozen=True)
@@ -224,9 +63,9 @@ def draw_frame(page: Page, title: Title) -> None:
             if words:
                 size = LARGE_MM if label in ("Part", "Scale") else SMALL_MM
                 # A long material is set smaller rather than over the line.
-                wide = text_width_mm(words, size) * 1.06
+                wide = text_width_mm(words, size)
                 size = min(size, size * (cell - 3) / wide)
-                page.text((x + 1.5, y + 9.4), words, size, bold=label == "Part")
+                page.text((x + 1.5, y + 9.4), words, size)
             if label == "Projection":
                 _first_angle(page, x + 28.5, y + row_mm / 2)
             x += cell

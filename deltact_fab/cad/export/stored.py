@@ -13,7 +13,7 @@ from typing import Any
 from ... import __version__, cache, digest
 from ..dimensions import Design
 from ..registry import Part
-from .part_files import MESHED, Made
+from .part_files import DRAWN, MESHED, Made
 
 KIND = "cad"
 # About ten designs at 0.01 mm; the longest unused go first.
@@ -59,7 +59,7 @@ class Store:
 
     def _key(self, parts: Sequence[Part], kind: str) -> dict[str, Any]:
         # An indenter is made from its own numbers; its drawing may quote the design's.
-        alone = kind != "svg" and all(part.indenter is not None for part in parts)
+        alone = kind not in DRAWN and all(part.indenter is not None for part in parts)
         return {
             "parts": [plain(part) for part in parts],
             "design": None if alone else plain(self._design),
