@@ -16,9 +16,9 @@ from .build import build_part
 from .checks import VOLUME_TOLERANCE, Box, bounding_box
 from .dimensions import Design
 from .kernel import guarded, require
-from .registry import SENSOR_PARTS, Part
+from .part import Part, Shift
+from .registry import of_group
 
-Shift = tuple[float, float, float]
 # Boxes that meet by less share a face at most; what they could share stays below 0.001 mm3.
 TOUCH_MM = 1e-6
 
@@ -37,24 +37,13 @@ class Placed:
     shift_mm: Shift
 
 
-def places(part: Part, design: Design) -> list[Shift]:
-    """Where the pieces of a part go: translations in mm from where its builder makes it."""
-    if part.name == "screw":
-        centres = design.screw_centres_mm
-    elif part.name == "camera-screw":
-        centres = design.camera_screw_centres_mm
-    else:
-        return [(0.0, 0.0, 0.0)]
-    return [(x, y, 0.0) for x, y in centres]
-
-
 def assemble(
     design: Design,
     explode: float = 0.0,
-    parts: Sequence[Part] = SENSOR_PARTS,
+    parts: Sequence[Part] | None = None,
     solids: Mapping[str, Any] | None = None,
 ) -> list[Placed]:
-    """Every piece of the parts in its place, in the order of the parts.
+    """Every piece of the parts, those of the sensor unless given, in their places and order.
 
     explode: 0 as assembled, 1 as in the exploded view (times the part's explode_mm along z).
     solids: ready solids by part name, not moved yet, to use instead of building; they are not
@@ -63,10 +52,10 @@ def assemble(
     cq = require()
     ready = dict(solids or {})
     placed = []
-    for part in parts:
+    for part in of_group("sensor") if parts is None else parts:
         if part.name not in ready:
             ready[part.name] = build_part(part, design)[0]
-        for index, (x, y, z) in enumerate(places(part, design)):
+        for index, (x, y, z) in enumerate(part.places(design)):
             shift = (x, y, z + explode * part.explode_mm)
             placed.append(Placed(part, index, ready[part.name].moved(cq.Location(shift)), shift))
     return placed

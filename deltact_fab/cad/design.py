@@ -73,7 +73,7 @@ def load_design(name: str = "deltact", changes: Iterable[str] = ()) -> Design:
 
     changes: `section.key=value`, as typed after `--set`; they win over the file. A design that
     names another one as `base` takes from it what it does not give itself. Raises InputError
-    naming file and key; the inequalities between dimensions are rules.enforce's.
+    naming file and key; the inequalities between dimensions are feasibility.check's.
     """
     path = catalog.find("cad", name)
     data = _with_base(path, ())

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from .assembly import places
 from .build import expected
 from .dimensions import Design
-from .registry import SENSOR_PARTS
+from .registry import of_group
 
 
 def size_mm(design: Design) -> tuple[float, float, float]:
@@ -16,8 +15,8 @@ def size_mm(design: Design) -> tuple[float, float, float]:
     """
     corners = [
         tuple(edge + shift for edge, shift in zip(corner, place, strict=True))
-        for part in SENSOR_PARTS
-        for place in places(part, design)
+        for part in of_group("sensor")
+        for place in part.places(design)
         for corner in expected(part, design).box_mm
     ]
     x, y, z = (max(axis) - min(axis) for axis in zip(*corners, strict=True))

@@ -9,59 +9,11 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields, is_dataclass
 from typing import Any
 
+from . import feasibility
 from .design import IndenterDimensions
 from .dimensions import Design
-from .registry import Part
-from .rules import Rule, of_design
-
-# Derived lengths of a Design that a part's shape is made from. A test holds every property of
-# Design against this table, so that a new one is shown somewhere.
-DERIVED: dict[str, tuple[str, ...]] = {
-    "skin": ("post_in_window_mm", "z_front_mm", "z_ledge_mm", "skin_volume_mm3"),
-    "skin-frame": (
-        "frame_outer_mm", "frame_height_mm", "post_mm", "post_edge_mm", "post_in_window_mm",
-        "screw_at_mm", "screw_centres_mm", "seat_half_mm", "z_front_mm", "z_ledge_mm", "z_joint_mm",
-    ),
-    "acrylic": (
-        "acrylic_half_mm", "acrylic_notch_mm", "seat_half_mm", "post_edge_mm", "z_ledge_mm",
-        "z_joint_mm",
-    ),
-    "shell": (
-        "outer_mm", "frame_outer_mm", "cavity_half_mm", "post_mm", "post_edge_mm", "boss_room_mm",
-        "screw_at_mm", "shell_depth_mm", "flange_arm_z_mm", "z_joint_mm", "z_boss_mm", "z_floor_mm",
-    ),
-    "light-holder": (
-        "light_radius_mm", "strip_radius_mm", "channel_inner_mm", "light_bore_mm",
-        "head_relief_mm", "camera_screw_centres_mm", "z_light_mm", "z_joint_mm",
-        "z_board_front_mm",
-    ),
-    "camera": ("z_lens_mm", "z_board_front_mm", "z_board_back_mm", "eye_distance_mm"),
-    "camera-screw": ("camera_screw_centres_mm", "z_board_front_mm"),
-    "camera-holder": (
-        "holder_half_x_mm", "holder_window_half_mm", "holder_window_top_mm", "holder_arm_mm",
-        "holder_tongue_mm", "peg_centres_mm", "camera_screw_centres_mm", "z_board_back_mm",
-        "z_floor_mm",
-    ),
-    "cover": (
-        "post_mm", "screw_at_mm", "peg_at_mm", "peg_length_mm", "snap_strain", "z_floor_mm",
-        "z_back_mm", "z_head_mm", "z_boss_mm",
-    ),
-    "screw": ("z_head_mm", "screw_at_mm"),
-    "mold": ("mold_outer_mm", "frame_outer_mm", "skin_volume_mm3"),
-    "coupon-mold": ("coupon_outer_mm",),
-    "testing-shell": (
-        "frame_outer_mm", "cavity_half_mm", "post_mm", "post_edge_mm", "boss_room_mm",
-        "screw_at_mm", "shell_depth_mm", "z_joint_mm", "z_boss_mm", "z_floor_mm", "z_back_mm",
-    ),
-}  # fmt: skip
-SAME_AS = {"transparent-base": "skin-frame"}
-# Parts whose rules hold for this one as well.
-RULES_OF = {
-    "camera-screw": ("camera-holder",),
-    "testing-shell": ("shell",),
-    "transparent-base": ("skin-frame",),
-    "skin": ("skin-frame",),
-}
+from .part import Part
+from .rule import Rule
 
 
 @dataclass(frozen=True)
@@ -143,8 +95,8 @@ def describe(part: Part, design: Design) -> Description:
     else:
         dimensions = list(_sections(part, design))
         derived = list(_derived(part, design))
-        names = (part.name, *RULES_OF.get(part.name, ()))
-        rules = [rule for rule in of_design(design) if rule.part in names]
+        names = (part.name, *part.bound_by)
+        rules = [rule for rule in feasibility.rules(design) if rule.part in names]
     return Description(
         part.name,
         part.group,
@@ -198,7 +150,7 @@ def _derived(part: Part, design: Design) -> Iterator[Derived]:
             else:
                 yield Derived(f"{section}.{name}", value, equation)
     known = dict(properties(type(design)))
-    for name in DERIVED[SAME_AS.get(part.name, part.name)]:
+    for name in part.derived:
         yield Derived(name, getattr(design, name), known[name])
 
 

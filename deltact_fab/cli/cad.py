@@ -38,11 +38,11 @@ def of_design(command: F) -> F:
 
 def load(design: str, changes: tuple[str, ...]) -> Design:
     """The design with its changes, every inequality enforced."""
-    from ..cad import rules
+    from ..cad import feasibility
     from ..cad.design import load_design
 
     loaded = load_design(design, changes)
-    rules.enforce(rules.of_design(loaded), design)
+    feasibility.check(loaded, design)
     return loaded
 
 

@@ -10,13 +10,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from ..cad import rules
 from ..cad.design import load_indenters
 from ..cad.dimensions import Design
 from ..cad.making import bom, fabrication
 from ..cad.making.fabrication import DEFAULT
 from ..cad.making.paper_gaps import gaps
-from ..cad.registry import SENSOR_PARTS, Part, listed
+from ..cad.part import Part
+from ..cad.parts.mold import RELEASE_AGENT
+from ..cad.parts.screw import stock_note
+from ..cad.registry import listed, of_group
 from ..errors import MissingLibrary
 from .templating import environment, save
 
@@ -28,45 +30,6 @@ VIEWER_LICENCE = "model-viewer-LICENSE"
 VIEW_TOLERANCE_MM = 0.05  # the view is looked at, not measured
 LAYER_MM = 0.05
 CUP_ML = 50  # cups are sold in steps of it
-
-# How a part is made, a printed one by how it lies on the platform; what to look at afterwards.
-ADVICE: dict[str, tuple[str, str]] = {
-    "skin": ("cast in its frame, step D", "clear, dry, bonded to the acrylic"),
-    "acrylic": ("cut by the DXF, step C", "the edges are clear and without cracks"),
-    "camera": ("bought", "measure lens and board: see what nobody has verified"),
-    "camera-screw": ("bought", "the head is no higher than the light holder's floor"),
-    "screw": ("bought", "measure the length below the head"),
-    "skin-frame": (
-        "pilot holes down, tilted by 30°, supports on the rim of the back only, none on the front, "
-        "which seals in the mold",
-        "front flat and glossy, no marks in the acrylic's pocket; rub the back flat on fine paper; "
-        "a drill of the pilot's size turns freely",
-    ),
-    "shell": (
-        "joint face up, tilted by 20°, supports outside",
-        "the light holder slides in by hand; the four holes pass a screw without cutting",
-    ),
-    "light-holder": (
-        "floor down, flat, supports below the floor",
-        "no resin left in the channel: blow it out before the post-cure",
-    ),
-    "camera-holder": ("flat, supports on the back", "flat to 0.1 mm on a glass plate"),
-    "cover": (
-        "outer face down, flat, no support near the pegs",
-        "every peg has its slot open: a folded paper passes",
-    ),
-    "mold": (
-        "underside down, straight on the platform, no supports",
-        "cavity floors glossy: what is there is on every skin",
-    ),
-    "coupon-mold": ("underside down, same job and same wash as the mold", "as the mold"),
-    "testing-shell": ("as the shell, tabs upright", "as the shell; tabs flat on the table"),
-    "transparent-base": ("as the skin frame", "as the skin frame"),
-}
-INDENTER_ADVICE = (
-    "stem down, supports on plate and stem only",
-    "no mark on the tip; stem diameter fits the tool holder",
-)
 
 
 @dataclass(frozen=True)
@@ -119,20 +82,18 @@ def write(
         d=design,
         sensors=sensors,
         parts=parts,
-        advice={part.name: ADVICE.get(part.name, ("", "")) for part in parts},
-        indenter_advice=INDENTER_ADVICE,
         layer_mm=LAYER_MM,
         pictures=pictures,
         viewer=viewer() if pictures.models else Viewer(),
         bom=lines,
-        stock_note=rules.stock_note(design),
+        stock_note=stock_note(design),
         f=_figures(design, sensors),
         p=DEFAULT,
         facts=DEFAULT.rows(),
         gaps=gaps(design),
         unverified=[(key, _value(design, key)) for key in design.unverified()],
         measured=_measured(design),
-        release_agent=fabrication.RELEASE_AGENT,
+        release_agent=RELEASE_AGENT,
         indenters=len(load_indenters().indenter),
     )
     return save(page, out)
@@ -143,7 +104,6 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
 
     Raises MissingLibrary without the CAD kernel, RunFailed when a part cannot be built.
     """
-    from ..cad.assembly import places
     from ..cad.build import build_part
     from ..cad.drafting.picture import exploded_svg, part_svg
     from ..cad.export.formats.glb import drawn, glb_bytes
@@ -167,14 +127,14 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
         part.name: drawn(
             mesh_solid(solids[part.name], VIEW_TOLERANCE_MM, part.name), part.name, part.colour
         )
-        for part in SENSOR_PARTS
+        for part in of_group("sensor")
     }
     models = {}
     for title, explode in (("exploded", 1.0), ("assembled", 0.0)):
         placed = []
-        for part in SENSOR_PARTS:
+        for part in of_group("sensor"):
             shift_mm = explode * part.explode_mm
-            at = tuple((x, y, z + shift_mm) for x, y, z in places(part, design))
+            at = tuple((x, y, z + shift_mm) for x, y, z in part.places(design))
             placed.append(replace(meshes[part.name], places_mm=at))
         models[title] = _data_url("model/gltf-binary", glb_bytes(placed, "deltact"))
     tell(total, total, "done")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from deltact_fab.cad import registry
-from deltact_fab.cad.assembly import assemble, overlaps, places, thread_overlap_mm3
+from deltact_fab.cad.assembly import assemble, overlaps, thread_overlap_mm3
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.checks import bounding_box
 from deltact_fab.cad.design import load_design
@@ -42,7 +42,7 @@ def design():
 @pytest.fixture(scope="module")
 def solids(cq, design):
     """Every sensor part of the default design, gated, where its builder makes it."""
-    return {part.name: build_part(part, design)[0] for part in registry.SENSOR_PARTS}
+    return {part.name: build_part(part, design)[0] for part in registry.of_group("sensor")}
 
 
 def hull(placed):
@@ -58,10 +58,10 @@ def test_importing_the_assembly_imports_no_kernel():
 def test_every_piece_that_is_counted_has_a_place(design):
     for part in registry.listed():
         if part.group == "sensor":
-            assert len(set(places(part, design))) == part.quantity
-    assert places(registry.find("screw"), design)[-1] == pytest.approx((16.3, 16.8, 0.0))
-    assert places(registry.find("camera-screw"), design)[0] == pytest.approx((-10.5, 12.331, 0.0))
-    assert places(registry.find("shell"), design) == [(0.0, 0.0, 0.0)]
+            assert len(set(part.places(design))) == part.quantity
+    assert registry.find("screw").places(design)[-1] == pytest.approx((16.3, 16.8, 0.0))
+    assert registry.find("camera-screw").places(design)[0] == pytest.approx((-10.5, 12.331, 0.0))
+    assert registry.find("shell").places(design) == [(0.0, 0.0, 0.0)]
 
 
 @pytest.mark.parametrize("name", DESIGNS)

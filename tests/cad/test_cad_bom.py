@@ -13,13 +13,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltact_fab.cad import rules
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.dimensions import Design, LightDimensions, MoldDimensions
+from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.making import bom, fabrication
 from deltact_fab.cad.making.fabrication import Process
 from deltact_fab.cad.making.paper_gaps import gaps
-from deltact_fab.cad.registry import SENSOR_PARTS, listed
+from deltact_fab.cad.parts.light_holder import LightDimensions
+from deltact_fab.cad.parts.mold import MoldDimensions
+from deltact_fab.cad.parts.screw import stock_note
+from deltact_fab.cad.registry import listed, of_group
 from deltact_fab.errors import InputError
 
 DEFAULT = Design()
@@ -40,7 +42,7 @@ def test_every_part_of_the_registry_is_in_it_and_items_count_up():
 
 def test_sensor_parts_are_counted_by_the_sensor_and_tools_once():
     lines = bom.lines(DEFAULT, sensors=5)
-    for part in SENSOR_PARTS:
+    for part in of_group("sensor"):
         assert of(lines, part.name).quantity == 5 * part.quantity
     assert of(lines, "screw").quantity == 20
     assert of(lines, "mold").quantity == 1
@@ -134,7 +136,7 @@ def test_the_stock_note_goes_with_stock_screws():
     shorter = told(load_design(changes=["screw.length_mm=14"]))
     assert "M1.6 x 14 is not stocked: cut one of 16 mm down" in shorter
     assert "rod" not in shorter
-    other = rules.stock_note(load_design(changes=["screw.thread=M2", "screw.length_mm=25"]))
+    other = stock_note(load_design(changes=["screw.thread=M2", "screw.length_mm=25"]))
     assert "M2 threaded rod" in other
     assert "or use screw.length_mm=20" in other
 

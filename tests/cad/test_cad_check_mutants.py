@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass, fields
 
 import pytest
@@ -303,7 +304,8 @@ def test_a_part_that_cannot_be_built_fails_its_rows_and_stops_nothing(sound):
 
 def test_what_the_gate_refuses_becomes_a_row(sound, monkeypatch):
     """A builder that returns something else than its closed form: the gate's line, in the table."""
-    monkeypatch.setattr(cover, "build", skin_frame.build)
+    wrong = dataclasses.replace(cover.PARTS[0], build=skin_frame.build)
+    monkeypatch.setattr(cover, "PARTS", (wrong,))
     given = {name: solid for name, solid in sound.built.solids.items() if name != "cover"}
     built = Built.make(DESIGN, given, LIST)
     assert list(built.failed) == ["cover"]

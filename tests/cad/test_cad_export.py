@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 import subprocess
@@ -27,7 +28,7 @@ from deltact_fab.shapes.sensor import FrameDimensions, SkinDimensions
 DESIGN = load_design()
 KINDS = ("step", "stl", "3mf", "dxf", "glb")
 NAMES = ("sensor", "sphere:10")
-SENSOR = [part.name for part in registry.SENSOR_PARTS]
+SENSOR = [part.name for part in registry.of_group("sensor")]
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -114,7 +115,7 @@ def test_the_assembly_is_the_sum_of_its_parts(exported):
     size = [b - a for a, b in zip(low, high, strict=True)]
     assert size == pytest.approx(DESIGN.outer_mm, abs=1e-5)
     solids = cq.importers.importStep(str(folder / "assembly.step")).solids().vals()
-    assert len(solids) == sum(part.quantity for part in registry.SENSOR_PARTS)
+    assert len(solids) == sum(part.quantity for part in registry.of_group("sensor"))
     assert sum(s.Volume() for s in solids) == pytest.approx(volume_mm3, rel=1e-6)
     assert all(s.isValid() for s in solids)
 
@@ -299,8 +300,11 @@ def test_bad_dimensions_of_any_part_write_nothing(tmp_path):
 
 
 def test_a_part_that_fails_late_leaves_the_folder_as_it_was(tmp_path, monkeypatch):
-    build = skin_frame.build
-    monkeypatch.setattr(skin_frame, "build", lambda d: build(d).translate((0.0, 0.0, 0.1)))
+    def shifted(design):
+        return skin_frame.build(design).translate((0.0, 0.0, 0.1))
+
+    parts = (dataclasses.replace(skin_frame.FRAME, build=shifted), *skin_frame.PARTS[1:])
+    monkeypatch.setattr(skin_frame, "PARTS", parts)
     export_parts(DESIGN, registry.select(["skin"]), ["stl"], 0.1, tmp_path)
     yesterdays = _bytes(tmp_path)
     for folder in (tmp_path, tmp_path / "new" / "one"):

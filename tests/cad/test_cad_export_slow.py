@@ -205,7 +205,7 @@ def test_every_step_comes_back_as_one_solid_of_its_volume(exported):
         solids = cq.importers.importStep(str(folder / entry["file"])).solids().vals()
         copies = 1
         if entry["part"] == "assembly":
-            copies = sum(part.quantity for part in registry.SENSOR_PARTS)
+            copies = sum(part.quantity for part in registry.of_group("sensor"))
         assert len(solids) == copies, entry["file"]
         assert all(solid.isValid() for solid in solids)
         volume_mm3 = sum(solid.Volume() for solid in solids)
@@ -318,7 +318,7 @@ def test_gmsh_reads_the_solids_and_their_volumes(exported, tmp_path):
         masses = [float(line.split("mass ")[1]) for line in said.splitlines() if "mass " in line]
         copies = 1
         if entry["part"] == "assembly":
-            copies = sum(part.quantity for part in registry.SENSOR_PARTS)
+            copies = sum(part.quantity for part in registry.of_group("sensor"))
         assert len(masses) == copies, said
         assert sum(masses) == pytest.approx(entry["volume_mm3"], rel=1e-6), entry["file"]
 

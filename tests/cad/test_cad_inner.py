@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deltact_fab.cad import registry, rules
+from deltact_fab.cad import feasibility, registry
 from deltact_fab.cad.build import build_part, expected
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.kernel import require
@@ -129,7 +129,7 @@ DIGITS = {"holder.head_clearance_mm": 2, "cover.lip_mm": 2}
 def gated_or_refused(changes):
     """Whether the rules accept the design; every inner part then passes the gate."""
     design = load_design("deltact", changes)
-    if not all(rule.holds for rule in rules.of_design(design)):
+    if not all(rule.holds for rule in feasibility.rules(design)):
         with pytest.raises(InputError, match="fails"):
             build_part(registry.find(INNER[0]), design)
         return False
@@ -180,7 +180,7 @@ def test_two_hundred_changed_designs(cq, changes):
     ],
 )
 def test_what_cannot_be_mounted_is_refused_with_its_inequality(changes, says):
-    of_design = rules.of_design(load_design("deltact", changes))
+    of_design = feasibility.rules(load_design("deltact", changes))
     assert says in [f"{rule.part}: {rule.text}" for rule in of_design if not rule.holds]
 
 

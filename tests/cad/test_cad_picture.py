@@ -20,7 +20,7 @@ from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.drafting import picture
 from deltact_fab.cad.drafting.balloons import BETWEEN_MM, RADIUS_MM, arranged, spread
-from deltact_fab.cad.drafting.drawing import drawing_svg
+from deltact_fab.cad.drafting.drawing import drawing
 from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import mesh_solid
 
@@ -35,7 +35,7 @@ def cq():
 @pytest.fixture(scope="module")
 def solids(cq):
     design = load_design()
-    return {part.name: build_part(part, design)[0] for part in registry.SENSOR_PARTS}
+    return {part.name: build_part(part, design)[0] for part in registry.of_group("sensor")}
 
 
 @pytest.fixture(scope="module")
@@ -120,9 +120,9 @@ def test_a_point_is_hidden_only_behind_something(cq):
 
 def test_every_part_has_one_balloon_with_the_paper_s_number(exploded):
     found = {c.get("data-balloon") for c in exploded.iter(f"{SVG}circle")} - {None}
-    assert found == {part.name for part in registry.SENSOR_PARTS}
+    assert found == {part.name for part in registry.of_group("sensor")}
     said = Counter(e.text for e in exploded.iter(f"{SVG}text"))
-    for part in registry.SENSOR_PARTS:
+    for part in registry.of_group("sensor"):
         if part.number:
             # In its balloon and in the legend.
             assert said[str(part.number)] == 2
@@ -139,7 +139,7 @@ def test_a_part_that_is_hidden_altogether_has_no_balloon():
 
 def test_every_piece_is_drawn(exploded):
     pieces = Counter(g.get("data-part") for g in exploded.iter(f"{SVG}g") if g.get("data-part"))
-    assert pieces == {part.name: part.quantity for part in registry.SENSOR_PARTS}
+    assert pieces == {part.name: part.quantity for part in registry.of_group("sensor")}
 
 
 def test_leaders_cross_no_line_of_the_drawing(exploded):
@@ -151,7 +151,7 @@ def test_leaders_cross_no_line_of_the_drawing(exploded):
         for line in numbers(path)
     ]
     leaders = [p for p in exploded.iter(f"{SVG}path") if p.get("data-leader")]
-    assert len(leaders) == len(registry.SENSOR_PARTS)
+    assert len(leaders) == len(registry.of_group("sensor"))
     assert drawn
     for leader in leaders:
         ((a, b),) = numbers(leader)
@@ -256,15 +256,15 @@ from deltact_fab.cad.drafting import picture
 from deltact_fab.cad import registry
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.drafting.drawing import drawing_svg
+from deltact_fab.cad.drafting.drawing import drawing
 
 design = load_design()
-solids = {p.name: build_part(p, design)[0] for p in reversed(registry.SENSOR_PARTS)}
+solids = {p.name: build_part(p, design)[0] for p in reversed(registry.of_group("sensor"))}
 texts = [picture.exploded_svg(design, solids)]
 for name in ("cover", "indenter-star"):
     part = registry.find(name)
     solid, _ = build_part(part, design)
-    texts += [drawing_svg(part, design, solid), picture.part_svg(part, design, solid)]
+    texts += [drawing(part, design, solid).svg(), picture.part_svg(part, design, solid)]
 print(hashlib.sha256("".join(texts).encode()).hexdigest())
 """
 
@@ -276,7 +276,7 @@ def test_another_process_draws_the_same_bytes(solids):
     for name in ("cover", "indenter-star"):
         part = registry.find(name)
         solid, _ = build_part(part, design)
-        texts += [drawing_svg(part, design, solid), picture.part_svg(part, design, solid)]
+        texts += [drawing(part, design, solid).svg(), picture.part_svg(part, design, solid)]
     want = hashlib.sha256("".join(texts).encode()).hexdigest()
     for seed in ("1", "2"):
         done = subprocess.run(

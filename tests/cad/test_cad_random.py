@@ -8,14 +8,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from deltact_fab.cad import rules
+from deltact_fab.cad import feasibility
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
-from deltact_fab.cad.registry import BENCH_PARTS, SENSOR_PARTS, TOOL_PARTS
+from deltact_fab.cad.registry import of_design
 from deltact_fab.errors import InputError
 
-PARTS = (*SENSOR_PARTS, *TOOL_PARTS, *BENCH_PARTS)
+PARTS = of_design()
 
 
 def _numbers() -> list[tuple[str, float, float, float, bool]]:
@@ -54,7 +54,7 @@ def outcome(change: list[str], parts: tuple) -> str:
     """'built' with every part gated, or 'refused'; whatever else is raised fails the test."""
     try:
         design = load_design("deltact", change)
-        rules.enforce(rules.of_design(design))
+        feasibility.check(design)
     except InputError as why:
         return "refused" if "\n" not in str(why) else f"more than one line: {why}"
     for part in parts:

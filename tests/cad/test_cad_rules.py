@@ -7,9 +7,12 @@ import math
 
 import pytest
 
-from deltact_fab.cad import rules
+from deltact_fab.cad import feasibility
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.dimensions import BOARD_KEYS, CameraDimensions, Design, ScrewDimensions
+from deltact_fab.cad.dimensions import Design
+from deltact_fab.cad.parts.camera import BOARD_KEYS, CameraDimensions
+from deltact_fab.cad.parts.screw import ScrewDimensions, stock_note
+from deltact_fab.cad.rule import Rule
 from deltact_fab.errors import InputError
 from deltact_fab.shapes.bounded import ShapeError
 
@@ -19,7 +22,7 @@ VARIANTS = ("deltact", "screws-16mm", "skin-30x34", "skin-44x40", "franka")
 def broken(*changes: str) -> list[str]:
     """Rules that fail for the default design with changes."""
     design = load_design("deltact", changes)
-    return [f"{r.part}: {r.text}" for r in rules.of_design(design) if not r.holds]
+    return [f"{r.part}: {r.text}" for r in feasibility.rules(design) if not r.holds]
 
 
 def test_the_shipped_design_closes_as_the_paper_s():
@@ -40,7 +43,7 @@ def test_the_shipped_design_closes_as_the_paper_s():
 @pytest.mark.parametrize("name", VARIANTS)
 def test_every_rule_holds_for_what_is_shipped(name):
     design = load_design(name)
-    assert [r.text for r in rules.of_design(design) if not r.holds] == []
+    assert [r.text for r in feasibility.rules(design) if not r.holds] == []
     assert design.outer_mm[0] <= design.envelope.width_mm
     assert design.outer_mm[1] <= design.envelope.length_mm
 
@@ -110,7 +113,7 @@ def test_a_wrong_value_is_one_line_with_what_would_be_right(change, says):
 def test_a_skin_of_24_x_24_is_refused_naming_board_and_posts():
     design = load_design("deltact", ["skin.width_mm=24", "skin.length_mm=24"])
     with pytest.raises(InputError) as caught:
-        rules.enforce(rules.of_design(design), "deltact")
+        feasibility.check(design, "deltact")
     line = str(caught.value)
     assert line.startswith("deltact: camera: ")
     assert "room between the camera's board and the corner posts: 0.2 <= -5.4 fails" in line
@@ -157,7 +160,7 @@ def test_a_view_under_grazing_rays_fails():
 
 def test_a_rule_that_rests_on_an_unverified_value_says_so_until_it_is_measured():
     def rests_on(design):
-        return {key for rule in rules.of_design(design) for key in rule.rests_on}
+        return {key for rule in feasibility.rules(design) for key in rule.rests_on}
 
     open_keys = set(Design().unverified())
     assert rests_on(Design()) == open_keys
@@ -173,8 +176,8 @@ def test_nan_is_no_dimension_and_no_rule_holds_for_it():
     with pytest.raises(ShapeError, match="length_mm"):
         ScrewDimensions(length_mm=math.nan)
     for relation in ("<", "<="):
-        assert not rules.Rule("p", ("a", math.nan), relation, ("b", 1.0)).holds
-        assert not rules.Rule("p", ("a", 0.0), relation, ("b", math.nan)).holds
+        assert not Rule("p", ("a", math.nan), relation, ("b", 1.0)).holds
+        assert not Rule("p", ("a", 0.0), relation, ("b", math.nan)).holds
 
 
 def test_every_dimension_has_a_meaning_and_a_default_within_its_limits():
@@ -188,5 +191,5 @@ def test_every_dimension_has_a_meaning_and_a_default_within_its_limits():
 
 
 def test_screws_that_no_shop_stocks_are_told():
-    assert "19 is not stocked; the longest sold is 16 mm" in rules.stock_note(Design())
-    assert rules.stock_note(load_design("screws-16mm")) == ""
+    assert "19 is not stocked; the longest sold is 16 mm" in stock_note(Design())
+    assert stock_note(load_design("screws-16mm")) == ""

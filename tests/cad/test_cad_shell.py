@@ -8,7 +8,7 @@ import re
 
 import pytest
 
-from deltact_fab.cad import registry, rules
+from deltact_fab.cad import feasibility, registry
 from deltact_fab.cad.build import build_part, expected
 from deltact_fab.cad.checks import gate
 from deltact_fab.cad.design import load_design
@@ -211,7 +211,7 @@ def test_the_sensor_ends_where_the_design_says(built):
 )
 def test_a_broken_inequality_is_told_before_the_kernel_runs(changes, says):
     broken = [
-        rule.text for rule in rules.of_design(load_design("deltact", changes)) if not rule.holds
+        rule.text for rule in feasibility.rules(load_design("deltact", changes)) if not rule.holds
     ]
     assert broken
     with pytest.raises(InputError, match="fails"):

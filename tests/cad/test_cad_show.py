@@ -7,11 +7,10 @@ import re
 
 import pytest
 
-from deltact_fab.cad import show
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
+from deltact_fab.cad.feasibility import rules as all_rules
 from deltact_fab.cad.registry import find, listed
-from deltact_fab.cad.rules import of_design
 from deltact_fab.cad.show import describe, equation, properties
 
 DEFAULT = load_design()
@@ -19,13 +18,13 @@ DEFAULT = load_design()
 
 def test_every_derived_length_is_shown_with_some_part():
     known = {name for name, _ in properties(Design)}
-    told = {name for names in show.DERIVED.values() for name in names}
+    told = {name for part in listed() for name in part.derived}
     assert told == known, "list a new property of Design in show.DERIVED"
 
 
 def test_every_rule_is_told_with_some_part():
     told = {rule.text for part in listed() for rule in describe(part, DEFAULT).rules}
-    assert {rule.text for rule in of_design(DEFAULT)} <= told
+    assert {rule.text for rule in all_rules(DEFAULT)} <= told
 
 
 @pytest.mark.parametrize("part", listed(), ids=lambda part: part.name)

@@ -18,7 +18,7 @@ from deltact_fab.cad.parts import coupon_mold, mold, skin, skin_frame
 from deltact_fab.errors import InputError, RunFailed
 
 DEFAULT = Design()
-MOLD, COUPON = registry.TOOL_PARTS
+MOLD, COUPON = registry.find("mold"), registry.find("coupon-mold")
 
 
 def changed(*changes: str) -> Design:
@@ -163,16 +163,13 @@ def test_a_broken_inequality_is_told_before_the_kernel_runs(change: str, says: s
         build_part(MOLD, changed(change))
 
 
-def test_a_mold_of_other_numbers_is_stopped_by_the_gate(
-    cq: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_mold_of_other_numbers_is_stopped_by_the_gate(cq: Any) -> None:
     sharp = dataclasses.replace(
         DEFAULT, skin=dataclasses.replace(DEFAULT.skin, edge_fillet_mm=1.99)
     )
-    build = mold.build
-    monkeypatch.setattr(mold, "build", lambda design: build(sharp))
+    other = dataclasses.replace(MOLD, build=lambda design: mold.build(sharp))
     with pytest.raises(RunFailed, match=r"^mold: volume .* is right; parameters width_mm=36"):
-        build_part(MOLD, DEFAULT)
+        build_part(other, DEFAULT)
 
 
 @pytest.mark.parametrize(

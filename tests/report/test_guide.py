@@ -12,8 +12,8 @@ import pytest
 
 from deltact_fab.cad import kernel
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.making import fabrication
-from deltact_fab.cad.registry import listed
+from deltact_fab.cad.parts.mold import RELEASE_AGENT
+from deltact_fab.cad.registry import find, listed
 from deltact_fab.errors import InputError, MissingLibrary
 from deltact_fab.report import guide
 from deltact_fab.report.guide import Pictures, write
@@ -169,14 +169,14 @@ def test_notches_and_post_faces_are_named_where_they_exist(default: Seen, tmp_pa
 
 
 def test_the_frame_s_front_carries_no_supports() -> None:
-    how, _ = guide.ADVICE["skin-frame"]
+    how = find("skin-frame").how
     assert "supports on the rim of the back only, none on the front" in how
 
 
 @pytest.mark.parametrize(
     "words",
     ["nitrile gloves and goggles", "PR-1200, lacquer, isopropanol", "running extraction",
-     "Keep alcohol and primer off the fresh edges", fabrication.RELEASE_AGENT],
+     "Keep alcohol and primer off the fresh edges", RELEASE_AGENT],
 )  # fmt: skip
 def test_it_warns(default: Seen, words: str) -> None:
     assert words in default.text

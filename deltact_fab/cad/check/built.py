@@ -12,7 +12,8 @@ from ..checks import Box, bounding_box
 from ..design import IndenterList
 from ..dimensions import Design
 from ..mesh import Mesh, mesh_solid
-from ..registry import Part, listed
+from ..part import Part
+from ..registry import listed
 from .cylinders import Cylinder, along_z
 from .rays import Walls
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...shapes import Indenter
-from ..registry import Part
+from ..part import Part
 from .built import Built
 from .rays import ExactRays
 from .row import Row

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ..dimensions import Design
-from ..rules import SHOWN, Rule, of_design
+from ..feasibility import rules as all_rules
+from ..rule import SHOWN, Rule
 from .row import Row
 
 NAME = "inequalities"
@@ -14,7 +15,7 @@ NAME = "inequalities"
 def rows(design: Design) -> Iterator[Row]:
     """A part's rules: how many hold, and the tightest one or those that fail."""
     groups: dict[str, list[Rule]] = {}
-    for rule in of_design(design):
+    for rule in all_rules(design):
         groups.setdefault(rule.part, []).append(rule)
     for part, rules in groups.items():
         broken = [rule for rule in rules if not rule.holds]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from ..dimensions import BOARD_KEYS
+from ..parts.camera import BOARD_KEYS
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ import numpy as np
 
 from ...errors import RunFailed
 from ..checks import bounding_box
-from ..dimensions import BOARD_KEYS, Point2
+from ..parts.camera import BOARD_KEYS
+from ..record import Point2
 from .built import Built
 from .cylinders import Cylinder, along_z, near
 from .row import Row, at, open_keys

@@ -16,8 +16,6 @@ from .rays import first_hit
 from .row import Row, open_keys
 
 BORDER_RAYS = 96
-# What stands between lens and face and could cut into the view.
-FRAMES = ("light-holder", "shell", "skin-frame", "camera-holder")
 
 
 def _path_mm(built: Built) -> tuple[float, float, float]:
@@ -79,7 +77,7 @@ def light_cone(built: Built) -> Iterator[Row]:
         np.array([reached_mm(float(a), path[0], path[1], 0.0) for a in angle]),
         radius,
     ]
-    corners = np.concatenate([built.mesh(name).corners_mm for name in FRAMES])
+    corners = np.concatenate([built.mesh(p.name).corners_mm for p in built.parts if p.in_view])
     met = np.zeros(len(way), bool)
     for k in range(3):
         start, end = (

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from ...errors import RunFailed
-from ..registry import GROUPS
+from ..part import GROUPS
 from .built import MESH_MM, Built
 from .row import Row
 

@@ -17,22 +17,6 @@ NAME = "wall thickness"
 SLACK_MM = 1e-6
 
 
-def limits_mm(design: Design) -> dict[str, float]:
-    """The thinnest wall of each printed part; what has no wall of its own is held to the shell's.
-
-    The tools are of the shell's resin.
-    """
-    light = design.light
-    wall_mm = design.shell.wall_mm
-    housing = ("skin-frame", "shell", "cover", "mold", "coupon-mold", "testing-shell")
-    return {
-        **dict.fromkeys(housing, wall_mm),
-        "transparent-base": wall_mm,
-        "light-holder": min(light.wall_mm, light.diffuser_mm, light.floor_mm),
-        "camera-holder": design.holder.wall_mm,
-    }
-
-
 def leg_limit_mm(design: Design) -> float:
     """Leg of a peg where its round side leans by OPPOSITE_DEG: peg / 2 cos - slot / 2.
 
@@ -44,13 +28,15 @@ def leg_limit_mm(design: Design) -> float:
 
 def rows(built: Built) -> Iterator[Row]:
     """The thinnest wall of each part with its place."""
-    for part, limit_mm in limits_mm(built.design).items():
-        walls = built.walls(part)
-        if part != "cover":
-            yield _row(part, walls.thinnest(), limit_mm)
+    for part in built.parts:
+        if part.wall_mm is None:
+            continue
+        walls, limit_mm = built.walls(part.name), part.wall_mm(built.design)
+        if part.name != "cover":
+            yield _row(part.name, walls.thinnest(), limit_mm)
             continue
         legs = _of_legs(built.design, walls.points_mm)
-        yield _row(part, walls.thinnest(~legs), limit_mm)
+        yield _row(part.name, walls.thinnest(~legs), limit_mm)
         # They must bend: no wall of theirs is as thick as the housing's.
         yield _row("cover, legs of the pegs", walls.thinnest(legs), leg_limit_mm(built.design))
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..registry import Part
+from ..part import Part
 from .projection import Points
 
 RADIUS_MM, BETWEEN_MM, ROW_MM = 3.2, 9.0, 11.0

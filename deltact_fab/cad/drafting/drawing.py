@@ -19,8 +19,7 @@ import numpy as np
 from ...errors import InputError
 from ..dimensions import Design
 from ..kernel import guarded, require
-from ..registry import Part
-from . import callouts
+from ..part import Part
 from .arrangement import Arranged
 from .items import Callouts
 from .page import SMALL_MM, Page, Point2, Rect, meet
@@ -106,7 +105,7 @@ class _Layout:
 
 def has_drawing(part: Part) -> bool:
     """Whether a machine shop or a laser cutter may make the part, and needs a drawing."""
-    return callouts.has(part)
+    return part.callouts is not None
 
 
 def drawing(part: Part, design: Design, solid: Any) -> Page:
@@ -115,9 +114,9 @@ def drawing(part: Part, design: Design, solid: Any) -> Page:
     Raises InputError for a part without a drawing, and where no standard scale fits it on A3;
     RunFailed when the CAD kernel fails.
     """
-    said = callouts.of(part, design)
-    if said is None:
+    if part.callouts is None:
         raise InputError(f"part {part.name!r}: has no drawing; it is {part.process}")
+    said = part.callouts(part.source(design))
     with guarded(part.name, {}):
         drawn = _views(solid, said)
     notes = [*said.notes]
@@ -127,7 +126,7 @@ def drawing(part: Part, design: Design, solid: Any) -> Page:
     page = Page(SHEETS[layout.sheet], f"{part.name}, {layout.scale}")
     title = Title(
         part.name, _belongs(part), part.material, part.process, part.quantity, layout.scale,
-        layout.sheet, said.general_tolerance,
+        layout.sheet, said.general_tolerance, design.drawing,
     )  # fmt: skip
     draw_frame(page, title)
     left, top, _, _ = layout.reserved

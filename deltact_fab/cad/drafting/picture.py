@@ -18,7 +18,8 @@ from ..assembly import Placed, assemble
 from ..build import build_part
 from ..dimensions import Design
 from ..kernel import guarded
-from ..registry import SENSOR_PARTS, Part
+from ..part import Part
+from ..registry import of_group
 from .balloons import RADIUS_MM, Balloon, arranged
 from .page import FONT, LARGE_MM, SMALL_MM, number, path_data, text_width_mm
 from .projection import Points, Projected, View, project
@@ -63,7 +64,7 @@ def exploded_svg(design: Design, solids: Mapping[str, Any] | None = None) -> str
     solids: ready solids by part name, for those that need not be built. The axes of the four
     screws are drawn where nothing hides them.
     """
-    placed = assemble(design, 1.0, SENSOR_PARTS, solids)
+    placed = assemble(design, 1.0, of_group("sensor"), solids)
     with guarded("exploded view", {}):
         found = project([p.solid for p in placed], APART.direction, APART.up, CHORD_MM)
         bodies = [
@@ -74,7 +75,7 @@ def exploded_svg(design: Design, solids: Mapping[str, Any] | None = None) -> str
     corners = np.concatenate([APART.flat(body.triangles).reshape(-1, 2) for body in bodies])
     low, high = corners.min(axis=0), corners.max(axis=0)
     scale = float((APART_MM - 2 * MARGIN_MM) / (high - low)[0])
-    labels = _labels(SENSOR_PARTS)
+    labels = _labels(of_group("sensor"))
     pieces = [(b.part, [line * scale for line in b.lines.visible]) for b in bodies]
     balloons = arranged(pieces, APART.flat((0, 0, -1)))
     # Everything in the paper's millimetres, y upwards, to see how large the page must be.
@@ -236,7 +237,7 @@ def _text(x: float, y: float, words: str, height_mm: float, anchor: str = "start
 def _legend(labels: Mapping[str, str], width: float, top: float) -> tuple[list[str], float]:
     """Numbers and names in columns below the picture, and the height that they take."""
     entries = sorted(labels.items(), key=lambda e: (not e[1].isdigit(), len(e[1]), e[1]))
-    pieces = {part.name: part.quantity for part in SENSOR_PARTS}
+    pieces = {part.name: part.quantity for part in of_group("sensor")}
     column = max(text_width_mm(name) for name in labels) + 18
     columns = max(1, min(len(entries), int((width - 2 * MARGIN_MM) / column)))
     rows = -(-len(entries) // columns)

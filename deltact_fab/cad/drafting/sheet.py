@@ -6,16 +6,18 @@ from dataclasses import dataclass
 
 from ... import __version__
 from .page import LARGE_MM, SMALL_MM, Page, Rect, text_width_mm
+from .title import TitleBlock
 
 SHEETS = {"A4": (297.0, 210.0), "A3": (420.0, 297.0)}
 BORDER_MM = 10.0
-BLOCK_MM = (180.0, 36.0)
+BLOCK_MM = (180.0, 45.0)
+LARGE = ("Title", "Scale", "Drawing number", "Revision")
 LINE_MM = 4.2  # from one line of small text to the next
 
 
 @dataclass(frozen=True)
 class Title:
-    """What the title block says."""
+    """What the title block says (ISO 7200), beside what the lab says of all its drawings."""
 
     name: str
     group: str
@@ -25,6 +27,7 @@ class Title:
     scale: str
     sheet: str
     general_tolerance: str
+    lab: TitleBlock
 
 
 def block_rect(sheet: str) -> Rect:
@@ -43,13 +46,18 @@ def draw_frame(page: Page, title: Title) -> None:
     page.path([corners], "frame", closed=True)
     left, top, right, bottom = block_rect(title.sheet)
     page.path([[(left, bottom), (left, top), (right, top)]], "frame")
+    lab = title.lab
     cells: list[list[tuple[float, str, str]]] = [
-        [(86, "Material", title.material), (64, "Process", title.process),
+        [(90, "Material", title.material), (60, "Process", title.process),
          (30, "Quantity", str(title.quantity))],
-        [(46, "General tolerances", title.general_tolerance), (40, "Projection", "first angle"),
-         (32, "Dimensions", "mm"), (32, "Scale", title.scale), (30, "Sheet", title.sheet)],
-        [(86, "Part", title.name), (64, "Belongs to", title.group),
+        [(66, "General tolerances", title.general_tolerance), (44, "Projection", "first angle"),
+         (22, "Dimensions", "mm"), (24, "Scale", title.scale), (24, "Paper", title.sheet)],
+        [(66, "Owner", lab.owner), (44, "Drawn by", lab.drawn_by),
+         (46, "Approved by", lab.approved_by), (24, "Document", "part drawing")],
+        [(90, "Title", title.name), (60, "Belongs to", title.group),
          (30, "Made by", f"deltact-fab {__version__}")],
+        [(90, "Drawing number", lab.number_of(title.name)), (20, "Revision", lab.revision),
+         (40, "Date of issue", lab.date), (30, "Sheet", "1 of 1")],
     ]  # fmt: skip
     row_mm = BLOCK_MM[1] / len(cells)
     for i, row in enumerate(cells):
@@ -59,22 +67,21 @@ def draw_frame(page: Page, title: Title) -> None:
         for j, (cell, label, words) in enumerate(row):
             if j:
                 page.line((x, y), (x, y + row_mm), "thin")
-            page.text((x + 1.5, y + 3.6), label, 1.8)
-            if words:
-                size = LARGE_MM if label in ("Part", "Scale") else SMALL_MM
-                # A long material is set smaller rather than over the line.
-                wide = text_width_mm(words, size)
-                size = min(size, size * (cell - 3) / wide)
-                page.text((x + 1.5, y + 9.4), words, size)
+            page.text((x + 1.5, y + 3.0), label, 1.8)
+            words = words or "–"
+            size = LARGE_MM if label in LARGE else SMALL_MM
+            # A long material is set smaller rather than over the line.
+            size = min(size, size * (cell - 3) / text_width_mm(words, size))
+            page.text((x + 1.5, y + 7.8), words, size)
             if label == "Projection":
-                _first_angle(page, x + 28.5, y + row_mm / 2)
+                _first_angle(page, x + 31, y + row_mm / 2)
             x += cell
     page.close()
 
 
 def _first_angle(page: Page, x: float, y: float) -> None:
     """The symbol of first-angle projection (ISO 5456-2): the cone, then its end seen from left."""
-    h, r, length = 6.0, 1.5, 6.0
+    h, r, length = 5.0, 1.25, 5.0
     cone = [(x - length, y - r), (x, y - h / 2), (x, y + h / 2), (x - length, y + r)]
     page.path([cone], "thin", closed=True)
     cx = x + 2.5 + h / 2

@@ -18,7 +18,8 @@ from ...errors import InputError, RunFailed
 from ...jobs import Progress, arrivals, processors
 from ..build import expected
 from ..dimensions import Design
-from ..registry import SENSOR_PARTS, Part
+from ..part import Part
+from ..registry import of_group
 from .formats import glb
 from .part_files import ASSEMBLY, FORMATS, Made, Task, applicable, checked_formats, make, whole
 from .stored import Store
@@ -125,7 +126,7 @@ def manifest(files: Sequence[PartFile]) -> str:
 
 def _sensor(named: dict[str, Part]) -> tuple[Part, ...]:
     """The sensor's parts in the registry's order, or none when one of them was not chosen."""
-    names = [part.name for part in SENSOR_PARTS]
+    names = [part.name for part in of_group("sensor")]
     return tuple(named[name] for name in names) if set(names) <= set(named) else ()
 
 
@@ -223,11 +224,9 @@ def _jobs(asked: int | None, tasks: int, tolerance_mm: float) -> int:
 
 def _assembly_glb(batch: _Batch, design: Design) -> Made:
     """The parts' own GLB files put in their places."""
-    from ..assembly import places
-
     drawn, sizes, deviations_mm = [], [], []
     for part in batch.sensor:
-        where = places(part, design)
+        where = part.places(design)
         drawn.append(glb.read_part((batch.folder / f"{part.name}.glb").read_bytes(), where))
         held = batch.held[part.name, "glb"]
         sizes.append((held.volume_mm3, held.box_mm, where))

@@ -14,14 +14,13 @@ from ..drafting.drawing import drawing, has_drawing
 from ..drafting.page import Page
 from ..kernel import guarded
 from ..mesh import Mesh, mesh_solid
-from ..registry import BOUGHT, Part
+from ..part import BOUGHT, LASER_CUT, Part
 from .formats import dxf, glb, step, stl, threemf
 
 ASSEMBLY = "assembly"
 FORMATS = ("step", "stl", "3mf", "dxf", "glb", "svg", "pdf")
 DRAWN = ("svg", "pdf")
 MESHED = ("stl", "3mf", "glb")
-LASER_CUT = "laser cut"
 
 Point3 = tuple[float, float, float]
 
@@ -117,13 +116,11 @@ def whole(parts: Sequence[tuple[float, Box, Sequence[Point3]]]) -> tuple[float, 
 
 
 def _assembly_step(design: Design, parts: Sequence[Part]) -> Made:
-    from ..assembly import places
-
     products = []
     sizes = []
     for part in parts:
         solid, measured = build_part(part, design)
-        where = places(part, design)
+        where = part.places(design)
         products.append((part.name, solid, where))
         sizes.append((measured.volume_mm3, measured.box_mm, where))
     with guarded(ASSEMBLY, {"parts": len(parts)}):

@@ -5,13 +5,14 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, astuple, dataclass, fields
 
-from .. import rules
+from .. import feasibility
 from ..design import IndenterList
 from ..dimensions import Design
-from ..registry import Part, listed
+from ..part import Part
+from ..registry import listed
 from . import fabrication
 from .fabrication import DEFAULT, Process
 
@@ -53,7 +54,7 @@ def lines(
     given. Raises InputError for a count below 1, a waste that is no share, a broken rule.
     """
     fabrication.checked(sensors, waste)
-    rules.enforce(rules.of_design(design))
+    feasibility.check(design)
     rows: list[Row] = [
         *(_part(part, design, sensors) for part in listed(indenters)),
         *((CONSUMABLES, *row) for row in _silicone(design, sensors, waste, process)),
@@ -86,35 +87,9 @@ def _plain(value: object) -> object:
 def _part(part: Part, design: Design, sensors: int) -> Row:
     """A part of the registry: sensor parts a sensor, tools, bench and indenters once."""
     count = part.quantity * (sensors if part.group == "sensor" else 1)
-    note = NOTES[part.name](design) if part.name in NOTES else ""
-    return part.group, part.name, part.material, part.process, count, PIECES, note
-
-
-def _screw(d: Design) -> str:
-    size = f"{d.screw.thread} x {d.screw.length_mm:g}, key {d.screw.row.socket_mm:g} mm"
-    stock = rules.stock_note(d)
-    return f"{size}; {stock}" if stock else size
-
-
-def _acrylic(d: Design) -> str:
-    x, y = d.acrylic_half_mm
-    size = f"{2 * x:g} x {2 * y:g} x {d.optics.acrylic_mm:g} mm"
-    return f"{size}, notched corners" if any(d.acrylic_notch_mm) else size
-
-
-NOTES: dict[str, Callable[[Design], str]] = {
-    "skin": lambda d: f"{d.skin_volume_mm3 / 1000:.2f} cm³ each; see Solaris",
-    "acrylic": _acrylic,
-    "screw": _screw,
-    "camera": lambda d: (
-        f"Waveshare IMX219-200 or alike; {d.camera.crop_width_px} x {d.camera.crop_height_px}"
-    ),
-    "camera-screw": lambda d: f"{d.holder.screw} x {d.holder.screw_length_mm:g}, slotted",
-    "mold": lambda d: f"casts {fabrication.cavities(d)} skins at a time",
-    "coupon-mold": lambda d: "to test whether the resin inhibits the cure",
-    "transparent-base": lambda d: "for the chessboard; cast with a clear skin, no film, no coats",
-    "testing-shell": lambda d: f"in place of the shell; {d.table.screw} screws into the table",
-}
+    return (
+        part.group, part.name, part.material, part.process, count, PIECES, part.note(design)
+    )  # fmt: skip
 
 
 Consumable = tuple[str, str, str, float, str, str]

@@ -11,12 +11,10 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Literal
 
 from ...errors import InputError
-from ..dimensions import Design, LightDimensions
+from ..dimensions import Design
+from ..parts.light_holder import LightDimensions
 
 Basis = Literal["paper", "maker", "assumed"]
-
-# The mold's drawing and the guide say the same.
-RELEASE_AGENT = "No release agent: it would lie between skin, film and coats."
 
 
 def _figure(value: float, unit: str, meaning: str, basis: Basis) -> Any:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..dimensions import Design, LightDimensions
-from ..rules import stock_note
+from ..dimensions import Design
+from ..parts.light_holder import LightDimensions
+from ..parts.screw import stock_note
 from ..standards import CAP_SCREWS
 from . import fabrication
 

@@ -1,1 +1,1 @@
-"""One file a part: `expect` states inequalities and closed forms, `build` makes the solid."""
+"""One file a part, everything of it in `PARTS` (see part.py); a file without them helps others."""

@@ -11,16 +11,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from ..checks import Expected
-from ..dimensions import Design, Point2
+from ..drafting.dimensioning import Item, Linear
+from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..kernel import require
+from ..part import CLEAR, LASER_CUT, Part
+from ..record import Point2
+from ..rule import Rule
 
 if TYPE_CHECKING:
     from cadquery import Shape
 
-NAME = "acrylic"
+    from ..dimensions import Design
 
 
 def notched(half_mm: Point2, notch_mm: Point2) -> list[Point2]:
@@ -57,3 +62,69 @@ def build(design: Design) -> Shape:
     outline = notched(design.acrylic_half_mm, design.acrylic_notch_mm)
     plan = cq.Workplane().workplane(offset=design.z_joint_mm).polyline(outline).close()
     return plan.extrude(design.optics.acrylic_mm).val()
+
+
+def rules(d: Design) -> Iterator[Rule]:
+    """The plate on the frame's ledge, and what the notches leave of it."""
+    plate = ("half acrylic in y - half ledge opening", d.acrylic_half_mm[1] - d.skin.length_mm / 2)
+    yield Rule("acrylic", ("0.5", 0.5), "<=", plate)
+    notch = d.acrylic_notch_mm
+    for i, axis in enumerate("xy"):
+        yield Rule(
+            "acrylic",
+            (f"notch in {axis} + 2", notch[i] + 2.0),
+            "<",
+            (f"half the plate in {axis}", d.acrylic_half_mm[i]),
+        )
+
+
+def callouts(d: Design) -> Callouts:
+    """The plate: outline, notches, thickness."""
+    (x, y), (nx, ny) = d.acrylic_half_mm, d.acrylic_notch_mm
+    back, front = d.z_joint_mm, d.z_ledge_mm
+    items: list[Item] = [
+        x_of("top", -x, x, "bottom", -y),
+        y_of("top", -y, y, "left", -x),
+        z_of("front", back, front, "left", -x),
+    ]
+    if nx > 0:
+        items += [
+            Linear("top", (x - nx, y, 0), (x, y - ny, 0), "top", after=" (4×)"),
+            Linear("top", (x, y - ny, 0), (x - nx, y, 0), "right", after=" (4×)"),
+        ]
+    notes = (
+        "Cut from cast PMMA, clear on both faces; protective film stays on until bonding.",
+        "Plan dimensions are those of the finished plate: offset the cut by half the kerf.",
+    )
+    return Callouts(tuple(items), notes)
+
+
+def note(d: Design) -> str:
+    """The size of the plate."""
+    x, y = d.acrylic_half_mm
+    size = f"{2 * x:g} x {2 * y:g} x {d.optics.acrylic_mm:g} mm"
+    return f"{size}, notched corners" if any(d.acrylic_notch_mm) else size
+
+
+PARTS = (
+    Part(
+        "acrylic",
+        "cast PMMA, clear",
+        LASER_CUT,
+        build,
+        expect,
+        number=2,
+        explode_mm=14,
+        colour=CLEAR,
+        sections=("skin", "frame", "optics", "screw", "shell"),
+        derived=(
+            "acrylic_half_mm", "acrylic_notch_mm", "seat_half_mm", "post_edge_mm", "z_ledge_mm",
+            "z_joint_mm",
+        ),
+        rules=rules,
+        callouts=callouts,
+        note=note,
+        how="cut by the DXF, step C",
+        look_for="the edges are clear and without cracks",
+    ),
+)  # fmt: skip

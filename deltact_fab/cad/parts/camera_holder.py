@@ -16,17 +16,45 @@ The board lies on its front; the cover's floor bears on its back.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING
 
 from ..checks import Expected
-from ..dimensions import Design
+from ..drafting.dimensioning import Axis, Item, shown
+from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..kernel import require
+from ..part import BLACK, PRINT, RESIN, Part
+from ..record import Record, check_limits, number, standard_row
+from ..rule import Rule
+from ..standards import CHEESE_SCREWS, CheeseScrew
+from .camera import UPPER_HOLES, on_board
 
 if TYPE_CHECKING:
     from cadquery import Shape
 
-NAME = "camera-holder"
+    from ..dimensions import Design
+
+
+@dataclass(frozen=True)
+class HolderDimensions(Record):
+    """The camera holder (part 6) behind the board; the board is locked by two screws."""
+
+    clearance_mm: float = number(3.0, "thickness, and room for the connector", 1, 30)
+    fit_mm: float = number(0.2, "clearance to the shell", 0.02, 2)
+    wall_mm: float = number(1.5, "least wall beside a hole", 0.5, 10)
+    screw: str = field(default="M2", metadata={"meaning": "ISO 1207 thread"})
+    screw_length_mm: float = number(4.0, "below the head", 2, 20)
+    head_clearance_mm: float = number(0.3, "around the heads, below the light holder", 0.02, 2)
+
+    def __post_init__(self) -> None:
+        check_limits(self)
+        standard_row(CHEESE_SCREWS, "screw", self.screw)
+
+    @property
+    def row(self) -> CheeseScrew:
+        """The screw's row in the table of standards."""
+        return CHEESE_SCREWS[self.screw]
 
 
 def expect(design: Design) -> Expected:
@@ -78,3 +106,144 @@ def build(design: Design) -> Shape:
         )
         body = body.cut(holes)
     return body.val()
+
+
+def rules(d: Design) -> Iterator[Rule]:
+    """Window, tongue, arms and screws; they rest on the board."""
+    for rule in _plate(d):
+        yield on_board(rule)
+
+
+def _plate(d: Design) -> Iterator[Rule]:
+    """Camera holder: window, tongue, arms and screws."""
+    part, holder, cam = "camera-holder", d.holder, d.camera
+    yield Rule(
+        part,
+        ("half the window + 0.5", d.holder_window_half_mm + 0.5),
+        "<=",
+        ("half the board", cam.board_width_mm / 2),
+    )
+    yield Rule(
+        part,
+        ("half the window + wall_mm", d.holder_window_half_mm + holder.wall_mm),
+        "<=",
+        ("peg axis - hole / 2", d.peg_at_mm[0] - d.cover.hole_mm / 2),
+    )
+    tongue, top = d.holder_tongue_mm
+    yield Rule(
+        part,
+        ("half the tongue", tongue),
+        "<=",
+        ("corner posts - cover.fit_mm", d.post_edge_mm[0] - d.cover.fit_mm),
+    )
+    yield Rule(
+        part,
+        ("the tongue's edge + fit_mm", top + holder.fit_mm),
+        "<=",
+        ("half the shell's cavity in y", d.cavity_half_mm[1]),
+    )
+    arm, window_top = d.holder_arm_mm, d.holder_window_top_mm
+    yield Rule(
+        part,
+        ("peg_y_mm + hole / 2 + wall", arm),
+        "<=",
+        ("corner posts - cover.fit_mm", d.post_edge_mm[1] - d.cover.fit_mm),
+    )
+    yield Rule(
+        part,
+        ("the connector's upper edge", cam.board_bottom_mm + cam.connector_length_mm),
+        "<=",
+        ("the window's upper edge", window_top),
+    )
+    yield Rule(part, ("the window's upper edge", window_top), "<", ("the arms' edge", arm))
+    grip = holder.screw_length_mm - cam.board_mm
+    yield Rule(
+        part,
+        (f"thread {holder.screw}", holder.row.thread_mm),
+        "<=",
+        ("screw_length_mm - board", grip),
+    )
+    yield Rule(part, ("screw_length_mm - board", grip), "<=", ("clearance_mm", holder.clearance_mm))
+    (px, py), (sx, sy) = d.peg_at_mm, d.camera_screw_centres_mm[1]
+    apart = min(math.hypot(px - sx, py - sy), math.hypot(px - sx, py + sy))
+    yield Rule(
+        part,
+        (
+            "half a peg's hole + half a pilot + wall_mm",
+            (d.cover.hole_mm + holder.row.pilot_mm) / 2 + holder.wall_mm,
+        ),
+        "<=",
+        ("peg axis to screw axis", apart),
+    )
+    yield Rule(
+        part,
+        ("hole of a peg + wall_mm", d.cover.hole_mm + holder.wall_mm),
+        "<=",
+        ("2 cover.peg_y_mm", 2 * d.cover.peg_y_mm),
+    )
+
+
+def callouts(d: Design) -> Callouts:
+    """The plate behind the board."""
+    back, front = d.z_floor_mm, d.z_board_back_mm
+    x, arm = d.holder_half_x_mm, d.holder_arm_mm
+    tongue, top = d.holder_tongue_mm
+    window, window_top = d.holder_window_half_mm, d.holder_window_top_mm
+    (px, py), upper = d.peg_at_mm, d.camera.hole_rows_mm[0]
+    pitch = d.camera.hole_pitch_x_mm / 2
+    row = d.holder.row
+    items: list[Item] = [
+        x_of("top", -x, x, "bottom", -arm),
+        x_of("top", -px, px, "bottom", -py),
+        x_of("top", -window, window, "bottom", -arm),
+        x_of("top", -tongue, tongue, "top", top),
+        x_of("top", -pitch, pitch, "top", upper),
+        y_of("top", -arm, arm, "left", -x),
+        y_of("top", -py, py, "left", -px),
+        y_of("top", -arm, top, "left", -tongue),
+        y_of("top", 0, window_top, "right", window),
+        y_of("top", 0, upper, "right", pitch),
+        *holes([(s * px, t * py) for s in (-1, 1) for t in (-1, 1)], front, d.cover.hole_mm,
+                " through"),
+        *holes([(-pitch, upper), (pitch, upper)], front, row.pilot_mm, " through"),
+        Axis("top", (0, -arm, 0), (0, top, 0)),
+        Axis("top", (-x, 0, 0), (x, 0, 0)),
+        z_of("front", back, front, "left", -x),
+    ]  # fmt: skip
+    notes = (
+        f"Ø{shown(row.pilot_mm)}: {d.holder.screw} cuts its own thread. "
+        f"Ø{shown(d.cover.hole_mm)}: for the pegs of the cover.",
+        SQUARE_EDGES,
+    )
+    return Callouts(tuple(items), notes, rests_on=("camera.connector_width_mm", *UPPER_HOLES))
+
+
+def wall_mm(d: Design) -> float:
+    """The least wall beside a hole."""
+    return d.holder.wall_mm
+
+
+PARTS = (
+    Part(
+        "camera-holder",
+        f"{RESIN}, black",
+        PRINT,
+        build,
+        expect,
+        number=6,
+        explode_mm=-64,
+        colour=BLACK,
+        sections=("holder", "camera", "cover", "shell"),
+        derived=(
+            "holder_half_x_mm", "holder_window_half_mm", "holder_window_top_mm", "holder_arm_mm",
+            "holder_tongue_mm", "peg_centres_mm", "camera_screw_centres_mm", "z_board_back_mm",
+            "z_floor_mm",
+        ),
+        rules=rules,
+        wall_mm=wall_mm,
+        in_view=True,
+        callouts=callouts,
+        how="flat, supports on the back",
+        look_for="flat to 0.1 mm on a glass plate",
+    ),
+)  # fmt: skip

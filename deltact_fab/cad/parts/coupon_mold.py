@@ -14,17 +14,34 @@ tacky on a resin that inhibits it: each well takes another post-cure or barrier 
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 from ..checks import Expected
-from ..dimensions import Design
+from ..drafting.dimensioning import Cut, Item, shown
+from ..drafting.items import Callouts, holes, x_of, y_of, z_of
 from ..kernel import require
+from ..part import AMBER, PRINT, RESIN, Part
+from ..record import Record, number
+from ..rule import Rule
+from .mold import wall_mm
 
 if TYPE_CHECKING:
     from cadquery import Shape
 
-NAME = "coupon-mold"
+    from ..dimensions import Design
+
+
+@dataclass(frozen=True)
+class CouponDimensions(Record):
+    """Open wells of the same resin, to see whether it inhibits the cure of the silicone."""
+
+    wells: int = number(4, "wells in a row", 1, 12)
+    diameter_mm: float = number(15.0, "of a well", 3, 100)
+    depth_mm: float = number(4.0, "of a well", 0.5, 50)
+    wall_mm: float = number(3.0, "between and around the wells", 1.5, 50)
+    base_mm: float = number(2.0, "below the wells", 1.5, 50)
 
 
 def well_volume_mm3(design: Design) -> float:
@@ -57,3 +74,56 @@ def build(design: Design) -> Shape:
         .extrude(coupon.depth_mm + 1)
     )
     return cq.Workplane().rect(x, y).extrude(z).cut(wells).val()
+
+
+def rules(d: Design) -> Iterator[Rule]:
+    """Wells that can be peeled."""
+    yield Rule("coupon-mold", ("2", 2.0), "<=", ("diameter_mm", d.coupon.diameter_mm))
+
+
+def callouts(d: Design) -> Callouts:
+    """The wells; section through the first."""
+    coupon = d.coupon
+    pitch = coupon.diameter_mm + coupon.wall_mm
+    first = -pitch * (coupon.wells - 1) / 2
+    half = first - coupon.diameter_mm / 2 - coupon.wall_mm
+    y = coupon.diameter_mm / 2 + coupon.wall_mm
+    top = coupon.base_mm + coupon.depth_mm
+    centres = [(first + pitch * i, 0.0) for i in range(coupon.wells)]
+    items: list[Item] = [
+        x_of("top", half, -half, "bottom", -y),
+        y_of("top", -y, y, "left", half),
+        *holes(centres, top, coupon.diameter_mm, f" depth {shown(coupon.depth_mm)}"),
+        z_of("left", 0, top, "right", first, y),
+        z_of("left", 0, coupon.base_mm, "left", first, -coupon.diameter_mm / 2),
+    ]
+    if coupon.wells > 1:
+        items.append(x_of("top", first, first + pitch, "top", 0, top))
+    notes = ("Same resin, same wash, cure and coat as the mold: it is there to test them.",)
+    return Callouts(tuple(items), notes, Cut(first))
+
+
+def note(d: Design) -> str:
+    """What it is for."""
+    return "to test whether the resin inhibits the cure"
+
+
+PARTS = (
+    Part(
+        "coupon-mold",
+        RESIN,
+        PRINT,
+        build,
+        expect,
+        group="tools",
+        colour=AMBER,
+        sections=("coupon",),
+        derived=("coupon_outer_mm",),
+        rules=rules,
+        wall_mm=wall_mm,
+        callouts=callouts,
+        note=note,
+        how="underside down, same job and same wash as the mold",
+        look_for="as the mold",
+    ),
+)

@@ -19,18 +19,52 @@ The paper gives the material and the LEDs (Imaging Subsystem), no dimensions.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 from ..checks import Expected
-from ..dimensions import Design
+from ..drafting.dimensioning import Axis, Centres, Cut, Item, Leader, shown
+from ..drafting.items import SQUARE_EDGES, Callouts, x_of, y_of, z_of
 from ..kernel import require
+from ..part import PRINT, RESIN, WHITE, Part
+from ..record import Record, number
+from ..rule import Rule
+from .camera import UPPER_HOLES
 from .planes import band_mm2, common_circles_mm2
 
 if TYPE_CHECKING:
     from cadquery import Shape
 
-NAME = "light-holder"
+    from ..dimensions import Design
+
+
+@dataclass(frozen=True)
+class LightDimensions(Record):
+    """The light holder (part 4): a translucent ring with a channel for the LED strip."""
+
+    led_count: int = number(5, "LEDs (paper: five 5050)", 1, 200)
+    leds_per_m: float = number(60.0, "LEDs of a metre of strip", 10, 400)
+    strip_width_mm: float = number(8.0, "width of the strip", 3, 20)
+    channel_mm: float = number(2.2, "radial room for strip and LED", 1, 10)
+    diffuser_mm: float = number(1.5, "wall between LED and camera", 0.4, 10)
+    wall_mm: float = number(1.5, "outer wall", 0.4, 10)
+    floor_mm: float = number(1.5, "floor below the strip", 0.4, 10)
+    fit_mm: float = number(0.2, "radial clearance in the shell", 0.02, 2)
+    axial_fit_mm: float = number(0.2, "play below the acrylic, so that it bears no press", 0.02, 2)
+    slot_mm: float = number(3.0, "slot for the wires", 0.5, 20)
+    resistor_ohm: float = number(750.0, "in series (paper: 750)", 20, 1e5)
+    supply_v: float = number(5.0, "supply of a strip that is cut at every LED", 4.5, 5.5)
+
+    @property
+    def pitch_mm(self) -> float:
+        """Between two LEDs = 1000 / LEDs per metre: 16.67."""
+        return 1000 / self.leds_per_m
+
+    @property
+    def strip_mm(self) -> float:
+        """Length of strip = count x pitch: 83.3."""
+        return self.led_count * self.pitch_mm
 
 
 def expect(design: Design) -> Expected:
@@ -100,3 +134,126 @@ def build(design: Design) -> Shape:
 
 
 SHOWN = ("strip_width_mm", "channel_mm", "diffuser_mm", "wall_mm", "floor_mm", "fit_mm", "slot_mm")
+
+
+def rules(d: Design) -> Iterator[Rule]:
+    """Light holder: strip, bore, floor and reliefs."""
+    part, light = "light-holder", d.light
+    yield Rule(
+        part,
+        ("led_count x pitch", light.strip_mm),
+        "<=",
+        ("2 pi strip radius", 2 * math.pi * max(d.strip_radius_mm, 0.0)),
+    )
+    lens = d.camera.lens_diameter_mm / 2
+    yield Rule(
+        part,
+        ("lens radius + 0.3", lens + 0.3),
+        "<=",
+        ("bore radius", d.light_bore_mm),
+        ("camera.lens_diameter_mm",),
+    )
+    depth = d.z_light_mm - d.z_board_front_mm - light.floor_mm
+    yield Rule(
+        part,
+        ("strip_width_mm", light.strip_width_mm),
+        "<=",
+        ("depth of the channel", depth),
+        ("camera.lens_height_mm",),
+    )
+    head = d.holder.row.head_height_mm + 0.1
+    yield Rule(part, (f"{d.holder.screw} head + 0.1", head), "<=", ("floor_mm", light.floor_mm))
+    # A relief that does not reach the ring's edge leaves a strip of floor, and that is a wall.
+    away = math.hypot(*d.camera_screw_centres_mm[0])
+    for name, rest in (
+        ("outside", d.light_radius_mm - away - d.head_relief_mm),
+        ("inside", away - d.head_relief_mm - d.light_bore_mm),
+    ):
+        if rest > 0:
+            left = ("wall_mm", light.wall_mm)
+            yield Rule(
+                part, left, "<=", (f"floor {name} the reliefs (holder.head_clearance_mm)", rest)
+            )
+    corner = math.hypot(*d.post_edge_mm)
+    yield Rule(
+        part,
+        ("outer radius + fit_mm", d.light_radius_mm + light.fit_mm),
+        "<=",
+        ("inner corner of the posts", corner),
+    )
+    yield Rule(part, ("slot_mm", light.slot_mm), "<", ("bore radius", d.light_bore_mm))
+
+
+def callouts(d: Design) -> Callouts:
+    """The ring; section through channel, floor and wire slot."""
+    light = d.light
+    back, front = d.z_board_front_mm, d.z_light_mm
+    radii = {
+        "outer": d.light_radius_mm,
+        "channel": d.strip_radius_mm,
+        "diffuser": d.channel_inner_mm,
+        "bore": d.light_bore_mm,
+    }
+    slot = light.slot_mm / 2
+    floor = back + light.floor_mm
+    upper, screws = d.camera.hole_rows_mm[0], d.camera_screw_centres_mm
+    relief = d.head_relief_mm
+    r = radii["outer"]
+    # The ring ends inside the relief: the arrow goes to the side of the relief that it keeps.
+    (x, y), inward = screws[1], 1 - relief / math.hypot(*screws[1])
+    near = (x * inward, y * inward)
+    items: list[Item] = [
+        Centres("top", ((0, 0, front),), r),
+        y_of("left", -r, r, "bottom", 0, back, before="Ø"),
+        y_of("left", -radii["channel"], radii["channel"], "top", 0, front, before="Ø"),
+        y_of("left", -radii["diffuser"], radii["diffuser"], "top", 0, front, before="Ø"),
+        y_of("left", -radii["bore"], radii["bore"], "bottom", 0, back, before="Ø"),
+        z_of("left", back, front, "left", 0, r),
+        z_of("left", back, floor, "left", 0, radii["channel"]),
+        x_of("top", -slot, slot, "bottom", -r, front),
+        x_of("top", screws[0][0], screws[1][0], "top", upper, back),
+        y_of("top", 0, upper, "left", screws[0][0], back),
+        Centres("top", tuple((x, y, back) for x, y in screws), relief),
+        Leader("top", (*near, back), 0, f"2× Ø{shown(2 * relief)} through the floor, from below"),
+        z_of("front", floor, front, "left", -slot, -r),
+        Axis("left", (0, 0, back), (0, 0, front)),
+    ]
+    notes = (
+        "Translucent white; the inner wall is the diffuser: no polish, no paint.",
+        f"Slot at -y through the outer wall only. {SQUARE_EDGES}",
+    )
+    return Callouts(
+        tuple(items), notes, Cut(0.0),
+        rests_on=("camera.lens_diameter_mm", "camera.lens_height_mm", *UPPER_HOLES),
+    )  # fmt: skip
+
+
+def wall_mm(d: Design) -> float:
+    """The thinnest of outer wall, diffuser and floor."""
+    return min(d.light.wall_mm, d.light.diffuser_mm, d.light.floor_mm)
+
+
+PARTS = (
+    Part(
+        "light-holder",
+        f"{RESIN}, white, translucent",
+        PRINT,
+        build,
+        expect,
+        number=4,
+        explode_mm=-28,
+        colour=WHITE,
+        sections=("light", "shell", "holder", "camera"),
+        derived=(
+            "light_radius_mm", "strip_radius_mm", "channel_inner_mm", "light_bore_mm",
+            "head_relief_mm", "camera_screw_centres_mm", "z_light_mm", "z_joint_mm",
+            "z_board_front_mm",
+        ),
+        rules=rules,
+        wall_mm=wall_mm,
+        in_view=True,
+        callouts=callouts,
+        how="floor down, flat, supports below the floor",
+        look_for="no resin left in the channel: blow it out before the post-cure",
+    ),
+)  # fmt: skip

@@ -19,18 +19,41 @@ seat takes the blade that lifts the frame out. Every wall is upright: the silico
 
 from __future__ import annotations
 
-from dataclasses import asdict
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..checks import Expected
-from ..dimensions import Design, Point2
+from ..drafting.dimensioning import Axis, Cut, Item, Leader, shown
+from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..kernel import require
+from ..part import AMBER, PRINT, RESIN, Part
+from ..record import Point2, Record, number
+from ..rule import Rule
 from .skin_frame import window_area_mm2
 
 if TYPE_CHECKING:
     from cadquery import Shape
 
-NAME = "mold"
+    from ..dimensions import Design
+
+# The mold's drawing and the guide say the same.
+RELEASE_AGENT = "No release agent: it would lie between skin, film and coats."
+
+
+@dataclass(frozen=True)
+class MoldDimensions(Record):
+    """The mold (paper: four at a time); each frame is an insert, outer face down."""
+
+    columns: int = number(2, "cavities along x", 1, 8)
+    rows: int = number(2, "cavities along y", 1, 8)
+    web_mm: float = number(8.0, "between two frames, and around them", 1, 100)
+    base_mm: float = number(3.0, "below the cavities", 1.5, 50)
+    seat_mm: float = number(3.0, "depth by which a frame is let in", 0.5, 30)
+    fit_mm: float = number(0.1, "clearance of a frame, per side", 0.02, 2)
+    pry_width_mm: float = number(10.0, "notch to lift a frame out, along x", 2, 100)
+    pry_mm: float = number(2.5, "that notch along y", 0.5, 20)
 
 
 def centres_mm(design: Design) -> list[Point2]:
@@ -100,3 +123,101 @@ def _cutter(cq: Any, design: Design) -> Any:
     seat = above.rect(x, y).extrude(mold.seat_mm + 1)
     notches = above.rect(mold.pry_width_mm, y + 2 * mold.pry_mm).extrude(mold.seat_mm + 1)
     return cavity.union(seat).union(notches).val()
+
+
+def rules(d: Design) -> Iterator[Rule]:
+    """Webs, seats and notches."""
+    mold = d.mold
+    yield Rule("mold", ("fit_mm + 2", mold.fit_mm + 2.0), "<=", ("web_mm / 2", mold.web_mm / 2))
+    yield Rule("mold", ("pry_mm", mold.pry_mm), "<", ("web_mm / 2", mold.web_mm / 2))
+    yield Rule("mold", ("seat_mm", mold.seat_mm), "<", ("frame height", d.frame_height_mm))
+    yield Rule("mold", ("pry_width_mm", mold.pry_width_mm), "<", ("outer x", d.frame_outer_mm[0]))
+    # Two notches face each other across a web; half a wall of 1.5 stays on either side.
+    yield Rule(
+        "mold",
+        ("fit_mm + pry_mm + 0.75", mold.fit_mm + mold.pry_mm + 0.75),
+        "<=",
+        ("web_mm / 2", mold.web_mm / 2),
+    )
+
+
+def callouts(d: Design) -> Callouts:
+    """The mold; section through one column of cavities."""
+    mold, skin = d.mold, d.skin
+    x, y, z = d.mold_outer_mm
+    fx, fy = d.frame_outer_mm
+    px, py = fx + mold.web_mm, fy + mold.web_mm
+    # The first cavity is the one at the lower left.
+    cx, cy = -px * (mold.columns - 1) / 2, -py * (mold.rows - 1) / 2
+    sx, sy = fx / 2 + mold.fit_mm, fy / 2 + mold.fit_mm
+    w, h = skin.width_mm / 2, skin.length_mm / 2
+    seat = mold.base_mm + skin.protrusion_mm
+    pry, last = mold.pry_width_mm / 2, cy + py * (mold.rows - 1)
+    axes_x = [cx + px * i for i in range(mold.columns)]
+    axes_y = [cy + py * i for i in range(mold.rows)]
+    items: list[Item] = [
+        x_of("top", -x / 2, x / 2, "bottom", -y / 2),
+        y_of("top", -y / 2, y / 2, "left", -x / 2),
+        x_of("top", cx - w, cx + w, "bottom", cy, mold.base_mm),
+        x_of("top", cx - sx, cx + sx, "bottom", cy - sy),
+        y_of("top", cy - h, cy + h, "left", cx, mold.base_mm),
+        y_of("top", cy - sy, cy + sy, "left", cx - sx),
+        x_of("top", cx - pry, cx + pry, "top", last + sy + mold.pry_mm),
+        y_of("top", last + sy, last + sy + mold.pry_mm, "right", axes_x[-1] + pry),
+        *(Axis("top", (a, -y / 2, z), (a, y / 2, z)) for a in axes_x),
+        *(Axis("top", (-x / 2, a, z), (x / 2, a, z)) for a in axes_y),
+        z_of("left", 0, z, "right", cx, -y / 2),
+        z_of("left", 0, mold.base_mm, "right", cx, cy - h),
+        z_of("left", seat, z, "left", cx, last + sy),
+        z_of("left", mold.base_mm, seat, "left", cx, last + h),
+    ]
+    if mold.columns > 1:
+        items.append(x_of("top", cx, cx + px, "top", 0, z))
+    if mold.rows > 1:
+        items.append(y_of("top", cy, cy + py, "right", 0, z))
+    r, slant = skin.edge_fillet_mm, math.sqrt(0.5)
+    items.append(
+        Leader(
+            "left",
+            (cx, cy - h + r * (1 - slant), mold.base_mm + r * (1 - slant)),
+            0,
+            f"R{shown(r)} all around the floor",
+        )
+    )
+    notes = (
+        f"{mold.columns} × {mold.rows} cavities alike. Floors smooth: they form the touched face. "
+        + RELEASE_AGENT,
+        "Post-cure and coat the resin; cast a coupon first. Vertical corners sharp.",
+    )
+    return Callouts(tuple(items), notes, Cut(cx))
+
+
+def wall_mm(d: Design) -> float:
+    """The shell's: the tools are of its resin."""
+    return d.shell.wall_mm
+
+
+def note(d: Design) -> str:
+    """How many skins it casts."""
+    return f"casts {d.mold.columns * d.mold.rows} skins at a time"
+
+
+PARTS = (
+    Part(
+        "mold",
+        RESIN,
+        PRINT,
+        build,
+        expect,
+        group="tools",
+        colour=AMBER,
+        sections=("mold", "skin", "frame"),
+        derived=("mold_outer_mm", "frame_outer_mm", "skin_volume_mm3"),
+        rules=rules,
+        wall_mm=wall_mm,
+        callouts=callouts,
+        note=note,
+        how="underside down, straight on the platform, no supports",
+        look_for="cavity floors glossy: what is there is on every skin",
+    ),
+)

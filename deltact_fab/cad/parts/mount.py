@@ -22,17 +22,69 @@ A mount wider than the wall between the cover's bosses keeps `cover.fit_mm` from
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
 
 from ..checks import Box, Expected
-from ..dimensions import Design
+from ..drafting.dimensioning import Axis, Item, Leader, Linear, shown
+from ..drafting.items import holes, x_of, y_of, z_of
+from ..drafting.projection import Vector
 from ..kernel import require
+from ..record import Record, check_limits, check_measured, number, standard_row
+from ..rule import Rule
+from ..standards import CLEARANCE_MM, WASHER_MM
 
 if TYPE_CHECKING:
     from cadquery import Workplane
 
-NAME = "mount"
+    from ..dimensions import Design
+
 Point3 = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class MountDimensions(Record):
+    """The end-effector mount on the shell's +y side (paper: 20 mm long).
+
+    kind: `block`, a bar with two through holes along z; `franka`, a bar with a flange for a finger
+    of the Franka hand (hole pattern unverified); `plate`, a blank plate to be drilled.
+    """
+
+    kind: Literal["block", "franka", "plate"] = field(
+        default="block", metadata={"meaning": "block, franka or plate"}
+    )
+    length_mm: float = number(20.0, "along y, from the shell, flange and all", 2, 100)
+    width_mm: float = number(20.0, "along x", 4, 200)
+    height_mm: float = number(10.0, "along z, from the shell's back", 3, 60)
+    screw: str = field(default="M3", metadata={"meaning": "screws through the mount"})
+    hole_pitch_mm: float = number(10.0, "between the two holes", 3, 100)
+    flange_mm: float = number(5.0, "franka: thickness of the flange", 1, 50)
+    flange_width_mm: float = number(20.0, "franka: flange along x", 4, 200, unverified=True)
+    flange_height_mm: float = number(20.0, "franka: flange along z", 4, 200, unverified=True)
+    flange_pitch_mm: float = number(
+        13.0, "franka: between the two holes along z", 3, 100, unverified=True
+    )
+    arm_mm: float = number(6.0, "franka: height of the arm, between the two screws", 1, 60)
+
+    measured: tuple[str, ...] = field(
+        default=(), metadata={"meaning": "keys measured on the lab's own finger"}
+    )
+
+    def __post_init__(self) -> None:
+        check_limits(self)
+        check_measured(self)
+        standard_row(CLEARANCE_MM, "screw", self.screw)
+
+    @property
+    def hole_mm(self) -> float:
+        """Through hole of the mount's screws (ISO 273 medium)."""
+        return CLEARANCE_MM[self.screw]
+
+    @property
+    def washer_mm(self) -> float:
+        """Washer of the mount's screws (ISO 7089): what a head or a nut needs around its hole."""
+        return WASHER_MM[self.screw]
 
 
 def bars(design: Design) -> list[Box]:
@@ -140,3 +192,159 @@ def boss_room(cq: Any, design: Design) -> Workplane:
          for sx in (-1, 1) for sy in (-1, 1)]
     )  # fmt: skip
     return plan.rect(square, square).extrude(design.z_boss_mm - low)
+
+
+def rules(d: Design) -> Iterator[Rule]:
+    """The mount on the shell, its holes, and the room of heads and washers."""
+    part, mount = "shell", d.mount
+    yield Rule(
+        part,
+        ("mount.height_mm", mount.height_mm),
+        "<=",
+        ("depth of the shell", d.z_joint_mm - d.z_floor_mm),
+    )
+    yield Rule(part, ("mount.width_mm", mount.width_mm), "<=", ("outer x", d.frame_outer_mm[0]))
+    # Where the mount stands over the cover's bosses it keeps their fit.
+    solid = {
+        "block": (mount.length_mm - mount.hole_pitch_mm - mount.hole_mm) / 2,
+        "franka": mount.length_mm - mount.flange_mm,
+        "plate": mount.length_mm,
+    }
+    yield Rule(
+        part,
+        ("cover.fit_mm", d.cover.fit_mm),
+        "<",
+        ("solid length of the mount", solid[mount.kind]),
+    )
+    wall = 1.5
+    if mount.kind == "plate":
+        return
+    along = mount.length_mm if mount.kind == "block" else mount.flange_height_mm
+    pitch = mount.hole_pitch_mm if mount.kind == "block" else mount.flange_pitch_mm
+    key = "hole_pitch_mm" if mount.kind == "block" else "flange_pitch_mm"
+    side = "length_mm" if mount.kind == "block" else "flange_height_mm"
+    rests_on = () if mount.kind == "block" else ("mount.flange_pitch_mm", "mount.flange_height_mm")
+    yield Rule(
+        part,
+        (f"mount.{key} + hole + 2 x 1.5", pitch + mount.hole_mm + 2 * wall),
+        "<=",
+        (f"mount.{side}", along),
+        rests_on,
+    )
+    yield Rule(
+        part,
+        ("mount: hole + 1.5", mount.hole_mm + wall),
+        "<=",
+        (f"mount.{key}", pitch),
+        rests_on,
+    )
+    width = mount.width_mm if mount.kind == "block" else mount.flange_width_mm
+    yield Rule(
+        part, ("mount: hole + 2 x 1.5", mount.hole_mm + 2 * wall), "<=", ("mount's width", width)
+    )
+    if mount.kind == "franka":
+        yield Rule(
+            part,
+            ("mount.flange_mm + 2", mount.flange_mm + 2.0),
+            "<",
+            ("mount.length_mm", mount.length_mm),
+        )
+        yield Rule(
+            part,
+            ("mount.flange_height_mm", mount.flange_height_mm),
+            "<=",
+            ("height of the sensor", -d.z_floor_mm),
+            ("mount.flange_height_mm",),
+        )
+        yield Rule(
+            part,
+            ("mount.flange_width_mm", mount.flange_width_mm),
+            "<=",
+            ("outer x", d.frame_outer_mm[0]),
+            ("mount.flange_width_mm",),
+        )
+        # A head or a nut behind the flange has its place above and below the arm.
+        yield Rule(
+            part,
+            (f"mount.arm_mm + washer {mount.screw}", mount.arm_mm + mount.washer_mm),
+            "<=",
+            ("mount.flange_pitch_mm", mount.flange_pitch_mm),
+            rests_on,
+        )
+        yield Rule(
+            part,
+            (
+                f"mount.flange_mm + 2.5 x {mount.screw}",
+                mount.flange_mm + 2.5 * float(mount.screw.removeprefix("M")),
+            ),
+            "<=",
+            ("gap between shell and flange", mount.length_mm - mount.flange_mm),
+        )
+        yield Rule(
+            part,
+            ("front of the mount's arm", d.flange_arm_z_mm[1]),
+            "<=",
+            ("joint", d.z_joint_mm),
+            ("mount.flange_height_mm",),
+        )
+        return
+    # A head or a washer beside the shell, and two of them side by side.
+    yield Rule(
+        part,
+        (f"mount.hole_pitch_mm + washer {mount.screw}", mount.hole_pitch_mm + mount.washer_mm),
+        "<=",
+        ("mount.length_mm", mount.length_mm),
+    )
+    yield Rule(
+        part,
+        (f"mount: washer {mount.screw}", mount.washer_mm),
+        "<=",
+        ("mount.hole_pitch_mm", mount.hole_pitch_mm),
+    )
+
+
+def callouts(d: Design) -> list[Item]:
+    """What the shell's drawing says of the mount."""
+    mount, (ox, oy) = d.mount, (side / 2 for side in d.frame_outer_mm)
+    floor, end = d.z_floor_mm, oy + mount.length_mm
+    reach = {"block": mount.width_mm / 2, "franka": mount.flange_width_mm / 2, "plate": ox}
+    items: list[Item] = [
+        Linear("top", (-ox, -oy, 0), (-reach[mount.kind], end, 0), "left"),
+        y_of("left", oy, end, "bottom", 0, floor),
+    ]
+    if mount.kind == "plate":
+        return [*items, z_of("left", floor, d.z_joint_mm, "left", 0, end)]
+    if mount.kind == "block":
+        half, top = mount.width_mm / 2, floor + mount.height_mm
+        middle, pitch = oy + mount.length_mm / 2, mount.hole_pitch_mm / 2
+        return [
+            *items,
+            x_of("top", -half, half, "top", end, top),
+            z_of("left", floor, top, "left", 0, end),
+            y_of("top", middle - pitch, middle + pitch, "right", half, top),
+            y_of("top", middle + pitch, end, "right", half, top),
+            *holes([(0, middle - pitch), (0, middle + pitch)], top, mount.hole_mm, " through"),
+        ]
+    half, wide = mount.width_mm / 2, mount.flange_width_mm / 2
+    low, high = d.flange_arm_z_mm
+    top = floor + mount.flange_height_mm
+    middle, pitch = floor + mount.flange_height_mm / 2, mount.flange_pitch_mm / 2
+    bores: tuple[Vector, ...] = ((0, end, middle - pitch), (0, end, middle + pitch))
+    return [
+        *items,
+        x_of("top", -half, half, "top", end - mount.flange_mm),
+        x_of("top", -wide, wide, "top", end),
+        y_of("left", end - mount.flange_mm, end, "top", 0, top),
+        z_of("left", floor, top, "left", 0, end),
+        z_of("left", middle - pitch, middle + pitch, "left", 0, end),
+        z_of("left", low, high, "left", 0, end),
+        *(Axis("left", (0, end - mount.flange_mm, at[2]), at) for at in bores),
+        Leader("left", bores[1], 0, f"2× Ø{shown(mount.hole_mm)} through", "left"),
+    ]
+
+
+def rests_on(d: Design) -> tuple[str, ...]:
+    """Unverified keys that the drawing rests on."""
+    if d.mount.kind != "franka":
+        return ()
+    return tuple(f"mount.flange_{key}_mm" for key in ("width", "height", "pitch"))

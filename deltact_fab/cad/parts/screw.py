@@ -1,31 +1,59 @@
-"""The bought screws as smooth bodies: M1.6 cap screws and the camera's two cheese head screws.
+"""Part 8, the four cap screws through cover and shell into the frame, smooth bodies.
 
-    cap screw (ISO 4762), part 8            cheese head screw (ISO 1207)
+    cap screw (ISO 4762)
 
-        +--+  z_head + length                   +--+  +--+
-        |  |                                    |  +--+  |  slot, along y
-     +--+  +--+  z_head                         +--+  +--+  z_board_front
-     |  +--+  |  hexagon socket                    |  |
-     +--+  +--+  z_head - head height              +--+  z_board_front - screw_length
+        +--+  z_head + length
+        |  |
+     +--+  +--+  z_head
+     |  +--+  |  hexagon socket
+     +--+  +--+  z_head - head height
 
-Both are built on the axis x = y = 0; assembly.places says where they go. Threads are left out:
-the shank has the thread's nominal diameter, and so overlaps its pilot (assembly.thread_overlap).
+Built on the axis x = y = 0. Threads are left out: the shank has the thread's nominal diameter, and
+so overlaps its pilot (assembly.thread_overlap_mm3).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from ..checks import Expected
-from ..dimensions import Design
 from ..kernel import require
-from .planes import band_mm2
+from ..part import BOUGHT, STEEL, Part, Shift
+from ..record import Record, check_limits, number, standard_row
+from ..rule import Rule
+from ..standards import CAP_SCREWS, CapScrew
 
 if TYPE_CHECKING:
     from cadquery import Shape
 
-NAME = "screw"
+    from ..dimensions import Design
+
+
+@dataclass(frozen=True)
+class ScrewDimensions(Record):
+    """The four screws that hold cover, shell and frame together (paper: M1.6, 19 mm)."""
+
+    thread: str = field(default="M1.6", metadata={"meaning": "ISO 4762 thread"})
+    length_mm: float = number(19.0, "below the head; 16 is the longest M1.6 sold", 3, 60)
+    engagement_mm: float = number(4.6, "length that grips the frame", 1, 20)
+    tip_clearance_mm: float = number(1.0, "pilot hole beyond the tip", 0.5, 10)
+
+    def __post_init__(self) -> None:
+        check_limits(self)
+        standard_row(CAP_SCREWS, "thread", self.thread)
+
+    @property
+    def row(self) -> CapScrew:
+        """The screw's row in the table of standards."""
+        return CAP_SCREWS[self.thread]
+
+    @property
+    def pilot_depth_mm(self) -> float:
+        """Depth of the frame's blind holes = engagement + tip clearance: 4.6 + 1 = 5.6."""
+        return self.engagement_mm + self.tip_clearance_mm
 
 
 def expect(design: Design) -> Expected:
@@ -62,33 +90,73 @@ def build(design: Design) -> Shape:
     return body.cut(socket).val()
 
 
-def expect_camera_screw(design: Design) -> Expected:
-    """Closed forms of the camera's screw."""
-    row, length_mm = design.holder.row, design.holder.screw_length_mm
-    head = row.head_mm / 2
-    volume_mm3 = math.pi * head**2 * row.head_height_mm
-    volume_mm3 -= band_mm2(row.slot_mm / 2, head) * row.slot_depth_mm
-    volume_mm3 += math.pi / 4 * row.thread_mm**2 * length_mm
-    under_mm = design.z_board_front_mm
-    return Expected(
-        (volume_mm3, volume_mm3),
-        ((-head, -head, under_mm - length_mm), (head, head, under_mm + row.head_height_mm)),
-        {"screw_length_mm": length_mm, "thread_mm": row.thread_mm, "head_mm": row.head_mm},
+def places(d: Design) -> list[Shift]:
+    """On the axes of the four corner posts."""
+    return [(x, y, 0.0) for x, y in d.screw_centres_mm]
+
+
+def rules(d: Design) -> Iterator[Rule]:
+    """The length that grips, and the heads behind nothing."""
+    screw, row = d.screw, d.screw.row
+    yield Rule(
+        "screw",
+        (f"2 x thread {screw.thread}", 2 * row.thread_mm),
+        "<=",
+        ("screw.engagement_mm", screw.engagement_mm),
+    )
+    yield Rule(
+        "screw", ("screw.engagement_mm", screw.engagement_mm), "<", ("length_mm", screw.length_mm)
+    )
+    yield Rule(
+        "screw",
+        ("back of the sensor", d.z_back_mm),
+        "<=",
+        ("back of the screw heads", d.z_head_mm - row.head_height_mm),
     )
 
 
-def build_camera_screw(design: Design) -> Shape:
-    """A camera screw as one solid: its head on the board's front, the shank towards -z."""
-    cq = require()
-    row = design.holder.row
-    under_mm, top_mm = design.z_board_front_mm, design.z_board_front_mm + row.head_height_mm
-    on_board = cq.Workplane().workplane(offset=under_mm)
-    head = on_board.circle(row.head_mm / 2).extrude(row.head_height_mm)
-    shank = on_board.circle(row.thread_mm / 2).extrude(-design.holder.screw_length_mm)
-    slot = (
-        cq.Workplane()
-        .workplane(offset=top_mm - row.slot_depth_mm)
-        .rect(row.slot_mm, row.head_mm + 2)
-        .extrude(row.slot_depth_mm + 1)
+def stock_note(d: Design) -> str:
+    """What to say, and to do, about a screw length that no shop stocks; empty when it is."""
+    screw, row = d.screw, d.screw.row
+    if screw.length_mm in row.stock_mm:
+        return ""
+    name = f"{screw.thread} x {screw.length_mm:g} is not stocked"
+    longer = next((length for length in row.stock_mm if length > screw.length_mm), None)
+    if longer is not None:
+        return f"{name}: cut one of {longer:g} mm down and dress the thread"
+    longest = row.stock_mm[-1]
+    other = "the design screws-16mm" if screw.thread == "M1.6" else f"screw.length_mm={longest:g}"
+    return (
+        f"{name}; the longest sold is {longest:g} mm: make it from {screw.thread} threaded rod "
+        f"with a nut as head (glued on, corners filed to pass the {row.bore_mm:g} mm bore, a slot "
+        f"sawn across), or use {other}"
     )
-    return head.union(shank).cut(slot).val()
+
+
+def note(d: Design) -> str:
+    """The size to buy, its key, and what to do where no shop stocks it."""
+    size = f"{d.screw.thread} x {d.screw.length_mm:g}, key {d.screw.row.socket_mm:g} mm"
+    stock = stock_note(d)
+    return f"{size}; {stock}" if stock else size
+
+
+PARTS = (
+    Part(
+        "screw",
+        "steel, ISO 4762",
+        BOUGHT,
+        build,
+        expect,
+        quantity=4,
+        number=8,
+        explode_mm=-104,
+        colour=STEEL,
+        places=places,
+        sections=("screw",),
+        derived=("z_head_mm", "screw_at_mm"),
+        rules=rules,
+        note=note,
+        how="bought",
+        look_for="measure the length below the head",
+    ),
+)

@@ -16,19 +16,22 @@ Section below z_boss, seen along -z:     Section at x = 0:
 In each corner stands a post with a through hole on a screw's axis, from z_boss to the joint. Below
 z_boss the cover's boss takes its place and the wall's, and keeps `cover.fit_mm` from the shell.
 The ledges carry the acrylic's y edges from behind.
-
-The testing shell has two tabs in place of the mount, one on each x side, by which it is screwed to
-a table with the back of its cover on the table.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..checks import Box, Expected
-from ..dimensions import Design
+from ..drafting.dimensioning import Axis, Cut, Item, shown
+from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..kernel import require
+from ..part import BLACK, PRINT, RESIN, Part
+from ..record import Record, number
+from ..rule import Rule
 from . import mount
 from .acrylic import notched
 from .mount import boss_room, cuboid
@@ -36,50 +39,36 @@ from .mount import boss_room, cuboid
 if TYPE_CHECKING:
     from cadquery import Shape, Workplane
 
-NAME = "shell"
+    from ..dimensions import Design
+
+
+@dataclass(frozen=True)
+class ShellDimensions(Record):
+    """The sensor shell (part 3): opaque, 1.5 mm walls."""
+
+    wall_mm: float = number(1.5, "wall of shell, cover and bosses (paper: 1.5)", 0.5, 20)
+    ledge_mm: float = number(1.5, "ledge in y that carries the acrylic's edge", 0.2, 20)
+    ledge_height_mm: float = number(2.0, "height of that ledge", 0.5, 20)
+    cable_width_mm: float = number(17.0, "notch for the camera's flat cable (16 mm)", 1, 60)
+    cable_height_mm: float = number(2.0, "height of that notch", 0.5, 20)
 
 
 def expect(design: Design) -> Expected:
     """Closed forms of the shell with its mount: they share a face and no volume."""
-    bare, added = _bare(design), mount.expect(design)
-    volume_mm3 = bare.volume_mm3[0] + added.volume_mm3[0]
-    (low, high), (low_m, high_m) = bare.box_mm, added.box_mm
+    alone, added = bare(design), mount.expect(design)
+    volume_mm3 = alone.volume_mm3[0] + added.volume_mm3[0]
+    (low, high), (low_m, high_m) = alone.box_mm, added.box_mm
     return Expected(
         (volume_mm3, volume_mm3),
         (
             (min(low[0], low_m[0]), low[1], min(low[2], low_m[2])),
             (max(high[0], high_m[0]), high_m[1], max(high[2], high_m[2])),
         ),
-        {**bare.parameters, **{f"mount.{k}": v for k, v in added.parameters.items()}},
+        {**alone.parameters, **{f"mount.{k}": v for k, v in added.parameters.items()}},
     )
 
 
-def expect_testing(design: Design) -> Expected:
-    """Closed forms of the testing shell; a tab = cuboid - holes - what clears the cover."""
-    bare, table, fit = _bare(design), design.table, design.cover.fit_mm
-    outer_x, outer_y = design.frame_outer_mm
-    top = design.z_back_mm + table.height_mm
-    beside_mm = max(table.width_mm / 2 - (outer_y / 2 - design.boss_room_mm), 0.0)
-    boss_mm = max(min(design.z_boss_mm, top) - design.z_floor_mm, 0.0)
-    tab_mm3 = table.tab_mm * table.width_mm * table.height_mm
-    tab_mm3 -= 2 * math.pi / 4 * table.hole_mm**2 * table.height_mm
-    tab_mm3 -= fit * (table.width_mm * design.cover.floor_mm + 2 * beside_mm * boss_mm)
-    volume_mm3 = bare.volume_mm3[0] + 2 * tab_mm3
-    reach = outer_x / 2 + table.tab_mm
-    return Expected(
-        (volume_mm3, volume_mm3),
-        ((-reach, -outer_y / 2, design.z_back_mm), (reach, outer_y / 2, design.z_joint_mm)),
-        {
-            **bare.parameters,
-            "table.tab_mm": table.tab_mm,
-            "table.width_mm": table.width_mm,
-            "table.height_mm": table.height_mm,
-            "table.hole_pitch_mm": table.hole_pitch_mm,
-        },
-    )
-
-
-def _bare(design: Design) -> Expected:
+def bare(design: Design) -> Expected:
     """Closed forms of the shell without mount and tabs.
 
     Tube + posts beyond the wall - screw holes - wall beside the bosses + ledges - cable notch.
@@ -117,16 +106,10 @@ def _bare(design: Design) -> Expected:
 def build(design: Design) -> Shape:
     """The shell with its mount as one solid in the sensor frame."""
     cq = require()
-    return _body(cq, design).union(mount.build(design)).val()
+    return body(cq, design).union(mount.build(design)).val()
 
 
-def build_testing(design: Design) -> Shape:
-    """The shell with two table tabs in place of the mount, one solid in the sensor frame."""
-    cq = require()
-    return _body(cq, design).union(_tab(cq, design, -1)).union(_tab(cq, design, 1)).val()
-
-
-def _body(cq: Any, design: Design) -> Workplane:
+def body(cq: Any, design: Design) -> Workplane:
     """The shell without mount and tabs; the posts are what the cavity leaves."""
     shell, (x, y) = design.shell, design.cavity_half_mm
     outer_x, outer_y = design.frame_outer_mm
@@ -156,26 +139,135 @@ def _body(cq: Any, design: Design) -> Workplane:
     return body.cut(holes).cut(cuboid(cq, notch))
 
 
-def _tab(cq: Any, design: Design, side: int) -> Workplane:
-    """One tab at +x (side 1) or -x (-1); it touches the wall and clears floor and bosses."""
-    table, fit = design.table, design.cover.fit_mm
-    face = design.frame_outer_mm[0] / 2
-    half, back = table.width_mm / 2, design.z_back_mm
-
-    def bar(near: float, far: float, y: float, low: float, high: float) -> Workplane:
-        x = sorted((side * near, side * far))
-        return cuboid(cq, ((x[0], -y, low), (x[1], y, high)))
-
-    tab = bar(face, face + table.tab_mm, half, back, back + table.height_mm)
-    tab = tab.cut(bar(face - 1, face + fit, half + 1, back - 1, design.z_floor_mm))
-    if design.z_boss_mm > design.z_floor_mm:
-        tab = tab.cut(boss_room(cq, design))
-    middle = side * (face + table.tab_mm / 2)
-    holes = (
-        cq.Workplane()
-        .workplane(offset=back - 1)
-        .pushPoints([(middle, sy * table.hole_pitch_mm / 2) for sy in (-1, 1)])
-        .circle(table.hole_mm / 2)
-        .extrude(table.height_mm + 2)
+def rules(d: Design) -> Iterator[Rule]:
+    """Posts, cable notch and ledge, and the mount's own."""
+    part, shell = "shell", d.shell
+    room_x = 2 * d.post_edge_mm[0]
+    yield Rule(
+        part, ("cable_width_mm", shell.cable_width_mm), "<", ("room between the posts", room_x)
     )
-    return tab.cut(holes)
+    # The board stands between the cable's notch and the room of the light holder.
+    room_z = d.holder.clearance_mm
+    yield Rule(
+        part, ("cable_height_mm", shell.cable_height_mm), "<=", ("holder.clearance_mm", room_z)
+    )
+    yield Rule(
+        part,
+        ("ledge_height_mm + 2", shell.ledge_height_mm + 2.0),
+        "<",
+        ("depth of the shell", d.z_joint_mm - d.z_floor_mm),
+    )
+    held = d.acrylic_half_mm[1] - (d.cavity_half_mm[1] - shell.ledge_mm)
+    yield Rule(part, ("0.5", 0.5), "<=", ("acrylic's edge on the ledge", held))
+    yield Rule(
+        part,
+        (
+            "cable_width_mm + 2 (cover.fit_mm + wall_mm)",
+            shell.cable_width_mm + 2 * (d.cover.fit_mm + shell.wall_mm),
+        ),
+        "<=",
+        ("room between the posts", room_x),
+    )
+    yield Rule(
+        part,
+        (
+            "cable_height_mm + ledge_height_mm + wall_mm",
+            shell.cable_height_mm + shell.ledge_height_mm + shell.wall_mm,
+        ),
+        "<=",
+        ("depth of the shell", d.shell_depth_mm),
+    )
+    # The ledge ends on the posts, in both directions.
+    yield Rule(
+        part,
+        ("ledge_height_mm", shell.ledge_height_mm),
+        "<=",
+        ("height of the posts", d.z_joint_mm - d.z_boss_mm),
+    )
+    yield Rule(
+        part,
+        ("ledge_mm", shell.ledge_mm),
+        "<=",
+        ("posts beyond the wall", d.post_mm - shell.wall_mm),
+    )
+    yield Rule("shell", ("floor", d.z_floor_mm), "<=", ("back of the posts", d.z_boss_mm))
+    yield Rule("shell", ("back of the posts + 2", d.z_boss_mm + 2.0), "<", ("joint", d.z_joint_mm))
+    yield from mount.rules(d)
+
+
+def body_items(d: Design) -> list[Item]:
+    """What shell and testing shell have in common."""
+    shell = d.shell
+    ox, oy = (s / 2 for s in d.frame_outer_mm)
+    (sx, sy), (cx, cy) = d.screw_at_mm, d.cavity_half_mm
+    px, py = d.post_edge_mm
+    floor, joint, boss = d.z_floor_mm, d.z_joint_mm, d.z_boss_mm
+    cable = shell.cable_width_mm / 2
+    items: list[Item] = [
+        x_of("top", -sx, sx, "bottom", -sy),
+        y_of("top", -sy, sy, "left", -sx),
+        y_of("top", -oy, oy, "left", -ox),
+        *holes(d.screw_centres_mm, joint, d.screw.row.clearance_mm, " through"),
+        x_of("top", -px, px, "top", py),
+        y_of("top", -py, py, "right", px),
+        x_of("front", -cable, cable, "bottom", -oy, floor),
+        z_of("front", floor, floor + shell.cable_height_mm, "right", cable, -oy),
+        *(Axis("front", (s * sx, -sy, floor), (s * sx, -sy, joint)) for s in (-1, 1)),
+        z_of("left", joint - shell.ledge_height_mm, joint, "right", 0, shell.ledge_mm - cy),
+        y_of("left", -cy, cy, "bottom", 0, floor),
+        y_of("left", -(cy - shell.ledge_mm), cy - shell.ledge_mm, "top", 0, joint),
+        x_of("top", -cx, cx, "top", 0),
+    ]
+    if boss > floor:
+        room = d.boss_room_mm
+        items += [
+            z_of("front", floor, boss, "right", ox, -oy),
+            x_of("front", -ox, -ox + room, "bottom", -oy, floor, after=" (4×, x and y)"),
+        ]
+    return items
+
+
+def callouts(d: Design) -> Callouts:
+    """The shell with its mount; section through cable notch, ledge and mount."""
+    ox, oy = (s / 2 for s in d.frame_outer_mm)
+    items = [
+        *body_items(d),
+        x_of("top", -ox, ox, "bottom", -oy),
+        z_of("front", d.z_floor_mm, d.z_joint_mm, "left", -ox, -oy),
+        *mount.callouts(d),
+    ]
+    notes = (
+        f"Walls {shown(d.shell.wall_mm)} all around. Opaque: no light through the walls.",
+        SQUARE_EDGES,
+    )
+    return Callouts(tuple(items), notes, Cut(0.0), rests_on=mount.rests_on(d))
+
+
+def wall_mm(d: Design) -> float:
+    """The design's wall."""
+    return d.shell.wall_mm
+
+
+PARTS = (
+    Part(
+        "shell",
+        f"{RESIN}, black",
+        PRINT,
+        build,
+        expect,
+        number=3,
+        colour=BLACK,
+        sections=("shell", "mount", "screw", "skin", "frame"),
+        derived=(
+            "outer_mm", "frame_outer_mm", "cavity_half_mm", "post_mm", "post_edge_mm",
+            "boss_room_mm", "screw_at_mm", "shell_depth_mm", "flange_arm_z_mm", "z_joint_mm",
+            "z_boss_mm", "z_floor_mm",
+        ),
+        rules=rules,
+        wall_mm=wall_mm,
+        in_view=True,
+        callouts=callouts,
+        how="joint face up, tilted by 20°, supports outside",
+        look_for="the light holder slides in by hand; the four holes pass a screw without cutting",
+    ),
+)  # fmt: skip

@@ -16,13 +16,13 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from ..checks import Expected
-from ..dimensions import Design
 from ..kernel import require
+from ..part import CLEAR, Part
 
 if TYPE_CHECKING:
     from cadquery import Shape
 
-NAME = "skin"
+    from ..dimensions import Design
 
 
 def expect(design: Design) -> Expected:
@@ -67,3 +67,27 @@ def build(design: Design) -> Shape:
 
 
 CORNERS = ((-1, -1), (1, -1), (-1, 1), (1, 1))
+
+
+def note(d: Design) -> str:
+    """How much silicone one takes."""
+    return f"{d.skin_volume_mm3 / 1000:.2f} cm³ each; see Solaris"
+
+
+PARTS = (
+    Part(
+        "skin",
+        "Solaris silicone, Shore 15A, clear, 1:1",
+        "cast in the mold",
+        build,
+        expect,
+        explode_mm=46,
+        colour=CLEAR,
+        sections=("skin", "frame", "screw", "shell"),
+        derived=("post_in_window_mm", "z_front_mm", "z_ledge_mm", "skin_volume_mm3"),
+        bound_by=("skin-frame",),
+        note=note,
+        how="cast in its frame, step D",
+        look_for="clear, dry, bonded to the acrylic",
+    ),
+)

@@ -21,17 +21,22 @@ faces and no volume.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+from collections.abc import Iterator
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 from ..checks import Expected
-from ..dimensions import Design, Point2
+from ..drafting.dimensioning import Axis, Cut, Item, shown
+from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..kernel import require
+from ..part import BLACK, PRINT, RESIN, Part, no_rules
+from ..record import Point2
+from ..rule import Rule
 
 if TYPE_CHECKING:
     from cadquery import Shape
 
-NAME = "skin-frame"
+    from ..dimensions import Design
 
 
 def window_area_mm2(design: Design) -> float:
@@ -105,3 +110,113 @@ def _prism(cq: Any, design: Design, half: Point2, low_mm: float, high_mm: float)
         outline = upper + [(-x, -y) for x, y in upper]
     plan = cq.Workplane().workplane(offset=low_mm).polyline(outline).close()
     return plan.extrude(high_mm - low_mm)
+
+
+def rules(d: Design) -> Iterator[Rule]:
+    """The frame around the skin, its ledge and the acrylic's pocket."""
+    part = "skin-frame"
+    edge, seat = d.post_edge_mm, d.seat_half_mm
+    for i, axis in enumerate("xy"):
+        yield Rule(part, ("0", 0.0), "<", (f"room between the posts in {axis}", 2 * edge[i]))
+    left = ("frame.seat_y_mm + shell.wall_mm", d.frame.seat_y_mm + d.shell.wall_mm)
+    yield Rule(part, left, "<=", ("frame.wall_y_mm", d.frame.wall_y_mm))
+    for i, axis in enumerate("xy"):
+        yield Rule(
+            part,
+            (f"half the acrylic's pocket in {axis}", seat[i]),
+            "<",
+            (f"half the frame in {axis}", d.frame_outer_mm[i] / 2),
+        )
+    depth = ("screw.engagement_mm + screw.tip_clearance_mm", d.screw.pilot_depth_mm)
+    cap = ("frame height - shell.wall_mm", d.frame_height_mm - d.shell.wall_mm)
+    yield Rule(part, depth, "<=", cap)
+
+
+def callouts(d: Design) -> Callouts:
+    """The frame, seen from its back; section through window and pocket."""
+    ox, oy = (s / 2 for s in d.frame_outer_mm)
+    sx, sy = d.screw_at_mm
+    w, h = d.skin.width_mm / 2, d.skin.length_mm / 2
+    px, py = d.post_edge_mm
+    seat = d.seat_half_mm[1]
+    back, ledge, front = d.z_joint_mm, d.z_ledge_mm, d.z_front_mm
+    pilot = d.screw.row.pilot_mm
+    items: list[Item] = [
+        x_of("top", -ox, ox, "bottom", oy),
+        y_of("top", -oy, oy, "left", -ox),
+        x_of("top", -sx, sx, "bottom", sy),
+        y_of("top", -sy, sy, "left", -sx),
+        x_of("top", -w, w, "top"),
+        *holes(d.screw_centres_mm, back, pilot, f" depth {shown(d.screw.pilot_depth_mm)}"),
+        z_of("front", back, front, "left", -ox),
+        z_of("front", back, back + d.screw.pilot_depth_mm, "right", sx),
+        *(Axis("front", (s * sx, 0, back), (s * sx, 0, back + d.screw.pilot_depth_mm))
+          for s in (-1, 1)),
+        y_of("left", -h, h, "top", 0, front),
+        y_of("left", -seat, seat, "bottom", 0, back),
+        z_of("left", back, ledge, "right", 0, oy),
+        z_of("left", back, front, "right", 0, oy),
+    ]  # fmt: skip
+    if d.post_in_window_mm[0] > 0:
+        items += [
+            x_of("top", -px, px, "top", -py),
+            y_of("top", -py, py, "right", px),
+        ]
+    notes = (
+        f"Holes: {d.screw.thread} cuts its own thread; ream, do not tap.",
+        f"Window (all around) bonds to the silicone: keep it clean. {SQUARE_EDGES}",
+    )
+    return Callouts(tuple(items), notes, Cut(0.0), flipped=True)
+
+
+def wall_mm(d: Design) -> float:
+    """The shell's: it is what the frame stands on."""
+    return d.shell.wall_mm
+
+
+def base_note(d: Design) -> str:
+    """What the transparent base is for."""
+    return "for the chessboard; cast with a clear skin, no film, no coats"
+
+
+FRAME = Part(
+    "skin-frame",
+    f"{RESIN}, black",
+    PRINT,
+    build,
+    expect,
+    number=1,
+    explode_mm=28,
+    colour=BLACK,
+    sections=("skin", "frame", "optics", "screw", "shell"),
+    derived=(
+        "frame_outer_mm", "frame_height_mm", "post_mm", "post_edge_mm", "post_in_window_mm",
+        "screw_at_mm", "screw_centres_mm", "seat_half_mm", "z_front_mm", "z_ledge_mm",
+        "z_joint_mm",
+    ),
+    rules=rules,
+    wall_mm=wall_mm,
+    in_view=True,
+    callouts=callouts,
+    how="pilot holes down, tilted by 30°, supports on the rim of the back only, none on the front, "
+    "which seals in the mold",
+    look_for="front flat and glossy, no marks in the acrylic's pocket; rub the back flat on fine "
+    "paper; a drill of the pilot's size turns freely",
+)  # fmt: skip
+
+PARTS = (
+    FRAME,
+    replace(
+        FRAME,
+        name="transparent-base",
+        group="bench",
+        number=0,
+        explode_mm=0.0,
+        rules=no_rules,
+        bound_by=("skin-frame",),
+        in_view=False,
+        note=base_note,
+        how="as the skin frame",
+        look_for="as the skin frame",
+    ),
+)

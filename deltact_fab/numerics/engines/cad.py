@@ -16,17 +16,17 @@ from typing import Any
 
 import numpy as np
 
-from ...cad import checks, mesh, rules
+from ...cad import checks, feasibility, mesh
 from ...cad.build import build_part, expected
 from ...cad.checks import Expected, gate
 from ...cad.design import load_design
 from ...cad.dimensions import Design
 from ...cad.kernel import guarded, require
-from ...cad.registry import BENCH_PARTS, SENSOR_PARTS, TOOL_PARTS, find
+from ...cad.registry import find, of_design
 from ..engine import Case, Engine, Setting, Table, Work
 
 BALL_MM = 22.0
-PARTS = (*SENSOR_PARTS, *TOOL_PARTS, *BENCH_PARTS)
+PARTS = of_design()
 # The kernel jumps from 0.007 to 20 times as many triangles below 0.01 mm: seconds a call.
 TOLERANCES_MM = (0.1, 0.05, 0.02, 0.01)
 BY_SIZE = ("light.strip_width_mm",)
@@ -139,7 +139,7 @@ def _changed(changes: Sequence[str], scratch: Path) -> float:
 
 def worst_volume_error(design: Design) -> float:
     """Over all parts of a design; where a volume is only bounded, the excess over its bounds."""
-    rules.enforce(rules.of_design(design))
+    feasibility.check(design)
     worst = 0.0
     for part in PARTS:
         low, high = expected(part, design).volume_mm3

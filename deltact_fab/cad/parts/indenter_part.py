@@ -1,19 +1,38 @@
-"""Callouts of an indenter, drawn with its tips up."""
+"""An indenter as a part, and what its drawing says; it is drawn with its tips up."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
 
-from ...shapes import EllipsoidTip, PrismTip, RidgeTip, SphereTip
+from ...shapes import EllipsoidTip, Indenter, PrismTip, RidgeTip, SphereTip
 from ...shapes.turned import TurnedTip
-from ..design import IndenterDimensions
-from ..parts.indenter import corner_mm, expect, plate_half_mm
-from .dimensioning import Axis, Centres, Circle, Item, Leader, Linear, shown
-from .items import Callouts, x_of, y_of, z_of
+from ..design import IndenterBody, IndenterDimensions
+from ..drafting.dimensioning import Axis, Centres, Circle, Item, Leader, Linear, shown
+from ..drafting.items import Callouts, x_of, y_of, z_of
+from ..part import PRINT, RESIN, WHITE, Part
+from .indenter import build, corner_mm, expect, plate_half_mm
 
 
-def indenter(dims: IndenterDimensions) -> Callouts:
+def part(indenter: Indenter, body: IndenterBody, quantity: int = 1) -> Part:
+    """One indenter as a part; a list of indenters (cad/indenters.toml) says which there are."""
+    return Part(
+        f"indenter-{indenter.slug}",
+        RESIN,
+        PRINT,
+        build,
+        expect,
+        quantity,
+        "indenters",
+        colour=WHITE,
+        callouts=callouts,
+        how="stem down, supports on plate and stem only",
+        look_for="no mark on the tip; stem diameter fits the tool holder",
+        indenter=IndenterDimensions(indenter, body),
+    )
+
+
+def callouts(dims: IndenterDimensions) -> Callouts:
     """Stem, plate, and what its kind of tips is made from."""
     indenter, plate = dims.indenter, dims.body.plate_mm
     box = expect(dims).box_mm

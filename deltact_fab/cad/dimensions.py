@@ -18,23 +18,30 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, fields
 
-from ...shapes.sensor import SensorDimensions
-from .records import (
-    CameraDimensions,
-    CouponDimensions,
-    CoverDimensions,
-    EnvelopeDimensions,
-    HolderDimensions,
-    LightDimensions,
-    MoldDimensions,
-    MountDimensions,
-    Point2,
-    ScrewDimensions,
-    ShellDimensions,
-    TableDimensions,
-)
+from ..shapes.sensor import SensorDimensions
+from .drafting.title import TitleBlock
+from .parts.camera import CameraDimensions
+from .parts.camera_holder import HolderDimensions
+from .parts.coupon_mold import CouponDimensions
+from .parts.cover import CoverDimensions
+from .parts.light_holder import LightDimensions
+from .parts.mold import MoldDimensions
+from .parts.mount import MountDimensions
+from .parts.screw import ScrewDimensions
+from .parts.shell import ShellDimensions
+from .parts.testing_shell import TableDimensions
+from .record import Point2, Record, number
 
 ACRYLIC_FIT_MM = 0.1
+
+
+@dataclass(frozen=True)
+class EnvelopeDimensions(Record):
+    """What the whole sensor must fit into (paper: 39 x 60 x 30)."""
+
+    width_mm: float = number(39.0, "along x", 5, 500)
+    length_mm: float = number(60.0, "along y", 5, 500)
+    height_mm: float = number(30.0, "along z", 2, 200)
 
 
 @dataclass(frozen=True)
@@ -52,6 +59,7 @@ class Design(SensorDimensions):
     envelope: EnvelopeDimensions = field(default_factory=EnvelopeDimensions)
     mold: MoldDimensions = field(default_factory=MoldDimensions)
     coupon: CouponDimensions = field(default_factory=CouponDimensions)
+    drawing: TitleBlock = field(default_factory=TitleBlock)
 
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012
 

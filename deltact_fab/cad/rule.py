@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
-from ...errors import InputError
+from ..errors import InputError
 
 Side = tuple[str, float]
 SLACK = 1e-9  # sums of decimal fractions

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 from ...optics import half_angle_rad
-from ..dimensions import Design
-from .rule import Rule
+from ..rule import Rule
+
+if TYPE_CHECKING:
+    from ..dimensions import Design
 
 GRAZING_DEG = 80.0  # there the first face of the acrylic alone reflects 39 % (Fresnel)
 
 
-def view(d: Design) -> Iterator[Rule]:
+def rules(d: Design) -> Iterator[Rule]:
     """View and light cone through air, acrylic and gel."""
     part, (vx, vy) = "camera", d.optics.view_mm
     path = d.optics.air_gap_mm, d.optics.acrylic_mm, d.skin.thickness_mm

@@ -1,0 +1,32 @@
+"""Inequalities between dimensions, checked before the kernel runs: it fails silently on most.
+
+Each part states its own, with their numbers, so that a refusal says what to change.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from .dimensions import Design
+from .registry import of_design
+from .rule import Rule, enforce
+
+# What cannot be made smaller comes first: it is what a reader must hear of.
+FIRST = ("camera", "skin-frame", "acrylic", "screw", "shell")
+
+
+def rules(design: Design) -> list[Rule]:
+    """Every rule of the sensor, the mold and the test bench."""
+    unverified = set(design.unverified())
+    parts = of_design()
+    parts.sort(key=lambda part: FIRST.index(part.name) if part.name in FIRST else len(FIRST))
+    return [
+        replace(rule, rests_on=tuple(key for key in rule.rests_on if key in unverified))
+        for part in parts
+        for rule in part.rules(design)
+    ]
+
+
+def check(design: Design, source: str = "") -> None:
+    """Raise InputError in one line with the first rules that fail, unless all hold."""
+    enforce(rules(design), source)

@@ -1,0 +1,99 @@
+"""What a part is: everything the toolchain asks of one, in one value. Imports no CAD kernel.
+
+A file of parts/ makes its `PARTS` from it: whatever lists, shows, checks, draws, weighs, places,
+explains or exports a part asks here, so that a new part is its own file, and one field of Design
+when it brings dimensions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from .checks import Expected
+    from .design import IndenterDimensions
+    from .dimensions import Design
+    from .drafting.items import Callouts
+    from .rule import Rule
+
+Group = Literal["sensor", "tools", "bench", "indenters"]
+GROUPS: tuple[Group, ...] = ("sensor", "tools", "bench", "indenters")
+Shift = tuple[float, float, float]
+
+RESIN = "Formlabs tough epoxy resin"
+PRINT = "SLA print"
+BOUGHT = "bought"
+LASER_CUT = "laser cut"
+
+BLACK = (0.12, 0.12, 0.13, 1.0)
+WHITE = (0.93, 0.93, 0.90, 1.0)
+CLEAR = (0.62, 0.80, 0.92, 0.35)
+STEEL = (0.62, 0.64, 0.66, 1.0)
+GREEN = (0.13, 0.42, 0.25, 1.0)
+AMBER = (0.85, 0.60, 0.25, 1.0)
+
+
+def no_rules(design: Design) -> Iterable[Rule]:
+    """Nothing to hold."""
+    return ()
+
+
+def no_note(design: Design) -> str:
+    """Nothing to add."""
+    return ""
+
+
+def in_its_place(design: Design) -> list[Shift]:
+    """One piece, made where it belongs."""
+    return [(0.0, 0.0, 0.0)]
+
+
+@dataclass(frozen=True)
+class Part:
+    """One part.
+
+    name: unique; files are named after it. build: dimensions to one solid of the CAD kernel.
+    expect: the same dimensions to what that solid must be, from closed forms. Both take a Design,
+    of an indenter its `indenter`. quantity: pieces for one sensor, one mold or one test bench.
+    number: as in the paper's exploded view, 0 for what it does not number. explode_mm: shift along
+    z in the exploded view, by which the parts of a group are also ordered, face first. colour:
+    sRGB and opacity in pictures. places: where its pieces go in the sensor, as translations.
+
+    sections: sections of a design that it is made from. derived: lengths of Design that its shape
+    follows from. rules: the inequalities it must keep; bound_by: parts whose rules bind it too.
+    wall_mm: the thinnest wall it may have, None for what is not printed. in_view: it stands
+    between lens and face and could cut into the view.
+
+    callouts: what its drawing says, None for a part without one. note: what the bill of materials
+    adds. how: how it is made, a printed one by how it lies on the platform; look_for: what to
+    look at afterwards.
+    """
+
+    name: str
+    material: str
+    process: str
+    build: Callable[[Any], Any]
+    expect: Callable[[Any], Expected]
+    quantity: int = 1
+    group: Group = "sensor"
+    number: int = 0
+    explode_mm: float = 0.0
+    colour: tuple[float, float, float, float] = (0.75, 0.75, 0.75, 1.0)
+    places: Callable[[Design], list[Shift]] = in_its_place
+    sections: tuple[str, ...] = ()
+    derived: tuple[str, ...] = ()
+    rules: Callable[[Design], Iterable[Rule]] = no_rules
+    bound_by: tuple[str, ...] = ()
+    wall_mm: Callable[[Design], float] | None = None
+    in_view: bool = False
+    callouts: Callable[[Any], Callouts] | None = None
+    note: Callable[[Design], str] = no_note
+    how: str = ""
+    look_for: str = ""
+    indenter: IndenterDimensions | None = None
+
+    def source(self, design: Design) -> Any:
+        """What `build`, `expect` and `callouts` take."""
+        return design if self.indenter is None else self.indenter

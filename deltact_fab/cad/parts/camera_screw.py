@@ -1,0 +1,128 @@
+"""The two screws that lock the camera's board to its holder, smooth bodies.
+
+    cheese head screw (ISO 1207)
+
+        +--+  +--+
+        |  +--+  |  slot, along y
+        +--+  +--+  z_board_front
+           |  |
+           +--+     z_board_front - screw_length
+
+Built on the axis x = y = 0. The shank has the thread's nominal diameter, and so overlaps its pilot
+(assembly.thread_overlap_mm3).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from ..checks import Expected
+from ..kernel import require
+from ..part import BOUGHT, STEEL, Part, Shift
+from ..rule import Rule
+from .camera import on_board
+from .planes import band_mm2
+
+if TYPE_CHECKING:
+    from cadquery import Shape
+
+    from ..dimensions import Design
+
+
+def expect(design: Design) -> Expected:
+    """Closed forms of the camera's screw."""
+    row, length_mm = design.holder.row, design.holder.screw_length_mm
+    head = row.head_mm / 2
+    volume_mm3 = math.pi * head**2 * row.head_height_mm
+    volume_mm3 -= band_mm2(row.slot_mm / 2, head) * row.slot_depth_mm
+    volume_mm3 += math.pi / 4 * row.thread_mm**2 * length_mm
+    under_mm = design.z_board_front_mm
+    return Expected(
+        (volume_mm3, volume_mm3),
+        ((-head, -head, under_mm - length_mm), (head, head, under_mm + row.head_height_mm)),
+        {"screw_length_mm": length_mm, "thread_mm": row.thread_mm, "head_mm": row.head_mm},
+    )
+
+
+def build(design: Design) -> Shape:
+    """A camera screw as one solid: its head on the board's front, the shank towards -z."""
+    cq = require()
+    row = design.holder.row
+    under_mm, top_mm = design.z_board_front_mm, design.z_board_front_mm + row.head_height_mm
+    on_board = cq.Workplane().workplane(offset=under_mm)
+    head = on_board.circle(row.head_mm / 2).extrude(row.head_height_mm)
+    shank = on_board.circle(row.thread_mm / 2).extrude(-design.holder.screw_length_mm)
+    slot = (
+        cq.Workplane()
+        .workplane(offset=top_mm - row.slot_depth_mm)
+        .rect(row.slot_mm, row.head_mm + 2)
+        .extrude(row.slot_depth_mm + 1)
+    )
+    return head.union(shank).cut(slot).val()
+
+
+def places(d: Design) -> list[Shift]:
+    """On the board's upper holes."""
+    return [(x, y, 0.0) for x, y in d.camera_screw_centres_mm]
+
+
+def rules(d: Design) -> Iterator[Rule]:
+    """The heads stand on the board's front, beside the posts and the cover's bosses."""
+    for rule in _heads(d):
+        yield on_board(rule)
+
+
+def _heads(d: Design) -> Iterator[Rule]:
+    part, fit, upper = "camera-screw", d.holder.fit_mm, d.camera.hole_rows_mm[0]
+    head = d.holder.row.head_mm / 2
+    beside = max(
+        d.post_edge_mm[0] - d.camera.hole_pitch_x_mm / 2 - head,
+        d.post_edge_mm[1] - abs(upper) - head,
+    )
+    yield Rule(
+        part,
+        ("holder.fit_mm", fit),
+        "<=",
+        ("room between the heads and the corner posts", beside),
+    )
+    yield Rule(
+        part,
+        ("upper holes + head / 2 + fit", abs(upper) + head + fit),
+        "<=",
+        ("half the shell's cavity in y", d.cavity_half_mm[1]),
+    )
+    yield Rule(
+        part,
+        ("head + 2 holder.head_clearance_mm", 2 * d.head_relief_mm),
+        "<=",
+        ("camera.hole_pitch_x_mm", d.camera.hole_pitch_x_mm),
+    )
+
+
+def note(d: Design) -> str:
+    """The size to buy."""
+    return f"{d.holder.screw} x {d.holder.screw_length_mm:g}, slotted"
+
+
+PARTS = (
+    Part(
+        "camera-screw",
+        "steel, ISO 1207",
+        BOUGHT,
+        build,
+        expect,
+        quantity=2,
+        explode_mm=-41,
+        colour=STEEL,
+        places=places,
+        sections=("holder",),
+        derived=("camera_screw_centres_mm", "z_board_front_mm"),
+        rules=rules,
+        bound_by=("camera-holder",),
+        note=note,
+        how="bought",
+        look_for="the head is no higher than the light holder's floor",
+    ),
+)

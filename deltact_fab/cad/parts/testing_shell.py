@@ -1,0 +1,211 @@
+"""The testing shell: the shell with two table tabs in place of the mount, one on each x side.
+
+Seen along -y:
+
+        +-------------------+
+        |       shell       |
+    +---+                   +---+     the tabs' undersides lie in the plane of the sensor's back:
+    |tab|                   |tab|     they are screwed to the table with the cover on it
+    +---+-------------------+---+
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from ..checks import Expected
+from ..drafting.dimensioning import Cut, Linear, shown
+from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
+from ..kernel import require
+from ..part import BLACK, PRINT, RESIN, Part
+from ..record import Record, check_limits, number, standard_row
+from ..rule import Rule
+from ..standards import CLEARANCE_MM
+from . import shell
+from .mount import boss_room, cuboid
+
+if TYPE_CHECKING:
+    from cadquery import Shape, Workplane
+
+    from ..dimensions import Design
+
+
+@dataclass(frozen=True)
+class TableDimensions(Record):
+    """Tabs of the testing shell, by which it is screwed to a table, one on each x side."""
+
+    screw: str = field(default="M4", metadata={"meaning": "screws into the table"})
+    tab_mm: float = number(14.0, "along x, from the shell", 4, 100)
+    width_mm: float = number(30.0, "along y", 4, 200)
+    height_mm: float = number(6.0, "along z, from the plane of the sensor's back", 2, 60)
+    hole_pitch_mm: float = number(18.0, "between the two holes of a tab, along y", 3, 190)
+
+    def __post_init__(self) -> None:
+        check_limits(self)
+        standard_row(CLEARANCE_MM, "screw", self.screw)
+
+    @property
+    def hole_mm(self) -> float:
+        """Through hole of the table's screws (ISO 273 medium)."""
+        return CLEARANCE_MM[self.screw]
+
+
+def expect(design: Design) -> Expected:
+    """Closed forms of the testing shell; a tab = cuboid - holes - what clears the cover."""
+    bare, table, fit = shell.bare(design), design.table, design.cover.fit_mm
+    outer_x, outer_y = design.frame_outer_mm
+    top = design.z_back_mm + table.height_mm
+    beside_mm = max(table.width_mm / 2 - (outer_y / 2 - design.boss_room_mm), 0.0)
+    boss_mm = max(min(design.z_boss_mm, top) - design.z_floor_mm, 0.0)
+    tab_mm3 = table.tab_mm * table.width_mm * table.height_mm
+    tab_mm3 -= 2 * math.pi / 4 * table.hole_mm**2 * table.height_mm
+    tab_mm3 -= fit * (table.width_mm * design.cover.floor_mm + 2 * beside_mm * boss_mm)
+    volume_mm3 = bare.volume_mm3[0] + 2 * tab_mm3
+    reach = outer_x / 2 + table.tab_mm
+    return Expected(
+        (volume_mm3, volume_mm3),
+        ((-reach, -outer_y / 2, design.z_back_mm), (reach, outer_y / 2, design.z_joint_mm)),
+        {
+            **bare.parameters,
+            "table.tab_mm": table.tab_mm,
+            "table.width_mm": table.width_mm,
+            "table.height_mm": table.height_mm,
+            "table.hole_pitch_mm": table.hole_pitch_mm,
+        },
+    )
+
+
+def build(design: Design) -> Shape:
+    """The shell with two table tabs in place of the mount, one solid in the sensor frame."""
+    cq = require()
+    return shell.body(cq, design).union(_tab(cq, design, -1)).union(_tab(cq, design, 1)).val()
+
+
+def _tab(cq: Any, design: Design, side: int) -> Workplane:
+    """One tab at +x (side 1) or -x (-1); it touches the wall and clears floor and bosses."""
+    table, fit = design.table, design.cover.fit_mm
+    face = design.frame_outer_mm[0] / 2
+    half, back = table.width_mm / 2, design.z_back_mm
+
+    def bar(near: float, far: float, y: float, low: float, high: float) -> Workplane:
+        x = sorted((side * near, side * far))
+        return cuboid(cq, ((x[0], -y, low), (x[1], y, high)))
+
+    tab = bar(face, face + table.tab_mm, half, back, back + table.height_mm)
+    tab = tab.cut(bar(face - 1, face + fit, half + 1, back - 1, design.z_floor_mm))
+    if design.z_boss_mm > design.z_floor_mm:
+        tab = tab.cut(boss_room(cq, design))
+    middle = side * (face + table.tab_mm / 2)
+    holes = (
+        cq.Workplane()
+        .workplane(offset=back - 1)
+        .pushPoints([(middle, sy * table.hole_pitch_mm / 2) for sy in (-1, 1)])
+        .circle(table.hole_mm / 2)
+        .extrude(table.height_mm + 2)
+    )
+    return tab.cut(holes)
+
+
+def rules(d: Design) -> Iterator[Rule]:
+    """Tabs and their holes, over the cover's bosses too."""
+    table = d.table
+    yield Rule(
+        "testing-shell",
+        ("table: hole + 2 x 3", table.hole_mm + 6.0),
+        "<=",
+        ("tab_mm", table.tab_mm),
+    )
+    yield Rule(
+        "testing-shell",
+        ("table: pitch + hole + 2 x 3", table.hole_pitch_mm + table.hole_mm + 6.0),
+        "<=",
+        ("width_mm", table.width_mm),
+    )
+    yield Rule(
+        "testing-shell",
+        ("table: hole + 3", table.hole_mm + 3.0),
+        "<=",
+        ("hole_pitch_mm", table.hole_pitch_mm),
+    )
+    yield Rule(
+        "testing-shell", ("table: width_mm", table.width_mm), "<=", ("outer y", d.frame_outer_mm[1])
+    )
+    yield Rule(
+        "testing-shell",
+        ("cover + 2", d.cover.floor_mm + 2.0),
+        "<=",
+        ("table.height_mm", table.height_mm),
+    )
+    yield Rule(
+        "testing-shell",
+        ("table.height_mm", table.height_mm),
+        "<=",
+        ("cover and shell", d.z_joint_mm - d.z_back_mm),
+    )
+    # Where a tab stands over a boss of the cover it is relieved from below, or cut through.
+    over = d.z_back_mm + table.height_mm - d.z_boss_mm
+    beside = d.frame_outer_mm[1] / 2 - d.boss_room_mm
+    if over > 0 and table.width_mm / 2 > beside:
+        wall = ("shell.wall_mm", d.shell.wall_mm)
+        yield Rule("testing-shell", wall, "<=", ("tab over the cover's bosses", over))
+
+
+def note(d: Design) -> str:
+    """What it is for."""
+    return f"in place of the shell; {d.table.screw} screws into the table"
+
+
+def callouts(d: Design) -> Callouts:
+    """The shell with its two table tabs."""
+    table = d.table
+    ox = d.frame_outer_mm[0] / 2
+    back, joint = d.z_back_mm, d.z_joint_mm
+    end, middle = ox + table.tab_mm, ox + table.tab_mm / 2
+    half, pitch, top = table.width_mm / 2, table.hole_pitch_mm / 2, back + table.height_mm
+    fit = d.cover.fit_mm
+    bores = [(s * middle, t * pitch) for s in (-1, 1) for t in (-1, 1)]
+    items = shell.body_items(d)
+    items += [
+        x_of("top", -ox, ox, "top", 0),
+        x_of("top", -middle, middle, "bottom", -pitch, top),
+        x_of("top", -end, end, "bottom", -half, top),
+        y_of("top", -half, half, "right", end, top),
+        y_of("top", -pitch, pitch, "right", middle, top),
+        *holes(bores, top, table.hole_mm, " through"),
+        Linear("front", (-end, 0, back), (-ox, 0, joint), "left"),
+        z_of("front", back, top, "right", end),
+        z_of("front", back, d.z_floor_mm, "left", -ox),
+    ]
+    notes = (
+        f"Walls {shown(d.shell.wall_mm)} all around. Tabs clear the cover by {shown(fit)}.",
+        f"Undersides of both tabs level and flat: they stand on the table. {SQUARE_EDGES}",
+    )
+    return Callouts(tuple(items), notes, Cut(0.0))
+
+
+PARTS = (
+    Part(
+        "testing-shell",
+        f"{RESIN}, black",
+        PRINT,
+        build,
+        expect,
+        group="bench",
+        colour=BLACK,
+        sections=("shell", "table", "screw", "skin", "frame"),
+        derived=(
+            "frame_outer_mm", "cavity_half_mm", "post_mm", "post_edge_mm", "boss_room_mm",
+            "screw_at_mm", "shell_depth_mm", "z_joint_mm", "z_boss_mm", "z_floor_mm", "z_back_mm",
+        ),
+        rules=rules,
+        bound_by=("shell",),
+        wall_mm=shell.wall_mm,
+        callouts=callouts,
+        note=note,
+        how="as the shell, tabs upright",
+        look_for="as the shell; tabs flat on the table",
+    ),
+)  # fmt: skip

@@ -1,0 +1,39 @@
+"""What the records of a design's sections have in common: limits, standards, measured keys."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, TypeVar
+
+from ..shapes.bounded import ShapeError, check_limits, number
+
+__all__ = ["Point2", "Record", "check_measured", "number", "standard_row"]
+
+Point2 = tuple[float, float]
+Row = TypeVar("Row")
+
+
+@dataclass(frozen=True)
+class Record:
+    """One section of a design: each number carries its meaning and its limits."""
+
+    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by catalog.validate
+
+    def __post_init__(self) -> None:
+        check_limits(self)
+
+
+def standard_row(table: Mapping[str, Row], key: str, name: str) -> Row:
+    """The row of a table of standards. Raises ShapeError listing the valid names."""
+    if name not in table:
+        raise ShapeError(f"{key}: one of {', '.join(table)} is right: {name!r} fails")
+    return table[name]
+
+
+def check_measured(record: Any) -> None:
+    """Raise ShapeError unless `measured` names only keys of the record that count as unverified."""
+    open_keys = [f.name for f in fields(record) if f.metadata.get("unverified")]
+    for key in record.measured:
+        if key not in open_keys:
+            raise ShapeError(f"measured: of {', '.join(open_keys)}: {key!r} fails")
