@@ -86,7 +86,7 @@ def plain(value: Any) -> Any:
 
 
 def sources(parts: Sequence[Part]) -> str:
-    """The digest of what makes these parts' solids and files: of other parts' builders, nothing."""
+    """The digest of what makes these parts' solids and files; a Design brings most parts' files."""
     builders = {part.build.__module__.removeprefix("deltact_fab.") for part in parts}
     return digest.of("cad.export.part_files", *builders)
 
