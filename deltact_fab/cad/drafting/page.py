@@ -216,6 +216,26 @@ class Page:
         """End the group."""
         self.marks.append(End())
 
+    def crossings(self, rect: Rect) -> int:
+        """How many lines, circles and texts drawn so far meet a rectangle."""
+        found = 0
+        for mark in self.marks:
+            if isinstance(mark, Text):
+                found += meet(mark.box, rect)
+            elif isinstance(mark, Lines):
+                found += sum(
+                    within((a, b), rect) is not None
+                    for line in mark.lines
+                    for a, b in itertools.pairwise([*line, line[0]] if mark.closed else line)
+                )
+            elif isinstance(mark, Ring):
+                x = min(max(mark.at[0], rect[0]), rect[2])
+                y = min(max(mark.at[1], rect[1]), rect[3])
+                corners = [(px, py) for px in rect[::2] for py in rect[1::2]]
+                farthest = max(math.dist(mark.at, corner) for corner in corners)
+                found += math.dist(mark.at, (x, y)) <= mark.radius <= farthest
+        return found
+
     def broken(self) -> list[Mark]:
         """The marks as they are drawn: narrow lines end at the texts that they would strike."""
         g = GAP_MM

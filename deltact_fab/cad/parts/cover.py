@@ -23,7 +23,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..checks import Expected
-from ..drafting.dimensioning import Axis, Cut, Item, Linear, shown
+from ..drafting.dimensioning import Axis, Centres, Cut, Detail, Item, Linear, shown
 from ..drafting.items import Callouts, holes, x_of, y_of, z_of
 from ..kernel import require
 from ..part import BLACK, PRINT, RESIN, Part
@@ -200,7 +200,9 @@ def callouts(d: Design) -> Callouts:
     (sx, sy), (px, py) = d.screw_at_mm, d.peg_at_mm
     post = d.post_mm
     back, floor, boss, head = d.z_back_mm, d.z_floor_mm, d.z_boss_mm, d.z_head_mm
-    tip = floor + d.peg_length_mm
+    under, tip = d.z_board_back_mm, floor + d.peg_length_mm
+    slot, lip = cover.slot_mm / 2, cover.hole_mm / 2 + cover.lip_mm
+    tip_x = _lip_mm(d)[1] + cover.lip_mm
     pegs = [(s * px, t * py) for s in (-1, 1) for t in (-1, 1)]
     items: list[Item] = [
         x_of("top", -ox, ox, "bottom", -oy),
@@ -212,7 +214,7 @@ def callouts(d: Design) -> Callouts:
         y_of("top", -py, py, "left", -px),
         y_of("top", oy - post, oy, "right", ox),
         *holes(d.screw_centres_mm, boss, row.clearance_mm, " through"),
-        *holes(pegs, tip, cover.peg_mm, f" peg, slot {shown(cover.slot_mm)} along y"),
+        Centres("top", tuple((x, y, tip) for x, y in pegs), cover.peg_mm / 2),
         Linear("front", (-ox, 0, back), (-px - cover.peg_mm / 2, 0, tip), "left"),
         z_of("front", back, boss, "left", -ox),
         z_of("front", back, floor, "right", ox - post),
@@ -221,6 +223,11 @@ def callouts(d: Design) -> Callouts:
         y_of("left", -sy - row.bore_mm / 2, -sy + row.bore_mm / 2, "bottom", 0, back,
            before="Ø", after=" (4×)"),
         *(Axis("left", (-sx, s * sy, back), (-sx, s * sy, boss)) for s in (-1, 1)),
+        x_of("B", px - slot, px + slot, "top", -py, tip, after=" slot"),
+        x_of("B", px - cover.peg_mm / 2, px + cover.peg_mm / 2, "bottom", -py, floor, before="Ø"),
+        x_of("B", px - lip, px + lip, "top", -py, under, after=" over both lips"),
+        z_of("B", under, tip, "right", px + tip_x, -py),
+        z_of("B", floor, under, "left", px - cover.peg_mm / 2, -py),
     ]  # fmt: skip
     notes = (
         f"Pegs: legs {shown(cover.leg_mm)} thick, lip {shown(cover.lip_mm)} beyond the hole of "
@@ -228,7 +235,8 @@ def callouts(d: Design) -> Callouts:
         f"strain when snapped in {shown(100 * d.snap_strain)} %.",
         "Pegs without support marks. Opaque.",
     )
-    return Callouts(tuple(items), notes, Cut(-sx))
+    detail = Detail("B", "front", (px, -py, (floor + tip) / 2), 0.75 * d.peg_length_mm)
+    return Callouts(tuple(items), notes, Cut(-sx), details=(detail,))
 
 
 def wall_mm(d: Design) -> float:
