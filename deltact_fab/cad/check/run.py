@@ -9,7 +9,18 @@ from ...errors import MissingLibrary, RunFailed
 from ..design import IndenterList
 from ..dimensions import Design
 from ..kernel import guarded, require
-from . import casting, indenters, inequalities, pegs, screws, sight, soundness, space, thickness
+from . import (
+    casting,
+    drawings,
+    indenters,
+    inequalities,
+    pegs,
+    screws,
+    sight,
+    soundness,
+    space,
+    thickness,
+)
 from .built import Built
 from .row import Row
 from .table import Check
@@ -56,7 +67,9 @@ def run(
     require()
     from ..registry import listed
 
-    total = len(listed(indenters)) + len(CHECKS)
+    parts = listed(indenters)
+    rows += drawings.rows(design, parts)
+    total = len(parts) + len(CHECKS)
     done = 0
 
     def tell(what: str) -> None:

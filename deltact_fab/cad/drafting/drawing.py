@@ -157,6 +157,12 @@ def _belongs(part: Part) -> str:
     return {"tools": "casting tools", "bench": "test bench", "indenters": "indenters"}[part.group]
 
 
+def views_of(said: Callouts) -> dict[str, View]:
+    """The views of a drawing by name, those of its details too."""
+    views = FLIPPED if said.flipped else VIEWS
+    return views | {detail.letter: views[detail.view] for detail in said.details}
+
+
 def _views(solid: Any, said: Callouts) -> dict[str, _Drawn]:
     """The four projections; the left one cut where the callouts ask for a section."""
     views = FLIPPED if said.flipped else VIEWS

@@ -208,17 +208,15 @@ def callouts(d: Design) -> Callouts:
         x_of("top", -ox, ox, "bottom", -oy),
         x_of("top", -sx, sx, "bottom", -sy),
         x_of("top", -px, px, "top", py),
-        x_of("top", ox - post, ox, "top", oy, after=" (4×)"),
+        x_of("top", ox - post, ox, "top", oy, after=" (4×, x and y)"),
         y_of("top", -oy, oy, "left", -ox),
         y_of("top", -sy, sy, "left", -sx),
         y_of("top", -py, py, "left", -px),
-        y_of("top", oy - post, oy, "right", ox),
         *holes(d.screw_centres_mm, boss, row.clearance_mm, " through"),
         Centres("top", tuple((x, y, tip) for x, y in pegs), cover.peg_mm / 2),
-        Linear("front", (-ox, 0, back), (-px - cover.peg_mm / 2, 0, tip), "left"),
+        Linear("front", (-ox, 0, back), (-px - cover.peg_mm / 2, 0, tip), "left", auxiliary=True),
         z_of("front", back, boss, "left", -ox),
         z_of("front", back, floor, "right", ox - post),
-        z_of("front", floor, tip, "right", px + cover.peg_mm / 2),
         z_of("left", back, head, "right", 0, -sy),
         y_of("left", -sy - row.bore_mm / 2, -sy + row.bore_mm / 2, "bottom", 0, back,
            before="Ø", after=" (4×)"),
@@ -230,9 +228,8 @@ def callouts(d: Design) -> Callouts:
         z_of("B", floor, under, "left", px - cover.peg_mm / 2, -py),
     ]  # fmt: skip
     notes = (
-        f"Pegs: legs {shown(cover.leg_mm)} thick, lip {shown(cover.lip_mm)} beyond the hole of "
-        f"Ø{shown(cover.hole_mm)}, {shown(cover.lip_height_mm)} high, flat underneath; "
-        f"strain when snapped in {shown(100 * d.snap_strain)} %.",
+        f"Four pegs alike, slots along y. Lips flat underneath, {shown(cover.lip_mm)} beyond the "
+        f"hole of Ø{shown(cover.hole_mm)}; strain when snapped in {shown(100 * d.snap_strain)} %.",
         "Pegs without support marks. Opaque.",
     )
     detail = Detail("B", "front", (px, -py, (floor + tip) / 2), 0.75 * d.peg_length_mm)
