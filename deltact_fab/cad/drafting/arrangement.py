@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from .dimensioning import Axis, Centres, Circle, Item, Leader, Linear, Side, shown
+from .dimensioning import Axis, Centres, Circle, Detail, Item, Leader, Linear, Side, shown
 from .page import ARROW_MM, SMALL_MM, Page, Point2, Rect, meet, text_width_mm, within
 from .projection import Vector, View
 from .sheet import LINE_MM
@@ -23,6 +23,7 @@ RISES_MM = (-3.0, 5.5, -8.0, 10.5, -13.0, 15.5, -18.0, 20.5)
 AIR_MM = 0.6  # between a leader and a text
 TAIL_MM = 5.0  # of arrows that point inwards from outside
 SHORT_MM = 0.7
+LETTER_MM = 6.0  # around a detail's circle
 # Of a label's parts behind its words: the frame's height, the check mark's width, the gaps.
 FRAME_MM = 4.5
 CHECK_MM = 3.2
@@ -58,6 +59,7 @@ class Arranged:
     items: Sequence[Item]
     cut_x: float | None = None  # on the model's plane, where this view shows the cutting plane
     heading: str = ""
+    details: Sequence[Detail] = ()  # whose circles and letters stand in this view
     lines: dict[Side, list[_Line]] = field(default_factory=dict)
     labels: list[tuple[Leader, float, float]] = field(default_factory=list)
     margins: Rect = (0.0, 0.0, 0.0, 0.0)
@@ -89,6 +91,11 @@ class Arranged:
                 bottom = max(bottom, max(y for _, _, y in column) - self.size_mm[1])
         if self.heading:
             top += 7.0
+        for detail in self.details:
+            (x, y), reach = self.local(detail.at), detail.radius_mm * self.scale + LETTER_MM
+            left, top = max(left, reach - x), max(top, reach - y)
+            right = max(right, x + reach - self.size_mm[0])
+            bottom = max(bottom, y + reach - self.size_mm[1])
         self.margins = (left, top, right, bottom)
 
     @property

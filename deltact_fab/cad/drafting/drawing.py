@@ -245,6 +245,7 @@ def _placed(
             [item for item in said.items if item.view == name],
             said.cut.x_mm if said.cut is not None and name == "top" else None,
             "A–A" if said.cut is not None and name == "left" else "",
+            [detail for detail in said.details if detail.view == name],
         )
         for name in ("front", "top", "left")
     }

@@ -229,8 +229,9 @@ def callouts(d: Design) -> Callouts:
     ]  # fmt: skip
     notes = (
         f"Four pegs alike, slots along y. Lips flat underneath, {shown(cover.lip_mm)} beyond the "
-        f"hole of Ø{shown(cover.hole_mm)}; strain when snapped in {shown(100 * d.snap_strain)} %.",
-        "Pegs without support marks. Opaque.",
+        f"hole of Ø{shown(cover.hole_mm)}.",
+        f"Strain of a peg when snapped in: {shown(100 * d.snap_strain)} %. Pegs without support "
+        "marks. Opaque.",
     )
     detail = Detail("B", "front", (px, -py, (floor + tip) / 2), 0.75 * d.peg_length_mm)
     return Callouts(tuple(items), notes, Cut(-sx), details=(detail,))
