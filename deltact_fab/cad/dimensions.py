@@ -19,6 +19,7 @@ import math
 from dataclasses import dataclass, field, fields
 
 from ..shapes.sensor import SensorDimensions
+from .drafting.title import TitleBlock
 from .parts.acrylic import PlateDimensions
 from .parts.camera import CameraDimensions
 from .parts.camera_holder import HolderDimensions
@@ -65,6 +66,7 @@ class Design(SensorDimensions):
     kerf_coupon: KerfCouponDimensions = field(default_factory=KerfCouponDimensions)
     resin_printer: ResinPrinterDimensions = field(default_factory=ResinPrinterDimensions)
     laser: LaserDimensions = field(default_factory=LaserDimensions)
+    drawing: TitleBlock = field(default_factory=TitleBlock)
 
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012
 

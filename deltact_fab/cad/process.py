@@ -120,6 +120,13 @@ class LaserDimensions(Record):
         """What a drawing says of every length without limits of its own."""
         return f"±{self.tolerance_mm:.2g}; sheet ±{100 * self.sheet_tolerance:.2g} %"
 
+    @property
+    def path(self) -> str:
+        """What a drawing says of the laser's path."""
+        if self.compensate:
+            return f"The DXF is the laser's path, {self.kerf_mm / 2:g} outside the finished plate."
+        return "The DXF is the finished plate: offset the cut by half the kerf."
+
     def cut(self, name: str, nominal_mm: float) -> Length:
         """An outside length of a plate as it is cut."""
         return Length(name, nominal_mm, self.tolerance_mm, CUT)

@@ -139,7 +139,7 @@ def check(design: str, changes: tuple[str, ...], as_json: bool) -> None:
 @click.option(
     "--format",
     "formats",
-    default="step,stl,3mf,dxf,glb,svg",
+    default="step,stl,3mf,dxf,glb,svg,pdf",
     show_default=True,
     help="Formats, by commas; each is written where it makes sense.",
 )
@@ -174,7 +174,8 @@ def export(
 
     A PART is a name of `cad list`, a group (sensor, tools, bench, indenters), or an indenter as a
     protocol names it: sphere:10, 4dots. The assembly is written with the whole sensor. STEP for
-    the machine shop, STL or 3MF for the printer, DXF for the laser, GLB to look at, SVG drawings.
+    the machine shop, STL or 3MF for the printer, DXF for the laser, GLB to look at, drawings
+    as PDF and SVG.
     Unchanged files of an earlier export that are not written again are removed; others stay.
     """
     from dataclasses import asdict

@@ -38,7 +38,7 @@ def _simulated(asked: Asked) -> StudyResult:
     table = modulus(
         result, of.protocol.specimen.modulus_mpa, of.rig.force.range_n, of.rig.force.range_nmm
     )
-    found = with_modulus(found, result, table)
+    found = with_modulus(found, of.protocol.specimen.modulus_mpa, table)
     scene = settings(of, made.gel)
     gel = Table(
         "force-gel",
@@ -82,7 +82,7 @@ def _recorded(asked: Asked) -> StudyResult:
         table = modulus(
             result, specimen["modulus_mpa"], tuple(force["range_n"]), tuple(force["range_nmm"])
         )
-        found = with_modulus(found, result, table)
+        found = with_modulus(found, specimen["modulus_mpa"], table)
     scene = {
         "runs": ", ".join(str(folder) for folder in asked.runs),
         "rig": ", ".join(dict.fromkeys(str(run.meta["rig_name"]) for run in runs)),

@@ -86,9 +86,14 @@ def rmse(errors: ArrayLike, groups: Sequence[Hashable] | NDArray[Any], each: str
     return estimate(errors, groups, _rms, each, "positive")
 
 
-def mean(values: ArrayLike, groups: Sequence[Hashable] | NDArray[Any], each: str) -> Estimate:
+def mean(
+    values: ArrayLike,
+    groups: Sequence[Hashable] | NDArray[Any],
+    each: str,
+    scale: Scale = "plain",
+) -> Estimate:
     """Mean of values (n,), with its interval; each: what a group is, "seed", "position"..."""
-    return estimate(values, groups, _mean, each)
+    return estimate(values, groups, _mean, each, scale)
 
 
 def estimate(

@@ -8,29 +8,20 @@ fixed in newtons (noise and range of a force sensor) meets them at another place
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 from ..preflight.peaks import MODULUS_FACTOR
 
-__all__ = ["MODULUS_FACTOR", "Span", "remark", "span", "told"]
-
-
-class Span(NamedTuple):
-    """A figure in proportion to the modulus: as declared, at half of it, at twice."""
-
-    value: float
-    low: float
-    high: float
+__all__ = ["MODULUS_FACTOR", "remark"]
 
 
 CHANGES = {
-    "force-calibration": "Ranges, RMSE and limits in N scale with it; R2, and RMSE as a share of "
-    "the range, do so only as far as the flow errs and not the force sensor, whose noise in N "
-    "stays: in a gel of half the modulus it counts twice.",
+    "force-calibration": "Images do not change, and every figure in newtons, range and error "
+    "alike, is in proportion to it; shares of the range, gains and R2 stay. Only the force "
+    "sensor's noise and range do not scale: in a gel of half the modulus noise counts twice.",
     "pattern-selection": "Deformation at a given depth, and with it every tracking error and the "
     "order of the patterns, does not depend on it; the force that a press takes does.",
-    "shapes": "Depth, density and contacts do not depend on it; every arrow and total of the "
-    "force fields is in proportion to it.",
+    "shapes": "Shapes, flows, depths and contacts do not depend on it. Forces, tractions and their "
+    "errors in N and kPa are in proportion to it; the calibration of force is fitted to the same "
+    "gel, so shares of the peak stay.",
     "comparison": "No figure of the table depends on it.",
     "pattern-search": "Deformation at a given depth, and with it the best pattern, does not depend "
     "on it.",
@@ -39,17 +30,6 @@ CHANGES = {
     "strict a share.",
 }
 """By study: the sentence for its page."""
-
-
-def span(value: float) -> Span:
-    """The range of a force, or of anything else in proportion to the modulus."""
-    return Span(value, value / MODULUS_FACTOR, value * MODULUS_FACTOR)
-
-
-def told(value: float, unit: str = "N") -> str:
-    """As "9.7 N (4.8 to 19 N for half and twice the modulus)"."""
-    at, low, high = span(value)
-    return f"{at:.2g} {unit} ({low:.2g} to {high:.2g} {unit} for half and twice the modulus)"
 
 
 def remark(study: str, modulus_mpa: float) -> str:

@@ -118,7 +118,7 @@ class Errors:
         known = [v for v in values if v is not None]
         if len(known) < len(self.indenters) or not known:
             return None
-        return intervals.mean(known, self.indenters, "indenter")
+        return intervals.mean(known, self.indenters, "indenter", "positive")
 
     def difference(
         self, pattern: str, other: str, method: str, measure: Measure

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import InputError
 from ..report.result import LeftOut, StudyResult
+from . import modulus
 from .asked import Asked
 
 if TYPE_CHECKING:
@@ -67,7 +68,10 @@ def _simulated(asked: Asked) -> StudyResult:
         tables=told.tables(frames),
         figures=told.drawn(pictures, ball, twist, note),
         settings=scene,
-        notes=(made.depth_line, told.DENSITY, told.TWIST, told.modulus_note()),
+        notes=(
+            made.depth_line, told.DENSITY, told.TWIST,
+            modulus.remark(STUDY, next(iter(of.protocols.values())).specimen.modulus_mpa),
+        ),
         left_out=tuple(_scene(line) for line in sorted(shown)),
         missing=made.missing,
     )  # fmt: skip

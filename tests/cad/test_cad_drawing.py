@@ -13,17 +13,10 @@ from deltact_fab.cad import registry
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.drafting.dimensioning import Leader, Linear, shown
-from deltact_fab.cad.drafting.drawing import FLIPPED, SCALES, VIEWS, drawing_svg, has_drawing
+from deltact_fab.cad.drafting.drawing import FLIPPED, SCALES, VIEWS, drawing, has_drawing
+from deltact_fab.cad.drafting.page import CAP, meet, text_width_mm
 from deltact_fab.cad.drafting.projection import View, project
-from deltact_fab.cad.drafting.sheet import (
-    BORDER_MM,
-    CAP,
-    SHEETS,
-    block_rect,
-    meet,
-    text_width_mm,
-    wrapped,
-)
+from deltact_fab.cad.drafting.sheet import BORDER_MM, SHEETS, block_rect, wrapped
 from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import mesh_solid
 from deltact_fab.cad.parts import mold
@@ -54,7 +47,7 @@ def made(cq):
         if key not in kept:
             part, dims = registry.find(name), load_design(design, changes)
             solid, measured = build_part(part, dims)
-            svg = drawing_svg(part, dims, solid)
+            svg = drawing(part, dims, solid).svg()
             kept[key] = part, dims, solid, np.array(measured.box_mm), ET.fromstring(svg)
         return kept[key]
 
@@ -305,9 +298,12 @@ def test_nothing_lies_on_the_title_block(made):
 
 def test_a_mesh_left_on_the_solid_changes_no_byte(made):
     part, design, solid, *_ = made("cover")
-    before = drawing_svg(part, design, solid)
+    before = drawing(part, design, solid)
+    svg, pdf = before.svg(), before.pdf()
     mesh_solid(solid, 0.1, part.name)
-    assert drawing_svg(part, design, solid) == before
+    after = drawing(part, design, solid)
+    assert after.svg() == svg
+    assert after.pdf() == pdf
 
 
 @pytest.mark.parametrize("name", ["skin", "camera", "screw", "camera-screw"])
@@ -315,12 +311,12 @@ def test_what_is_cast_or_bought_has_no_drawing(name):
     part = registry.find(name)
     assert not has_drawing(part)
     with pytest.raises(InputError, match=f"part '{name}': has no drawing"):
-        drawing_svg(part, load_design(), None)
+        drawing(part, load_design(), None)
 
 
 def test_a_part_that_fits_no_sheet_is_told(cq):
     with pytest.raises(InputError, match=r"acrylic: its drawing fits no A3 sheet at 1:5 \(4000 x"):
-        drawing_svg(registry.find("acrylic"), load_design(), cq.Solid.makeBox(4000, 4000, 2))
+        drawing(registry.find("acrylic"), load_design(), cq.Solid.makeBox(4000, 4000, 2))
 
 
 def test_lengths_are_printed_as_a_machinist_writes_them():

@@ -160,7 +160,7 @@ def test_what_varies_at_a_depth_is_measured_and_said() -> None:
 def test_the_modulus_scales_newtons_and_no_share() -> None:
     result = made()
     rows = with_modulus(
-        said(result), result, modulus(result, 0.56, (25.0, 25.0, 35.0), (250.0, 250.0, 250.0))
+        said(result), 0.56, modulus(result, 0.56, (25.0, 25.0, 35.0), (250.0, 250.0, 250.0))
     ).data["modulus"]["at"]  # fmt: skip
     low, here, high = rows
     assert (low["modulus_mpa"], high["modulus_mpa"]) == (0.28, 1.12)

@@ -11,6 +11,7 @@ from ..dimensions import Design
 from ..kernel import guarded, require
 from . import (
     casting,
+    drawings,
     fits,
     indenters,
     inequalities,
@@ -70,7 +71,9 @@ def run(
     require()
     from ..registry import listed
 
-    total = len(listed(indenters)) + len(CHECKS)
+    parts = listed(indenters)
+    rows += drawings.rows(design, parts)
+    total = len(parts) + len(CHECKS)
     done = 0
 
     def tell(what: str) -> None:

@@ -7,9 +7,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from .dimensioning import Axis, Centres, Circle, Item, Leader, Linear, Side, shown
+from .dimensioning import Axis, Centres, Circle, Detail, Item, Leader, Linear, Side, shown
+from .page import ARROW_MM, SMALL_MM, Page, Point2, Rect, meet, text_width_mm, within
 from .projection import Vector, View
-from .sheet import ARROW_MM, LINE_MM, SMALL_MM, Page, Point2, Rect, meet, text_width_mm
+from .sheet import LINE_MM
 
 SIDES: tuple[Side, ...] = ("left", "right", "top", "bottom")
 FIRST_MM = 9.0  # from the view to its first dimension line
@@ -22,6 +23,7 @@ RISES_MM = (-3.0, 5.5, -8.0, 10.5, -13.0, 15.5, -18.0, 20.5)
 AIR_MM = 0.6  # between a leader and a text
 TAIL_MM = 5.0  # of arrows that point inwards from outside
 SHORT_MM = 0.7
+LETTER_MM = 6.0  # around a detail's circle
 # Of a label's parts behind its words: the frame's height, the check mark's width, the gaps.
 FRAME_MM = 4.5
 CHECK_MM = 3.2
@@ -57,6 +59,7 @@ class Arranged:
     items: Sequence[Item]
     cut_x: float | None = None  # on the model's plane, where this view shows the cutting plane
     heading: str = ""
+    details: Sequence[Detail] = ()  # whose circles and letters stand in this view
     lines: dict[Side, list[_Line]] = field(default_factory=dict)
     labels: list[tuple[Leader, float, float]] = field(default_factory=list)
     margins: Rect = (0.0, 0.0, 0.0, 0.0)
@@ -88,6 +91,11 @@ class Arranged:
                 bottom = max(bottom, max(y for _, _, y in column) - self.size_mm[1])
         if self.heading:
             top += 7.0
+        for detail in self.details:
+            (x, y), reach = self.local(detail.at), detail.radius_mm * self.scale + LETTER_MM
+            left, top = max(left, reach - x), max(top, reach - y)
+            right = max(right, x + reach - self.size_mm[0])
+            bottom = max(bottom, y + reach - self.size_mm[1])
         self.margins = (left, top, right, bottom)
 
     @property
@@ -171,7 +179,7 @@ class Arranged:
             wanted = [self.local(leader.at)[1] + rise for rise in RISES_MM]
             wanted = [y for y in wanted if y >= least] or [least]
             free = [
-                y for y in wanted if not any(_cuts(self._leader(leader, x, y), r) for r in texts)
+                y for y in wanted if not any(within(self._leader(leader, x, y), r) for r in texts)
             ]
             column.append((leader, x, (free or wanted)[0]))
         return column
@@ -310,17 +318,3 @@ def _draw_words(page: Page, at: Point2, leader: Leader) -> None:
         stroke = [(x, y - 1.2), (x + 1.0, y + 0.6), (x + 3.2, y - 3.2), (end, y - 3.2)]
         page.path([stroke, [(x, y - 1.2), (x + 2.05, y - 1.2)]], "thin")
         page.text((x + CHECK_MM, y), words)
-
-
-def _cuts(line: tuple[Point2, Point2], rect: Rect) -> bool:
-    """Whether a straight line passes through a rectangle (Liang-Barsky)."""
-    (x0, y0), (x1, y1) = line
-    enter, leave = 0.0, 1.0
-    for start, way, low, high in ((x0, x1 - x0, rect[0], rect[2]), (y0, y1 - y0, rect[1], rect[3])):
-        if abs(way) < 1e-12:
-            if not low <= start <= high:
-                return False
-            continue
-        a, b = sorted(((low - start) / way, (high - start) / way))
-        enter, leave = max(enter, a), min(leave, b)
-    return enter <= leave

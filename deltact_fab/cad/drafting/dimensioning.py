@@ -45,7 +45,7 @@ class Linear:
 
     a, b: points in the part's frame, in mm; the printed value is their distance. before, after:
     what stands around it (`Ø`, `(2×)`). limits: lower and upper deviation in mm where the length
-    does not go by the general tolerance.
+    does not go by the general tolerance. auxiliary: it follows from others and is bracketed.
     """
 
     view: str
@@ -55,6 +55,7 @@ class Linear:
     before: str = ""
     after: str = ""
     limits: Limits | None = None
+    auxiliary: bool = False
 
     def value_mm(self, view: View) -> float:
         """The distance as it is printed."""
@@ -63,7 +64,8 @@ class Linear:
 
     def words(self, view: View) -> str:
         """What is printed."""
-        return f"{self.before}{toleranced(self.value_mm(view), self.limits)}{self.after}"
+        words = f"{self.before}{toleranced(self.value_mm(view), self.limits)}{self.after}"
+        return f"({words})" if self.auxiliary else words
 
 
 @dataclass(frozen=True)

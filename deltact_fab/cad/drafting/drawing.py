@@ -1,4 +1,4 @@
-"""The dimensioned drawing of a part as SVG in millimetres: ISO first angle, hidden lines removed.
+"""The dimensioned drawing of a part: ISO first angle, hidden lines removed.
 
     front    left (or section A-A)
     top      picture, notes, title block
@@ -9,6 +9,7 @@ its right (ISO 5456-2). What is dimensioned is in drafting/, as data.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
@@ -19,26 +20,18 @@ import numpy as np
 from ...errors import InputError
 from ..dimensions import Design
 from ..kernel import guarded, require
-from ..part import Part
+from ..part import LASER_CUT, PRINT, Part
 from .arrangement import Arranged
-from .items import Callouts
+from .detail import Circle2
+from .dimensioning import Detail
+from .items import GENERAL_TOLERANCE, Callouts
+from .page import LARGE_MM, SMALL_MM, Page, Point2, Rect, meet, text_width_mm
 from .projection import Points, Projected, View, project, sampled
-from .sheet import (
-    BORDER_MM,
-    LINE_MM,
-    SHEETS,
-    SMALL_MM,
-    Page,
-    Point2,
-    Rect,
-    Title,
-    block_rect,
-    draw_frame,
-    meet,
-    wrapped,
-)
+from .sheet import BORDER_MM, LINE_MM, SHEETS, Title, block_rect, draw_frame, wrapped
 
 # ISO 5455, the largest first.
+DETAIL_SCALES = {"20:1": 20.0, "10:1": 10.0, "5:1": 5.0}
+DETAIL_MM = 60.0  # the largest circle on paper
 SCALES = {"5:1": 5.0, "2:1": 2.0, "1:1": 1.0, "1:2": 0.5, "1:5": 0.2}
 WIDE_MM = 150.0  # nothing is enlarged beyond this
 GAP_MM = 6.0
@@ -61,14 +54,18 @@ FLIPPED = {
 
 @dataclass(frozen=True)
 class _Drawn:
-    """One view: its projection, its lines, and the faces of a section."""
+    """One view: its projection, its lines, the faces of a section; of a detail, its circle."""
 
     view: View
     lines: Projected
     hatched: Sequence[Sequence[Points]] = ()
+    circle: Circle2 | None = None
 
     @property
     def box_mm(self) -> tuple[Point2, Point2]:
+        if self.circle is not None:
+            (x, y), r = self.circle.centre, self.circle.radius
+            return (x - r, y - r), (x + r, y + r)
         (x0, y0), (x1, y1) = (c.tolist() for c in self.lines.box_mm)
         return (x0, y0), (x1, y1)
 
@@ -120,8 +117,8 @@ def has_drawing(part: Part) -> bool:
     return part.callouts is not None
 
 
-def drawing_svg(part: Part, design: Design, solid: Any) -> str:
-    """The drawing of a part, its solid as built from the design. Same dimensions, same bytes.
+def drawing(part: Part, design: Design, solid: Any) -> Page:
+    """The drawing of a part, its solid as built from the design. Same dimensions, same page.
 
     Raises InputError for a part without a drawing, and where no standard scale fits it on A3;
     RunFailed when the CAD kernel fails.
@@ -135,25 +132,44 @@ def drawing_svg(part: Part, design: Design, solid: Any) -> str:
     if open_keys := [key for key in said.rests_on if key in design.unverified()]:
         notes.append(f"Rests on unverified values: {', '.join(open_keys)}.")
     layout = _layout(part.name, drawn, said, notes)
-    page = Page()
+    page = Page(SHEETS[layout.sheet], f"{part.name}, {layout.scale}")
     title = Title(
         part.name, _belongs(part), part.material, part.process, part.quantity, layout.scale,
-        layout.sheet, said.general_tolerance,
+        layout.sheet, _general_tolerance(part, design), design.drawing,
     )  # fmt: skip
     draw_frame(page, title)
     left, top, _, _ = layout.reserved
     for i, line in enumerate(layout.notes):
         page.text((left + 2, top + 2 + LINE_MM * i + SMALL_MM), line)
+    drawn |= {detail.letter: _enlarged(drawn[detail.view], detail) for detail in said.details}
     for name, arranged in layout.arranged.items():
         _draw_view(page, name, drawn[name], arranged, layout.at[name])
+    for detail in said.details:
+        view = layout.arranged[detail.view]
+        _draw_mark(page, detail, view, layout.at[detail.view])
     _draw_picture(page, drawn["picture"], layout)
-    return page.svg(*SHEETS[layout.sheet], f"{part.name}, {layout.scale}")
+    return page
+
+
+def _general_tolerance(part: Part, design: Design) -> str:
+    """Of every length without limits of its own: what the part's machine does."""
+    if part.process == PRINT:
+        return design.resin_printer.general_tolerance
+    if part.process == LASER_CUT:
+        return design.laser.general_tolerance
+    return GENERAL_TOLERANCE
 
 
 def _belongs(part: Part) -> str:
     if part.group == "sensor":
         return f"DelTact sensor, part {part.number}" if part.number else "DelTact sensor"
     return {"tools": "casting tools", "bench": "test bench", "indenters": "indenters"}[part.group]
+
+
+def views_of(said: Callouts) -> dict[str, View]:
+    """The views of a drawing by name, those of its details too."""
+    views = FLIPPED if said.flipped else VIEWS
+    return views | {detail.letter: views[detail.view] for detail in said.details}
 
 
 def _views(solid: Any, said: Callouts) -> dict[str, _Drawn]:
@@ -166,6 +182,17 @@ def _views(solid: Any, said: Callouts) -> dict[str, _Drawn]:
         else:
             drawn[name] = _Drawn(view, project([solid], view.direction, view.up)[0])
     return drawn
+
+
+def _enlarged(parent: _Drawn, detail: Detail) -> _Drawn:
+    """What a detail's circle holds of its view; hidden lines stay behind."""
+    u, v = (float(c) for c in parent.view.flat(detail.at))
+    circle = Circle2((u, v), detail.radius_mm)
+    lines = Projected(
+        circle.of_lines(parent.lines.visible), (), circle.of_lines(parent.lines.smooth)
+    )
+    faces = [circle.of_face(face) for face in parent.hatched]
+    return _Drawn(parent.view, lines, [face for face in faces if face], circle)
 
 
 def _section(solid: Any, view: View, x_mm: float) -> _Drawn:
@@ -227,6 +254,7 @@ def _placed(
             [item for item in said.items if item.view == name],
             said.cut.x_mm if said.cut is not None and name == "top" else None,
             "A–A" if said.cut is not None and name == "left" else "",
+            [detail for detail in said.details if detail.view == name],
         )
         for name in ("front", "top", "left")
     }
@@ -251,7 +279,54 @@ def _placed(
         "left": (ox + x_left + spare_x, oy + y),
         "top": (ox + x, oy + y_top + spare_y),
     }
-    return _Layout(sheet, scale, arranged, at, notes)
+    layout = _Layout(sheet, scale, arranged, at, notes)
+    for detail in said.details:
+        _place_detail(layout, detail, drawn[detail.view], said)
+    return layout
+
+
+def _place_detail(layout: _Layout, detail: Detail, parent: _Drawn, said: Callouts) -> None:
+    """Put a detail where the sheet is free, as large as goes; where nothing goes, off the sheet."""
+    items = [item for item in said.items if item.view == detail.letter]
+    drawn = _enlarged(parent, detail)
+    layout.at[detail.letter] = SHEETS[layout.sheet]
+    for name, scale in DETAIL_SCALES.items():
+        if scale <= SCALES[layout.scale] or 2 * detail.radius_mm * scale > DETAIL_MM:
+            continue
+        heading = f"{detail.letter} ({name})"
+        arranged = Arranged(
+            detail.letter, drawn.view, scale, drawn.box_mm, items, None, heading
+        )  # fmt: skip
+        layout.arranged[detail.letter] = arranged
+        left, top, right, bottom = arranged.margins
+        size = arranged.size_mm
+        room = left + size[0] + right, top + size[1] + bottom
+        if (corner := _free_place(layout, room, but=detail.letter)) is not None:
+            layout.at[detail.letter] = corner[0] + left, corner[1] + top
+            return
+    if detail.letter not in layout.arranged:
+        raise ValueError(
+            f"detail {detail.letter}: no scale of {', '.join(DETAIL_SCALES)} enlarges it"
+        )
+
+
+def _free_place(layout: _Layout, room: Point2, but: str) -> Point2 | None:
+    """The upper left corner of a free rectangle of a size, towards the upper right of the sheet."""
+    width, height = SHEETS[layout.sheet]
+    edge, gap = BORDER_MM + 4, 3.0
+    taken = [r for name, r in zip(layout.arranged, layout.taken, strict=True) if name != but]
+    taken = [(a - gap, b - gap, c + gap, d + gap) for a, b, c, d in [*taken, layout.reserved]]
+    xs = {edge, width - edge - room[0], *(r[2] for r in taken), *(r[0] - room[0] for r in taken)}
+    ys = {edge, height - edge - room[1], *(r[3] for r in taken), *(r[1] - room[1] for r in taken)}
+    found = [
+        (x, y)
+        for x in xs
+        for y in ys
+        if edge <= x <= width - edge - room[0]
+        and edge <= y <= height - edge - room[1]
+        and not any(meet((x, y, x + room[0], y + room[1]), r) for r in taken)
+    ]
+    return min(found, key=lambda p: (round(p[1] - p[0], 3), p), default=None)
 
 
 def _over(left: Arranged, top: Arranged, apart: float) -> bool:
@@ -267,6 +342,9 @@ def _draw_view(page: Page, name: str, drawn: _Drawn, arranged: Arranged, at: Poi
         return [_paper(line, (x0, y1), scale, at) for line in lines]
 
     page.open(f"view-{name}", scale=scale)
+    if drawn.circle is not None:
+        radius = drawn.circle.radius * scale
+        page.circle((at[0] + radius, at[1] + radius), radius)
     for loops in drawn.hatched:
         page.path(on_paper(loops), "hatch", closed=True)
     page.path(on_paper(drawn.lines.hidden), "hidden")
@@ -284,6 +362,22 @@ def _paper(line: Points, corner_mm: Point2, scale: float, at: Point2) -> Points:
         [at[0] + (line[:, 0] - corner_mm[0]) * scale, at[1] + (corner_mm[1] - line[:, 1]) * scale],
         axis=1,
     )
+
+
+def _draw_mark(page: Page, detail: Detail, parent: Arranged, at: Point2) -> None:
+    """The circle in the parent view that a detail shows, its letter where the page is free."""
+    x, y = parent.local(detail.at)
+    x, y, radius = at[0] + x, at[1] + y, detail.radius_mm * parent.scale
+    page.circle((x, y), radius)
+    half = text_width_mm(detail.letter, LARGE_MM) / 2
+    away = radius + 3.0
+    ways = [math.pi * k / 6 for k in (2, 1, 3, 4, 0, 5, 6, -1, -2, -3, -4, -5)]
+    places = [(x + away * math.cos(a), y - away * math.sin(a) + LARGE_MM / 2) for a in ways]
+    boxes = [(px - half - 0.5, py - LARGE_MM - 0.5, px + half + 0.5, py + 0.5) for px, py in places]
+    met = [page.crossings(box) for box in boxes]
+    page.open(f"detail-{detail.letter}")
+    page.text(places[met.index(min(met))], detail.letter, LARGE_MM, "middle")
+    page.close()
 
 
 def _draw_picture(page: Page, drawn: _Drawn, layout: _Layout) -> None:

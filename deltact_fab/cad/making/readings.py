@@ -52,8 +52,8 @@ class Reading:
 class Estimate:
     """A key of a design with what was read beside what it had.
 
-    bias_mm: mean of the readings' deviations; spread_mm: that of a further piece about the mean, +-,
-    at 95 %. count: readings.
+    bias_mm: mean of the readings' deviations; spread_mm: that of a further piece about the mean,
+    +-, at 95 %. count: readings.
     """
 
     key: str

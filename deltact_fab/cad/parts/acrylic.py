@@ -155,7 +155,7 @@ def callouts(d: Design) -> Callouts:
         ]
     notes = (
         "Cut from cast PMMA, clear on both faces; protective film stays on until bonding.",
-        "Plan dimensions are those of the finished plate: offset the cut by half the kerf.",
+        f"Plan dimensions are those of the finished plate. {d.laser.path}",
     )
     return Callouts(tuple(items), notes)
 

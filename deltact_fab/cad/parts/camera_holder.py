@@ -21,7 +21,7 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING
 
 from ..checks import Expected
-from ..drafting.dimensioning import Axis, Item, shown
+from ..drafting.dimensioning import Axis, Item
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
@@ -271,8 +271,8 @@ def callouts(d: Design) -> Callouts:
         z_of("front", back, front, "left", -x, limits=d.resin_printer.tall_limits_mm),
     ]  # fmt: skip
     notes = (
-        f"Ø{shown(row.pilot_mm)}: {d.holder.screw} cuts its own thread. "
-        f"Ø{shown(d.cover.hole_mm)}: for the pegs of the cover.",
+        f"{d.holder.screw} cuts its own thread in the two pilot holes; the four others are for the "
+        "pegs of the cover.",
         SQUARE_EDGES,
     )
     return Callouts(tuple(items), notes, rests_on=("camera.connector_width_mm", *UPPER_HOLES))

@@ -23,7 +23,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..checks import Expected
-from ..drafting.dimensioning import Axis, Cut, Item, Linear, shown
+from ..drafting.dimensioning import Axis, Cut, Detail, Item, Linear, shown
 from ..drafting.items import Callouts, holes, x_of, y_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
@@ -253,37 +253,45 @@ def callouts(d: Design) -> Callouts:
     (sx, sy), (px, py) = d.screw_at_mm, d.peg_at_mm
     post = d.post_mm
     back, floor, boss, head = d.z_back_mm, d.z_floor_mm, d.z_boss_mm, d.z_head_mm
-    tip = floor + d.peg_length_mm
+    under, tip = d.z_board_back_mm, floor + d.peg_length_mm
+    slot, lip = cover.slot_mm / 2, cover.hole_mm / 2 + cover.lip_mm
+    tip_x = _lip_mm(d)[1] + cover.lip_mm
+    side = slot + cover.leg_mm
     fitted, tall = d.resin_printer.limits_mm, d.resin_printer.tall_limits_mm
     pegs = [(s * px, t * py) for s in (-1, 1) for t in (-1, 1)]
     items: list[Item] = [
         x_of("top", -ox, ox, "bottom", -oy),
         x_of("top", -sx, sx, "bottom", -sy, limits=fitted),
         x_of("top", -px, px, "top", py, limits=fitted),
-        x_of("top", ox - post, ox, "top", oy, after=" (4×)", limits=fitted),
+        x_of("top", ox - post, ox, "top", oy, after=" (4×, x and y)", limits=fitted),
         y_of("top", -oy, oy, "left", -ox),
         y_of("top", -sy, sy, "left", -sx, limits=fitted),
         y_of("top", -py, py, "left", -px, limits=fitted),
-        y_of("top", oy - post, oy, "right", ox),
         *holes(d.screw_centres_mm, boss, row.clearance_mm, " through", limits=fitted),
-        *holes(pegs, tip, cover.peg_mm, f" peg, slot {shown(cover.slot_mm)} along y",
-               limits=fitted),
-        Linear("front", (-ox, 0, back), (-px - cover.peg_mm / 2, 0, tip), "left"),
+        *holes(pegs, tip, cover.peg_mm, " peg", limits=fitted),
+        Linear("front", (-ox, 0, back), (-px - side, 0, tip), "left", auxiliary=True),
         z_of("front", back, boss, "left", -ox),
         z_of("front", back, floor, "right", ox - post),
-        z_of("front", floor, tip, "right", px + cover.peg_mm / 2, limits=tall),
         z_of("left", back, head, "right", 0, -sy),
         y_of("left", -sy - row.bore_mm / 2, -sy + row.bore_mm / 2, "bottom", 0, back,
            before="Ø", after=" (4×)", limits=fitted),
         *(Axis("left", (-sx, s * sy, back), (-sx, s * sy, boss)) for s in (-1, 1)),
+        x_of("B", px - slot, px + slot, "top", -py, tip, after=" slot"),
+        x_of("B", px - side, px + side, "bottom", -py, floor, after=" over both legs",
+             limits=fitted),
+        x_of("B", px - lip, px + lip, "top", -py, under, after=" over both lips",
+             limits=fitted),
+        z_of("B", under, tip, "right", px + tip_x, -py),
+        z_of("B", floor, under, "left", px - side, -py, limits=tall),
     ]  # fmt: skip
     notes = (
-        f"Pegs: legs {shown(cover.leg_mm)} thick, flat outside, lip {shown(cover.lip_mm)} beyond the hole of "
-        f"Ø{shown(cover.hole_mm)}, {shown(cover.lip_height_mm)} high, flat underneath; "
-        f"strain when snapped in {shown(100 * d.snap_strain)} %.",
-        "Pegs without support marks. Opaque.",
+        "Four pegs alike, slots along y, legs flat outside. Lips flat underneath, "
+        f"{shown(cover.lip_mm)} beyond the hole of Ø{shown(cover.hole_mm)}.",
+        f"Strain of a peg when snapped in: {shown(100 * d.snap_strain)} %. Pegs without support "
+        "marks. Opaque.",
     )
-    return Callouts(tuple(items), notes, Cut(-sx))
+    detail = Detail("B", "front", (px, -py, (floor + tip) / 2), 0.75 * d.peg_length_mm)
+    return Callouts(tuple(items), notes, Cut(-sx), details=(detail,))
 
 
 def wall_mm(d: Design) -> float:

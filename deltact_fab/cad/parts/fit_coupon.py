@@ -57,7 +57,7 @@ class FitCouponDimensions(Record):
 
     @property
     def outer_mm(self) -> Point2:
-        """Sides of the base = count pitches and the block's, slots and the row of holes: 54 x 22."""
+        """Sides of the base = pitches and block, slots and the row of holes: 53.5 x 23."""
         row = max(self.sizes_mm[-1], self.block_mm) + self.pitch_mm
         return self.count * self.pitch_mm + self.block_mm + self.pitch_mm / 2, self.slot_mm + row
 
@@ -151,7 +151,7 @@ def callouts(d: Design) -> Callouts:
         z_of("left", top, top + coupon.peg_height_mm, "left", middle, row + coupon.peg_mm / 2),
     ]  # fmt: skip
     notes = (
-        f"Slots {span} wide, below the holes of the same size. No edge is broken or rubbed.",
+        "Each slot is as wide as the hole above it. No edge is broken or rubbed.",
         "Measure each hole, slot and outside length; enter nominal and measured in a table.",
     )
     return Callouts(tuple(items), notes, Cut(middle))

@@ -294,12 +294,11 @@ def callouts(d: Design) -> Callouts:
         y_of("top", 0, upper, "left", screws[0][0], back),
         Centres("top", tuple((x, y, back) for x, y in screws), relief),
         Leader("top", (*near, back), 0, f"2× Ø{shown(2 * relief)} through the floor, from below"),
-        z_of("front", floor, front, "left", -slot, -r),
         Axis("left", (0, 0, back), (0, 0, front)),
     ]
     notes = (
         "Translucent white; the inner wall is the diffuser: no polish, no paint.",
-        f"Slot at -y through the outer wall only. {SQUARE_EDGES}",
+        f"Slot at -y through the outer wall only, down to the channel's floor. {SQUARE_EDGES}",
     )
     return Callouts(
         tuple(items), notes, Cut(0.0),

@@ -25,7 +25,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..checks import Expected
-from ..drafting.dimensioning import Axis, Cut, Item, Leader, shown
+from ..drafting.dimensioning import Axis, Cut, Item, Leader, Linear, shown
 from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..fit import Fit
 from ..kernel import require
@@ -180,7 +180,7 @@ def callouts(d: Design) -> Callouts:
         y_of("top", last + sy, last + sy + mold.pry_mm, "right", axes_x[-1] + pry),
         *(Axis("top", (a, -y / 2, z), (a, y / 2, z)) for a in axes_x),
         *(Axis("top", (-x / 2, a, z), (x / 2, a, z)) for a in axes_y),
-        z_of("left", 0, z, "right", cx, -y / 2),
+        Linear("left", (cx, -y / 2, 0), (cx, -y / 2, z), "right", auxiliary=True),
         z_of("left", 0, mold.base_mm, "right", cx, cy - h),
         z_of("left", seat, z, "left", cx, last + sy),
         z_of(

@@ -322,7 +322,7 @@ def callouts(d: Design) -> list[Item]:
     floor, end = d.z_floor_mm, oy + mount.length_mm
     reach = {"block": mount.width_mm / 2, "franka": mount.flange_width_mm / 2, "plate": ox}
     items: list[Item] = [
-        Linear("top", (-ox, -oy, 0), (-reach[mount.kind], end, 0), "left"),
+        Linear("top", (-ox, -oy, 0), (-reach[mount.kind], end, 0), "left", auxiliary=True),
         y_of("left", oy, end, "bottom", 0, floor),
     ]
     if mount.kind == "plate":

@@ -241,7 +241,7 @@ def body_items(d: Design) -> list[Item]:
     px, py = d.post_edge_mm
     floor, joint, boss = d.z_floor_mm, d.z_joint_mm, d.z_boss_mm
     cable = shell.cable_width_mm / 2
-    fitted, tall = d.resin_printer.limits_mm, d.resin_printer.tall_limits_mm
+    fitted = d.resin_printer.limits_mm
     items: list[Item] = [
         x_of("top", -sx, sx, "bottom", -sy, limits=fitted),
         y_of("top", -sy, sy, "left", -sx, limits=fitted),

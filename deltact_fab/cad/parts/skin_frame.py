@@ -173,13 +173,11 @@ def callouts(d: Design) -> Callouts:
         *holes(d.screw_centres_mm, back, pilot, f" depth {shown(d.screw.pilot_depth_mm)}",
                limits=fitted),
         z_of("front", back, front, "left", -ox),
-        z_of("front", back, back + d.screw.pilot_depth_mm, "right", sx),
         *(Axis("front", (s * sx, 0, back), (s * sx, 0, back + d.screw.pilot_depth_mm))
           for s in (-1, 1)),
         y_of("left", -h, h, "top", 0, front),
         y_of("left", -seat, seat, "bottom", 0, back, limits=fitted),
         z_of("left", back, ledge, "right", 0, oy, limits=tall),
-        z_of("left", back, front, "right", 0, oy),
     ]  # fmt: skip
     if d.post_in_window_mm[0] > 0:
         items += [

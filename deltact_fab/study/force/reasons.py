@@ -137,8 +137,8 @@ def why_not_the_papers(result: ForceResult, refits: pd.DataFrame, name: str) -> 
     assert result.paper is not None, "it was asked for"
     wanted = ("one place", "one indenter", "one press")
     own = [row for row in refits.to_dict(orient="records") if row["fitted_to"] in wanted]
-    said = [f"{row[f'{name}_n']:.2f} N fitted to {row['fitted_to']}" for row in own]
-    text = f"alone: {', '.join(said)}" if said else ""
+    said = [f"{row[f'{name}_n']:.2f} N fitted to {row['fitted_to']} alone" for row in own]
+    text = ", ".join(said)
     varies = under_shear(result.paper, result.data) if name == "normal" else None
     if varies is not None:
         text += (

@@ -18,10 +18,10 @@ from ...analysis.force import (
 )
 from ...analysis.force.judge import Judged
 from ...analysis.force.learning import as_rows
-from ...preflight.peaks import MODULUS_FACTOR
 from ...report.force_figures import drawn
 from ...report.result import Headline, StudyResult, Table
 from ..intervals import Estimate, rmse
+from ..modulus import MODULUS_FACTOR, remark
 from .reasons import by_group, error, parts, why_missed, why_not_the_papers
 
 if TYPE_CHECKING:
@@ -72,16 +72,10 @@ def told(result: ForceResult, study: str, scale: float | None) -> StudyResult:
     )
 
 
-def with_modulus(told: StudyResult, result: ForceResult, table: Table) -> StudyResult:
+def with_modulus(told: StudyResult, modulus_mpa: float, table: Table) -> StudyResult:
     """With what the modulus's factor changes."""
     rows = table.frame.to_dict(orient="records")
-    low, high = 1 / MODULUS_FACTOR, MODULUS_FACTOR
-    note = (
-        f"The gel's modulus is known to a factor of {MODULUS_FACTOR:g}. Forces are in proportion "
-        "to it and images do not change: so every figure in newtons here is worth "
-        f"{low:g} to {high:g} times itself, range and error alike, and shares of the range, gains "
-        "and R2 stay. Only the force sensor's noise and range do not scale."
-    )
+    note = remark(told.study, modulus_mpa)
     return replace(
         told,
         tables=(*told.tables, table),

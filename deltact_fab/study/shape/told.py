@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...analysis.shape import GOALS, Picture, PressShape
-from ...preflight.peaks import MODULUS_FACTOR
 from ...report import force_map_figures, shape_figures
 from ...report.result import Drawn, Headline, Table
 from .headlines import GOAL_FIELD, GOAL_N, NINE_D_TACT_MM
@@ -184,15 +183,6 @@ def _told(head: Headline, digits: int = 2) -> str:
 
 def _met(head: Headline) -> str:
     return f"the goal of {head.goal:g} is {'met' if head.met else 'missed'}"
-
-
-def modulus_note() -> str:
-    """What the gel's modulus, known to a factor, changes here."""
-    return (
-        f"The gel's modulus is known to a factor of {MODULUS_FACTOR:g}. Shapes, flows and depths "
-        "do not depend on it. Forces, tractions and their errors in N and kPa are in proportion to "
-        "it; the calibration of force is fitted to the same gel, so shares of the peak stay."
-    )
 
 
 def data(
