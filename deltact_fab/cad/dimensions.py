@@ -270,7 +270,7 @@ class Design(SensorDimensions):
 
     @property
     def peg_relief_mm(self) -> float:
-        """Radius of the light holder's reliefs for the lips = lip + clearance: 2.02."""
+        """Radius of the light holder's reliefs for the lips = lip + clearance: 1.97."""
         return self.cover.hole_mm / 2 + self.cover.lip_mm + self.light.lip_clearance_mm
 
     @property

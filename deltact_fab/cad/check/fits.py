@@ -32,7 +32,7 @@ def rows(design: Design) -> Iterator[Row]:
 
 
 def platform(design: Design) -> Iterator[Row]:
-    """The printed part that leaves least room, as it is drawn or turned by a right angle in plan."""
+    """The printed part that leaves least room, as drawn or turned by a right angle in plan."""
     printer = design.resin_printer
     room = [*sorted((printer.bed_x_mm, printer.bed_y_mm), reverse=True), printer.bed_z_mm]
     sides = {}

@@ -59,7 +59,7 @@ class LightDimensions(Record):
     fit_mm: float = number(0.2, "radial clearance in the shell", 0.02, 2)
     axial_fit_mm: float = number(0.9, "play below the acrylic, so that it bears no press", 0.02, 5)
     lens_clearance_mm: float = number(0.3, "between lens and bore, radial", 0.02, 5)
-    lip_clearance_mm: float = number(0.3, "around the lips of the cover's pegs", 0.02, 2)
+    lip_clearance_mm: float = number(0.25, "around the lips of the cover's pegs", 0.02, 2)
     head_room_mm: float = number(0.1, "floor above the heads of the camera's screws", 0.0, 5)
     slot_mm: float = number(3.0, "slot for the wires", 0.5, 20)
     resistor_ohm: float = number(750.0, "in series (paper: 750)", 20, 1e5)
