@@ -30,8 +30,8 @@ from .projection import Points, Projected, View, project, sampled
 from .sheet import BORDER_MM, LINE_MM, SHEETS, Title, block_rect, draw_frame, wrapped
 
 # ISO 5455, the largest first.
-DETAIL_SCALES = {"20:1": 20.0, "10:1": 10.0, "5:1": 5.0}
-DETAIL_MM = 60.0  # the largest circle on paper
+DETAIL_SCALES = {"20:1": 20.0, "10:1": 10.0, "5:1": 5.0, "2:1": 2.0}
+DETAIL_MM = 60.0  # a circle on paper is larger only where it must be
 SCALES = {"5:1": 5.0, "2:1": 2.0, "1:1": 1.0, "1:2": 0.5, "1:5": 0.2}
 WIDE_MM = 150.0  # nothing is enlarged beyond this
 GAP_MM = 6.0
@@ -281,24 +281,21 @@ def _place_detail(layout: _Layout, detail: Detail, parent: _Drawn, said: Callout
     items = [item for item in said.items if item.view == detail.letter]
     drawn = _enlarged(parent, detail)
     layout.at[detail.letter] = SHEETS[layout.sheet]
-    for name, scale in DETAIL_SCALES.items():
-        if scale <= SCALES[layout.scale] or 2 * detail.radius_mm * scale > DETAIL_MM:
+    larger = {n: scale for n, scale in DETAIL_SCALES.items() if scale > SCALES[layout.scale]}
+    for name, scale in larger.items():
+        if 2 * detail.radius_mm * scale > DETAIL_MM and scale > min(larger.values()):
             continue
-        heading = f"{detail.letter} ({name})"
         arranged = Arranged(
-            detail.letter, drawn.view, scale, drawn.box_mm, items, None, heading
+            detail.letter, drawn.view, scale, drawn.box_mm, items,
+            heading=f"{detail.letter} ({name})",
         )  # fmt: skip
         layout.arranged[detail.letter] = arranged
         left, top, right, bottom = arranged.margins
-        size = arranged.size_mm
-        room = left + size[0] + right, top + size[1] + bottom
+        width, height = arranged.size_mm
+        room = left + width + right, top + height + bottom
         if (corner := _free_place(layout, room, but=detail.letter)) is not None:
             layout.at[detail.letter] = corner[0] + left, corner[1] + top
             return
-    if detail.letter not in layout.arranged:
-        raise ValueError(
-            f"detail {detail.letter}: no scale of {', '.join(DETAIL_SCALES)} enlarges it"
-        )
 
 
 def _free_place(layout: _Layout, room: Point2, but: str) -> Point2 | None:
