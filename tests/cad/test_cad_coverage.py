@@ -28,6 +28,11 @@ def test_every_drawing_says_each_dimension_once(design):
     assert row.part == f"{len(DRAWN)} parts"
 
 
+def test_a_mount_that_is_a_plate_is_as_high_as_the_shell():
+    plate = load_design("deltact", ["mount.kind=plate"])
+    assert coverage(registry.find("shell"), plate).complete
+
+
 def test_the_numbers_of_a_part_are_followed():
     dims = load_design()
     followed = coverage(registry.find("cover"), dims).followed

@@ -16,11 +16,13 @@ from deltact_fab.cad import registry
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.drafting.dimensioning import Leader, Linear, shown, toleranced
-from deltact_fab.cad.drafting.drawing import FLIPPED, SCALES, VIEWS, drawing, has_drawing, views_of
+from deltact_fab.cad.drafting.drawing import drawing, has_drawing
 from deltact_fab.cad.drafting.items import Callouts
+from deltact_fab.cad.drafting.layout import SCALES
 from deltact_fab.cad.drafting.page import CAP, GAP_MM, Lines, Page, meet, text_width_mm, within
 from deltact_fab.cad.drafting.projection import View, project
 from deltact_fab.cad.drafting.sheet import BORDER_MM, SHEETS, block_rect, wrapped
+from deltact_fab.cad.drafting.views import FLIPPED, VIEWS, views_of
 from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import mesh_solid
 from deltact_fab.cad.parts import mold

@@ -18,9 +18,9 @@ from ...errors import InputError
 from ..dimensions import Design
 from ..part import Part
 from .dimensioning import Leader, Linear
-from .drawing import views_of
 from .items import Callouts
 from .projection import View
+from .views import views_of
 
 STEP = 0.05  # of a value: far more than the hundredths that are printed
 LEAST = 0.05
