@@ -269,7 +269,7 @@ def test_what_no_ray_reaches_is_told(inner, cq):
 
 def test_the_light_cone_goes_through_the_holder_s_bore(inner):
     (row,) = sight.light_cone(inner)
-    assert row.found == "96 of 96 reach it; radius 6.88 mm at the acrylic, bore 11.60 mm"
+    assert row.found == "96 of 96 reach it; radius 6.88 mm at the acrylic, bore 11.40 mm"
     assert row.passed
 
 

@@ -228,7 +228,10 @@ def test_heads_that_miss_the_ring_leave_its_floor_whole(cq):
     away = max(math.hypot(x, y) for x, y in large.camera_screw_centres_mm)
     assert away + large.head_relief_mm < large.light_bore_mm
     ring = build_part(registry.find("light-holder"), large)[0]
-    floor_mm2 = math.pi * (large.light_radius_mm**2 - large.light_bore_mm**2)
+    radius, lips = large.light_radius_mm, large.peg_relief_mm
+    floor_mm2 = math.pi * (radius**2 - large.light_bore_mm**2)
+    # The lips of the pegs, further out, do meet it.
+    floor_mm2 -= 4 * common_circles_mm2(lips, radius, math.hypot(*large.peg_at_mm))
     assert section_mm2(cq, ring, large.z_board_front_mm + 0.5) == pytest.approx(floor_mm2)
 
 

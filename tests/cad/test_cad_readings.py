@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -137,3 +139,15 @@ def test_no_table_is_one_line_and_writes_nothing(tmp_path):
     told = CliRunner().invoke(main, ["cad", "fit", str(tmp_path / "no.csv"), "-o", str(mine)])
     assert isinstance(told.exception, InputError)
     assert not mine.exists()
+
+
+def test_the_example_of_the_how_to_is_read(tmp_path):
+    guide = Path(__file__).parents[2] / "docs" / "how-to" / "measure-your-printer.md"
+    (block,) = re.findall(r"```csv\n(.*?)```", guide.read_text(), re.S)
+    table = tmp_path / "readings.csv"
+    table.write_text(block)
+    found = {e.key: e.value for e in estimates(read(table), Design())}
+    assert set(found) == {
+        f"resin_printer.{key}_mm" for key in ("hole_bias", "outside_bias", "plane", "height")
+    } | {"laser.kerf_mm", "laser.tolerance_mm", "laser.sheet_tolerance"}
+    assert found["laser.kerf_mm"] == pytest.approx((1.8 + 0.17 + 0.2 + 0.18) / 13, abs=5e-4)
