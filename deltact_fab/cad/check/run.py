@@ -12,6 +12,8 @@ from ..kernel import guarded, require
 from . import (
     bending,
     casting,
+    drawings,
+    fits,
     indenters,
     inequalities,
     pegs,
@@ -65,12 +67,17 @@ def run(
     InputError when the list of indenters is unusable.
     """
     rows = list(inequalities.rows(design))
-    if not all(row.passed for row in rows):
+    possible = all(row.passed for row in rows)
+    rows += fits.rows(design)
+    if not possible:
         return rows + [check.not_run("an inequality is broken") for check in CHECKS]
+    rows += fits.platform(design)
     require()
     from ..registry import listed
 
-    total = len(listed(indenters)) + len(CHECKS)
+    parts = listed(indenters)
+    rows += drawings.rows(design, parts)
+    total = len(parts) + len(CHECKS)
     done = 0
 
     def tell(what: str) -> None:
