@@ -120,7 +120,7 @@ def test_what_no_number_follows_changes_nothing_on_the_solid(name):
     source = part.source(dims)
     followed = coverage(part, dims).followed
     before = corners(part.build(source))
-    for key, other in variations(part, source):
+    for key, other, _ in variations(part, source):
         if key not in followed:
             assert corners(part.build(other)) == before, key
 
