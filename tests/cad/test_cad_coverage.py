@@ -9,10 +9,12 @@ import pytest
 
 from deltact_fab.cad import registry
 from deltact_fab.cad.check import drawings
+from deltact_fab.cad.checks import Expected
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.drafting.coverage import coverage, variations
 from deltact_fab.cad.drafting.dimensioning import Leader, Linear
-from deltact_fab.cad.drafting.items import z_of
+from deltact_fab.cad.drafting.items import Callouts, z_of
+from deltact_fab.cad.part import Part
 
 DESIGNS = ("deltact", "franka", "screws-16mm", "skin-30x34", "skin-44x40")
 DRAWN = [part.name for part in registry.listed() if part.callouts is not None]
@@ -68,10 +70,32 @@ def test_a_length_left_out_is_told():
     assert coverage(slot, dims).unsaid == ("cover.slot_mm",)
     (row,) = drawings.rows(dims, [slot])
     assert (row.part, row.found, row.passed) == ("cover", "not said: cover.slot_mm", False)
-    wells = without("coupon-mold", lambda i: isinstance(i, Leader))
-    assert "coupon.diameter_mm" not in coverage(wells, dims).unsaid  # the overall length has it
+    # A hole's place changes neither volume nor size.
+    pitch = without("shell", lambda i: isinstance(i, Linear) and i.view == "top"
+                    and i.side == "right" and i.a[1] > 20)  # fmt: skip
+    assert coverage(pitch, dims).unsaid == ("mount.hole_pitch_mm",)
     base = without("coupon-mold", lambda i: isinstance(i, Linear) and i.view == "left")
     assert coverage(base, dims).unsaid == ("coupon.base_mm",)
+
+
+def test_keys_that_one_number_cannot_tell_apart_are_told():
+    """Only the sum of floor and depth is said."""
+    dims = load_design()
+
+    def callouts(d):
+        floor, depth = d.coupon.base_mm, d.coupon.depth_mm
+        return Callouts((z_of("left", 0, floor + depth, "right"),), ())
+
+    plain = Part("well", "", "", lambda _: None, one_well, sections=("coupon",), callouts=callouts)
+    assert {"coupon.base_mm", "coupon.depth_mm"} <= set(coverage(plain, dims).followed)
+    assert {"coupon.base_mm", "coupon.depth_mm"} <= set(coverage(plain, dims).unsaid)
+
+
+def one_well(d):
+    """A block of 20 x 20 with a square well of 10 x 10."""
+    height = d.coupon.base_mm + d.coupon.depth_mm
+    volume = 400 * height - 100 * d.coupon.depth_mm
+    return Expected((volume, volume), ((0, 0, 0), (20, 20, height)), {})
 
 
 def test_a_key_may_be_silent_with_a_reason():
@@ -79,7 +103,8 @@ def test_a_key_may_be_silent_with_a_reason():
     slot = without("cover", lambda i: isinstance(i, Linear) and i.after == " slot")
 
     def callouts(source):
-        return replace(slot.callouts(source), silent={"cover.slot_mm": "sawn to fit"})
+        said = slot.callouts(source)
+        return replace(said, silent={**said.silent, "cover.slot_mm": "sawn to fit"})
 
     assert coverage(replace(slot, callouts=callouts), dims).complete
 

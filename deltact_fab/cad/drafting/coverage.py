@@ -8,6 +8,7 @@ said twice. No CAD kernel.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
@@ -75,7 +76,10 @@ def coverage(part: Part, design: Design) -> Coverage:
             other_words, others = _told(other)
             if other_words != words:
                 followed.append(key)
-            elif key not in said.silent and not np.allclose(changed_shape, shape, rtol=1e-9):
+            elif key not in said.silent and (
+                not np.allclose(changed_shape, shape, rtol=1e-9)
+                or not _same_parameters(part, source, changed)
+            ):
                 unsaid.append(key)
             if len(others) != len(numbers):
                 continue
@@ -115,7 +119,7 @@ def _masked(rates: list[_Rates]) -> Iterator[str]:
         return
     numbers = np.array([rate.moves for rate in small]).T
     shape = np.array([rate.shape for rate in small]).T
-    shape = shape / np.maximum(np.abs(shape).max(axis=1, keepdims=True), 1e-9)
+    shape = shape / np.maximum(np.abs(shape).max(axis=1, keepdims=True), SAME_RATE)
     left = shape - shape @ np.linalg.pinv(numbers, rcond=RANK) @ numbers
     for rate, column in zip(small, np.abs(left).max(axis=0), strict=True):
         if column > UNSAID:
@@ -220,6 +224,16 @@ def _lines(said: Callouts) -> list[Linear]:
 def _axis(item: Linear, view: View) -> int:
     """The axis of the part along which a length is taken."""
     return int(np.argmax(np.abs(view.axes[0 if item.side in ("top", "bottom") else 1])))
+
+
+def _same_parameters(part: Part, source: Any, changed: Any) -> bool:
+    """Whether what the part states as made from is the same: a hole's place moves no volume."""
+    before, after = (part.expect(s).parameters for s in (source, changed))
+    return before.keys() == after.keys() and all(
+        math.isclose(before[key], after[key], rel_tol=1e-9, abs_tol=1e-9)
+        for key in before
+        if isinstance(before[key], int | float)
+    )
 
 
 def _twice(names: list[str], numbers: list[_Number], rates: list[_Rates]) -> Iterator[str]:

@@ -240,7 +240,9 @@ def callouts(d: Design) -> Callouts:
         f"Walls {shown(d.shell.wall_mm)} all around. Opaque: no light through the walls.",
         SQUARE_EDGES,
     )
-    return Callouts(tuple(items), notes, Cut(0.0), rests_on=mount.rests_on(d))
+    return Callouts(
+        tuple(items), notes, Cut(0.0), rests_on=mount.rests_on(d), silent=mount.silent(d)
+    )
 
 
 def wall_mm(d: Design) -> float:
