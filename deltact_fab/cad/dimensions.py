@@ -20,6 +20,7 @@ from dataclasses import dataclass, field, fields
 
 from ..shapes.sensor import SensorDimensions
 from .drafting.title import TitleBlock
+from .parts.acrylic import PlateDimensions
 from .parts.camera import CameraDimensions
 from .parts.camera_holder import HolderDimensions
 from .parts.coupon_mold import CouponDimensions
@@ -49,6 +50,7 @@ class Design(SensorDimensions):
     """The whole hardware. `skin`, `frame` and `optics` are those of SensorDimensions."""
 
     screw: ScrewDimensions = field(default_factory=ScrewDimensions)
+    plate: PlateDimensions = field(default_factory=PlateDimensions)
     shell: ShellDimensions = field(default_factory=ShellDimensions)
     mount: MountDimensions = field(default_factory=MountDimensions)
     table: TableDimensions = field(default_factory=TableDimensions)
@@ -163,8 +165,9 @@ class Design(SensorDimensions):
 
     @property
     def seat_half_mm(self) -> Point2:
-        """Half sides of the frame's pocket for the acrylic = (width / 2, length / 2 + seat)."""
-        return self.skin.width_mm / 2, self.skin.length_mm / 2 + self.frame.seat_y_mm
+        """Half sides of the frame's pocket for the acrylic = half the skin + seat: (18, 18.5)."""
+        skin, frame = self.skin, self.frame
+        return skin.width_mm / 2 + frame.seat_x_mm, skin.length_mm / 2 + frame.seat_y_mm
 
     @property
     def acrylic_half_mm(self) -> Point2:
@@ -181,6 +184,12 @@ class Design(SensorDimensions):
         (x, y), (px, py) = self.acrylic_half_mm, self.post_edge_mm
         nx, ny = x - px + ACRYLIC_FIT_MM, y - py + ACRYLIC_FIT_MM
         return (nx, ny) if min(nx, ny) > 0 else (0.0, 0.0)
+
+    @property
+    def ledge_half_mm(self) -> Point2:
+        """Half opening between the shell's ledges = half cavity - ledge: (17, 17)."""
+        (x, y), shell = self.cavity_half_mm, self.shell
+        return x - shell.ledge_x_mm, y - shell.ledge_mm
 
     @property
     def boss_room_mm(self) -> float:
@@ -202,9 +211,8 @@ class Design(SensorDimensions):
 
     @property
     def light_radius_mm(self) -> float:
-        """Outer radius of the light holder = least half cavity inside the ledge - fit: 16.8."""
-        x, y = self.cavity_half_mm
-        return min(x, y - self.shell.ledge_mm) - self.light.fit_mm
+        """Outer radius of the light holder = least half opening of the ledges - fit: 16.8."""
+        return min(self.ledge_half_mm) - self.light.fit_mm
 
     @property
     def strip_radius_mm(self) -> float:

@@ -40,7 +40,8 @@ def plain(key: str) -> str:
     """
     if key in BOARD_KEYS:
         return "camera board"
-    return key.rpartition(".")[2].removesuffix("_mm").replace("_", " ")
+    name = key.rpartition(".")[2]
+    return name.removesuffix("_mm").removesuffix("_mpa").replace("_", " ")
 
 
 def open_keys(unverified: Iterable[str], *keys: str) -> tuple[str, ...]:

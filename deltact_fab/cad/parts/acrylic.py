@@ -2,16 +2,17 @@
 
    +--------------------+          z = -thickness (ledge) to the joint, 2 mm
    |                    |   y
-+--+                    +--+  ^    Its y edges lie between the frame's ledge and the shell's.
-|                          |  |    The corners are notched around the frame's posts; where the
-+--+                    +--+  +->  walls hold the posts it is the paper's rectangle.
-   |                    |      x
++--+                    +--+  ^    Its y edges lie between the frame's ledge and the shell's, its
+|                          |  |    x edges on the shell's. The corners are notched around the
++--+                    +--+  +->  frame's posts; where the walls hold the posts it is the
+   |                    |      x   paper's rectangle.
    +--------------------+
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from ..checks import Expected
@@ -19,13 +20,36 @@ from ..drafting.dimensioning import Item, Linear
 from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..kernel import require
 from ..part import CLEAR, LASER_CUT, Part
-from ..record import Point2
+from ..record import Point2, Record, check_measured, number
 from ..rule import Rule
 
 if TYPE_CHECKING:
     from cadquery import Shape
 
     from ..dimensions import Design
+
+
+@dataclass(frozen=True)
+class PlateDimensions(Record):
+    """The acrylic plate (part 2) under a press: what it must bear, and its material.
+
+    measured: keys that a lab knows of its own plate; they no longer count as unverified.
+    """
+
+    force_n: float = number(49.0, "press it is made for", 0.1, 5000)
+    depth_mm: float = number(5.0, "depth of that press", 0.1, 60)
+    spread_mm: float = number(22.0, "disc that the gel spreads it on", 1, 100, unverified=True)
+    deflection_share: float = number(0.05, "of the depth, by which it may yield", 1e-3, 1)
+    youngs_modulus_mpa: float = number(3000.0, "of cast PMMA", 100, 1e5, unverified=True)
+    poisson: float = number(0.37, "of cast PMMA", 0.0, 0.49)
+    stress_limit_mpa: float = number(35.0, "half of what breaks PMMA", 1, 1000, unverified=True)
+    measured: tuple[str, ...] = field(
+        default=(), metadata={"meaning": "keys measured on the lab's own plate"}
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_measured(self)
 
 
 def notched(half_mm: Point2, notch_mm: Point2) -> list[Point2]:
