@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..cad.dimensions import Design
+from ..cad.parts.light_holder import below_plate
 from ..cad.stiffness import Press, press
 from ..protocols.limits import Check
 from .peaks import MODULUS_FACTOR, Peak
@@ -34,8 +35,8 @@ def plate_checks(peaks: Sequence[Peak], design: Design, simulated: bool) -> list
             round(max(stress), 2), limit_mpa, _where(stress, peaks), over and simulated,
         ),
         _warning(
-            "plate clear of the light holder", f"{high}, light.axial_fit_mm (mm)", light,
-            design.light.axial_fit_mm, peaks,
+            "plate clear of the light holder", f"{high}, least play of light.axial_fit_mm (mm)", light,
+            below_plate(design).range_mm[0], peaks,
         ),
         _warning(
             "plate yields",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from ..parts.light_holder import below_plate
 from ..stiffness import press
 from .built import Built
 from .row import Row, open_keys
@@ -32,13 +33,13 @@ def deflection(built: Built) -> Iterator[Row]:
 def clear(built: Built) -> Iterator[Row]:
     """The light holder bears no press: it would carry it on into the camera's board."""
     design, force_n = built.design, built.design.plate.force_n
-    found_mm, room_mm = press(design, force_n).over_light_mm, design.light.axial_fit_mm
+    found_mm, room_mm = press(design, force_n).over_light_mm, below_plate(design).range_mm[0]
     yield Row(
         "plate clear of the light",
         "acrylic, light-holder",
         f"{found_mm:.3f} mm over the ring under {force_n:g} N, rests on it from "
-        f"{force_n * room_mm / found_mm:.0f} N",
-        f"<= {room_mm:g} mm (light.axial_fit_mm)",
+        f"{force_n * max(room_mm, 0.0) / found_mm:.0f} N",
+        f"<= {room_mm:.3g} mm, the least play (light.axial_fit_mm)",
         found_mm <= room_mm,
         open_keys(design.unverified(), GEL, MODULUS),
     )

@@ -13,6 +13,7 @@ from . import (
     bending,
     casting,
     drawings,
+    fits,
     indenters,
     inequalities,
     pegs,
@@ -66,8 +67,11 @@ def run(
     InputError when the list of indenters is unusable.
     """
     rows = list(inequalities.rows(design))
-    if not all(row.passed for row in rows):
+    possible = all(row.passed for row in rows)
+    rows += fits.rows(design)
+    if not possible:
         return rows + [check.not_run("an inequality is broken") for check in CHECKS]
+    rows += fits.platform(design)
     require()
     from ..registry import listed
 

@@ -21,7 +21,7 @@ from ...errors import InputError
 from ..design import IndenterDimensions
 from ..dimensions import Design
 from ..part import Part
-from .dimensioning import Leader, Linear, exactly
+from .dimensioning import Leader, Linear, exactly, shown
 from .items import Callouts
 from .projection import View
 from .views import views_of
@@ -209,7 +209,8 @@ def _told(said: Callouts) -> tuple[list[str], list[_Number]]:
                 name = f"{words[-1]} ({item.view})"
                 numbers.append(_Number(name, item.value_mm(view), _axis(item, view)))
         elif isinstance(item, Leader):
-            words.append(item.words)
+            surface = (shown(item.flatness_mm), shown(item.roughness_um))
+            words.append(" ".join((item.words, *surface)))
             found = _NUMBER.findall(item.words)
             numbers += [_Number(f"{n} of {item.words!r} ({item.view})", float(n)) for n in found]
     for note in said.notes:

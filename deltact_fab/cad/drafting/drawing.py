@@ -18,9 +18,10 @@ import numpy as np
 from ...errors import InputError
 from ..dimensions import Design
 from ..kernel import guarded
-from ..part import Part
+from ..part import LASER_CUT, PRINT, Part
 from .arrangement import Arranged
 from .dimensioning import Detail
+from .items import GENERAL_TOLERANCE
 from .layout import Layout, free_square, laid_out
 from .page import LARGE_MM, SMALL_MM, Page, Point2, text_width_mm
 from .projection import Points
@@ -54,7 +55,7 @@ def drawing(part: Part, design: Design, solid: Any) -> Page:
     page = Page(SHEETS[layout.sheet], f"{part.name}, {layout.scale}")
     title = Title(
         part.name, _belongs(part), part.material, part.process, part.quantity, layout.scale,
-        layout.sheet, said.general_tolerance, design.drawing,
+        layout.sheet, _general_tolerance(part, design), design.drawing,
     )  # fmt: skip
     draw_frame(page, title)
     left, top, _, _ = layout.reserved
@@ -68,6 +69,15 @@ def drawing(part: Part, design: Design, solid: Any) -> Page:
         _draw_mark(page, detail, view, layout.at[detail.view])
     _draw_picture(page, drawn["picture"], layout)
     return page
+
+
+def _general_tolerance(part: Part, design: Design) -> str:
+    """Of every length without limits of its own: what the part's machine does."""
+    if part.process == PRINT:
+        return design.resin_printer.general_tolerance
+    if part.process == LASER_CUT:
+        return design.laser.general_tolerance
+    return GENERAL_TOLERANCE
 
 
 def _belongs(part: Part) -> str:

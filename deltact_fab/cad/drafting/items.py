@@ -20,8 +20,7 @@ class Callouts:
     """A part's dimensions and notes.
 
     cut: section A-A in place of the left view. rests_on: unverified keys that the part is made
-    from; those still open are named on the drawing. general_tolerance: of every length without
-    limits of its own, as the title block says it. details: parts of views drawn larger. silent:
+    from; those still open are named on the drawing. details: parts of views drawn larger. silent:
     keys of the part's table that make no length on its drawing, with the reason.
     """
 
@@ -30,7 +29,6 @@ class Callouts:
     cut: Cut | None = None
     flipped: bool = False
     rests_on: tuple[str, ...] = ()
-    general_tolerance: str = GENERAL_TOLERANCE
     details: tuple[Detail, ...] = ()
     silent: Mapping[str, str] = field(default_factory=dict)
 

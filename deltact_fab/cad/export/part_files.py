@@ -96,7 +96,7 @@ def make(task: Task) -> list[Made]:
                 page = page or drawing(part, task.design, solid)
                 data = page.svg().encode() if kind == "svg" else page.pdf()
             else:
-                data = _solid_bytes(solid, part, kind)
+                data = _solid_bytes(solid, part, task.design, kind)
         deviation_mm = mesh.deviation_mm if mesh and kind in MESHED else None
         made.append(Made(kind, data, measured.volume_mm3, measured.box_mm, deviation_mm))
     return made
@@ -128,10 +128,11 @@ def _assembly_step(design: Design, parts: Sequence[Part]) -> Made:
     return Made("step", data, *whole(sizes), None)
 
 
-def _solid_bytes(solid: Any, part: Part, kind: str) -> bytes:
+def _solid_bytes(solid: Any, part: Part, design: Design, kind: str) -> bytes:
     if kind == "step":
         return step.part_bytes(solid, part.name)
-    return dxf.dxf_bytes(solid, part.name)
+    laser = design.laser
+    return dxf.dxf_bytes(solid, part.name, laser.kerf_mm / 2 if laser.compensate else 0.0)
 
 
 def _mesh_bytes(mesh: Mesh, part: Part, kind: str) -> bytes:

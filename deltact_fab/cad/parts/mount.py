@@ -30,6 +30,7 @@ from ..checks import Box, Expected
 from ..drafting.dimensioning import Axis, Item, Leader, Linear, shown
 from ..drafting.items import holes, x_of, y_of, z_of
 from ..drafting.projection import Vector
+from ..fit import Fit, Length
 from ..kernel import require
 from ..record import Record, check_limits, check_measured, number, standard_row
 from ..rule import Rule
@@ -301,6 +302,18 @@ def rules(d: Design) -> Iterator[Rule]:
         "<=",
         ("mount.hole_pitch_mm", mount.hole_pitch_mm),
     )
+
+
+def fits(d: Design) -> Iterator[Fit]:
+    """The flange's two screws into a finger, whose own pitch is taken to be exact."""
+    mount, printer = d.mount, d.resin_printer
+    if mount.kind != "franka":
+        return
+    pitch = Length("pitch", 0.0, printer.height_mm, ("mount.flange_pitch_mm",))
+    screw = Length(mount.screw, float(mount.screw.removeprefix("M")))
+    hole = printer.tall("hole", mount.hole_mm)
+    parts, keys = "shell, finger", ("mount.screw", "mount.flange_pitch_mm")
+    yield Fit(f"{mount.screw} through the flange", parts, (hole,), (screw, pitch), keys)
 
 
 def callouts(d: Design) -> list[Item]:

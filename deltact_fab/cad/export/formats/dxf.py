@@ -20,10 +20,12 @@ _JOIN_MM = 1e-6
 _SAME = 1e-6
 
 
-def dxf_bytes(solid: Any, name: str) -> bytes:
+def dxf_bytes(solid: Any, name: str, outwards_mm: float = 0.0) -> bytes:
     """The outline of a plate, seen from +z in the coordinates of the CAD frame.
 
-    Raises RunFailed when the solid is no plate along z, or an edge is neither line nor arc.
+    outwards_mm: how far outside the plate its outline is drawn, corners sharp: half a kerf for the
+    path of a laser that knows of none. Raises RunFailed when the solid is no plate along z, or an
+    edge is neither line nor arc.
     """
     import ezdxf
 
@@ -32,7 +34,7 @@ def dxf_bytes(solid: Any, name: str) -> bytes:
     ezdxf.options.write_fixed_meta_data_for_testing = True
     try:
         document = ezdxf.new("R2000", units=_MILLIMETRES)
-        _draw(document, solid, name)
+        _draw(document, solid, name, outwards_mm)
         stream = io.StringIO()
         document.write(stream)
     finally:
@@ -40,13 +42,13 @@ def dxf_bytes(solid: Any, name: str) -> bytes:
     return stream.getvalue().encode("utf-8")
 
 
-def _draw(document: Any, solid: Any, name: str) -> None:
+def _draw(document: Any, solid: Any, name: str, outwards_mm: float) -> None:
     face, thickness_mm = _plate(solid, name)
     document.header["$INSUNITS"] = _MILLIMETRES
     document.header["$MEASUREMENT"] = _METRIC
     document.layers.add(LAYER, color=1)
     space = document.modelspace()
-    for wire in (face.outerWire(), *face.innerWires()):
+    for wire in _moved(face, outwards_mm):
         edges = _ordered(wire)
         _check_closed(edges, name)
         corners = [corner for edge in edges for corner in _corners(edge, name)]
@@ -57,6 +59,14 @@ def _draw(document: Any, solid: Any, name: str) -> None:
             f"{name}: no plate to cut: its outline holds {held_mm3:.3f} mm3 over the thickness, "
             f"the solid {solid.Volume():.3f}"
         )
+
+
+def _moved(face: Any, outwards_mm: float) -> list[Any]:
+    """The wires of a face, that far into what is cut away."""
+    if outwards_mm == 0:
+        return [face.outerWire(), *face.innerWires()]
+    inside = [w for wire in face.innerWires() for w in wire.offset2D(-outwards_mm, "intersection")]
+    return [*face.outerWire().offset2D(outwards_mm, "intersection"), *inside]
 
 
 def _plate(solid: Any, name: str) -> tuple[Any, float]:
