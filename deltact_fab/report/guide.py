@@ -181,7 +181,7 @@ def _figures(d: Design, sensors: int) -> dict[str, Any]:
         # Half as much again: two drops, and what stays in the cup.
         "coupon_g": max(1.5 * coupon_g, DEFAULT.coat_batch_g),
         "coat_batch": fabrication.least_coat_batch(fabrication.coat_batch(d, sensors)),
-        "film_mm": fabrication.film_mm(d),
+        "film_mm": d.skin.film_mm(DEFAULT.film_margin_mm),
         "primer_ml": fabrication.primer_ml(d, cast),
         "shrinkage_mm": fabrication.shrinkage_mm(d),
         "acrylic_mm": [2 * s for s in d.acrylic_half_mm],

@@ -169,7 +169,7 @@ def test_notches_and_post_faces_are_named_where_they_exist(default: Seen, tmp_pa
 
 
 def test_the_frame_s_front_carries_no_supports() -> None:
-    how = find("skin-frame").how
+    how = find("skin-frame").making
     assert "supports on the rim of the back only, none on the front" in how
 
 

@@ -9,7 +9,19 @@ from ...errors import MissingLibrary, RunFailed
 from ..design import IndenterList
 from ..dimensions import Design
 from ..kernel import guarded, require
-from . import casting, indenters, inequalities, pegs, screws, sight, soundness, space, thickness
+from ..laid import LEAST_CONTACT_MM2
+from . import (
+    casting,
+    indenters,
+    inequalities,
+    pegs,
+    printed,
+    screws,
+    sight,
+    soundness,
+    space,
+    thickness,
+)
 from .built import Built
 from .row import Row
 from .table import Check
@@ -23,6 +35,7 @@ CHECKS = (
     Check("axes coaxial", "screws, pegs", f"<= {screws.AXIS_MM:g} mm", screws.axes),
     Check("engagement", "screws", f">= {screws.ENGAGEMENT_D:g} d", screws.engagement),
     Check(thickness.NAME, "printed parts", "each part's wall", thickness.rows),
+    Check(printed.CONTACT, "printed parts", f">= {LEAST_CONTACT_MM2:g} mm2", printed.rows),
     Check("snap strain", "cover, camera-holder", "cover.strain_limit", pegs.rows),
     Check("view cone", "camera", "the crop's half angle", sight.view),
     Check("light cone", "light-holder", "all rays reach the face", sight.light_cone),

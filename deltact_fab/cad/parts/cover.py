@@ -26,6 +26,7 @@ from ..checks import Expected
 from ..drafting.dimensioning import Axis, Cut, Item, Linear, shown
 from ..drafting.items import Callouts, holes, x_of, y_of, z_of
 from ..kernel import require
+from ..lying import Lying
 from ..part import BLACK, PRINT, RESIN, Part
 from ..record import Point2, Record, number
 from ..rule import Rule
@@ -254,7 +255,7 @@ PARTS = (
         rules=rules,
         wall_mm=wall_mm,
         callouts=callouts,
-        how="outer face down, flat, no support near the pegs",
+        lies=Lying(face="outer face"),
         look_for="every peg has its slot open: a folded paper passes",
     ),
 )  # fmt: skip

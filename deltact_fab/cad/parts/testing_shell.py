@@ -20,6 +20,7 @@ from ..checks import Expected
 from ..drafting.dimensioning import Cut, Linear, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..kernel import require
+from ..lying import Lying
 from ..part import BLACK, PRINT, RESIN, Part
 from ..record import Record, check_limits, number, standard_row
 from ..rule import Rule
@@ -205,7 +206,7 @@ PARTS = (
         wall_mm=shell.wall_mm,
         callouts=callouts,
         note=note,
-        how="as the shell, tabs upright",
+        lies=Lying(face="back", tilt_deg=20, supports="outside only"),
         look_for="as the shell; tabs flat on the table",
     ),
 )  # fmt: skip
