@@ -43,8 +43,8 @@ def instructions(sheet: Sheet, paper: str, transfer: str) -> list[str]:
         f"at {sheet.dpi:g} dpi, with no smoothing, sharpening or toner saving.",
         how,
         "Test: looked at from the side that will lie on the gel, every F reads right and stands at "
-        "the corner (-x, -y). Cut the film at its corner marks; the ticks point along the pattern's "
-        "edges and are trimmed off with F and margin when it is dry.",
+        "the corner (-x, -y). Cut the film at its corner marks; the ticks point along the edges of "
+        "the pattern and are trimmed off with F and margin when it is dry.",
         f"Rulers, left or upper edge of the lines: 100 mm in x and in y; {ruler}",
     ]
 
