@@ -24,6 +24,7 @@ from ..part import Part, Shift
 from ..registry import of_group
 from .balloons import RADIUS_MM, Balloon, arranged
 from .projection import Points, Projected, View, project
+from .seen import regions
 from .sheet import FONT, LARGE_MM, SMALL_MM, number, path_data, text_width_mm
 
 CORNER = View((1, 1, -0.9), (0, 0, 1))
@@ -139,10 +140,12 @@ def _numbered(
     low, high = reach.min(axis=0), reach.max(axis=0)
     paper = _Paper(1.0, (low[0], high[1]), MARGIN_MM, MARGIN_MM)
     model = _Paper(scale, (low[0] / scale, high[1] / scale), MARGIN_MM, MARGIN_MM)
-    towards = -math.copysign(1.0, view.direction[2])
-    items = _drawn(sorted(bodies, key=lambda b: towards * b.middle_mm), model)
     if axes_of is not None:
+        items = _drawn(sorted(bodies, key=lambda b: b.middle_mm), model)
         items.append(_axes(placed, bodies, axes_of, model))
+    else:
+        shapes = regions([body.triangles for body in bodies], view, scale)
+        items = _together(bodies, shapes, model)
     for balloon in balloons:
         items += _balloon(balloon, labels[balloon.part.name], paper)
     width, height = (high - low + 2 * MARGIN_MM).tolist()
@@ -257,14 +260,42 @@ def _drawn(bodies: Sequence[Body], paper: _Paper) -> list[str]:
             'stroke-linejoin="round"/>'
         )
         items.append(f'<path d="{shape}" fill="{_tint(body.part)}" stroke="none"/>')
-        for lines, width in ((body.lines.smooth, THIN), (body.lines.visible, LINE)):
-            if lines:
-                data = path_data([paper.of(line) for line in lines])
-                items.append(
-                    f'<path d="{data}" fill="none" stroke="#000" stroke-width="{width}" '
-                    'stroke-linecap="round" stroke-linejoin="round"/>'
-                )
+        items += _lines(body, paper)
         items.append("</g>")
+    return items
+
+
+def _together(
+    bodies: Sequence[Body], shapes: Sequence[Sequence[Points]], paper: _Paper
+) -> list[str]:
+    """Bodies of which none is behind another as a whole: what is seen of each, then all lines."""
+    paths = [path_data([paper.of(loop) for loop in loops], True) for loops in shapes]
+    items = [
+        f'<path d="{path}" fill="none" stroke="#000" stroke-width="{2 * CONTOUR}" '
+        'stroke-linejoin="round"/>'
+        for path in paths
+    ]
+    for body, path in zip(bodies, paths, strict=True):
+        tint = _tint(body.part)
+        # As wide as a line, so that no gap shows between two of them.
+        items.append(
+            f'<path data-part="{escape(body.part.name)}" d="{path}" fill="{tint}" '
+            f'fill-rule="evenodd" stroke="{tint}" stroke-width="{LINE}"/>'
+        )
+    for body in bodies:
+        items += _lines(body, paper)
+    return items
+
+
+def _lines(body: Body, paper: _Paper) -> list[str]:
+    items = []
+    for lines, width in ((body.lines.smooth, THIN), (body.lines.visible, LINE)):
+        if lines:
+            data = path_data([paper.of(line) for line in lines])
+            items.append(
+                f'<path d="{data}" fill="none" stroke="#000" stroke-width="{width}" '
+                'stroke-linecap="round" stroke-linejoin="round"/>'
+            )
     return items
 
 
