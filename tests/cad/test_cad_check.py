@@ -225,8 +225,8 @@ def inner(cq):
 
     design = load_design()
     names = ("skin", "acrylic", "camera", "light-holder", "camera-holder", "cover", "shell")
-    solids = {name: build_part(find(name), design)[0] for name in (*names, "skin-frame")}
-    return Built(design, (), solids)
+    parts = [find(name) for name in (*names, "skin-frame")]
+    return Built(design, tuple(parts), {p.name: build_part(p, design)[0] for p in parts})
 
 
 def _on(built, **sections):
