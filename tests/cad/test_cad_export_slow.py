@@ -23,7 +23,7 @@ import trimesh
 from deltact_fab import cache
 from deltact_fab.cad import registry
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.export.plates import BED_MM
+from deltact_fab.cad.export.plates import bed_mm
 from deltact_fab.cad.part import BOUGHT
 
 pytestmark = pytest.mark.slow
@@ -359,7 +359,7 @@ def test_prusa_slicer_slices_every_plate_without_a_warning(exported, tmp_path):
     folder, entries, _ = exported
     plates = [entry for entry in entries if entry["pieces"]]
     assert len(plates) > 2
-    x, y = BED_MM
+    x, y = bed_mm(load_design())
     bed = ["--bed-shape", f"0x0,{x:g}x0,{x:g}x{y:g},0x{y:g}"]
     bed += ["--display-width", f"{x:g}", "--display-height", f"{y:g}", "--max-print-height", "175"]
     for entry in plates:

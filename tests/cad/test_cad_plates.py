@@ -16,7 +16,7 @@ from deltact_fab.cad.check import printed
 from deltact_fab.cad.check.built import Built
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.export import export_parts
-from deltact_fab.cad.export.plates import BED_MM, arranged
+from deltact_fab.cad.export.plates import arranged, bed_mm
 from deltact_fab.cad.laid import LEAST_CONTACT_MM2, laid, stand
 from deltact_fab.cad.lying import Lying
 from deltact_fab.cad.mesh import mesh_solid
@@ -91,7 +91,7 @@ def test_a_plate_holds_every_piece_under_its_name_inside_the_bed(exported):
             boxes.append((points.min(axis=0), points.max(axis=0)))
             assert boxes[-1][0][2] == 0
             assert (boxes[-1][0][:2] >= 0).all()
-            assert (boxes[-1][1][:2] <= BED_MM).all()
+            assert (boxes[-1][1][:2] <= bed_mm(DESIGN)).all()
         for k, (low, high) in enumerate(boxes):
             for lower, higher in boxes[:k]:
                 assert np.max(np.maximum(lower - high, low - higher)[:2]) >= 3.9

@@ -14,9 +14,13 @@ from ..build import expected
 from ..dimensions import Design
 from ..part import Part
 
-BED_MM = (145.0, 145.0)
 GAP_MM = 4.0  # between parts, for supports and a scraper
 EDGE_MM = 2.0
+
+
+def bed_mm(design: Design) -> tuple[float, float]:
+    """Sides of the platform (x, y). Assumed: that of the smaller desktop printers for resin."""
+    return 145.0, 145.0
 
 
 @dataclass(frozen=True)
@@ -59,11 +63,11 @@ def arranged(design: Design, parts: Iterable[Part]) -> list[Plate]:
             if not plates or plates[-1].material != part.material:
                 plates.append(Plate(part.material))
                 rows = []
-            row = _room(rows, wide_mm, deep_mm)
+            row = _room(rows, wide_mm, deep_mm, bed_mm(design))
             if row is None:
                 plates.append(Plate(part.material))
                 rows = []
-                row = _room(rows, wide_mm, deep_mm)
+                row = _room(rows, wide_mm, deep_mm, bed_mm(design))
             assert row is not None
             middle = (row.x_mm + wide_mm / 2, row.y_mm + deep_mm / 2)
             plates[-1].pieces.append(Standing(part, *middle))
@@ -74,23 +78,26 @@ def arranged(design: Design, parts: Iterable[Part]) -> list[Plate]:
 def _footprint_mm(design: Design, part: Part) -> tuple[float, float]:
     """Sides of its box on the platform; of a tilted part an upper bound."""
     wide_mm, deep_mm, _ = part.lies.size_mm(*expected(part, design).box_mm)
-    room_x_mm, room_y_mm = (side - 2 * EDGE_MM for side in BED_MM)
+    bed = bed_mm(design)
+    room_x_mm, room_y_mm = (side - 2 * EDGE_MM for side in bed)
     if wide_mm > room_x_mm or deep_mm > room_y_mm:
         raise InputError(
             f"{part.name}: {wide_mm:.1f} x {deep_mm:.1f} mm as it is printed; the platform of "
-            f"{BED_MM[0]:g} x {BED_MM[1]:g} mm holds {room_x_mm:g} x {room_y_mm:g} mm: a larger "
+            f"{bed[0]:g} x {bed[1]:g} mm holds {room_x_mm:g} x {room_y_mm:g} mm: a larger "
             "printer, or another format than 3mf, is right"
         )
     return wide_mm, deep_mm
 
 
-def _room(rows: list[_Row], wide_mm: float, deep_mm: float) -> _Row | None:
+def _room(
+    rows: list[_Row], wide_mm: float, deep_mm: float, bed: tuple[float, float]
+) -> _Row | None:
     """The first row that has room, or a new one behind the others; None when the plate is full."""
     for row in rows:
-        if deep_mm <= row.deep_mm and row.x_mm + wide_mm <= BED_MM[0] - EDGE_MM:
+        if deep_mm <= row.deep_mm and row.x_mm + wide_mm <= bed[0] - EDGE_MM:
             return row
     y_mm = rows[-1].y_mm + rows[-1].deep_mm + GAP_MM if rows else EDGE_MM
-    if y_mm + deep_mm > BED_MM[1] - EDGE_MM:
+    if y_mm + deep_mm > bed[1] - EDGE_MM:
         return None
     rows.append(_Row(y_mm, deep_mm))
     return rows[-1]
