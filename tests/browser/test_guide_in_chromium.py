@@ -143,24 +143,20 @@ def test_the_model_is_seen_turns_and_goes_together(visit: Visit) -> None:
     assert visit.outside() == []
 
 
-def test_without_webgl_a_picture_stands_where_the_model_would(page: Path) -> None:
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        started = playwright.chromium.launch(
-            executable_path=CHROMIUM, args=[FLAGS[0], "--disable-gpu", "--disable-3d-apis"]
-        )
-        tab = started.new_page(viewport={"width": 390, "height": 900})
-        seen = Visit(tab, page)
-        tab.on("console", lambda m: seen.errors.append(m.text) if m.type == "error" else None)
-        tab.on("pageerror", lambda error: seen.errors.append(str(error)))
-        tab.goto(page.as_uri())
-        assert tab.evaluate("document.createElement('canvas').getContext('webgl2')") is None
-        assert tab.evaluate(OVERFLOW) == 0
-        assert "no WebGL" in tab.inner_text("#turn")
-        assert seen.errors == []
-        # The skin is a light blue that the empty box is not; black lines are drawn too.
-        blue, _, red = seen.view().reshape(-1, 3).astype(int).T
-        assert np.mean((blue > 240) & (red < 240) & (red > 215)) > 0.02
-        assert np.mean(blue < 60) > 0.005
-        started.close()
+def test_without_webgl_a_picture_stands_where_the_model_would(browser: Browser, page: Path) -> None:
+    flags = [FLAGS[0], "--disable-gpu", "--disable-3d-apis"]
+    poor = browser.browser_type.launch(executable_path=CHROMIUM, args=flags)
+    tab = poor.new_page(viewport={"width": 390, "height": 900})
+    seen = Visit(tab, page)
+    tab.on("console", lambda m: seen.errors.append(m.text) if m.type == "error" else None)
+    tab.on("pageerror", lambda error: seen.errors.append(str(error)))
+    tab.goto(page.as_uri())
+    assert tab.evaluate("document.createElement('canvas').getContext('webgl2')") is None
+    assert tab.evaluate(OVERFLOW) == 0
+    assert "no WebGL" in tab.inner_text("#turn")
+    assert seen.errors == []
+    # The skin is a light blue that the empty box is not; black lines are drawn too.
+    blue, _, red = seen.view().reshape(-1, 3).astype(int).T
+    assert np.mean((blue > 246) & (red < 236) & (red > 215)) > 0.02
+    assert np.mean(blue < 60) > 0.005
+    poor.close()
