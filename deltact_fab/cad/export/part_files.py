@@ -10,6 +10,8 @@ from ...errors import InputError, RunFailed, did_you_mean
 from ..build import build_part
 from ..checks import Box, Measured
 from ..dimensions import Design
+from ..drafting.drawing import drawing, has_drawing
+from ..drafting.page import Page
 from ..kernel import guarded
 from ..laid import laid
 from ..mesh import Mesh, mesh_solid
@@ -17,7 +19,8 @@ from ..part import BOUGHT, LASER_CUT, Part
 from .formats import dxf, glb, step, stl, threemf
 
 ASSEMBLY = "assembly"
-FORMATS = ("step", "stl", "3mf", "dxf", "glb", "svg")
+FORMATS = ("step", "stl", "3mf", "dxf", "glb", "svg", "pdf")
+DRAWN = ("svg", "pdf")
 MESHED = ("stl", "3mf", "glb")
 TO_PRINT = ("stl", "3mf")
 
@@ -72,9 +75,7 @@ def applicable(part: Part, formats: Sequence[str]) -> tuple[str, ...]:
 def _applies(part: Part, kind: str) -> bool:
     if kind == "dxf":
         return part.process == LASER_CUT
-    if kind == "svg":
-        from ..drafting.drawing import has_drawing
-
+    if kind in DRAWN:
         return has_drawing(part)
     return part.process != BOUGHT or kind not in ("stl", "3mf")
 
@@ -93,6 +94,7 @@ def make(task: Task) -> list[Made]:
     made = []
     mesh: Mesh | None = None
     lying: Mesh | None = None
+    page: Page | None = None
     # Meshes last: they leave triangles on the solid.
     for kind in sorted(task.formats, key=lambda f: (f in MESHED, FORMATS.index(f))):
         with guarded(part.name, {"tolerance_mm": task.tolerance_mm}):
@@ -103,6 +105,10 @@ def make(task: Task) -> list[Made]:
                     data, box_mm = _mesh_bytes(lying, part, kind), lying.box_mm
                 else:
                     data, box_mm = _mesh_bytes(mesh, part, kind), measured.box_mm
+            elif kind in DRAWN:
+                page = page or drawing(part, task.design, solid)
+                data = page.svg().encode() if kind == "svg" else page.pdf()
+                box_mm = measured.box_mm
             else:
                 data, box_mm = _solid_bytes(solid, part, task.design, kind), measured.box_mm
         deviation_mm = mesh.deviation_mm if mesh and kind in MESHED else None
@@ -139,11 +145,8 @@ def _assembly_step(design: Design, parts: Sequence[Part]) -> Made:
 def _solid_bytes(solid: Any, part: Part, design: Design, kind: str) -> bytes:
     if kind == "step":
         return step.part_bytes(solid, part.name)
-    if kind == "dxf":
-        return dxf.dxf_bytes(solid, part.name)
-    from ..drafting.drawing import drawing_svg
-
-    return drawing_svg(part, design, solid).encode("utf-8")
+    laser = design.laser
+    return dxf.dxf_bytes(solid, part.name, laser.kerf_mm / 2 if laser.compensate else 0.0)
 
 
 def _mesh_bytes(mesh: Mesh, part: Part, kind: str) -> bytes:

@@ -19,8 +19,8 @@ EDGE_MM = 2.0
 
 
 def bed_mm(design: Design) -> tuple[float, float]:
-    """Sides of the platform (x, y). Assumed: that of the smaller desktop printers for resin."""
-    return 145.0, 145.0
+    """Sides of the platform (x, y)."""
+    return design.resin_printer.bed_x_mm, design.resin_printer.bed_y_mm
 
 
 @dataclass(frozen=True)
@@ -83,8 +83,8 @@ def _footprint_mm(design: Design, part: Part) -> tuple[float, float]:
     if wide_mm > room_x_mm or deep_mm > room_y_mm:
         raise InputError(
             f"{part.name}: {wide_mm:.1f} x {deep_mm:.1f} mm as it is printed; the platform of "
-            f"{bed[0]:g} x {bed[1]:g} mm holds {room_x_mm:g} x {room_y_mm:g} mm: a larger "
-            "printer, or another format than 3mf, is right"
+            f"{bed[0]:g} x {bed[1]:g} mm holds {room_x_mm:g} x {room_y_mm:g} mm: set "
+            "resin_printer.bed_x_mm, bed_y_mm, or leave out the format 3mf"
         )
     return wide_mm, deep_mm
 
