@@ -116,6 +116,33 @@ def insert(db: sqlite3.Connection, table: str, row: Mapping[str, Any]) -> None:
     )
 
 
+def misfits(db: sqlite3.Connection) -> Iterator[str]:
+    """Values that no run writes: of another type than their column's, or out of all bounds.
+
+    SQLite stores them all the same, and only what computes with them would fail.
+    """
+    tables = db.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
+    for (table,) in tables:
+        for _, column, kind, needed, _, key in db.execute(f'PRAGMA table_info("{table}")'):
+            fits = _FITS.get(kind)
+            if fits is None:
+                continue
+            if not (needed or key):
+                fits = f"{{0}} IS NULL OR {fits}"
+            wrong = f'NOT coalesce({fits.format(chr(34) + column + chr(34))}, FALSE)'
+            count = db.execute(f'SELECT count(*) FROM "{table}" WHERE {wrong}').fetchone()[0]
+            if count:
+                yield f"{table}.{column}: {count} of its values are damaged"
+
+
+_FITS = {
+    "REAL": "typeof({0}) IN ('real', 'integer') AND abs({0}) < 1e12",
+    "INTEGER": "typeof({0}) = 'integer' AND {0} BETWEEN -1e12 AND 1e12",
+    "TEXT": "typeof({0}) = 'text'",
+    "BLOB": "typeof({0}) = 'blob'",
+}
+
+
 @contextmanager
 def journal_errors(folder: Path) -> Iterator[None]:
     """An error of SQLite becomes a RunFailed that names the journal."""
