@@ -16,7 +16,7 @@ MOST_RECORD_BYTES = 64 * 2**20
 """Of a table or a record that a program wrote."""
 MOST_LEVELS = 32
 """Of tables and lists in each other; a file of settings has four."""
-_DEEP_KEY = re.compile(r"(?<![\w\"'-])(?:[\w\"'-]+[ \t]*\.[ \t]*){%d}" % MOST_LEVELS)
+_DEEP_KEY = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]+[ \t]*\.[ \t]*){{{MOST_LEVELS}}}")
 _MOST_WHOLE = 2**63  # TOML 1.0, "Integer": 64 bits, signed
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sqlite3
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -116,11 +116,20 @@ def insert(db: sqlite3.Connection, table: str, row: Mapping[str, Any]) -> None:
     )
 
 
-def misfits(db: sqlite3.Connection) -> Iterator[str]:
-    """Values that no run writes: of another type than their column's, or out of all bounds.
+def misfits(db: sqlite3.Connection, of_today: bool) -> Iterator[str]:
+    """What no run writes: values of another type than their column's, or out of all bounds.
 
-    SQLite stores them all the same, and only what computes with them would fail.
+    SQLite stores them all the same, and only what computes with them would fail. of_today: in this
+    version's format, so that a column or the first event may be found missing.
     """
+    if of_today:
+        with closing(sqlite3.connect(":memory:")) as empty:
+            empty.executescript(SCHEMA)
+            lost = _columns(empty) - _columns(db)
+        for table, column in sorted(lost):
+            yield f"{table}.{column}: no such column"
+        if not lost and not db.execute("SELECT count(*) FROM events").fetchone()[0]:
+            yield "events: none; a run begins with one"
     tables = db.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
     for (table,) in tables:
         for _, column, kind, needed, _, key in db.execute(f'PRAGMA table_info("{table}")'):
@@ -129,10 +138,18 @@ def misfits(db: sqlite3.Connection) -> Iterator[str]:
                 continue
             if not (needed or key):
                 fits = f"{{0}} IS NULL OR {fits}"
-            wrong = f'NOT coalesce({fits.format(chr(34) + column + chr(34))}, FALSE)'
+            wrong = f"NOT coalesce({fits.format(chr(34) + column + chr(34))}, FALSE)"
             count = db.execute(f'SELECT count(*) FROM "{table}" WHERE {wrong}').fetchone()[0]
             if count:
                 yield f"{table}.{column}: {count} of its values are damaged"
+
+
+def _columns(db: sqlite3.Connection) -> set[tuple[str, str]]:
+    query = (
+        "SELECT t.name, c.name FROM sqlite_master t, pragma_table_info(t.name) c "
+        "WHERE t.type = 'table'"
+    )
+    return set(db.execute(query))
 
 
 _FITS = {

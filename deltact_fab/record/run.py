@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..errors import InputError, RunFailed
 from ..optics import CameraModel, FlatField, Rectified, camera_from_dict
 from . import notes
-from .files import flat_file, lattice_file
+from .files import FORMAT, flat_file, lattice_file
 from .images import decode
 from .journal import misfits
 from .kept_files import pattern_file, run_file, summary_file
@@ -314,7 +314,7 @@ class Run:
             uri = f"{path.absolute().as_uri()}?mode=ro"
             with closing(sqlite3.connect(uri, uri=True)) as db:
                 if not self._sound:
-                    for line in misfits(db):
+                    for line in misfits(db, self.format == FORMAT):
                         raise sqlite3.DatabaseError(line)
                     self._sound = True
                 yield db

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import itertools
 import json
 import math
 import shutil
@@ -22,7 +23,6 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-import numpy as np
 from pydantic import BaseModel
 
 from deltact_fab.cad.design import IndenterList
@@ -84,6 +84,7 @@ READERS = ("report run -o out/report.html", "analyze tracking run --out out/a",
            "analyze force run --out out/f", "analyze shape run --out out/s",
            "calibrate-depth run -o out/depth.toml",
            "study run settling --from run --out out/study")  # fmt: skip
+GEL_FIT = "gel fit f.csv --indenter sphere:10 --spacing 1 --plot out/x.svg"
 KINDS: dict[str, tuple[Any, dict[str, Any], tuple[str, ...]]] = {
     "cad": (Design, {}, ("cad show frame --design f.toml", "cad bom --design f.toml",
                          "protocol check p.toml --rig r.toml")),
@@ -150,7 +151,7 @@ def limits(kind: Any, told: Sequence[Any] = ()) -> list[Any]:
 def put(data: dict[str, Any], at: Path_, value: Any) -> None:
     """Set a value at a place; tables on the way are made."""
     here: Any = data
-    for key, after in zip(at, at[1:], strict=False):
+    for key, after in itertools.pairwise(at):
         if isinstance(key, int):
             if not isinstance(here, list):
                 return
@@ -196,8 +197,10 @@ def big(path: Path) -> None:
 
 
 def brackets(draw: Random) -> bytes:
-    return draw.choice([b"a = " + b"[" * 5000 + b"]" * 5000, b"a = " + b"{a = " * 5000,
-                        b".".join([b"a"] * 20_000) + b" = 1", b"[" + b"a." * 5000 + b"a]"])  # fmt: skip
+    """Tables or lists in each other, far too deep."""
+    ways = (b"a = " + b"[" * 5000 + b"]" * 5000, b"a = " + b"{a = " * 5000,
+            b".".join([b"a"] * 20_000) + b" = 1", b"[" + b"a." * 5000 + b"a]")  # fmt: skip
+    return draw.choice(ways)
 
 
 def damaged(data: bytes, draw: Random) -> bytes:
@@ -223,8 +226,9 @@ def damaged(data: bytes, draw: Random) -> bytes:
 
 def whole(path: Path, good: bytes, draw: Random) -> str:
     """Put something in a file's place that is wrong as a whole; what, in a word."""
-    what = draw.choice(["empty", "binary", "folder", "circle", "big", "brackets", "gone", "utf-16",
-                        "cut", "damaged", "damaged", "damaged", "long key", "twice", "null"])  # fmt: skip
+    ways = ("empty", "binary", "folder", "circle", "big", "brackets", "gone", "utf-16", "cut",
+            "damaged", "damaged", "damaged", "long key", "twice", "null")  # fmt: skip
+    what = draw.choice(ways)
     if path.is_dir():
         shutil.rmtree(path)
     path.unlink(missing_ok=True)
@@ -389,7 +393,7 @@ class Fuzz:
         rows = [[f"{0.1 * i:.3f}", f"{0.05 * i**1.5:.4f}"] for i in range(8)]
         good = "depth_mm,normal_n\n" + "\n".join(map(",".join, rows)) + "\n"
         file = folder / "f.csv"
-        words = "gel fit f.csv --indenter sphere:10 --spacing 1 --plot out/x.svg".split()
+        words = GEL_FIT.split()
         if draw.random() < 0.4:
             file.write_text(good)
             return f"csv: {whole(file, good.encode(), draw)}", words
@@ -432,7 +436,11 @@ def ended(words: list[str]) -> tuple[int, str, str]:
     out, err, before = io.StringIO(), io.StringIO(), sys.argv
     sys.argv = ["deltact-fab", *words]
     try:
-        with redirect_stdout(out), redirect_stderr(err), np.errstate(all="ignore"), limited(LIMIT_S):
+        with (
+            redirect_stdout(out),
+            redirect_stderr(err),
+            limited(LIMIT_S),
+        ):
             entry()
     except SystemExit as done:
         return int(done.code or 0), out.getvalue(), err.getvalue()
@@ -459,4 +467,3 @@ def fault(code: int, err: str, folder: Path) -> str | None:
     if len(lines[0]) > 300 or not lines[0].isprintable():
         return f"a line of {len(lines[0])} characters: {lines[0][:200]!r}"
     return None
-
