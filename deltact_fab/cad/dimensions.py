@@ -19,19 +19,22 @@ import math
 from dataclasses import dataclass, field, fields
 
 from ..shapes.sensor import SensorDimensions
+from .drafting.title import TitleBlock
+from .parts.acrylic import PlateDimensions
 from .parts.camera import CameraDimensions
 from .parts.camera_holder import HolderDimensions
 from .parts.coupon_mold import CouponDimensions
 from .parts.cover import CoverDimensions
+from .parts.fit_coupon import FitCouponDimensions
+from .parts.kerf_coupon import KerfCouponDimensions
 from .parts.light_holder import LightDimensions
 from .parts.mold import MoldDimensions
 from .parts.mount import MountDimensions
 from .parts.screw import ScrewDimensions
 from .parts.shell import ShellDimensions
 from .parts.testing_shell import TableDimensions
+from .process import LaserDimensions, ResinPrinterDimensions
 from .record import Point2, Record, number
-
-ACRYLIC_FIT_MM = 0.1
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,7 @@ class Design(SensorDimensions):
     """The whole hardware. `skin`, `frame` and `optics` are those of SensorDimensions."""
 
     screw: ScrewDimensions = field(default_factory=ScrewDimensions)
+    plate: PlateDimensions = field(default_factory=PlateDimensions)
     shell: ShellDimensions = field(default_factory=ShellDimensions)
     mount: MountDimensions = field(default_factory=MountDimensions)
     table: TableDimensions = field(default_factory=TableDimensions)
@@ -58,6 +62,11 @@ class Design(SensorDimensions):
     envelope: EnvelopeDimensions = field(default_factory=EnvelopeDimensions)
     mold: MoldDimensions = field(default_factory=MoldDimensions)
     coupon: CouponDimensions = field(default_factory=CouponDimensions)
+    fit_coupon: FitCouponDimensions = field(default_factory=FitCouponDimensions)
+    kerf_coupon: KerfCouponDimensions = field(default_factory=KerfCouponDimensions)
+    resin_printer: ResinPrinterDimensions = field(default_factory=ResinPrinterDimensions)
+    laser: LaserDimensions = field(default_factory=LaserDimensions)
+    drawing: TitleBlock = field(default_factory=TitleBlock)
 
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012
 
@@ -115,19 +124,19 @@ class Design(SensorDimensions):
 
     @property
     def z_light_mm(self) -> float:
-        """Front of the light holder = joint - axial fit: -14.2."""
+        """Front of the light holder = joint - axial fit: -14.9."""
         return self.z_joint_mm - self.light.axial_fit_mm
 
     # Plan.
 
     @property
     def post_mm(self) -> float:
-        """Side of the square corner posts = head bore + 2 walls: 3.4 + 3 = 6.4."""
+        """Side of the square corner posts = head bore + 2 walls: 3.55 + 3 = 6.55."""
         return self.screw.row.bore_mm + 2 * self.shell.wall_mm
 
     @property
     def screw_at_mm(self) -> Point2:
-        """Axis of the screw at +x, +y = (outer - post) / 2: (16.3, 16.8)."""
+        """Axis of the screw at +x, +y = (outer - post) / 2: (16.225, 16.725)."""
         x, y = self.frame_outer_mm
         return (x - self.post_mm) / 2, (y - self.post_mm) / 2
 
@@ -139,13 +148,13 @@ class Design(SensorDimensions):
 
     @property
     def post_edge_mm(self) -> Point2:
-        """Inner edges of the post at +x, +y = outer / 2 - post: (13.1, 13.6)."""
+        """Inner edges of the post at +x, +y = outer / 2 - post: (12.95, 13.45)."""
         x, y = self.frame_outer_mm
         return x / 2 - self.post_mm, y / 2 - self.post_mm
 
     @property
     def post_in_window_mm(self) -> Point2:
-        """Sides by which a post reaches into the frame's window = post - wall: (4.9, 3.4).
+        """Sides by which a post reaches into the frame's window = post - wall: (5.05, 3.55).
 
         (0, 0) when the walls hold the posts.
         """
@@ -161,28 +170,35 @@ class Design(SensorDimensions):
 
     @property
     def seat_half_mm(self) -> Point2:
-        """Half sides of the frame's pocket for the acrylic = (width / 2, length / 2 + seat)."""
-        return self.skin.width_mm / 2, self.skin.length_mm / 2 + self.frame.seat_y_mm
+        """Half sides of the frame's pocket for the acrylic = half the skin + seat: (18, 18.5)."""
+        skin, frame = self.skin, self.frame
+        return skin.width_mm / 2 + frame.seat_x_mm, skin.length_mm / 2 + frame.seat_y_mm
 
     @property
     def acrylic_half_mm(self) -> Point2:
-        """Half sides of the acrylic plate = pocket - ACRYLIC_FIT: (17.9, 18.4)."""
+        """Half sides of the acrylic plate = pocket - plate.fit: (17.9, 18.4)."""
         x, y = self.seat_half_mm
-        return x - ACRYLIC_FIT_MM, y - ACRYLIC_FIT_MM
+        return x - self.plate.fit_mm, y - self.plate.fit_mm
 
     @property
     def acrylic_notch_mm(self) -> Point2:
-        """Sides of the acrylic's corner notches, so that it clears the posts: (4.9, 4.9).
+        """Sides of the acrylic's corner notches, so that it clears the posts: (5.05, 5.05).
 
-        Plate half side - (post edge - ACRYLIC_FIT); 0 where the walls hold the posts.
+        Plate half side - (post edge - plate.fit); 0 where the walls hold the posts.
         """
         (x, y), (px, py) = self.acrylic_half_mm, self.post_edge_mm
-        nx, ny = x - px + ACRYLIC_FIT_MM, y - py + ACRYLIC_FIT_MM
+        nx, ny = x - px + self.plate.fit_mm, y - py + self.plate.fit_mm
         return (nx, ny) if min(nx, ny) > 0 else (0.0, 0.0)
 
     @property
+    def ledge_half_mm(self) -> Point2:
+        """Half opening between the shell's ledges = half cavity - ledge: (17, 17)."""
+        (x, y), shell = self.cavity_half_mm, self.shell
+        return x - shell.ledge_x_mm, y - shell.ledge_mm
+
+    @property
     def boss_room_mm(self) -> float:
-        """Side of the corners that the shell leaves to the cover's bosses = post + fit: 6.5."""
+        """Side of the corners that the shell leaves to the cover's bosses = post + fit: 6.75."""
         return self.post_mm + self.cover.fit_mm
 
     @property
@@ -200,9 +216,8 @@ class Design(SensorDimensions):
 
     @property
     def light_radius_mm(self) -> float:
-        """Outer radius of the light holder = least half cavity inside the ledge - fit: 16.8."""
-        x, y = self.cavity_half_mm
-        return min(x, y - self.shell.ledge_mm) - self.light.fit_mm
+        """Outer radius of the light holder = least half opening of the ledges - fit: 16.8."""
+        return min(self.ledge_half_mm) - self.light.fit_mm
 
     @property
     def strip_radius_mm(self) -> float:
@@ -211,12 +226,12 @@ class Design(SensorDimensions):
 
     @property
     def light_bore_mm(self) -> float:
-        """Inner radius of the light holder = strip radius - channel - diffuser: 11.6."""
+        """Inner radius of the light holder = strip radius - channel - diffuser: 11.4."""
         return self.strip_radius_mm - self.light.channel_mm - self.light.diffuser_mm
 
     @property
     def channel_inner_mm(self) -> float:
-        """Inner radius of the strip's channel = strip radius - channel: 13.1."""
+        """Inner radius of the strip's channel = strip radius - channel: 12.9."""
         return self.strip_radius_mm - self.light.channel_mm
 
     @property
@@ -251,21 +266,31 @@ class Design(SensorDimensions):
 
     @property
     def peg_length_mm(self) -> float:
-        """Height of a peg above the cover's floor = holder + lip: 3.6."""
-        return self.holder.clearance_mm + self.cover.lip_height_mm
+        """Height of a peg above the cover's floor = leg + lip: 4.1."""
+        return self.peg_leg_mm + self.cover.lip_height_mm
+
+    @property
+    def peg_leg_mm(self) -> float:
+        """Length of a peg's leg up to its lip = holder + play for a thick holder: 3.3."""
+        return self.holder.clearance_mm + self.cover.peg_play_mm
+
+    @property
+    def peg_relief_mm(self) -> float:
+        """Radius of the light holder's reliefs for the lips = lip + clearance: 1.97."""
+        return self.cover.hole_mm / 2 + self.cover.lip_mm + self.light.lip_clearance_mm
 
     @property
     def snap_strain(self) -> float:
-        """Strain at the root of a leg that gives way by the lip = 3 fibre lip / length^2: 1.9 %.
+        """Strain at the root of a leg that gives way by the lip = 3 fibre lip / length^2: 1.0 %.
 
-        A cantilever loaded at the lip's underside, so its length is the camera holder's thickness.
+        A cantilever loaded at the lip's underside.
         """
-        return 3 * self.cover.fibre_mm * self.cover.lip_mm / self.holder.clearance_mm**2
+        return 3 * self.cover.fibre_mm * self.cover.lip_mm / self.peg_leg_mm**2
 
     @property
     def holder_window_half_mm(self) -> float:
-        """Half width of the holder's window = half the connector + 0.1: 11.6."""
-        return self.camera.connector_width_mm / 2 + 0.1
+        """Half width of the holder's window = half the connector + window fit: 11.6."""
+        return self.camera.connector_width_mm / 2 + self.holder.window_fit_mm
 
     @property
     def holder_window_top_mm(self) -> float:

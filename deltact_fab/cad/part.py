@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from .design import IndenterDimensions
     from .dimensions import Design
     from .drafting.items import Callouts
+    from .fit import Fit
     from .rule import Rule
 
 Group = Literal["sensor", "tools", "bench", "indenters"]
@@ -40,6 +41,11 @@ def no_rules(design: Design) -> Iterable[Rule]:
     return ()
 
 
+def no_fits(design: Design) -> Iterable[Fit]:
+    """Goes with nothing."""
+    return ()
+
+
 def no_note(design: Design) -> str:
     """Nothing to add."""
     return ""
@@ -60,6 +66,8 @@ class Part:
     number: as in the paper's exploded view, 0 for what it does not number. explode_mm: shift along
     z in the exploded view, by which the parts of a group are also ordered, face first. colour:
     sRGB and opacity in pictures. places: where its pieces go in the sensor, as translations.
+
+    fits: its pairs with parts that it goes into or over, each told by one of the two.
 
     sections: sections of a design that it is made from. derived: lengths of Design that its shape
     follows from. rules: the inequalities it must keep; bound_by: parts whose rules bind it too.
@@ -86,6 +94,7 @@ class Part:
     derived: tuple[str, ...] = ()
     rules: Callable[[Design], Iterable[Rule]] = no_rules
     bound_by: tuple[str, ...] = ()
+    fits: Callable[[Design], Iterable[Fit]] = no_fits
     wall_mm: Callable[[Design], float] | None = None
     in_view: bool = False
     callouts: Callable[[Any], Callouts] | None = None

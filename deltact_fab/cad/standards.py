@@ -10,8 +10,9 @@ class CapScrew:
     """A hexagon socket head cap screw (ISO 4762) and the holes that go with it.
 
     thread_mm: nominal diameter. head_mm, head_height_mm: largest head (knurled). socket_mm: key
-    width. clearance_mm: through hole (ISO 273 medium). pilot_mm: hole in which the screw cuts its
-    own thread in resin. bore_mm: hole for the head. stock_mm: lengths that are sold.
+    width. clearance_mm: through hole (ISO 273 coarse: printed patterns do not agree to the play of
+    the medium row). pilot_mm: hole in which the screw cuts its own thread in resin. bore_mm: hole
+    for the head. stock_mm: lengths that are sold.
     """
 
     thread_mm: float
@@ -25,8 +26,8 @@ class CapScrew:
 
 
 CAP_SCREWS = {
-    "M1.6": CapScrew(1.6, 3.14, 1.6, 1.5, 1.8, 1.35, 3.4, (2.5, 3, 4, 5, 6, 8, 10, 12, 16)),
-    "M2": CapScrew(2.0, 3.98, 2.0, 1.5, 2.4, 1.65, 4.3, (3, 4, 5, 6, 8, 10, 12, 16, 20)),
+    "M1.6": CapScrew(1.6, 3.14, 1.6, 1.5, 2.0, 1.35, 3.55, (2.5, 3, 4, 5, 6, 8, 10, 12, 16)),
+    "M2": CapScrew(2.0, 3.98, 2.0, 1.5, 2.6, 1.65, 4.4, (3, 4, 5, 6, 8, 10, 12, 16, 20)),
 }
 
 
@@ -51,3 +52,9 @@ CHEESE_SCREWS = {"M2": CheeseScrew(2.0, 3.8, 1.4, 1.65, 0.5, 0.6)}
 CLEARANCE_MM = {"M2": 2.4, "M2.5": 2.9, "M3": 3.4, "M4": 4.5, "M5": 5.5, "M6": 6.6}
 # Plain washers (ISO 7089): a little more than a head or a nut across its corners.
 WASHER_MM = {"M2": 5.0, "M2.5": 6.0, "M3": 7.0, "M4": 9.0, "M5": 10.0, "M6": 12.0}
+
+
+def screw_tolerance_mm(length_mm: float) -> float:
+    """What the length of a screw may be off either way (ISO 4759-1: js15)."""
+    steps = ((3, 0.20), (6, 0.24), (10, 0.29), (18, 0.35), (30, 0.42), (50, 0.50))
+    return next((off for upto, off in steps if length_mm <= upto), 0.60)

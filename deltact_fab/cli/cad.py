@@ -19,7 +19,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 @click.group()
 def cad() -> None:
-    """Parametric parts: list, show, check, export, bill of materials, fabrication guide."""
+    """Parametric parts: list, show, check, fit, export, bill of materials, fabrication guide."""
 
 
 def of_design(command: F) -> F:
@@ -139,7 +139,7 @@ def check(design: str, changes: tuple[str, ...], as_json: bool) -> None:
 @click.option(
     "--format",
     "formats",
-    default="step,stl,3mf,dxf,glb,svg",
+    default="step,stl,3mf,dxf,glb,svg,pdf",
     show_default=True,
     help="Formats, by commas; each is written where it makes sense.",
 )
@@ -174,7 +174,8 @@ def export(
 
     A PART is a name of `cad list`, a group (sensor, tools, bench, indenters), or an indenter as a
     protocol names it: sphere:10, 4dots. The assembly is written with the whole sensor. STEP for
-    the machine shop, STL or 3MF for the printer, DXF for the laser, GLB to look at, SVG drawings.
+    the machine shop, STL or 3MF for the printer, DXF for the laser, GLB to look at, drawings
+    as PDF and SVG.
     Unchanged files of an earlier export that are not written again are removed; others stay.
     """
     from dataclasses import asdict
@@ -239,6 +240,53 @@ def bom(design: str, changes: tuple[str, ...], sensors: int, kind: str, out: Pat
     else:
         columns = ("item", "part", "material", "process", "quantity", "unit", "note")
         echo_table(columns, [tuple(asdict(line)[c] for c in columns) for line in listed])
+
+
+@cad.command()
+@click.argument("readings", type=click.Path(path_type=Path))
+@click.option("--design", default="deltact", show_default=True, help="Design: a path or a name.")
+@click.option(
+    "-o",
+    "out",
+    type=click.Path(path_type=Path),
+    help="Design to write: --design with what was read.",
+)
+@JSON
+def fit(readings: Path, design: str, out: Path | None, as_json: bool) -> None:
+    """What printer and laser do, from READINGS of the coupons, a CSV file, beside what was assumed.
+
+    Columns: coupon (fit-coupon, kerf-coupon), feature (hole, slot, outside, height; strip,
+    thickness), nominal_mm, measured_mm, and pieces for strips measured side by side. A spread is
+    that of one further piece at 95 %.
+    """
+    import math
+    from dataclasses import asdict
+
+    from ..cad.design import load_design
+    from ..cad.making.readings import as_design, estimates, read
+    from ..record import write_whole
+    from .output import echo_json, echo_table
+
+    found = estimates(read(readings), load_design(design))
+    if out is not None:
+        with file_to_write(out):
+            write_whole(out, as_design(design, found, readings.name).encode())
+    if as_json:
+        plain = [asdict(e) for e in found]
+        for row in plain:
+            row["spread_mm"] = None if math.isnan(row["spread_mm"]) else row["spread_mm"]
+        echo_json(plain)
+        return
+    rows = [
+        (
+            e.key, f"{e.value:g}", f"{e.before:g}", e.count, f"{e.bias_mm:+.3f}",
+            "" if math.isnan(e.spread_mm) else f"{e.spread_mm:.3f}",
+        )
+        for e in found
+    ]  # fmt: skip
+    echo_table(("key", "read", "design", "readings", "bias_mm", "spread_mm (95 %)"), rows)
+    if out is not None:
+        click.echo(str(out))
 
 
 @cad.command()

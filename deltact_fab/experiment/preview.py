@@ -48,7 +48,9 @@ def checks(
         peaks = preflight.predict(
             protocol, sensor, declared.origin_mm, progress, solve=not rig.simulated
         )
-        rows += [] if peaks is None else preflight.checks(peaks, declared)
+        if peaks is not None:
+            rows += preflight.checks(peaks, declared)
+            rows += preflight.plate_checks(peaks, sensor, declared.simulated)
     return rows
 
 
@@ -80,4 +82,6 @@ def forces(
     peaks = preflight.predict(protocol, sensor, limits.origin_mm, progress, solve)
     if peaks is None:
         return None
-    return peaks, preflight.judge(protocol.name, sensor.skin.thickness_mm, peaks, limits)
+    lines = preflight.judge(protocol.name, sensor.skin.thickness_mm, peaks, limits)
+    breaks, remarks = preflight.judge_plate(protocol.name, peaks, sensor)
+    return peaks, lines + breaks + remarks

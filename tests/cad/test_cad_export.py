@@ -18,7 +18,7 @@ from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.export import batch as export
 from deltact_fab.cad.export.batch import export_parts
-from deltact_fab.cad.export.part_files import FORMATS, Made, applicable
+from deltact_fab.cad.export.part_files import DRAWN, FORMATS, Made, applicable
 from deltact_fab.cad.export.stored import Store, sources
 from deltact_fab.cad.parts import skin_frame
 from deltact_fab.cli.cad import cad
@@ -142,7 +142,7 @@ def test_the_assembly_needs_all_of_the_sensor_and_the_wish(tmp_path):
 
 
 def test_applicable_formats():
-    everything = tuple(kind for kind in FORMATS if kind != "svg")
+    everything = tuple(kind for kind in FORMATS if kind not in DRAWN)
     assert applicable(registry.find("acrylic"), everything) == everything
     assert applicable(registry.find("mold"), everything) == ("step", "stl", "3mf", "glb")
     assert applicable(registry.find("screw"), everything) == ("step", "glb")
@@ -280,6 +280,17 @@ def test_a_mesh_is_found_by_its_tolerance_and_an_indenter_by_its_own_numbers(tmp
     assert ball.indenter is not None
     thicker = replace(ball.indenter, body=replace(ball.indenter.body, plate_mm=5.0))
     assert Store(DESIGN, 0.01, True).get([replace(ball, indenter=thicker)], "stl") is None
+
+
+def test_a_new_title_makes_new_drawings_and_nothing_else(tmp_path):
+    cover = registry.find("cover")
+    issued = load_design("deltact", ["drawing.revision=B"])
+    made = Made("step", b"solid", 1.0, ((0, 0, 0), (1, 1, 1)), None)
+    Store(DESIGN, 0.01, True).put([cover], made)
+    Store(DESIGN, 0.01, True).put([cover], replace(made, format="pdf"))
+    assert Store(issued, 0.01, True).get([cover], "step") == made
+    assert Store(issued, 0.01, True).get([cover], "pdf") is None
+    assert Store(DESIGN, 0.01, True).get([cover], "pdf") is not None
 
 
 def test_a_part_counts_its_own_file_and_the_order_of_parts_does_not():
@@ -496,7 +507,7 @@ def test_ctrl_c_is_one_line_and_leaves_nothing(tmp_path, monkeypatch):
     ("formats", "tolerance_mm", "jobs", "says"),
     [
         (["stp"], 0.01, None, "format 'stp': unknown; did you mean 'step'"),
-        ([], 0.01, None, "format: none given; valid: step, stl, 3mf, dxf, glb, svg"),
+        ([], 0.01, None, "format: none given; valid: step, stl, 3mf, dxf, glb, svg, pdf"),
         (["stl"], 0.0, None, "tolerance 0 mm: 0.001 to 1 mm is right"),
         (["stl"], float("nan"), None, "tolerance nan mm"),
         (["stl"], 0.01, 0, "jobs 0: 1 or more is right"),

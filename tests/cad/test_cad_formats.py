@@ -208,10 +208,11 @@ def test_dxf_holds_the_outline_in_millimetres_on_its_layer(parts):
     assert not document.audit().errors
     entities = list(document.modelspace())
     assert {entity.dxf.layer for entity in entities} == {"CUT"}
-    assert {entity.dxftype() for entity in entities} == {"LINE"}
-    assert len(entities) == 12
+    (outline,) = entities
+    assert outline.dxftype() == "LWPOLYLINE"
+    assert outline.closed
+    assert len(outline) == 12
     loops = _loops(entities)
-    assert len(loops) == 1
     thickness_mm = measured.box_mm[1][2] - measured.box_mm[0][2]
     assert _area_mm2(loops[0]) * thickness_mm == pytest.approx(measured.volume_mm3, rel=1e-9)
     points = np.array([start for start, _, _ in loops[0]])
@@ -240,41 +241,22 @@ def test_dxf_turns_arcs_the_right_way():
     )
     document = ezdxf.read(io.StringIO(dxf.dxf_bytes(plate.val(), "plate").decode()))
     entities = list(document.modelspace())
-    kinds = [entity.dxftype() for entity in entities]
-    assert (kinds.count("CIRCLE"), kinds.count("ARC"), kinds.count("LINE")) == (1, 6, 6)
-    (hole,) = [entity for entity in entities if entity.dxftype() == "CIRCLE"]
-    assert (hole.dxf.center.x, hole.dxf.center.y, hole.dxf.radius) == pytest.approx((5, 0, 3))
-    areas = sorted(_area_mm2(loop) for loop in _loops([e for e in entities if e is not hole]))
+    assert {(entity.dxftype(), entity.closed) for entity in entities} == {("LWPOLYLINE", True)}
+    # Sides and corners, the hole as two half circles, the slot.
+    assert sorted(len(entity) for entity in entities) == [2, 4, 8]
+    areas = sorted(_area_mm2(loop) for loop in _loops(entities))
     slot_mm2 = 4 * 6 + math.pi * 4
     outline_mm2 = 30 * 20 - (4 - math.pi) * 16
-    assert areas == pytest.approx([slot_mm2, outline_mm2], rel=1e-9)
+    assert areas == pytest.approx([9 * math.pi, slot_mm2, outline_mm2], rel=1e-9)
 
 
 def _loops(entities):
-    """Closed chains of (start, end, bulge) from lines and arcs in the order they were drawn."""
-    loops, chain = [], []
+    """Each polyline as (start, end, bulge) of its sides."""
+    loops = []
     for entity in entities:
-        if entity.dxftype() == "LINE":
-            ends = [(p.x, p.y) for p in (entity.dxf.start, entity.dxf.end)]
-            bulge = 0.0
-        else:
-            ends = [(p.x, p.y) for p in (entity.start_point, entity.end_point)]
-            sweep = (entity.dxf.end_angle - entity.dxf.start_angle) % 360
-            bulge = math.tan(math.radians(sweep) / 4)
-        if chain and math.dist(chain[-1][1], ends[0]) > 1e-9:
-            # An arc is always drawn counter-clockwise; the chain may run the other way.
-            assert math.dist(chain[-1][1], ends[1]) < 1e-9 or len(chain) == 1
-            if math.dist(chain[-1][1], ends[1]) > 1e-9:
-                start, end, first = chain[-1]
-                chain[-1] = (end, start, -first)
-            if math.dist(chain[-1][1], ends[0]) > 1e-9:
-                ends.reverse()
-                bulge = -bulge
-        chain.append((*ends, bulge))
-        if len(chain) > 1 and math.dist(chain[-1][1], chain[0][0]) < 1e-9:
-            loops.append(chain)
-            chain = []
-    assert not chain
+        points = entity.get_points("xyb")
+        ends = zip(points, points[1:] + points[:1], strict=True)
+        loops.append([(a[:2], b[:2], a[2]) for a, b in ends])
     return loops
 
 

@@ -20,7 +20,7 @@ from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.drafting import picture
 from deltact_fab.cad.drafting.balloons import BETWEEN_MM, RADIUS_MM, arranged, spread
-from deltact_fab.cad.drafting.drawing import drawing_svg
+from deltact_fab.cad.drafting.drawing import drawing
 from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import mesh_solid
 
@@ -256,7 +256,7 @@ from deltact_fab.cad.drafting import picture
 from deltact_fab.cad import registry
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.drafting.drawing import drawing_svg
+from deltact_fab.cad.drafting.drawing import drawing
 
 design = load_design()
 solids = {p.name: build_part(p, design)[0] for p in reversed(registry.of_group("sensor"))}
@@ -264,7 +264,7 @@ texts = [picture.exploded_svg(design, solids)]
 for name in ("cover", "indenter-star"):
     part = registry.find(name)
     solid, _ = build_part(part, design)
-    texts += [drawing_svg(part, design, solid), picture.part_svg(part, design, solid)]
+    texts += [drawing(part, design, solid).svg(), picture.part_svg(part, design, solid)]
 print(hashlib.sha256("".join(texts).encode()).hexdigest())
 """
 
@@ -276,7 +276,7 @@ def test_another_process_draws_the_same_bytes(solids):
     for name in ("cover", "indenter-star"):
         part = registry.find(name)
         solid, _ = build_part(part, design)
-        texts += [drawing_svg(part, design, solid), picture.part_svg(part, design, solid)]
+        texts += [drawing(part, design, solid).svg(), picture.part_svg(part, design, solid)]
     want = hashlib.sha256("".join(texts).encode()).hexdigest()
     for seed in ("1", "2"):
         done = subprocess.run(

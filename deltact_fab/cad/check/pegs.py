@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...errors import RunFailed
+from ..checks import bounding_box
 from .built import Built
 from .cylinders import near
 from .row import Row
@@ -66,7 +67,8 @@ def _fibre_mm(
         raise RunFailed(f"cover has no leg beside ({x:.2f}, {y:.2f})")
     leg = max(slices, key=lambda s: s.Volume())
     centroid = leg.Center().x - x
-    return float(max(radius_mm - centroid, centroid - half_slot_mm))
+    outside = bounding_box(leg)[1][0] - x
+    return float(max(outside - centroid, centroid - half_slot_mm))
 
 
 def _half_slot_mm(built: Built, x: float, y: float, radius_mm: float, root_mm: float) -> float:

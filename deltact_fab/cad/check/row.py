@@ -36,11 +36,14 @@ class Row:
 def plain(key: str) -> str:
     """A key as it is read: `camera.focal_length_mm` is `focal length`.
 
-    The many lengths of the camera's board are one thing to measure.
+    The many lengths of the camera's board are one thing to measure, and so is what a machine does.
     """
     if key in BOARD_KEYS:
         return "camera board"
-    return key.rpartition(".")[2].removesuffix("_mm").replace("_", " ")
+    if key.startswith(("resin_printer.", "laser.")):
+        return key.partition(".")[0].replace("_", " ")
+    name = key.rpartition(".")[2]
+    return name.removesuffix("_mm").removesuffix("_mpa").replace("_", " ")
 
 
 def open_keys(unverified: Iterable[str], *keys: str) -> tuple[str, ...]:

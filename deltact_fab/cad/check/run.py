@@ -9,7 +9,20 @@ from ...errors import MissingLibrary, RunFailed
 from ..design import IndenterList
 from ..dimensions import Design
 from ..kernel import guarded, require
-from . import casting, indenters, inequalities, pegs, screws, sight, soundness, space, thickness
+from . import (
+    bending,
+    casting,
+    drawings,
+    fits,
+    indenters,
+    inequalities,
+    pegs,
+    screws,
+    sight,
+    soundness,
+    space,
+    thickness,
+)
 from .built import Built
 from .row import Row
 from .table import Check
@@ -24,6 +37,9 @@ CHECKS = (
     Check("engagement", "screws", f">= {screws.ENGAGEMENT_D:g} d", screws.engagement),
     Check(thickness.NAME, "printed parts", "each part's wall", thickness.rows),
     Check("snap strain", "cover, camera-holder", "cover.strain_limit", pegs.rows),
+    Check("plate deflection", "acrylic", "plate.deflection_share", bending.deflection),
+    Check("plate clear of the light", "acrylic, light-holder", "light.axial_fit_mm", bending.clear),
+    Check("plate stress", "acrylic", "plate.stress_limit_mpa", bending.stress),
     Check("view cone", "camera", "the crop's half angle", sight.view),
     Check("light cone", "light-holder", "all rays reach the face", sight.light_cone),
     Check("LED strip length", "light-holder", "round the channel", sight.strip),
@@ -51,12 +67,17 @@ def run(
     InputError when the list of indenters is unusable.
     """
     rows = list(inequalities.rows(design))
-    if not all(row.passed for row in rows):
+    possible = all(row.passed for row in rows)
+    rows += fits.rows(design)
+    if not possible:
         return rows + [check.not_run("an inequality is broken") for check in CHECKS]
+    rows += fits.platform(design)
     require()
     from ..registry import listed
 
-    total = len(listed(indenters)) + len(CHECKS)
+    parts = listed(indenters)
+    rows += drawings.rows(design, parts)
+    total = len(parts) + len(CHECKS)
     done = 0
 
     def tell(what: str) -> None:

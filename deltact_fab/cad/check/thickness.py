@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -10,20 +9,11 @@ from numpy.typing import NDArray
 
 from ..dimensions import Design
 from .built import Built
-from .rays import OPPOSITE_DEG, Thickness
+from .rays import Thickness
 from .row import Row, at
 
 NAME = "wall thickness"
 SLACK_MM = 1e-6
-
-
-def leg_limit_mm(design: Design) -> float:
-    """Leg of a peg where its round side leans by OPPOSITE_DEG: peg / 2 cos - slot / 2.
-
-    cover.leg_mm is the thickness in the middle, and the sides of the round taper off.
-    """
-    cover = design.cover
-    return cover.peg_mm / 2 * math.cos(math.radians(OPPOSITE_DEG)) - cover.slot_mm / 2
 
 
 def rows(built: Built) -> Iterator[Row]:
@@ -38,7 +28,7 @@ def rows(built: Built) -> Iterator[Row]:
         legs = _of_legs(built.design, walls.points_mm)
         yield _row(part.name, walls.thinnest(~legs), limit_mm)
         # They must bend: no wall of theirs is as thick as the housing's.
-        yield _row("cover, legs of the pegs", walls.thinnest(legs), leg_limit_mm(built.design))
+        yield _row("cover, legs of the pegs", walls.thinnest(legs), built.design.cover.leg_mm)
 
 
 def _row(part: str, found: Thickness | None, limit_mm: float) -> Row:

@@ -7,9 +7,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from .dimensioning import Axis, Centres, Circle, Item, Leader, Linear, Side
+from .dimensioning import Axis, Centres, Circle, Detail, Item, Leader, Linear, Side, shown
+from .page import ARROW_MM, SMALL_MM, Page, Point2, Rect, meet, text_width_mm, within
 from .projection import Vector, View
-from .sheet import ARROW_MM, LINE_MM, SMALL_MM, Page, Point2, Rect, meet, text_width_mm
+from .sheet import LINE_MM
 
 SIDES: tuple[Side, ...] = ("left", "right", "top", "bottom")
 FIRST_MM = 9.0  # from the view to its first dimension line
@@ -22,6 +23,11 @@ RISES_MM = (-3.0, 5.5, -8.0, 10.5, -13.0, 15.5, -18.0, 20.5)
 AIR_MM = 0.6  # between a leader and a text
 TAIL_MM = 5.0  # of arrows that point inwards from outside
 SHORT_MM = 0.7
+LETTER_MM = 6.0  # around a detail's circle
+# Of a label's parts behind its words: the frame's height, the check mark's width, the gaps.
+FRAME_MM = 4.5
+CHECK_MM = 3.2
+PART_GAP_MM = 2.0
 
 
 @dataclass(frozen=True)
@@ -53,6 +59,7 @@ class Arranged:
     items: Sequence[Item]
     cut_x: float | None = None  # on the model's plane, where this view shows the cutting plane
     heading: str = ""
+    details: Sequence[Detail] = ()  # whose circles and letters stand in this view
     lines: dict[Side, list[_Line]] = field(default_factory=dict)
     labels: list[tuple[Leader, float, float]] = field(default_factory=list)
     margins: Rect = (0.0, 0.0, 0.0, 0.0)
@@ -75,7 +82,7 @@ class Arranged:
             column = self._column(side, room)
             self.labels += column
             if column:
-                widest = max(text_width_mm(leader.words) for leader, _, _ in column)
+                widest = max(label_width_mm(leader) for leader, _, _ in column)
                 if side == "left":
                     left = room + COLUMN_MM + widest
                 else:
@@ -84,6 +91,11 @@ class Arranged:
                 bottom = max(bottom, max(y for _, _, y in column) - self.size_mm[1])
         if self.heading:
             top += 7.0
+        for detail in self.details:
+            (x, y), reach = self.local(detail.at), detail.radius_mm * self.scale + LETTER_MM
+            left, top = max(left, reach - x), max(top, reach - y)
+            right = max(right, x + reach - self.size_mm[0])
+            bottom = max(bottom, y + reach - self.size_mm[1])
         self.margins = (left, top, right, bottom)
 
     @property
@@ -167,7 +179,7 @@ class Arranged:
             wanted = [self.local(leader.at)[1] + rise for rise in RISES_MM]
             wanted = [y for y in wanted if y >= least] or [least]
             free = [
-                y for y in wanted if not any(_cuts(self._leader(leader, x, y), r) for r in texts)
+                y for y in wanted if not any(within(self._leader(leader, x, y), r) for r in texts)
             ]
             column.append((leader, x, (free or wanted)[0]))
         return column
@@ -251,8 +263,8 @@ class Arranged:
         points = [tip, knee, (x - way * 0.8, knee[1])]
         page.path([[(origin[0] + px, origin[1] + py) for px, py in points]], "thin")
         page.arrow((origin[0] + tip[0], origin[1] + tip[1]), (tip[0] - knee[0], tip[1] - knee[1]))
-        anchor = "end" if leader.side == "left" else "start"
-        page.text((origin[0] + x, origin[1] + y), leader.words, SMALL_MM, anchor)
+        left = x - label_width_mm(leader) if leader.side == "left" else x
+        _draw_words(page, (origin[0] + left, origin[1] + y), leader)
 
     def _draw_cut(self, page: Page, origin: Point2) -> None:
         """The cutting plane as ISO 128-44 has it: ends wide, arrows the way one looks."""
@@ -269,15 +281,40 @@ class Arranged:
             page.text((x - 5.8, base), "A", 3.5, "end")
 
 
-def _cuts(line: tuple[Point2, Point2], rect: Rect) -> bool:
-    """Whether a straight line passes through a rectangle (Liang-Barsky)."""
-    (x0, y0), (x1, y1) = line
-    enter, leave = 0.0, 1.0
-    for start, way, low, high in ((x0, x1 - x0, rect[0], rect[2]), (y0, y1 - y0, rect[1], rect[3])):
-        if abs(way) < 1e-12:
-            if not low <= start <= high:
-                return False
-            continue
-        a, b = sorted(((low - start) / way, (high - start) / way))
-        enter, leave = max(enter, a), min(leave, b)
-    return enter <= leave
+def label_width_mm(leader: Leader) -> float:
+    """Width of a leader's words with what stands behind them."""
+    parts = [text_width_mm(leader.words)] if leader.words else []
+    if leader.flatness_mm:
+        parts.append(FRAME_MM + text_width_mm(shown(leader.flatness_mm)) + 2.0)
+    if leader.roughness_um:
+        parts.append(CHECK_MM + text_width_mm(_roughness(leader)) + 0.5)
+    return sum(parts) + PART_GAP_MM * (len(parts) - 1)
+
+
+def _roughness(leader: Leader) -> str:
+    return f"Ra {shown(leader.roughness_um)}"
+
+
+def _draw_words(page: Page, at: Point2, leader: Leader) -> None:
+    """Words, flatness in its frame and the check mark of a surface's roughness, left to right."""
+    x, y = at
+    middle = y - SMALL_MM / 2
+    if leader.words:
+        page.text((x, y), leader.words)
+        x += text_width_mm(leader.words) + PART_GAP_MM
+    if leader.flatness_mm:
+        words = shown(leader.flatness_mm)
+        low, high = middle - FRAME_MM / 2, middle + FRAME_MM / 2
+        width = FRAME_MM + text_width_mm(words) + 2.0
+        page.path([[(x, low), (x + width, low), (x + width, high), (x, high)]], "thin", closed=True)
+        page.line((x + FRAME_MM, low), (x + FRAME_MM, high))
+        signs = [(0.6, 0.9), (1.8, -0.9), (3.9, -0.9), (2.7, 0.9)]
+        page.path([[(x + dx, middle + dy) for dx, dy in signs]], "thin", closed=True)
+        page.text((x + FRAME_MM + 1.0, y), words)
+        x += width + PART_GAP_MM
+    if leader.roughness_um:
+        words = _roughness(leader)
+        end = x + CHECK_MM + text_width_mm(words) + 0.5
+        stroke = [(x, y - 1.2), (x + 1.0, y + 0.6), (x + 3.2, y - 3.2), (end, y - 3.2)]
+        page.path([stroke, [(x, y - 1.2), (x + 2.05, y - 1.2)]], "thin")
+        page.text((x + CHECK_MM, y), words)

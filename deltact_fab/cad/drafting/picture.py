@@ -21,8 +21,8 @@ from ..kernel import guarded
 from ..part import Part
 from ..registry import of_group
 from .balloons import RADIUS_MM, Balloon, arranged
+from .page import FONT, LARGE_MM, SMALL_MM, number, path_data, text_width_mm
 from .projection import Points, Projected, View, project
-from .sheet import FONT, LARGE_MM, SMALL_MM, number, path_data, text_width_mm
 
 CORNER = View((1, 1, -0.9), (0, 0, 1))
 TIPS_UP = View((1, -1, 0.9), (0, 0, -1))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,7 @@ class View:
     direction: Vector
     up: Vector
 
-    @property
+    @cached_property
     def axes(self) -> tuple[Points, Points, Points]:
         """Unit vectors to the right, upwards and towards the viewer.
 

@@ -10,13 +10,16 @@ from ...errors import InputError, RunFailed, did_you_mean
 from ..build import build_part
 from ..checks import Box, Measured
 from ..dimensions import Design
+from ..drafting.drawing import drawing, has_drawing
+from ..drafting.page import Page
 from ..kernel import guarded
 from ..mesh import Mesh, mesh_solid
 from ..part import BOUGHT, LASER_CUT, Part
 from .formats import dxf, glb, step, stl, threemf
 
 ASSEMBLY = "assembly"
-FORMATS = ("step", "stl", "3mf", "dxf", "glb", "svg")
+FORMATS = ("step", "stl", "3mf", "dxf", "glb", "svg", "pdf")
+DRAWN = ("svg", "pdf")
 MESHED = ("stl", "3mf", "glb")
 
 Point3 = tuple[float, float, float]
@@ -69,9 +72,7 @@ def applicable(part: Part, formats: Sequence[str]) -> tuple[str, ...]:
 def _applies(part: Part, kind: str) -> bool:
     if kind == "dxf":
         return part.process == LASER_CUT
-    if kind == "svg":
-        from ..drafting.drawing import has_drawing
-
+    if kind in DRAWN:
         return has_drawing(part)
     return part.process != BOUGHT or kind not in ("stl", "3mf")
 
@@ -84,12 +85,16 @@ def make(task: Task) -> list[Made]:
     solid, measured = build_part(part, task.design)
     made = []
     mesh: Mesh | None = None
+    page: Page | None = None
     # Meshes last: they leave triangles on the solid.
     for kind in sorted(task.formats, key=lambda f: (f in MESHED, FORMATS.index(f))):
         with guarded(part.name, {"tolerance_mm": task.tolerance_mm}):
             if kind in MESHED:
                 mesh = mesh or _mesh(solid, measured, task)
                 data = _mesh_bytes(mesh, part, kind)
+            elif kind in DRAWN:
+                page = page or drawing(part, task.design, solid)
+                data = page.svg().encode() if kind == "svg" else page.pdf()
             else:
                 data = _solid_bytes(solid, part, task.design, kind)
         deviation_mm = mesh.deviation_mm if mesh and kind in MESHED else None
@@ -126,11 +131,8 @@ def _assembly_step(design: Design, parts: Sequence[Part]) -> Made:
 def _solid_bytes(solid: Any, part: Part, design: Design, kind: str) -> bytes:
     if kind == "step":
         return step.part_bytes(solid, part.name)
-    if kind == "dxf":
-        return dxf.dxf_bytes(solid, part.name)
-    from ..drafting.drawing import drawing_svg
-
-    return drawing_svg(part, design, solid).encode("utf-8")
+    laser = design.laser
+    return dxf.dxf_bytes(solid, part.name, laser.kerf_mm / 2 if laser.compensate else 0.0)
 
 
 def _mesh_bytes(mesh: Mesh, part: Part, kind: str) -> bytes:

@@ -6,14 +6,15 @@ import importlib.metadata
 import platform
 import zlib
 from collections.abc import Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 from ... import __version__, cache, digest
 from ..dimensions import Design
+from ..drafting.title import TitleBlock
 from ..part import Part
-from .part_files import MESHED, Made
+from .part_files import DRAWN, MESHED, Made
 
 KIND = "cad"
 # About ten designs at 0.01 mm; the longest unused go first.
@@ -58,11 +59,14 @@ class Store:
             cache.trim(KIND, LIMIT_BYTES)
 
     def _key(self, parts: Sequence[Part], kind: str) -> dict[str, Any]:
+        # What the title block says changes drawings only.
+        untitled = replace(self._design, drawing=TitleBlock())
+        design = self._design if kind in DRAWN else untitled
         # An indenter is made from its own numbers; its drawing may quote the design's.
-        alone = kind != "svg" and all(part.indenter is not None for part in parts)
+        alone = kind not in DRAWN and all(part.indenter is not None for part in parts)
         return {
             "parts": [plain(part) for part in parts],
-            "design": None if alone else plain(self._design),
+            "design": None if alone else plain(design),
             "format": kind,
             "tolerance_mm": self._tolerance_mm if kind in MESHED else None,
             "sources": sources(parts),

@@ -2,30 +2,57 @@
 
    +--------------------+          z = -thickness (ledge) to the joint, 2 mm
    |                    |   y
-+--+                    +--+  ^    Its y edges lie between the frame's ledge and the shell's.
-|                          |  |    The corners are notched around the frame's posts; where the
-+--+                    +--+  +->  walls hold the posts it is the paper's rectangle.
-   |                    |      x
++--+                    +--+  ^    Its y edges lie between the frame's ledge and the shell's, its
+|                          |  |    x edges on the shell's. The corners are notched around the
++--+                    +--+  +->  frame's posts; where the walls hold the posts it is the
+   |                    |      x   paper's rectangle.
    +--------------------+
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from ..checks import Expected
-from ..drafting.dimensioning import Item, Linear
+from ..drafting.dimensioning import Item
 from ..drafting.items import Callouts, x_of, y_of, z_of
+from ..fit import Fit, Length
 from ..kernel import require
 from ..part import CLEAR, LASER_CUT, Part
-from ..record import Point2
+from ..record import Point2, Record, check_measured, number
 from ..rule import Rule
 
 if TYPE_CHECKING:
     from cadquery import Shape
 
     from ..dimensions import Design
+
+
+@dataclass(frozen=True)
+class PlateDimensions(Record):
+    """The acrylic plate (part 2): how it lies, what it must bear under a press, its material.
+
+    measured: keys that a lab knows of its own plate; they no longer count as unverified.
+    """
+
+    fit_mm: float = number(0.1, "clearance in the frame's pocket, per side", 0.02, 2)
+    ledge_mm: float = number(0.5, "least width that lies on a ledge", 0.1, 10)
+    force_n: float = number(49.0, "press it is made for", 0.1, 5000)
+    depth_mm: float = number(5.0, "depth of that press", 0.1, 60)
+    spread_mm: float = number(22.0, "disc that the gel spreads it on", 1, 100, unverified=True)
+    deflection_share: float = number(0.05, "of the depth, by which it may yield", 1e-3, 1)
+    youngs_modulus_mpa: float = number(3000.0, "of cast PMMA", 100, 1e5, unverified=True)
+    poisson: float = number(0.37, "of cast PMMA", 0.0, 0.49)
+    stress_limit_mpa: float = number(35.0, "half of what breaks PMMA", 1, 1000, unverified=True)
+    measured: tuple[str, ...] = field(
+        default=(), metadata={"meaning": "keys measured on the lab's own plate"}
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_measured(self)
 
 
 def notched(half_mm: Point2, notch_mm: Point2) -> list[Point2]:
@@ -67,7 +94,7 @@ def build(design: Design) -> Shape:
 def rules(d: Design) -> Iterator[Rule]:
     """The plate on the frame's ledge, and what the notches leave of it."""
     plate = ("half acrylic in y - half ledge opening", d.acrylic_half_mm[1] - d.skin.length_mm / 2)
-    yield Rule("acrylic", ("0.5", 0.5), "<=", plate)
+    yield Rule("acrylic", ("plate.ledge_mm", d.plate.ledge_mm), "<=", plate)
     notch = d.acrylic_notch_mm
     for i, axis in enumerate("xy"):
         yield Rule(
@@ -78,23 +105,78 @@ def rules(d: Design) -> Iterator[Rule]:
         )
 
 
+def fits(d: Design) -> Iterator[Fit]:
+    """In the frame's pocket, round its posts, and between the ledges of frame and shell."""
+    parts, printer, laser, keys = "acrylic, skin-frame", d.resin_printer, d.laser, ("plate.fit_mm",)
+    for i, axis in enumerate("xy"):
+        pocket = printer.inner("pocket", 2 * d.seat_half_mm[i])
+        plate = laser.cut("plate", 2 * d.acrylic_half_mm[i])
+        yield Fit(f"plate in its pocket, {axis}", parts, (pocket,), (plate,), keys)
+    for i, axis in enumerate("xy"):
+        if d.acrylic_notch_mm[i] > 0:
+            posts = printer.inner("between the posts", 2 * d.post_edge_mm[i])
+            neck = laser.cut("neck", 2 * (d.acrylic_half_mm[i] - d.acrylic_notch_mm[i]))
+            yield Fit(f"plate between the posts, {axis}", parts, (posts,), (neck,), keys)
+    thick = laser.sheet("plate", d.optics.acrylic_mm)
+    pocket = printer.tall("depth of the pocket", d.optics.acrylic_mm)
+    drop = printer.tall("shell.ledge_drop_mm", d.shell.ledge_drop_mm)
+    # A plate that is too thick would hold the joint open; a bead of adhesive fills what is left.
+    yield Fit(
+        "plate between the ledges, z",
+        "acrylic, skin-frame, shell",
+        (pocket, drop),
+        (thick,),
+        ("shell.ledge_drop_mm", "laser.sheet_tolerance"),
+    )
+    opening = printer.inner("opening of the frame", d.skin.length_mm)
+    pocket_y = printer.inner("pocket", 2 * d.seat_half_mm[1])
+    plate_y = laser.cut("plate", 2 * d.acrylic_half_mm[1])
+    # A plate that lies at one end of its pocket bears least at the other.
+    yield Fit(
+        "plate on the frame's ledge, y",
+        parts,
+        (plate_y,),
+        (opening.half(), pocket_y.half()),
+        ("frame.seat_y_mm", "plate.ledge_mm"),
+        d.plate.ledge_mm,
+    )
+    # The shell stands off the frame by what its screws leave it.
+    hole = printer.inner("hole of the shell", d.screw.row.clearance_mm)
+    shank = Length("less the screw", -d.screw.row.thread_mm)
+    for i, key in enumerate(("ledge_x_mm", "ledge_mm")):
+        if getattr(d.shell, key) == 0:
+            continue
+        behind = printer.inner("opening of the shell", 2 * d.ledge_half_mm[i])
+        pocket = printer.inner("pocket", 2 * d.seat_half_mm[i])
+        yield Fit(
+            f"plate on the shell's ledge, {'xy'[i]}",
+            "acrylic, shell",
+            (laser.cut("plate", 2 * d.acrylic_half_mm[i]),),
+            (behind.half(), pocket.half(), hole.half(), shank.half()),
+            (f"shell.{key}", "plate.ledge_mm"),
+            d.plate.ledge_mm,
+        )
+
+
 def callouts(d: Design) -> Callouts:
     """The plate: outline, notches, thickness."""
     (x, y), (nx, ny) = d.acrylic_half_mm, d.acrylic_notch_mm
     back, front = d.z_joint_mm, d.z_ledge_mm
+    cut = d.laser.limits_mm
+    sheet = d.laser.sheet_tolerance * d.optics.acrylic_mm
     items: list[Item] = [
-        x_of("top", -x, x, "bottom", -y),
-        y_of("top", -y, y, "left", -x),
-        z_of("front", back, front, "left", -x),
+        x_of("top", -x, x, "bottom", -y, limits=cut),
+        y_of("top", -y, y, "left", -x, limits=cut),
+        z_of("front", back, front, "left", -x, limits=(-sheet, sheet)),
     ]
     if nx > 0:
         items += [
-            Linear("top", (x - nx, y, 0), (x, y - ny, 0), "top", after=" (4×)"),
-            Linear("top", (x, y - ny, 0), (x - nx, y, 0), "right", after=" (4×)"),
+            x_of("top", nx - x, x - nx, "top", y, limits=cut),
+            y_of("top", ny - y, y - ny, "right", x, limits=cut),
         ]
     notes = (
         "Cut from cast PMMA, clear on both faces; protective film stays on until bonding.",
-        "Plan dimensions are those of the finished plate: offset the cut by half the kerf.",
+        f"Plan dimensions are those of the finished plate. {d.laser.path}",
     )
     return Callouts(tuple(items), notes)
 
@@ -116,12 +198,13 @@ PARTS = (
         number=2,
         explode_mm=14,
         colour=CLEAR,
-        sections=("skin", "frame", "optics", "screw", "shell"),
+        sections=("skin", "frame", "optics", "plate", "screw", "shell", "laser"),
         derived=(
             "acrylic_half_mm", "acrylic_notch_mm", "seat_half_mm", "post_edge_mm", "z_ledge_mm",
             "z_joint_mm",
         ),
         rules=rules,
+        fits=fits,
         callouts=callouts,
         note=note,
         how="cut by the DXF, step C",

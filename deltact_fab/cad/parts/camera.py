@@ -61,6 +61,7 @@ class CameraDimensions(Record):
     connector_width_mm: float = number(23.0, "connector along x", 1, 100, unverified=True)
     connector_length_mm: float = number(6.0, "connector along y", 1, 50, unverified=True)
     connector_height_mm: float = number(2.65, "connector along z", 0.2, 20, unverified=True)
+    tolerance_mm: float = number(0.05, "spread of board and lens, +-", 0.0, 1, unverified=True)
     measured: tuple[str, ...] = field(
         default=(), metadata={"meaning": "keys measured on the lab's own module"}
     )

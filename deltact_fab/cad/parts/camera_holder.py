@@ -21,8 +21,9 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING
 
 from ..checks import Expected
-from ..drafting.dimensioning import Axis, Item, shown
+from ..drafting.dimensioning import Axis, Item
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
+from ..fit import Fit, Length
 from ..kernel import require
 from ..part import BLACK, PRINT, RESIN, Part
 from ..record import Record, check_limits, number, standard_row
@@ -42,6 +43,8 @@ class HolderDimensions(Record):
 
     clearance_mm: float = number(3.0, "thickness, and room for the connector", 1, 30)
     fit_mm: float = number(0.2, "clearance to the shell", 0.02, 2)
+    window_fit_mm: float = number(0.1, "connector in the window, per side", 0.02, 2)
+    window_rest_mm: float = number(0.5, "board on the plate beside the window", 0.1, 5)
     wall_mm: float = number(1.5, "least wall beside a hole", 0.5, 10)
     screw: str = field(default="M2", metadata={"meaning": "ISO 1207 thread"})
     screw_length_mm: float = number(4.0, "below the head", 2, 20)
@@ -119,7 +122,7 @@ def _plate(d: Design) -> Iterator[Rule]:
     part, holder, cam = "camera-holder", d.holder, d.camera
     yield Rule(
         part,
-        ("half the window + 0.5", d.holder_window_half_mm + 0.5),
+        ("half the window + window_rest_mm", d.holder_window_half_mm + holder.window_rest_mm),
         "<=",
         ("half the board", cam.board_width_mm / 2),
     )
@@ -134,7 +137,7 @@ def _plate(d: Design) -> Iterator[Rule]:
         part,
         ("half the tongue", tongue),
         "<=",
-        ("corner posts - cover.fit_mm", d.post_edge_mm[0] - d.cover.fit_mm),
+        ("corner posts", d.post_edge_mm[0]),
     )
     yield Rule(
         part,
@@ -147,7 +150,7 @@ def _plate(d: Design) -> Iterator[Rule]:
         part,
         ("peg_y_mm + hole / 2 + wall", arm),
         "<=",
-        ("corner posts - cover.fit_mm", d.post_edge_mm[1] - d.cover.fit_mm),
+        ("corner posts", d.post_edge_mm[1]),
     )
     yield Rule(
         part,
@@ -183,6 +186,62 @@ def _plate(d: Design) -> Iterator[Rule]:
     )
 
 
+def fits(d: Design) -> Iterator[Fit]:
+    """In the shell, between the cover's bosses, under the board."""
+    part, printer, cam = "camera-holder", d.resin_printer, d.camera
+    cavity_x, cavity_y = d.cavity_half_mm
+    tongue, top = d.holder_tongue_mm
+    keys = ("holder.fit_mm",)
+    inner, outer = printer.inner, printer.outer
+    room = inner("cavity of the shell", 2 * cavity_x)
+    plate = outer("plate", 2 * d.holder_half_x_mm)
+    yield Fit("camera holder in the shell, x", f"{part}, shell", (room,), (plate,), keys)
+    beyond = inner("cavity behind the middle", cavity_y)
+    reach = outer("tongue from the middle", max(top, d.holder_arm_mm))
+    yield Fit("camera holder in the shell, y", f"{part}, shell", (beyond,), (reach,), keys)
+    for i, (axis, half, key) in enumerate(
+        (("x", tongue, "holder.wall_mm"), ("y", d.holder_arm_mm, "cover.peg_y_mm"))
+    ):
+        bosses = inner("between the bosses", 2 * d.post_edge_mm[i])
+        yield Fit(
+            f"camera holder between the bosses, {axis}",
+            f"{part}, cover",
+            (bosses,),
+            (outer("tongue" if axis == "x" else "arms", 2 * half),),
+            (key,),
+        )
+    off = cam.tolerance_mm
+    connector = Length("connector", cam.connector_width_mm, off, ("camera.connector_width_mm",))
+    window = inner("window", 2 * d.holder_window_half_mm)
+    yield Fit(
+        "connector in the window",
+        f"{part}, camera",
+        (window,),
+        (connector,),
+        ("holder.window_fit_mm",),
+    )
+    hole = Length("board's hole", cam.hole_mm, off, ("camera.hole_mm",))
+    # Two screws in a row along x: only that pitch can disagree, and either end takes half of it.
+    pitch = Length("both pitches", 0.0, printer.plane_mm + off, ("resin_printer.plane_mm",))
+    screw = Length(d.holder.screw, d.holder.row.thread_mm)
+    yield Fit(
+        f"{d.holder.screw} through the board",
+        f"camera, camera-screw, {part}",
+        (hole,),
+        (screw, pitch),
+        ("camera.hole_mm", "holder.screw"),
+    )
+    deep = printer.tall("holder", d.holder.clearance_mm)
+    high = Length("connector", cam.connector_height_mm, off, ("camera.connector_height_mm",))
+    yield Fit(
+        "connector above the cover, z",
+        "camera, camera-holder, cover",
+        (deep,),
+        (high,),
+        ("holder.clearance_mm",),
+    )
+
+
 def callouts(d: Design) -> Callouts:
     """The plate behind the board."""
     back, front = d.z_floor_mm, d.z_board_back_mm
@@ -192,27 +251,28 @@ def callouts(d: Design) -> Callouts:
     (px, py), upper = d.peg_at_mm, d.camera.hole_rows_mm[0]
     pitch = d.camera.hole_pitch_x_mm / 2
     row = d.holder.row
+    fitted = d.resin_printer.limits_mm
     items: list[Item] = [
-        x_of("top", -x, x, "bottom", -arm),
-        x_of("top", -px, px, "bottom", -py),
-        x_of("top", -window, window, "bottom", -arm),
-        x_of("top", -tongue, tongue, "top", top),
-        x_of("top", -pitch, pitch, "top", upper),
+        x_of("top", -x, x, "bottom", -arm, limits=fitted),
+        x_of("top", -px, px, "bottom", -py, limits=fitted),
+        x_of("top", -window, window, "bottom", -arm, limits=fitted),
+        x_of("top", -tongue, tongue, "top", top, limits=fitted),
+        x_of("top", -pitch, pitch, "top", upper, limits=fitted),
         y_of("top", -arm, arm, "left", -x),
-        y_of("top", -py, py, "left", -px),
+        y_of("top", -py, py, "left", -px, limits=fitted),
         y_of("top", -arm, top, "left", -tongue),
         y_of("top", 0, window_top, "right", window),
         y_of("top", 0, upper, "right", pitch),
         *holes([(s * px, t * py) for s in (-1, 1) for t in (-1, 1)], front, d.cover.hole_mm,
-                " through"),
+                " through", limits=fitted),
         *holes([(-pitch, upper), (pitch, upper)], front, row.pilot_mm, " through"),
         Axis("top", (0, -arm, 0), (0, top, 0)),
         Axis("top", (-x, 0, 0), (x, 0, 0)),
-        z_of("front", back, front, "left", -x),
+        z_of("front", back, front, "left", -x, limits=d.resin_printer.tall_limits_mm),
     ]  # fmt: skip
     notes = (
-        f"Ø{shown(row.pilot_mm)}: {d.holder.screw} cuts its own thread. "
-        f"Ø{shown(d.cover.hole_mm)}: for the pegs of the cover.",
+        f"{d.holder.screw} cuts its own thread in the two pilot holes; the four others are for the "
+        "pegs of the cover.",
         SQUARE_EDGES,
     )
     return Callouts(tuple(items), notes, rests_on=("camera.connector_width_mm", *UPPER_HOLES))
@@ -240,6 +300,7 @@ PARTS = (
             "z_floor_mm",
         ),
         rules=rules,
+        fits=fits,
         wall_mm=wall_mm,
         in_view=True,
         callouts=callouts,

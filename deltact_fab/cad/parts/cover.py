@@ -23,8 +23,9 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..checks import Expected
-from ..drafting.dimensioning import Axis, Cut, Item, Linear, shown
+from ..drafting.dimensioning import Axis, Cut, Detail, Item, Linear, shown
 from ..drafting.items import Callouts, holes, x_of, y_of, z_of
+from ..fit import Fit, Length
 from ..kernel import require
 from ..part import BLACK, PRINT, RESIN, Part
 from ..record import Point2, Record, number
@@ -42,32 +43,30 @@ class CoverDimensions(Record):
     """The cover (part 7): floor, four bosses for the screw heads, four snap-fit pegs."""
 
     floor_mm: float = number(1.5, "floor (paper: walls of 1.5)", 0.5, 20)
-    peg_mm: float = number(3.0, "diameter of a peg", 1, 10)
+    peg_mm: float = number(2.7, "diameter of a peg", 1, 10)
     peg_y_mm: float = number(8.0, "pegs at +-y", 1, 90)
-    peg_clearance_mm: float = number(0.1, "radial clearance of a peg in its hole", 0.01, 1)
-    slot_mm: float = number(0.6, "slot that splits a peg", 0.2, 5)
-    lip_mm: float = number(0.08, "lip of a peg beyond its hole", 0.01, 2)
-    lip_height_mm: float = number(0.6, "height of the lip", 0.2, 5)
+    peg_clearance_mm: float = number(0.25, "radial clearance of a peg in its hole", 0.01, 1)
+    slot_mm: float = number(1.0, "slot that splits a peg", 0.2, 5)
+    leg_mm: float = number(0.6, "thickness of a leg, flat on both sides", 0.2, 5)
+    lip_mm: float = number(0.12, "lip of a peg beyond its hole", 0.01, 2)
+    peg_play_mm: float = number(0.3, "legs beyond the camera holder, for a thick one", 0.0, 5)
+    lip_height_mm: float = number(0.8, "height of the lip", 0.2, 5)
     strain_limit: float = number(0.02, "what the resin bears once (Tough resins: 2 %)", 1e-3, 0.2)
-    fit_mm: float = number(0.1, "clearance between bosses and shell", 0.02, 2)
-
-    @property
-    def leg_mm(self) -> float:
-        """Thickness of one leg of a peg = (peg - slot) / 2: 1.2."""
-        return (self.peg_mm - self.slot_mm) / 2
+    fit_mm: float = number(0.2, "clearance between bosses and shell", 0.02, 2)
 
     @property
     def fibre_mm(self) -> float:
-        """Outermost fibre of a leg from its centroid; a leg is a segment of the peg's circle: 0.70.
+        """Outermost fibre of a leg from its centroid; a leg is a slab of the peg's circle: 0.26.
 
-        Centroid at 2/3 (R^2 - a^2)^1.5 / A, A = R^2 acos(a / R) - a sqrt(R^2 - a^2), a = slot / 2.
+        Between the chords at a = slot / 2 and b = a + leg: centroid at 2/3 ((R^2 - a^2)^1.5 -
+        (R^2 - b^2)^1.5) / A, A the area between them.
         """
-        r, a = self.peg_mm / 2, self.slot_mm / 2
-        if not a < r:
+        r, a, b = self.peg_mm / 2, self.slot_mm / 2, self.slot_mm / 2 + self.leg_mm
+        if not b <= r:
             return math.nan
-        q = math.sqrt(r**2 - a**2)
-        centroid = 2 / 3 * q**3 / (r**2 * math.acos(a / r) - a * q)
-        return max(r - centroid, centroid - a)
+        moment = 2 / 3 * ((r**2 - a**2) ** 1.5 - (r**2 - b**2) ** 1.5)
+        centroid = moment / (segment_mm2(a, r) - segment_mm2(b, r))
+        return max(b - centroid, centroid - a)
 
     @property
     def hole_mm(self) -> float:
@@ -139,7 +138,9 @@ def _leg_mm3(design: Design) -> float:
     """Volume of one leg above the floor: shaft, lip and lead-in, each beyond half the slot."""
     cover, half_slot_mm = design.cover, design.cover.slot_mm / 2
     radius, tip, height_mm = _lip_mm(design)
-    shaft_mm3 = segment_mm2(half_slot_mm, cover.peg_mm / 2) * design.holder.clearance_mm
+    outside_mm, peg = half_slot_mm + cover.leg_mm, cover.peg_mm / 2
+    leg_mm2 = segment_mm2(half_slot_mm, peg) - segment_mm2(outside_mm, peg)
+    shaft_mm3 = leg_mm2 * design.peg_leg_mm
     beyond_mm = half_slot_mm - cover.lip_mm
     lip_mm3 = segment_mm2(beyond_mm, radius) * height_mm
     return shaft_mm3 + lip_mm3 + cone_segment_mm3(beyond_mm, radius, tip, height_mm)
@@ -148,7 +149,10 @@ def _leg_mm3(design: Design) -> float:
 def _leg(cq: Any, design: Design) -> Any:
     """The leg on +x of a peg on the z axis, let into the floor by half of its thickness."""
     cover = design.cover
-    low_mm, under_lip_mm = design.z_floor_mm - cover.floor_mm / 2, design.z_board_back_mm
+    low_mm, under_lip_mm = (
+        design.z_floor_mm - cover.floor_mm / 2,
+        design.z_floor_mm + design.peg_leg_mm,
+    )
     radius, tip, height_mm = _lip_mm(design)
     at: Point2 = (cover.lip_mm, 0.0)
     shaft = cq.Solid.makeCylinder(
@@ -163,8 +167,12 @@ def _leg(cq: Any, design: Design) -> Any:
         wide, 2 * wide, design.peg_length_mm + cover.floor_mm + 2,
         cq.Vector(cover.slot_mm / 2, -wide, low_mm - 1),
     )  # fmt: skip
+    slab = cq.Solid.makeBox(
+        cover.leg_mm, 2 * wide, design.peg_length_mm + cover.floor_mm + 2,
+        cq.Vector(cover.slot_mm / 2, -wide, low_mm - 1),
+    )  # fmt: skip
     # Cut first: in the slot the shaft's round side and the lip's would cross.
-    parts = [piece.intersect(half_space) for piece in (shaft, lip, cone)]
+    parts = [shaft.intersect(slab), lip.intersect(half_space), cone.intersect(half_space)]
     return parts[0].fuse(*parts[1:]).clean().Solids()[0]
 
 
@@ -172,11 +180,26 @@ def rules(d: Design) -> Iterator[Rule]:
     """Pegs: strain, legs and lips."""
     part, cover = "cover", d.cover
     yield Rule(part, ("strain of a peg", d.snap_strain), "<=", ("strain_limit", cover.strain_limit))
-    yield Rule(part, ("0.6", 0.6), "<=", ("leg of a peg", cover.leg_mm))
+    yield Rule(
+        part,
+        ("resin_printer.least_wall_mm", d.resin_printer.least_wall_mm),
+        "<=",
+        ("leg_mm", cover.leg_mm),
+    )
+    yield Rule(
+        part,
+        ("slot_mm / 2 + leg_mm", cover.slot_mm / 2 + cover.leg_mm),
+        "<",
+        ("peg_mm / 2", cover.peg_mm / 2),
+    )
     # Both legs bend inwards by the lip before they touch.
     yield Rule(part, ("2 lip_mm", 2 * cover.lip_mm), "<", ("slot_mm", cover.slot_mm))
+    # The lips stand in reliefs of the light holder's floor.
     yield Rule(
-        part, ("lip_height_mm", cover.lip_height_mm), "<=", ("camera.board_mm", d.camera.board_mm)
+        part,
+        ("peg_play_mm + lip_height_mm", cover.peg_play_mm + cover.lip_height_mm),
+        "<=",
+        ("camera.board_mm + light.floor_mm", d.camera.board_mm + d.light.floor_mm),
     )
     lip = cover.hole_mm / 2 + cover.lip_mm
     yield Rule(
@@ -193,6 +216,47 @@ def rules(d: Design) -> Iterator[Rule]:
     )
 
 
+def fits(d: Design) -> Iterator[Fit]:
+    """The pegs in the holder, their lips over its holes, the heads in their bores."""
+    printer, cover, row = d.resin_printer, d.cover, d.screw.row
+    parts, pitch = "cover, camera-holder", printer.pitch("both patterns")
+    hole = printer.inner("hole", cover.hole_mm)
+    peg = printer.outer("peg", cover.peg_mm)
+    yield Fit("peg in its hole", parts, (hole,), (peg, pitch), ("cover.peg_clearance_mm",))
+    # Over both lips of a peg that stands in the middle of its hole.
+    lips = printer.outer("over both lips", cover.hole_mm + 2 * cover.lip_mm)
+    yield Fit("lips over their hole", parts, (lips,), (hole,), ("cover.lip_mm",))
+    most_mm = Fit("", "", (lips,), (hole,), ()).range_mm[1] / 2
+    bends_mm = cover.strain_limit * d.peg_leg_mm**2 / (3 * cover.fibre_mm)
+    yield Fit(
+        "largest lip within the strain",
+        parts,
+        (Length("what a leg bends", bends_mm),),
+        (Length("largest lip", most_mm, 0.0, lips.rests_on),),
+        ("cover.lip_mm", "cover.leg_mm", "cover.strain_limit"),
+    )
+    legs = printer.tall("legs", d.peg_leg_mm)
+    holder = printer.tall("holder", d.holder.clearance_mm)
+    yield Fit("legs through the holder, z", parts, (legs,), (holder,), ("cover.peg_play_mm",))
+    slot = printer.inner("slot", cover.slot_mm)
+    yield Fit(
+        "slot when both legs bend",
+        "cover",
+        (slot,),
+        (Length("twice the largest lip", 2 * most_mm, 0.0, lips.rests_on),),
+        ("cover.slot_mm",),
+    )
+    head = Length("head", row.head_mm)
+    bore = printer.inner("bore", row.bore_mm)
+    yield Fit(
+        "screw head in its bore",
+        "cover, screw, skin-frame",
+        (bore,),
+        (head, pitch),
+        ("screw.thread", "resin_printer.plane_mm"),
+    )
+
+
 def callouts(d: Design) -> Callouts:
     """The cover; section through two of the bosses."""
     row, cover = d.screw.row, d.cover
@@ -200,35 +264,45 @@ def callouts(d: Design) -> Callouts:
     (sx, sy), (px, py) = d.screw_at_mm, d.peg_at_mm
     post = d.post_mm
     back, floor, boss, head = d.z_back_mm, d.z_floor_mm, d.z_boss_mm, d.z_head_mm
-    tip = floor + d.peg_length_mm
+    under, tip = floor + d.peg_leg_mm, floor + d.peg_length_mm
+    slot, lip = cover.slot_mm / 2, cover.hole_mm / 2 + cover.lip_mm
+    tip_x = _lip_mm(d)[1] + cover.lip_mm
+    side = slot + cover.leg_mm
+    fitted, tall = d.resin_printer.limits_mm, d.resin_printer.tall_limits_mm
     pegs = [(s * px, t * py) for s in (-1, 1) for t in (-1, 1)]
     items: list[Item] = [
         x_of("top", -ox, ox, "bottom", -oy),
-        x_of("top", -sx, sx, "bottom", -sy),
-        x_of("top", -px, px, "top", py),
-        x_of("top", ox - post, ox, "top", oy, after=" (4×)"),
+        x_of("top", -sx, sx, "bottom", -sy, limits=fitted),
+        x_of("top", -px, px, "top", py, limits=fitted),
+        x_of("top", ox - post, ox, "top", oy, after=" (4×, x and y)", limits=fitted),
         y_of("top", -oy, oy, "left", -ox),
-        y_of("top", -sy, sy, "left", -sx),
-        y_of("top", -py, py, "left", -px),
-        y_of("top", oy - post, oy, "right", ox),
-        *holes(d.screw_centres_mm, boss, row.clearance_mm, " through"),
-        *holes(pegs, tip, cover.peg_mm, f" peg, slot {shown(cover.slot_mm)} along y"),
-        Linear("front", (-ox, 0, back), (-px - cover.peg_mm / 2, 0, tip), "left"),
+        y_of("top", -sy, sy, "left", -sx, limits=fitted),
+        y_of("top", -py, py, "left", -px, limits=fitted),
+        *holes(d.screw_centres_mm, boss, row.clearance_mm, " through", limits=fitted),
+        *holes(pegs, tip, cover.peg_mm, " peg", limits=fitted),
+        Linear("front", (-ox, 0, back), (-px - side, 0, tip), "left", auxiliary=True),
         z_of("front", back, boss, "left", -ox),
         z_of("front", back, floor, "right", ox - post),
-        z_of("front", floor, tip, "right", px + cover.peg_mm / 2),
         z_of("left", back, head, "right", 0, -sy),
         y_of("left", -sy - row.bore_mm / 2, -sy + row.bore_mm / 2, "bottom", 0, back,
-           before="Ø", after=" (4×)"),
+           before="Ø", after=" (4×)", limits=fitted),
         *(Axis("left", (-sx, s * sy, back), (-sx, s * sy, boss)) for s in (-1, 1)),
+        x_of("B", px - slot, px + slot, "top", -py, tip, after=" slot"),
+        x_of("B", px - side, px + side, "bottom", -py, floor, after=" over both legs",
+             limits=fitted),
+        x_of("B", px - lip, px + lip, "top", -py, under, after=" over both lips",
+             limits=fitted),
+        z_of("B", under, tip, "right", px + tip_x, -py),
+        z_of("B", floor, under, "left", px - side, -py, limits=tall),
     ]  # fmt: skip
     notes = (
-        f"Pegs: legs {shown(cover.leg_mm)} thick, lip {shown(cover.lip_mm)} beyond the hole of "
-        f"Ø{shown(cover.hole_mm)}, {shown(cover.lip_height_mm)} high, flat underneath; "
-        f"strain when snapped in {shown(100 * d.snap_strain)} %.",
-        "Pegs without support marks. Opaque.",
+        "Four pegs alike, slots along y, legs flat outside. Lips flat underneath, "
+        f"{shown(cover.lip_mm)} beyond the hole of Ø{shown(cover.hole_mm)}.",
+        f"Strain of a peg when snapped in: {shown(100 * d.snap_strain)} %. Pegs without support "
+        "marks. Opaque.",
     )
-    return Callouts(tuple(items), notes, Cut(-sx))
+    detail = Detail("B", "front", (px, -py, (floor + tip) / 2), 0.7 * d.peg_length_mm)
+    return Callouts(tuple(items), notes, Cut(-sx), details=(detail,))
 
 
 def wall_mm(d: Design) -> float:
@@ -248,10 +322,12 @@ PARTS = (
         colour=BLACK,
         sections=("cover", "screw", "shell"),
         derived=(
-            "post_mm", "screw_at_mm", "peg_at_mm", "peg_length_mm", "snap_strain", "z_floor_mm",
+            "post_mm", "screw_at_mm", "peg_at_mm", "peg_leg_mm", "peg_length_mm", "snap_strain",
+            "z_floor_mm",
             "z_back_mm", "z_head_mm", "z_boss_mm",
         ),
         rules=rules,
+        fits=fits,
         wall_mm=wall_mm,
         callouts=callouts,
         how="outer face down, flat, no support near the pegs",

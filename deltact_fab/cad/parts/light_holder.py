@@ -12,7 +12,8 @@ Half section at y = 0, the lens's axis on the left:
                light_bore    light_radius
 
 A slot of slot_mm through the outer wall at -y, above the floor, lets the wires out on the side
-where the camera's cable leaves. The heads of the camera's two screws stand in reliefs of the floor.
+where the camera's cable leaves. The heads of the camera's two screws and the
+lips of the cover's pegs stand in reliefs of the floor.
 The paper gives the material and the LEDs (Imaging Subsystem), no dimensions.
 """
 
@@ -26,6 +27,7 @@ from typing import TYPE_CHECKING
 from ..checks import Expected
 from ..drafting.dimensioning import Axis, Centres, Cut, Item, Leader, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, x_of, y_of, z_of
+from ..fit import Fit, Length
 from ..kernel import require
 from ..part import PRINT, RESIN, WHITE, Part
 from ..record import Record, number
@@ -46,12 +48,19 @@ class LightDimensions(Record):
     led_count: int = number(5, "LEDs (paper: five 5050)", 1, 200)
     leds_per_m: float = number(60.0, "LEDs of a metre of strip", 10, 400)
     strip_width_mm: float = number(8.0, "width of the strip", 3, 20)
-    channel_mm: float = number(2.2, "radial room for strip and LED", 1, 10)
+    strip_thickness_mm: float = number(0.3, "strip with its adhesive", 0.05, 2)
+    led_width_mm: float = number(5.0, "LED along the strip (5050: 5)", 0.5, 20)
+    led_height_mm: float = number(1.6, "LED above the strip (5050: 1.6)", 0.2, 10)
+    led_tolerance_mm: float = number(0.1, "spread of LED and strip, +-", 0.0, 1)
+    channel_mm: float = number(2.4, "radial room for strip and LED", 1, 10)
     diffuser_mm: float = number(1.5, "wall between LED and camera", 0.4, 10)
     wall_mm: float = number(1.5, "outer wall", 0.4, 10)
     floor_mm: float = number(1.5, "floor below the strip", 0.4, 10)
     fit_mm: float = number(0.2, "radial clearance in the shell", 0.02, 2)
-    axial_fit_mm: float = number(0.2, "play below the acrylic, so that it bears no press", 0.02, 2)
+    axial_fit_mm: float = number(1.0, "play below the acrylic, so that it bears no press", 0.02, 5)
+    lens_clearance_mm: float = number(0.3, "between lens and bore, radial", 0.02, 5)
+    lip_clearance_mm: float = number(0.25, "around the lips of the cover's pegs", 0.02, 2)
+    head_room_mm: float = number(0.1, "floor above the heads of the camera's screws", 0.0, 5)
     slot_mm: float = number(3.0, "slot for the wires", 0.5, 20)
     resistor_ohm: float = number(750.0, "in series (paper: 750)", 20, 1e5)
     supply_v: float = number(5.0, "supply of a strip that is cut at every LED", 4.5, 5.5)
@@ -83,8 +92,10 @@ def expect(design: Design) -> Expected:
     half_slot_mm = light.slot_mm / 2
     slot_mm2 = (band_mm2(half_slot_mm, radius) - band_mm2(half_slot_mm, strip)) / 2
     volume_mm3 -= slot_mm2 * depth_mm
-    for x, y in design.camera_screw_centres_mm:
-        away, relief = math.hypot(x, y), design.head_relief_mm
+    reliefs = [(at, design.head_relief_mm) for at in design.camera_screw_centres_mm]
+    reliefs += [(at, design.peg_relief_mm) for at in design.peg_centres_mm]
+    for (x, y), relief in reliefs:
+        away = math.hypot(x, y)
         met_mm2 = common_circles_mm2(relief, radius, away) - common_circles_mm2(relief, bore, away)
         volume_mm3 -= met_mm2 * light.floor_mm
     return Expected(
@@ -98,6 +109,7 @@ def expect(design: Design) -> Expected:
             "light_radius_mm": radius,
             "light_bore_mm": bore,
             "head_relief_mm": design.head_relief_mm,
+            "peg_relief_mm": design.peg_relief_mm,
         },
     )
 
@@ -123,14 +135,14 @@ def build(design: Design) -> Shape:
     slot = above.center(0, -outside / 2).rect(light.slot_mm, outside).extrude(up_mm)
     middle_mm = (design.strip_radius_mm + design.channel_inner_mm) / 2
     slot = slot.cut(above.circle(middle_mm).extrude(up_mm))
-    reliefs = (
-        cq.Workplane()
-        .workplane(offset=low_mm - 1)
-        .pushPoints(design.camera_screw_centres_mm)
-        .circle(design.head_relief_mm)
-        .extrude(light.floor_mm + 1)
-    )
-    return ring.cut(channel).cut(slot).cut(reliefs).val()
+    body = ring.cut(channel).cut(slot)
+    for centres, relief_mm in (
+        (design.camera_screw_centres_mm, design.head_relief_mm),
+        (design.peg_centres_mm, design.peg_relief_mm),
+    ):
+        below = cq.Workplane().workplane(offset=low_mm - 1).pushPoints(centres)
+        body = body.cut(below.circle(relief_mm).extrude(light.floor_mm + 1))
+    return body.val()
 
 
 SHOWN = ("strip_width_mm", "channel_mm", "diffuser_mm", "wall_mm", "floor_mm", "fit_mm", "slot_mm")
@@ -148,7 +160,7 @@ def rules(d: Design) -> Iterator[Rule]:
     lens = d.camera.lens_diameter_mm / 2
     yield Rule(
         part,
-        ("lens radius + 0.3", lens + 0.3),
+        ("lens radius + lens_clearance_mm", lens + light.lens_clearance_mm),
         "<=",
         ("bore radius", d.light_bore_mm),
         ("camera.lens_diameter_mm",),
@@ -161,8 +173,10 @@ def rules(d: Design) -> Iterator[Rule]:
         ("depth of the channel", depth),
         ("camera.lens_height_mm",),
     )
-    head = d.holder.row.head_height_mm + 0.1
-    yield Rule(part, (f"{d.holder.screw} head + 0.1", head), "<=", ("floor_mm", light.floor_mm))
+    head = d.holder.row.head_height_mm + light.head_room_mm
+    yield Rule(
+        part, (f"{d.holder.screw} head + head_room_mm", head), "<=", ("floor_mm", light.floor_mm)
+    )
     # A relief that does not reach the ring's edge leaves a strip of floor, and that is a wall.
     away = math.hypot(*d.camera_screw_centres_mm[0])
     for name, rest in (
@@ -174,6 +188,24 @@ def rules(d: Design) -> Iterator[Rule]:
             yield Rule(
                 part, left, "<=", (f"floor {name} the reliefs (holder.head_clearance_mm)", rest)
             )
+    (sx, sy), (px, py) = d.camera_screw_centres_mm[-1], d.peg_at_mm
+    apart = min(math.hypot(px - sx, py - sy), math.hypot(px - sx, py + sy), 2 * px, 2 * py)
+    yield Rule(
+        part,
+        (
+            "two reliefs + wall_mm",
+            max(d.head_relief_mm, d.peg_relief_mm) + d.peg_relief_mm + light.wall_mm,
+        ),
+        "<=",
+        ("peg axis to the next peg or camera screw", apart),
+    )
+    inside = math.hypot(px, py) - d.peg_relief_mm - d.light_bore_mm
+    within = ("floor inside the lips' reliefs (cover.peg_y_mm)", inside)
+    yield Rule(part, ("wall_mm", light.wall_mm), "<=", within)
+    outside = d.light_radius_mm - math.hypot(px, py) - d.peg_relief_mm
+    if outside > 0:
+        left = ("wall_mm", light.wall_mm)
+        yield Rule(part, left, "<=", ("floor outside the lips' reliefs", outside))
     corner = math.hypot(*d.post_edge_mm)
     yield Rule(
         part,
@@ -182,6 +214,77 @@ def rules(d: Design) -> Iterator[Rule]:
         ("inner corner of the posts", corner),
     )
     yield Rule(part, ("slot_mm", light.slot_mm), "<", ("bore radius", d.light_bore_mm))
+
+
+def led_room_mm(d: Design) -> float:
+    """Radial room of strip and LED = strip + LED + sagitta of the LED's chord: 2.11.
+
+    A LED is flat: the strip behind it is a chord of led_width, whose middle lies the sagitta
+    r - sqrt(r^2 - (w / 2)^2) inside the channel's wall. NaN where the LED is wider than the ring.
+    """
+    light, r = d.light, d.strip_radius_mm
+    half = light.led_width_mm / 2
+    sagitta = r - math.sqrt(r**2 - half**2) if r > half else math.nan
+    return light.strip_thickness_mm + light.led_height_mm + sagitta
+
+
+def fits(d: Design) -> Iterator[Fit]:
+    """In the shell, below the acrylic, round the lens, and with its LEDs."""
+    part, printer, light, cam = "light-holder", d.resin_printer, d.light, d.camera
+    ring = printer.outer("ring", 2 * d.light_radius_mm)
+    opening = printer.inner("opening of the shell", 2 * min(d.ledge_half_mm))
+    yield Fit("ring in the shell", f"{part}, shell", (opening,), (ring,), ("light.fit_mm",))
+    relief = printer.inner("relief", 2 * d.peg_relief_mm)
+    lips = printer.outer("over both lips", d.cover.hole_mm + 2 * d.cover.lip_mm)
+    yield Fit(
+        "lips in the ring's reliefs",
+        f"{part}, cover",
+        (relief,),
+        (lips, printer.pitch("both patterns")),
+        ("light.lip_clearance_mm",),
+    )
+    led = Length("strip and LED on a chord", led_room_mm(d), light.led_tolerance_mm)
+    channel = printer.inner("channel", light.channel_mm)
+    yield Fit(
+        "LED in its channel",
+        f"{part}, LED strip",
+        (channel,),
+        (led,),
+        ("light.channel_mm", "light.led_height_mm"),
+    )
+    off = cam.tolerance_mm
+    lens = Length("lens", cam.lens_diameter_mm, off, ("camera.lens_diameter_mm",))
+    yield Fit(
+        "lens in the bore",
+        f"{part}, camera",
+        (printer.inner("bore", 2 * d.light_bore_mm),),
+        (lens,),
+        ("light.lens_clearance_mm",),
+    )
+    yield below_plate(d)
+
+
+def below_plate(d: Design) -> Fit:
+    """Room between ring and acrylic, for the plate to bend into under a press."""
+    printer, cam = d.resin_printer, d.camera
+    # The ring stands on the board, the board on its holder, the holder on the cover's floor.
+    stack = (
+        printer.tall("holder", d.holder.clearance_mm),
+        Length("board", cam.board_mm, cam.tolerance_mm, ("camera.board_mm",)),
+        printer.tall("ring", d.z_light_mm - d.z_board_front_mm),
+        d.laser.sheet("plate", d.optics.acrylic_mm),
+    )
+    room = (
+        printer.tall("depth of the shell", d.shell_depth_mm),
+        printer.tall("depth of the pocket", d.optics.acrylic_mm),
+    )
+    return Fit(
+        "ring below the acrylic, z",
+        "light-holder, acrylic",
+        room,
+        stack,
+        ("light.axial_fit_mm", "laser.sheet_tolerance"),
+    )
 
 
 def callouts(d: Design) -> Callouts:
@@ -197,30 +300,47 @@ def callouts(d: Design) -> Callouts:
     slot = light.slot_mm / 2
     floor = back + light.floor_mm
     upper, screws = d.camera.hole_rows_mm[0], d.camera_screw_centres_mm
-    relief = d.head_relief_mm
+    relief, lips, (px, py) = d.head_relief_mm, d.peg_relief_mm, d.peg_at_mm
     r = radii["outer"]
+    fitted, tall = d.resin_printer.limits_mm, d.resin_printer.tall_limits_mm
     # The ring ends inside the relief: the arrow goes to the side of the relief that it keeps.
     (x, y), inward = screws[1], 1 - relief / math.hypot(*screws[1])
     near = (x * inward, y * inward)
+    inward = 1 - lips / math.hypot(px, py)
+    at_lip = (px * inward, -py * inward)
     items: list[Item] = [
         Centres("top", ((0, 0, front),), r),
-        y_of("left", -r, r, "bottom", 0, back, before="Ø"),
-        y_of("left", -radii["channel"], radii["channel"], "top", 0, front, before="Ø"),
-        y_of("left", -radii["diffuser"], radii["diffuser"], "top", 0, front, before="Ø"),
+        y_of("left", -r, r, "bottom", 0, back, before="Ø", limits=fitted),
+        y_of(
+            "left", -radii["channel"], radii["channel"], "top", 0, front, before="Ø", limits=fitted
+        ),
+        y_of(
+            "left",
+            -radii["diffuser"],
+            radii["diffuser"],
+            "top",
+            0,
+            front,
+            before="Ø",
+            limits=fitted,
+        ),
         y_of("left", -radii["bore"], radii["bore"], "bottom", 0, back, before="Ø"),
-        z_of("left", back, front, "left", 0, r),
+        z_of("left", back, front, "left", 0, r, limits=tall),
         z_of("left", back, floor, "left", 0, radii["channel"]),
         x_of("top", -slot, slot, "bottom", -r, front),
         x_of("top", screws[0][0], screws[1][0], "top", upper, back),
         y_of("top", 0, upper, "left", screws[0][0], back),
         Centres("top", tuple((x, y, back) for x, y in screws), relief),
         Leader("top", (*near, back), 0, f"2× Ø{shown(2 * relief)} through the floor, from below"),
-        z_of("front", floor, front, "left", -slot, -r),
+        Centres("top", tuple((x, y, back) for x, y in d.peg_centres_mm), lips),
+        Leader("top", (*at_lip, back), 0, f"4× Ø{shown(2 * lips)} through the floor, from below"),
+        x_of("top", -px, px, "bottom", -py, back),
+        y_of("top", -py, py, "right", px, back),
         Axis("left", (0, 0, back), (0, 0, front)),
     ]
     notes = (
         "Translucent white; the inner wall is the diffuser: no polish, no paint.",
-        f"Slot at -y through the outer wall only. {SQUARE_EDGES}",
+        f"Slot at -y through the outer wall only, down to the channel's floor. {SQUARE_EDGES}",
     )
     return Callouts(
         tuple(items), notes, Cut(0.0),
@@ -246,10 +366,12 @@ PARTS = (
         sections=("light", "shell", "holder", "camera"),
         derived=(
             "light_radius_mm", "strip_radius_mm", "channel_inner_mm", "light_bore_mm",
-            "head_relief_mm", "camera_screw_centres_mm", "z_light_mm", "z_joint_mm",
+            "head_relief_mm", "peg_relief_mm", "peg_centres_mm",
+            "camera_screw_centres_mm", "z_light_mm", "z_joint_mm",
             "z_board_front_mm",
         ),
         rules=rules,
+        fits=fits,
         wall_mm=wall_mm,
         in_view=True,
         callouts=callouts,

@@ -25,8 +25,9 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..checks import Expected
-from ..drafting.dimensioning import Axis, Cut, Item, Leader, shown
+from ..drafting.dimensioning import Axis, Cut, Item, Leader, Linear, shown
 from ..drafting.items import Callouts, x_of, y_of, z_of
+from ..fit import Fit
 from ..kernel import require
 from ..part import AMBER, PRINT, RESIN, Part
 from ..record import Point2, Record, number
@@ -52,6 +53,8 @@ class MoldDimensions(Record):
     base_mm: float = number(3.0, "below the cavities", 1.5, 50)
     seat_mm: float = number(3.0, "depth by which a frame is let in", 0.5, 30)
     fit_mm: float = number(0.1, "clearance of a frame, per side", 0.02, 2)
+    floor_flatness_mm: float = number(0.05, "flatness of a floor, the touched face", 0.005, 1)
+    floor_roughness_um: float = number(0.8, "Ra of a floor, the touched face", 0.01, 12.5)
     pry_width_mm: float = number(10.0, "notch to lift a frame out, along x", 2, 100)
     pry_mm: float = number(2.5, "that notch along y", 0.5, 20)
 
@@ -128,17 +131,27 @@ def _cutter(cq: Any, design: Design) -> Any:
 def rules(d: Design) -> Iterator[Rule]:
     """Webs, seats and notches."""
     mold = d.mold
-    yield Rule("mold", ("fit_mm + 2", mold.fit_mm + 2.0), "<=", ("web_mm / 2", mold.web_mm / 2))
     yield Rule("mold", ("pry_mm", mold.pry_mm), "<", ("web_mm / 2", mold.web_mm / 2))
     yield Rule("mold", ("seat_mm", mold.seat_mm), "<", ("frame height", d.frame_height_mm))
     yield Rule("mold", ("pry_width_mm", mold.pry_width_mm), "<", ("outer x", d.frame_outer_mm[0]))
-    # Two notches face each other across a web; half a wall of 1.5 stays on either side.
+    # Two notches face each other across a web; half a wall stays on either side.
     yield Rule(
         "mold",
-        ("fit_mm + pry_mm + 0.75", mold.fit_mm + mold.pry_mm + 0.75),
+        ("fit_mm + pry_mm + shell.wall_mm / 2", mold.fit_mm + mold.pry_mm + d.shell.wall_mm / 2),
         "<=",
         ("web_mm / 2", mold.web_mm / 2),
     )
+
+
+def fits(d: Design) -> Iterator[Fit]:
+    """The frame in its seat."""
+    printer = d.resin_printer
+    for i, axis in enumerate("xy"):
+        seat = printer.inner("seat", seat_mm(d)[i])
+        frame = printer.outer("frame", d.frame_outer_mm[i])
+        yield Fit(
+            f"frame in its seat, {axis}", "mold, skin-frame", (seat,), (frame,), ("mold.fit_mm",)
+        )
 
 
 def callouts(d: Design) -> Callouts:
@@ -154,22 +167,25 @@ def callouts(d: Design) -> Callouts:
     seat = mold.base_mm + skin.protrusion_mm
     pry, last = mold.pry_width_mm / 2, cy + py * (mold.rows - 1)
     axes_x = [cx + px * i for i in range(mold.columns)]
+    fitted = d.resin_printer.limits_mm
     axes_y = [cy + py * i for i in range(mold.rows)]
     items: list[Item] = [
         x_of("top", -x / 2, x / 2, "bottom", -y / 2),
         y_of("top", -y / 2, y / 2, "left", -x / 2),
         x_of("top", cx - w, cx + w, "bottom", cy, mold.base_mm),
-        x_of("top", cx - sx, cx + sx, "bottom", cy - sy),
+        x_of("top", cx - sx, cx + sx, "bottom", cy - sy, limits=fitted),
         y_of("top", cy - h, cy + h, "left", cx, mold.base_mm),
-        y_of("top", cy - sy, cy + sy, "left", cx - sx),
+        y_of("top", cy - sy, cy + sy, "left", cx - sx, limits=fitted),
         x_of("top", cx - pry, cx + pry, "top", last + sy + mold.pry_mm),
         y_of("top", last + sy, last + sy + mold.pry_mm, "right", axes_x[-1] + pry),
         *(Axis("top", (a, -y / 2, z), (a, y / 2, z)) for a in axes_x),
         *(Axis("top", (-x / 2, a, z), (x / 2, a, z)) for a in axes_y),
-        z_of("left", 0, z, "right", cx, -y / 2),
+        Linear("left", (cx, -y / 2, 0), (cx, -y / 2, z), "right", auxiliary=True),
         z_of("left", 0, mold.base_mm, "right", cx, cy - h),
         z_of("left", seat, z, "left", cx, last + sy),
-        z_of("left", mold.base_mm, seat, "left", cx, last + h),
+        z_of(
+            "left", mold.base_mm, seat, "left", cx, last + h, limits=d.resin_printer.tall_limits_mm
+        ),
     ]
     if mold.columns > 1:
         items.append(x_of("top", cx, cx + px, "top", 0, z))
@@ -182,6 +198,16 @@ def callouts(d: Design) -> Callouts:
             (cx, cy - h + r * (1 - slant), mold.base_mm + r * (1 - slant)),
             0,
             f"R{shown(r)} all around the floor",
+        )
+    )
+    items.append(
+        Leader(
+            "left",
+            (cx, cy + h / 2, mold.base_mm),
+            0,
+            "floor, the touched face",
+            flatness_mm=mold.floor_flatness_mm,
+            roughness_um=mold.floor_roughness_um,
         )
     )
     notes = (
@@ -214,6 +240,7 @@ PARTS = (
         sections=("mold", "skin", "frame"),
         derived=("mold_outer_mm", "frame_outer_mm", "skin_volume_mm3"),
         rules=rules,
+        fits=fits,
         wall_mm=wall_mm,
         callouts=callouts,
         note=note,

@@ -30,6 +30,7 @@ from ..checks import Box, Expected
 from ..drafting.dimensioning import Axis, Item, Leader, Linear, shown
 from ..drafting.items import holes, x_of, y_of, z_of
 from ..drafting.projection import Vector
+from ..fit import Fit, Length
 from ..kernel import require
 from ..record import Record, check_limits, check_measured, number, standard_row
 from ..rule import Rule
@@ -303,17 +304,29 @@ def rules(d: Design) -> Iterator[Rule]:
     )
 
 
+def fits(d: Design) -> Iterator[Fit]:
+    """The flange's two screws into a finger, whose own pitch is taken to be exact."""
+    mount, printer = d.mount, d.resin_printer
+    if mount.kind != "franka":
+        return
+    pitch = Length("pitch", 0.0, printer.height_mm, ("mount.flange_pitch_mm",))
+    screw = Length(mount.screw, float(mount.screw.removeprefix("M")))
+    hole = printer.tall("hole", mount.hole_mm)
+    parts, keys = "shell, finger", ("mount.screw", "mount.flange_pitch_mm")
+    yield Fit(f"{mount.screw} through the flange", parts, (hole,), (screw, pitch), keys)
+
+
 def callouts(d: Design) -> list[Item]:
     """What the shell's drawing says of the mount."""
     mount, (ox, oy) = d.mount, (side / 2 for side in d.frame_outer_mm)
     floor, end = d.z_floor_mm, oy + mount.length_mm
     reach = {"block": mount.width_mm / 2, "franka": mount.flange_width_mm / 2, "plate": ox}
     items: list[Item] = [
-        Linear("top", (-ox, -oy, 0), (-reach[mount.kind], end, 0), "left"),
+        Linear("top", (-ox, -oy, 0), (-reach[mount.kind], end, 0), "left", auxiliary=True),
         y_of("left", oy, end, "bottom", 0, floor),
     ]
     if mount.kind == "plate":
-        return [*items, z_of("left", floor, d.z_joint_mm, "left", 0, end)]
+        return items  # as high as the shell
     if mount.kind == "block":
         half, top = mount.width_mm / 2, floor + mount.height_mm
         middle, pitch = oy + mount.length_mm / 2, mount.hole_pitch_mm / 2

@@ -15,7 +15,8 @@ Section below z_boss, seen along -z:     Section at x = 0:
 
 In each corner stands a post with a through hole on a screw's axis, from z_boss to the joint. Below
 z_boss the cover's boss takes its place and the wall's, and keeps `cover.fit_mm` from the shell.
-The ledges carry the acrylic's y edges from behind.
+The ledges carry the acrylic's edges from behind, those in x (not drawn) like those in y: on two
+edges it would bend twice as far.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from typing import TYPE_CHECKING, Any
 from ..checks import Box, Expected
 from ..drafting.dimensioning import Axis, Cut, Item, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
+from ..fit import Fit, Length
 from ..kernel import require
 from ..part import BLACK, PRINT, RESIN, Part
 from ..record import Record, number
@@ -48,7 +50,11 @@ class ShellDimensions(Record):
 
     wall_mm: float = number(1.5, "wall of shell, cover and bosses (paper: 1.5)", 0.5, 20)
     ledge_mm: float = number(1.5, "ledge in y that carries the acrylic's edge", 0.2, 20)
-    ledge_height_mm: float = number(2.0, "height of that ledge", 0.5, 20)
+    ledge_x_mm: float = number(1.15, "ledge in x for the other two edges, 0 for none", 0, 20)
+    ledge_height_mm: float = number(2.0, "height of the ledges", 0.5, 20)
+    ledge_drop_mm: float = number(
+        0.5, "ledges behind the joint, for a thick plate; adhesive fills it", 0.0, 5
+    )
     cable_width_mm: float = number(17.0, "notch for the camera's flat cable (16 mm)", 1, 60)
     cable_height_mm: float = number(2.0, "height of that notch", 0.5, 20)
 
@@ -77,11 +83,13 @@ def bare(design: Design) -> Expected:
     (x, y), wall, room = design.cavity_half_mm, shell.wall_mm, design.boss_room_mm
     post_mm = design.z_joint_mm - design.z_boss_mm
     boss_mm = design.z_boss_mm - design.z_floor_mm
+    carried_mm = shell.ledge_height_mm - shell.ledge_drop_mm
     volume_mm3 = (outer_x * outer_y - 4 * x * y) * design.shell_depth_mm
     hole_mm2 = math.pi / 4 * design.screw.row.clearance_mm**2
     volume_mm3 += 4 * ((design.post_mm - wall) ** 2 - hole_mm2) * post_mm
     volume_mm3 -= 4 * (2 * room - wall) * wall * boss_mm
-    volume_mm3 += 2 * 2 * design.post_edge_mm[0] * shell.ledge_mm * shell.ledge_height_mm
+    px, py = design.post_edge_mm
+    volume_mm3 += 4 * (px * shell.ledge_mm + py * shell.ledge_x_mm) * carried_mm
     volume_mm3 -= shell.cable_width_mm * shell.cable_height_mm * wall
     half = (outer_x / 2, outer_y / 2)
     return Expected(
@@ -96,7 +104,9 @@ def bare(design: Design) -> Expected:
             "boss_mm": boss_mm,
             "cover.fit_mm": design.cover.fit_mm,
             "ledge_mm": shell.ledge_mm,
+            "ledge_x_mm": shell.ledge_x_mm,
             "ledge_height_mm": shell.ledge_height_mm,
+            "ledge_drop_mm": shell.ledge_drop_mm,
             "cable_width_mm": shell.cable_width_mm,
             "cable_height_mm": shell.cable_height_mm,
         },
@@ -117,11 +127,17 @@ def body(cq: Any, design: Design) -> Workplane:
     ledge = joint - shell.ledge_height_mm
     corner = (design.post_mm - shell.wall_mm, design.post_mm - shell.wall_mm)
     body = cuboid(cq, ((-outer_x / 2, -outer_y / 2, floor), (outer_x / 2, outer_y / 2, joint)))
-    # One cutter inside the other: between the ledges the cavity is only narrower in y.
-    for inward, low, high in ((0.0, floor - 1, ledge), (shell.ledge_mm, floor - 1, joint + 1)):
-        outline = notched((x, y - inward), (corner[0], corner[1] - inward))
+    # One cutter inside the other: between the ledges the cavity is only narrower.
+    inward = (shell.ledge_x_mm, shell.ledge_mm)
+    for (dx, dy), high in (((0.0, 0.0), ledge), (inward, joint + 1)):
+        low = floor - 1
+        outline = notched((x - dx, y - dy), (corner[0] - dx, corner[1] - dy))
         plan = cq.Workplane().workplane(offset=low).polyline(outline).close()
         body = body.cut(plan.extrude(high - low))
+    if shell.ledge_drop_mm > 0:
+        above = cq.Workplane().workplane(offset=joint - shell.ledge_drop_mm)
+        plan = above.polyline(notched((x, y), corner)).close()
+        body = body.cut(plan.extrude(shell.ledge_drop_mm + 1))
     if design.z_boss_mm > floor:
         body = body.cut(boss_room(cq, design))
     holes = (
@@ -157,8 +173,19 @@ def rules(d: Design) -> Iterator[Rule]:
         "<",
         ("depth of the shell", d.z_joint_mm - d.z_floor_mm),
     )
-    held = d.acrylic_half_mm[1] - (d.cavity_half_mm[1] - shell.ledge_mm)
-    yield Rule(part, ("0.5", 0.5), "<=", ("acrylic's edge on the ledge", held))
+    edge = ("plate.ledge_mm", d.plate.ledge_mm)
+    held = d.acrylic_half_mm[1] - d.ledge_half_mm[1]
+    yield Rule(part, edge, "<=", ("acrylic's edge on the ledge", held))
+    if shell.ledge_x_mm > 0:
+        held = d.acrylic_half_mm[0] - d.ledge_half_mm[0]
+        what = ("acrylic's edge on the ledge in x (shell.ledge_x_mm, frame.seat_x_mm)", held)
+        yield Rule(part, edge, "<=", what)
+    yield Rule(
+        part,
+        ("ledge_drop_mm + least wall", shell.ledge_drop_mm + d.resin_printer.least_wall_mm),
+        "<=",
+        ("ledge_height_mm", shell.ledge_height_mm),
+    )
     yield Rule(
         part,
         (
@@ -186,13 +213,34 @@ def rules(d: Design) -> Iterator[Rule]:
     )
     yield Rule(
         part,
-        ("ledge_mm", shell.ledge_mm),
+        ("ledge_mm", max(shell.ledge_mm, shell.ledge_x_mm)),
         "<=",
         ("posts beyond the wall", d.post_mm - shell.wall_mm),
     )
     yield Rule("shell", ("floor", d.z_floor_mm), "<=", ("back of the posts", d.z_boss_mm))
     yield Rule("shell", ("back of the posts + 2", d.z_boss_mm + 2.0), "<", ("joint", d.z_joint_mm))
     yield from mount.rules(d)
+
+
+def fits(d: Design) -> Iterator[Fit]:
+    """Round the cover's bosses, and for the screws on their way into the frame."""
+    printer, row = d.resin_printer, d.screw.row
+    if d.z_boss_mm > d.z_floor_mm:
+        corner = printer.inner("corner", d.boss_room_mm)
+        boss = printer.outer("boss", d.post_mm)
+        yield Fit("boss in its corner", "shell, cover", (corner,), (boss,), ("cover.fit_mm",))
+    shank = Length(d.screw.thread, row.thread_mm)
+    pitch = printer.pitch("both patterns")
+    for name in ("shell", "cover"):
+        hole = printer.inner("hole", row.clearance_mm)
+        yield Fit(
+            f"{d.screw.thread} through the {name}",
+            f"{name}, screw, skin-frame",
+            (hole,),
+            (shank, pitch),
+            ("screw.thread", "resin_printer.plane_mm"),
+        )
+    yield from mount.fits(d)
 
 
 def body_items(d: Design) -> list[Item]:
@@ -203,28 +251,52 @@ def body_items(d: Design) -> list[Item]:
     px, py = d.post_edge_mm
     floor, joint, boss = d.z_floor_mm, d.z_joint_mm, d.z_boss_mm
     cable = shell.cable_width_mm / 2
+    fitted = d.resin_printer.limits_mm
     items: list[Item] = [
-        x_of("top", -sx, sx, "bottom", -sy),
-        y_of("top", -sy, sy, "left", -sx),
+        x_of("top", -sx, sx, "bottom", -sy, limits=fitted),
+        y_of("top", -sy, sy, "left", -sx, limits=fitted),
         y_of("top", -oy, oy, "left", -ox),
-        *holes(d.screw_centres_mm, joint, d.screw.row.clearance_mm, " through"),
+        *holes(d.screw_centres_mm, joint, d.screw.row.clearance_mm, " through", limits=fitted),
         x_of("top", -px, px, "top", py),
         y_of("top", -py, py, "right", px),
         x_of("front", -cable, cable, "bottom", -oy, floor),
         z_of("front", floor, floor + shell.cable_height_mm, "right", cable, -oy),
         *(Axis("front", (s * sx, -sy, floor), (s * sx, -sy, joint)) for s in (-1, 1)),
         z_of("left", joint - shell.ledge_height_mm, joint, "right", 0, shell.ledge_mm - cy),
+        *_drop(d),
         y_of("left", -cy, cy, "bottom", 0, floor),
-        y_of("left", -(cy - shell.ledge_mm), cy - shell.ledge_mm, "top", 0, joint),
-        x_of("top", -cx, cx, "top", 0),
+        y_of("left", -(cy - shell.ledge_mm), cy - shell.ledge_mm, "top", 0, joint, limits=fitted),
+        x_of("top", -cx, cx, "top", 0, limits=fitted),
     ]
+    if shell.ledge_x_mm > 0:
+        items.append(x_of("top", cx - shell.ledge_x_mm, cx, "top", 0))
     if boss > floor:
         room = d.boss_room_mm
         items += [
             z_of("front", floor, boss, "right", ox, -oy),
-            x_of("front", -ox, -ox + room, "bottom", -oy, floor, after=" (4×, x and y)"),
+            x_of(
+                "front",
+                -ox,
+                -ox + room,
+                "bottom",
+                -oy,
+                floor,
+                after=" (4×, x and y)",
+                limits=fitted,
+            ),
         ]
     return items
+
+
+def _drop(d: Design) -> list[Item]:
+    """How far the ledge lies behind the joint."""
+    drop, joint = d.shell.ledge_drop_mm, d.z_joint_mm
+    y = d.ledge_half_mm[1]
+    return (
+        [z_of("left", joint - drop, joint, "left", 0, y, limits=d.resin_printer.tall_limits_mm)]
+        if drop > 0
+        else []
+    )
 
 
 def callouts(d: Design) -> Callouts:
@@ -233,7 +305,15 @@ def callouts(d: Design) -> Callouts:
     items = [
         *body_items(d),
         x_of("top", -ox, ox, "bottom", -oy),
-        z_of("front", d.z_floor_mm, d.z_joint_mm, "left", -ox, -oy),
+        z_of(
+            "front",
+            d.z_floor_mm,
+            d.z_joint_mm,
+            "left",
+            -ox,
+            -oy,
+            limits=d.resin_printer.tall_limits_mm,
+        ),
         *mount.callouts(d),
     ]
     notes = (
@@ -259,11 +339,12 @@ PARTS = (
         colour=BLACK,
         sections=("shell", "mount", "screw", "skin", "frame"),
         derived=(
-            "outer_mm", "frame_outer_mm", "cavity_half_mm", "post_mm", "post_edge_mm",
-            "boss_room_mm", "screw_at_mm", "shell_depth_mm", "flange_arm_z_mm", "z_joint_mm",
-            "z_boss_mm", "z_floor_mm",
+            "outer_mm", "frame_outer_mm", "cavity_half_mm", "ledge_half_mm", "post_mm",
+            "post_edge_mm", "boss_room_mm", "screw_at_mm", "shell_depth_mm", "flange_arm_z_mm",
+            "z_joint_mm", "z_boss_mm", "z_floor_mm",
         ),
         rules=rules,
+        fits=fits,
         wall_mm=wall_mm,
         in_view=True,
         callouts=callouts,

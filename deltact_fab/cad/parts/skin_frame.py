@@ -14,8 +14,8 @@ Seen along -z (from the touched side):            Section at x = 0:
 
 The paper gives no drawing. A 3 mm wall cannot hold an M1.6 screw, so a square post stands in each
 corner and takes a corner of the window; the skin is notched there below the protrusion. Behind the
-skin the window is wider in y, so that the acrylic plate rests on a ledge. Frame and skin share
-faces and no volume.
+skin the window is wider in y (and by seat_x in x), so that the acrylic plate rests on a ledge.
+Frame and skin share faces and no volume.
 """
 
 from __future__ import annotations
@@ -28,10 +28,12 @@ from typing import TYPE_CHECKING, Any
 from ..checks import Expected
 from ..drafting.dimensioning import Axis, Cut, Item, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
+from ..fit import Fit, Length
 from ..kernel import require
-from ..part import BLACK, PRINT, RESIN, Part, no_rules
+from ..part import BLACK, PRINT, RESIN, Part, no_fits, no_rules
 from ..record import Point2
 from ..rule import Rule
+from ..standards import screw_tolerance_mm
 
 if TYPE_CHECKING:
     from cadquery import Shape
@@ -120,6 +122,8 @@ def rules(d: Design) -> Iterator[Rule]:
         yield Rule(part, ("0", 0.0), "<", (f"room between the posts in {axis}", 2 * edge[i]))
     left = ("frame.seat_y_mm + shell.wall_mm", d.frame.seat_y_mm + d.shell.wall_mm)
     yield Rule(part, left, "<=", ("frame.wall_y_mm", d.frame.wall_y_mm))
+    left = ("frame.seat_x_mm + shell.wall_mm", d.frame.seat_x_mm + d.shell.wall_mm)
+    yield Rule(part, left, "<=", ("frame.wall_x_mm", d.frame.wall_x_mm))
     for i, axis in enumerate("xy"):
         yield Rule(
             part,
@@ -132,6 +136,26 @@ def rules(d: Design) -> Iterator[Rule]:
     yield Rule(part, depth, "<=", cap)
 
 
+def fits(d: Design) -> Iterator[Fit]:
+    """Its pilots: the screws bite, can be driven, and end before the bottom."""
+    printer, screw, row = d.resin_printer, d.screw, d.screw.row
+    parts, keys = "skin-frame, screw", ("screw.thread", "resin_printer.plane_mm")
+    pilot = printer.inner("pilot", row.pilot_mm)
+    major = Length(screw.thread, row.thread_mm, 0.0)
+    yield Fit(f"{screw.thread} bites in its pilot", parts, (major,), (pilot,), keys)
+    bottom = printer.tall("pilot", screw.pilot_depth_mm)
+    stack = printer.tall("shell", d.z_joint_mm - d.z_boss_mm)
+    boss = printer.tall("head to boss", d.z_boss_mm - d.z_head_mm)
+    length = Length("screw", screw.length_mm, screw_tolerance_mm(screw.length_mm))
+    yield Fit(
+        "screw ends before the pilot, z",
+        "skin-frame, screw, shell, cover",
+        (boss, stack, bottom),
+        (length,),
+        ("screw.tip_clearance_mm", "screw.length_mm"),
+    )
+
+
 def callouts(d: Design) -> Callouts:
     """The frame, seen from its back; section through window and pocket."""
     ox, oy = (s / 2 for s in d.frame_outer_mm)
@@ -141,26 +165,28 @@ def callouts(d: Design) -> Callouts:
     seat = d.seat_half_mm[1]
     back, ledge, front = d.z_joint_mm, d.z_ledge_mm, d.z_front_mm
     pilot = d.screw.row.pilot_mm
+    fitted, tall = d.resin_printer.limits_mm, d.resin_printer.tall_limits_mm
     items: list[Item] = [
-        x_of("top", -ox, ox, "bottom", oy),
-        y_of("top", -oy, oy, "left", -ox),
-        x_of("top", -sx, sx, "bottom", sy),
-        y_of("top", -sy, sy, "left", -sx),
-        x_of("top", -w, w, "top"),
-        *holes(d.screw_centres_mm, back, pilot, f" depth {shown(d.screw.pilot_depth_mm)}"),
+        x_of("top", -ox, ox, "bottom", oy, limits=fitted),
+        y_of("top", -oy, oy, "left", -ox, limits=fitted),
+        x_of("top", -sx, sx, "bottom", sy, limits=fitted),
+        y_of("top", -sy, sy, "left", -sx, limits=fitted),
+        x_of("top", -w, w, "top", limits=fitted),
+        *holes(d.screw_centres_mm, back, pilot, f" depth {shown(d.screw.pilot_depth_mm)}",
+               limits=fitted),
         z_of("front", back, front, "left", -ox),
-        z_of("front", back, back + d.screw.pilot_depth_mm, "right", sx),
         *(Axis("front", (s * sx, 0, back), (s * sx, 0, back + d.screw.pilot_depth_mm))
           for s in (-1, 1)),
         y_of("left", -h, h, "top", 0, front),
-        y_of("left", -seat, seat, "bottom", 0, back),
-        z_of("left", back, ledge, "right", 0, oy),
-        z_of("left", back, front, "right", 0, oy),
+        y_of("left", -seat, seat, "bottom", 0, back, limits=fitted),
+        z_of("left", back, ledge, "right", 0, oy, limits=tall),
     ]  # fmt: skip
+    if d.frame.seat_x_mm > 0:
+        items.append(x_of("top", -d.seat_half_mm[0], d.seat_half_mm[0], "top", 0, back))
     if d.post_in_window_mm[0] > 0:
         items += [
-            x_of("top", -px, px, "top", -py),
-            y_of("top", -py, py, "right", px),
+            x_of("top", -px, px, "top", -py, limits=fitted),
+            y_of("top", -py, py, "right", px, limits=fitted),
         ]
     notes = (
         f"Holes: {d.screw.thread} cuts its own thread; ream, do not tap.",
@@ -195,6 +221,7 @@ FRAME = Part(
         "z_joint_mm",
     ),
     rules=rules,
+    fits=fits,
     wall_mm=wall_mm,
     in_view=True,
     callouts=callouts,
@@ -213,6 +240,7 @@ PARTS = (
         number=0,
         explode_mm=0.0,
         rules=no_rules,
+        fits=no_fits,
         bound_by=("skin-frame",),
         in_view=False,
         note=base_note,

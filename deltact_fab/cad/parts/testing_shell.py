@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 from ..checks import Expected
 from ..drafting.dimensioning import Cut, Linear, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
+from ..fit import Fit
 from ..kernel import require
 from ..part import BLACK, PRINT, RESIN, Part
 from ..record import Record, check_limits, number, standard_row
@@ -41,6 +42,7 @@ class TableDimensions(Record):
     tab_mm: float = number(14.0, "along x, from the shell", 4, 100)
     width_mm: float = number(30.0, "along y", 4, 200)
     height_mm: float = number(6.0, "along z, from the plane of the sensor's back", 2, 60)
+    edge_mm: float = number(3.0, "around a hole", 0.5, 20)
     hole_pitch_mm: float = number(18.0, "between the two holes of a tab, along y", 3, 190)
 
     def __post_init__(self) -> None:
@@ -114,19 +116,22 @@ def rules(d: Design) -> Iterator[Rule]:
     table = d.table
     yield Rule(
         "testing-shell",
-        ("table: hole + 2 x 3", table.hole_mm + 6.0),
+        ("table: hole + 2 edge_mm", table.hole_mm + 2 * table.edge_mm),
         "<=",
         ("tab_mm", table.tab_mm),
     )
     yield Rule(
         "testing-shell",
-        ("table: pitch + hole + 2 x 3", table.hole_pitch_mm + table.hole_mm + 6.0),
+        (
+            "table: pitch + hole + 2 edge_mm",
+            table.hole_pitch_mm + table.hole_mm + 2 * table.edge_mm,
+        ),
         "<=",
         ("width_mm", table.width_mm),
     )
     yield Rule(
         "testing-shell",
-        ("table: hole + 3", table.hole_mm + 3.0),
+        ("table: hole + edge_mm", table.hole_mm + table.edge_mm),
         "<=",
         ("hole_pitch_mm", table.hole_pitch_mm),
     )
@@ -151,6 +156,14 @@ def rules(d: Design) -> Iterator[Rule]:
     if over > 0 and table.width_mm / 2 > beside:
         wall = ("shell.wall_mm", d.shell.wall_mm)
         yield Rule("testing-shell", wall, "<=", ("tab over the cover's bosses", over))
+
+
+def fits(d: Design) -> Iterator[Fit]:
+    """The cover between the tabs."""
+    between = d.resin_printer.inner("between the tabs", d.frame_outer_mm[0] + 2 * d.cover.fit_mm)
+    cover = d.resin_printer.outer("cover", d.frame_outer_mm[0])
+    parts, keys = "testing-shell, cover", ("cover.fit_mm",)
+    yield Fit("cover between the tabs", parts, (between,), (cover,), keys)
 
 
 def note(d: Design) -> str:
@@ -201,6 +214,7 @@ PARTS = (
             "screw_at_mm", "shell_depth_mm", "z_joint_mm", "z_boss_mm", "z_floor_mm", "z_back_mm",
         ),
         rules=rules,
+        fits=fits,
         bound_by=("shell",),
         wall_mm=shell.wall_mm,
         callouts=callouts,

@@ -1,6 +1,7 @@
 """Figures of one image of a pattern: how much there is to track, and what could be mistaken.
 
-Of grey, as the trackers see it (ITU-R BT.601 luma), but for the checkerboard share.
+Of grey (ITU-R BT.601 luma), as the paper's tracker sees it, but for the checkerboard share; the
+default tracker follows green, the larger part of it.
 Mean intensity gradient: Pan, Lu, Xie, Opt. Lasers Eng. 48 (2010) 469. SSSIG: Pan, Xie, Wang, Qian,
 Asundi, Opt. Express 16 (2008) 7037. Both predict how noise of the image becomes noise of a small
 motion; contrast on coarse levels of the pyramid tells whether a large motion is found at all.

@@ -14,22 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...pdf import width_em
 from ...units import POINTS_PER_MM
 from .. import dots
 from ..recipe import DotGrid
 
 BAND_ROWS = 128
 """Rows of an image that are in memory at a time."""
-
-# Advance widths of Helvetica, characters 32 to 126, in 1/1000 em (Adobe Core 14 AFM)
-_WIDTHS = (
-    "278 278 355 556 556 889 667 222 333 333 389 584 278 333 278 278 556 556 556 556 556 556 556 "
-    "556 556 556 278 278 584 584 584 556 1015 667 667 722 722 667 611 778 722 278 500 667 556 833 "
-    "722 778 667 778 722 667 611 722 667 944 667 667 611 278 278 278 469 556 222 556 556 500 556 "
-    "556 278 556 556 222 222 500 222 833 556 556 556 556 333 500 278 556 500 722 500 500 500 334 "
-    "260 334 584"
-)
-WIDTHS = tuple(int(w) for w in _WIDTHS.split())
 
 
 @dataclass(frozen=True)
@@ -45,7 +36,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Words:
-    """A line of Helvetica in black; (x, y) is the left end of its baseline. ASCII only."""
+    """A line in black; (x, y) is the left end of its baseline. ASCII only."""
 
     x_px: int
     y_px: int
@@ -183,8 +174,8 @@ def _edges_mm(count: int, size_mm: float) -> NDArray[np.float64]:
 
 
 def width_mm(text: str, size_pt: float) -> float:
-    """Width of a line of Helvetica in mm."""
-    return sum(WIDTHS[ord(c) - 32] for c in text) / 1000 * size_pt / POINTS_PER_MM
+    """Width of a line in mm."""
+    return width_em(text) * size_pt / POINTS_PER_MM
 
 
 def wrapped(words: list[str], room_mm: float, size_pt: float, between: str = "  ") -> list[str]:

@@ -134,7 +134,7 @@ def _extent(mark: Mark, dpi: float) -> tuple[int, int]:
 
 
 def _glyphs(words: Words, dpi: float) -> Band:
-    """A line of text as a mask, inked or not, at most as wide as its Helvetica."""
+    """A line of text as a mask, inked or not, at most as wide as the PDF has it."""
     from PIL import Image, ImageDraw, ImageFont
 
     top, end = _extent(words, dpi)

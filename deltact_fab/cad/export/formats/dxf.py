@@ -1,7 +1,8 @@
-"""DXF (R2000) for a laser cutter: the outline of a flat part, millimetres, layer CUT.
+"""DXF (R2000) for a laser cutter: each outline of a flat part as one closed polyline, layer CUT.
 
-Lines, arcs and circles come from the edges of the solid's own face: a section of it once gave a
-drawing without a single entity, and no error.
+A cutter's program offsets a closed polyline by half the kerf as it is; of loose lines and arcs
+somebody first has to join the ends. Lines and arcs (as bulges) come from the edges of the solid's
+own face: a section of it once gave a drawing without a single entity, and no error.
 """
 
 from __future__ import annotations
@@ -19,10 +20,12 @@ _JOIN_MM = 1e-6
 _SAME = 1e-6
 
 
-def dxf_bytes(solid: Any, name: str) -> bytes:
+def dxf_bytes(solid: Any, name: str, outwards_mm: float = 0.0) -> bytes:
     """The outline of a plate, seen from +z in the coordinates of the CAD frame.
 
-    Raises RunFailed when the solid is no plate along z, or an edge is neither line nor arc.
+    outwards_mm: how far outside the plate its outline is drawn, corners sharp: half a kerf for the
+    path of a laser that knows of none. Raises RunFailed when the solid is no plate along z, or an
+    edge is neither line nor arc.
     """
     import ezdxf
 
@@ -31,7 +34,7 @@ def dxf_bytes(solid: Any, name: str) -> bytes:
     ezdxf.options.write_fixed_meta_data_for_testing = True
     try:
         document = ezdxf.new("R2000", units=_MILLIMETRES)
-        _draw(document, solid, name)
+        _draw(document, solid, name, outwards_mm)
         stream = io.StringIO()
         document.write(stream)
     finally:
@@ -39,37 +42,31 @@ def dxf_bytes(solid: Any, name: str) -> bytes:
     return stream.getvalue().encode("utf-8")
 
 
-def _draw(document: Any, solid: Any, name: str) -> None:
+def _draw(document: Any, solid: Any, name: str, outwards_mm: float) -> None:
     face, thickness_mm = _plate(solid, name)
     document.header["$INSUNITS"] = _MILLIMETRES
     document.header["$MEASUREMENT"] = _METRIC
     document.layers.add(LAYER, color=1)
     space = document.modelspace()
-    where = {"layer": LAYER}
-    for wire in (face.outerWire(), *face.innerWires()):
+    for wire in _moved(face, outwards_mm):
         edges = _ordered(wire)
         _check_closed(edges, name)
-        for edge in edges:
-            start, end = _ends(edge)
-            kind = edge.geomType()
-            if kind == "LINE":
-                space.add_line(start, end, where)
-            elif kind == "CIRCLE":
-                centre = edge.arcCenter()
-                middle = (centre.x + 0.0, centre.y + 0.0)
-                if edge.IsClosed():
-                    space.add_circle(middle, edge.radius(), where)
-                else:
-                    angles = _angles_deg(edge, middle, start, end)
-                    space.add_arc(middle, edge.radius(), *angles, dxfattribs=where)
-            else:
-                raise RunFailed(f"{name}: an edge is a {kind}; lines and arcs can be cut")
+        corners = [corner for edge in edges for corner in _corners(edge, name)]
+        space.add_lwpolyline(corners, "xyb", close=True, dxfattribs={"layer": LAYER})
     held_mm3 = face.Area() * thickness_mm
     if not math.isclose(held_mm3, solid.Volume(), rel_tol=_SAME):
         raise RunFailed(
             f"{name}: no plate to cut: its outline holds {held_mm3:.3f} mm3 over the thickness, "
             f"the solid {solid.Volume():.3f}"
         )
+
+
+def _moved(face: Any, outwards_mm: float) -> list[Any]:
+    """The wires of a face, that far into what is cut away."""
+    if outwards_mm == 0:
+        return [face.outerWire(), *face.innerWires()]
+    inside = [w for wire in face.innerWires() for w in wire.offset2D(-outwards_mm, "intersection")]
+    return [*face.outerWire().offset2D(outwards_mm, "intersection"), *inside]
 
 
 def _plate(solid: Any, name: str) -> tuple[Any, float]:
@@ -119,15 +116,24 @@ def _check_closed(edges: list[Any], name: str) -> None:
             raise RunFailed(f"{name}: the outline is open at ({end[0]:.6f}, {end[1]:.6f}) mm")
 
 
-def _angles_deg(
-    edge: Any, centre: tuple[float, float], start: tuple[float, float], end: tuple[float, float]
-) -> tuple[float, float]:
-    """Start and end angle of an arc, counter-clockwise as DXF has it."""
+def _corners(edge: Any, name: str) -> list[tuple[float, float, float]]:
+    """Where an edge starts, and its bulge: the tangent of a quarter of an arc's angle (DXF).
 
-    def angle(point: tuple[float, float]) -> float:
-        return math.degrees(math.atan2(point[1] - centre[1], point[0] - centre[0]))
-
-    a, b = angle(start), angle(end)
+    A full circle is two half ones. Raises RunFailed for what a cutter does not know.
+    """
+    start, end = _ends(edge)
+    kind = edge.geomType()
+    if kind == "LINE":
+        return [(*start, 0.0)]
+    if kind != "CIRCLE":
+        raise RunFailed(f"{name}: an edge is a {kind}; lines and arcs can be cut")
+    if edge.IsClosed():
+        centre = edge.arcCenter()
+        across = (2 * centre.x - start[0], 2 * centre.y - start[1])
+        return [(*start, 1.0), (*across, 1.0)]
     middle = edge.positionAt(0.5)
-    on_way = (angle((middle.x, middle.y)) - a) % 360 < (b - a) % 360
-    return (a, b) if on_way else (b, a)
+    chord = (end[0] - start[0], end[1] - start[1])
+    off = (middle.x - start[0], middle.y - start[1])
+    # The height of the arc to the right of its chord, over half the chord.
+    height = (off[0] * chord[1] - off[1] * chord[0]) / math.hypot(*chord)
+    return [(*start, height / (math.hypot(*chord) / 2))]

@@ -1,0 +1,30 @@
+"""Each drawing says every dimension of its part, and none twice; from the numbers alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from ..dimensions import Design
+from ..drafting.coverage import Coverage, coverage
+from ..part import Part
+from .row import Row
+
+NAME = "drawings"
+LIMIT = "each dimension once"
+
+
+def rows(design: Design, parts: Sequence[Part]) -> Iterator[Row]:
+    """A row for each drawing with a fault, or one for all of them."""
+    drawn = [part for part in parts if part.callouts is not None]
+    found = {part.name: coverage(part, design) for part in drawn}
+    for name, told in found.items():
+        if not told.complete:
+            yield Row(NAME, name, _faults(told), LIMIT, False)
+    if all(told.complete for told in found.values()):
+        keys = sum(len(told.followed) for told in found.values())
+        yield Row(NAME, f"{len(drawn)} parts", f"{keys} keys of the tables followed", LIMIT, True)
+
+
+def _faults(told: Coverage) -> str:
+    kinds = (("not said", told.unsaid), ("twice", told.twice), ("closes a chain", told.chains))
+    return "; ".join(f"{kind}: {', '.join(names)}" for kind, names in kinds if names)

@@ -1,0 +1,182 @@
+"""The resin printer's fit coupon: holes and slots in steps, a block and a peg to try them with.
+
+Seen from above:                                      From the front:
+
+    +------------------------------------+                            +-+   peg
+    |  o    o    o    o    o    o  +---+ |                          +-+-+-+
+    |                              | O | |  block with its peg      |block|
+    |  _    _    _    _    _    _  +---+ |   +----------------------+-----+--+
+    +-| |--| |--| |--| |--| |--| |-------+   +--------------------------------+  base
+
+Frame: z = 0 is the underside, z up; x along the row, from its middle. Hole and slot i measure
+first + i step, the smallest at -x. Two coupons make a gauge: the peg of one is tried in the holes
+of the other. What is measured goes into a table of readings, and `cad fit` reads that.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+from ..checks import Expected
+from ..drafting.dimensioning import Cut, Item, Leader, shown
+from ..drafting.items import Callouts, x_of, y_of, z_of
+from ..kernel import require
+from ..part import AMBER, PRINT, RESIN, Part
+from ..record import Point2, Record, number
+from ..rule import Rule
+from .mold import wall_mm
+
+if TYPE_CHECKING:
+    from cadquery import Shape
+
+    from ..dimensions import Design
+
+
+@dataclass(frozen=True)
+class FitCouponDimensions(Record):
+    """Holes, slots, a block and a peg, by which a printer is measured."""
+
+    count: int = number(6, "holes, and slots", 3, 20)
+    first_mm: float = number(3.0, "smallest hole and slot", 1, 20)
+    step_mm: float = number(0.1, "from one to the next", 0.02, 1)
+    pitch_mm: float = number(7.0, "between two of them", 3, 50)
+    slot_mm: float = number(8.0, "depth of the slots, from the edge", 2, 50)
+    base_mm: float = number(3.0, "thickness of the base", 1.5, 20)
+    block_mm: float = number(8.0, "side of the block", 4, 50)
+    block_height_mm: float = number(10.0, "block above the base", 2, 50)
+    peg_mm: float = number(3.0, "diameter of the peg", 1, 20)
+    peg_height_mm: float = number(5.0, "peg above the block", 1, 20)
+
+    @property
+    def sizes_mm(self) -> tuple[float, ...]:
+        """Holes and slots = first + i step: 3.0 to 3.5."""
+        return tuple(self.first_mm + i * self.step_mm for i in range(self.count))
+
+    @property
+    def outer_mm(self) -> Point2:
+        """Sides of the base = pitches and block, slots and the row of holes: 53.5 x 23."""
+        row = max(self.sizes_mm[-1], self.block_mm) + self.pitch_mm
+        return self.count * self.pitch_mm + self.block_mm + self.pitch_mm / 2, self.slot_mm + row
+
+    @property
+    def row_y_mm(self) -> float:
+        """y of the holes and of the block, midway between the slots' ends and the edge."""
+        return self.slot_mm / 2
+
+    @property
+    def at_x_mm(self) -> tuple[float, ...]:
+        """x of the holes and slots."""
+        return tuple(self.pitch_mm * (i + 0.5) - self.outer_mm[0] / 2 for i in range(self.count))
+
+    @property
+    def block_x_mm(self) -> float:
+        """x of the block's middle, half a pitch from the end."""
+        return self.outer_mm[0] / 2 - (self.pitch_mm + self.block_mm) / 2
+
+
+def expect(design: Design) -> Expected:
+    """Closed forms = base - holes - slots + block + peg."""
+    coupon, (x, y) = design.fit_coupon, design.fit_coupon.outer_mm
+    plan_mm2 = x * y - sum(math.pi / 4 * d**2 + d * coupon.slot_mm for d in coupon.sizes_mm)
+    volume_mm3 = plan_mm2 * coupon.base_mm + coupon.block_mm**2 * coupon.block_height_mm
+    volume_mm3 += math.pi / 4 * coupon.peg_mm**2 * coupon.peg_height_mm
+    top = coupon.base_mm + coupon.block_height_mm + coupon.peg_height_mm
+    return Expected(
+        (volume_mm3, volume_mm3), ((-x / 2, -y / 2, 0.0), (x / 2, y / 2, top)), asdict(coupon)
+    )
+
+
+def build(design: Design) -> Shape:
+    """The coupon as one solid in its own frame, z from 0 to the peg's end."""
+    cq = require()
+    coupon, (x, y) = design.fit_coupon, design.fit_coupon.outer_mm
+    body = cq.Workplane().rect(x, y).extrude(coupon.base_mm)
+    below = cq.Workplane().workplane(offset=-1)
+    high = coupon.base_mm + 2
+    for at, size in zip(coupon.at_x_mm, coupon.sizes_mm, strict=True):
+        hole = below.pushPoints([(at, coupon.row_y_mm)]).circle(size / 2).extrude(high)
+        # One more millimetre outside: a cutter does not end in the face that it opens.
+        middle = -y / 2 + (coupon.slot_mm - 1) / 2
+        slot = below.pushPoints([(at, middle)]).rect(size, coupon.slot_mm + 1).extrude(high)
+        body = body.cut(hole).cut(slot)
+    centre = [(coupon.block_x_mm, coupon.row_y_mm)]
+    on_base = cq.Workplane().workplane(offset=coupon.base_mm)
+    on_block = cq.Workplane().workplane(offset=coupon.base_mm + coupon.block_height_mm)
+    side = coupon.block_mm
+    body = body.union(on_base.pushPoints(centre).rect(side, side).extrude(coupon.block_height_mm))
+    peg = on_block.pushPoints(centre).circle(coupon.peg_mm / 2).extrude(coupon.peg_height_mm)
+    return body.union(peg).val()
+
+
+def rules(d: Design) -> Iterator[Rule]:
+    """Walls between holes and slots, and a peg that is on its block."""
+    part, coupon, wall = "fit-coupon", d.fit_coupon, d.shell.wall_mm
+    largest = coupon.sizes_mm[-1]
+    yield Rule(
+        part,
+        ("largest hole + shell.wall_mm", largest + wall),
+        "<=",
+        ("pitch_mm", coupon.pitch_mm),
+    )
+    between = coupon.row_y_mm - largest / 2 + coupon.outer_mm[1] / 2 - coupon.slot_mm
+    yield Rule(part, ("shell.wall_mm", wall), "<=", ("between holes and slots", between))
+    yield Rule(part, ("peg_mm + 2", coupon.peg_mm + 2.0), "<=", ("block_mm", coupon.block_mm))
+
+
+def callouts(d: Design) -> Callouts:
+    """The coupon; section through the block."""
+    coupon, (x, y) = d.fit_coupon, (side / 2 for side in d.fit_coupon.outer_mm)
+    at, row, base = coupon.at_x_mm, coupon.row_y_mm, coupon.base_mm
+    sizes = coupon.sizes_mm
+    top = base + coupon.block_height_mm
+    middle, half = coupon.block_x_mm, coupon.block_mm / 2
+    span = f"{shown(sizes[0])} to {shown(sizes[-1])} by {shown(coupon.step_mm)}"
+    items: list[Item] = [
+        x_of("top", -x, x, "bottom", -y),
+        y_of("top", -y, y, "right", x),
+        x_of("top", at[0], at[1], "bottom", -y + coupon.slot_mm, base),
+        x_of("top", middle - half, middle + half, "top", row + half, top),
+        y_of("top", -y, coupon.slot_mm - y, "left", at[0], base),
+        y_of("top", -y, row, "left", at[0], base),
+        Leader("top", (at[0], row, base), sizes[0] / 2, f"{coupon.count}× Ø{span} through", "left"),
+        Leader(
+            "top", (middle, row, top + coupon.peg_height_mm), coupon.peg_mm / 2,
+            f"Ø{shown(coupon.peg_mm)} peg",
+        ),
+        z_of("left", 0, base, "right", middle, -y),
+        z_of("left", base, top, "left", middle, row + half),
+        z_of("left", top, top + coupon.peg_height_mm, "left", middle, row + coupon.peg_mm / 2),
+    ]  # fmt: skip
+    notes = (
+        "Each slot is as wide as the hole above it. No edge is broken or rubbed.",
+        "Measure each hole, slot and outside length; enter nominal and measured in a table.",
+    )
+    return Callouts(tuple(items), notes, Cut(middle))
+
+
+def note(d: Design) -> str:
+    """What it is for."""
+    return "to measure the printer: cad fit"
+
+
+PARTS = (
+    Part(
+        "fit-coupon",
+        RESIN,
+        PRINT,
+        build,
+        expect,
+        group="tools",
+        colour=AMBER,
+        sections=("fit_coupon", "resin_printer"),
+        rules=rules,
+        wall_mm=wall_mm,
+        callouts=callouts,
+        note=note,
+        how="underside down, straight on the platform, no supports; twice, far from each other",
+        look_for="measure holes with pin gauges or drill shanks, the rest with a caliper",
+    ),
+)

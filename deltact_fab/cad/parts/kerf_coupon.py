@@ -1,0 +1,99 @@
+"""The laser's kerf coupon: a strip that is cut many times and measured as a stack.
+
+    +--------------------+   width_mm, along y      n strips side by side are n kerfs shorter than
+    |                    |                          n widths where the cut runs on the outline:
+    +--------------------+   length_mm, along x     kerf = (n width - measured) / n
+
+Frame: z = 0 is the underside, z up, x and y from the middle of the strip.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+from ..checks import Expected
+from ..drafting.items import Callouts, x_of, y_of, z_of
+from ..kernel import require
+from ..part import CLEAR, LASER_CUT, Part
+from ..record import Record, number
+from ..rule import Rule
+
+if TYPE_CHECKING:
+    from cadquery import Shape
+
+    from ..dimensions import Design
+
+PIECES = 10
+
+
+@dataclass(frozen=True)
+class KerfCouponDimensions(Record):
+    """A strip of the plate's own sheet, by which a laser is measured."""
+
+    length_mm: float = number(40.0, "strip along x", 5, 200)
+    width_mm: float = number(10.0, "strip along y, measured as a stack", 2, 100)
+
+
+def expect(design: Design) -> Expected:
+    """Closed forms of a cuboid."""
+    coupon, thick = design.kerf_coupon, design.optics.acrylic_mm
+    x, y = coupon.length_mm / 2, coupon.width_mm / 2
+    volume_mm3 = coupon.length_mm * coupon.width_mm * thick
+    about = {**asdict(coupon), "acrylic_mm": thick}
+    return Expected((volume_mm3, volume_mm3), ((-x, -y, 0.0), (x, y, thick)), about)
+
+
+def build(design: Design) -> Shape:
+    """The strip as one solid in its own frame, z from 0 to the sheet's thickness."""
+    cq = require()
+    coupon = design.kerf_coupon
+    plan = cq.Workplane().rect(coupon.length_mm, coupon.width_mm)
+    return plan.extrude(design.optics.acrylic_mm).val()
+
+
+def rules(d: Design) -> Iterator[Rule]:
+    """A strip that can be told from its side."""
+    coupon = d.kerf_coupon
+    yield Rule("kerf-coupon", ("width_mm", coupon.width_mm), "<", ("length_mm", coupon.length_mm))
+
+
+def callouts(d: Design) -> Callouts:
+    """The strip."""
+    x, y = d.kerf_coupon.length_mm / 2, d.kerf_coupon.width_mm / 2
+    items = (
+        x_of("top", -x, x, "bottom", -y),
+        y_of("top", -y, y, "left", -x),
+        z_of("front", 0, d.optics.acrylic_mm, "left", -x),
+    )
+    notes = (
+        f"{PIECES} pieces from the plate's own sheet, with the plate's own settings.",
+        f"Measure {PIECES} side by side along the short side, each alone, and its thickness.",
+    )
+    return Callouts(items, notes)
+
+
+def note(d: Design) -> str:
+    """What it is for."""
+    return "to measure the laser: cad fit"
+
+
+PARTS = (
+    Part(
+        "kerf-coupon",
+        "cast PMMA, clear",
+        LASER_CUT,
+        build,
+        expect,
+        quantity=PIECES,
+        group="tools",
+        colour=CLEAR,
+        sections=("kerf_coupon", "optics", "laser"),
+        rules=rules,
+        callouts=callouts,
+        note=note,
+        how="cut by the DXF, all from one corner of the sheet",
+        look_for="no burr that a caliper would count",
+    ),
+)
