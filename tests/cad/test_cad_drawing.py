@@ -306,7 +306,8 @@ def test_what_is_printed_follows_the_design(made, name, change, before, after):
 def test_the_title_block_names_the_part(made):
     part, *_, root = made("light-holder")
     said = texts(root)
-    for words in (part.name, part.material, part.process, "±0.1 in the layers, ±0.15 across", "mm", "2:1", "A3",
+    for words in (part.name, part.material, part.process, "±0.1 in the layers, ±0.15 across",
+                  "mm", "2:1", "A3",
                   "DelTact sensor, part 4", "A–A", "1 of 1"):  # fmt: skip
         assert words in said
     assert any(words.startswith("deltact-fab ") for words in said)
