@@ -201,11 +201,6 @@ def test_the_lines_are_the_solid_at_the_stated_scale(made, name):
         assert np.allclose(drawn, want * scale, atol=0.01 * scale + 0.002), which
 
 
-def bare(words):
-    """A printed length without its own limits."""
-    return re.sub(r" ±[\d.]+(?= |$)", "", words)
-
-
 @pytest.mark.parametrize("name", PARTS)
 def test_width_length_and_height_are_dimensioned(made, name):
     _, _, _, box, root = made(name)

@@ -30,7 +30,7 @@ def words_of(line: str) -> list[str]:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_command_that_is_shown_exists(page: Path) -> None:
     commands = shown(page)
-    assert len(commands) > 10
+    assert len(commands) > (10 if page.name == "README.md" else 2)
     for line in commands:
         for part in line.split("`, `"):
             words = words_of(part)
