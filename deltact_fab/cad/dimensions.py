@@ -260,16 +260,26 @@ class Design(SensorDimensions):
 
     @property
     def peg_length_mm(self) -> float:
-        """Height of a peg above the cover's floor = holder + lip: 3.6."""
-        return self.holder.clearance_mm + self.cover.lip_height_mm
+        """Height of a peg above the cover's floor = leg + lip: 4.1."""
+        return self.peg_leg_mm + self.cover.lip_height_mm
+
+    @property
+    def peg_leg_mm(self) -> float:
+        """Length of a peg's leg up to its lip = holder + play for a thick holder: 3.3."""
+        return self.holder.clearance_mm + self.cover.peg_play_mm
+
+    @property
+    def peg_relief_mm(self) -> float:
+        """Radius of the light holder's reliefs for the lips = lip + clearance: 1.97."""
+        return self.cover.hole_mm / 2 + self.cover.lip_mm + self.light.lip_clearance_mm
 
     @property
     def snap_strain(self) -> float:
         """Strain at the root of a leg that gives way by the lip = 3 fibre lip / length^2: 1.0 %.
 
-        A cantilever loaded at the lip's underside, so its length is the camera holder's thickness.
+        A cantilever loaded at the lip's underside.
         """
-        return 3 * self.cover.fibre_mm * self.cover.lip_mm / self.holder.clearance_mm**2
+        return 3 * self.cover.fibre_mm * self.cover.lip_mm / self.peg_leg_mm**2
 
     @property
     def holder_window_half_mm(self) -> float:

@@ -28,7 +28,7 @@ class ResinPrinterDimensions(Record):
     )
     hole_bias_mm: float = number(0.0, "hole or slot over its nominal", -1, 1, unverified=True)
     outside_bias_mm: float = number(0.0, "peg or block over its nominal", -1, 1, unverified=True)
-    least_wall_mm: float = number(0.5, "thinnest wall that prints", 0.05, 5, unverified=True)
+    least_wall_mm: float = number(0.6, "thinnest wall that prints", 0.05, 5, unverified=True)
     least_gap_mm: float = number(0.2, "narrowest gap that stays open", 0.02, 2, unverified=True)
     least_hole_mm: float = number(0.5, "smallest hole that stays open", 0.05, 5, unverified=True)
     bed_x_mm: float = number(145.0, "platform, one side", 20, 2000, unverified=True)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import re
+import shutil
+import subprocess
 import xml.etree.ElementTree as ET
-from itertools import combinations
+from dataclasses import replace
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
@@ -12,11 +15,14 @@ import pytest
 from deltact_fab.cad import registry
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.drafting.dimensioning import Leader, Linear, shown
-from deltact_fab.cad.drafting.drawing import FLIPPED, SCALES, VIEWS, drawing, has_drawing
-from deltact_fab.cad.drafting.page import CAP, meet, text_width_mm
+from deltact_fab.cad.drafting.dimensioning import Leader, Linear, shown, toleranced
+from deltact_fab.cad.drafting.drawing import drawing, has_drawing
+from deltact_fab.cad.drafting.items import Callouts
+from deltact_fab.cad.drafting.layout import SCALES
+from deltact_fab.cad.drafting.page import CAP, GAP_MM, Lines, Page, meet, text_width_mm, within
 from deltact_fab.cad.drafting.projection import View, project
 from deltact_fab.cad.drafting.sheet import BORDER_MM, SHEETS, block_rect, wrapped
+from deltact_fab.cad.drafting.views import FLIPPED, VIEWS, views_of
 from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import mesh_solid
 from deltact_fab.cad.parts import mold
@@ -29,6 +35,7 @@ PARTS = (
     "indenter-edges", "indenter-ellipsoid", "indenter-hexprism", "indenter-star", "indenter-ring",
     "indenter-hat",
 )  # fmt: skip
+VARYING = ("skin-frame", "acrylic", "testing-shell", "light-holder", "camera-holder", "mold")
 FRONT = VIEWS["front"]
 
 
@@ -71,6 +78,32 @@ def text_boxes(root):
         else:
             found.append((e.text, (x + left, y - height, x + left + width, y)))
     return found
+
+
+def struck(root):
+    """Texts over which something is drawn, each with the style of the first line that does."""
+    lines = []
+    for path in root.iter(f"{SVG}path"):
+        for part in path.get("d").split("M")[1:]:
+            points = [tuple(map(float, p.split())) for p in part.rstrip("Z").split("L")]
+            points += points[:1] if part.endswith("Z") else []
+            lines += [(path.get("class"), pair) for pair in pairwise(points)]
+    for ring in root.iter(f"{SVG}circle"):
+        turn = np.linspace(0, 2 * np.pi, 91)
+        points = np.stack([np.cos(turn), np.sin(turn)], axis=1) * float(ring.get("r"))
+        points += (float(ring.get("cx")), float(ring.get("cy")))
+        lines += [("circle", pair) for pair in pairwise(map(tuple, points.tolist()))]
+    found = []
+    for words, box in text_boxes(root):
+        style = next((s for s, line in lines if _crosses(line, box)), None)
+        if style is not None:
+            found.append(f"{words!r} by {style}")
+    return found
+
+
+def _crosses(line, box):
+    met = within(line, box)
+    return met is not None and met[1] > met[0]
 
 
 def extent(group, *styles):
@@ -166,7 +199,7 @@ def test_the_lines_are_the_solid_at_the_stated_scale(made, name):
 @pytest.mark.parametrize("name", PARTS)
 def test_width_length_and_height_are_dimensioned(made, name):
     _, _, _, box, root = made(name)
-    said = {t.removeprefix("Ø") for t in texts(root)}
+    said = {t.strip("Ø()") for t in texts(root)}
     for size in box[1] - box[0]:
         assert shown(size) in said
 
@@ -209,7 +242,7 @@ def test_dimensions_end_where_the_solid_has_something(made, name):
         points += [(t.x_mm, t.y_mm, 0.0) for t in part.indenter.indenter.tips]
     if name == "mold":
         points += [(x, y, 0.0) for x, y in mold.centres_mm(design)]
-    views = FLIPPED if said.flipped else VIEWS
+    views = views_of(said)
     lines = {n: project([solid], v.direction, v.up)[0] for n, v in views.items()}
     for item in said.items:
         where = views[item.view]
@@ -228,16 +261,15 @@ def test_dimensions_end_where_the_solid_has_something(made, name):
                 if np.allclose(where.flat(e.arcCenter().toTuple()), where.flat(item.at), atol=1e-6)
             ]  # fmt: skip
             ball = item.words.removeprefix("4× ").removeprefix("2× ").startswith(("SR", "R"))
-            peg = "peg" in item.words
-            assert ball or peg or any(abs(r - item.radius_mm) < 1e-6 for r in radii), item
+            assert ball or any(abs(r - item.radius_mm) < 1e-6 for r in radii), item
 
 
 @pytest.mark.parametrize(
     ("name", "change", "before", "after"),
     [
         ("skin-frame", "skin.width_mm=37", {"39", "36"}, {"40", "37"}),
-        ("skin-frame", "screw.tip_clearance_mm=0.6", {"5.6", "4× Ø1.35 depth 5.6"},
-         {"5.2", "4× Ø1.35 depth 5.2"}),
+        ("skin-frame", "screw.tip_clearance_mm=0.6", {"4× Ø1.35 depth 5.6"},
+         {"4× Ø1.35 depth 5.2"}),
         ("acrylic", "optics.acrylic_mm=1.5", {"2"}, {"1.5"}),
         ("shell", "mount.hole_pitch_mm=12", {"10"}, {"12"}),
         ("shell", "mount.screw=M4", {"2× Ø3.4 through"}, {"2× Ø4.5 through"}),
@@ -261,9 +293,32 @@ def test_the_title_block_names_the_part(made):
     part, *_, root = made("light-holder")
     said = texts(root)
     for words in (part.name, part.material, part.process, "ISO 2768-m", "mm", "2:1", "A3",
-                  "DelTact sensor, part 4", "A–A"):  # fmt: skip
+                  "DelTact sensor, part 4", "A–A", "1 of 1"):  # fmt: skip
         assert words in said
     assert any(words.startswith("deltact-fab ") for words in said)
+    # Number, revision, date, owner and two names are the lab's to give.
+    assert said.count("–") == 6
+    lab = ("number=DT-100", "revision=B", "date=2026-11-23", "owner=A lab", "drawn_by=X Y",
+           "approved_by=Z")  # fmt: skip
+    *_, root = made("light-holder", "deltact", *(f"drawing.{said}" for said in lab))
+    told = texts(root)
+    assert "–" not in told
+    for words in ("DT-100-light-holder", "B", "2026-11-23", "A lab", "X Y", "Z"):
+        assert words in told
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ("drawing.date=23.11.2026", "date: 2026-11-23 is right: '23.11.2026' fails"),
+        ("drawing.date=2026-02-30", "date: 2026-11-23 is right"),
+        ("drawing.owner=実験室", "owner: '実験室': the font has no '実'"),
+        (f"drawing.number={'x' * 61}", "number: one line of at most 60 characters"),
+    ],
+)
+def test_a_title_that_cannot_be_drawn_is_refused(change, says):
+    with pytest.raises(InputError, match=re.escape(says)):
+        load_design("deltact", [change])
 
 
 def test_what_nobody_measured_is_named_on_the_drawing(made):
@@ -275,12 +330,131 @@ def test_what_nobody_measured_is_named_on_the_drawing(made):
     assert not any("unverified" in t for t in texts(root))
 
 
+@pytest.mark.parametrize("name", PARTS)
+def test_no_text_is_struck_through(made, name):
+    *_, root = made(name)
+    assert not struck(root)
+
+
 @pytest.mark.parametrize("design", ["franka", "screws-16mm", "skin-30x34", "skin-44x40"])
-@pytest.mark.parametrize("name", ["shell", "cover"])
+@pytest.mark.parametrize(
+    "name", ["shell", "cover", *(pytest.param(p, marks=pytest.mark.slow) for p in VARYING)]
+)
 def test_the_shipped_variants_are_drawn_without_overlaps(made, design, name):
     *_, root = made(name, design)
     for (a, box_a), (b, box_b) in combinations(text_boxes(root), 2):
         assert not meet(box_a, box_b), f"{a!r} over {b!r}"
+    assert not struck(root)
+
+
+def test_a_line_ends_at_a_text_and_a_text_through_a_wide_line_is_told():
+    page = Page((100, 50), "test")
+    page.text((20, 25), "36", anchor="middle")
+    page.line((10, 24), (30, 24))
+    assert not struck(ET.fromstring(page.svg()))
+    (line,) = [mark for mark in page.broken() if isinstance(mark, Lines)]
+    ((_, (left, _)), ((right, _), _)) = line.lines
+    width = text_width_mm("36")
+    assert (left, right) == pytest.approx((20 - width / 2 - GAP_MM, 20 + width / 2 + GAP_MM))
+    page.line((10, 24), (30, 24), "visible")
+    assert struck(ET.fromstring(page.svg())) == ["'36' by visible"]
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_what_is_below_a_millimetre_is_dimensioned_in_a_detail(made, name):
+    part, design, _, _, root = made(name)
+    said = part.callouts(part.source(design))
+    letters = {detail.letter for detail in said.details}
+    views = views_of(said)
+    for item in said.items:
+        if isinstance(item, Linear):
+            small = item.value_mm(views[item.view]) < 1
+        else:
+            told = re.search(r"R(\d[\d.]*)", item.words) if isinstance(item, Leader) else None
+            small = told is not None and float(told[1]) < 1
+        assert not small or item.view in letters, item
+    for letter in letters:
+        heading = next(t for t in texts(root) if t.startswith(f"{letter} ("))
+        enlarged, parent = (
+            view(root, letter),
+            next(d.view for d in said.details if d.letter == letter),
+        )
+        scale, of = (float(v.get("data-scale")) for v in (enlarged, view(root, parent)))
+        assert heading == f"{letter} ({scale:g}:1)"
+        assert scale > of
+        # The lines of a detail stay in its circle.
+        ring = enlarged.find(f"{SVG}circle")
+        centre, radius = (float(ring.get("cx")), float(ring.get("cy"))), float(ring.get("r"))
+        data = " ".join(p.get("d") for p in enlarged.iter(f"{SVG}path"))
+        points = np.array(re.findall(r"(-?[\d.]+) (-?[\d.]+)", data), float)
+        assert len(points) > 2
+        assert np.hypot(*(points - centre).T).max() < radius + 0.002
+
+
+# PDF
+
+
+def test_the_pdf_is_the_same_drawing(made, tmp_path):
+    part, design, solid, _, root = made("cover")
+    path = tmp_path / "cover.pdf"
+    path.write_bytes(drawing(part, design, solid).pdf())
+    again = drawing(part, design, solid).pdf()
+    assert path.read_bytes() == again
+    assert b"/CreationDate" not in again
+    if shutil.which("pdftotext") is None:
+        pytest.skip("pdftotext is not installed")
+    told = run("pdftotext", "-bbox", path, "-")
+    page = re.search(r'<page width="([\d.]+)" height="([\d.]+)"', told)
+    assert [float(v) * 25.4 / 72 for v in page.groups()] == pytest.approx((420, 297), abs=1e-3)
+    words = re.findall(r"<word [^>]*>(.*?)</word>", told)
+    assert sorted(words) == sorted(word for t in texts(root) for word in t.split())
+    assert re.search(
+        r"DeltactSans\s+CID TrueType\s+Identity-H\s+yes yes yes", run("pdffonts", path)
+    )
+    # Where a word stands, from the left: upright ones too.
+    left, top = (
+        float(v) * 25.4 / 72
+        for v in re.search(r'xMin="([\d.]+)" yMin="([\d.]+)"[^>]*>cover<', told).groups()
+    )
+    at = next(e for e in root.iter(f"{SVG}text") if e.text == "cover")
+    assert left == pytest.approx(float(at.get("x")), abs=0.05)
+    assert top < float(at.get("y")) < top + 6
+
+
+def run(*command):
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+
+# What a length says
+
+
+def test_a_length_states_its_own_limits():
+    assert [
+        toleranced(35.8),
+        toleranced(35.8, (-0.1, 0.0)),
+        toleranced(3, (-0.1, 0.1)),
+        toleranced(1.35, (-0.05, 0.1)),
+        toleranced(2, (0.05, 0.1)),
+    ] == ["35.8", "35.8 0/−0.1", "3 ±0.1", "1.35 +0.1/−0.05", "2 +0.1/+0.05"]
+    with pytest.raises(ValueError, match=r"lower 0\.1 above upper -0\.1"):
+        toleranced(3, (0.1, -0.1))
+    assert Linear("top", (0, 0, 0), (3, 0, 0), "top", limits=(-0.1, 0)).words(VIEWS["top"]) == (
+        "3 0/−0.1"
+    )
+
+
+def test_a_surface_states_flatness_and_roughness(cq):
+    box = cq.Solid.makeBox(20, 10, 5)
+    floor = Leader("front", (20, 5, 5), 0, "floor", flatness_mm=0.05, roughness_um=0.8)
+
+    def said(_):
+        return Callouts((floor,), (), general_tolerance="±0.2")
+
+    shim = replace(registry.find("mold"), callouts=said)
+    root = ET.fromstring(drawing(shim, load_design(), box).svg())
+    assert {"floor", "0.05", "Ra 0.8", "±0.2"} <= set(texts(root))
+    assert "ISO 2768-m" not in texts(root)
+    assert not struck(root)
 
 
 def test_nothing_lies_on_the_title_block(made):

@@ -282,6 +282,17 @@ def test_a_mesh_is_found_by_its_tolerance_and_an_indenter_by_its_own_numbers(tmp
     assert Store(DESIGN, 0.01, True).get([replace(ball, indenter=thicker)], "stl") is None
 
 
+def test_a_new_title_makes_new_drawings_and_nothing_else(tmp_path):
+    cover = registry.find("cover")
+    issued = load_design("deltact", ["drawing.revision=B"])
+    made = Made("step", b"solid", 1.0, ((0, 0, 0), (1, 1, 1)), None)
+    Store(DESIGN, 0.01, True).put([cover], made)
+    Store(DESIGN, 0.01, True).put([cover], replace(made, format="pdf"))
+    assert Store(issued, 0.01, True).get([cover], "step") == made
+    assert Store(issued, 0.01, True).get([cover], "pdf") is None
+    assert Store(DESIGN, 0.01, True).get([cover], "pdf") is not None
+
+
 def test_a_part_counts_its_own_file_and_the_order_of_parts_does_not():
     skin, cover = (registry.find(name) for name in ("skin", "cover"))
     # No Design needs the skin's file, which has no dimensions of its own.

@@ -30,14 +30,14 @@ def test_the_shipped_design_closes_as_the_paper_s():
     assert design == Design()
     assert design.outer_mm == pytest.approx((39, 60, 30))
     assert design.frame_height_mm == pytest.approx(16 + 2 + 12 - 30 + 8)
-    assert design.screw_at_mm == pytest.approx((16.3, 16.8))
+    assert design.screw_at_mm == pytest.approx((16.225, 16.725))
     assert design.z_back_mm == pytest.approx(-30)
     # 30 = 16 (electronics) + 2 (acrylic) + 12 (silicone)
     assert design.z_joint_mm - design.z_back_mm == pytest.approx(16)
     assert [2 * s for s in design.acrylic_half_mm] == pytest.approx([35.8, 36.8])
     assert design.mold_outer_mm == pytest.approx((102, 104, 12))
-    assert design.snap_strain == pytest.approx(0.0186, abs=5e-5)
-    assert design.skin_volume_mm3 == pytest.approx(14171.05, abs=0.01)
+    assert design.snap_strain == pytest.approx(0.0106, abs=5e-5)
+    assert design.skin_volume_mm3 == pytest.approx(14140.63, abs=0.01)
 
 
 @pytest.mark.parametrize("name", VARIANTS)
@@ -116,7 +116,7 @@ def test_a_skin_of_24_x_24_is_refused_naming_board_and_posts():
         feasibility.check(design, "deltact")
     line = str(caught.value)
     assert line.startswith("deltact: camera: ")
-    assert "room between the camera's board and the corner posts: 0.2 <= -5.4 fails" in line
+    assert "room between the camera's board and the corner posts: 0.2 <= -5.55 fails" in line
     assert "and " in line
     assert line.endswith("more")
 
@@ -129,7 +129,7 @@ def test_a_skin_of_24_x_24_is_refused_naming_board_and_posts():
         (["screw.length_mm=20"], "screw: back of the sensor <= back of the screw heads (screw.len"),
         (["screw.length_mm=4"], "screw: screw.engagement_mm < length_mm"),
         (["frame.seat_y_mm=2"], "skin-frame: frame.seat_y_mm + shell.wall_mm <= frame.wall_y_mm"),
-        (["shell.ledge_mm=0.3"], "shell: 0.5 <= acrylic's edge on the ledge"),
+        (["shell.ledge_mm=0.3"], "shell: plate.ledge_mm <= acrylic's edge on the ledge"),
         (["shell.cable_width_mm=30"], "shell: cable_width_mm < room between the posts"),
         (["mount.height_mm=20"], "shell: mount.height_mm <= depth of the shell"),
         (["mount.hole_pitch_mm=16"], "shell: mount.hole_pitch_mm + hole"),
@@ -137,16 +137,18 @@ def test_a_skin_of_24_x_24_is_refused_naming_board_and_posts():
         (["light.led_count=6"], "light-holder: led_count x pitch <= 2 pi strip radius: 100"),
         (["light.strip_width_mm=10"], "light-holder: strip_width_mm <= depth of the channel: 10"),
         (["skin.width_mm=44", "skin.length_mm=40"], "light-holder: wall_mm <= floor outside the"),
-        (["camera.lens_diameter_mm=24"], "light-holder: lens radius + 0.3 <= bore radius"),
+        (["camera.lens_diameter_mm=24"], "light-holder: lens radius + lens_clearance_mm <= bore"),
         (["camera.connector_height_mm=3.2"], "camera: connector_height_mm <= holder.clearance_mm"),
-        (["cover.lip_mm=0.12"], "cover: strain of a peg <= strain_limit: 0.02794 <= 0.02"),
+        (["cover.lip_mm=0.25"], "cover: strain of a peg <= strain_limit: 0.02214 <= 0.02"),
         (["cover.floor_mm=4"], "testing-shell: shell.wall_mm <= tab over the cover's bosses"),
-        (["cover.slot_mm=2.0"], "cover: 0.6 <= leg of a peg"),
-        (["cover.lip_height_mm=1.2"], "cover: lip_height_mm <= camera.board_mm"),
+        (["cover.slot_mm=2.0"], "cover: slot_mm / 2 + leg_mm < peg_mm / 2: 1.6 < 1.35"),
+        (["cover.leg_mm=0.4"], "cover: resin_printer.least_wall_mm <= leg_mm: 0.6 <= 0.4"),
+        (["light.lip_clearance_mm=2"], "light-holder: wall_mm <= floor inside the lips' reliefs"),
+        (["cover.lip_height_mm=2.3"], "cover: peg_play_mm + lip_height_mm <= camera.board_mm +"),
         (["holder.screw_length_mm=5"], "camera-holder: screw_length_mm - board <= clearance_mm"),
         (["camera.focal_length_mm=1.31"], "camera: focal length x half angle in y"),
         (["optics.air_gap_mm=0.5"], "camera: focal length x half angle in y"),
-        (["mold.web_mm=4"], "mold: fit_mm + 2 <= web_mm / 2"),
+        (["mold.web_mm=4"], "mold: fit_mm + pry_mm + shell.wall_mm / 2 <= web_mm / 2: 3.35 <= 2"),
         (["table.hole_pitch_mm=25"], "testing-shell: table: pitch"),
     ],
 )  # fmt: skip
@@ -162,7 +164,9 @@ def test_a_rule_that_rests_on_an_unverified_value_says_so_until_it_is_measured()
     def rests_on(design):
         return {key for rule in feasibility.rules(design) for key in rule.rests_on}
 
-    open_keys = set(Design().unverified())
+    # What the machines leave is told by the fits, whose rows say on what they rest.
+    of_fits = ("resin_printer.", "laser.", "camera.tolerance_mm")
+    open_keys = {key for key in Design().unverified() if not key.startswith(of_fits)}
     assert rests_on(Design()) == open_keys
     assert {"camera.focal_length_mm", "camera.lens_diameter_mm", *BOARD_KEYS} <= open_keys
     keys = tuple(key.removeprefix("camera.") for key in open_keys)

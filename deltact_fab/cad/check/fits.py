@@ -32,14 +32,15 @@ def rows(design: Design) -> Iterator[Row]:
 
 
 def platform(design: Design) -> Iterator[Row]:
-    """The printed part that leaves least room, turned as it fits best by whole right angles."""
+    """The printed part that leaves least room, as drawn or turned by a right angle in plan."""
     printer = design.resin_printer
-    room = sorted((printer.bed_x_mm, printer.bed_y_mm, printer.bed_z_mm))
+    room = [*sorted((printer.bed_x_mm, printer.bed_y_mm), reverse=True), printer.bed_z_mm]
     sides = {}
     for part in of_design():
         if part.process == PRINT:
             low, high = expected(part, design).box_mm
-            sides[part.name] = sorted(b - a for a, b in zip(low, high, strict=True))
+            x, y, z = (b - a for a, b in zip(low, high, strict=True))
+            sides[part.name] = [max(x, y), min(x, y), z]
     left = {
         name: min(r - s for r, s in zip(room, size, strict=True)) for name, size in sides.items()
     }
@@ -51,4 +52,4 @@ def platform(design: Design) -> Iterator[Row]:
 
 
 def _by(sides_mm: list[float]) -> str:
-    return " x ".join(f"{side:.4g}" for side in reversed(sides_mm))
+    return " x ".join(f"{side:.4g}" for side in sides_mm)

@@ -18,9 +18,9 @@ from ...errors import InputError
 from ..dimensions import Design
 from ..part import Part
 from .dimensioning import Leader, Linear
-from .drawing import views_of
 from .items import Callouts
 from .projection import View
+from .views import views_of
 
 STEP = 0.05  # of a value: far more than the hundredths that are printed
 LEAST = 0.05
@@ -77,8 +77,7 @@ def coverage(part: Part, design: Design) -> Coverage:
                 if abs(after.value - before.value) > SAME_MM:
                     move[column] = after.value - before.value
     views = views_of(said)
-    lines = [item for i, item in enumerate(said.items) if i in chains]
-    closing = [item for item in lines if isinstance(item, Linear)]
+    closing = [item for i, item in enumerate(_lines(said)) if i in chains]
     return Coverage(
         tuple(dict.fromkeys(unsaid)),
         tuple(_twice(numbers, moves)),
@@ -156,15 +155,18 @@ class _Number:
 
 
 def _told(said: Callouts) -> tuple[list[str], list[_Number]]:
-    """All that is printed, and its numbers but for those in brackets."""
-    words = [*said.notes]
+    """What dimensions and labels print, and all numbers; without those in brackets.
+
+    A note may quote a figure that rests on a key (the strain of a peg) and gives no length.
+    """
+    words: list[str] = []
     numbers: list[_Number] = []
     views = views_of(said)
     for item in said.items:
         if isinstance(item, Linear):
             view = views[item.view]
-            words.append(item.words(view))
             if not item.auxiliary:
+                words.append(item.words(view))
                 name = f"{words[-1]} ({item.view})"
                 numbers.append(_Number(name, item.value_mm(view), _axis(item, view)))
         elif isinstance(item, Leader):
@@ -174,6 +176,10 @@ def _told(said: Callouts) -> tuple[list[str], list[_Number]]:
     for note in said.notes:
         numbers += [_Number(f"{n} of {note!r}", float(n)) for n in _NUMBER.findall(note)]
     return words, numbers
+
+
+def _lines(said: Callouts) -> list[Linear]:
+    return [item for item in said.items if isinstance(item, Linear)]
 
 
 def _axis(item: Linear, view: View) -> int:
@@ -197,7 +203,7 @@ def _twice(numbers: list[_Number], moves: list[dict[int, float]]) -> Iterator[st
 
 
 def _chains(said: Callouts) -> set[int]:
-    """Which items are lengths along an axis whose two ends others have joined before."""
+    """Which of the lines are lengths whose two ends others have joined before on their axis."""
     views = views_of(said)
     root: dict[tuple[int, int], tuple[int, int]] = {}
 
@@ -207,8 +213,8 @@ def _chains(said: Callouts) -> set[int]:
         return node
 
     closing = set()
-    for i, item in enumerate(said.items):
-        if isinstance(item, Linear) and not item.auxiliary:
+    for i, item in enumerate(_lines(said)):
+        if not item.auxiliary:
             axis = _axis(item, views[item.view])
             a, b = (find((axis, round(end[axis] / SAME_MM))) for end in (item.a, item.b))
             if a == b:

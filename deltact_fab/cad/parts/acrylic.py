@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..checks import Expected
-from ..drafting.dimensioning import Item, Linear
+from ..drafting.dimensioning import Item
 from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
@@ -150,8 +150,8 @@ def callouts(d: Design) -> Callouts:
     ]
     if nx > 0:
         items += [
-            Linear("top", (x - nx, y, 0), (x, y - ny, 0), "top", after=" (4×)", limits=cut),
-            Linear("top", (x, y - ny, 0), (x - nx, y, 0), "right", after=" (4×)", limits=cut),
+            x_of("top", nx - x, x - nx, "top", y, limits=cut),
+            y_of("top", ny - y, y - ny, "right", x, limits=cut),
         ]
     notes = (
         "Cut from cast PMMA, clear on both faces; protective film stays on until bonding.",

@@ -47,9 +47,10 @@ class CoverDimensions(Record):
     peg_y_mm: float = number(8.0, "pegs at +-y", 1, 90)
     peg_clearance_mm: float = number(0.25, "radial clearance of a peg in its hole", 0.01, 1)
     slot_mm: float = number(1.0, "slot that splits a peg", 0.2, 5)
-    leg_mm: float = number(0.5, "thickness of a leg, flat on both sides", 0.2, 5)
+    leg_mm: float = number(0.6, "thickness of a leg, flat on both sides", 0.2, 5)
     lip_mm: float = number(0.12, "lip of a peg beyond its hole", 0.01, 2)
-    lip_height_mm: float = number(0.6, "height of the lip", 0.2, 5)
+    peg_play_mm: float = number(0.3, "legs beyond the camera holder, for a thick one", 0.0, 5)
+    lip_height_mm: float = number(0.8, "height of the lip", 0.2, 5)
     strain_limit: float = number(0.02, "what the resin bears once (Tough resins: 2 %)", 1e-3, 0.2)
     fit_mm: float = number(0.2, "clearance between bosses and shell", 0.02, 2)
 
@@ -139,7 +140,7 @@ def _leg_mm3(design: Design) -> float:
     radius, tip, height_mm = _lip_mm(design)
     outside_mm, peg = half_slot_mm + cover.leg_mm, cover.peg_mm / 2
     leg_mm2 = segment_mm2(half_slot_mm, peg) - segment_mm2(outside_mm, peg)
-    shaft_mm3 = leg_mm2 * design.holder.clearance_mm
+    shaft_mm3 = leg_mm2 * design.peg_leg_mm
     beyond_mm = half_slot_mm - cover.lip_mm
     lip_mm3 = segment_mm2(beyond_mm, radius) * height_mm
     return shaft_mm3 + lip_mm3 + cone_segment_mm3(beyond_mm, radius, tip, height_mm)
@@ -148,7 +149,10 @@ def _leg_mm3(design: Design) -> float:
 def _leg(cq: Any, design: Design) -> Any:
     """The leg on +x of a peg on the z axis, let into the floor by half of its thickness."""
     cover = design.cover
-    low_mm, under_lip_mm = design.z_floor_mm - cover.floor_mm / 2, design.z_board_back_mm
+    low_mm, under_lip_mm = (
+        design.z_floor_mm - cover.floor_mm / 2,
+        design.z_floor_mm + design.peg_leg_mm,
+    )
     radius, tip, height_mm = _lip_mm(design)
     at: Point2 = (cover.lip_mm, 0.0)
     shaft = cq.Solid.makeCylinder(
@@ -190,8 +194,12 @@ def rules(d: Design) -> Iterator[Rule]:
     )
     # Both legs bend inwards by the lip before they touch.
     yield Rule(part, ("2 lip_mm", 2 * cover.lip_mm), "<", ("slot_mm", cover.slot_mm))
+    # The lips stand in reliefs of the light holder's floor.
     yield Rule(
-        part, ("lip_height_mm", cover.lip_height_mm), "<=", ("camera.board_mm", d.camera.board_mm)
+        part,
+        ("peg_play_mm + lip_height_mm", cover.peg_play_mm + cover.lip_height_mm),
+        "<=",
+        ("camera.board_mm + light.floor_mm", d.camera.board_mm + d.light.floor_mm),
     )
     lip = cover.hole_mm / 2 + cover.lip_mm
     yield Rule(
@@ -219,7 +227,7 @@ def fits(d: Design) -> Iterator[Fit]:
     lips = printer.outer("over both lips", cover.hole_mm + 2 * cover.lip_mm)
     yield Fit("lips over their hole", parts, (lips,), (hole,), ("cover.lip_mm",))
     most_mm = Fit("", "", (lips,), (hole,), ()).range_mm[1] / 2
-    bends_mm = cover.strain_limit * d.holder.clearance_mm**2 / (3 * cover.fibre_mm)
+    bends_mm = cover.strain_limit * d.peg_leg_mm**2 / (3 * cover.fibre_mm)
     yield Fit(
         "largest lip within the strain",
         parts,
@@ -227,6 +235,9 @@ def fits(d: Design) -> Iterator[Fit]:
         (Length("largest lip", most_mm, 0.0, lips.rests_on),),
         ("cover.lip_mm", "cover.leg_mm", "cover.strain_limit"),
     )
+    legs = printer.tall("legs", d.peg_leg_mm)
+    holder = printer.tall("holder", d.holder.clearance_mm)
+    yield Fit("legs through the holder, z", parts, (legs,), (holder,), ("cover.peg_play_mm",))
     slot = printer.inner("slot", cover.slot_mm)
     yield Fit(
         "slot when both legs bend",
@@ -253,7 +264,7 @@ def callouts(d: Design) -> Callouts:
     (sx, sy), (px, py) = d.screw_at_mm, d.peg_at_mm
     post = d.post_mm
     back, floor, boss, head = d.z_back_mm, d.z_floor_mm, d.z_boss_mm, d.z_head_mm
-    under, tip = d.z_board_back_mm, floor + d.peg_length_mm
+    under, tip = floor + d.peg_leg_mm, floor + d.peg_length_mm
     slot, lip = cover.slot_mm / 2, cover.hole_mm / 2 + cover.lip_mm
     tip_x = _lip_mm(d)[1] + cover.lip_mm
     side = slot + cover.leg_mm
@@ -290,7 +301,7 @@ def callouts(d: Design) -> Callouts:
         f"Strain of a peg when snapped in: {shown(100 * d.snap_strain)} %. Pegs without support "
         "marks. Opaque.",
     )
-    detail = Detail("B", "front", (px, -py, (floor + tip) / 2), 0.75 * d.peg_length_mm)
+    detail = Detail("B", "front", (px, -py, (floor + tip) / 2), 0.7 * d.peg_length_mm)
     return Callouts(tuple(items), notes, Cut(-sx), details=(detail,))
 
 
@@ -311,7 +322,8 @@ PARTS = (
         colour=BLACK,
         sections=("cover", "screw", "shell"),
         derived=(
-            "post_mm", "screw_at_mm", "peg_at_mm", "peg_length_mm", "snap_strain", "z_floor_mm",
+            "post_mm", "screw_at_mm", "peg_at_mm", "peg_leg_mm", "peg_length_mm", "snap_strain",
+            "z_floor_mm",
             "z_back_mm", "z_head_mm", "z_boss_mm",
         ),
         rules=rules,

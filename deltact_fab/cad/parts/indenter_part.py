@@ -112,10 +112,13 @@ def _tips(dims: IndenterDimensions) -> Iterator[Item | Detail]:
         yield z_of("front", 0, tip.equator_mm, "right", x + w, y)
         yield Leader("top", (x, n, 0), w, f"{count}R, full radius at both ends")
         r, nose = tip.radius_mm, (x, y, tip.radius_mm)
+        # Half-way from the nose's top to where its flank begins.
+        turn = math.radians(90 - tip.flank_deg) / 2
+        arc = (x + r * math.sin(turn), y, r * (1 - math.cos(turn)))
         words = f"{count}R{shown(r)}, flanks at {shown(tip.flank_deg)}° to the axis"
         if r < SMALL_MM:
             yield Detail("B", "front", nose, 4 * r)
-        yield Leader("B" if r < SMALL_MM else "front", nose, r, words)
+        yield Leader("B" if r < SMALL_MM else "front", arc, 0, words)
     elif isinstance(tip, EllipsoidTip):
         a, b = tip.a_mm, tip.b_mm
         yield Linear("left", (x, y + b, 0), (x, y + b, b), "right", auxiliary=True)

@@ -12,7 +12,8 @@ Half section at y = 0, the lens's axis on the left:
                light_bore    light_radius
 
 A slot of slot_mm through the outer wall at -y, above the floor, lets the wires out on the side
-where the camera's cable leaves. The heads of the camera's two screws stand in reliefs of the floor.
+where the camera's cable leaves. The heads of the camera's two screws and the
+lips of the cover's pegs stand in reliefs of the floor.
 The paper gives the material and the LEDs (Imaging Subsystem), no dimensions.
 """
 
@@ -58,6 +59,7 @@ class LightDimensions(Record):
     fit_mm: float = number(0.2, "radial clearance in the shell", 0.02, 2)
     axial_fit_mm: float = number(0.9, "play below the acrylic, so that it bears no press", 0.02, 5)
     lens_clearance_mm: float = number(0.3, "between lens and bore, radial", 0.02, 5)
+    lip_clearance_mm: float = number(0.25, "around the lips of the cover's pegs", 0.02, 2)
     head_room_mm: float = number(0.1, "floor above the heads of the camera's screws", 0.0, 5)
     slot_mm: float = number(3.0, "slot for the wires", 0.5, 20)
     resistor_ohm: float = number(750.0, "in series (paper: 750)", 20, 1e5)
@@ -90,8 +92,10 @@ def expect(design: Design) -> Expected:
     half_slot_mm = light.slot_mm / 2
     slot_mm2 = (band_mm2(half_slot_mm, radius) - band_mm2(half_slot_mm, strip)) / 2
     volume_mm3 -= slot_mm2 * depth_mm
-    for x, y in design.camera_screw_centres_mm:
-        away, relief = math.hypot(x, y), design.head_relief_mm
+    reliefs = [(at, design.head_relief_mm) for at in design.camera_screw_centres_mm]
+    reliefs += [(at, design.peg_relief_mm) for at in design.peg_centres_mm]
+    for (x, y), relief in reliefs:
+        away = math.hypot(x, y)
         met_mm2 = common_circles_mm2(relief, radius, away) - common_circles_mm2(relief, bore, away)
         volume_mm3 -= met_mm2 * light.floor_mm
     return Expected(
@@ -105,6 +109,7 @@ def expect(design: Design) -> Expected:
             "light_radius_mm": radius,
             "light_bore_mm": bore,
             "head_relief_mm": design.head_relief_mm,
+            "peg_relief_mm": design.peg_relief_mm,
         },
     )
 
@@ -130,14 +135,14 @@ def build(design: Design) -> Shape:
     slot = above.center(0, -outside / 2).rect(light.slot_mm, outside).extrude(up_mm)
     middle_mm = (design.strip_radius_mm + design.channel_inner_mm) / 2
     slot = slot.cut(above.circle(middle_mm).extrude(up_mm))
-    reliefs = (
-        cq.Workplane()
-        .workplane(offset=low_mm - 1)
-        .pushPoints(design.camera_screw_centres_mm)
-        .circle(design.head_relief_mm)
-        .extrude(light.floor_mm + 1)
-    )
-    return ring.cut(channel).cut(slot).cut(reliefs).val()
+    body = ring.cut(channel).cut(slot)
+    for centres, relief_mm in (
+        (design.camera_screw_centres_mm, design.head_relief_mm),
+        (design.peg_centres_mm, design.peg_relief_mm),
+    ):
+        below = cq.Workplane().workplane(offset=low_mm - 1).pushPoints(centres)
+        body = body.cut(below.circle(relief_mm).extrude(light.floor_mm + 1))
+    return body.val()
 
 
 SHOWN = ("strip_width_mm", "channel_mm", "diffuser_mm", "wall_mm", "floor_mm", "fit_mm", "slot_mm")
@@ -182,6 +187,24 @@ def rules(d: Design) -> Iterator[Rule]:
             left = ("wall_mm", light.wall_mm)
             text = f"floor {name} the reliefs (holder.head_clearance_mm, {key})"
             yield Rule(part, left, "<=", (text, rest))
+    (sx, sy), (px, py) = d.camera_screw_centres_mm[-1], d.peg_at_mm
+    apart = min(math.hypot(px - sx, py - sy), math.hypot(px - sx, py + sy), 2 * px, 2 * py)
+    yield Rule(
+        part,
+        (
+            "two reliefs + wall_mm",
+            max(d.head_relief_mm, d.peg_relief_mm) + d.peg_relief_mm + light.wall_mm,
+        ),
+        "<=",
+        ("peg axis to the next peg or camera screw", apart),
+    )
+    inside = math.hypot(px, py) - d.peg_relief_mm - d.light_bore_mm
+    within = ("floor inside the lips' reliefs (cover.peg_y_mm)", inside)
+    yield Rule(part, ("wall_mm", light.wall_mm), "<=", within)
+    outside = d.light_radius_mm - math.hypot(px, py) - d.peg_relief_mm
+    if outside > 0:
+        left = ("wall_mm", light.wall_mm)
+        yield Rule(part, left, "<=", ("floor outside the lips' reliefs", outside))
     corner = math.hypot(*d.post_edge_mm)
     yield Rule(
         part,
@@ -212,6 +235,15 @@ def fits(d: Design) -> Iterator[Fit]:
         "opening of the shell", 2 * min(d.cavity_half_mm[0], d.cavity_half_mm[1] - d.shell.ledge_mm)
     )
     yield Fit("ring in the shell", f"{part}, shell", (opening,), (ring,), ("light.fit_mm",))
+    relief = printer.inner("relief", 2 * d.peg_relief_mm)
+    lips = printer.outer("over both lips", d.cover.hole_mm + 2 * d.cover.lip_mm)
+    yield Fit(
+        "lips in the ring's reliefs",
+        f"{part}, cover",
+        (relief,),
+        (lips, printer.pitch("both patterns")),
+        ("light.lip_clearance_mm",),
+    )
     led = Length("strip and LED on a chord", led_room_mm(d), light.led_tolerance_mm)
     channel = printer.inner("channel", light.channel_mm)
     yield Fit(
@@ -263,12 +295,14 @@ def callouts(d: Design) -> Callouts:
     slot = light.slot_mm / 2
     floor = back + light.floor_mm
     upper, screws = d.camera.hole_rows_mm[0], d.camera_screw_centres_mm
-    relief = d.head_relief_mm
+    relief, lips, (px, py) = d.head_relief_mm, d.peg_relief_mm, d.peg_at_mm
     r = radii["outer"]
     fitted, tall = d.resin_printer.limits_mm, d.resin_printer.tall_limits_mm
     # The ring ends inside the relief: the arrow goes to the side of the relief that it keeps.
     (x, y), inward = screws[1], 1 - relief / math.hypot(*screws[1])
     near = (x * inward, y * inward)
+    inward = 1 - lips / math.hypot(px, py)
+    at_lip = (px * inward, -py * inward)
     items: list[Item] = [
         Centres("top", ((0, 0, front),), r),
         y_of("left", -r, r, "bottom", 0, back, before="Ø", limits=fitted),
@@ -293,6 +327,10 @@ def callouts(d: Design) -> Callouts:
         y_of("top", 0, upper, "left", screws[0][0], back),
         Centres("top", tuple((x, y, back) for x, y in screws), relief),
         Leader("top", (*near, back), 0, f"2× Ø{shown(2 * relief)} through the floor, from below"),
+        Centres("top", tuple((x, y, back) for x, y in d.peg_centres_mm), lips),
+        Leader("top", (*at_lip, back), 0, f"4× Ø{shown(2 * lips)} through the floor, from below"),
+        x_of("top", -px, px, "bottom", -py, back),
+        y_of("top", -py, py, "right", px, back),
         Axis("left", (0, 0, back), (0, 0, front)),
     ]
     notes = (
@@ -323,7 +361,8 @@ PARTS = (
         sections=("light", "shell", "holder", "camera"),
         derived=(
             "light_radius_mm", "strip_radius_mm", "channel_inner_mm", "light_bore_mm",
-            "head_relief_mm", "camera_screw_centres_mm", "z_light_mm", "z_joint_mm",
+            "head_relief_mm", "peg_relief_mm", "peg_centres_mm",
+            "camera_screw_centres_mm", "z_light_mm", "z_joint_mm",
             "z_board_front_mm",
         ),
         rules=rules,

@@ -326,7 +326,7 @@ def callouts(d: Design) -> list[Item]:
         y_of("left", oy, end, "bottom", 0, floor),
     ]
     if mount.kind == "plate":
-        return [*items, z_of("left", floor, d.z_joint_mm, "left", 0, end)]
+        return items  # as high as the shell
     if mount.kind == "block":
         half, top = mount.width_mm / 2, floor + mount.height_mm
         middle, pitch = oy + mount.length_mm / 2, mount.hole_pitch_mm / 2

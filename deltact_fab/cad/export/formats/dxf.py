@@ -24,7 +24,8 @@ def dxf_bytes(solid: Any, name: str, outwards_mm: float = 0.0) -> bytes:
     """The outline of a plate, seen from +z in the coordinates of the CAD frame.
 
     outwards_mm: how far outside the plate its outline is drawn, corners sharp: half a kerf for the
-    path of a laser that knows of none. Raises RunFailed when the solid is no plate along z, or an edge is neither line nor arc.
+    path of a laser that knows of none. Raises RunFailed when the solid is no plate along z, or an
+    edge is neither line nor arc.
     """
     import ezdxf
 

@@ -1,0 +1,108 @@
+"""The views of a part: four projections, one of them cut, and what details enlarge of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..kernel import require
+from .detail import Circle2
+from .dimensioning import Detail
+from .items import Callouts
+from .page import Point2
+from .projection import Points, Projected, View, project, sampled
+
+VIEWS = {
+    "front": View((0, 1, 0), (0, 0, 1)),
+    "top": View((0, 0, -1), (0, 1, 0)),
+    "left": View((1, 0, 0), (0, 0, 1)),
+    "picture": View((1, 1, -0.8), (0, 0, 1)),
+}
+FLIPPED = {
+    "front": View((0, -1, 0), (0, 0, -1)),
+    "top": View((0, 0, 1), (0, -1, 0)),
+    "left": View((1, 0, 0), (0, 0, -1)),
+    "picture": View((1, -1, 0.8), (0, 0, -1)),
+}
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One view: its projection, its lines, the faces of a section; of a detail, its circle."""
+
+    view: View
+    lines: Projected
+    hatched: Sequence[Sequence[Points]] = ()
+    circle: Circle2 | None = None
+
+    @property
+    def box_mm(self) -> tuple[Point2, Point2]:
+        if self.circle is not None:
+            (x, y), r = self.circle.centre, self.circle.radius
+            return (x - r, y - r), (x + r, y + r)
+        (x0, y0), (x1, y1) = (c.tolist() for c in self.lines.box_mm)
+        return (x0, y0), (x1, y1)
+
+
+def views_of(said: Callouts) -> dict[str, View]:
+    """The views of a drawing by name, those of its details too."""
+    views = FLIPPED if said.flipped else VIEWS
+    return views | {detail.letter: views[detail.view] for detail in said.details}
+
+
+def views(solid: Any, said: Callouts) -> dict[str, Drawn]:
+    """The four projections; the left one cut where the callouts ask for a section."""
+    views = FLIPPED if said.flipped else VIEWS
+    drawn = {}
+    for name, view in views.items():
+        if name == "left" and said.cut is not None:
+            drawn[name] = _section(solid, view, said.cut.x_mm)
+        else:
+            drawn[name] = Drawn(view, project([solid], view.direction, view.up)[0])
+    return drawn
+
+
+def enlarged(parent: Drawn, detail: Detail) -> Drawn:
+    """What a detail's circle holds of its view; hidden lines stay behind."""
+    u, v = (float(c) for c in parent.view.flat(detail.at))
+    circle = Circle2((u, v), detail.radius_mm)
+    lines = Projected(
+        circle.of_lines(parent.lines.visible), (), circle.of_lines(parent.lines.smooth)
+    )
+    faces = [circle.of_face(face) for face in parent.hatched]
+    return Drawn(parent.view, lines, [face for face in faces if face], circle)
+
+
+def _section(solid: Any, view: View, x_mm: float) -> Drawn:
+    """What is left on the far side of the plane x = x_mm, and the faces that the plane cuts."""
+    cq = require()
+    box = solid.BoundingBox()
+    low = cq.Vector(x_mm, box.ymin - 1, box.zmin - 1)
+    kept = solid.intersect(cq.Solid.makeBox(box.xmax + 1 - x_mm, box.ylen + 2, box.zlen + 2, low))
+    lines = project([kept], view.direction, view.up)[0]
+    faces = []
+    for face in kept.Faces():
+        bounds = face.BoundingBox()
+        if abs(bounds.xmin - x_mm) < 1e-4 and abs(bounds.xmax - x_mm) < 1e-4:
+            wires = [face.outerWire(), *face.innerWires()]
+            faces.append([view.flat(_outline(wire)) for wire in wires])
+    faces.sort(key=lambda loops: [loop.min(axis=0).round(4).tolist() for loop in loops])
+    return Drawn(view, Projected(lines.visible, (), lines.smooth), faces)
+
+
+def _outline(wire: Any) -> Points:
+    """A closed wire as points (n, 3), its edges end to end."""
+    from OCP.BRepTools import BRepTools_WireExplorer
+    from OCP.TopAbs import TopAbs_REVERSED
+
+    points = []
+    walk = BRepTools_WireExplorer(wire.wrapped)
+    while walk.More():
+        edge = walk.Current()
+        along = sampled(edge)
+        points.append(along[::-1] if edge.Orientation() == TopAbs_REVERSED else along)
+        walk.Next()
+    return np.concatenate(points)

@@ -1,0 +1,132 @@
+"""Coverage: what a drawing lacks is told, and nothing is lacking on ours."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from deltact_fab.cad import registry
+from deltact_fab.cad.check import drawings
+from deltact_fab.cad.design import load_design
+from deltact_fab.cad.drafting.coverage import coverage, variations
+from deltact_fab.cad.drafting.dimensioning import Leader, Linear
+from deltact_fab.cad.drafting.items import z_of
+
+DESIGNS = ("deltact", "franka", "screws-16mm", "skin-30x34", "skin-44x40")
+DRAWN = [part.name for part in registry.listed() if part.callouts is not None]
+
+
+@pytest.mark.parametrize("design", DESIGNS)
+def test_every_drawing_says_each_dimension_once(design):
+    dims = load_design(design)
+    told = {name: coverage(registry.find(name), dims) for name in DRAWN}
+    assert {name: found for name, found in told.items() if not found.complete} == {}
+    (row,) = drawings.rows(dims, registry.listed())
+    assert row.passed
+    assert row.part == f"{len(DRAWN)} parts"
+
+
+def test_a_mount_that_is_a_plate_is_as_high_as_the_shell():
+    plate = load_design("deltact", ["mount.kind=plate"])
+    assert coverage(registry.find("shell"), plate).complete
+
+
+def test_the_numbers_of_a_part_are_followed():
+    dims = load_design()
+    followed = coverage(registry.find("cover"), dims).followed
+    assert {"cover.floor_mm", "cover.slot_mm", "cover.lip_mm", "screw.thread"} <= set(followed)
+    # A limit of the resin and the room that the shell leaves make no length of the cover.
+    assert not {"cover.strain_limit", "cover.fit_mm"} & set(followed)
+    star = coverage(registry.find("indenter-star"), dims).followed
+    assert {"plate_mm", "reach_mm", "tip.inner_mm", "tip.notch_mm", "tip.edge_mm"} <= set(star)
+
+
+def changed(name, change):
+    """A part whose drawing says something else."""
+    part = registry.find(name)
+
+    def callouts(source):
+        said = part.callouts(source)
+        return replace(said, items=tuple(change(source, list(said.items))))
+
+    return replace(part, callouts=callouts)
+
+
+def without(name, which):
+    return changed(name, lambda _, items: [item for item in items if not which(item)])
+
+
+def also(name, item):
+    return changed(name, lambda source, items: [*items, item(source)])
+
+
+def test_a_length_left_out_is_told():
+    dims = load_design()
+    slot = without("cover", lambda i: isinstance(i, Linear) and i.after == " slot")
+    assert coverage(slot, dims).unsaid == ("cover.slot_mm",)
+    (row,) = drawings.rows(dims, [slot])
+    assert (row.part, row.found, row.passed) == ("cover", "not said: cover.slot_mm", False)
+    wells = without("coupon-mold", lambda i: isinstance(i, Leader))
+    assert "coupon.diameter_mm" not in coverage(wells, dims).unsaid  # the overall length has it
+    base = without("coupon-mold", lambda i: isinstance(i, Linear) and i.view == "left")
+    assert coverage(base, dims).unsaid == ("coupon.base_mm",)
+
+
+def test_a_key_may_be_silent_with_a_reason():
+    dims = load_design()
+    slot = without("cover", lambda i: isinstance(i, Linear) and i.after == " slot")
+
+    def callouts(source):
+        return replace(slot.callouts(source), silent={"cover.slot_mm": "sawn to fit"})
+
+    assert coverage(replace(slot, callouts=callouts), dims).complete
+
+
+def test_a_length_said_twice_is_told():
+    dims = load_design()
+    again = also("acrylic", lambda d: z_of("left", d.z_joint_mm, d.z_ledge_mm, "left"))
+    assert coverage(again, dims).twice == ("2 (front) and 2 (left)",)
+    label = also(
+        "coupon-mold", lambda d: Leader("top", (0, 0, 0), 0, f"R{d.coupon.diameter_mm / 2}")
+    )
+    assert coverage(label, dims).twice == ("15 of '4× Ø15 depth 4' (top) and 7.5 of 'R7.5' (top)",)
+
+
+def test_equal_by_chance_is_not_the_same():
+    dims = load_design()
+    assert dims.mold.base_mm == dims.mold.seat_mm == 3
+    assert coverage(registry.find("mold"), dims).twice == ()
+
+
+def test_a_closed_chain_is_told_and_a_bracket_opens_it():
+    dims = load_design()
+
+    def whole(d):
+        low, high = 0.0, d.mold_outer_mm[2]
+        return z_of("left", low, high, "right")
+
+    assert coverage(also("mold", whole), dims).chains == ("12 (left)",)
+    bracketed = also("mold", lambda d: replace(whole(d), auxiliary=True))
+    assert coverage(bracketed, dims).chains == ()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", DRAWN)
+def test_what_no_number_follows_changes_nothing_on_the_solid(name):
+    """The check without a kernel compares volumes and sizes; here every corner is compared."""
+    part, dims = registry.find(name), load_design()
+    source = part.source(dims)
+    followed = coverage(part, dims).followed
+    before = corners(part.build(source))
+    for key, other in variations(part, source):
+        if key not in followed:
+            assert corners(part.build(other)) == before, key
+
+
+def corners(solid):
+    """Volume and corners from the lowest ones, wherever the part lies in the sensor."""
+    box = solid.BoundingBox()
+    points = np.array([v.toTuple() for v in solid.Vertices()]) - (box.xmin, box.ymin, box.zmin)
+    return round(solid.Volume(), 4), sorted(map(tuple, (points.round(4) + 0.0).tolist()))

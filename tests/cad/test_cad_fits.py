@@ -1,0 +1,184 @@
+"""Worst-case play of every pair: by hand, by drawn lots, and on solids at their limits."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from deltact_fab.cad.build import build_part
+from deltact_fab.cad.check import fits, inequalities
+from deltact_fab.cad.design import load_design
+from deltact_fab.cad.dimensions import Design
+from deltact_fab.cad.fit import Fit, Length
+from deltact_fab.cad.parts.light_holder import led_room_mm
+from deltact_fab.cad.registry import find, of_design
+from deltact_fab.cli.main import main
+
+SHIPPED = ("deltact", "screws-16mm", "skin-30x34", "skin-44x40", "franka")
+
+
+def every(design: Design) -> dict[str, Fit]:
+    """Each fit of a design by its name."""
+    found = [fit for part in of_design() for fit in part.fits(design)]
+    assert len({fit.name for fit in found}) == len(found)
+    return {fit.name: fit for fit in found}
+
+
+def failing(*changes: str) -> list[str]:
+    """What the rows of a changed default design say that fails."""
+    design = load_design("deltact", changes)
+    assert all(row.passed for row in inequalities.rows(design))
+    rows = [*fits.rows(design), *fits.platform(design)]
+    return [f"{row.found} | {row.limit}" for row in rows if not row.passed]
+
+
+def test_play_is_the_sum_of_what_is_left_and_of_what_each_may_be_off():
+    hole, shank = Length("hole", 2.0, 0.1, ("a",)), Length("shank", 1.6, 0.02, ("b",))
+    fit = Fit("", "", (hole, Length("gap", 0.5)), (shank, Length("pitch", 0, 0.3, ("a",))), ())
+    assert fit.range_mm == pytest.approx((0.9 - 0.42, 0.9 + 0.42))
+    assert fit.rests_on == ("a", "b")
+    assert fit.holds
+    assert dataclasses.replace(fit, least_mm=0.48).holds
+    assert not dataclasses.replace(fit, least_mm=0.481).holds
+    assert not dataclasses.replace(fit, body=(Length("", math.nan),)).holds
+    assert hole.half() == Length("half hole", 1.0, 0.05, ("a",))
+
+
+def test_the_default_pairs_by_hand():
+    found = every(Design())
+    # 36 +- .1 less 35.8 +- .1
+    assert found["plate in its pocket, x"].range_mm == pytest.approx((0.0, 0.4))
+    # pocket 2 +- .15 and drop .5 +- .15 less a sheet of 2 +- 10 %
+    assert found["plate between the ledges, z"].range_mm == pytest.approx((0.0, 1.0))
+    # 2.0 +- .1 less 1.6; two pitches of +- .1 in x and y, each end half of both: sqrt(2) .2
+    through = (0.4 - 0.1 - 0.2 * math.sqrt(2), 0.4 + 0.1 + 0.2 * math.sqrt(2))
+    assert found["M1.6 through the shell"].range_mm == pytest.approx(through)
+    # Ring .9 below the joint; shell, pocket, holder, ring +- .15, board +- .05, sheet +- .2
+    assert found["ring below the acrylic, z"].range_mm == pytest.approx((0.05, 1.75))
+    # 3.2 + 2 x .12 less 3.2, +- .1 each
+    assert found["lips over their hole"].range_mm == pytest.approx((0.04, 0.44))
+
+
+def test_a_flat_led_needs_its_sagitta_too():
+    design = load_design("deltact", ["light.led_width_mm=5", "light.led_height_mm=1.6"])
+    r = design.strip_radius_mm
+    corner = math.hypot(r - led_room_mm(design), 2.5)
+    # The back of the strip is a chord: its ends lie on the channel's wall, at the radius r.
+    back = r - led_room_mm(design) + 1.6 + design.light.strip_thickness_mm
+    assert math.hypot(back, 2.5) == pytest.approx(r)
+    assert corner > design.channel_inner_mm
+    assert led_room_mm(design) == pytest.approx(1.6 + 0.3 + 0.2056, abs=1e-4)
+    assert math.isnan(led_room_mm(load_design("deltact", ["light.led_width_mm=20"]))) is False
+    wide = dataclasses.replace(design, shell=dataclasses.replace(design.shell, ledge_mm=11.0))
+    assert math.isnan(led_room_mm(wide)) is (wide.strip_radius_mm <= 2.5)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_pair_of_what_is_shipped_fits_at_its_limits(name):
+    design = load_design(name)
+    rows = [*fits.rows(design), *fits.platform(design)]
+    assert [row.found for row in rows if not row.passed] == []
+    # Nobody has measured these machines, and each row that counts on them says so.
+    pocket = next(row for row in rows if row.found.startswith("plate in its pocket"))
+    assert pocket.verdict == "pass (unverified: resin printer, laser)"
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ("light.channel_mm=1.5", "LED in its channel"),
+        ("light.led_width_mm=8", "LED in its channel"),
+        ("cover.lip_mm=0.01", "lips over their hole"),
+        ("cover.lip_mm=0.2", "largest lip within the strain"),
+        ("cover.peg_clearance_mm=0.01", "peg in its hole"),
+        ("cover.peg_play_mm=0.1", "legs through the holder, z"),
+        ("mold.fit_mm=0.02", "frame in its seat"),
+        ("holder.fit_mm=0.02", "camera holder in the shell"),
+        ("plate.fit_mm=0.05", "plate in its pocket"),
+        ("shell.ledge_drop_mm=0", "plate between the ledges"),
+        ("light.axial_fit_mm=0.2", "ring below the acrylic"),
+        ("cover.fit_mm=0.1", "boss in its corner"),
+        ("mold.columns=8", "384 x 104 x 12 mm | <= 145 x 145 x 175 mm (resin_printer.bed_x_mm"),
+        ("resin_printer.bed_x_mm=100", "resin_printer.bed_x_mm"),
+        ("resin_printer.plane_mm=0.2", "plate in its pocket"),
+        ("resin_printer.hole_bias_mm=-0.1", "plate in its pocket"),
+        ("laser.sheet_tolerance=0.2", "laser.sheet_tolerance"),
+    ],
+)
+def test_a_pair_that_does_not_go_together_is_a_row_that_names_the_key(change, says):
+    told = failing(change)
+    assert any(says in line for line in told), told
+    key = change.partition("=")[0]
+    if not key.startswith(("resin_printer", "laser", "mold.col", "light.led_w")):
+        assert any(key in line for line in told), told
+
+
+def test_a_failing_pair_fails_the_command():
+    # An inequality is broken as well, so that no solid is built: the rows are there all the same.
+    changes = ["--set", "mold.fit_mm=0.02", "--set", "light.floor_mm=0.5"]
+    told = CliRunner().invoke(main, ["cad", "check", *changes])
+    assert told.exit_code == 1
+    assert "frame in its seat, x: -0.160 to 0.240 mm" in told.output
+    assert "fit at its limits (mold, skin-frame)" in str(told.exception) + told.output
+
+
+def test_drawn_lots_stay_within_the_limits_and_no_pair_that_passes_interferes():
+    rng = np.random.default_rng(11)
+    for fit in every(Design()).values():
+        room, body = (
+            sum(
+                rng.uniform(length.mean_mm - length.spread_mm, length.mean_mm + length.spread_mm, n)
+                for length in lengths
+            )
+            for lengths, n in ((fit.room, 20_000), (fit.body, 20_000))
+        )
+        play, (low, high) = room - body, fit.range_mm
+        assert fit.least_mm - 1e-9 <= low <= play.min()
+        assert play.max() <= high
+        # Not so wide that it says nothing: lots of two or three lengths come near both ends.
+        if sum(length.spread_mm > 0 for length in (*fit.room, *fit.body)) <= 3:
+            assert play.min() - low <= 0.15 * fit.spread_mm + 1e-9
+
+
+def at_limit(design: Design, **sections: dict[str, float]) -> Design:
+    """The design with some lengths moved, of which only some parts are then built."""
+    moved = {
+        name: dataclasses.replace(getattr(design, name), **changes)
+        for name, changes in sections.items()
+    }
+    return dataclasses.replace(design, **moved)
+
+
+def common_mm3(first, second, at=(0.0, 0.0, 0.0)) -> float:
+    from deltact_fab.cad.kernel import require
+
+    return float(first.intersect(second.moved(require().Location(at))).Volume())
+
+
+def test_solids_at_their_limits_share_no_volume():
+    """Plate in the frame's pocket, ring in the shell, frame in the mold: built as they may come."""
+    design, off = Design(), Design().resin_printer.plane_mm
+    cut = design.laser.tolerance_mm
+
+    def made(name: str, source: Design):
+        return build_part(find(name), source)[0]
+
+    frame = made("skin-frame", at_limit(
+        design, skin={"width_mm": 36 - off, "length_mm": 34 - off},
+        frame={"wall_x_mm": 1.5 + off / 2, "wall_y_mm": 3 + off / 2, "seat_y_mm": 1.5},
+    ))  # fmt: skip
+    plate = at_limit(design, plate={"fit_mm": design.plate.fit_mm - cut / 2})
+    # Just inside, just outside: at a limit two faces touch.
+    assert common_mm3(frame, made("acrylic", plate)) < 1e-3
+    worse = at_limit(design, plate={"fit_mm": design.plate.fit_mm - cut / 2 - 0.02})
+    assert common_mm3(frame, made("acrylic", worse)) > 0.1
+
+    shell = made("shell", at_limit(design, shell={"ledge_mm": 1.5 + off / 2}))
+    ring = at_limit(design, light={"fit_mm": design.light.fit_mm - off / 2})
+    assert common_mm3(shell, made("light-holder", ring)) == 0
+    assert common_mm3(shell, made("light-holder", ring), (0, 0.09, 0)) == 0
+    assert common_mm3(shell, made("light-holder", ring), (0, 0.11, 0)) > 0
