@@ -25,7 +25,7 @@ def watched(record: T, path: str, note: Note) -> T:
     Records inside are watched in turn; of everything else `value` is the plain data. A method
     runs on the watched record.
     """
-    made = object.__new__(_class(type(record)))
+    made: Any = object.__new__(_class(cast(Any, type(record))))
     for name, value in (("_real", record), ("_path", path), ("_note", note)):
         object.__setattr__(made, name, value)
     return cast(T, made)
