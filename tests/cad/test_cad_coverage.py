@@ -62,12 +62,20 @@ def also(name, item):
     return changed(name, lambda source, items: [*items, item(source)])
 
 
+# The legs follow the slot, too.
+SLOT = (" slot", " over both legs")
+
+
 def test_a_length_left_out_is_told():
     dims = load_design()
-    slot = without("cover", lambda i: isinstance(i, Linear) and i.after == " slot")
-    assert coverage(slot, dims).unsaid == ("cover.slot_mm",)
+    slot = without("cover", lambda i: isinstance(i, Linear) and i.after in SLOT)
+    assert coverage(slot, dims).unsaid == ("cover.slot_mm", "cover.leg_mm")
     (row,) = drawings.rows(dims, [slot])
-    assert (row.part, row.found, row.passed) == ("cover", "not said: cover.slot_mm", False)
+    assert (row.part, row.found, row.passed) == (
+        "cover",
+        "not said: cover.slot_mm, cover.leg_mm",
+        False,
+    )
     wells = without("coupon-mold", lambda i: isinstance(i, Leader))
     assert "coupon.diameter_mm" not in coverage(wells, dims).unsaid  # the overall length has it
     base = without("coupon-mold", lambda i: isinstance(i, Linear) and i.view == "left")
@@ -76,10 +84,12 @@ def test_a_length_left_out_is_told():
 
 def test_a_key_may_be_silent_with_a_reason():
     dims = load_design()
-    slot = without("cover", lambda i: isinstance(i, Linear) and i.after == " slot")
+    slot = without("cover", lambda i: isinstance(i, Linear) and i.after in SLOT)
 
     def callouts(source):
-        return replace(slot.callouts(source), silent={"cover.slot_mm": "sawn to fit"})
+        return replace(
+            slot.callouts(source), silent={"cover.slot_mm": "sawn", "cover.leg_mm": "sawn"}
+        )
 
     assert coverage(replace(slot, callouts=callouts), dims).complete
 
@@ -87,7 +97,7 @@ def test_a_key_may_be_silent_with_a_reason():
 def test_a_length_said_twice_is_told():
     dims = load_design()
     again = also("acrylic", lambda d: z_of("left", d.z_joint_mm, d.z_ledge_mm, "left"))
-    assert coverage(again, dims).twice == ("2 (front) and 2 (left)",)
+    assert coverage(again, dims).twice == ("2 ±0.2 (front) and 2 (left)",)
     label = also(
         "coupon-mold", lambda d: Leader("top", (0, 0, 0), 0, f"R{d.coupon.diameter_mm / 2}")
     )

@@ -277,14 +277,13 @@ def body_items(d: Design) -> list[Item]:
 
 
 def _drop(d: Design) -> list[Item]:
-    """How far the ledge lies behind the joint."""
-    drop, joint = d.shell.ledge_drop_mm, d.z_joint_mm
-    y = d.cavity_half_mm[1] - d.shell.ledge_mm
-    return (
-        [z_of("left", joint - drop, joint, "left", 0, y, limits=d.resin_printer.tall_limits_mm)]
-        if drop > 0
-        else []
-    )
+    """The ledge itself, where it lies behind the joint."""
+    shell, joint = d.shell, d.z_joint_mm
+    if not shell.ledge_drop_mm > 0:
+        return []
+    low, high = joint - shell.ledge_height_mm, joint - shell.ledge_drop_mm
+    y, limits = d.cavity_half_mm[1] - shell.ledge_mm, d.resin_printer.tall_limits_mm
+    return [z_of("left", low, high, "left", 0, y, limits=limits)]
 
 
 def callouts(d: Design) -> Callouts:
