@@ -170,8 +170,9 @@ class Design(SensorDimensions):
 
     @property
     def seat_half_mm(self) -> Point2:
-        """Half sides of the frame's pocket for the acrylic = (width / 2, length / 2 + seat)."""
-        return self.skin.width_mm / 2, self.skin.length_mm / 2 + self.frame.seat_y_mm
+        """Half sides of the frame's pocket for the acrylic = half the skin + seat: (18, 18.5)."""
+        skin, frame = self.skin, self.frame
+        return skin.width_mm / 2 + frame.seat_x_mm, skin.length_mm / 2 + frame.seat_y_mm
 
     @property
     def acrylic_half_mm(self) -> Point2:
@@ -188,6 +189,12 @@ class Design(SensorDimensions):
         (x, y), (px, py) = self.acrylic_half_mm, self.post_edge_mm
         nx, ny = x - px + self.plate.fit_mm, y - py + self.plate.fit_mm
         return (nx, ny) if min(nx, ny) > 0 else (0.0, 0.0)
+
+    @property
+    def ledge_half_mm(self) -> Point2:
+        """Half opening between the shell's ledges = half cavity - ledge: (17, 17)."""
+        (x, y), shell = self.cavity_half_mm, self.shell
+        return x - shell.ledge_x_mm, y - shell.ledge_mm
 
     @property
     def boss_room_mm(self) -> float:
@@ -209,9 +216,8 @@ class Design(SensorDimensions):
 
     @property
     def light_radius_mm(self) -> float:
-        """Outer radius of the light holder = least half cavity inside the ledge - fit: 16.8."""
-        x, y = self.cavity_half_mm
-        return min(x, y - self.shell.ledge_mm) - self.light.fit_mm
+        """Outer radius of the light holder = least half opening of the ledges - fit: 16.8."""
+        return min(self.ledge_half_mm) - self.light.fit_mm
 
     @property
     def strip_radius_mm(self) -> float:

@@ -31,18 +31,21 @@ class Asked:
     realtime: bool
 
     def warnings(self, progress: Progress | None) -> list[str]:
-        """Predicted forces beyond the rig's limits, or that may trip the guard, a line each.
+        """Predicted forces beyond the rig's limits or the plate's, or that may trip the guard.
 
-        Raises InputError for them on a real rig.
+        A line each. Raises InputError on a real rig for what would break something.
         """
         if self.job.air:
             return []
         protocol, sensor = self.job.protocol, self.job.sensor
+        design = load_design(protocol.specimen.design)
         limits = preflight.limits_of(self.rig, str(self.rig_path), protocol, self.realtime)
         peaks = preflight.predict(protocol, sensor, limits.origin_mm, progress)
         assert peaks is not None
         lines = preflight.judge(protocol.name, sensor.skin.thickness_mm, peaks, limits)
-        found = preflight.require(lines, limits) + preflight.may_trip(protocol.name, peaks, limits)
+        breaks, remarks = preflight.judge_plate(protocol.name, peaks, design)
+        found = preflight.require(lines + breaks, limits)
+        found += preflight.may_trip(protocol.name, peaks, limits) + remarks
         return [f"WARNING: {line}" for line in found]
 
 

@@ -41,7 +41,9 @@ def checks(
     if all(row.ok for row in rows) and not air:
         declared = preflight.limits_of(rig, str(path), protocol)
         peaks = preflight.predict(protocol, sensor, declared.origin_mm, solve=False)
-        rows += [] if peaks is None else preflight.checks(peaks, declared)
+        if peaks is not None:
+            rows += preflight.checks(peaks, declared)
+            rows += preflight.plate_checks(peaks, sensor, declared.simulated)
     return rows
 
 
@@ -73,7 +75,9 @@ def forces(
     peaks = preflight.predict(protocol, sensor, limits.origin_mm, progress, solve)
     if peaks is None:
         return None
-    return peaks, preflight.judge(protocol.name, sensor.skin.thickness_mm, peaks, limits)
+    lines = preflight.judge(protocol.name, sensor.skin.thickness_mm, peaks, limits)
+    breaks, remarks = preflight.judge_plate(protocol.name, peaks, sensor)
+    return peaks, lines + breaks + remarks
 
 
 def _check(name: str, what: str, reasons: list[str]) -> limits.Check:

@@ -52,6 +52,7 @@ class FrameDimensions:
     wall_x_mm: float = number(1.5, "wall beside the skin in x; (39 - 36) / 2", 0.5, 50)
     wall_y_mm: float = number(3.0, "wall beside the skin in y; (40 - 34) / 2", 0.5, 50)
     seat_y_mm: float = number(1.5, "ledge in y that the acrylic rests on", 0.2, 20)
+    seat_x_mm: float = number(0.0, "by which the acrylic's pocket is wider than the skin", 0, 20)
 
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012
 

@@ -105,13 +105,14 @@ WIDE = ["envelope.width_mm=90", "envelope.length_mm=90", "envelope.height_mm=60"
 @pytest.mark.parametrize(
     "changes",
     [
-        ["frame.wall_x_mm=7"],  # the x wall holds the post
+        ["frame.wall_x_mm=7", "shell.ledge_x_mm=0"],  # the x wall holds the post
         ["skin.edge_fillet_mm=5.9", "optics.acrylic_mm=2.5"],
         ["skin.protrusion_mm=12", "optics.acrylic_mm=8"],  # nothing in the window
         ["skin.length_mm=60", "skin.edge_fillet_mm=0.3", "holder.head_clearance_mm=0.1"],
         ["skin.thickness_mm=15", "frame.wall_y_mm=3.5", "frame.seat_y_mm=2"],
+        ["frame.wall_x_mm=3", "frame.seat_x_mm=1.5"],
     ],
-    ids=["post in the wall", "large fillet", "all proud", "long", "thick"],
+    ids=["post in the wall", "large fillet", "all proud", "long", "thick", "wide pocket"],
 )
 def test_other_dimensions_pass_the_gate(changes, cq):
     dims = load_design("deltact", [*WIDE, *changes])

@@ -114,14 +114,19 @@ def test_unusual_designs_have_a_guide(tmp_path: Path, changes: tuple[str, ...]) 
     assert "H. Assembly" in page(tmp_path / "guide.html", *changes).text
 
 
+def measured(section: str, keys: list[str]) -> list[str]:
+    """The change that marks all of a section's keys as measured."""
+    names = [key.partition(".")[2] for key in keys if key.startswith(f"{section}.")]
+    return [f"{section}.measured={json.dumps(names)}"]
+
+
 def test_what_is_measured_is_no_longer_unverified(default: Seen, tmp_path: Path) -> None:
     keys = load_design().unverified()
     assert {"camera.lens_diameter_mm", "camera.lens_height_mm"} < set(keys)
     assert f"{len(keys)} dimensions unverified" in default.text
     assert all(f"{key} = " in default.text for key in keys)
-    assert "without its section, in camera.measured:" in default.text
-    names = json.dumps([key.removeprefix("camera.") for key in keys])
-    done = page(tmp_path / "guide.html", f"camera.measured={names}")
+    assert "without its section, in plate.measured or camera.measured:" in default.text
+    done = page(tmp_path / "guide.html", *measured("camera", keys), *measured("plate", keys))
     assert "dimensions unverified" not in done.text
     assert "camera.measured" not in done.text
     assert "Every dimension is marked as measured." in done.text
@@ -132,11 +137,11 @@ def test_each_section_says_where_its_measured_keys_go(tmp_path: Path) -> None:
     both = page(tmp_path / "a.html", design="franka").text
     assert f"{len(franka)} dimensions unverified" in both
     # Whichever of them comes first in the list.
-    assert set(re.findall(r"(?:camera|mount)\.measured", both)) == {
-        "camera.measured", "mount.measured",
+    assert set(re.findall(r"(?:camera|mount|plate)\.measured", both)) == {
+        "camera.measured", "mount.measured", "plate.measured",
     }  # fmt: skip
-    names = json.dumps([key.removeprefix("camera.") for key in franka if "camera." in key])
-    mount = page(tmp_path / "b.html", f"camera.measured={names}", design="franka").text
+    changes = measured("camera", franka) + measured("plate", franka)
+    mount = page(tmp_path / "b.html", *changes, design="franka").text
     assert "in mount.measured:" in mount
     assert "camera.measured" not in mount
 
@@ -160,7 +165,7 @@ def test_a_screw_nobody_sells_is_made_and_a_stripped_one_replaced(
 
 
 def test_notches_and_post_faces_are_named_where_they_exist(default: Seen, tmp_path: Path) -> None:
-    held = page(tmp_path / "guide.html", "frame.wall_x_mm=6.6").text
+    held = page(tmp_path / "guide.html", "frame.wall_x_mm=6.6", "shell.ledge_x_mm=0").text
     for words in ("with notched corners", "tip the mold by about 10°", "(4.9 × 3.4 mm) look down"):
         assert words in default.text
         assert words not in held

@@ -43,7 +43,8 @@ def plain(key: str) -> str:
         return "camera board"
     if key.startswith(("resin_printer.", "laser.")):
         return key.partition(".")[0].replace("_", " ")
-    return key.rpartition(".")[2].removesuffix("_mm").replace("_", " ")
+    name = key.rpartition(".")[2]
+    return name.removesuffix("_mm").removesuffix("_mpa").replace("_", " ")
 
 
 def open_keys(unverified: Iterable[str], *keys: str) -> tuple[str, ...]:

@@ -10,6 +10,7 @@ from ..design import IndenterList
 from ..dimensions import Design
 from ..kernel import guarded
 from . import (
+    bending,
     casting,
     drawings,
     fits,
@@ -37,6 +38,9 @@ CHECKS = (
     Check("engagement", "screws", f">= {screws.ENGAGEMENT_D:g} d", screws.engagement),
     Check(thickness.NAME, "printed parts", "each part's wall", thickness.rows),
     Check("snap strain", "cover, camera-holder", "cover.strain_limit", pegs.rows),
+    Check("plate deflection", "acrylic", "plate.deflection_share", bending.deflection),
+    Check("plate clear of the light", "acrylic, light-holder", "light.axial_fit_mm", bending.clear),
+    Check("plate stress", "acrylic", "plate.stress_limit_mpa", bending.stress),
     Check("view cone", "camera", "the crop's half angle", sight.view),
     Check("light cone", "light-holder", "all rays reach the face", sight.light_cone),
     Check("LED strip length", "light-holder", "round the channel", sight.strip),

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..dimensions import Design
 from ..parts.light_holder import LightDimensions
 from ..parts.screw import stock_note
 from ..standards import CAP_SCREWS
+from ..stiffness import press
 from . import fabrication
 
 PATTERN_MM = 35.0
@@ -16,6 +17,7 @@ PAPER_MM_PER_PX = 0.037
 PAPER_PX = (798, 586)
 EARLIER_MM = (51, 65, 52)
 PAPER_MM = (39, 60, 30)
+PAPER_PLATE_MM = 2.0
 PAPER_DEPTH_MM = 10.0
 PAPER_OHM, PAPER_V = 750.0, 5.0
 PAPER_SHEAR_MM = 10.0
@@ -42,6 +44,7 @@ def _mechanics(d: Design) -> list[Gap]:
     left = f"leaves {left_mm:.2g} mm" if left_mm > 0 else "leaves nothing"
     beside = (d.frame.wall_y_mm - row.clearance_mm) / 2
     ax, ay = d.acrylic_half_mm
+    found = press(d, d.plate.force_n)
     return [
         Gap(
             "Four M1.6 screws, 19 mm long.",
@@ -69,6 +72,15 @@ def _mechanics(d: Design) -> list[Gap]:
             f"shell below it; the plate is {2 * ax:g} x {2 * ay:g} mm.",
         ),
         Gap(
+            f"The plate is {PAPER_PLATE_MM:g} mm thick; nothing of the press that it bears.",
+            f"Under {d.plate.force_n:g} N ({d.plate.depth_mm:g} mm deep) a plate of "
+            f"{PAPER_PLATE_MM:g} mm on two ledges would yield by {_on_two_mm(d):.2g} mm.",
+            f"{_carried(d)}: {found.deflection_mm:.2g} mm, "
+            f"{100 * found.deflection_mm / d.plate.depth_mm:.2g} % of the depth, and "
+            f"{found.stress_mpa:.2g} MPa; the light holder stands {d.light.axial_fit_mm:g} mm "
+            f"behind it. The simulated sensor's plate is rigid.",
+        ),
+        Gap(
             "Four snap-fit cylinders, no dimension.",
             "A solid peg does not spring.",
             f"Split pegs of {d.cover.peg_mm:g} mm with a lip of {d.cover.lip_mm:g} mm: strain "
@@ -87,6 +99,18 @@ def _mechanics(d: Design) -> list[Gap]:
             "The dimensions are what is built: {:g} x {:g} x {:g} mm.".format(*d.outer_mm),
         ),
     ]
+
+
+def _carried(d: Design) -> str:
+    edges = "four" if d.shell.ledge_x_mm > 0 else "two"
+    return f"{d.optics.acrylic_mm:g} mm on {edges} ledges of the shell"
+
+
+def _on_two_mm(d: Design) -> float:
+    """Deflection of the paper's plate with its x edges free."""
+    shell = replace(d.shell, ledge_x_mm=0.0)
+    optics = replace(d.optics, acrylic_mm=PAPER_PLATE_MM)
+    return press(replace(d, shell=shell, optics=optics), d.plate.force_n).deflection_mm
 
 
 def _notched(d: Design) -> str:

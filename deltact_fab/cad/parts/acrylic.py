@@ -2,17 +2,17 @@
 
    +--------------------+          z = -thickness (ledge) to the joint, 2 mm
    |                    |   y
-+--+                    +--+  ^    Its y edges lie between the frame's ledge and the shell's.
-|                          |  |    The corners are notched around the frame's posts; where the
-+--+                    +--+  +->  walls hold the posts it is the paper's rectangle.
-   |                    |      x
++--+                    +--+  ^    Its y edges lie between the frame's ledge and the shell's, its
+|                          |  |    x edges on the shell's. The corners are notched around the
++--+                    +--+  +->  frame's posts; where the walls hold the posts it is the
+   |                    |      x   paper's rectangle.
    +--------------------+
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from ..checks import Expected
@@ -21,7 +21,7 @@ from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
 from ..part import CLEAR, LASER_CUT, Part
-from ..record import Point2, Record, number
+from ..record import Point2, Record, check_measured, number
 from ..rule import Rule
 
 if TYPE_CHECKING:
@@ -32,10 +32,27 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PlateDimensions(Record):
-    """The acrylic plate (part 2)."""
+    """The acrylic plate (part 2): how it lies, what it must bear under a press, its material.
+
+    measured: keys that a lab knows of its own plate; they no longer count as unverified.
+    """
 
     fit_mm: float = number(0.1, "clearance in the frame's pocket, per side", 0.02, 2)
     ledge_mm: float = number(0.5, "least width that lies on a ledge", 0.1, 10)
+    force_n: float = number(49.0, "press it is made for", 0.1, 5000)
+    depth_mm: float = number(5.0, "depth of that press", 0.1, 60)
+    spread_mm: float = number(22.0, "disc that the gel spreads it on", 1, 100, unverified=True)
+    deflection_share: float = number(0.05, "of the depth, by which it may yield", 1e-3, 1)
+    youngs_modulus_mpa: float = number(3000.0, "of cast PMMA", 100, 1e5, unverified=True)
+    poisson: float = number(0.37, "of cast PMMA", 0.0, 0.49)
+    stress_limit_mpa: float = number(35.0, "half of what breaks PMMA", 1, 1000, unverified=True)
+    measured: tuple[str, ...] = field(
+        default=(), metadata={"meaning": "keys measured on the lab's own plate"}
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_measured(self)
 
 
 def notched(half_mm: Point2, notch_mm: Point2) -> list[Point2]:
@@ -124,17 +141,21 @@ def fits(d: Design) -> Iterator[Fit]:
         d.plate.ledge_mm,
     )
     # The shell stands off the frame by what its screws leave it.
-    behind = printer.inner("opening of the shell", 2 * (d.cavity_half_mm[1] - d.shell.ledge_mm))
     hole = printer.inner("hole of the shell", d.screw.row.clearance_mm)
     shank = Length("less the screw", -d.screw.row.thread_mm)
-    yield Fit(
-        "plate on the shell's ledge, y",
-        "acrylic, shell",
-        (plate_y,),
-        (behind.half(), pocket_y.half(), hole.half(), shank.half()),
-        ("shell.ledge_mm", "plate.ledge_mm"),
-        d.plate.ledge_mm,
-    )
+    for i, key in enumerate(("ledge_x_mm", "ledge_mm")):
+        if getattr(d.shell, key) == 0:
+            continue
+        behind = printer.inner("opening of the shell", 2 * d.ledge_half_mm[i])
+        pocket = printer.inner("pocket", 2 * d.seat_half_mm[i])
+        yield Fit(
+            f"plate on the shell's ledge, {'xy'[i]}",
+            "acrylic, shell",
+            (laser.cut("plate", 2 * d.acrylic_half_mm[i]),),
+            (behind.half(), pocket.half(), hole.half(), shank.half()),
+            (f"shell.{key}", "plate.ledge_mm"),
+            d.plate.ledge_mm,
+        )
 
 
 def callouts(d: Design) -> Callouts:

@@ -15,7 +15,8 @@ Section below z_boss, seen along -z:     Section at x = 0:
 
 In each corner stands a post with a through hole on a screw's axis, from z_boss to the joint. Below
 z_boss the cover's boss takes its place and the wall's, and keeps `cover.fit_mm` from the shell.
-The ledges carry the acrylic's y edges from behind.
+The ledges carry the acrylic's edges from behind, those in x (not drawn) like those in y: on two
+edges it would bend twice as far.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..checks import Box, Expected
-from ..drafting.dimensioning import Axis, Cut, Item, shown
+from ..drafting.dimensioning import Axis, Cut, Detail, Item, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
@@ -49,9 +50,10 @@ class ShellDimensions(Record):
 
     wall_mm: float = number(1.5, "wall of shell, cover and bosses (paper: 1.5)", 0.5, 20)
     ledge_mm: float = number(1.5, "ledge in y that carries the acrylic's edge", 0.2, 20)
-    ledge_height_mm: float = number(2.0, "height of that ledge", 0.5, 20)
+    ledge_x_mm: float = number(1.15, "ledge in x for the other two edges, 0 for none", 0, 20)
+    ledge_height_mm: float = number(2.0, "height of the ledges", 0.5, 20)
     ledge_drop_mm: float = number(
-        0.5, "ledge behind the joint, for a thick plate; adhesive fills it", 0.0, 5
+        0.5, "ledges behind the joint, for a thick plate; adhesive fills it", 0.0, 5
     )
     cable_width_mm: float = number(17.0, "notch for the camera's flat cable (16 mm)", 1, 60)
     cable_height_mm: float = number(2.0, "height of that notch", 0.5, 20)
@@ -86,7 +88,8 @@ def bare(design: Design) -> Expected:
     hole_mm2 = math.pi / 4 * design.screw.row.clearance_mm**2
     volume_mm3 += 4 * ((design.post_mm - wall) ** 2 - hole_mm2) * post_mm
     volume_mm3 -= 4 * (2 * room - wall) * wall * boss_mm
-    volume_mm3 += 2 * 2 * design.post_edge_mm[0] * shell.ledge_mm * carried_mm
+    px, py = design.post_edge_mm
+    volume_mm3 += 4 * (px * shell.ledge_mm + py * shell.ledge_x_mm) * carried_mm
     volume_mm3 -= shell.cable_width_mm * shell.cable_height_mm * wall
     half = (outer_x / 2, outer_y / 2)
     return Expected(
@@ -101,6 +104,7 @@ def bare(design: Design) -> Expected:
             "boss_mm": boss_mm,
             "cover.fit_mm": design.cover.fit_mm,
             "ledge_mm": shell.ledge_mm,
+            "ledge_x_mm": shell.ledge_x_mm,
             "ledge_height_mm": shell.ledge_height_mm,
             "ledge_drop_mm": shell.ledge_drop_mm,
             "cable_width_mm": shell.cable_width_mm,
@@ -123,9 +127,11 @@ def body(cq: Any, design: Design) -> Workplane:
     ledge = joint - shell.ledge_height_mm
     corner = (design.post_mm - shell.wall_mm, design.post_mm - shell.wall_mm)
     body = cuboid(cq, ((-outer_x / 2, -outer_y / 2, floor), (outer_x / 2, outer_y / 2, joint)))
-    # One cutter inside the other: between the ledges the cavity is only narrower in y.
-    for inward, low, high in ((0.0, floor - 1, ledge), (shell.ledge_mm, floor - 1, joint + 1)):
-        outline = notched((x, y - inward), (corner[0], corner[1] - inward))
+    # One cutter inside the other: between the ledges the cavity is only narrower.
+    inward = (shell.ledge_x_mm, shell.ledge_mm)
+    for (dx, dy), high in (((0.0, 0.0), ledge), (inward, joint + 1)):
+        low = floor - 1
+        outline = notched((x - dx, y - dy), (corner[0] - dx, corner[1] - dy))
         plan = cq.Workplane().workplane(offset=low).polyline(outline).close()
         body = body.cut(plan.extrude(high - low))
     if shell.ledge_drop_mm > 0:
@@ -167,9 +173,13 @@ def rules(d: Design) -> Iterator[Rule]:
         "<",
         ("depth of the shell", d.z_joint_mm - d.z_floor_mm),
     )
-    held = d.acrylic_half_mm[1] - (d.cavity_half_mm[1] - shell.ledge_mm)
     edge = ("plate.ledge_mm", d.plate.ledge_mm)
+    held = d.acrylic_half_mm[1] - d.ledge_half_mm[1]
     yield Rule(part, edge, "<=", ("acrylic's edge on the ledge", held))
+    if shell.ledge_x_mm > 0:
+        held = d.acrylic_half_mm[0] - d.ledge_half_mm[0]
+        what = ("acrylic's edge on the ledge in x (shell.ledge_x_mm, frame.seat_x_mm)", held)
+        yield Rule(part, edge, "<=", what)
     yield Rule(
         part,
         ("ledge_drop_mm + least wall", shell.ledge_drop_mm + d.resin_printer.least_wall_mm),
@@ -203,7 +213,7 @@ def rules(d: Design) -> Iterator[Rule]:
     )
     yield Rule(
         part,
-        ("ledge_mm", shell.ledge_mm),
+        ("ledge_mm", max(shell.ledge_mm, shell.ledge_x_mm)),
         "<=",
         ("posts beyond the wall", d.post_mm - shell.wall_mm),
     )
@@ -258,6 +268,8 @@ def body_items(d: Design) -> list[Item]:
         y_of("left", -(cy - shell.ledge_mm), cy - shell.ledge_mm, "top", 0, joint, limits=fitted),
         x_of("top", -cx, cx, "top", 0, limits=fitted),
     ]
+    if shell.ledge_x_mm > 0:
+        items.append(x_of("top", cx - shell.ledge_x_mm, cx, "top", 0))
     if boss > floor:
         room = d.boss_room_mm
         items += [
@@ -277,13 +289,20 @@ def body_items(d: Design) -> list[Item]:
 
 
 def _drop(d: Design) -> list[Item]:
-    """The ledge itself, where it lies behind the joint."""
-    shell, joint = d.shell, d.z_joint_mm
-    if not shell.ledge_drop_mm > 0:
-        return []
-    low, high = joint - shell.ledge_height_mm, joint - shell.ledge_drop_mm
-    y, limits = d.cavity_half_mm[1] - shell.ledge_mm, d.resin_printer.tall_limits_mm
-    return [z_of("left", low, high, "left", 0, y, limits=limits)]
+    """How far the ledge lies behind the joint."""
+    drop, joint = d.shell.ledge_drop_mm, d.z_joint_mm
+    y = d.ledge_half_mm[1]
+    return (
+        [z_of("B", joint - drop, joint, "left", 0, y, limits=d.resin_printer.tall_limits_mm)]
+        if drop > 0
+        else []
+    )
+
+
+def details(d: Design) -> tuple[Detail, ...]:
+    """The ledge behind the joint."""
+    at = (0.0, d.ledge_half_mm[1], d.z_joint_mm - d.shell.ledge_drop_mm)
+    return (Detail("B", "left", at, 3.0),) if d.shell.ledge_drop_mm > 0 else ()
 
 
 def callouts(d: Design) -> Callouts:
@@ -307,7 +326,10 @@ def callouts(d: Design) -> Callouts:
         f"Walls {shown(d.shell.wall_mm)} all around. Opaque: no light through the walls.",
         SQUARE_EDGES,
     )
-    return Callouts(tuple(items), notes, Cut(0.0), rests_on=mount.rests_on(d))
+    return Callouts(
+        tuple(items), notes, Cut(0.0), rests_on=mount.rests_on(d), silent=mount.silent(d),
+        details=details(d),
+    )  # fmt: skip
 
 
 def wall_mm(d: Design) -> float:
@@ -326,9 +348,9 @@ PARTS = (
         colour=BLACK,
         sections=("shell", "mount", "screw", "skin", "frame"),
         derived=(
-            "outer_mm", "frame_outer_mm", "cavity_half_mm", "post_mm", "post_edge_mm",
-            "boss_room_mm", "screw_at_mm", "shell_depth_mm", "flange_arm_z_mm", "z_joint_mm",
-            "z_boss_mm", "z_floor_mm",
+            "outer_mm", "frame_outer_mm", "cavity_half_mm", "ledge_half_mm", "post_mm",
+            "post_edge_mm", "boss_room_mm", "screw_at_mm", "shell_depth_mm", "flange_arm_z_mm",
+            "z_joint_mm", "z_boss_mm", "z_floor_mm",
         ),
         rules=rules,
         fits=fits,

@@ -14,8 +14,8 @@ Seen along -z (from the touched side):            Section at x = 0:
 
 The paper gives no drawing. A 3 mm wall cannot hold an M1.6 screw, so a square post stands in each
 corner and takes a corner of the window; the skin is notched there below the protrusion. Behind the
-skin the window is wider in y, so that the acrylic plate rests on a ledge. Frame and skin share
-faces and no volume.
+skin the window is wider in y (and by seat_x in x), so that the acrylic plate rests on a ledge.
+Frame and skin share faces and no volume.
 """
 
 from __future__ import annotations
@@ -122,6 +122,8 @@ def rules(d: Design) -> Iterator[Rule]:
         yield Rule(part, ("0", 0.0), "<", (f"room between the posts in {axis}", 2 * edge[i]))
     left = ("frame.seat_y_mm + shell.wall_mm", d.frame.seat_y_mm + d.shell.wall_mm)
     yield Rule(part, left, "<=", ("frame.wall_y_mm", d.frame.wall_y_mm))
+    left = ("frame.seat_x_mm + shell.wall_mm", d.frame.seat_x_mm + d.shell.wall_mm)
+    yield Rule(part, left, "<=", ("frame.wall_x_mm", d.frame.wall_x_mm))
     for i, axis in enumerate("xy"):
         yield Rule(
             part,
@@ -179,6 +181,8 @@ def callouts(d: Design) -> Callouts:
         y_of("left", -seat, seat, "bottom", 0, back, limits=fitted),
         z_of("left", back, ledge, "right", 0, oy, limits=tall),
     ]  # fmt: skip
+    if d.frame.seat_x_mm > 0:
+        items.append(x_of("top", -d.seat_half_mm[0], d.seat_half_mm[0], "top", 0, back))
     if d.post_in_window_mm[0] > 0:
         items += [
             x_of("top", -px, px, "top", -py, limits=fitted),

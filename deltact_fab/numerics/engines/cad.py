@@ -23,11 +23,13 @@ from ...cad.design import load_design
 from ...cad.dimensions import Design
 from ...cad.kernel import guarded, require
 from ...cad.registry import find, of_design
+from ...cad.stiffness import Plate, bend, plate_of
 from ..engine import Case, Engine, Setting, Table, Work
 
 BALL_MM = 22.0
 PARTS = of_design()
 # The kernel jumps from 0.007 to 20 times as many triangles below 0.01 mm: seconds a call.
+PLATE_TERMS_MOST = 24
 TOLERANCES_MM = (0.1, 0.05, 0.02, 0.01)
 BY_SIZE = ("light.strip_width_mm",)
 
@@ -60,6 +62,31 @@ def _part(name: str, tolerance_mm: float, scratch: Path) -> Work:
     )
 
 
+def _plate_yields(plate: Plate, terms: int, spread_mm: float) -> float:
+    """Deflection under 1 N, nothing of it from the store."""
+    return bend.__wrapped__(plate, spread_mm, terms=terms).deflection_mm
+
+
+def _plate(terms: int, scratch: Path) -> Work:
+    plate = plate_of(load_design())
+    exact = _plate_yields(plate, PLATE_TERMS_MOST, 22.0)
+    return Work(partial(_plate_yields, plate, terms, 22.0), lambda found: abs(found / exact - 1))
+
+
+def _square_plate(side_mm: float, thickness_mm: float, scratch: Path) -> float:
+    """A load in the middle of a supported square: w D / (P a^2) over Timoshenko's .01160, - 1."""
+    half = (side_mm / 2, side_mm / 2)
+    plate = Plate(half, (0.0, 0.0), half, thickness_mm, 3000.0, 0.3)
+    yields = _plate_yields(plate, PLATE_TERMS_MOST, side_mm / 1000)
+    return yields * plate.rigidity_nmm / side_mm**2 / 0.01160 - 1
+
+
+def _strip(scratch: Path) -> float:
+    """A strip of 1 x 200 mm on its ends over the beam's F l^3 / (48 E I), - 1."""
+    plate = Plate((0.5, 100.0), (0.0, 0.0), (None, 100.0), 1.0, 3000.0, 0.0)
+    return _plate_yields(plate, PLATE_TERMS_MOST, 0.5) / (200**3 / (48 * 3000 / 12)) - 1
+
+
 def curves(quick: bool) -> Sequence[Setting]:
     """Tolerance against measured distance and time."""
     float32_mm = 1e-6
@@ -75,6 +102,18 @@ def curves(quick: bool) -> Sequence[Setting]:
         )
         for series, once in (("kernel, asked once", True), ("measured and asked again", False))
         for tolerance in ((0.05,) if quick else TOLERANCES_MM)
+    ]
+    out += [
+        Setting(
+            case="acrylic plate under 1 N",
+            series="polynomials in each direction",
+            name=f"{terms} terms",
+            unit="of the deflection",
+            reference=f"{PLATE_TERMS_MOST} terms",
+            reference_error=1e-3,
+            build=partial(_plate, terms),
+        )
+        for terms in ((8,) if quick else (4, 6, 8, 10, 14, 18))
     ]
     if quick:
         return out
@@ -230,6 +269,11 @@ def cases(quick: bool) -> Sequence[Case]:
              says="trial"),
         Case("coarse mesh after a fine one", "right", _coarse_after_fine, 0, "triangles"),
         Case("box of a meshed solid", "right", _box_after_meshing, 1e-5, "mm"),
+        Case("plate: square of 34 x 34 x 2 mm", "right", partial(_square_plate, 34.0, 2.0), 5e-3,
+             "of the deflection"),
+        Case("plate: 200 x 200 x .5 mm", "right", partial(_square_plate, 200.0, 0.5), 5e-3,
+             "of the deflection"),
+        Case("plate: strip of 1 x 200 mm", "right", _strip, 1e-2, "of the deflection"),
         Case("ball of 22 mm at 0.05 mm", "right", partial(_over_tolerance, 22.0, 0.05), 1.0,
              "of the tolerance"),
     ]  # fmt: skip

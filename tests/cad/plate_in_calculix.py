@@ -1,0 +1,112 @@
+"""A quarter of the notched acrylic plate in CalculiX: solid elements, nothing of the series."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from deltact_fab.cad.stiffness import Plate
+
+# Corners, then middles of edges, in the order of C3D20R; in half steps of the element.
+NODES = (
+    (0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0), (0, 0, 2), (2, 0, 2), (2, 2, 2), (0, 2, 2),
+    (1, 0, 0), (2, 1, 0), (1, 2, 0), (0, 1, 0), (1, 0, 2), (2, 1, 2), (1, 2, 2), (0, 1, 2),
+    (0, 0, 1), (2, 0, 1), (2, 2, 1), (0, 2, 1),
+)  # fmt: skip
+Held = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Solution:
+    """At nodes: places (n, 3) and displacements (n, 3) in mm, stresses (n, 6) in MPa."""
+
+    places: np.ndarray
+    moved: np.ndarray
+    stresses: np.ndarray
+
+    def at(self, x: float, y: float, z: float) -> int:
+        return int(np.argmin(np.abs(self.places - (x, y, z)).sum(axis=1)))
+
+
+def solve(
+    plate: Plate, force_n: float, spread_mm: float, held: Held, folder: Path, step_mm: float = 1.0
+) -> Solution:
+    """The plate from z = 0 (back) to its thickness under a press on its front, towards -z.
+
+    held: places (n, 3) to which of them keep their z. The quarter x, y > 0 of a whole that is
+    symmetric; the load is uniform on a disc about the middle.
+    """
+    axes = [_lines(plate, axis, step_mm) for axis in range(2)]
+    axes.append(np.linspace(0, plate.thickness_mm, 3))
+    fine = [np.sort(np.concatenate([a, (a[1:] + a[:-1]) / 2])) for a in axes]
+    number: dict[tuple[int, int, int], int] = {}
+    elements, shares = [], []
+    (w, h), (nx, ny) = plate.half_mm, plate.notch_mm
+    for i in range(len(axes[0]) - 1):
+        for j in range(len(axes[1]) - 1):
+            low = np.array([axes[0][i], axes[1][j]])
+            size = np.array([axes[0][i + 1], axes[1][j + 1]]) - low
+            middle = low + size / 2
+            if middle[0] > w - nx and middle[1] > h - ny:
+                continue
+            for k in range(len(axes[2]) - 1):
+                at = [(2 * i + a, 2 * j + b, 2 * k + c) for a, b, c in NODES]
+                elements.append([number.setdefault(key, len(number) + 1) for key in at])
+                on_top = k == len(axes[2]) - 2
+                shares.append(_covered(low, size, spread_mm / 2) if on_top else 0.0)
+    places = np.array([[fine[a][key[a]] for a in range(3)] for key in number])
+    area_mm2 = np.pi / 4 * spread_mm**2
+    pressure = [force_n / area_mm2 * share for share in shares]
+    lines = ["*NODE, NSET=ALL"]
+    lines += [f"{n + 1}, {x:.9g}, {y:.9g}, {z:.9g}" for n, (x, y, z) in enumerate(places)]
+    lines += ["*ELEMENT, TYPE=C3D20R, ELSET=PLATE"]
+    for n, nodes in enumerate(elements, start=1):
+        lines += [", ".join(map(str, [n, *nodes[:10]])) + ",", ", ".join(map(str, nodes[10:]))]
+    lines += ["*MATERIAL, NAME=PMMA", "*ELASTIC", f"{plate.youngs_modulus_mpa}, {plate.poisson}"]
+    lines += ["*SOLID SECTION, ELSET=PLATE, MATERIAL=PMMA", "*BOUNDARY"]
+    for axis in range(2):
+        lines += [f"{n + 1}, {axis + 1}" for n in np.flatnonzero(places[:, axis] == 0)]
+    lines += [f"{n + 1}, 3" for n in np.flatnonzero(held(places))]
+    lines += ["*STEP", "*STATIC", "*DLOAD"]
+    lines += [f"{n}, P2, {p:.9g}" for n, p in enumerate(pressure, start=1) if p > 0]
+    lines += ["*NODE FILE", "U, RF", "*EL FILE", "S", "*END STEP", ""]
+    (folder / "plate.inp").write_text("\n".join(lines))
+    done = subprocess.run(["ccx", "plate"], cwd=folder, capture_output=True, text=True, check=False)
+    assert "Job finished" in done.stdout, done.stdout[-2000:]
+    text = (folder / "plate.frd").read_text()
+    moved, stresses = _block(text, "DISP", 3), _block(text, "STRESS", 6)
+    return Solution(places, moved, stresses)
+
+
+def _lines(plate: Plate, axis: int, step_mm: float) -> np.ndarray:
+    """Planes between elements: at the notch, at the support, at the edge, and step_mm between."""
+    half, support = plate.half_mm[axis], plate.support_mm[axis]
+    marks = sorted({0.0, half - plate.notch_mm[axis], half} | ({support} if support else set()))
+    pieces = [
+        np.linspace(a, b, int(np.ceil((b - a) / step_mm)) + 1)[:-1] for a, b in pairwise(marks)
+    ]
+    return np.append(np.concatenate(pieces), half)
+
+
+def _covered(low: np.ndarray, size: np.ndarray, radius_mm: float) -> float:
+    """Share of a rectangle that lies in a disc about the origin."""
+    t = (np.arange(20) + 0.5) / 20
+    x, y = np.meshgrid(low[0] + size[0] * t, low[1] + size[1] * t)
+    return float((np.hypot(x, y) < radius_mm).mean())
+
+
+def _block(text: str, name: str, columns: int) -> np.ndarray:
+    """The nodal values of one result of a .frd file, by node."""
+    rows = text.split(f" -4  {name}", 1)[1].splitlines()
+    values = []
+    for row in rows:
+        if row.startswith(" -1"):
+            values.append([float(row[13 + 12 * c : 25 + 12 * c]) for c in range(columns)])
+        elif row.startswith(" -3"):
+            break
+    return np.array(values)

@@ -1,0 +1,66 @@
+"""What predicted presses do to the acrylic plate, and what a rig makes of it."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from deltact_fab import preflight
+from deltact_fab.cad.design import load_design
+from deltact_fab.cad.stiffness import press
+from deltact_fab.cli.protocol import protocol as command
+from deltact_fab.errors import InputError
+from deltact_fab.preflight import ForceLimits, Peak, judge_plate, plate_checks
+
+DESIGN = load_design()
+NAMES = ["plate stress", "plate clear of the light holder", "plate yields"]
+
+
+def peak(normal_n: float, depth_mm: float = 5.0, at_mm=(0.0, 0.0)) -> Peak:
+    return Peak("sphere:10", 1, at_mm, depth_mm, normal_n, 0.0, None, "layer", "")
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+@pytest.mark.parametrize(
+    ("normal_n", "over"),
+    [(40.0, []), (55.0, NAMES[1:2]), (70.0, NAMES[1:]), (271.0, NAMES)],
+)
+def test_too_much_stress_fails_on_a_real_rig_and_the_rest_warns(normal_n, over, simulated):
+    rows = plate_checks([peak(1.0), peak(normal_n)], DESIGN, simulated)
+    assert [r.name for r in rows] == NAMES
+    assert [r.name for r in rows if r.warns or not r.ok] == over
+    assert all(r.ok or (r.name == NAMES[0] and not simulated) for r in rows)
+    assert rows[0].ok == (simulated or normal_n < 100)
+    assert all(r.where == "sphere:10 at (0, 0) mm, 5 mm deep" for r in rows)
+
+
+def test_figures_are_those_of_the_plate_with_the_modulus_that_counts():
+    stress, light, yields = plate_checks([peak(10.0, 1.6, (3.0, 2.0))], DESIGN, True)
+    found = press(DESIGN, 10.0, (3.0, 2.0))
+    assert stress.figure == pytest.approx(2 * found.stress_mpa, abs=0.01)
+    assert light.figure == pytest.approx(2 * found.over_light_mm, rel=5e-3)
+    assert yields.figure == pytest.approx(found.deflection_mm / 1.6, rel=5e-3)
+    assert f"up to {found.deflection_mm:.3f} mm as expected, which a simulated press" in yields.what
+
+
+def test_what_would_break_the_plate_does_not_start_on_a_real_rig(caplog):
+    breaks, remarks = judge_plate("deep", [peak(271.0, 10.0)], DESIGN)
+    assert len(breaks) == 1
+    assert "plate.stress_limit_mpa" in breaks[0]
+    assert [line.partition(":")[0] for line in remarks] == ["deep", "deep"]
+    real = ForceLimits(simulated=False, source="bench.toml", stage_n=(60.0, 60.0, 60.0))
+    with pytest.raises(InputError, match="plate stress: with twice the modulus"):
+        preflight.require(breaks, real)
+    with caplog.at_level(logging.WARNING):
+        assert preflight.require(breaks, replace(real, simulated=True)) == breaks
+    assert judge_plate("mild", [peak(10.0, 1.6)], DESIGN) == ([], [])
+
+
+def test_protocol_check_has_the_plates_rows(mini: tuple[Path, Path], tmp_path: Path):
+    done = CliRunner().invoke(command, ["check", str(mini[0]), "--rig", str(mini[1])])
+    assert done.exit_code == 0
+    assert sum(line.startswith("pass  plate") for line in done.output.splitlines()) == 3
