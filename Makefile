@@ -58,6 +58,7 @@ peers: .venv-peers/.ready
 evidence: .venv/.ready
 	$(PYTEST) -m evidence
 	$(V)/python -m benchmarks.evidence --threads 2
+	$(V)/python -m benchmarks.cad_random
 
 clean:
 	rm -rf .venv demo-out .pytest_cache .mypy_cache .ruff_cache .import_linter_cache

@@ -110,8 +110,9 @@ def show(part: str, design: str, changes: tuple[str, ...], as_json: bool) -> Non
 
 @cad.command()
 @of_design
+@click.option("--cache/--no-cache", default=True, show_default=True, help="Reuse earlier rows.")
 @JSON
-def check(design: str, changes: tuple[str, ...], as_json: bool) -> None:
+def check(design: str, changes: tuple[str, ...], cache: bool, as_json: bool) -> None:
     """Check the whole design on its solids: one table, pass or fail; exit 1 when one fails."""
     from dataclasses import asdict
 
@@ -121,7 +122,7 @@ def check(design: str, changes: tuple[str, ...], as_json: bool) -> None:
     from .output import echo_json, echo_table, progress
 
     with progress("cad check") as tell:
-        rows = run(load_design(design, changes), tell)
+        rows = run(load_design(design, changes), tell, cached=cache)
     if as_json:
         echo_json([{**asdict(row), "verdict": row.verdict} for row in rows])
     else:

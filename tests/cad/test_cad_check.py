@@ -18,7 +18,7 @@ from deltact_fab.cad.design import load_design
 from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import mesh_solid
 
-VARIANTS = ("deltact", "screws-16mm", "skin-30x34", "skin-44x40", "franka")
+VARIANTS = ("deltact", "screws-16mm", "skin-30x34", "skin-44x40", "franka", "large-56x50")
 
 
 @pytest.fixture(scope="module")

@@ -2,41 +2,27 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from benchmarks.cad_random import drawn, names_a_key, numbers
+from benchmarks.cad_random import outcome as checked
+from deltact_fab import cache
 from deltact_fab.cad import feasibility
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.registry import of_design
 from deltact_fab.errors import InputError
 
 PARTS = of_design()
 
 
-def _numbers() -> list[tuple[str, float, float, float, bool]]:
-    """(key, default, low, high, whole) of every number of a design."""
-    design, found = Design(), []
-    for section in dataclasses.fields(design):
-        record = getattr(design, section.name)
-        for f in dataclasses.fields(record):
-            if "low" in f.metadata:
-                default = getattr(record, f.name)
-                ends = f.metadata["low"], f.metadata["high"]
-                key = f"{section.name}.{f.name}"
-                found.append((key, default, *ends, isinstance(default, int)))
-    return found
-
-
 @st.composite
 def changes(draw: st.DrawFn) -> list[str]:
     """One to five keys: near their default, or at and past an end of their limits."""
     drawn = []
-    chosen = draw(st.lists(st.sampled_from(_numbers()), min_size=1, max_size=5, unique=True))
+    chosen = draw(st.lists(st.sampled_from(numbers()), min_size=1, max_size=5, unique=True))
     for key, default, low, high, whole in chosen:
         value = draw(
             st.one_of(
@@ -93,3 +79,27 @@ def test_many_random_designs_give_gated_solids_or_one_line(sets):
     print(f"\n{seen['built']} sets built whole, {seen['refused']} refused")
     assert sum(seen.values()) >= 10 * sets // 11
     assert seen["built"] >= 2 * sets // 11, "most sets are refused: the draw tests little"
+
+
+def test_the_draw_is_the_same_again_and_goes_far():
+    assert drawn(3) == drawn(3)
+    widths = [float(drawn(i)[0].partition("=")[2]) for i in range(40)]
+    assert min(widths) < 30 < 55 < max(widths)
+    assert {c for i in range(40) for c in drawn(i) if c.startswith("screw.thread")} == {
+        f"screw.thread={name}" for name in ("M1.6", "M2", "M2.5", "M3")
+    }
+
+
+def test_a_message_without_a_key_is_told_from_one_with():
+    assert names_a_key("screw: 2 x thread M3 <= screw.engagement_mm: 6 <= 4.6 fails")
+    assert not names_a_key("shell closes a chain: 14.5 (left)")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("index", range(1000, 1010))
+def test_random_designs_pass_or_name_a_key(index, tmp_path, monkeypatch):
+    """Ten of those that `python -m benchmarks.cad_random` checks by the hundred, of other seeds."""
+    monkeypatch.setenv(cache.FOLDER_VARIABLE, str(tmp_path))
+    found = checked(index)
+    assert found["outcome"] in ("passed", "rows", "refused"), found
+    assert found.get("named", True), found

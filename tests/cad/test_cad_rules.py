@@ -126,7 +126,7 @@ def test_a_skin_of_24_x_24_is_refused_naming_board_and_posts():
     [
         (["screw.engagement_mm=7"], "skin-frame: screw.engagement_mm + screw.tip_clearance_mm"),
         (["screw.engagement_mm=3"], "screw: 2 x thread M1.6 <= screw.engagement_mm: 3.2 <= 3"),
-        (["screw.length_mm=20"], "screw: back of the sensor <= back of the screw heads"),
+        (["screw.length_mm=20"], "screw: back of the sensor <= back of the screw heads (screw.len"),
         (["screw.length_mm=4"], "screw: screw.engagement_mm < length_mm"),
         (["frame.seat_y_mm=2"], "skin-frame: frame.seat_y_mm + shell.wall_mm <= frame.wall_y_mm"),
         (["shell.ledge_mm=0.3"], "shell: plate.ledge_mm <= acrylic's edge on the ledge"),

@@ -131,8 +131,8 @@ def test_own_designs_are_rows_of_their_dimensions(result: StudyResult) -> None:
     table = result.tables[1].frame.set_index("sensor")
     own = table[table["said_in"] == "cad"]
     assert list(own.index) == [
-        "own: deltact", "own: franka", "own: screws-16mm", "own: skin-30x34", "own: skin-44x40",
-        "own: mine",
+        "own: deltact", "own: franka", "own: large-56x50", "own: screws-16mm", "own: skin-30x34",
+        "own: skin-44x40", "own: mine",
     ]  # fmt: skip
     assert own.loc["own: deltact", "size_mm"] == "39 x 60 x 30"
     assert own.loc["own: deltact", "area_mm2"] == pytest.approx(798 * 586 * 0.0378**2)
@@ -147,7 +147,7 @@ def test_a_view_beyond_the_face_is_bad_input(tmp_path: Path) -> None:
     path = tmp_path / "wide.toml"
     path.write_text('base = "deltact"\n[optics]\nimage_width_px = 1000\n')
     # 1000 px see 37.8 mm, and the face is 36 mm wide
-    with pytest.raises(InputError, match=r"wide\.toml: skin: view in x .* 37\.8 <= 36 fails"):
+    with pytest.raises(InputError, match=r"wide\.toml: skin: view .* 37\.8 <= 36 fails"):
         comparison.sensor_of(str(path))
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from ...errors import MissingLibrary, RunFailed
-from ..build import build_part
+from ..build import build_from
 from ..checks import Box, bounding_box
 from ..design import IndenterList
 from ..dimensions import Design
@@ -15,6 +15,7 @@ from ..mesh import Mesh, mesh_solid
 from ..part import Part
 from ..registry import listed
 from .cylinders import Cylinder, along_z
+from .known import Known
 from .rays import Walls
 
 if TYPE_CHECKING:
@@ -22,22 +23,36 @@ if TYPE_CHECKING:
 
 # Rays and closure need no finer mesh: what they find is measured again on exact surfaces.
 MESH_MM = 0.05
+PLACES = "places"  # no part is called so
 
 Tell = Callable[[str], None]
 
 
 @dataclass
 class Built:
-    """Solids by part name; what could not be made is in `failed` with its reason."""
+    """Every part as the checks see it; a solid is made when it is first asked for.
+
+    design: notes what is read from it (known.py), and so do `parts` and everything that gives a
+    solid or what was found on one. every: all parts. _solids: those that are there already.
+    """
 
     design: Design
-    parts: tuple[Part, ...]
-    solids: dict[str, Any]
-    failed: dict[str, str] = field(default_factory=dict)
+    every: tuple[Part, ...]
+    _solids: dict[str, Any]
+    _failed: dict[str, str] = field(default_factory=dict)
     _meshes: dict[str, Mesh] = field(default_factory=dict)
     _walls: dict[str, Walls] = field(default_factory=dict)
     _cylinders: dict[str, list[Cylinder]] = field(default_factory=dict)
     _placed: list[Placed] | None = None
+    # What was read to make a part, which whoever uses it depends on as well.
+    _reads: dict[str, dict[str, Any]] = field(default_factory=dict)
+    known: Known | None = None
+    tell: Tell | None = None
+
+    def __post_init__(self) -> None:
+        if self.known is None:
+            self.known = Known(self.design, self.every)
+        self.design = self.known.design
 
     @classmethod
     def make(
@@ -46,23 +61,16 @@ class Built:
         solids: Mapping[str, Any] | None = None,
         indenters: IndenterList | None = None,
         tell: Tell | None = None,
+        kept: bool = False,
     ) -> Built:
-        """Build every part that `solids` does not give."""
-        given = dict(solids or {})
-        built = cls(design, tuple(listed(indenters)), {})
-        for part in built.parts:
-            if tell is not None:
-                tell(part.name)
-            if part.name in given:
-                built.solids[part.name] = given[part.name]
-                continue
-            try:
-                built.solids[part.name] = build_part(part, design)[0]
-            except MissingLibrary:
-                raise
-            except RunFailed as why:
-                built.failed[part.name] = str(why)
-        return built
+        """The parts of a design and of a list of indenters; `solids` replace what would be built.
+
+        tell: called with the name of each part before it is built. kept: results of earlier
+        checks are used and stored, unless `solids` are given.
+        """
+        every = tuple(listed(indenters))
+        known = Known(design, every, kept and not solids)
+        return cls(design, every, dict(solids or {}), known=known, tell=tell)
 
     def replaced(self, solids: Mapping[str, Any]) -> Built:
         """The same with other solids; what is known of the rest is kept."""
@@ -72,36 +80,88 @@ class Built:
 
         return Built(
             self.design,
-            self.parts,
-            {**self.solids, **solids},
-            kept(self.failed),
+            self.every,
+            {**self._solids, **solids},
+            kept(self._failed),
             kept(self._meshes),
             kept(self._walls),
             kept(self._cylinders),
+            _reads=kept(self._reads),
         )
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """Every part; a check that asks runs again when the list changes."""
+        return self._known.parts
+
+    @property
+    def solids(self) -> dict[str, Any]:
+        """Every solid that can be built, by the part's name."""
+        return {p.name: self._solids[p.name] for p in self.every if not self.why_not(p.name)}
+
+    @property
+    def failed(self) -> dict[str, str]:
+        """What could not be built, with its reason."""
+        return {p.name: why for p in self.every if (why := self.why_not(p.name))}
+
+    @property
+    def _known(self) -> Known:
+        assert self.known is not None
+        return self.known
+
+    def result(self, name: str, compute: Callable[[], Any]) -> Any:
+        """Plain data that is kept by itself: see Known.result."""
+        return self._known.result(name, compute)
+
+    def why_not(self, name: str) -> str:
+        """Why a part cannot be built; empty when it can."""
+        if name not in self._solids and name not in self._failed:
+            self._build(name)
+        self._known.repeat(self._reads.get(name, {}))
+        if name in self._failed:
+            self._known.spoil()
+        return self._failed.get(name, "")
+
+    def _build(self, name: str) -> None:
+        part = next((p for p in self.every if p.name == name), None)
+        if part is None:
+            raise RunFailed(f"{name} could not be built")
+        if self.tell is not None:
+            self.tell(name)
+        with self._known.noting() as frame:
+            try:
+                self._solids[name] = build_from(part, self._known.source(part))[0]
+            except MissingLibrary:
+                raise
+            except RunFailed as why:
+                self._failed[name] = str(why)
+        self._reads[name] = frame[0] or {}
 
     def solid(self, name: str) -> Any:
         """The solid of a part. Raises RunFailed when it could not be built."""
-        if name not in self.solids:
+        if self.why_not(name):
             raise RunFailed(f"{name} could not be built")
-        return self.solids[name]
+        return self._solids[name]
 
     def mesh(self, name: str) -> Mesh:
         """Its closed mesh within MESH_MM. Raises RunFailed when it does not close."""
+        solid = self.solid(name)
         if name not in self._meshes:
-            self._meshes[name] = mesh_solid(self.solid(name), MESH_MM, name)
+            self._meshes[name] = mesh_solid(solid, MESH_MM, name)
         return self._meshes[name]
 
     def walls(self, name: str) -> Walls:
         """Its walls, sampled."""
+        solid, mesh = self.solid(name), self.mesh(name)
         if name not in self._walls:
-            self._walls[name] = Walls(self.solid(name), self.mesh(name))
+            self._walls[name] = Walls(solid, mesh)
         return self._walls[name]
 
     def cylinders(self, name: str) -> list[Cylinder]:
         """Its cylindrical faces along z."""
+        solid = self.solid(name)
         if name not in self._cylinders:
-            self._cylinders[name] = along_z(self.solid(name))
+            self._cylinders[name] = along_z(solid)
         return self._cylinders[name]
 
     def box(self, name: str) -> Box:
@@ -112,7 +172,10 @@ class Built:
         """The sensor's parts in their places. Raises RunFailed when one could not be built."""
         from ..assembly import assemble
 
+        sensor = {p.name: self.solid(p.name) for p in self.every if p.group == "sensor"}
         if self._placed is None:
-            sensor = {p.name: self.solid(p.name) for p in self.parts if p.group == "sensor"}
-            self._placed = assemble(self.design, solids=sensor)
+            with self._known.noting() as frame:
+                self._placed = assemble(self.design, solids=sensor)
+            self._reads[PLACES] = frame[0] or {}
+        self._known.repeat(self._reads.get(PLACES, {}))
         return self._placed

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
-from ..dimensions import Design
 from ..drafting.coverage import Coverage, coverage
-from ..part import Part
+from .built import Built
 from .row import Row
 
 NAME = "drawings"
 LIMIT = "each dimension once"
 
 
-def rows(design: Design, parts: Sequence[Part]) -> Iterator[Row]:
+def rows(built: Built) -> Iterator[Row]:
     """A row for each drawing with a fault, or one for all of them."""
-    drawn = [part for part in parts if part.callouts is not None]
-    found = {part.name: coverage(part, design) for part in drawn}
+    drawn = [part for part in built.parts if part.callouts is not None]
+    found = {part.name: coverage(part, built.design) for part in drawn}
     for name, told in found.items():
         if not told.complete:
             yield Row(NAME, name, _faults(told), LIMIT, False)

@@ -28,7 +28,9 @@ REFINED = 24  # points measured exactly after the mesh has none that seems thinn
 TRIED = 2000  # points measured exactly at most
 NEAR_MM = 1e-4
 START_MM = 1e-4  # a ray does not hit the surface that it leaves
-_PAIRS = 100_000  # rays x triangles held at once: what stays in the processor's cache
+# Rays x triangles held at once: what stays in the processor's cache, and little enough (times six,
+# 2^18) for OpenBLAS to work on one thread; several wait for each other on a busy machine.
+_PAIRS = 40_000
 _INSET = 0.02  # of a triangle: points beside its corners
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from ..parts.camera import BOARD_KEYS
 
@@ -58,3 +59,13 @@ def open_keys(unverified: Iterable[str], *keys: str) -> tuple[str, ...]:
 def at(point_mm: Iterable[float]) -> str:
     """A place as `(16.30, -2.00, -14.00)`; no minus before a zero."""
     return "(" + ", ".join(f"{round(float(v), 2) + 0.0:.2f}" for v in point_mm) + ")"
+
+
+def to_plain(rows: Iterable[Row]) -> list[dict[str, Any]]:
+    """Rows as JSON holds them."""
+    return [{**asdict(row), "passed": bool(row.passed)} for row in rows]
+
+
+def from_plain(kept: Iterable[dict[str, Any]]) -> list[Row]:
+    """The rows of to_plain."""
+    return [Row(**{**row, "rests_on": tuple(row["rests_on"])}) for row in kept]

@@ -8,7 +8,7 @@ from typing import Any
 from ...errors import MissingLibrary, RunFailed
 from ..design import IndenterList
 from ..dimensions import Design
-from ..kernel import guarded, require
+from ..kernel import guarded
 from ..laid import LEAST_CONTACT_MM2
 from . import (
     bending,
@@ -32,6 +32,7 @@ from .table import Check
 Progress = Callable[[int, int, str], None]
 
 CHECKS = (
+    Check(drawings.NAME, "every part", drawings.LIMIT, drawings.rows),
     Check(soundness.NAME, "every part", soundness.LIMIT, soundness.rows),
     Check("envelope", "assembly", "design.envelope", space.envelope),
     Check("interference", "assembly", f"<= {space.TOUCH_MM3:g} mm3 a pair", space.interference),
@@ -58,12 +59,15 @@ def run(
     progress: Progress | None = None,
     solids: Mapping[str, Any] | None = None,
     indenters: IndenterList | None = None,
+    cached: bool = False,
 ) -> list[Row]:
     """Check a design: inequalities first, then every part and the whole as built.
 
-    progress: called with (done, total, what) before each part and each check. solids: by part name,
-    to be checked in place of what would be built; they are not held against their closed forms.
-    indenters: cad/indenters.toml when None.
+    progress: called with (done, total, what) before each part that is built and each check. solids:
+    by part name, to be checked in place of what would be built; they are not held against their
+    closed forms. indenters: cad/indenters.toml when None. cached: rows of earlier checks are used
+    where they would come out the same, and kept for the next time; when all are found the CAD
+    kernel is not imported.
 
     What fails is a row, a broken inequality and a part that cannot be built among them; then the
     checks that need the solids say "not run". Raises MissingLibrary without the CAD kernel, and
@@ -75,12 +79,6 @@ def run(
     if not possible:
         return rows + [check.not_run("an inequality is broken") for check in CHECKS]
     rows += fits.platform(design)
-    require()
-    from ..registry import listed
-
-    parts = listed(indenters)
-    rows += drawings.rows(design, parts)
-    total = len(parts) + len(CHECKS)
     done = 0
 
     def tell(what: str) -> None:
@@ -89,7 +87,11 @@ def run(
             progress(done, total, what)
         done += 1
 
-    rows += of_built(Built.make(design, solids, indenters, tell), tell)
+    built = Built.make(design, solids, indenters, tell, cached)
+    total = len(built.every) + len(CHECKS)
+    rows += of_built(built, tell)
+    if built.known is not None:
+        built.known.save()
     if progress is not None:
         progress(total, total, "done")
     return rows
@@ -98,14 +100,14 @@ def run(
 def of_built(
     built: Built, tell: Callable[[str], None] | None = None, checks: Sequence[Check] = CHECKS
 ) -> list[Row]:
-    """The checks that need solids; a check that cannot be made is a failing row."""
+    """The checks on what is built; a check that cannot be made is a failing row."""
     rows: list[Row] = []
     for check in checks:
         if tell is not None:
             tell(check.name)
         try:
             with guarded(check.name, {}):
-                rows += list(check.rows(built))
+                rows += check.found(built)
         except MissingLibrary:
             raise
         except RunFailed as why:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 from ...errors import RunFailed
@@ -18,27 +19,28 @@ def rows(built: Built) -> Iterator[Row]:
     """A row for each group of parts, naming what is wrong with which."""
     for group in GROUPS:
         names = [part.name for part in built.parts if part.group == group]
-        wrong = {name: text for name in names if (text := _flaw(built, name))}
+        seen = {
+            name: built.result(f"{NAME}: {name}", partial(_seen, built, name)) for name in names
+        }
+        wrong = {name: text for name, (text, _) in seen.items() if text}
         if wrong:
             found = f"{len(wrong)} of {len(names)} not: " + "; ".join(wrong.values())
         else:
-            triangles = sum(len(built.mesh(name).triangles) for name in names)
+            triangles = sum(count for _, count in seen.values())
             found = f"{len(names)} of {len(names)}, {triangles} triangles at {MESH_MM:g} mm"
         yield Row(NAME, group, found, LIMIT, not wrong)
 
 
-def _flaw(built: Built, name: str) -> str:
-    """What is wrong with a part, empty when nothing is."""
-    if name in built.failed:
-        return built.failed[name]
-    flaw = of_shape(built.solid(name))
-    if flaw:
-        return f"{name}: {flaw}"
+def _seen(built: Built, name: str) -> tuple[str, int]:
+    """What is wrong with a part, empty when nothing is, and the triangles of its mesh."""
+    if why := built.why_not(name):
+        return why, 0
+    if flaw := of_shape(built.solid(name)):
+        return f"{name}: {flaw}", 0
     try:
-        built.mesh(name)
-    except RunFailed as why:
-        return str(why)
-    return ""
+        return "", len(built.mesh(name).triangles)
+    except RunFailed as why_open:
+        return str(why_open), 0
 
 
 def of_shape(shape: Any) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from .built import Built
-from .row import Row
+from .row import Row, from_plain, to_plain
 
 
 @dataclass(frozen=True)
@@ -17,6 +17,10 @@ class Check:
     part: str
     limit: str
     rows: Callable[[Built], Iterator[Row]]
+
+    def found(self, built: Built) -> list[Row]:
+        """Its rows, or those found earlier for a design that gives the same ones."""
+        return from_plain(built.result(self.name, lambda: to_plain(self.rows(built))))
 
     def not_run(self, why: str) -> Row:
         """The failing row of a check that could not be made."""

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..dimensions import Design
+from ..part import Part
 from .built import Built
 from .rays import Thickness
-from .row import Row, at
+from .row import Row, at, from_plain, to_plain
 
 NAME = "wall thickness"
 SLACK_MM = 1e-6
@@ -19,16 +22,26 @@ SLACK_MM = 1e-6
 def rows(built: Built) -> Iterator[Row]:
     """The thinnest wall of each part with its place."""
     for part in built.parts:
-        if part.wall_mm is None:
-            continue
-        walls, limit_mm = built.walls(part.name), part.wall_mm(built.design)
-        if part.name != "cover":
-            yield _row(part.name, walls.thinnest(), limit_mm)
-            continue
-        legs = _of_legs(built.design, walls.points_mm)
-        yield _row(part.name, walls.thinnest(~legs), limit_mm)
-        # They must bend: no wall of theirs is as thick as the housing's.
-        yield _row("cover, legs of the pegs", walls.thinnest(legs), built.design.cover.leg_mm)
+        if part.wall_mm is not None:
+            name = f"{NAME}: {part.name}"
+            yield from from_plain(built.result(name, partial(_kept, built, part)))
+
+
+def _kept(built: Built, part: Part) -> list[dict[str, Any]]:
+    return to_plain(_of_part(built, part))
+
+
+def _of_part(built: Built, part: Part) -> Iterator[Row]:
+    """Of the cover two rows: its pegs must bend."""
+    assert part.wall_mm is not None
+    walls, limit_mm = built.walls(part.name), part.wall_mm(built.design)
+    if part.name != "cover":
+        yield _row(part.name, walls.thinnest(), limit_mm)
+        return
+    legs = _of_legs(built.design, walls.points_mm)
+    yield _row(part.name, walls.thinnest(~legs), limit_mm)
+    # They must bend: no wall of theirs is as thick as the housing's.
+    yield _row("cover, legs of the pegs", walls.thinnest(legs), built.design.cover.leg_mm)
 
 
 def _row(part: str, found: Thickness | None, limit_mm: float) -> Row:

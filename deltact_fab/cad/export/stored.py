@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import importlib.metadata
-import platform
-import zlib
 from collections.abc import Sequence
-from dataclasses import fields, is_dataclass, replace
-from functools import lru_cache
+from dataclasses import replace
 from typing import Any
 
-from ... import __version__, cache, digest
+from ... import cache, digest
 from ..dimensions import Design
 from ..drafting.title import TitleBlock
+from ..made_from import libraries, plain
 from ..part import Part
 from .part_files import DRAWN, MESHED, Made
 
 KIND = "cad"
 # About ten designs at 0.01 mm; the longest unused go first.
 LIMIT_BYTES = 512 * 2**20
-_PACKAGES = ("cadquery", "cadquery-ocp", "ezdxf", "numpy", "scipy")
 
 
 class Store:
@@ -74,36 +70,7 @@ class Store:
         }
 
 
-def plain(value: Any) -> Any:
-    """Nested dataclasses as JSON holds them, each with the name of its class."""
-    if is_dataclass(value) and not isinstance(value, type):
-        inside = {f.name: plain(getattr(value, f.name)) for f in fields(value)}
-        return {"class": type(value).__name__, **inside}
-    if isinstance(value, tuple | list):
-        return [plain(item) for item in value]
-    # What it does is in the digest of the sources.
-    return value.__qualname__ if callable(value) else value
-
-
 def sources(parts: Sequence[Part]) -> str:
     """The digest of what makes these parts' solids and files; a Design brings most parts' files."""
     builders = {part.build.__module__.removeprefix("deltact_fab.") for part in parts}
     return digest.of("cad.export.part_files", *builders)
-
-
-@lru_cache(maxsize=1)
-def libraries() -> dict[str, str]:
-    """Versions and machine that decide the bytes as well."""
-    return {
-        "deltact-fab": __version__,
-        "machine": platform.machine(),
-        "zlib": zlib.ZLIB_RUNTIME_VERSION,
-        **{name: _version(name) for name in _PACKAGES},
-    }
-
-
-def _version(package: str) -> str:
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return "absent"

@@ -136,7 +136,7 @@ def _plate(d: Design) -> Iterator[Rule]:
     tongue, top = d.holder_tongue_mm
     yield Rule(
         part,
-        ("half the tongue", tongue),
+        ("half the tongue (camera.hole_pitch_x_mm)", tongue),
         "<=",
         ("corner posts", d.post_edge_mm[0]),
     )

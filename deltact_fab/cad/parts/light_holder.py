@@ -180,15 +180,14 @@ def rules(d: Design) -> Iterator[Rule]:
     )
     # A relief that does not reach the ring's edge leaves a strip of floor, and that is a wall.
     away = math.hypot(*d.camera_screw_centres_mm[0])
-    for name, rest in (
-        ("outside", d.light_radius_mm - away - d.head_relief_mm),
-        ("inside", away - d.head_relief_mm - d.light_bore_mm),
+    for name, key, rest in (
+        ("outside", "light.fit_mm", d.light_radius_mm - away - d.head_relief_mm),
+        ("inside", "light.diffuser_mm", away - d.head_relief_mm - d.light_bore_mm),
     ):
         if rest > 0:
             left = ("wall_mm", light.wall_mm)
-            yield Rule(
-                part, left, "<=", (f"floor {name} the reliefs (holder.head_clearance_mm)", rest)
-            )
+            text = f"floor {name} the reliefs (holder.head_clearance_mm, {key})"
+            yield Rule(part, left, "<=", (text, rest))
     (sx, sy), (px, py) = d.camera_screw_centres_mm[-1], d.peg_at_mm
     apart = min(math.hypot(px - sx, py - sy), math.hypot(px - sx, py + sy), 2 * px, 2 * py)
     yield Rule(

@@ -111,7 +111,7 @@ def rules(d: Design) -> Iterator[Rule]:
         "screw",
         ("back of the sensor", d.z_back_mm),
         "<=",
-        ("back of the screw heads", d.z_head_mm - row.head_height_mm),
+        ("back of the screw heads (screw.length_mm)", d.z_head_mm - row.head_height_mm),
     )
 
 

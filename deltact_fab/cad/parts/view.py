@@ -49,5 +49,8 @@ def rules(d: Design) -> Iterator[Rule]:
         ("bore radius", d.light_bore_mm),
         ("camera.lens_height_mm",),
     )
-    for size, side, axis in ((vx, d.skin.width_mm, "x"), (vy, d.skin.length_mm, "y")):
-        yield Rule("skin", (f"view in {axis}", size), "<=", ("the skin's side", side))
+    for size, side, px, key in (
+        (vx, d.skin.width_mm, "optics.image_width_px", "skin.width_mm"),
+        (vy, d.skin.length_mm, "optics.image_height_px", "skin.length_mm"),
+    ):
+        yield Rule("skin", (f"view ({px} x mm_per_px)", size), "<=", (key, side))
