@@ -10,6 +10,7 @@ from ..design import IndenterList
 from ..dimensions import Design
 from ..kernel import guarded, require
 from . import (
+    bench,
     bending,
     casting,
     drawings,
@@ -46,6 +47,7 @@ CHECKS = (
     Check("mold volume closure", "mold, skin-frame, skin", "V(skin)", casting.closure),
     Check("no undercut", "mold", "0 mm2, 0 rays", casting.undercut),
     Check("frame fits its seat", "mold, skin-frame", "mold.fit_mm", casting.seat),
+    Check(bench.NAME, "bench", f"within {bench.AXIS_MM:g} mm", bench.rows),
     Check("indenters", "indenters", "stem and height field", indenters.rows),
 )
 
