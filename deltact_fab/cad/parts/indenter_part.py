@@ -51,7 +51,9 @@ def callouts(dims: IndenterDimensions) -> Callouts:
         z_of("front", reach + plate, total, "right", stem),
         x_of("front", -stem, stem, "bottom", 0, total, before="Ø"),
         Leader(
-            "front", (indenter.stem_flat_at_mm, 0, total - 2), 0,
+            "front",
+            (indenter.stem_flat_at_mm, 0, total - 2),
+            0,
             f"flat {shown(indenter.stem_flat_at_mm)} from the axis, at +x",
         ),
         Axis("front", (0, 0, 0), (0, 0, total)),
