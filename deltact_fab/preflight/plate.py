@@ -35,8 +35,8 @@ def plate_checks(peaks: Sequence[Peak], design: Design, simulated: bool) -> list
             round(max(stress), 2), limit_mpa, _where(stress, peaks), over and simulated,
         ),
         _warning(
-            "plate clear of the light holder", f"{high}, least play of light.axial_fit_mm (mm)", light,
-            below_plate(design).range_mm[0], peaks,
+            "plate clear of the light holder", f"{high}, least play of light.axial_fit_mm (mm)",
+            light, below_plate(design).range_mm[0], peaks,
         ),
         _warning(
             "plate yields",

@@ -9,10 +9,12 @@ import pytest
 
 from deltact_fab.cad import registry
 from deltact_fab.cad.check import drawings
+from deltact_fab.cad.checks import Expected
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.drafting.coverage import coverage, variations
 from deltact_fab.cad.drafting.dimensioning import Leader, Linear
-from deltact_fab.cad.drafting.items import z_of
+from deltact_fab.cad.drafting.items import Callouts, z_of
+from deltact_fab.cad.part import Part
 
 DESIGNS = ("deltact", "franka", "screws-16mm", "skin-30x34", "skin-44x40")
 DRAWN = [part.name for part in registry.listed() if part.callouts is not None]
@@ -62,24 +64,56 @@ def also(name, item):
     return changed(name, lambda source, items: [*items, item(source)])
 
 
+# The legs follow the slot, too.
+SLOT = (" slot", " over both legs")
+
+
 def test_a_length_left_out_is_told():
     dims = load_design()
-    slot = without("cover", lambda i: isinstance(i, Linear) and i.after == " slot")
-    assert coverage(slot, dims).unsaid == ("cover.slot_mm",)
+    slot = without("cover", lambda i: isinstance(i, Linear) and i.after in SLOT)
+    assert coverage(slot, dims).unsaid == ("cover.slot_mm", "cover.leg_mm")
     (row,) = drawings.rows(dims, [slot])
-    assert (row.part, row.found, row.passed) == ("cover", "not said: cover.slot_mm", False)
-    wells = without("coupon-mold", lambda i: isinstance(i, Leader))
-    assert "coupon.diameter_mm" not in coverage(wells, dims).unsaid  # the overall length has it
+    assert (row.part, row.found, row.passed) == (
+        "cover",
+        "not said: cover.slot_mm, cover.leg_mm",
+        False,
+    )
+    # A hole's place changes neither volume nor size.
+    pitch = without("shell", lambda i: isinstance(i, Linear) and i.view == "top"
+                    and i.side == "right" and i.a[1] > 20)  # fmt: skip
+    assert coverage(pitch, dims).unsaid == ("mount.hole_pitch_mm",)
     base = without("coupon-mold", lambda i: isinstance(i, Linear) and i.view == "left")
     assert coverage(base, dims).unsaid == ("coupon.base_mm",)
 
 
+def test_keys_that_one_number_cannot_tell_apart_are_told():
+    """Only the sum of floor and depth is said."""
+    dims = load_design()
+
+    def callouts(d):
+        floor, depth = d.coupon.base_mm, d.coupon.depth_mm
+        return Callouts((z_of("left", 0, floor + depth, "right"),), ())
+
+    plain = Part("well", "", "", lambda _: None, one_well, sections=("coupon",), callouts=callouts)
+    assert {"coupon.base_mm", "coupon.depth_mm"} <= set(coverage(plain, dims).followed)
+    assert {"coupon.base_mm", "coupon.depth_mm"} <= set(coverage(plain, dims).unsaid)
+
+
+def one_well(d):
+    """A block of 20 x 20 with a square well of 10 x 10."""
+    height = d.coupon.base_mm + d.coupon.depth_mm
+    volume = 400 * height - 100 * d.coupon.depth_mm
+    return Expected((volume, volume), ((0, 0, 0), (20, 20, height)), {})
+
+
 def test_a_key_may_be_silent_with_a_reason():
     dims = load_design()
-    slot = without("cover", lambda i: isinstance(i, Linear) and i.after == " slot")
+    slot = without("cover", lambda i: isinstance(i, Linear) and i.after in SLOT)
 
     def callouts(source):
-        return replace(slot.callouts(source), silent={"cover.slot_mm": "sawn to fit"})
+        said = slot.callouts(source)
+        sawn = {"cover.slot_mm": "sawn", "cover.leg_mm": "sawn"}
+        return replace(said, silent={**said.silent, **sawn})
 
     assert coverage(replace(slot, callouts=callouts), dims).complete
 
@@ -87,7 +121,7 @@ def test_a_key_may_be_silent_with_a_reason():
 def test_a_length_said_twice_is_told():
     dims = load_design()
     again = also("acrylic", lambda d: z_of("left", d.z_joint_mm, d.z_ledge_mm, "left"))
-    assert coverage(again, dims).twice == ("2 (front) and 2 (left)",)
+    assert coverage(again, dims).twice == ("2 ±0.2 (front) and 2 (left)",)
     label = also(
         "coupon-mold", lambda d: Leader("top", (0, 0, 0), 0, f"R{d.coupon.diameter_mm / 2}")
     )
@@ -119,14 +153,17 @@ def test_what_no_number_follows_changes_nothing_on_the_solid(name):
     part, dims = registry.find(name), load_design()
     source = part.source(dims)
     followed = coverage(part, dims).followed
-    before = corners(part.build(source))
-    for key, other in variations(part, source):
+    before, volume_mm3 = corners(part.build(source))
+    for key, other, step in variations(part, source):
         if key not in followed:
-            assert corners(part.build(other)) == before, key
+            after, other_mm3 = corners(part.build(other))
+            assert after.shape == before.shape, key
+            assert np.allclose(after, before, rtol=0, atol=0.1 * min(abs(step), 1e-3)), key
+            assert other_mm3 == pytest.approx(volume_mm3, rel=1e-9), key
 
 
 def corners(solid):
-    """Volume and corners from the lowest ones, wherever the part lies in the sensor."""
+    """Corners (n, 3) from the lowest ones, wherever the part lies in the sensor; and its volume."""
     box = solid.BoundingBox()
     points = np.array([v.toTuple() for v in solid.Vertices()]) - (box.xmin, box.ymin, box.zmin)
-    return round(solid.Volume(), 4), sorted(map(tuple, (points.round(4) + 0.0).tolist()))
+    return points[np.lexsort(points.round(3).T)], solid.Volume()

@@ -231,7 +231,7 @@ def test_heads_that_miss_the_ring_leave_its_floor_whole(cq):
     radius, lips = large.light_radius_mm, large.peg_relief_mm
     floor_mm2 = math.pi * (radius**2 - large.light_bore_mm**2)
     # The lips of the pegs, further out, do meet it.
-    floor_mm2 -= 4 * common_circles_mm2(lips, radius, math.hypot(*large.peg_at_mm))
+    floor_mm2 -= 4 * planes.common_circles_mm2(lips, radius, math.hypot(*large.peg_at_mm))
     assert section_mm2(cq, ring, large.z_board_front_mm + 0.5) == pytest.approx(floor_mm2)
 
 

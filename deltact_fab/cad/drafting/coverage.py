@@ -1,31 +1,36 @@
 """Whether a drawing says every dimension of its part, and each of them once.
 
 Nothing is declared: each number of the part's table is changed a little, and what the drawing
-prints is compared. So a new dimension that no number on the drawing follows is found, and so is a
-length that stands there twice. No CAD kernel.
+prints is compared with what that does to volume and size. What changes these while all printed
+numbers stay is not said, be it one key or several together; numbers that move as one are one length
+said twice. No CAD kernel.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import InputError
+from ..design import IndenterDimensions
 from ..dimensions import Design
 from ..part import Part
-from .dimensioning import Leader, Linear
+from .dimensioning import Leader, Linear, exactly, shown
 from .items import Callouts
 from .projection import View
 from .views import views_of
 
-STEP = 0.05  # of a value: far more than the hundredths that are printed
-LEAST = 0.05
+STEP = 1e-4  # mm, or whatever a key's unit is
 SAME_MM = 1e-6
-ROUNDED = 0.006  # half a hundredth, and a little
+SAME_RATE = 1e-3  # of two derivatives
+RANK = 1e-4  # of the largest singular value: below, numbers are one number
+UNSAID = 3e-3  # of the steepest change of volume or size
 # Not what counts equal features: `4× Ø1.8`, `6.4 (4×)`, `2 × 2 cavities`.
 _NUMBER = re.compile(r"(?<![\d.])\d+(?:\.\d+)?(?![\d.]|\s*×)")
 
@@ -56,93 +61,127 @@ def coverage(part: Part, design: Design) -> Coverage:
         raise ValueError(f"{part.name}: no drawing")
     source = part.source(design)
     said = part.callouts(source)
-    words, numbers = _told(said)
-    unsaid, followed = [], []
-    moves: list[dict[int, float]] = [{} for _ in numbers]
-    chains = _chains(said)
-    for column, (key, changed) in enumerate(variations(part, source)):
-        try:
-            other = part.callouts(changed)
+    names = [number.name for number in _told(said)[1]]
+    with exactly():
+        words, numbers = _told(part.callouts(source))
+        shape = _shape(part, source)
+        chains = _chains(said)
+        unsaid, followed, rates = [], [], []
+        for key, changed, step in variations(part, source):
+            try:
+                other = part.callouts(changed)
+                changed_shape = _shape(part, changed)
+            except (InputError, ValueError, ArithmeticError):
+                continue
             other_words, others = _told(other)
-        except (InputError, ValueError, ArithmeticError):
-            continue
-        if other_words != words:
-            followed.append(key)
-        elif key not in said.silent and _shape(part, changed) != _shape(part, source):
-            unsaid.append(key)
-        if len(others) == len(numbers):
+            if other_words != words:
+                followed.append(key)
+            elif key not in said.silent and (
+                not np.allclose(changed_shape, shape, rtol=1e-9)
+                or not _same_parameters(part, source, changed)
+            ):
+                unsaid.append(key)
+            if len(others) != len(numbers):
+                continue
             # Ends that only happen to lie at one place close no chain.
             chains &= _chains(other)
-            for move, before, after in zip(moves, numbers, others, strict=True):
-                if abs(after.value - before.value) > SAME_MM:
-                    move[column] = after.value - before.value
-    views = views_of(said)
+            moves = [(b.value - a.value) / step for a, b in zip(numbers, others, strict=True)]
+            rates.append(_Rates(key, moves, (changed_shape - shape) / step, abs(step) == STEP))
     closing = [item for i, item in enumerate(_lines(said)) if i in chains]
+    views = views_of(said)
+    unsaid += [key for key in _masked(rates) if key not in said.silent]
     return Coverage(
         tuple(dict.fromkeys(unsaid)),
-        tuple(_twice(numbers, moves)),
+        tuple(_twice(names, numbers, rates)),
         tuple(f"{item.words(views[item.view])} ({item.view})" for item in closing),
         tuple(dict.fromkeys(followed)),
     )
 
 
-def variations(part: Part, source: Any) -> Iterator[tuple[str, Any]]:
-    """(key, the source with that key changed a little) for every number of the part's table."""
+@dataclass(frozen=True)
+class _Rates:
+    """What a key does to the printed numbers and to the shape; small: by a derivative."""
+
+    key: str
+    moves: list[float]
+    shape: NDArray[np.float64]
+    small: bool
+
+
+def _masked(rates: list[_Rates]) -> Iterator[str]:
+    """Keys that together change the shape while every printed number stays.
+
+    The gradients of volume and size have to be sums of the numbers' gradients; what is left of
+    them lies along keys of which the numbers tell too few.
+    """
+    small = [rate for rate in rates if rate.small]
+    if not small or not small[0].moves:
+        return
+    numbers = np.array([rate.moves for rate in small]).T
+    shape = np.array([rate.shape for rate in small]).T
+    shape = shape / np.maximum(np.abs(shape).max(axis=1, keepdims=True), SAME_RATE)
+    left = shape - shape @ np.linalg.pinv(numbers, rcond=RANK) @ numbers
+    for rate, column in zip(small, np.abs(left).max(axis=0), strict=True):
+        if column > UNSAID:
+            yield rate.key
+
+
+def variations(part: Part, source: Any) -> Iterator[tuple[str, Any, float]]:
+    """(key, the source with that key changed, by how much) for all numbers of the part's table."""
     if part.indenter is not None:
         yield from _of_indenter(source)
         return
     for section in part.sections:
         record = getattr(source, section)
         for f in fields(record):
-            for value in _others(getattr(record, f.name), f.metadata):
+            for value, step in _others(getattr(record, f.name), f.metadata):
                 try:
                     changed = replace(record, **{f.name: value})
                 except ValueError:
                     continue
-                yield f"{section}.{f.name}", replace(source, **{section: changed})
+                yield f"{section}.{f.name}", replace(source, **{section: changed}), step
 
 
-def _of_indenter(dims: Any) -> Iterator[tuple[str, Any]]:
+def _of_indenter(dims: IndenterDimensions) -> Iterator[tuple[str, Any, float]]:
     for f in fields(dims.body):
-        for value in _others(getattr(dims.body, f.name), {"low": 0.0, "high": np.inf}):
-            yield f.name, replace(dims, body=replace(dims.body, **{f.name: value}))
+        value = getattr(dims.body, f.name) + STEP
+        yield f.name, replace(dims, body=replace(dims.body, **{f.name: value})), STEP
     indenter = dims.indenter
     for name in ("stem_diameter_mm", "stem_length_mm", "reach_mm"):
-        value = getattr(indenter, name) * (1 + STEP)
-        yield name, replace(dims, indenter=replace(indenter, **{name: value}))
+        value = getattr(indenter, name) + STEP
+        yield name, replace(dims, indenter=replace(indenter, **{name: value})), STEP
     for f in fields(indenter.tips[0]):
         values = [getattr(tip, f.name) for tip in indenter.tips]
         if not all(isinstance(value, float) for value in values) or not any(values):
             continue
+        # All together: they are alike, and x and y spread by a factor.
+        factor = 1 + STEP / max(abs(value) for value in values)
         try:
-            # All together: they are alike, and x and y spread by a factor.
             tips = tuple(
-                replace(tip, **{f.name: value * (1 + STEP)})
+                replace(tip, **{f.name: value * factor})
                 for tip, value in zip(indenter.tips, values, strict=True)
             )
-            yield f"tip.{f.name}", replace(dims, indenter=replace(indenter, tips=tips))
         except ValueError:
             continue
+        yield f"tip.{f.name}", replace(dims, indenter=replace(indenter, tips=tips)), STEP
 
 
-def _others(value: Any, limits: Mapping[str, Any]) -> Iterator[Any]:
+def _others(value: Any, limits: Mapping[str, Any]) -> Iterator[tuple[Any, float]]:
     """Another value of a bounded number; of the name of a thread, other threads."""
     if isinstance(value, str) and re.fullmatch(r"M\d(\.\d)?", value):
-        yield from (name for name in ("M2", "M3", "M4") if name != value)
+        yield from ((name, 1.0) for name in ("M2", "M3", "M4") if name != value)
     if isinstance(value, bool) or not isinstance(value, int | float) or "low" not in limits:
         return
-    step = 1 if isinstance(value, int) else max(LEAST, STEP * abs(value))
-    yield value + step if value + step <= limits["high"] else value - step
+    step = 1.0 if isinstance(value, int) else STEP
+    sign = 1 if value + step <= limits["high"] else -1
+    yield type(value)(value + sign * step), sign * step
 
 
-def _shape(part: Part, source: Any) -> tuple[float, ...]:
+def _shape(part: Part, source: Any) -> NDArray[np.float64]:
     """Volume and size of what is made, wherever it lies."""
-    try:
-        expected = part.expect(source)
-    except (InputError, ValueError, ArithmeticError):
-        return ()
+    expected = part.expect(source)
     low, high = (np.array(corner) for corner in expected.box_mm)
-    return tuple(round(float(v), 6) for v in (*expected.volume_mm3, *(high - low)))
+    return np.array([*expected.volume_mm3, *(high - low)])
 
 
 @dataclass(frozen=True)
@@ -170,7 +209,8 @@ def _told(said: Callouts) -> tuple[list[str], list[_Number]]:
                 name = f"{words[-1]} ({item.view})"
                 numbers.append(_Number(name, item.value_mm(view), _axis(item, view)))
         elif isinstance(item, Leader):
-            words.append(item.words)
+            surface = (shown(item.flatness_mm), shown(item.roughness_um))
+            words.append(" ".join((item.words, *surface)))
             found = _NUMBER.findall(item.words)
             numbers += [_Number(f"{n} of {item.words!r} ({item.view})", float(n)) for n in found]
     for note in said.notes:
@@ -187,19 +227,32 @@ def _axis(item: Linear, view: View) -> int:
     return int(np.argmax(np.abs(view.axes[0 if item.side in ("top", "bottom") else 1])))
 
 
-def _twice(numbers: list[_Number], moves: list[dict[int, float]]) -> Iterator[str]:
+def _same_parameters(part: Part, source: Any, changed: Any) -> bool:
+    """Whether what the part states as made from is the same: a hole's place moves no volume."""
+    before, after = (part.expect(s).parameters for s in (source, changed))
+    return before.keys() == after.keys() and all(
+        math.isclose(before[key], after[key], rel_tol=1e-9, abs_tol=1e-9)
+        for key in before
+        if isinstance(before[key], int | float)
+    )
+
+
+def _twice(names: list[str], numbers: list[_Number], rates: list[_Rates]) -> Iterator[str]:
     """Numbers that are equal and stay so whatever changes: they are one length."""
+    if not rates:
+        return
+    moves = np.array([rate.moves for rate in rates]).T
     for i, one in enumerate(numbers):
         for j, other in enumerate(numbers[:i]):
             if None not in (one.axis, other.axis) and one.axis != other.axis:
                 continue
             # A radius and its diameter are one length as well.
-            if moves[i].keys() == moves[j].keys() != set() and any(
-                abs(one.value - factor * other.value) < ROUNDED
-                and all(abs(moves[i][k] - factor * moves[j][k]) < 2 * ROUNDED for k in moves[i])
+            if np.abs(moves[i]).max(initial=0.0) > SAME_RATE and any(
+                abs(one.value - factor * other.value) < SAME_MM
+                and np.allclose(moves[i], factor * moves[j], rtol=0, atol=SAME_RATE)
                 for factor in (1.0, 2.0, 0.5)
             ):
-                yield f"{other.name} and {one.name}"
+                yield f"{names[j]} and {names[i]}"
 
 
 def _chains(said: Callouts) -> set[int]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Literal
 
@@ -11,9 +14,23 @@ Side = Literal["left", "right", "top", "bottom"]
 Limits = tuple[float, float]
 
 
+_DIGITS: ContextVar[int] = ContextVar("digits", default=2)
+
+
 def shown(value_mm: float) -> str:
     """A length as it is printed: hundredths, no trailing zeros."""
-    return f"{round(value_mm, 2) + 0.0:.2f}".rstrip("0").rstrip(".")
+    digits = _DIGITS.get()
+    return f"{round(value_mm, digits) + 0.0:.{digits}f}".rstrip("0").rstrip(".")
+
+
+@contextmanager
+def exactly() -> Iterator[None]:
+    """Inside, lengths are printed with ten digits: for what compares drawings, not for paper."""
+    token = _DIGITS.set(10)
+    try:
+        yield
+    finally:
+        _DIGITS.reset(token)
 
 
 def toleranced(value_mm: float, limits: Limits | None = None) -> str:

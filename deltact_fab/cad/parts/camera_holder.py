@@ -275,7 +275,13 @@ def callouts(d: Design) -> Callouts:
         "pegs of the cover.",
         SQUARE_EDGES,
     )
-    return Callouts(tuple(items), notes, rests_on=("camera.connector_width_mm", *UPPER_HOLES))
+    silent = {
+        "holder.screw_length_mm": "the screw's",
+        "holder.head_clearance_mm": "of the light holder's reliefs",
+        "holder.window_rest_mm": "the least between window and pegs, which the rules hold",
+    }
+    rests_on = ("camera.connector_width_mm", *UPPER_HOLES)
+    return Callouts(tuple(items), notes, rests_on=rests_on, silent=silent)
 
 
 def wall_mm(d: Design) -> float:

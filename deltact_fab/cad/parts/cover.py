@@ -302,7 +302,11 @@ def callouts(d: Design) -> Callouts:
         "marks. Opaque.",
     )
     detail = Detail("B", "front", (px, -py, (floor + tip) / 2), 0.7 * d.peg_length_mm)
-    return Callouts(tuple(items), notes, Cut(-sx), details=(detail,))
+    silent = {
+        "cover.strain_limit": "of the resin",
+        "cover.fit_mm": "of the corners that the shell leaves",
+    }
+    return Callouts(tuple(items), notes, Cut(-sx), details=(detail,), silent=silent)
 
 
 def wall_mm(d: Design) -> float:

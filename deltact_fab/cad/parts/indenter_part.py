@@ -75,7 +75,8 @@ def callouts(dims: IndenterDimensions) -> Callouts:
     notes = (f"{level}. Contact faces smooth, without support marks.",)
     details = sorted((i for i in items if isinstance(i, Detail)), key=lambda d: d.letter)
     seen = tuple(item for item in items if not isinstance(item, Detail))
-    return Callouts(seen, notes, flipped=True, details=tuple(details))
+    silent = {"tip.notch_mm": "a convex prism has no notches"} if _is_convex(dims) else {}
+    return Callouts(seen, notes, flipped=True, details=tuple(details), silent=silent)
 
 
 def _corners(dims: IndenterDimensions) -> str:
@@ -140,15 +141,24 @@ def _tips(dims: IndenterDimensions) -> Iterator[Item | Detail]:
         yield from _turned(tip, plate_half_mm(dims)[0])
 
 
+def _is_convex(dims: IndenterDimensions) -> bool:
+    return any(isinstance(t, PrismTip) and not _is_notched(t) for t in dims.indenter.tips)
+
+
+def _is_notched(tip: PrismTip) -> bool:
+    """Whether its sides bend inwards between the points."""
+    core = tip.outer_mm - tip.corner_mm
+    straight = core * math.cos(math.pi / tip.points) + tip.corner_mm
+    return tip.inner_mm < straight - 1e-9
+
+
 def _prism(tip: PrismTip, plate_half_mm: Point2) -> Iterator[Item | Detail]:
     """A polygon's or a star's outline, and the edge of its face."""
     x, y, outer = tip.x_mm, tip.y_mm, tip.outer_mm
-    core = outer - tip.corner_mm
-    straight = core * math.cos(math.pi / tip.points) + tip.corner_mm
     yield Circle("top", (x, y, 0), outer)
     around = "as wide as the plate" if outer == plate_half_mm[0] else f"Ø{shown(2 * outer)}"
     yield Leader("top", (x, y, 0), outer, f"{around}, around {tip.points} corners")
-    notched = tip.inner_mm < straight - 1e-9
+    notched = _is_notched(tip)
     turn = math.pi / tip.points
     notch = (x + tip.inner_mm * math.cos(turn), y - tip.inner_mm * math.sin(turn), 0.0)
     seen = "top"

@@ -345,6 +345,7 @@ def callouts(d: Design) -> Callouts:
     return Callouts(
         tuple(items), notes, Cut(0.0),
         rests_on=("camera.lens_diameter_mm", "camera.lens_height_mm", *UPPER_HOLES),
+        silent={"light.strip_width_mm": "the strip's: it stands proud of no face"},
     )  # fmt: skip
 
 

@@ -215,7 +215,8 @@ def callouts(d: Design) -> Callouts:
         + RELEASE_AGENT,
         "Post-cure and coat the resin; cast a coupon first. Vertical corners sharp.",
     )
-    return Callouts(tuple(items), notes, Cut(cx))
+    silent = {"skin.thickness_mm": "the frame holds the rest of the skin"}
+    return Callouts(tuple(items), notes, Cut(cx), silent=silent)
 
 
 def wall_mm(d: Design) -> float:

@@ -356,8 +356,22 @@ def callouts(d: Design) -> list[Item]:
     ]
 
 
+FLANGE = ("flange_mm", "flange_width_mm", "flange_height_mm", "flange_pitch_mm")
+
+
 def rests_on(d: Design) -> tuple[str, ...]:
     """Unverified keys that the drawing rests on."""
     if d.mount.kind != "franka":
         return ()
     return tuple(f"mount.flange_{key}_mm" for key in ("width", "height", "pitch"))
+
+
+def silent(d: Design) -> dict[str, str]:
+    """Keys that only other kinds of mounts are made from."""
+    own = {
+        "block": ("width_mm", "height_mm", "hole_pitch_mm", "screw"),
+        "franka": ("width_mm", "arm_mm", "screw", *FLANGE),
+        "plate": (),
+    }[d.mount.kind]
+    of_others = {"width_mm", "height_mm", "hole_pitch_mm", "screw", "arm_mm", *FLANGE} - {*own}
+    return {f"mount.{key}": f"no part of a {d.mount.kind}" for key in sorted(of_others)}

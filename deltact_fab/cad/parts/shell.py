@@ -27,7 +27,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..checks import Box, Expected
-from ..drafting.dimensioning import Axis, Cut, Item, shown
+from ..drafting.dimensioning import Axis, Cut, Detail, Item, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
@@ -294,10 +294,16 @@ def _drop(d: Design) -> list[Item]:
     drop, joint = d.shell.ledge_drop_mm, d.z_joint_mm
     y = d.ledge_half_mm[1]
     return (
-        [z_of("left", joint - drop, joint, "left", 0, y, limits=d.resin_printer.tall_limits_mm)]
+        [z_of("B", joint - drop, joint, "left", 0, y, limits=d.resin_printer.tall_limits_mm)]
         if drop > 0
         else []
     )
+
+
+def details(d: Design) -> tuple[Detail, ...]:
+    """The ledge behind the joint."""
+    at = (0.0, d.ledge_half_mm[1], d.z_joint_mm - d.shell.ledge_drop_mm)
+    return (Detail("B", "left", at, 3.0),) if d.shell.ledge_drop_mm > 0 else ()
 
 
 def callouts(d: Design) -> Callouts:
@@ -321,7 +327,10 @@ def callouts(d: Design) -> Callouts:
         f"Walls {shown(d.shell.wall_mm)} all around. Opaque: no light through the walls.",
         SQUARE_EDGES,
     )
-    return Callouts(tuple(items), notes, Cut(0.0), rests_on=mount.rests_on(d))
+    return Callouts(
+        tuple(items), notes, Cut(0.0), rests_on=mount.rests_on(d), silent=mount.silent(d),
+        details=details(d),
+    )  # fmt: skip
 
 
 def wall_mm(d: Design) -> float:

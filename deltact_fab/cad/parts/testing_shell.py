@@ -196,7 +196,7 @@ def callouts(d: Design) -> Callouts:
         f"Walls {shown(d.shell.wall_mm)} all around. Tabs clear the cover by {shown(fit)}.",
         f"Undersides of both tabs level and flat: they stand on the table. {SQUARE_EDGES}",
     )
-    return Callouts(tuple(items), notes, Cut(0.0))
+    return Callouts(tuple(items), notes, Cut(0.0), details=shell.details(d))
 
 
 PARTS = (
