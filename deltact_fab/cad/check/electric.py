@@ -16,8 +16,8 @@ SUPPLY_SHARE = 0.05  # a 5 V supply may be so much off (USB 2.0: 4.75 to 5.25 V)
 def worst_ma(design: Design) -> float:
     """Most current of a chip: high supply, low forward voltage, without the strip's own resistor.
 
-    I = (1.05 supply - lowest forward voltage) / resistor / LEDs / chips, by current_range_ma's rule;
-    LEDs in parallel share evenly here, so one LED's share may differ.
+    I = (1.05 supply - lowest forward voltage) / resistor / LEDs / chips. LEDs in parallel are taken
+    to share evenly; one LED's share may differ.
     """
     light = design.light
     high_ma = current_range_ma(light)[1]

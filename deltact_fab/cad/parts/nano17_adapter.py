@@ -151,7 +151,8 @@ def callouts(d: Design) -> Callouts:
                f"Ø{shown(tool.pin_mm)} through for the pin"),
         *holes(plate.bolt_centres_mm, high, plate.bolt_hole_mm,
                f" through, head Ø{shown(plate.bolt_bore_mm)} from the back, "
-               f"on Ø{shown(plate.bolt_circle_mm)}, first at {shown(plate.bolt_turn_deg)}°", "left"),
+               f"on Ø{shown(plate.bolt_circle_mm)}, first at {shown(plate.bolt_turn_deg)}°",
+               "left"),
     ]  # fmt: skip
     notes = ("Measure the force sensor's own screws first: its pattern is assumed.",)
     silent = {"adapter.sensor_mm": "the force sensor's own diameter"}
