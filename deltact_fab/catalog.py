@@ -7,12 +7,12 @@ one line that names file and key.
 from __future__ import annotations
 
 import json
-import tomllib
 import typing
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
+from . import reading
 from .errors import InputError, did_you_mean
 
 KINDS = ("cad", "patterns", "protocols", "protocols/rigs")
@@ -40,24 +40,19 @@ def find(kind: str, name: str) -> Path:
         raise ValueError(f"unknown catalogue {kind!r}")
     path = Path(name)
     if path.suffix == ".toml" or path.parent != Path("."):
-        if path.is_file():
+        if reading.is_file(path):
             return path
         raise InputError(f"{name}: no such file")
     for folder in (Path(kind), shipped_dir(kind)):
         candidate = folder / f"{name}.toml"
-        if candidate.is_file():
+        if reading.is_file(candidate):
             return candidate
     raise InputError(f"{name}: not in the catalogue of {kind}; {did_you_mean(name, names(kind))}")
 
 
 def read(path: Path) -> dict[str, Any]:
     """Parse a TOML file. Raises InputError with file and position when it is not TOML."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as why:
-        raise InputError(f"{path}: not valid TOML: {why}") from why
-    except OSError as why:
-        raise InputError(f"{path}: cannot be read: {why.strerror}") from why
+    return reading.toml(path)
 
 
 def as_toml(data: Mapping[str, Any], about: Sequence[str] = ()) -> str:
@@ -95,7 +90,11 @@ def validate(kind: type[T], data: object, source: str) -> T:
 
     try:
         # By way of JSON: strict on strings and booleans, while a list may still fill a tuple.
-        return TypeAdapter(kind).validate_json(json.dumps(data, default=str), strict=True)
+        text = json.dumps(data, default=str)
+    except RecursionError as why:
+        raise InputError(f"{source}: nested too deep; a few levels are right") from why
+    try:
+        return TypeAdapter(kind).validate_json(text, strict=True)
     except ValidationError as why:
         raise InputError(" | ".join(_line(source, kind, e) for e in why.errors())) from why
 

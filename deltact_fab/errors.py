@@ -6,8 +6,11 @@ A message names the place (file:key), the value that was found, and what would b
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
 
+MOST_CHARACTERS = 300
+"""Of a message on the command line."""
 INTERRUPTED = 130
 """Exit code of a command that an operator ended."""
 
@@ -59,3 +62,24 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     names = sorted(known)
     near = difflib.get_close_matches(word, names, n=1)
     return f"did you mean {near[0]!r}?" if near else f"valid: {', '.join(names)}"
+
+
+def one_line(message: str) -> str:
+    """A message as one line of at most MOST_CHARACTERS that any terminal can show.
+
+    What is too long loses first the inside of its long words, then faults from the end.
+    """
+    line = "".join(
+        c if c.isprintable() else c.encode("unicode_escape").decode()
+        for c in " ".join(message.split())
+    )
+    if len(line) <= MOST_CHARACTERS:
+        return line
+    line = re.sub(r"\S{61,}", lambda word: f"{word[0][:40]}...{word[0][-16:]}", line)
+    faults = line.split(" | ")
+    for shown in range(len(faults), 0, -1):
+        more = f" | and {len(faults) - shown} more" if shown < len(faults) else ""
+        line = " | ".join(faults[:shown]) + more
+        if len(line) <= MOST_CHARACTERS:
+            return line
+    return line[: MOST_CHARACTERS - len(more) - 3].removesuffix(more) + "..." + more

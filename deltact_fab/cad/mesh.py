@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import RunFailed
+from .checks import Box
 
 ANGLE_RAD = 0.2
 # Above the spacing of float32 at 100 mm (7.6e-6), far below any tolerance asked for.
@@ -35,6 +36,15 @@ class Mesh:
     def corners_mm(self) -> NDArray[np.float64]:
         """Corners of the triangles, (m, 3, 3): triangle, corner, axis."""
         return self.vertices_mm.astype(np.float64)[self.triangles]
+
+    @property
+    def box_mm(self) -> Box:
+        """Lowest and highest corner of the vertices."""
+        (x0, y0, z0), (x1, y1, z1) = (
+            corner.astype(float).tolist()
+            for corner in (self.vertices_mm.min(axis=0), self.vertices_mm.max(axis=0))
+        )
+        return (x0, y0, z0), (x1, y1, z1)
 
     @property
     def volume_mm3(self) -> float:

@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
+from .lying import FLAT, Lying
+
 if TYPE_CHECKING:
     from .checks import Expected
     from .design import IndenterDimensions
@@ -75,8 +77,8 @@ class Part:
     between lens and face and could cut into the view.
 
     callouts: what its drawing says, None for a part without one. note: what the bill of materials
-    adds. how: how it is made, a printed one by how it lies on the platform; look_for: what to
-    look at afterwards.
+    adds. lies: how a printed one lies on the platform. how: what else there is to know of making
+    it, and all there is of what is not printed; look_for: what to look at afterwards.
     """
 
     name: str
@@ -99,6 +101,7 @@ class Part:
     in_view: bool = False
     callouts: Callable[[Any], Callouts] | None = None
     note: Callable[[Design], str] = no_note
+    lies: Lying = FLAT
     how: str = ""
     look_for: str = ""
     indenter: IndenterDimensions | None = None
@@ -106,3 +109,14 @@ class Part:
     def source(self, design: Design) -> Any:
         """What `build`, `expect` and `callouts` take."""
         return design if self.indenter is None else self.indenter
+
+    @property
+    def printed(self) -> bool:
+        """Whether it comes off the printer, and so in the orientation of `lies`."""
+        return self.process == PRINT
+
+    @property
+    def making(self) -> str:
+        """How it is made, in words."""
+        said = (self.lies.words if self.printed else "", self.how)
+        return "; ".join(words for words in said if words)

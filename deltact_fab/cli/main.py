@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import sys
 
 import click
 
 from .. import __version__
-from ..errors import INTERRUPTED, DeltactFabError
+from ..errors import INTERRUPTED, DeltactFabError, one_line
 
 # name: (module, attribute, line of help); a noun's module is imported only when it is used, so
 # that `--help` stays fast whatever the nouns need.
@@ -68,7 +69,7 @@ def entry() -> None:
     except click.exceptions.Exit as done:
         status = done.exit_code
     except click.ClickException as why:
-        click.echo(f"deltact-fab: {why.format_message()}", err=True)
+        click.echo(one_line(f"deltact-fab: {why.format_message()}"), err=True)
         status = 2
     except (click.Abort, KeyboardInterrupt):
         click.echo("deltact-fab: stopped", err=True)
@@ -76,8 +77,13 @@ def entry() -> None:
     except DeltactFabError as why:
         if "--debug" in sys.argv:
             raise
-        click.echo(f"deltact-fab: {' '.join(str(why).split())}", err=True)
+        click.echo(one_line(f"deltact-fab: {why}"), err=True)
         status = why.exit_code
+    except OSError as why:
+        if why.errno != errno.ENAMETOOLONG or "--debug" in sys.argv:
+            raise
+        click.echo(one_line(f"deltact-fab: {why.filename}: too long for a file's name"), err=True)
+        status = 2
     sys.exit(status if isinstance(status, int) else 0)
 
 

@@ -8,6 +8,7 @@ from typing import Any, Literal, TypeVar
 
 import click
 
+from .cad import load, of_design
 from .options import JSON
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -214,6 +215,7 @@ def of_sheet(command: F) -> F:
 @pattern.command()
 @click.argument("recipes", nargs=-1, required=True, metavar="RECIPE...")
 @of_sheet
+@of_design
 @click.option("--dpi", type=float, default=1200.0, show_default=True, help="Printer's resolution.")
 @click.option("--copies", type=int, default=1, show_default=True, help="Of each sticker.")
 @click.option("--whole-dots", is_flag=True, help="Make d a whole number of printer dots.")
@@ -237,14 +239,20 @@ def sheet(
     scale_x: float,
     scale_y: float,
     out: Path,
+    design: str,
+    changes: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Print job of each RECIPE: exact millimetres, cut marks, rulers, QR code; lossless."""
+    """Print job of each RECIPE: exact millimetres, cut marks, rulers, QR code; lossless.
+
+    Each sticker has the film of the design's skin around it, as the guide says to cut it.
+    """
     from ..patterns import load_recipe
     from ..patterns.sheet import write
     from .output import progress
 
     chosen = [load_recipe(name) for name in recipes]
+    sensor = load(design, changes)
     with progress("pattern sheet") as tell:
         done = write(
             chosen,
@@ -255,6 +263,7 @@ def sheet(
             copies=copies,
             whole_dots=whole_dots,
             scale=(scale_x, scale_y),
+            sensor=sensor,
             progress=tell,
         )
     _tell(done, as_json)

@@ -50,11 +50,15 @@ def list_(as_json: bool) -> None:
               help="As `run --out`: whose disk is judged.")  # fmt: skip
 @JSON
 def check(name: str, rig_name: str, air: bool, unattended: bool, out: Path, as_json: bool) -> None:
-    """Every static check of a protocol on a rig; exit 1 when one fails."""
-    from ..experiment import checks
-    from .output import echo_json
+    """Check that `run` would start: exit 1 when it would refuse.
 
-    rows = checks(name, rig_name, air, unattended, out)
+    For a real rig peak forces that are not at hand are solved, which takes minutes, once.
+    """
+    from ..experiment import checks
+    from .output import echo_json, progress
+
+    with progress("check") as report:
+        rows = checks(name, rig_name, air, unattended, out, report)
     if as_json:
         echo_json([r.as_dict() for r in rows])
     else:

@@ -6,11 +6,13 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..errors import InputError
 from ..study.registry import Study
 from ..study.registry import run as run_study
 
@@ -30,9 +32,12 @@ def run(name: str, one: Study, given: dict[str, Any]) -> None:
     from .output import echo_json
 
     out, figures = given["out"], given["figures"]
-    study_page.ready(name, out, figures)
+    named = [out] if figures is None else [out, figures]
+    before = [path for one in named for path in (one, *one.parents) if not path.exists()]
+    with _none_left(*before):
+        study_page.ready(name, out, figures)
     more = (option.name.replace("-", "_") for option in one.options)
-    with _executor(given) as executor, _progress(name) as tick:
+    with _none_left(*before), _executor(given) as executor, _progress(name) as tick:
         found = run_study(
             name,
             Asked(
@@ -71,6 +76,18 @@ def _layer_costs(found: StudyResult) -> list[dict[str, Any]]:
     from ..numerics.scenes import costs
 
     return [cost.as_dict() for cost in costs()]
+
+
+@contextmanager
+def _none_left(*new: Path) -> Iterator[None]:
+    """Folders that were made for a study go again when its input is refused."""
+    try:
+        yield
+    except InputError:
+        for folder in new:
+            with suppress(OSError):
+                folder.rmdir()
+        raise
 
 
 @contextmanager

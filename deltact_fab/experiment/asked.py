@@ -5,16 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from .. import preflight
+from .. import preflight, record
 from ..cad.design import load_design
-from ..errors import InputError
+from ..errors import InputError, MissingLibrary
 from ..patterns.recipe import load_recipe
 from ..protocols import limits, plan
-from ..protocols.plan import Step
+from ..protocols.plan import Protocol, Step
 from ..rig import config as rig_config
 from ..rig.config import RigConfig
 from ..rig.interface import Job, RigKind
 from ..rig.tool import demands
+from ..shapes import SensorDimensions
 from .kinds import Progress, kind_of
 
 
@@ -70,18 +71,13 @@ def asked_for(
     protocol, source = plan.load(protocol_name)
     rig, rig_path = rig_config.load(rig_name)
     sensor = load_design(protocol.specimen.design)
-    if rig.kind == "grbl" and not air:
-        refused = demands.unmet(rig, protocol, sensor, unattended)
-        _require_none([f"{rig_path}: {line}" for line in refused])
     steps = plan.expand(protocol, air)
     kind = kind_of(rig, rig_path, realtime, progress)
-    rows = limits.check(protocol, sensor, rig.stage.box, steps)
-    rows += preflight.needs(
-        protocol, sensor, steps, rig, kind, out if disk is None else disk,
-        realtime or not rig.simulated,
+    rows = judged(
+        protocol, source, sensor, steps, rig, rig_path, kind, out if disk is None else disk,
+        air=air, unattended=unattended, wall_clock=realtime or not rig.simulated,
     )  # fmt: skip
     limits.require(rows, str(source))
-    _require_none(kind.refusals(protocol, sensor, str(source)))
     job = Job(
         protocol, sensor, load_recipe(protocol.specimen.pattern), seed, out, air,
         unattended=unattended, tip_is_clear=tip_is_clear,
@@ -89,7 +85,56 @@ def asked_for(
     return Asked(job, source, rig, rig_path, kind, steps, realtime)
 
 
-def _require_none(reasons: list[str]) -> None:
-    if reasons:
-        more = f"; and {len(reasons) - 1} more" if len(reasons) > 1 else ""
-        raise InputError(reasons[0] + more)
+def judged(
+    protocol: Protocol,
+    source: Path,
+    sensor: SensorDimensions,
+    steps: list[Step],
+    rig: RigConfig,
+    rig_path: Path,
+    kind: RigKind,
+    out: Path,
+    *,
+    air: bool,
+    unattended: bool,
+    wall_clock: bool,
+) -> list[limits.Check]:
+    """Every check of a run but that of its forces: a run begins when all rows are ok.
+
+    source, rig_path: of the two files. out: a folder on the disk that is judged. wall_clock:
+    whether frames that come too fast are lost. Raises InputError for a calibration that is of no
+    use.
+    """
+    rows = limits.check(protocol, sensor, rig.stage.box, steps)
+    rows += preflight.needs(protocol, sensor, steps, rig, kind, out, wall_clock)
+    rows.append(limits.refusals(kind.part, kind.refusals(protocol, sensor, str(source))))
+    rows.append(limits.refusals("pattern", _pattern(protocol, source)))
+    rows.append(limits.refusals("image format", _format(rig)))
+    if rig.kind == "grbl" and not air:
+        unmet = demands.unmet(rig, protocol, sensor, unattended)
+        rows.append(limits.refusals("contact", [f"{rig_path}: {line}" for line in unmet]))
+    return rows
+
+
+def _pattern(protocol: Protocol, source: Path) -> list[str]:
+    """Why the specimen's pattern does not serve the protocol."""
+    name = protocol.specimen.pattern
+    try:
+        recipe = load_recipe(name)
+    except InputError as why:
+        return [f"{source}: specimen.pattern: {why}"]
+    if "dots" in protocol.channels and recipe.dots is None:
+        return [
+            f"{source}: channels: 'dots' asked for, and the pattern {name!r} has none; take one "
+            "with dots, as 'dense-with-dots', or remove \"dots\""
+        ]
+    return []
+
+
+def _format(rig: RigConfig) -> list[str]:
+    """Why images cannot be written as the rig's camera has it."""
+    try:
+        record.require_format(record.image_format({"rig": rig.recorded()}))
+    except MissingLibrary as why:
+        return [str(why)]
+    return []

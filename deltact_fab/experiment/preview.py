@@ -8,11 +8,10 @@ from .. import preflight
 from ..cad.design import load_design
 from ..protocols import limits, plan
 from ..protocols.pace import LOCKSTEP, SIMULATED, WALL_CLOCK
-from ..protocols.plan import Protocol, Step
+from ..protocols.plan import Step
 from ..rig import config as rig_config
-from ..rig.config import RigConfig
 from ..rig.tool import demands
-from ..shapes import SensorDimensions
+from .asked import judged
 from .kinds import Progress, kind_of
 
 
@@ -22,25 +21,33 @@ def checks(
     air: bool = False,
     unattended: bool = False,
     out: Path = Path(),
+    progress: Progress | None = None,
 ) -> list[limits.Check]:
-    """Static checks of a protocol on a rig; of forces those that take seconds to predict.
+    """Static checks of a protocol on a rig: a run begins where all are ok.
 
-    out: a folder on the disk that the run will be written to.
+    Forces can only make a real rig refuse, so they are solved for that (minutes, once), and taken
+    where they are at hand for a simulated one. out: a folder on the disk that the run will be
+    written to.
     """
     protocol, source = plan.load(protocol_name)
     rig, path = rig_config.load(rig_name)
     sensor = load_design(protocol.specimen.design)
     kind = kind_of(rig, path)
     steps = plan.expand(protocol, air)
-    rows = limits.check(protocol, sensor, rig.stage.box, steps)
-    rows += preflight.needs(protocol, sensor, steps, rig, kind, out, not rig.simulated)
-    refused = kind.refusals(protocol, sensor, str(source))
-    rows += [_check(kind.part, "refusals", refused)]
-    rows += _contact(rig, protocol, sensor, air, unattended)
+    rows = judged(
+        protocol, source, sensor, steps, rig, path, kind, out,
+        air=air, unattended=unattended, wall_clock=not rig.simulated,
+    )  # fmt: skip
+    if rig.kind == "grbl" and not air:
+        unknown = demands.undeclared_lengths(rig, protocol)
+        what, where = "unknown", "; ".join(unknown)
+        rows.append(limits.Check("tool lengths", True, what, len(unknown), 0, where, bool(unknown)))
     # What leaves the gel or the stage is said already, and has no force.
     if all(row.ok for row in rows) and not air:
         declared = preflight.limits_of(rig, str(path), protocol)
-        peaks = preflight.predict(protocol, sensor, declared.origin_mm, solve=False)
+        peaks = preflight.predict(
+            protocol, sensor, declared.origin_mm, progress, solve=not rig.simulated
+        )
         if peaks is not None:
             rows += preflight.checks(peaks, declared)
             rows += preflight.plate_checks(peaks, sensor, declared.simulated)
@@ -78,22 +85,3 @@ def forces(
     lines = preflight.judge(protocol.name, sensor.skin.thickness_mm, peaks, limits)
     breaks, remarks = preflight.judge_plate(protocol.name, peaks, sensor)
     return peaks, lines + breaks + remarks
-
-
-def _check(name: str, what: str, reasons: list[str]) -> limits.Check:
-    return limits.Check(name, not reasons, what, len(reasons), 0, "; ".join(reasons))
-
-
-def _contact(
-    rig: RigConfig, protocol: Protocol, sensor: SensorDimensions, air: bool, unattended: bool
-) -> list[limits.Check]:
-    """What a real rig lacks for a press, and lengths of tools that it does not know."""
-    if rig.kind != "grbl" or air:
-        return []
-    unknown = demands.undeclared_lengths(rig, protocol)
-    return [
-        _check("contact", "refusals", demands.unmet(rig, protocol, sensor, unattended)),
-        limits.Check(
-            "tool lengths", True, "unknown", len(unknown), 0, "; ".join(unknown), bool(unknown)
-        ),
-    ]

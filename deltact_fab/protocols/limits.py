@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -23,6 +24,7 @@ from .plan import Point, Protocol, Step, expand
 PNG_BYTES_PER_PX = 2.2  # measured on rendered frames of a dense pattern: 1.9-2.3
 FORCE_BYTES_PER_S = 14_000  # measured on the simulated sensor at 1 kHz, noise 0.01 N
 EPS_MM = 1e-9
+REFUSALS = "refusals"
 MOST_BETWEEN_FRAMES_MM = 0.25  # up to 7 pixels: as in `deep-drag`, which is followed throughout
 
 
@@ -101,18 +103,28 @@ def check(
     rows += [_tip_reach(steps), *_opening(steps, sensor), _sideways(steps, protocol)]
     if "image" in protocol.channels:
         rows += [_unseen(steps)]
-    return rows
+    return [*rows, _names(steps)]
 
 
 def require(rows: Iterable[Check], source: str) -> None:
     """Raise InputError with every failed row on one line."""
     failed = [r for r in rows if not r.ok]
     if failed:
-        text = " | ".join(
+        # What is told in words names its file itself.
+        told = [r.where for r in failed if r.what == REFUSALS]
+        figures = [
             f"{r.name}: {r.what} {r.figure:g} {'<' if r.least else '>'} {r.bound:g} at {r.where}"
             for r in failed
-        )
-        raise InputError(f"{source}: {text}")
+            if r.what != REFUSALS
+        ]
+        if figures:
+            told.append(f"{source}: {' | '.join(figures)}")
+        raise InputError(" | ".join(told))
+
+
+def refusals(name: str, reasons: Sequence[str]) -> Check:
+    """A row of what is refused in words."""
+    return Check(name, not reasons, REFUSALS, len(reasons), 0, "; ".join(reasons))
 
 
 def estimate(
@@ -164,6 +176,13 @@ def _travel(steps: list[Step], stage: StageBox) -> Iterable[Check]:
         yield Check(
             "travel", low <= travel_mm + EPS_MM, f"machine -{letter} (mm)", low, travel_mm, at_low
         )
+
+
+def _names(steps: list[Step]) -> Check:
+    """A record keeps each step under its own name, which has depths and ways to 0.01 mm."""
+    twice = [name for name, times in Counter(s.id for s in steps).items() if times > 1]
+    where = twice[0] if twice else "-"
+    return Check("step names", not twice, "stops less than 0.01 mm apart", len(twice), 0, where)
 
 
 def _feeds(steps: list[Step], stage: StageBox) -> Iterable[Check]:

@@ -33,6 +33,10 @@ Modulus = Annotated[float, Field(ge=0.0001, le=10_000, allow_inf_nan=False)]  # 
 Seconds = Annotated[float, Field(ge=0.001, le=1e6, allow_inf_nan=False)]
 
 
+MOST_STEPS = 200_000
+"""Of a protocol; the force calibration of the paper has 2435."""
+
+
 class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -61,6 +65,12 @@ class Shear(_Strict):
         if self.grid and set(self.axes) != {"x", "y"}:
             raise ValueError(f"axes: a grid needs both x and y, not {list(self.axes)}")
         return self
+
+    @property
+    def legs(self) -> int:
+        """Drags at each depth."""
+        side = 2 * self.points_per_side + 1
+        return side * side if self.grid else side * len(self.axes)
 
     def at_depth_mm(self, depth_mm: float) -> float:
         """The amplitude of a press of this depth."""
@@ -171,6 +181,10 @@ class Protocol(_Strict):
             raise ValueError("channels: a protocol with [shear] needs 'shear'")
         if list(self.depths_mm) != sorted(set(self.depths_mm)):
             raise ValueError("depths_mm: strictly increasing, the gel has a history")
+        legs = 0 if self.shear is None else self.shear.legs
+        presses = len(self.indenters) * len(self.positions_mm)
+        if (count := presses * (4 + len(self.depths_mm) * (1 + legs))) > MOST_STEPS:
+            raise ValueError(f"{count} steps; at most {MOST_STEPS} are right: make it several")
         return self
 
 

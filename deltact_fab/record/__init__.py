@@ -22,6 +22,7 @@ from .about import about
 from .check import Verdict, check, require_whole
 from .files import FORMAT, image_file, lattice_file, lens_file, truth_file, write_whole
 from .images import FORMATS, decode, encode, encode_png, image_format, rate_held_hz
+from .images import require as require_format
 from .journal import CLOCK_COLUMNS, PRESS_TABLES, WALL_COLUMNS
 from .notes import add as add_note
 from .notes import usable as usable_note
@@ -54,6 +55,7 @@ __all__ = [
     "lens_file",
     "open",
     "rate_held_hz",
+    "require_format",
     "require_same",
     "require_whole",
     "truth_file",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sqlite3
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -114,6 +114,50 @@ def insert(db: sqlite3.Connection, table: str, row: Mapping[str, Any]) -> None:
     db.execute(
         f"INSERT INTO {table} ({names}) VALUES ({','.join('?' * len(row))})", tuple(row.values())
     )
+
+
+def misfits(db: sqlite3.Connection, of_today: bool) -> Iterator[str]:
+    """What no run writes: values of another type than their column's, or out of all bounds.
+
+    SQLite stores them all the same, and only what computes with them would fail. of_today: in this
+    version's format, so that a column or the first event may be found missing.
+    """
+    if of_today:
+        with closing(sqlite3.connect(":memory:")) as empty:
+            empty.executescript(SCHEMA)
+            lost = _columns(empty) - _columns(db)
+        for table, column in sorted(lost):
+            yield f"{table}.{column}: no such column"
+        if not lost and not db.execute("SELECT count(*) FROM events").fetchone()[0]:
+            yield "events: none; a run begins with one"
+    tables = db.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
+    for (table,) in tables:
+        for _, column, kind, needed, _, key in db.execute(f'PRAGMA table_info("{table}")'):
+            fits = _FITS.get(kind)
+            if fits is None:
+                continue
+            if not (needed or key):
+                fits = f"{{0}} IS NULL OR {fits}"
+            wrong = f"NOT coalesce({fits.format(chr(34) + column + chr(34))}, FALSE)"
+            count = db.execute(f'SELECT count(*) FROM "{table}" WHERE {wrong}').fetchone()[0]
+            if count:
+                yield f"{table}.{column}: {count} of its values are damaged"
+
+
+def _columns(db: sqlite3.Connection) -> set[tuple[str, str]]:
+    query = (
+        "SELECT t.name, c.name FROM sqlite_master t, pragma_table_info(t.name) c "
+        "WHERE t.type = 'table'"
+    )
+    return set(db.execute(query))
+
+
+_FITS = {
+    "REAL": "typeof({0}) IN ('real', 'integer') AND abs({0}) < 1e12",
+    "INTEGER": "typeof({0}) = 'integer' AND {0} BETWEEN -1e12 AND 1e12",
+    "TEXT": "typeof({0}) = 'text'",
+    "BLOB": "typeof({0}) = 'blob'",
+}
 
 
 @contextmanager

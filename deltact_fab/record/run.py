@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -19,6 +18,8 @@ from ..optics import CameraModel, FlatField, Rectified, camera_from_dict
 from . import notes
 from .files import FORMAT, flat_file, lattice_file
 from .images import decode
+from .journal import misfits
+from .kept_files import pattern_file, run_file, summary_file
 from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, at_times, unpack
 from .truth import Truth, load
 
@@ -39,17 +40,11 @@ class Run:
             what = "not a run folder (no run.json)" if folder.exists() else "no such folder"
             raise InputError(f"{folder}: {what}")
         self.folder = folder
-        try:
-            self.meta: dict[str, Any] = json.loads((folder / "run.json").read_text())
-            self.pattern: dict[str, Any] = json.loads((folder / "pattern.json").read_text())
-        except (OSError, ValueError) as why:
-            raise InputError(f"{folder}: run.json or pattern.json cannot be read: {why}") from why
-        self.format = self.meta.get("format") if isinstance(self.meta, dict) else None
+        self.meta: dict[str, Any] = run_file(folder)
+        self.pattern: dict[str, Any] = pattern_file(folder)
+        self.format = int(self.meta["format"])
         """Of the folder; 2: force and pose stand with the frames; up to 3: settled is not kept."""
-        if self.format not in (2, 3, 4, FORMAT):
-            raise InputError(
-                f"{folder}/run.json: format: {self.format}, this version reads 2 to {FORMAT}"
-            )
+        self._sound = False
 
     def frames(self, press: str | None = None) -> pd.DataFrame:
         """One row a frame (of one press), in order of capture.
@@ -198,12 +193,12 @@ class Run:
 
     def summary(self) -> dict[str, Any]:
         """What the run said of itself at its end; empty when it was cut off."""
-        path = self.folder / "summary.json"
+        if not self.finished:
+            return {}
         try:
-            data: dict[str, Any] = json.loads(path.read_text()) if self.finished else {}
-        except (OSError, ValueError) as why:
-            raise RunFailed(f"{path}: cannot be read: {why}") from why
-        return data
+            return summary_file(self.folder)
+        except InputError as why:
+            raise RunFailed(str(why)) from why
 
     def truth(self) -> Truth | None:
         """The virtual rig's truth of all complete presses, None on a real run.
@@ -318,6 +313,10 @@ class Run:
         try:
             uri = f"{path.absolute().as_uri()}?mode=ro"
             with closing(sqlite3.connect(uri, uri=True)) as db:
+                if not self._sound:
+                    for line in misfits(db, self.format == FORMAT):
+                        raise sqlite3.DatabaseError(line)
+                    self._sound = True
                 yield db
         except sqlite3.Error as why:
             raise RunFailed(f"{path}: the journal cannot be read: {why}") from why

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import zipfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import catalog, reading
 from ..errors import InputError, RunFailed
 from ..optics import (
     CameraModel,
@@ -125,9 +125,9 @@ def load(
     """The truth of all complete ones of these presses. Raises RunFailed when it is damaged."""
     index = lattice_file(folder)
     try:
-        lattice = SurfaceLattice(**json.loads(index.read_text()))
-    except (OSError, ValueError, TypeError) as why:
-        raise RunFailed(f"{index}: cannot be read: {why}") from why
+        lattice = catalog.validate(SurfaceLattice, reading.json_object(index), str(index))
+    except InputError as why:
+        raise RunFailed(str(why)) from why
     lens = _lens(lens_file(folder)) if isinstance(camera, Rectified) else None
     frames: dict[str, tuple[str, float]] = {}
     for press in presses:
@@ -144,9 +144,7 @@ def load(
 def _lens(path: Path) -> Fisheye:
     """The lens that the frames were drawn through. Raises RunFailed."""
     try:
-        lens = camera_from_dict(json.loads(path.read_text()), str(path))
-    except (OSError, ValueError, AttributeError) as why:
-        raise RunFailed(f"{path}: cannot be read: {why}") from why
+        lens = camera_from_dict(reading.json_object(path), str(path))
     except InputError as why:
         raise RunFailed(str(why)) from why
     if not isinstance(lens, Fisheye):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import importlib.metadata
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,6 +13,8 @@ from typing import Any
 
 from ..cad.design import load_indenters
 from ..cad.dimensions import Design
+from ..cad.export.plates import arranged
+from ..cad.lying import SELF_SUPPORTING_DEG
 from ..cad.making import bom, fabrication
 from ..cad.making.fabrication import DEFAULT
 from ..cad.making.paper_gaps import gaps
@@ -19,7 +22,7 @@ from ..cad.part import Part
 from ..cad.parts.mold import RELEASE_AGENT
 from ..cad.parts.screw import stock_note
 from ..cad.registry import listed, of_group
-from ..errors import MissingLibrary
+from ..errors import InputError, MissingLibrary
 from .templating import environment, save
 
 Progress = Callable[[int, int, str], None]
@@ -31,18 +34,44 @@ VIEW_TOLERANCE_MM = 0.05  # the view is looked at, not measured
 LAYER_MM = 0.05
 CUP_ML = 50  # cups are sold in steps of it
 
+_BOARD = ("camera-screw", "camera", "camera-holder")
+_BACK = (*_BOARD, "cover")
+_STACK = ("light-holder", *_BACK)
+_FACE = ("skin", "acrylic", "skin-frame")
+STEPS: dict[str, tuple[tuple[str, ...], ...]] = {
+    "H.1": (("camera-screw",), ("camera",), ("camera-holder",)),
+    "H.2": (_BOARD, ("cover",)),
+    "H.3": (("light-holder",), _BACK),
+    "H.4": (("shell",), _STACK),
+    "H.5": (_FACE, ("shell", *_STACK)),
+    "H.6": ((*_FACE, "shell", *_STACK), ("screw",)),
+    "H.7": ((*_FACE, "shell", *_STACK, "screw"),),
+    "H.9": ((*_FACE, "shell", *_STACK, "screw"),),
+}
+"""What each step of the assembly brings together, from the face backwards."""
+FROM_BEHIND = ("H.7",)  # what is done there is done at the cable's notch
+WHOLE = "H.9"
+
 
 @dataclass(frozen=True)
 class Pictures:
     """What the kernel adds to the page; empty without it, and `note` says why.
 
-    Data URLs all: exploded and parts (by name) are SVG, models (by title) GLB.
+    Data URLs: exploded, parts (by name) and steps (by number) are SVG, models (by title) GLB.
+    ceilings: what of a printed part hangs as it lies on the platform, in words, by name.
     """
 
     exploded: str = ""
     parts: dict[str, str] = field(default_factory=dict)
     models: dict[str, str] = field(default_factory=dict)
+    steps: dict[str, str] = field(default_factory=dict)
+    ceilings: dict[str, str] = field(default_factory=dict)
     note: str = ""
+
+    @property
+    def whole(self) -> str:
+        """The sensor put together: what stands where its model cannot be turned."""
+        return self.steps.get(WHOLE, "")
 
 
 @dataclass(frozen=True)
@@ -93,6 +122,8 @@ def write(
         gaps=gaps(design),
         unverified=[(key, _value(design, key)) for key in design.unverified()],
         measured=_measured(design),
+        plates=_plates(design, parts),
+        self_supporting_deg=SELF_SUPPORTING_DEG,
         release_agent=RELEASE_AGENT,
         indenters=len(load_indenters().indenter),
     )
@@ -100,18 +131,19 @@ def write(
 
 
 def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
-    """Build every part once and draw it; the sensor as a whole twice, together and exploded.
+    """Build every part once and draw it; the sensor exploded, and at each step of its assembly.
 
     Raises MissingLibrary without the CAD kernel, RunFailed when a part cannot be built.
     """
     from ..cad.build import build_part
-    from ..cad.drafting.picture import exploded_svg, part_svg
+    from ..cad.drafting.picture import APART, FROM_BACK, exploded_svg, part_svg, step_svg
     from ..cad.export.formats.glb import drawn, glb_bytes
     from ..cad.kernel import require
+    from ..cad.laid import laid, stand
     from ..cad.mesh import mesh_solid
 
     require()
-    total = len(parts) + 2
+    total = len(parts) + len(STEPS) + 2
     solids: dict[str, Any] = {}
     images: dict[str, str] = {}
     for done, part in enumerate(parts):
@@ -122,12 +154,22 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
         )
     tell(len(parts), total, "exploded view")
     exploded = exploded_svg(design, solids)
-    tell(len(parts) + 1, total, "3D view")
+    steps: dict[str, str] = {}
+    for done, (step, layers) in enumerate(STEPS.items(), len(parts) + 1):
+        tell(done, total, f"step {step}")
+        view = FROM_BACK if step in FROM_BEHIND else APART
+        svg = step_svg(f"step {step}", design, layers, solids, view)
+        steps[step] = _data_url("image/svg+xml", svg.encode())
+    tell(total - 1, total, "3D view")
+    # Meshes last: they leave triangles on the solids.
+    fine = {p.name: mesh_solid(solids[p.name], VIEW_TOLERANCE_MM, p.name) for p in parts}
+    ceilings = {
+        part.name: stand(laid(fine[part.name], part.lies)).words(part.lies.supports)
+        for part in parts
+        if part.printed
+    }
     meshes = {
-        part.name: drawn(
-            mesh_solid(solids[part.name], VIEW_TOLERANCE_MM, part.name), part.name, part.colour
-        )
-        for part in of_group("sensor")
+        part.name: drawn(fine[part.name], part.name, part.colour) for part in of_group("sensor")
     }
     models = {}
     for title, explode in (("exploded", 1.0), ("assembled", 0.0)):
@@ -138,7 +180,20 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
             placed.append(replace(meshes[part.name], places_mm=at))
         models[title] = _data_url("model/gltf-binary", glb_bytes(placed, "deltact"))
     tell(total, total, "done")
-    return Pictures(_data_url("image/svg+xml", exploded.encode()), images, models)
+    return Pictures(_data_url("image/svg+xml", exploded.encode()), images, models, steps, ceilings)
+
+
+def _plates(design: Design, parts: Sequence[Part]) -> list[tuple[str, dict[str, int]]]:
+    """The plates that an export of everything writes: resin, and pieces by part."""
+    try:
+        plates = arranged(design, parts)
+    except InputError:
+        # A part is larger than the platform; an export says which.
+        return []
+    return [
+        (plate.material, dict(Counter(standing.part.name for standing in plate.pieces)))
+        for plate in plates
+    ]
 
 
 def viewer() -> Viewer:
@@ -181,7 +236,7 @@ def _figures(d: Design, sensors: int) -> dict[str, Any]:
         # Half as much again: two drops, and what stays in the cup.
         "coupon_g": max(1.5 * coupon_g, DEFAULT.coat_batch_g),
         "coat_batch": fabrication.least_coat_batch(fabrication.coat_batch(d, sensors)),
-        "film_mm": fabrication.film_mm(d),
+        "film_mm": d.skin.film_mm(DEFAULT.film_margin_mm),
         "primer_ml": fabrication.primer_ml(d, cast),
         "shrinkage_mm": fabrication.shrinkage_mm(d),
         "acrylic_mm": [2 * s for s in d.acrylic_half_mm],

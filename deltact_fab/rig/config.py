@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from .. import catalog
+from .. import catalog, reading
 from ..errors import InputError, did_you_mean
 from .camera.config import CameraConfig, CameraFile
 from .force.config import ForceConfig, GuardConfig
@@ -173,7 +173,7 @@ def _registered(config: RigConfig, path: Path) -> RigConfig:
     if config.stage.registration is None:
         return config
     file = path.parent / config.stage.registration
-    if not file.is_file():
+    if not reading.is_file(file):
         raise InputError(
             f"{path}: stage.registration: {config.stage.registration!r}: no such file in "
             f"{path.parent}; `deltact-fab rig register` writes one"

@@ -12,6 +12,8 @@ from .bounded import ShapeError, check_limits, number
 
 N_SILICONE = 1.41
 N_ACRYLIC = 1.49
+FILM_MARGIN_MM = 10.0
+"""Pattern film beyond the face on each side (assumed): held while it is laid, trimmed when dry."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,13 @@ class SkinDimensions:
                 "edge_fillet_mm < protrusion_mm <= thickness_mm: "
                 f"{self.edge_fillet_mm} < {self.protrusion_mm} <= {self.thickness_mm} fails"
             )
+
+    def film_mm(self, margin_mm: float = FILM_MARGIN_MM) -> tuple[float, float]:
+        """Sides (x, y) of the film that carries the pattern: the face, and the margin all around.
+
+        The bill of materials, the guide and the print sheets take it from here.
+        """
+        return (self.width_mm + 2 * margin_mm, self.length_mm + 2 * margin_mm)
 
     @property
     def opening_half_mm(self) -> tuple[float, float]:

@@ -105,7 +105,7 @@ def test_it_loads_without_error_and_fetches_nothing(visit: Visit) -> None:
 
 def test_every_picture_is_drawn_and_nothing_runs_over(visit: Visit) -> None:
     widths = visit.tab.evaluate(IMAGES)
-    assert len(widths) == 1 + len(listed())
+    assert len(widths) == 1 + len(listed()) + len(guide.STEPS) + 1
     assert min(widths) > 0
     assert visit.tab.evaluate(OVERFLOW) == 0
     visit.tab.set_viewport_size({"width": 480, "height": 900})
@@ -141,3 +141,22 @@ def test_the_model_is_seen_turns_and_goes_together(visit: Visit) -> None:
     assert high > 0.5 * exploded.shape[0]
     assert visit.errors == []
     assert visit.outside() == []
+
+
+def test_without_webgl_a_picture_stands_where_the_model_would(browser: Browser, page: Path) -> None:
+    flags = [FLAGS[0], "--disable-gpu", "--disable-3d-apis"]
+    poor = browser.browser_type.launch(executable_path=CHROMIUM, args=flags)
+    tab = poor.new_page(viewport={"width": 390, "height": 900})
+    seen = Visit(tab, page)
+    tab.on("console", lambda m: seen.errors.append(m.text) if m.type == "error" else None)
+    tab.on("pageerror", lambda error: seen.errors.append(str(error)))
+    tab.goto(page.as_uri())
+    assert tab.evaluate("document.createElement('canvas').getContext('webgl2')") is None
+    assert tab.evaluate(OVERFLOW) == 0
+    assert "no WebGL" in tab.inner_text("#turn")
+    assert seen.errors == []
+    # The skin is a light blue that the empty box is not; black lines are drawn too.
+    blue, _, red = seen.view().reshape(-1, 3).astype(int).T
+    assert np.mean((blue > 246) & (red < 236) & (red > 215)) > 0.02
+    assert np.mean(blue < 60) > 0.005
+    poor.close()

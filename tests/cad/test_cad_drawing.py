@@ -106,6 +106,11 @@ def _crosses(line, box):
     return met is not None and met[1] > met[0]
 
 
+def bare(words):
+    """A printed length without its own limits."""
+    return re.sub(r" ±[\d.]+(?= |$)", "", words)
+
+
 def extent(group, *styles):
     """Width and height of the lines of a group."""
     data = " ".join(p.get("d") for p in group.iter(f"{SVG}path") if p.get("class") in styles)

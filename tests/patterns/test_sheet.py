@@ -412,3 +412,25 @@ def test_whole_dots_of_one_patch_stay_within_the_side(tmp_path, size_mm):
     count = math.floor(size_mm / pitch_mm)
     assert made.stickers[0].side_mm == pytest.approx(count * pitch_mm, abs=1e-9)
     assert size_mm - pitch_mm < made.stickers[0].side_mm <= size_mm
+
+
+def test_every_sticker_has_the_film_that_the_guide_and_the_bill_say(tmp_path):
+    """Pieces of film are cut from the sheet as they are, so they must not overlap on it."""
+    from deltact_fab.cad.design import load_design
+    from deltact_fab.cad.making import bom
+    from deltact_fab.report import guide
+
+    design = load_design(changes=["skin.width_mm=40"])
+    wide_mm, high_mm = design.skin.film_mm()
+    assert (wide_mm, high_mm) == (60, 54)
+    words = f"{wide_mm:g} x {high_mm:g} mm"
+    assert any(words in line.note for line in bom.lines(design))
+    page = guide.write(design, tmp_path / "g.html", pictures=guide.Pictures()).read_text()
+    assert words.replace("x", "×") in page
+    made = sheet.write([PLAIN], tmp_path / "s.pdf", copies=7, dpi=600, sensor=design)
+    dot_mm = 25.4 / 600
+    for k, a in enumerate(made.stickers):
+        for b in made.stickers[:k]:
+            if a.page == b.page:
+                apart_mm = max(abs(a.x_mm - b.x_mm) - wide_mm, abs(a.y_mm - b.y_mm) - high_mm)
+                assert apart_mm >= -dot_mm

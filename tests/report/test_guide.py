@@ -20,7 +20,11 @@ from deltact_fab.report.guide import Pictures, write
 
 SVG = "data:image/svg+xml;base64,PHN2Zy8+"
 DRAWN = Pictures(
-    SVG, {part.name: SVG for part in listed()}, {"exploded": "data:a,1", "assembled": "data:a,2"}
+    SVG,
+    {part.name: SVG for part in listed()},
+    {"exploded": "data:a,1", "assembled": "data:a,2"},
+    dict.fromkeys(guide.STEPS, SVG),
+    {"cover": "26.1 mm2 from 1.6 mm up, unsupported"},
 )
 
 
@@ -63,7 +67,8 @@ def test_it_fetches_nothing_and_its_anchors_lead_somewhere(default: Seen) -> Non
     anchors = {link[1:] for link in default.fetched if link.startswith("#")}
     assert anchors <= set(default.ids)
     assert len(default.ids) == len(set(default.ids))
-    assert default.tags.count("img") == 1 + len(listed())
+    # And one that stands where the model cannot be turned.
+    assert default.tags.count("img") == 1 + len(listed()) + len(guide.STEPS) + 1
     assert default.tags.count("model-viewer") == 1
 
 
@@ -173,8 +178,33 @@ def test_notches_and_post_faces_are_named_where_they_exist(default: Seen, tmp_pa
     assert "from low above. Fill until the liquid" in held
 
 
+def test_it_says_how_each_printed_part_lies_and_on_which_plate(
+    default: Seen, tmp_path: Path
+) -> None:
+    for part in listed():
+        if part.printed:
+            assert part.lies.words in default.text
+            assert part.name in default.text.split("plate-1.3mf")[1].split("look for")[0]
+    assert "ceilings: 26.1 mm² from 1.6 mm up, unsupported" in default.text
+    assert "plate-1.3mf" not in page(tmp_path / "guide.html", "mold.columns=4").text
+
+
+def test_every_step_brings_together_parts_of_the_sensor_that_stay_together() -> None:
+    """What a step has brought together, a later one moves as one."""
+    sensor = {part.name for part in listed() if part.group == "sensor"}
+    joined = [{"skin", "acrylic", "skin-frame"}]  # by the casting
+    for layers in guide.STEPS.values():
+        for layer in layers:
+            for group in joined:
+                assert group <= set(layer) or not group & set(layer)
+        named = {name for layer in layers for name in layer}
+        assert len(named) == sum(len(layer) for layer in layers)
+        joined = [named, *(group for group in joined if not group & named)]
+    assert joined == [sensor]
+
+
 def test_the_frame_s_front_carries_no_supports() -> None:
-    how = find("skin-frame").how
+    how = find("skin-frame").making
     assert "supports on the rim of the back only, none on the front" in how
 
 
@@ -210,7 +240,7 @@ def test_without_the_viewer_it_says_what_to_install(
     assert "No 3D view: dash-model-viewer is not installed" in seen.text
     assert "model-viewer" not in seen.tags
     assert "script" not in seen.tags
-    assert seen.tags.count("img") == 1 + len(listed())
+    assert seen.tags.count("img") == 1 + len(listed()) + len(guide.STEPS) + 1
 
 
 def test_the_viewer_cannot_end_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

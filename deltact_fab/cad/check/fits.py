@@ -32,14 +32,14 @@ def rows(design: Design) -> Iterator[Row]:
 
 
 def platform(design: Design) -> Iterator[Row]:
-    """The printed part that leaves least room, as drawn or turned by a right angle in plan."""
+    """The printed part that leaves least room, as it lies or turned by a right angle in plan."""
     printer = design.resin_printer
     room = [*sorted((printer.bed_x_mm, printer.bed_y_mm), reverse=True), printer.bed_z_mm]
     sides = {}
     for part in of_design():
         if part.process == PRINT:
             low, high = expected(part, design).box_mm
-            x, y, z = (b - a for a, b in zip(low, high, strict=True))
+            x, y, z = part.lies.size_mm(low, high)
             sides[part.name] = [max(x, y), min(x, y), z]
     left = {
         name: min(r - s for r, s in zip(room, size, strict=True)) for name, size in sides.items()

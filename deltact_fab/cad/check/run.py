@@ -9,6 +9,7 @@ from ...errors import MissingLibrary, RunFailed
 from ..design import IndenterList
 from ..dimensions import Design
 from ..kernel import guarded, require
+from ..laid import LEAST_CONTACT_MM2
 from . import (
     bench,
     bending,
@@ -19,6 +20,7 @@ from . import (
     indenters,
     inequalities,
     pegs,
+    printed,
     screws,
     sight,
     soundness,
@@ -39,6 +41,7 @@ CHECKS = (
     Check("axes coaxial", "screws, pegs", f"<= {screws.AXIS_MM:g} mm", screws.axes),
     Check("engagement", "screws", f">= {screws.ENGAGEMENT_D:g} d", screws.engagement),
     Check(thickness.NAME, "printed parts", "each part's wall", thickness.rows),
+    Check(printed.CONTACT, "printed parts", f">= {LEAST_CONTACT_MM2:g} mm2", printed.rows),
     Check("snap strain", "cover, camera-holder", "cover.strain_limit", pegs.rows),
     Check("plate deflection", "acrylic", "plate.deflection_share", bending.deflection),
     Check("plate clear of the light", "acrylic, light-holder", "light.axial_fit_mm", bending.clear),

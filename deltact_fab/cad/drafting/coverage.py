@@ -89,7 +89,8 @@ def coverage(part: Part, design: Design) -> Coverage:
             rates.append(_Rates(key, moves, (changed_shape - shape) / step, abs(step) == STEP))
     closing = [item for i, item in enumerate(_lines(said)) if i in chains]
     views = views_of(said)
-    unsaid += [key for key in _masked(rates) if key not in said.silent]
+    noted = sum(len(_NUMBER.findall(note)) for note in said.notes)
+    unsaid += [key for key in _masked(rates, noted) if key not in said.silent]
     return Coverage(
         tuple(dict.fromkeys(unsaid)),
         tuple(_twice(names, numbers, rates)),
@@ -108,7 +109,7 @@ class _Rates:
     small: bool
 
 
-def _masked(rates: list[_Rates]) -> Iterator[str]:
+def _masked(rates: list[_Rates], noted: int) -> Iterator[str]:
     """Keys that together change the shape while every printed number stays.
 
     The gradients of volume and size have to be sums of the numbers' gradients; what is left of
@@ -117,7 +118,8 @@ def _masked(rates: list[_Rates]) -> Iterator[str]:
     small = [rate for rate in rates if rate.small]
     if not small or not small[0].moves:
         return
-    numbers = np.array([rate.moves for rate in small]).T
+    # The last ones stand in notes: a strain gives no length.
+    numbers = np.array([rate.moves[: len(rate.moves) - noted] for rate in small]).T
     shape = np.array([rate.shape for rate in small]).T
     shape = shape / np.maximum(np.abs(shape).max(axis=1, keepdims=True), SAME_RATE)
     left = shape - shape @ np.linalg.pinv(numbers, rcond=RANK) @ numbers

@@ -6,8 +6,9 @@ that several pictures can stand in one page.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from typing import Any
 
@@ -16,21 +17,27 @@ from numpy.typing import NDArray
 
 from ..assembly import Placed, assemble
 from ..build import build_part
+from ..checks import bounding_box
 from ..dimensions import Design
 from ..kernel import guarded
-from ..part import Part
+from ..part import Part, Shift
 from ..registry import of_group
 from .balloons import RADIUS_MM, Balloon, arranged
 from .page import FONT, LARGE_MM, SMALL_MM, number, path_data, text_width_mm
 from .projection import Points, Projected, View, project
+from .seen import regions
 
 CORNER = View((1, 1, -0.9), (0, 0, 1))
 TIPS_UP = View((1, -1, 0.9), (0, 0, -1))
 # The sensor lies on its side: the axis runs across the page, the touched face looks at the reader.
 APART = View((-0.62, -0.42, -0.66), (0, 1, 0))
+# The same from the back and from the side of the cable.
+FROM_BACK = View((-0.62, 0.42, 0.66), (0, 1, 0))
 
 PART_MM = (84.0, 64.0)  # room of a part's picture
 APART_MM = 180.0  # width of the exploded view
+STEP_ROOM_MM = (120.0, 64.0)  # room of a step's picture, without balloons and legend
+STEP_GAP_MM = 7.0  # between what is together and what comes to it
 MARGIN_MM = 3.0
 CHORD_MM = 0.02
 MESH_MM, MESH_RAD = 0.05, 0.2
@@ -65,31 +72,89 @@ def exploded_svg(design: Design, solids: Mapping[str, Any] | None = None) -> str
     screws are drawn where nothing hides them.
     """
     placed = assemble(design, 1.0, of_group("sensor"), solids)
-    with guarded("exploded view", {}):
-        found = project([p.solid for p in placed], APART.direction, APART.up, CHORD_MM)
+    return _numbered("exploded view", placed, APART, APART_MM, math.inf, design)
+
+
+def step_svg(
+    title: str,
+    design: Design,
+    layers: Sequence[Sequence[str]],
+    solids: Mapping[str, Any] | None = None,
+    view: View = APART,
+) -> str:
+    """One step of the assembly: what is together already, and what comes to it, taken apart.
+
+    layers: names of parts of the sensor, from the face backwards; those of one layer are in their
+    places to one another. solids: as for exploded_svg.
+    """
+    parts = {part.name: part for part in of_group("sensor")}
+    placed: list[Placed] = []
+    top_mm = -math.inf
+    for names in reversed(layers):
+        layer = assemble(design, 0.0, [parts[name] for name in names], solids)
+        boxes = [bounding_box(piece.solid) for piece in layer]
+        shift = (0.0, 0.0, max(0.0, top_mm + STEP_GAP_MM - min(box[0][2] for box in boxes)))
+        placed += [_lifted(piece, shift) for piece in layer]
+        top_mm = max(box[1][2] for box in boxes) + shift[2]
+    order = list(parts)
+    placed.sort(key=lambda piece: order.index(piece.part.name))
+    return _numbered(title, placed, view, *STEP_ROOM_MM)
+
+
+def _lifted(piece: Placed, shift: Shift) -> Placed:
+    from cadquery import Location
+
+    x, y, z = (a + b for a, b in zip(piece.shift_mm, shift, strict=True))
+    return replace(piece, solid=piece.solid.moved(Location(shift)), shift_mm=(x, y, z))
+
+
+def _numbered(
+    title: str,
+    placed: Sequence[Placed],
+    view: View,
+    wide_mm: float,
+    high_mm: float,
+    axes_of: Design | None = None,
+) -> str:
+    """Pieces of the sensor with balloons and a legend, as large as the room allows.
+
+    axes_of: the design whose screws' axes are drawn too.
+    """
+    with guarded(title, {}):
+        found = project([p.solid for p in placed], view.direction, view.up, CHORD_MM)
         bodies = [
-            Body(p.part, p.index, lines, mesh(p.solid), APART)
+            Body(p.part, p.index, lines, mesh(p.solid), view)
             for p, lines in zip(placed, found, strict=True)
         ]
     # Of the meshes, for a piece may be hidden altogether.
-    corners = np.concatenate([APART.flat(body.triangles).reshape(-1, 2) for body in bodies])
+    corners = np.concatenate([view.flat(body.triangles).reshape(-1, 2) for body in bodies])
     low, high = corners.min(axis=0), corners.max(axis=0)
-    scale = float((APART_MM - 2 * MARGIN_MM) / (high - low)[0])
-    labels = _labels(of_group("sensor"))
+    room = np.array([wide_mm, high_mm]) - 2 * MARGIN_MM
+    scale = float(min(room / (high - low)))
+    names = {p.part.name for p in placed}
+    labels = {n: label for n, label in _labels(of_group("sensor")).items() if n in names}
     pieces = [(b.part, [line * scale for line in b.lines.visible]) for b in bodies]
-    balloons = arranged(pieces, APART.flat((0, 0, -1)))
+    balloons = arranged(pieces, view.flat((0, 0, -1)))
     # Everything in the paper's millimetres, y upwards, to see how large the page must be.
     reach = np.concatenate([np.array([low, high]) * scale, *(b.reach for b in balloons)])
     low, high = reach.min(axis=0), reach.max(axis=0)
     paper = _Paper(1.0, (low[0], high[1]), MARGIN_MM, MARGIN_MM)
     model = _Paper(scale, (low[0] / scale, high[1] / scale), MARGIN_MM, MARGIN_MM)
-    items = _drawn(sorted(bodies, key=lambda b: b.middle_mm), model)
-    items.append(_axes(placed, bodies, design, model))
+    if axes_of is not None:
+        items = _drawn(sorted(bodies, key=lambda b: b.middle_mm), model)
+        items.append(_axes(placed, bodies, axes_of, model))
+    else:
+        shapes = regions([body.triangles for body in bodies], view, scale)
+        items = _together(bodies, shapes, model)
     for balloon in balloons:
         items += _balloon(balloon, labels[balloon.part.name], paper)
     width, height = (high - low + 2 * MARGIN_MM).tolist()
+    if axes_of is None:
+        # A step is small, and names what is seen in it.
+        labels = {b.part.name: labels[b.part.name] for b in balloons}
+        width = max(width, STEP_ROOM_MM[0])
     legend, legend_mm = _legend(labels, width, height)
-    return _document(width, height + legend_mm, "exploded view", [*items, *legend])
+    return _document(width, height + legend_mm, title, [*items, *legend])
 
 
 @dataclass(frozen=True)
@@ -195,14 +260,42 @@ def _drawn(bodies: Sequence[Body], paper: _Paper) -> list[str]:
             'stroke-linejoin="round"/>'
         )
         items.append(f'<path d="{shape}" fill="{_tint(body.part)}" stroke="none"/>')
-        for lines, width in ((body.lines.smooth, THIN), (body.lines.visible, LINE)):
-            if lines:
-                data = path_data([paper.of(line) for line in lines])
-                items.append(
-                    f'<path d="{data}" fill="none" stroke="#000" stroke-width="{width}" '
-                    'stroke-linecap="round" stroke-linejoin="round"/>'
-                )
+        items += _lines(body, paper)
         items.append("</g>")
+    return items
+
+
+def _together(
+    bodies: Sequence[Body], shapes: Sequence[Sequence[Points]], paper: _Paper
+) -> list[str]:
+    """Bodies of which none is behind another as a whole: what is seen of each, then all lines."""
+    paths = [path_data([paper.of(loop) for loop in loops], True) for loops in shapes]
+    items = [
+        f'<path d="{path}" fill="none" stroke="#000" stroke-width="{2 * CONTOUR}" '
+        'stroke-linejoin="round"/>'
+        for path in paths
+    ]
+    for body, path in zip(bodies, paths, strict=True):
+        tint = _tint(body.part)
+        # As wide as a line, so that no gap shows between two of them.
+        items.append(
+            f'<path data-part="{escape(body.part.name)}" d="{path}" fill="{tint}" '
+            f'fill-rule="evenodd" stroke="{tint}" stroke-width="{LINE}"/>'
+        )
+    for body in bodies:
+        items += _lines(body, paper)
+    return items
+
+
+def _lines(body: Body, paper: _Paper) -> list[str]:
+    items = []
+    for lines, width in ((body.lines.smooth, THIN), (body.lines.visible, LINE)):
+        if lines:
+            data = path_data([paper.of(line) for line in lines])
+            items.append(
+                f'<path d="{data}" fill="none" stroke="#000" stroke-width="{width}" '
+                'stroke-linecap="round" stroke-linejoin="round"/>'
+            )
     return items
 
 

@@ -18,10 +18,22 @@ from ...errors import InputError, RunFailed
 from ...jobs import Progress, arrivals, processors
 from ..build import expected
 from ..dimensions import Design
+from ..lying import Matrix
 from ..part import Part
 from ..registry import of_group
-from .formats import glb
-from .part_files import ASSEMBLY, FORMATS, Made, Task, applicable, checked_formats, make, whole
+from .formats import glb, threemf
+from .part_files import (
+    ASSEMBLY,
+    FORMATS,
+    Made,
+    Task,
+    applicable,
+    checked_formats,
+    make,
+    on_platform,
+    whole,
+)
+from .plates import Plate, arranged
 from .stored import Store
 
 TOLERANCE_MM = (0.001, 1.0)
@@ -39,7 +51,12 @@ _OURS = re.compile(rf"[a-z0-9-]+\.(?:{'|'.join(FORMATS)})")
 
 @dataclass(frozen=True)
 class PartFile:
-    """One written file. volume and box are the exact solid's, also for a mesh."""
+    """One written file. volume and box are the exact solid's, also for a mesh.
+
+    turned: rotation from the part's frame to the printer's, of a file as it is printed; its box is
+    the mesh's, which stands on z = 0, its middle at x = y = 0. pieces: the parts of a plate, whose
+    box is in the platform's own frame, from its front left corner.
+    """
 
     part: str
     file: str
@@ -50,6 +67,8 @@ class PartFile:
     bounding_box_mm: tuple[tuple[float, ...], tuple[float, ...]]
     mesh_deviation_mm: float | None
     sha256: str
+    turned: Matrix | None = None
+    pieces: tuple[str, ...] = ()
 
 
 def export_parts(
@@ -72,6 +91,9 @@ def export_parts(
         user's cache, and new ones put there; when none is missing the kernel is not loaded.
     jobs: processes; None decides by the work that is left.
     assembly: write assembly.step and assembly.glb when all of the sensor's parts are among parts.
+
+    With 3mf, several printed parts are also written as plate-1.3mf and so on: all of them, each
+    under its name, on as many platforms as they take.
 
     Afterwards the folder is what its manifest says: what an earlier export's manifest.json lists
     and is not written again is removed, unless it was changed since; other files stay.
@@ -98,11 +120,14 @@ def export_parts(
     for part in named.values():
         expected(part, design)
     sensor = _sensor(named) if assembly else ()
+    to_print = [part for part in named.values() if part.printed and "3mf" in kinds]
+    plates = arranged(design, to_print) if len(to_print) > 1 else []
     if sensor and "step" in kinds:
         units.insert(0, (None, ("step",)))
     names = [f"{part.name if part else ASSEMBLY}.{kind}" for part, own in units for kind in own]
     if sensor and "glb" in kinds:
         names.append(f"{ASSEMBLY}.glb")
+    names += [f"{_plate(i)}.3mf" for i in range(len(plates))]
     _earlier(Path(out_dir), names)
     tell = progress or (lambda done, total, what: None)
     store = Store(design, tolerance_mm, cached)
@@ -111,6 +136,8 @@ def export_parts(
         _make(batch, units, (design, tolerance_mm), jobs, tell)
         if sensor and "glb" in kinds:
             batch.keep(None, _assembly_glb(batch, design))
+        for i, plate in enumerate(plates):
+            batch.lay(_plate(i), plate)
         files = batch.files()
         (folder / MANIFEST).write_text(manifest(files), encoding="utf-8", newline="\n")
         _place(folder, Path(out_dir), names)
@@ -122,6 +149,10 @@ def export_parts(
 def manifest(files: Sequence[PartFile]) -> str:
     """The manifest's text: one entry a file, no times and no paths."""
     return json.dumps({"files": [asdict(f) for f in files]}, indent=2) + "\n"
+
+
+def _plate(index: int) -> str:
+    return f"plate-{index + 1}"
 
 
 def _sensor(named: dict[str, Part]) -> tuple[Part, ...]:
@@ -157,23 +188,52 @@ class _Batch:
     def keep(self, part: Part | None, made: Made) -> None:
         """Write one file and note what it is."""
         name = part.name if part else ASSEMBLY
+        self.held[name, made.format] = replace(made, data=b"")
+        entry = self._written(name, made)
+        if part:
+            entry = replace(
+                entry, material=part.material, process=part.process, quantity=part.quantity,
+                turned=part.lies.turn if on_platform(part, made.format) else None,
+            )  # fmt: skip
+        self._entries.append(entry)
+
+    def lay(self, name: str, plate: Plate) -> None:
+        """Put the parts' own 3MF files on one platform."""
+        pieces, sizes, deviations_mm = [], [], []
+        for part in dict.fromkeys(standing.part for standing in plate.pieces):
+            held = self.held[part.name, "3mf"]
+            places = tuple((s.x_mm, s.y_mm, 0.0) for s in plate.pieces if s.part is part)
+            mesh = threemf.read_mesh((self.folder / f"{part.name}.3mf").read_bytes())
+            pieces.append(threemf.Piece(part.name, mesh, places))
+            sizes.append((held.volume_mm3, held.box_mm, places))
+            deviations_mm.append(held.deviation_mm or 0.0)
+        first = plate.pieces[0].part
+        data = threemf.plate_bytes(pieces, name, plate.material, first.colour)
+        entry = self._written(name, Made("3mf", data, *whole(sizes), max(deviations_mm)))
+        self._entries.append(
+            replace(
+                entry,
+                material=plate.material,
+                process=first.process,
+                pieces=tuple(standing.part.name for standing in plate.pieces),
+            )
+        )
+
+    def _written(self, name: str, made: Made) -> PartFile:
         path = self.folder / f"{name}.{made.format}"
         path.write_bytes(made.data)
-        self.held[name, made.format] = replace(made, data=b"")
         low, high = (tuple(round(v, _DIGITS) + 0.0 for v in corner) for corner in made.box_mm)
         deviation_mm = made.deviation_mm
-        self._entries.append(
-            PartFile(
-                part=name,
-                file=path.name,
-                material=part.material if part else "",
-                process=part.process if part else "assembled",
-                quantity=part.quantity if part else 1,
-                volume_mm3=round(made.volume_mm3, _DIGITS),
-                bounding_box_mm=(low, high),
-                mesh_deviation_mm=None if deviation_mm is None else round(deviation_mm, _DIGITS),
-                sha256=hashlib.sha256(made.data).hexdigest(),
-            )
+        return PartFile(
+            part=name,
+            file=path.name,
+            material="",
+            process="assembled",
+            quantity=1,
+            volume_mm3=round(made.volume_mm3, _DIGITS),
+            bounding_box_mm=(low, high),
+            mesh_deviation_mm=None if deviation_mm is None else round(deviation_mm, _DIGITS),
+            sha256=hashlib.sha256(made.data).hexdigest(),
         )
 
     def files(self) -> list[PartFile]:

@@ -13,6 +13,7 @@ from ..dimensions import Design
 from ..drafting.drawing import drawing, has_drawing
 from ..drafting.page import Page
 from ..kernel import guarded
+from ..laid import laid
 from ..mesh import Mesh, mesh_solid
 from ..part import BOUGHT, LASER_CUT, Part
 from .formats import dxf, glb, step, stl, threemf
@@ -21,13 +22,15 @@ ASSEMBLY = "assembly"
 FORMATS = ("step", "stl", "3mf", "dxf", "glb", "svg", "pdf")
 DRAWN = ("svg", "pdf")
 MESHED = ("stl", "3mf", "glb")
+TO_PRINT = ("stl", "3mf")
 
 Point3 = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class Made:
-    """The bytes of one file. volume and box are the exact solid's, also for a mesh.
+    """The bytes of one file. volume and box are the exact solid's, also for a mesh; the box of a
+    file to print is the mesh's, as it lies on the platform.
 
     deviation_mm: measured distance of the mesh from the surface; None where there is no mesh.
     """
@@ -77,6 +80,11 @@ def _applies(part: Part, kind: str) -> bool:
     return part.process != BOUGHT or kind not in ("stl", "3mf")
 
 
+def on_platform(part: Part, kind: str) -> bool:
+    """Whether that file of a part has it as it is printed, not in the frame of the design."""
+    return part.printed and kind in TO_PRINT
+
+
 def make(task: Task) -> list[Made]:
     """Build, gate and write to memory. Raises RunFailed naming the part."""
     if task.part is None:
@@ -85,20 +93,26 @@ def make(task: Task) -> list[Made]:
     solid, measured = build_part(part, task.design)
     made = []
     mesh: Mesh | None = None
+    lying: Mesh | None = None
     page: Page | None = None
     # Meshes last: they leave triangles on the solid.
     for kind in sorted(task.formats, key=lambda f: (f in MESHED, FORMATS.index(f))):
         with guarded(part.name, {"tolerance_mm": task.tolerance_mm}):
             if kind in MESHED:
                 mesh = mesh or _mesh(solid, measured, task)
-                data = _mesh_bytes(mesh, part, kind)
+                if on_platform(part, kind):
+                    lying = lying or laid(mesh, part.lies)
+                    data, box_mm = _mesh_bytes(lying, part, kind), lying.box_mm
+                else:
+                    data, box_mm = _mesh_bytes(mesh, part, kind), measured.box_mm
             elif kind in DRAWN:
                 page = page or drawing(part, task.design, solid)
                 data = page.svg().encode() if kind == "svg" else page.pdf()
+                box_mm = measured.box_mm
             else:
-                data = _solid_bytes(solid, part, task.design, kind)
+                data, box_mm = _solid_bytes(solid, part, task.design, kind), measured.box_mm
         deviation_mm = mesh.deviation_mm if mesh and kind in MESHED else None
-        made.append(Made(kind, data, measured.volume_mm3, measured.box_mm, deviation_mm))
+        made.append(Made(kind, data, measured.volume_mm3, box_mm, deviation_mm))
     return made
 
 

@@ -117,7 +117,7 @@ def _silicone(d: Design, sensors: int, waste: float, process: Process) -> Iterat
         "DOWSIL PR-1200 RTV prime coat", "primer", "wipe on",
         fabrication.primer_ml(d, cast, process), "ml", f"{cast} plates, one face; flammable",
     )  # fmt: skip
-    fx, fy = fabrication.film_mm(d, process)
+    fx, fy = d.skin.film_mm(process.film_margin_mm)
     yield (
         "water transfer film", "printable", "print, soak", sensors, PIECES,
         f"{fx:g} x {fy:g} mm each; print spares on the sheet",

@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Literal
 
 from ...errors import InputError
+from ...shapes.sensor import FILM_MARGIN_MM
 from ..dimensions import Design
 from ..parts.light_holder import LightDimensions
 
@@ -46,7 +47,9 @@ class Process:
     )
     primer_ml_per_cm2: float = _figure(0.005, "ml/cm²", "PR-1200, a wet film of 0.05 mm", "assumed")
     film_dry_h: float = _figure(12, "h", "water transfer film, drying", "assumed")
-    film_margin_mm: float = _figure(10, "mm", "film beyond the face, on each side", "assumed")
+    film_margin_mm: float = _figure(
+        FILM_MARGIN_MM, "mm", "film beyond the face, on each side", "assumed"
+    )
     coat_mm: float = _figure(0.3, "mm", "each of the two Dragon Skin layers", "assumed")
     coat_density_g_cm3: float = _figure(1.07, "g/cm³", "density of Dragon Skin 10", "assumed")
     coat_pigment: float = _figure(0.03, "g/g", "pigment in Dragon Skin, by weight", "assumed")
@@ -143,12 +146,6 @@ def primer_ml(design: Design, sensors: int, process: Process = DEFAULT) -> float
     """Primer for one face of so many acrylic plates."""
     x, y = design.acrylic_half_mm
     return sensors * 4 * x * y / 100 * process.primer_ml_per_cm2
-
-
-def film_mm(design: Design, process: Process = DEFAULT) -> tuple[float, float]:
-    """Sides of one piece of film (x, y): the face, and the margin all around."""
-    margin = 2 * process.film_margin_mm
-    return design.skin.width_mm + margin, design.skin.length_mm + margin
 
 
 def coupon_mm3(design: Design) -> float:

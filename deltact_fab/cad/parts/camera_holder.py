@@ -25,6 +25,7 @@ from ..drafting.dimensioning import Axis, Item
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
+from ..lying import Lying
 from ..part import BLACK, PRINT, RESIN, Part
 from ..record import Record, check_limits, number, standard_row
 from ..rule import Rule
@@ -310,7 +311,7 @@ PARTS = (
         wall_mm=wall_mm,
         in_view=True,
         callouts=callouts,
-        how="flat, supports on the back",
+        lies=Lying(face="back"),
         look_for="flat to 0.1 mm on a glass plate",
     ),
 )  # fmt: skip

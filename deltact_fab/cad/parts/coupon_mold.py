@@ -123,7 +123,7 @@ PARTS = (
         wall_mm=wall_mm,
         callouts=callouts,
         note=note,
-        how="underside down, same job and same wash as the mold",
+        how="same job and same wash as the mold",
         look_for="as the mold",
     ),
 )

@@ -27,6 +27,7 @@ from ..drafting.dimensioning import Axis, Cut, Detail, Item, Linear, shown
 from ..drafting.items import Callouts, holes, x_of, y_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
+from ..lying import Lying
 from ..part import BLACK, PRINT, RESIN, Part
 from ..record import Point2, Record, number
 from ..rule import Rule
@@ -334,7 +335,7 @@ PARTS = (
         fits=fits,
         wall_mm=wall_mm,
         callouts=callouts,
-        how="outer face down, flat, no support near the pegs",
+        lies=Lying(face="outer face"),
         look_for="every peg has its slot open: a folded paper passes",
     ),
 )  # fmt: skip

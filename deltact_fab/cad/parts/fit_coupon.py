@@ -176,7 +176,7 @@ PARTS = (
         wall_mm=wall_mm,
         callouts=callouts,
         note=note,
-        how="underside down, straight on the platform, no supports; twice, far from each other",
+        how="twice, far from each other",
         look_for="measure holes with pin gauges or drill shanks, the rest with a caliper",
     ),
 )

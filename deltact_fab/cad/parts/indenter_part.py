@@ -10,6 +10,7 @@ from ...shapes.turned import TurnedTip
 from ..design import IndenterBody, IndenterDimensions
 from ..drafting.dimensioning import Axis, Centres, Circle, Detail, Item, Leader, Linear, shown
 from ..drafting.items import Callouts, x_of, y_of, z_of
+from ..lying import Lying
 from ..part import PRINT, RESIN, WHITE, Part
 from ..record import Point2
 from .indenter import build, corner_mm, expect, plate_half_mm
@@ -29,7 +30,7 @@ def part(indenter: Indenter, body: IndenterBody, quantity: int = 1) -> Part:
         "indenters",
         colour=WHITE,
         callouts=callouts,
-        how="stem down, supports on plate and stem only",
+        lies=Lying("+z", "stem's end", supports="under the plate only"),
         look_for="no mark on the tip; the stem enters the tool holder, flat at +x, by hand",
         indenter=IndenterDimensions(indenter, body),
     )

@@ -29,6 +29,7 @@ from ..drafting.dimensioning import Axis, Centres, Cut, Item, Leader, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, x_of, y_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
+from ..lying import Lying
 from ..part import PRINT, RESIN, WHITE, Part
 from ..record import Record, number
 from ..rule import Rule
@@ -376,7 +377,7 @@ PARTS = (
         wall_mm=wall_mm,
         in_view=True,
         callouts=callouts,
-        how="floor down, flat, supports below the floor",
+        lies=Lying(face="floor"),
         look_for="no resin left in the channel: blow it out before the post-cure",
     ),
 )  # fmt: skip

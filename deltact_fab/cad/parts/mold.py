@@ -245,7 +245,6 @@ PARTS = (
         wall_mm=wall_mm,
         callouts=callouts,
         note=note,
-        how="underside down, straight on the platform, no supports",
         look_for="cavity floors glossy: what is there is on every skin",
     ),
 )

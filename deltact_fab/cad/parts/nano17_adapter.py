@@ -20,6 +20,7 @@ from ..drafting.dimensioning import Cut, Item, Leader, shown
 from ..drafting.items import Callouts, holes, x_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
+from ..lying import Lying
 from ..part import BLACK, PRINT, RESIN, Part
 from ..record import Point2, Record, check_limits, check_measured, number
 from ..rule import Rule
@@ -181,7 +182,7 @@ PARTS = (
         wall_mm=wall_mm,
         callouts=callouts,
         note=note,
-        how="flat, the side with the sunk heads up",
+        lies=Lying("+z", "force sensor's side"),
         look_for="flat on both sides; the force sensor's screws go in by hand",
     ),
 )

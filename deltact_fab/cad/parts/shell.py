@@ -31,6 +31,7 @@ from ..drafting.dimensioning import Axis, Cut, Detail, Item, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
+from ..lying import Lying
 from ..part import BLACK, PRINT, RESIN, Part
 from ..record import Record, number
 from ..rule import Rule
@@ -358,7 +359,7 @@ PARTS = (
         wall_mm=wall_mm,
         in_view=True,
         callouts=callouts,
-        how="joint face up, tilted by 20°, supports outside",
+        lies=Lying(face="back", tilt_deg=20, supports="outside only"),
         look_for="the light holder slides in by hand; the four holes pass a screw without cutting",
     ),
 )  # fmt: skip

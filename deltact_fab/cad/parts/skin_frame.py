@@ -30,6 +30,7 @@ from ..drafting.dimensioning import Axis, Cut, Item, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
+from ..lying import Lying
 from ..part import BLACK, PRINT, RESIN, Part, no_fits, no_rules
 from ..record import Point2
 from ..rule import Rule
@@ -225,8 +226,11 @@ FRAME = Part(
     wall_mm=wall_mm,
     in_view=True,
     callouts=callouts,
-    how="pilot holes down, tilted by 30°, supports on the rim of the back only, none on the front, "
-    "which seals in the mold",
+    lies=Lying(
+        face="back, where the pilot holes are,", tilt_deg=30,
+        supports="on the rim of the back only, none on the front",
+    ),
+    how="the front seals in the mold",
     look_for="front flat and glossy, no marks in the acrylic's pocket; rub the back flat on fine "
     "paper; a drill of the pilot's size turns freely",
 )  # fmt: skip
@@ -244,7 +248,6 @@ PARTS = (
         bound_by=("skin-frame",),
         in_view=False,
         note=base_note,
-        how="as the skin frame",
         look_for="as the skin frame",
     ),
 )

@@ -21,6 +21,7 @@ from ..drafting.dimensioning import Cut, Linear, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..fit import Fit
 from ..kernel import require
+from ..lying import Lying
 from ..part import BLACK, PRINT, RESIN, Part
 from ..record import Record, check_limits, number, standard_row
 from ..rule import Rule
@@ -219,7 +220,7 @@ PARTS = (
         wall_mm=shell.wall_mm,
         callouts=callouts,
         note=note,
-        how="as the shell, tabs upright",
+        lies=Lying(face="back", tilt_deg=20, supports="outside only"),
         look_for="as the shell; tabs flat on the table",
     ),
 )  # fmt: skip

@@ -29,6 +29,7 @@ from ..drafting.dimensioning import Axis, Cut, Item, Leader, shown
 from ..drafting.items import Callouts, holes, x_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
+from ..lying import Lying
 from ..part import BLACK, PRINT, RESIN, Part
 from ..record import Point2, Record, number
 from ..rule import Rule
@@ -254,7 +255,7 @@ PARTS = (
         wall_mm=wall_mm,
         callouts=callouts,
         note=note,
-        how="flange down on the platform, so that the bore needs no supports",
+        lies=Lying("+z", "flange"),
         look_for="a stem slides in with its flat at +x and in no other way",
     ),
 )

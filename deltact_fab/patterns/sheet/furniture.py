@@ -1,6 +1,6 @@
 """What every page has besides stickers: how to print it, and what tells whether it was.
 
-Registration marks, rulers, colour patches, cut marks and the mark of a sticker's corner.
+Registration marks, rulers, colour patches, the film's corners, and a sticker's ticks and corner.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ from .marks import Box, Mark, width_mm, wrapped
 
 RULER_MM = 100.0
 LINE_MM = 0.1
-CUT_MM = 3.0
-CUT_GAP_MM = 1.0
+TICK_MM = 3.0
+TICK_GAP_MM = 1.0
+FILM_CORNER_MM = 4.0
 SMALL_PT = 6.0
 STICKERS_MM = 60.0
 """Least height left below the header."""
@@ -42,7 +43,8 @@ def instructions(sheet: Sheet, paper: str, transfer: str) -> list[str]:
         f"at {sheet.dpi:g} dpi, with no smoothing, sharpening or toner saving.",
         how,
         "Test: looked at from the side that will lie on the gel, every F reads right and stands at "
-        "the corner (-x, -y). Leave the F on for a trial; else cut along the ticks.",
+        "the corner (-x, -y). Cut the film at its corner marks; the ticks point along the edges of "
+        "the pattern and are trimmed off with F and margin when it is dry.",
         f"Rulers, left or upper edge of the lines: 100 mm in x and in y; {ruler}",
     ]
 
@@ -94,7 +96,7 @@ def footer(sheet: Sheet, text: str) -> list[Mark]:
 
 
 def corner_mark(sheet: Sheet, x_px: int, y_px: int, mirrored: bool) -> list[Mark]:
-    """An F in the corner's own quadrant, outside both cut lines: the corner (-x, -y) of the sensor.
+    """An F in the corner's own quadrant, beside the pattern: the corner (-x, -y) of the sensor.
 
     x_px, y_px: that corner of the sticker as printed. Mirrored with the sticker, so it reads right
     from the side that comes to lie on the gel, and only then.
@@ -111,11 +113,30 @@ def corner_mark(sheet: Sheet, x_px: int, y_px: int, mirrored: bool) -> list[Mark
     return out
 
 
-def cut_marks(sheet: Sheet, x_px: int, y_px: int, width_px: int, height_px: int) -> list[Mark]:
+def film_corners(
+    sheet: Sheet, x_mm: float, y_mm: float, film_mm: tuple[float, float]
+) -> list[Mark]:
+    """An angle in each corner of the film, inside it: the film is cut along their outer edges."""
+    out: list[Mark] = []
+    far_x_mm, far_y_mm = x_mm + film_mm[0], y_mm + film_mm[1]
+    for left_mm, column_mm in (
+        (x_mm, x_mm),
+        (far_x_mm - FILM_CORNER_MM, far_x_mm - LINE_MM),
+    ):
+        for top_mm, row_mm in (
+            (y_mm, y_mm),
+            (far_y_mm - FILM_CORNER_MM, far_y_mm - LINE_MM),
+        ):
+            out.append(sheet.box(left_mm, row_mm, FILM_CORNER_MM, LINE_MM))
+            out.append(sheet.box(column_mm, top_mm, LINE_MM, FILM_CORNER_MM))
+    return out
+
+
+def edge_ticks(sheet: Sheet, x_px: int, y_px: int, width_px: int, height_px: int) -> list[Mark]:
     """Eight ticks that point along the sticker's edges and stop short of them."""
     pitch_x_mm, pitch_y_mm = sheet.pitch_mm
-    gap_x, gap_y = round(CUT_GAP_MM / pitch_x_mm), round(CUT_GAP_MM / pitch_y_mm)
-    long_x, long_y = round(CUT_MM / pitch_x_mm), round(CUT_MM / pitch_y_mm)
+    gap_x, gap_y = round(TICK_GAP_MM / pitch_x_mm), round(TICK_GAP_MM / pitch_y_mm)
+    long_x, long_y = round(TICK_MM / pitch_x_mm), round(TICK_MM / pitch_y_mm)
     thick_x = max(1, round(LINE_MM / pitch_x_mm))
     thick_y = max(1, round(LINE_MM / pitch_y_mm))
     out: list[Mark] = []

@@ -12,7 +12,7 @@ right.
   and film at the ink's back: it sees what the sheet shows, left and right exchanged. So the sheet
   shows the array with its columns reversed.
 
-In both cases an F stands outside the cut marks at the corner (-x, -y), mirrored with the sticker.
+In both cases an F stands beside the pattern at the corner (-x, -y), mirrored with the sticker.
 It reads right when it is looked at from the side that lies on the gel, which is where the camera
 is; if it does not, the film is the wrong way round. Labels and QR codes are never mirrored.
 
@@ -193,7 +193,8 @@ def write(
     if kind != "pdf":
         least = math.inf  # a page's image is in printer dots
     tell = progress or (lambda done, total, what: None)
-    view_mm = (sensor or SensorDimensions()).optics.view_mm
+    sensor = sensor or SensorDimensions()
+    view_mm, film_mm = sensor.optics.view_mm, sensor.skin.film_mm()
     total = len(recipes) + 1
     cells: list[Cell] = []
     codes: list[str] = []
@@ -208,7 +209,7 @@ def write(
         cells.append(
             cells[same]
             if same < k
-            else stickers.cell(recipe, asked, codes[-1], sheet, transfer == "slide", least)
+            else stickers.cell(recipe, asked, codes[-1], sheet, transfer == "slide", least, film_mm)
         )
     order = [k for k in range(len(recipes)) for _ in range(copies)]
     names = [stickers.name(printed[k]) for k in order]

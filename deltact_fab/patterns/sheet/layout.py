@@ -5,10 +5,11 @@ A page, as it is read:
     (+)  header: how to print, which transfer                      (+)   registration marks
          |....|....| ruler in x, 100 mm
          [K][C][M][Y][R]...   inks, pairs, greys
-     _   F                                     F: mark of the corner (-x, -y), outside the cut
-     |    '-----'   '-----'                    sticker, with cut marks
-     |    |     |   |     |
-     |    '-----'   '-----'
+     _   .           ..           .            corners of the film, where it is cut
+     |    F'-----'     F'-----'                F: mark of the corner (-x, -y), beside the pattern
+     |     |     |      |     |                sticker, with ticks along its edges
+     |     '-----'      '-----'
+     |   '           ''           '
      _    [QR] law, d, r ...                   never mirrored
     (+)  footer                                                    (+)
 
@@ -44,7 +45,8 @@ LEADING = 1.2
 REGISTER_MM = 6.0
 LEFT_BAND_MM = 10.0
 PAD_MM = 4.5
-LABEL_GAP_MM = 1.0
+"""Least margin around a sticker, for its ticks and its F."""
+LABEL_GAP_MM = 1.6
 QUIET_MM = 1.6
 """Clear space around a QR code: four modules of 0.4 mm (ISO/IEC 18004, 9.1)."""
 MODULE_MM = 0.33
@@ -111,14 +113,23 @@ class Sheet:
 class Cell:
     """A sticker with all that belongs to it, before it has a place.
 
-    side_mm: of the printed square. sticker, code: at the page's corner. label: lines of text.
+    side_mm: of the printed square. film_mm: sides of the piece of film that the sensor takes.
+    sticker, code: at the page's corner. label: lines of text.
     """
 
     side_mm: float
+    film_mm: tuple[float, float]
     sticker: Picture
     code: Picture
     label: tuple[str, ...]
     mirrored: bool
+
+    @property
+    def cut_mm(self) -> tuple[float, float]:
+        """Sides of the film as it is cut: the sensor's, or more where the sticker needs more."""
+        x_mm, y_mm = self.film_mm
+        least_mm = self.side_mm + 2 * PAD_MM
+        return (max(x_mm, least_mm), max(y_mm, least_mm))
 
     @property
     def code_mm(self) -> float:
@@ -132,8 +143,8 @@ class Cell:
         beside_mm = self.code_mm + QUIET_MM
         widest_mm = max(width_mm(line, TEXT_PT) for line in self.label)
         return (
-            max(self.side_mm + 2 * PAD_MM, beside_mm + widest_mm + 2 * QUIET_MM),
-            self.side_mm + 2 * PAD_MM + LABEL_GAP_MM + label_mm + QUIET_MM,
+            max(self.cut_mm[0], beside_mm + widest_mm + 2 * QUIET_MM),
+            self.cut_mm[1] + LABEL_GAP_MM + label_mm + QUIET_MM,
         )
 
 

@@ -69,6 +69,7 @@ def cell(
     sheet: Sheet,
     mirrored: bool,
     least_dots: float,
+    film_mm: tuple[float, float],
 ) -> Cell:
     """The sticker without a place. Raises InputError when the printer cannot show it."""
     check_dots(recipe, sheet)
@@ -93,7 +94,7 @@ def cell(
         )
     facts = _facts(recipe, asked, code, sticker, least_dots)
     label = wrapped(facts, layout.LABEL_MM, layout.TEXT_PT)
-    return Cell(side_mm, sticker, _qr(code, sheet), tuple(label), mirrored)
+    return Cell(side_mm, film_mm, sticker, _qr(code, sheet), tuple(label), mirrored)
 
 
 def _facts(
@@ -156,17 +157,19 @@ def _qr(code: str, sheet: Sheet) -> Picture:
 
 def put(sheet: Sheet, cell: Cell, x_mm: float, y_mm: float) -> tuple[list[Mark], Picture]:
     """A cell's marks at its place, and its sticker among them."""
+    cut_x_mm, cut_y_mm = cell.cut_mm
     sticker = replace(
         cell.sticker,
-        x_px=sheet.x_px(x_mm + layout.PAD_MM),
-        y_px=sheet.y_px(y_mm + layout.PAD_MM),
+        x_px=sheet.x_px(x_mm + (cut_x_mm - cell.side_mm) / 2),
+        y_px=sheet.y_px(y_mm + (cut_y_mm - cell.side_mm) / 2),
     )
     width_px, height_px = sticker.width_px, sticker.height_px
     corner_px = sticker.x_px + (width_px if cell.mirrored else 0)
     marks: list[Mark] = [sticker]
-    marks += furniture.cut_marks(sheet, sticker.x_px, sticker.y_px, width_px, height_px)
+    marks += furniture.edge_ticks(sheet, sticker.x_px, sticker.y_px, width_px, height_px)
+    marks += furniture.film_corners(sheet, x_mm, y_mm, cell.cut_mm)
     marks += furniture.corner_mark(sheet, corner_px, sticker.y_px, cell.mirrored)
-    label_y_mm = y_mm + cell.side_mm + 2 * layout.PAD_MM + layout.LABEL_GAP_MM
+    label_y_mm = y_mm + cut_y_mm + layout.LABEL_GAP_MM
     code_x_mm = x_mm + layout.QUIET_MM
     marks.append(replace(cell.code, x_px=sheet.x_px(code_x_mm), y_px=sheet.y_px(label_y_mm)))
     text_x_mm = code_x_mm + cell.code_mm + layout.QUIET_MM

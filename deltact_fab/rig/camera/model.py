@@ -22,6 +22,7 @@ from ...optics import (
     raw_mm_per_px,
 )
 from ...optics.sampling import LEAST_PX
+from ...reading import is_file
 from ...shapes import SensorDimensions
 from .config import CameraConfig
 
@@ -31,7 +32,7 @@ NOTICED = 0.005
 
 def calibrated(path: Path, source: str = "camera.model") -> CameraModel:
     """The camera of a camera file; source: what names it in a rig file. Raises InputError."""
-    if not path.is_file():
+    if not is_file(path):
         raise InputError(f"{source}: {path}: no such file; `deltact-fab calibrate` makes one")
     return load_camera(path)[0]
 

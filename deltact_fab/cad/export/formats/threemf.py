@@ -1,4 +1,4 @@
-"""3MF (core specification 1.3): one mesh in a zip of three files, in millimetres.
+"""3MF (core specification 1.3): a part, or a plate of parts, in a zip of three files, millimetres.
 
 Ids start at 1, vertices are shared, the archive carries no date of its own: lib3mf reads it in its
 strict mode, and the bytes are the same every time.
@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import io
 import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
 from xml.sax.saxutils import escape, quoteattr
 
 from .... import __version__
@@ -35,8 +37,8 @@ def threemf_bytes(
 ) -> bytes:
     """The mesh as a 3MF archive: one object, one base material, one item.
 
-    The vertices keep the numbers of the CAD frame; the item moves them into the positive octant,
-    where the specification wants what is to be printed. colour: sRGB and opacity, 0 to 1.
+    The vertices keep their numbers; the item moves them into the positive octant, where the
+    specification wants what is to be printed. colour: sRGB and opacity, 0 to 1.
     """
     vertices = "\n".join(
         f'<vertex x="{x:.9g}" y="{y:.9g}" z="{z:.9g}"/>' for x, y, z in mesh.vertices_mm.tolist()
@@ -44,27 +46,64 @@ def threemf_bytes(
     triangles = "\n".join(
         f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in mesh.triangles.tolist()
     )
-    dx, dy, dz = (0.0 - mesh.vertices_mm.min(axis=0).astype(float)).tolist()
+    x, y, z = (0.0 - mesh.vertices_mm.min(axis=0).astype(float)).tolist()
+    body = (
+        f"<mesh>\n<vertices>\n{vertices}\n</vertices>\n"
+        f"<triangles>\n{triangles}\n</triangles>\n</mesh>"
+    )
+    return _archive(name, material, colour, [Piece(name, body, ((x, y, z),))])
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One object of an archive: its `<mesh>` as text, and where its copies stand."""
+
+    name: str
+    mesh: str
+    places_mm: tuple[tuple[float, float, float], ...]
+
+
+def read_mesh(data: bytes) -> str:
+    """The `<mesh>` of an archive that threemf_bytes wrote, as it stands there."""
+    with zipfile.ZipFile(io.BytesIO(data)) as zipped:
+        model = zipped.read("3D/3dmodel.model").decode()
+    return model[model.index("<mesh>") : model.index("</mesh>") + len("</mesh>")]
+
+
+def plate_bytes(
+    pieces: Sequence[Piece], name: str, material: str, colour: tuple[float, float, float, float]
+) -> bytes:
+    """Several parts of one material as they stand on one platform, each under its own name."""
+    return _archive(name, material, colour, pieces)
+
+
+def _archive(
+    title: str,
+    material: str,
+    colour: tuple[float, float, float, float],
+    pieces: Sequence[Piece],
+) -> bytes:
     shade = "#" + "".join(f"{round(255 * c):02X}" for c in colour)
+    objects = "\n".join(
+        f'<object id="{i}" type="model" name={quoteattr(piece.name)} pid="1" pindex="0">\n'
+        f"{piece.mesh}\n</object>"
+        for i, piece in enumerate(pieces, 2)
+    )
+    items = "\n".join(
+        f'<item objectid="{i}" transform="1 0 0 0 1 0 0 0 1 {x:.9g} {y:.9g} {z:.9g}"/>'
+        for i, piece in enumerate(pieces, 2)
+        for x, y, z in piece.places_mm
+    )
     model = f"""<?xml version="1.0" encoding="UTF-8"?>
 <model unit="millimeter" xml:lang="en" xmlns="{_CORE}">
-<metadata name="Title">{escape(name)}</metadata>
+<metadata name="Title">{escape(title)}</metadata>
 <metadata name="Application">deltact-fab {__version__}</metadata>
 <resources>
 <basematerials id="1"><base name={quoteattr(material)} displaycolor="{shade}"/></basematerials>
-<object id="2" type="model" name={quoteattr(name)} pid="1" pindex="0">
-<mesh>
-<vertices>
-{vertices}
-</vertices>
-<triangles>
-{triangles}
-</triangles>
-</mesh>
-</object>
+{objects}
 </resources>
 <build>
-<item objectid="2" transform="1 0 0 0 1 0 0 0 1 {dx:.9g} {dy:.9g} {dz:.9g}"/>
+{items}
 </build>
 </model>
 """

@@ -1,0 +1,30 @@
+"""How printed parts stand on the platform, and what of them hangs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ..laid import LEAST_CONTACT_MM2, laid, stand
+from .built import Built
+from .row import Row
+
+CONTACT, CEILINGS = "bed contact", "ceilings"
+
+
+def rows(built: Built) -> Iterator[Row]:
+    """What each part that stands straight has on the platform, and the ceilings of every part.
+
+    A ceiling never fails: it is listed, for somebody has to look at it or support it.
+    """
+    for part in built.parts:
+        if not part.printed:
+            continue
+        on = stand(laid(built.mesh(part.name), part.lies))
+        if part.lies.tilt_deg:
+            yield Row(CONTACT, part.name, "on supports", f"tilted by {part.lies.tilt_deg:g}°", True)
+        else:
+            limit = f">= {LEAST_CONTACT_MM2:g} mm2"
+            passed = on.contact_mm2 >= LEAST_CONTACT_MM2
+            yield Row(CONTACT, part.name, f"{on.contact_mm2:.1f} mm2", limit, passed)
+        if on.ceilings:
+            yield Row(CEILINGS, part.name, on.words(part.lies.supports), "listed", True)

@@ -1,0 +1,78 @@
+"""A mesh as it lies on the platform: what touches it, and what hangs over it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .lying import SELF_SUPPORTING_DEG, Lying
+from .mesh import Mesh
+
+LEAST_CONTACT_MM2 = 25.0
+"""Ours, assumed: what holds a part of some grams against the pull of the peeling film."""
+LEAST_CEILING_MM2 = 1.0
+_TOUCH_MM = 1e-3
+
+
+@dataclass(frozen=True)
+class Ceiling:
+    """What of a face hangs: its area, and its least height above the platform."""
+
+    area_mm2: float
+    height_mm: float
+
+
+@dataclass(frozen=True)
+class Stand:
+    """Area on the platform, and what hangs flatter than SELF_SUPPORTING_DEG, largest first."""
+
+    contact_mm2: float
+    ceilings: tuple[Ceiling, ...]
+
+    @property
+    def ceilings_mm2(self) -> float:
+        """All of them."""
+        return sum(c.area_mm2 for c in self.ceilings)
+
+    def words(self, supports: str) -> str:
+        """The ceilings, and whether they may be supported; empty where there are none."""
+        if not self.ceilings:
+            return ""
+        lowest = min(c.height_mm for c in self.ceilings)
+        held = "on supports" if supports else "unsupported"
+        return f"{self.ceilings_mm2:.1f} mm2 from {lowest:.1f} mm up, {held}"
+
+
+def laid(mesh: Mesh, lies: Lying) -> Mesh:
+    """The mesh as it is printed: on z = 0, the middle of its box at x = y = 0."""
+    points = mesh.vertices_mm.astype(np.float64) @ np.array(lies.turn, float).T
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
+    # +0.0 turns -0.0 into 0.0
+    return replace(mesh, vertices_mm=(points - middle + 0.0).astype(np.float32))
+
+
+def stand(mesh: Mesh) -> Stand:
+    """What a laid mesh touches and what of it hangs; a ceiling is of one face of the CAD's."""
+    corners = mesh.corners_mm
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    twice = np.linalg.norm(normal, axis=1)
+    down = -normal[:, 2] / np.where(twice > 0, twice, 1.0)
+    low, high = corners[..., 2].min(axis=1), corners[..., 2].max(axis=1)
+    resting = (high < _TOUCH_MM) & (down > 0.999)
+    hanging = (down > math.cos(math.radians(SELF_SUPPORTING_DEG))) & ~resting
+    found = [_ceiling(hanging & (mesh.face == face), twice, low) for face in np.unique(mesh.face)]
+    ceilings = [c for c in found if c.area_mm2 >= LEAST_CEILING_MM2]
+    return Stand(
+        float(twice[resting].sum()) / 2,
+        tuple(sorted(ceilings, key=lambda c: (-c.area_mm2, c.height_mm))),
+    )
+
+
+def _ceiling(
+    of: NDArray[np.bool_], twice_mm2: NDArray[np.float64], low_mm: NDArray[np.float64]
+) -> Ceiling:
+    return Ceiling(float(twice_mm2[of].sum()) / 2, float(low_mm[of].min(initial=np.inf)))

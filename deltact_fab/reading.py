@@ -1,0 +1,94 @@
+"""Text files that a user gives, read within limits: no file can make the reader wait or fail."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from .errors import InputError
+
+MOST_BYTES = 4 * 2**20
+"""Of a file of settings, a few kB long as a rule: so much is parsed in about a second."""
+MOST_RECORD_BYTES = 64 * 2**20
+"""Of a table or a record that a program wrote."""
+MOST_LEVELS = 32
+"""Of tables and lists in each other; a file of settings has four."""
+_DEEP_KEY = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]+[ \t]*\.[ \t]*){{{MOST_LEVELS}}}")
+_MOST_WHOLE = 2**63  # TOML 1.0, "Integer": 64 bits, signed
+
+
+def is_file(path: Path) -> bool:
+    """Whether a file is there; a name that no file can have is none, where `Path` may raise."""
+    try:
+        return path.is_file()
+    except OSError:  # too long, or links in a circle
+        return False
+
+
+def text(path: Path, most_bytes: int = MOST_BYTES) -> str:
+    """The text of a file, UTF-8 with or without its mark.
+
+    Raises InputError of one line: it cannot be read, is longer than most_bytes, or is no UTF-8.
+    """
+    try:
+        with path.open("rb") as file:  # a pipe has no size to ask for
+            data = file.read(most_bytes + 1)
+    except (OSError, ValueError) as why:  # ValueError: a zero byte in the name
+        raise InputError(f"{path}: cannot be read: {getattr(why, 'strerror', why)}") from why
+    if len(data) > most_bytes:
+        raise InputError(f"{path}: larger than {most_bytes / 2**20:g} MiB; is it the right file?")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as why:
+        raise InputError(f"{path}: not UTF-8 text: byte {why.start} is {data[why.start]:#x}") from (
+            why
+        )
+
+
+def toml(path: Path) -> dict[str, Any]:
+    """The tables of a TOML file. Raises InputError naming the file and the place in it."""
+    content = text(path)
+    try:
+        # Before parsing, whose time grows with the square of a key's depth.
+        if _DEEP_KEY.search(content):
+            raise RecursionError
+        data = tomllib.loads(content)
+        _check(data)
+    except RecursionError as why:
+        raise InputError(f"{path}: nested too deep; a few levels are right") from why
+    except ValueError as why:  # also a whole number of thousands of digits
+        raise InputError(f"{path}: not valid TOML: {why}") from why
+    return data
+
+
+def json_object(path: Path) -> dict[str, Any]:
+    """The object of a JSON file. Raises InputError naming the file."""
+    content = text(path, MOST_RECORD_BYTES)
+    try:
+        data = json.loads(content)
+        _check(data)
+    except RecursionError as why:
+        raise InputError(f"{path}: nested too deep; a few levels are right") from why
+    except ValueError as why:
+        raise InputError(f"{path}: not valid JSON: {why}") from why
+    if not isinstance(data, dict):
+        raise InputError(f"{path}: an object is needed, as in {{...}}, not {type(data).__name__}")
+    return data
+
+
+def _check(data: object) -> None:
+    """Raise ValueError for a whole number beyond 64 bits, RecursionError beyond MOST_LEVELS."""
+    waiting = [(data, 0)]
+    while waiting:
+        value, level = waiting.pop()
+        if level > MOST_LEVELS:
+            raise RecursionError
+        if isinstance(value, int) and not -_MOST_WHOLE <= value < _MOST_WHOLE:
+            raise ValueError(f"a whole number of {value.bit_length()} bits; at most 64 are right")
+        if isinstance(value, dict):
+            waiting += [(one, level + 1) for one in value.values()]
+        elif isinstance(value, list):
+            waiting += [(one, level + 1) for one in value]

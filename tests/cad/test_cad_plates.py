@@ -1,0 +1,143 @@
+"""As printed: parts lie on the platform as their field says, alone and on plates."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import lib3mf
+import numpy as np
+import pytest
+import trimesh
+
+from deltact_fab.cad import registry
+from deltact_fab.cad.build import build_part
+from deltact_fab.cad.check import printed
+from deltact_fab.cad.check.built import Built
+from deltact_fab.cad.design import load_design
+from deltact_fab.cad.export import export_parts
+from deltact_fab.cad.export.plates import arranged, bed_mm
+from deltact_fab.cad.laid import LEAST_CONTACT_MM2, laid, stand
+from deltact_fab.cad.lying import Lying
+from deltact_fab.cad.mesh import mesh_solid
+from deltact_fab.errors import InputError
+
+DESIGN = load_design()
+NAMES = ("light-holder", "cover", "skin-frame", "coupon-mold", "acrylic", "sphere:22", "star")
+TOLERANCE_MM = 0.1
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    """(folder, manifest entries by file)."""
+    folder = tmp_path_factory.mktemp("plates")
+    parts = [*registry.select(NAMES), replace(registry.find("cover"), name="spare", quantity=5)]
+    export_parts(DESIGN, parts, ("stl", "3mf"), TOLERANCE_MM, folder, cached=False, jobs=1)
+    entries = json.loads((folder / "manifest.json").read_text())["files"]
+    return folder, {entry["file"]: entry for entry in entries}
+
+
+@pytest.mark.parametrize("down", ["-x", "+x", "-y", "+y", "-z", "+z"])
+@pytest.mark.parametrize("tilt_deg", [0, 30])
+def test_the_named_side_faces_the_platform_and_y_rises(down, tilt_deg):
+    turn = np.array(Lying(down, "side", tilt_deg, "outside" if tilt_deg else "").turn)
+    assert np.allclose(turn @ turn.T, np.eye(3), atol=1e-15)
+    assert np.linalg.det(turn) == pytest.approx(1)
+    side = np.zeros(3)
+    side["xyz".index(down[1])] = 1 if down[0] == "+" else -1
+    angle = np.radians(tilt_deg)
+    assert np.allclose(turn @ side, (0, np.sin(angle), -np.cos(angle)))
+    with pytest.raises(ValueError, match="where its supports are"):
+        Lying(down, "side", 20)
+
+
+def test_each_file_stands_on_the_platform_as_the_manifest_turns_it(exported):
+    folder, entries = exported
+    for part in registry.select(NAMES):
+        entry = entries[f"{part.name}.stl"]
+        mesh = trimesh.load(folder / entry["file"])
+        assert np.allclose(mesh.bounds, entry["bounding_box_mm"], atol=1e-5)
+        if not part.printed:
+            assert entry["turned"] is None
+            assert np.allclose(mesh.bounds, part.expect(part.source(DESIGN)).box_mm, atol=0.2)
+            continue
+        assert np.allclose(entry["turned"], part.lies.turn)
+        low, high = mesh.bounds
+        assert low[2] == 0
+        assert np.allclose(low[:2], -high[:2], atol=1e-5)
+        own = np.linalg.inv(np.array(entry["turned"])) @ mesh.vertices.T
+        box = np.array(part.expect(part.source(DESIGN)).box_mm)
+        assert np.allclose(np.ptp(own, axis=1), box[1] - box[0], atol=0.2)
+
+
+def test_a_plate_holds_every_piece_under_its_name_inside_the_bed(exported):
+    folder, entries = exported
+    plates = [entry for entry in entries.values() if entry["pieces"]]
+    counted = {}
+    for entry in plates:
+        model = lib3mf.get_wrapper().CreateModel()
+        reader = model.QueryReader("3mf")
+        reader.SetStrictModeActive(True)
+        reader.ReadFromBuffer((folder / entry["file"]).read_bytes())
+        assert reader.GetWarningCount() == 0
+        items, boxes = model.GetBuildItems(), []
+        while items.MoveNext():
+            item = items.GetCurrent()
+            body = model.GetMeshObjectByID(item.GetObjectResource().GetResourceID())
+            assert body.IsManifoldAndOriented()
+            counted[body.GetName()] = counted.get(body.GetName(), 0) + 1
+            place = np.array(item.GetObjectTransform().Fields, float).reshape(4, 3)[3]
+            points = np.array([list(v.Coordinates) for v in body.GetVertices()]) + place
+            boxes.append((points.min(axis=0), points.max(axis=0)))
+            assert boxes[-1][0][2] == 0
+            assert (boxes[-1][0][:2] >= 0).all()
+            assert (boxes[-1][1][:2] <= bed_mm(DESIGN)).all()
+        for k, (low, high) in enumerate(boxes):
+            for lower, higher in boxes[:k]:
+                assert np.max(np.maximum(lower - high, low - higher)[:2]) >= 3.9
+        assert len(boxes) == len(entry["pieces"])
+        named = {name: entry["pieces"].count(name) for name in entry["pieces"]}
+        assert {registry.find(n).material for n in named if n != "spare"} <= {entry["material"]}
+    wanted = {part.name: part.quantity for part in registry.select(NAMES) if part.printed}
+    assert counted == {**wanted, "spare": 5}
+
+
+def test_the_plates_do_not_depend_on_the_order_of_the_parts():
+    parts = registry.listed()
+    plates = arranged(DESIGN, parts)
+    assert plates == arranged(DESIGN, parts[::-1])
+    assert sum(len(p.pieces) for p in plates) == sum(p.quantity for p in parts if p.printed)
+
+
+def test_what_is_larger_than_the_bed_is_one_line(tmp_path):
+    wide = load_design(changes=["mold.columns=3"])
+    parts = registry.select(["mold", "cover"])
+    with pytest.raises(InputError, match=r"^mold: 149\.0 x .* as it is printed; the platform of"):
+        export_parts(wide, parts, ("3mf",), 0.1, tmp_path / "o")
+    assert not (tmp_path / "o").exists()
+
+
+def test_a_sphere_on_its_tip_touches_nothing_and_fails():
+    part = registry.find("sphere:10")
+    built = Built(DESIGN, (part,), {part.name: build_part(part, DESIGN)[0]})
+    contact, ceilings = printed.rows(built)
+    assert contact.passed
+    # The stem's end, and the plate's ring around the stem.
+    stem_mm2, plate_mm2 = 9 * np.pi, 25 * np.pi
+    assert float(contact.found.split()[0]) == pytest.approx(stem_mm2, abs=0.2)
+    assert float(ceilings.found.split()[0]) == pytest.approx(plate_mm2 - stem_mm2, abs=0.3)
+    assert "from 20.0 mm up, on supports" in ceilings.found
+    built.parts = (replace(part, lies=Lying()),)
+    assert not next(iter(printed.rows(built))).passed
+
+
+def test_a_shell_on_its_back_has_ceilings_and_none_as_it_is_tilted():
+    """Which is what the tilt is for."""
+    part = registry.find("shell")
+    mesh = mesh_solid(build_part(part, DESIGN)[0], TOLERANCE_MM, part.name)
+    flat = stand(laid(mesh, replace(part.lies, tilt_deg=0.0)))
+    assert flat.ceilings_mm2 > 100
+    assert flat.contact_mm2 > LEAST_CONTACT_MM2
+    tilted = stand(laid(mesh, part.lies))
+    assert tilted.ceilings == ()
+    assert tilted.contact_mm2 == 0

@@ -1,0 +1,118 @@
+"""`protocol check` passes exactly what `run` begins, on protocols that are drawn."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import pytest
+from wrong_input import VIRTUAL, stop_at_first_motion, toml
+
+from deltact_fab import experiment
+from deltact_fab.errors import DeltactFabError, Stopped
+
+INDENTERS = ("sphere:10", "sphere:2", "4dots", "cylinder:8", "ellipsoid", "hexprism", "star:12")
+PATTERNS = ("dense", "dense-with-dots", "dots", "chessboard", "no-such-pattern", "./gone.toml")
+
+
+def drawn(number: int) -> dict[str, Any]:
+    """A protocol of plausible values, not all of which go together."""
+    draw = Random(number)
+    channels = draw.sample(["image", "dots", "force", "shear", "traction"], draw.randrange(4))
+    if draw.random() < 0.8 and not {"dots", "traction"}.isdisjoint(channels):
+        channels = sorted({*channels, "image"})
+    depth_mm = draw.choice([0.3, 0.5, 0.8, 1.0, 2.0, 2.9, 3.1, 6.0, 12.5])
+    model = draw.choice(["layer", "layer", "block", "hyperelastic"])
+    data: dict[str, Any] = {
+        "name": f"drawn-{number}",
+        "indenters": draw.sample(INDENTERS, draw.choice([1, 1, 2])),
+        "positions_mm": [[draw.uniform(-9, 9), draw.uniform(-5, 5)] for _ in range(2)],
+        "depths_mm": draw.choice(
+            [[depth_mm]] * 4 + [[depth_mm, depth_mm + 0.004], [0.1, depth_mm]]
+        ),
+        "channels": channels,
+        "capture": draw.choice([{"rate_hz": 1.0}, {"settle_s": 0.2}, {"rate_hz": 40.0}]),
+        "specimen": {
+            "pattern": draw.choice(PATTERNS[1:2] * 9 + PATTERNS),
+            "gel_model": model,
+            "poisson": draw.choice([0.49, 0.49, 0.49, 0.3, 0.5]),
+            "friction": draw.choice([0.5, 0.0]),
+            "prony": draw.choice([[]] * 9 + [[[0.1, 2.0]]]),
+        },
+    }
+    if "shear" in channels:
+        data["shear"] = {
+            "amplitude_mm": draw.choice([0.5, 0.5, 2.0, 8.0, 0.01]),
+            "points_per_side": draw.choice([1, 1, 3]),
+        }
+    if draw.random() < 0.4:  # what goes together, for most
+        data |= {"depths_mm": [0.2, 0.8], "indenters": [INDENTERS[0]]}
+        data["specimen"] = {"pattern": PATTERNS[1], "gel_model": "layer"}
+    if draw.random() < 0.1:
+        data["motion"] = {"press_feed_mm_min": draw.choice([0.5, 60.0, 1300.0])}
+    return data
+
+
+def outcome(number: int, folder: Path) -> tuple[bool, bool, str]:
+    """Whether check passes, whether the run begins, and why it does not."""
+    protocol, rig = folder / f"{number}.toml", folder / "rig.toml"
+    protocol.write_bytes(toml(drawn(number)))
+    try:
+        passes = all(row.ok for row in experiment.checks(str(protocol), str(rig), out=folder))
+    except DeltactFabError:
+        passes = False
+    try:
+        experiment.run(str(protocol), str(rig), folder / f"run-{number}")
+    except Stopped:
+        return passes, True, ""
+    except DeltactFabError as why:
+        return passes, False, str(why)
+    raise AssertionError("the run was not stopped")
+
+
+def agree(numbers: range, folder: Path, monkeypatch: pytest.MonkeyPatch) -> int:
+    """How many begin; fails where check and run differ, or a refused run left something."""
+    (folder / "rig.toml").write_bytes(toml(VIRTUAL))
+    monkeypatch.chdir(folder)
+    stop_at_first_motion(monkeypatch.setattr)
+    # Forces only warn on a virtual rig, and are not what is asked here.
+    monkeypatch.setattr(experiment.asked.Asked, "warnings", lambda self, progress: [])
+    monkeypatch.setattr("deltact_fab.preflight.predict", lambda *a, **k: None)
+    begun = 0
+    for number in numbers:
+        passes, begins, why = outcome(number, folder)
+        assert passes == begins, f"{number}: check {passes}, run {begins}: {why}: {drawn(number)}"
+        assert begins == (folder / f"run-{number}").exists()
+        begun += begins
+    return begun
+
+
+def test_check_passes_what_run_begins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert 0 < agree(range(12), tmp_path, monkeypatch) < 12
+
+
+@pytest.mark.slow
+def test_of_two_hundred_protocols(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert 30 < agree(range(1000, 1200), tmp_path, monkeypatch) < 170
+
+
+@pytest.mark.parametrize(
+    ("change", "row"),
+    [
+        ({"specimen": {"pattern": "no-such"}}, "pattern"),
+        ({"specimen": {"pattern": "dense"}, "channels": ["image", "dots"]}, "pattern"),
+        ({"depths_mm": [1.0, 1.001]}, "step names"),
+        ({"indenters": ["sphere:2"], "depths_mm": [1.5]}, "simulated gel"),
+    ],
+)
+def test_what_run_refuses_is_a_row(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: dict[str, Any], row: str
+) -> None:
+    base = {"name": "x", "indenters": ["sphere:10"], "positions_mm": [[0.0, 0.0]],
+            "depths_mm": [1.0], "channels": ["force"], "capture": {"settle_s": 0.1}}  # fmt: skip
+    (tmp_path / "p.toml").write_bytes(toml({**base, **change}))
+    (tmp_path / "rig.toml").write_bytes(toml(VIRTUAL))
+    monkeypatch.chdir(tmp_path)
+    failed = [r.name for r in experiment.checks("p.toml", "rig.toml") if not r.ok]
+    assert failed == [row]

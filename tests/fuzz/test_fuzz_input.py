@@ -1,0 +1,89 @@
+"""Whatever is wrong with what a command reads, it ends with one line and leaves nothing behind."""
+
+from __future__ import annotations
+
+import shutil
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import wrong_input
+from wrong_input import PATTERN, TINY, VIRTUAL, Fuzz, ended, fault, stop_at_first_motion, toml
+
+from deltact_fab import experiment
+from deltact_fab.patterns.code import encode
+from deltact_fab.patterns.recipe import recipe_from
+
+Cases = Callable[[range], Counter[str]]
+
+
+@pytest.fixture
+def cases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cases:
+    """Carries out cases by their numbers and counts how they ended; fails with what is wrong."""
+    protocol, rig = tmp_path / "tiny.toml", tmp_path / "rig.toml"
+    protocol.write_bytes(toml(TINY))
+    rig.write_bytes(toml(VIRTUAL))
+    experiment.run(str(protocol), str(rig), tmp_path / "run", seed=3)
+    sheet = encode(recipe_from(PATTERN, "pattern"))
+    stop_at_first_motion(monkeypatch.setattr)
+
+    def carried_out(numbers: range) -> Counter[str]:
+        wrong, ends = [], Counter[str]()
+        fuzz = Fuzz(tmp_path / "run", sheet, light=len(numbers) < 1000)
+        for number in numbers:
+            folder = tmp_path / str(number)
+            what, words = fuzz.prepare(number, folder)
+            monkeypatch.chdir(folder)
+            try:
+                code, _, err = ended(words)
+                problem = fault(code, err, folder)
+                ends[str(code)] += 1
+            except TimeoutError as why:
+                problem = str(why)
+            except Exception as why:  # a user would see a traceback
+                problem = f"{type(why).__name__}: {why}"[:300]
+            if problem:
+                wrong.append(f"{number}: {what}: {' '.join(words)[:80]}: {problem}")
+            monkeypatch.chdir(tmp_path)
+            shutil.rmtree(folder)
+        assert not wrong, f"{len(wrong)} of {len(numbers)}:\n" + "\n".join(wrong[:20])
+        print(f"{len(numbers)} inputs, exit codes {dict(sorted(ends.items()))}")
+        return ends
+
+    return carried_out
+
+
+def test_wrong_input_is_one_line(cases: Cases) -> None:
+    ends = cases(range(100))
+    assert ends["2"] > 50
+
+
+@pytest.mark.slow
+def test_a_thousand_wrong_inputs(cases: Cases) -> None:
+    ends = cases(range(1000, 2000))
+    assert ends["2"] > 600
+    assert ends["0"] > 20  # legal ones among them: what is drawn is not wrong beyond all measure
+
+
+@pytest.mark.evidence
+def test_ten_thousand_wrong_inputs(cases: Cases) -> None:
+    cases(range(10_000, 20_000))
+
+
+def test_the_judge_sees_what_is_wrong(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    assert fault(2, "deltact-fab: f.toml: wrong\n", tmp_path) is None
+    assert fault(2, "a\nb\n", tmp_path) is not None
+    assert fault(2, f"deltact-fab: {'x' * 300}\n", tmp_path) is not None
+    assert fault(3, "", tmp_path) == "exit code 3"
+    (tmp_path / "out" / ".x.part").touch()
+    assert "half written" in (fault(1, "", tmp_path) or "")
+
+
+def test_every_kind_has_its_keys() -> None:
+    for kind, (model, _, _) in wrong_input.KINDS.items():
+        assert len(list(wrong_input.keys(model))) >= 4, kind
+    rig = dict(wrong_input.keys(wrong_input.VirtualConfig))
+    assert rig["virtual", "camera", "blur_px"] == [0.01, 50]
+    assert rig["stage", "travel_mm"] == [[1, 1, 1], [10_000, 10_000, 10_000]]
