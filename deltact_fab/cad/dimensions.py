@@ -30,9 +30,12 @@ from .parts.kerf_coupon import KerfCouponDimensions
 from .parts.light_holder import LightDimensions
 from .parts.mold import MoldDimensions
 from .parts.mount import MountDimensions
+from .parts.nano17_adapter import AdapterDimensions
 from .parts.screw import ScrewDimensions
 from .parts.shell import ShellDimensions
+from .parts.stage_plate import StagePlateDimensions
 from .parts.testing_shell import TableDimensions
+from .parts.tool_holder import ToolDimensions
 from .process import LaserDimensions, ResinPrinterDimensions
 from .record import Point2, Record, number
 
@@ -55,6 +58,9 @@ class Design(SensorDimensions):
     shell: ShellDimensions = field(default_factory=ShellDimensions)
     mount: MountDimensions = field(default_factory=MountDimensions)
     table: TableDimensions = field(default_factory=TableDimensions)
+    tool: ToolDimensions = field(default_factory=ToolDimensions)
+    adapter: AdapterDimensions = field(default_factory=AdapterDimensions)
+    stage_plate: StagePlateDimensions = field(default_factory=StagePlateDimensions)
     light: LightDimensions = field(default_factory=LightDimensions)
     camera: CameraDimensions = field(default_factory=CameraDimensions)
     holder: HolderDimensions = field(default_factory=HolderDimensions)

@@ -41,6 +41,8 @@ class Indenter:
     name: what the user typed, normalised (`sphere:10`, `4dots`).
     tips: what touches the gel; outside all of them the indenter is out of reach.
     stem_diameter_mm: the stem that fits the stage's tool holder.
+    stem_flat_at_mm: the stem's flat from its axis, on the side of the tips' +x and over the whole
+        length: it clocks the tips in the tool holder. The same for all.
     reach_mm: free length from the lowest point up to the back plate, that is, the depth to which
         tips and shanks alone can be pressed.
     """
@@ -49,6 +51,7 @@ class Indenter:
     tips: tuple[Tip, ...]
     stem_diameter_mm: float = 6.0
     stem_length_mm: float = 20.0
+    stem_flat_at_mm: float = 2.2
     reach_mm: float = REACH_MM
 
     @property

@@ -11,9 +11,11 @@ from ..dimensions import Design
 from ..kernel import guarded
 from ..laid import LEAST_CONTACT_MM2
 from . import (
+    bench,
     bending,
     casting,
     drawings,
+    electric,
     fits,
     indenters,
     inequalities,
@@ -23,6 +25,7 @@ from . import (
     sight,
     soundness,
     space,
+    stray,
     thickness,
 )
 from .built import Built
@@ -47,9 +50,11 @@ CHECKS = (
     Check("view cone", "camera", "the crop's half angle", sight.view),
     Check("light cone", "light-holder", "all rays reach the face", sight.light_cone),
     Check("LED strip length", "light-holder", "round the channel", sight.strip),
+    Check(stray.NAME, "shell", "0 straight ways", stray.rows),
     Check("mold volume closure", "mold, skin-frame, skin", "V(skin)", casting.closure),
     Check("no undercut", "mold", "0 mm2, 0 rays", casting.undercut),
     Check("frame fits its seat", "mold, skin-frame", "mold.fit_mm", casting.seat),
+    Check(bench.NAME, "bench", f"within {bench.AXIS_MM:g} mm", bench.rows),
     Check("indenters", "indenters", "stem and height field", indenters.rows),
 )
 
@@ -76,6 +81,7 @@ def run(
     rows = list(inequalities.rows(design))
     possible = all(row.passed for row in rows)
     rows += fits.rows(design)
+    rows += electric.rows(design)
     if not possible:
         return rows + [check.not_run("an inequality is broken") for check in CHECKS]
     rows += fits.platform(design)

@@ -166,7 +166,8 @@ def _light(d: Design, sensors: int, process: Process) -> Iterator[Consumable]:
     )  # fmt: skip
     yield (
         "black foam, soft, closed cell", "light-tight", "cut, push in", sensors, PIECES,
-        f"closes the {d.shell.cable_width_mm:g} x {d.shell.cable_height_mm:g} mm cable notch "
+        f"{d.shell.cable_foam_mm:g} mm long; closes the {d.shell.cable_width_mm:g} x "
+        f"{d.shell.cable_height_mm:g} mm cable notch "
         "around cable and wires; or black neutral-cure silicone, kept away from the casting",
     )  # fmt: skip
 

@@ -25,6 +25,7 @@ from ..checks import Expected, less
 from ..design import IndenterDimensions
 from ..kernel import require
 from .outline import closed
+from .planes import segment_mm2
 
 if TYPE_CHECKING:
     from cadquery import Shape
@@ -55,6 +56,9 @@ def expect(dims: IndenterDimensions) -> Expected:
     for tip in indenter.tips:
         less(name, ("0", 0.0), ("radius_mm", tip.radius_mm))
         less(name, ("equator_mm", tip.equator_mm), ("reach_mm", indenter.reach_mm))
+    less(name, ("0", 0.0), ("stem_flat_at_mm", indenter.stem_flat_at_mm))
+    less(name, ("stem_flat_at_mm", indenter.stem_flat_at_mm),
+         ("half the stem", indenter.stem_diameter_mm / 2))  # fmt: skip
     for label, value in (
         ("plate_mm", body.plate_mm),
         ("stem_diameter_mm", indenter.stem_diameter_mm),
@@ -68,7 +72,9 @@ def expect(dims: IndenterDimensions) -> Expected:
     else:
         corner = corner_mm(dims)
         plate_mm2 = 4 * x * y - (4 - math.pi) * corner**2
-    stem_mm3 = math.pi / 4 * indenter.stem_diameter_mm**2 * indenter.stem_length_mm
+    stem_mm2 = math.pi / 4 * indenter.stem_diameter_mm**2
+    stem_mm2 -= segment_mm2(indenter.stem_flat_at_mm, indenter.stem_diameter_mm / 2)
+    stem_mm3 = stem_mm2 * indenter.stem_length_mm
     tips_mm3 = [t.volume_mm3(plate_z) for t in indenter.tips]
     solid_mm3 = plate_mm2 * body.plate_mm + stem_mm3
     disjoint = all(_apart(a, b) for a, b in itertools.combinations(indenter.tips, 2))
@@ -88,6 +94,7 @@ def expect(dims: IndenterDimensions) -> Expected:
             "plate_mm": body.plate_mm,
             "stem_diameter_mm": indenter.stem_diameter_mm,
             "stem_length_mm": indenter.stem_length_mm,
+            "stem_flat_at_mm": indenter.stem_flat_at_mm,
         },
     )
 
@@ -117,6 +124,9 @@ def build(dims: IndenterDimensions) -> Shape:
         .circle(indenter.stem_diameter_mm / 2)
         .extrude(indenter.stem_length_mm)
     )
+    r = indenter.stem_diameter_mm
+    beyond = cq.Workplane(origin=(indenter.stem_flat_at_mm + r, 0, plate_z + plate_mm))
+    stem = stem.cut(beyond.rect(2 * r, 2 * r).extrude(indenter.stem_length_mm))
     body = plate.union(stem)
     for tip in indenter.tips:
         body = body.union(_tip(cq, tip, plate_z).translate((tip.x_mm, tip.y_mm, 0)))

@@ -31,7 +31,7 @@ def part(indenter: Indenter, body: IndenterBody, quantity: int = 1) -> Part:
         colour=WHITE,
         callouts=callouts,
         lies=Lying("+z", "stem's end", supports="under the plate only"),
-        look_for="no mark on the tip; stem diameter fits the tool holder",
+        look_for="no mark on the tip; the stem enters the tool holder, flat at +x, by hand",
         indenter=IndenterDimensions(indenter, body),
     )
 
@@ -51,6 +51,12 @@ def callouts(dims: IndenterDimensions) -> Callouts:
         z_of("front", reach, reach + plate, "right", half_x),
         z_of("front", reach + plate, total, "right", stem),
         x_of("front", -stem, stem, "bottom", 0, total, before="Ø"),
+        Leader(
+            "front",
+            (indenter.stem_flat_at_mm, 0, total - 2),
+            0,
+            f"flat {shown(indenter.stem_flat_at_mm)} from the axis, at +x",
+        ),
         Axis("front", (0, 0, 0), (0, 0, total)),
         Axis("left", (0, 0, 0), (0, 0, total)),
         Centres("top", ((0, 0, 0),), max(half_x, half_y) if round_plate else stem),

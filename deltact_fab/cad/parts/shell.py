@@ -58,6 +58,7 @@ class ShellDimensions(Record):
     )
     cable_width_mm: float = number(17.0, "notch for the camera's flat cable (16 mm)", 1, 60)
     cable_height_mm: float = number(2.0, "height of that notch", 0.5, 20)
+    cable_foam_mm: float = number(5.0, "black foam around the cable in that notch, 0: none", 0, 30)
 
 
 def expect(design: Design) -> Expected:

@@ -1,0 +1,188 @@
+"""The plate between the tool holder and an ATI Nano17, the bench's force and torque sensor.
+
+Section:  +--+  +--+---------+--+  +--+   z = thickness: the sensor's tool side stands here
+          |  |  |  +-+     +-+  |  |  |   three screws M2 from below, heads sunk
+          +--+--+----+-----+----+--+--+   z = 0: the tool holder's flange, four M3 and a pin
+
+The sensor's bolt circle, screws and diameter are unverified: they are assumed, to be measured on
+the lab's own sensor before the plate is made. Frame: as the tool holder's, z = 0 on its flange.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING
+
+from ..checks import Expected
+from ..drafting.dimensioning import Cut, Item, Leader, shown
+from ..drafting.items import Callouts, holes, x_of, z_of
+from ..fit import Fit, Length
+from ..kernel import require
+from ..lying import Lying
+from ..part import BLACK, PRINT, RESIN, Part
+from ..record import Point2, Record, check_limits, check_measured, number
+from ..rule import Rule
+from .tool_holder import SCREWS
+
+if TYPE_CHECKING:
+    from cadquery import Shape
+
+    from ..dimensions import Design
+
+BOLTS = 3
+BOLT_MM = 2.0  # M2 into the sensor
+KEYS = ("adapter.sensor_mm", "adapter.bolt_circle_mm", "adapter.bolt_turn_deg")
+
+
+@dataclass(frozen=True)
+class AdapterDimensions(Record):
+    """The plate between tool holder and force sensor (ATI Nano17: measure yours)."""
+
+    thickness_mm: float = number(8.0, "of the plate", 3, 40)
+    sensor_mm: float = number(17.0, "diameter of the force sensor", 8, 100, unverified=True)
+    bolt_circle_mm: float = number(
+        12.7, "of the sensor's three screws (M2)", 4, 90, unverified=True
+    )
+    bolt_turn_deg: float = number(90.0, "first screw from +x", -360, 360, unverified=True)
+    bolt_hole_mm: float = number(2.6, "through hole of the sensor's screws", 1, 8)
+    bolt_bore_mm: float = number(4.4, "room for their heads", 2, 15)
+    bolt_bore_depth_mm: float = number(3.0, "of that room, from the flange's side", 1, 30)
+    pilot_mm: float = number(2.5, "holes in which the flange's screws (M3) cut a thread", 1, 6)
+    measured: tuple[str, ...] = field(
+        default=(), metadata={"meaning": "keys measured on the lab's own sensor"}
+    )
+
+    def __post_init__(self) -> None:
+        check_limits(self)
+        check_measured(self)
+
+    @property
+    def bolt_centres_mm(self) -> list[Point2]:
+        """The sensor's three screws."""
+        turns = [math.radians(self.bolt_turn_deg + 360 / BOLTS * k) for k in range(BOLTS)]
+        r = self.bolt_circle_mm / 2
+        return [(r * math.cos(t), r * math.sin(t)) for t in turns]
+
+
+def expect(design: Design) -> Expected:
+    """Closed forms of a disc with holes."""
+    plate, tool = design.adapter, design.tool
+    r, high = tool.flange_diameter_mm / 2, plate.thickness_mm
+    sunk = plate.bolt_bore_depth_mm
+    through_mm2 = math.pi / 4 * (SCREWS * plate.pilot_mm**2 + tool.pin_mm**2)
+    volume_mm3 = (math.pi * r**2 - through_mm2) * high
+    bolt = plate.bolt_hole_mm**2 * (high - sunk) + plate.bolt_bore_mm**2 * sunk
+    volume_mm3 -= BOLTS * math.pi / 4 * bolt
+    about = {k: v for k, v in asdict(plate).items() if k != "measured"}
+    return Expected((volume_mm3, volume_mm3), ((-r, -r, 0.0), (r, r, high)), about)
+
+
+def build(design: Design) -> Shape:
+    """The plate as one solid."""
+    cq = require()
+    plate, tool = design.adapter, design.tool
+    high = plate.thickness_mm
+    body = cq.Workplane().circle(tool.flange_diameter_mm / 2).extrude(high)
+    low = cq.Workplane(origin=(0, 0, -1))
+    for centres, diameter, depth in (
+        (tool.screw_centres_mm, plate.pilot_mm, high + 2),
+        ([tool.pin_at_mm], tool.pin_mm, high + 2),
+        (plate.bolt_centres_mm, plate.bolt_hole_mm, high + 2),
+        (plate.bolt_centres_mm, plate.bolt_bore_mm, plate.bolt_bore_depth_mm + 1),
+    ):
+        body = body.cut(low.pushPoints(centres).circle(diameter / 2).extrude(depth))
+    return body.val()
+
+
+def rules(d: Design) -> Iterator[Rule]:
+    """Walls between the holes, and thread enough."""
+    part, plate, tool = "nano17-adapter", d.adapter, d.tool
+    yield Rule(
+        part,
+        ("bolt_bore_depth_mm + 2", plate.bolt_bore_depth_mm + 2.0),
+        "<=",
+        ("adapter.thickness_mm", plate.thickness_mm),
+    )
+    yield Rule(
+        part,
+        ("adapter.bolt_circle_mm + hole", plate.bolt_circle_mm + plate.bolt_hole_mm),
+        "<=",
+        ("adapter.sensor_mm", plate.sensor_mm),
+        KEYS,
+    )
+    outer = [(at, plate.pilot_mm) for at in tool.screw_centres_mm] + [(tool.pin_at_mm, tool.pin_mm)]
+    near = min(
+        math.dist(a, b) - hole / 2 - plate.bolt_bore_mm / 2
+        for a in plate.bolt_centres_mm
+        for b, hole in outer
+    )
+    yield Rule(part, ("1.5", 1.5), "<=", ("wall between the holes", near), KEYS)
+    apart = plate.bolt_circle_mm * math.sin(math.pi / BOLTS) - plate.bolt_bore_mm
+    yield Rule(part, ("1.5", 1.5), "<=", ("wall between two heads", apart), KEYS)
+
+
+def fits(d: Design) -> Iterator[Fit]:
+    """Three screws into a sensor, whose own pattern is taken to be exact."""
+    plate, printer = d.adapter, d.resin_printer
+    hole = printer.inner("hole", plate.bolt_hole_mm)
+    body = (Length("M2", BOLT_MM, 0.0, KEYS), printer.pitch("pitch", 0.0))
+    yield Fit("M2 into the force sensor", "nano17-adapter", (hole,), body,
+              ("adapter.bolt_hole_mm",))  # fmt: skip
+
+
+def wall_mm(d: Design) -> float:
+    """Thinnest wall, around its holes."""
+    return 1.5
+
+
+def callouts(d: Design) -> Callouts:
+    """Holes of both patterns; section through the first of the sensor's screws."""
+    plate, tool = d.adapter, d.tool
+    r, high = tool.flange_diameter_mm / 2, plate.thickness_mm
+    first = plate.bolt_centres_mm[0]
+    items: list[Item] = [
+        x_of("front", -r, r, "top", 0, high, before="Ø"),
+        z_of("front", 0, high, "right", r),
+        z_of("left", 0, plate.bolt_bore_depth_mm, "left", 0, first[1]),
+        *holes(tool.screw_centres_mm, high, plate.pilot_mm,
+               f" through for M3, on Ø{shown(tool.bolt_circle_mm)}"),
+        Leader("top", (*tool.pin_at_mm, high), tool.pin_mm / 2,
+               f"Ø{shown(tool.pin_mm)} through for the pin"),
+        *holes(plate.bolt_centres_mm, high, plate.bolt_hole_mm,
+               f" through, head Ø{shown(plate.bolt_bore_mm)} from the back, "
+               f"on Ø{shown(plate.bolt_circle_mm)}, first at {shown(plate.bolt_turn_deg)}°",
+               "left"),
+    ]  # fmt: skip
+    notes = ("Measure the force sensor's own screws first: its pattern is assumed.",)
+    silent = {"adapter.sensor_mm": "the force sensor's own diameter"}
+    return Callouts(tuple(items), notes, Cut(first[0]), rests_on=KEYS, silent=silent)
+
+
+def note(d: Design) -> str:
+    """What goes with it."""
+    return "three M2 (ISO 4762) into the force sensor; its bolt circle is assumed: measure yours"
+
+
+PARTS = (
+    Part(
+        "nano17-adapter",
+        f"{RESIN}, black",
+        PRINT,
+        build,
+        expect,
+        group="bench",
+        explode_mm=80.0,
+        colour=BLACK,
+        sections=("adapter", "tool"),
+        rules=rules,
+        fits=fits,
+        bound_by=("tool-holder",),
+        wall_mm=wall_mm,
+        callouts=callouts,
+        note=note,
+        lies=Lying("+z", "force sensor's side"),
+        look_for="flat on both sides; the force sensor's screws go in by hand",
+    ),
+)

@@ -1,0 +1,261 @@
+"""The stage's tool holder: a D bore that clocks an indenter's stem, on a flange.
+
+Section at y = 0:
+
+    z = height    +-----------------------------+   flange, four screws and a pin into the adapter
+                  +------+   +-------+   +------+
+                         |   |       |   |
+          set screw  ====|===|       |   |          the screw at -x presses the stem's flat
+                         |   |       |   |          against the bore's flat at +x
+    z = 0                +---+       +---+          mouth: bears on the indenter's back plate
+
+Frame: the stem's axis is x = y = 0 and z points up, away from the tip. An indenter's flat faces +x,
+as its tip's own x does, so that a star's point or an ellipsoid's long side lies along the stage's
+x. The bore is deeper than the stem is long, so the free length is the indenter's alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...shapes import Indenter
+from ..checks import Expected
+from ..drafting.dimensioning import Axis, Cut, Item, Leader, shown
+from ..drafting.items import Callouts, holes, x_of, z_of
+from ..fit import Fit, Length
+from ..kernel import require
+from ..lying import Lying
+from ..part import BLACK, PRINT, RESIN, Part
+from ..record import Point2, Record, number
+from ..rule import Rule
+from .planes import segment_mm2
+
+if TYPE_CHECKING:
+    from cadquery import Shape
+
+    from ..dimensions import Design
+
+SCREWS = 4
+SCREW_MM = 3.0  # M3, of flange and clamp
+SCREW_HEAD_MM = 5.68  # ISO 4762, knurled
+
+
+@dataclass(frozen=True)
+class ToolDimensions(Record):
+    """The tool holder: what takes an indenter's stem, and the flange that it hangs from."""
+
+    fit_mm: float = number(0.2, "between stem and bore, radial, and between flats", 0.02, 1)
+    depth_mm: float = number(21.0, "of the bore, more than the stem is long", 5, 100)
+    body_mm: float = number(16.0, "diameter of the body", 8, 60)
+    flange_mm: float = number(5.0, "thickness of the flange", 2, 30)
+    flange_diameter_mm: float = number(32.0, "of the flange", 15, 120)
+    bolt_circle_mm: float = number(24.0, "of the flange's four screws", 10, 110)
+    roof_mm: float = number(3.0, "above the bore", 1.5, 30)
+    clamp_z_mm: float = number(8.0, "set screw above the mouth", 2, 90)
+    clamp_mm: float = number(2.5, "hole in which the set screw (M3) cuts its thread", 1, 6)
+    screw_hole_mm: float = number(3.6, "through hole of the flange's screws (M3)", 2, 8)
+    pin_mm: float = number(2.0, "dowel pin on the bolt circle at +x", 1, 6)
+    pin_fit_mm: float = number(0.4, "pin's hole in the flange over the pin", 0.02, 1)
+
+    @property
+    def height_mm(self) -> float:
+        """Mouth to flange = depth + roof."""
+        return self.depth_mm + self.roof_mm
+
+    @property
+    def bore_mm(self) -> float:
+        """Radius of the bore = half the stem + fit."""
+        return Indenter.stem_diameter_mm / 2 + self.fit_mm
+
+    @property
+    def flat_mm(self) -> float:
+        """Bore's flat from the axis = stem's flat + fit."""
+        return Indenter.stem_flat_at_mm + self.fit_mm
+
+    @property
+    def screw_centres_mm(self) -> list[Point2]:
+        """The flange's screws, between the axes, as the adapter's pilots."""
+        at = self.bolt_circle_mm / 2 * math.sqrt(0.5)
+        return [(sx * at, sy * at) for sy in (-1, 1) for sx in (-1, 1)]
+
+    @property
+    def pin_at_mm(self) -> Point2:
+        """The pin's place."""
+        return self.bolt_circle_mm / 2, 0.0
+
+    @property
+    def clocking_deg(self) -> float:
+        """Turn of the stem per 0.1 mm that the two flats are out of parallel."""
+        half = math.sqrt((Indenter.stem_diameter_mm / 2) ** 2 - Indenter.stem_flat_at_mm**2)
+        return math.degrees(math.atan2(0.1, 2 * half))
+
+
+def _clamp_mm3(tool: ToolDimensions) -> float:
+    """What the set screw's hole takes between body and bore: a cylinder across two others.
+
+    Chords of the hole times the way between the circles, by Gauss's rule, exact to rounding.
+    """
+    radius = tool.clamp_mm / 2
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    angle = nodes * math.pi / 2
+    y = radius * np.sin(angle)
+    way = np.sqrt((tool.body_mm / 2) ** 2 - y**2) - np.sqrt(tool.bore_mm**2 - y**2)
+    return float(math.pi / 2 * np.sum(weights * 2 * radius**2 * np.cos(angle) ** 2 * way))
+
+
+def expect(design: Design) -> Expected:
+    """Closed forms of the holder."""
+    tool = design.tool
+    r, body = tool.flange_diameter_mm / 2, tool.height_mm - tool.flange_mm
+    hole = tool.pin_mm + tool.pin_fit_mm
+    bore_mm2 = math.pi * tool.bore_mm**2 - segment_mm2(tool.flat_mm, tool.bore_mm)
+    drilled_mm2 = math.pi / 4 * (SCREWS * tool.screw_hole_mm**2 + hole**2)
+    volume_mm3 = math.pi / 4 * tool.body_mm**2 * body
+    volume_mm3 += (math.pi * r**2 - drilled_mm2) * tool.flange_mm
+    clamp_mm3 = _clamp_mm3(tool)
+    volume_mm3 -= bore_mm2 * tool.depth_mm + clamp_mm3
+    # The kernel integrates over faces that end in the curve of two cylinders to some 1e-3.
+    spread_mm3 = 1e-3 * clamp_mm3
+    box = ((-r, -r, 0.0), (r, r, tool.height_mm))
+    return Expected((volume_mm3 - spread_mm3, volume_mm3 + spread_mm3), box, asdict(tool))
+
+
+def build(design: Design) -> Shape:
+    """The holder as one solid, z from its mouth up."""
+    cq = require()
+    tool = design.tool
+    high, low = tool.height_mm, tool.height_mm - tool.flange_mm
+    body = cq.Workplane().circle(tool.body_mm / 2).extrude(high)
+    flange = cq.Workplane(origin=(0, 0, low)).circle(tool.flange_diameter_mm / 2)
+    body = body.union(flange.extrude(tool.flange_mm))
+    across = 2 * tool.bore_mm + 2
+    room = cq.Workplane(origin=(tool.flat_mm - across / 2, 0, 0)).rect(across, across)
+    bore = cq.Workplane(origin=(0, 0, -1)).circle(tool.bore_mm).extrude(tool.depth_mm + 1)
+    body = body.cut(bore.intersect(room.extrude(2 * high, both=True)))
+    drill = cq.Workplane(origin=(0, 0, low - 1)).pushPoints(tool.screw_centres_mm)
+    body = body.cut(drill.circle(tool.screw_hole_mm / 2).extrude(tool.flange_mm + 2))
+    pin_hole = (tool.pin_mm + tool.pin_fit_mm) / 2
+    pin = cq.Workplane(origin=(*tool.pin_at_mm, low - 1)).circle(pin_hole)
+    body = body.cut(pin.extrude(tool.flange_mm + 2))
+    clamp = cq.Workplane("YZ", origin=(0, 0, tool.clamp_z_mm)).circle(tool.clamp_mm / 2)
+    return body.cut(clamp.extrude(-tool.body_mm)).val()
+
+
+def rules(d: Design) -> Iterator[Rule]:
+    """Stem, screws and their heads have room."""
+    part, tool = "tool-holder", d.tool
+    stem = ("indenter's stem", Indenter.stem_length_mm)
+    yield Rule(part, stem, "<", ("tool.depth_mm", tool.depth_mm))
+    yield Rule(
+        part,
+        ("tool.body_mm + head M3", tool.body_mm + SCREW_HEAD_MM),
+        "<=",
+        ("tool.bolt_circle_mm", tool.bolt_circle_mm),
+    )
+    yield Rule(
+        part,
+        ("tool.bolt_circle_mm + hole + 3", tool.bolt_circle_mm + tool.screw_hole_mm + 3.0),
+        "<=",
+        ("tool.flange_diameter_mm", tool.flange_diameter_mm),
+    )
+    yield Rule(
+        part,
+        ("bore + 2 x 3 for the set screw's thread", 2 * tool.bore_mm + 6.0),
+        "<=",
+        ("tool.body_mm", tool.body_mm),
+    )
+    half = tool.clamp_mm / 2
+    yield Rule(part, ("hole / 2 + 1.5", half + 1.5), "<=", ("tool.clamp_z_mm", tool.clamp_z_mm))
+    yield Rule(
+        part,
+        ("tool.clamp_z_mm + hole / 2 + 1.5", tool.clamp_z_mm + half + 1.5),
+        "<=",
+        ("underside of the flange", tool.height_mm - tool.flange_mm),
+    )
+    yield Rule(part, ("tool.roof_mm", tool.roof_mm), "<=", ("tool.flange_mm", tool.flange_mm))
+
+
+def fits(d: Design) -> Iterator[Fit]:
+    """Stem and flat in the D bore, and that a turned stem does not go in."""
+    tool, printer = d.tool, d.resin_printer
+    parts, keys = "tool-holder, indenters", ("tool.fit_mm",)
+    stem = Indenter.stem_diameter_mm
+    bore = printer.inner("bore", 2 * tool.bore_mm)
+    yield Fit("stem in the bore", parts, (bore,), (printer.outer("stem", stem),), keys)
+    flat = printer.inner("bore across its flat", tool.bore_mm + tool.flat_mm)
+    across = printer.outer("stem across its flat", stem / 2 + Indenter.stem_flat_at_mm)
+    yield Fit("stem's flat in the bore", parts, (flat,), (across,), keys)
+    yield Fit("turned stem stays out", parts, (printer.outer("stem", stem),), (flat,), keys)
+    screws = "tool-holder, nano17-adapter"
+    hole, screw = printer.inner("hole", tool.screw_hole_mm), Length("M3", SCREW_MM)
+    yield Fit("M3 through the flange", screws, (hole,), (screw, printer.pitch("pitch")),
+              ("tool.screw_hole_mm",))  # fmt: skip
+    hole, pin = printer.inner("hole", tool.pin_mm + tool.pin_fit_mm), Length("pin", tool.pin_mm)
+    yield Fit("pin in the flange", screws, (hole,), (pin, printer.pitch("pitch")),
+              ("tool.pin_fit_mm",))  # fmt: skip
+
+
+def wall_mm(d: Design) -> float:
+    """Thinnest wall: around the flange's holes."""
+    return 1.5
+
+
+def callouts(d: Design) -> Callouts:
+    """D bore, body, flange; section through the axis."""
+    tool = d.tool
+    high, low, r = tool.height_mm, tool.height_mm - tool.flange_mm, tool.flange_diameter_mm / 2
+    body, bore, flat = tool.body_mm / 2, tool.bore_mm, tool.flat_mm
+    items: list[Item] = [
+        x_of("front", -r, r, "top", 0, high, before="Ø"),
+        x_of("front", -body, body, "bottom", before="Ø"),
+        x_of("top", 0, flat, "bottom", 0, 0, after=" to the flat"),
+        z_of("left", 0, tool.depth_mm, "left", 0, -bore),
+        z_of("left", tool.depth_mm, high, "left", 0, -bore),
+        z_of("left", low, high, "right", 0, r),
+        z_of("front", 0, tool.clamp_z_mm, "left", -body),
+        *holes(tool.screw_centres_mm, high, tool.screw_hole_mm,
+               f" through, on Ø{shown(tool.bolt_circle_mm)}"),
+        Leader("top", (*tool.pin_at_mm, high), (tool.pin_mm + tool.pin_fit_mm) / 2,
+               f"Ø{shown(tool.pin_mm + tool.pin_fit_mm)} for a pin of {shown(tool.pin_mm)}"),
+        Leader("left", (0, -bore, 2), 0, f"bore Ø{shown(2 * bore)}, flat at +x"),
+        Leader("front", (-body, 0, tool.clamp_z_mm), 0,
+               f"Ø{shown(tool.clamp_mm)} for a set screw M3, at −x", "left"),
+        Axis("front", (0, 0, 0), (0, 0, high)),
+    ]  # fmt: skip
+    notes = (
+        "The indenter's flat, which faces its tip's +x, lies on the bore's flat.",
+        f"Flats out of parallel by 0.1 turn the tip by {tool.clocking_deg:.1f}°.",
+    )
+    return Callouts(tuple(items), notes, Cut(0.0))
+
+
+def note(d: Design) -> str:
+    """What goes with it."""
+    return f"set screw M3 x 6 (ISO 4026), four M3 x 10 (ISO 4762), pin {d.tool.pin_mm:g} x 8"
+
+
+PARTS = (
+    Part(
+        "tool-holder",
+        f"{RESIN}, black",
+        PRINT,
+        build,
+        expect,
+        group="bench",
+        explode_mm=60.0,
+        colour=BLACK,
+        sections=("tool",),
+        rules=rules,
+        fits=fits,
+        wall_mm=wall_mm,
+        callouts=callouts,
+        note=note,
+        lies=Lying("+z", "flange"),
+        look_for="a stem slides in with its flat at +x and in no other way",
+    ),
+)
