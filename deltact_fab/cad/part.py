@@ -21,8 +21,9 @@ if TYPE_CHECKING:
     from .fit import Fit
     from .rule import Rule
 
-Group = Literal["sensor", "tools", "bench", "indenters"]
-GROUPS: tuple[Group, ...] = ("sensor", "tools", "bench", "indenters")
+Group = Literal["sensor", "electronics", "tools", "bench", "indenters"]
+GROUPS: tuple[Group, ...] = ("sensor", "electronics", "tools", "bench", "indenters")
+PER_SENSOR: tuple[Group, ...] = ("sensor", "electronics")
 Shift = tuple[float, float, float]
 
 RESIN = "Formlabs tough epoxy resin"
@@ -59,6 +60,15 @@ def in_its_place(design: Design) -> list[Shift]:
 
 
 @dataclass(frozen=True)
+class Flat:
+    """A polyline of a flat drawing in mm: corners (x, y, bulge as DXF has it) on a layer."""
+
+    layer: str
+    corners: tuple[tuple[float, float, float], ...]
+    closed: bool = True
+
+
+@dataclass(frozen=True)
 class Part:
     """One part.
 
@@ -79,6 +89,8 @@ class Part:
     callouts: what its drawing says, None for a part without one. note: what the bill of materials
     adds. lies: how a printed one lies on the platform. how: what else there is to know of making
     it, and all there is of what is not printed; look_for: what to look at afterwards.
+
+    flat: what its DXF holds in place of a plate's outline, of a part that is no plate.
     """
 
     name: str
@@ -105,10 +117,16 @@ class Part:
     how: str = ""
     look_for: str = ""
     indenter: IndenterDimensions | None = None
+    flat: Callable[[Any], tuple[Flat, ...]] | None = None
 
     def source(self, design: Design) -> Any:
         """What `build`, `expect` and `callouts` take."""
         return design if self.indenter is None else self.indenter
+
+    @property
+    def per_sensor(self) -> bool:
+        """Whether each sensor takes `quantity` of it; else the lab does, once."""
+        return self.group in PER_SENSOR
 
     @property
     def printed(self) -> bool:
