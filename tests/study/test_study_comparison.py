@@ -152,7 +152,7 @@ def test_a_view_beyond_the_face_is_bad_input(tmp_path: Path) -> None:
 
 
 def test_the_size_is_that_of_the_parts() -> None:
-    assert size_mm(load_design("skin-44x40")) == pytest.approx((47, 66, 30))
+    assert size_mm(load_design("skin-44x40")) == pytest.approx((47, 66, 30.5))
     higher = load_design("deltact", ["mount.height_mm=8", "mount.length_mm=25"])
     assert size_mm(higher) == pytest.approx((39, 65, 30))
 
