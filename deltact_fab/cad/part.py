@@ -83,7 +83,8 @@ class Part:
 
     sections: sections of a design that it is made from. derived: lengths of Design that its shape
     follows from. rules: the inequalities it must keep; bound_by: parts whose rules bind it too.
-    wall_mm: the thinnest wall it may have, None for what is not printed. in_view: it stands
+    wall_mm: the thinnest wall it may have, None for what is not printed; wall_keys: where that
+    stands in a design. in_view: it stands
     between lens and face and could cut into the view.
 
     callouts: what its drawing says, None for a part without one. note: what the bill of materials
@@ -110,6 +111,7 @@ class Part:
     bound_by: tuple[str, ...] = ()
     fits: Callable[[Design], Iterable[Fit]] = no_fits
     wall_mm: Callable[[Design], float] | None = None
+    wall_keys: tuple[str, ...] = ("shell.wall_mm",)
     in_view: bool = False
     callouts: Callable[[Any], Callouts] | None = None
     note: Callable[[Design], str] = no_note

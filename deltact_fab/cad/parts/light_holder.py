@@ -455,6 +455,7 @@ PARTS = (
         rules=rules,
         fits=fits,
         wall_mm=wall_mm,
+        wall_keys=("light.wall_mm", "light.diffuser_mm", "light.floor_mm"),
         in_view=True,
         callouts=callouts,
         lies=Lying(face="floor"),
