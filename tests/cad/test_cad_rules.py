@@ -133,7 +133,7 @@ def test_a_skin_of_24_x_24_is_refused_naming_board_and_posts():
         (["shell.cable_width_mm=30"], "shell: cable_width_mm < room between the posts"),
         (["mount.height_mm=20"], "shell: mount.height_mm <= depth of the shell"),
         (["mount.hole_pitch_mm=16"], "shell: mount.hole_pitch_mm + hole"),
-        (["mount.kind=franka", "mount.flange_pitch_mm=19"], "shell: mount.flange_pitch_mm + hole"),
+        (["mount.kind=franka", "mount.flange_pitch_mm=19"], "shell: mount.flange_pitch_mm + count"),
         (["light.led_count=6"], "light-holder: led_count x pitch <= 2 pi strip radius: 100"),
         (["light.strip_width_mm=10"], "light-holder: strip_width_mm <= depth of the channel: 10"),
         (["skin.width_mm=44", "skin.length_mm=40"], "light-holder: wall_mm <= floor outside the"),

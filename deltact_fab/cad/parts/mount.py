@@ -11,10 +11,10 @@
                                 ------+       | = |  lower
 
 The flange's screws run along y, and the sensor's body stands behind both of them: no driver comes
-straight at a head. So the arm meets the flange in its middle, between the screws, and each head or
-nut has the room of a washer above or below it, open to three sides. A cap screw goes in from the
-sensor's side and is turned with a key whose short leg fits into the gap; or the screw comes from
-the finger and the nut is held by pliers. The hole pattern is unverified.
+straight at a head. So the arm meets the flange in its middle, between the screws, whose heads lie
+in counterbores above and below it, open to three sides. A cap screw goes in from the sensor's side
+and is turned with a key whose short leg fits into the gap. Holes (4.3, 12 apart) and counterbores
+(8) are those of a public adapter for the Panda hand; measure your finger: they are unverified.
 
 A mount wider than the wall between the cover's bosses keeps `cover.fit_mm` from them.
 """
@@ -60,13 +60,19 @@ class MountDimensions(Record):
     height_mm: float = number(10.0, "along z, from the shell's back", 3, 60)
     screw: str = field(default="M3", metadata={"meaning": "screws through the mount"})
     hole_pitch_mm: float = number(10.0, "between the two holes", 3, 100)
-    flange_mm: float = number(5.0, "franka: thickness of the flange", 1, 50)
-    flange_width_mm: float = number(20.0, "franka: flange along x", 4, 200, unverified=True)
-    flange_height_mm: float = number(20.0, "franka: flange along z", 4, 200, unverified=True)
+    flange_mm: float = number(6.5, "franka: thickness of the flange", 1, 50)
+    flange_width_mm: float = number(30.0, "franka: flange along x", 4, 200, unverified=True)
+    flange_height_mm: float = number(23.0, "franka: flange along z", 4, 200, unverified=True)
     flange_pitch_mm: float = number(
-        13.0, "franka: between the two holes along z", 3, 100, unverified=True
+        12.0, "franka: between the two holes along z", 3, 100, unverified=True
     )
-    arm_mm: float = number(6.0, "franka: height of the arm, between the two screws", 1, 60)
+    flange_hole_mm: float = number(4.3, "franka: those holes", 1, 20, unverified=True)
+    counterbore_mm: float = number(8.0, "franka: room of a head, diameter", 2, 40)
+    counterbore_depth_mm: float = number(4.0, "franka: depth of that room", 0.5, 40)
+    arm_mm: float = number(3.6, "franka: height of the arm, between the heads", 1, 60)
+    stress_limit_mpa: float = number(
+        40.0, "franka: bending stress that the arm may take", 1, 500, unverified=True
+    )
 
     measured: tuple[str, ...] = field(
         default=(), metadata={"meaning": "keys measured on the lab's own finger"}
@@ -79,8 +85,13 @@ class MountDimensions(Record):
 
     @property
     def hole_mm(self) -> float:
-        """Through hole of the mount's screws (ISO 273 medium)."""
-        return CLEARANCE_MM[self.screw]
+        """Through hole of the mount's screws: ISO 273 medium, in a flange what its finger has."""
+        return self.flange_hole_mm if self.kind == "franka" else CLEARANCE_MM[self.screw]
+
+    @property
+    def head_mm(self) -> float:
+        """Head of a cap screw = 1.5 d + 1, as ISO 4762 has it from M3 to M5: 7 for M4."""
+        return 1.5 * float(self.screw.removeprefix("M")) + 1.0
 
     @property
     def washer_mm(self) -> float:
@@ -122,6 +133,18 @@ def hole_axes(design: Design) -> list[tuple[Point3, Point3]]:
     return []
 
 
+def arm_stress_mpa(design: Design) -> float:
+    """Bending stress in the arm under the press that the plate is made for; nan without an arm.
+
+    A cantilever from the flange, loaded in the middle of the face: 6 F l / (w h^2).
+    """
+    mount = design.mount
+    if mount.kind != "franka":
+        return math.nan
+    lever_mm = design.frame_outer_mm[1] / 2 + mount.length_mm - mount.flange_mm
+    return 6 * design.plate.force_n * lever_mm / (mount.width_mm * mount.arm_mm**2)
+
+
 def relief_mm3(design: Design) -> float:
     """What the cover's bosses take of the mount, fit deep, on both sides together."""
     (_, _, low), (x, _, high) = bars(design)[0]
@@ -137,6 +160,9 @@ def expect(design: Design) -> Expected:
     volume_mm3 = sum(math.prod(b - a for a, b in zip(*box, strict=True)) for box in cuboids)
     drilled_mm = sum(math.dist(*axis) for axis in hole_axes(design))
     volume_mm3 -= math.pi / 4 * mount.hole_mm**2 * drilled_mm + relief_mm3(design)
+    if mount.kind == "franka":
+        ring_mm2 = math.pi / 4 * (mount.counterbore_mm**2 - mount.hole_mm**2)
+        volume_mm3 -= 2 * ring_mm2 * mount.counterbore_depth_mm
     (x0, y0, z0), (x1, y1, z1) = cuboids[0]
     for low, high in cuboids[1:]:
         x0, y0, z0 = min(x0, low[0]), min(y0, low[1]), min(z0, low[2])
@@ -153,6 +179,9 @@ def expect(design: Design) -> Expected:
             "flange_width_mm": mount.flange_width_mm,
             "flange_height_mm": mount.flange_height_mm,
             "flange_pitch_mm": mount.flange_pitch_mm,
+            "flange_hole_mm": mount.flange_hole_mm,
+            "counterbore_mm": mount.counterbore_mm,
+            "counterbore_depth_mm": mount.counterbore_depth_mm,
             "arm_mm": mount.arm_mm,
         },
     )
@@ -171,8 +200,13 @@ def build(design: Design) -> Workplane:
         axis = cq.Vector(*end) - cq.Vector(*start)
         along = axis.normalized()
         radius = design.mount.hole_mm / 2
-        drill = cq.Solid.makeCylinder(radius, axis.Length + 2, cq.Vector(*start) - along, along)
-        body = body.cut(cq.Workplane(drill))
+        drills = [(radius, axis.Length + 2)]
+        if design.mount.kind == "franka":
+            # From the shell's side, where the heads are.
+            drills.append((design.mount.counterbore_mm / 2, design.mount.counterbore_depth_mm + 1))
+        for radius_mm, long_mm in drills:
+            at = cq.Vector(*start) - along
+            body = body.cut(cq.Workplane(cq.Solid.makeCylinder(radius_mm, long_mm, at, along)))
     return body
 
 
@@ -225,23 +259,26 @@ def rules(d: Design) -> Iterator[Rule]:
     key = "hole_pitch_mm" if mount.kind == "block" else "flange_pitch_mm"
     side = "length_mm" if mount.kind == "block" else "flange_height_mm"
     rests_on = () if mount.kind == "block" else ("mount.flange_pitch_mm", "mount.flange_height_mm")
+    hole, hole_mm = "hole", mount.hole_mm
+    if mount.kind == "franka":
+        hole, hole_mm = "counterbore", mount.counterbore_mm
     yield Rule(
         part,
-        (f"mount.{key} + hole + 2 x 1.5", pitch + mount.hole_mm + 2 * wall),
+        (f"mount.{key} + {hole} + 2 x 1.5", pitch + hole_mm + 2 * wall),
         "<=",
         (f"mount.{side}", along),
         rests_on,
     )
     yield Rule(
         part,
-        ("mount: hole + 1.5", mount.hole_mm + wall),
+        (f"mount: {hole} + 1.5", hole_mm + wall),
         "<=",
         (f"mount.{key}", pitch),
         rests_on,
     )
     width = mount.width_mm if mount.kind == "block" else mount.flange_width_mm
     yield Rule(
-        part, ("mount: hole + 2 x 1.5", mount.hole_mm + 2 * wall), "<=", ("mount's width", width)
+        part, (f"mount: {hole} + 2 x 1.5", hole_mm + 2 * wall), "<=", ("mount's width", width)
     )
     if mount.kind == "franka":
         yield Rule(
@@ -264,19 +301,50 @@ def rules(d: Design) -> Iterator[Rule]:
             ("outer x", d.frame_outer_mm[0]),
             ("mount.flange_width_mm",),
         )
-        # A head or a nut behind the flange has its place above and below the arm.
+        # The heads have their place above and below the arm, and 2 mm of flange under them.
         yield Rule(
             part,
-            (f"mount.arm_mm + washer {mount.screw}", mount.arm_mm + mount.washer_mm),
+            (
+                "mount.arm_mm + mount.counterbore_mm + 0.4",
+                mount.arm_mm + mount.counterbore_mm + 0.4,
+            ),
             "<=",
             ("mount.flange_pitch_mm", mount.flange_pitch_mm),
             rests_on,
         )
         yield Rule(
             part,
+            (f"mount: head {mount.screw} + 0.5", mount.head_mm + 0.5),
+            "<=",
+            ("mount.counterbore_mm", mount.counterbore_mm),
+        )
+        yield Rule(
+            part,
+            ("mount.flange_hole_mm", mount.flange_hole_mm),
+            "<",
+            (f"mount: head {mount.screw}", mount.head_mm),
+            ("mount.flange_hole_mm",),
+        )
+        yield Rule(
+            part,
+            ("mount.counterbore_depth_mm + 2", mount.counterbore_depth_mm + 2.0),
+            "<=",
+            ("mount.flange_mm", mount.flange_mm),
+        )
+        yield Rule(
+            part,
+            (f"stress in mount.arm_mm under {d.plate.force_n:g} N, MPa", arm_stress_mpa(d)),
+            "<=",
+            ("mount.stress_limit_mpa", mount.stress_limit_mpa),
+            ("mount.stress_limit_mpa",),
+        )
+        # A screw that grips by 1.5 d goes in head last: the gap takes all of it.
+        under_mm = mount.flange_mm - mount.counterbore_depth_mm
+        yield Rule(
+            part,
             (
-                f"mount.flange_mm + 2.5 x {mount.screw}",
-                mount.flange_mm + 2.5 * float(mount.screw.removeprefix("M")),
+                f"flange under the head + 2.5 x {mount.screw}",
+                under_mm + 2.5 * float(mount.screw.removeprefix("M")),
             ),
             "<=",
             ("gap between shell and flange", mount.length_mm - mount.flange_mm),
@@ -353,24 +421,31 @@ def callouts(d: Design) -> list[Item]:
         z_of("left", low, high, "left", 0, end),
         *(Axis("left", (0, end - mount.flange_mm, at[2]), at) for at in bores),
         Leader("left", bores[1], 0, f"2× Ø{shown(mount.hole_mm)} through", "left"),
-    ]
+        Leader(
+            "left", (0, end - mount.flange_mm, middle - pitch), 0,
+            f"2× Ø{shown(mount.counterbore_mm)} depth {shown(mount.counterbore_depth_mm)}", "left",
+        ),
+    ]  # fmt: skip
 
 
-FLANGE = ("flange_mm", "flange_width_mm", "flange_height_mm", "flange_pitch_mm")
+FLANGE = (
+    "flange_mm", "flange_width_mm", "flange_height_mm", "flange_pitch_mm", "flange_hole_mm",
+    "counterbore_mm", "counterbore_depth_mm",
+)  # fmt: skip
 
 
 def rests_on(d: Design) -> tuple[str, ...]:
     """Unverified keys that the drawing rests on."""
     if d.mount.kind != "franka":
         return ()
-    return tuple(f"mount.flange_{key}_mm" for key in ("width", "height", "pitch"))
+    return tuple(f"mount.flange_{key}_mm" for key in ("width", "height", "pitch", "hole"))
 
 
 def silent(d: Design) -> dict[str, str]:
     """Keys that only other kinds of mounts are made from."""
     own = {
         "block": ("width_mm", "height_mm", "hole_pitch_mm", "screw"),
-        "franka": ("width_mm", "arm_mm", "screw", *FLANGE),
+        "franka": ("width_mm", "arm_mm", *FLANGE),
         "plate": (),
     }[d.mount.kind]
     of_others = {"width_mm", "height_mm", "hole_pitch_mm", "screw", "arm_mm", *FLANGE} - {*own}
