@@ -33,13 +33,12 @@ EXTRAS = {
 }
 # Name of the module where it is not the package's.
 MODULES = {
-    "Pillow": "PIL",
+    "pillow": "PIL",
     "opencv-contrib-python-headless": "cv2",
     "pyserial": "serial",
     "dash-model-viewer": "dash_model_viewer",
 }
 LIBRARIES = {"libGL.so.1": "libgl1", "libEGL.so.1": "libegl1", "libX11.so.6": "libx11-6"}
-# What the package itself calls, or what a person uses its files with.
 LEAST_FREE_GB = 6.0
 """Of the folder: the paper's force calibration takes 5.5 GB."""
 
@@ -118,7 +117,7 @@ def required(line: str) -> tuple[str, str]:
 
 
 def _package(name: str, group: str, line: str, deep: bool) -> Finding:
-    module = MODULES.get(name, name.replace("-", "_"))
+    module = MODULES.get(name.lower(), name.replace("-", "_"))
     brings = "" if group == NEEDED else EXTRAS[group]
     what = name if group == NEEDED else f"'{PACKAGE}[{group}]'"
     get = f"pip install {what}"
@@ -180,7 +179,7 @@ def _plugged(
     except ImportError:
         return  # the package's own row says that it is missing
     if not devices:
-        yield Finding("device", what, "missing", "none plugged in", brings)
+        yield Finding("device", what, "missing", "none is plugged in", brings)
     for device in devices:
         if may(device.name):
             yield Finding("device", device.name, "ok", device.text or what)

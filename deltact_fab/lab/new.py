@@ -26,9 +26,8 @@ def protocol(name: str, source: str = "smoke", out: Path | None = None) -> Path:
     text = f"As {source}; say here what the experiment is for."
     given = {**catalog.read(path), "name": name, "description": text}
     about = (
-        f"An indentation experiment, begun from {source!r}. Lengths are mm in the sensor frame:",
-        "from the centre of the resting face, x along its width, y along its length, z out of",
-        "it. Afterwards:",
+        f"An indentation experiment, begun from {source!r}. Places count from the centre of the",
+        "resting face: x along its width, y along its length, z out of it. Afterwards:",
         f"    deltact-fab protocol check {name}",
         f"    deltact-fab protocol show {name}",
         f"    deltact-fab run {name} --rig virtual --out {name}-run",

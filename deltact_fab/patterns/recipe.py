@@ -117,7 +117,7 @@ class PatternRecipe(_Strict):
     scales_mm: Annotated[
         tuple[float, ...] | None,
         Field(validate_default=True),
-        _shown(minItems=1, maxItems=octave.MAX_SCALES, examples=[[0.1, 0.2, 0.4, 0.8]]),
+        _shown(minItems=1, maxItems=octave.MAX_SCALES, examples=[[0.15, 0.3, 0.6, 1.2]]),
     ] = None
     """Sides of the blocks that law `octave` adds, whole multiples of patch_mm, rising."""
     weights: Annotated[
