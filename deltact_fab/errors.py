@@ -67,19 +67,17 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 def one_line(message: str) -> str:
     """A message as one line of at most MOST_CHARACTERS that any terminal can show.
 
-    What is too long loses first the inside of its long words, then faults from the end.
+    What is too long loses first faults from the end, then the inside of its long words.
     """
     line = "".join(
         c if c.isprintable() else c.encode("unicode_escape").decode()
         for c in " ".join(message.split())
     )
-    if len(line) <= MOST_CHARACTERS:
-        return line
-    line = re.sub(r"\S{61,}", lambda word: f"{word[0][:40]}...{word[0][-16:]}", line)
-    faults = line.split(" | ")
-    for shown in range(len(faults), 0, -1):
-        more = f" | and {len(faults) - shown} more" if shown < len(faults) else ""
-        line = " | ".join(faults[:shown]) + more
-        if len(line) <= MOST_CHARACTERS:
-            return line
+    short = re.sub(r"\S{61,}", lambda word: f"{word[0][:40]}...{word[0][-16:]}", line)
+    for faults in (line.split(" | "), short.split(" | ")):
+        for shown in range(len(faults), 0, -1):
+            more = f" | and {len(faults) - shown} more" if shown < len(faults) else ""
+            line = " | ".join(faults[:shown]) + more
+            if len(line) <= MOST_CHARACTERS:
+                return line
     return line[: MOST_CHARACTERS - len(more) - 3].removesuffix(more) + "..." + more

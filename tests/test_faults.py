@@ -301,7 +301,11 @@ def test_a_folder_that_is_no_run(short: Short, tmp_path: Path, text: str) -> Non
     ("was", "now", "words"),
     [
         ("positions_mm", "position_mm", "position_mm: unknown key; did you mean 'positions_mm'?"),
-        ("depths_mm = [0.4]", "depths_mm = [11.5]", "depth against the gel: depth (mm) 11.5 > 11"),
+        (
+            "depths_mm = [0.4]",
+            "depths_mm = [11.5]",
+            "depths_mm: 11.5 mm is over 3 mm, 25 % of the gel",
+        ),
         ("amplitude_mm = 0.5", "amplitude_mm = 15.0", "footprint + shear inside the skin"),
     ],
 )

@@ -264,7 +264,7 @@ def test_another_lens_goes_on_with_no_run(
     ("lens", "says"),
     [
         (None, r"lens\.json: cannot be read"),
-        ("{", r"lens\.json: cannot be read"),
+        ("{", r"lens\.json: not valid JSON"),
         ('{"model": "pinhole"}', r"lens\.json: mm_per_px: missing key"),
     ],
 )

@@ -59,7 +59,7 @@ def test_every_piece_that_is_counted_has_a_place(design):
     for part in registry.listed():
         if part.group == "sensor":
             assert len(set(part.places(design))) == part.quantity
-    assert registry.find("screw").places(design)[-1] == pytest.approx((16.3, 16.8, 0.0))
+    assert registry.find("screw").places(design)[-1] == pytest.approx((16.225, 16.725, 0.0))
     assert registry.find("camera-screw").places(design)[0] == pytest.approx((-10.5, 12.331, 0.0))
     assert registry.find("shell").places(design) == [(0.0, 0.0, 0.0)]
 

@@ -193,7 +193,8 @@ def test_measured_keys_are_no_longer_named():
     keys = camera_keys(load_design())
     assert {"focal_length_mm", "board_width_mm", "connector_width_mm"} <= set(keys)
     design = load_design("deltact", [f"camera.measured={keys}"])
-    assert all(row.verdict == "pass" for row in inequalities.rows(design))
+    told = {key for row in inequalities.rows(design) for key in row.rests_on}
+    assert not {key for key in told if key.startswith("camera.")}
     open_rows = {row.part: row.verdict for row in inequalities.rows(load_design())}
     assert "focal length" in open_rows["camera"]
     assert open_rows["camera-holder"] == "pass (unverified: camera board)"
@@ -272,7 +273,7 @@ def test_what_no_ray_reaches_is_told(inner, cq):
 
 def test_the_light_cone_goes_through_the_holder_s_bore(inner):
     (row,) = sight.light_cone(inner)
-    assert row.found == "96 of 96 reach it; radius 6.88 mm at the acrylic, bore 11.40 mm"
+    assert row.found == "96 of 96 reach it; radius 6.88 mm at the acrylic, bore 11.25 mm"
     assert row.passed
 
 
@@ -280,7 +281,7 @@ def test_the_strip_must_go_round(inner):
     length, width = sight.strip(inner)
     assert (length.found, length.limit) == (
         "5 x 16.67 = 83.3 mm",
-        "<= 96.1 mm round the channel",
+        "<= 95.2 mm round the channel",
     )
     assert length.passed
     assert width.passed

@@ -239,7 +239,10 @@ def test_a_part_that_pokes_into_another(sound, cq):
     peak = _box(cq, (12, -3, low - 0.4), (14, 3, low + 1))
     holder = sound.solid("camera-holder").fuse(peak).clean().Solids()[0]
     found = sound.failing(camera_holder=holder)
-    assert found == {("interference", "assembly"): "camera-holder in cover: 4.800 mm3"}
+    assert found == {
+        ("interference", "assembly"): "camera-holder in cover: 4.800 mm3",
+        ("bed contact", "camera-holder"): "12.0 mm2",
+    }
 
 
 def test_an_oversized_part(sound, cq):

@@ -20,6 +20,7 @@ from deltact_fab.cad.export.plates import arranged, bed_mm
 from deltact_fab.cad.laid import LEAST_CONTACT_MM2, laid, stand
 from deltact_fab.cad.lying import Lying
 from deltact_fab.cad.mesh import mesh_solid
+from deltact_fab.cad.parts.planes import segment_mm2
 from deltact_fab.errors import InputError
 
 DESIGN = load_design()
@@ -122,12 +123,13 @@ def test_a_sphere_on_its_tip_touches_nothing_and_fails():
     built = Built(DESIGN, (part,), {part.name: build_part(part, DESIGN)[0]})
     contact, ceilings = printed.rows(built)
     assert contact.passed
-    # The stem's end, and the plate's ring around the stem.
-    stem_mm2, plate_mm2 = 9 * np.pi, 25 * np.pi
+    # The stem's end with its flat, and the plate's ring around the stem.
+    stem_mm2, plate_mm2 = 9 * np.pi - segment_mm2(2.2, 3.0), 25 * np.pi
     assert float(contact.found.split()[0]) == pytest.approx(stem_mm2, abs=0.2)
     assert float(ceilings.found.split()[0]) == pytest.approx(plate_mm2 - stem_mm2, abs=0.3)
     assert "from 20.0 mm up, on supports" in ceilings.found
-    built.parts = (replace(part, lies=Lying()),)
+    tip_down = replace(part, lies=Lying())
+    built = Built(DESIGN, (tip_down,), {part.name: build_part(part, DESIGN)[0]})
     assert not next(iter(printed.rows(built))).passed
 
 

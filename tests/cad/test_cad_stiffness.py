@@ -73,7 +73,7 @@ def test_a_press_goes_with_force_place_and_modulus():
         ("deltact", ["light.axial_fit_mm=0.1"], ["clear"]),
         ("deltact", ["plate.force_n=271"], ["deflection", "clear", "stress"]),
         ("deltact", ["plate.stress_limit_mpa=8"], ["stress"]),
-        ("skin-44x40", ["optics.acrylic_mm=2"], ["deflection"]),
+        ("skin-44x40", ["optics.acrylic_mm=2"], ["deflection", "clear"]),
     ],
 )
 def test_rows_hold_the_plate_against_its_limits(name, changes, fails):
@@ -86,7 +86,7 @@ def test_rows_hold_the_plate_against_its_limits(name, changes, fails):
 def test_a_row_says_when_it_rests_on_what_nobody_measured():
     (row,) = bending.deflection(Built(DEFAULT, (), {}))
     assert row.verdict == "pass (unverified: spread, youngs modulus)"
-    assert row.found.startswith("0.201 mm under 49 N: 4.0 %")
+    assert row.found.startswith("0.199 mm under 49 N: 4.0 %")
     keys = '["spread_mm", "youngs_modulus_mpa", "stress_limit_mpa"]'
     known = load_design(changes=[f"plate.measured={keys}"])
     assert next(bending.stress(Built(known, (), {}))).verdict == "pass"

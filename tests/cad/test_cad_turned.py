@@ -14,6 +14,7 @@ from deltact_fab.cad.design import IndenterBody, IndenterDimensions, load_indent
 from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import is_closed, mesh_solid
 from deltact_fab.cad.parts import indenter as indenter_part
+from deltact_fab.cad.parts.planes import segment_mm2
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.shapes import Indenter, SphereTip, TurnedTip
 from deltact_fab.shapes.indenter import parse
@@ -99,7 +100,8 @@ def test_a_ring_s_shank_is_a_tube(cq: Any) -> None:
         assert solid.isInside(cq.Vector(0.0, 0.0, z)) is inside
         assert solid.isInside(cq.Vector(3.0, 0.0, z))
     half_mm3 = math.pi**2 * 3.0 * 1.5**2 + math.pi * (4.5**2 - 1.5**2) * (top - 1.5)
-    rest_mm3 = math.pi * 4.5**2 * dims.body.plate_mm + math.pi * 9.0 * 20.0
+    stem_mm2 = math.pi * 9.0 - segment_mm2(2.2, 3.0)
+    rest_mm3 = math.pi * 4.5**2 * dims.body.plate_mm + stem_mm2 * 20.0
     assert solid.Volume() == pytest.approx(half_mm3 + rest_mm3, rel=1e-9)
 
 

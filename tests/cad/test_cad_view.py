@@ -44,4 +44,4 @@ def test_outside_a_viewer_it_prints(capsys):
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 14
     assert lines[0].startswith("skin-0")
-    assert "14171.05 mm3" in lines[0]
+    assert "14140.63 mm3" in lines[0]

@@ -240,8 +240,9 @@ def test_the_codes_are_read_from_the_page(tmp_path, dpi, transfer):
     made = sheet.write(recipes, tmp_path / "s.pdf", dpi=dpi, transfer=transfer)
     page = rendered(made.out, dpi)
     for recipe, s in zip(recipes, made.stickers, strict=True):
-        # Below the sticker, left of the label
-        x, y = (round(v * dpi / 25.4) for v in (s.x_mm - 4.5, s.y_mm + s.side_mm + 4.1))
+        # Below the film, left of the label.
+        left, top = s.x_mm + s.side_mm / 2 - 28.0, s.y_mm + s.side_mm / 2 + 27.6
+        x, y = (round(v * dpi / 25.4) for v in (left, top))
         part = np.ascontiguousarray(page[y : y + dpi * 20 // 25, x : x + dpi * 20 // 25, ::-1])
         text, _, _ = cv2.QRCodeDetector().detectAndDecode(part)
         assert text == s.code

@@ -88,7 +88,7 @@ def test_a_run_tells_what_there_is(found: dict[str, Entry]) -> None:
         ("cut", "damaged:", "cannot be read"),
         ("stopped", "unfinished:", "frames in"),
         ("hurt", "damaged:", "journal"),
-        ("odd", "damaged:", "format"),
+        ("odd", "damaged:", "an object is needed"),
     ],
 )
 def test_what_is_not_in_order_says_so_in_a_line(

@@ -16,7 +16,6 @@ Frame: the sensor's; its top is the plane of the sensor's back.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING
 
@@ -26,28 +25,25 @@ from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..kernel import require
 from ..part import STEEL, Part
 from ..record import Point2, Record, check_limits, check_measured, number
-from ..rule import Rule
 
 if TYPE_CHECKING:
     from cadquery import Shape
 
     from ..dimensions import Design
 
-KEYS = ("stage_plate.slot_pitch_x_mm", "stage_plate.slot_pitch_y_mm", "stage_plate.slot_mm")
+KEYS = ("stage_plate.grid_mm", "stage_plate.slot_mm")
 
 
 @dataclass(frozen=True)
 class StagePlateDimensions(Record):
-    """The plate between the stage's table and the testing shell (measure your table)."""
+    """The plate between the stage's table and the testing shell; it grows with the sensor."""
 
-    width_mm: float = number(130.0, "along x", 40, 500)
-    length_mm: float = number(80.0, "along y", 30, 500)
-    thickness_mm: float = number(6.0, "of the plate", 3, 30)
-    thread_hole_mm: float = number(3.3, "tapping drill of the tabs' screws (M4)", 1, 10)
+    grid_mm: float = number(25.0, "of the table's threads or T-slots", 5, 200, unverified=True)
     slot_mm: float = number(6.6, "width of a slot (M6)", 2, 20, unverified=True)
     slot_travel_mm: float = number(10.0, "from end centre to end centre of a slot", 1, 100)
-    slot_pitch_x_mm: float = number(100.0, "between slots along x", 10, 450, unverified=True)
-    slot_pitch_y_mm: float = number(50.0, "between slots along y", 10, 450, unverified=True)
+    edge_mm: float = number(7.0, "around slots and testing shell", 2, 100)
+    thickness_mm: float = number(6.0, "of the plate", 3, 30)
+    thread_hole_mm: float = number(3.3, "tapping drill of the tabs' screws (M4)", 1, 10)
     measured: tuple[str, ...] = field(
         default=(), metadata={"meaning": "keys measured on the lab's own table"}
     )
@@ -57,10 +53,32 @@ class StagePlateDimensions(Record):
         check_measured(self)
 
     @property
-    def slot_centres_mm(self) -> list[Point2]:
-        """Middles of the four slots."""
-        x, y = self.slot_pitch_x_mm / 2, self.slot_pitch_y_mm / 2
-        return [(sx * x, sy * y) for sy in (-1, 1) for sx in (-1, 1)]
+    def slot_length_mm(self) -> float:
+        """A slot from end to end = travel + width."""
+        return self.slot_travel_mm + self.slot_mm
+
+
+def slot_pitch_mm(design: Design) -> Point2:
+    """Between slots: the least multiples of the grid that keep them beside the tabs: (100, 50)."""
+    plate, table = design.stage_plate, design.table
+    x = design.frame_outer_mm[0] + 2 * table.tab_mm + plate.slot_length_mm + plate.edge_mm
+    y = table.width_mm + plate.slot_mm + plate.edge_mm
+    grid = plate.grid_mm
+    # A rounding error is no further thread.
+    return grid * math.ceil(x / grid - 1e-9), grid * math.ceil(y / grid - 1e-9)
+
+
+def sides_mm(design: Design) -> Point2:
+    """The plate's sides: its edge around the slots and the testing shell."""
+    plate, (x, y) = design.stage_plate, slot_pitch_mm(design)
+    inside = max(y + plate.slot_mm, design.frame_outer_mm[1])
+    return x + plate.slot_length_mm + 2 * plate.edge_mm, inside + 2 * plate.edge_mm
+
+
+def slot_centres_mm(design: Design) -> list[Point2]:
+    """Middles of the four slots."""
+    x, y = (pitch / 2 for pitch in slot_pitch_mm(design))
+    return [(sx * x, sy * y) for sy in (-1, 1) for sx in (-1, 1)]
 
 
 def tab_centres_mm(design: Design) -> list[Point2]:
@@ -72,8 +90,8 @@ def tab_centres_mm(design: Design) -> list[Point2]:
 
 def expect(design: Design) -> Expected:
     """Closed forms of a plate with four holes and four slots."""
-    plate = design.stage_plate
-    x, y, z = plate.width_mm / 2, plate.length_mm / 2, design.z_back_mm
+    plate, (x, y) = design.stage_plate, (side / 2 for side in sides_mm(design))
+    z = design.z_back_mm
     slot_mm2 = plate.slot_mm * plate.slot_travel_mm + math.pi / 4 * plate.slot_mm**2
     open_mm2 = 4 * slot_mm2 + math.pi * plate.thread_hole_mm**2
     volume_mm3 = (4 * x * y - open_mm2) * plate.thickness_mm
@@ -86,53 +104,19 @@ def build(design: Design) -> Shape:
     cq = require()
     plate = design.stage_plate
     low, high = design.z_back_mm - plate.thickness_mm, plate.thickness_mm
-    body = cq.Workplane(origin=(0, 0, low)).rect(plate.width_mm, plate.length_mm).extrude(high)
+    body = cq.Workplane(origin=(0, 0, low)).rect(*sides_mm(design)).extrude(high)
     drills = cq.Workplane(origin=(0, 0, low - 1)).pushPoints(tab_centres_mm(design))
     drills = drills.circle(plate.thread_hole_mm / 2)
-    slots = cq.Workplane(origin=(0, 0, low - 1)).pushPoints(plate.slot_centres_mm)
-    slots = slots.slot2D(plate.slot_travel_mm + plate.slot_mm, plate.slot_mm)
+    slots = cq.Workplane(origin=(0, 0, low - 1)).pushPoints(slot_centres_mm(design))
+    slots = slots.slot2D(plate.slot_length_mm, plate.slot_mm)
     return body.cut(drills.extrude(high + 2)).cut(slots.extrude(high + 2)).val()
-
-
-def rules(d: Design) -> Iterator[Rule]:
-    """Slots inside the plate and clear of the sensor."""
-    part, plate = "stage-plate", d.stage_plate
-    long = plate.slot_travel_mm + plate.slot_mm
-    yield Rule(
-        part,
-        ("slot_pitch_x_mm + slot + 6", plate.slot_pitch_x_mm + long + 6.0),
-        "<=",
-        ("stage_plate.width_mm", plate.width_mm),
-        KEYS,
-    )
-    yield Rule(
-        part,
-        ("slot_pitch_y_mm + slot + 6", plate.slot_pitch_y_mm + plate.slot_mm + 6.0),
-        "<=",
-        ("stage_plate.length_mm", plate.length_mm),
-        KEYS,
-    )
-    # The slots' screws and washers stand beside the tabs.
-    yield Rule(
-        part,
-        ("testing shell + slot + 6", d.frame_outer_mm[0] + 2 * d.table.tab_mm + long + 6.0),
-        "<=",
-        ("stage_plate.slot_pitch_x_mm", plate.slot_pitch_x_mm),
-        KEYS,
-    )
-    yield Rule(
-        part,
-        ("outer y + 6", d.frame_outer_mm[1] + 6.0),
-        "<=",
-        ("stage_plate.length_mm", plate.length_mm),
-    )
 
 
 def callouts(d: Design) -> Callouts:
     """Outline, slots and threads."""
-    plate = d.stage_plate
-    x, y, top = plate.width_mm / 2, plate.length_mm / 2, d.z_back_mm
-    sx, sy = plate.slot_pitch_x_mm / 2, plate.slot_pitch_y_mm / 2
+    plate, top = d.stage_plate, d.z_back_mm
+    x, y = (side / 2 for side in sides_mm(d))
+    sx, sy = (pitch / 2 for pitch in slot_pitch_mm(d))
     tx, ty = tab_centres_mm(d)[-1]
     half = plate.slot_travel_mm / 2
     items: list[Item] = [
@@ -145,7 +129,7 @@ def callouts(d: Design) -> Callouts:
         x_of("top", -tx, tx, "bottom", -ty, top),
         y_of("top", -ty, ty, "right", tx, top),
         *holes(tab_centres_mm(d), top, plate.thread_hole_mm, f" tapped {d.table.screw}, through"),
-        Centres("top", tuple((a, b, top) for a, b in plate.slot_centres_mm), plate.slot_mm / 2),
+        Centres("top", tuple((a, b, top) for a, b in slot_centres_mm(d)), plate.slot_mm / 2),
         Leader("top", (-sx - half, -sy, top), plate.slot_mm / 2,
                f"4× slot, {shown(plate.slot_mm)} wide, along x", "left"),
     ]  # fmt: skip
@@ -175,7 +159,6 @@ PARTS = (
         colour=STEEL,
         sections=("stage_plate", "table", "frame"),
         derived=("frame_outer_mm", "z_back_mm"),
-        rules=rules,
         callouts=callouts,
         note=note,
         how="milled or cut from sheet, four holes tapped",
