@@ -125,7 +125,7 @@ class PatternRecipe(_Strict):
         Field(validate_default=True),
         _shown(examples=[[1.0, 1.0, 1.0, 1.0]]),
     ] = None
-    """Weight of each scale; equal when left out."""
+    """Weight of each scale, 0.01 to 100; equal when left out."""
     dots: Annotated[DotGrid | None, Field(validate_default=True)] = None
 
     # A field sees those above it in info.data, less any that failed: each fault names its own key

@@ -35,7 +35,7 @@ def meanings(model: type) -> dict[str, str]:
     """Meaning of each key that says one, on one line."""
     said: dict[str, str] = {}
     for one in reversed(model.__mro__):
-        if one.__module__.startswith(__package__.partition(".")[0]):
+        if one.__module__.partition(".")[0] not in ("builtins", "pydantic"):
             said |= _docstrings(one.__module__).get(one.__name__, {})
     for name, extra in metadata(model).items():
         if "meaning" in extra:

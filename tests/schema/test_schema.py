@@ -169,7 +169,8 @@ def test_defaults_are_those_of_the_model(kind: Kind) -> None:
 @pytest.mark.parametrize(
     ("key", "says"),
     [
-        ({"type": "number", "minimum": 0, "exclusiveMaximum": 1}, ("number", "at least 0, below 1")),
+        ({"type": "number", "minimum": 0, "exclusiveMaximum": 1},
+         ("number", "at least 0, below 1")),
         ({"type": "array", "items": {"enum": ["x", "y"]}, "minItems": 1},
          ('list of "x", "y"', "at least 1 entry")),
         ({"type": "array", "prefixItems": [{"type": "number", "maximum": 5}] * 2},
