@@ -21,8 +21,9 @@ if TYPE_CHECKING:
     from .fit import Fit
     from .rule import Rule
 
-Group = Literal["sensor", "tools", "bench", "indenters"]
-GROUPS: tuple[Group, ...] = ("sensor", "tools", "bench", "indenters")
+Group = Literal["sensor", "electronics", "tools", "bench", "indenters"]
+GROUPS: tuple[Group, ...] = ("sensor", "electronics", "tools", "bench", "indenters")
+PER_SENSOR: tuple[Group, ...] = ("sensor", "electronics")
 Shift = tuple[float, float, float]
 
 RESIN = "Formlabs tough epoxy resin"
@@ -59,6 +60,15 @@ def in_its_place(design: Design) -> list[Shift]:
 
 
 @dataclass(frozen=True)
+class Flat:
+    """A polyline of a flat drawing in mm: corners (x, y, bulge as DXF has it) on a layer."""
+
+    layer: str
+    corners: tuple[tuple[float, float, float], ...]
+    closed: bool = True
+
+
+@dataclass(frozen=True)
 class Part:
     """One part.
 
@@ -73,12 +83,15 @@ class Part:
 
     sections: sections of a design that it is made from. derived: lengths of Design that its shape
     follows from. rules: the inequalities it must keep; bound_by: parts whose rules bind it too.
-    wall_mm: the thinnest wall it may have, None for what is not printed. in_view: it stands
+    wall_mm: the thinnest wall it may have, None for what is not printed; wall_keys: where that
+    stands in a design. in_view: it stands
     between lens and face and could cut into the view.
 
     callouts: what its drawing says, None for a part without one. note: what the bill of materials
     adds. lies: how a printed one lies on the platform. how: what else there is to know of making
     it, and all there is of what is not printed; look_for: what to look at afterwards.
+
+    flat: what its DXF holds in place of a plate's outline, of a part that is no plate.
     """
 
     name: str
@@ -98,6 +111,7 @@ class Part:
     bound_by: tuple[str, ...] = ()
     fits: Callable[[Design], Iterable[Fit]] = no_fits
     wall_mm: Callable[[Design], float] | None = None
+    wall_keys: tuple[str, ...] = ("shell.wall_mm",)
     in_view: bool = False
     callouts: Callable[[Any], Callouts] | None = None
     note: Callable[[Design], str] = no_note
@@ -105,10 +119,16 @@ class Part:
     how: str = ""
     look_for: str = ""
     indenter: IndenterDimensions | None = None
+    flat: Callable[[Any], tuple[Flat, ...]] | None = None
 
     def source(self, design: Design) -> Any:
         """What `build`, `expect` and `callouts` take."""
         return design if self.indenter is None else self.indenter
+
+    @property
+    def per_sensor(self) -> bool:
+        """Whether each sensor takes `quantity` of it; else the lab does, once."""
+        return self.group in PER_SENSOR
 
     @property
     def printed(self) -> bool:

@@ -39,7 +39,7 @@ def of_group(group: str) -> list[Part]:
 
 
 def listed(indenters: IndenterList | None = None) -> list[Part]:
-    """Every part: sensor, tools, bench, and the indenters of the list (cad/indenters.toml)."""
+    """Every part: those of a design, and the indenters of the list (cad/indenters.toml)."""
     known = load_indenters() if indenters is None else indenters
     tips = [indenter_part(parse(e.name), known.body, e.quantity) for e in known.indenter]
     return [*of_design(), *tips]

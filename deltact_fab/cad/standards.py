@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 
@@ -60,3 +61,20 @@ def screw_tolerance_mm(length_mm: float) -> float:
     """What the length of a screw may be off either way (ISO 4759-1: js15)."""
     steps = ((3, 0.20), (6, 0.24), (10, 0.29), (18, 0.35), (30, 0.42), (50, 0.50))
     return next((off for upto, off in steps if length_mm <= upto), 0.60)
+
+
+# Resistors as they are sold: IEC 60063, the 5 % series.
+E24 = (
+    10, 11, 12, 13, 15, 16, 18, 20, 22, 24, 27, 30, 33, 36, 39, 43, 47, 51, 56, 62, 68, 75, 82, 91,
+    100,
+)  # fmt: skip
+
+
+def next_e24(ohm: float) -> float:
+    """The least resistor of E24 that has at least so much; 0 where none is needed."""
+    if ohm <= 0:
+        return 0.0
+    power = math.floor(math.log10(ohm)) - 1
+    # A quotient of whole numbers prints as 9.1, a product with 0.1 as 9.100000000000001.
+    sold = [step * 10**power if power >= 0 else step / 10**-power for step in E24]
+    return float(next((r for r in sold if r >= ohm * (1 - 1e-9)), sold[-1]))

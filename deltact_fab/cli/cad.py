@@ -190,10 +190,10 @@ def export(
 ) -> None:
     """Write each PART and the assembly, with a manifest.json; without PART, everything.
 
-    A PART is a name of `cad list`, a group (sensor, tools, bench, indenters), or an indenter as a
-    protocol names it: sphere:10, 4dots. The assembly is written with the whole sensor. STEP for
-    the machine shop, STL or 3MF for the printer, DXF for the laser, GLB to look at, drawings
-    as PDF and SVG.
+    A PART is a name of `cad list`, a group (sensor, electronics, tools, bench, indenters), or an
+    indenter as a protocol names it: sphere:10, 4dots. The assembly and its wiring are written with
+    the whole sensor. STEP for the machine shop, STL or 3MF for the printer, DXF for the laser, GLB
+    to look at, drawings as PDF and SVG.
     Unchanged files of an earlier export that are not written again are removed; others stay.
     """
     from dataclasses import asdict

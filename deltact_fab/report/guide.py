@@ -13,6 +13,7 @@ from typing import Any
 
 from ..cad.design import load_indenters
 from ..cad.dimensions import Design
+from ..cad.drafting.wiring import wiring
 from ..cad.export.plates import arranged
 from ..cad.lying import SELF_SUPPORTING_DEG
 from ..cad.making import bom, fabrication
@@ -117,6 +118,7 @@ def write(
         bom=lines,
         stock_note=stock_note(design),
         f=_figures(design, sensors),
+        wiring=_data_url("image/svg+xml", wiring(design).svg().encode()),
         p=DEFAULT,
         facts=DEFAULT.rows(),
         gaps=gaps(design),
@@ -242,12 +244,12 @@ def _figures(d: Design, sensors: int) -> dict[str, Any]:
         "acrylic_mm": [2 * s for s in d.acrylic_half_mm],
         "pour_mm": d.mold.base_mm + d.skin.thickness_mm,
         "wirings": fabrication.wirings(d.light),
-        "current_ma": fabrication.current_range_ma(d.light),
+        "current_ma": (d.light.least_ma, d.light.most_ma),
         "brighter": fabrication.resistor_for_ohm(20.0, d.light),
         "notched": any(d.acrylic_notch_mm),
         "post_faces": any(d.post_in_window_mm),
         "stripped": _stripped(d),
-        "over_resistor_v": d.light.supply_v - DEFAULT.led_v,
+        "over_resistor_v": d.light.total_ma * d.light.resistor_ohm / 1000,
     }
 
 

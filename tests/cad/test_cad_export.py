@@ -16,6 +16,7 @@ from deltact_fab import cache
 from deltact_fab.cad import registry
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
+from deltact_fab.cad.drafting.wiring import wiring
 from deltact_fab.cad.export import batch as export
 from deltact_fab.cad.export.batch import export_parts
 from deltact_fab.cad.export.part_files import DRAWN, FORMATS, Made, applicable
@@ -141,11 +142,26 @@ def test_the_assembly_needs_all_of_the_sensor_and_the_wish(tmp_path):
     assert names == {f"{name}.glb" for name in SENSOR[1:]}
 
 
+@pytest.mark.slow
+def test_the_wiring_goes_with_the_sensor_and_is_kept(tmp_path, store_of_its_own):
+    files = {f.file: f for f in _export(["sensor"], ["svg", "pdf"], tmp_path / "a")}
+    assert {"wiring.svg", "wiring.pdf"} <= set(files)
+    assert "assembly.step" not in files
+    page = wiring(DESIGN)
+    assert (tmp_path / "a" / "wiring.svg").read_text() == page.svg()
+    assert (tmp_path / "a" / "wiring.pdf").read_bytes() == page.pdf()
+    again = {f.file: f for f in _export(["sensor"], ["svg", "pdf"], tmp_path / "b")}
+    assert again == files
+    some = _export(["acrylic", "led-strip"], ["svg", "dxf"], tmp_path / "c")
+    assert {f.file for f in some} == {"acrylic.svg", "acrylic.dxf", "led-strip.dxf"}
+
+
 def test_applicable_formats():
     everything = tuple(kind for kind in FORMATS if kind not in DRAWN)
     assert applicable(registry.find("acrylic"), everything) == everything
     assert applicable(registry.find("mold"), everything) == ("step", "stl", "3mf", "glb")
     assert applicable(registry.find("screw"), everything) == ("step", "glb")
+    assert applicable(registry.find("led-strip"), everything) == ("step", "dxf", "glb")
 
 
 def test_a_format_that_applies_to_nothing_is_refused(tmp_path):

@@ -67,8 +67,8 @@ def test_it_fetches_nothing_and_its_anchors_lead_somewhere(default: Seen) -> Non
     anchors = {link[1:] for link in default.fetched if link.startswith("#")}
     assert anchors <= set(default.ids)
     assert len(default.ids) == len(set(default.ids))
-    # And one that stands where the model cannot be turned.
-    assert default.tags.count("img") == 1 + len(listed()) + len(guide.STEPS) + 1
+    # The wiring, and one that stands where the model cannot be turned.
+    assert default.tags.count("img") == 1 + len(listed()) + len(guide.STEPS) + 2
     assert default.tags.count("model-viewer") == 1
 
 
@@ -87,7 +87,8 @@ def test_it_tells_the_steps_in_their_order(default: Seen) -> None:
 
 @pytest.mark.parametrize(
     "figure",
-    ["31.1", "14.14 cm³", "16 h", "8–10 h", "65 °C", "2.73", "120 Ω", "56 × 54 mm", "35.8 × 36.8",
+    ["31.1", "14.14 cm³", "16 h", "8–10 h", "65 °C", "2.73", "110 Ω", "9.1 Ω", "8.3 mW",
+     "5 mm long", "0.5 mm behind the joint", "56 × 54 mm", "35.8 × 36.8",
      "M1.6 × 19", "4.6 mm", "102.5 Ω", "0.68 g", "0.15 mm", "15 mm above", "83 %"],
 )  # fmt: skip
 def test_it_names_the_figures(default: Seen, figure: str) -> None:
@@ -230,7 +231,8 @@ def test_without_the_kernel_it_says_so(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(kernel, "require", missing)
     seen = Seen(write(load_design(), tmp_path / "guide.html").read_text())
     assert "No pictures and no 3D view: the CAD kernel cannot load: libGL.so.1" in seen.text
-    assert "img" not in seen.tags
+    # The wiring drawing needs no kernel.
+    assert seen.tags.count("img") == 1
     assert "model-viewer" not in seen.tags
     assert "H. Assembly" in seen.text
 
@@ -246,7 +248,7 @@ def test_without_the_viewer_it_says_what_to_install(
     assert "No 3D view: dash-model-viewer is not installed" in seen.text
     assert "model-viewer" not in seen.tags
     assert "script" not in seen.tags
-    assert seen.tags.count("img") == 1 + len(listed()) + len(guide.STEPS) + 1
+    assert seen.tags.count("img") == 1 + len(listed()) + len(guide.STEPS) + 2
 
 
 def test_the_viewer_cannot_end_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

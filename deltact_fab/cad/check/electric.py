@@ -1,34 +1,51 @@
-"""The LEDs' current at its worst, against what a chip may carry."""
+"""The LEDs' current, the resistor's heat and the supply, each at its worst."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 from ..dimensions import Design
-from ..making.fabrication import DEFAULT, current_range_ma
-from .row import Row
+from .row import Row, open_keys
 
-NAME = "LED current"
-CHIP_MA = 20.0  # a chip of a 5050, as their data sheets rate it
-SUPPLY_SHARE = 0.05  # a 5 V supply may be so much off (USB 2.0: 4.75 to 5.25 V)
-
-
-def worst_ma(design: Design) -> float:
-    """Most current of a chip: high supply, low forward voltage, without the strip's own resistor.
-
-    I = (1.05 supply - lowest forward voltage) / resistor / LEDs / chips. LEDs in parallel are taken
-    to share evenly; one LED's share may differ.
-    """
-    light = design.light
-    high_ma = current_range_ma(light)[1]
-    high_ma += SUPPLY_SHARE * light.supply_v / light.resistor_ohm * 1000
-    return high_ma / light.led_count / DEFAULT.led_chips
+CURRENT, HEAT, SUPPLY = "LED current", "LED resistor", "LED supply"
+HEAT_SHARE = 0.5  # half of its rating keeps a resistor cool enough to touch
+RESTS_ON = ("supply_tolerance", "strip_resistor_ohm", "led_v", "led_spread_v")
 
 
 def rows(design: Design) -> Iterator[Row]:
-    """One row: the current of a chip at its worst."""
-    found = worst_ma(design)
+    """Three rows, all with a high supply and a low forward voltage.
+
+    LEDs in parallel are taken to share evenly; one LED's share may differ.
+    """
     light = design.light
-    limit = f"<= {CHIP_MA:g} mA: light.resistor_ohm, light.supply_v"
-    text = f"{found:.2f} mA a chip, {light.resistor_ohm:g} ohm at {light.supply_v:g} V + 5 %"
-    yield Row(NAME, "light-holder", text, limit, 0 < found <= CHIP_MA)
+
+    def row(name: str, found: str, limit: str, passed: bool, rating: str) -> Row:
+        keys = [f"light.{key}" for key in (*RESTS_ON, rating)]
+        return Row(
+            name, "light-holder", found, limit, passed, open_keys(design.unverified(), *keys)
+        )
+
+    at = f"{light.resistor_ohm:g} ohm, {light.supply_v:g} V + {100 * light.supply_tolerance:g} %"
+    yield row(
+        CURRENT,
+        f"{light.chip_most_ma:.2f} mA a chip, {at}; all LEDs {light.least_ma:.2f} to "
+        f"{light.most_ma:.2f} mA",
+        f"<= {light.led_limit_ma:g} mA a chip, least > 0: light.resistor_ohm, light.supply_v",
+        light.chip_most_ma <= light.led_limit_ma and light.least_ma > 0,
+        "led_limit_ma",
+    )
+    most_w = HEAT_SHARE * light.resistor_rating_w
+    yield row(
+        HEAT,
+        f"{1000 * light.resistor_most_w:.1f} mW, {at}",
+        f"<= {1000 * most_w:g} mW, half of light.resistor_rating_w",
+        light.resistor_most_w <= most_w,
+        "resistor_rating_w",
+    )
+    yield row(
+        SUPPLY,
+        f"{light.most_ma:.2f} mA, {at}",
+        f"<= {light.supply_rating_ma:g} mA: light.supply_rating_ma",
+        light.most_ma <= light.supply_rating_ma,
+        "supply_rating_ma",
+    )

@@ -46,9 +46,23 @@ def rows(built: Built) -> Iterator[Row]:
         ]
     )
     far, _ = first_hit(start, way, corners, 0.0)
-    through = int((far > SHORT).sum())
+    way_open = far > SHORT
+    through = int(way_open.sum())
+    end = aims[np.flatnonzero(way_open) % len(aims)]
+    # Where the open ways end: what the camera sees counts most, the plate's rim beside the ring
+    # lies outside of its picture.
+    lens = end[:, 2] < design.z_joint_mm
+    view_x, view_y = design.optics.view_mm
+    seen = ~lens & (np.abs(end[:, 0]) <= view_x / 2) & (np.abs(end[:, 1]) <= view_y / 2)
+    on_lens, in_view = int(lens.sum()), int(seen.sum())
     foam = shell.cable_foam_mm
     closed = foam >= FOAM_HEIGHTS * shell.cable_height_mm
-    found = f"{through} of {len(far)} straight ways open without foam; foam {foam:g} mm"
-    limit = f"0, or foam >= {FOAM_HEIGHTS:g} x the notch's height: shell.cable_foam_mm"
+    found = (
+        f"open without foam, of {len(far)} straight ways: {on_lens} to the lens, {in_view} to the "
+        f"plate in view, {through - on_lens - in_view} to its rim beside it; foam {foam:g} mm"
+    )
+    limit = (
+        f"none, or shell.cable_foam_mm >= {FOAM_HEIGHTS * shell.cable_height_mm:g} mm, "
+        f"{FOAM_HEIGHTS:g} x the notch's height"
+    )
     yield Row(NAME, "shell, camera, light-holder", found, limit, through == 0 or closed)

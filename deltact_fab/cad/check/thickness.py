@@ -36,16 +36,17 @@ def _of_part(built: Built, part: Part) -> Iterator[Row]:
     assert part.wall_mm is not None
     walls, limit_mm = built.walls(part.name), part.wall_mm(built.design)
     if part.name != "cover":
-        yield _row(part.name, walls.thinnest(), limit_mm)
+        yield _row(part.name, walls.thinnest(), limit_mm, part.wall_keys)
         return
     legs = _of_legs(built.design, walls.points_mm)
-    yield _row(part.name, walls.thinnest(~legs), limit_mm)
+    yield _row(part.name, walls.thinnest(~legs), limit_mm, part.wall_keys)
     # They must bend: no wall of theirs is as thick as the housing's.
-    yield _row("cover, legs of the pegs", walls.thinnest(legs), built.design.cover.leg_mm)
+    least_mm = built.design.cover.leg_mm
+    yield _row("cover, legs of the pegs", walls.thinnest(legs), least_mm, ("cover.leg_mm",))
 
 
-def _row(part: str, found: Thickness | None, limit_mm: float) -> Row:
-    limit = f">= {limit_mm:.3g} mm"
+def _row(part: str, found: Thickness | None, limit_mm: float, keys: tuple[str, ...]) -> Row:
+    limit = f">= {limit_mm:.3g} mm ({', '.join(keys)})"
     if found is None:
         return Row(NAME, part, "no wall found", limit, False)
     passed = found.thickness_mm >= limit_mm - SLACK_MM

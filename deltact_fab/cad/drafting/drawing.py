@@ -83,7 +83,8 @@ def _general_tolerance(part: Part, design: Design) -> str:
 def _belongs(part: Part) -> str:
     if part.group == "sensor":
         return f"DelTact sensor, part {part.number}" if part.number else "DelTact sensor"
-    return {"tools": "casting tools", "bench": "test bench", "indenters": "indenters"}[part.group]
+    return {"electronics": "electronics", "tools": "casting tools", "bench": "test bench",
+            "indenters": "indenters"}[part.group]  # fmt: skip
 
 
 def _draw_view(page: Page, name: str, drawn: Drawn, arranged: Arranged, at: Point2) -> None:

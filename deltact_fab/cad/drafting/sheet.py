@@ -28,6 +28,7 @@ class Title:
     sheet: str
     general_tolerance: str
     lab: TitleBlock
+    document: str = "part drawing"
 
 
 def block_rect(sheet: str) -> Rect:
@@ -53,7 +54,7 @@ def draw_frame(page: Page, title: Title) -> None:
         [(66, "General tolerances", title.general_tolerance), (44, "Projection", "first angle"),
          (22, "Dimensions", "mm"), (24, "Scale", title.scale), (24, "Paper", title.sheet)],
         [(66, "Owner", lab.owner), (44, "Drawn by", lab.drawn_by),
-         (46, "Approved by", lab.approved_by), (24, "Document", "part drawing")],
+         (46, "Approved by", lab.approved_by), (24, "Document", title.document)],
         [(90, "Title", title.name), (60, "Belongs to", title.group),
          (30, "Made by", f"deltact-fab {__version__}")],
         [(90, "Drawing number", lab.number_of(title.name)), (20, "Revision", lab.revision),

@@ -24,7 +24,9 @@ from ..registry import of_group
 from .formats import glb, threemf
 from .part_files import (
     ASSEMBLY,
+    DRAWN,
     FORMATS,
+    WIRING,
     Made,
     Task,
     applicable,
@@ -32,6 +34,7 @@ from .part_files import (
     make,
     on_platform,
     whole,
+    whole_name,
 )
 from .plates import Plate, arranged
 from .stored import Store
@@ -90,7 +93,8 @@ def export_parts(
     cached: files made before from the same dimensions, sources and kernel are taken from the
         user's cache, and new ones put there; when none is missing the kernel is not loaded.
     jobs: processes; None decides by the work that is left.
-    assembly: write assembly.step and assembly.glb when all of the sensor's parts are among parts.
+    assembly: write assembly.step, assembly.glb, wiring.svg and wiring.pdf when all of the sensor's
+        parts are among parts.
 
     With 3mf, several printed parts are also written as plate-1.3mf and so on: all of them, each
     under its name, on as many platforms as they take.
@@ -122,9 +126,9 @@ def export_parts(
     sensor = _sensor(named) if assembly else ()
     to_print = [part for part in named.values() if part.printed and "3mf" in kinds]
     plates = arranged(design, to_print) if len(to_print) > 1 else []
-    if sensor and "step" in kinds:
-        units.insert(0, (None, ("step",)))
-    names = [f"{part.name if part else ASSEMBLY}.{kind}" for part, own in units for kind in own]
+    if sensor and (own := tuple(kind for kind in kinds if kind in ("step", *DRAWN))):
+        units.insert(0, (None, own))
+    names = [f"{_name(part, kind)}.{kind}" for part, own in units for kind in own]
     if sensor and "glb" in kinds:
         names.append(f"{ASSEMBLY}.glb")
     names += [f"{_plate(i)}.3mf" for i in range(len(plates))]
@@ -149,6 +153,10 @@ def export_parts(
 def manifest(files: Sequence[PartFile]) -> str:
     """The manifest's text: one entry a file, no times and no paths."""
     return json.dumps({"files": [asdict(f) for f in files]}, indent=2) + "\n"
+
+
+def _name(part: Part | None, kind: str) -> str:
+    return part.name if part else whole_name(kind)
 
 
 def _plate(index: int) -> str:
@@ -187,7 +195,7 @@ class _Batch:
 
     def keep(self, part: Part | None, made: Made) -> None:
         """Write one file and note what it is."""
-        name = part.name if part else ASSEMBLY
+        name = _name(part, made.format)
         self.held[name, made.format] = replace(made, data=b"")
         entry = self._written(name, made)
         if part:
@@ -228,7 +236,7 @@ class _Batch:
             part=name,
             file=path.name,
             material="",
-            process="assembled",
+            process="wired" if name == WIRING else "assembled",
             quantity=1,
             volume_mm3=round(made.volume_mm3, _DIGITS),
             bounding_box_mm=(low, high),

@@ -12,13 +12,14 @@ from ..checks import Box, Measured
 from ..dimensions import Design
 from ..drafting.drawing import drawing, has_drawing
 from ..drafting.page import Page
+from ..drafting.wiring import wiring
 from ..kernel import guarded
 from ..laid import laid
 from ..mesh import Mesh, mesh_solid
 from ..part import BOUGHT, LASER_CUT, Part
 from .formats import dxf, glb, step, stl, threemf
 
-ASSEMBLY = "assembly"
+ASSEMBLY, WIRING = "assembly", "wiring"
 FORMATS = ("step", "stl", "3mf", "dxf", "glb", "svg", "pdf")
 DRAWN = ("svg", "pdf")
 MESHED = ("stl", "3mf", "glb")
@@ -44,7 +45,8 @@ class Made:
 
 @dataclass(frozen=True)
 class Task:
-    """What one worker makes at a time: a part in some formats, or (part None) the STEP assembly.
+    """What one worker makes at a time: a part in some formats, or (part None) the assembly as STEP
+    and the wiring drawing.
 
     sensor: the parts of the assembly.
     """
@@ -68,13 +70,13 @@ def checked_formats(formats: Sequence[str]) -> tuple[str, ...]:
 
 
 def applicable(part: Part, formats: Sequence[str]) -> tuple[str, ...]:
-    """The formats that make sense for a part: none to print what is bought, dxf to be cut."""
+    """The formats that make sense for a part: none to print what is bought, dxf of what is flat."""
     return tuple(f for f in formats if _applies(part, f))
 
 
 def _applies(part: Part, kind: str) -> bool:
     if kind == "dxf":
-        return part.process == LASER_CUT
+        return part.process == LASER_CUT or part.flat is not None
     if kind in DRAWN:
         return has_drawing(part)
     return part.process != BOUGHT or kind not in ("stl", "3mf")
@@ -88,7 +90,7 @@ def on_platform(part: Part, kind: str) -> bool:
 def make(task: Task) -> list[Made]:
     """Build, gate and write to memory. Raises RunFailed naming the part."""
     if task.part is None:
-        return [_assembly_step(task.design, task.sensor)]
+        return [_of_sensor(task.design, task.sensor, kind) for kind in task.formats]
     part = task.part
     solid, measured = build_part(part, task.design)
     made = []
@@ -129,6 +131,19 @@ def whole(parts: Sequence[tuple[float, Box, Sequence[Point3]]]) -> tuple[float, 
     return volume_mm3, ((low[0], low[1], low[2]), (high[0], high[1], high[2]))
 
 
+def whole_name(kind: str) -> str:
+    """What a file of the whole sensor is called."""
+    return WIRING if kind in DRAWN else ASSEMBLY
+
+
+def _of_sensor(design: Design, parts: Sequence[Part], kind: str) -> Made:
+    if kind == "step":
+        return _assembly_step(design, parts)
+    page = wiring(design)
+    data = page.svg().encode() if kind == "svg" else page.pdf()
+    return Made(kind, data, 0.0, ((0.0, 0.0, 0.0), (*page.size_mm, 0.0)), None)
+
+
 def _assembly_step(design: Design, parts: Sequence[Part]) -> Made:
     products = []
     sizes = []
@@ -145,6 +160,8 @@ def _assembly_step(design: Design, parts: Sequence[Part]) -> Made:
 def _solid_bytes(solid: Any, part: Part, design: Design, kind: str) -> bytes:
     if kind == "step":
         return step.part_bytes(solid, part.name)
+    if part.flat is not None:
+        return dxf.flat_bytes(part.flat(part.source(design)))
     laser = design.laser
     return dxf.dxf_bytes(solid, part.name, laser.kerf_mm / 2 if laser.compensate else 0.0)
 

@@ -12,6 +12,8 @@ from .. import feasibility
 from ..design import IndenterList
 from ..dimensions import Design
 from ..part import Part
+from ..parts.camera import CABLE, COMPUTER
+from ..parts.light_holder import WIRE, WIRE_COLOURS
 from ..registry import listed
 from . import fabrication
 from .fabrication import DEFAULT, Process
@@ -58,7 +60,7 @@ def lines(
     rows: list[Row] = [
         *(_part(part, design, sensors) for part in listed(indenters)),
         *((CONSUMABLES, *row) for row in _silicone(design, sensors, waste, process)),
-        *((CONSUMABLES, *row) for row in _light(design, sensors, process)),
+        *((CONSUMABLES, *row) for row in _light(design, sensors)),
         *((CONSUMABLES, *row) for row in _camera(sensors)),
         *((WORKSHOP, *row) for row in _workshop(design)),
     ]
@@ -85,8 +87,8 @@ def _plain(value: object) -> object:
 
 
 def _part(part: Part, design: Design, sensors: int) -> Row:
-    """A part of the registry: sensor parts a sensor, tools, bench and indenters once."""
-    count = part.quantity * (sensors if part.group == "sensor" else 1)
+    """A part of the registry: what a sensor takes for each, tools, bench and indenters once."""
+    count = part.quantity * (sensors if part.per_sensor else 1)
     return (
         part.group, part.name, part.material, part.process, count, PIECES, part.note(design)
     )  # fmt: skip
@@ -137,24 +139,17 @@ def _silicone(d: Design, sensors: int, waste: float, process: Process) -> Iterat
         )  # fmt: skip
 
 
-def _light(d: Design, sensors: int, process: Process) -> Iterator[Consumable]:
+def _light(d: Design, sensors: int) -> Iterator[Consumable]:
     light = d.light
     yield (
-        f"single-LED cut of a {light.supply_v:g} V strip", "5050, white", "solder",
-        sensors * light.led_count, PIECES,
-        f"{light.pitch_mm:.1f} x {light.strip_width_mm:g} mm each, "
-        f"{light.strip_mm:.1f} mm a sensor; the strip is one that is cut at every LED",
+        f"resistor {light.resistor_ohm:g} ohm", f"1 %, {light.resistor_rating_w:g} W", "solder",
+        sensors, PIECES,
+        f"{light.total_ma:.2f} mA in all ({light.least_ma:.2f} to {light.most_ma:.2f}) at "
+        f"{light.supply_v:g} V ± {100 * light.supply_tolerance:g} % and {light.led_v:g} ± "
+        f"{light.led_spread_v:g} V forward (assumed); {1000 * light.resistor_most_w:.1f} mW at "
+        "most",
     )  # fmt: skip
-    wiring = fabrication.wirings(light, process)[0]
-    low, high = fabrication.current_range_ma(light, process)
-    needed_w = 2 * wiring.resistor_mw / 1000  # half of its rating keeps it cool
-    watt = next((w for w in (0.125, 0.25, 0.5, 1.0, 2.0) if w >= needed_w), needed_w)
-    yield (
-        f"resistor {light.resistor_ohm:g} ohm", f"1 %, {watt:.3g} W", "solder", sensors, PIECES,
-        f"{wiring.total_ma:.2f} mA in all ({low:.2f} to {high:.2f}) at {light.supply_v:g} V "
-        f"and {process.led_v:g} ± {process.led_spread_v:g} V forward (assumed)",
-    )  # fmt: skip
-    takes_ma = sensors * high
+    takes_ma = sensors * light.most_ma
     pin = light.supply_v == 5 and takes_ma <= JETSON_PIN_MA
     yield (
         f"supply {light.supply_v:g} V DC", f"plug, {_rating_a(takes_ma):g} A or more", "bought", 1,
@@ -162,7 +157,8 @@ def _light(d: Design, sensors: int, process: Process) -> Iterator[Consumable]:
         + ("; or a 5 V pin of the Jetson" if pin else ""),
     )  # fmt: skip
     yield (
-        "wire 0.08 mm²", "red and black, silicone", "solder", sensors * 1000, "mm", "two of 500 mm"
+        f"wire {WIRE}", f"{' and '.join(WIRE_COLOURS)}, silicone", "solder",
+        sensors * 2 * light.wire_mm, "mm", f"two of {light.wire_mm:g} mm",
     )  # fmt: skip
     yield (
         "black foam, soft, closed cell", "light-tight", "cut, push in", sensors, PIECES,
@@ -180,11 +176,11 @@ def _rating_a(takes_ma: float) -> float:
 
 def _camera(sensors: int) -> Iterator[Consumable]:
     yield (
-        "camera cable", "flat, 15 way, 1.0 mm pitch, 16 mm wide", "bought", sensors, PIECES,
+        "camera cable", CABLE, "bought", sensors, PIECES,
         "contacts on one side as your camera's; length as your arm needs",
     )  # fmt: skip
     yield (
-        "Nvidia Jetson Nano B01", "", "bought", math.ceil(sensors / 2), PIECES,
+        COMPUTER, "", "bought", math.ceil(sensors / 2), PIECES,
         "two camera ports each",
     )  # fmt: skip
 

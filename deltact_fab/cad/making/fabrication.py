@@ -14,6 +14,7 @@ from ...errors import InputError
 from ...shapes.sensor import FILM_MARGIN_MM
 from ..dimensions import Design
 from ..parts.light_holder import LightDimensions
+from ..standards import next_e24
 
 Basis = Literal["paper", "maker", "assumed"]
 
@@ -58,9 +59,6 @@ class Process:
     coat_batch_g: float = _figure(
         10, "g", "least batch that a 0.1 g balance divides to 2 %", "assumed"
     )
-    led_v: float = _figure(2.95, "V", "white chip at a few mA", "assumed")
-    led_spread_v: float = _figure(0.2, "V", "that voltage may be so much off", "assumed")
-    led_chips: float = _figure(3, "", "chips of a 5050, in parallel on a 5 V strip", "assumed")
     screw_torque_nm: float = _figure(
         0.05, "N m", "M1.6 cutting its own thread in resin, at most", "assumed"
     )
@@ -178,37 +176,33 @@ class Wiring:
     note: str
 
 
-E12 = (10, 12, 15, 18, 22, 27, 33, 39, 47, 56, 68, 82, 100)
-
-
-def wirings(light: LightDimensions, process: Process = DEFAULT) -> list[Wiring]:
+def wirings(light: LightDimensions) -> list[Wiring]:
     """The readings of the paper's "a resistor of 750 ohm in series", the first one taken here.
 
-    I = (supply - forward voltage) / resistance, the strip's own resistors left out: on a strip cut
-    at every LED they are tens of ohms, in parallel, beside hundreds.
+    I = (supply - forward voltage) / resistance, the strip's own resistor at each LED included.
     """
-    ohm, count = light.resistor_ohm, light.led_count
-    room_v = max(light.supply_v - process.led_v, 0.0)
-    one_ma = room_v / ohm * 1000
-    series_v = max(light.supply_v - count * process.led_v, 0.0)
-    strip_v = max(light.supply_v - 3 * process.led_v, 0.0)
+    ohm, own_ohm, count = light.resistor_ohm, light.strip_resistor_ohm, light.led_count
+    room_v = max(light.supply_v - light.led_v, 0.0)
+    each_ma = room_v / (ohm + own_ohm) * 1000
 
     def way(name: str, total_ma: float, branches: int, leds: int, note: str) -> Wiring:
         heat_mw = (total_ma / branches) ** 2 * ohm / 1000
         led_ma = total_ma / leds
-        return Wiring(name, ohm, total_ma, led_ma, led_ma / process.led_chips, heat_mw, note)
+        return Wiring(name, ohm, total_ma, led_ma, led_ma / light.led_chips, heat_mw, note)
+
+    def chain(name: str, leds: int) -> Wiring:
+        needed_v = leds * light.led_v
+        ma = max(light.supply_v - needed_v, 0.0) / (ohm + leds * own_ohm) * 1000
+        return way(name, ma, 1, 1, _series_note(needed_v, light.supply_v))
 
     return [
-        way(f"one resistor, {count} LEDs in parallel", one_ma, 1, count,
+        way(f"one resistor, {count} LEDs in parallel", light.total_ma, 1, count,
             f"taken: {light.supply_v:g} V strip cut at every LED"),
-        way("a resistor for each LED", count * one_ma, count, count,
-            f"{count} times brighter; {count} resistors"),
-        Wiring(f"{count} LEDs in series", ohm, series_v / ohm * 1000, series_v / ohm * 1000,
-               series_v / ohm * 1000 / process.led_chips, series_v**2 / ohm * 1000,
-               _series_note(count * process.led_v, light.supply_v)),
-        Wiring("12 V strip, three LEDs in series", ohm, strip_v / ohm * 1000,
-               strip_v / ohm * 1000, strip_v / ohm * 1000, strip_v**2 / ohm * 1000,
-               _series_note(3 * process.led_v, light.supply_v)),
+        way("a resistor for each LED", count * each_ma, count, count,
+            f"{count * each_ma / light.total_ma:.2g} times brighter; {count} resistors"
+            if light.total_ma else "dark"),
+        chain(f"{count} LEDs in series", count),
+        chain("12 V strip, three LEDs in series", 3),
     ]  # fmt: skip
 
 
@@ -218,29 +212,20 @@ def _series_note(needed_v: float, supply_v: float) -> str:
     return f"needs {needed_v:.1f} V of {supply_v:g} V"
 
 
-def current_range_ma(light: LightDimensions, process: Process = DEFAULT) -> tuple[float, float]:
-    """Lowest and highest current of the wiring that is taken, over the spread of the voltage."""
-    volts = (process.led_v + process.led_spread_v, process.led_v - process.led_spread_v)
-    low, high = (max(light.supply_v - v, 0.0) / light.resistor_ohm * 1000 for v in volts)
-    return low, high
+def resistor_for_ohm(total_ma: float, light: LightDimensions) -> tuple[float, float]:
+    """The resistor that gives this current in all, and the next of E24 that gives no more.
 
-
-def resistor_for_ohm(
-    total_ma: float, light: LightDimensions, process: Process = DEFAULT
-) -> tuple[float, float]:
-    """The resistor that gives this current in all, and the next of E12 that gives no more.
-
-    Raises InputError where the supply is below the LEDs' voltage.
+    0 where the strip's own resistors leave no more than that. Raises InputError where the supply is
+    below the LEDs' voltage.
     """
-    room_v = light.supply_v - process.led_v
+    room_v = light.supply_v - light.led_v
     if not (room_v > 0 and total_ma > 0):
         raise InputError(
-            f"light.supply_v > {process.led_v:g} V and a current > 0: "
+            f"light.supply_v > light.led_v, {light.led_v:g} V, and a current > 0: "
             f"{light.supply_v:g} V and {total_ma:g} mA fails"
         )
-    exact = room_v / total_ma * 1000
-    decade = 10.0 ** (math.floor(math.log10(exact)) - 1)
-    return exact, next(step * decade for step in E12 if step * decade >= exact * (1 - 1e-9))
+    exact = max(room_v / total_ma * 1000 - light.strip_resistor_ohm / light.led_count, 0.0)
+    return exact, next_e24(exact)
 
 
 def checked(count: int, waste: float) -> None:

@@ -34,6 +34,9 @@ if TYPE_CHECKING:
 
     from ..dimensions import Design
 
+CABLE = "flat, 15 way, 1.0 mm pitch, 16 mm wide"
+COMPUTER = "Nvidia Jetson Nano B01"
+
 
 @dataclass(frozen=True)
 class CameraDimensions(Record):

@@ -309,6 +309,7 @@ PARTS = (
         rules=rules,
         fits=fits,
         wall_mm=wall_mm,
+        wall_keys=("holder.wall_mm",),
         in_view=True,
         callouts=callouts,
         lies=Lying(face="back"),

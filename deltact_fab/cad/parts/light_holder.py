@@ -21,9 +21,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING
 
+from ...shapes.bounded import check_limits
 from ..checks import Expected
 from ..drafting.dimensioning import Axis, Centres, Cut, Item, Leader, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, x_of, y_of, z_of
@@ -31,8 +32,9 @@ from ..fit import Fit, Length
 from ..kernel import require
 from ..lying import Lying
 from ..part import PRINT, RESIN, WHITE, Part
-from ..record import Record, number
+from ..record import Record, check_measured, number
 from ..rule import Rule
+from ..standards import next_e24
 from .camera import UPPER_HOLES
 from .planes import band_mm2, common_circles_mm2
 
@@ -40,6 +42,9 @@ if TYPE_CHECKING:
     from cadquery import Shape
 
     from ..dimensions import Design
+
+WIRE = "0.08 mm²"
+WIRE_COLOURS = ("red", "black")  # plus, minus
 
 
 @dataclass(frozen=True)
@@ -65,6 +70,34 @@ class LightDimensions(Record):
     slot_mm: float = number(3.0, "slot for the wires", 0.5, 20)
     resistor_ohm: float = number(750.0, "in series (paper: 750)", 20, 1e5)
     supply_v: float = number(5.0, "supply of a strip that is cut at every LED", 4.5, 5.5)
+    supply_tolerance: float = number(
+        0.05, "share by which it may be off (USB 2.0: 0.05)", 0, 0.2, unverified=True
+    )
+    supply_rating_ma: float = number(
+        500.0, "what it may give the LEDs of a sensor (a port of USB 2.0)", 1, 1e5, unverified=True
+    )
+    resistor_rating_w: float = number(
+        0.25, "rating of the resistor, of which half is used", 0.01, 100, unverified=True
+    )
+    strip_resistor_ohm: float = number(
+        0.0, "the strip's own at each LED; 0, the worst case", 0, 1e4, unverified=True
+    )
+    led_v: float = number(
+        2.95, "forward voltage of a white chip at a few mA", 0.1, 10, unverified=True
+    )
+    led_spread_v: float = number(0.2, "that voltage may be so much off", 0, 2, unverified=True)
+    led_chips: int = number(3, "chips of a LED, in parallel on such a strip", 1, 12)
+    led_limit_ma: float = number(
+        20.0, "continuous current of a chip, by its data sheet", 0.1, 1000, unverified=True
+    )
+    wire_mm: float = number(500.0, "each of the two wires, from ring to supply", 50, 10_000)
+    measured: tuple[str, ...] = field(
+        default=(), metadata={"meaning": "keys measured, or read off a data sheet"}
+    )
+
+    def __post_init__(self) -> None:
+        check_limits(self)
+        check_measured(self)
 
     @property
     def pitch_mm(self) -> float:
@@ -75,6 +108,54 @@ class LightDimensions(Record):
     def strip_mm(self) -> float:
         """Length of strip = count x pitch: 83.3."""
         return self.led_count * self.pitch_mm
+
+    @property
+    def most_v(self) -> float:
+        """Most over the resistors = supply (1 + tolerance) - led_v + spread: 2.5."""
+        return self.supply_v * (1 + self.supply_tolerance) - self.led_v + self.led_spread_v
+
+    @property
+    def least_v(self) -> float:
+        """Least over the resistors = supply (1 - tolerance) - led_v - spread, at least 0: 1.6."""
+        v = self.supply_v * (1 - self.supply_tolerance) - self.led_v - self.led_spread_v
+        return max(v, 0.0)
+
+    @property
+    def circuit_ohm(self) -> float:
+        """All resistors = resistor + strip's own / count (in parallel): 750."""
+        return self.resistor_ohm + self.strip_resistor_ohm / self.led_count
+
+    @property
+    def total_ma(self) -> float:
+        """Current of all LEDs = (supply - led_v) / all resistors, at least 0: 2.73."""
+        return max(self.supply_v - self.led_v, 0.0) / self.circuit_ohm * 1000
+
+    @property
+    def least_ma(self) -> float:
+        """Least current of all LEDs = least over the resistors / all resistors: 2.13."""
+        return self.least_v / self.circuit_ohm * 1000
+
+    @property
+    def most_ma(self) -> float:
+        """Most current of all LEDs = most over the resistors / all resistors, at least 0: 3.33."""
+        return max(self.most_v, 0.0) / self.circuit_ohm * 1000
+
+    @property
+    def chip_most_ma(self) -> float:
+        """Most current of a chip, shared evenly = most current / count / chips: 0.222."""
+        return self.most_ma / self.led_count / self.led_chips
+
+    @property
+    def resistor_most_w(self) -> float:
+        """Most heat in the resistor = most current squared x resistor: 0.00833."""
+        return (self.most_ma / 1000) ** 2 * self.resistor_ohm
+
+    @property
+    def least_resistor_ohm(self) -> float:
+        """Least of E24 that keeps led_limit_ma and supply_rating_ma at worst: 9.1."""
+        most_ma = min(self.led_limit_ma * self.led_count * self.led_chips, self.supply_rating_ma)
+        own_ohm = self.strip_resistor_ohm / self.led_count
+        return next_e24(max(self.most_v, 0.0) / most_ma * 1000 - own_ohm)
 
 
 def expect(design: Design) -> Expected:
@@ -374,6 +455,7 @@ PARTS = (
         rules=rules,
         fits=fits,
         wall_mm=wall_mm,
+        wall_keys=("light.wall_mm", "light.diffuser_mm", "light.floor_mm"),
         in_view=True,
         callouts=callouts,
         lies=Lying(face="floor"),

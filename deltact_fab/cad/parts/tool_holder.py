@@ -202,7 +202,7 @@ def fits(d: Design) -> Iterator[Fit]:
 
 def wall_mm(d: Design) -> float:
     """Thinnest wall: around the flange's holes."""
-    return 1.5
+    return d.shell.wall_mm
 
 
 def callouts(d: Design) -> Callouts:

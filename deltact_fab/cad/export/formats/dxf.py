@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from ....errors import RunFailed
+from ...part import Flat
 
 LAYER = "CUT"
 _MILLIMETRES = 4
@@ -27,6 +29,25 @@ def dxf_bytes(solid: Any, name: str, outwards_mm: float = 0.0) -> bytes:
     path of a laser that knows of none. Raises RunFailed when the solid is no plate along z, or an
     edge is neither line nor arc.
     """
+    return _document(lambda document: _draw(document, solid, name, outwards_mm))
+
+
+def flat_bytes(lines: Sequence[Flat]) -> bytes:
+    """Polylines as they are, each layer in a colour of its own: in the order they come."""
+
+    def draw(document: Any) -> None:
+        layers = list(dict.fromkeys(line.layer for line in lines))
+        for colour, layer in enumerate(layers, 1):
+            document.layers.add(layer, color=colour)
+        space = document.modelspace()
+        for line in lines:
+            attributes = {"layer": line.layer}
+            space.add_lwpolyline(line.corners, "xyb", close=line.closed, dxfattribs=attributes)
+
+    return _document(draw)
+
+
+def _document(draw: Callable[[Any], None]) -> bytes:
     import ezdxf
 
     fixed = ezdxf.options.write_fixed_meta_data_for_testing
@@ -34,7 +55,9 @@ def dxf_bytes(solid: Any, name: str, outwards_mm: float = 0.0) -> bytes:
     ezdxf.options.write_fixed_meta_data_for_testing = True
     try:
         document = ezdxf.new("R2000", units=_MILLIMETRES)
-        _draw(document, solid, name, outwards_mm)
+        document.header["$INSUNITS"] = _MILLIMETRES
+        document.header["$MEASUREMENT"] = _METRIC
+        draw(document)
         stream = io.StringIO()
         document.write(stream)
     finally:
@@ -44,8 +67,6 @@ def dxf_bytes(solid: Any, name: str, outwards_mm: float = 0.0) -> bytes:
 
 def _draw(document: Any, solid: Any, name: str, outwards_mm: float) -> None:
     face, thickness_mm = _plate(solid, name)
-    document.header["$INSUNITS"] = _MILLIMETRES
-    document.header["$MEASUREMENT"] = _METRIC
     document.layers.add(LAYER, color=1)
     space = document.modelspace()
     for wire in _moved(face, outwards_mm):
