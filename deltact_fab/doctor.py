@@ -31,13 +31,6 @@ EXTRAS = {
     "export": "runs as Parquet and MCAP",
     "cluster": "studies on a Dask cluster",
 }
-# Name of the module where it is not the package's.
-MODULES = {
-    "pillow": "PIL",
-    "opencv-contrib-python-headless": "cv2",
-    "pyserial": "serial",
-    "dash-model-viewer": "dash_model_viewer",
-}
 LIBRARIES = {"libGL.so.1": "libgl1", "libEGL.so.1": "libegl1", "libX11.so.6": "libx11-6"}
 LEAST_FREE_GB = 6.0
 """Of the folder: the paper's force calibration takes 5.5 GB."""
@@ -117,17 +110,20 @@ def required(line: str) -> tuple[str, str]:
 
 
 def _package(name: str, group: str, line: str, deep: bool) -> Finding:
-    module = MODULES.get(name.lower(), name.replace("-", "_"))
     brings = "" if group == NEEDED else EXTRAS[group]
     what = name if group == NEEDED else f"'{PACKAGE}[{group}]'"
     get = f"pip install {what}"
     if "platform_machine" in line and platform.machine() not in line:
         return Finding(group, name, "ok", f"not made for {platform.machine()}, and not needed")
     try:
-        version = metadata.version(name)
-        there = importlib.util.find_spec(module) is not None
-    except (metadata.PackageNotFoundError, ImportError, ValueError):
+        distribution = metadata.distribution(name)
+    except metadata.PackageNotFoundError:
         return Finding(group, name, "missing", "not installed", brings, get)
+    version, module = distribution.version, module_of(distribution)
+    try:
+        there = importlib.util.find_spec(module) is not None
+    except (ImportError, ValueError):
+        there = False
     if not there:
         again = f"pip install --force-reinstall {name}"
         return Finding(group, name, "broken", f"{version}, without {module}", brings, again)
@@ -141,6 +137,16 @@ def _package(name: str, group: str, line: str, deep: bool) -> Finding:
             again = f"pip install --force-reinstall {name}"
             return Finding(group, name, "broken", fault, brings, again)
     return Finding(group, name, "ok", version)
+
+
+def module_of(distribution: metadata.Distribution) -> str:
+    """What it is imported as, from its own list of modules or of files."""
+    named = (distribution.read_text("top_level.txt") or "").split()
+    if not named:
+        paths = [path.parts for path in distribution.files or ()]
+        named = [parts[0] for parts in paths if len(parts) == 2 and parts[1] == "__init__.py"]
+    own = [name for name in named if not name.startswith("_")]
+    return own[0] if own else distribution.name.replace("-", "_")
 
 
 def _import(module: str) -> None:

@@ -31,6 +31,15 @@ def test_requirements_are_read() -> None:
     assert doctor.required(line) == ("pypardiso", "fast")
 
 
+@pytest.mark.parametrize(
+    ("name", "module"),
+    [("Pillow", "PIL"), ("pyserial", "serial"), ("opencv-contrib-python-headless", "cv2"),
+     ("numpy", "numpy"), ("dash-model-viewer", "dash_model_viewer")],
+)  # fmt: skip
+def test_the_name_of_the_import_is_the_package_s_own(name: str, module: str) -> None:
+    assert doctor.module_of(metadata.distribution(name)) == module
+
+
 def test_the_core_is_complete_here() -> None:
     done = CliRunner().invoke(main, ["doctor", "--json"])
     said = json.loads(done.output)
@@ -41,9 +50,9 @@ def test_the_core_is_complete_here() -> None:
 
 
 def test_what_is_missing_is_named_with_the_way_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = metadata.version
+    whole = metadata.distribution
 
-    def without(name: str) -> str:
+    def without(name: str) -> metadata.Distribution:
         if name.lower() in ("segno", "mcap"):
             raise metadata.PackageNotFoundError(name)
         return whole(name)
@@ -51,7 +60,7 @@ def test_what_is_missing_is_named_with_the_way_to_get_it(monkeypatch: pytest.Mon
     def no_library(name: str) -> None:
         raise OSError(name)
 
-    monkeypatch.setattr(metadata, "version", without)
+    monkeypatch.setattr(metadata, "distribution", without)
     monkeypatch.setattr(ctypes, "CDLL", no_library)
     monkeypatch.setattr(doctor, "ports", list)
     monkeypatch.setattr(doctor, "cameras", lambda: [Device("/dev/no-such-camera", "A camera")])
@@ -67,14 +76,14 @@ def test_what_is_missing_is_named_with_the_way_to_get_it(monkeypatch: pytest.Mon
 
 
 def test_a_missing_extra_leaves_the_core_whole(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = metadata.version
+    whole = metadata.distribution
 
-    def without(name: str) -> str:
+    def without(name: str) -> metadata.Distribution:
         if name == "mcap":
             raise metadata.PackageNotFoundError(name)
         return whole(name)
 
-    monkeypatch.setattr(metadata, "version", without)
+    monkeypatch.setattr(metadata, "distribution", without)
     assert CliRunner().invoke(main, ["doctor"]).exit_code == 0
 
 
