@@ -17,6 +17,7 @@ from deltact_fab import catalog
 from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError
 from deltact_fab.lab.folder import kind_of
+from deltact_fab.patterns.laws import LAWS
 from deltact_fab.schema import KINDS, Kind, document, matching, rows
 from deltact_fab.schema.document import described, resolved
 from deltact_fab.schema.rows import limits_of, type_of
@@ -131,7 +132,8 @@ def test_a_number_beyond_its_limits_is_refused_by_the_model(kind: Kind) -> None:
         most = number.key.get("maximum", number.key.get("exclusiveMaximum"))
         assert least is not None, number.path
         assert most is not None, number.path
-        for value in (least - max(1, abs(least)), most + max(1, abs(most))):
+        step = 1 if number.key["type"] == "integer" else 1e-6
+        for value in (least - max(1, abs(least)) * step, most + max(1, abs(most)) * step):
             data = copy.deepcopy(start)
             table = data
             for name in number.path[:-1]:
@@ -142,6 +144,41 @@ def test_a_number_beyond_its_limits_is_refused_by_the_model(kind: Kind) -> None:
             assert number.path[-1] in str(caught.value), number.path
             tried += 1
     assert tried >= 2
+
+
+def test_limits_that_a_recipe_s_validators_hold_are_those_of_its_schema() -> None:
+    """pydantic does not know these: they are said twice, and here held against each other."""
+    keys = described(KINDS["pattern"])["properties"]
+    size, patch, r, scales = (keys[name] for name in ("size_mm", "patch_mm", "r", "scales_mm"))
+    clear = {"law": "transparent", "seed": 1}
+    paper = {"law": "algorithm1", "seed": 1, "size_mm": size["maximum"], "patch_mm": 1.0, "r": 0.1}
+    sides = [0.5 * 2**n for n in range(scales["maxItems"])]
+    octave = {"law": "octave", "seed": 1, "size_mm": 100.0, "patch_mm": 0.5}
+    for data in (
+        {**clear, "size_mm": size["minimum"]},
+        {**clear, "size_mm": size["maximum"]},
+        {**paper, "patch_mm": patch["maximum"]},
+        {**paper, "r": r["minimum"]},
+        {**paper, "r": r["exclusiveMaximum"] - 1e-9},
+        {**octave, "scales_mm": sides},
+        {**octave, "scales_mm": sides[: scales["minItems"]]},
+        {**octave, "scales_mm": sides[:2], "weights": [0.01, 100.0]},
+    ):
+        catalog.validate(KINDS["pattern"].model(), data, "f")
+    assert set(keys["law"]["enum"]) == set(LAWS)
+    for data in (
+        {**clear, "size_mm": size["minimum"] - 1e-9},
+        {**clear, "size_mm": size["maximum"] + 1e-9},
+        {**paper, "patch_mm": patch["exclusiveMinimum"]},
+        {**paper, "patch_mm": patch["maximum"] + 1e-9},
+        {**paper, "r": r["minimum"] - 1e-9},
+        {**paper, "r": r["exclusiveMaximum"]},
+        {**octave, "scales_mm": [*sides, 2 * sides[-1]]},
+        {**octave, "scales_mm": []},
+        {**octave, "scales_mm": sides[:2], "weights": [0.0099, 100.0]},
+    ):
+        with pytest.raises(InputError):
+            catalog.validate(KINDS["pattern"].model(), data, "f")
 
 
 @ALL
