@@ -1,4 +1,7 @@
-"""A name becomes a TOML file: a path, this folder's cad|patterns|protocols, else the shipped one.
+"""A name becomes a TOML file: a path, a file of this folder, else the shipped one.
+
+NAME of a kind is the first of ./KIND/NAME.toml, ./NAME.toml where its keys are those of the kind,
+and the shipped KIND/NAME.toml. KIND is cad, patterns, protocols or protocols/rigs.
 
 Whatever is read is validated strictly: an unknown key, a wrong type or a value out of range is
 one line that names file and key.
@@ -9,13 +12,21 @@ from __future__ import annotations
 import json
 import typing
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
 from . import reading
-from .errors import InputError, did_you_mean
+from .errors import InputError, RunFailed, did_you_mean
 
 KINDS = ("cad", "patterns", "protocols", "protocols/rigs")
+MARKS: dict[str, frozenset[str]] = {
+    "cad": frozenset({"base", "skin", "frame", "optics", "body", "indenter"}),
+    "patterns": frozenset({"law"}),
+    "protocols": frozenset({"indenters", "positions_mm", "depths_mm", "capture"}),
+    "protocols/rigs": frozenset({"stage"}),
+}
+"""Keys at the top of a file that tell its kind: one of them is enough."""
 T = TypeVar("T")
 
 
@@ -28,7 +39,16 @@ def shipped_dir(kind: str) -> Path:
 def names(kind: str) -> list[str]:
     """Names that `find` resolves for a kind, local ones first shadowing the shipped ones."""
     found = {p.stem for folder in (Path(kind), shipped_dir(kind)) for p in folder.glob("*.toml")}
+    for path in Path().glob("*.toml"):
+        with suppress(InputError):
+            if is_of(kind, read(path)):
+                found.add(path.stem)
     return sorted(found)
+
+
+def is_of(kind: str, data: Mapping[str, Any]) -> bool:
+    """Whether what was read from a file is of a kind, as far as its keys tell."""
+    return not MARKS[kind].isdisjoint(data)
 
 
 def find(kind: str, name: str) -> Path:
@@ -43,16 +63,49 @@ def find(kind: str, name: str) -> Path:
         if reading.is_file(path):
             return path
         raise InputError(f"{name}: no such file")
-    for folder in (Path(kind), shipped_dir(kind)):
-        candidate = folder / f"{name}.toml"
-        if reading.is_file(candidate):
-            return candidate
-    raise InputError(f"{name}: not in the catalogue of {kind}; {did_you_mean(name, names(kind))}")
+    own, here, shipped = (
+        folder / f"{name}.toml" for folder in (Path(kind), Path(), shipped_dir(kind))
+    )
+    if reading.is_file(own):
+        return own
+    # One that is no TOML is the user's to mend: the shipped one would hide it.
+    another = reading.is_file(here) and not is_of(kind, read(here))
+    if reading.is_file(here) and not another:
+        return here
+    if reading.is_file(shipped):
+        return shipped
+    remark = f"; {here} has none of {', '.join(sorted(MARKS[kind]))}" if another else ""
+    hint = did_you_mean(name, names(kind))
+    raise InputError(f"{name}: not in the catalogue of {kind}{remark}; {hint}")
 
 
 def read(path: Path) -> dict[str, Any]:
     """Parse a TOML file. Raises InputError with file and position when it is not TOML."""
     return reading.toml(path)
+
+
+def write_new(path: Path, text: str) -> None:
+    """Write a TOML file that is not there yet, whole or not at all.
+
+    Raises InputError where it is there already, has no folder or does not end in .toml, RunFailed
+    when the disk refuses.
+    """
+    if path.suffix != ".toml":
+        raise InputError(f"{path}: the name of a file that ends in .toml is right")
+    try:
+        out = path.open("x", encoding="utf-8")
+    except FileExistsError as why:
+        raise InputError(f"{path}: already there; name a new file") from why
+    except (FileNotFoundError, NotADirectoryError) as why:
+        raise InputError(f"{path.parent}: no such folder") from why
+    except (OSError, ValueError) as why:
+        raise RunFailed(f"{path}: cannot be written: {getattr(why, 'strerror', why)}") from why
+    try:
+        with out:
+            out.write(text)
+    except OSError as why:
+        path.unlink(missing_ok=True)
+        raise RunFailed(f"{path}: cannot be written: {why.strerror}") from why
 
 
 def as_toml(data: Mapping[str, Any], about: Sequence[str] = ()) -> str:

@@ -84,3 +84,48 @@ def test_every_shipped_file_is_found_by_name(kind: str) -> None:
     assert names
     for name in names:
         assert catalog.find(kind, name).is_file()
+
+
+def test_a_bare_name_is_this_folder_s_own_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shipped = catalog.find("patterns", "dense")
+    assert shipped.parent == catalog.shipped_dir("patterns")
+    Path("dense.toml").write_text('law = "transparent"\n')
+    assert catalog.find("patterns", "dense") == Path("dense.toml")
+    Path("patterns").mkdir()
+    Path("patterns/dense.toml").write_text('law = "transparent"\n')
+    assert catalog.find("patterns", "dense") == Path("patterns/dense.toml")
+
+
+def test_a_file_of_another_kind_is_not_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("smoke.toml").write_text('law = "transparent"\n')
+    assert catalog.find("protocols", "smoke").parent == catalog.shipped_dir("protocols")
+    Path("mine.toml").write_text('law = "transparent"\n')
+    with pytest.raises(InputError, match=r"mine.toml has none of capture, depths_mm"):
+        catalog.find("protocols", "mine")
+    assert "mine" in catalog.names("patterns")
+    assert "mine" not in catalog.names("protocols")
+
+
+def test_a_damaged_file_here_is_told_and_not_passed_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("smoke.toml").write_text("name = [\n")
+    with pytest.raises(InputError, match=r"smoke.toml: not valid TOML"):
+        catalog.find("protocols", "smoke")
+    assert "smoke" in catalog.names("protocols")
+
+
+@pytest.mark.parametrize("kind", catalog.KINDS)
+def test_every_shipped_file_is_told_by_its_keys(kind: str) -> None:
+    files = sorted(catalog.shipped_dir(kind).glob("*.toml"))
+    assert len(files) > 4
+    for file in files:
+        data = catalog.read(file)
+        assert [k for k in catalog.KINDS if catalog.is_of(k, data)] == [kind], file.name

@@ -33,7 +33,10 @@ class ListedIndenter:
     """One indenter of the list."""
 
     name: str
+    """As in a protocol: sphere:DIAMETER_MM, 4dots, 2dots, edges, ellipsoid, hexprism, star,
+    cylinder, ring or hat, with or without :SIZE_MM."""
     quantity: int = 1
+    """How many of it are made; at least 1."""
 
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012
 
@@ -48,6 +51,7 @@ class IndenterList:
 
     body: IndenterBody = field(default_factory=IndenterBody)
     indenter: tuple[ListedIndenter, ...] = ()
+    """One `[[indenter]]` table each."""
 
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from .options import JSON
+from .options import JSON, NEW_FILE
 
 if TYPE_CHECKING:
     from ..cad.dimensions import Design
@@ -19,7 +19,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 @click.group()
 def cad() -> None:
-    """Parametric parts: list, show, check, fit, export, bill of materials, fabrication guide."""
+    """Parametric parts: list, new, show, check, fit, export, bill of materials, guide."""
 
 
 def of_design(command: F) -> F:
@@ -68,6 +68,23 @@ def file_to_write(out: Path) -> Iterator[None]:
             with suppress(OSError):
                 path.rmdir()
         raise
+
+
+@cad.command()
+@click.argument("name")
+@click.option("--base", default="deltact", show_default=True,
+              help="Design that it takes the rest from, a name or a path.")  # fmt: skip
+@NEW_FILE
+@JSON
+def new(name: str, base: str, out: Path | None, as_json: bool) -> None:
+    """Write a design with every dimension explained.
+
+    Each stands there as its base has it, in a comment; what is uncommented is changed.
+    """
+    from ..lab import design as write
+    from .output import echo_written
+
+    echo_written(write(name, base, out), f"cad check --design {name}", as_json)
 
 
 @cad.command("list")

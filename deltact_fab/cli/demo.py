@@ -10,7 +10,8 @@ from .options import SEED
 
 
 @click.command()
-@click.option("--out", type=click.Path(path_type=Path), default=Path("demo-out"), show_default=True)
+@click.option("--out", type=click.Path(path_type=Path), default=Path("demo-out"), show_default=True,
+              help="Folder; one of an earlier demo is replaced.")  # fmt: skip
 @click.option("--seed", type=SEED, default=3, show_default=True, help="Of all that is drawn.")
 def demo(out: Path, seed: int) -> None:
     """Everything once: parts, pattern, a calibrated experiment on the virtual rig, its report."""

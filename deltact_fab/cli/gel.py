@@ -20,18 +20,19 @@ def gel() -> None:
 
 
 @gel.command()
-@click.option("--indenter", default="sphere:10", show_default=True)
+@click.option("--indenter", default="sphere:10", show_default=True, help="As in a protocol.")
 @click.option("--depth", "depth_mm", required=True, type=float, help="mm into the gel.")
 @click.option("--shear-x", "shear_x_mm", default=0.0, show_default=True, help="mm, after pressing.")
 @click.option("--shear-y", "shear_y_mm", default=0.0, show_default=True, help="mm, after pressing.")
 @gel_options.at
-@click.option("--model", type=click.Choice(MODELS), default="auto", show_default=True)
-@click.option("--thickness", "thickness_mm", default=12.0, show_default=True)
-@click.option("--width", "width_mm", default=36.0, show_default=True)
-@click.option("--length", "length_mm", default=34.0, show_default=True)
+@click.option("--model", type=click.Choice(MODELS), default="auto", show_default=True,
+              help="Level of the gel; auto picks it for the tolerance.")  # fmt: skip
+@click.option("--thickness", "thickness_mm", default=12.0, show_default=True, help="Gel, mm.")
+@click.option("--width", "width_mm", default=36.0, show_default=True, help="Gel along x, mm.")
+@click.option("--length", "length_mm", default=34.0, show_default=True, help="Gel along y, mm.")
 @click.option("--modulus", "modulus_mpa", default=0.56, show_default=True, help="Young's, MPa.")
-@click.option("--poisson", default=0.49, show_default=True)
-@click.option("--friction", default=0.5, show_default=True)
+@click.option("--poisson", default=0.49, show_default=True, help="Of the gel.")
+@click.option("--friction", default=0.5, show_default=True, help="Coefficient.")
 @click.option("--tolerance", default=0.03, show_default=True, help="Of the force, relative.")
 @click.option("--spacing", "spacing_mm", type=float, help="Grid or cells, mm. [default: chosen]")
 @click.option(

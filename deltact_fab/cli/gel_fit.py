@@ -32,10 +32,10 @@ def _offset(ctx: click.Context, param: click.Parameter, value: str) -> float | N
 @click.argument("csv", type=click.Path(path_type=Path))
 @click.option("--indenter", required=True, help="What was pressed, as in sphere:15.")
 @gel_options.at
-@click.option("--thickness", "thickness_mm", default=12.0, show_default=True)
-@click.option("--width", "width_mm", default=36.0, show_default=True)
-@click.option("--length", "length_mm", default=34.0, show_default=True)
-@click.option("--poisson", default=0.49, show_default=True)
+@click.option("--thickness", "thickness_mm", default=12.0, show_default=True, help="Gel, mm.")
+@click.option("--width", "width_mm", default=36.0, show_default=True, help="Gel along x, mm.")
+@click.option("--length", "length_mm", default=34.0, show_default=True, help="Gel along y, mm.")
+@click.option("--poisson", default=0.49, show_default=True, help="Of the gel.")
 @click.option(
     "--friction",
     callback=_friction,

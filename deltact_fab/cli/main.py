@@ -14,9 +14,10 @@ from ..errors import INTERRUPTED, DeltactFabError, one_line
 # name: (module, attribute, line of help); a noun's module is imported only when it is used, so
 # that `--help` stays fast whatever the nouns need.
 COMMANDS = {
-    "cad": ("cad", "cad", "Parametric parts: check, export, bill of materials, guide."),
-    "pattern": ("pattern", "pattern", "Pattern stickers: generate and inspect."),
-    "protocol": ("protocol", "protocol", "Indentation experiments: check, show, list."),
+    "init": ("init", "init", "A working folder with files of your own to begin with."),
+    "cad": ("cad", "cad", "Parametric parts: new, check, export, bill of materials, guide."),
+    "pattern": ("pattern", "pattern", "Pattern stickers: new, make, inspect, print."),
+    "protocol": ("protocol", "protocol", "Indentation experiments: new, check, show, list."),
     "rig": ("rig", "rig", "Benches: new, check, list, show, register, drive by hand."),
     "calibrate": ("calibrate", "calibrate", "The lens, from images of boards."),
     "calibrate-depth": (
@@ -32,6 +33,8 @@ COMMANDS = {
     "run": ("run", "run", "Carry out a protocol on a rig."),
     "study": ("study", "study", "The paper's experiments: list, run, index."),
     "numerics": ("numerics", "numerics", "Error against run time, and stability, of the engines."),
+    "schema": ("schema", "schema", "Every key of a kind of file: type, unit, limits, meaning."),
+    "doctor": ("doctor", "doctor", "What is installed, what is not, and how to get it."),
     "demo": ("demo", "demo", "The whole chain on the virtual rig, to a report."),
 }
 

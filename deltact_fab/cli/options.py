@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import click
 
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+
+NEW_FILE = click.option(
+    "-o", "out", type=click.Path(path_type=Path), help="File to write; never one that is there.",
+    show_default="NAME.toml in its folder, or here",
+)  # fmt: skip
 
 
 class Finite(click.FloatRange):

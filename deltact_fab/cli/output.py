@@ -17,6 +17,14 @@ def echo_json(data: Any) -> None:
     click.echo(json.dumps(data, indent=1, allow_nan=False))
 
 
+def echo_written(file: Path, then: str, as_json: bool) -> None:
+    """Say which file was written and what to do with it."""
+    if as_json:
+        echo_json({"file": str(file)})
+    else:
+        click.echo(f"{file}: written; change it, then `deltact-fab {then}`")
+
+
 def echo_table(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
     """Print rows under their columns; numbers to the right, with four significant digits."""
     cells = [[_cell(value) for value in row] for row in rows]

@@ -9,14 +9,14 @@ from typing import Any, Literal, TypeVar
 import click
 
 from .cad import load, of_design
-from .options import JSON
+from .options import JSON, NEW_FILE
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 
 @click.group()
 def pattern() -> None:
-    """Pattern stickers: list, make, show, quality, sheet, series, from a sheet's code."""
+    """Pattern stickers: list, new, make, show, quality, sheet, series, from a sheet's code."""
 
 
 def _tell(made: Any, as_json: bool) -> None:
@@ -58,6 +58,23 @@ def list_(as_json: bool) -> None:
             for name, r in recipes
         ],
     )
+
+
+@pattern.command()
+@click.argument("name")
+@click.option("--law", default="algorithm1", show_default=True,
+              help="How patches are coloured; `schema pattern law` names the laws.")  # fmt: skip
+@NEW_FILE
+@JSON
+def new(name: str, law: str, out: Path | None, as_json: bool) -> None:
+    """Write a recipe with every key that its law takes.
+
+    Each key has its meaning and limits above it; recipes are found by their name.
+    """
+    from ..lab import pattern as write
+    from .output import echo_written
+
+    echo_written(write(name, law, out), f"pattern quality {name}", as_json)
 
 
 @pattern.command()

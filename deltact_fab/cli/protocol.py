@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .options import JSON
+from .options import JSON, NEW_FILE
 
 if TYPE_CHECKING:
     from ..preflight import Peak
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @click.group()
 def protocol() -> None:
-    """Indentation experiments: check, show, list."""
+    """Indentation experiments: new, check, show, list."""
 
 
 RIG = click.option("--rig", "rig_name", default="virtual", show_default=True, help="Rig file.")
@@ -39,6 +39,23 @@ def list_(as_json: bool) -> None:
         return
     rows = [(n, catalog.read(catalog.find("protocols", n)).get("description", "")) for n in names]
     echo_table(("protocol", "description"), rows)
+
+
+@protocol.command()
+@click.argument("name")
+@click.option("--from", "source", default="smoke", show_default=True,
+              help="Protocol to begin with, a name or a path.")  # fmt: skip
+@NEW_FILE
+@JSON
+def new(name: str, source: str, out: Path | None, as_json: bool) -> None:
+    """Write a protocol with every key explained.
+
+    Its values are those of another one; `protocol check NAME` finds it by its name.
+    """
+    from ..lab import protocol as write
+    from .output import echo_written
+
+    echo_written(write(name, source, out), f"protocol check {name}", as_json)
 
 
 @protocol.command()

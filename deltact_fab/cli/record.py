@@ -109,7 +109,8 @@ def note(run: Path, text: str, as_json: bool) -> None:
 
 @record.command()
 @RUN
-@click.option("--format", "form", required=True, type=click.Choice(["csv", "parquet", "mcap"]))
+@click.option("--format", "form", required=True, type=click.Choice(["csv", "parquet", "mcap"]),
+              help="Of the files.")  # fmt: skip
 @click.option("-o", "out", required=True, type=click.Path(path_type=Path),
               help="A new folder (csv, parquet) or a new file (mcap).")  # fmt: skip
 @JSON

@@ -23,6 +23,11 @@ Offset = Annotated[float, Field(ge=-150, le=150, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=1, le=200)]
 
 
+def _shown(**limits: Any) -> Any:
+    """Limits that validators of the recipe hold, in words that name the law, for its schema."""
+    return Field(json_schema_extra=limits)
+
+
 class _Strict(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
@@ -39,11 +44,15 @@ class DotGrid(_Strict):
     rows: Count = 13
     """Dots along y."""
     pitch_x_mm: Length = 2.2
+    """Between the centres of two dots along x."""
     pitch_y_mm: Length = 1.6
+    """Between the centres of two dots along y."""
     diameter_mm: Length = 0.6
+    """Of a dot; below the pitch."""
     offset_x_mm: Offset = 0.0
-    """Centre of the grid in the sensor frame."""
+    """Centre of the grid in the sensor frame, along x."""
     offset_y_mm: Offset = 0.0
+    """Centre of the grid in the sensor frame, along y."""
     colour: Annotated[str, Field(pattern=r"^#[0-9a-f]{6}$")] = "#ffffff"
     """`#rrggbb` as sent to the printer. White is no ink: the white layer behind shows through."""
 
@@ -84,21 +93,39 @@ class DotGrid(_Strict):
 class PatternRecipe(_Strict):
     """A square sticker. Only what its law uses may be given (`laws` has the table)."""
 
-    law: str
-    """Name of an entry of `laws.LAWS`."""
+    law: Annotated[str, _shown(enum=list(LAWS))]
+    """How the patches are coloured: algorithm1 (the paper's), iid, binary, octave, chessboard,
+    dot-matrix or transparent."""
     seed: Annotated[int, Field(ge=0, lt=2**63)]
-    size_mm: float = 35.0
-    """The side that is asked for; `printed_mm` is the side that whole patches make."""
-    patch_mm: Annotated[float | None, Field(validate_default=True)] = None
-    """d of the paper."""
-    r: Annotated[float | None, Field(validate_default=True)] = None
+    """Of the draw: the same seed makes the same pattern."""
+    size_mm: Annotated[float, _shown(minimum=1, maximum=300)] = 35.0
+    """Side of the sticker that is asked for; whole patches may make less than a patch less."""
+    patch_mm: Annotated[
+        float | None,
+        Field(validate_default=True),
+        _shown(exclusiveMinimum=0, maximum=300, examples=[0.15]),
+    ] = None
+    """Side of a patch, d of the paper."""
+    r: Annotated[
+        float | None,
+        Field(validate_default=True),
+        _shown(minimum=0, exclusiveMaximum=1, examples=[0.1]),
+    ] = None
     """Randomness regulation factor of the paper: least squared difference, values in 0..1."""
     channels: Literal[1, 3] = 3
     """3 draws red, green and blue independently; 1 draws a grey."""
-    scales_mm: Annotated[tuple[float, ...] | None, Field(validate_default=True)] = None
+    scales_mm: Annotated[
+        tuple[float, ...] | None,
+        Field(validate_default=True),
+        _shown(minItems=1, maxItems=octave.MAX_SCALES, examples=[[0.15, 0.3, 0.6, 1.2]]),
+    ] = None
     """Sides of the blocks that law `octave` adds, whole multiples of patch_mm, rising."""
-    weights: Annotated[tuple[float, ...] | None, Field(validate_default=True)] = None
-    """Weight of each scale; equal when left out."""
+    weights: Annotated[
+        tuple[float, ...] | None,
+        Field(validate_default=True),
+        _shown(examples=[[1.0, 1.0, 1.0, 1.0]]),
+    ] = None
+    """Weight of each scale, 0.01 to 100; equal when left out."""
     dots: Annotated[DotGrid | None, Field(validate_default=True)] = None
 
     # A field sees those above it in info.data, less any that failed: each fault names its own key

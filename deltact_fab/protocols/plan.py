@@ -44,11 +44,13 @@ class _Strict(BaseModel):
 class Shear(_Strict):
     """Sideways motion at each depth: to one side, through to the other, back to the centre."""
 
-    amplitude_mm: Length | None = None
-    amplitude_of_depth: Share | None = None
+    amplitude_mm: Length | None = Field(default=None, examples=[3.0])
+    """How far the tip is dragged to each side of the press. Either this or amplitude_of_depth."""
+    amplitude_of_depth: Share | None = Field(default=None, examples=[0.7])
     """Instead of amplitude_mm: as a share of the depth. A ball slips as a whole once it is dragged
     by about 1.5 x friction of its depth, whatever its size (Mindlin), and sticks before that."""
     axes: tuple[Literal["x", "y"], ...] = ("x", "y")
+    """Along which axes of the face the tip is dragged, one after the other."""
     points_per_side: int = Field(default=1, ge=1, le=100)
     """Stops on each side of the centre."""
     grid: bool = False
@@ -80,9 +82,11 @@ class Shear(_Strict):
 class Capture(_Strict):
     """What is filmed on the way, and whether a stop settles; at least one of both."""
 
-    rate_hz: Rate | None = None
+    rate_hz: Rate | None = Field(default=None, examples=[1.0])
     """Frames per second of planned motion, evenly over each press and drag; none without it."""
-    settle_s: Annotated[float, Field(ge=0, le=600, allow_inf_nan=False)] | None = None
+    settle_s: Annotated[float, Field(ge=0, le=600, allow_inf_nan=False)] | None = Field(
+        default=None, examples=[1.0]
+    )
     """Between the end of a motion and the frame that is taken there, which is called settled.
     Without it stops do not wait, and nothing but the frame before a press is settled."""
 
@@ -105,8 +109,11 @@ class Motion(_Strict):
     park_mm: Length = 20.0
     """Height at which the indenter is changed."""
     travel_feed_mm_min: Feed = 600.0
+    """Feed of the moves above the face."""
     press_feed_mm_min: Feed = 30.0
+    """Feed from approach_gap_mm down into the gel, and back out of it."""
     shear_feed_mm_min: Feed = 30.0
+    """Feed of the drags in contact."""
 
     @model_validator(mode="after")
     def _heights(self) -> Self:
@@ -121,14 +128,22 @@ class Motion(_Strict):
 class Specimen(_Strict):
     """The sensor under test: which design and pattern, and what its gel is believed to be."""
 
-    serial: str | None = Field(default=None, min_length=1, max_length=64)
+    serial: str | None = Field(default=None, min_length=1, max_length=64, examples=["A-07"])
     """The sensor's own number, as it is written on it; a second sensor of a design has another."""
     design: str = "deltact"
+    """Name or path of the design that the sensor was made from."""
     pattern: str = "dense-with-dots"
+    """Name or path of the recipe of its pattern."""
     gel_model: Literal["layer", "block", "hyperelastic"] = "layer"
+    """How forces are predicted and a virtual gel is simulated: "layer" and "block" are linear, for
+    presses of up to some tenths of the thickness; "hyperelastic" is finite strain, for deep ones,
+    and takes minutes."""
     modulus_mpa: Modulus = 0.56
+    """Young's modulus of the gel; `gel fit` measures it."""
     poisson: float = Field(default=0.49, ge=0, le=0.5)
+    """Poisson's ratio of the gel."""
     friction: float = Field(default=0.5, ge=0, le=100)
+    """Coefficient of friction between tip and face."""
     prony: tuple[tuple[Annotated[float, Field(ge=0, le=100)], Seconds], ...] = ()
     """Pairs (g, tau_s) of a gel that creeps, as `GelMaterial` has them: modulus_mpa is that of a
     slow press."""
@@ -146,11 +161,17 @@ class Specimen(_Strict):
 class Protocol(_Strict):
     """One scripted indentation experiment."""
 
-    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
+    name: str = Field(examples=["mine"], pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
+    """Name of the experiment; letters, digits, dot, hyphen, underscore."""
     description: str = ""
+    """One line for lists and reports."""
     indenters: tuple[str, ...] = Field(min_length=1)
+    """What presses, in this order: sphere:DIAMETER_MM, or 4dots, 2dots, edges, ellipsoid, hexprism,
+    star, cylinder, ring, hat, with or without :SIZE_MM."""
     positions_mm: tuple[tuple[Place, Place], ...] = Field(min_length=1)
+    """Where each indenter presses: (x, y) from the centre of the face."""
     depths_mm: tuple[Length, ...] = Field(min_length=1)
+    """How deep each press goes, below the resting face, one stop after the other; rising."""
     channels: frozenset[Literal["image", "dots", "force", "shear", "traction"]]
     """What the analysis will ask for; what is not named here is not built and not solved. None at
     all leaves the poses of the stage. traction: what presses and shears the face, of every frame,

@@ -40,15 +40,21 @@ class StageConfig(Strict):
     port: str | None = Field(default=None, min_length=1)
     """Serial device of the controller, as /dev/ttyACM0; the virtual rig has its own wire."""
     origin_machine_mm: tuple[Place, Place, Place]
+    """Where the reference tip meets the centre of the resting face, in machine coordinates."""
     angle_deg: float = Field(default=0.0, ge=-360, le=360)
+    """How the sensor is turned about z on the stage."""
     tilt_deg: tuple[Tilt, Tilt] = (0.0, 0.0)
     """Of the face as it was registered, about the sensor's x, then about y."""
     registration: str | None = Field(default=None, min_length=1, max_length=4096)
     """File that `rig register` wrote, from this file's folder: it stands for the three above."""
     travel_mm: tuple[Travel, Travel, Travel]
+    """How far each axis goes: x, y, z."""
     max_feed_mm_min: tuple[Feed, Feed, Feed]
+    """The fastest that each axis goes; more is never asked for."""
     acceleration_mm_s2: tuple[Acceleration, Acceleration, Acceleration]
+    """Acceleration of each axis."""
     baud: int = Field(default=115200, ge=1200, le=10_000_000)
+    """Of the serial port."""
     direction_mask: int = Field(default=0, ge=0, le=7)
     """Axes whose motor turns the other way (GRBL's $3): 1 for x, 2 for y, 4 for z, added up."""
     homing_direction_mask: int = Field(default=0, ge=0, le=3)
@@ -89,13 +95,15 @@ class VirtualConfig(Strict):
 
     simulated: ClassVar[bool] = True
     kind: Literal["virtual"]
+    """"virtual": everything below the wire is simulated."""
     stage: StageConfig
     force: ForceConfig = ForceConfig()
     camera: CameraFile | None = None
     guard: GuardConfig | None = None
-    """This and what follows count for `run --realtime` only."""
+    """What stops the stage; for `run --realtime` only, as are touch and tools."""
     touch: TouchConfig = TouchConfig()
     tools: Tools = Field(default_factory=dict)
+    """By indenter, as `[tools."sphere:10"]`; for `run --realtime` only."""
     virtual: SimulatorConfig = SimulatorConfig()
 
     @model_validator(mode="after")
@@ -121,6 +129,7 @@ class GrblConfig(Strict):
 
     simulated: ClassVar[bool] = False
     kind: Literal["grbl"]
+    """"grbl": a real GRBL 1.1 or grblHAL stage."""
     stage: StageConfig
     force: ForceConfig | None = None
     """A sensor that stands in the way of the force, read or not."""

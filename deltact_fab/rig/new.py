@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import InputError, RunFailed
+from .. import catalog
 from .template import Device, rig_file
 
 BY_ID = Path("/dev/serial/by-id")
@@ -38,19 +38,8 @@ def new(file: Path, by_id: Path = BY_ID) -> Written:
     Raises InputError where the file is there already or has no folder, RunFailed when the disk
     refuses. A file is never overwritten.
     """
-    if file.suffix != ".toml":
-        raise InputError(f"{file}: a rig file ends in .toml")
     found = Written(file, ports(by_id), cameras())
-    text = rig_file(found.ports, found.cameras)
-    try:
-        with file.open("x", encoding="utf-8") as out:
-            out.write(text)
-    except FileExistsError as why:
-        raise InputError(f"{file}: already there; name a new file") from why
-    except FileNotFoundError as why:
-        raise InputError(f"{file.parent}: no such folder") from why
-    except OSError as why:
-        raise RunFailed(f"{file}: cannot be written: {why.strerror}") from why
+    catalog.write_new(file, rig_file(found.ports, found.cameras))
     return found
 
 

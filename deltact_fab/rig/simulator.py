@@ -21,24 +21,33 @@ class CameraConfig(_Strict):
     """The simulated camera's sensor and lens faults."""
 
     blur_px: float = Field(default=0.6, ge=0.01, le=50)
+    """Standard deviation of the blur of lens and sensor together."""
     shading: float = Field(default=0.35, ge=0, lt=1)
+    """Share of the light that is lost in the corner of the view."""
     full_well_electrons: float = Field(default=8000.0, ge=1, le=10_000_000)
+    """What a pixel holds when it is white; sets the shot noise."""
     read_noise_electrons: float = Field(default=6.0, ge=0, le=100_000)
+    """Standard deviation of the noise of reading a pixel."""
 
 
 class PrinterConfig(_Strict):
     """The printer that made the sticker."""
 
     dpi: int = Field(default=1200, ge=72, le=9600)
+    """Resolution."""
     levels: int = Field(default=4, ge=2, le=256)
+    """Levels of each ink at a printed dot."""
     misregistration_um: float = Field(default=15.0, ge=0, le=1000)
+    """How far the colours lie beside each other."""
     spread_um: float = Field(default=20.0, ge=0, le=500)
+    """How far ink runs."""
 
 
 class NoiseConfig(_Strict):
     """What the simulated force box adds to a reading."""
 
     noise_n: float = Field(default=0.01, ge=0, le=100)
+    """Standard deviation of a force reading."""
 
 
 class FiniteGelConfig(_Strict):
@@ -53,7 +62,9 @@ class FiniteGelConfig(_Strict):
     lattice_mm: float = Field(default=0.5, ge=0.05, le=2.0)
     """Lattice on which displacements are kept."""
     press_increment_mm: float = Field(default=0.5, ge=0.001, le=5.0)
+    """Way of a press between two solutions."""
     shear_increment_mm: float = Field(default=1.0, ge=0.001, le=5.0)
+    """Way of a drag between two solutions."""
 
 
 class GelConfig(_Strict):
@@ -63,8 +74,11 @@ class GelConfig(_Strict):
     """
 
     spacing_mm: float = Field(default=0.25, ge=0.05, le=2.0)
+    """Between the points at which the linear gel is solved."""
     press_increment_mm: float = Field(default=0.1, ge=0.001, le=1.0)
+    """Way of a press between two solutions at the linear levels."""
     shear_increment_mm: float = Field(default=0.25, ge=0.001, le=2.0)
+    """Way of a drag between two solutions at the linear levels."""
     hyperelastic: FiniteGelConfig = FiniteGelConfig()
 
 

@@ -12,7 +12,11 @@ import pytest
 from deltact_fab.cli.main import main
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs/how-to").glob("*.md"))]
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "deltact_fab/lab/tour.md",
+    *sorted((ROOT / "docs/how-to").glob("*.md")),
+]
 SHOWN = re.compile(r"^deltact-fab .*$|`(deltact-fab [a-z][^`|]*)`", re.MULTILINE)
 
 

@@ -27,7 +27,8 @@ CATALOGUE = ("cad", "patterns", "protocols")
 # Whatever else lies in a checkout (environments, run folders, caches) stays there.
 TRAVELS = {
     *CATALOGUE, "benchmarks", "deltact_fab", "tests", "docs", ".ci", ".gitignore", "Makefile",
-    "README.md", "CHANGELOG.md", "CONTRIBUTING.md", "PKG-INFO", "constraints.txt", "pyproject.toml",
+    "README.md", "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "LICENSE", "PKG-INFO",
+    "constraints.txt", "pyproject.toml",
 }  # fmt: skip
 SHORT = """
 name = "short"
@@ -129,6 +130,19 @@ def of_the_checkout(*folders: str) -> dict[str, bytes]:
         for p in found
         if p.is_file() and "__pycache__" not in p.parts
     }
+
+
+def test_a_lab_begins_from_the_wheel(borrowed: Installed, tmp_path: Path) -> None:
+    borrowed("init", str(tmp_path))
+    mine = Installed(borrowed.environment, tmp_path)
+    mine("protocol", "new", "mine")
+    mine("protocol", "check", "mine")
+    mine("pattern", "new", "mine")
+    mine("cad", "new", "mine")
+    assert json.loads(mine("doctor", "--json"))["ok"]
+    assert json.loads(mine("schema", "protocol", "--json")) == json.loads(
+        (mine.folder / "schemas" / "protocol.json").read_text()
+    )
 
 
 def test_the_sdist_holds_what_builds_tests_and_reads_and_nothing_else(built: Path) -> None:

@@ -38,7 +38,9 @@ class CameraConfig(Strict):
     """The command writes 16 bytes before each image, little-endian: int64 nanoseconds of this
     computer's monotonic clock, uint32 number of the image, uint32 that means nothing."""
     width_px: Pixels | None = None
+    """Width of an image; with height_px."""
     height_px: Pixels | None = None
+    """Height of an image; with width_px."""
     rate_hz: float | None = Field(default=None, ge=0.01, le=10_000)
     """What a device is asked for, and what missing images are told by; files are paced by it."""
     fourcc: str | None = Field(default=None, min_length=4, max_length=4)
@@ -48,6 +50,7 @@ class CameraConfig(Strict):
     gain: Control | None = None
     """In units of the driver."""
     white_balance_k: Annotated[int, Field(ge=1000, le=20_000)] | None = None
+    """Colour temperature; the automatic one is off then."""
     autofocus: bool | None = None
     """False holds the lens where it is."""
     latency_ms: float = Field(default=0.0, ge=0, le=10_000)
@@ -55,7 +58,7 @@ class CameraConfig(Strict):
     format: Literal["png", "jxl"] = "png"
     """Of the images in the record. Both are lossless; JPEG XL needs the extra `images`."""
     model: Word | None = None
-    """As in CameraFile."""
+    """A camera file, as `deltact-fab calibrate` writes it; without one nothing can be tracked."""
 
     @property
     def is_device(self) -> bool:

@@ -13,8 +13,11 @@ class NetFTConfig(Strict):
     """An ATI Net F/T box on the network."""
 
     host: str = Field(min_length=1, max_length=253)
+    """Name or address of the box."""
     rdt_port: int = Field(default=49152, ge=1, le=65535)
+    """UDP port of its stream of readings."""
     http_port: int = Field(default=80, ge=1, le=65535)
+    """TCP port of its settings."""
     serial: str | None = Field(default=None, min_length=1, max_length=64)
     """Of the transducer, as FT11564; with it, any other one is refused."""
 
@@ -23,13 +26,17 @@ class SerialScaleConfig(Strict):
     """A scale or load cell that writes lines of numbers to a serial port."""
 
     port: str = Field(min_length=1, max_length=4096)
+    """Serial device, as /dev/ttyUSB0."""
     baud: int = Field(default=115200, ge=1200, le=10_000_000)
+    """Of the serial port."""
     columns: tuple[Literal["fx", "fy", "fz", "tx", "ty", "tz", "-"], ...] = Field(
         default=("fz",), min_length=1, max_length=32
     )
     """What each number of a line is; "-" is left out, as a time. Words between do not count."""
     unit: Literal["N", "mN", "g", "kg"] = "N"
+    """Of the forces that it writes."""
     torque_unit: Literal["Nmm", "Nm"] = "Nmm"
+    """Of the torques that it writes."""
     scale: float = Field(default=1.0, ge=-1e6, le=1e6)
     """Times each number. A press has Fz < 0, so a scale that shows it as positive needs -1."""
     silent_s: float = Field(default=0.5, ge=0.02, le=10)
@@ -56,10 +63,13 @@ class ForceConfig(Strict):
     """
 
     range_n: tuple[Force, Force, Force] = (25.0, 25.0, 35.0)
+    """Most force that it measures along x, y, z."""
     range_nmm: tuple[Torque, Torque, Torque] = (250.0, 250.0, 250.0)
+    """Most torque that it measures about x, y, z."""
     origin_mm: tuple[Place, Place, Place] | None = None
     """Where its moments count from, in the sensor frame of the gel; None: not declared."""
     rate_hz: float = Field(default=1000.0, ge=1, le=10_000)
+    """Readings per second."""
     netft: NetFTConfig | None = None
     """How a real rig reaches it; or serial."""
     serial: SerialScaleConfig | None = None

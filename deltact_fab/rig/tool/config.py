@@ -37,6 +37,7 @@ class TouchConfig(Strict):
     """
 
     by: Literal["force", "hand"] = "force"
+    """What tells the contact: the force sensor, or a person with a feeler gauge."""
     at_mm: tuple[Millimetres, Millimetres] = (0.0, 0.0)
     """Where on the face."""
     force_n: float = Field(default=0.1, ge=0.005, le=5)
@@ -48,6 +49,7 @@ class TouchConfig(Strict):
     search_mm: float = Field(default=3.0, ge=0.1, le=20)
     """The face is looked for within so much of the height expected, and never further down."""
     repeats: int = Field(default=3, ge=1, le=20)
+    """How often the face is touched."""
     spread_mm: float = Field(default=0.03, ge=0.001, le=0.5)
     """Between the repeats; more is a loose tool."""
     gauge_mm: float = Field(default=0.1, ge=0, le=5)

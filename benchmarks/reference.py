@@ -1,0 +1,131 @@
+"""docs/reference: every key of every kind of file, and every command with its options.
+
+python -m benchmarks.reference    writes the pages; a test holds them against the code.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+
+from deltact_fab import catalog
+from deltact_fab.cli.main import main as program
+from deltact_fab.schema import KINDS, Kind, rows
+
+FOLDER = Path(__file__).parents[1] / "docs" / "reference"
+MADE = "<!-- written by python -m benchmarks.reference -->"
+
+
+def pages() -> dict[str, str]:
+    """The text of each page, by the name of its file."""
+    made = {f"{kind.name}.md": _keys(kind) for kind in KINDS.values()}
+    made["commands.md"] = _commands()
+    made["README.md"] = _index()
+    return {name: text.rstrip("\n") + "\n" for name, text in made.items()}
+
+
+def write() -> None:
+    """Write all pages, and remove those that are none any more."""
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    made = pages()
+    for file in FOLDER.glob("*.md"):
+        if file.name not in made:
+            file.unlink()
+    for name, text in made.items():
+        (FOLDER / name).write_text(text)
+
+
+def _index() -> str:
+    lines = [
+        "# Reference",
+        MADE,
+        "",
+        "Written from the program itself. `deltact-fab schema KIND` prints the same keys, --json",
+        "as a JSON Schema; `deltact-fab init FOLDER` puts the schemas where an editor finds them.",
+        "",
+        "- [commands](commands.md): every command with its arguments and options",
+        *(f"- [{kind.name}]({kind.name}.md): {kind.about}" for kind in KINDS.values()),
+        "",
+        "## Where a name is looked for",
+        "",
+        "A file is named by its path, or by its name alone. NAME is then the first of these:",
+        "",
+        "| kind of file | in the working folder | in the working folder, with one of the keys "
+        "| shipped |",
+        "|---|---|---|---|",
+    ]
+    for folder, marks in catalog.MARKS.items():
+        names = ", ".join(f"`{mark}`" for mark in sorted(marks))
+        kinds = " or ".join(k.name for k in KINDS.values() if k.catalogue == folder)
+        lines.append(f"| {kinds} | `{folder}/NAME.toml` | `NAME.toml` ({names}) | `NAME` |")
+    return "\n".join(lines)
+
+
+def _keys(kind: Kind) -> str:
+    about = kind.about[:1].upper() + kind.about[1:]
+    lines = [
+        f"# Keys of a file of kind {kind.name}",
+        MADE,
+        "",
+        f"{about}. `[]` is an entry of a list of tables, `*` any name.",
+        "",
+        "| key | type | unit | default | limits | meaning |",
+        "|---|---|---|---|---|---|",
+    ]
+    for row in rows(kind):
+        default = f"`{row.default}`" if row.default is not None else row.otherwise
+        cells = (f"`{row.key}`", row.type, row.unit, default, row.limits, row.meaning)
+        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return "\n".join(lines)
+
+
+def commands(
+    group: click.Command = program, context: click.Context | None = None
+) -> Iterator[tuple[click.Context, click.Command]]:
+    """Every command with its context, groups above what is in them."""
+    context = context or click.Context(program, info_name="deltact-fab")
+    yield context, group
+    if isinstance(group, click.Group):
+        for name in group.list_commands(context):
+            inner = group.get_command(context, name)
+            assert inner is not None
+            yield from commands(inner, click.Context(inner, context, info_name=name))
+
+
+def _commands() -> str:
+    lines = [
+        "# Commands",
+        MADE,
+        "",
+        "Exit codes: 0 done, 1 ran and failed, 2 bad input, 130 interrupted. `--help` stands at "
+        "every level.",
+    ]
+    for context, command in commands():
+        usage = " ".join(command.collect_usage_pieces(context))
+        lines += ["", f"## {context.command_path}", "", f"`{context.command_path} {usage}`", ""]
+        # click's \b keeps lines as they are
+        lines += [line.rstrip() for line in _help(command).replace("\b\n", "").splitlines()]
+        records = [
+            record
+            for param in command.get_params(context)
+            if isinstance(param, click.Option) and "--help" not in param.opts
+            if (record := param.get_help_record(context)) is not None
+        ]
+        if records:
+            lines += ["", "| option | meaning |", "|---|---|"]
+        for names, said in records:
+            cells = (f"`{names}`", " ".join(said.split()))
+            lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return "\n".join(lines)
+
+
+def _help(command: click.Command) -> str:
+
+    return inspect.cleandoc(command.help or "").partition("\f")[0]
+
+
+if __name__ == "__main__":
+    write()

@@ -1,0 +1,43 @@
+"""`deltact-fab schema`: the keys of a file, for a person or for an editor."""
+
+from __future__ import annotations
+
+import textwrap
+
+import click
+
+from .options import JSON
+
+
+@click.command(no_args_is_help=False)
+@click.argument("kind", required=False)
+@click.argument("key", required=False)
+@JSON
+def schema(kind: str | None, key: str | None, as_json: bool) -> None:
+    """Every key of a kind of file: type, unit, default, limits, meaning.
+
+    KIND is protocol, virtual-rig, grbl-rig, pattern, design or indenters; without one the kinds
+    are listed. KEY is a table as `capture`, one key of it as `capture.settle_s`, or a name
+    wherever it stands. --json prints a JSON Schema, and with KEY its rows.
+    """
+    from ..schema import KINDS, document, kind_named, matching, rows
+    from .output import echo_json, echo_table
+
+    if kind is None:
+        if as_json:
+            echo_json([{"kind": k.name, "folder": k.catalogue} for k in KINDS.values()])
+            return
+        kinds = [(k.name, k.catalogue, k.about) for k in KINDS.values()]
+        echo_table(("kind", "folder", "what it is"), kinds)
+        return
+    found = kind_named(kind)
+    chosen = rows(found) if key is None else matching(found, key)
+    if as_json:
+        echo_json(document(found) if key is None else [row.as_dict() for row in chosen])
+        return
+    for row in chosen:
+        facts = [row.type, row.unit, row.limits]
+        otherwise = row.otherwise
+        facts.append(f"default {otherwise}" if row.default is not None else otherwise)
+        click.echo(f"{row.key}  ({'; '.join(fact for fact in facts if fact)})")
+        click.echo(textwrap.indent(textwrap.fill(row.meaning, 92), "    "))

@@ -1,0 +1,6 @@
+"""A lab's own files: a folder of them to begin with, and new ones with every key explained."""
+
+from .folder import init
+from .new import design, pattern, protocol
+
+__all__ = ["design", "init", "pattern", "protocol"]

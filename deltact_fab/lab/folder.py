@@ -1,0 +1,86 @@
+"""A working folder: the shipped files as a lab's own, with schemas for editors and a first tour."""
+
+from __future__ import annotations
+
+import json
+import os
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from .. import catalog
+from ..errors import InputError, RunFailed
+from ..schema import KINDS, document
+
+SHIPPED = ("cad", "patterns", "protocols")
+SCHEMAS = "schemas"
+
+
+def init(folder: Path) -> list[Path]:
+    """Write the folder and return its files.
+
+    Raises InputError for a folder that holds anything but hidden files, RunFailed when the disk
+    refuses; what was written until then is removed again.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: a file; the name of a new or empty folder is right")
+    if folder.is_dir() and any(not path.name.startswith(".") for path in folder.iterdir()):
+        raise InputError(f"{folder}: not empty; the name of a new or empty folder is right")
+    texts = _texts()
+    made: list[Path] = []
+    try:
+        for name, text in texts.items():
+            file = folder / name
+            made += [path for path in (*reversed(file.parents), file) if not path.exists()]
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(text, encoding="utf-8")
+    except OSError as why:
+        for path in reversed(made):
+            with suppress(OSError):
+                path.rmdir() if path.is_dir() else path.unlink()
+        raise RunFailed(f"{folder}: cannot be written: {why.strerror}") from why
+    return [folder / name for name in texts]
+
+
+def _texts() -> dict[str, str]:
+    """The text of each file, by its path in the folder."""
+    from importlib.resources import files
+
+    texts = {"README.md": files(__package__).joinpath("tour.md").read_text(encoding="utf-8")}
+    for kind in KINDS.values():
+        text = json.dumps(document(kind), indent=1, ensure_ascii=False, allow_nan=False)
+        texts[f"{SCHEMAS}/{kind.name}.json"] = text + "\n"
+    for top in SHIPPED:
+        shipped = catalog.shipped_dir(top)
+        for file in sorted(shipped.rglob("*")):
+            if file.suffix not in (".toml", ".py"):
+                continue
+            name = Path(top) / file.relative_to(shipped)
+            text = file.read_text(encoding="utf-8")
+            kind_name = _kind(name, file)
+            if kind_name is not None:
+                text = schema_line(kind_name, Path(SCHEMAS), name.parent) + text
+            texts[name.as_posix()] = text
+    return texts
+
+
+def _kind(name: Path, file: Path) -> str | None:
+    """The kind of a shipped file; None for one without a schema, as a camera file."""
+    folder = name.parent.as_posix()
+    if file.suffix != ".toml" or folder not in catalog.KINDS:
+        return None
+    return kind_of(folder, catalog.read(file))
+
+
+def kind_of(folder: str, data: dict[str, Any]) -> str:
+    """The name in `KINDS` of what stands in a folder of the catalogue."""
+    if folder == "cad":
+        return "indenters" if "indenter" in data else "design"
+    if folder == "protocols/rigs":
+        return f"{data['kind']}-rig"
+    return next(kind.name for kind in KINDS.values() if kind.catalogue == folder)
+
+
+def schema_line(kind_name: str, schemas: Path, folder: Path) -> str:
+    """The line by which an editor (taplo, Even Better TOML) finds the schema of a file."""
+    return f"#:schema {Path(os.path.relpath(schemas / f'{kind_name}.json', folder)).as_posix()}\n"

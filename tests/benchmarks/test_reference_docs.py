@@ -1,0 +1,29 @@
+"""docs/reference says what the program has, all of it, and nothing else."""
+
+from __future__ import annotations
+
+import click
+
+from benchmarks import reference
+
+
+def test_the_pages_are_what_the_program_has() -> None:
+    kept = {file.name: file.read_text() for file in reference.FOLDER.glob("*.md")}
+    assert kept == reference.pages(), "python -m benchmarks.reference writes them anew"
+
+
+def test_every_command_and_every_option_says_what_it_is() -> None:
+    silent = []
+    for context, command in reference.commands():
+        if not (command.help or "").strip():
+            silent.append(context.command_path)
+        for param in command.params:
+            if isinstance(param, click.Option) and not (param.help or "").strip():
+                silent.append(f"{context.command_path} {param.opts[0]}")
+    assert not silent
+
+
+def test_pages_hold_nothing_of_this_machine() -> None:
+    for text in reference.pages().values():
+        assert str(reference.FOLDER.parents[1]) not in text
+        assert "/home/" not in text

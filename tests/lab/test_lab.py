@@ -1,0 +1,206 @@
+"""A lab's own folder and new files, from the first command to a report."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import tomllib
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from deltact_fab import catalog, lab
+from deltact_fab.cad.design import load_design
+from deltact_fab.cli.main import main
+from deltact_fab.errors import InputError, RunFailed
+from deltact_fab.lab.folder import SHIPPED
+from deltact_fab.patterns import load_recipe
+from deltact_fab.patterns.laws import LAWS
+from deltact_fab.protocols import plan
+
+DEFAULT = re.compile(r"#([a-z0-9_]+ = .*)")
+
+
+def run(*words: str) -> Result:
+    done = CliRunner().invoke(main, list(words))
+    assert done.exit_code == 0, (words, done.output, done.exception)
+    return done
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def mine(here: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    lab.init(here / "my-lab")
+    monkeypatch.chdir(here / "my-lab")
+    return here / "my-lab"
+
+
+def test_the_folder_holds_the_shipped_files_as_they_are(mine: Path) -> None:
+    for kind in SHIPPED:
+        shipped = {p.relative_to(catalog.shipped_dir(kind)): p
+                   for p in catalog.shipped_dir(kind).rglob("*.toml")}  # fmt: skip
+        own = {p.relative_to(mine / kind): p for p in (mine / kind).rglob("*.toml")}
+        assert own.keys() == shipped.keys()
+        for name, file in own.items():
+            assert catalog.read(file) == catalog.read(shipped[name])
+    for file in mine.rglob("*.toml"):
+        first = file.read_text().partition("\n")[0]
+        if file.parent.name != "cameras":
+            schema = json.loads((file.parent / first.removeprefix("#:schema ")).read_text())
+            assert schema["type"] == "object"
+
+
+def test_inside_it_its_files_come_first(mine: Path) -> None:
+    file = mine / "protocols" / "smoke.toml"
+    file.write_text(file.read_text().replace("depths_mm = [1.2]", "depths_mm = [1.1]"))
+    shown = json.loads(run("protocol", "show", "smoke", "--json").output)
+    assert any(step["id"].endswith("d1.10/press") for step in shown["steps"])
+    rig = mine / "protocols" / "rigs" / "virtual.toml"
+    rig.write_text(rig.read_text().replace("noise_n = 0.01", "noise_n = 0.02"))
+    assert "virtual.force.noise_n = 0.02" in run("rig", "show", "virtual").output
+    recipe = mine / "patterns" / "dense.toml"
+    recipe.write_text(recipe.read_text().replace("seed = 7", "seed = 8"))
+    assert load_recipe("dense").seed == 8
+    design = mine / "cad" / "deltact.toml"
+    design.write_text(design.read_text().replace("thickness_mm = 12.0", "thickness_mm = 12.5", 1))
+    assert load_design("franka").skin.thickness_mm == 12.5
+
+
+@pytest.mark.parametrize("content", ["file", "folder"])
+def test_what_is_there_is_never_touched(here: Path, content: str) -> None:
+    if content == "file":
+        (here / "my-lab").write_text("mine")
+    else:
+        (here / "my-lab").mkdir()
+        (here / "my-lab" / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match="new or empty folder is right"):
+        lab.init(Path("my-lab"))
+    left = here / "my-lab" / "notes.txt" if content == "folder" else here / "my-lab"
+    assert left.read_text() == "mine"
+    assert len(list(here.rglob("*"))) == (2 if content == "folder" else 1)
+
+
+def test_an_empty_folder_and_a_repository_are_taken(here: Path) -> None:
+    (here / ".git").mkdir()
+    lab.init(Path())
+    assert (here / "README.md").is_file()
+
+
+def test_a_disk_that_refuses_leaves_nothing(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = Path.write_text
+
+    def full(self: Path, text: str, **how: str) -> int:
+        if self.name == "smoke.toml":
+            whole(self, text[:10])
+            raise OSError(28, "No space left on device")
+        return whole(self, text, **how)
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(RunFailed, match="No space left"):
+        lab.init(Path("a/my-lab"))
+    assert not (here / "a").exists()
+
+
+def test_a_new_protocol_passes_and_is_found_by_its_name(here: Path) -> None:
+    assert "mine.toml: written" in run("protocol", "new", "mine").output
+    rows = json.loads(run("protocol", "check", "mine", "--json").output)
+    assert all(row["ok"] for row in rows)
+    own, path = plan.load("mine")
+    assert path == Path("mine.toml")
+    changed = {"name": "mine", "description": own.description}
+    assert own == plan.load("smoke")[0].model_copy(update=changed)
+
+
+@pytest.mark.parametrize("source", catalog.names("protocols"))
+def test_a_new_protocol_is_the_one_it_began_as(here: Path, source: str) -> None:
+    lab.protocol("own", source)
+    own, _ = plan.load("own")
+    changed = {"name": "own", "description": own.description}
+    assert own == plan.load(source)[0].model_copy(update=changed)
+
+
+def test_what_stands_in_comments_is_what_holds_without_it(here: Path) -> None:
+    """All defaults uncommented make the same protocol, pattern and design."""
+    protocol = lab.protocol("own", "force-calibration").read_text()
+    examples = r"(?m)^#(amplitude_mm|amplitude_of_depth|rate_hz|settle_s|serial) = .*\n"
+    full = uncommented(re.sub(examples, "", protocol))
+    assert catalog.validate(plan.Protocol, tomllib.loads(full), "f") == plan.load("own")[0]
+    assert full.count(" = ") > 20
+
+    design = uncommented(lab.design("own-design", "skin-44x40").read_text())
+    Path("full.toml").write_text(design)
+    assert len([line for line in design.splitlines() if not line.startswith("#") and line]) > 200
+    assert load_design("full.toml") == load_design("own-design") == load_design("skin-44x40")
+
+
+def uncommented(text: str) -> str:
+    return "\n".join(DEFAULT.sub(r"\1", line) for line in text.splitlines())
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_new_recipe_has_the_keys_of_its_law(here: Path, law: str) -> None:
+    text = lab.pattern("own", law).read_text()
+    assert load_recipe("own").law == law
+    named = {found[1] for found in re.finditer(r"(?m)^#?([a-z_]+) = ", text)}
+    named |= {found[1] for found in re.finditer(r"(?m)^#?\[([a-z]+)\]", text)}
+    taken = {*LAWS[law].needs, *LAWS[law].may}
+    assert taken <= named
+    assert not ({"patch_mm", "r", "scales_mm", "weights"} - taken) & named
+
+
+def test_new_files_go_where_the_lab_keeps_them(mine: Path) -> None:
+    run("protocol", "new", "own")
+    run("cad", "new", "own", "--base", "franka")
+    run("pattern", "new", "own", "--law", "octave")
+    for name in ("protocols/own.toml", "cad/own.toml", "patterns/own.toml"):
+        assert Path(name).read_text().startswith("#:schema ../schemas/")
+    assert load_design("own").mount.kind == "franka"
+
+
+def test_a_file_is_never_overwritten_and_a_name_is_a_name(here: Path) -> None:
+    run("protocol", "new", "own", "-o", "there.toml")
+    before = Path("there.toml").read_bytes()
+    for words, says in (
+        (["protocol", "new", "own", "-o", "there.toml"], "there.toml: already there"),
+        (["protocol", "new", "own", "-o", "no/own.toml"], "no: no such folder"),
+        (["protocol", "new", "own.toml"], "a name is right"),
+        (["cad", "new", "../own"], "a name is right"),
+        (["protocol", "new", "two words"], "name: "),
+        (["protocol", "new", "own", "--from", "smokes"], "did you mean 'smoke'"),
+        (["pattern", "new", "own", "--law", "octav"], "did you mean 'octave'"),
+        (["cad", "new", "own", "--base", "delta"], "did you mean 'deltact'"),
+    ):
+        told = CliRunner().invoke(main, words)
+        assert isinstance(told.exception, InputError), words
+        assert says in str(told.exception)
+    assert Path("there.toml").read_bytes() == before
+    assert [p.name for p in here.iterdir()] == ["there.toml"]
+
+
+@pytest.mark.slow
+def test_a_stranger_comes_from_init_to_a_report(mine: Path) -> None:
+    """The README's own first lines, with two values changed on the way."""
+    block = re.search(r"```console\n(.*?)```", (mine / "README.md").read_text(), re.DOTALL)
+    assert block is not None
+    lines = [shlex.split(line)[1:] for line in block[1].splitlines()]
+    assert [words[0] for words in lines[-3:]] == ["run", "record", "report"]
+    for words in lines:
+        run(*words)
+        if words[:2] == ["protocol", "new"]:
+            file = mine / "protocols" / "mine.toml"
+            text, one = re.subn(
+                r"(?m)^indenters = .*", 'indenters = ["sphere:12"]', file.read_text()
+            )
+            text, two = re.subn(r"(?m)^depths_mm = .*", "depths_mm = [0.9]", text)
+            assert (one, two) == (1, 1)
+            file.write_text(text)
+    page = (mine / "mine.html").read_text()
+    assert "sphere:12" in page
+    assert "mine" in page

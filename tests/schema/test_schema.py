@@ -1,0 +1,259 @@
+"""Rows and JSON Schemas tell what the models do: meanings, limits, defaults."""
+
+from __future__ import annotations
+
+import copy
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+from pydantic import BaseModel, TypeAdapter
+
+from deltact_fab import catalog
+from deltact_fab.cli.main import main
+from deltact_fab.errors import InputError
+from deltact_fab.lab.folder import kind_of
+from deltact_fab.patterns.laws import LAWS
+from deltact_fab.schema import KINDS, Kind, document, matching, rows
+from deltact_fab.schema.document import described, resolved
+from deltact_fab.schema.rows import limits_of, type_of
+from deltact_fab.schema.units import unit_of
+
+EXAMPLES = {
+    "protocol": "smoke",
+    "virtual-rig": "virtual",
+    "grbl-rig": "grbl-bench",
+    "pattern": "dense-with-dots",
+    "design": "deltact",
+    "indenters": "indenters",
+}
+ALL = pytest.mark.parametrize("kind", KINDS.values(), ids=lambda kind: kind.name)
+
+
+def shipped(kind: Kind) -> Iterator[tuple[Path, dict[str, Any]]]:
+    for file in sorted(catalog.shipped_dir(kind.catalogue).glob("*.toml")):
+        data = catalog.read(file)
+        if kind_of(kind.catalogue, data) == kind.name:
+            yield file, data
+
+
+@ALL
+def test_every_key_says_what_it_means(kind: Kind) -> None:
+    found = rows(kind)
+    assert len(found) >= 5
+    assert [row.key for row in found if len(row.meaning) < 8] == []
+    assert len({row.key for row in found}) == len(found)
+
+
+def test_a_key_without_a_meaning_is_seen() -> None:
+    class Silent(BaseModel):
+        told: int = 1
+        """Told."""
+        depth_mm: float = 1.0
+
+    kind = Kind("silent", "protocols", "made up", lambda: Silent)
+    assert [(row.key, row.meaning, row.unit) for row in rows(kind)] == [
+        ("told", "Told.", ""),
+        ("depth_mm", "", "mm"),
+    ]
+
+
+@ALL
+def test_shipped_files_hold_keys_of_the_schema_only(kind: Kind) -> None:
+    known = {row.key.replace("[]", "") for row in rows(kind)}
+    seen = 0
+    for file, data in shipped(kind):
+        for key in keys(data):
+            seen += 1
+            named = {key, *(f"{table}.*.{key.rpartition('.')[2]}" for table in ("tools",))}
+            free = key.startswith(("virtual.lens.", "virtual.mount.longer_mm."))
+            assert named & known or free, f"{file.name}: {key}"
+    assert seen > 3
+
+
+def keys(data: dict[str, Any], at: str = "") -> Iterator[str]:
+    for name, value in data.items():
+        yield f"{at}{name}"
+        inner = value if isinstance(value, list) else [value]
+        for one in inner:
+            if isinstance(one, dict):
+                yield from keys(one, f"{at}{name}.")
+
+
+@ALL
+def test_shipped_files_are_valid_to_another_reader_of_json_schema(kind: Kind) -> None:
+    jsonschema = pytest.importorskip("jsonschema")
+    made = document(kind)
+    jsonschema.Draft202012Validator.check_schema(made)
+    reader = jsonschema.Draft202012Validator(made)
+    for file, data in shipped(kind):
+        assert [fault.message for fault in reader.iter_errors(data)] == [], file.name
+        assert list(reader.iter_errors({**data, "no_such_key": 1})), file.name
+
+
+@ALL
+def test_schemas_are_plain_json_without_null(kind: Kind) -> None:
+    text = json.dumps(document(kind), allow_nan=False)
+    assert '"null"' not in text
+    assert "null" not in text.replace('"null"', "")
+    assert "x-meaning" not in text
+    assert json.loads(text)["$schema"].startswith("https://json-schema.org/")
+
+
+@dataclass(frozen=True)
+class Number:
+    """A key that is one number, with its path and its own schema."""
+
+    path: tuple[str, ...]
+    key: dict[str, Any]
+
+
+def numbers(node: dict[str, Any], root: dict[str, Any], at: tuple[str, ...]) -> Iterator[Number]:
+    for name, raw in node["properties"].items():
+        key, _ = resolved(raw, root)
+        if "properties" in key:
+            yield from numbers(key, root, (*at, name))
+        elif key.get("type") in ("number", "integer") and "enum" not in key:
+            yield Number((*at, name), key)
+
+
+@ALL
+def test_a_number_beyond_its_limits_is_refused_by_the_model(kind: Kind) -> None:
+    """The limits of the schema are those of the model: else an editor and `check` disagree."""
+    start = catalog.read(catalog.find(kind.catalogue, EXAMPLES[kind.name]))
+    root = described(kind)
+    tried = 0
+    for number in numbers(root, root, ()):
+        least = number.key.get("minimum", number.key.get("exclusiveMinimum"))
+        most = number.key.get("maximum", number.key.get("exclusiveMaximum"))
+        assert least is not None, number.path
+        assert most is not None, number.path
+        step = 1 if number.key["type"] == "integer" else 1e-6
+        for value in (least - max(1, abs(least)) * step, most + max(1, abs(most)) * step):
+            data = copy.deepcopy(start)
+            table = data
+            for name in number.path[:-1]:
+                table = table.setdefault(name, {})
+            table[number.path[-1]] = int(value) if number.key["type"] == "integer" else value
+            with pytest.raises(InputError) as caught:
+                catalog.validate(kind.model(), data, "f")
+            assert number.path[-1] in str(caught.value), number.path
+            tried += 1
+    assert tried >= 2
+
+
+def test_limits_that_a_recipe_s_validators_hold_are_those_of_its_schema() -> None:
+    """pydantic does not know these: they are said twice, and here held against each other."""
+    keys = described(KINDS["pattern"])["properties"]
+    size, patch, r, scales = (keys[name] for name in ("size_mm", "patch_mm", "r", "scales_mm"))
+    clear = {"law": "transparent", "seed": 1}
+    paper = {"law": "algorithm1", "seed": 1, "size_mm": size["maximum"], "patch_mm": 1.0, "r": 0.1}
+    sides = [0.5 * 2**n for n in range(scales["maxItems"])]
+    octave = {"law": "octave", "seed": 1, "size_mm": 100.0, "patch_mm": 0.5}
+    for data in (
+        {**clear, "size_mm": size["minimum"]},
+        {**clear, "size_mm": size["maximum"]},
+        {**paper, "patch_mm": patch["maximum"]},
+        {**paper, "r": r["minimum"]},
+        {**paper, "r": r["exclusiveMaximum"] - 1e-9},
+        {**octave, "scales_mm": sides},
+        {**octave, "scales_mm": sides[: scales["minItems"]]},
+        {**octave, "scales_mm": sides[:2], "weights": [0.01, 100.0]},
+    ):
+        catalog.validate(KINDS["pattern"].model(), data, "f")
+    assert set(keys["law"]["enum"]) == set(LAWS)
+    for data in (
+        {**clear, "size_mm": size["minimum"] - 1e-9},
+        {**clear, "size_mm": size["maximum"] + 1e-9},
+        {**paper, "patch_mm": patch["exclusiveMinimum"]},
+        {**paper, "patch_mm": patch["maximum"] + 1e-9},
+        {**paper, "r": r["minimum"] - 1e-9},
+        {**paper, "r": r["exclusiveMaximum"]},
+        {**octave, "scales_mm": [*sides, 2 * sides[-1]]},
+        {**octave, "scales_mm": []},
+        {**octave, "scales_mm": sides[:2], "weights": [0.0099, 100.0]},
+    ):
+        with pytest.raises(InputError):
+            catalog.validate(KINDS["pattern"].model(), data, "f")
+
+
+@ALL
+def test_defaults_are_those_of_the_model(kind: Kind) -> None:
+    """With every default of its rows written out, a file is the same to the model."""
+    start = catalog.read(catalog.find(kind.catalogue, EXAMPLES[kind.name]))
+    start.pop("base", None)
+    adapter = TypeAdapter(kind.model())
+    plain = adapter.dump_python(catalog.validate(kind.model(), start, "f"), mode="json")
+    full = copy.deepcopy(start)
+    for row in rows(kind):
+        *tables, name = row.key.split(".")
+        if row.default is None or "[]" in row.key or "*" in row.key:
+            continue
+        held, at = plain, full
+        for table in tables:
+            held = held.get(table) if isinstance(held, dict) else None
+            at = at.setdefault(table, {}) if held is not None else {}
+        if name not in at:
+            at[name] = json.loads(row.default)
+    again = adapter.dump_python(catalog.validate(kind.model(), full, "f"), mode="json")
+    assert again == plain
+
+
+@pytest.mark.parametrize(
+    ("key", "says"),
+    [
+        ({"type": "number", "minimum": 0, "exclusiveMaximum": 1},
+         ("number", "at least 0, below 1")),
+        ({"type": "array", "items": {"enum": ["x", "y"]}, "minItems": 1},
+         ('list of "x", "y"', "at least 1 entry")),
+        ({"type": "array", "prefixItems": [{"type": "number", "maximum": 5}] * 2},
+         ("list of 2 numbers", "each at most 5")),
+        ({"anyOf": [{"type": "integer"}, {"type": "string", "minLength": 1, "maxLength": 9}]},
+         ("whole number or text", "1 to 9 characters")),
+    ],
+)  # fmt: skip
+def test_types_and_limits_in_plain_words(key: dict[str, Any], says: tuple[str, str]) -> None:
+    assert (type_of(key), limits_of(key)) == says
+
+
+@pytest.mark.parametrize(
+    ("key", "unit"),
+    [("press_feed_mm_min", "mm/min"), ("range_nmm", "N mm"), ("mm_per_px", "mm/px"),
+     ("settle_s", "s"), ("poisson", ""), ("axes", ""), ("force_n", "N"), ("positions_mm", "mm")],
+)  # fmt: skip
+def test_the_unit_is_the_end_of_the_name(key: str, unit: str) -> None:
+    assert unit_of(key) == unit
+
+
+def test_a_table_a_key_and_a_name_are_found() -> None:
+    kind = KINDS["protocol"]
+    assert [row.key for row in matching(kind, "capture")] == [
+        "capture", "capture.rate_hz", "capture.settle_s",
+    ]  # fmt: skip
+    assert [row.key for row in matching(kind, "settle_s")] == ["capture.settle_s"]
+    (row,) = matching(kind, "shear.points_per_side")
+    assert (row.type, row.default, row.limits) == ("whole number", "1", "1 to 100")
+
+
+def test_a_slip_of_the_pen_is_told() -> None:
+    with pytest.raises(InputError, match="did you mean 'settle_s'"):
+        matching(KINDS["protocol"], "setle_s")
+    with pytest.raises(InputError, match="`deltact-fab schema design` lists all"):
+        matching(KINDS["design"], "qqqqqq")
+    told = CliRunner().invoke(main, ["schema", "protcol"])
+    assert isinstance(told.exception, InputError)
+    assert "did you mean 'protocol'" in str(told.exception)
+
+
+def test_the_command_prints_for_people_and_for_editors() -> None:
+    run = CliRunner().invoke
+    assert (
+        "capture.settle_s  (number; s; 0 to 600; not set)"
+        in run(main, ["schema", "protocol", "settle_s"]).output
+    )
+    assert json.loads(run(main, ["schema", "design", "--json"]).output) == document(KINDS["design"])
+    assert {k["kind"] for k in json.loads(run(main, ["schema", "--json"]).output)} == set(KINDS)
