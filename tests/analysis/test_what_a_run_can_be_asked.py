@@ -18,7 +18,7 @@ name = "{pattern}"
 indenters = ["sphere:10"]
 positions_mm = [[0.0, 0.0]]
 depths_mm = [1.8]
-channels = ["image", "dots"]
+channels = {channels}
 [capture]
 rate_hz = 0.5
 [specimen]
@@ -29,7 +29,8 @@ pattern = "{pattern}"
 def pressed(pattern: str, mini: tuple[Path, Path], folder: Path) -> Path:
     """The folder of one press on a skin of that pattern."""
     protocol = folder / f"{pattern}.toml"
-    protocol.write_text(PROTOCOL.format(pattern=pattern))
+    channels = ["image"] if pattern == "octave" else ["image", "dots"]
+    protocol.write_text(PROTOCOL.format(pattern=pattern, channels=channels))
     experiment.run(str(protocol), str(mini[1]), folder / "run", seed=3)
     return folder / "run"
 
