@@ -198,9 +198,20 @@ class Design(SensorDimensions):
 
     @property
     def ledge_half_mm(self) -> Point2:
-        """Half opening between the shell's ledges = half cavity - ledge: (17, 17)."""
-        (x, y), shell = self.cavity_half_mm, self.shell
-        return x - shell.ledge_x_mm, y - shell.ledge_mm
+        """Half opening between the shell's ledges = the acrylic's pocket - ledge: (16.85, 17).
+
+        Where the cavity is narrower than the pocket it is the cavity that counts; without a ledge
+        there is only the cavity.
+        """
+        (x, y), (px, py), shell = self.cavity_half_mm, self.seat_half_mm, self.shell
+        of_x = min(x, px) - shell.ledge_x_mm if shell.ledge_x_mm > 0 else x
+        return of_x, min(y, py) - shell.ledge_mm
+
+    @property
+    def ledge_reach_mm(self) -> Point2:
+        """How far the ledges stand out from the shell's walls = half cavity - half opening."""
+        (x, y), (ox, oy) = self.cavity_half_mm, self.ledge_half_mm
+        return x - ox, y - oy
 
     @property
     def boss_room_mm(self) -> float:

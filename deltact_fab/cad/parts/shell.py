@@ -50,8 +50,8 @@ class ShellDimensions(Record):
     """The sensor shell (part 3): opaque, 1.5 mm walls."""
 
     wall_mm: float = number(1.5, "wall of shell, cover and bosses (paper: 1.5)", 0.5, 20)
-    ledge_mm: float = number(1.5, "ledge in y that carries the acrylic's edge", 0.2, 20)
-    ledge_x_mm: float = number(1.15, "ledge in x for the other two edges, 0 for none", 0, 20)
+    ledge_mm: float = number(1.5, "ledge in y behind the acrylic's pocket", 0.2, 20)
+    ledge_x_mm: float = number(1.15, "the same in x, 0 for none", 0, 20)
     ledge_height_mm: float = number(2.0, "height of the ledges", 0.5, 20)
     ledge_drop_mm: float = number(
         0.5, "ledges behind the joint, for a thick plate; adhesive fills it", 0.0, 5
@@ -91,7 +91,8 @@ def bare(design: Design) -> Expected:
     volume_mm3 += 4 * ((design.post_mm - wall) ** 2 - hole_mm2) * post_mm
     volume_mm3 -= 4 * (2 * room - wall) * wall * boss_mm
     px, py = design.post_edge_mm
-    volume_mm3 += 4 * (px * shell.ledge_mm + py * shell.ledge_x_mm) * carried_mm
+    ledge_x, ledge_y = design.ledge_reach_mm
+    volume_mm3 += 4 * (px * ledge_y + py * ledge_x) * carried_mm
     volume_mm3 -= shell.cable_width_mm * shell.cable_height_mm * wall
     half = (outer_x / 2, outer_y / 2)
     return Expected(
@@ -130,7 +131,7 @@ def body(cq: Any, design: Design) -> Workplane:
     corner = (design.post_mm - shell.wall_mm, design.post_mm - shell.wall_mm)
     body = cuboid(cq, ((-outer_x / 2, -outer_y / 2, floor), (outer_x / 2, outer_y / 2, joint)))
     # One cutter inside the other: between the ledges the cavity is only narrower.
-    inward = (shell.ledge_x_mm, shell.ledge_mm)
+    inward = design.ledge_reach_mm
     for (dx, dy), high in (((0.0, 0.0), ledge), (inward, joint + 1)):
         low = floor - 1
         outline = notched((x - dx, y - dy), (corner[0] - dx, corner[1] - dy))
@@ -215,7 +216,7 @@ def rules(d: Design) -> Iterator[Rule]:
     )
     yield Rule(
         part,
-        ("ledge_mm", max(shell.ledge_mm, shell.ledge_x_mm)),
+        ("ledge_mm and what the wall leaves before it", max(d.ledge_reach_mm)),
         "<=",
         ("posts beyond the wall", d.post_mm - shell.wall_mm),
     )
@@ -253,6 +254,7 @@ def body_items(d: Design) -> list[Item]:
     px, py = d.post_edge_mm
     floor, joint, boss = d.z_floor_mm, d.z_joint_mm, d.z_boss_mm
     cable = shell.cable_width_mm / 2
+    oy_ledge = d.ledge_half_mm[1]
     fitted = d.resin_printer.limits_mm
     items: list[Item] = [
         x_of("top", -sx, sx, "bottom", -sy, limits=fitted),
@@ -264,14 +266,14 @@ def body_items(d: Design) -> list[Item]:
         x_of("front", -cable, cable, "bottom", -oy, floor),
         z_of("front", floor, floor + shell.cable_height_mm, "right", cable, -oy),
         *(Axis("front", (s * sx, -sy, floor), (s * sx, -sy, joint)) for s in (-1, 1)),
-        z_of("left", joint - shell.ledge_height_mm, joint, "right", 0, shell.ledge_mm - cy),
+        z_of("left", joint - shell.ledge_height_mm, joint, "right", 0, -oy_ledge),
         *_drop(d),
         y_of("left", -cy, cy, "bottom", 0, floor),
-        y_of("left", -(cy - shell.ledge_mm), cy - shell.ledge_mm, "top", 0, joint, limits=fitted),
+        y_of("left", -oy_ledge, oy_ledge, "top", 0, joint, limits=fitted),
         x_of("top", -cx, cx, "top", 0, limits=fitted),
     ]
     if shell.ledge_x_mm > 0:
-        items.append(x_of("top", cx - shell.ledge_x_mm, cx, "top", 0))
+        items.append(x_of("top", d.ledge_half_mm[0], cx, "top", 0))
     if boss > floor:
         room = d.boss_room_mm
         items += [
@@ -350,9 +352,9 @@ PARTS = (
         colour=BLACK,
         sections=("shell", "mount", "screw", "skin", "frame"),
         derived=(
-            "outer_mm", "frame_outer_mm", "cavity_half_mm", "ledge_half_mm", "post_mm",
-            "post_edge_mm", "boss_room_mm", "screw_at_mm", "shell_depth_mm", "flange_arm_z_mm",
-            "z_joint_mm", "z_boss_mm", "z_floor_mm",
+            "outer_mm", "frame_outer_mm", "cavity_half_mm", "ledge_half_mm", "ledge_reach_mm",
+            "post_mm", "post_edge_mm", "boss_room_mm", "screw_at_mm", "shell_depth_mm",
+            "flange_arm_z_mm", "z_joint_mm", "z_boss_mm", "z_floor_mm",
         ),
         rules=rules,
         fits=fits,
