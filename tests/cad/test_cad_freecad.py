@@ -18,7 +18,7 @@ from deltact_fab.cad.export.formats.step import part_bytes
 FREECAD = shutil.which("freecadcmd")
 SCRIPT = Path(__file__).with_name("freecad_common.py")
 # Large designs of benchmarks/cad_random.py that pass every row.
-RANDOM = (6,)
+RANDOM = (9,)
 
 pytestmark = [
     pytest.mark.slow,
