@@ -226,7 +226,7 @@ class Design(SensorDimensions):
     @property
     def flange_arm_z_mm(self) -> Point2:
         """Back and front of the arm of a flanged mount, in the flange's middle: (-21.5, -15.5)."""
-        middle = self.z_floor_mm + self.mount.flange_height_mm / 2
+        middle = self.z_back_mm + self.mount.flange_height_mm / 2
         return middle - self.mount.arm_mm / 2, middle + self.mount.arm_mm / 2
 
     # Light holder.

@@ -39,6 +39,11 @@ GREEN = (0.13, 0.42, 0.25, 1.0)
 AMBER = (0.85, 0.60, 0.25, 1.0)
 
 
+def shell_wall_mm(design: Design) -> float:
+    """The wall of the housing; tools and bench are of its resin."""
+    return design.shell.wall_mm
+
+
 def no_rules(design: Design) -> Iterable[Rule]:
     """Nothing to hold."""
     return ()

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from .fit import Length
-from .record import Record, check_limits, check_measured, number
+from .record import Record, number
 
 
 @dataclass(frozen=True)
@@ -37,10 +37,6 @@ class ResinPrinterDimensions(Record):
     measured: tuple[str, ...] = field(
         default=(), metadata={"meaning": "keys measured on the lab's own printer"}
     )
-
-    def __post_init__(self) -> None:
-        check_limits(self)
-        check_measured(self)
 
     @property
     def limits_mm(self) -> tuple[float, float]:
@@ -105,10 +101,6 @@ class LaserDimensions(Record):
     measured: tuple[str, ...] = field(
         default=(), metadata={"meaning": "keys measured on the lab's own laser and sheet"}
     )
-
-    def __post_init__(self) -> None:
-        check_limits(self)
-        check_measured(self)
 
     @property
     def limits_mm(self) -> tuple[float, float]:

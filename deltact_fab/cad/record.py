@@ -16,12 +16,17 @@ Row = TypeVar("Row")
 
 @dataclass(frozen=True)
 class Record:
-    """One section of a design: each number carries its meaning and its limits."""
+    """One section of a design: each number carries its meaning and its limits.
+
+    One with keys that count as unverified has a field `measured` for those that a lab has measured.
+    """
 
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by catalog.validate
 
     def __post_init__(self) -> None:
         check_limits(self)
+        if hasattr(self, "measured"):
+            check_measured(self)
 
 
 def standard_row(table: Mapping[str, Row], key: str, name: str) -> Row:

@@ -22,6 +22,7 @@ import trimesh
 
 from deltact_fab import cache
 from deltact_fab.cad import registry
+from deltact_fab.cad.build import expected
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.export.plates import bed_mm
 from deltact_fab.cad.part import BOUGHT
@@ -198,6 +199,15 @@ def test_a_part_built_again_is_the_same_to_the_last_bit():
     assert varied == []
 
 
+def slack_mm3(entry):
+    """1e-6 of the volume; where two cylinders cross, what the closed form leaves the kernel."""
+    slack = 1e-6 * entry["volume_mm3"]
+    if entry["part"] == "tool-holder":
+        low, high = expected(registry.find("tool-holder"), load_design()).volume_mm3
+        slack = max(slack, high - low)
+    return slack
+
+
 def test_every_step_comes_back_as_one_solid_of_its_volume(exported):
     import cadquery as cq
 
@@ -212,7 +222,8 @@ def test_every_step_comes_back_as_one_solid_of_its_volume(exported):
         assert len(solids) == copies, entry["file"]
         assert all(solid.isValid() for solid in solids)
         volume_mm3 = sum(solid.Volume() for solid in solids)
-        assert volume_mm3 == pytest.approx(entry["volume_mm3"], rel=5e-6), entry["file"]
+        slack = slack_mm3(entry)
+        assert volume_mm3 == pytest.approx(entry["volume_mm3"], abs=slack), entry["file"]
 
 
 def test_every_mesh_is_closed_for_trimesh_and_manifold(exported):
@@ -325,7 +336,9 @@ def test_gmsh_reads_the_solids_and_their_volumes(exported, tmp_path):
         if entry["part"] == "assembly":
             copies = sum(part.quantity for part in registry.of_group("sensor"))
         assert len(masses) == copies, said
-        assert sum(masses) == pytest.approx(entry["volume_mm3"], rel=5e-6), entry["file"]
+        assert sum(masses) == pytest.approx(entry["volume_mm3"], abs=slack_mm3(entry)), entry[
+            "file"
+        ]
 
 
 @pytest.mark.parametrize("suffix", [".stl", ".3mf"])

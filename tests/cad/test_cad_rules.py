@@ -142,6 +142,10 @@ def test_a_skin_of_24_x_24_is_refused_naming_board_and_posts():
         (["cover.lip_mm=0.25"], "cover: strain of a peg <= strain_limit: 0.02214 <= 0.02"),
         (["cover.floor_mm=4"], "testing-shell: shell.wall_mm <= tab over the cover's bosses"),
         (["cover.slot_mm=2.0"], "cover: slot_mm / 2 + leg_mm < peg_mm / 2: 1.6 < 1.35"),
+        (["cover.slot_mm=0.2", "resin_printer.least_gap_mm=0.3"],
+         "cover: resin_printer.least_gap_mm <= cover.slot_mm: 0.3 <= 0.2"),
+        (["resin_printer.least_hole_mm=1.4"],
+         "skin-frame: resin_printer.least_hole_mm <= pilot of screw.thread M1.6: 1.4 <= 1.35"),
         (["cover.leg_mm=0.4"], "cover: resin_printer.least_wall_mm <= leg_mm: 0.6 <= 0.4"),
         (["light.lip_clearance_mm=2"], "light-holder: two reliefs + wall_mm <= peg axis"),
         (["cover.lip_height_mm=2.3"], "cover: peg_play_mm + lip_height_mm <= camera.board_mm +"),
@@ -170,6 +174,7 @@ def test_a_rule_that_rests_on_an_unverified_value_says_so_until_it_is_measured()
     # What a camera's board may be off is told by the fits, whose rows say on what they rest.
     open_keys = of_camera(Design().unverified()) - {"camera.tolerance_mm"}
     assert of_camera(rests_on(Design())) == open_keys
+    assert rests_on(Design()) <= set(Design().unverified())
     assert {"camera.focal_length_mm", "camera.lens_diameter_mm", *BOARD_KEYS} <= open_keys
     keys = tuple(key.removeprefix("camera.") for key in open_keys)
     known = dataclasses.replace(Design(), camera=CameraDimensions(measured=keys))

@@ -21,7 +21,7 @@ from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
 from ..part import CLEAR, LASER_CUT, Part
-from ..record import Point2, Record, check_measured, number
+from ..record import Point2, Record, number
 from ..rule import Rule
 
 if TYPE_CHECKING:
@@ -49,10 +49,6 @@ class PlateDimensions(Record):
     measured: tuple[str, ...] = field(
         default=(), metadata={"meaning": "keys measured on the lab's own plate"}
     )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_measured(self)
 
 
 def notched(half_mm: Point2, notch_mm: Point2) -> list[Point2]:

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 from ..checks import Expected
 from ..kernel import require
 from ..part import BOUGHT, GREEN, Part
-from ..record import Point2, Record, check_limits, check_measured, number
+from ..record import Point2, Record, number
 from ..rule import Rule
 from . import view
 
@@ -68,10 +68,6 @@ class CameraDimensions(Record):
     measured: tuple[str, ...] = field(
         default=(), metadata={"meaning": "keys measured on the lab's own module"}
     )
-
-    def __post_init__(self) -> None:
-        check_limits(self)
-        check_measured(self)
 
     @property
     def board_top_mm(self) -> float:

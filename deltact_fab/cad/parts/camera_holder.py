@@ -27,7 +27,7 @@ from ..fit import Fit, Length
 from ..kernel import require
 from ..lying import Lying
 from ..part import BLACK, PRINT, RESIN, Part
-from ..record import Record, check_limits, number, standard_row
+from ..record import Record, number, standard_row
 from ..rule import Rule
 from ..standards import CHEESE_SCREWS, CheeseScrew
 from .camera import UPPER_HOLES, on_board
@@ -52,7 +52,7 @@ class HolderDimensions(Record):
     head_clearance_mm: float = number(0.3, "around the heads, below the light holder", 0.02, 2)
 
     def __post_init__(self) -> None:
-        check_limits(self)
+        super().__post_init__()
         standard_row(CHEESE_SCREWS, "screw", self.screw)
 
     @property

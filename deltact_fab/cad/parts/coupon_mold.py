@@ -22,10 +22,9 @@ from ..checks import Expected
 from ..drafting.dimensioning import Cut, Item, shown
 from ..drafting.items import Callouts, holes, x_of, y_of, z_of
 from ..kernel import require
-from ..part import AMBER, PRINT, RESIN, Part
+from ..part import AMBER, PRINT, RESIN, Part, shell_wall_mm
 from ..record import Record, number
 from ..rule import Rule
-from .mold import wall_mm
 
 if TYPE_CHECKING:
     from cadquery import Shape
@@ -120,7 +119,7 @@ PARTS = (
         sections=("coupon",),
         derived=("coupon_outer_mm",),
         rules=rules,
-        wall_mm=wall_mm,
+        wall_mm=shell_wall_mm,
         callouts=callouts,
         note=note,
         how="same job and same wash as the mold",

@@ -28,7 +28,7 @@ from ..drafting.items import Callouts, holes, x_of, y_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
 from ..lying import Lying
-from ..part import BLACK, PRINT, RESIN, Part
+from ..part import BLACK, PRINT, RESIN, Part, shell_wall_mm
 from ..record import Point2, Record, number
 from ..rule import Rule
 from .planes import cone_segment_mm3, segment_mm2
@@ -193,6 +193,8 @@ def rules(d: Design) -> Iterator[Rule]:
         "<",
         ("peg_mm / 2", cover.peg_mm / 2),
     )
+    gap = ("resin_printer.least_gap_mm", d.resin_printer.least_gap_mm)
+    yield Rule(part, gap, "<=", ("cover.slot_mm", cover.slot_mm))
     # Both legs bend inwards by the lip before they touch.
     yield Rule(part, ("2 lip_mm", 2 * cover.lip_mm), "<", ("slot_mm", cover.slot_mm))
     # The lips stand in reliefs of the light holder's floor.
@@ -310,11 +312,6 @@ def callouts(d: Design) -> Callouts:
     return Callouts(tuple(items), notes, Cut(-sx), details=(detail,), silent=silent)
 
 
-def wall_mm(d: Design) -> float:
-    """The shell's; the legs of the pegs have a limit of their own."""
-    return d.shell.wall_mm
-
-
 PARTS = (
     Part(
         "cover",
@@ -333,7 +330,7 @@ PARTS = (
         ),
         rules=rules,
         fits=fits,
-        wall_mm=wall_mm,
+        wall_mm=shell_wall_mm,
         callouts=callouts,
         lies=Lying(face="outer face"),
         look_for="every peg has its slot open: a folded paper passes",

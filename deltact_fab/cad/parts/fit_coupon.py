@@ -24,10 +24,9 @@ from ..checks import Expected
 from ..drafting.dimensioning import Cut, Item, Leader, shown
 from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..kernel import require
-from ..part import AMBER, PRINT, RESIN, Part
+from ..part import AMBER, PRINT, RESIN, Part, shell_wall_mm
 from ..record import Point2, Record, number
 from ..rule import Rule
-from .mold import wall_mm
 
 if TYPE_CHECKING:
     from cadquery import Shape
@@ -173,7 +172,7 @@ PARTS = (
         colour=AMBER,
         sections=("fit_coupon", "resin_printer"),
         rules=rules,
-        wall_mm=wall_mm,
+        wall_mm=shell_wall_mm,
         callouts=callouts,
         note=note,
         how="twice, far from each other",

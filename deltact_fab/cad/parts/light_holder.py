@@ -24,7 +24,6 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING
 
-from ...shapes.bounded import check_limits
 from ..checks import Expected
 from ..drafting.dimensioning import Axis, Centres, Cut, Item, Leader, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, x_of, y_of, z_of
@@ -32,7 +31,7 @@ from ..fit import Fit, Length
 from ..kernel import require
 from ..lying import Lying
 from ..part import PRINT, RESIN, WHITE, Part
-from ..record import Record, check_measured, number
+from ..record import Record, number
 from ..rule import Rule
 from ..standards import next_e24
 from .camera import UPPER_HOLES
@@ -94,10 +93,6 @@ class LightDimensions(Record):
     measured: tuple[str, ...] = field(
         default=(), metadata={"meaning": "keys measured, or read off a data sheet"}
     )
-
-    def __post_init__(self) -> None:
-        check_limits(self)
-        check_measured(self)
 
     @property
     def pitch_mm(self) -> float:

@@ -29,7 +29,7 @@ from ..drafting.dimensioning import Axis, Cut, Item, Leader, Linear, shown
 from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..fit import Fit
 from ..kernel import require
-from ..part import AMBER, PRINT, RESIN, Part
+from ..part import AMBER, PRINT, RESIN, Part, shell_wall_mm
 from ..record import Point2, Record, number
 from ..rule import Rule
 from .skin_frame import window_area_mm2
@@ -219,11 +219,6 @@ def callouts(d: Design) -> Callouts:
     return Callouts(tuple(items), notes, Cut(cx), silent=silent)
 
 
-def wall_mm(d: Design) -> float:
-    """The shell's: the tools are of its resin."""
-    return d.shell.wall_mm
-
-
 def note(d: Design) -> str:
     """How many skins it casts."""
     return f"casts {d.mold.columns * d.mold.rows} skins at a time"
@@ -242,7 +237,7 @@ PARTS = (
         derived=("mold_outer_mm", "frame_outer_mm", "skin_volume_mm3"),
         rules=rules,
         fits=fits,
-        wall_mm=wall_mm,
+        wall_mm=shell_wall_mm,
         callouts=callouts,
         note=note,
         look_for="cavity floors glossy: what is there is on every skin",

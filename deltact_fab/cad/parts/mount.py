@@ -32,7 +32,7 @@ from ..drafting.items import holes, x_of, y_of, z_of
 from ..drafting.projection import Vector
 from ..fit import Fit, Length
 from ..kernel import require
-from ..record import Record, check_limits, check_measured, number, standard_row
+from ..record import Record, number, standard_row
 from ..rule import Rule
 from ..standards import CLEARANCE_MM, WASHER_MM
 
@@ -79,8 +79,7 @@ class MountDimensions(Record):
     )
 
     def __post_init__(self) -> None:
-        check_limits(self)
-        check_measured(self)
+        super().__post_init__()
         standard_row(CLEARANCE_MM, "screw", self.screw)
 
     @property
@@ -115,7 +114,8 @@ def bars(design: Design) -> list[Box]:
     wide = mount.flange_width_mm / 2
     return [
         ((-half, y, back), (half, root, front)),
-        ((-wide, root, z), (wide, end, z + mount.flange_height_mm)),
+        # On the plane of the sensor's back, so that its front stays behind the frame's.
+        ((-wide, root, design.z_back_mm), (wide, end, design.z_back_mm + mount.flange_height_mm)),
     ]
 
 
@@ -291,7 +291,7 @@ def rules(d: Design) -> Iterator[Rule]:
             part,
             ("mount.flange_height_mm", mount.flange_height_mm),
             "<=",
-            ("height of the sensor", -d.z_floor_mm),
+            ("height of the sensor", -d.z_back_mm),
             ("mount.flange_height_mm",),
         )
         yield Rule(
@@ -408,15 +408,15 @@ def callouts(d: Design) -> list[Item]:
         ]
     half, wide = mount.width_mm / 2, mount.flange_width_mm / 2
     low, high = d.flange_arm_z_mm
-    top = floor + mount.flange_height_mm
-    middle, pitch = floor + mount.flange_height_mm / 2, mount.flange_pitch_mm / 2
+    back, top = d.z_back_mm, d.z_back_mm + mount.flange_height_mm
+    middle, pitch = (back + top) / 2, mount.flange_pitch_mm / 2
     bores: tuple[Vector, ...] = ((0, end, middle - pitch), (0, end, middle + pitch))
     return [
         *items,
         x_of("top", -half, half, "top", end - mount.flange_mm),
         x_of("top", -wide, wide, "top", end),
         y_of("left", end - mount.flange_mm, end, "top", 0, top),
-        z_of("left", floor, top, "left", 0, end),
+        z_of("left", back, top, "left", 0, end),
         z_of("left", middle - pitch, middle + pitch, "left", 0, end),
         z_of("left", low, high, "left", 0, end),
         *(Axis("left", (0, end - mount.flange_mm, at[2]), at) for at in bores),

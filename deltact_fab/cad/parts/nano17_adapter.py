@@ -21,9 +21,10 @@ from ..drafting.items import Callouts, holes, x_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
 from ..lying import Lying
-from ..part import BLACK, PRINT, RESIN, Part
-from ..record import Point2, Record, check_limits, check_measured, number
+from ..part import BLACK, PRINT, RESIN, Part, shell_wall_mm
+from ..record import Point2, Record, number
 from ..rule import Rule
+from ..standards import CAP_SCREWS
 from .tool_holder import SCREWS
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from ..dimensions import Design
 
 BOLTS = 3
-BOLT_MM = 2.0  # M2 into the sensor
+BOLT = CAP_SCREWS["M2"]  # into the sensor
 KEYS = ("adapter.sensor_mm", "adapter.bolt_circle_mm", "adapter.bolt_turn_deg")
 
 
@@ -46,17 +47,13 @@ class AdapterDimensions(Record):
         12.7, "of the sensor's three screws (M2)", 4, 90, unverified=True
     )
     bolt_turn_deg: float = number(90.0, "first screw from +x", -360, 360, unverified=True)
-    bolt_hole_mm: float = number(2.6, "through hole of the sensor's screws", 1, 8)
-    bolt_bore_mm: float = number(4.4, "room for their heads", 2, 15)
+    bolt_hole_mm: float = number(BOLT.clearance_mm, "through hole of the sensor's screws", 1, 8)
+    bolt_bore_mm: float = number(BOLT.bore_mm, "room for their heads", 2, 15)
     bolt_bore_depth_mm: float = number(3.0, "of that room, from the flange's side", 1, 30)
     pilot_mm: float = number(2.5, "holes in which the flange's screws (M3) cut a thread", 1, 6)
     measured: tuple[str, ...] = field(
         default=(), metadata={"meaning": "keys measured on the lab's own sensor"}
     )
-
-    def __post_init__(self) -> None:
-        check_limits(self)
-        check_measured(self)
 
     @property
     def bolt_centres_mm(self) -> list[Point2]:
@@ -112,29 +109,25 @@ def rules(d: Design) -> Iterator[Rule]:
         ("adapter.sensor_mm", plate.sensor_mm),
         KEYS,
     )
+    wall = ("shell.wall_mm", d.shell.wall_mm)
     outer = [(at, plate.pilot_mm) for at in tool.screw_centres_mm] + [(tool.pin_at_mm, tool.pin_mm)]
     near = min(
         math.dist(a, b) - hole / 2 - plate.bolt_bore_mm / 2
         for a in plate.bolt_centres_mm
         for b, hole in outer
     )
-    yield Rule(part, ("1.5", 1.5), "<=", ("wall between the holes", near), KEYS)
+    yield Rule(part, wall, "<=", ("wall between the holes", near), KEYS)
     apart = plate.bolt_circle_mm * math.sin(math.pi / BOLTS) - plate.bolt_bore_mm
-    yield Rule(part, ("1.5", 1.5), "<=", ("wall between two heads", apart), KEYS)
+    yield Rule(part, wall, "<=", ("wall between two heads", apart), KEYS)
 
 
 def fits(d: Design) -> Iterator[Fit]:
     """Three screws into a sensor, whose own pattern is taken to be exact."""
     plate, printer = d.adapter, d.resin_printer
     hole = printer.inner("hole", plate.bolt_hole_mm)
-    body = (Length("M2", BOLT_MM, 0.0, KEYS), printer.pitch("pitch", 0.0))
+    body = (Length("M2", BOLT.thread_mm, 0.0, KEYS), printer.pitch("pitch", 0.0))
     yield Fit("M2 into the force sensor", "nano17-adapter", (hole,), body,
               ("adapter.bolt_hole_mm",))  # fmt: skip
-
-
-def wall_mm(d: Design) -> float:
-    """Thinnest wall, around its holes."""
-    return d.shell.wall_mm
 
 
 def callouts(d: Design) -> Callouts:
@@ -179,7 +172,7 @@ PARTS = (
         rules=rules,
         fits=fits,
         bound_by=("tool-holder",),
-        wall_mm=wall_mm,
+        wall_mm=shell_wall_mm,
         callouts=callouts,
         note=note,
         lies=Lying("+z", "force sensor's side"),

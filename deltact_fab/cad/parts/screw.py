@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 from ..checks import Expected
 from ..kernel import require
 from ..part import BOUGHT, STEEL, Part, Shift
-from ..record import Record, check_limits, number, standard_row
+from ..record import Record, number, standard_row
 from ..rule import Rule
 from ..standards import CAP_SCREWS, CapScrew
 
@@ -42,7 +42,7 @@ class ScrewDimensions(Record):
     tip_clearance_mm: float = number(1.0, "pilot hole beyond the tip", 0.5, 10)
 
     def __post_init__(self) -> None:
-        check_limits(self)
+        super().__post_init__()
         standard_row(CAP_SCREWS, "thread", self.thread)
 
     @property

@@ -32,7 +32,7 @@ from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
 from ..lying import Lying
-from ..part import BLACK, PRINT, RESIN, Part
+from ..part import BLACK, PRINT, RESIN, Part, shell_wall_mm
 from ..record import Record, number
 from ..rule import Rule
 from . import mount
@@ -336,11 +336,6 @@ def callouts(d: Design) -> Callouts:
     )  # fmt: skip
 
 
-def wall_mm(d: Design) -> float:
-    """The design's wall."""
-    return d.shell.wall_mm
-
-
 PARTS = (
     Part(
         "shell",
@@ -358,7 +353,7 @@ PARTS = (
         ),
         rules=rules,
         fits=fits,
-        wall_mm=wall_mm,
+        wall_mm=shell_wall_mm,
         in_view=True,
         callouts=callouts,
         lies=Lying(face="back", tilt_deg=20, supports="outside only"),

@@ -31,7 +31,7 @@ from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
 from ..lying import Lying
-from ..part import BLACK, PRINT, RESIN, Part, no_fits, no_rules
+from ..part import BLACK, PRINT, RESIN, Part, no_fits, no_rules, shell_wall_mm
 from ..record import Point2
 from ..rule import Rule
 from ..standards import screw_tolerance_mm
@@ -133,6 +133,8 @@ def rules(d: Design) -> Iterator[Rule]:
             (f"half the frame in {axis}", d.frame_outer_mm[i] / 2),
         )
     depth = ("screw.engagement_mm + screw.tip_clearance_mm", d.screw.pilot_depth_mm)
+    least = ("resin_printer.least_hole_mm", d.resin_printer.least_hole_mm)
+    yield Rule(part, least, "<=", (f"pilot of screw.thread {d.screw.thread}", d.screw.row.pilot_mm))
     cap = ("frame height - shell.wall_mm", d.frame_height_mm - d.shell.wall_mm)
     yield Rule(part, depth, "<=", cap)
 
@@ -196,11 +198,6 @@ def callouts(d: Design) -> Callouts:
     return Callouts(tuple(items), notes, Cut(0.0), flipped=True)
 
 
-def wall_mm(d: Design) -> float:
-    """The shell's: it is what the frame stands on."""
-    return d.shell.wall_mm
-
-
 def base_note(d: Design) -> str:
     """What the transparent base is for."""
     return "for the chessboard; cast with a clear skin, no film, no coats"
@@ -223,7 +220,7 @@ FRAME = Part(
     ),
     rules=rules,
     fits=fits,
-    wall_mm=wall_mm,
+    wall_mm=shell_wall_mm,
     in_view=True,
     callouts=callouts,
     lies=Lying(

@@ -24,7 +24,7 @@ from ..drafting.dimensioning import Centres, Item, Leader, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..kernel import require
 from ..part import STEEL, Part
-from ..record import Point2, Record, check_limits, check_measured, number
+from ..record import Point2, Record, number
 
 if TYPE_CHECKING:
     from cadquery import Shape
@@ -47,10 +47,6 @@ class StagePlateDimensions(Record):
     measured: tuple[str, ...] = field(
         default=(), metadata={"meaning": "keys measured on the lab's own table"}
     )
-
-    def __post_init__(self) -> None:
-        check_limits(self)
-        check_measured(self)
 
     @property
     def slot_length_mm(self) -> float:

@@ -22,8 +22,8 @@ from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..fit import Fit
 from ..kernel import require
 from ..lying import Lying
-from ..part import BLACK, PRINT, RESIN, Part
-from ..record import Record, check_limits, number, standard_row
+from ..part import BLACK, PRINT, RESIN, Part, shell_wall_mm
+from ..record import Record, number, standard_row
 from ..rule import Rule
 from ..standards import CLEARANCE_MM
 from . import shell
@@ -47,7 +47,7 @@ class TableDimensions(Record):
     hole_pitch_mm: float = number(18.0, "between the two holes of a tab, along y", 3, 190)
 
     def __post_init__(self) -> None:
-        check_limits(self)
+        super().__post_init__()
         standard_row(CLEARANCE_MM, "screw", self.screw)
 
     @property
@@ -217,7 +217,7 @@ PARTS = (
         rules=rules,
         fits=fits,
         bound_by=("shell",),
-        wall_mm=shell.wall_mm,
+        wall_mm=shell_wall_mm,
         callouts=callouts,
         note=note,
         lies=Lying(face="back", tilt_deg=20, supports="outside only"),

@@ -30,9 +30,10 @@ from ..drafting.items import Callouts, holes, x_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
 from ..lying import Lying
-from ..part import BLACK, PRINT, RESIN, Part
+from ..part import BLACK, PRINT, RESIN, Part, shell_wall_mm
 from ..record import Point2, Record, number
 from ..rule import Rule
+from ..standards import CAP_SCREWS
 from .planes import segment_mm2
 
 if TYPE_CHECKING:
@@ -41,8 +42,7 @@ if TYPE_CHECKING:
     from ..dimensions import Design
 
 SCREWS = 4
-SCREW_MM = 3.0  # M3, of flange and clamp
-SCREW_HEAD_MM = 5.68  # ISO 4762, knurled
+SCREW = CAP_SCREWS["M3"]  # of the flange
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,9 @@ class ToolDimensions(Record):
     roof_mm: float = number(3.0, "above the bore", 1.5, 30)
     clamp_z_mm: float = number(8.0, "set screw above the mouth", 2, 90)
     clamp_mm: float = number(2.5, "hole in which the set screw (M3) cuts its thread", 1, 6)
-    screw_hole_mm: float = number(3.6, "through hole of the flange's screws (M3)", 2, 8)
+    screw_hole_mm: float = number(
+        SCREW.clearance_mm, "through hole of the flange's screws (M3)", 2, 8
+    )
     pin_mm: float = number(2.0, "dowel pin on the bolt circle at +x", 1, 6)
     pin_fit_mm: float = number(0.4, "pin's hole in the flange over the pin", 0.02, 1)
 
@@ -153,7 +155,7 @@ def rules(d: Design) -> Iterator[Rule]:
     yield Rule(part, stem, "<", ("tool.depth_mm", tool.depth_mm))
     yield Rule(
         part,
-        ("tool.body_mm + head M3", tool.body_mm + SCREW_HEAD_MM),
+        ("tool.body_mm + head M3", tool.body_mm + SCREW.head_mm),
         "<=",
         ("tool.bolt_circle_mm", tool.bolt_circle_mm),
     )
@@ -192,17 +194,12 @@ def fits(d: Design) -> Iterator[Fit]:
     yield Fit("stem's flat in the bore", parts, (flat,), (across,), keys)
     yield Fit("turned stem stays out", parts, (printer.outer("stem", stem),), (flat,), keys)
     screws = "tool-holder, nano17-adapter"
-    hole, screw = printer.inner("hole", tool.screw_hole_mm), Length("M3", SCREW_MM)
+    hole, screw = printer.inner("hole", tool.screw_hole_mm), Length("M3", SCREW.thread_mm)
     yield Fit("M3 through the flange", screws, (hole,), (screw, printer.pitch("pitch")),
               ("tool.screw_hole_mm",))  # fmt: skip
     hole, pin = printer.inner("hole", tool.pin_mm + tool.pin_fit_mm), Length("pin", tool.pin_mm)
     yield Fit("pin in the flange", screws, (hole,), (pin, printer.pitch("pitch")),
               ("tool.pin_fit_mm",))  # fmt: skip
-
-
-def wall_mm(d: Design) -> float:
-    """Thinnest wall: around the flange's holes."""
-    return d.shell.wall_mm
 
 
 def callouts(d: Design) -> Callouts:
@@ -252,7 +249,7 @@ PARTS = (
         sections=("tool",),
         rules=rules,
         fits=fits,
-        wall_mm=wall_mm,
+        wall_mm=shell_wall_mm,
         callouts=callouts,
         note=note,
         lies=Lying("+z", "flange"),
