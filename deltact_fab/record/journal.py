@@ -126,8 +126,12 @@ def misfits(db: sqlite3.Connection, of_today: bool) -> Iterator[str]:
         with closing(sqlite3.connect(":memory:")) as empty:
             empty.executescript(SCHEMA)
             lost = _columns(empty) - _columns(db)
+        have = {table for table, _ in _columns(db)}
+        for table in sorted({table for table, _ in lost} - have):
+            yield f"no such table: {table}"
         for table, column in sorted(lost):
-            yield f"{table}.{column}: no such column"
+            if table in have:
+                yield f"{table}.{column}: no such column"
         if not lost and not db.execute("SELECT count(*) FROM events").fetchone()[0]:
             yield "events: none; a run begins with one"
     tables = db.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
