@@ -4,10 +4,10 @@ Each mesh is COARSER times as fine as the one before and starts from that one's 
 them show the mesh's part of the error, forces being as a hard contact would have them
 (`finite.penalty_correction`), which the meshes share otherwise; the contact's edge falls into cells
 by chance, so a change may be small by chance too, and the part is never taken as less than what
-cells of that size under such a contact are known to cost. With friction, steps FEWER times as large on
-the coarser mesh show the steps' part. A linear level has besides what its model leaves out by the
-measured rule of `level_selection`. How many presses keep within the estimate, on cases that did not
-set the factors, is in docs/decisions/0009-gel-levels.md.
+cells of that size under such a contact are known to cost. With friction, steps FEWER times as large
+on the coarser mesh show the steps' part. A linear level has besides what its model leaves out by
+the measured rule of `level_selection`. How many presses keep within the estimate, on cases that did
+not set the factors, is in docs/decisions/0009-gel-levels.md.
 """
 
 from __future__ import annotations

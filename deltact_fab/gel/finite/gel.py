@@ -146,7 +146,7 @@ class FiniteGel:
         return Guide(states[0]._press.mesh, [s.inner for s in states], self.press.mesh)
 
     def lacking_rel(self, state: HyperelasticState) -> float:
-        """What more of the normal force a hard contact would give, relative; see `penalty_correction`."""
+        """What a hard contact would add to the normal force, relative; see `penalty_correction`."""
         force = -state.inner.force_n[2]
         return lacking_n(self.press, state.inner) / force if force > 0 else 0.0
 
