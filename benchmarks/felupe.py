@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from deltact_fab.arrays import Field, Index
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.gel.finite import FinitePress
 from deltact_fab.gel.finite.surface import HARDENING, HARDEST, SHALLOW
@@ -22,9 +22,6 @@ from deltact_fab.numerics.engines.gel_finite import Answer, Run, prepared
 from deltact_fab.shapes import SphereTip
 
 from . import peer
-
-Field = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

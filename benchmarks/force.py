@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from deltact_fab.arrays import Array
 from deltact_fab.cad.design import load_design
 from deltact_fab.measure.force import Features, ForceModel, make_features
 from deltact_fab.measure.force.inverse import Inverse
@@ -16,8 +17,6 @@ from deltact_fab.measure.view import SensorView
 from deltact_fab.optics import Pinhole
 
 from .force_truth import GEL, SETTINGS, SKIN, Press, flows, presses, solved
-
-Array = np.ndarray[Any, Any]
 
 INVERSES = ("inverse", "inverse-placed")
 DRAWS = 10  # of presses to learn from, for each number of them

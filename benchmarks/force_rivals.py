@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from deltact_fab.arrays import Array
 from deltact_fab.cad.design import load_design
 from deltact_fab.measure.face import FaceFlow
 from deltact_fab.optics import Pinhole
@@ -17,7 +18,6 @@ from deltact_fab.optics import Pinhole
 from .force import CONDITIONS, rms, wrench
 from .force_truth import SETTINGS, Press, flows, presses
 
-Array = np.ndarray[Any, Any]
 GRID = (12, 14)
 SIDE = {"x": (-1, 1, 1, 1, -1, -1), "y": (1, -1, 1, -1, 1, -1)}  # a wrench's signs in a mirror
 RIDGES = (1e-4, 1e-3, 1e-2)  # of the mean square of a column, or of a kernel's 1

@@ -9,13 +9,13 @@ import io
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache as once
-from typing import Any
 
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import gaussian_filter
 
 from deltact_fab import cache, digest
+from deltact_fab.arrays import Array
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.path.knots import Observed, along
 from deltact_fab.gel.path.open import choose, open_path
@@ -36,8 +36,6 @@ AROUND = ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1), 
 MOST_UNKNOWNS = 8000
 EVERY = 4
 WHITE_PX = 0.05
-
-Array = np.ndarray[Any, Any]
 
 
 @dataclass(frozen=True)

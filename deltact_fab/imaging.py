@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Float
 from .units import MM_PER_INCH
 
 GAMMA = 2.2
-Float = NDArray[np.float32]
 
 
 @dataclass(frozen=True)

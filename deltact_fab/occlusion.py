@@ -13,7 +13,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-Points = NDArray[np.float64]
+from .arrays import Points
+
 Int = NDArray[np.intp]
 _INSIDE = -1e-9  # barycentric: a pixel on an edge belongs to both sides
 _PAIRS = 2_000_000  # triangles by pixels at a time

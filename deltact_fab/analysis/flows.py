@@ -5,10 +5,8 @@ from __future__ import annotations
 import hashlib
 import io
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import cache, digest
 from ..measure.face import FaceFlow
@@ -16,7 +14,6 @@ from ..measure.flow import FlowTracker
 from ..record import Run
 from .frames import settled
 
-Array = NDArray[Any]
 _KIND = "face-flow"
 _KEPT_BYTES = 2 << 30
 # The tracker is off by micrometres; the step of what is kept adds a seventh of one.

@@ -11,21 +11,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import InputError
-from ..jobs import Progress
 from ..measure.force.calibration import ForceCalibration, load_force
 from ..measure.pipeline import Result
 from ..measure.pipeline.everything import everything
 from ..measure.sensor_id import Kind, read_calibration, require_same
 from ..record import Run
+from ..types import Progress
 from .view import sensor_of, view_of
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[Any]
 
 MOST_FRAMES = 1000
 """Of a run with a force calibration all frames are measured up to so many; of a longer one those

@@ -19,6 +19,7 @@ import math
 from dataclasses import dataclass, field, fields
 
 from ..shapes.sensor import SensorDimensions
+from ..types import Point2
 from .drafting.title import TitleBlock
 from .parts.acrylic import PlateDimensions
 from .parts.camera import CameraDimensions
@@ -37,7 +38,7 @@ from .parts.stage_plate import StagePlateDimensions
 from .parts.testing_shell import TableDimensions
 from .parts.tool_holder import ToolDimensions
 from .process import LaserDimensions, ResinPrinterDimensions
-from .record import Point2, Record, number
+from .record import Record, number
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,10 @@ from dataclasses import dataclass, fields
 from typing import Any, TypeVar
 
 from ..shapes.bounded import ShapeError, check_limits, number
+from ..types import Point2
 
 __all__ = ["Point2", "Record", "check_measured", "number", "standard_row"]
 
-Point2 = tuple[float, float]
 Row = TypeVar("Row")
 
 

@@ -20,14 +20,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.polynomial import Legendre
 
-from .record import Point2
+from ..types import Point2
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from ..arrays import Field
     from .dimensions import Design
 
-    Array = NDArray[np.float64]
 
 TERMS = 14
 """Polynomials in each direction: the default plate yields within .3 % of what it does with 24."""
@@ -120,13 +118,13 @@ class _Basis:
             factor = Legendre([2 / 3, 0.0, -2 / 3]) ** (2 if clamped else 1)
         return cls(support_mm or half_mm, tuple(factor * Legendre.basis(k) for k in range(terms)))
 
-    def at(self, points_mm: Array, order: int) -> Array:
+    def at(self, points_mm: Field, order: int) -> Field:
         """Derivatives of an order, (function, point)."""
         t = points_mm / self.scale_mm
         rows = [f.deriv(order)(t) if order else f(t) for f in self.functions]
         return np.array(rows) / self.scale_mm**order
 
-    def integrals(self, low_mm: float, high_mm: float) -> dict[tuple[int, int], Array]:
+    def integrals(self, low_mm: float, high_mm: float) -> dict[tuple[int, int], Field]:
         """Of products of two functions' derivatives over an interval."""
         nodes, weights = np.polynomial.legendre.leggauss(len(self.functions) + 6)
         half = (high_mm - low_mm) / 2
@@ -159,8 +157,8 @@ def bend(
     load = ((x_basis.at(x, 0) * share) @ y_basis.at(y, 0).T).ravel()
     weights = (compliance @ load).reshape(terms, terms)
 
-    def field(x: Array, y: Array, i: int = 0, j: int = 0) -> Array:
-        by_point: Array = (x_basis.at(x, i) * (weights @ y_basis.at(y, j))).sum(axis=0)
+    def field(x: Field, y: Field, i: int = 0, j: int = 0) -> Field:
+        by_point: Field = (x_basis.at(x, i) * (weights @ y_basis.at(y, j))).sum(axis=0)
         return by_point
 
     xx, yy, xy = field(x, y, 2, 0), field(x, y, 0, 2), field(x, y, 1, 1)
@@ -178,16 +176,16 @@ def bend(
 
 
 @lru_cache(maxsize=8)
-def _system(plate: Plate, terms: int) -> tuple[_Basis, _Basis, Array]:
+def _system(plate: Plate, terms: int) -> tuple[_Basis, _Basis, Field]:
     """What all loads on a plate have in common."""
     (w, h), (sx, sy) = plate.half_mm, plate.support_mm
     x_basis = _Basis.make(w, sx, plate.clamped, terms)
     y_basis = _Basis.make(h, sy, plate.clamped, terms)
-    compliance: Array = np.linalg.inv(_stiffness(plate, x_basis, y_basis)).astype(np.float64)
+    compliance: Field = np.linalg.inv(_stiffness(plate, x_basis, y_basis)).astype(np.float64)
     return x_basis, y_basis, compliance
 
 
-def _stiffness(plate: Plate, x_basis: _Basis, y_basis: _Basis) -> Array:
+def _stiffness(plate: Plate, x_basis: _Basis, y_basis: _Basis) -> Field:
     """Second derivatives of the strain energy in the weights, over the notched rectangle."""
     (w, h), (nx, ny), nu = plate.half_mm, plate.notch_mm, plate.poisson
     (sx, sy), n = plate.support_mm, len(x_basis.functions)
@@ -208,7 +206,7 @@ def _stiffness(plate: Plate, x_basis: _Basis, y_basis: _Basis) -> Array:
     return plate.rigidity_nmm * total
 
 
-def _disc(diameter_mm: float, at_mm: Point2) -> tuple[Array, Array, Array]:
+def _disc(diameter_mm: float, at_mm: Point2) -> tuple[Field, Field, Field]:
     """Points of a disc and their shares of its area."""
     nodes, weights = np.polynomial.legendre.leggauss(12)
     angle = (np.arange(32) + 0.5) * 2 * np.pi / 32

@@ -14,15 +14,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Field
 from ..errors import InputError
 from ..shapes import SkinDimensions
 from .edge_compliance import PADDING, FreeSides, free_sides, halves
 from .layer import BondedLayer, WindowOperator, even_fast_length
 from .material import GelMaterial
-
-Field = NDArray[np.float64]
 
 
 class FreeBlock:

@@ -9,15 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Field
 from ..shapes import SkinDimensions
 from .block import interpolation, turned
 from .edge_compliance import PADDING, FreeSides, free_sides, halves
 from .layer import BondedLayer
 from .material import GelMaterial
 
-Field = NDArray[np.float64]
 PARTS = 4  # nodes along a cell: twice as many change its own compliance by 1 %
 
 

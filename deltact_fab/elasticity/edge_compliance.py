@@ -24,12 +24,11 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from .. import cache
+from ..arrays import Field, Index
 from ..errors import InputError
 from ..shapes import SkinDimensions
 from .bricks import Box, stiffness
 
-Field = NDArray[np.float64]
-Index = NDArray[np.int64]
 Signs = tuple[int, int]
 
 MOST_POISSON = 0.4999

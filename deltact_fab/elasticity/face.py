@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ..arrays import Field
 from .material import GelMaterial
-
-Field = NDArray[np.float64]
 
 
 class PatchOperator(Protocol):

@@ -16,11 +16,11 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from ..arrays import Field
 from ..errors import InputError
 from ..shapes import SkinDimensions
 from .material import GelMaterial
 
-Field = NDArray[np.float64]
 Spectrum = NDArray[np.complex128]
 
 

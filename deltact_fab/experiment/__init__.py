@@ -1,6 +1,7 @@
 """Where protocol, sensor and rig meet: checks before motion, then the run and its record."""
 
-from .kinds import Progress, kind_of
+from ..types import Progress
+from .kinds import kind_of
 from .meta import versions
 from .preview import checks, forces, show
 from .session import dry_run, run

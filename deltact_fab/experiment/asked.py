@@ -16,7 +16,8 @@ from ..rig.config import RigConfig
 from ..rig.interface import Job, RigKind
 from ..rig.tool import demands
 from ..shapes import SensorDimensions
-from .kinds import Progress, kind_of
+from ..types import Progress
+from .kinds import kind_of
 
 
 @dataclass(frozen=True)

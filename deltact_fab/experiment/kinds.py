@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 from ..errors import InputError
 from ..rig.config import RigConfig
 from ..rig.interface import RigKind
-
-Progress = Callable[[int, int, str], None]
+from ..types import Progress
 
 
 def kind_of(

@@ -17,9 +17,9 @@ from ..record import RunWriter
 from ..rig.config import VirtualConfig
 from ..rig.interface import Job
 from ..rig.run.runner import Runner
+from ..types import Progress
 from ..virtual.rig import VirtualKind, VirtualRig
 from .asked import Asked
-from .kinds import Progress
 from .meta import meta_of, pattern_of
 
 

@@ -11,8 +11,9 @@ from ..protocols.pace import LOCKSTEP, SIMULATED, WALL_CLOCK
 from ..protocols.plan import Step
 from ..rig import config as rig_config
 from ..rig.tool import demands
+from ..types import Progress
 from .asked import judged
-from .kinds import Progress, kind_of
+from .kinds import kind_of
 
 
 def checks(

@@ -16,8 +16,8 @@ from ..record import open as open_run
 from ..rig.run import ask
 from ..rig.run.live import Live
 from ..rig.run.runner import Runner
+from ..types import Progress
 from .asked import asked_for
-from .kinds import Progress
 from .meta import meta_of, pattern_of
 from .preview import show
 

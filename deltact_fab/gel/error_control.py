@@ -18,18 +18,17 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Field
 from ..errors import SolverError, TimeLimit
+from ..types import Progress
 from .finite.tip_rounding import BLUNT
 from .level import Choice
 from .level_selection import HIDDEN, IN_PLANE_MM, MOST_DOFS, TOLERANCE
 from .path.knots import Solved
 from .path.solver import PathSolver
 
-Field = NDArray[np.float64]
 Opener = Callable[[Choice, PathSolver | None], PathSolver]
-Progress = Callable[[int, int, str], None]
 
 COARSER, FEWER = 1.5, 2.0
 APART = 1.4  # least ratio of the cells of two meshes that are compared

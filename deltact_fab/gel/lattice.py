@@ -10,9 +10,8 @@ resting face their moment.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Field = NDArray[np.float64]
+from ..arrays import Field
 
 
 def over_face(x_mm: Field, y_mm: Field, field: Field) -> Field:

@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
-Field = NDArray[np.float64]
-Point = tuple[float, float, float]
+from ..arrays import Field
+from ..types import Point
+
 Level = Literal["layer", "block", "hyperelastic"]
 
 LEVELS: tuple[Level, ...] = get_args(Level)

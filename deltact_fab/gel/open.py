@@ -7,10 +7,11 @@ from typing import Literal
 
 import numpy as np
 
+from ..arrays import Field
 from ..elasticity.material import GelMaterial
 from ..errors import InputError
 from ..shapes import Indenter, SkinDimensions
-from .level import LEVELS, Choice, Field, GelContact, Level, Reach
+from .level import LEVELS, Choice, GelContact, Level, Reach
 from .level_selection import pick
 
 

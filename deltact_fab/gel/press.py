@@ -8,21 +8,20 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Field
 from ..elasticity.material import GelMaterial
 from ..errors import DeltactFabError, InputError, TimeLimit
 from ..shapes import Indenter, SkinDimensions
+from ..types import Point, Progress
 from . import limit
-from .error_control import Answer, Ladder, Progress
+from .error_control import Answer, Ladder
 from .footprint import contact_radius_mm, edge_radius_mm
-from .level import Choice, Level, Point
+from .level import Choice, Level
 from .level_selection import LEAST_TOLERANCE, MOST_TOLERANCE, TOLERANCE
 from .path.knots import Observed, Pose, along
 from .path.open import choose, open_path
 from .path.solver import PathSolver
-
-Field = NDArray[np.float64]
 
 LIMIT_S = 120.0
 OBSERVED = Observed(fields="last", lacking=True)

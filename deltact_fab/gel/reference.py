@@ -18,13 +18,12 @@ from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Field
 from ..elasticity.layer import surface_compliance
 from ..elasticity.material import GelMaterial
 from ..errors import InputError
 
-Field = NDArray[np.float64]
 Profile = Literal["sphere", "paraboloid"]
 
 

@@ -5,7 +5,8 @@ local.py is processes here, cluster.py is an existing Dask cluster, word.py is w
 it runs.
 """
 
-from .each import CannotGoOn, Ended, Progress, arrivals, each, run
+from ..types import Progress
+from .each import CannotGoOn, Ended, arrivals, each, run
 from .executors import executor, width
 from .local import THREAD_VARIABLES, processors
 from .word import tell

@@ -9,11 +9,10 @@ from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from ..errors import RunFailed
+from ..types import Progress
 from . import word
 from .local import local, processors
 
-Progress = Callable[[int, int, str], None]
-"""Hears (done, of how many, what)."""
 Told = Callable[[int, Any], None]
 """Hears (index of a job, what it told)."""
 

@@ -7,15 +7,14 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..measure.face import FaceFlow
 from ..measure.pipeline import Result
 from ..optics import CameraModel
 from .session import Measured
 from .words import as_dict
 
-Array = NDArray[Any]
 ARROW_MM = 1.5
 """Between arrows: sparse, as the paper's figure of the force distribution has them."""
 MOST_CELLS = 160

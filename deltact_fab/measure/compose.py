@@ -11,9 +11,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
+from ..arrays import Array
+
 _NO_MAP2: Any = None  # cv2's type stubs do not know that remap takes one map of two channels
 
 

@@ -6,16 +6,13 @@ All that measures shape, force and contact starts here and knows no pixels, no l
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..optics import CameraModel, axes_mm
 from .flow import FlowObservation, FlowState
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)

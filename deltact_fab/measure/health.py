@@ -12,15 +12,13 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import InputError, SensorError
 from ..optics import CameraModel
 from .face import FaceFlow
 from .flow import FlowTracker, to_gray
 from .rigid import rigid
-
-Array = NDArray[Any]
 
 # Beyond these a calibration no longer tells the force within its stated error (decision 0026).
 MOST_SHIFT_MM = 0.3

@@ -18,17 +18,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft
 
+from ..arrays import Array
 from ..errors import InputError
 from .face import FaceFlow
 from .whole import whole
 
-Array = NDArray[Any]
 NEAR = 16  # cells within which the lattice's Green's function is integrated, not expanded
 
 

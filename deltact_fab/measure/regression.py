@@ -11,12 +11,11 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg, special
 
+from ..arrays import Array
 from ..errors import InputError
 
-Array = NDArray[Any]
 DEPENDENT = 1e-8  # share of a column's length that the columns before it must leave unexplained
 
 

@@ -9,18 +9,17 @@ from threading import Thread
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..analysis.shape.ball import calibrate_depth
 from ..analysis.view import view_of
+from ..arrays import Array
 from ..measure.flow import FlowState
 from ..measure.flow.fused import to_full, which
 from ..measure.force import ForceModel, make_features
 from ..measure.pipeline import Calibration, Measurement, Pipeline, Result
-from .benchmark_scene import FRAMES, PATTERNS, PROTOCOL, RIG, Progress, Scene, scene
+from ..types import Progress
+from .benchmark_scene import FRAMES, PATTERNS, PROTOCOL, RIG, Scene, scene
 from .scenes import machine
-
-Array = NDArray[Any]
 
 PACED_HZ = 60.0
 CASES: dict[str, tuple[str, ...]] = {

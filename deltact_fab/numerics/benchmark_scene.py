@@ -7,20 +7,16 @@ once for both: its store finds the solution again.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import cache, catalog, digest
 from ..analysis.tracking_error.truth import TrueFrame, seen_by
+from ..arrays import Array
 from ..record import Run
-
-Array = NDArray[Any]
-Progress = Callable[[int, int, str], None]
+from ..types import Progress
 
 FRAMES = 300
 JUDGED = 10  # every so many frames the flow is held against the truth

@@ -7,20 +7,19 @@ import io
 import json
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, RunFailed
+from ..types import Progress
 from . import scenes, stability, work_precision
 from .engines import REGISTRY, check_names, load
 from .process import WorkerDied, answers
 from .scenes import LayerCost
 from .stability import StabilityRow
 from .work_precision import CurveRow
-
-Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True)

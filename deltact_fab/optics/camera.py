@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any, Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
+from ..arrays import Array
+
 Medium = Literal["gel", "air"]
 """What lies between the resting face and a point: the gel that moved with it, or free air."""
 

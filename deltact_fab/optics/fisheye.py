@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import InputError, SolverError
 from ..shapes.bounded import ShapeError, check_limits, number
 from ..shapes.sensor import N_ACRYLIC, N_SILICONE, SensorDimensions
 from .camera import Medium
 from .snell import across
 
-Array = NDArray[Any]
 Depth = NDArray[Any] | float
 
 FIELD_RAD = math.radians(100)

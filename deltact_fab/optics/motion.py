@@ -11,14 +11,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from math import ceil
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from .lattice import LatticeSampler, SurfaceLattice
-
-Array = NDArray[Any]
 
 STEP_MM = 0.2
 

@@ -6,13 +6,11 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import InputError
 from ..shapes.sensor import N_SILICONE, SensorDimensions
 from .camera import Medium
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)

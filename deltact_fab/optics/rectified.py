@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import InputError
 from ..shapes.bounded import check_limits, number
 from ..shapes.sensor import SensorDimensions
 from .camera import Medium
 from .fisheye import Fisheye, on_face
 from .table import CrossingTable
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from .rectified import Rectified
-
-Array = NDArray[Any]
 
 LEAST_PX = 2.0
 """Raw pixels that a patch needs each way: fewer, and its neighbours are mixed with it (Nyquist)."""

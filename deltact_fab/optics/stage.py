@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-Vec3 = tuple[float, float, float]
+from ..types import Vector
 
 
 @dataclass(frozen=True)
@@ -20,25 +20,25 @@ class StageFrame:
     the stage's axes as it was registered. Straight lines remain straight.
     """
 
-    origin_machine_mm: Vec3
+    origin_machine_mm: Vector
     angle_deg: float = 0.0
     tilt_deg: tuple[float, float] = (0.0, 0.0)
     """Of the face, about the sensor's x, then about y."""
 
-    def to_machine_mm(self, sensor_mm: Vec3) -> Vec3:
+    def to_machine_mm(self, sensor_mm: Vector) -> Vector:
         """A tip position in the sensor frame to machine coordinates."""
         c, s = self._cos_sin()
         x, y, z = self._tilted(sensor_mm)
         ox, oy, oz = self.origin_machine_mm
         return (ox + c * x - s * y, oy + s * x + c * y, oz + z)
 
-    def to_sensor_mm(self, machine_mm: Vec3) -> Vec3:
+    def to_sensor_mm(self, machine_mm: Vector) -> Vector:
         """Machine coordinates to a tip position in the sensor frame."""
         c, s = self._cos_sin()
         x, y, z = (m - o for m, o in zip(machine_mm, self.origin_machine_mm, strict=True))
         return self._levelled((c * x + s * y, -s * x + c * y, z))
 
-    def facing(self, normal_machine: Vec3) -> StageFrame:
+    def facing(self, normal_machine: Vector) -> StageFrame:
         """The same with the tilt of a face whose outward normal this is, of any length.
 
         Raises ValueError for a normal that does not point up.
@@ -56,14 +56,14 @@ class StageFrame:
         angle = np.deg2rad(self.angle_deg)
         return float(np.cos(angle)), float(np.sin(angle))
 
-    def _tilted(self, p: Vec3) -> Vec3:
+    def _tilted(self, p: Vector) -> Vector:
         if self.tilt_deg == (0.0, 0.0):
             return p  # to the bit
         (cx, sx), (cy, sy) = ((math.cos(a), math.sin(a)) for a in map(math.radians, self.tilt_deg))
         x, y, z = p[0], cx * p[1] - sx * p[2], sx * p[1] + cx * p[2]
         return (cy * x + sy * z, y, -sy * x + cy * z)
 
-    def _levelled(self, p: Vec3) -> Vec3:
+    def _levelled(self, p: Vector) -> Vector:
         if self.tilt_deg == (0.0, 0.0):
             return p
         (cx, sx), (cy, sy) = ((math.cos(a), math.sin(a)) for a in map(math.radians, self.tilt_deg))

@@ -12,17 +12,16 @@ Points and slopes are complex numbers here, x + i y from the pupil's foot.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import SolverError
 
 if TYPE_CHECKING:
     from .fisheye import Fisheye
 
-Array = NDArray[Any]
 
 NODES = 4096
 """Of r0^2."""

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Points
 from ..errors import InputError
 from .recipe import DotGrid
-
-Points = NDArray[np.float64]
 
 # A view is given as pixels times mm per pixel: a disc that touches its edge exactly is inside
 SLACK_MM = 1e-9

@@ -10,9 +10,8 @@ from ..elasticity.material import GelMaterial
 from ..protocols.plan import Protocol, Specimen
 from ..shapes import Indenter, SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
-from .press import Level, PressCurve, Progress, press_curve
-
-Vector = tuple[float, float, float]
+from ..types import Progress, Vector
+from .press import Level, PressCurve, press_curve
 
 MODULUS_FACTOR = 2.0
 """The gel's modulus is known to a factor of 2 (Gent's relation from Shore 15A against a

@@ -20,7 +20,7 @@ Each depth gets the first answer that holds:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -29,9 +29,9 @@ import numpy as np
 from ..elasticity.material import GelMaterial
 from ..errors import InputError, SolverError
 from ..shapes import Indenter, SkinDimensions
+from ..types import Progress
 
 Level = Literal["layer", "hyperelastic", "extrapolated", "bound"]
-Progress = Callable[[int, int, str], None]
 
 TOLERANCE = 0.1  # of the force; the safe side takes it whole
 ATTEMPTS: tuple[tuple[Literal["layer", "hyperelastic"], int | None], ...] = (

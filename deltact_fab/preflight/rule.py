@@ -15,7 +15,8 @@ from ..protocols.limits import Check
 from ..protocols.plan import Protocol
 from ..rig.config import RigConfig
 from ..rig.force.guard import SHARE, GuardLimits
-from .peaks import MODULUS_FACTOR, PAPER_REMARK, PAPER_REMARK_FROM, Peak, Vector
+from ..types import Vector
+from .peaks import MODULUS_FACTOR, PAPER_REMARK, PAPER_REMARK_FROM, Peak
 
 _LOG = logging.getLogger(__name__)
 

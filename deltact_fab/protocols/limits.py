@@ -17,9 +17,10 @@ from ..errors import InputError
 from ..optics import StageFrame
 from ..shapes import SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
+from ..types import Point
 from .motion import move_duration_s
 from .pace import LOCKSTEP, Pace, homing_s
-from .plan import Point, Protocol, Step, expand
+from .plan import Protocol, Step, expand
 
 PNG_BYTES_PER_PX = 2.2  # measured on rendered frames of a dense pattern: 1.9-2.3
 FORCE_BYTES_PER_S = 14_000  # measured on the simulated sensor at 1 kHz, noise 0.01 N

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import math
 
-Vec3 = tuple[float, float, float]
+from ..types import Vector
 
 
-def plus(a: Vec3, b: Vec3) -> Vec3:
+def plus(a: Vector, b: Vector) -> Vector:
     """a + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
-def minus(a: Vec3, b: Vec3) -> Vec3:
+def minus(a: Vector, b: Vector) -> Vector:
     """a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 def move_duration_s(
-    delta_mm: Vec3, feed_mm_min: float, max_feed_mm_min: Vec3, acceleration_mm_s2: Vec3
+    delta_mm: Vector, feed_mm_min: float, max_feed_mm_min: Vector, acceleration_mm_s2: Vector
 ) -> float:
     """Time of a straight move from rest to rest, with every axis within its own limits.
 

@@ -18,8 +18,8 @@ from .. import catalog
 from ..errors import InputError
 from ..shapes import Indenter
 from ..shapes.indenter import parse as parse_indenter
+from ..types import Point
 
-Point = tuple[float, float, float]
 Kind = Literal["change", "travel", "approach", "press", "shear", "retract"]
 # Every number has a lowest and a highest value: what is further out is a slip of the pen.
 Place = Annotated[float, Field(ge=-10_000, le=10_000, allow_inf_nan=False)]  # mm

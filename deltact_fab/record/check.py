@@ -11,10 +11,11 @@ from typing import Any
 from .. import catalog
 from ..errors import DeltactFabError, InputError, RunFailed
 from ..protocols.plan import Protocol, Step, expand
+from ..types import Progress
 from . import notes
 from .files import truth_file, written
 from .journal import being_written
-from .kept import FileAndHash, Progress, by_press, damages, frame_id_of, frame_ids, unsound
+from .kept import FileAndHash, by_press, damages, frame_id_of, frame_ids, unsound
 from .run import Run
 
 WITHOUT_PLAN = (2, 3)  # formats whose protocols this version does not expand any more

@@ -5,15 +5,15 @@ from __future__ import annotations
 import hashlib
 import sqlite3
 import zipfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
 from ..protocols.plan import Step
+from ..types import Progress
 from .files import lattice_file, lens_file, truth_file
 from .run import Run
 
-Progress = Callable[[int, int, str], None]
 FileAndHash = tuple[str | None, str | None]
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..errors import InputError, RunFailed
 from ..optics import FlatField
 from ..protocols.plan import Step
+from ..types import Progress
 from .files import (
     FORMAT,
     flat_file,
@@ -30,7 +31,7 @@ from .files import (
 )
 from .images import image_format, ready, require
 from .journal import PRESS_TABLES, SCHEMA, claim, connect, insert, journal_errors
-from .kept import Progress, frame_id_of, judged
+from .kept import frame_id_of, judged
 from .pipeline import Pipeline, Row
 from .run import Run
 from .streams import Chunk, pack

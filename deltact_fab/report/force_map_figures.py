@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from . import figures, maps
 from .figures import COLOURS
 
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
     from ..analysis.shape.picture import Picture
 
-Array = NDArray[Any]
 KPA = 1e3  # of an MPa
 LEAST_KPA = 2.0  # full scale at the least
 EXTREME = 98  # percentile that is full scale

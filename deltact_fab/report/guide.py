@@ -6,7 +6,7 @@ import base64
 import importlib.metadata
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -24,9 +24,8 @@ from ..cad.parts.screw import stock_note
 from ..cad.print_orientation import SELF_SUPPORTING_DEG
 from ..cad.registry import listed, of_group
 from ..errors import InputError, MissingLibrary
+from ..types import Progress
 from .templating import environment, save
-
-Progress = Callable[[int, int, str], None]
 
 VIEWER_PACKAGE = "dash-model-viewer"
 VIEWER_FILE = "model-viewer-umd.min.js"

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ..arrays import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
 
     from ..analysis.shape.picture import Picture
 
-Array = NDArray[Any]
 HALF_MM = 8.0
 """Shown of the face to each side of the tip, as far as the view goes."""
 ARROW_MM = 1.5

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..shapes import Indenter
 from ..shapes.indenter import parse
 from . import figures, maps
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     from ..analysis.shape.picture import Picture
 
-Array = NDArray[Any]
 COLUMNS = 4
 MOST_PRESSES = 8
 RELIEF_MM = 0.5  # between the lines of a surface

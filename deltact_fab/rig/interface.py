@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Image
+
 if TYPE_CHECKING:
     from ..optics import CameraModel, FlatField, StageFrame
     from ..patterns.recipe import PatternRecipe
     from ..protocols import plan
     from ..shapes import SensorDimensions
     from .force.guard import ForceGuard
-
-Image = NDArray[np.uint8]
 
 
 class Clock(Protocol):

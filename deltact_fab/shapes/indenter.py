@@ -19,14 +19,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Field
 from ..errors import InputError
 from .prism import PrismTip
 from .tips import EllipsoidTip, RidgeTip, SphereTip
 from .turned import TurnedTip
 
-Field = NDArray[np.float64]
 Tip = SphereTip | RidgeTip | EllipsoidTip | PrismTip | TurnedTip
 
 REACH_MM = 12.0  # as long as the standard gel is thick

@@ -8,8 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
+from ..arrays import Field
+from ..types import Point2
 from .bounded import ShapeError
-from .tips import Field, LowestInTheMiddle, Point2, less, require_positive
+from .tips import LowestInTheMiddle, less, require_positive
 
 POLYGON = 1e-6  # angle of a notch below which there is none
 

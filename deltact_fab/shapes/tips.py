@@ -20,12 +20,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Field
+from ..types import Point2
 from .bounded import ShapeError
-
-Field = NDArray[np.float64]
-Point2 = tuple[float, float]
 
 
 class LowestInTheMiddle:

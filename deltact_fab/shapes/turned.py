@@ -16,8 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arrays import Field
+from ..types import Point2
 from .bounded import ShapeError
-from .tips import Field, Point2, less
+from .tips import less
 
 ROUNDING = 1e-9  # relative, of sums and roots of decimal fractions
 _SAMPLES = 2001

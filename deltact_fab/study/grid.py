@@ -17,7 +17,8 @@ import numpy as np
 
 from .. import cache, digest
 from ..errors import DeltactFabError, RunFailed, Stopped
-from ..jobs import CannotGoOn, Ended, Progress, processors, run, width
+from ..jobs import CannotGoOn, Ended, processors, run, width
+from ..types import Progress
 from .pace import Pace
 
 KIND = "study"

@@ -8,15 +8,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..protocols.plan import Protocol, expand
 from ..rig.simulator import GelConfig
 from ..shapes import SkinDimensions
 from ..virtual.paths import poses
 from ..virtual.presses import Presses
-
-Field = NDArray[np.float64]
 
 
 def follow(given: dict[str, Any]) -> dict[str, Any]:

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..analysis.relaxation import Series, time_to
-
-Field = NDArray[np.float64]
+from ..arrays import Field
 
 SHARES = (0.05, 0.02, 0.01, 0.005)
 FORCES_N = (0.05, 0.02)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from ..analysis.tracking_error.dots import Marks
 from ..analysis.tracking_error.truth import TrueFrame, off_dots, seen_by
+from ..arrays import Field
 from ..errors import SolverError
 from ..experiment.meta import pattern_of
 from ..gel.path.knots import CONTACT_EPS_MM, Increments, divide
@@ -34,8 +35,6 @@ from ..virtual.picture import Picture
 from ..virtual.presses import Presses, path_of
 from ..virtual.rig import VirtualKind
 from ..virtual.seeds import stream_number
-
-Field = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from ..elasticity import GelMaterial
 from ..gel.reference import flat_punch_factor, hertz_force_n
 from ..optics import StageFrame
-from ..protocols.motion import Vec3
 from ..shapes import Indenter, SkinDimensions
 from ..shapes.indenter import Tip
 from ..shapes.indenter import parse as parse_indenter
 from ..shapes.tips import EllipsoidTip, SphereTip
+from ..types import Vector
 from .clock import NS_PER_S
 from .controller import GrblController
 
@@ -59,7 +59,7 @@ class BenchFace:
         skin: SkinDimensions,
         material: GelMaterial | None = None,
         hard_mm: tuple[float, float] | None = None,
-        block_mm: Vec3 | None = None,
+        block_mm: Vector | None = None,
     ) -> None:
         self._controller = controller
         self._frame = frame
@@ -91,12 +91,12 @@ class BenchFace:
         at = [self._controller.position_mm(int(t) / NS_PER_S) for t in t_ns]
         return np.stack([self.wrench(carriage_mm) for carriage_mm in at])
 
-    def _height_mm(self, carriage_mm: Vec3) -> float:
+    def _height_mm(self, carriage_mm: Vector) -> float:
         """Of the indenter's axis above the face."""
         x, y, z = carriage_mm
         return self._frame.to_sensor_mm((x, y, z - self._longer_mm))[2]
 
-    def wrench(self, carriage_mm: Vec3) -> NDArray[np.float64]:
+    def wrench(self, carriage_mm: Vector) -> NDArray[np.float64]:
         """Force (N) and torque (N mm), (6,), with the carriage there, machine mm."""
         x, y, z = carriage_mm
         z -= self._longer_mm
@@ -113,7 +113,7 @@ class BenchFace:
                 total += (0, 0, -force, -at_y * force, at_x * force, 0)
         return total
 
-    def _from_beside(self, radius: float, x: float, y: float, z: float) -> Vec3:
+    def _from_beside(self, radius: float, x: float, y: float, z: float) -> Vector:
         """Force of a ball whose middle is there, in the sensor frame, on the block."""
         if self._block_mm is None or not radius or z > self._block_mm[2]:
             return (0.0, 0.0, 0.0)

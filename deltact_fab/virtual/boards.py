@@ -9,21 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ..arrays import Array, Float
 from ..errors import InputError
-from ..imaging import Float, Sensor
+from ..imaging import Sensor
 from ..measure.lens import Board
 from ..optics import Fisheye, Medium, Rectified
 from ..shapes import SensorDimensions
 from .raw_view import RawView
-
-Array = NDArray[Any]
 
 BLACK, WHITE, BACKGROUND, BLANK = 0.04, 0.85, 0.25, 0.6
 """Reflectances; a blank skin is lit so that no pixel is full."""

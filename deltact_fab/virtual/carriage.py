@@ -12,7 +12,8 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from ..protocols.motion import Vec3, minus, plus
+from ..protocols.motion import minus, plus
+from ..types import Vector
 from .motion import Path, Segment, along_line, brake, trapezoid
 from .steps import divide, steps
 
@@ -31,7 +32,7 @@ class _Block:
 class Carriage:
     """settings: of the board, as they are at any time. Times are ns, places machine mm."""
 
-    def __init__(self, settings: Mapping[int, float], start_mm: Vec3, t_ns: int) -> None:
+    def __init__(self, settings: Mapping[int, float], start_mm: Vector, t_ns: int) -> None:
         self.path = Path(start_mm, t_ns)
         self.moving: Segment | None = None
         """The piece under way; a carriage that coasts from a reset has none."""
@@ -47,11 +48,11 @@ class Carriage:
 
     # ---- where it is --------------------------------------------------------------------------
 
-    def axes(self, first: int) -> Vec3:
+    def axes(self, first: int) -> Vector:
         """A setting of three axes by the number of its first."""
         return (self._settings[first], self._settings[first + 1], self._settings[first + 2])
 
-    def count_mm(self, t_ns: int | None = None) -> Vec3:
+    def count_mm(self, t_ns: int | None = None) -> Vector:
         """The controller's own idea of where it is, at rest or at a time."""
         count = self._count
         if t_ns is not None and self.moving is not None:
@@ -62,7 +63,7 @@ class Carriage:
         """How fast it is driven now."""
         return self.moving.speed_mm_s(t_ns) * 60 if self.moving is not None else 0.0
 
-    def outside(self, target_mm: Vec3) -> bool:
+    def outside(self, target_mm: Vector) -> bool:
         """Whether a place is beyond the travel."""
         return any(not -m <= p <= 0 for p, m in zip(target_mm, self.axes(130), strict=True))
 
@@ -83,7 +84,7 @@ class Carriage:
         """Whether there are lines to follow, the one under way included."""
         return bool(self._queue)
 
-    def plan(self, target_mm: Vec3, feed_mm_min: float | None) -> None:
+    def plan(self, target_mm: Vector, feed_mm_min: float | None) -> None:
         """Queue a line; one that is shorter than half a step is none."""
         self._made += 1
         target = steps(target_mm, self.axes(100))
@@ -181,7 +182,9 @@ class Carriage:
     def _arrive(self) -> None:
         self._count = self._queue.popleft().target_steps
 
-    def _line_to(self, end_mm: Vec3, feed_mm_min: float | None, number: int, t_ns: int) -> Segment:
+    def _line_to(
+        self, end_mm: Vector, feed_mm_min: float | None, number: int, t_ns: int
+    ) -> Segment:
         start = self.path.end_mm
         delta = minus(end_mm, start)
         if not any(delta):

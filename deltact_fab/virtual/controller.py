@@ -20,7 +20,8 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Mapping
 from typing import Literal
 
-from ..protocols.motion import Vec3, minus, plus
+from ..protocols.motion import minus, plus
+from ..types import Vector
 from ..units import MM_PER_INCH
 from . import grbl_report
 from .carriage import PLANNER_BLOCKS, Carriage
@@ -66,7 +67,7 @@ class GrblController:
         settings: Mapping[int, float] | None,
         clock: NsClock,
         *,
-        start_mm: Vec3 = (-20.0, -20.0, -10.0),
+        start_mm: Vector = (-20.0, -20.0, -10.0),
         boot_s: float = 1.0,
         banner: str = BANNER,
         blank_eeprom: bool = False,
@@ -81,7 +82,7 @@ class GrblController:
         self._boot = to_ns(boot_s)
         self._blank = blank_eeprom
         self._carriage = Carriage(self.settings, start_mm, self._t)
-        self._systems: dict[int, Vec3] = dict.fromkeys(range(54, 60), (0.0, 0.0, 0.0))
+        self._systems: dict[int, Vector] = dict.fromkeys(range(54, 60), (0.0, 0.0, 0.0))
         self._out: list[tuple[int, bytes]] = []
         self._faults: list[tuple[int, Fault]] = []
         self._mute = False
@@ -154,7 +155,7 @@ class GrblController:
         self._advance()
         return self._carriage.path.segments
 
-    def position_mm(self, t_s: float | None = None) -> Vec3:
+    def position_mm(self, t_s: float | None = None) -> Vector:
         """Where the carriage is, machine mm, now or at a past time.
 
         Raises ValueError for a time that has not come: what will be is not decided yet.
@@ -165,7 +166,7 @@ class GrblController:
             raise ValueError(f"{t_s} s has not come yet: it is {self._t / NS_PER_S} s")
         return self._carriage.path.position_mm(t_ns)
 
-    def path_since(self, t0_s: float) -> list[Vec3]:
+    def path_since(self, t0_s: float) -> list[Vector]:
         """The way of the carriage since t0, machine mm: from there, every corner, to here."""
         self._advance()
         return self._carriage.path.since(to_ns(t0_s), self._t)
@@ -517,7 +518,7 @@ class GrblController:
         self._deferred.append(0x18)
         return 0
 
-    def _offset_mm(self) -> Vec3:
+    def _offset_mm(self) -> Vector:
         """Work coordinate offset: machine = work + this."""
         return plus(self._systems[self._modal.system], self._modal.g92_mm)
 
@@ -576,7 +577,7 @@ class GrblController:
             if "P" not in values:
                 raise Refused(28)
             used.add("P")
-        coordinates: tuple[int, Vec3] | None = None
+        coordinates: tuple[int, Vector] | None = None
         g92 = modal.g92_mm
         if action == 10:
             coordinates = self._g10(values, axes, system)
@@ -628,7 +629,7 @@ class GrblController:
 
     def _g10(
         self, values: dict[str, float], axes: dict[int, float], system: int
-    ) -> tuple[int, Vec3]:
+    ) -> tuple[int, Vector]:
         """G10 L2 sets a coordinate system, G10 L20 makes the present position read as given."""
         if not axes:
             raise Refused(26)
@@ -646,15 +647,15 @@ class GrblController:
 
     def _target(
         self, axes: dict[int, float], system: int, *, absolute: bool, relative: bool
-    ) -> Vec3:
+    ) -> Vector:
         at = self._programmed_mm
         if absolute:
-            base: Vec3 = (0.0, 0.0, 0.0)
+            base: Vector = (0.0, 0.0, 0.0)
         else:
             base = at if relative else plus(self._systems[system], self._modal.g92_mm)
         return replaced(at, {a: base[a] + v for a, v in axes.items()})
 
-    def _jog(self, target_mm: Vec3, feed_mm_min: float) -> Task:
+    def _jog(self, target_mm: Vector, feed_mm_min: float) -> Task:
         if feed_mm_min == 0:
             raise Refused(22)
         if self.settings[20] and self._carriage.outside(target_mm):
@@ -663,7 +664,7 @@ class GrblController:
         self._follow(target_mm, feed_mm_min, "Jog")
         return 0
 
-    def _move(self, target_mm: Vec3, feed_mm_min: float | None) -> Task:
+    def _move(self, target_mm: Vector, feed_mm_min: float | None) -> Task:
         if self.settings[20] and self._carriage.outside(target_mm):
             if self._state == "Run":
                 self._soft_limited = True
@@ -675,7 +676,7 @@ class GrblController:
         self._follow(target_mm, feed_mm_min, "Run")
         return 0
 
-    def _follow(self, target_mm: Vec3, feed_mm_min: float | None, state: State) -> None:
+    def _follow(self, target_mm: Vector, feed_mm_min: float | None, state: State) -> None:
         self._carriage.plan(target_mm, feed_mm_min)
         self._programmed_mm = target_mm
         if self._state == "Idle" and self._carriage.queued:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
-from ..protocols.motion import Vec3
+from ..types import Vector
 
 NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)")
 
@@ -32,7 +32,7 @@ class Modal:
     feed_mm_min: float = 0.0
     spindle_rpm: float = 0.0
     tool: int = 0
-    g92_mm: Vec3 = (0.0, 0.0, 0.0)
+    g92_mm: Vector = (0.0, 0.0, 0.0)
 
 
 @dataclass

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ..protocols.motion import Vec3
+from ..types import Vector
 from ..units import MM_PER_INCH
 from .gcode import Modal
 
 
-def coordinates(mm: Vec3, inches: bool) -> str:
+def coordinates(mm: Vector, inches: bool) -> str:
     """Three numbers as reported: 3 decimals of a millimetre, or 4 of an inch."""
     if inches:
         return ",".join(f"{p / MM_PER_INCH + 0.0:.4f}" for p in mm)
@@ -25,7 +25,7 @@ def modal(m: Modal) -> str:
     )
 
 
-def parameters(systems: Mapping[int, Vec3], g92_mm: Vec3, inches: bool) -> list[str]:
+def parameters(systems: Mapping[int, Vector], g92_mm: Vector, inches: bool) -> list[str]:
     """The answer to `$#`. systems: work offsets by G number, mm."""
     zero = coordinates((0.0, 0.0, 0.0), inches)
     return [

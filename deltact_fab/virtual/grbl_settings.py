@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ..protocols.motion import Vec3
+from ..types import Vector
 from .gcode import NUMBER, Refused
 
 SETTINGS: dict[int, float] = {
@@ -25,7 +25,7 @@ _WHOLE = frozenset((0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 32))
 
 
 def settings_for(
-    travel_mm: Vec3, max_feed_mm_min: Vec3, acceleration_mm_s2: Vec3
+    travel_mm: Vector, max_feed_mm_min: Vector, acceleration_mm_s2: Vector
 ) -> dict[int, float]:
     """The `$` settings of a stage with these limits; the rest are a bench's usual ones."""
     own = dict(SETTINGS)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..protocols.motion import Vec3
+from ..types import Vector
 from .clock import NS_PER_S
 
 Phase = tuple[float, float, float, float]  # from t (s), travelled (mm), speed (mm/s), a (mm/s2)
@@ -27,16 +27,16 @@ class Segment:
     block: segments of one commanded line share it (a hold cuts a line in two and bends nothing).
     """
 
-    start_mm: Vec3
-    end_mm: Vec3
+    start_mm: Vector
+    end_mm: Vector
     start_ns: int
     end_ns: int
-    unit: Vec3
+    unit: Vector
     phases: tuple[Phase, ...]
     accel_mm_s2: float
     block: int
 
-    def position_mm(self, t_ns: int) -> Vec3:
+    def position_mm(self, t_ns: int) -> Vector:
         """Position at a time; the ends of the line outside of its duration."""
         if t_ns >= self.end_ns:
             return self.end_mm
@@ -68,7 +68,7 @@ class Segment:
         raise AssertionError("phases start at 0")
 
 
-def along_line(delta_mm: Vec3, per_axis: Sequence[float]) -> float:
+def along_line(delta_mm: Vector, per_axis: Sequence[float]) -> float:
     """Largest value along a line that keeps every axis within its own limit."""
     length = math.hypot(*delta_mm)
     return min(
@@ -77,8 +77,8 @@ def along_line(delta_mm: Vec3, per_axis: Sequence[float]) -> float:
 
 
 def trapezoid(
-    start_mm: Vec3,
-    end_mm: Vec3,
+    start_mm: Vector,
+    end_mm: Vector,
     speed_mm_s: float,
     accel_mm_s2: float,
     start_ns: int,
@@ -124,7 +124,7 @@ def brake(moving: Segment, t_ns: int) -> Segment:
 class Path:
     """Where the carriage was, is and is planned to be: segments with rests between them."""
 
-    def __init__(self, at_mm: Vec3, t_ns: int) -> None:
+    def __init__(self, at_mm: Vector, t_ns: int) -> None:
         self._origin_mm = at_mm
         self._origin_ns = t_ns
         self._segments: list[Segment] = []
@@ -136,7 +136,7 @@ class Path:
         return list(self._segments)
 
     @property
-    def end_mm(self) -> Vec3:
+    def end_mm(self) -> Vector:
         """Where the last segment ends."""
         return self._segments[-1].end_mm if self._segments else self._origin_mm
 
@@ -160,12 +160,12 @@ class Path:
             return None
         return self._segments[k]
 
-    def position_mm(self, t_ns: int) -> Vec3:
+    def position_mm(self, t_ns: int) -> Vector:
         """Position at a time; where it started, before its origin."""
         k = bisect_right(self._starts, t_ns) - 1
         return self._segments[k].position_mm(t_ns) if k >= 0 else self._origin_mm
 
-    def since(self, t0_ns: int, now_ns: int) -> list[Vec3]:
+    def since(self, t0_ns: int, now_ns: int) -> list[Vector]:
         """Waypoints from t0 to now: position at t0, the corners between, position now.
 
         A line that a hold cut and resumed is one line; consecutive equal points are given once.

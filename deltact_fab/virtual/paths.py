@@ -11,8 +11,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ..gel.path.knots import CONTACT_EPS_MM, Increments, Point, Pose, divide
+from ..gel.path.knots import CONTACT_EPS_MM, Increments, Pose, divide
 from ..protocols.plan import Protocol, expand
+from ..types import Point
 
 REST_GROWTH = 1.5
 

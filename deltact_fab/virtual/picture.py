@@ -14,8 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Float
 from ..errors import SolverError
-from ..imaging import Float, Sensor
+from ..imaging import Sensor
 from ..occlusion import in_dispute, nearest
 from ..optics import CameraModel, FaceMotion, LatticeSampler, SurfaceLattice, axes_mm
 from .raw_view import RawView

@@ -6,9 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ..arrays import Field
 from ..elasticity.material import GelMaterial
 from ..errors import InputError
 from ..gel.level import Reach
@@ -26,7 +24,6 @@ from .press import SAME_MM, Press
 if TYPE_CHECKING:
     from ..gel.level import Choice, Level
 
-Field = NDArray[np.float64]
 
 LINEAR = ("layer", "block")
 

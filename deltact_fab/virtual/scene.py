@@ -15,8 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..gel.path.knots import CONTACT_EPS_MM, Increments, Point, Solved, divide
+from ..gel.path.knots import CONTACT_EPS_MM, Increments, Solved, divide
 from ..optics import StageFrame, SurfaceLattice
+from ..types import Point
 from .clock import NS_PER_S, NsClock
 from .controller import GrblController
 from .motion import Segment

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from deltact_fab.arrays import Field
 from deltact_fab.cad import registry, solid_gate
 from deltact_fab.cad.design import IndenterBody, IndenterDimensions, load_indenters
 from deltact_fab.cad.kernel import require
@@ -20,15 +20,13 @@ from deltact_fab.shapes import Indenter, SphereTip, TurnedTip
 from deltact_fab.shapes.indenter import parse
 from deltact_fab.shapes.turned import Piece
 
-Array = NDArray[np.float64]
-
 
 @pytest.fixture(scope="module")
 def cq() -> Any:
     return require()
 
 
-def underside_mm(solid: Any, x_mm: Array, y_mm: Array) -> Array:
+def underside_mm(solid: Any, x_mm: Field, y_mm: Field) -> Field:
     """Lowest z at which a ray along +z from below meets the solid, inf for a miss."""
     from OCP.gp import gp_Dir, gp_Lin, gp_Pnt
     from OCP.IntCurvesFace import IntCurvesFace_ShapeIntersector

@@ -12,8 +12,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from deltact_fab.arrays import Field
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.finite import HexMesh, block_mesh
 from deltact_fab.gel.finite.assembly import BulkAssembly
@@ -21,8 +21,6 @@ from deltact_fab.gel.finite.linear import make_solver
 from deltact_fab.gel.finite.material import NeoHooke
 from deltact_fab.gel.finite.pattern import Pattern
 from deltact_fab.shapes import SkinDimensions
-
-Field = NDArray[np.float64]
 
 WIDTH, LENGTH, THICKNESS = 8.0, 6.0, 4.0
 SKIN = SkinDimensions(WIDTH, LENGTH, THICKNESS, 0.5, 2.0)

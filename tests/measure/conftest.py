@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
+from deltact_fab.arrays import Array
+
 MM_PER_PX = 0.0378
 OVER = 3  # texture pixels per image pixel
 

@@ -10,12 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from deltact_fab.arrays import Field
 from deltact_fab.optics import Fisheye, Pinhole, Rectified, half_angle_rad, reached_mm
 from deltact_fab.shapes import SensorDimensions
 
-Array = NDArray[np.float64]
 SENSOR = SensorDimensions()
 NORMAL = np.array([0.0, 0.0, 1.0])
 
@@ -55,15 +54,15 @@ DEPTHS = [("gel", z) for z in (0.8, 0.0, -1.0, -3.0, -6.0, -9.0)] + [
 class Traced:
     """What a ray was at the lens, and where it is: pixels (n, 2), at rest and at z (n, 3)."""
 
-    px: Array
-    rest_mm: Array
-    points_mm: Array
+    px: Field
+    rest_mm: Field
+    points_mm: Field
 
 
-def turned(lens: Fisheye) -> Array:
+def turned(lens: Fisheye) -> Field:
     """(3, 3): roll about the axis, then the turn about y, then the one about x."""
 
-    def about(axis: int, degrees: float) -> Array:
+    def about(axis: int, degrees: float) -> Field:
         a, b = [i for i in range(3) if i != axis]
         matrix = np.eye(3)
         c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
@@ -74,7 +73,7 @@ def turned(lens: Fisheye) -> Array:
     return about(0, lens.tilt_x_deg) @ about(1, lens.tilt_y_deg) @ about(2, lens.roll_deg)
 
 
-def refracted(way: Array, n_before: float, n_after: float) -> Array:
+def refracted(way: Field, n_before: float, n_after: float) -> Field:
     """Snell's law of unit vectors (n, 3) at a plane whose normal is z."""
     ratio = n_before / n_after
     cosine = way @ NORMAL
@@ -82,7 +81,7 @@ def refracted(way: Array, n_before: float, n_after: float) -> Array:
     return ratio * way + along[:, None] * NORMAL
 
 
-def to_plane(start: Array, way: Array, z: float) -> Array:
+def to_plane(start: Field, way: Field, z: float) -> Field:
     return start + way * ((z - start[:, 2]) / way[:, 2])[:, None]
 
 

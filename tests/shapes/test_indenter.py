@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from deltact_fab.arrays import Field
 from deltact_fab.errors import InputError
 from deltact_fab.shapes import EllipsoidTip, Indenter, PrismTip, RidgeTip, SphereTip, Tip, TurnedTip
 from deltact_fab.shapes.indenter import KINDS, SIZE_MM, parse
@@ -47,7 +47,6 @@ TIPS: tuple[Tip, ...] = (
     dimpled(),
 )
 TURNED = tuple(t for t in TIPS if isinstance(t, TurnedTip))
-Field = NDArray[np.float64]
 
 
 def grid(half_x: float, half_y: float, spacing: float) -> tuple[Field, Field]:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
-from ...jobs import Progress
 from ...measure.force import (
     COMPONENTS,
     FEATURES,
@@ -20,6 +19,7 @@ from ...measure.force import (
 )
 from ...measure.force.calibration import ForceCalibration, load_force
 from ...record import Run, encode_png
+from ...types import Progress
 from ..frames import settled, settles
 from ..view import head_of, view_of
 from .dataset import ForceData, gather, opened, presses

@@ -7,17 +7,18 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ... import cache, digest, record
+from ...arrays import Array
 from ...errors import InputError, SolverError
-from ...jobs import Progress, each
+from ...jobs import each
 from ...measure.force import Features, make_features
 from ...measure.view import SensorView
 from ...record import Run
+from ...types import Progress
 from ..flows import PressFlows, flows_of
 from ..frames import settled
 from ..view import head_of, view_of
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-Array = NDArray[Any]
 LEAST_COVER = 0.7
 """Of the view, known in a frame that is taken."""
 _GEL = ("gel_model", "modulus_mpa", "poisson", "prony")

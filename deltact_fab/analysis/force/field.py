@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...measure.force import LocalFeatures, TractionField
 from ...record import Run, Truth
 from ..flows import flows_of
@@ -16,7 +15,6 @@ from ..frames import settled
 from .dataset import ForceData, labels, presses
 from .judge import fit
 
-Array = NDArray[Any]
 CONTACT = 0.05
 """Of the peak pressure: where there is a contact."""
 

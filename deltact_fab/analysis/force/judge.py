@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...errors import InputError
 from ...measure.force import COMPONENTS, ForceModel
 from ...measure.regression import Fit
 from .dataset import ForceData
 
-Array = NDArray[Any]
 TEST_SHARE = 0.2
 """Of the points, not used for the fit: the paper's 414 of 2070."""
 SHOWN = {

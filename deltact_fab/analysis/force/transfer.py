@@ -12,14 +12,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...errors import InputError
 from ...measure.force import COMPONENTS, ForceModel
 from .dataset import ForceData
 from .judge import fit, force_error_n
 
-Array = NDArray[Any]
 _PRESSURE, _SHEAR = ("fz",), ("fx", "fy")
 _FOLLOWS = {"fz": 0, "tx": 0, "ty": 0, "fx": 1, "fy": 1, "tz": 1}
 LEAST_SURE = 0.1

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...errors import InputError
 from ...record import Run
 from ..frames import PRESSING, recorded, settles
@@ -14,7 +14,6 @@ from ..frames import PRESSING, recorded, settles
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[Any]
 WRENCH = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
 WINDOW_S = 0.1
 """Force samples up to this long before and after a settled frame are averaged."""

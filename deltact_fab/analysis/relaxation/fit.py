@@ -14,13 +14,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ...arrays import Field
 from ...errors import SolverError
 from .rests import BIN_S, Rest, Way
 from .series import Series
-
-Field = NDArray[np.float64]
 
 MOST_BRANCHES = 3
 WORTH = 0.9  # a further branch is taken when it makes the blocks' residual this much smaller

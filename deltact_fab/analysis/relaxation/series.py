@@ -15,11 +15,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ...arrays import Field
 from ...errors import InputError
-
-Field = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

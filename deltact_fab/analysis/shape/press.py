@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...measure.face import FaceFlow
 from ...measure.force import Features, LocalFeatures, TractionField, Wrench, features_of
 from ...measure.force.calibration import ForceCalibration
@@ -36,7 +36,6 @@ from .truth import TrueShape, true_shape
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[Any]
 SAME_MM = 0.01
 """Depths that are one."""
 FORCE = ("fx_n", "fy_n", "fz_n")

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...measure.face import FaceFlow
 from ...optics import LatticeSampler
 from ...record import Truth
 from ...shapes import Indenter
 
-Array = NDArray[Any]
 TOUCHING_MM = 0.06
 """A point this near to the indenter's surface touches it, where no traction was recorded. The
 gel's cells follow the indenter to within some .04 mm."""

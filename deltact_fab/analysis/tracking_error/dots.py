@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Points
 from ...measure.compose import inside
 from ...measure.dots import DotTracker, Polarity
 from ...optics import CameraModel
 from .tally import MOVING_MM, Tally, confident_figures, largest
 
-Points = NDArray[np.float64]
 DOTS = "dots"
 """The method's name where there is nothing but dots to follow; its pixels are dots."""
 MIN_FOUND_SHARE = 0.8  # of the dots, for a frame to be trusted

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Points
 from ...errors import SensorError
 from ...measure.flow import FlowObservation, FlowState, named_tracker
-from .dots import DOTS, DotFrame, Dots, Marks, Points
+from .dots import DOTS, DotFrame, Dots, Marks
 from .scene import Scene
 from .tally import MOVING_MM, Tally, confident_figures, largest, ratio
 from .truth import TrueFrame, sampled

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from ... import record
-from ...jobs import Progress, each
+from ...jobs import each
+from ...types import Progress
 from ..frames import recorded
 from .dots import DotTally
 from .press import COLUMNS, Job, PressResult, analyse_press

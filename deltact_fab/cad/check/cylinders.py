@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from ...types import Point
+
 # A hole drilled further off than this is no hole for that screw.
 TILT_DEG = 5.0
-
-Point = tuple[float, float, float]
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Field
 from ..mesh import Mesh
-
-Array = NDArray[np.float64]
 
 # Faces that meet in an edge look past each other, and the distance between them ends in zero there:
 # a wall is where they look apart to within this.
@@ -35,8 +34,8 @@ _INSET = 0.02  # of a triangle: points beside its corners
 
 
 def first_hit(
-    origins_mm: Array, directions: Array, corners_mm: Array, start_mm: float = START_MM
-) -> tuple[Array, NDArray[np.int64]]:
+    origins_mm: Field, directions: Field, corners_mm: Field, start_mm: float = START_MM
+) -> tuple[Field, NDArray[np.int64]]:
     """Where rays first meet triangles: distance (n,) in lengths of the ray, index of triangle (n,).
 
     origins_mm, directions: (n, 3). corners_mm: (m, 3, 3) triangle, corner, axis. A miss is inf, -1.
@@ -72,7 +71,7 @@ def first_hit(
     return far, index
 
 
-def samples(corners_mm: Array) -> tuple[Array, NDArray[np.int64]]:
+def samples(corners_mm: Field) -> tuple[Field, NDArray[np.int64]]:
     """Points on triangles (n, 3) and the triangle of each (n,), the same on every call.
 
     Every triangle has its centroid and a point beside each corner; large ones more, by area.
@@ -94,14 +93,14 @@ def samples(corners_mm: Array) -> tuple[Array, NDArray[np.int64]]:
     return np.einsum("nc,ncx->nx", weights, corners_mm[owner]), owner
 
 
-def normals(corners_mm: Array) -> Array:
+def normals(corners_mm: Field) -> Field:
     """Unit normals (m, 3) of triangles, outwards; zero for a triangle without area."""
     n = np.cross(*np.moveaxis(_edges(corners_mm), 1, 0))
     length = np.linalg.norm(n, axis=1, keepdims=True)
     return np.divide(n, length, out=np.zeros_like(n), where=length > 0)
 
 
-def _edges(corners_mm: Array) -> Array:
+def _edges(corners_mm: Field) -> Field:
     """Two edges of each triangle, (m, 2, 3)."""
     return corners_mm[:, 1:] - corners_mm[:, :1]
 
@@ -170,11 +169,11 @@ class ExactRays:
         self._oriented = [BRepGProp_Face(face) for face in faces]
         self._normal_of = BRepGProp_Face
 
-    def first(self, origin_mm: Array, direction: Array, start_mm: float = START_MM) -> float:
+    def first(self, origin_mm: Field, direction: Field, start_mm: float = START_MM) -> float:
         """Distance along a unit direction to the nearest surface beyond start_mm; inf for none."""
         return self._first(origin_mm, direction, start_mm)[0]
 
-    def thickness(self, point_mm: Array, face: int) -> Thickness | None:
+    def thickness(self, point_mm: Field, face: int) -> Thickness | None:
         """Thickness inwards from the point of a face nearest to point_mm; None at an edge."""
         from OCP.gp import gp_Pnt
 
@@ -194,7 +193,7 @@ class ExactRays:
         return Thickness(far, (x, y, z))
 
     def _first(
-        self, origin_mm: Array, direction: Array, start_mm: float
+        self, origin_mm: Field, direction: Field, start_mm: float
     ) -> tuple[float, tuple[Any, float, float] | None]:
         from OCP.gp import gp_Dir, gp_Lin, gp_Pnt
 
@@ -208,7 +207,7 @@ class ExactRays:
         return float(far), (rays.Face(k), rays.UParameter(k), rays.VParameter(k))
 
 
-def _point_normal(face: Any, u: float, v: float) -> tuple[Array, Array | None]:
+def _point_normal(face: Any, u: float, v: float) -> tuple[Field, Field | None]:
     """A point of an oriented face and its outward unit normal, None where it has none."""
     from OCP.gp import gp_Pnt, gp_Vec
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from ...errors import MissingLibrary, RunFailed
+from ...types import Progress
 from ..design import IndenterList
 from ..dimensions import Design
 from ..kernel import guarded
@@ -31,8 +32,6 @@ from . import (
 from .built import Built
 from .row import Row
 from .table import Check
-
-Progress = Callable[[int, int, str], None]
 
 CHECKS = (
     Check(drawings.NAME, "every part", drawings.LIMIT, drawings.rows),

@@ -7,9 +7,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+from ...types import Point2, Vector
 from .dimensioning import Axis, Centres, Circle, Detail, Item, Leader, Linear, Side, shown
-from .page import ARROW_MM, SMALL_MM, Page, Point2, Rect, meet, text_width_mm, within
-from .projection import Vector, View
+from .page import ARROW_MM, SMALL_MM, Page, Rect, meet, text_width_mm, within
+from .projection import View
 from .sheet import LINE_MM
 
 SIDES: tuple[Side, ...] = ("left", "right", "top", "bottom")

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...arrays import Points
 from ..part import Part
-from .projection import Points
 
 RADIUS_MM, BETWEEN_MM, ROW_MM = 3.2, 9.0, 11.0
 CLEAR_MM = 1.0  # from a leader's end to the lines of another part

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .projection import Points
+from ...arrays import Points
 
 SIDES = 120
 

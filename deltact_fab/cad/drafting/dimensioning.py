@@ -8,7 +8,8 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Literal
 
-from .projection import Vector, View
+from ...types import Vector
+from .projection import View
 
 Side = Literal["left", "right", "top", "bottom"]
 Limits = tuple[float, float]

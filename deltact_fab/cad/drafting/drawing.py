@@ -15,7 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from ...arrays import Points
 from ...errors import InputError
+from ...types import Point2
 from ..dimensions import Design
 from ..kernel import guarded
 from ..part import LASER_CUT, PRINT, Part
@@ -23,8 +25,7 @@ from .arrangement import Arranged
 from .dimensioning import Detail
 from .items import GENERAL_TOLERANCE
 from .layout import Layout, free_square, laid_out
-from .page import LARGE_MM, SMALL_MM, Page, Point2, text_width_mm
-from .projection import Points
+from .page import LARGE_MM, SMALL_MM, Page, text_width_mm
 from .sheet import LINE_MM, SHEETS, Title, draw_frame
 from .views import Drawn, enlarged, views
 

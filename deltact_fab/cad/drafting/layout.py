@@ -6,10 +6,11 @@ from dataclasses import dataclass, field
 from itertools import combinations
 
 from ...errors import InputError
+from ...types import Point2
 from .arrangement import Arranged
 from .dimensioning import Detail
 from .items import Callouts
-from .page import Point2, Rect, meet
+from .page import Rect, meet
 from .sheet import BORDER_MM, LINE_MM, SHEETS, block_rect, wrapped
 from .views import Drawn, enlarged
 

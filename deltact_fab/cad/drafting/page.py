@@ -15,9 +15,9 @@ from typing import Any
 
 from ... import __version__
 from ...pdf import Document, glyphs, width_em
+from ...types import Point2
 from ...units import POINTS_PER_MM
 
-Point2 = tuple[float, float]
 Rect = tuple[float, float, float, float]  # left, top, right, bottom
 
 SMALL_MM, LARGE_MM = 2.5, 3.5

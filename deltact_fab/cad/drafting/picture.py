@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Points
 from ..assembly import Placed, assemble
 from ..build import build_part
 from ..dimensions import Design
@@ -24,7 +25,7 @@ from ..registry import of_group
 from ..solid_gate import bounding_box
 from .balloons import RADIUS_MM, Balloon, arranged
 from .page import FONT, LARGE_MM, SMALL_MM, number, path_data, text_width_mm
-from .projection import Points, Projected, View, project
+from .projection import Projected, View, project
 from .seen import regions
 
 CORNER = View((1, 1, -0.9), (0, 0, 1))

@@ -8,10 +8,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Vector = tuple[float, float, float]
-Points = NDArray[np.float64]
+from ...arrays import Points
+from ...types import Vector
 
 CHORD_MM = 0.005
 ANGLE_RAD = 0.15

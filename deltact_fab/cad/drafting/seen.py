@@ -10,7 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from .projection import Points, View
+from ...arrays import Points
+from .projection import View
 
 STEP_MM = 0.1  # on paper; a line is 0.25 wide
 _SPARE_PX = 2

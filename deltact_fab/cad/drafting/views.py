@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from ...arrays import Points
+from ...types import Point2
 from ..kernel import require
 from .detail import Circle2
 from .dimensioning import Detail
 from .items import Callouts
-from .page import Point2
-from .projection import Points, Projected, View, project, sampled
+from .projection import Projected, View, project, sampled
 
 VIEWS = {
     "front": View((0, 1, 0), (0, 0, 1)),

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ...types import Point2
 from ..dimensions import Design
 from ..parts.camera import CABLE, COMPUTER
 from ..parts.light_holder import WIRE, WIRE_COLOURS
-from .page import LARGE_MM, SMALL_MM, Page, Point2
+from .page import LARGE_MM, SMALL_MM, Page
 from .sheet import LINE_MM, SHEETS, Title, draw_frame, wrapped
 
 SHEET = "A4"

@@ -15,7 +15,8 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from ...errors import InputError, RunFailed
-from ...jobs import Progress, arrivals, processors
+from ...jobs import arrivals, processors
+from ...types import Progress
 from ..build import expected
 from ..dimensions import Design
 from ..part import Part

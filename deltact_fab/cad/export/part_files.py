@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...errors import InputError, RunFailed, did_you_mean
+from ...types import Point
 from ..build import build_part
 from ..dimensions import Design
 from ..drafting.drawing import drawing, has_drawing
@@ -24,8 +25,6 @@ FORMATS = ("step", "stl", "3mf", "dxf", "glb", "svg", "pdf")
 DRAWN = ("svg", "pdf")
 MESHED = ("stl", "3mf", "glb")
 TO_PRINT = ("stl", "3mf")
-
-Point3 = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -118,7 +117,7 @@ def make(task: Task) -> list[Made]:
     return made
 
 
-def whole(parts: Sequence[tuple[float, Box, Sequence[Point3]]]) -> tuple[float, Box]:
+def whole(parts: Sequence[tuple[float, Box, Sequence[Point]]]) -> tuple[float, Box]:
     """Volume and box of an assembly of (volume, box, places), one place a copy."""
     boxes = [
         tuple(tuple(c + p for c, p in zip(corner, place, strict=True)) for corner in box)

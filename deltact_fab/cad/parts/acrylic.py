@@ -15,12 +15,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from ...types import Point2
 from ..drafting.dimensioning import Item
 from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
 from ..part import CLEAR, LASER_CUT, Part
-from ..record import Point2, Record, number
+from ..record import Record, number
 from ..rule import Rule
 from ..solid_gate import Expected
 

@@ -22,9 +22,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING
 
+from ...types import Point2
 from ..kernel import require
 from ..part import BOUGHT, GREEN, Part
-from ..record import Point2, Record, number
+from ..record import Record, number
 from ..rule import Rule
 from ..solid_gate import Expected
 from . import view

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 
 from ...shapes import EllipsoidTip, Indenter, PrismTip, RidgeTip, SphereTip
 from ...shapes.turned import TurnedTip
+from ...types import Point2
 from ..design import IndenterBody, IndenterDimensions
 from ..drafting.dimensioning import Axis, Centres, Circle, Detail, Item, Leader, Linear, shown
 from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..part import PRINT, RESIN, WHITE, Part
 from ..print_orientation import Lying
-from ..record import Point2
 from .indenter import build, corner_mm, expect, plate_half_mm
 
 SMALL_MM = 1.0  # what is smaller is drawn again in a detail

@@ -15,6 +15,7 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from ...types import Point2
 from ..kernel import require
 from ..part import AMBER, BOUGHT, Flat, Part
 from ..rule import Rule
@@ -30,8 +31,6 @@ PAD_MM = 1.5  # length of a pad; its width and place are shares of the strip's w
 PAD_WIDTH, PAD_AT = 0.2, 0.3
 BEYOND_MM = 1.0  # a cut mark stands out so far
 APART_MM = 10.0  # between strip and ring
-
-Point2 = tuple[float, float]
 
 
 def expect(design: Design) -> Expected:

@@ -24,12 +24,13 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
+from ...types import Point2
 from ..drafting.dimensioning import Axis, Cut, Item, Leader, Linear, shown
 from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..fit import Fit
 from ..kernel import require
 from ..part import AMBER, PRINT, RESIN, Part, shell_wall_mm
-from ..record import Point2, Record, number
+from ..record import Record, number
 from ..rule import Rule
 from ..solid_gate import Expected
 from .skin_frame import window_area_mm2

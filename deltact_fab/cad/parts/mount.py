@@ -26,9 +26,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
+from ...types import Point, Vector
 from ..drafting.dimensioning import Axis, Item, Leader, Linear, shown
 from ..drafting.items import holes, x_of, y_of, z_of
-from ..drafting.projection import Vector
 from ..fit import Fit, Length
 from ..kernel import require
 from ..record import Record, number, standard_row
@@ -40,8 +40,6 @@ if TYPE_CHECKING:
     from cadquery import Workplane
 
     from ..dimensions import Design
-
-Point3 = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -119,7 +117,7 @@ def bars(design: Design) -> list[Box]:
     ]
 
 
-def hole_axes(design: Design) -> list[tuple[Point3, Point3]]:
+def hole_axes(design: Design) -> list[tuple[Point, Point]]:
     """Both ends of each through hole's axis: along z in a block, along y in a flange."""
     mount = design.mount
     (x0, y0, z0), (x1, y1, z1) = bars(design)[-1]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Field
 from ...errors import InputError
 from .material import NeoHooke
 from .mesh import HexMesh
@@ -17,7 +17,6 @@ try:
 except ImportError:  # numba is an extra
     compiled = None  # type: ignore[assignment]
 
-Field = NDArray[np.float64]
 
 _G = 1 / np.sqrt(3)
 _CORNER = np.array(

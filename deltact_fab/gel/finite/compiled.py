@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
+
+from ...arrays import Field
 
 if TYPE_CHECKING:
     from .assembly import BulkAssembly
 
-Field = NDArray[np.float64]
 _NOTHING = np.empty(0)
 _NO_MEMORY = np.empty((0, 8, 6))
 

@@ -10,15 +10,13 @@ The energy only falls, so there is no circle to run in.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Field
 from ...errors import SolverError
 from .. import limit
 from .linear import Solver
 from .newton import Problem, Solution, size_of
 from .pattern import Pattern
-
-Field = NDArray[np.float64]
 
 FIRST, MOST = 0.05, 1e6  # damping: begun with, given up beyond
 MORE, LESS = 4.0, 0.5  # times the damping after a bad step, after a good one

@@ -15,9 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Field
 from ...shapes import EllipsoidTip, Indenter, PrismTip, RidgeTip, SphereTip, Tip, TurnedTip
-
-Field = NDArray[np.float64]
 
 _TINY = 1e-12
 _STEP_MM = 1e-4  # for differences of a prism's outline

@@ -13,16 +13,14 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Field
 from ..lattice import hermite, means
 from .mesh import HexMesh
 
 if TYPE_CHECKING:
     from .press import FinitePress
     from .state import FiniteState
-
-Field = NDArray[np.float64]
 
 
 class FaceLattice:

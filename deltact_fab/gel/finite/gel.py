@@ -8,20 +8,19 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Field
 from ...elasticity.material import GelMaterial
 from ...errors import InputError
 from ...shapes import Indenter, SkinDimensions
-from ..level import Choice, Diagnostics, Level, Point
+from ...types import Point
+from ..level import Choice, Diagnostics, Level
 from .field import FaceLattice, tractions_mpa, whole_wrench
 from .mesh import block_mesh
 from .penalty_correction import lacking_n
 from .press import FinitePress
 from .state import PENETRATION_LIMIT, FiniteState, sum_of, with_diagnostics
 from .transfer import Guide
-
-Field = NDArray[np.float64]
 
 # Up to about here neo-Hooke follows rubber in tension within a third (Treloar, Trans. Faraday Soc.
 # 40, 1944); soft silicones tear at 3 to 5.

@@ -12,11 +12,10 @@ from typing import Any, Literal, Protocol
 import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
-from numpy.typing import NDArray
 
+from ...arrays import Field
 from ...errors import InputError, MissingLibrary, SolverError
 
-Field = NDArray[np.float64]
 Name = Literal["auto", "pardiso", "superlu", "cg"]
 
 LARGEST_FOR_SUPERLU = 30_000  # rows; beyond, its fill takes gigabytes

@@ -23,12 +23,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Field
 from ...elasticity.material import GelMaterial
 from ...errors import InputError
-
-Field = NDArray[np.float64]
 
 LOCAL = 8.0  # b over mu
 MOST_POISSON = 0.49999  # beyond, rounding in U' spoils the residual

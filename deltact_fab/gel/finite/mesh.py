@@ -11,11 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Field, Index
 from ...errors import InputError
 from ...shapes import SkinDimensions
 
-Field = NDArray[np.float64]
-Index = NDArray[np.int64]
 Box = tuple[float, float, float, float]
 
 GROWTH = 1.25  # of neighbouring cells; more costs accuracy at the transition

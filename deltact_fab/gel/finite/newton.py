@@ -22,14 +22,12 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 import scipy.sparse.linalg as spla
-from numpy.typing import NDArray
 
+from ...arrays import Field
 from ...errors import SolverError
 from .. import limit
 from .linear import Solver
 from .pattern import Pattern
-
-Field = NDArray[np.float64]
 
 KEEP = 0.2  # a factor is kept while it reduces the residual at least to this
 HALVES = 3  # lengths that are tried of one direction

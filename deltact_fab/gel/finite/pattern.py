@@ -6,10 +6,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from ...arrays import Field, Index
 from .mesh import HexMesh
-
-Field = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 CELL_DOFS = 24
 UPPER = np.triu_indices(CELL_DOFS)

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Field
 from .assembly import BulkAssembly
 from .state import FiniteState
-
-Field = NDArray[np.float64]
 
 PREDICTABLE = 0.75  # of the smallest cell: longest move that is extrapolated
 KEPT = 0.2  # of the least volume ratio, by which a start may crush a cell

@@ -8,11 +8,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Field
 from ...elasticity.material import GelMaterial
 from ...errors import InputError, SolverError
 from ...shapes import Indenter
+from ...types import Point
 from ..footprint import edge_radius_mm
 from . import newton
 from .assembly import BulkAssembly
@@ -24,13 +25,11 @@ from .mesh import HexMesh
 from .pattern import Pattern
 from .predict import start_of
 from .problem import Equilibrium, bulk_at
-from .state import Diagnostics, FiniteState, Point, sum_of, with_diagnostics
+from .state import Diagnostics, FiniteState, sum_of, with_diagnostics
 from .surface import Grip, Surface
 from .tip_rounding import blunted
 from .transfer import Guide
 from .viscous import Memory, Viscosity
-
-Field = NDArray[np.float64]
 
 MOST_CUTS = 6  # halvings of one increment
 SHARP, MANY = 2.0, 5  # cells: least radius that 2 x 2 points a face can feel, and else how many

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Field
 from .assembly import Bulk, BulkAssembly
 from .newton import Evaluation
 from .surface import Coupling, Grip, Surface
 from .viscous import Memory
-
-Field = NDArray[np.float64]
 
 
 def bulk_at(

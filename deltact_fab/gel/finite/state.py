@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
-Field = NDArray[np.float64]
-Point = tuple[float, float, float]
+from ...arrays import Field
+from ...types import Point
 
 PENETRATION_LIMIT = 0.05  # of the depth; beyond, a state is not `trusted`
 

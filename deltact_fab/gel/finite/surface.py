@@ -18,12 +18,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Field
 from ...shapes import Indenter
 from .distance import Gap, gap
 from .mesh import HexMesh
 from .pattern import FACE_UPPER, Pattern
-
-Field = NDArray[np.float64]
 
 STIFFNESS = 50.0  # k h / E
 GRIP = 10.0  # the same along the face

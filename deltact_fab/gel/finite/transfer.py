@@ -9,12 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Field
+from ...types import Point
 from .mesh import HexMesh
-from .state import FiniteState, Point
-
-Field = NDArray[np.float64]
+from .state import FiniteState
 
 SAME_MM = 1e-6  # tips no further apart are one
 

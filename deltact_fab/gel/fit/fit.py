@@ -15,10 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Field, Mask
 from ...errors import InputError, RunFailed
 from ...shapes import Indenter, SkinDimensions
+from ...types import Point2, Progress
 from ..level_selection import SHARE, TOLERANCE
-from .force_curve import DEEPEST, Point2, Progress, cells_mm
+from .force_curve import DEEPEST, cells_mm
 from .least_squares import (
     WIDER,
     Bounds,
@@ -31,9 +33,6 @@ from .least_squares import (
 )
 from .measured import Measured, before_drag
 from .press_model import PressModel
-
-Field = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 ASSUMED_FRICTION = 0.5
 COARSER = 1.5

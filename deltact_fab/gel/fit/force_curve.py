@@ -11,25 +11,22 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Field
 from ...elasticity.material import GelMaterial
 from ...errors import InputError
 from ...shapes import Indenter, SkinDimensions
+from ...types import Point, Point2, Progress
 from ..level import Choice
-from ..path.knots import Increments, Observed, Point, Pose, divide
+from ..path.knots import Increments, Observed, Pose, divide
 from ..path.open import choose, open_path
 from .power_law import PowerLaw, evaluated, interpolant, left_out
 from .shallow import layer_forces, seen_from_mm
-
-Field = NDArray[np.float64]
-Point2 = tuple[float, float]
-Progress = Callable[[int, int, str], None]
 
 STEP_MM = 0.5
 DEEPEST = 0.95  # of the thickness

@@ -7,13 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Field, Mask
 from ...errors import RunFailed
 from .press_model import PressModel
 
-Field = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Bounds = tuple[float, float]
 
 COEFFICIENTS = (0.25, 0.5, 1.0)  # of friction, solved first where it is looked for

@@ -11,9 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Field
 from ...errors import InputError, did_you_mean
-
-Field = NDArray[np.float64]
 
 NEEDED = ("depth_mm", "normal_n")
 OPTIONAL = ("shear_x_mm", "shear_y_mm", "fx_n", "fy_n")

@@ -8,9 +8,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Field = NDArray[np.float64]
+from ...arrays import Field
 
 
 class PowerLaw(NamedTuple):

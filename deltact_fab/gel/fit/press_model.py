@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Field
 from ...elasticity.material import GelMaterial
 from ...shapes import Indenter, SkinDimensions
-from .force_curve import ForceCurve, Point2, Progress, force_curve, force_path
+from ...types import Point2, Progress
+from .force_curve import ForceCurve, force_curve, force_path
 from .measured import Measured
-
-Field = NDArray[np.float64]
 
 ROUNDING_MM = 0.02  # from the straight line: less than that a row is on it
 STEP_MM = 0.25  # between solved points of a drag

@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Field
 from ...elasticity.material import GelMaterial
 from ...errors import InputError, SolverError
 from ...shapes import Indenter, SkinDimensions
 from ..path.knots import Observed, Pose
 from ..path.open import choose, open_path
-
-Field = NDArray[np.float64]
 
 CELLS = 3.0  # contact radius over cell size, from which a mesh is trusted
 PARTS = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 3 / 4)  # of the first solved depth

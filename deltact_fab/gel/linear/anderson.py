@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Field = NDArray[np.float64]
+from ...arrays import Field
 
 
 class Mixer:

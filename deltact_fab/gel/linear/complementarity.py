@@ -9,14 +9,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
-from ...elasticity.face import Field, PatchOperator
+from ...arrays import Field, Mask
+from ...elasticity.face import PatchOperator
 from ...errors import SolverError
 from .. import limit
-
-Mask = NDArray[np.bool_]
 
 _POWER_STEPS = 12  # to the largest eigenvalue: the uniform start is already close to it
 MUCH = 0.7  # of a set of nodes: a smaller part of it has an eigenvalue of its own

@@ -25,12 +25,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...elasticity.face import FaceOperator, Field, PatchOperator
+from ...arrays import Field
+from ...elasticity.face import FaceOperator, PatchOperator
 from ...errors import InputError, SolverError
 from ...shapes import Indenter
+from ...types import Point
 from .anderson import Mixer
 from .complementarity import Compliance, friction_contact, normal_contact, normal_violation
-from .limits import Point, least_det, refuse_bad_contact, refuse_out_of_range
+from .limits import least_det, refuse_bad_contact, refuse_out_of_range
 from .patch import Patch, footprint, patch_below
 from .state import ContactState, untouched
 

@@ -7,18 +7,17 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Field
 from ...elasticity.face import FaceOperator
 from ...elasticity.material import GelMaterial
 from ...errors import SolverError
 from ...shapes import Indenter, SkinDimensions
+from ...types import Point
 from ..lattice import hermite, means
-from ..level import Choice, Diagnostics, Level, Point
+from ..level import Choice, Diagnostics, Level
 from .contact import LayerContact
 from .state import ContactState
-
-Field = NDArray[np.float64]
 
 MOST_CUTS = 2  # halvings of an increment
 

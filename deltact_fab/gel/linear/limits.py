@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
-from ...elasticity.face import FaceOperator, Field
+from ...arrays import Field, Mask
+from ...elasticity.face import FaceOperator
 from ...errors import InputError, SolverError
 from ...shapes import Indenter
+from ...types import Point
 from .patch import span
-
-Point = tuple[float, float, float]
-Mask = NDArray[np.bool_]
 
 DEPTH_LIMIT = 0.25  # of the thickness: force is still within some per cent of finite strain there
 FOLD_LIMIT = 0.2  # least det(I + grad u) of the face; at 0 the printed pattern folds over

@@ -6,15 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Field, Mask
 from ...elasticity.face import FaceOperator, PatchOperator
 from ...errors import SolverError
 from ...shapes import Indenter
-
-Field = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Point = tuple[float, float, float]
+from ...types import Point
 
 MARGIN = 3  # nodes around those below the indenter
 

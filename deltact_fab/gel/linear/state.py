@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Field = NDArray[np.float64]
-Point = tuple[float, float, float]
+from ...arrays import Field
+from ...types import Point
 
 
 @dataclass(frozen=True, eq=False)

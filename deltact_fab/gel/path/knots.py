@@ -15,8 +15,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-Point = tuple[float, float, float]
-Field = NDArray[np.float64]
+from ...arrays import Field
+from ...types import Point
 
 CONTACT_EPS_MM = 1e-9  # rounding of a stage's transform; a motor step is 1e-3
 

@@ -13,8 +13,9 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ...shapes import Indenter
+from ...types import Point
 from ..footprint import is_mirrored
-from .knots import Point, Pose, Solved
+from .knots import Pose, Solved
 
 
 @dataclass(frozen=True)

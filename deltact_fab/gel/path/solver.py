@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Field
 from ...errors import DeltactFabError, InputError, SolverError
+from ...types import Point
 from . import store
-from .knots import Between, Field, Observed, Point, Pose, Solved, Trajectory
+from .knots import Between, Observed, Pose, Solved, Trajectory
 from .mirror import Mirror
 
 if TYPE_CHECKING:

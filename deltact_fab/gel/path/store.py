@@ -12,10 +12,12 @@ from typing import Any, Literal
 import numpy as np
 
 from ... import cache, digest
+from ...arrays import Field
 from ...elasticity.material import GelMaterial
 from ...shapes import Indenter, SkinDimensions
+from ...types import Point
 from ..level import Choice
-from .knots import Between, Field, Observed, Point, Pose, Solved, Trajectory
+from .knots import Between, Observed, Pose, Solved, Trajectory
 
 KIND = "gel-trajectory"
 KEEP_BYTES = 8 * 10**9

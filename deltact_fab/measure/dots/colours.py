@@ -7,15 +7,11 @@ with the ring of the first image.
 
 from __future__ import annotations
 
-from typing import Any
-
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ..compose import sample
-
-Array = NDArray[Any]
 
 MAX_ALIKE = 0.3  # median correlation of the rings of different dots
 

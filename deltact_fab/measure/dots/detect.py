@@ -12,15 +12,12 @@ whole pixels keep a centroid, and the work falls with the square.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from .rule import DotRule, Polarity
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...errors import InputError, SensorError
 from .detect import Blobs, Detector
 from .rule import DotRule, Polarity
-
-Array = NDArray[Any]
 
 MIN_DOTS = 9
 DIAMETERS_PX = (6.0, 12.0, 24.0, 48.0)  # scales at which dots are looked for

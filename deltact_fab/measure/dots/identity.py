@@ -6,17 +6,13 @@ What the order of nearness says is only a first guess. Every match has to stand 
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from .colours import Rings
 from .detect import Blobs
 from .rule import DotRule
 from .skin import Skin, mutual
-
-Array = NDArray[Any]
 
 
 class Identities:

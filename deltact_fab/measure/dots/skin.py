@@ -7,12 +7,10 @@ neighbours never turns over, and where a dot went follows from the affine motion
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
+from ...arrays import Array
 
 STRAY_FACTOR, STRAY_PITCH = 3.0, 0.25
 SMALL_STRAIN = 0.05  # up to which a dot may have it from further away

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...errors import InputError, SensorError
 from .colours import Rings
 from .detect import Blobs, Detector
@@ -16,8 +15,6 @@ from .found import find_dots
 from .identity import Identities
 from .rule import DotRule, Polarity
 from .skin import Skin, mutual
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)

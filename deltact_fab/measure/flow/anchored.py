@@ -7,18 +7,14 @@ of taking the motion of what hides it, and is found again there when it reappear
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ..compose import landing_px, sample, shrunk
 from .confidence import Judge
 from .fill import filled
 from .fused import COARSE, Plane, Reference, predict
 from .observation import Followed, Ready
-
-Array = NDArray[Any]
 
 
 class Anchored:

@@ -8,12 +8,12 @@ over.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...errors import InputError
 from ..compose import landing_px, sample, shrunk
 from . import kernel_cv2
@@ -21,7 +21,6 @@ from .fused import Plane, Refined, kernel
 from .image import Sampled
 from .observation import FlowState
 
-Array = NDArray[Any]
 _EDGE = cv2.BORDER_REPLICATE
 _COARSE_PX = 4  # windows are counted in cells of two nodes each way
 _LEAST_VARIANCE = 1.0  # grey levels^2: less than a camera's noise

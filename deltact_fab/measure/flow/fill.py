@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ..compose import shrunk
 
-Array = NDArray[Any]
 CELL = 4  # nodes to a side of a cell
 WINDOWS = (5, 13, 33, 97)  # cells to a side
 ENOUGH = 0.15  # share of a window that must be known before it is believed alone

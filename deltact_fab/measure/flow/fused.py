@@ -21,15 +21,13 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...errors import InputError
 from ..compose import shrunk
 from . import kernel_cv2
 from .image import MIN_SIDE_PX, Sampled, require_image
 from .kernel_cv2 import LEAST_VARIANCE, around
-
-Array = NDArray[Any]
 
 STEPS = (6, 4, 2)  # on a quarter, half and the full size
 _LEVELS = 3

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...errors import InputError
-
-Array = NDArray[Any]
 
 MIN_SIDE_PX = 64  # below it the pyramids of every method degenerate
 

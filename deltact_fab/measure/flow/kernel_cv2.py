@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ..compose import landing_px
 
-Array = NDArray[Any]
 NAME = "cv2"
 # A box of 6 of a box of 5 of a box of 2: its transfer function has hardly a negative part, which
 # steps would amplify.

@@ -11,11 +11,10 @@ from typing import Any
 import cv2
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from .kernel_cv2 import LEAST_CONTRAST, LEAST_VARIANCE, OWN_WEIGHT, ROUNDING
 
-Array = NDArray[Any]
 NAME = "numba"
 _OUTER, _INNER = 6, 5  # the window is a box of 6 of a box of 5 of a box of 2
 _REACH = 5  # cells to each side of its own

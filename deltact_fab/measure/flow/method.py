@@ -8,14 +8,12 @@ from typing import Any, Literal
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...errors import InputError, did_you_mean
 from .fused import Plane, to_full, to_half
 from .fused import Reference as FusedReference
 from .image import MIN_SIDE_PX
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)

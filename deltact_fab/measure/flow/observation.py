@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from numpy.typing import NDArray
+from ...arrays import Array
 
 if TYPE_CHECKING:
     from .anchored import Anchored
@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from .fused import Plane, Refined
     from .image import Sampled
     from .renewed import Renewed
-
-Array = NDArray[Any]
 
 
 class FlowState(IntEnum):

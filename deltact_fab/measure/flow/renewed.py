@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...errors import InputError
 from ..compose import block_ncc, compose, inside, landing_px, sample
 from .confidence import Judge
@@ -18,7 +18,6 @@ from .image import Sampled, to_gray
 from .method import FlowMethod, Prepared
 from .observation import Followed, Ready
 
-Array = NDArray[Any]
 Sum = Literal["composed", "summed", "static"]
 Renewal = Literal["adaptive", "every-frame", "photometric"]
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...errors import InputError, SensorError, did_you_mean
 from .anchored import Anchored
 from .confidence import ConfidenceRule, Judge, Verdict
@@ -18,7 +18,6 @@ from .method import FlowMethod
 from .observation import FlowDiagnostics, FlowObservation, Followed, Ready, Sequence
 from .renewed import Renewal, RenewalRule, Renewed
 
-Array = NDArray[Any]
 ANCHORED = "fused"  # the one method that the anchored reference refines by
 Reference = Literal["anchored", "composed", "summed", "static"]
 

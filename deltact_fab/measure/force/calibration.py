@@ -9,17 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ... import catalog
+from ...arrays import Array
 from ...errors import InputError
 from ...optics import CameraModel
 from ...shapes import SkinDimensions
 from ..sensor_id import Head, read_calibration
 from ..view import SensorView
 from .model import ForceModel
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)

@@ -8,18 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ..face import FaceFlow
 from ..view import SensorView
 from .model import ForceModel
 from .press import FaceInverse, Press, inverse_for
 from .wrench import TractionField
-
-Array = NDArray[Any]
 
 _SUMS = ("Fx/E mm2", "Fy/E mm2", "Fz/E mm2", "Tx/E mm3", "Ty/E mm3", "Tz/E mm3")
 _PLACED = ("Fx r2/E mm4", "Fy r2/E mm4", "Fz r2/E mm4")

@@ -11,14 +11,13 @@ from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...errors import InputError
 from ..face import FaceFlow
 from ..regression import Fit, least_squares, relative_leverage
 from .wrench import COMPONENTS, TractionField, Wrench
 
-Array = NDArray[Any]
 REACH = 2.0  # times the largest leverage in training, beyond which a frame is extrapolated
 
 

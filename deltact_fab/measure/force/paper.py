@@ -9,11 +9,10 @@ the field integrates to it. What the paper does not have is torque: here first m
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ..face import FaceFlow
 from ..hodge import decompose
 from ..shape.density import by_jacobian
@@ -22,8 +21,6 @@ from ..whole import whole
 from .model import ForceModel
 from .sums import TURNING, integrals, turning
 from .wrench import TractionField
-
-Array = NDArray[Any]
 
 _D = ("D mm2", "D^2 mm2", "D^3 mm2")
 _A = ("a mm3", "a^2 mm4", "a^3 mm5")

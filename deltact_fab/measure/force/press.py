@@ -14,12 +14,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg, ndimage
 
+from ...arrays import Array
 from ...elasticity.cells import FaceCells
 from ...optics import axes_mm
 from ..face import FaceFlow
@@ -27,8 +26,6 @@ from ..view import SensorView
 from ..whole import whole
 from .bounded_least_squares import least_squares_signed
 from .sight import sight
-
-Array = NDArray[Any]
 
 CELL_MM = 1.0
 BEYOND_MM = 2.0  # a contact may reach out of the view

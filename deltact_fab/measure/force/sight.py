@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...optics import CameraModel
 
-Array = NDArray[Any]
 STEP_MM = 1e-3
 
 

@@ -7,17 +7,14 @@ points.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ..face import FaceFlow
 from ..hodge import Hodge, decompose
 from ..view import SensorView
 from ..whole import whole
-
-Array = NDArray[Any]
 
 TURNING = ("x ry mm4", "y rx mm4", "x hy mm4", "y hx mm4")
 

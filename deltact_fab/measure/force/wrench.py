@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
+from ...arrays import Array
 
 COMPONENTS = ("fx", "fy", "fz", "tx", "ty", "tz")
 """Order of a wrench (6,): N on the sensor, and N mm about the centre of its resting face."""

@@ -21,8 +21,6 @@ from .corners import find, read_image
 from .problem import Prior, Problem, Seen, Solution, solve
 from .start import nominal, pose, priors
 
-Array = NDArray[Any]
-
 PHOTOGRAPHS = "photographs.json"
 """Beside simulated images: {"simulated": true, "seed": N}."""
 

@@ -5,16 +5,14 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...errors import InputError
 from .board import Board
-
-Array = NDArray[Any]
 
 FEWEST = 5
 """Inner corners each way that are looked for on a skin; the finder then grows the grid."""

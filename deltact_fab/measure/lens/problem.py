@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ...arrays import Array
 from ...errors import InputError, SolverError
 from ...optics import Fisheye
 from ...shapes.bounded import ShapeError
 from .corners import Corners
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)

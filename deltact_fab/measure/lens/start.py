@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ...arrays import Array
 from ...errors import InputError
 from ...optics import Fisheye
 from ...shapes import SensorDimensions
 from .corners import Corners
 from .problem import Prior, Seen
-
-Array = NDArray[Any]
 
 HEIGHTS_MM = (3.0, 8.0, 16.0, 32.0)
 """Of a board in air, from which its pose is looked for."""

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...errors import InputError
 from ...shapes import SensorDimensions
 from .problem import PRIOR_STEP, Problem, Solution
-
-Array = NDArray[Any]
 
 DEPTHS_MM = (3.0, 6.0)
 """Below the face, at which the sigma is stated besides the face's own."""

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from numpy.typing import NDArray
-
+from ...arrays import Array
 from ...errors import InputError
 from ...optics import CameraModel
 from ...shapes import SkinDimensions
@@ -19,7 +18,6 @@ from ..sensor_id import Head, SensorId, read_calibration, require_same
 from ..shape import DepthModel
 from ..view import SensorView
 
-Array = NDArray[Any]
 Calibration = ForceModel | ForceCalibration | DepthModel | Path | str
 
 

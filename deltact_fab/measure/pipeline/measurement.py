@@ -9,8 +9,8 @@ from threading import Lock
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...optics import CameraModel
 from ..flow import FlowTracker, Ready, named_tracker
 from ..health import Health
@@ -20,7 +20,6 @@ from .plan import Plan
 from .rectify import Rectifier
 from .result import Result
 
-Array = NDArray[Any]
 Step = Callable[["Job"], None]
 
 

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from threading import Lock, Thread
 from types import TracebackType
-from typing import Any, Literal
+from typing import Literal
 
-from numpy.typing import NDArray
-
+from ...arrays import Array
 from .bounded_queue import Belt, Closed
 from .measurement import Job, Measurement, Step
 from .result import Result
 
-Array = NDArray[Any]
 Policy = Literal["every", "newest"]
 _KEPT = 64  # results of a live source that wait to be read
 

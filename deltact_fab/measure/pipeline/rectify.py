@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...errors import InputError
 from ...optics import CameraModel, Rectified
 from ..compose import sample
 from ..flow import Sampled
 from ..flow.fused import to_half
-
-Array = NDArray[Any]
 
 
 class Rectifier:

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
-from numpy.typing import NDArray
-
+from ...arrays import Array
 from ..face import FaceFlow
 from ..flow import FlowObservation
 from ..force import TractionField, Wrench
 from ..health import Health
 from ..shape import Contact, Density, Depth
 
-Array = NDArray[Any]
 Output = Literal["flow", "observation", "shape", "contacts", "force", "traction"]
 
 

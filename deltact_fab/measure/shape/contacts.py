@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...optics import CameraModel
 from ..face import FaceFlow
 from ..force import TractionField
 from ..whole import whole
 from .depth import Depth
-
-Array = NDArray[Any]
 
 RIM = 0.3
 """A contact ends where the depth falls below this share of its peak: of balls the rim is there."""

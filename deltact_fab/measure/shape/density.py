@@ -11,17 +11,14 @@ to be relied on.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ..compose import sample
 from ..face import FaceFlow
 from ..whole import whole
-
-Array = NDArray[Any]
 
 SIGMA_PX = 3.0
 """Of the full image, whatever the distance of the flow's points."""

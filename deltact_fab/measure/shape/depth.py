@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
-from numpy.typing import NDArray
 
 from ... import catalog
+from ...arrays import Array
 from ...elasticity.block import interpolation
 from ..face import FaceFlow
 from ..force.press import Press, inverse_for
@@ -23,8 +23,6 @@ from ..rigid import rigid
 from ..sensor_id import Head, read_calibration
 from ..view import SensorView
 from ..whole import whole
-
-Array = NDArray[Any]
 
 RIGID = 0.1
 BEYOND = 1.1

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ..face import FaceFlow
 from .density import Density
-
-Array = NDArray[Any]
 
 RADIUS_MM = 0.6
 EPS = 2.5e-4

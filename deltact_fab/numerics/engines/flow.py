@@ -14,12 +14,13 @@ from typing import Any
 import cv2
 import numpy as np
 
+from ...arrays import Image
 from ...measure.flow import FLOW_METHODS, FlowMethod, FlowTracker, to_gray
 from ...study.star import StarFigures
 from ..engine import Case, Engine, Table
 from . import flow_hard
 from .flow_curves import curves, found
-from .flow_frames import MM_PER_PX, STAR, STARS, Image, scene
+from .flow_frames import MM_PER_PX, STAR, STARS, scene
 
 NOISE_PX, LOSS_PX = 0.018, 34.0  # of the fused steps on the star
 SILENT = 0.005  # share of an unrelated image that may be confident

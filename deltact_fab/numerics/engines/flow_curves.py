@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from ...arrays import Image
 from ...measure.flow import (
     FLOW_METHODS,
     PAPER,
@@ -22,7 +23,7 @@ from ...measure.flow import (
 from ...measure.flow.fused import Plane, Reference
 from ...virtual.picture import TOLERANCE_PX
 from ..engine import Setting, Work
-from .flow_frames import MM_PER_PX, STAR, Image, Scene, Vectors, scene
+from .flow_frames import MM_PER_PX, STAR, Scene, Vectors, scene
 
 MOTIONS = {
     "press": "sphere:10, 1.2 mm deep and 1.5 mm of shear",

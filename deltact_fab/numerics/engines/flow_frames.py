@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Field, Image
 from ...elasticity.material import GelMaterial
 from ...imaging import Printer, Sensor
 from ...optics import Pinhole, SurfaceLattice, axes_mm
@@ -24,9 +25,7 @@ from ...study.star import Star
 from ...virtual.picture import MARGIN_PX, Geometry, Picture, Texture
 from ...virtual.scene import LatticeCrop
 
-Image = NDArray[np.uint8]
 Vectors = NDArray[np.float32]
-Field = NDArray[np.float64]
 Motion = Callable[[Field, Field], Field]
 
 SENSOR = SensorDimensions()

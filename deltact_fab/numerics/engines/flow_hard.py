@@ -14,9 +14,10 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
+from ...arrays import Image
 from ...measure.flow import ConfidenceRule, FlowTracker
 from ..engine import Flagged, Table
-from .flow_frames import Image, Scene, scene
+from .flow_frames import Scene, scene
 
 WRONG_PX = 1.0
 OTHER_SEEDS = {"near": "other seed", "near, fine": "other seed, fine"}

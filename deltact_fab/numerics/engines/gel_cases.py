@@ -10,10 +10,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
+from ...types import Point
 from ..engine import Case
 from . import gel_checks as checks
 from .gel_picks import opened
-from .gel_scene import Point, Scene, down, solved
+from .gel_scene import Scene, down, solved
 
 NUS = (0.3, 0.49, 0.499, 0.4999)
 FRICTIONS = (0.0, 0.5, 100.0)

@@ -15,17 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from .gel_scene import (
-    Point,
-    Scene,
-    cone_excess,
-    down,
-    imbalance,
-    mesh_change,
-    solved,
-    trusted,
-    work_error,
-)
+from ...types import Point
+from .gel_scene import Scene, cone_excess, down, imbalance, mesh_change, solved, trusted, work_error
 
 
 def side_force(against: str, scratch: Path) -> tuple[float, str]:

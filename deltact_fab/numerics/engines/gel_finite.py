@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Field
 from ...elasticity.material import GelMaterial
 from ...gel.finite import FinitePress, block_mesh
 from ...gel.finite.field import FaceLattice, whole_wrench
@@ -16,7 +16,6 @@ from ...gel.finite.linear import Name
 from ...shapes import SkinDimensions
 from ...shapes.indenter import parse
 
-Field = NDArray[np.float64]
 Part = Literal["quarter", "whole", "even"]
 PARTS: tuple[Part, ...] = ("quarter", "whole")
 

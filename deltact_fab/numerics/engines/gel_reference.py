@@ -9,7 +9,8 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from ... import cache, digest
-from .gel_finite import LATTICE_MM, Answer, Field, Run, solve
+from ...arrays import Field
+from .gel_finite import LATTICE_MM, Answer, Run, solve
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,9 +15,9 @@ from ...gel.finite import FinitePress, FiniteState, block_mesh
 from ...gel.finite.linear import Name
 from ...shapes import SkinDimensions
 from ...shapes.indenter import parse
+from ...types import Point
 from ..engine import Flagged
 
-Point = tuple[float, float, float]
 Box = tuple[float, float, float, float]
 SPHERE = "sphere:15"
 FOCUS: Box = (-7.5, 7.5, -7.5, 7.5)

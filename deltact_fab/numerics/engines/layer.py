@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Field
 from ...elasticity.layer import BondedLayer
 from ...elasticity.material import GelMaterial
 from ...gel import reference
@@ -29,10 +29,9 @@ from ...gel.linear.contact import LayerContact
 from ...gel.linear.state import ContactState
 from ...shapes import SkinDimensions
 from ...shapes.indenter import Indenter, parse
+from ...types import Point
 from ..engine import Case, Engine, Setting, Table, Work
 
-Field = NDArray[np.float64]
-Point = tuple[float, float, float]
 SEED = 5
 SPHERE_MM = 10.0
 DEPTH_MM = 1.2

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...measure.face import FaceFlow
 from ...measure.force import ForceModel, make_features
 from ...measure.hodge import Hodge, curl, decompose, divergence
@@ -20,7 +20,6 @@ from ...measure.whole import whole
 from ..engine import Case, Engine, Flagged, Setting, Work
 from .measure_faces import MM_PER_PX, VIEW, dent, dent_density, face, means, parts
 
-Array = NDArray[Any]
 SMOOTH_MM, FINE_MM = 2.0, 0.5
 EVERY = (1, 2, 4, 8, 16)
 PUSH = 0.3  # of the dent that the curves see: det from 1.7 to about .94

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...measure.face import FaceFlow
 from ...measure.force import SensorView
 from ...measure.shape.density import SIGMA_PX
 from ...optics import Pinhole, axes_mm
 from ...shapes.sensor import SensorDimensions
 
-Array = NDArray[Any]
 SENSOR = SensorDimensions()
 CAMERA = Pinhole.of(SENSOR)
 VIEW = SensorView(CAMERA, SENSOR.skin)

@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Field
 from ...errors import RunFailed
 from ...patterns.laws import patches
 from ...patterns.recipe import recipe_from_options
 from ..engine import Case, Engine, Setting, Table, Work
 
-Field = NDArray[np.float64]
 SEED = 20210
 MAX_TRIES = 20_000
 CURVE_TRIES = 10**7  # the tail is heavy even where it ends: 58 tries on average at r = .1

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Image
 from ...errors import SensorError
 from ...rig.camera.stream import Arrived, StreamCamera
 from ...rig.force.netft import NetFTSensor
-from ...rig.interface import Frame, Image
+from ...rig.interface import Frame
 from ...virtual.clock import VirtualClock
 from ...virtual.netft import LockstepLink, NetFTBox
 from ...virtual.netft_faults import BoxFaults, Datagram

@@ -21,9 +21,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Field
 from .algorithm1 import FILE_LEVELS
-
-Field = NDArray[np.float64]
 
 MAX_SCALES = 6
 """2^k pieces at most, each from 2^k terms in fractions: 64 take some hundredths of a second."""

@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Image = NDArray[Any]
-Field = NDArray[np.float64]
+from ...arrays import Array, Field
 
 LUMA = (0.299, 0.587, 0.114)
 SUBSET_PX = 15
@@ -71,7 +70,7 @@ class Figures:
 
 
 def figures(
-    image: Image, mm_per_px: float, patch_mm: float | None, checkerboard: Image | None
+    image: Array, mm_per_px: float, patch_mm: float | None, checkerboard: Array | None
 ) -> Figures:
     """All figures of an image (h, w, 3) RGB in 0..255; h, w at least 64.
 
@@ -95,7 +94,7 @@ def figures(
     )
 
 
-def grey(image: Image) -> Field:
+def grey(image: Array) -> Field:
     """Luma of an RGB image (h, w, 3), float64."""
     red, green, blue = (image[..., c].astype(np.float64) for c in range(3))
     return LUMA[0] * red + LUMA[1] * green + LUMA[2] * blue
@@ -251,13 +250,13 @@ def _between(values: Field, row: float, column: float) -> float:
     return float(upper * (1 - a) + lower * a)
 
 
-def checkerboard_share(image: Image, checkerboard: Image) -> tuple[float, float, float]:
+def checkerboard_share(image: Array, checkerboard: Array) -> tuple[float, float, float]:
     """Share of each channel's variance that the checkerboard explains (squared correlation)."""
     red, green, blue = (agreement(image[..., c], checkerboard) ** 2 for c in range(3))
     return red, green, blue
 
 
-def agreement(image: Image, template: Image) -> float:
+def agreement(image: Array, template: Array) -> float:
     """Correlation of two images (h, w) at the shift of at most SHIFT_PX with the largest one.
 
     Signed; 0 when either has one value. The shifts are 1/8 px apart, by Fourier interpolation: a

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...errors import InputError
 from ...shapes import SensorDimensions
 from ...units import MM_PER_INCH
@@ -27,7 +28,6 @@ from .photo import has_raster, photograph, sent
 if TYPE_CHECKING:
     from ...imaging import Printer, Sensor
 
-Image = NDArray[Any]
 
 MM_PER_PX = SensorDimensions().optics.mm_per_px
 MIN_SIDE_PX = 64
@@ -173,13 +173,13 @@ def _checkerboard(
     return albedo(board, mm_per_px, size_px)[..., 0]
 
 
-def _middle(image: Image) -> Image:
+def _middle(image: Array) -> Array:
     """At most 512 x 512 of it: the print's share of contrast needs no more."""
     top, left = (max(0, (length - 512) // 2) for length in image.shape[:2])
     return image[top : top + 512, left : left + 512]
 
 
-def kept(image: Image, original: Image, whole: Image) -> float | None:
+def kept(image: Array, original: Array, whole: Array) -> float | None:
     """Contrast in an image that is the pattern's own, as a share of the pattern's; mean of R, G, B.
 
     image, original: (h, w, 3) alike; whole: any image of the undiminished file values. Halftone and

@@ -17,7 +17,8 @@ from ..raster import albedo, cell_means, checked_mm_per_px, raster_window
 from ..recipe import PatternRecipe
 
 if TYPE_CHECKING:
-    from ...imaging import Float, Sensor
+    from ...arrays import Float
+    from ...imaging import Sensor
 
 MARGIN_MM = 0.3
 """Printed around the field: misplaced ink (15 um) and its spread (20 um) come from there too."""

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import __version__
+from ...types import Progress
 from ..code import encode
 from ..quality.measure import MM_PER_PX, measure
 from ..recipe import DEFAULT_SEED, PatternRecipe, recipe_from
@@ -27,8 +28,6 @@ from ..recipe_file import toml
 from ..sheet import job as sheet
 from . import contact, index
 from .folder import replaced
-
-Progress = Callable[[int, int, str], None]
 
 GRIDS = (
     ((0.1, 0.15, 0.2), (0.1, 0.3, 0.5)),

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -32,6 +32,7 @@ from typing import Any, Literal
 from ... import __version__
 from ...errors import InputError, did_you_mean
 from ...shapes import SensorDimensions
+from ...types import Progress
 from ..code import encode
 from ..files import check_place, write_together
 from ..raster import check_seen
@@ -41,7 +42,6 @@ from .layout import Cell, Sheet
 from .marks import Mark, Picture
 from .pdf import INSET_MM, LEAST_DOTS, Pdf
 
-Progress = Callable[[int, int, str], None]
 Transfer = Literal["face-down", "slide"]
 Embedding = Literal["auto", "patches", "dots"]
 

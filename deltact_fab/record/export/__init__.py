@@ -9,9 +9,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ...errors import InputError, MissingLibrary, RunFailed
+from ...types import Progress
 from ..files import sync_folder
 from ..run import Run
-from .source import Progress
 
 FORMATS = ("csv", "parquet", "mcap")
 

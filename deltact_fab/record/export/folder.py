@@ -7,10 +7,11 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...types import Progress
 from ..files import json_bytes
 from ..run import Run
 from ..timeline import TimeLine
-from .source import Progress, described, presses
+from .source import described, presses
 from .tables import LINE, TABLES, Column, chunks
 
 if TYPE_CHECKING:

@@ -16,10 +16,11 @@ from typing import Any
 
 import numpy as np
 
+from ...types import Progress
 from ..images import encode_png
 from ..run import Run
 from ..timeline import TimeLine
-from .source import Progress, described, presses
+from .source import described, presses
 from .tables import LINE, events, of_press
 
 CHUNK_BYTES = 4 * 1024 * 1024  # a frame of 1280 x 720 and what was felt with it

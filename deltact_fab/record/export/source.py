@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from ..run import Run
-
-Progress = Callable[[int, int, str], None]
 
 
 def presses(run: Run) -> list[str]:

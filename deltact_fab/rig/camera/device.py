@@ -10,8 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Image
 from ...errors import InputError, SensorError
-from ..interface import Clock, Image
+from ..interface import Clock
 from .config import CameraConfig
 from .locks import changed, held, locked
 from .stream import Arrived

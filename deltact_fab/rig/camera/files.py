@@ -10,8 +10,9 @@ from typing import Any, Protocol
 import cv2
 import numpy as np
 
+from ...arrays import Image
 from ...errors import InputError, RunFailed, SensorError
-from ..interface import Clock, Frame, Image
+from ..interface import Clock, Frame
 from .network import quietly_opened
 
 IMAGE_NAMES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")

@@ -14,8 +14,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ...arrays import Image
 from ...errors import DeltactFabError, SensorError
-from ..interface import Clock, Frame, Image
+from ..interface import Clock, Frame
 
 DEPTH = 8
 """Images that wait to be taken. The oldest gives way, and counts as dropped."""

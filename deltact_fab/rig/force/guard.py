@@ -10,6 +10,7 @@ from math import inf
 import numpy as np
 
 from ...errors import InputError
+from ...types import Vector
 from ..interface import Clock, ForceSamples, Stage
 from .config import ForceConfig, GuardConfig
 from .notes import Tally
@@ -25,8 +26,6 @@ EASE = (
 BEHIND_S = 0.1
 """A newest sample that is older leaves the guard blind: twice the silence that a box is allowed."""
 NAMES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
-
-Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from contextlib import suppress
 from ...errors import DeltactFabError, RunFailed, StageError
 from ...protocols.plan import Step
 from ...record import RunWriter
+from ...types import Progress
 from ..interface import Devices
 from .interrupt import interruptible
 from .live import Live, Remaining
@@ -22,7 +23,6 @@ from .motion import Motion
 from .schedule import DROPPED, LATE, MISSED, TAKEN, UNWRITTEN, Schedule
 from .wallclock import WallClock
 
-Progress = Callable[[int, int, str], None]
 GO_ON = "complete presses are kept: go on with --resume"
 
 

@@ -10,7 +10,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from ...errors import InputError, Stopped
-from ...protocols.motion import Vec3, plus
+from ...protocols.motion import plus
+from ...types import Vector
 from ..interface import Stage
 from ..run.interrupt import interruptible
 from .go import go
@@ -37,13 +38,13 @@ def stopped_by_ctrl_c(stage: Stage) -> Iterator[None]:
 
 def jog(
     stage: Stage,
-    by_mm: Vec3,
+    by_mm: Vector,
     feed_mm_min: float = FEED_MM_MIN,
     *,
     most_mm: float = MOST_MM,
     clearance_mm: float = CLEARANCE_MM,
     into_gel: bool = False,
-) -> Vec3:
+) -> Vector:
     """One straight move by so much (sensor frame); returns where the tip is then.
 
     Raises InputError, with nothing sent, for one that is longer than most_mm or, without into_gel,
@@ -60,7 +61,7 @@ def jog(
     return stage.position_mm()
 
 
-def require_short(by_mm: Vec3, most_mm: float = MOST_MM) -> None:
+def require_short(by_mm: Vector, most_mm: float = MOST_MM) -> None:
     """Raise InputError for a way that is longer than most_mm, or none."""
     length_mm = math.hypot(*by_mm)
     if not length_mm <= most_mm:
@@ -72,12 +73,12 @@ def require_short(by_mm: Vec3, most_mm: float = MOST_MM) -> None:
 
 def goto(
     stage: Stage,
-    target_mm: Vec3,
+    target_mm: Vector,
     feed_mm_min: float = FEED_MM_MIN,
     *,
     clearance_mm: float = CLEARANCE_MM,
     into_gel: bool = False,
-) -> Vec3:
+) -> Vector:
     """To a place (sensor frame): up to the clearance height, sideways, then down.
 
     Raises InputError, with nothing sent, for one below clearance_mm without into_gel.
@@ -101,7 +102,7 @@ def goto(
     return stage.position_mm()
 
 
-def in_words(position_mm: Vec3) -> str:
+def in_words(position_mm: Vector) -> str:
     """A tip position for a person."""
     x, y, z = (round(p, 3) + 0.0 for p in position_mm)
     return f"x {x:.3f}, y {y:.3f}, z {z:.3f} mm (sensor)"

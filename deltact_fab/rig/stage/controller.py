@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import NoReturn
 
 from ...errors import StageError
-from ...protocols.motion import Vec3
+from ...types import Vector
 from ..interface import Clock, StageState
 from .limits import Limits
 from .port import LinkLost, Port
@@ -30,7 +30,7 @@ HELD = ("Hold", "Hold:0", "Door:0", "Check")  # at rest, and a reset ends it wit
 class Move:
     """A jog that was sent: machine target (mm), start (ns of the clock), planned time (s)."""
 
-    target_mm: Vec3
+    target_mm: Vector
     start_ns: int
     planned_s: float
 
@@ -48,7 +48,7 @@ class Controller:
         self.talk = Talk(self.port)
         self.limits = Limits({})
         self.banner = ""
-        self.at_mm: Vec3 = (0.0, 0.0, 0.0)
+        self.at_mm: Vector = (0.0, 0.0, 0.0)
         """Machine coordinates, as last reported or reached."""
         self.move: Move | None = None
         """Under way, as far as is known."""
@@ -199,6 +199,6 @@ class Controller:
         return f"; {what} {'was told to stop' if reached else 'goes on'}"
 
 
-def in_mm(p: Vec3) -> str:
+def in_mm(p: Vector) -> str:
     """A place in a message."""
     return f"({p[0]:.3f}, {p[1]:.3f}, {p[2]:.3f}) mm"

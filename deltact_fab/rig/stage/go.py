@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from ...protocols.motion import Vec3
+from ...types import Vector
 from ..interface import Stage
 
 LIFT_FEED_MM_MIN = 120.0
 """Out of the gel: slow enough for one that sticks."""
 
 
-def go(stage: Stage, target_mm: Vec3, feed_mm_min: float) -> None:
+def go(stage: Stage, target_mm: Vector, feed_mm_min: float) -> None:
     """One straight move (sensor frame) to its end. Raises InputError, StageError."""
     stage.start_move(target_mm, feed_mm_min)
     stage.wait()

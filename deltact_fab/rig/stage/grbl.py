@@ -22,7 +22,7 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 from ...optics import StageFrame
-from ...protocols.motion import Vec3
+from ...types import Vector
 from ..interface import Clock, StageState
 from . import jogs
 from .controller import JOG_CANCEL, Controller
@@ -133,7 +133,7 @@ class GrblStage:
             self._c.at_mm = state.machine_mm
             self._c.homed = True
 
-    def start_move(self, target_mm: Vec3, feed_mm_min: float) -> float:
+    def start_move(self, target_mm: Vector, feed_mm_min: float) -> float:
         """Send one straight move to a tip position (sensor frame, mm); return its planned time (s).
 
         Raises InputError, with nothing sent, for a target outside of the travel or a feed above one
@@ -170,11 +170,11 @@ class GrblStage:
         """
         jogs.listen(self._c, seconds)
 
-    def position_mm(self) -> Vec3:
+    def position_mm(self) -> Vector:
         """Tip position in the sensor frame (mm) as the controller reports it now."""
         return self.located()[1]
 
-    def located(self) -> tuple[int, Vec3]:
+    def located(self) -> tuple[int, Vector]:
         """When (ns of the clock) the tip was where (sensor frame, mm): asked now.
 
         The time is as near as can be known, see `StageState.t_s`; `identity` has the worst case.

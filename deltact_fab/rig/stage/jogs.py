@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from ...errors import InputError
-from ...protocols.motion import Vec3, minus, move_duration_s
+from ...protocols.motion import minus, move_duration_s
+from ...types import Vector
 from ..interface import StageState
 from .controller import JOG_CANCEL, MARGIN_S, POLL_END_S, Controller, Move, in_mm
 from .settings import AXES
@@ -15,7 +16,7 @@ HEAR_S = 0.005  # between two looks at what was said without being asked for
 POLL_S = 0.1  # while a move is under way; the firmware's documents ask for at most 10 a second
 
 
-def begin(c: Controller, target_mm: Vec3, feed_mm_min: float) -> float:
+def begin(c: Controller, target_mm: Vector, feed_mm_min: float) -> float:
     """Send one straight move to machine coordinates; its planned time (s). Within an exchange.
 
     Raises InputError, with nothing sent, beyond travel or feed; Fault where it does not begin.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from ...protocols.motion import Vec3
+from ...types import Vector
 from .settings import AXES
 
 HOMING_MARGIN_S = 10.0
@@ -17,22 +17,22 @@ class Limits:
     settings: `$` numbers to values. A refusal is one line of why, "" where there is none.
     """
 
-    def __init__(self, settings: Mapping[int, float], travel_mm: Vec3 | None = None) -> None:
+    def __init__(self, settings: Mapping[int, float], travel_mm: Vector | None = None) -> None:
         self.settings = dict(settings)
         self._travel_mm = travel_mm
 
-    def axes(self, first: int) -> Vec3:
+    def axes(self, first: int) -> Vector:
         """A setting of three axes by the number of its first."""
         s = self.settings
         return (s[first], s[first + 1], s[first + 2])
 
     @property
-    def travel_mm(self) -> Vec3:
+    def travel_mm(self) -> Vector:
         """How far each axis goes down from 0."""
         x, y, z = map(min, self.axes(130), self._travel_mm or self.axes(130))
         return (x, y, z)
 
-    def target_refusal(self, machine_mm: Vec3) -> str:
+    def target_refusal(self, machine_mm: Vector) -> str:
         """A target that is no place, or outside of the travel."""
         if not all(math.isfinite(p) for p in machine_mm):
             return f"target {machine_mm} mm (machine) is not finite"
@@ -43,7 +43,7 @@ class Limits:
                 )
         return ""
 
-    def feed_refusal(self, delta_mm: Vec3, feed_mm_min: float) -> str:
+    def feed_refusal(self, delta_mm: Vector, feed_mm_min: float) -> str:
         """GRBL clips a feed silently; here it is refused."""
         if not (math.isfinite(feed_mm_min) and feed_mm_min >= 0.001):
             return f"feed {feed_mm_min} mm/min; at least 0.001 is needed"
@@ -56,7 +56,7 @@ class Limits:
                 )
         return ""
 
-    def same_place(self, a_mm: Vec3, b_mm: Vec3) -> bool:
+    def same_place(self, a_mm: Vector, b_mm: Vector) -> bool:
         """Within half a step, and the rounding of the line sent and of the report."""
         return all(
             abs(p - t) <= 0.5 / steps + 0.0006

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from ...protocols.motion import Vec3
+from ...types import Vector
 from .words import OPTIONS
 
 AXES = "XYZ"
@@ -24,9 +24,9 @@ SET_ORIGIN = 8  # of $22, in grblHAL
 class Needs:
     """What a rig file says of its stage; None: nothing."""
 
-    travel_mm: Vec3 | None = None
-    max_feed_mm_min: Vec3 | None = None
-    acceleration_mm_s2: Vec3 | None = None
+    travel_mm: Vector | None = None
+    max_feed_mm_min: Vector | None = None
+    acceleration_mm_s2: Vector | None = None
     direction_mask: int = 0
     homing_direction_mask: int = 0
 

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Field
 from ...shapes import Indenter
 from ...shapes.tips import EllipsoidTip, SphereTip
 
-Array = NDArray[np.float64]
 CANDIDATES = 200
 ROUNDS = 4
 
@@ -48,7 +47,7 @@ def fit(z_mm: Sequence[float], force_n: Sequence[float], powers: Sequence[float]
     return min(found, key=lambda contact: contact.residual_n)
 
 
-def _fitted(z: Array, force: Array, power: float) -> Contact:
+def _fitted(z: Field, force: Field, power: float) -> Contact:
     low, high = float(z.min()), float(z.max())
     best, residual = high, np.inf
     for _ in range(ROUNDS):
@@ -63,7 +62,7 @@ def _fitted(z: Array, force: Array, power: float) -> Contact:
     return Contact(best, power, float(np.sqrt(residual / len(z))))
 
 
-def _left_n2(z: Array, force: Array, power: float, candidates: Array) -> Array:
+def _left_n2(z: Field, force: Field, power: float, candidates: Field) -> Field:
     """Sum of squares that is left, for each height (m,) of the face."""
     shape = np.maximum(candidates[:, None] - z, 0.0) ** power  # (m, n)
     shape = shape - shape.mean(axis=1, keepdims=True)

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Field
 from ...errors import SensorError
-from ...protocols.motion import Vec3
+from ...types import Vector
 from ..interface import Clock, ForceSamples, ForceSensor, Stage
 
 if TYPE_CHECKING:
@@ -21,8 +22,6 @@ TARE_S = 0.25
 SETTLE_S = 0.02  # after a move, before a mean is taken
 MEAN_S = 0.05
 LEAST = 3  # samples in a mean
-
-Array = NDArray[np.float64]
 
 
 class Feeler:
@@ -41,7 +40,7 @@ class Feeler:
         self._guard = guard
         self._zero_n = np.zeros(3)
         self._t_ns: NDArray[np.int64] = np.empty(0, np.int64)
-        self._tail_n: Array = np.empty((0, 3))
+        self._tail_n: Field = np.empty((0, 3))
         self.most_n = 0.0
         """The largest force felt since the tare, averaged as for a contact."""
 
@@ -62,7 +61,7 @@ class Feeler:
         """Let samples come again after `release`, on the same tare."""
         self._force.start()
 
-    def move(self, target_mm: Vec3, feed_mm_min: float, over_n: float) -> bool:
+    def move(self, target_mm: Vector, feed_mm_min: float, over_n: float) -> bool:
         """One straight move; True when a force over that ended it, at rest either way."""
         try:
             end_s = self._clock.now_s() + self._stage.start_move(target_mm, feed_mm_min)
@@ -78,7 +77,7 @@ class Feeler:
             self._stage.cancel()
             raise
 
-    def at_rest(self) -> Array:
+    def at_rest(self) -> Field:
         """Mean force (3,) N while nothing moves."""
         self._clock.sleep_s(SETTLE_S)
         return np.asarray(self._since(self._now_ns(), MEAN_S).mean(axis=0))
@@ -90,9 +89,9 @@ class Feeler:
         self.most_n = max(self.most_n, size)
         return size
 
-    def _since(self, start_ns: int, seconds: float) -> Array:
+    def _since(self, start_ns: int, seconds: float) -> Field:
         """Samples (n, 3) N measured from then on, for so long; at least LEAST."""
-        parts: list[Array] = []
+        parts: list[Field] = []
         end_ns = start_ns + round(seconds * 1e9)
         while True:
             samples = self._read()

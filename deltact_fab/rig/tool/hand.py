@@ -6,8 +6,8 @@ import math
 from contextlib import suppress
 
 from ...errors import DeltactFabError, RunFailed
-from ...protocols.motion import Vec3
 from ...shapes import Indenter
+from ...types import Vector
 from ..interface import Stage
 from ..stage.go import go, rise
 from .config import TouchConfig
@@ -105,7 +105,7 @@ class HandTouch:
     def _feed_mm_min(self) -> float:
         return self._config.feed_mm_min * LOWERING
 
-    def _go(self, target_mm: Vec3, up: bool = False) -> None:
+    def _go(self, target_mm: Vector, up: bool = False) -> None:
         """A jog; on the way up only the guard may end it."""
         limit_n = math.inf if up else MOST * self._config.force_n
         self._feeler.resume()  # nobody reads it while the operator thinks

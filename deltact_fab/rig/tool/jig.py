@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from ...errors import RunFailed, SensorError
 from ...optics import StageFrame
-from ...protocols.motion import Vec3
+from ...types import Vector
 from ..interface import Stage
 from ..stage.go import go
 from .config import JigConfig, TouchConfig
@@ -31,7 +31,7 @@ BACK_MM = 0.1
 OFF_MM = 0.5  # of the declared size, at most
 MOST_TURN_DEG = 5.0
 
-At = Callable[[float, float], Vec3]
+At = Callable[[float, float], Vector]
 Side = tuple[float, float]  # a unit vector out of the block
 
 
@@ -107,7 +107,7 @@ class JigTouch:
         expected = self._jig.half_mm[axis] + self._radius_mm
         far, near = expected + config.search_mm, expected - config.search_mm
 
-        def at(out_mm: float, z_mm: float) -> Vec3:
+        def at(out_mm: float, z_mm: float) -> Vector:
             out = sign * out_mm
             return (out, along_mm, z_mm) if axis == 0 else (along_mm, out, z_mm)
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from ...errors import InputError, RunFailed
 from ...optics import StageFrame
-from ...protocols.motion import Vec3
 from ...shapes import Indenter, SkinDimensions
+from ...types import Vector
 from .contact import powers_of
 from .jig import Placed
 from .touch import Touch
@@ -39,7 +39,7 @@ class Registration:
     frame: StageFrame
     indenter: str
     by: str
-    touches: tuple[tuple[Touch, Vec3], ...]
+    touches: tuple[tuple[Touch, Vector], ...]
     residual_mm: float
     placed: Placed | None = None
     """By a jig; None: x, y and angle_deg are the rig file's."""

@@ -13,8 +13,8 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from ...errors import DeltactFabError, SensorError, StageError
-from ...protocols.motion import Vec3
 from ...shapes import Indenter
+from ...types import Vector
 from ..interface import Clock, ForceSensor, Stage
 from ..stage.go import go, rise
 from .config import TouchConfig
@@ -222,7 +222,7 @@ class ForceTouch:
         """Another step as stiff as the last would be too much."""
         return 2 * forces[-1] - forces[-2] > MOST * self._config.force_n
 
-    def _go(self, target_mm: Vec3) -> None:
+    def _go(self, target_mm: Vector) -> None:
         go(self._stage, target_mm, TRAVEL_FEED_MM_MIN)
 
     def _retreat(self, high_mm: float) -> str:

@@ -5,17 +5,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...analysis.force import FORCES, ForceData, ForceResult, component, fit
 from ...analysis.force.judge import Judged
+from ...arrays import Array
 from ...errors import InputError
 from ...measure.force import ForceModel
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[Any]
 ALL, STRAIGHT = "all points", "stops without shear"
 BIASED = 0.5
 """Of the square of an error, from which on its mean over a group is most of it."""

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...analysis.tracking_error.tally import MOVING_MM, Mean
+from ...arrays import Image
 from ...errors import SensorError
 from ...measure.flow import FlowObservation, named_tracker
 from ...patterns.quality.figures import figures
@@ -45,7 +46,6 @@ EDGE_PX = 12
 MOST_LOSS = 2.0
 """Times the error of short steps: beyond it a step counts as not bridged."""
 
-Image = NDArray[np.uint8]
 Vectors = NDArray[Any]
 
 

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Field
 from ..intervals import Estimate, estimate
-
-Field = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Field, Float
 from ...imaging import Printer, Sensor
 from ...optics import Pinhole, SurfaceLattice, axes_mm
 from ...patterns.raster import albedo
@@ -21,10 +21,6 @@ from ...patterns.recipe import PatternRecipe
 from ...virtual.picture import MARGIN_PX, Geometry, Picture, Texture
 from ..star import Star
 from .bench import Bench
-
-Float = NDArray[np.float32]
-Field = NDArray[np.float64]
-Image = NDArray[np.uint8]
 
 BEYOND_MM = 1.0
 """Printed around what moves into the view: spread and misplaced ink come from there too."""

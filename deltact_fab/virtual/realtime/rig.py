@@ -12,6 +12,7 @@ from ...rig.camera.config import CameraConfig
 from ...rig.config import GrblConfig, VirtualConfig
 from ...rig.force.config import NetFTConfig
 from ...rig.interface import Camera, Devices, ForceSensor, Job
+from ...types import Progress
 from ..presolve import Row, solve_ahead
 from ..rig import VirtualKind
 from .host_link import Hands
@@ -25,7 +26,6 @@ HOST = "127.0.0.1"
 # fault of a real one is not one yet.
 PATIENT = 10.0  # times the period of the images
 PATIENT_FORCE = 40.0  # times the silence, and the age, of force samples
-Progress = Callable[[int, int, str], None]
 
 
 class RealtimeKind(VirtualKind):

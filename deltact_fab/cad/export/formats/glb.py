@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .... import __version__
+from ....types import Point
 from ...mesh import Mesh
 
 _MAGIC, _JSON, _BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
@@ -23,8 +24,6 @@ _FLOAT, _UNSIGNED = 5126, 5125
 _POINTS, _INDICES = 34962, 34963
 # Column by column: x to x, y to -z, z to y, all in metres.
 _ROOT = (0.001, 0, 0, 0, 0, 0, -0.001, 0, 0, 0.001, 0, 0, 0, 0, 0, 1)
-
-Point3 = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,7 @@ class Drawn:
     normals: NDArray[np.float32]
     triangles: NDArray[np.uint32]
     colour: tuple[float, float, float, float]
-    places_mm: tuple[Point3, ...] = ((0.0, 0.0, 0.0),)
+    places_mm: tuple[Point, ...] = ((0.0, 0.0, 0.0),)
 
 
 def drawn(mesh: Mesh, name: str, colour: tuple[float, float, float, float]) -> Drawn:
@@ -127,7 +126,7 @@ def glb_bytes(parts: Sequence[Drawn], name: str) -> bytes:
     return struct.pack("<III", _MAGIC, 2, 12 + len(chunks)) + chunks
 
 
-def read_part(data: bytes, places_mm: Sequence[Point3]) -> Drawn:
+def read_part(data: bytes, places_mm: Sequence[Point]) -> Drawn:
     """The one part of a GLB that glb_bytes wrote, to be put in several places."""
     (length,) = struct.unpack_from("<I", data, 12)
     document = json.loads(data[20 : 20 + length])

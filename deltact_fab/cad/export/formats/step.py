@@ -12,8 +12,7 @@ from typing import Any
 
 from .... import __version__
 from ....errors import RunFailed
-
-Point3 = tuple[float, float, float]
+from ....types import Point
 
 
 def part_bytes(solid: Any, name: str) -> bytes:
@@ -34,7 +33,7 @@ def part_bytes(solid: Any, name: str) -> bytes:
     return _written(writer, name)
 
 
-def assembly_bytes(parts: Sequence[tuple[str, Any, Sequence[Point3]]], name: str) -> bytes:
+def assembly_bytes(parts: Sequence[tuple[str, Any, Sequence[Point]]], name: str) -> bytes:
     """A product of products: (name, solid, where its origin goes, one place a copy), in order.
 
     Raises RunFailed when the kernel cannot translate it.
