@@ -27,7 +27,7 @@ from deltact_fab.jobs import THREAD_VARIABLES
 from deltact_fab.measure.flow import FLOW_METHODS
 from deltact_fab.numerics.engine import Case
 from deltact_fab.numerics.engines import gel_cases, gel_finite, gel_run
-from deltact_fab.numerics.engines.gel_finite import Run
+from deltact_fab.numerics.engines.gel_finite import PressSetup
 from deltact_fab.numerics.scenes import machine
 
 from . import felupe, flow_peers, gel_long, store
@@ -43,7 +43,7 @@ RANDOM_PRESSES = 30
 
 
 @dataclass(frozen=True)
-class Row:
+class EvidenceRow:
     """name: unique, starts with its table. call: made in the row's own process."""
 
     name: str
@@ -62,52 +62,54 @@ class Row:
 # -- rows ------------------------------------------------------------------------------------------
 
 
-def rows() -> Iterator[Row]:
+def rows() -> Iterator[EvidenceRow]:
     """All rows, the cheap tables first."""
     yield from _of_cases("stability", [*gel_cases.cases(), *gel_long.cases()])
     for depth in (2.0, 5.0):
         for mu in (0.0, 0.5):
             name = f"reference: {depth:g} mm, friction {mu:g}"
-            yield Row(name, partial(reference_row, depth, mu))
+            yield EvidenceRow(name, partial(reference_row, depth, mu))
     for solve, run in every_run():
-        yield Row(f"curve: {run.case}: {run.series}: {run.name}", partial(curve_row, solve, run))
+        yield EvidenceRow(
+            f"curve: {run.case}: {run.series}: {run.name}", partial(curve_row, solve, run)
+        )
     for i in range(RANDOM_PRESSES):
-        yield Row(f"press: {i + 1}", partial(press_row, i))
+        yield EvidenceRow(f"press: {i + 1}", partial(press_row, i))
     for held in every_held():
-        yield Row(f"held: {held.name}", partial(held_row, held))
+        yield EvidenceRow(f"held: {held.name}", partial(held_row, held))
     for method in (*FLOW_METHODS, *flow_peers.PEERS):
-        yield Row(f"peer: {method}", partial(flow_peers.peer_row, method))
+        yield EvidenceRow(f"peer: {method}", partial(flow_peers.peer_row, method))
     yield from _of_cases("straight", gel_long.straight_cases())
     yield from _of_cases("drag", gel_long.drag_cases())
 
 
-def _of_cases(table: str, cases: list[Case]) -> Iterator[Row]:
+def _of_cases(table: str, cases: list[Case]) -> Iterator[EvidenceRow]:
     for case in cases:
-        yield Row(f"{table}: {case.name}", partial(case_row, case))
+        yield EvidenceRow(f"{table}: {case.name}", partial(case_row, case))
 
 
-def every_run() -> Iterator[tuple[Callable[[Any], Any], Run]]:
+def every_run() -> Iterator[tuple[Callable[[Any], Any], PressSetup]]:
     """The points of the curves, each with what solves it; the longest take minutes."""
     solvers: tuple[Name, ...] = ("pardiso", "superlu", "cg")
     finite, linear, auto = gel_finite.solve, gel_run.solve_linear, gel_run.solve_auto
     for depth in (2.0, 5.0):
         for mu in (0.0, 0.5):
             for h in (3.0, 2.0, 1.5, 1.0, 0.75):
-                yield finite, Run("hyperelastic", depth, mu, h)
+                yield finite, PressSetup("hyperelastic", depth, mu, h)
             for h in (3.0, 2.0, 1.5, 1.0):
-                yield finite, Run("hyperelastic", depth, mu, h, "whole")
+                yield finite, PressSetup("hyperelastic", depth, mu, h, "whole")
             for tolerance in (0.1, 0.03, 0.01):
-                yield auto, Run("auto", depth, mu, tolerance=tolerance)
+                yield auto, PressSetup("auto", depth, mu, tolerance=tolerance)
             if depth == 2.0:  # beyond a quarter of the thickness the linear levels refuse
                 for h in (0.5, 0.25, 0.125):
-                    yield linear, Run("layer", depth, mu, h)
+                    yield linear, PressSetup("layer", depth, mu, h)
                 for h in (0.5, 0.25):
-                    yield linear, Run("block", depth, mu, h)
+                    yield linear, PressSetup("block", depth, mu, h)
         for solver in solvers:
             for h in (3.0, 2.0, 1.5):
-                yield finite, Run("hyperelastic", depth, 0.0, h, "whole", solver)
+                yield finite, PressSetup("hyperelastic", depth, 0.0, h, "whole", solver)
         for h in (3.0, 2.0, 1.5):
-            yield finite, Run("hyperelastic", depth, 0.0, h, "even")
+            yield finite, PressSetup("hyperelastic", depth, 0.0, h, "even")
         for h in (3.0, 2.0, 1.5):
             yield felupe.solve, felupe.FelupeRun("hyperelastic", depth, 0.0, h, "even")
 

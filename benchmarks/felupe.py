@@ -18,7 +18,7 @@ from deltact_fab.arrays import Field, Index
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.gel.finite import FinitePress
 from deltact_fab.gel.finite.surface import HARDENING, HARDEST, SHALLOW
-from deltact_fab.numerics.engines.gel_finite import Answer, Run, prepared
+from deltact_fab.numerics.engines.gel_finite import Answer, PressSetup, prepared
 from deltact_fab.shapes import SphereTip
 
 from . import peer
@@ -95,7 +95,7 @@ def felupe_press(
     return peer.ask("felupe", "felupe_press.py", given, threads, timeout_s)
 
 
-class FelupeRun(Run):
+class FelupeRun(PressSetup):
     """The same press, solved by felupe."""
 
     @property

@@ -11,7 +11,7 @@ from typing import Any
 
 from deltact_fab.numerics.engine import Case
 from deltact_fab.numerics.engines import gel_finite
-from deltact_fab.numerics.engines.gel_finite import Answer, Run
+from deltact_fab.numerics.engines.gel_finite import Answer, PressSetup
 from deltact_fab.numerics.engines.gel_reference import FINE, errors, reference
 from deltact_fab.numerics.judge import judge
 from deltact_fab.numerics.memory import peak_resident_mb, reset_peak_mb
@@ -34,10 +34,10 @@ def reference_row(depth_mm: float, friction: float) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def curve_row(solve: Callable[[Any], Answer], run: Run) -> dict[str, Any]:
+def curve_row(solve: Callable[[Any], Answer], run: PressSetup) -> dict[str, Any]:
     """A point on a curve: time, memory and error, once after a warm-up."""
     truth = reference(run.depth_mm, run.friction)
-    gel_finite.solve(Run("hyperelastic", 0.5, run.friction, 3.0))
+    gel_finite.solve(PressSetup("hyperelastic", 0.5, run.friction, 3.0))
     if run.level in ("layer", "block"):
         solve(replace(run, depth_mm=0.5, spacing_mm=1.0))
     before = reset_peak_mb()

@@ -11,7 +11,7 @@ from ..types import Point2
 
 __all__ = ["Point2", "Record", "check_measured", "number", "standard_row"]
 
-Row = TypeVar("Row")
+StandardRow = TypeVar("StandardRow")
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Record:
             check_measured(self)
 
 
-def standard_row(table: Mapping[str, Row], key: str, name: str) -> Row:
+def standard_row(table: Mapping[str, StandardRow], key: str, name: str) -> StandardRow:
     """The row of a table of standards. Raises ShapeError listing the valid names."""
     if name not in table:
         raise ShapeError(f"{key}: one of {', '.join(table)} is right: {name!r} fails")

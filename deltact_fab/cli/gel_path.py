@@ -12,7 +12,7 @@ import click
 
 if TYPE_CHECKING:
     from ..rig.simulator import GelConfig
-    from ..virtual.presolve import Row, Told
+    from ..virtual.presolve import PressRow, Told
 
 
 @click.command()
@@ -97,7 +97,7 @@ def _chosen(
     return validate(GelConfig, data, "options"), differs
 
 
-def _show(rows: list[Row], level: str, seconds: float) -> None:
+def _show(rows: list[PressRow], level: str, seconds: float) -> None:
     from .output import echo_table
 
     echo_table(
@@ -120,7 +120,7 @@ def _show(rows: list[Row], level: str, seconds: float) -> None:
             click.echo(f"failed: {row.press}: {row.failure}", err=True)
 
 
-def _from(row: Row) -> str:
+def _from(row: PressRow) -> str:
     if row.like:
         return f"mirror of {row.like}"
     return "store" if row.found else "solved"
@@ -135,7 +135,7 @@ def _bar(quiet: bool) -> Iterator[Told]:
     if not sys.stderr.isatty():
         ended: set[str] = set()
 
-        def log(row: Row) -> None:
+        def log(row: PressRow) -> None:
             if row.found or row.press in ended or not (row.failure or row.done == row.knots):
                 return
             ended.add(row.press)
@@ -169,9 +169,9 @@ def _bar(quiet: bool) -> Iterator[Told]:
     ) as bar:
         whole = bar.add_task("all knots", total=0, rate="")
         tasks: dict[str, TaskID] = {}
-        rows: dict[str, Row] = {}
+        rows: dict[str, PressRow] = {}
 
-        def told(row: Row) -> None:
+        def told(row: PressRow) -> None:
             rows[row.press] = row
             if row.press not in tasks and 0 < row.done < row.knots and not row.failure:
                 tasks[row.press] = bar.add_task(row.press, total=row.knots, rate="")

@@ -71,7 +71,7 @@ def measure(
 
     from ..live import open_source
     from ..live.calibrated import measurement_of
-    from ..live.outputs import Check, JsonLines, Lines, View, about
+    from ..live.outputs import Check, JsonLines, Lines, PageOutput, about
     from ..live.page import Page
     from ..live.session import Session
 
@@ -96,7 +96,7 @@ def measure(
             outputs.append(Lines(sys.stderr if jsonl else sys.stdout, opened.known.simulated))
         if page is not None:
             stack.callback(page.close)
-            outputs.append(View(session, page))
+            outputs.append(PageOutput(session, page))
             click.echo(f"view: {page.url}", err=True)
 
         def tell(health: str) -> None:

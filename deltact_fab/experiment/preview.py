@@ -57,7 +57,7 @@ def checks(
 
 def show(
     protocol_name: str, rig_name: str, air: bool = False, realtime: bool = False
-) -> tuple[list[Step], limits.Estimate]:
+) -> tuple[list[Step], limits.RunEstimate]:
     """Steps and estimate of a protocol on a rig; realtime: a virtual one on the wall clock."""
     protocol, _ = plan.load(protocol_name)
     rig, path = rig_config.load(rig_name)

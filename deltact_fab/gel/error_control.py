@@ -53,7 +53,7 @@ WORTH = 0.9  # a refinement that work affords by less is not made
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class SolvedPath:
     """The way solved once, on what was chosen for it."""
 
     choice: Choice
@@ -95,7 +95,7 @@ class Errors(NamedTuple):
 class Answer:
     """The finest run and its estimate; limited: a limit of time ended it before it was done."""
 
-    run: Run
+    run: SolvedPath
     estimate: dict[str, float]
     limited: bool
 
@@ -119,7 +119,7 @@ class Ladder:
         self._open, self._radius_mm, self._edge_mm = opener, float(radius_mm), float(edge_mm)
         self.tolerance = tolerance
         self.in_plane_mm = IN_PLANE_MM * tolerance / TOLERANCE
-        self._runs: list[Run] = []
+        self._runs: list[SolvedPath] = []
         self._by_step, self._steps_seen = Errors(0.0, 0.0), False
 
     def holds(self, estimate: dict[str, float]) -> bool:
@@ -216,7 +216,7 @@ class Ladder:
         off = left * force - fine.last.lacking_rel * np.array(fine.last.force_n)
         return Errors(max(edge, _size(off, fine)), MESH_IN_PLANE * left * in_plane)
 
-    def _edge_part(self, run: Run) -> float:
+    def _edge_part(self, run: SolvedPath) -> float:
         """Of the force, what cells of this size cost under such a contact at least."""
         cells = run.cell_mm / self._radius_mm
         known = EDGE * cells**2
@@ -225,7 +225,7 @@ class Ladder:
         # The ramp of the contact pushes before it is touched: a light press is too stiff by it.
         return known + max(0.0, -run.last.lacking_rel)
 
-    def _steps_part(self, run: Run) -> Errors:
+    def _steps_part(self, run: SolvedPath) -> Errors:
         """What its steps put a run off by: friction's part of the force comes late in each."""
         choice = run.choice
         fewer = self._run(choice.times(1.0, FEWER), run)
@@ -246,16 +246,16 @@ class Ladder:
         ]
         return max(min(*least, LEAST_FINER), 1 / COARSER)
 
-    def _run(self, choice: Choice, like: Run | None = None) -> Run:
+    def _run(self, choice: Choice, like: SolvedPath | None = None) -> SolvedPath:
         """The way by a choice; like: on a coarser mesh, to start from its increments."""
         solver = self._open(choice, like.solver if like else None)
         what = f"{choice.level}, {choice.spacing_mm:.3g} mm"
         self._tell(0, len(solver.poses), what)
         solver.solve_all(lambda done, of, _: self._tell(done, of, what))
-        return Run(choice, solver)
+        return SolvedPath(choice, solver)
 
 
-def afforded(run: Run, factor: float) -> float:
+def afforded(run: SolvedPath, factor: float) -> float:
     """As much of a refinement of the cells as MOST_DOFS and MOST_WORK leave."""
     dofs = run.solver.dofs
     factor = max(factor, min(1.0, (dofs / MOST_DOFS) ** (1 / DOFS_POWER)))
@@ -263,19 +263,19 @@ def afforded(run: Run, factor: float) -> float:
     return max(factor, min(1.0, work ** (1 / (DOFS_POWER * WORK_POWER))))
 
 
-def _change(fine: Run, coarse: Run) -> tuple[Field, float]:
+def _change(fine: SolvedPath, coarse: SolvedPath) -> tuple[Field, float]:
     """From one run to a coarser: forces (3,) as a hard contact would have them, rms in plane."""
     a, b = ((1 + r.last.lacking_rel) * np.array(r.last.force_n) for r in (fine, coarse))
     return b - a, _rms_mm(_field_mm(coarse) - _field_mm(fine))
 
 
-def _size(force_n: Field, run: Run) -> float:
+def _size(force_n: Field, run: SolvedPath) -> float:
     """Over the force of a run."""
     whole = math.hypot(*run.last.force_n)
     return float(np.linalg.norm(force_n)) / whole if whole else 0.0
 
 
-def _field_mm(run: Run) -> Field:
+def _field_mm(run: SolvedPath) -> Field:
     """The face's displacement at the end, (ny, nx, 3)."""
     field = run.last.displacement_mm
     assert field is not None, "the last field is observed"

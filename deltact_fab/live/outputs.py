@@ -85,7 +85,7 @@ class JsonLines:
         """As Output: nothing that a program would take for a result."""
 
 
-class View:
+class PageOutput:
     """The page, which stays open when the results end, until it is closed."""
 
     def __init__(self, session: Session, page: Page) -> None:

@@ -6,7 +6,7 @@ import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from .limits import Check, Estimate
+from .limits import Check, RunEstimate
 from .plan import Protocol, Step
 
 # The planner of GRBL 1.1 (MINIMUM_FEED_RATE of its config.h) takes anything slower for this, so
@@ -19,7 +19,7 @@ LONG_S = 86400.0
 def check(
     protocol: Protocol,
     steps: Sequence[Step],
-    estimate: Estimate,
+    estimate: RunEstimate,
     out: Path,
     held_hz: float | None,
     wall_clock: bool = True,
@@ -59,7 +59,7 @@ def _feed(steps: Iterable[Step]) -> Check:
     )  # fmt: skip
 
 
-def _time(estimate: Estimate) -> Check:
+def _time(estimate: RunEstimate) -> Check:
     hours, at = estimate.seconds / 3600, "the whole run"
     ok = estimate.seconds <= LONGEST_S
     return Check(
@@ -68,7 +68,7 @@ def _time(estimate: Estimate) -> Check:
     )  # fmt: skip
 
 
-def _disk(estimate: Estimate, out: Path, kept_mb: float) -> Check:
+def _disk(estimate: RunEstimate, out: Path, kept_mb: float) -> Check:
     where = next(p for p in (out.absolute(), *out.absolute().parents) if p.exists())
     free_mb = shutil.disk_usage(where).free / 1e6
     needed_mb = max(0.0, estimate.disk_mb - kept_mb)

@@ -72,7 +72,7 @@ class Check:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class RunEstimate:
     """What a run will take: connecting, homing, planned motion, settling and waits.
 
     What an operator or a touch-off takes between two indenters is left out.
@@ -134,7 +134,7 @@ def estimate(
     stage: StageBox,
     steps: list[Step] | None = None,
     pace: Pace = LOCKSTEP,
-) -> Estimate:
+) -> RunEstimate:
     """Frames, time and disk of a whole run, from the steps and the stage's acceleration.
 
     image_px: pixels of a frame as it is stored. pace: of whoever runs it.
@@ -153,7 +153,7 @@ def estimate(
     frames = sum(s.frames for s in steps)
     px = image_px if "image" in protocol.channels else 0
     stream_bytes = FORCE_BYTES_PER_S * seconds if "force" in protocol.channels else 0
-    return Estimate(
+    return RunEstimate(
         steps=len(steps),
         presses=len({s.press for s in steps if s.kind == "press"}),
         frames=frames,

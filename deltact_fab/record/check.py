@@ -22,7 +22,7 @@ WITHOUT_PLAN = (2, 3)  # formats whose protocols this version does not expand an
 
 
 @dataclass(frozen=True)
-class Problem:
+class Damage:
     """One thing that is wrong. kind: damaged, missing, extra or differs; where: file or id."""
 
     kind: str
@@ -54,7 +54,7 @@ class Verdict:
     lost_frames: int = 0
     images: int = 0
     open: dict[str, str] = field(default_factory=dict)
-    problems: list[Problem] = field(default_factory=list)
+    problems: list[Damage] = field(default_factory=list)
 
     @property
     def whole(self) -> bool:
@@ -96,28 +96,28 @@ def check(folder: Path, progress: Progress | None = None) -> Verdict:
     try:
         run = Run(folder)
     except InputError as why:
-        verdict.problems.append(Problem("damaged", "run.json", str(why)))
+        verdict.problems.append(Damage("damaged", "run.json", str(why)))
         return verdict
     verdict.format, verdict.finished = run.format, run.finished
     verdict.being_written = being_written(folder)
     add = verdict.problems.append
     for number in notes.damaged_lines(folder):
-        add(Problem("damaged", "notes.jsonl", f"line {number} is no note"))
+        add(Damage("damaged", "notes.jsonl", f"line {number} is no note"))
     steps: list[Step] = []
     if run.format not in WITHOUT_PLAN:
         try:
             steps = planned(run)
         except InputError as why:
-            add(Problem("damaged", "protocol.toml", str(why)))
+            add(Damage("damaged", "protocol.toml", str(why)))
     try:
         with run.reader() as db:
             db.execute("BEGIN")  # one moment of a run that goes on
-            broken = [Problem("damaged", "journal.sqlite", line) for line in unsound(db)]
+            broken = [Damage("damaged", "journal.sqlite", line) for line in unsound(db)]
             verdict.problems += broken
             if not broken:
                 verdict.problems += _judge(run, db, steps, verdict, progress)
     except RunFailed as why:
-        add(Problem("damaged", "journal.sqlite", str(why)))
+        add(Damage("damaged", "journal.sqlite", str(why)))
     if run.finished and steps:
         verdict.problems += _summary(run, steps)
     return verdict
@@ -157,7 +157,7 @@ def _judge(
     steps: Sequence[Step],
     verdict: Verdict,
     progress: Progress | None,
-) -> Iterator[Problem]:
+) -> Iterator[Damage]:
     """steps: of the plan; none where it is not known, and rows are held against files only."""
     done = {row[0]: row[1:] for row in db.execute("SELECT step_id, seq, press FROM steps")}
     found: dict[str, FileAndHash] = {}
@@ -186,10 +186,10 @@ def _judge(
                 verdict.open[press] = _lacks(missing, part)
             continue
         if missing:
-            yield Problem("missing", press, _lacks(missing, part))
+            yield Damage("missing", press, _lacks(missing, part))
         frames = {i: found[i] for i in part if i in found}
         lines = list(damages(run, press, frames))
-        yield from (Problem("damaged", press, line) for line in lines)
+        yield from (Damage("damaged", press, line) for line in lines)
         verdict.whole_presses += not missing and not lines and press not in changes
         checked += len(frames)
         if progress is not None and frames:
@@ -219,7 +219,7 @@ def _differences(
     steps: Sequence[Step],
     done: dict[str, tuple[Any, ...]],
     placed: dict[str, tuple[Any, ...]],
-) -> Iterator[Problem]:
+) -> Iterator[Damage]:
     """Rows that the plan does not have, or that stand in another place than it gives them."""
     wanted_steps = {step.id: (n, step.press) for n, step in enumerate(steps, start=1)}
     wanted_frames: dict[str, tuple[Any, ...]] = {}
@@ -233,27 +233,27 @@ def _differences(
     ):
         for row_id, place in rows.items():
             if row_id not in wanted:
-                yield Problem("extra", row_id, f"a {what} that the protocol does not have")
+                yield Damage("extra", row_id, f"a {what} that the protocol does not have")
             elif place != wanted[row_id]:
                 text = f"the {what} stands at {place}, the protocol has it at {wanted[row_id]}"
-                yield Problem("differs", row_id, text)
+                yield Damage("differs", row_id, text)
 
 
-def _strays(run: Run, named: Iterable[str], plan: Iterable[str]) -> Iterator[Problem]:
+def _strays(run: Run, named: Iterable[str], plan: Iterable[str]) -> Iterator[Damage]:
     known = {run.folder / file for file in named}
     known |= {truth_file(run.folder, press) for press in plan}
     for path in sorted(written(run.folder)):
         if path not in known:
-            yield Problem("extra", str(path.relative_to(run.folder)), "no row names it")
+            yield Damage("extra", str(path.relative_to(run.folder)), "no row names it")
 
 
-def _summary(run: Run, steps: Sequence[Step]) -> Iterator[Problem]:
+def _summary(run: Run, steps: Sequence[Step]) -> Iterator[Damage]:
     try:
         said = run.summary()
     except DeltactFabError as why:
-        yield Problem("damaged", "summary.json", str(why))
+        yield Damage("damaged", "summary.json", str(why))
         return
     for key, count in (("steps", len(steps)), ("frames", sum(s.frames for s in steps))):
         if said.get(key) != count:
             text = f"{key} = {said.get(key)}, the protocol has {count}"
-            yield Problem("differs", "summary.json", text)
+            yield Damage("differs", "summary.json", text)

@@ -34,14 +34,14 @@ MOST_IMAGES, MOST_BYTES = 128, 256 << 20  # that wait to be written
 FLUSH_S = 120.0  # what waits is written within seconds; a disk that takes longer hangs
 SHA256 = "sha256"  # the column that is known when the file is written
 
-Row = dict[str, Any]
+TableRow = dict[str, Any]
 
 
 @dataclass
 class _Entry:
     """Rows of tables that belong together, and the hash of the file of the first of them."""
 
-    rows: Sequence[tuple[str, Row]]
+    rows: Sequence[tuple[str, TableRow]]
     digest: Future[str] | None = None
     history: bool = False
     """Told even after a failure: what became of the run."""
@@ -67,7 +67,7 @@ class Pipeline:
         self._committer = threading.Thread(target=self._run, name="journal", daemon=True)
         self._committer.start()
 
-    def put(self, rows: Sequence[tuple[str, Row]], history: bool = False) -> None:
+    def put(self, rows: Sequence[tuple[str, TableRow]], history: bool = False) -> None:
         """Have these rows committed together. Raises RunFailed after a failure.
 
         history: told all the same then.
@@ -78,7 +78,7 @@ class Pipeline:
             self._append(_Entry(rows, history=history))
 
     def put_image(
-        self, rows: Sequence[tuple[str, Row]], file: Path, image: NDArray[np.uint8], wait: bool
+        self, rows: Sequence[tuple[str, TableRow]], file: Path, image: NDArray[np.uint8], wait: bool
     ) -> bool:
         """Have the image written, then these rows; False, and nothing kept, when there is no room.
 

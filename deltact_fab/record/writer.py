@@ -32,7 +32,7 @@ from .files import (
 from .images import image_format, ready, require
 from .journal import PRESS_TABLES, SCHEMA, claim, connect, insert, journal_errors
 from .kept import frame_id_of, judged
-from .pipeline import Pipeline, Row
+from .pipeline import Pipeline, TableRow
 from .run import Run
 from .streams import Chunk, pack
 
@@ -164,7 +164,7 @@ class RunWriter:
         late_s: after it was wanted. dropped, repeated: by the camera, since the one before.
         """
         frame_id = frame_id_of(step, k)
-        row: Row = {
+        row: TableRow = {
             "frame_id": frame_id,
             "seq": self._frames_before[step.id] + k,
             "step_id": step.id,
@@ -205,7 +205,7 @@ class RunWriter:
         """
         self.missed += missed
         x_mm, y_mm, z_mm = step.target_mm
-        row: Row = {
+        row: TableRow = {
             "seq": self._step_seq[step.id],
             "step_id": step.id,
             "press": step.press,
@@ -275,11 +275,11 @@ class RunWriter:
             self._db.close()
         self._claim.close()
 
-    def _samples(self, step: Step, chunks: Iterable[Chunk]) -> list[tuple[str, Row]]:
-        rows: list[tuple[str, Row]] = []
+    def _samples(self, step: Step, chunks: Iterable[Chunk]) -> list[tuple[str, TableRow]]:
+        rows: list[tuple[str, TableRow]] = []
         for chunk in chunks:
             columns, data = pack(chunk)
-            row: Row = {
+            row: TableRow = {
                 "seq": self._step_seq[step.id],
                 "stream": chunk.stream,
                 "press": step.press,
@@ -322,7 +322,7 @@ class RunWriter:
                     raise RunFailed(f"{path}: cannot be removed: {why_not.strerror}") from why_not
 
 
-def _event(kind: str, text: str, t_s: float | None = None, step: Step | None = None) -> Row:
+def _event(kind: str, text: str, t_s: float | None = None, step: Step | None = None) -> TableRow:
     press, step_id = (None, None) if step is None else (step.press, step.id)
     return {
         "kind": kind,

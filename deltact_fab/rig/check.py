@@ -13,7 +13,7 @@ from .config import GrblConfig
 SECONDS = 2.0
 
 
-class Row(NamedTuple):
+class DeviceRow(NamedTuple):
     """One thing that was looked at. verdict: pass, WARN or FAIL; text: what is so, what to do."""
 
     device: str
@@ -25,7 +25,7 @@ class Row(NamedTuple):
         return f"{self.verdict}  {self.device}: {self.text}"
 
 
-def check(config: GrblConfig, folder: Path, seconds: float = SECONDS) -> Iterator[Row]:
+def check(config: GrblConfig, folder: Path, seconds: float = SECONDS) -> Iterator[DeviceRow]:
     """Look at stage, force sensor, guard, camera and at what a press needs besides.
 
     folder: of the rig file. seconds: how long camera and sensor are watched. Raises nothing that a
@@ -43,12 +43,12 @@ def check(config: GrblConfig, folder: Path, seconds: float = SECONDS) -> Iterato
     yield from _presses(config)
 
 
-def _rows(device: str, findings: Any) -> Iterator[Row]:
+def _rows(device: str, findings: Any) -> Iterator[DeviceRow]:
     for passed, text in findings:
-        yield Row(device, "pass" if passed else "FAIL", text)
+        yield DeviceRow(device, "pass" if passed else "FAIL", text)
 
 
-def _stage(config: GrblConfig) -> Iterator[Row]:
+def _stage(config: GrblConfig) -> Iterator[DeviceRow]:
     from .stage.grbl import GrblStage
 
     stage = GrblStage.of(config.stage, WallClock())
@@ -62,11 +62,11 @@ def _stage(config: GrblConfig) -> Iterator[Row]:
     identity = stage.identity()
     if not refused or stage.judged:
         banner = identity.get("banner") or "no banner: the board does not restart when opened"
-        yield Row("stage", "pass", f"{config.stage.port} answers: {banner}")
+        yield DeviceRow("stage", "pass", f"{config.stage.port} answers: {banner}")
     for row in stage.judged:
-        yield Row("stage", row.verdict, row.text)
+        yield DeviceRow("stage", row.verdict, row.text)
     if refused and not any(row.verdict == "FAIL" for row in stage.judged):
-        yield Row(
+        yield DeviceRow(
             "stage",
             "FAIL",
             f"{refused}; check its power and cable, [stage] port and baud, and that no other "
@@ -74,36 +74,38 @@ def _stage(config: GrblConfig) -> Iterator[Row]:
         )
 
 
-def _presses(config: GrblConfig) -> Iterator[Row]:
+def _presses(config: GrblConfig) -> Iterator[DeviceRow]:
     """What a press needs of the rig file; without it a run goes in air only."""
     force = config.force
     reachable = force is not None and (force.netft or force.serial)
     if not reachable:
-        yield Row(
+        yield DeviceRow(
             "presses",
             "FAIL",
             "no way to a force sensor, so only --air runs: add [force] with its ranges and "
             "[force.netft] or [force.serial]",
         )
     elif force is not None and "range_n" not in force.model_fields_set:
-        yield Row(
+        yield DeviceRow(
             "presses",
             "FAIL",
             "[force] range_n is not declared: write it from the calibration sheet",
         )
     if config.stage.max_force_n is None:
-        yield Row(
+        yield DeviceRow(
             "presses",
             "FAIL",
             "[stage] max_force_n is not declared: measure what the axes push without losing steps",
         )
     if config.touch is None:
-        yield Row(
+        yield DeviceRow(
             "presses",
             "FAIL",
             'no [touch], so it is not known where the face is: add one with by = "force" or "hand"',
         )
     else:
-        yield Row("presses", "pass", f"the face is found by {config.touch.by}")
+        yield DeviceRow("presses", "pass", f"the face is found by {config.touch.by}")
     if config.camera is None:
-        yield Row("camera", "WARN", "no [camera]: a protocol with the channel image is refused")
+        yield DeviceRow(
+            "camera", "WARN", "no [camera]: a protocol with the channel image is refused"
+        )

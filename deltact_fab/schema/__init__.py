@@ -3,13 +3,13 @@
 from .commented import commented
 from .document import DIALECT, document
 from .kinds import KINDS, Kind, kind_named
-from .rows import Row, matching, rows
+from .rows import KeyRow, matching, rows
 
 __all__ = [
     "DIALECT",
     "KINDS",
+    "KeyRow",
     "Kind",
-    "Row",
     "commented",
     "document",
     "kind_named",

@@ -14,7 +14,7 @@ from .units import unit_of
 
 
 @dataclass(frozen=True)
-class Row:
+class KeyRow:
     """One key.
 
     key: its path, as `capture.settle_s`; `[]` is an entry of a list of tables, `*` any name.
@@ -43,13 +43,13 @@ class Row:
         return self.default if self.default is not None else "not set"
 
 
-def rows(kind: Kind) -> list[Row]:
+def rows(kind: Kind) -> list[KeyRow]:
     """Every key of a kind, tables above the keys inside them."""
     root = described(kind)
     return list(_rows(root, root, ""))
 
 
-def matching(kind: Kind, key: str) -> list[Row]:
+def matching(kind: Kind, key: str) -> list[KeyRow]:
     """The row of a key and of all below it; or of all keys of that name, wherever they stand.
 
     Raises InputError naming the nearest key.
@@ -66,7 +66,7 @@ def matching(kind: Kind, key: str) -> list[Row]:
     return named
 
 
-def _rows(node: dict[str, Any], root: dict[str, Any], at: str) -> Iterator[Row]:
+def _rows(node: dict[str, Any], root: dict[str, Any], at: str) -> Iterator[KeyRow]:
     needed = node.get("required", [])
     for name, raw in node["properties"].items():
         key, _ = resolved(raw, root)
@@ -75,7 +75,7 @@ def _rows(node: dict[str, Any], root: dict[str, Any], at: str) -> Iterator[Row]:
         meaning = key.get("x-meaning", key.get("description", ""))
         default = None if inner or "default" not in key else literal(key["default"])
         kind = {"": "table", "[]": "list of tables", ".*": "tables by name"}[mark]
-        yield Row(
+        yield KeyRow(
             path,
             kind if inner else type_of(key),
             "" if inner else unit_of(name),

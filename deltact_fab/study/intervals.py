@@ -35,7 +35,7 @@ _LEAST: dict[Scale, float] = {"plain": -math.inf, "positive": 0.0, "correlation"
 _MOST: dict[Scale, float] = {"plain": math.inf, "positive": math.inf, "correlation": 1.0}
 
 
-class Estimate(NamedTuple):
+class Interval(NamedTuple):
     """A figure, its interval (None, None with one group), and what it was drawn over."""
 
     value: float
@@ -81,7 +81,7 @@ def over_groups(
     return back(whole - reach), back(whole + reach)
 
 
-def rmse(errors: ArrayLike, groups: Sequence[Hashable] | NDArray[Any], each: str) -> Estimate:
+def rmse(errors: ArrayLike, groups: Sequence[Hashable] | NDArray[Any], each: str) -> Interval:
     """Root of the mean square of errors (n,) or (n, k), with its interval; each: "position"..."""
     return estimate(errors, groups, _rms, each, "positive")
 
@@ -91,7 +91,7 @@ def mean(
     groups: Sequence[Hashable] | NDArray[Any],
     each: str,
     scale: Scale = "plain",
-) -> Estimate:
+) -> Interval:
     """Mean of values (n,), with its interval; each: what a group is, "seed", "position"..."""
     return estimate(values, groups, _mean, each, scale)
 
@@ -102,7 +102,7 @@ def estimate(
     statistic: Statistic,
     each: str,
     scale: Scale = "plain",
-) -> Estimate:
+) -> Interval:
     """Any statistic with its 95 % interval, as a headline takes it. As `over_groups`.
 
     each: what a group is, in the singular.
@@ -112,7 +112,7 @@ def estimate(
     low, high = over_groups(rows, of, statistic, scale=scale)
     several = f"{each}es" if each.endswith("s") else f"{each}s"
     over = f"{count} {several}" if count > 1 else f"one {each}: no interval"
-    return Estimate(float(statistic(rows)), low, high, over)
+    return Interval(float(statistic(rows)), low, high, over)
 
 
 def _rms(errors: NDArray[np.float64]) -> float:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..analysis.tracking_error.tally import Mean, Tally
 from ..patterns.series.job import SeriesEntry
 from . import intervals
-from .intervals import Estimate
+from .intervals import Interval
 
 Measure = Literal["at_dots", "off"]
 _DEPTH = re.compile(r"/d(\d+\.\d+)/")
@@ -112,7 +112,7 @@ class Errors:
         found: Mean | None = getattr(tally, measure) if tally else None
         return found.value if found else None
 
-    def over_indenters(self, pattern: str, method: str, measure: Measure) -> Estimate | None:
+    def over_indenters(self, pattern: str, method: str, measure: Measure) -> Interval | None:
         """Mean over indenters and its interval; None where one of them has no error."""
         values = [self.mean_mm(pattern, method, measure, i) for i in self.indenters]
         known = [v for v in values if v is not None]
@@ -122,7 +122,7 @@ class Errors:
 
     def difference(
         self, pattern: str, other: str, method: str, measure: Measure
-    ) -> Estimate | None:
+    ) -> Interval | None:
         """The error of a pattern less that of another, indenter by indenter."""
         pairs = [
             (self.mean_mm(pattern, method, measure, i), self.mean_mm(other, method, measure, i))

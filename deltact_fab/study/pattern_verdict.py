@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..report.result import Headline
-from .intervals import Estimate
+from .intervals import Interval
 from .pattern_errors import Errors, Measure, Printed
 from .pattern_tables import MEASURES, TRACKERS, rounds
 
@@ -145,7 +145,7 @@ def _headline(
     ]  # fmt: skip
 
 
-def _mm(known: Estimate) -> str:
+def _mm(known: Interval) -> str:
     if known.low is None or known.high is None:
         return f"{known.value:.3g} mm"
     return f"{known.value:.3g} mm, 95 % {known.low:.2g} to {known.high:.2g}"

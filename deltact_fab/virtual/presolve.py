@@ -21,7 +21,7 @@ from .presses import Presses, path_of
 
 
 @dataclass
-class Row:
+class PressRow:
     """What came of one press. seconds: of the knots' solves; found: it was in the store.
 
     like: the press whose solution serves this one too. between_mm, between_n: largest error of
@@ -45,7 +45,7 @@ class Row:
         return asdict(self)
 
 
-Told = Callable[[Row], None]
+Told = Callable[[PressRow], None]
 
 
 def solve_ahead(
@@ -54,21 +54,21 @@ def solve_ahead(
     config: GelConfig,
     jobs: int = 1,
     told: Told | None = None,
-) -> list[Row]:
+) -> list[PressRow]:
     """Every press of a protocol, solved or found; a failure ends that press and no other.
 
     told: hears of a press after each of its knots. jobs: processes at a time; 1: this one.
     """
     presses = Presses(protocol, skin, config)
     told = told or (lambda row: None)
-    rows: list[Row] = []
-    todo: dict[str, Row] = {}
-    waiting: list[tuple[Row, Row]] = []
+    rows: list[PressRow] = []
+    todo: dict[str, PressRow] = {}
+    waiting: list[tuple[PressRow, PressRow]] = []
     for path in presses.paths:
         try:
             press = presses.of(path)
         except DeltactFabError as why:  # no mesh serves this one
-            row = Row(path.press, 0, failure=" ".join(str(why).split()))
+            row = PressRow(path.press, 0, failure=" ".join(str(why).split()))
         else:
             row = _row(press, presses.modulus_mpa)
             name = press.solver.stored_as or press.name
@@ -95,7 +95,7 @@ def _solve(
     protocol: Protocol,
     skin: SkinDimensions,
     config: GelConfig,
-    rows: list[Row],
+    rows: list[PressRow],
     jobs: int,
     told: Told,
 ) -> None:
@@ -107,7 +107,7 @@ def _solve(
             row.done, row.seconds = int(knot[0]), row.seconds + knot[1]
             told(row)
 
-    def heard(end: Ended[Row]) -> None:
+    def heard(end: Ended[PressRow]) -> None:
         row = rows[end.index]
         ended.add(end.index)
         if end.value is not None:
@@ -122,7 +122,7 @@ def _solve(
     run(_one, todo, heard, told=hear, workers=jobs)
 
 
-def _one(job: tuple[Protocol, SkinDimensions, GelConfig, str]) -> Row:
+def _one(job: tuple[Protocol, SkinDimensions, GelConfig, str]) -> PressRow:
     """One press, kept when it is whole; it tells each knot."""
     protocol, skin, config, name = job
     started = time.perf_counter()
@@ -140,8 +140,8 @@ def _one(job: tuple[Protocol, SkinDimensions, GelConfig, str]) -> Row:
     return row
 
 
-def _row(press: Press, modulus_mpa: float) -> Row:
-    return Row(
+def _row(press: Press, modulus_mpa: float) -> PressRow:
+    return PressRow(
         press.name,
         len(press.solver.poses),
         done=len(press.solver.knots),

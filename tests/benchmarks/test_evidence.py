@@ -56,7 +56,7 @@ def test_rows_have_names_of_their_own_and_the_file_has_them_all() -> None:
     assert set(store.read(evidence.HERE / evidence.ROWS)) == set(names)
 
 
-def of(row: evidence.Row) -> set[str]:
+def of(row: evidence.EvidenceRow) -> set[str]:
     """Files of the package that a row's digest is of."""
     modules = evidence._spelled(row.call)[1]
     own = {m.partition(".")[2] for m in modules if m.startswith("benchmarks.")}

@@ -14,19 +14,19 @@ from deltact_fab.gel.finite import FinitePress, FiniteState
 from deltact_fab.gel.finite.state import with_diagnostics
 from deltact_fab.numerics.engine import Flagged
 from deltact_fab.numerics.engines import gel_scene
-from deltact_fab.numerics.engines.gel_scene import Scene, Solved
+from deltact_fab.numerics.engines.gel_scene import FiniteSolution, Scene
 
 
 @pytest.fixture(scope="module")
-def found() -> Solved:
+def found() -> FiniteSolution:
     return gel_scene.solved(Scene(spacing_mm=3.0), 0.3, (0.0, 0.0, 3.0))
 
 
 def test_energy_from_nowhere_is_seen_and_a_jump_s_loss_is_not_an_error(
-    found: Solved, monkeypatch: pytest.MonkeyPatch
+    found: FiniteSolution, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def judged(states: tuple[FiniteState, ...]) -> tuple[float, str]:
-        monkeypatch.setattr(gel_energy, "solved", lambda *_: Solved(found.press, states))
+        monkeypatch.setattr(gel_energy, "solved", lambda *_: FiniteSolution(found.press, states))
         return gel_energy.work_but_jumps(Scene(), 2.0, Path())
 
     def scaled(factor: float, jumps: bool) -> tuple[FiniteState, ...]:

@@ -11,7 +11,7 @@ import pytest
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import SolverError
 from deltact_fab.gel import error_control, limit
-from deltact_fab.gel.error_control import EDGE, MOST_WORK, WORK_POWER, Ladder, Run, afforded
+from deltact_fab.gel.error_control import EDGE, MOST_WORK, WORK_POWER, Ladder, SolvedPath, afforded
 from deltact_fab.gel.level import Choice, Diagnostics, Reach
 from deltact_fab.gel.level_selection import pick
 from deltact_fab.gel.path.knots import Pose
@@ -139,7 +139,7 @@ def test_a_mesh_too_coarse_to_be_solved_is_passed_over() -> None:
 @pytest.mark.parametrize("states", [5, 40])
 def test_a_refinement_stays_within_the_work_and_coarsens_nothing(dofs: int, states: int) -> None:
     solver: Any = SimpleNamespace(dofs=dofs, poses=[None] * states)
-    run = Run(chosen(0.5), solver)
+    run = SolvedPath(chosen(0.5), solver)
     factor = afforded(run, 0.7)
     assert 0.7 <= factor <= 1
     done = states * dofs**WORK_POWER

@@ -9,8 +9,8 @@ import pytest
 
 from deltact_fab.numerics.engine import Flagged
 from deltact_fab.numerics.engines import gel_reference, gel_run, gel_scene
-from deltact_fab.numerics.engines.gel_finite import Run
-from deltact_fab.numerics.engines.gel_scene import Scene, Solved
+from deltact_fab.numerics.engines.gel_finite import PressSetup
+from deltact_fab.numerics.engines.gel_scene import FiniteSolution, Scene
 
 
 def test_extrapolation_removes_an_error_of_second_order() -> None:
@@ -27,7 +27,9 @@ def test_extrapolation_removes_an_error_of_second_order() -> None:
 
 
 def test_a_quarter_is_the_whole() -> None:
-    one, four = (gel_run.solve(Run("hyperelastic", 2.0, 0.0, 2.5, p)) for p in ("quarter", "whole"))
+    one, four = (
+        gel_run.solve(PressSetup("hyperelastic", 2.0, 0.0, 2.5, p)) for p in ("quarter", "whole")
+    )
     truth = gel_reference.Reference(four.normal_n, four.in_plane_mm, 0.0, 0.0)
     force, in_plane = gel_reference.errors(one, truth)
     assert abs(force) < 1e-6
@@ -37,8 +39,8 @@ def test_a_quarter_is_the_whole() -> None:
 
 def test_linear_levels_answer_on_the_same_lattice() -> None:
     answers = [
-        gel_run.solve(Run("layer", 1.0, 0.0, 0.5)),
-        gel_run.solve(Run("hyperelastic", 1.0, 0.0, 2.0)),
+        gel_run.solve(PressSetup("layer", 1.0, 0.0, 0.5)),
+        gel_run.solve(PressSetup("hyperelastic", 1.0, 0.0, 2.0)),
     ]
     shapes = {a.in_plane_mm.shape for a in answers}
     assert shapes == {(69, 73, 2)}
@@ -48,22 +50,24 @@ def test_linear_levels_answer_on_the_same_lattice() -> None:
 
 
 @pytest.fixture(scope="module")
-def found() -> Solved:
+def found() -> FiniteSolution:
     return gel_scene.solved(Scene(spacing_mm=3.0), 0.3, (0.0, 0.0, 3.0))
 
 
-def test_the_judges_see_what_is_wrong(found: Solved) -> None:
+def test_the_judges_see_what_is_wrong(found: FiniteSolution) -> None:
     assert abs(gel_scene.work_error(found)) < 5e-3
     assert gel_scene.imbalance(found) < 1e-6
     stronger = [replace(s, force_n=tuple(1.02 * f for f in s.force_n)) for s in found.states]
-    wrong = Solved(found.press, tuple(stronger))
+    wrong = FiniteSolution(found.press, tuple(stronger))
     assert gel_scene.work_error(wrong) > 0.015
     assert gel_scene.imbalance(wrong) > 0.01
 
 
-def test_a_state_that_is_not_trusted_is_flagged(found: Solved) -> None:
+def test_a_state_that_is_not_trusted_is_flagged(found: FiniteSolution) -> None:
     deep = replace(found.last.diagnostics, penetration_mm=0.16)
-    hidden = Solved(found.press, (*found.states[:-1], replace(found.last, diagnostics=deep)))
+    hidden = FiniteSolution(
+        found.press, (*found.states[:-1], replace(found.last, diagnostics=deep))
+    )
     with pytest.raises(Flagged, match=r"0\.16 mm inside"):
         gel_scene.trusted(hidden)
 
@@ -73,7 +77,7 @@ def test_shear_beyond_the_cone_is_seen() -> None:
     rubbed = gel_scene.solved(scene, 1.5, (0.0, 0.0, 3.0), (1.0, 0.0, 3.0))
     assert gel_scene.cone_excess(rubbed) < 5e-3
     more = replace(rubbed.last, shear_mpa=1.1 * rubbed.last.shear_mpa)
-    assert gel_scene.cone_excess(Solved(rubbed.press, (more,))) > 0.05
+    assert gel_scene.cone_excess(FiniteSolution(rubbed.press, (more,))) > 0.05
 
 
 @pytest.mark.parametrize(

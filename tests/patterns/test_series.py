@@ -353,8 +353,8 @@ def test_the_contact_sheet_holds_the_views_unchanged():
     rng = np.random.default_rng(1)
     pictures = rng.integers(0, 256, (2, 120, 120, 3), np.uint8)
     views = [
-        contact.View(0.1, 0.5, pictures[0]),
-        contact.View(0.2, 0.1, pictures[1], "paper: 1 mm"),
+        contact.Tile(0.1, 0.5, pictures[0]),
+        contact.Tile(0.2, 0.1, pictures[1], "paper: 1 mm"),
     ]
     data = contact.png(views, 0.05, "Title", ["a note"])
     assert data == contact.png(views, 0.05, "Title", ["a note"])
@@ -372,7 +372,7 @@ def test_the_contact_sheet_holds_the_views_unchanged():
 
 
 def test_the_scale_bar_is_as_long_as_it_says():
-    view = contact.View(0.1, 0.1, np.full((300, 300, 3), 255, np.uint8))
+    view = contact.Tile(0.1, 0.1, np.full((300, 300, 3), 255, np.uint8))
     with Image.open(io.BytesIO(contact.png([view], 0.0378, "t", []))) as image:
         sheet = np.asarray(image.convert("L"))
     below = sheet[contact.TOP_PX + 300 * contact.ZOOM + contact.GAP_PX :]
@@ -384,7 +384,7 @@ def test_the_scale_bar_is_as_long_as_it_says():
 
 
 def test_views_of_two_sizes_are_refused():
-    views = [contact.View(0.1, 0.1, np.zeros((n, n, 3), np.uint8)) for n in (8, 10)]
+    views = [contact.Tile(0.1, 0.1, np.zeros((n, n, 3), np.uint8)) for n in (8, 10)]
     with pytest.raises(ValueError, match="one size"):
         contact.png(views, 0.05, "t", [])
 

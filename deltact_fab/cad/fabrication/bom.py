@@ -40,7 +40,7 @@ class Line:
     note: str
 
 
-Row = tuple[str, str, str, str, float, str, str]
+BomRow = tuple[str, str, str, str, float, str, str]
 
 
 def lines(
@@ -57,7 +57,7 @@ def lines(
     """
     quantities.checked(sensors, waste)
     feasibility.check(design)
-    rows: list[Row] = [
+    rows: list[BomRow] = [
         *(_part(part, design, sensors) for part in listed(indenters)),
         *((CONSUMABLES, *row) for row in _silicone(design, sensors, waste, process)),
         *((CONSUMABLES, *row) for row in _light(design, sensors)),
@@ -86,7 +86,7 @@ def _plain(value: object) -> object:
     return f"{value:.6g}" if isinstance(value, float) else value
 
 
-def _part(part: Part, design: Design, sensors: int) -> Row:
+def _part(part: Part, design: Design, sensors: int) -> BomRow:
     """A part of the registry: what a sensor takes for each, tools, bench and indenters once."""
     count = part.quantity * (sensors if part.per_sensor else 1)
     return (

@@ -49,7 +49,7 @@ class Reading:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class MeasuredKey:
     """A key of a design with what was read beside what it had.
 
     bias_mm: mean of the readings' deviations; spread_mm: that of a further piece about the mean,
@@ -126,7 +126,7 @@ def _length(row: dict[str, str], column: str, where: str) -> float:
     return value
 
 
-def estimates(readings: Sequence[Reading], design: Design) -> list[Estimate]:
+def estimates(readings: Sequence[Reading], design: Design) -> list[MeasuredKey]:
     """What the readings say of the machines; a machine that was not measured keeps its figures.
 
     The spread is the half width of the interval that holds one further piece at 95 %:
@@ -134,7 +134,7 @@ def estimates(readings: Sequence[Reading], design: Design) -> list[Estimate]:
     where a group has too few readings.
     """
     printer, laser = design.resin_printer, design.laser
-    found: list[Estimate] = []
+    found: list[MeasuredKey] = []
     in_plane = {
         "hole_bias_mm": _off(readings, "hole", "slot"),
         "outside_bias_mm": _off(readings, "outside"),
@@ -146,7 +146,7 @@ def estimates(readings: Sequence[Reading], design: Design) -> list[Estimate]:
             spreads.append((spread, len(off)))
             before = getattr(printer, key)
             found.append(
-                Estimate(f"resin_printer.{key}", round(bias, 3), before, len(off), bias, spread)
+                MeasuredKey(f"resin_printer.{key}", round(bias, 3), before, len(off), bias, spread)
             )
     if spreads:
         spread, count = max(spreads)
@@ -165,7 +165,7 @@ def estimates(readings: Sequence[Reading], design: Design) -> list[Estimate]:
         if single:
             _, spread = _of(single, "strip of one piece")
         found.append(
-            Estimate("laser.kerf_mm", round(kerf, 3), laser.kerf_mm, pieces, -short, spread)
+            MeasuredKey("laser.kerf_mm", round(kerf, 3), laser.kerf_mm, pieces, -short, spread)
         )
         if single:
             found.append(
@@ -177,7 +177,7 @@ def estimates(readings: Sequence[Reading], design: Design) -> list[Estimate]:
         share = (abs(bias) + spread) / design.optics.acrylic_mm
         value = max(_up(share), 0.001)
         before = laser.sheet_tolerance
-        found.append(Estimate("laser.sheet_tolerance", value, before, len(thick), bias, spread))
+        found.append(MeasuredKey("laser.sheet_tolerance", value, before, len(thick), bias, spread))
     return found
 
 
@@ -198,16 +198,16 @@ def _of(off_mm: Sequence[float], name: str) -> tuple[float, float]:
     return statistics.fmean(off_mm), width
 
 
-def _spread(key: str, spread: float, before: float, count: int, bias: float) -> Estimate:
+def _spread(key: str, spread: float, before: float, count: int, bias: float) -> MeasuredKey:
     """A spread as a field takes it: no less than a caliper tells, the bias on top."""
-    return Estimate(key, max(_up(abs(bias) + spread), 0.005), before, count, bias, spread)
+    return MeasuredKey(key, max(_up(abs(bias) + spread), 0.005), before, count, bias, spread)
 
 
 def _up(value: float) -> float:
     return math.ceil(value * 1000 - 1e-9) / 1000
 
 
-def as_design(base: str, found: Sequence[Estimate], source: str) -> str:
+def as_design(base: str, found: Sequence[MeasuredKey], source: str) -> str:
     """The text of a design: the base, and what was read over it."""
     tables: dict[str, dict[str, object]] = {}
     for estimate in found:

@@ -18,7 +18,7 @@ from ...shapes.bounded import ShapeError
 from . import trust
 from .board import Board
 from .corners import find, read_image
-from .problem import Prior, Problem, Seen, Solution, solve
+from .problem import LensProblem, Prior, Seen, Solution, solve
 from .start import nominal, pose, priors
 
 PHOTOGRAPHS = "photographs.json"
@@ -184,12 +184,12 @@ def of_corners(
     base = nominal(sensor, [s.corners for s in touching], np.array(size_px))
     known = priors(base, placed=touching[0].corners.board.skin)
     try:
-        problem = Problem(base, known, touching)
+        problem = LensProblem(base, known, touching)
         fit = solve(problem, problem.start([pose(s, base) for s in touching]), scale_px=1.0)
         if held:
             lens = problem.lens(fit.x)
             more = [pose(s, lens) for s in held]
-            problem = Problem(base, known, [*touching, *held])
+            problem = LensProblem(base, known, [*touching, *held])
             fit = solve(problem, np.concatenate((fit.x, *more)))
     except (SolverError, ShapeError) as why:
         raise InputError(f"{seen[0].corners.source}: {why}") from why

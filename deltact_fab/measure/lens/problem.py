@@ -65,7 +65,7 @@ POSE_STEP = 1e-6  # mm or rad; of a derivative
 PRIOR_STEP = 1e-5  # of a prior's sigma
 
 
-class Problem:
+class LensProblem:
     """Residuals and their derivatives, of a vector: parameters in sigmas off their prior, poses."""
 
     def __init__(self, base: Fisheye, priors: Mapping[str, Prior], seen: Sequence[Seen]) -> None:
@@ -152,7 +152,7 @@ OUTLIER = 5.0
 """In robust sigmas of the residuals: beyond, a corner was misread."""
 
 
-def solve(problem: Problem, x: Array, scale_px: float = NOISE_PX) -> Solution:
+def solve(problem: LensProblem, x: Array, scale_px: float = NOISE_PX) -> Solution:
     """Fit, first with a soft-L1 loss; then, without its outliers, by least squares.
 
     scale_px: deviations beyond this are damped. Raises SolverError when the search does not end.
@@ -171,7 +171,7 @@ def solve(problem: Problem, x: Array, scale_px: float = NOISE_PX) -> Solution:
     return Solution(x, covariance(problem, j), off, kept, noise_px)
 
 
-def covariance(problem: Problem, j: Array) -> NDArray[np.float64]:
+def covariance(problem: LensProblem, j: Array) -> NDArray[np.float64]:
     """Of the vector, from the residuals' derivatives in sigmas (m, size) and the priors."""
     known = j.T @ j
     lens = np.arange(len(problem.names))
@@ -182,7 +182,7 @@ def covariance(problem: Problem, j: Array) -> NDArray[np.float64]:
 
 
 def _search(
-    problem: Problem, x: Array, kept: Array, scale_px: float, soft: bool
+    problem: LensProblem, x: Array, kept: Array, scale_px: float, soft: bool
 ) -> NDArray[np.float64]:
     from scipy.optimize import least_squares
 

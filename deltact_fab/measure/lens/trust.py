@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...arrays import Array
 from ...errors import InputError
 from ...shapes import SensorDimensions
-from .problem import PRIOR_STEP, Problem, Solution
+from .problem import PRIOR_STEP, LensProblem, Solution
 
 DEPTHS_MM = (3.0, 6.0)
 """Below the face, at which the sigma is stated besides the face's own."""
@@ -36,7 +36,9 @@ def view_mm(sensor: SensorDimensions) -> NDArray[np.float64]:
     return np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
 
 
-def sigma_px(problem: Problem, fit: Solution, sensor: SensorDimensions, depth_mm: float) -> float:
+def sigma_px(
+    problem: LensProblem, fit: Solution, sensor: SensorDimensions, depth_mm: float
+) -> float:
     """Sigma of where the lens sees a point, px in the raw image; 95th percentile over the view.
 
     The points lie depth_mm below the face on the rays of the view's points, and a sigma is that of
@@ -56,7 +58,7 @@ def sigma_px(problem: Problem, fit: Solution, sensor: SensorDimensions, depth_mm
     return float(np.percentile(np.sqrt(var), 95))
 
 
-def cover(problem: Problem, fit: Solution, sensor: SensorDimensions) -> float:
+def cover(problem: LensProblem, fit: Solution, sensor: SensorDimensions) -> float:
     """Share of the view inside the hulls of the contact images' corners, each half a square wider.
 
     The fit rests on them there; elsewhere it extrapolates.
@@ -94,7 +96,7 @@ def smooth_px(px: Array, off_px: Array) -> float:
 
 
 def refuse(
-    problem: Problem, fit: Solution, share: Sequence[float], covered: float, face_px: float
+    problem: LensProblem, fit: Solution, share: Sequence[float], covered: float, face_px: float
 ) -> None:
     """Raise InputError, in one line, for a calibration that must not be used.
 
@@ -123,7 +125,7 @@ def refuse(
         )
 
 
-def _refuse_misfit(problem: Problem, fit: Solution) -> None:
+def _refuse_misfit(problem: LensProblem, fit: Solution) -> None:
     at = problem.points_mm(fit.x)
     for seen, rows in zip(problem.seen, problem.rows, strict=True):
         off, kept = fit.off_px[rows], fit.kept[rows]

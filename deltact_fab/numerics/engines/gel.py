@@ -17,7 +17,7 @@ from typing import Any
 from ...errors import RunFailed
 from ..engine import Case, Engine, Setting, Table, Work
 from . import gel_cases
-from .gel_finite import Run
+from .gel_finite import PressSetup
 from .gel_reference import FINE, OWN_ERROR, QUICK_FINE, errors, reference
 from .gel_run import solve
 
@@ -27,21 +27,23 @@ FORCE, IN_PLANE = "% of the force", "mm rms over the face"
 def curves(quick: bool) -> Sequence[Setting]:
     """What can be repeated six times; the rest is left to `make evidence`."""
     if quick:
-        runs = [Run("hyperelastic", 2.0, 0.0, h) for h in (3.0, 2.0)]
+        runs = [PressSetup("hyperelastic", 2.0, 0.0, h) for h in (3.0, 2.0)]
         return [_setting(r, FORCE, True) for r in runs]
     out = []
     for depth in (2.0, 5.0):
-        runs = [Run("hyperelastic", depth, 0.0, h) for h in (3.0, 2.0, 1.5, 1.0)]
+        runs = [PressSetup("hyperelastic", depth, 0.0, h) for h in (3.0, 2.0, 1.5, 1.0)]
         if depth == 2.0:
-            runs += [Run("auto", depth, 0.0), Run("layer", depth, 0.0, 0.25)]
-            runs += [Run("block", depth, 0.0, 0.25)]
-            runs += [Run("hyperelastic", depth, 0.0, 2.0, "whole", s) for s in ("auto", "superlu")]
+            runs += [PressSetup("auto", depth, 0.0), PressSetup("layer", depth, 0.0, 0.25)]
+            runs += [PressSetup("block", depth, 0.0, 0.25)]
+            runs += [
+                PressSetup("hyperelastic", depth, 0.0, 2.0, "whole", s) for s in ("auto", "superlu")
+            ]
         units = (FORCE,) if depth == 2.0 else (FORCE, IN_PLANE)
         out += [_setting(r, unit, False) for r in runs for unit in units]
     return out
 
 
-def _setting(run: Run, unit: str, quick: bool) -> Setting:
+def _setting(run: PressSetup, unit: str, quick: bool) -> Setting:
     coarse, fine, *_ = QUICK_FINE if quick else FINE[run.friction == 0]
     own = OWN_ERROR[run.depth_mm, run.friction, quick]
     return Setting(
@@ -55,7 +57,7 @@ def _setting(run: Run, unit: str, quick: bool) -> Setting:
     )
 
 
-def _build(run: Run, unit: str, quick: bool, scratch: Path) -> Work:
+def _build(run: PressSetup, unit: str, quick: bool, scratch: Path) -> Work:
     truth = reference(run.depth_mm, run.friction, quick)
     place = 0 if unit == FORCE else 1
     return Work(partial(solve, run), lambda answer: abs(errors(answer, truth)[place]))
@@ -66,7 +68,7 @@ def cases(quick: bool) -> Sequence[Case]:
     return gel_cases.quick_cases() if quick else gel_cases.cases()
 
 
-BASELINE = Run("hyperelastic", 5.0, 0.0, 2.0, "whole", "superlu")
+BASELINE = PressSetup("hyperelastic", 5.0, 0.0, 2.0, "whole", "superlu")
 
 
 def tables(scratch: Path) -> Sequence[Table]:

@@ -26,7 +26,7 @@ NORMAL = "sphere:15 pressed {depth:g} mm, {friction}"
 
 
 @dataclass(frozen=True)
-class Run:
+class PressSetup:
     """One way to compute the press.
 
     spacing_mm: of a grid or of cells; of `auto`, whose it is to choose, 0. part: of the block that
@@ -89,7 +89,7 @@ def lattice_mm(skin: SkinDimensions) -> tuple[Field, Field]:
     return axes[0], axes[1]
 
 
-def prepared(run: Run) -> tuple[FinitePress, FaceLattice]:
+def prepared(run: PressSetup) -> tuple[FinitePress, FaceLattice]:
     """Its mesh with the solver, and the lattice on it."""
     skin, material = SkinDimensions(), GelMaterial(friction=run.friction)
     focus = None if run.part == "even" else FOCUS
@@ -98,7 +98,7 @@ def prepared(run: Run) -> tuple[FinitePress, FaceLattice]:
     return press, FaceLattice(mesh, *lattice_mm(skin))
 
 
-def solve(run: Run) -> Answer:
+def solve(run: PressSetup) -> Answer:
     """The press from nothing: mesh, factors and path. Raises what the gel raises."""
     press, lattice = prepared(run)
     states = list(press.path(press.rest(), (0.0, 0.0, run.depth_mm), run.step_mm))

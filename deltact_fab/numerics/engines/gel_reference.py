@@ -10,7 +10,7 @@ import numpy as np
 
 from ... import cache, digest
 from ...arrays import Field
-from .gel_finite import LATTICE_MM, Answer, Run, solve
+from .gel_finite import LATTICE_MM, Answer, PressSetup, solve
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ def reference(depth_mm: float, friction: float, quick: bool = False) -> Referenc
     """Extrapolated from two meshes of a quarter, and two steps; kept in the user's cache."""
     coarse, fine, step, half = QUICK_FINE if quick else FINE[friction == 0]
     made = [(coarse, step), (fine, step), *([] if half is None else [(coarse, half)])]
-    runs = [Run("hyperelastic", depth_mm, friction, h, step_mm=s) for h, s in made]
+    runs = [PressSetup("hyperelastic", depth_mm, friction, h, step_mm=s) for h, s in made]
     key = {
         "source": digest.of("numerics.engines.gel_finite"),
         "runs": [asdict(r) for r in runs],

@@ -11,17 +11,17 @@ from ...gel.press import press
 from ...shapes import SkinDimensions
 from ...shapes.indenter import parse
 from . import gel_finite
-from .gel_finite import INDENTER, LATTICE_MM, Answer, Run
+from .gel_finite import INDENTER, LATTICE_MM, Answer, PressSetup
 
 
-def solve(run: Run) -> Answer:
+def solve(run: PressSetup) -> Answer:
     """The press from nothing: mesh, factors and path. Raises what the gel raises."""
     if run.level == "hyperelastic":
         return gel_finite.solve(run)
     return solve_auto(run) if run.level == "auto" else solve_linear(run)
 
 
-def solve_auto(run: Run) -> Answer:
+def solve_auto(run: PressSetup) -> Answer:
     """As `gel press` does it, with its estimate."""
     material, indenter = GelMaterial(friction=run.friction), parse(INDENTER)
     found = press(SkinDimensions(), material, indenter, (0.0, 0.0), run.depth_mm,
@@ -34,7 +34,7 @@ def solve_auto(run: Run) -> Answer:
     return Answer(-found.result["force_n"][2], u, {k: found.result[k] for k in kept})
 
 
-def solve_linear(run: Run) -> Answer:
+def solve_linear(run: PressSetup) -> Answer:
     """By the layer or the block, on a grid of the run's spacing."""
     assert run.level in ("layer", "block")
     skin, material, indenter = SkinDimensions(), GelMaterial(friction=run.friction), parse(INDENTER)

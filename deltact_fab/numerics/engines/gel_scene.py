@@ -56,7 +56,7 @@ class Scene:
 
 
 @dataclass(frozen=True, eq=False)
-class Solved:
+class FiniteSolution:
     """A path: its solver and all states, the one at rest first."""
 
     press: FinitePress
@@ -88,16 +88,16 @@ class Solved:
 
 
 @cache
-def solved(scene: Scene, step_mm: float, *tips: Point) -> Solved:
+def solved(scene: Scene, step_mm: float, *tips: Point) -> FiniteSolution:
     """From above the first tip through all tips in steps. Raises what the solver raises."""
     press = scene.press()
     states = [press.rest((tips[0][0], tips[0][1], 0.0))]
     for tip in tips:
         states += press.path(states[-1], tip, step_mm)
-    return Solved(press, tuple(states))
+    return FiniteSolution(press, tuple(states))
 
 
-def trusted(found: Solved) -> Solved:
+def trusted(found: FiniteSolution) -> FiniteSolution:
     """Raises Flagged where the last state is marked as not to be trusted."""
     if not found.last.trusted:
         d = found.last.diagnostics
@@ -115,7 +115,7 @@ def down(depth_mm: float) -> Point:
 # -- figures ---------------------------------------------------------------------------------------
 
 
-def imbalance(found: Solved) -> float:
+def imbalance(found: FiniteSolution) -> float:
     """What the base does not carry, over the force; across a mirror the mirror carries too."""
     mirrors = (*found.press.mesh.mirrors, False)
     worst = 0.0
@@ -129,7 +129,7 @@ def imbalance(found: Solved) -> float:
     return worst
 
 
-def cone_excess(found: Solved) -> float:
+def cone_excess(found: FiniteSolution) -> float:
     """Shear beyond friction x pressure at a contact point, over the largest bound, end of path."""
     bound = found.press.friction * found.last.pressure_mpa
     size = np.linalg.norm(found.last.shear_mpa, axis=2)
@@ -143,7 +143,7 @@ def energy_nmm(press: FinitePress, state: FiniteState) -> float:
     return bulk + press.surface.evaluate(u, tip, tangent=False).energy_nmm
 
 
-def work_error(found: Solved) -> float:
+def work_error(found: FiniteSolution) -> float:
     """Work of a frictionless straight press by Simpson's rule over the energy stored, less 1."""
     depth = np.array([s.tip_mm[2] for s in found.states])
     force = np.array([-s.force_n[2] for s in found.states])

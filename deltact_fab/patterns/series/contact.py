@@ -42,7 +42,7 @@ INK, SOFT, EMPTY, PAPER = "#1d2330", "#5b6475", "#f0f2f6", "#ffffff"
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class Tile:
     """One pattern's picture, (h, h, 3) uint8 RGB, and where it stands; mark: a word below r."""
 
     d_mm: float
@@ -65,7 +65,7 @@ def view(recipe: PatternRecipe, printer: Printer, sensor: Sensor, seed: int) -> 
     return photograph(printed, printer.mm_per_dot, sensor, MM_PER_PX, (side_px, side_px), rng)
 
 
-def png(views: Sequence[View], mm_per_px: float, title: str, notes: Sequence[str]) -> bytes:
+def png(views: Sequence[Tile], mm_per_px: float, title: str, notes: Sequence[str]) -> bytes:
     """The views in a grid, d down and r to the right, as PNG; equal views give equal bytes.
 
     mm_per_px: of a view. title, notes: what the sheet says above and below. All views are of one

@@ -237,7 +237,7 @@ def _contact(
     entries: Sequence[SeriesEntry], pictures: Sequence[NDArray[np.uint8]], dpi: int, seed: int
 ) -> bytes:
     views = [
-        contact.View(
+        contact.Tile(
             entry.recipe.patch_mm or 0.0,
             entry.recipe.r or 0.0,
             picture,

@@ -27,7 +27,7 @@ from ..interface import Clock, StageState
 from . import jogs
 from .controller import JOG_CANCEL, Controller
 from .limits import Limits
-from .settings import Needs, Row, judge, refusal
+from .settings import Needs, SettingRow, judge, refusal
 from .talk import RESET, Fault
 from .words import BANNER, SETTING, state_in_words
 
@@ -61,7 +61,7 @@ class GrblStage:
         self._unfit = "not connected: connect before homing"
         self._info: list[str] = []
         self._within_s = 0.0  # a position's time was off by at most so much
-        self.judged: list[Row] = []
+        self.judged: list[SettingRow] = []
         """The controller's settings, rule by rule, as `connect` found them."""
 
     @classmethod

@@ -32,7 +32,7 @@ class Needs:
 
 
 @dataclass(frozen=True)
-class Row:
+class SettingRow:
     """One rule: `text` says what was found, and where it does not hold what to do."""
 
     setting: str
@@ -48,12 +48,12 @@ class Row:
         return asdict(self)
 
 
-def judge(settings: Mapping[int, float], info: list[str], needs: Needs) -> list[Row]:
+def judge(settings: Mapping[int, float], info: list[str], needs: Needs) -> list[SettingRow]:
     """Every rule. settings: `$` numbers to values. info: the answer to `$I`."""
     wanted = (*WHOLE, *(first + axis for first in BY_AXIS for axis in range(3)))
     missing = [f"${n}" for n in wanted if n not in settings]
     if missing:
-        return [Row(missing[0], "FAIL", f"the answer to $$ lacks {', '.join(missing)}")]
+        return [SettingRow(missing[0], "FAIL", f"the answer to $$ lacks {', '.join(missing)}")]
     return [
         *_switches(settings, needs),
         _origin(settings, info),
@@ -62,14 +62,14 @@ def judge(settings: Mapping[int, float], info: list[str], needs: Needs) -> list[
     ]
 
 
-def refusal(rows: list[Row]) -> str:
+def refusal(rows: list[SettingRow]) -> str:
     """The first rule that fails, and how many others do; "" if none does."""
     failed = [row.text for row in rows if row.verdict == "FAIL"]
     more = f" (and {len(failed) - 1} more: see `rig probe`)" if len(failed) > 1 else ""
     return failed[0] + more if failed else ""
 
 
-def _switches(s: Mapping[int, float], needs: Needs) -> Iterator[Row]:
+def _switches(s: Mapping[int, float], needs: Needs) -> Iterator[SettingRow]:
     again = "and connect again"
     for n, bit, wrong, right, remedy in (
         (10, 1, "status reports give the work position", "machine position", "$10=1 or $10=3"),
@@ -80,9 +80,9 @@ def _switches(s: Mapping[int, float], needs: Needs) -> Iterator[Row]:
         (22, 1, "homing is off", "homing on", "$22=1"),
     ):  # fmt: skip
         if int(s[n]) & 1 == bit:
-            yield Row(f"${n}", "pass", f"${n}={s[n]:g} ({right})")
+            yield SettingRow(f"${n}", "pass", f"${n}={s[n]:g} ({right})")
         else:
-            yield Row(f"${n}", "FAIL", f"${n}={s[n]:g} ({wrong}); set {remedy} {again}")
+            yield SettingRow(f"${n}", "FAIL", f"${n}={s[n]:g} ({wrong}); set {remedy} {again}")
     for n, mask, what, key in (
         (3, needs.direction_mask, "axes turned round", "direction_mask"),
         (23, needs.homing_direction_mask, "axes that home at their negative end",
@@ -90,9 +90,9 @@ def _switches(s: Mapping[int, float], needs: Needs) -> Iterator[Row]:
     ):  # fmt: skip
         found = int(s[n])
         if found & 7 == mask:
-            yield Row(f"${n}", "pass", f"${n}={found} ({what}: {_axes(mask)})")
+            yield SettingRow(f"${n}", "pass", f"${n}={found} ({what}: {_axes(mask)})")
         else:
-            yield Row(
+            yield SettingRow(
                 f"${n}",
                 "FAIL",
                 f"${n}={found} ({what}: {_axes(found)}), and the rig file says {mask} "
@@ -100,32 +100,32 @@ def _switches(s: Mapping[int, float], needs: Needs) -> Iterator[Row]:
                 f"[stage] {key} = {found & 7} if the stage is built so",
             )
     if s[32] == 0:
-        yield Row("$32", "pass", "$32=0 (no laser mode)")
+        yield SettingRow("$32", "pass", "$32=0 (no laser mode)")
     else:
-        yield Row("$32", "FAIL", f"$32={s[32]:g} (laser or lathe mode); set $32=0 {again}")
+        yield SettingRow("$32", "FAIL", f"$32={s[32]:g} (laser or lathe mode); set $32=0 {again}")
 
 
-def _origin(s: Mapping[int, float], info: list[str]) -> Row:
+def _origin(s: Mapping[int, float], info: list[str]) -> SettingRow:
     """Homing must leave the switches at 0, not the place where the carriage then stands."""
     options = next((found[1] for line in info if (found := OPTIONS.match(line))), "")
     if "Z" in options:
-        return Row(
+        return SettingRow(
             "$I",
             "FAIL",
             f"[OPT:{options}...] (built with HOMING_FORCE_SET_ORIGIN: homing sets 0 where it ends, "
             "which shifts the travel); flash a firmware without that option",
         )
     if int(s[22]) & SET_ORIGIN:
-        return Row(
+        return SettingRow(
             "$22",
             "FAIL",
             f"$22={s[22]:g} (homing sets 0 where it ends, which shifts the travel); set "
             f"$22={int(s[22]) & ~SET_ORIGIN} and connect again",
         )
-    return Row("$I", "pass", f"[OPT:{options}] (homing leaves 0 at the switches)")
+    return SettingRow("$I", "pass", f"[OPT:{options}] (homing leaves 0 at the switches)")
 
 
-def _numbers(s: Mapping[int, float], needs: Needs) -> Iterator[Row]:
+def _numbers(s: Mapping[int, float], needs: Needs) -> Iterator[SettingRow]:
     for first, unit, need, key in (
         (100, "steps/mm", None, ""),
         (110, "mm/min", needs.max_feed_mm_min, "max_feed_mm_min"),
@@ -137,9 +137,9 @@ def _numbers(s: Mapping[int, float], needs: Needs) -> Iterator[Row]:
             least = need[axis] if need is not None else 0.0
             has = f"{letter} has {found:g} {unit} (${n})"
             if not found > 0:
-                yield Row(f"${n}", "FAIL", f"${n}={found:g} {unit}; not > 0")
+                yield SettingRow(f"${n}", "FAIL", f"${n}={found:g} {unit}; not > 0")
             elif found < least - HALF_DIGIT:
-                yield Row(
+                yield SettingRow(
                     f"${n}",
                     "FAIL",
                     f"{has}; {least:g} needed: set ${n}={least:g} if the stage can do it, or less "
@@ -147,15 +147,15 @@ def _numbers(s: Mapping[int, float], needs: Needs) -> Iterator[Row]:
                 )
             else:
                 more = f"; the rig file's {least:g} holds" if 0 < least < found else ""
-                yield Row(f"${n}", "pass", has + more)
+                yield SettingRow(f"${n}", "pass", has + more)
 
 
-def _held(s: Mapping[int, float]) -> Row:
+def _held(s: Mapping[int, float]) -> SettingRow:
     """With the motors off at rest a gel that is pressed pushes the axes back."""
     delay = s.get(1, ALWAYS_ON)
     if delay == ALWAYS_ON:
-        return Row("$1", "pass", "$1=255 (motors hold at rest)")
-    return Row(
+        return SettingRow("$1", "pass", "$1=255 (motors hold at rest)")
+    return SettingRow(
         "$1",
         "WARN",
         f"$1={delay:g} (motors are off {delay:g} ms after each move: a gel under load may push "

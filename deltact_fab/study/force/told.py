@@ -20,7 +20,7 @@ from ...analysis.force.judge import Judged
 from ...analysis.force.learning import as_rows
 from ...report.force_figures import drawn
 from ...report.result import Headline, StudyResult, Table
-from ..intervals import Estimate, rmse
+from ..intervals import Interval, rmse
 from ..modulus import MODULUS_FACTOR, remark
 from .reasons import by_group, error, parts, why_missed, why_not_the_papers
 
@@ -114,7 +114,7 @@ def modulus(
     )
 
 
-def _interval(result: ForceResult, judged: Judged, left_out: str, name: str) -> Estimate:
+def _interval(result: ForceResult, judged: Judged, left_out: str, name: str) -> Interval:
     """RMSE of a component over what was left out; of test points over distinct presses."""
     points, off = result.data.points, error(judged, result.data, left_out, name)
     if left_out != "test":

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...catalog import as_toml
 from ...protocols.plan import Protocol
-from ..intervals import Estimate
+from ..intervals import Interval
 from .bench import Bench
 from .candidates import Candidate
 from .ranking import Pair
@@ -75,7 +75,7 @@ class Findings:
         return best_of(self.ours, self.finalists)
 
     @cached_property
-    def gain(self) -> Estimate | None:
+    def gain(self) -> Interval | None:
         """Its error over that of the paper's pattern."""
         return gain(self.ours, self.finalists, self.paper)
 

@@ -29,8 +29,8 @@ from .scenes import (
     OUTWARD,
     SHIFTS_PX,
     STEP_MM,
+    CameraView,
     Drawn,
-    View,
     at_rest,
     dragged,
     shifted,
@@ -76,7 +76,7 @@ def probe(given: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
-def _of_image(view: View, texture: Texture, rng: np.random.Generator) -> dict[str, Any]:
+def _of_image(view: CameraView, texture: Texture, rng: np.random.Generator) -> dict[str, Any]:
     even = replace(view.sensor, shading=0.0)  # falloff is no contrast
     image = view.picture(texture, even).expose(at_rest(view).at_px, rng)
     # Of the channel that is followed: a pattern's colours may cancel in grey, by the luck of a seed
@@ -101,7 +101,7 @@ def flow_px(images: list[Image]) -> tuple[Vectors, NDArray[np.bool_]]:
 
 
 def _of_shifts(
-    picture: Picture, view: View, rest: list[Image], rng: np.random.Generator
+    picture: Picture, view: CameraView, rest: list[Image], rng: np.random.Generator
 ) -> dict[str, Any]:
     """Mean error, what stays of it at a place, and noise, over all shifts; root mean squares."""
     offs = []
@@ -130,7 +130,9 @@ def bias_figures(offs_px: NDArray[np.float64]) -> dict[str, float]:
     }
 
 
-def _of_star(picture: Picture, view: View, rest: Image, rng: np.random.Generator) -> dict[str, Any]:
+def _of_star(
+    picture: Picture, view: CameraView, rest: Image, rng: np.random.Generator
+) -> dict[str, Any]:
     star = star_of(view)
     found = star.figures(flow_px([rest, picture.expose(starred(view).at_px, rng)])[0])
     # Finer than every period of the star: as fine as its finest one.
@@ -139,7 +141,7 @@ def _of_star(picture: Picture, view: View, rest: Image, rng: np.random.Generator
 
 
 def _of_drag(
-    picture: Picture, view: View, rest: Image, seed: int, rng: np.random.Generator
+    picture: Picture, view: CameraView, rest: Image, seed: int, rng: np.random.Generator
 ) -> dict[str, Any]:
     """The drag there and back, and the way there in ever fewer frames."""
     frames = dragged(view, seed)

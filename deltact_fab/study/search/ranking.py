@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Field
-from ..intervals import Estimate, estimate
+from ..intervals import Interval, estimate
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Pair:
 
     names: tuple[str, str]
     rho: float
-    held_out: Estimate
+    held_out: Interval
     left_out: dict[str, tuple[tuple[str, str], float]]
 
 
@@ -46,7 +46,7 @@ def spearman(a: Field, b: Field) -> float:
     return min(1.0, max(-1.0, float(x @ y) / norm)) if norm > 0 else float("nan")
 
 
-def rank_correlation(a: Field, b: Field, kinds: Sequence[str]) -> Estimate:
+def rank_correlation(a: Field, b: Field, kinds: Sequence[str]) -> Interval:
     """Rank correlation of values (n,) with its 95 % interval over kinds of pattern (n,).
 
     Raises InputError where one has no order.

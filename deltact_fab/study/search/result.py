@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...protocols.plan import expand
 from ...report.result import Headline, LeftOut, StudyResult
-from ..intervals import Estimate
+from ..intervals import Interval
 from .candidates import LEAST_DOTS, LEAST_PX, MOST_PX
 from .findings import RECIPE_SEED, UM, Findings, recipe_text
 from .search import LEAST_BRIDGED_MM, LEAST_COVERAGE
@@ -40,13 +40,13 @@ def result(found: Findings) -> StudyResult:
     )
 
 
-def _um(value: Estimate) -> str:
+def _um(value: Interval) -> str:
     if value.low is None or value.high is None:
         return f"{UM * value.value:.2f} um"
     return f"{UM * value.value:.2f} um ({UM * value.low:.2f} to {UM * value.high:.2f})"
 
 
-def _interval(value: Estimate) -> str:
+def _interval(value: Interval) -> str:
     if value.low is None or value.high is None:
         return f"{value.value:.2f}"
     return f"{value.value:.2f} ({value.low:.2f} to {value.high:.2f})"
@@ -101,7 +101,7 @@ def _of_predictors(found: Findings) -> str:
 def _best_order(order: pd.DataFrame) -> str:
     """The first predictor of an order with its rank correlation and interval."""
     row = order.iloc[0]
-    rho = Estimate(row["rho"], row["low"], row["high"], row["over"])
+    rho = Interval(row["rho"], row["low"], row["high"], row["over"])
     return f"{row['predictor']}, {_interval(rho)}"
 
 
@@ -208,7 +208,7 @@ def _left_out() -> tuple[LeftOut, ...]:
 
 
 def _data(found: Findings) -> dict[str, Any]:
-    def estimate(value: Estimate | None) -> dict[str, Any] | None:
+    def estimate(value: Interval | None) -> dict[str, Any] | None:
         return None if value is None else dict(value._asdict())
 
     shipped = found.of(found.ours, found.shipped)

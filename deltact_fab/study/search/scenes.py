@@ -50,7 +50,7 @@ class Drawn(NamedTuple):
 
 
 @dataclass(frozen=True)
-class View:
+class CameraView:
     """A camera and its sensor: what is solved of a motion is kept by it, for any print."""
 
     camera: Pinhole
@@ -79,12 +79,12 @@ def lattice(camera: Pinhole, spacing_mm: float) -> SurfaceLattice:
 
 
 @lru_cache(maxsize=4)
-def geometry(view: View, spacing_mm: float) -> Geometry:
+def geometry(view: CameraView, spacing_mm: float) -> Geometry:
     """Of displacements on a lattice of that spacing."""
     return Geometry(view.camera, lattice(view.camera, spacing_mm))
 
 
-def _drawn(view: View, fields_mm: Sequence[Field], spacing_mm: float) -> list[Drawn]:
+def _drawn(view: CameraView, fields_mm: Sequence[Field], spacing_mm: float) -> list[Drawn]:
     seen = geometry(view, spacing_mm)
     inner = slice(MARGIN_PX, -MARGIN_PX)
     return [
@@ -93,19 +93,19 @@ def _drawn(view: View, fields_mm: Sequence[Field], spacing_mm: float) -> list[Dr
     ]
 
 
-def _grid(view: View, spacing_mm: float) -> tuple[Field, Field]:
+def _grid(view: CameraView, spacing_mm: float) -> tuple[Field, Field]:
     return np.meshgrid(*lattice(view.camera, spacing_mm).axes_mm())
 
 
 @lru_cache(maxsize=2)
-def at_rest(view: View) -> Drawn:
+def at_rest(view: CameraView) -> Drawn:
     """No motion."""
     x, _ = _grid(view, LATTICE_MM)
     return _drawn(view, [np.zeros((*x.shape, 3))], LATTICE_MM)[0]
 
 
 @lru_cache(maxsize=2)
-def shifted(view: View) -> list[Drawn]:
+def shifted(view: CameraView) -> list[Drawn]:
     """The print moved as a whole, by SHIFTS_PX."""
     x, _ = _grid(view, LATTICE_MM)
     scale = view.camera.mm_per_px
@@ -116,7 +116,7 @@ def shifted(view: View) -> list[Drawn]:
     return _drawn(view, fields, LATTICE_MM)
 
 
-def star_of(view: View) -> Star:
+def star_of(view: CameraView) -> Star:
     """The star over a view."""
     camera = view.camera
     most_px = min(MOST_STAR_PX, 0.45 * camera.height_px)
@@ -124,7 +124,7 @@ def star_of(view: View) -> Star:
 
 
 @lru_cache(maxsize=2)
-def starred(view: View) -> Drawn:
+def starred(view: CameraView) -> Drawn:
     """The star as a motion of the face."""
     spacing_mm = view.camera.mm_per_px
     x, y = _grid(view, spacing_mm)
@@ -134,7 +134,7 @@ def starred(view: View) -> Drawn:
 
 
 @lru_cache(maxsize=2)
-def dragged(view: View, seed: int) -> list[Drawn]:
+def dragged(view: CameraView, seed: int) -> list[Drawn]:
     """Frames of a press that is dragged and goes back, with waves on the skin.
 
     In steps of STEP_MM; the first half and one more, OUTWARD, lead to the largest motion.
@@ -162,6 +162,6 @@ def drag_mm(x: Field, y: Field, rng: np.random.Generator) -> Field:
     return np.asarray(u)
 
 
-def view_of(bench: Bench, field_px: int) -> View:
+def view_of(bench: Bench, field_px: int) -> CameraView:
     """The middle of the bench's view, at most so many pixels."""
-    return View(bench.view(field_px), bench.sensor)
+    return CameraView(bench.view(field_px), bench.sensor)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import RunFailed
-from ..intervals import Estimate, estimate, mean
+from ..intervals import Interval, estimate, mean
 
 DEFAULT, FARNEBACK = "fused", "paper"
 """Trackers: ours, and the paper's own, as `measure.flow.named_tracker` calls them."""
@@ -29,7 +29,7 @@ class Confirmed:
     method: str
     errors_mm: tuple[float, ...]
     by_press_mm: tuple[float, ...]
-    error: Estimate
+    error: Interval
     confident_mm: float | None
     p95_mm: float | None
     coverage: float
@@ -97,7 +97,7 @@ def best_of(found: Sequence[Confirmed], finalists: Sequence[str]) -> Confirmed:
     raise RunFailed("pattern-search: no finalist could be tracked on the gel")
 
 
-def gain(found: Sequence[Confirmed], finalists: Sequence[str], paper: str) -> Estimate | None:
+def gain(found: Sequence[Confirmed], finalists: Sequence[str], paper: str) -> Interval | None:
     """Error of the finalist to print over the paper's pattern's, by the seeds, with its interval.
 
     For each seed the finalist is the best of the *other* seeds, so that having chosen it among
@@ -111,7 +111,7 @@ def gain(found: Sequence[Confirmed], finalists: Sequence[str], paper: str) -> Es
     return estimate(rows, range(len(rows)), _ratio, "seed", "positive")
 
 
-def ratio(a: Confirmed, b: Confirmed) -> Estimate:
+def ratio(a: Confirmed, b: Confirmed) -> Interval:
     """Mean error of one pattern over that of another, seed by seed, with its interval."""
     rows = np.column_stack((a.errors_mm, b.errors_mm))
     return estimate(rows, range(len(rows)), _ratio, "seed", "positive")

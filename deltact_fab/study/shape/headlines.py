@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...analysis.shape import GOALS
 from ...report.result import Headline
-from ..intervals import Estimate, Scale, estimate, rmse
+from ..intervals import Interval, Scale, estimate, rmse
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -104,16 +104,16 @@ def _depth(frames: pd.DataFrame) -> list[Headline]:
 
 def _mean(
     values: pd.Series[float], groups: list[str], each: str, scale: Scale = "positive"
-) -> Estimate:
+) -> Interval:
     return _few(estimate(values, groups, lambda rows: float(rows.mean()), each, scale), groups)
 
 
-def _few(found: Estimate, groups: list[str]) -> Estimate:
+def _few(found: Interval, groups: list[str]) -> Interval:
     """Without the interval that two groups give, which says nothing."""
     if len(set(groups)) >= FEWEST or found.low is None:
         return found
-    return Estimate(found.value, None, None, f"{found.over}: too few for an interval")
+    return Interval(found.value, None, None, f"{found.over}: too few for an interval")
 
 
-def _head(what: str, unit: str, of: Estimate, **more: Any) -> Headline:
+def _head(what: str, unit: str, of: Interval, **more: Any) -> Headline:
     return Headline(what, of.value, unit, of.low, of.high, of.over, **more)

@@ -13,7 +13,7 @@ from ...rig.config import GrblConfig, VirtualConfig
 from ...rig.force.config import NetFTConfig
 from ...rig.interface import Camera, Devices, ForceSensor, Job
 from ...types import Progress
-from ..presolve import Row, solve_ahead
+from ..presolve import PressRow, solve_ahead
 from ..rig import VirtualKind
 from .host_link import Hands
 from .process import Order, Ports
@@ -45,7 +45,7 @@ class RealtimeKind(VirtualKind):
             solve_ahead(protocol, skin, self._config.virtual.gel, told=self._tell)
         return RealtimeRig(Order(self._config, self._source, job))
 
-    def _tell(self, row: Row) -> None:
+    def _tell(self, row: PressRow) -> None:
         if not row.found:
             self._progress(row.done, row.knots, f"solving {row.press}")
 
