@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from deltact_fab.errors import InputError
-from deltact_fab.record.files import write_whole
+from deltact_fab.files import write_whole
 
 
 def read(path: Path) -> dict[str, dict[str, Any]]:

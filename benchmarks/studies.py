@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from deltact_fab.record.files import write_whole
+from deltact_fab.files import write_whole
 from deltact_fab.report.study_folder import read_result
 
 ROOT = Path(__file__).parents[1]

@@ -16,6 +16,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from .files import whole
+
 FOLDER_VARIABLE = "DELTACT_FAB_CACHE"
 _ABANDONED_S = 3600.0
 
@@ -115,14 +117,11 @@ def _seal(key: Any, note: Any, data: bytes) -> str:
 
 
 def _write(path: Path, data: bytes) -> bool:
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_bytes(data)
-        part.replace(path)
+        with whole(path, sync=False) as part:
+            part.write_bytes(data)
     except OSError:
-        with contextlib.suppress(OSError):
-            part.unlink(missing_ok=True)
         return False
     return True
 

@@ -119,7 +119,7 @@ def _calibrate(stage: _Stage) -> tuple[str, str]:
     """Press a ball at two places, and fit force and depth to it. What was found, in two lines."""
     from .analysis.force import calibrate, write_calibration
     from .analysis.shape import calibrate_depth
-    from .record import write_whole
+    from .files import write_whole
 
     folder, (force_file, depth_file) = stage.calibration, stage.files
     # Another noise than that of the run that is measured.

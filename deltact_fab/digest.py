@@ -14,7 +14,7 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parent
 # They say what went wrong, where things are kept and how far it is: no result depends on them.
-SILENT = ("errors", "cache", "digest", "jobs")
+SILENT = ("errors", "cache", "digest", "files", "jobs")
 
 # (module, names) of each import: the module's parts, the package's name first.
 Imports = tuple[tuple[tuple[str, ...], list[str]], ...]

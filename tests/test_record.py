@@ -14,6 +14,7 @@ import pytest
 
 from deltact_fab import experiment, record
 from deltact_fab.errors import InputError, RunFailed
+from deltact_fab.files import write_whole
 from deltact_fab.protocols.plan import Step
 from deltact_fab.record import Chunk, RunWriter
 
@@ -228,7 +229,7 @@ def test_a_write_that_fails_leaves_nothing(tmp_path: Path) -> None:
     target = tmp_path / "folder-in-the-way"
     target.mkdir()
     with pytest.raises(RunFailed, match="folder-in-the-way"):
-        record.write_whole(target, b"x")
+        write_whole(target, b"x")
     assert [p.name for p in tmp_path.iterdir()] == ["folder-in-the-way"]
 
 

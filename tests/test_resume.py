@@ -61,13 +61,13 @@ press_increment_mm = 0.4
 shear_increment_mm = 0.5
 """
 # The command line in a process that kills itself inside the n-th call of a function of the record:
-# `write_file` (an image), before it or after its rename, or os.fsync (anything).
+# `write_whole` (an image), before it or after its rename, or os.fsync (anything).
 KILLED = """
 import os, signal, sys
 from deltact_fab.record import pipeline
 
 where, last, calls = sys.argv[1], int(sys.argv[2]), [0]
-fsync, write_file = os.fsync, pipeline.write_file
+fsync, write_whole = os.fsync, pipeline.write_whole
 
 def counted():
     calls[0] += 1
@@ -79,17 +79,18 @@ def die():
 def in_fsync(handle):
     if where == "fsync" and counted():
         die()
-    if where == "image" and os.readlink(f"/proc/self/fd/{handle}").endswith(".png.part"):
+    name = os.readlink(f"/proc/self/fd/{handle}")
+    if where == "image" and name.endswith(f".png.{os.getpid()}.part"):
         if counted():
             die()
     fsync(handle)
 
-def in_write(path, data):
-    write_file(path, data)
+def in_write(path, data, sync_name):
+    write_whole(path, data, sync_name)
     if where == "renamed" and counted():
         die()
 
-os.fsync, pipeline.write_file = in_fsync, in_write
+os.fsync, pipeline.write_whole = in_fsync, in_write
 sys.argv = ["deltact-fab", *sys.argv[3:]]
 from deltact_fab.cli.main import entry
 entry()

@@ -242,7 +242,7 @@ def bom(design: str, changes: tuple[str, ...], sensors: int, kind: str, out: Pat
     from dataclasses import asdict
 
     from ..cad.fabrication.bom import csv_text, lines
-    from ..record import write_whole
+    from ..files import write_whole
     from .output import echo_table
 
     listed = lines(load(design, changes), sensors)
@@ -282,7 +282,7 @@ def fit(readings: Path, design: str, out: Path | None, as_json: bool) -> None:
 
     from ..cad.design import load_design
     from ..cad.fabrication.readings import as_design, estimates, read
-    from ..record import write_whole
+    from ..files import write_whole
     from .output import echo_json, echo_table
 
     found = estimates(read(readings), load_design(design))

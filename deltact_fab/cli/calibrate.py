@@ -51,8 +51,8 @@ def calibrate(
     below the face; alone they leave the face undetermined.
     """
     from ..cad.design import load_design
+    from ..files import write_whole
     from ..measure.lens import calibrate, flat_field
-    from ..record import write_whole
     from .output import echo_json
 
     wanted = board_named(board, "--board")

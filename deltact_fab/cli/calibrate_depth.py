@@ -19,7 +19,7 @@ def calibrate_depth(run: Path, output: Path, as_json: bool) -> None:
     makes such a run.
     """
     from ..analysis.shape import calibrate_depth as calibrated
-    from ..record import write_whole
+    from ..files import write_whole
     from .output import echo_json
 
     made = calibrated(run)

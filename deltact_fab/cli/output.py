@@ -46,7 +46,7 @@ def save_figures(folder: Path, drawn: Callable[[], Mapping[str, Any]]) -> list[P
     drawn: makes them, by name; None is nothing to draw. Raises RunFailed when the disk refuses.
     """
     from ..errors import MissingLibrary
-    from ..record import write_whole
+    from ..files import write_whole
 
     files = []
     try:

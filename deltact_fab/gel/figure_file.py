@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, MissingLibrary
+from ..files import write_together
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,10 +38,7 @@ def save(figure: Figure, path: Path) -> None:
     dates: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
     drawn = io.BytesIO()
     figure.savefig(drawn, format=kind, dpi=DPI, metadata=dates.get(kind))
-    try:
-        path.write_bytes(drawn.getvalue())
-    except OSError as why:
-        raise InputError(f"--plot {path}: {why.strerror or why}") from why
+    write_together({path: drawn.getvalue()})
 
 
 def _kind(path: Path) -> str:

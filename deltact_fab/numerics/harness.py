@@ -56,7 +56,7 @@ class Numerics:
         Raises InputError when the folder cannot be made, RunFailed when the disk refuses and
         MissingLibrary, after all but the page, without the extra `report`.
         """
-        from ..record import write_whole
+        from ..files import write_whole
         from ..report import numerics_page
 
         try:

@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..files import check_place, write_together
 from ..shapes import SensorDimensions
 from ..units import MM_PER_INCH
 from . import dots, metadata
 from .code import patches_hash
-from .files import check_place, write_together
 from .laws import chessboard
 from .laws.patches import draw_patches
 from .recipe import PatternRecipe

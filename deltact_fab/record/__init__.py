@@ -21,7 +21,7 @@ from __future__ import annotations
 from .check import Verdict, check, require_whole
 from .conditions import require_same
 from .description import about
-from .files import FORMAT, image_file, lattice_file, lens_file, truth_file, write_whole
+from .files import FORMAT, image_file, lattice_file, lens_file, truth_file
 from .images import FORMATS, decode, encode, encode_png, image_format, rate_held_hz
 from .images import require as require_format
 from .journal import CLOCK_COLUMNS, PRESS_TABLES, WALL_COLUMNS
@@ -60,5 +60,4 @@ __all__ = [
     "require_whole",
     "truth_file",
     "usable_note",
-    "write_whole",
 ]

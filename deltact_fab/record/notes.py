@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, RunFailed
-from .files import notes_file, sync_folder
+from ..files import sync_folder
+from .files import notes_file
 
 LONGEST = 4000  # characters: so that one write of the file system holds a note whole
 

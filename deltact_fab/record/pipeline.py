@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import RunFailed
-from .files import disk_errors, sync_folder, write_file
+from ..files import disk_errors, sync_folder, write_whole
 from .images import encode
 from .journal import insert, journal_errors
 
@@ -133,7 +133,7 @@ class Pipeline:
         try:
             data = encode(image, file.suffix[1:])
             digest = hashlib.sha256(data).hexdigest()
-            write_file(file, data)
+            write_whole(file, data, sync_name=False)
         except BaseException as why:
             self._fail(why)
             raise

@@ -15,20 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, RunFailed
+from ..files import making, sync_folder, write_whole
 from ..optics import FlatField
 from ..protocols.plan import Step
 from ..types import Progress
-from .files import (
-    FORMAT,
-    flat_file,
-    image_file,
-    json_bytes,
-    refusing,
-    sync_folder,
-    truth_file,
-    write_whole,
-    written,
-)
+from .files import FORMAT, flat_file, image_file, json_bytes, truth_file, written
 from .images import image_format, ready, require
 from .journal import PRESS_TABLES, SCHEMA, claim, connect, insert, journal_errors
 from .kept import frame_id_of, judged
@@ -92,7 +83,7 @@ class RunWriter:
         require(image_format(meta))
         made = folder.with_name(f".{folder.name}.part")
         try:
-            with refusing(folder):
+            with making(folder):
                 folder.parent.mkdir(parents=True, exist_ok=True)
                 if made.exists():
                     shutil.rmtree(made)  # a start that was cut off
@@ -106,7 +97,7 @@ class RunWriter:
                 with db:
                     insert(db, "events", _event("session", "begun"))
             write_whole(made / "run.json", json_bytes({"format": FORMAT, **meta}))
-            with refusing(folder):
+            with making(folder):
                 made.rename(folder)
                 sync_folder(folder.parent)
         except BaseException as why:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..record import write_whole
+from ..files import write_whole
 from . import figures
 from .templating import environment
 

@@ -7,7 +7,7 @@ import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..record import write_whole
+from ..files import write_whole
 from . import figures
 from .result import Drawn, StudyResult
 

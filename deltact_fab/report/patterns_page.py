@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
+from ..files import write_whole
 from ..patterns.series import job as series
-from ..record import write_whole
 from . import figures
 from .templating import environment
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime
@@ -13,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, RunFailed
-from ..record import write_whole
+from ..files import write_together
 from .result import Headline, StudyResult
 
 PAGE, RESULT = "report.html", "result.json"
@@ -178,17 +176,10 @@ def place(files: Mapping[str, bytes], out: Path) -> None:
     Until all are on the disk the earlier ones stay as they are. Raises RunFailed when the disk
     refuses.
     """
-    try:
-        with tempfile.TemporaryDirectory(dir=out, prefix=".new-") as staged:
-            for name, data in files.items():
-                write_whole(Path(staged) / name, data)
-            for name in _earlier(out).difference(files):
-                (out / name).unlink(missing_ok=True)
-            # Its list is the last to change: what is cut short here is found by the next.
-            for name in sorted(files, key=lambda name: name == RESULT):
-                os.replace(Path(staged) / name, out / name)
-    except OSError as why:
-        raise RunFailed(f"{out}: cannot be written: {why.strerror}") from why
+    # Its list is the last to change: what is cut short here is found by the next.
+    names = sorted(files, key=lambda name: name == RESULT)
+    gone = [out / name for name in _earlier(out).difference(files)]
+    write_together({out / name: files[name] for name in names}, gone, RunFailed)
 
 
 def _earlier(out: Path) -> set[str]:

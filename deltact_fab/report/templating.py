@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from .. import record
 from ..errors import InputError, MissingLibrary
+from ..files import write_whole
 
 
 def environment(**filters: Callable[..., str]) -> Any:
@@ -39,5 +39,5 @@ def save(page: str, out: Path) -> Path:
         out.parent.mkdir(parents=True, exist_ok=True)
     except OSError as why:
         raise InputError(f"{out.parent}: cannot be made: {why.strerror}") from why
-    record.write_whole(out, page.encode())
+    write_whole(out, page.encode())
     return out

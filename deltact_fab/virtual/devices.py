@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import RunFailed
+from ..files import write_whole
 from ..optics import Fisheye, SurfaceLattice
-from ..record import lattice_file, lens_file, truth_file, write_whole
+from ..record import lattice_file, lens_file, truth_file
 from ..rig.interface import Clock, Frame
 from .drawing import noise_of
 from .picture import Picture

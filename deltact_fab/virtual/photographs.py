@@ -14,11 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
+from ..files import making, write_whole
 from ..imaging import Sensor
 from ..measure.lens import PHOTOGRAPHS, Board
 from ..optics import as_toml
-from ..record import encode_png, write_whole
-from ..record.files import json_bytes, refusing
+from ..record import encode_png
+from ..record.files import json_bytes
 from ..rig.config import VirtualConfig
 from ..shapes import SensorDimensions
 from .boards import ON_FACE, Studio
@@ -63,7 +64,7 @@ def take(
     said = json_bytes({"simulated": True, "seed": seed})
     about = ["The true lens of simulated photographs: for comparison, not for calibration."]
     truth = as_toml(lens, {"simulated": {"seed": seed}}, about)
-    with refusing(folder):
+    with making(folder):
         for name in {"truth", *(str(Path(n).parent) for n in taken)}:
             (folder / name).mkdir(parents=True, exist_ok=True)
     for name, image in taken.items():

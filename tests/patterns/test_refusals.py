@@ -14,6 +14,7 @@ from PIL.PngImagePlugin import PngInfo
 
 from deltact_fab.cli.main import entry
 from deltact_fab.errors import InputError
+from deltact_fab.files import write_together
 from deltact_fab.patterns import (
     centres_mm,
     draw_patches,
@@ -25,7 +26,6 @@ from deltact_fab.patterns import (
     recipe_from,
     recipe_from_options,
 )
-from deltact_fab.patterns import files as written
 from deltact_fab.patterns.code import encode, patches_hash
 from deltact_fab.patterns.raster import checked_mm_per_px
 from deltact_fab.patterns.sheet import job as sheet
@@ -178,15 +178,15 @@ def test_a_failed_rename_takes_back_the_first_file(tmp_path, old):
         first.write_bytes(old)
     before = sorted(p.name for p in tmp_path.iterdir())
     with pytest.raises(InputError, match=re.escape("o.csv: cannot be written: ")):
-        written.write_together({first: b"new", second: b"list"})
+        write_together({first: b"new", second: b"list"})
     assert sorted(p.name for p in tmp_path.iterdir()) == before
     assert old is None or first.read_bytes() == old
 
 
 def test_a_pair_replaces_a_pair_and_leaves_nothing_else(tmp_path):
     pair = {tmp_path / "o.png": b"1", tmp_path / "o.csv": b"2"}
-    written.write_together(dict.fromkeys(pair, b"old"))
-    written.write_together(pair)
+    write_together(dict.fromkeys(pair, b"old"))
+    write_together(pair)
     assert {p: p.read_bytes() for p in tmp_path.iterdir()} == pair
 
 

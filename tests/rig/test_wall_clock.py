@@ -148,7 +148,7 @@ def test_a_disk_that_refuses_in_an_encoder_s_thread_stops_the_run(
         real = os.fsync
 
         def full(handle: int) -> None:
-            if os.readlink(f"/proc/self/fd/{handle}").endswith("press_005.png.part"):
+            if os.readlink(f"/proc/self/fd/{handle}").endswith(f"press_005.png.{os.getpid()}.part"):
                 raise OSError(28, "No space left on device")
             real(handle)
 

@@ -9,7 +9,7 @@ from dataclasses import field as made_by
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ... import record
+from ...files import write_whole
 from ...measure.force.calibration import ForceCalibration
 from ..frames import make_folder
 from .dataset import ForceData
@@ -129,7 +129,7 @@ class ForceResult:
         }
         make_folder(folder)
         for path, text in files.items():
-            record.write_whole(path, text.encode())
+            write_whole(path, text.encode())
         return [*files, *write_calibration(self.calibration, output)]
 
 
@@ -140,9 +140,9 @@ def write_calibration(calibration: ForceCalibration, path: Path) -> list[Path]:
     written = []
     # The image first: a file that names one never stands without it.
     if calibration.rest is not None:
-        record.write_whole(rest, calibration.rest)
+        write_whole(rest, calibration.rest)
         written.append(rest)
-    record.write_whole(path, calibration.toml(rest.name).encode())
+    write_whole(path, calibration.toml(rest.name).encode())
     return [path, *written]
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ... import record
+from ...files import write_whole
 from ..frames import make_folder
 from .picture import Picture
 
@@ -110,5 +110,5 @@ class ShapeResult:
         """Write shape.json. Raises RunFailed where it cannot be written."""
         make_folder(folder)
         text = json.dumps(self.as_dict(), indent=1, allow_nan=False) + "\n"
-        record.write_whole(folder / "shape.json", text.encode())
+        write_whole(folder / "shape.json", text.encode())
         return [folder / "shape.json"]

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ... import record
 from ...errors import InputError
+from ...files import write_whole
 from ..frames import make_folder
 from .tally import MOVING_MM, WRONG_MM
 from .verdict import Verdict, judge
@@ -79,7 +79,7 @@ class TrackingResult:
             "arrows.npz": packed.getvalue(),
         }
         for name, data in files.items():
-            record.write_whole(folder / name, data)
+            write_whole(folder / name, data)
         return [folder / name for name in files]
 
     @classmethod

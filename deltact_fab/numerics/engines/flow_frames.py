@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ...arrays import Field, Image
 from ...elasticity.material import GelMaterial
+from ...files import whole
 from ...imaging import Printer, Sensor
 from ...optics import Pinhole, SurfaceLattice, axes_mm
 from ...patterns.raster import albedo
@@ -94,11 +95,9 @@ def scene(scratch: Path, name: str) -> Scene:
     """A scene by a name of `SCENES`, drawn once a scratch folder."""
     path = scratch / f"flow-{name}.npz"
     if not path.exists():
-        part = path.with_name(f".{path.name}")
         cv2.setNumThreads(1)
-        with part.open("wb") as out:
+        with whole(path, sync=False) as part, part.open("wb") as out:
             np.savez(out, **SCENES[name]()._asdict())
-        part.replace(path)
     with np.load(path) as data:
         return Scene(**{field: data[field] for field in Scene._fields})
 

@@ -31,10 +31,10 @@ from typing import Any, Literal
 
 from ... import __version__
 from ...errors import InputError, did_you_mean
+from ...files import check_place, write_together
 from ...shapes import SensorDimensions
 from ...types import Progress
 from ..code import encode
-from ..files import check_place, write_together
 from ..raster import check_seen
 from ..recipe import PatternRecipe
 from . import layout, page_image, page_marks, stickers

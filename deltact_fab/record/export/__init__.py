@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ...errors import InputError, MissingLibrary, RunFailed
+from ...errors import InputError, MissingLibrary
+from ...files import disk_errors, whole
 from ...types import Progress
-from ..files import sync_folder
 from ..run import Run
 
 FORMATS = ("csv", "parquet", "mcap")
@@ -24,7 +22,7 @@ def export(run: Run, form: str, out: Path, progress: Progress | None = None) -> 
     """
     if form not in FORMATS:
         raise InputError(f"--format: {form!r}; valid: {', '.join(FORMATS)}")
-    with _libraries(), _whole(out) as made:
+    with _libraries(), _new(out) as made:
         report = progress or (lambda done, total, what: None)
         if form == "mcap":
             from .foxglove import write
@@ -46,36 +44,11 @@ def _libraries() -> Iterator[None]:
 
 
 @contextmanager
-def _whole(out: Path) -> Iterator[Path]:
+def _new(out: Path) -> Iterator[Path]:
     """A temporary name beside `out`, which takes its place at the end, or is removed."""
     if out.exists():
         raise InputError(f"{out}: already there; name a new one")
     if not out.absolute().parent.is_dir():
         raise InputError(f"{out.parent}: no such folder")
-    made = out.with_name(f".{out.name}.part")
-    try:
-        _remove(made)
+    with disk_errors(out), whole(out) as made:
         yield made
-        _sync(made)
-        made.rename(out)
-        sync_folder(out.absolute().parent)
-    except OSError as why:
-        raise RunFailed(f"{out}: cannot be written: {why.strerror or why}") from why
-    finally:
-        _remove(made)
-
-
-def _sync(path: Path) -> None:
-    for file in [path] if path.is_file() else path.iterdir():
-        handle = os.open(file, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
-
-
-def _remove(path: Path) -> None:
-    if path.is_dir():
-        shutil.rmtree(path, ignore_errors=True)
-    else:
-        path.unlink(missing_ok=True)

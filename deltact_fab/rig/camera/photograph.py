@@ -7,8 +7,8 @@ from contextlib import closing
 from pathlib import Path
 
 from ...errors import InputError
-from ...record import encode_png, write_whole
-from ...record.files import refusing
+from ...files import making, write_whole
+from ...record import encode_png
 from ..clock import WallClock
 from .config import CameraConfig
 from .open import open_camera
@@ -32,7 +32,7 @@ def photograph(
     files = []
     with closing(open_camera(config, folder, WallClock())) as camera:
         camera.capture()  # it runs, and has the settings of the rig file
-        with refusing(out):
+        with making(out):
             (out / "contact").mkdir(parents=True, exist_ok=True)
         for number in range(1, count + 1):
             before(number)

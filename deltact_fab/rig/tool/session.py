@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...errors import DeltactFabError, InputError, StageError, Stopped
-from ...record import write_whole
+from ...files import write_whole
 from ...shapes import Indenter, SensorDimensions
 from ...shapes.indenter import parse as parse_indenter
 from ..clock import WallClock

@@ -14,7 +14,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError, RunFailed
-from ...record import write_whole
+from ...files import write_whole
 from ...shapes.indenter import parse as parse_indenter
 from ..interface import Clock, ForceSensor, Job, Stage
 from ..stage.go import go

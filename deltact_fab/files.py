@@ -1,0 +1,172 @@
+"""Files written whole or not at all: beside their place first, then renamed."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import shutil
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from .errors import DeltactFabError, InputError, RunFailed
+
+
+def write_whole(path: Path, data: bytes, sync_name: bool = True) -> None:
+    """Write a file so that it survives a power cut whole, or is as it was.
+
+    sync_name: as of `whole`. Raises RunFailed naming the file when the disk refuses.
+    """
+    with disk_errors(path), whole(path, sync_name=sync_name) as part:
+        part.write_bytes(data)
+
+
+@contextmanager
+def whole(path: Path, sync: bool = True, sync_name: bool = True) -> Iterator[Path]:
+    """A hidden name beside `path` for a file or a folder that takes its place at the end.
+
+    On any error it is removed, and `path` is as it was. sync: False for what may be lost in a power
+    cut. sync_name: False where the caller syncs the folder, once for many files. Raises OSError.
+    """
+    part = _beside(path, "part")
+    try:
+        yield part
+        if sync:
+            for file in part.iterdir() if part.is_dir() else (part,):
+                _sync(file)
+        part.replace(path)
+        if sync and sync_name:
+            sync_folder(path.absolute().parent)
+    finally:
+        _remove(part)
+
+
+def write_together(
+    wanted: Mapping[Path, bytes],
+    gone: Collection[Path] = (),
+    error: type[DeltactFabError] = InputError,
+) -> None:
+    """Write all files, in their order, or none: no half file is ever seen.
+
+    gone: files that go at the same time. Raises `error` in one line when one cannot be written;
+    then every file is as it was.
+    """
+    parts = {path: _beside(path, "part") for path in wanted}
+    olds = {path: _beside(path, "old") for path in (*gone, *wanted)}
+    changed: list[Path] = []
+    try:
+        for path, content in wanted.items():
+            parts[path].write_bytes(content)
+            _sync(parts[path])
+        if len(olds) > 1:
+            for path, old in olds.items():
+                if path.is_file():
+                    _keep(path, old)
+        for path in gone:
+            path.unlink(missing_ok=True)
+            changed.append(path)
+        for path, part in parts.items():
+            part.replace(path)
+            changed.append(path)
+    except BaseException as why:
+        for target, old in olds.items():
+            if old.exists() and target in changed:
+                old.replace(target)
+            elif target in changed:
+                target.unlink(missing_ok=True)
+            else:
+                old.unlink(missing_ok=True)
+        if isinstance(why, OSError):
+            raise error(_unwritable(path, why)) from why
+        raise
+    finally:
+        for left in parts.values():
+            left.unlink(missing_ok=True)
+    # Not in `finally`: a file that could not be put back is still here under this name
+    for old in olds.values():
+        old.unlink(missing_ok=True)
+
+
+def check_place(path: Path, in_a_folder: str) -> None:
+    """Raise InputError where a file cannot be: a folder, no folder to hold it, too long a name.
+
+    in_a_folder: what to say of a folder.
+    """
+    try:
+        # Path.is_dir raises on a name that is too long, and says False to one that may not be read
+        path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        pass
+    except OSError as why:
+        raise InputError(_unwritable(path, why)) from why
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; {in_a_folder}")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: there is no folder {path.parent}; create it first")
+
+
+@contextmanager
+def disk_errors(path: Path) -> Iterator[None]:
+    """An OSError becomes a RunFailed that names the file."""
+    try:
+        yield
+    except OSError as why:
+        raise RunFailed(f"{path}: cannot be written: {why.strerror or why}") from why
+
+
+@contextmanager
+def making(folder: Path) -> Iterator[None]:
+    """An OSError while the folder is made: a full or broken disk failed, all else is bad input."""
+    try:
+        yield
+    except OSError as why:
+        kind = RunFailed if why.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO) else InputError
+        raise kind(f"{folder}: cannot be made: {why.strerror}") from why
+
+
+def sync_folder(folder: Path) -> None:
+    """Make a rename survive a power cut; file systems that cannot say so are let pass."""
+    if os.name == "posix":
+        _sync(folder, (errno.EINVAL, errno.ENOTSUP))
+
+
+def _sync(path: Path, pass_over: Collection[int] = ()) -> None:
+    handle = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
+    try:
+        os.fsync(handle)
+    except OSError as why:
+        if why.errno not in pass_over:
+            raise
+    finally:
+        os.close(handle)
+
+
+def _unwritable(path: Path, why: OSError) -> str:
+    shown = path if len(str(path)) <= 80 else f"{str(path)[:77]}..."
+    return f"{shown}: cannot be written: {why.strerror}"
+
+
+def _beside(path: Path, kind: str) -> Path:
+    """A name in the same folder, short where the file's own is nearly as long as names can be."""
+    name = os.fsencode(path.name)
+    key = path.name if len(name) < 200 else hashlib.sha256(name).hexdigest()[:8]
+    return path.with_name(f".{key}.{os.getpid()}.{kind}")
+
+
+def _remove(path: Path) -> None:
+    """Where nothing may be written, nothing can be removed either, and nothing is there."""
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        with suppress(OSError):
+            path.unlink()
+
+
+def _keep(path: Path, old: Path) -> None:
+    """Hold a file under a second name, so that its own is never empty meanwhile."""
+    old.unlink(missing_ok=True)
+    try:
+        os.link(path, old)
+    except OSError:  # a file system without links
+        shutil.copy2(path, old)
