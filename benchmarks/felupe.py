@@ -77,7 +77,7 @@ def felupe_case(press: FinitePress, tips_mm: Sequence[tuple[float, float, float]
         mesh.nodes_mm, mesh.cells, mesh.faces, mesh.base, press.law.mu_mpa, press.law.lambda_mpa,
         press.law.local_mpa, tips[0].radius_mm, surface.stiffness[:, 0], 1 / doubled**2,
         HARDEST * doubled, surface.width_mm[:, 0], SHALLOW,
-        np.array(tips_mm, dtype=np.float64), press.tolerance, press._floor_n,
+        np.array(tips_mm, dtype=np.float64), press.tolerance, press.floor_n,
     )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from ..arrays import Field
 from ..elasticity.material import GelMaterial
 from ..errors import DeltactFabError, InputError, TimeLimit
 from ..shapes import Indenter, SkinDimensions
-from ..types import Point, Progress
+from ..types import Point, Point2, Progress
 from . import limit
 from .error_control import Answer, Ladder
 from .footprint import contact_radius_mm, edge_radius_mm
@@ -47,9 +47,9 @@ def press(
     skin: SkinDimensions,
     material: GelMaterial,
     indenter: Indenter,
-    at_mm: tuple[float, float],
+    at_mm: Point2,
     depth_mm: float,
-    shear_mm: tuple[float, float] = (0.0, 0.0),
+    shear_mm: Point2 = (0.0, 0.0),
     model: Level | Literal["auto"] = "auto",
     tolerance: float = TOLERANCE,
     spacing_mm: float | None = None,
@@ -65,16 +65,7 @@ def press(
     Raises InputError for numbers that make no press; a refusal or a failure of the solver is in
     the result, `converged` False and `force_n` None.
     """
-    if not (math.isfinite(depth_mm) and depth_mm >= 0):
-        raise InputError(f"--depth {depth_mm}: a depth in mm, 0 or more, is needed")
-    if not all(math.isfinite(v) for v in (*at_mm, *shear_mm)):
-        raise InputError(f"--at {at_mm}, shear {shear_mm}: finite mm are needed")
-    if not (math.isfinite(tolerance) and LEAST_TOLERANCE <= tolerance <= MOST_TOLERANCE):
-        raise InputError(
-            f"--tolerance {tolerance}: {LEAST_TOLERANCE} to {MOST_TOLERANCE} of the force is needed"
-        )
-    if not limit_s > 0:
-        raise InputError(f"--limit-s {limit_s}: more than 0 seconds are needed")
+    _require(at_mm, depth_mm, shear_mm, tolerance, limit_s)
     started = time.perf_counter()
     x, y = at_mm
     corners: list[Point] = [(x, y, 0.0), (x, y, -depth_mm)]
@@ -113,23 +104,7 @@ def press(
         found = replace(found, limited=True)
     except DeltactFabError as why:
         return _refused(depth_mm, picked, model, str(why), time.perf_counter() - started)
-    fine, estimate = found.run, found.estimate
-    choice, last = fine.choice, fine.last
-    within = ladder.holds(estimate)
-    flags = list(fine.flags)
-    if depth_mm > 0 and last.contact_area_mm2 == 0:
-        flags.append(f"contact lost: at depth {depth_mm:g} mm nothing is touched")
-    if found.limited:
-        flags.append(
-            f"limit: {limit_s:g} s were over before the tolerance was kept to; "
-            f"cells of {choice.spacing_mm:.3g} mm are the finest that were solved"
-        )
-    if not within:
-        flags.append(
-            f"tolerance: estimated error {estimate['force_rel']:.2g} of force, "
-            f"{estimate['displacement_mm']:.2g} mm in plane; {tolerance:g} and "
-            f"{ladder.in_plane_mm:.2g} mm were asked"
-        )
+    fine, choice, last = found.run, found.run.choice, found.run.last
     u = last.displacement_mm
     assert u is not None, "the last field is observed"
     tips = [(x, y, 0.0), *((px, py, -pz) for px, py, pz in (p.tip_mm for p in fine.solver.poses))]
@@ -143,8 +118,8 @@ def press(
         "max_stretch": last.most_stretch,
         "model": choice.level,
         "converged": True,
-        "error_estimate": estimate,
-        "within_tolerance": within,
+        "error_estimate": found.estimate,
+        "within_tolerance": ladder.holds(found.estimate),
         "seconds": time.perf_counter() - started,
         "picked": {
             "spacing_mm": choice.spacing_mm,
@@ -154,9 +129,44 @@ def press(
             "why": choice.why,
         },
         "peak_in_plane_mm": float(np.hypot(u[..., 0], u[..., 1]).max()),
-        "flags": flags,
+        "flags": _flags(found, ladder, depth_mm, limit_s),
     }
     return Pressed(result, np.array(tips), forces, *fine.solver.axes_mm, u.astype(np.float64))
+
+
+def _require(
+    at_mm: Point2, depth_mm: float, shear_mm: Point2, tolerance: float, limit_s: float
+) -> None:
+    """Raises InputError for numbers that make no press."""
+    if not (math.isfinite(depth_mm) and depth_mm >= 0):
+        raise InputError(f"--depth {depth_mm}: a depth in mm, 0 or more, is needed")
+    if not all(math.isfinite(v) for v in (*at_mm, *shear_mm)):
+        raise InputError(f"--at {at_mm}, shear {shear_mm}: finite mm are needed")
+    if not (math.isfinite(tolerance) and LEAST_TOLERANCE <= tolerance <= MOST_TOLERANCE):
+        raise InputError(
+            f"--tolerance {tolerance}: {LEAST_TOLERANCE} to {MOST_TOLERANCE} of the force is needed"
+        )
+    if not limit_s > 0:
+        raise InputError(f"--limit-s {limit_s}: more than 0 seconds are needed")
+
+
+def _flags(found: Answer, ladder: Ladder, depth_mm: float, limit_s: float) -> list[str]:
+    """What a reader of the result must know beside the solver's own flags, which come first."""
+    estimate, flags = found.estimate, list(found.run.flags)
+    if depth_mm > 0 and found.run.last.contact_area_mm2 == 0:
+        flags.append(f"contact lost: at depth {depth_mm:g} mm nothing is touched")
+    if found.limited:
+        flags.append(
+            f"limit: {limit_s:g} s were over before the tolerance was kept to; "
+            f"cells of {found.run.choice.spacing_mm:.3g} mm are the finest that were solved"
+        )
+    if not ladder.holds(estimate):
+        flags.append(
+            f"tolerance: estimated error {estimate['force_rel']:.2g} of force, "
+            f"{estimate['displacement_mm']:.2g} mm in plane; {ladder.tolerance:g} and "
+            f"{ladder.in_plane_mm:.2g} mm were asked"
+        )
+    return flags
 
 
 def _refused(

@@ -6,8 +6,6 @@ from typing import Any
 
 from .session import Measured
 
-BLANK = "–"
-
 
 def as_dict(m: Measured, outlines: bool = False) -> dict[str, Any]:
     """Plain numbers of one result; what was not asked for, or needs a calibration, is None.

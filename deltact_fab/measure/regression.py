@@ -53,10 +53,6 @@ class Fit:
         """y of rows (n, k): (n,)."""
         return np.asarray(columns, float) @ np.asarray(self.coefficients)
 
-    def rmse_of(self, columns: Array, y: Array) -> float:
-        """Root mean square error on rows (n, k) that the fit never saw, y (n,)."""
-        return _rms(self.predict(columns) - y)
-
     def as_dict(self) -> dict[str, Any]:
         """Plain data, for JSON."""
         return asdict(self)

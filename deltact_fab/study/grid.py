@@ -124,71 +124,94 @@ def solve(
     """
     if twice := [name for name, n in Counter(job.name for job in jobs).items() if n > 1]:
         raise ValueError(f"jobs of one name: {', '.join(twice)}")
-    say = say or (lambda text: None)
-    keys = {job.name: job.key() for job in jobs}
-    found = {name: value for name, key in keys.items() if (value := _load(key)) is not None}
-    kept = len(found)
-    # Jobs of other names that are the same are done once, and the longest are begun first, so that
-    # none is left alone at the end.
-    same: dict[str, list[str]] = {}
-    for job in jobs:
-        if job.name not in found:
-            same.setdefault(json.dumps(keys[job.name]), []).append(job.name)
-    names = {alike[0]: alike for alike in same.values()}
-    todo = sorted((job for job in jobs if job.name in names), key=lambda job: -job.cost)
-    work = keys[todo[0].name]["work"] if todo else ""
-    pace = Pace([job.cost for job in todo], work, width_of(executor))
-    if todo:
-        about = pace.beforehand()
-        say(
-            f"{kept} of {len(jobs)} jobs are kept, {len(jobs) - kept} to do{about and f', {about}'}"
-        )
-    missing: dict[str, str] = {}
-    errors: list[Exception] = []
-    refused = False
-
-    def tick(what: str) -> None:
-        if progress is not None:
-            left = pace.left()
-            progress(len(found) + len(missing), len(jobs), f"{what}{left and f', {left}'}")
-
-    def hear(index: int, share: Any) -> None:
-        if isinstance(share, int | float):
-            pace.share(index, share)
-            tick(todo[index].name)
-
-    def heard(ended: Ended[tuple[bytes, Value]]) -> None:
-        name = todo[ended.index].name
-        pace.ended(ended.index)
-        if ended.value is not None:
-            nonlocal refused
-            found.update({alike: _unpacked(*ended.value) for alike in names[name]})
-            if not cache.put_file(KIND, keys[name], *ended.value) and not refused:
-                refused = True
-                say(f"{cache.user_folder()}: nothing can be kept there; do not interrupt this")
-        elif isinstance(ended.error, _FAILURES):
-            errors.append(ended.error)
-            why = " ".join(str(ended.error).split()) or type(ended.error).__name__
-            missing.update(dict.fromkeys(names[name], why))
-            say(f"failed: {name}: {why}")
-        elif ended.error is not None:
-            ended.error.add_note(f"in the job {name}")
-            raise ended.error
-        tick(name)
-
-    tick("")
+    books = _Books(jobs, executor, progress, say or (lambda text: None))
+    books.tick("")
     try:
-        run(_do, todo, heard, executor, told=hear)
+        run(_do, books.todo, books.ended, executor, told=books.told)
     except (KeyboardInterrupt, CannotGoOn) as why:
-        state = f"{len(found)} of {len(jobs)} jobs are kept; the same command goes on there"
+        state = f"{len(books.found)} of {len(jobs)} jobs are kept; the same command goes on there"
         if isinstance(why, KeyboardInterrupt):
             raise Stopped(f"stopped: {state}") from why
         raise RunFailed(f"{why}; {state}") from why
-    if errors and not found:
-        raise errors[0]
-    pace.keep()
-    _trim(keys.values())
-    return Grid([job.name for job in jobs], found, missing, kept)
+    return books.grid()
+
+
+class _Books:
+    """What is found, missing and to do while a grid is solved, and what is said of it."""
+
+    def __init__(
+        self,
+        jobs: Sequence[Job],
+        executor: Executor | None,
+        progress: Progress | None,
+        say: Callable[[str], None],
+    ) -> None:
+        self._jobs, self._progress, self._say = jobs, progress, say
+        self._keys = keys = {job.name: job.key() for job in jobs}
+        self.found = {name: kept for name, key in keys.items() if (kept := _load(key)) is not None}
+        self._kept = len(self.found)
+        # Jobs of other names that are the same are done once, and the longest are begun first, so
+        # that none is left alone at the end.
+        same: dict[str, list[str]] = {}
+        for job in jobs:
+            if job.name not in self.found:
+                same.setdefault(json.dumps(keys[job.name]), []).append(job.name)
+        self._names = {alike[0]: alike for alike in same.values()}
+        self.todo = sorted((job for job in jobs if job.name in self._names), key=lambda j: -j.cost)
+        work = keys[self.todo[0].name]["work"] if self.todo else ""
+        self._pace = Pace([job.cost for job in self.todo], work, width_of(executor))
+        self._missing: dict[str, str] = {}
+        self._errors: list[Exception] = []
+        self._refused = False
+        if self.todo:
+            about = self._pace.beforehand()
+            say(
+                f"{self._kept} of {len(jobs)} jobs are kept, "
+                f"{len(jobs) - self._kept} to do{about and f', {about}'}"
+            )
+
+    def tick(self, what: str) -> None:
+        """Tell how far it is."""
+        if self._progress is not None:
+            left = self._pace.left()
+            done = len(self.found) + len(self._missing)
+            self._progress(done, len(self._jobs), f"{what}{left and f', {left}'}")
+
+    def told(self, index: int, share: Any) -> None:
+        """A job tells the share of it that is done."""
+        if isinstance(share, int | float):
+            self._pace.share(index, share)
+            self.tick(self.todo[index].name)
+
+    def ended(self, ended: Ended[tuple[bytes, Value]]) -> None:
+        """Keep what a job gave, or why it gave nothing. Raises a mistake in the code of a job."""
+        name = self.todo[ended.index].name
+        self._pace.ended(ended.index)
+        if ended.value is not None:
+            self._keep(name, *ended.value)
+        elif isinstance(ended.error, _FAILURES):
+            self._errors.append(ended.error)
+            why = " ".join(str(ended.error).split()) or type(ended.error).__name__
+            self._missing.update(dict.fromkeys(self._names[name], why))
+            self._say(f"failed: {name}: {why}")
+        elif ended.error is not None:
+            ended.error.add_note(f"in the job {name}")
+            raise ended.error
+        self.tick(name)
+
+    def _keep(self, name: str, packed: bytes, plain: Value) -> None:
+        self.found.update({alike: _unpacked(packed, plain) for alike in self._names[name]})
+        if not cache.put_file(KIND, self._keys[name], packed, plain) and not self._refused:
+            self._refused = True
+            self._say(f"{cache.user_folder()}: nothing can be kept there; do not interrupt this")
+
+    def grid(self) -> Grid:
+        """All that was found, when the jobs have ended. Raises the first error if all failed."""
+        if self._errors and not self.found:
+            raise self._errors[0]
+        self._pace.keep()
+        _trim(self._keys.values())
+        return Grid([job.name for job in self._jobs], self.found, self._missing, self._kept)
 
 
 def _trim(used: Iterable[dict[str, Any]]) -> None:

@@ -12,8 +12,6 @@ from typing import Any
 
 from ..protocols.plan import Protocol, expand
 
-LONGEST_STEP_MM = 0.2  # of the tip, between two frames
-
 
 @dataclass(frozen=True)
 class Part:

@@ -450,7 +450,7 @@ class GrblController:
 
     # ---- $ commands ---------------------------------------------------------------------------
 
-    def _system(self, line: str) -> Task:
+    def _system(self, line: str) -> Task:  # noqa: C901 - a case a command
         what = line[1:]
         if what.startswith("J"):
             if self._state not in ("Idle", "Jog"):
@@ -557,7 +557,7 @@ class GrblController:
 
     # ---- G-code -------------------------------------------------------------------------------
 
-    def _gcode(self, line: str, *, jog: bool) -> Task:
+    def _gcode(self, line: str, *, jog: bool) -> Task:  # noqa: C901 - a case a word
         words = parse(line)
         groups, values, modal = words.groups, words.values, self._modal
         inches = groups.get("units", 20 if modal.inches else 21) == 20

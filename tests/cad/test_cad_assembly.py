@@ -8,9 +8,10 @@ import sys
 
 import numpy as np
 import pytest
+from threads import thread_overlap_mm3
 
 from deltact_fab.cad import registry
-from deltact_fab.cad.assembly import assemble, overlaps, thread_overlap_mm3
+from deltact_fab.cad.assembly import assemble, overlaps
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.kernel import require

@@ -178,15 +178,13 @@ def test_the_supply_follows_from_the_current(changes, sensors, ampere, takes):
     assert ("pin of the Jetson" in supply.note) == (float(takes.split()[0]) <= 500)
 
 
-def test_csv_and_json_say_the_same():
+def test_the_csv_says_what_the_lines_say():
     lines = bom.lines(DEFAULT)
     rows = list(csv.DictReader(io.StringIO(bom.csv_text(lines))))
     assert list(rows[0]) == [f.name for f in fields(bom.Line)]
-    for row, line, plain in zip(
-        rows, lines, json.loads(json.dumps(bom.as_dicts(lines))), strict=True
-    ):
-        assert row["part"] == line.part == plain["part"]
-        assert row["note"] == line.note == plain["note"]
+    for row, line in zip(rows, lines, strict=True):
+        assert row["part"] == line.part
+        assert row["note"] == line.note
         assert float(row["quantity"]) == pytest.approx(line.quantity, rel=1e-5)
 
 

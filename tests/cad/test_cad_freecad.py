@@ -9,9 +9,10 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from threads import thread_overlap_mm3
 
 from benchmarks.cad_random import drawn
-from deltact_fab.cad.assembly import assemble, thread_overlap_mm3
+from deltact_fab.cad.assembly import assemble
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.export.formats.step import part_bytes
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from disc import disc_mesh
 
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError
@@ -11,7 +12,7 @@ from deltact_fab.gel.finite.assembly import BulkAssembly, compiled
 from deltact_fab.gel.finite.descent import descend
 from deltact_fab.gel.finite.linear import make_solver
 from deltact_fab.gel.finite.material import NeoHooke
-from deltact_fab.gel.finite.mesh import HexMesh, block_mesh, disc_mesh
+from deltact_fab.gel.finite.mesh import HexMesh, block_mesh
 from deltact_fab.gel.finite.pattern import Pattern
 from deltact_fab.shapes import SkinDimensions
 

@@ -9,9 +9,10 @@ to 0.9 % above.
 import numpy as np
 import pytest
 from axisymmetric import Cylinder, cylinder, graded
+from disc import disc_mesh
 
 from deltact_fab.elasticity.material import GelMaterial
-from deltact_fab.gel.finite import FinitePress, HexMesh, disc_mesh
+from deltact_fab.gel.finite import FinitePress, HexMesh
 from deltact_fab.gel.press import press
 from deltact_fab.shapes import SkinDimensions, indenter
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import half_space
 import numpy as np
 import pytest
 
@@ -82,7 +83,7 @@ def test_thick_layer_gives_hertz_pressure() -> None:
     r = np.hypot(*np.meshgrid(layer.x_mm, layer.y_mm))
     # What the layer and its images add to a half-space: a known pressure shows how much, as on a
     # half-space its centre sinks by pi p0 a/(2 E*).
-    trial = reference.hertz_pressure_mpa(r, radius, depth, material)
+    trial = half_space.hertz_pressure_mpa(r, radius, depth, material)
     a, modulus = math.sqrt(radius * depth), material.modulus_mpa / 0.91
     centre = slice(n // 2 - 1, n // 2 + 1)
     sunk = -layer.apply(np.stack([0 * trial, 0 * trial, -trial], axis=-1))[centre, centre, 2].mean()
@@ -91,7 +92,7 @@ def test_thick_layer_gives_hertz_pressure() -> None:
     assert -state.force_n[2] == pytest.approx(
         reference.hertz_force_n(radius, own_depth, material), rel=5e-3
     )
-    p = reference.hertz_pressure_mpa(r, radius, own_depth, material)
+    p = half_space.hertz_pressure_mpa(r, radius, own_depth, material)
     assert np.linalg.norm(state.pressure_mpa - p) < 0.02 * np.linalg.norm(p)
 
 
@@ -135,20 +136,20 @@ def test_partial_slip_against_cattaneo_and_mindlin() -> None:
     traction = np.zeros((n, n, 3))
     traction[..., 0] = np.sqrt(np.maximum(0, 1 - r**2 / a**2))
     moved = layer.apply(traction)[n // 2 - 1 : n // 2 + 1, n // 2 - 1 : n // 2 + 1, 0].mean()
-    half_space = math.pi * a * 1.5 / (8 * material.shear_modulus_mpa)
-    extra = (moved - half_space) / (traction[..., 0].sum() * layer.cell_mm2)
-    full = reference.cattaneo_shift_mm(mu * normal, normal, a, material, mu) + extra * mu * normal
+    on_half_space = math.pi * a * 1.5 / (8 * material.shear_modulus_mpa)
+    extra = (moved - on_half_space) / (traction[..., 0].sum() * layer.cell_mm2)
+    full = half_space.cattaneo_shift_mm(mu * normal, normal, a, material, mu) + extra * mu * normal
     for share in (0.2, 0.4, 0.6, 0.8):
         state = contact.solve(state, (share * full, 0.0, depth))
         shear = state.force_n[0]
-        expected = reference.cattaneo_shift_mm(shear, normal, a, material, mu) + extra * shear
+        expected = half_space.cattaneo_shift_mm(shear, normal, a, material, mu) + extra * shear
         assert share * full == pytest.approx(expected, rel=0.01)
         size = np.hypot(state.shear_mpa[..., 0], state.shear_mpa[..., 1])
         stick = size < mu * state.pressure_mpa * (1 - 1e-6)
         found = math.sqrt(stick.sum() * layer.cell_mm2 / math.pi)
-        radius = reference.cattaneo_stick_radius_mm(shear, normal, a, mu)
+        radius = half_space.cattaneo_stick_radius_mm(shear, normal, a, mu)
         assert found == pytest.approx(radius, abs=layer.spacing_mm[0] / 2)
-        q = reference.cattaneo_traction_mpa(r, a, radius, normal, mu)
+        q = half_space.cattaneo_traction_mpa(r, a, radius, normal, mu)
         assert np.linalg.norm(state.shear_mpa[..., 0] - q) < 0.05 * np.linalg.norm(q)
 
 
@@ -373,7 +374,10 @@ def test_a_contact_at_the_rim_of_the_tip_is_refused() -> None:
 def test_from_the_least_depth_on_every_place_is_resolved(layer: BondedLayer) -> None:
     contact = LayerContact(layer, SPHERE, observe_shear=False)
     rng = np.random.default_rng(3)
-    depth = contact.least_depth_mm * 1.001
+    # A sphere of radius R covers a node wherever it stands once R^2 - (R - d)^2 reaches half a
+    # cell's diagonal squared.
+    radius = SPHERE.tips[0].radius_mm
+    depth = 1.001 * (radius - math.sqrt(radius**2 - (math.hypot(*layer.spacing_mm) / 2) ** 2))
     for x, y in np.vstack([rng.uniform(-1, 1, (8, 2)), [[0.0, 0.0]]]):
         assert contact.solve(contact.rest(), (x, y, depth)).force_n[2] < 0
 

@@ -68,13 +68,11 @@ def test_solved_depths_are_met_and_between_them_the_bound_holds() -> None:
 def test_smooth_and_rising_from_zero() -> None:
     c = curve()
     d = np.linspace(-0.5, 4.0, 901)
-    f, slope = c.normal_n(d), c.slope_n_per_mm(d)
+    f = c.normal_n(d)
     assert (f[d <= 0] == 0).all()
-    assert (slope[d <= 0] == 0).all()
     assert (np.diff(f[d > 0]) > 0).all()
-    inner = d > 0.05
-    numeric = np.gradient(f, d)
-    np.testing.assert_allclose(slope[inner][1:-1], numeric[inner][1:-1], rtol=0.01)
+    slope = np.gradient(f, d)[d > 0.05]
+    assert np.abs(np.diff(slope)).max() < 0.02 * slope.max()
 
 
 def test_shallow_end_is_hertz_where_the_gel_is_deep() -> None:

@@ -39,12 +39,6 @@ def test_statsmodels_gives_the_same_coefficients_intervals_and_r2(constant, leve
     assert ours.condition_scaled < 1e3 < 1e8 < ours.condition_raw
 
 
-def test_error_on_other_rows_is_the_error_of_the_prediction():
-    fit = least_squares(COLUMNS[:40], Y[:40], NAMES)
-    off = COLUMNS[40:] @ np.array(fit.coefficients) - Y[40:]
-    assert fit.rmse_of(COLUMNS[40:], Y[40:]) == pytest.approx(np.sqrt(np.mean(off**2)))
-
-
 def test_a_column_that_others_give_is_left_out_by_name():
     copies = np.column_stack((COLUMNS, COLUMNS[:, 0] + 1e-4 * COLUMNS[:, 1], np.zeros(ROWS)))
     names = (*NAMES, "mix", "dead")

@@ -9,7 +9,6 @@ from deltact_fab.protocols import plan
 from deltact_fab.protocols.plan import Protocol
 from deltact_fab.study.pattern_scene import SCALE
 from deltact_fab.study.thinning import (
-    LONGEST_STEP_MM,
     frames_an_indenter,
     longest_step_mm,
     part_of,
@@ -28,7 +27,7 @@ def test_the_whole_one_has_the_papers_frames_and_step(whole: Protocol) -> None:
     assert thinned(whole, 1.0) == whole
     part = part_of(whole, whole)
     assert (part.frames, part.positions, part.shear_mm) == (3600, 4, 10.0)
-    assert part.longest_step_mm <= LONGEST_STEP_MM
+    assert part.longest_step_mm <= 0.2
 
 
 @pytest.mark.parametrize("scale", SCALES)

@@ -46,7 +46,6 @@ STROKES = {
     "frame": Stroke(0.5),
     "picture": Stroke(0.25),
 }
-FILLED = ("arrow", "hatch")
 BROKEN = ("thin", "centre", "cut")
 """Styles of lines that give way to a text."""
 

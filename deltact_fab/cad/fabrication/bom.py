@@ -6,7 +6,7 @@ import csv
 import io
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, astuple, dataclass, fields
+from dataclasses import astuple, dataclass, fields
 
 from .. import feasibility
 from ..design import IndenterList
@@ -75,11 +75,6 @@ def csv_text(bom: Sequence[Line]) -> str:
     for line in bom:
         writer.writerow([_plain(value) for value in astuple(line)])
     return out.getvalue()
-
-
-def as_dicts(bom: Sequence[Line]) -> list[dict[str, object]]:
-    """The lines as plain data for JSON."""
-    return [asdict(line) for line in bom]
 
 
 def _plain(value: object) -> object:

@@ -8,8 +8,7 @@
            |  |
            +--+     z_board_front - screw_length
 
-Built on the axis x = y = 0. The shank has the thread's nominal diameter, and so overlaps its pilot
-(assembly.thread_overlap_mm3).
+Built on the axis x = y = 0. The shank has the thread's nominal diameter, and so overlaps its pilot.
 """
 
 from __future__ import annotations

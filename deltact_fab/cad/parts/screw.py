@@ -9,7 +9,7 @@
      +--+  +--+  z_head - head height
 
 Built on the axis x = y = 0. Threads are left out: the shank has the thread's nominal diameter, and
-so overlaps its pilot (assembly.thread_overlap_mm3).
+so overlaps its pilot.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Reading order: `mesh`, `material`, `assembly`, `linear`, `distance`, `surface`, `newton`, `press`.
 """
 
-from .mesh import HexMesh, block_mesh, disc_mesh
+from .mesh import HexMesh, block_mesh
 from .press import FinitePress, FiniteState
 
-__all__ = ["FinitePress", "FiniteState", "HexMesh", "block_mesh", "disc_mesh"]
+__all__ = ["FinitePress", "FiniteState", "HexMesh", "block_mesh"]

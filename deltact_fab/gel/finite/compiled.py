@@ -42,7 +42,7 @@ def evaluate(
 
 
 @numba.njit(cache=True, fastmath={"contract", "reassoc", "nsz"})
-def _loop(
+def _loop(  # noqa: C901 - one kernel, compiled as a whole
     displacement: Any, cells: Any, gradients: Any, weights: Any, slots: Any, mu: float,
     lam: float, local: float, tangent: bool, force: Any, data: Any, jbars: Any, wholes: Any,
     pressures: Any, scale: float, memory: Any,

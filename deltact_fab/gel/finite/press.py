@@ -77,7 +77,7 @@ class FinitePress:
         assert at_rest is not None
         self._rest_data = at_rest
         cell = self._cell_mm = float(np.sqrt(self.surface.weights_mm2.sum(axis=1).min()))
-        self._floor_n = FLOOR * material.modulus_mpa * cell * float(np.ptp(mesh.nodes_mm[:, 2]))
+        self.floor_n = FLOOR * material.modulus_mpa * cell * float(np.ptp(mesh.nodes_mm[:, 2]))
 
     def rest(self, tip_mm: Point = (0.0, 0.0, 0.0)) -> FiniteState:
         """The state without contact: nothing displaced, nothing remembered."""
@@ -197,7 +197,7 @@ class FinitePress:
         longest = LONGEST * self._cell_mm + 2 * float(np.abs(moved).max())
 
         def solved(grip: Grip | None, start: Field, cells: Field) -> newton.Solution:
-            at = Equilibrium(self.bulk, self.surface, tip, grip, memory, self._floor_n)
+            at = Equilibrium(self.bulk, self.surface, tip, grip, memory, self.floor_n)
             return newton.solve(
                 at, start, cells, self.solver, self.pattern, self.tolerance, longest
             )
@@ -209,7 +209,7 @@ class FinitePress:
             if change is not None or float(np.linalg.norm(moved)) > self._cell_mm * (1 + 1e-9):
                 raise  # from far away there may be several minima; shorter increments tell
             held = grip and replace(grip, bound_mpa=grip.friction * previous.pressure_mpa)
-            at = Equilibrium(self.bulk, self.surface, tip, held, memory, self._floor_n)
+            at = Equilibrium(self.bulk, self.surface, tip, held, memory, self.floor_n)
             low = descend(
                 at, u[self.pattern.free], self.solver, self.pattern, self._rest_data, longest
             )

@@ -51,23 +51,16 @@ class ForceCurve:
 
     def normal_n(self, depth_mm: Field) -> Field:
         """-Fz (n,) at depths (n,); 0 out of contact. InputError beyond the last solved depth."""
-        return self._evaluate(depth_mm)[0]
-
-    def slope_n_per_mm(self, depth_mm: Field) -> Field:
-        """d(-Fz)/d(depth), shape of depth_mm; 0 out of contact."""
-        return self._evaluate(depth_mm)[1]
+        d = np.asarray(depth_mm, dtype=np.float64)
+        last = float(self.depth_mm[-1])
+        if d.size and float(d.max()) > last * (1 + 1e-9):
+            raise InputError(f"force curve: depth {float(d.max()):g} mm is past its end, {last:g}")
+        return evaluated(self._power_law, np.clip(d, 0, last))[0]
 
     def scaled(self, modulus_mpa: float) -> ForceCurve:
         """The same curve for another modulus: forces in proportion."""
         ratio = modulus_mpa / self.modulus_mpa
         return replace(self, force_n=self.force_n * ratio, modulus_mpa=modulus_mpa)
-
-    def _evaluate(self, depth_mm: Field) -> tuple[Field, Field]:
-        d = np.asarray(depth_mm, dtype=np.float64)
-        last = float(self.depth_mm[-1])
-        if d.size and float(d.max()) > last * (1 + 1e-9):
-            raise InputError(f"force curve: depth {float(d.max()):g} mm is past its end, {last:g}")
-        return evaluated(self._power_law, np.clip(d, 0, last))
 
     @cached_property
     def _power_law(self) -> PowerLaw:

@@ -83,14 +83,6 @@ class LayerContact:
         self.tangential_solves = 0
         self._applications = 0
 
-    @property
-    def least_depth_mm(self) -> float:
-        """Depth from which every tip meets a node wherever it stands; below, `solve` may refuse."""
-        dx, dy = self.layer.spacing_mm
-        radius = min(t.radius_mm for t in self.indenter.tips)
-        reach2 = (dx**2 + dy**2) / 4
-        return radius - math.sqrt(radius**2 - reach2) if reach2 < radius**2 else math.inf
-
     def rest(self, tip_mm: Point = (0.0, 0.0, 0.0)) -> ContactState:
         """The state without contact: nothing displaced, nothing remembered."""
         return untouched(self.layer.shape, tip_mm)

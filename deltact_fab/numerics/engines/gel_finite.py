@@ -17,7 +17,6 @@ from ...shapes import SkinDimensions
 from ...shapes.indenter import parse
 
 Part = Literal["quarter", "whole", "even"]
-PARTS: tuple[Part, ...] = ("quarter", "whole")
 
 INDENTER = "sphere:15"
 FOCUS = (-7.5, 7.5, -7.5, 7.5)

@@ -1,0 +1,158 @@
+"""Rules that no linter knows: what is private stays in its file, what is there is used."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+SHIPPED = ("deltact_fab", "benchmarks")
+USERS = (*SHIPPED, "cad", "examples")
+# Found by their names: parts by the registry, engines by the fault matrix, and the protocol that
+# pyserial loads.
+BY_NAME = {"PARTS", "ENGINE", "Serial"}
+NAMEDTUPLE = {"_fields", "_asdict", "_replace"}
+NAMING = (
+    ast.ImportFrom, ast.Name, ast.Attribute, ast.Constant, ast.FunctionDef, ast.ClassDef
+)  # fmt: skip
+
+
+class Sources:
+    """The nodes of syntax trees that name something, by module, and what each module imports."""
+
+    def __init__(self, texts: dict[str, str]) -> None:
+        self.trees = {module: ast.parse(text) for module, text in texts.items()}
+        self.nodes = {
+            module: [node for node in ast.walk(tree) if isinstance(node, NAMING)]
+            for module, tree in self.trees.items()
+        }
+        self.faces = {module.rpartition(".")[0] for module in self.trees}
+        self.imports = {
+            module: {
+                alias.asname or alias.name: (self._from(module, node), alias.name)
+                for node in nodes
+                if isinstance(node, ast.ImportFrom)
+                for alias in node.names
+            }
+            for module, nodes in self.nodes.items()
+        }
+
+    def _from(self, module: str, node: ast.ImportFrom) -> str:
+        """The module that an import names."""
+        parts = module.split(".")
+        up = node.level - (module in self.faces)
+        package = parts[: len(parts) - up] if node.level else []
+        return ".".join([*package, *([node.module] if node.module else [])])
+
+    def _origin(self, module: str, name: str) -> tuple[str, str]:
+        """The module that defines a name, and the name there."""
+        while name in self.imports.get(module, {}):
+            module, name = self.imports[module][name]
+        return module, name
+
+    def foreign_private(self) -> Iterator[str]:
+        """Uses of a private name where it is not defined; through `self` and `super()` it is."""
+        own = {module: set(_private(nodes)) for module, nodes in self.nodes.items()}
+        ours = set().union(*own.values()) - NAMEDTUPLE
+        for module, nodes in self.nodes.items():
+            foreign = ours - own[module]
+            for name, (home, there) in self.imports[module].items():
+                if home.startswith(SHIPPED) and _is_private(there):
+                    yield f"{module}: {name}"
+            for node in nodes:
+                if not isinstance(node, ast.Attribute) or node.attr not in foreign:
+                    continue
+                if ast.unparse(node.value) not in ("self", "cls", "super()"):
+                    yield f"{module}: {ast.unparse(node)}"
+
+    def unused(self) -> Iterator[str]:
+        """Names at the top of modules of the package that none of these files reads."""
+        used = set()
+        for module, nodes in self.nodes.items():
+            if module not in self.faces:  # a package's face only hands on
+                used.update(self._origin(module, name) for name in self.imports[module])
+            for node in nodes:
+                if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load):
+                    used.add(self._origin(module, node.id))
+                elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+                    home = ".".join(self._origin(module, node.value.id))
+                    used.add(self._origin(home, node.attr))
+                elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                    # "package.module:name", and names to be looked up
+                    used.add(("", re.split(r"[.:]", node.value)[-1]))
+        for module, tree in self.trees.items():
+            if module.startswith("deltact_fab"):
+                for name in _top(tree):
+                    if not {(module, name), ("", name)} & used and name not in BY_NAME:
+                        yield f"{module}: {name}"
+
+
+def _is_private(name: str) -> bool:
+    return name.startswith("_") and not name.endswith("__") and name != "_"
+
+
+def _private(nodes: Iterable[ast.AST]) -> Iterator[str]:
+    """Private names that a file defines, attributes of `self` among them."""
+    for node in nodes:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            name = node.name
+        elif isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Store):
+            name = node.id if isinstance(node, ast.Name) else node.attr
+        else:
+            continue
+        if _is_private(name):
+            yield name
+
+
+def _top(tree: ast.Module) -> Iterator[str]:
+    """Public names at the top of a file, without what a decorator hands over to somebody."""
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names = [] if isinstance(node, ast.FunctionDef) and node.decorator_list else [node.name]
+        else:
+            targets = node.targets if isinstance(node, ast.Assign) else []
+            names = [target.id for target in targets if isinstance(target, ast.Name)]
+        yield from (name for name in names if not name.startswith("_"))
+
+
+def _texts(*folders: str) -> dict[str, str]:
+    files = [path for folder in folders for path in (ROOT / folder).rglob("*.py")]
+    names = {
+        path: ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+        for path in files
+    }
+    return {name: path.read_text(encoding="utf-8") for path, name in names.items()}
+
+
+@pytest.fixture(scope="module")
+def sources() -> Sources:
+    return Sources(_texts(*USERS))
+
+
+def test_no_private_name_is_used_in_another_file(sources: Sources) -> None:
+    assert len(sources.trees) > 500
+    assert sorted(sources.foreign_private()) == []
+
+
+def test_what_the_package_defines_is_used_there_or_documented(sources: Sources) -> None:
+    """What tests alone use belongs to the tests."""
+    docs = " ".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").rglob("*.md"))
+    words = set(re.findall(r"\w+", " ".join(re.findall(r"`[^`\n]+`", docs))))
+    left = [line for line in sources.unused() if line.split()[-1] not in words]
+    assert sorted(left) == []
+
+
+def test_both_rules_find_what_breaks_them() -> None:
+    found = Sources(
+        {
+            "deltact_fab": "",
+            "deltact_fab.a": "from .b import _one\nfrom . import b\nb._two()\nb.three",
+            "deltact_fab.b": "def _one(): ...\ndef _two(): ...\nthree = _one()\ndef four(): ...",
+        }
+    )
+    assert sorted(found.foreign_private()) == ["deltact_fab.a: _one", "deltact_fab.a: b._two"]
+    assert list(found.unused()) == ["deltact_fab.b: four"]
