@@ -14,8 +14,6 @@ import sys
 from pathlib import Path
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
-SENSOR_PX = (720, 590)
-REPORT_PX = (1100, 760)
 
 
 def main(words: list[str]) -> None:
@@ -31,11 +29,11 @@ def main(words: list[str]) -> None:
     IMAGES.mkdir(exist_ok=True)
     with sync_playwright() as play:
         browser = play.chromium.launch(executable_path=shutil.which("chromium"))
-        page = browser.new_page(viewport=dict(zip(("width", "height"), SENSOR_PX, strict=True)))
+        page = browser.new_page(viewport={"width": 720, "height": 590})
         page.set_content(f'<body style="margin:0;background:#fff">{svg}</body>')
         page.screenshot(path=IMAGES / "sensor.png")
         for report in words:
-            page.set_viewport_size(dict(zip(("width", "height"), REPORT_PX, strict=True)))
+            page.set_viewport_size({"width": 1100, "height": 760})
             page.goto(Path(report).resolve().as_uri())
             page.screenshot(path=IMAGES / "report.png")
         browser.close()
