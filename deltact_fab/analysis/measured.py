@@ -16,7 +16,7 @@ from ..arrays import Array
 from ..errors import InputError
 from ..measure.force.calibration import ForceCalibration, load_force
 from ..measure.pipeline import Result
-from ..measure.pipeline.everything import everything
+from ..measure.pipeline.full import everything
 from ..measure.sensor_id import Kind, read_calibration, require_same
 from ..record import Run
 from ..types import Progress

@@ -102,7 +102,7 @@ def home(rig: str, yes: bool, tip_is_clear: bool, as_json: bool) -> None:
 
     from ..errors import RunFailed
     from ..rig.stage.by_hand import stopped_by_ctrl_c
-    from ..rig.tool.home import home_safely
+    from ..rig.tool.homing import home_safely
     from ..rig.tool.operator import Terminal
     from .output import echo_json
 
@@ -194,7 +194,7 @@ def goto(
     """
     from ..errors import InputError
     from ..rig.stage import by_hand
-    from ..rig.tool.home import home_safely
+    from ..rig.tool.homing import home_safely
 
     config, stage = _stage(rig)
     if home_first == as_counted:
@@ -303,7 +303,7 @@ def _state(stage: GrblStage, config: GrblConfig) -> dict[str, Any]:
 
 def _echo_state(state: dict[str, Any]) -> None:
     from ..rig.stage.by_hand import in_words
-    from ..rig.stage.words import state_in_words
+    from ..rig.stage.grbl_messages import state_in_words
 
     machine = ", ".join(f"{p:.3f}" for p in state["machine_mm"])
     where = "locked: home first" if state["sensor_mm"] is None else in_words(state["sensor_mm"])

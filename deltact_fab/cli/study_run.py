@@ -28,7 +28,7 @@ def run(name: str, one: Study, given: dict[str, Any]) -> None:
     What would keep its page from being written is said before anything is computed.
     """
     from ..report import paper_figures, study_page
-    from ..study.asked import Asked
+    from ..study.request import Asked
     from .output import echo_json
 
     out, figures = given["out"], given["figures"]

@@ -9,7 +9,7 @@ from typing import Any
 from .. import __version__
 from ..patterns.dots import centres_mm
 from ..patterns.recipe import PatternRecipe
-from .asked import Asked
+from .request import Asked
 
 
 def meta_of(asked: Asked, rig_name: str) -> dict[str, Any]:

@@ -19,8 +19,8 @@ from ..rig.interface import Job
 from ..rig.run.runner import Runner
 from ..types import Progress
 from ..virtual.rig import VirtualKind, VirtualRig
-from .asked import Asked
 from .meta import meta_of, pattern_of
+from .request import Asked
 
 
 def run_presses(

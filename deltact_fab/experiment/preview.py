@@ -10,10 +10,10 @@ from ..protocols import limits, plan
 from ..protocols.pace import LOCKSTEP, SIMULATED, WALL_CLOCK
 from ..protocols.plan import Step
 from ..rig import config as rig_config
-from ..rig.tool import demands
+from ..rig.tool import requirements
 from ..types import Progress
-from .asked import judged
 from .kinds import kind_of
+from .request import judged
 
 
 def checks(
@@ -40,7 +40,7 @@ def checks(
         air=air, unattended=unattended, wall_clock=not rig.simulated,
     )  # fmt: skip
     if rig.kind == "grbl" and not air:
-        unknown = demands.undeclared_lengths(rig, protocol)
+        unknown = requirements.undeclared_lengths(rig, protocol)
         what, where = "unknown", "; ".join(unknown)
         rows.append(limits.Check("tool lengths", True, what, len(unknown), 0, where, bool(unknown)))
     # What leaves the gel or the stage is said already, and has no force.

@@ -13,13 +13,13 @@ from .. import record
 from ..errors import InputError
 from ..record import RunWriter
 from ..record import open as open_run
-from ..rig.run import ask
+from ..rig.run import query
 from ..rig.run.live import Live
 from ..rig.run.runner import Runner
 from ..types import Progress
-from .asked import asked_for
 from .meta import meta_of, pattern_of
 from .preview import show
+from .request import asked_for
 
 
 def run(
@@ -139,7 +139,7 @@ def dry_run(
         lines: list[str] = []
         if realtime or not asked.rig.simulated:
             with closing(asked.kind.build(asked.job)) as bench:
-                lines = ask.devices(bench.devices())
+                lines = query.devices(bench.devices())
     return {**estimate.as_dict(), "devices": lines, "notes": notes}
 
 

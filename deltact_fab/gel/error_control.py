@@ -130,7 +130,7 @@ class Ladder:
     def climb(self, choice: Choice, free: bool) -> Answer:
         """The finest run and its estimate; free: mesh and steps may be other than chosen.
 
-        A limit of time (`limit`) ends it with what there is; raises TimeLimit where that is
+        A limit of time (`time_limit`) ends it with what there is; raises TimeLimit where that is
         nothing, SolverError where no mesh is solved.
         """
         self._runs, self._by_step, self._steps_seen = [], Errors(0.0, 0.0), False

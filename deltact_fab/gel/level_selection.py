@@ -21,7 +21,7 @@ from .footprint import (
     whole_radius_mm,
 )
 from .level import Choice, Level, Reach
-from .linear.limits import DEPTH_LIMIT
+from .linear.validity import DEPTH_LIMIT
 
 LINEAR: tuple[Level, ...] = ("layer", "block")  # the cheaper first
 TOLERANCE = 0.03  # of the force

@@ -14,7 +14,7 @@ from ..elasticity.material import GelMaterial
 from ..errors import DeltactFabError, InputError, TimeLimit
 from ..shapes import Indenter, SkinDimensions
 from ..types import Point, Point2, Progress
-from . import limit
+from . import time_limit
 from .error_control import Answer, Ladder
 from .footprint import contact_radius_mm, edge_radius_mm
 from .level import Choice, Level
@@ -90,7 +90,7 @@ def press(
     picked: Choice | None = None
     found: Answer | None = None
     try:
-        with limit.within(limit_s):
+        with time_limit.within(limit_s):
             picked = picks(model)
             found = ladder.climb(picked, free=spacing_mm is None)
             linear = model == "auto" and picked.level != "hyperelastic"

@@ -1,15 +1,15 @@
 """The one executor of the package: jobs side by side, on this machine or on a Dask cluster.
 
-Everything is written against concurrent.futures.Executor. each.py hands jobs to one and collects,
-local.py is processes here, cluster.py is an existing Dask cluster, word.py is what a job says while
-it runs.
+Everything is written against concurrent.futures.Executor. batch.py hands jobs to one and collects,
+local.py is processes here, cluster.py is an existing Dask cluster, messages.py is what a job says
+while it runs.
 """
 
 from ..types import Progress
-from .each import CannotGoOn, Ended, arrivals, each, run
+from .batch import CannotGoOn, Ended, arrivals, each, run
 from .executors import executor, width
 from .local import THREAD_VARIABLES, processors
-from .word import tell
+from .messages import tell
 
 __all__ = [
     "THREAD_VARIABLES",

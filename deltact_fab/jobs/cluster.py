@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ..errors import InputError, MissingLibrary, RunFailed
-from . import word
-from .each import CannotGoOn
+from . import messages
+from .batch import CannotGoOn
 from .local import take_share
 
 R = TypeVar("R")
@@ -61,7 +61,7 @@ def cluster(address: str) -> Iterator[Cluster]:
             raise RunFailed(f"no Dask scheduler answers at {address}") from why
         with client:
             _require_same_code(client, address)
-            client.subscribe_topic(word.TOPIC, lambda event: word.hear(tuple(event[1])))
+            client.subscribe_topic(messages.TOPIC, lambda event: messages.hear(tuple(event[1])))
             there = Cluster(client)
             try:
                 yield there

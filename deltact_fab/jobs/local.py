@@ -16,7 +16,7 @@ from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from ..errors import RunFailed
-from . import word
+from . import messages
 
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
@@ -144,7 +144,7 @@ def _start(packed: bytes, threads: int) -> tuple[ProcessPoolExecutor, Future[Any
 def _listen(ear: Connection) -> None:
     with contextlib.suppress(EOFError, OSError), ear:
         while True:
-            word.hear(ear.recv())
+            messages.hear(ear.recv())
 
 
 def _end(pool: ProcessPoolExecutor) -> None:
@@ -190,7 +190,7 @@ def _begin(mouth: Connection, threads: int) -> None:
     # Before any library is loaded; who has set one means it.
     for name in THREAD_VARIABLES:
         os.environ.setdefault(name, str(threads))
-    word.speak_through(mouth.send)
+    messages.speak_through(mouth.send)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..measure.pipeline import Measurement
-from ..measure.pipeline.everything import everything
+from ..measure.pipeline.full import everything
 from ..measure.sensor_id import SensorId, read_calibration, require_same
 from .source import Known
 

@@ -8,10 +8,10 @@ from collections.abc import Callable
 from typing import IO, Protocol
 
 from . import picture
+from .formatting import as_dict, line
 from .page import Page, Shot
 from .session import Measured, Session
 from .source import Source
-from .words import as_dict, line
 
 TERMINAL_S = 0.1
 PIPED_S = 2.0

@@ -12,8 +12,8 @@ from ..arrays import Array
 from ..measure.face import FaceFlow
 from ..measure.pipeline import Result
 from ..optics import CameraModel
+from .formatting import as_dict
 from .session import Measured
-from .words import as_dict
 
 ARROW_MM = 1.5
 """Between arrows: sparse, as the paper's figure of the force distribution has them."""

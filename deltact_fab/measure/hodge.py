@@ -25,7 +25,7 @@ from scipy import fft
 from ..arrays import Array
 from ..errors import InputError
 from .face import FaceFlow
-from .whole import whole
+from .hole_filling import whole
 
 NEAR = 16  # cells within which the lattice's Green's function is integrated, not expanded
 

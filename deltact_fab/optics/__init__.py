@@ -6,6 +6,7 @@ lens as it is, behind air, acrylic and gel, and `Rectified` the view of the face
 """
 
 from .camera import CameraModel, Medium, axes_mm
+from .camera_file import as_toml, camera_from_dict, load_camera
 from .face import SeenFace
 from .fisheye import Fisheye
 from .flat import FlatField
@@ -16,7 +17,6 @@ from .rectified import Rectified
 from .sampling import aliased_share, raw_mm_per_px
 from .snell import half_angle_rad, reached_mm
 from .stage import StageFrame
-from .stored import as_toml, camera_from_dict, load_camera
 
 __all__ = [
     "CameraModel",

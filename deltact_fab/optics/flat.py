@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, RunFailed
 from .camera import CameraModel
+from .camera_file import load_camera
 from .rectified import Rectified
-from .stored import load_camera
 
 SMOOTH = 0.01
 """Sigma of the blur that takes the blank frame's noise away, of its width."""

@@ -15,7 +15,7 @@ from ..types import Progress
 from . import notes
 from .files import truth_file, written
 from .journal import being_written
-from .kept import FileAndHash, by_press, damages, frame_id_of, frame_ids, unsound
+from .kept_presses import FileAndHash, by_press, damages, frame_id_of, frame_ids, unsound
 from .run import Run
 
 WITHOUT_PLAN = (2, 3)  # formats whose protocols this version does not expand any more

@@ -19,7 +19,7 @@ from . import notes
 from .files import FORMAT, flat_file, lattice_file
 from .images import decode
 from .journal import misfits
-from .kept_files import pattern_file, run_file, summary_file
+from .json_files import pattern_file, run_file, summary_file
 from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, at_times, unpack
 from .truth import Truth, load
 

@@ -22,7 +22,7 @@ from ..types import Progress
 from .files import FORMAT, flat_file, image_file, json_bytes, truth_file, written
 from .images import image_format, ready, require
 from .journal import PRESS_TABLES, SCHEMA, claim, connect, insert, journal_errors
-from .kept import frame_id_of, judged
+from .kept_presses import frame_id_of, judged
 from .pipeline import Pipeline, TableRow
 from .run import Run
 from .streams import Chunk, pack

@@ -21,7 +21,7 @@ from .camera.config import CameraConfig, CameraFile
 from .force.config import ForceConfig, GuardConfig
 from .simulator import CameraConfig as SimulatedCamera
 from .simulator import SimulatorConfig
-from .strict import Acceleration, Feed, Force, Place, Strict, Tilt, Travel
+from .toml_model import Acceleration, Feed, Force, Place, Strict, Tilt, Travel
 from .tool.config import RegistrationFile, ToolConfig, TouchConfig, named_tools
 
 if TYPE_CHECKING:

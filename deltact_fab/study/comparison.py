@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from .. import catalog
 from ..errors import InputError
 from ..report.result import Drawn, Headline, StudyResult, Table
-from .asked import Asked
+from .request import Asked
 from .sensor_claims import (
     MEASURES,
     Claim,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import InputError
 from ..report.result import LeftOut, StudyResult, Table
-from .asked import Asked
+from .request import Asked
 
 if TYPE_CHECKING:
     from ..analysis.force import ForceResult
@@ -29,7 +29,7 @@ def run(asked: Asked) -> StudyResult:
 
 def _simulated(asked: Asked) -> StudyResult:
     from .force.simulated import meshes, settings, simulate
-    from .force.told import modulus, told, with_modulus
+    from .force.summary import modulus, told, with_modulus
 
     made = simulate(asked)
     of, result = made.scene, made.result
@@ -61,7 +61,7 @@ def _simulated(asked: Asked) -> StudyResult:
 def _recorded(asked: Asked) -> StudyResult:
     from .. import record
     from ..analysis.force import calibrate
-    from .force.told import modulus, told, with_modulus
+    from .force.summary import modulus, told, with_modulus
 
     given = {"scale": asked.scale, "rig": asked.rig, "protocol": asked.more.get("protocol")}
     for name, value in given.items():

@@ -22,9 +22,9 @@ from ..shapes import SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
 from ..virtual.paths import paths
 from ..virtual.presses import Presses
-from .asked import Asked
 from .grid import Job
 from .pattern_press import KNOT_S, cost_s, follow, given, solve_gel
+from .request import Asked
 from .thinning import Part, part_of, thinned
 
 PROTOCOL, RIG = "pattern-selection", "virtual"

@@ -6,17 +6,17 @@ from typing import Any
 
 from ..protocols import plan
 from ..report.result import StudyResult
-from .asked import Asked
 from .grid import Grid, Job
-from .search.bench import Bench
+from .request import Asked
 from .search.candidates import Candidate, candidates
 from .search.confirm import confirm
 from .search.findings import Findings
+from .search.imager import Bench
 from .search.options import bench_of, rig_of
 from .search.probe import FIELD_PX, probe
 from .search.result import result
+from .search.scale import shortened, size_of, thinned
 from .search.search import combined, finalists, order, spread, table
-from .search.size import shortened, size_of, thinned
 from .search.verdict import DEFAULT, FARNEBACK
 from .seeds import seed_of
 

@@ -12,12 +12,12 @@ from typing import Any
 from ..report.result import LeftOut, StudyResult
 from ..units import MM_PER_INCH
 from . import modulus
-from .asked import Asked
 from .grid import Grid
 from .pattern_errors import Errors, Printed, cells_of
 from .pattern_scene import METHODS, Selection
 from .pattern_tables import charts, data_of, tables
 from .pattern_verdict import headlines, verdict
+from .request import Asked
 
 NAME, TITLE = "pattern-selection", "Which pattern is tracked best"
 NOTES = (

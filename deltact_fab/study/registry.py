@@ -10,7 +10,7 @@ from ..errors import InputError, did_you_mean
 
 if TYPE_CHECKING:
     from ..report.result import StudyResult
-    from .asked import Asked
+    from .request import Asked
 
 
 @dataclass(frozen=True)

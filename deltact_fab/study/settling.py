@@ -29,7 +29,7 @@ from .settling_page import ASSUMED, result, words
 from .settling_stops import WAITS_S, Stop, judged, simulated
 
 if TYPE_CHECKING:
-    from .asked import Asked
+    from .request import Asked
 
 PROTOCOL = "settling"
 NO_BENCH = (PROTOCOL, "demo", "demo-calibration")  # the first is judged here, of the gel itself

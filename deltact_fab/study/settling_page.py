@@ -18,7 +18,7 @@ from .settling_stops import FORCES_N, SHARES, Stop, waits
 if TYPE_CHECKING:
     import pandas as pd
 
-    from .asked import Asked
+    from .request import Asked
 
 ASSUMED = "assumed: no relaxation of Solaris was found measured"
 BOUND = 0.02  # of the headlines, of the steady force

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from ..errors import InputError
 from ..report.result import LeftOut, StudyResult
 from . import modulus
-from .asked import Asked
+from .request import Asked
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,7 +32,7 @@ def run(asked: Asked) -> StudyResult:
 
 
 def _simulated(asked: Asked) -> StudyResult:
-    from .shape import told
+    from .shape import summary
     from .shape.headlines import headlines
     from .shape.simulated import settings, simulate
 
@@ -40,7 +40,7 @@ def _simulated(asked: Asked) -> StudyResult:
         raise InputError(f"--{named}: only with --from; a simulated sensor is calibrated here")
     made = simulate(asked)
     of = made.scene
-    frames = told.frame_of(made.objects)
+    frames = summary.frame_of(made.objects)
     heads = headlines(frames, made.force_error_n.get("normal"))
     first = [seen.deepest for job, seen in made.objects.items() if job.endswith("/p1")]
     pictures = [picture for picture in first if picture is not None]
@@ -54,9 +54,9 @@ def _simulated(asked: Asked) -> StudyResult:
     return StudyResult(
         study=STUDY,
         title=TITLE,
-        verdict=told.verdict(frames, heads),
+        verdict=summary.verdict(frames, heads),
         data={
-            **told.data(frames, heads, made.objects), **twisted, "simulated": True,
+            **summary.data(frames, heads, made.objects), **twisted, "simulated": True,
             "seed": asked.seed, "scale": scale, "settings": scene,
             "depth_calibration": made.depth_line,
             "force_rmse_left_out_position_n": made.force_error_n,
@@ -65,11 +65,11 @@ def _simulated(asked: Asked) -> StudyResult:
         seed=asked.seed,
         scale=scale,
         headlines=heads,
-        tables=told.tables(frames),
-        figures=told.drawn(pictures, ball, twist, note),
+        tables=summary.tables(frames),
+        figures=summary.drawn(pictures, ball, twist, note),
         settings=scene,
         notes=(
-            made.depth_line, told.DENSITY, told.TWIST,
+            made.depth_line, summary.DENSITY, summary.TWIST,
             modulus.remark(STUDY, next(iter(of.protocols.values())).specimen.modulus_mpa),
         ),
         left_out=tuple(_scene(line) for line in sorted(shown)),
@@ -97,7 +97,7 @@ def _recorded(asked: Asked) -> StudyResult:
     from .. import record
     from ..analysis.frames import recorded
     from ..jobs import each
-    from .shape import told
+    from .shape import summary
     from .shape.headlines import headlines
 
     if asked.scale is not None or asked.rig is not None:
@@ -111,7 +111,7 @@ def _recorded(asked: Asked) -> StudyResult:
         jobs += [_Recorded(str(open_run.folder), str(press), files) for press in presses]
     names = [f"{Path(job.folder).name}/{job.press}" for job in jobs]
     seen = dict(zip(names, each(_seen, jobs, names, asked.executor, asked.progress), strict=True))
-    frames = told.frame_of(seen)
+    frames = summary.frame_of(seen)
     if frames.empty:
         raise InputError(f"{runs[0].folder}: nothing is pressed in what was recorded")
     heads = headlines(frames)
@@ -123,9 +123,9 @@ def _recorded(asked: Asked) -> StudyResult:
     return StudyResult(
         study=STUDY,
         title=TITLE,
-        verdict=told.verdict(frames, heads),
+        verdict=summary.verdict(frames, heads),
         data={
-            **told.data(frames, heads, seen), "simulated": simulated,
+            **summary.data(frames, heads, seen), "simulated": simulated,
             "runs": [str(one.folder) for one in runs],
             "calibrations": {kind: str(file) for kind, file in kinds.items()},
         },
@@ -133,8 +133,8 @@ def _recorded(asked: Asked) -> StudyResult:
         seed=int(runs[0].meta["seed"]),
         scale=None,
         headlines=heads,
-        tables=told.tables(frames),
-        figures=told.drawn(
+        tables=summary.tables(frames),
+        figures=summary.drawn(
             pictures, ball or (pictures[0] if pictures else None), _most_twisted(seen), note
         ),
         settings={
@@ -142,7 +142,7 @@ def _recorded(asked: Asked) -> StudyResult:
             "depth": str(kinds.get("depth", "not calibrated: as the inverse finds it")),
             "force": str(kinds.get("force", "not calibrated")),
         },
-        notes=(told.DENSITY,),
+        notes=(summary.DENSITY,),
         left_out=tuple(_without(kinds, frames)),
     )  # fmt: skip
 

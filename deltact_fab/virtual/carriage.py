@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 from ..protocols.motion import minus, plus
 from ..types import Vector
+from .axes import divide, steps
 from .motion import Path, Segment, along_line, brake, trapezoid
-from .steps import divide, steps
 
 PLANNER_BLOCKS = 15
 

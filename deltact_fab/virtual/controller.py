@@ -24,12 +24,12 @@ from ..protocols.motion import minus, plus
 from ..types import Vector
 from ..units import MM_PER_INCH
 from . import grbl_report
+from .axes import replaced
 from .carriage import PLANNER_BLOCKS, Carriage
 from .clock import NS_PER_S, NsClock, to_ns
 from .gcode import Modal, Refused, parse
 from .grbl_settings import FACTORY, SETTINGS, change, listed
 from .motion import Segment
-from .steps import replaced
 
 BANNER = "Grbl 1.1h ['$' for help]"
 _RX_BYTES, _LINE_CHARS = 128, 79

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..errors import InputError
 from ..gel.finite.material import MOST_POISSON
-from ..gel.linear.limits import DEPTH_LIMIT
+from ..gel.linear.validity import DEPTH_LIMIT
 from ..protocols.plan import Protocol
 from ..rig.simulator import GelConfig
 from ..shapes import SensorDimensions

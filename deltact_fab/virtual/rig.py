@@ -15,10 +15,10 @@ from ..rig.force.netft import NetFTSensor
 from ..rig.interface import Camera, Devices, Job
 from ..rig.stage.grbl import GrblStage
 from ..shapes import SensorDimensions
-from .below import Below
+from .backend import Below
 from .clock import VirtualClock
 from .feasibility import unanswered
-from .gel_notes import gel_left_out, gel_notes
+from .gel_summary import gel_left_out, gel_notes
 from .netft import LockstepLink, NetFTBox
 from .scene import GelScene
 from .seeds import stream_number

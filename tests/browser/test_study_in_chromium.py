@@ -20,7 +20,7 @@ from made_up_study import COLUMNS, study, wide
 from deltact_fab.report import figures, index_page, study_page
 from deltact_fab.report.result import Drawn, Table
 from deltact_fab.study import comparison
-from deltact_fab.study.asked import Asked
+from deltact_fab.study.request import Asked
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

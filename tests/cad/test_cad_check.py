@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from deltact_fab.cad import check
-from deltact_fab.cad.check import inequalities, pegs, rays, sight
+from deltact_fab.cad.check import inequalities, pegs, rays, visibility
 from deltact_fab.cad.check.built import MESH_MM, Built
 from deltact_fab.cad.check.cylinders import along_z, near
 from deltact_fab.cad.check.row import Row, at, open_keys
@@ -239,7 +239,7 @@ def _on(built, **sections):
 
 
 def test_the_view_cone_by_snell(inner):
-    x, y, corner = sight.view(inner)
+    x, y, corner = visibility.view(inner)
     # The facts give 58, 45 and 67 degrees for a gap of 3 and the paper's 675 mm2.
     assert [row.found.split()[2] for row in (x, y, corner)] == ["57.6", "45.1", "66.4"]
     assert x.limit.startswith("<= 94.4 deg at the 1280 x 720 crop")
@@ -248,7 +248,7 @@ def test_the_view_cone_by_snell(inner):
 
 
 def test_a_longer_lens_does_not_see_the_skin_s_y(inner):
-    rows = {row.check: row for row in sight.view(_on(inner, camera={"focal_length_mm": 1.31}))}
+    rows = {row.check: row for row in visibility.view(_on(inner, camera={"focal_length_mm": 1.31}))}
     assert rows["view cone, x"].passed
     assert rows["view cone, y"].verdict == "FAIL"
     assert rows["view cone, y"].limit.startswith("<= 35.3 deg")
@@ -259,30 +259,30 @@ def test_what_no_ray_reaches_is_told(inner, cq):
     low, joint = inner.box("camera")[0][2], inner.box("acrylic")[0][2]
     lens = _rod(cq, 2.0, joint - low - 1e-9, (0, 0, low))
     close = inner.replaced({"camera": lens})
-    rows = {row.check: row for row in sight.view(close)}
+    rows = {row.check: row for row in visibility.view(close)}
     assert rows["view cone, corner"].found == "18.71 mm off the axis cannot be seen at any angle"
     assert not rows["view cone, corner"].passed
-    (cone,) = sight.light_cone(close)
+    (cone,) = visibility.light_cone(close)
     assert "bent away" in cone.found
     assert not cone.passed
 
 
 def test_the_light_cone_goes_through_the_holder_s_bore(inner):
-    (row,) = sight.light_cone(inner)
+    (row,) = visibility.light_cone(inner)
     assert row.found == "96 of 96 reach it; radius 6.88 mm at the acrylic, bore 11.25 mm"
     assert row.passed
 
 
 def test_the_strip_must_go_round(inner):
-    length, width = sight.strip(inner)
+    length, width = visibility.strip(inner)
     assert (length.found, length.limit) == (
         "5 x 16.67 = 83.3 mm",
         "<= 95.2 mm round the channel",
     )
     assert length.passed
     assert width.passed
-    assert not next(sight.strip(_on(inner, light={"led_count": 6}))).passed
-    assert not list(sight.strip(_on(inner, light={"strip_width_mm": 10.0})))[1].passed
+    assert not next(visibility.strip(_on(inner, light={"led_count": 6}))).passed
+    assert not list(visibility.strip(_on(inner, light={"strip_width_mm": 10.0})))[1].passed
 
 
 def test_the_strain_of_a_peg_as_built(inner):

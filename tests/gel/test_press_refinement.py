@@ -10,7 +10,7 @@ import pytest
 
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import SolverError
-from deltact_fab.gel import error_control, limit
+from deltact_fab.gel import error_control, time_limit
 from deltact_fab.gel.error_control import EDGE, MOST_WORK, WORK_POWER, Ladder, SolvedPath, afforded
 from deltact_fab.gel.level import Choice, Diagnostics, Reach
 from deltact_fab.gel.level_selection import pick
@@ -150,16 +150,16 @@ def test_a_refinement_stays_within_the_work_and_coarsens_nothing(dofs: int, stat
 def test_a_limit_of_time_ends_with_the_best_mesh_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
     """The clock stands still until the second mesh is solved."""
     now = [0.0]
-    monkeypatch.setattr(limit.time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr(time_limit.time, "perf_counter", lambda: now[0])
 
     def force(h: float, step: float) -> float:
-        limit.check()
+        time_limit.check()
         now[0] += 1.0
         return 10 * (1 + 0.1 * h**2)
 
     def within(seconds: float) -> error_control.Answer:
         now[0] = 0.0
-        with limit.within(seconds):
+        with time_limit.within(seconds):
             return ladder(force).climb(chosen(0.0), free=True)
 
     two, one = within(1.5), within(0.5)

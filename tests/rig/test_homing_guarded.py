@@ -21,7 +21,7 @@ from deltact_fab.rig.force.guard import ForceGuard, GuardLimits
 from deltact_fab.rig.force.open import open_force
 from deltact_fab.rig.interface import ForceSensor
 from deltact_fab.rig.stage.grbl import GrblStage
-from deltact_fab.rig.tool.home import home_safely
+from deltact_fab.rig.tool.homing import home_safely
 from deltact_fab.virtual.netft_server import NetFTServer
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")

@@ -28,7 +28,7 @@ from deltact_fab.rig.interface import Devices, Job
 from deltact_fab.rig.run.runner import Runner
 from deltact_fab.rig.tool.config import JigConfig, TouchConfig
 from deltact_fab.rig.tool.feeler import Feeler
-from deltact_fab.rig.tool.home import clear_the_face
+from deltact_fab.rig.tool.homing import clear_the_face
 from deltact_fab.rig.tool.jig import JigTouch, Placed
 from deltact_fab.rig.tool.operator import Operator, Terminal, confirm
 from deltact_fab.rig.tool.register import places_for, register, require_fit

@@ -16,7 +16,7 @@ from deltact_fab.errors import InputError
 from deltact_fab.report import paper_figures
 from deltact_fab.report.result import StudyResult
 from deltact_fab.study import comparison, sensor_claims, sensors
-from deltact_fab.study.asked import Asked
+from deltact_fab.study.request import Asked
 
 MINE = """
 base = "deltact"

@@ -19,11 +19,11 @@ from deltact_fab.measure.view import SensorView
 from deltact_fab.optics import Pinhole
 from deltact_fab.report.result import StudyResult
 from deltact_fab.shapes import SkinDimensions
-from deltact_fab.study.asked import Asked
 from deltact_fab.study.force.reasons import parts, under_shear
 from deltact_fab.study.force.simulated import scene
-from deltact_fab.study.force.told import modulus, told, with_modulus
+from deltact_fab.study.force.summary import modulus, told, with_modulus
 from deltact_fab.study.force_calibration import run
+from deltact_fab.study.request import Asked
 
 VIEW = SensorView(Pinhole(0.0378, 798, 586, 12.85), SkinDimensions())
 LAW = (2.0, 1.5, -6.0, 3.0, -3.0, 1.0)

@@ -18,9 +18,9 @@ import tiny_study
 from deltact_fab import cache
 from deltact_fab.errors import InputError, RunFailed, SolverError
 from deltact_fab.study import grid as engine
-from deltact_fab.study.asked import Asked
 from deltact_fab.study.grid import Grid, Job
 from deltact_fab.study.pace import Pace, spelled
+from deltact_fab.study.request import Asked
 from deltact_fab.study.seeds import seed_of
 
 

@@ -20,12 +20,12 @@ from deltact_fab.errors import InputError
 from deltact_fab.patterns.series.job import recipes
 from deltact_fab.report.result import StudyResult
 from deltact_fab.study import pattern_selection
-from deltact_fab.study.asked import Asked
 from deltact_fab.study.grid import KIND
 from deltact_fab.study.pattern_errors import Cell, Errors, Printed
 from deltact_fab.study.pattern_scene import Selection
 from deltact_fab.study.pattern_tables import rounds
 from deltact_fab.study.pattern_verdict import verdict
+from deltact_fab.study.request import Asked
 
 TWO = ("d0p1-r0p5", "d0p2-r0p1")
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from deltact_fab.imaging import Printer, Sensor
-from deltact_fab.study.search.bench import Bench
+from deltact_fab.study.search.imager import Bench
 from deltact_fab.study.search.probe import bias_figures, bridged, moving_px, probe, strides
 from deltact_fab.study.search.scenes import OUTWARD, SHIFTS_PX, at_rest, dragged, shifted, view_of
 

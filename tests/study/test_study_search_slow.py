@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from deltact_fab.patterns.recipe import recipe_from
-from deltact_fab.study.asked import Asked
 from deltact_fab.study.registry import run
+from deltact_fab.study.request import Asked
 
 pytestmark = pytest.mark.slow
 

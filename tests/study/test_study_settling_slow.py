@@ -10,7 +10,7 @@ import pytest
 from deltact_fab import experiment
 from deltact_fab.protocols import plan
 from deltact_fab.study import registry
-from deltact_fab.study.asked import Asked
+from deltact_fab.study.request import Asked
 
 pytestmark = pytest.mark.slow
 

@@ -12,8 +12,8 @@ import pytest
 from deltact_fab.analysis.shape import PressShape
 from deltact_fab.errors import InputError
 from deltact_fab.study import shapes
-from deltact_fab.study.asked import Asked
-from deltact_fab.study.shape import told
+from deltact_fab.study.request import Asked
+from deltact_fab.study.shape import summary
 from deltact_fab.study.shape.headlines import headlines
 from deltact_fab.study.shape.simulated import FORCE, OBJECTS, TWIST, scene
 
@@ -42,7 +42,7 @@ def seen(**errors: float | None) -> dict[str, PressShape]:
 
 
 def test_a_depth_that_is_right_errs_by_nothing_and_meets_its_goals() -> None:
-    frames = told.frame_of(seen(ring=0.0, hat=0.0))
+    frames = summary.frame_of(seen(ring=0.0, hat=0.0))
     assert (frames["tip_depth_mm"] > 0).all()
     contact, face = headlines(frames)[:2]
     assert (contact.value, contact.low, contact.high) == (0, 0, 0)
@@ -52,27 +52,27 @@ def test_a_depth_that_is_right_errs_by_nothing_and_meets_its_goals() -> None:
 
 
 def test_each_object_has_its_error_and_the_worst_is_named() -> None:
-    frames = told.frame_of(seen(ring=0.1, hat=0.4))
+    frames = summary.frame_of(seen(ring=0.1, hat=0.4))
     heads = headlines(frames)
     by = {head.what.partition(":")[0]: head for head in heads}
     assert by["ring"].value == pytest.approx(0.1)
     assert by["hat"].over == "3 places"
     assert heads[0].value == pytest.approx(0.25)
-    said = " ".join(told.verdict(frames, heads))
+    said = " ".join(summary.verdict(frames, heads))
     assert "Best is ring (0.10 mm), worst hat (0.40 mm)." in said
     assert "no number" in said
-    rows = told.data(frames, heads, {})["by_object_and_depth"]
+    rows = summary.data(frames, heads, {})["by_object_and_depth"]
     assert [(row["indenter"], row["places"]) for row in rows] == [("ring", 3), ("hat", 3)]
     assert rows[1]["depth_error_contact_mm"] == pytest.approx(0.4)
 
 
 def test_without_truth_there_is_no_column_of_errors() -> None:
-    frames = told.frame_of(seen(ring=None))
-    for table in told.tables(frames):
+    frames = summary.frame_of(seen(ring=None))
+    for table in summary.tables(frames):
         assert not [name for name in table.frame if "error" in name or "true" in name]
         assert table.frame.notna().to_numpy().all()
     assert headlines(frames) == ()
-    assert told.verdict(frames, ())[0].startswith("ring: no truth")
+    assert summary.verdict(frames, ())[0].startswith("ring: no truth")
 
 
 def test_the_force_is_held_against_the_sensor() -> None:
@@ -80,7 +80,7 @@ def test_the_force_is_held_against_the_sensor() -> None:
         f"p{k}": press("ring", found_normal_n=5.0 + off, normal_n=5.0, force_extrapolated=off == 1)
         for k, off in enumerate((0.1, -0.1, 0.1, 1))
     }
-    head, beyond = headlines(told.frame_of(presses), force_left_out_n=0.06)
+    head, beyond = headlines(summary.frame_of(presses), force_left_out_n=0.06)
     assert head.value == pytest.approx(0.1)
     assert head.goal == 0.2
     assert "0.06 N on a place of its ball left out" in head.remark
@@ -91,7 +91,7 @@ def test_the_force_is_held_against_the_sensor() -> None:
 
 
 def test_two_presses_are_too_few_for_an_interval() -> None:
-    frames = told.frame_of(dict(list(seen(ring=0.1).items())[:2]))
+    frames = summary.frame_of(dict(list(seen(ring=0.1).items())[:2]))
     head = headlines(frames)[0]
     assert head.low is head.high is None
     assert head.over == "2 presses: too few for an interval"

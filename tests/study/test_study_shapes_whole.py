@@ -10,7 +10,7 @@ import pytest
 
 from deltact_fab.catalog import shipped_dir
 from deltact_fab.study import registry
-from deltact_fab.study.asked import Asked
+from deltact_fab.study.request import Asked
 
 # What is thinned of the shipped protocols; those of the working folder are found first.
 FEWER = {

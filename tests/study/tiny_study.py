@@ -14,9 +14,9 @@ import numpy as np
 from deltact_fab import jobs
 from deltact_fab.errors import SolverError
 from deltact_fab.report.result import StudyResult, Table
-from deltact_fab.study.asked import Asked
 from deltact_fab.study.grid import Job
 from deltact_fab.study.registry import STUDIES, Option, Study
+from deltact_fab.study.request import Asked
 from deltact_fab.study.seeds import seed_of
 
 OPTIONS = (

@@ -14,7 +14,7 @@ from deltact_fab.optics import StageFrame
 from deltact_fab.rig.stage.grbl import GrblStage
 from deltact_fab.virtual import wire
 from deltact_fab.virtual.clock import VirtualClock
-from deltact_fab.virtual.noisy import NoisyController
+from deltact_fab.virtual.faulty_controller import NoisyController
 
 FRAME = StageFrame((-60.0, -50.0, -40.0))
 TARGET_MM = (0.0, 0.0, 5.0)  # some 84 mm from home

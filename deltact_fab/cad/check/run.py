@@ -23,11 +23,11 @@ from . import (
     pegs,
     printed,
     screws,
-    sight,
     soundness,
     space,
     stray_light,
     thickness,
+    visibility,
 )
 from .built import Built
 from .row import Row
@@ -46,9 +46,9 @@ CHECKS = (
     Check("plate deflection", "acrylic", "plate.deflection_share", bending.deflection),
     Check("plate clear of the light", "acrylic, light-holder", "light.axial_fit_mm", bending.clear),
     Check("plate stress", "acrylic", "plate.stress_limit_mpa", bending.stress),
-    Check("view cone", "camera", "the crop's half angle", sight.view),
-    Check("light cone", "light-holder", "all rays reach the face", sight.light_cone),
-    Check("LED strip length", "light-holder", "round the channel", sight.strip),
+    Check("view cone", "camera", "the crop's half angle", visibility.view),
+    Check("light cone", "light-holder", "all rays reach the face", visibility.light_cone),
+    Check("LED strip length", "light-holder", "round the channel", visibility.strip),
     Check(stray_light.NAME, "shell", "0 straight ways", stray_light.rows),
     Check("mold volume closure", "mold, skin-frame, skin", "V(skin)", casting.closure),
     Check("no undercut", "mold", "0 mm2, 0 rays", casting.undercut),

@@ -24,9 +24,9 @@ from ..part import Part, Shift
 from ..registry import of_group
 from ..solid_gate import bounding_box
 from .balloons import RADIUS_MM, Balloon, arranged
+from .hidden_lines import regions
 from .page import FONT, LARGE_MM, SMALL_MM, number, path_data, text_width_mm
 from .projection import Projected, View, project
-from .seen import regions
 
 CORNER = View((1, 1, -0.9), (0, 0, 1))
 TIPS_UP = View((1, -1, 0.9), (0, 0, -1))

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...arrays import Field
 from ...errors import SolverError
-from .. import limit
+from .. import time_limit
 from .linear import Solver
 from .newton import Problem, Solution, size_of
 from .pattern import Pattern
@@ -46,7 +46,7 @@ def descend(
     done = Solution(x, now.pressure_mpa, size_of(now))
     eta = 0.0
     while done.residual > ENOUGH:
-        limit.check()
+        time_limit.check()
         if done.iterations >= MOST_ITERATIONS or eta > MOST:
             raise SolverError(
                 f"descent: residual {done.residual:.1e} after {done.iterations} iterations, "

@@ -25,7 +25,7 @@ import scipy.sparse.linalg as spla
 
 from ...arrays import Field
 from ...errors import SolverError
-from .. import limit
+from .. import time_limit
 from .linear import Solver
 from .pattern import Pattern
 
@@ -161,7 +161,7 @@ def solve(
     pressure_mpa (m,): cell pressures for the first tangent.
     longest_mm: largest displacement in one iteration.
     Raises SolverError when |r| <= tolerance x scale is not reached; nothing else is returned.
-    TimeLimit as `limit` says.
+    TimeLimit as `time_limit` says.
     """
     x = start_mm
     now = problem.evaluate(x, pressure_mpa, False, True)
@@ -170,7 +170,7 @@ def solve(
     done = Solution(x, pressure_mpa, size_of(now))
     direction = _Direction(problem, solver, pattern, done)
     while not done.residual <= tolerance:
-        limit.check()
+        time_limit.check()
         if done.iterations >= most_iterations:
             raise SolverError(
                 f"newton: residual {done.residual:.1e} after {done.iterations} iterations, "

@@ -14,7 +14,7 @@ from scipy.ndimage import binary_dilation
 from ...arrays import Field, Mask
 from ...elasticity.face import PatchOperator
 from ...errors import SolverError
-from .. import limit
+from .. import time_limit
 
 _POWER_STEPS = 12  # to the largest eigenvalue: the uniform start is already close to it
 MUCH = 0.7  # of a set of nodes: a smaller part of it has an eigenvalue of its own
@@ -39,7 +39,7 @@ def normal_contact(
     direction = np.zeros_like(p)
     old = 0.0
     for _ in range(max_iterations):
-        limit.check()
+        time_limit.check()
         worst = normal_violation(gap, p)
         if worst <= goal_mm:
             return p, worst, applications
@@ -121,7 +121,7 @@ def friction_contact(
     applications += 1
     ahead, ahead_slip, momentum = q, slip, 1.0
     for _ in range(max_iterations):
-        limit.check()
+        time_limit.check()
         worst = float(np.abs(q - _on_disc(q - step * slip, bound_mpa)).max()) / step
         if worst <= goal_mm:
             return q, slip, worst, applications

@@ -32,9 +32,9 @@ from ...shapes import Indenter
 from ...types import Point
 from .anderson import Mixer
 from .complementarity import Compliance, friction_contact, normal_contact, normal_violation
-from .limits import least_det, refuse_bad_contact, refuse_out_of_range
 from .patch import Patch, footprint, patch_below
 from .state import ContactState, untouched
+from .validity import least_det, refuse_bad_contact, refuse_out_of_range
 
 SMALL_STRAIN = 0.10  # of the thickness: beyond, the in-plane field is no longer to be trusted
 

@@ -11,8 +11,8 @@ it with cv2.setNumThreads, and records it where bytes must repeat.
 from .confidence import ConfidenceRule
 from .image import MIN_SIDE_PX, Sampled, to_gray
 from .method import DEFAULT_METHOD, FLOW_METHODS, FlowMethod, FlowPreset
-from .named import PAPER, REFERENCES, named_tracker
 from .observation import FlowDiagnostics, FlowObservation, FlowState, Ready
+from .registry import PAPER, REFERENCES, named_tracker
 from .renewed import Renewal, RenewalRule
 from .tracker import FlowTracker, Reference
 

@@ -15,9 +15,9 @@ import numpy as np
 from ...arrays import Array
 from ..face import FaceFlow
 from ..hodge import decompose
+from ..hole_filling import whole
 from ..shape.density import by_jacobian
 from ..view import SensorView
-from ..whole import whole
 from .model import ForceModel
 from .sums import TURNING, integrals, turning
 from .wrench import TractionField

@@ -22,10 +22,10 @@ from ...arrays import Array
 from ...elasticity.cells import FaceCells
 from ...optics import axes_mm
 from ..face import FaceFlow
+from ..hole_filling import whole
 from ..view import SensorView
-from ..whole import whole
 from .bounded_least_squares import least_squares_signed
-from .sight import sight
+from .image_jacobian import sight
 
 CELL_MM = 1.0
 BEYOND_MM = 2.0  # a contact may reach out of the view

@@ -13,8 +13,8 @@ import numpy as np
 from ...arrays import Array
 from ..face import FaceFlow
 from ..hodge import Hodge, decompose
+from ..hole_filling import whole
 from ..view import SensorView
-from ..whole import whole
 
 TURNING = ("x ry mm4", "y rx mm4", "x hy mm4", "y hx mm4")
 

@@ -12,8 +12,8 @@ from ..face import FaceFlow
 from ..force import Features, ForceModel, LocalFeatures, TractionField, features_of
 from ..force.inverse import Inverse
 from ..force.press import Press, inverse_for
+from ..hole_filling import whole
 from ..shape import Contact, Density, Depth, DepthFinder, by_jacobian, contacts, relative_depth
-from ..whole import whole
 from .calibrated import Calibrated
 from .result import Output, Shape
 

@@ -11,7 +11,7 @@ from ...arrays import Array
 from ...optics import CameraModel
 from ..face import FaceFlow
 from ..force import TractionField
-from ..whole import whole
+from ..hole_filling import whole
 from .depth import Depth
 
 RIM = 0.3

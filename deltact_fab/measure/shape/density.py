@@ -18,7 +18,7 @@ import numpy as np
 from ...arrays import Array
 from ..compose import sample
 from ..face import FaceFlow
-from ..whole import whole
+from ..hole_filling import whole
 
 SIGMA_PX = 3.0
 """Of the full image, whatever the distance of the flow's points."""

@@ -19,10 +19,10 @@ from ...arrays import Array
 from ...elasticity.block import interpolation
 from ..face import FaceFlow
 from ..force.press import Press, inverse_for
+from ..hole_filling import whole
 from ..rigid import rigid
 from ..sensor_id import Head, read_calibration
 from ..view import SensorView
-from ..whole import whole
 
 RIGID = 0.1
 BEYOND = 1.1

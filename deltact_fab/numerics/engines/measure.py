@@ -14,9 +14,9 @@ from ...arrays import Array
 from ...measure.face import FaceFlow
 from ...measure.force import ForceModel, make_features
 from ...measure.hodge import Hodge, curl, decompose, divergence
+from ...measure.hole_filling import whole
 from ...measure.regression import Fit, least_squares
 from ...measure.shape.density import Density, by_jacobian, by_splat
-from ...measure.whole import whole
 from ..engine import Case, Engine, Flagged, Setting, Work
 from .measure_faces import MM_PER_PX, VIEW, dent, dent_density, face, means, parts
 

@@ -25,8 +25,8 @@ from ...rig.run.runner import Runner
 from ...rig.stage.grbl import GrblStage
 from ...virtual import wire
 from ...virtual.clock import VirtualClock
+from ...virtual.faulty_controller import NoisyController
 from ...virtual.netft import NetFTBox
-from ...virtual.noisy import NoisyController
 from .sensors import BenchCamera, BenchForce, WatchedFaults
 
 PROTOCOL = """

@@ -6,7 +6,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from ..strict import Force, Place, Strict, Torque
+from ..toml_model import Force, Place, Strict, Torque
 
 
 class NetFTConfig(Strict):

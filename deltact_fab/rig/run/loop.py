@@ -8,7 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 
 from ...errors import SensorError
-from ..force.urgent import run_first
+from ..force.priority import run_first
 
 
 class Loop:

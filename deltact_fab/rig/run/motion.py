@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from ...errors import DeltactFabError
 from ...protocols.plan import Step
 from ..interface import Stage
-from ..stage.go import LIFT_FEED_MM_MIN, rise
+from ..stage.moves import LIFT_FEED_MM_MIN, rise
 from .schedule import Schedule
 from .streams import Wanted, to_ns
 

@@ -14,7 +14,7 @@ from ...protocols.motion import plus
 from ...types import Vector
 from ..interface import Stage
 from ..run.interrupt import interruptible
-from .go import go
+from .moves import go
 
 CLEARANCE_MM = 5.0
 MOST_MM = 10.0

@@ -15,10 +15,10 @@ from typing import NoReturn
 from ...errors import StageError
 from ...types import Vector
 from ..interface import Clock, StageState
+from .exchange import BANNER_S, RESET, Fault, Talk
+from .grbl_messages import ALARMS, explain, state_in_words
 from .limits import Limits
 from .port import LinkLost, Port
-from .talk import BANNER_S, RESET, Fault, Talk
-from .words import ALARMS, explain, state_in_words
 
 JOG_CANCEL, HOLD = b"\x85", b"!"
 POLL_END_S = 0.02

@@ -26,10 +26,10 @@ from ...types import Vector
 from ..interface import Clock, StageState
 from . import jogs
 from .controller import JOG_CANCEL, Controller
+from .exchange import RESET, Fault
+from .grbl_messages import BANNER, SETTING, state_in_words
 from .limits import Limits
 from .settings import Needs, SettingRow, judge, refusal
-from .talk import RESET, Fault
-from .words import BANNER, SETTING, state_in_words
 
 if TYPE_CHECKING:
     from ..config import StageConfig

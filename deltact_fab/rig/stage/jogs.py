@@ -7,9 +7,9 @@ from ...protocols.motion import minus, move_duration_s
 from ...types import Vector
 from ..interface import StageState
 from .controller import JOG_CANCEL, MARGIN_S, POLL_END_S, Controller, Move, in_mm
+from .exchange import Fault, NoAnswer
+from .grbl_messages import state_in_words
 from .settings import AXES
-from .talk import Fault, NoAnswer
-from .words import state_in_words
 
 ANSWER_S = 0.5  # it comes within .1 s, and without it the carriage may be on its way
 HEAR_S = 0.005  # between two looks at what was said without being asked for

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from ...types import Vector
-from .words import OPTIONS
+from .grbl_messages import OPTIONS
 
 AXES = "XYZ"
 WHOLE = (3, 10, 13, 20, 21, 22, 23, 32)

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from ...errors import InputError
-from ..strict import Place, Strict, Tilt
+from ..toml_model import Place, Strict, Tilt
 
 Half = Annotated[float, Field(ge=1, le=200)]
 Millimetres = Annotated[float, Field(ge=-100, le=100)]

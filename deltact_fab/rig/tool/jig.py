@@ -17,7 +17,7 @@ from ...errors import RunFailed, SensorError
 from ...optics import StageFrame
 from ...types import Vector
 from ..interface import Stage
-from ..stage.go import go
+from ..stage.moves import go
 from .config import JigConfig, TouchConfig
 from .feeler import Feeler
 from .touch import LOWERING, MOST, STEP_MM

@@ -17,17 +17,17 @@ from ..clock import WallClock
 from ..config import GrblConfig
 from ..interface import Clock, ForceSensor, Stage
 from ..run.interrupt import interruptible
-from ..stage.go import LIFT_FEED_MM_MIN
 from ..stage.grbl import GrblStage
+from ..stage.moves import LIFT_FEED_MM_MIN
 from .config import JigConfig, TouchConfig
 from .feeler import Feeler
-from .find import find_face
-from .home import LIFT_MM, home_safely
+from .homing import LIFT_MM, home_safely
 from .jig import JigTouch
 from .operator import Operator, confirm
 from .register import Place, Registration, places_for, register, require_fit
 from .tooling import raised
 from .touch import Touch
+from .touch_off import find_face
 
 if TYPE_CHECKING:
     from ..force.guard import ForceGuard

@@ -17,12 +17,12 @@ from ...errors import InputError, RunFailed
 from ...files import write_whole
 from ...shapes.indenter import parse as parse_indenter
 from ..interface import Clock, ForceSensor, Job, Stage
-from ..stage.go import go
+from ..stage.moves import go
 from .config import ToolConfig, TouchConfig
-from .find import find_face
-from .home import clear_the_face
+from .homing import clear_the_face
 from .operator import Operator, Terminal, confirm
 from .touch import TRAVEL_FEED_MM_MIN, Touch
+from .touch_off import find_face
 
 if TYPE_CHECKING:
     from pathlib import Path

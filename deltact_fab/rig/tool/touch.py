@@ -16,7 +16,7 @@ from ...errors import DeltactFabError, SensorError, StageError
 from ...shapes import Indenter
 from ...types import Vector
 from ..interface import Clock, ForceSensor, Stage
-from ..stage.go import go, rise
+from ..stage.moves import go, rise
 from .config import TouchConfig
 from .contact import Contact, fit, powers_of
 from .feeler import Feeler

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...analysis.force.dataset import PressPoints, points_of
-from .. import pressed
+from .. import press_jobs
 
 if TYPE_CHECKING:
     from ...patterns.recipe import PatternRecipe
@@ -34,8 +34,8 @@ def given(
     seed: int,
     features: Sequence[str],
 ) -> dict[str, Any]:
-    """What `points` is told, plain data; see `pressed.given`."""
-    return pressed.given(protocol, sensor, recipe, rig, source, presses, seed) | {
+    """What `points` is told, plain data; see `press_jobs.given`."""
+    return press_jobs.given(protocol, sensor, recipe, rig, source, presses, seed) | {
         "features": list(features)
     }
 
@@ -43,12 +43,12 @@ def given(
 def points(told: dict[str, Any]) -> dict[str, Any]:
     """The points of presses: rows (lists by column), wrench (n, 6), features/NAME (n, k).
 
-    And what the gel has to say, see `pressed.gel_of`. Raises RunFailed.
+    And what the gel has to say, see `press_jobs.gel_of`. Raises RunFailed.
     """
-    with pressed.carried_out(told) as (run, bench):
+    with press_jobs.carried_out(told) as (run, bench):
         name = str(told["protocol"]["name"])
         parts = [points_of(run, name, p, told["features"]) for p in told["presses"]]
-    return {**_packed(parts), **pressed.gel_of(bench)}
+    return {**_packed(parts), **press_jobs.gel_of(bench)}
 
 
 def unpacked(value: dict[str, Any]) -> PressPoints:

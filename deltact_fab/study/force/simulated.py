@@ -37,9 +37,9 @@ from ...shapes.indenter import parse as parse_indenter
 from ...virtual.paths import PressPath, poses
 from ...virtual.presses import Presses
 from ...virtual.rig import VirtualKind
-from ..asked import Asked
-from ..gel_words import interpolation
+from ..gel_summary import interpolation
 from ..grid import Job
+from ..request import Asked
 from . import press
 from .scaled import scaled
 

@@ -19,7 +19,7 @@ from ...patterns.recipe import recipe_from
 from ...protocols.plan import Protocol
 from ...rig.config import VirtualConfig
 from ..stream import PressStream, Truth
-from .bench import Bench
+from .imager import Bench
 
 SHOWN_MM = 3.0
 """Side of the square of the resting face that a picture shows."""

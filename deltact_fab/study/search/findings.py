@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 from ...catalog import as_toml
 from ...protocols.plan import Protocol
 from ..intervals import Interval
-from .bench import Bench
 from .candidates import Candidate
+from .imager import Bench
 from .ranking import Pair
+from .scale import Size
 from .search import order
-from .size import Size
 from .verdict import DEFAULT, FARNEBACK, Confirmed, best_of, confirmed, gain
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from ...imaging import Printer, Sensor
 from ...rig.config import VirtualConfig, load
 from ...rig.simulator import CameraConfig, PrinterConfig
 from ...shapes import SensorDimensions
-from .bench import Bench
+from .imager import Bench
 
 LEAST_MM_PER_PX, MOST_MM_PER_PX = 0.012, 0.1
 """2500 px across the view take minutes a pattern; 300 px are too few to track in."""

@@ -24,7 +24,7 @@ from ...measure.flow import FlowObservation, named_tracker
 from ...patterns.quality.figures import figures
 from ...patterns.recipe import PatternRecipe
 from ...virtual.picture import Picture, Texture
-from .bench import Bench
+from .imager import Bench
 from .scenes import (
     OUTWARD,
     SHIFTS_PX,

@@ -9,8 +9,8 @@ from ...report.result import Headline, LeftOut, StudyResult
 from ..intervals import Interval
 from .candidates import LEAST_DOTS, LEAST_PX, MOST_PX
 from .findings import RECIPE_SEED, UM, Findings, recipe_text
+from .presentation import drawn, tables
 from .search import LEAST_BRIDGED_MM, LEAST_COVERAGE
-from .shown import drawn, tables
 from .verdict import GOAL, ratio
 
 if TYPE_CHECKING:

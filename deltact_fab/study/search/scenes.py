@@ -20,7 +20,7 @@ from ...patterns.raster import albedo
 from ...patterns.recipe import PatternRecipe
 from ...virtual.picture import MARGIN_PX, Geometry, Picture, Texture
 from ..star import Star
-from .bench import Bench
+from .imager import Bench
 
 BEYOND_MM = 1.0
 """Printed around what moves into the view: spread and misplaced ink come from there too."""

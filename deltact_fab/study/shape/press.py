@@ -15,26 +15,26 @@ from ...measure.force.calibration import ForceCalibration, load_force
 from ...measure.sensor_id import Kind
 from ...measure.shape import DepthModel
 from ...record import Run
-from .. import pressed
+from .. import press_jobs
 
 SHOWN = ("deepest", "twisted")
 """Pictures of a press."""
 
 
 def ball(told: dict[str, Any]) -> dict[str, Any]:
-    """A calibration of depth by the first ball that is pressed; told: as `pressed.given`."""
-    with pressed.carried_out(told) as (run, bench):
+    """A calibration of depth by the first ball that is pressed; told: as `press_jobs.given`."""
+    with press_jobs.carried_out(told) as (run, bench):
         found = calibrate_depth(run.folder)
-        return {"toml": found.toml(), "line": found.line, **pressed.gel_of(bench)}
+        return {"toml": found.toml(), "line": found.line, **press_jobs.gel_of(bench)}
 
 
 def look(told: dict[str, Any]) -> dict[str, Any]:
-    """What is seen of one press, and what is true of it; told: as `pressed.given`, of one press.
+    """What is seen of one press, and what is true of it; told: as `press_jobs.given`, of one press.
 
     And `depth`, `force`: texts of calibrations, None for none.
     """
     (press,) = told["presses"]
-    with pressed.carried_out(told) as (run, bench), TemporaryDirectory() as folder:
+    with press_jobs.carried_out(told) as (run, bench), TemporaryDirectory() as folder:
         files: dict[Kind, Path] = {}
         kinds: tuple[Kind, ...] = ("depth", "force")
         for kind in kinds:
@@ -42,7 +42,7 @@ def look(told: dict[str, Any]) -> dict[str, Any]:
                 files[kind] = Path(folder) / f"{kind}.toml"
                 files[kind].write_text(told[kind], encoding="utf-8")
         seen = press_shape(run, press, *models(files))
-        return {**packed(seen), **pressed.gel_of(bench)}
+        return {**packed(seen), **press_jobs.gel_of(bench)}
 
 
 def models(files: Mapping[Kind, Path]) -> tuple[DepthModel, ForceCalibration | None]:

@@ -31,11 +31,11 @@ from ...shapes import SensorDimensions
 from ...virtual.paths import poses
 from ...virtual.presses import Presses
 from ...virtual.rig import VirtualKind
-from .. import pressed
-from ..asked import Asked
+from .. import press_jobs
 from ..force import press as force_press
-from ..gel_words import interpolation
+from ..gel_summary import interpolation
 from ..grid import Job
+from ..request import Asked
 from . import press
 
 OBJECTS = ("shapes", "shapes-hat")
@@ -72,7 +72,7 @@ class Scene:
 
     def given(self, name: str, presses: Sequence[str]) -> dict[str, Any]:
         """What a job is told of presses of a protocol."""
-        return pressed.given(
+        return press_jobs.given(
             self.protocols[name], self.sensor, self.recipe, self.rig, self.source, presses,
             self.seed,
         )  # fmt: skip

@@ -24,9 +24,9 @@ from ...errors import DeltactFabError
 from ...optics import Rectified, StageFrame
 from ...rig.config import VirtualConfig
 from ...rig.interface import Job
-from ..below import Below
+from ..backend import Below
 from ..bench_face import BenchFace
-from ..gel_notes import gel_left_out, gel_notes
+from ..gel_summary import gel_left_out, gel_notes
 from ..netft_server import NetFTServer
 from ..pty import Terminal
 from ..rig import VirtualKind

@@ -9,7 +9,7 @@ from ...shapes import Indenter
 from ..interface import Clock, ForceSensor, Stage
 from .config import TouchConfig
 from .feeler import Feeler
-from .hand import HandTouch
+from .manual_touch import HandTouch
 from .operator import Operator
 from .touch import ForceTouch, Touch
 

@@ -14,7 +14,7 @@ from ..protocols.plan import Protocol, Step
 from ..rig import config as rig_config
 from ..rig.config import RigConfig
 from ..rig.interface import Job, RigKind
-from ..rig.tool import demands
+from ..rig.tool import requirements
 from ..shapes import SensorDimensions
 from ..types import Progress
 from .kinds import kind_of
@@ -112,7 +112,7 @@ def judged(
     rows.append(limits.refusals("pattern", _pattern(protocol, source)))
     rows.append(limits.refusals("image format", _format(rig)))
     if rig.kind == "grbl" and not air:
-        unmet = demands.unmet(rig, protocol, sensor, unattended)
+        unmet = requirements.unmet(rig, protocol, sensor, unattended)
         rows.append(limits.refusals("contact", [f"{rig_path}: {line}" for line in unmet]))
     return rows
 

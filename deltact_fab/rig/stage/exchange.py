@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ..interface import StageState
+from .grbl_messages import ALARMS, BANNER, ERRORS, RATE, STATUS, explain
 from .port import SLICE_S, Port
-from .words import ALARMS, BANNER, ERRORS, RATE, STATUS, explain
 
 RESET = b"\x18"
 RESET_S = 1.0  # to the banner after a reset; half a second of that is for the message of an alarm

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from ...errors import StageError
 from ..interface import Clock, ForceSensor, Stage
-from ..run.watch import watched
-from ..stage.go import LIFT_FEED_MM_MIN
+from ..run.guard_thread import watched
+from ..stage.moves import LIFT_FEED_MM_MIN
 from .operator import Operator, confirm
 
 if TYPE_CHECKING:

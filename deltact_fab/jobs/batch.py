@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeVar
 
 from ..errors import RunFailed
 from ..types import Progress
-from . import word
+from . import messages
 from .local import local, processors
 
 Told = Callable[[int, Any], None]
@@ -116,7 +116,7 @@ def run(
         with local(several) as own:
             _run_on(own, work, jobs, heard, told, until_failure)
         return
-    with word.listening(told) as name:
+    with messages.listening(told) as name:
         for index, job in enumerate(jobs):
             ended = _run_here(name, index, work, job)
             heard(ended)
@@ -133,7 +133,7 @@ def _run_here(name: str, index: int, work: Callable[[J], R], job: J) -> Ended[R]
 
 def _job(name: str, index: int, work: Callable[[J], R], job: J) -> R:
     """A job, wherever it is."""
-    with word.speaking(name, index):
+    with messages.speaking(name, index):
         return work(job)
 
 
@@ -149,7 +149,7 @@ def _run_on(
     news: queue.SimpleQueue[Future[R] | tuple[int, Any]] = queue.SimpleQueue()
     futures: dict[Future[R], int] = {}
     first_failed = len(jobs)
-    with word.listening(None if told is None else lambda *said: news.put(said)) as name:
+    with messages.listening(None if told is None else lambda *said: news.put(said)) as name:
         try:
             for index, job in enumerate(jobs):
                 futures[executor.submit(_job, name, index, work, job)] = index

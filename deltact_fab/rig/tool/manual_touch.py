@@ -9,7 +9,7 @@ from ...errors import DeltactFabError, RunFailed
 from ...shapes import Indenter
 from ...types import Vector
 from ..interface import Stage
-from ..stage.go import go, rise
+from ..stage.moves import go, rise
 from .config import TouchConfig
 from .feeler import Feeler
 from .operator import Operator

@@ -1,4 +1,4 @@
-"""What jobs say of their gel (`pressed.gel_of`), as a page tells it."""
+"""What jobs say of their gel (`press_jobs.gel_of`), as a page tells it."""
 
 from __future__ import annotations
 
