@@ -18,6 +18,7 @@ from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.drafting.wiring import wiring
 from deltact_fab.cad.export import batch as export
+from deltact_fab.cad.export import folder as export_folder
 from deltact_fab.cad.export.batch import export_parts
 from deltact_fab.cad.export.part_files import DRAWN, FORMATS, Made, applicable
 from deltact_fab.cad.export.stored import Store, sources
@@ -466,19 +467,19 @@ def test_a_manifest_can_name_every_part():
     names = [part.name for part in registry.listed()] + [registry.find("sphere:12.5").name]
     for name in [*names, "assembly"]:
         for kind in FORMATS:
-            assert export._OURS.fullmatch(f"{name}.{kind}")
+            assert export_folder._OURS.fullmatch(f"{name}.{kind}")
 
 
 def test_cut_short_the_folder_has_no_manifest_rather_than_a_wrong_one(tmp_path, monkeypatch):
     _export(["acrylic"], ["step"], tmp_path)
-    replace_file = export.os.replace
+    replace_file = export_folder.os.replace
 
     def full(source, target):
         if str(target) == str(tmp_path / "manifest.json"):
             raise OSError(28, "No space left on device")
         replace_file(source, target)
 
-    monkeypatch.setattr(export.os, "replace", full)
+    monkeypatch.setattr(export_folder.os, "replace", full)
     with pytest.raises(RunFailed, match="cannot be written: No space left on device"):
         export_parts(THICK, registry.select(["acrylic"]), ["step"], 0.01, tmp_path)
     assert set(_bytes(tmp_path)) == {"acrylic.step"}

@@ -83,7 +83,7 @@ def test_wilson_interval() -> None:
 
 
 def test_a_tampered_state_breaks_the_laws_of_contact() -> None:
-    from deltact_fab.numerics.engines.layer import _state, violation
+    from deltact_fab.numerics.engines.layer_cases import _state, violation
 
     contact, before, state = _state((0.3, 0.0, 1.2), before_mm=(0.0, 0.0, 1.2), spacing_mm=0.5)
     assert violation(contact, before, state) < 1e-5
@@ -96,7 +96,7 @@ def test_a_tampered_state_breaks_the_laws_of_contact() -> None:
 
 def test_flat_punch_is_of_first_order_and_two_grids_remove_it() -> None:
     """Within 0.5 % at 256 x 256 needs both grids: one alone is reported, not corrected."""
-    from deltact_fab.numerics.engines import layer
+    from deltact_fab.numerics.engines import layer_curves as layer
 
     for nu in (0.3, 0.45, 0.5):
         assert abs(layer.extrapolated_percent(nu, 256)) < 0.5

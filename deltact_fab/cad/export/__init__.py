@@ -3,7 +3,8 @@
 batch.py is the way in; part_files.py runs in a worker, stored.py is the cache, formats/ the files.
 """
 
-from .batch import MANIFEST, PartFile, export_parts, manifest
+from .batch import export_parts
+from .folder import MANIFEST, PartFile, manifest
 from .part_files import FORMATS
 
 __all__ = ["FORMATS", "MANIFEST", "PartFile", "export_parts", "manifest"]

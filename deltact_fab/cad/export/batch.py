@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
-import os
-import re
 import sys
-import tempfile
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from ...errors import InputError, RunFailed
@@ -20,8 +16,8 @@ from ...types import Progress
 from ..build import expected
 from ..dimensions import Design
 from ..part import Part
-from ..print_orientation import Matrix
 from ..registry import of_group
+from .folder import MANIFEST, PartFile, earlier, manifest, place, staged
 from .formats import glb, threemf
 from .part_files import (
     ASSEMBLY,
@@ -41,7 +37,6 @@ from .plates import Plate, arranged
 from .stored import Store
 
 TOLERANCE_MM = (0.001, 1.0)
-MANIFEST = "manifest.json"
 MAX_JOBS = 4
 # A part takes about this long at 0.01 mm and coarser, and more the finer the mesh.
 PART_S, PART_TOLERANCE_MM, PART_POWER = 0.25, 0.01, 0.6
@@ -49,30 +44,6 @@ PART_S, PART_TOLERANCE_MM, PART_POWER = 0.25, 0.01, 0.6
 # not do when the kernel is here already.
 SHARED_FROM_S, SHARED_FROM_LOADED_S = 4.0, 12.0
 _DIGITS = 6
-# What a manifest may name: nothing that leads out of its folder.
-_OURS = re.compile(rf"[a-z0-9-]+\.(?:{'|'.join(FORMATS)})")
-
-
-@dataclass(frozen=True)
-class PartFile:
-    """One written file. volume and box are the exact solid's, also for a mesh.
-
-    turned: rotation from the part's frame to the printer's, of a file as it is printed; its box is
-    the mesh's, which stands on z = 0, its middle at x = y = 0. pieces: the parts of a plate, whose
-    box is in the platform's own frame, from its front left corner.
-    """
-
-    part: str
-    file: str
-    material: str
-    process: str
-    quantity: int
-    volume_mm3: float
-    bounding_box_mm: tuple[tuple[float, ...], tuple[float, ...]]
-    mesh_deviation_mm: float | None
-    sha256: str
-    turned: Matrix | None = None
-    pieces: tuple[str, ...] = ()
 
 
 def export_parts(
@@ -133,10 +104,10 @@ def export_parts(
     if sensor and "glb" in kinds:
         names.append(f"{ASSEMBLY}.glb")
     names += [f"{_plate(i)}.3mf" for i in range(len(plates))]
-    _earlier(Path(out_dir), names)
+    earlier(Path(out_dir), names)
     tell = progress or (lambda done, total, what: None)
     store = Store(design, tolerance_mm, cached)
-    with _stopped_in_one_line(), _folder(Path(out_dir)) as folder:
+    with _stopped_in_one_line(), staged(Path(out_dir)) as folder:
         batch = _Batch(folder, store, sensor)
         _make(batch, units, (design, tolerance_mm), jobs, tell)
         if sensor and "glb" in kinds:
@@ -145,15 +116,10 @@ def export_parts(
             batch.lay(_plate(i), plate)
         files = batch.files()
         (folder / MANIFEST).write_text(manifest(files), encoding="utf-8", newline="\n")
-        _place(folder, Path(out_dir), names)
+        place(folder, Path(out_dir), names)
     store.trim()
     tell(len(units), len(units), "done")
     return files
-
-
-def manifest(files: Sequence[PartFile]) -> str:
-    """The manifest's text: one entry a file, no times and no paths."""
-    return json.dumps({"files": [asdict(f) for f in files]}, indent=2) + "\n"
 
 
 def _name(part: Part | None, kind: str) -> str:
@@ -302,86 +268,6 @@ def _assembly_glb(batch: _Batch, design: Design) -> Made:
         deviations_mm.append(held.deviation_mm or 0.0)
     data = glb.glb_bytes(drawn, ASSEMBLY)
     return Made("glb", data, *whole(sizes), max(deviations_mm))
-
-
-def _place(folder: Path, out_dir: Path, names: Sequence[str]) -> None:
-    """Put the files where they belong; what an earlier export left besides them goes."""
-    # Once more: making them took a while.
-    earlier = _earlier(out_dir, names)
-    # Never beside files that it does not describe, also when what follows is cut short.
-    (out_dir / MANIFEST).unlink(missing_ok=True)
-    for name in earlier.difference(names):
-        (out_dir / name).unlink()
-    for name in (*names, MANIFEST):
-        os.replace(folder / name, out_dir / name)
-
-
-def _earlier(out_dir: Path, names: Iterable[str]) -> set[str]:
-    """Files of an earlier export that are there as its manifest says: ours to remove.
-
-    Raises InputError when anything else has one of the names.
-    """
-    listed = _listed(out_dir / MANIFEST)
-    same = {name for name, sha256 in listed.items() if _sha256(out_dir / name) == sha256}
-    if strange := [n for n in names if n not in same and os.path.lexists(out_dir / n)]:
-        path = out_dir / strange[0]
-        if path.is_dir():
-            what = "a folder"
-        else:
-            what = "changed since its export" if path.name in listed else "not of an export"
-        more = f" ({len(strange) - 1} more)" if strange[1:] else ""
-        raise InputError(f"{path}: {what}{more}; move it away, or export into another folder")
-    return same
-
-
-def _listed(path: Path) -> dict[str, str]:
-    """SHA-256 by file name as a manifest lists them; none when there is no manifest."""
-    if not os.path.lexists(path):
-        return {}
-    try:
-        entries = json.loads(path.read_text(encoding="utf-8"))["files"]
-        listed = {entry["file"]: entry["sha256"] for entry in entries}
-        if not all(_OURS.fullmatch(n) and isinstance(s, str) for n, s in listed.items()):
-            raise ValueError
-    except OSError as why:
-        raise InputError(f"{path}: cannot be read: {why.strerror}") from why
-    except (ValueError, KeyError, TypeError, RecursionError) as why:
-        raise InputError(
-            f"{path}: damaged, or not an export's; move it away, or export into another folder"
-        ) from why
-    return listed
-
-
-def _sha256(path: Path) -> str | None:
-    """None where there is no plain file: a link was put there by somebody."""
-    if path.is_symlink() or not path.is_file():
-        return None
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as why:
-        raise InputError(f"{path}: cannot be read: {why.strerror}") from why
-
-
-@contextmanager
-def _folder(out_dir: Path) -> Iterator[Path]:
-    """A temporary folder inside out_dir. On failure nothing is left of what was created."""
-    created = [path for path in (out_dir, *out_dir.parents) if not path.exists()]
-    try:
-        try:
-            out_dir.mkdir(parents=True, exist_ok=True)
-        except OSError as why:
-            raise InputError(f"{out_dir}: cannot be a folder to write: {why.strerror}") from why
-        try:
-            with tempfile.TemporaryDirectory(prefix=".export-", dir=out_dir) as folder:
-                yield Path(folder)
-        except OSError as why:
-            raise RunFailed(f"{out_dir}: cannot be written: {why.strerror or why}") from why
-    except BaseException:
-        for path in created:
-            with suppress(OSError):
-                path.rmdir()
-        raise
 
 
 @contextmanager

@@ -55,7 +55,7 @@ class ForceCurve:
         last = float(self.depth_mm[-1])
         if d.size and float(d.max()) > last * (1 + 1e-9):
             raise InputError(f"force curve: depth {float(d.max()):g} mm is past its end, {last:g}")
-        return evaluated(self._power_law, np.clip(d, 0, last))[0]
+        return evaluated(self._power_law, np.clip(d, 0, last))
 
     def scaled(self, modulus_mpa: float) -> ForceCurve:
         """The same curve for another modulus: forces in proportion."""

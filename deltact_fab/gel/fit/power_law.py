@@ -13,10 +13,9 @@ from ...arrays import Field
 
 
 class PowerLaw(NamedTuple):
-    """Monotone cubic of log force over log depth, its slope, its start, the exponent before it."""
+    """Monotone cubic of log force over log depth, its start, the exponent before it."""
 
     curve: Any
-    rise: Any
     start: float
     power: float
 
@@ -28,17 +27,15 @@ def interpolant(depth_mm: Field, normal_n: Field) -> PowerLaw:
     x, y = np.log(depth_mm), np.log(normal_n)
     curve = PchipInterpolator(x, y)
     # The exponent of the first interval; the one-sided slope of PCHIP is noisier.
-    return PowerLaw(curve, curve.derivative(), float(x[0]), float((y[1] - y[0]) / (x[1] - x[0])))
+    return PowerLaw(curve, float(x[0]), float((y[1] - y[0]) / (x[1] - x[0])))
 
 
-def evaluated(law: PowerLaw, at_mm: Field) -> tuple[Field, Field]:
-    """Value and slope at depths of 0 or more; a power law before the first point."""
+def evaluated(law: PowerLaw, at_mm: Field) -> Field:
+    """Value at depths of 0 or more; a power law before the first point."""
     touched = at_mm > 0
-    safe = np.where(touched, at_mm, 1.0)
-    t = np.log(safe)
+    t = np.log(np.where(touched, at_mm, 1.0))
     inner, before = np.maximum(t, law.start), np.minimum(t - law.start, 0.0)
-    value = np.where(touched, np.exp(law.curve(inner) + law.power * before), 0.0)
-    return value, value * np.where(t < law.start, law.power, law.rise(inner)) / safe
+    return np.where(touched, np.exp(law.curve(inner) + law.power * before), 0.0)
 
 
 def left_out(depth_mm: Field, normal_n: Field) -> float:
@@ -47,6 +44,6 @@ def left_out(depth_mm: Field, normal_n: Field) -> float:
     for k in range(1, len(depth_mm) - 1):
         kept = np.arange(len(depth_mm)) != k
         law = interpolant(depth_mm[kept], normal_n[kept])
-        value, _ = evaluated(law, depth_mm[k : k + 1])
+        value = evaluated(law, depth_mm[k : k + 1])
         worst = max(worst, abs(float(value[0]) / float(normal_n[k]) - 1))
     return worst

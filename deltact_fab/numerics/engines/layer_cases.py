@@ -1,0 +1,286 @@
+"""The bonded layer: ends of nu, E, friction, thickness and depth; corners of the skin; refusals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...elasticity.layer import BondedLayer
+from ...elasticity.material import GelMaterial
+from ...gel.linear.contact import LayerContact
+from ...gel.linear.state import ContactState
+from ...shapes import SkinDimensions
+from ...shapes.indenter import parse
+from ...types import Point
+from ..engine import Case
+from .layer_curves import (
+    DEPTH_MM,
+    SPHERE_MM,
+    extrapolated_percent,
+    punch_error_percent,
+    punch_order,
+    skin,
+    sphere_error_percent,
+)
+
+
+def _sphere(
+    spacing_mm: float,
+    scratch: Path,
+    *,
+    nu: float = 0.49,
+    thickness_mm: float = 12.0,
+    side_mm: tuple[float, float] = (36.0, 34.0),
+    depth_mm: float = DEPTH_MM,
+    diameter_mm: float = SPHERE_MM,
+    padding: float = 3.0,
+) -> float:
+    layer = BondedLayer.for_skin(
+        skin(side_mm, thickness_mm), GelMaterial(poisson=nu), spacing_mm, padding
+    )
+    return sphere_error_percent(layer, depth_mm, diameter_mm)
+
+
+def _state(
+    tip_mm: Point,
+    *,
+    modulus_mpa: float = 0.56,
+    friction: float = 0.5,
+    nu: float = 0.49,
+    spacing_mm: float = 0.25,
+    diameter_mm: float = SPHERE_MM,
+    side_mm: tuple[float, float] = (36.0, 34.0),
+    step_mm: float = 0.3,
+    before_mm: Point | None = None,
+) -> tuple[LayerContact, ContactState, ContactState]:
+    """Press, then move to the tip in steps; contact, the state before the last step, the last."""
+    layer = BondedLayer.for_skin(
+        skin(side_mm, 12.0), GelMaterial(modulus_mpa, nu, friction), spacing_mm
+    )
+    contact = LayerContact(layer, parse(f"sphere:{diameter_mm:g}"))
+    states = [contact.rest((tip_mm[0], tip_mm[1], 0.0))]
+    for target in (tip_mm,) if before_mm is None else (before_mm, tip_mm):
+        states += contact.path(states[-1], target, step_mm)
+    return contact, states[-2] if len(states) > 1 else states[-1], states[-1]
+
+
+def violation(contact: LayerContact, before: ContactState, state: ContactState) -> float:
+    """Worst breach of the laws of contact over the depth, worked out anew on the whole grid.
+
+    Penetration, a gap under pressure, a shear above friction x pressure (as a share of its bound),
+    slip where it sticks: independent of the residual that the solver reports.
+    """
+    layer, depth = contact.layer, state.tip_mm[2]
+    traction = np.concatenate([state.shear_mpa, -state.pressure_mpa[..., None]], axis=-1)
+    u = layer.apply(traction)
+    xx, yy = np.meshgrid(layer.x_mm, layer.y_mm)
+    dragged = layer.apply(np.concatenate([state.drag_mpa, 0 * u[..., 2:]], axis=-1))[..., :2]
+    height = contact.indenter.height_mm(
+        xx + dragged[..., 0] - state.tip_mm[0], yy + dragged[..., 1] - state.tip_mm[1]
+    )
+    gap = height - depth - u[..., 2]
+    touching = state.pressure_mpa > 0
+    worst = max(float(-gap.min()), float(np.abs(gap[touching]).max())) / depth
+    if contact.friction == 0:
+        return worst
+    was, now = before.tip_mm, state.tip_mm
+    share = 1.0 if was[2] >= 0 else now[2] / (now[2] - was[2])
+    travel = share * np.array([now[0] - was[0], now[1] - was[1]])
+    bound = contact.friction * state.pressure_mpa
+    moved = u[..., :2] - before.displacement_mm[..., :2]
+    # The shear, and that of the same pressures without the travel.
+    for shear, slip in (
+        (state.shear_mpa, moved - travel),
+        (state.shear_mpa - state.drag_mpa, moved - (dragged - before.drag_mm)),
+    ):
+        size = np.hypot(shear[..., 0], shear[..., 1])
+        worst = max(worst, float((size - bound).max() / bound.max()))
+        sticks = touching & (size < bound * (1 - 1e-2))
+        if sticks.any():
+            worst = max(worst, float(np.abs(slip[sticks]).max()) / depth)
+    return worst
+
+
+def _laws(tip_mm: Point, scratch: Path, **options: Any) -> tuple[float, str]:
+    contact, before, state = _state(tip_mm, **options)
+    fx, _, fz = state.force_n
+    return violation(contact, before, state), f"Fx {fx:+.3f} N, Fz {fz:+.3f} N"
+
+
+def _scaled(factor: float, what: str, scratch: Path) -> float:
+    """Press and shear with E and with E x factor: the change of force / E, or of iterations."""
+    options: dict[str, Any] = {"before_mm": (0.0, 0.0, DEPTH_MM)}
+    tip = (0.3, 0.0, DEPTH_MM)
+    one, other = (_state(tip, modulus_mpa=e, **options)[2] for e in (0.56, 0.56 * factor))
+    if what == "iterations":
+        return float(other.iterations - one.iterations)
+    f, g = np.array(one.force_n), np.array(other.force_n) / factor
+    return float(np.abs(g - f).max() / np.abs(f).max())
+
+
+def _translated(scratch: Path) -> float:
+    """Near a corner of the skin, a whole number of nodes away: the layer has no sides."""
+    layer = BondedLayer.for_skin(SkinDimensions(), GelMaterial(), 0.25)
+    contact = LayerContact(layer, parse("sphere:10"))
+    here = contact.solve(contact.rest(), (0.0, 0.0, DEPTH_MM)).force_n[2]
+    there = contact.solve(contact.rest((14.0, 13.0, 0.0)), (14.0, 13.0, DEPTH_MM)).force_n[2]
+    return abs(there / here - 1)
+
+
+def _depth_zero(scratch: Path) -> float:
+    layer = BondedLayer.for_skin(SkinDimensions(), GelMaterial(), 0.5)
+    contact = LayerContact(layer, parse("sphere:10"))
+    state = contact.solve(contact.rest(), (0.0, 0.0, 0.0))
+    return float(np.abs(state.displacement_mm).max() + np.abs(state.force_n).max())
+
+
+def _unloaded(scratch: Path) -> float:
+    contact, _, state = _state((0.3, 0.0, 1.0), before_mm=(0.0, 0.0, 1.0))
+    *_, free = contact.path(state, (0.3, 0.0, 0.0))
+    return float(np.abs(free.displacement_mm).max() + np.abs(free.force_n).max())
+
+
+def _increments(steps: int, component: int, scratch: Path) -> float:
+    """Shear of 1 mm in `steps` increments against 24; relative change of one force component."""
+    forces = []
+    for n in (steps, 24):
+        layer = BondedLayer.for_skin(SkinDimensions(), GelMaterial(), 0.25)
+        contact = LayerContact(layer, parse("sphere:10"))
+        *_, pressed = contact.path(contact.rest(), (0.0, 0.0, DEPTH_MM), 0.1)
+        *_, sheared = contact.path(pressed, (1.0, 0.0, DEPTH_MM), 1.0 / n)
+        forces.append(sheared.force_n[component])
+    return forces[0] / forces[1] - 1
+
+
+def _mirrored(scratch: Path) -> float:
+    forces = [
+        _state((sign * 0.3, 0.0, DEPTH_MM), before_mm=(0.0, 0.0, DEPTH_MM))[2].force_n
+        for sign in (1, -1)
+    ]
+    return abs(forces[0][0] + forces[1][0]) / abs(forces[0][0])
+
+
+def _extrapolated(nu: float, scratch: Path) -> float:
+    return extrapolated_percent(nu, 256)
+
+
+def _by_cells(nu: float, scratch: Path) -> float:
+    return punch_error_percent(nu, 256, cells=True)
+
+
+def _order_less_1(nu: float, scratch: Path) -> float:
+    return punch_order(nu, 512) - 1
+
+
+def _run(call: Callable[[], Any], scratch: Path) -> float:
+    call()
+    return math.nan
+
+
+def _refused(name: str, says: str, tip_mm: Point, **options: Any) -> Case:
+    return Case(
+        name, "refused", partial(_run, partial(_state, tip_mm, step_mm=9.0, **options)), says=says
+    )
+
+
+def _material(**values: float) -> None:
+    from ... import catalog
+
+    catalog.validate(GelMaterial, values, "options")
+
+
+def cases(quick: bool) -> Sequence[Case]:
+    """Ends of nu, E, friction, thickness and depth; the corners of the skin; the flat punch."""
+    percent = "% of the force"
+    grid_mm = 0.25 if quick else 0.18
+    out = [
+        Case(f"sphere, nu {nu:g}, padding 3", "right", partial(_sphere, grid_mm, nu=nu), 0.05,
+             percent)
+        for nu in ((0.3, 0.5) if quick else (0.0, 0.3, 0.45, 0.49, 0.4999, 0.5))
+    ]  # fmt: skip
+    out += [
+        Case(f"E x {factor:g}: force over E", "right", partial(_scaled, factor, "force"), 1e-9, "")
+        for factor in ((1e3,) if quick else (1e-3, 1e3))
+    ]
+    out += [
+        Case(f"E x {factor:g}: iterations", "right", partial(_scaled, factor, "iterations"), 0,
+             "more iterations")
+        for factor in ((1e3,) if quick else (1e-3, 1e3))
+    ]  # fmt: skip
+    out += [
+        Case(f"friction {mu:g}, press and shear", "right or refused",
+             partial(_laws, (0.3, 0.0, DEPTH_MM), friction=mu, before_mm=(0.0, 0.0, DEPTH_MM)),
+             1e-5, "of the depth", "contact:")
+        for mu in ((0.5, 100.0) if quick else (0.0, 0.01, 0.5, 1.0, 5.0, 100.0))
+    ]  # fmt: skip
+    out += [
+        Case("depth 0", "right", _depth_zero, 0.0, "mm and N"),
+        Case("pressed, sheared, lifted", "right", _unloaded, 0.0, "mm and N"),
+        Case("shear to -x mirrors +x", "right", _mirrored, 1e-5, "of the force"),
+        Case("14 mm and 13 mm off the centre", "right", _translated, 1e-6, "of the force"),
+        _refused("depth over 25 % of the gel", "25 %", (0.0, 0.0, 3.01)),
+        _refused("depth 1e-3 mm with the tip between nodes", "touches no grid node",
+                 (0.0, 0.0, 1e-3)),
+        _refused("tip beside the skin", "off the face", (18.5, 0.0, 1.0)),
+        _refused("contact over a corner of the skin", "over the face", (17.5, 16.5, 1.0)),
+        _refused("sphere:30 on a gel of 12 x 12 mm", "over the face", (1.0, 0.0, 2.5),
+                 diameter_mm=30.0, side_mm=(12.0, 12.0)),
+        _refused("sphere:30 on a gel of 8 x 8 mm", "half the period", (0.0, 0.0, 2.5),
+                 diameter_mm=30.0, side_mm=(8.0, 8.0)),
+        _refused("sphere:3 to its equator", "sphere:3", (0.0, 0.0, 1.5), diameter_mm=3.0),
+        _refused("depth NaN", "finite", (0.0, 0.0, math.nan)),
+        Case("nu 0.51", "refused", partial(_run, partial(_material, poisson=0.51)),
+             says="poisson"),
+        Case("E 0", "refused", partial(_run, partial(_material, modulus_mpa=0.0)),
+             says="modulus_mpa"),
+        Case("friction -0.1", "refused", partial(_run, partial(_material, friction=-0.1)),
+             says="friction"),
+    ]  # fmt: skip
+    if quick:
+        return out
+    out += [
+        Case("sphere, 25 % deep", "right", partial(_sphere, 0.18, depth_mm=3.0), 0.05, percent),
+        Case("sphere, 1 % deep", "right", partial(_sphere, 0.125, depth_mm=0.12), 0.5, percent),
+        # The images of a thick layer are nearer for its thickness: more padding, as one would set.
+        *(
+            Case(f"sphere, thickness {h:g} mm, 10 % deep, padding {padding:g}", "right",
+                 partial(_sphere, spacing, thickness_mm=h, side_mm=side, depth_mm=0.1 * h,
+                         padding=padding), 0.2, percent)
+            for h, spacing, side, padding in (
+                (1.0, 0.06, (12.0, 12.0), 3.0), (3.0, 0.1, (24.0, 24.0), 3.0),
+                (30.0, 0.3, (36.0, 34.0), 8.0),
+            )
+        ),
+        Case("sphere:30, wider than a gel of 20 x 20 mm", "right",
+             partial(_sphere, 0.1, diameter_mm=30.0, side_mm=(20.0, 20.0), padding=5.0), 0.05,
+             percent),
+        Case("friction 0.5 at 25 % of the gel, press and shear", "right or refused",
+             partial(_laws, (0.5, 0.0, 3.0), before_mm=(0.0, 0.0, 3.0), step_mm=0.25), 1e-5,
+             "of the depth", "contact:"),
+        *(
+            Case(f"shear of 1 mm in {n} increments against 24, {axis}", "right",
+                 partial(_increments, n, component), 0.01, "of the force")
+            for n in (1, 4, 12) for axis, component in (("Fx", 0), ("Fz", 2))
+        ),
+        *(
+            Case(f"flat punch, 256 x 256 cells, nu {nu:g}", "right",
+                 partial(_by_cells, nu), 0.5, percent)
+            for nu in (0.3, 0.45, 0.5)
+        ),
+        *(
+            Case(f"flat punch, 256 x 256 with 128 x 128 nodes, nu {nu:g}", "right",
+                 partial(_extrapolated, nu), 0.5, percent)
+            for nu in (0.3, 0.45, 0.5)
+        ),
+        *(
+            Case(f"flat punch, order less 1, nu {nu:g}", "right",
+                 partial(_order_less_1, nu), 0.15, "")
+            for nu in (0.3, 0.45, 0.5)
+        ),
+    ]  # fmt: skip
+    return out
