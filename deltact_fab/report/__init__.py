@@ -1,1 +1,1 @@
-"""Results become pages, figures and tables that need no network and no script to be read."""
+"""Results become pages, figures and tables that open without a network."""
