@@ -285,10 +285,10 @@ def diagram() -> str:
     line = y(len(rows)) + 14
     said = "used by all layers, no arrows drawn:"
     out.append(f'<text class="note" x="{MARGIN}" y="{line - 26}">{said}</text>')
-    at = (width - ground) / 2
+    edge = (width - ground) / 2
     for name in GROUND:
-        out += box(name, at + layout.width(name) / 2, line + 8)
-        at += layout.width(name) + 14
+        out += box(name, edge + layout.width(name) / 2, line + 8)
+        edge += layout.width(name) + 14
     return "\n".join([*out, "</svg>"]) + "\n"
 
 

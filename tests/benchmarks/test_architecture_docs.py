@@ -50,7 +50,7 @@ def test_boxes_stand_apart_and_in_the_picture() -> None:
         r'<rect class="box[^"]*" x="(\d+)" y="(\d+)" width="(\d+)" height="30"', text
     )
     boxes = [tuple(map(int, box)) for box in found]
-    width = int(re.search(r'width="(\d+)"', text)[1])  # type: ignore[index]
+    width, _ = map(int, re.findall(r'viewBox="0 0 (\d+) (\d+)"', text)[0])
     assert len(boxes) == len(architecture.packages().splitlines()) - 2
     for k, (x, y, wide) in enumerate(boxes):
         assert x >= 0
