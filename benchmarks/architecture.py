@@ -22,7 +22,7 @@ RECORDS = DOCS / "decisions"
 PACKAGE = "deltact_fab"
 
 # Everything may use these, and nearly everything does: drawn as one row, without arrows.
-GROUND = ("catalog", "cache", "jobs", "pdf", "reading", "errors", "units", "digest")
+GROUND = {"catalog", "cache", "jobs", "pdf", "files", "reading", "errors", "units", "digest"}
 
 STEP = 66  # px from row to row
 BOX = 30  # px
@@ -35,13 +35,22 @@ MARGIN = 28
 Graph = dict[str, set[str]]
 
 
-def layers() -> list[list[str]]:
-    """The rows of the layer contract, highest first, without the ground."""
+def rows_of_contract() -> list[list[str]]:
+    """The rows of the layer contract, highest first."""
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]
     (layered,) = [c for c in contracts["contracts"] if c["type"] == "layers"]
-    rows = [[name.strip() for name in row.split("|")] for row in layered["layers"]]
-    kept = [[name for name in row if name not in GROUND] for row in rows]
+    return [[name.strip() for name in row.split("|")] for row in layered["layers"]]
+
+
+def layers() -> list[list[str]]:
+    """The rows that are drawn with arrows: those above the ground."""
+    kept = [[name for name in row if name not in GROUND] for row in rows_of_contract()]
     return [row for row in kept if row]
+
+
+def ground() -> list[str]:
+    """What all may use, in the order of the layers."""
+    return [name for row in rows_of_contract() for name in row if name in GROUND]
 
 
 def sides() -> tuple[set[str], set[str]]:
@@ -236,8 +245,9 @@ def diagram() -> str:
     estimators, truth = sides()
     left = min(layout.x[n] - layout.width(n) / 2 for n in layout.x)
     right = max(layout.x[n] + layout.width(n) / 2 for n in layout.x)
-    ground = 24 * len(GROUND) + LETTER * sum(map(len, GROUND)) + 14 * (len(GROUND) - 1)
-    width = round(max(right - left, ground) + 2 * MARGIN)
+    below = ground()
+    base = sum(map(layout.width, below)) + 14 * (len(below) - 1)
+    width = round(max(right - left, base) + 2 * MARGIN)
     shift = (width - right - left) / 2
     top = 74
     height = top + STEP * len(rows) + 64
@@ -285,8 +295,8 @@ def diagram() -> str:
     line = y(len(rows)) + 14
     said = "used by all layers, no arrows drawn:"
     out.append(f'<text class="note" x="{MARGIN}" y="{line - 26}">{said}</text>')
-    edge = (width - ground) / 2
-    for name in GROUND:
+    edge = (width - base) / 2
+    for name in below:
         out += box(name, edge + layout.width(name) / 2, line + 8)
         edge += layout.width(name) + 14
     return "\n".join([*out, "</svg>"]) + "\n"
@@ -312,7 +322,7 @@ def _path(points: list[tuple[float, int]]) -> str:
 def packages() -> str:
     """What each package or top module is for, in the order of the layers, as a table."""
     lines = ["| package | what it is for |", "|---|---|"]
-    for name in [name for row in layers() for name in row] + list(GROUND):
+    for name in [name for row in layers() for name in row] + ground():
         folder = ROOT / PACKAGE / name
         file = folder / "__init__.py" if folder.is_dir() else folder.with_suffix(".py")
         said = ast.get_docstring(ast.parse(file.read_text())) or ""
