@@ -21,8 +21,9 @@ PAGE = DOCS / "architecture.md"
 RECORDS = DOCS / "decisions"
 PACKAGE = "deltact_fab"
 
-# Everything may use these, and nearly everything does: drawn as one row, without arrows.
-GROUND = {"catalog", "cache", "jobs", "pdf", "files", "reading", "errors", "units", "digest"}
+# The lowest package that is about the sensor. Everything may use what stands beside and below it in
+# the contract, and nearly everything does: that is drawn as one block, without arrows.
+LOWEST = "shapes"
 
 STEP = 66  # px from row to row
 BOX = 30  # px
@@ -43,14 +44,17 @@ def rows_of_contract() -> list[list[str]]:
 
 
 def layers() -> list[list[str]]:
-    """The rows that are drawn with arrows: those above the ground."""
-    kept = [[name for name in row if name not in GROUND] for row in rows_of_contract()]
+    """The rows that are drawn with arrows: down to LOWEST."""
+    below = ground()
+    kept = [[name for name in row if name not in below] for row in rows_of_contract()]
     return [row for row in kept if row]
 
 
 def ground() -> list[str]:
     """What all may use, in the order of the layers."""
-    return [name for row in rows_of_contract() for name in row if name in GROUND]
+    rows = rows_of_contract()
+    (lowest,) = [i for i, row in enumerate(rows) if LOWEST in row]
+    return [name for row in rows[lowest:] for name in row if name != LOWEST]
 
 
 def sides() -> tuple[set[str], set[str]]:
@@ -245,12 +249,11 @@ def diagram() -> str:
     estimators, truth = sides()
     left = min(layout.x[n] - layout.width(n) / 2 for n in layout.x)
     right = max(layout.x[n] + layout.width(n) / 2 for n in layout.x)
-    below = ground()
-    base = sum(map(layout.width, below)) + 14 * (len(below) - 1)
-    width = round(max(right - left, base) + 2 * MARGIN)
+    width = round(right - left + 2 * MARGIN)
     shift = (width - right - left) / 2
     top = 74
-    height = top + STEP * len(rows) + 64
+    base = _lines(ground(), width - 2 * MARGIN, layout)
+    height = top + STEP * len(rows) + 22 + 42 * len(base)
 
     def y(i: int) -> int:
         return top + STEP * i
@@ -295,11 +298,22 @@ def diagram() -> str:
     line = y(len(rows)) + 14
     said = "used by all layers, no arrows drawn:"
     out.append(f'<text class="note" x="{MARGIN}" y="{line - 26}">{said}</text>')
-    edge = (width - base) / 2
-    for name in below:
-        out += box(name, edge + layout.width(name) / 2, line + 8)
-        edge += layout.width(name) + 14
+    for k, names in enumerate(base):
+        edge: float = MARGIN
+        for name in names:
+            out += box(name, edge + layout.width(name) / 2, line + 8 + 42 * k)
+            edge += layout.width(name) + 14
     return "\n".join([*out, "</svg>"]) + "\n"
+
+
+def _lines(names: list[str], most: float, layout: Layout) -> list[list[str]]:
+    """Names in lines of at most so many px."""
+    lines: list[list[str]] = [[]]
+    for name in names:
+        if sum(layout.width(n) + 14 for n in lines[-1]) + layout.width(name) > most:
+            lines.append([])
+        lines[-1].append(name)
+    return lines
 
 
 def _path(points: list[tuple[float, int]]) -> str:
