@@ -1,4 +1,4 @@
-"""What a run says of the sensor that it was recorded on."""
+"""The sensor that a run was recorded on, as the run describes it."""
 
 from __future__ import annotations
 

@@ -148,7 +148,7 @@ class _Sides(NamedTuple):
 
 
 def turned(component: int, parts: Field) -> Field:
-    """Between a class, which is said of u_z, and a component's own parity (y, x, ...)."""
+    """Between a class, which is that of u_z, and a component's own parity (y, x, ...)."""
     if component == 0:
         return parts[:, ::-1]
     return parts[::-1] if component == 1 else parts

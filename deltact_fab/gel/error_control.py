@@ -1,4 +1,4 @@
-"""The way of one press solved on a ladder of meshes: its error, and cells that keep to it.
+"""The path of one press solved on a ladder of meshes: its error, and the cells that meet it.
 
 Each mesh is COARSER times as fine as the one before and starts from that one's increments. Two of
 them show the mesh's part of the error, forces being as a hard contact would have them
@@ -54,7 +54,7 @@ WORTH = 0.9  # a refinement that work affords by less is not made
 
 @dataclass(frozen=True, eq=False)
 class SolvedPath:
-    """The way solved once, on what was chosen for it."""
+    """The path solved once, on the level and mesh chosen for it."""
 
     choice: Choice
     solver: PathSolver
@@ -237,7 +237,7 @@ class Ladder:
         return Errors(FEWER * STEP_FORCE * _size(force, run), FEWER * STEP_IN_PLANE * in_plane)
 
     def _wanted(self) -> float:
-        """Factor of the cells by which the estimate comes to AIM."""
+        """Factor of the cells at which the estimate reaches AIM."""
         mesh, step = self._mesh_part(), self._by_step
         goals = AIM * self.tolerance, AIM * self.in_plane_mm
         least = [

@@ -75,7 +75,7 @@ class Choice:
     growth: float = 1.0
 
     def times(self, spacing: float = 1.0, step: float = 1.0) -> Choice:
-        """The same with cells or grid, and steps, so many times as large.
+        """The same with cells or grid, and steps, larger by these factors.
 
         So many cells become one, those that grow too: with one growth for all meshes the cells away
         from the contact were alike, and a comparison did not show what they cost.
@@ -162,7 +162,7 @@ class GelContact(Protocol):
     def guide(self, states: Sequence[Any]) -> Any:
         """From states of a coarser mesh along the same way, what `solve` then starts from.
 
-        It changes the work and not what is solved. None where that is of no use.
+        It changes the work and not what is solved. None where that does not help.
         """
 
     def lacking_rel(self, state: Any) -> float:

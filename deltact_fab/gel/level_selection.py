@@ -152,7 +152,7 @@ def _affordable_mm(
     skin: SkinDimensions, indenter: Indenter, reach: Reach, mirrors: tuple[bool, bool],
     spacing_mm: float, most: int, growth: float,
 ) -> float:  # fmt: skip
-    """The smallest cells from spacing_mm on whose mesh has at most so many unknowns."""
+    """The smallest cells from spacing_mm on whose mesh has at most this many unknowns."""
     h, largest = spacing_mm, skin.thickness_mm / 2
     while h < largest:
         focus = focus_mm(skin, indenter, reach, h)

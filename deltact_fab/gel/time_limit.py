@@ -1,4 +1,4 @@
-"""A limit of wall time on what is solved inside of it; the solvers' loops ask."""
+"""A limit of wall time on what is solved inside it; the solvers' loops check it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _END_S: ContextVar[float] = ContextVar("end_s", default=math.inf)
 
 @contextmanager
 def within(seconds: float) -> Iterator[None]:
-    """`check` raises from so many seconds on, or from where a limit around this one ends."""
+    """`check` raises after this many seconds, or where an enclosing limit ends."""
     token = _END_S.set(min(_END_S.get(), time.perf_counter() + seconds))
     try:
         yield

@@ -68,7 +68,7 @@ class Health:
 
 
 def health(reference: Array, now: Array, camera: CameraModel) -> Health:
-    """Hold an unloaded image against the calibration's, both as the camera's images are tracked.
+    """Compare an unloaded image with the calibration's, both as the camera's images are tracked.
 
     reference, now: (h, w, 3) BGR or (h, w) grey, uint8, of the camera's size. Raises InputError
     for another size, and for a reference without texture.

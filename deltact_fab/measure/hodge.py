@@ -31,13 +31,13 @@ NEAR = 16  # cells within which the lattice's Green's function is integrated, no
 
 
 def decompose(flow: FaceFlow) -> Hodge:
-    """The parts of a flow, each worked out when it is asked for; mm. Its holes are `whole`'s."""
+    """The parts of a flow, each computed on first use; mm. Its holes are `whole`'s."""
     return Hodge(whole(flow).shift_mm)
 
 
 @dataclass(frozen=True, eq=False)
 class Hodge:
-    """The parts of a field (h, w, 2), each of that shape, computed once when first asked for.
+    """The parts of a field (h, w, 2), each of that shape, computed once, on first use.
 
     d, or hr = h + r = V - d: two transforms; r: two of its own; h needs both. float32 or float64
     as the field is. Raises InputError for a field that is not finite everywhere.

@@ -1,4 +1,4 @@
-"""A flow without holes: what is not known is continued from what is, and stays marked."""
+"""A flow without holes: unknown parts are continued from known ones, and stay marked."""
 
 from __future__ import annotations
 

@@ -171,7 +171,7 @@ def _if_varies(about_mean: Array, y: Array) -> float:
 
 
 def _condition(columns: Array) -> float:
-    """Largest over smallest singular value; 1 of no column."""
+    """Largest over smallest singular value; 1 without columns."""
     return float(np.linalg.cond(columns)) if columns.shape[1] else 1.0
 
 

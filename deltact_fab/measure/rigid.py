@@ -1,4 +1,4 @@
-"""The motion of the whole view, and what is left without it."""
+"""The rigid motion of the whole view, and the flow that remains without it."""
 
 from __future__ import annotations
 

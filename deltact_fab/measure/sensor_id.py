@@ -25,7 +25,7 @@ _WRITERS: dict[str, str] = {"depth": "calibrate-depth", "force": "analyze force"
 
 @dataclass(frozen=True)
 class SensorId:
-    """What tells one sensor from another; None is what a source of images does not know.
+    """What identifies a sensor; None where a source of images does not know it.
 
     pattern, camera: short digests of the pattern's recipe and of the camera as it is stored. The
     camera's says most: no two calibrated lenses have the same numbers.

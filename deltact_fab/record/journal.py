@@ -39,7 +39,7 @@ CREATE TABLE events (
 PRESS_TABLES = ("frames", "samples", "steps")  # whose rows belong to a press and go with it
 WALL_COLUMNS = ("wall_s",)  # the only columns in which two equal runs may differ
 # A resumed run may also differ in the rig's clock, which starts anew with each session; and in its
-# events, which tell what became of it.
+# events, which tell how it ended.
 CLOCK_COLUMNS = (*WALL_COLUMNS, "t_s", "t_start_s", "t_end_s", "origin_s")
 
 

@@ -98,7 +98,7 @@ class _SummaryFile(TypedDict, total=False):
 
 
 class Kept(dict[str, Any]):
-    """A table of a kept file: a key that it lacks is bad input, and no fault of who reads it."""
+    """A table of a kept file: a missing key is bad input, not an error of the reader."""
 
     source = ""
 

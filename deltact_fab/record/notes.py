@@ -50,7 +50,7 @@ def add(folder: Path, text: str) -> dict[str, Any]:
 
 
 def usable(text: str) -> str:
-    """A note's text without blanks at its ends. Raises InputError for what is no note."""
+    """A note's text without blanks at its ends. Raises InputError where that is no note."""
     text = text.strip()
     if not 0 < len(text) <= LONGEST:
         raise InputError(f"note: {len(text)} characters, 1 to {LONGEST} are right")

@@ -2,8 +2,8 @@
 
 A row is committed only after its file is on the disk, so a kill at any time leaves no row without
 its file. Rows are committed in the order in which they were put, at most BATCH of them or BATCH_S
-after the first of them. Whoever puts an image finds room for it or waits, or is told that there is
-none.
+after the first of them. A caller that adds an image finds room for it or waits, or
+learns that there is none.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class _Entry:
     rows: Sequence[tuple[str, TableRow]]
     digest: Future[str] | None = None
     history: bool = False
-    """Told even after a failure: what became of the run."""
+    """Written even after a failure: how the run ended."""
 
 
 class Pipeline:

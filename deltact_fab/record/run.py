@@ -192,7 +192,7 @@ class Run:
         return (self.folder / "summary.json").is_file()
 
     def summary(self) -> dict[str, Any]:
-        """What the run said of itself at its end; empty when it was cut off."""
+        """The run's own summary, written at its end; empty when it was cut off."""
         if not self.finished:
             return {}
         try:

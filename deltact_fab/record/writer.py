@@ -225,7 +225,7 @@ class RunWriter:
         self._writing.put([("events", _event(kind, text, t_s, step))], history=True)
 
     def ready(self) -> None:
-        """Images will come, and nobody may wait for what writing them needs to be loaded."""
+        """Load what writing images needs, so that the first one does not wait for it."""
         ready(self.image_format)
 
     def flush(self) -> None:
@@ -260,7 +260,7 @@ class RunWriter:
             self.abandon()
 
     def abandon(self) -> None:
-        """Let go of the folder with all that was given; never raises, to mask no other error."""
+        """Release the folder with all that was written; never raises, to mask no other error."""
         self._writing.close()
         with suppress(sqlite3.Error):
             self._db.close()

@@ -1,4 +1,4 @@
-"""`study run comparison`: the paper's table of sensors recomputed, its claims held against it.
+"""`study run comparison`: the paper's table of sensors recomputed, and its claims compared with it.
 
 Paper: "Sensor Comparison", the sentences on size in "Hardware Design" and "Discussion and
 Conclusion". Own designs (`cad/*.toml`) stand in rows beside it. Nothing is simulated.

@@ -1,4 +1,4 @@
-"""What jobs say of their gel (`press_jobs.gel_of`), as a page tells it."""
+"""What jobs report of their gel (`press_jobs.gel_of`), in words for a page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A grid of pure jobs: each kept under the hash of what it was given, so that a study goes on."""
+"""A grid of pure jobs: each stored under the hash of its arguments, so a study can go on."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Job:
     cost: float = 0.0
 
     def key(self) -> dict[str, Any]:
-        """What its result is kept under. Raises TypeError for what is no plain data."""
+        """The key of its result in the store. Raises TypeError for what is not plain data."""
         top, _, module = self.work.__module__.partition(".")
         folder = Path(str(sys.modules[top].__file__)).parent
         return {
@@ -57,7 +57,7 @@ class Job:
         }
 
     def plain(self) -> dict[str, Any]:
-        """What it is given, as JSON has it. Raises TypeError for what is no plain data."""
+        """Its arguments by way of JSON. Raises TypeError for what is not plain data."""
         try:
             plain: dict[str, Any] = json.loads(json.dumps(self.given))
         except TypeError as why:
@@ -67,7 +67,7 @@ class Job:
 
 class Grid(Mapping[str, Value]):
     """Results of jobs by name. Of a job that has none, and of all while one is missing, it raises
-    RunFailed: whoever goes on without them says so, by `partial` and `missing`.
+    RunFailed; a caller that can do without them uses `partial` and `missing`.
 
     missing: why each job has no result, by name. kept: how many were there from before.
     """
@@ -117,8 +117,8 @@ def solve(
 ) -> Grid:
     """The results of jobs; those that are kept are not done again, and each is kept when it ends.
 
-    A failure ends that job and no other. progress: hears of each job's end, with the remaining
-    time. say: hears what there is to do, before it is begun, and each failure. Raises ValueError
+    A failure ends that job and no other. progress: told of each job's end, with the remaining
+    time. say: told what there is to do, before it begins, and each failure. Raises ValueError
     for two jobs of one name; the error itself when every job fails; Stopped on Ctrl-C; RunFailed
     when what they run on is gone.
     """
@@ -137,7 +137,7 @@ def solve(
 
 
 class _Books:
-    """What is found, missing and to do while a grid is solved, and what is said of it."""
+    """What is found, missing and to do while a grid is solved, and the messages about it."""
 
     def __init__(
         self,
@@ -178,7 +178,7 @@ class _Books:
             self._progress(done, len(self._jobs), f"{what}{left and f', {left}'}")
 
     def told(self, index: int, share: Any) -> None:
-        """A job tells the share of it that is done."""
+        """A job reports the share of it that is done."""
         if isinstance(share, int | float):
             self._pace.share(index, share)
             self.tick(self.todo[index].name)
@@ -225,7 +225,7 @@ def width_of(executor: Executor | None) -> int:
 
 
 def _do(job: Job) -> tuple[bytes, Value]:
-    """A job's value as it is kept: what comes now and what comes from the store are the same."""
+    """A job's value as it is stored, so that a fresh and a stored one are the same."""
     value = job.work(job.plain())
     arrays: dict[str, Any] = {k: v for k, v in value.items() if isinstance(v, np.ndarray)}
     plain = {k: v for k, v in value.items() if k not in arrays}

@@ -1,4 +1,4 @@
-"""How well a figure is known that was found over a few seeds, positions or presses.
+"""The uncertainty of a figure found over a few seeds, positions or presses.
 
 Samples of one group (one position's presses) err together, so only whole groups count as repeats.
 The interval is the delete-one-group jackknife with Student's t of (groups - 1) degrees of freedom

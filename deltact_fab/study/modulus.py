@@ -1,4 +1,4 @@
-"""What the gel's modulus, known to a factor of 2, changes of what a study says.
+"""How the gel's modulus, known to a factor of 2, affects a study's results.
 
 Stresses of the simulated gel are in proportion to it at one and the same deformation (so is every
 force that is solved here: `gel.path` solves for 1 MPa). So it changes newtons, and nothing that is

@@ -1,7 +1,7 @@
 """Tracking errors of the pattern selection: a pattern, an indenter and a tracker at a time.
 
 The paper's error is that at the dots (Eq. 7), averaged over the frames of an indenter; a pattern's
-is the mean of its indenters'. How well it is known is said over indenters, which differ most.
+is the mean of its indenters'. Its interval is taken over indenters, which differ most.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Printed:
     """A pattern as tables name it. d_mm, r: None where it is none of Algorithm 1.
 
     rounds: of the paper's two that it stands in. paper_mm: the paper's error, None where it gives
-    none; paper_about: it is said of all patterns of this d.
+    none; paper_about: it applies to all patterns of this d.
     """
 
     name: str

@@ -20,7 +20,7 @@ from ..shapes import SensorDimensions
 from ..virtual.presses import Presses, path_of
 from .stream import PressStream, Truth
 
-# CPU seconds on one core, about, for the time that is told beforehand.
+# CPU seconds on one core, about, for the time that is announced beforehand.
 GEOMETRY_S, PATTERN_S, PRINT_S, KNOT_S = 0.6, 0.34, 1.2, 10.0
 FIGURES = ("mean_at_dots_mm", "mean_off_dots_mm", "coverage")
 """Columns of a job's table of frames."""

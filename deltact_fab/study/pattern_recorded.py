@@ -1,6 +1,6 @@
-"""The pattern selection of a lab that has a bench: recorded runs, each of one tactile base.
+"""The pattern selection from recorded runs of a bench, each of one tactile base.
 
-The paper's error needs the dots only, so no truth is asked for; a simulated run has it too.
+The paper's error needs the dots only, and no truth; simulated runs can be used too.
 """
 
 from __future__ import annotations

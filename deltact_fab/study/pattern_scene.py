@@ -1,4 +1,4 @@
-"""What a pattern selection is asked to simulate, cut into jobs.
+"""What a pattern selection simulates, split into jobs.
 
 A press of the gel is solved once and serves all patterns and all presses that are its mirror
 images; a press is drawn and tracked under all patterns in one job, which shares its geometry.
@@ -48,7 +48,7 @@ class Selection:
 
     @classmethod
     def of(cls, asked: Asked) -> Selection:
-        """As it was asked for. Raises InputError for a rig that is real, or names not known."""
+        """As requested. Raises InputError for a real rig or unknown names."""
         whole, _ = plan.load(str(asked.more.get("protocol") or PROTOCOL))
         config, source = rig_config.load(asked.rig or RIG)
         if not isinstance(config, VirtualConfig):

@@ -1,4 +1,4 @@
-"""Presses on the virtual rig as a pure job has them: told as data, in a folder that ends with them.
+"""Presses on the virtual rig inside a pure job: given as data, in a folder removed at the end.
 
 Each is carried out as a run has it, and its record analysed as any other; then the images go.
 """
@@ -37,7 +37,7 @@ def given(
     presses: Sequence[str],
     seed: int,
 ) -> dict[str, Any]:
-    """What `carried_out` is told, plain data. source: of the rig file.
+    """Arguments of `carried_out` as plain data. source: of the rig file.
 
     Where that names the file of a camera, it is read again by the job, from the same place.
     """
@@ -88,7 +88,7 @@ def carried_out(told: dict[str, Any]) -> Iterator[tuple[Run, VirtualRig]]:
 
 
 def gel_of(bench: VirtualRig) -> dict[str, Any]:
-    """What the gel of presses has to say, plain data.
+    """What the gel reports of presses, plain data.
 
     why: a line a mesh. cells_mm: of each. coarse: cells over those that the tolerance asks for, the
     worst. flags: by kind, the first in full. between_mm, between_n: the largest error of

@@ -1,4 +1,4 @@
-"""What was asked of a study."""
+"""What a study is asked to do: its options and where it runs."""
 
 from __future__ import annotations
 

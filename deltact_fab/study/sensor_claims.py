@@ -1,4 +1,4 @@
-"""What the paper says of its sensor's size, area and resolution, held against its own figures."""
+"""What the paper claims of its sensor's size, area and resolution, against its own figures."""
 
 from __future__ import annotations
 

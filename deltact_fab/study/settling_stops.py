@@ -1,4 +1,4 @@
-"""Stops, simulated or recorded: what the force at each still has too much, and for how long."""
+"""Stops, simulated or recorded: how much too high the force at each still is, for how long."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames of one press as a stream: drawn, looked at, and let go, with no record of them.
+"""Frames of one press as a stream: drawn, used, and dropped, with no record of them.
 
 Geometry and truth of a frame are found once, whatever number of patterns is printed on the gel:
 a pattern costs its print once, and a frame of it what the camera does to it. The images are those

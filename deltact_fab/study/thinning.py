@@ -80,7 +80,7 @@ def thinned(whole: Protocol, scale: float) -> Protocol:
 
 
 def _dragged(protocol: Protocol, amplitude_mm: float) -> Protocol:
-    """With drags of so many mm, to the micrometre."""
+    """With drags of this many mm, to the micrometre."""
     assert protocol.shear is not None
     shear = protocol.shear.model_copy(update={"amplitude_mm": round(amplitude_mm, 3)})
     return protocol.model_copy(update={"shear": shear})
@@ -93,7 +93,7 @@ def frames_an_indenter(protocol: Protocol) -> int:
 
 
 def part_of(whole: Protocol, protocol: Protocol) -> Part:
-    """What of the whole protocol's path a thinned one covers."""
+    """The part of the whole protocol's path that a thinned one covers."""
     shear, of_shear = protocol.shear, whole.shear
     return Part(
         positions=len(protocol.positions_mm),

@@ -16,10 +16,10 @@ def steps(mm: Vector, per_mm: Vector) -> tuple[int, int, int]:
 
 
 def divide(steps: tuple[int, int, int], per_mm: Vector) -> Vector:
-    """Where so many steps are, mm."""
+    """Position of a number of steps, mm."""
     return (steps[0] / per_mm[0], steps[1] / per_mm[1], steps[2] / per_mm[2])
 
 
 def replaced(mm: Vector, axes: dict[int, float]) -> Vector:
-    """The position with some axes, by number, set anew."""
+    """The position with some axes, by number, replaced."""
     return (axes.get(0, mm[0]), axes.get(1, mm[1]), axes.get(2, mm[2]))

@@ -1,4 +1,4 @@
-"""What is below the wire of a virtual bench, and only what the protocol's channels ask for."""
+"""The simulated side of a virtual bench; only what the protocol's channels need is built."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Below:
-    """Controller, gel, picture and force box of one run, on one clock that moves when it is told.
+    """Controller, gel, picture and force box of one run, on one clock that is advanced.
 
     crop: what the camera can see of the face; None when nothing is drawn.
     """

@@ -73,7 +73,7 @@ class BenchFace:
         """How far below the true face the lowest tip has been, of what was looked at."""
 
     def mount(self, indenter: Indenter | str, longer_mm: float = 0.0) -> None:
-        """Screw an indenter in whose tip is so much further down than the one measured with."""
+        """Mount an indenter whose tip is lower by this much than the one measured with."""
         self._longer_mm = longer_mm
         found = parse_indenter(indenter) if isinstance(indenter, str) else indenter
         self._touching = [self._touching_by(tip) for tip in found.tips]

@@ -36,7 +36,7 @@ class Ticks:
         self.cancelled = False
 
     def cancel(self) -> None:
-        """No more of them, also of those that are due."""
+        """Cancel all of them, those already due included."""
         self.cancelled = True
 
     def run(self, until_ns: int) -> None:

@@ -1,4 +1,4 @@
-"""A simulated controller whose words are lost, doubled or invented on their way to the host.
+"""A simulated controller whose replies are lost, doubled or invented on their way to the host.
 
 What the host sends arrives all the same. Nothing here changes what the board itself does.
 """
@@ -57,7 +57,7 @@ class NoisyController(GrblController):
         self.change(lambda line: b"", begins, at_s, for_s, most)
 
     def invent(self, words: bytes, at_s: float) -> None:
-        """At that time the host hears what the controller never said."""
+        """At that time the host receives what the controller never sent."""
         self._invented = tuple(sorted((*self._invented, (to_ns(at_s), words))))
 
     def be_true(self) -> None:
@@ -73,7 +73,7 @@ class NoisyController(GrblController):
         return sorted((pair for pair in said if pair[1]), key=lambda pair: pair[0])
 
     def next_event_ns(self) -> int | None:
-        """What is invented is heard when it comes, too."""
+        """Invented words reach the host at their own time, too."""
         times = [t for t in (super().next_event_ns(), *(t for t, _ in self._invented)) if t]
         return min(times, default=None)
 

@@ -1,4 +1,4 @@
-"""What the simulated gel cannot answer for, told before a run begins."""
+"""What the simulated gel cannot compute, reported before a run begins."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the summary of a run says of its simulated gel: what was solved, how well, what was not."""
+"""The simulated gel in a run's summary: what was solved, how accurately, and what was not."""
 
 from __future__ import annotations
 

@@ -67,11 +67,11 @@ class NetFTBox:
         self._trouble: DeltactFabError | None = None
 
     def reseed(self, stream: int) -> None:
-        """Start the noise of a press anew, so that a press redone alone gives the same samples."""
+        """Restart the noise for a press, so that a press repeated alone gives the same samples."""
         self._rng = np.random.default_rng(np.random.SeedSequence([self._seed, 1, stream]))
 
     def settings(self) -> NetFTSettings:
-        """What the box's configuration page tells."""
+        """What the box's configuration page shows."""
         counts_per_n, counts_per_nmm = self._per_unit[[0, 3]].tolist()
         return NetFTSettings(counts_per_n, counts_per_nmm, self._rate_hz, "simulated")
 
@@ -195,7 +195,7 @@ class LockstepLink:
             came.append(data)
         if (data := self._box.receive(timeout_s)) is not None:
             came.append(data)
-        # A socket that is connected hears nobody else, and a record has its length.
+        # A connected socket receives from nobody else, and a record has a fixed length.
         came = [data for data in came if not data.stray]
         whole = [data for data in came if len(data.payload) == RECORD.itemsize]
         self._garbage += len(came) - len(whole)

@@ -1,4 +1,4 @@
-"""What a simulated Net F/T box and its network do wrong, when they are told to."""
+"""Faults of a simulated Net F/T box and its network, switched on by a test."""
 
 from __future__ import annotations
 

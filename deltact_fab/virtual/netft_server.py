@@ -22,7 +22,7 @@ WAKE_S = 0.05  # how long a command or the end of the server may wait at most
 
 @dataclass
 class Page:
-    """What the page of the box tells beside its scaling and rate; change it at any time.
+    """What the box's page shows beside its scaling and rate; may be changed at any time.
 
     Fields of a Net F/T box: `cfgcalsn` is the transducer's serial number, `mfgdigsn` the box's.
     """

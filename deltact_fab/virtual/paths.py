@@ -30,7 +30,7 @@ class Line:
 
 @dataclass(frozen=True)
 class PressPath:
-    """The planned way of a press: what of it ends in contact. press: `indenter/position`."""
+    """The part of a press's planned path that ends in contact. press: `indenter/position`."""
 
     press: str
     indenter: str

@@ -22,7 +22,7 @@ from .presses import Presses, path_of
 
 @dataclass
 class PressRow:
-    """What came of one press. seconds: of the knots' solves; found: it was in the store.
+    """The outcome of one press. seconds: of the knots' solves; found: it was in the store.
 
     like: the press whose solution serves this one too. between_mm, between_n: largest error of
     linear interpolation at the intervals tried, forces for the specimen's modulus. flags: of the
@@ -57,7 +57,7 @@ def solve_ahead(
 ) -> list[PressRow]:
     """Every press of a protocol, solved or found; a failure ends that press and no other.
 
-    told: hears of a press after each of its knots. jobs: processes at a time; 1: this one.
+    told: called with a press after each of its knots. jobs: processes at a time; 1: this one.
     """
     presses = Presses(protocol, skin, config)
     told = told or (lambda row: None)
@@ -123,7 +123,7 @@ def _solve(
 
 
 def _one(job: tuple[Protocol, SkinDimensions, GelConfig, str]) -> PressRow:
-    """One press, kept when it is whole; it tells each knot."""
+    """One press, stored when complete; reports each knot."""
     protocol, skin, config, name = job
     started = time.perf_counter()
     presses = Presses(protocol, skin, config)

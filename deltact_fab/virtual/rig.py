@@ -66,7 +66,7 @@ class VirtualKind:
 
 
 class VirtualForce(NetFTSensor):
-    """The real client on the simulated box; a press starts its noise anew."""
+    """The real client on the simulated box; each press restarts its noise."""
 
     def __init__(self, box: NetFTBox, clock: VirtualClock, scene: GelScene | None) -> None:
         """scene: told of a new press when no camera does that."""

@@ -111,7 +111,7 @@ def _each(pressure: float, shear: float) -> Array:
 
 
 def _factors(predicted: Array, wrench: Array) -> tuple[float, float, bool]:
-    """Factors of pressure and shear, and whether the second was told by the presses."""
+    """Factors of pressure and shear, and whether the presses determined the second."""
     pressure, sure = _factor(predicted, wrench, _PRESSURE)
     if sure > LEAST_SURE:
         raise InputError(

@@ -28,12 +28,12 @@ LONGEST = 2.0  # x the longest rest: slower branches cannot be told from a stead
 FIRST_S, FIRST_SHARE = 2.0, 0.1  # where the search starts
 SHARES = (1e-4, 10.0)
 SHORTEST_S = 2 * BIN_S
-STILL_RESTS = 0.5  # a branch over this x the longest rest is told badly
+STILL_RESTS = 0.5  # a branch over this x the longest rest is poorly determined
 
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """series: what was found. rms_n: of what it leaves over. steady_n (rests, 3): each rest's end.
+    """series: what was found. rms_n: of the residual. steady_n (rests, 3): each rest's end.
 
     arrived_n (rests, k, 3): what the force has too much, by branch, when the tip comes to rest.
     unsure: times of branches so slow that the rests are too short to tell them well. blocks_n: as
@@ -54,7 +54,7 @@ class Fitted:
 
 
 def fit(rests: Sequence[Rest], branches: int | None = None) -> Fitted:
-    """The series of rests; branches None: the fewest, up to MOST_BRANCHES, that are worth it.
+    """The series of rests; branches None: the fewest, up to MOST_BRANCHES, that improve the fit.
 
     Raises SolverError where the search does not converge.
     """

@@ -18,7 +18,7 @@ from ..frames import recorded, settled
 from ..view import head_of, view_of
 
 EVERY_PX = 4
-"""Between the points on which shape is told."""
+"""Between the points at which the shape is given."""
 SURE = 0.4
 """Of the press's depth: points of the ball that lie deeper certainly touch, the rim lies higher."""
 LEAST_MM = 0.3

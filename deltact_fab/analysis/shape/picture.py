@@ -1,4 +1,4 @@
-"""One frame of a press as it is drawn: what was seen, what was made of it, and what is true."""
+"""One frame of a press as drawn: the image, the measurement, and the truth."""
 
 from __future__ import annotations
 

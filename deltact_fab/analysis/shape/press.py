@@ -44,7 +44,7 @@ KPA = 1e3  # of an MPa
 
 @dataclass(frozen=True)
 class PressShape:
-    """rows: figures of each settled frame by name; those that nobody knows are not in them.
+    """rows: figures of each settled frame by name; those that are not known are left out.
 
     deepest: the end of the deepest press, before any shear. twisted: where the torque about z that
     was measured is largest, None where nothing was sheared or no torque was measured. contact_by:

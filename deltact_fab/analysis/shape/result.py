@@ -30,7 +30,7 @@ _WORDS = {
 
 @dataclass(frozen=True)
 class ShapeResult:
-    """rows: figures of each settled frame, by name; those that nobody knows are not in them.
+    """rows: figures of each settled frame, by name; those that are not known are left out.
 
     calibration: file of the depth's, None: the inverse's own. contact_by: how the true contact was
     told. pictures: one a press.

@@ -1,4 +1,4 @@
-"""What is true of one frame's shape, on a virtual rig: the depth, and where there is contact."""
+"""The true shape in one frame of a virtual rig: the depth, and where there is contact."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PRESSED = 0.01
 
 @dataclass(frozen=True)
 class TrueShape:
-    """depth_mm (h, w), contact (h, w) bool at the points of a flow; contact_by: how it is told."""
+    """depth_mm (h, w), contact (h, w) bool at a flow's points; contact_by: how it is decided."""
 
     depth_mm: Array
     contact: Array

@@ -1,6 +1,6 @@
-"""One press of one pattern, image by image: followed by every method, held against dots and truth.
+"""One press of one pattern, image by image: followed by every method, compared with dots and truth.
 
-It does not ask where images and truth come from: of a record, or drawn at once and kept nowhere.
+Images and truth may come from a record, or be drawn on the spot and kept nowhere.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a run can be asked, and what of it is left out."""
+"""Which analyses a run allows, and which parts of it are left out."""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ class Tally:
         self.take_confident(errors_mm[confident], errors_mm.size)
 
     def take_confident(self, errors_mm: NDArray[Any], n_moving: int) -> None:
-        """Count in the confident ones (n,) of so many moving visible pixels."""
+        """Add the confident ones (n,), out of this many moving visible pixels."""
         self.n_moving += n_moving
         self.confident.take(errors_mm)
         self.wrong_n += int((errors_mm > WRONG_MM).sum())
@@ -165,7 +165,7 @@ class Tally:
 
 
 def confident_figures(errors_mm: NDArray[Any], n_moving: int) -> dict[str, float | None]:
-    """Of one frame: (n,) errors of the confident ones of so many moving visible pixels."""
+    """Add a frame: (n,) errors of the confident pixels, out of this many moving visible ones."""
     n = errors_mm.size
     return {
         "mean_confident_mm": ratio(float(errors_mm.sum()), n),

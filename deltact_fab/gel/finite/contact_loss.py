@@ -1,4 +1,4 @@
-"""States that balance and are wrong all the same: the mesh no longer feels the indenter."""
+"""States in equilibrium that are wrong all the same: the mesh no longer feels the indenter."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""Down the energy to a minimum of it: for folds, where Newton's method finds no way.
+"""Descent to a minimum of the energy: for folds, where Newton's method fails.
 
 With friction bounded by numbers that are held, an increment has a potential, and a gel that jumps
 comes to rest in a minimum of it. Newton's steps are damped by the stiffness at rest, K + eta K0,
 and taken if they lower the energy by a part of what the quadratic model promises, which also sets
 eta (Levenberg and Marquardt as a trust region: Nocedal and Wright, Numerical Optimization, ch. 4).
-The energy only falls, so there is no circle to run in.
+The energy only falls, so it cannot run in circles.
 """
 
 from __future__ import annotations

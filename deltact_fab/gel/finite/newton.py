@@ -51,7 +51,7 @@ class Evaluation(NamedTuple):
 
 
 class Problem(Protocol):
-    """What is solved: see `problem.Equilibrium`."""
+    """The system to be solved: see `problem.Equilibrium`."""
 
     def evaluate(
         self, free_mm: Field, pressure_mpa: Field | None, tangent: bool, curved: bool

@@ -1,4 +1,4 @@
-"""What the force lacks because the contact is a penalty and gives.
+"""The force that is missing because the contact is a penalty and yields.
 
 At a depth d the elastic energy with a hard contact is more than that with a penalty by the
 complementary energy C of the penalty, to first order (the penalty is a spring in series), so the

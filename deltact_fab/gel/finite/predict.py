@@ -1,4 +1,4 @@
-"""Where Newton's method starts an increment."""
+"""The starting point of Newton's method in an increment."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def start_of(
 def _share(previous: FiniteState, tip_mm: Field, cell_mm: float) -> float:
     """How much of the last increment is repeated; 0 where the path turns or the move is long.
 
-    Backwards the contact does not come off as it went on. A move of a cell or more shears cells so
+    On the way back the contact does not open as it closed. A move of a cell or more shears cells so
     much that Newton from rest takes half the factors.
     """
     if previous.rate is None:

@@ -1,4 +1,4 @@
-"""Bulk and contact in balance over the free displacements: what `newton.solve` is given."""
+"""Bulk and contact in balance over the free displacements: what `newton.solve` solves."""
 
 from __future__ import annotations
 

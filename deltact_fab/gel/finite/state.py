@@ -1,4 +1,4 @@
-"""What a solved position of the indenter is, and what it took to find it."""
+"""A solved position of the indenter, and the work it took."""
 
 from __future__ import annotations
 

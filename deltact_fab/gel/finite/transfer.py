@@ -1,4 +1,4 @@
-"""What a coarser mesh moved, on a finer one: where Newton's method is to start.
+"""Displacements of a coarser mesh on a finer one: a start for Newton's method.
 
 Both meshes are blocks, so interpolation is the product of three along the axes. The answer does not
 depend on it, but the finer mesh finds it in about half the factors.

@@ -1,4 +1,4 @@
-"""The figure of `gel fit --plot`: data and model, and below them what is left."""
+"""The figure of `gel fit --plot`: data and model, and the residuals below them."""
 
 from __future__ import annotations
 

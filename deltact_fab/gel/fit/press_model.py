@@ -1,4 +1,4 @@
-"""Forces of a measured path per MPa of modulus: what `fit` compares with the data."""
+"""Forces of a measured path per MPa of modulus: compared with the data by `fit`."""
 
 from __future__ import annotations
 

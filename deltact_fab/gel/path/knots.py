@@ -43,7 +43,7 @@ class Pose:
 
 @dataclass(frozen=True)
 class Observed:
-    """What of a trajectory someone looks at; nothing else is computed or kept.
+    """What is observed of a trajectory; nothing else is computed or kept.
 
     fields: of which knots the face's displacement is kept. traction: the face's traction of the
     same knots. between: intervals are solved half-way too, here and there, to see how far linear

@@ -131,7 +131,7 @@ class PathSolver:
         return self.knots
 
     def close(self) -> None:
-        """Let go of fields and solver, a quarter of a gigabyte and more; counts and flags stay."""
+        """Free fields and solver, a quarter of a gigabyte and more; counts and flags stay."""
         self._knots = [replace(k, displacement_mm=None, traction_mpa=None) for k in self._knots]
         self._states, self.states, self._contact, self._closed = {}, [], None, True
 

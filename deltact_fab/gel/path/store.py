@@ -1,4 +1,4 @@
-"""Trajectories in the one store: by what they depend on, the code that solves them included."""
+"""Trajectories in the one store, keyed by what they depend on, the solver's code included."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def keep(key: dict[str, Any], observed: Observed, made: Trajectory) -> bool:
 
 
 def _serving(observed: Observed) -> Iterator[Observed]:
-    """What is asked, then what shows more than that."""
+    """What is asked for, then those that show more than that."""
     for fields in FIELDS[FIELDS.index(observed.fields) :]:
         for traction in dict.fromkeys((observed.traction, True)):
             for between in dict.fromkeys((observed.between, True)):

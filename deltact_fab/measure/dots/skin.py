@@ -17,7 +17,7 @@ SMALL_STRAIN = 0.05  # up to which a dot may have it from further away
 
 
 class Skin:
-    """The dots at rest, (n, 2) px, n >= 4 not on a line, and who is next to whom.
+    """The dots at rest, (n, 2) px, n >= 4 not on a line, and which are neighbours.
 
     near: (n, k) the k <= 8 nearest dots of each; span_px: (n, k) how far away; pitch_px: the
     smallest of them; triangles: (m, 3) dots, all turning the same way.
@@ -37,7 +37,7 @@ class Skin:
     def grown(
         self, expected: Array, blobs: Array, gate_px: float, tolerance: float
     ) -> Iterator[Array]:
-        """Matches, (n,) the blob of each dot or -1, such that neighbours step almost alike.
+        """Matches, (n,) the blob of each dot or -1, such that neighbours move almost equally.
 
         expected: (n, 2), NaN for dots not to be looked for. Each dot takes the nearest blob at
         first. Where the step passes half a pitch that is another dot's, for all dots of a region:
@@ -62,7 +62,7 @@ class Skin:
         return steps
 
     def _regions(self, expected: Array, blobs: Array, match: Array, tolerance: float) -> Array:
-        """(n,) a number for each group of neighbours that step alike, -1 where not matched."""
+        """(n,) a number for each group of neighbours that move together, -1 where not matched."""
         steps = self._steps(expected, blobs, match)
         apart = np.hypot(*np.moveaxis(steps[self.near] - steps[:, None], -1, 0))
         alike = apart <= tolerance * self.span_px  # False where NaN

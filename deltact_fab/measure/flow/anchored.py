@@ -30,7 +30,7 @@ class Anchored:
         self._flow: Array = np.zeros((*reference.plane.small.shape, 2), np.float32)
 
     def ahead(self, plane: Plane) -> Array:
-        """The flow in px from the image before to this one, as far as a look tells: coarse."""
+        """The flow in px from the image before to this one, as far as one look shows: coarse."""
         before, self._before = self._before, plane
         return shrunk(predict(before, plane), COARSE)
 

@@ -1,4 +1,4 @@
-"""What of a flow is kept and what is believed: one rule for every way to find it.
+"""Which parts of a flow are kept and which are trusted: one rule for every method.
 
 All arrays here lie on the half grid of `fused`, (hh, ww): a node stands for 2 x 2 pixels; flows are
 in pixels of the image. Every flow is judged against the *first* image, whatever it was composed
@@ -158,7 +158,7 @@ class Judge:
         return np.asarray(match.deviation_px**2 + left < self.rule.deviation_max_px**2)
 
     def verdict(self, inside: Array, agreeing: Array) -> Verdict:
-        """What is believed; inside: as above, of the whole flow."""
+        """What is trusted; inside: as above, of the whole flow."""
         rule = self.rule
         confident = agreeing & (self._near(agreeing) >= rule.support_share * self._textured_near)
         n = int(np.count_nonzero(confident))

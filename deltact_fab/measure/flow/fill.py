@@ -1,4 +1,4 @@
-"""What a lost part of the pattern most probably does: it goes on as its neighbours do."""
+"""What a lost part of the pattern most probably does: it moves as its neighbours do."""
 
 from __future__ import annotations
 

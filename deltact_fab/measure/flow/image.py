@@ -14,7 +14,7 @@ MIN_SIDE_PX = 64  # below it the pyramids of every method degenerate
 
 
 class Sampled(NamedTuple):
-    """All that the anchored tracker reads of a colour image, for who need not make the rest.
+    """All that the anchored tracker reads of a colour image, where the rest is not needed.
 
     green (h, w) uint8: the channel that is tracked. nodes (hh, ww, 3) BGR uint8: one pixel a node
     of the half grid, hh = ceil(h / 2).

@@ -1,4 +1,4 @@
-"""Total flow through a sequence of images, with what is known of it."""
+"""Total flow through a sequence of images, with its confidence."""
 
 from __future__ import annotations
 

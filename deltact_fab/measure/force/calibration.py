@@ -25,7 +25,7 @@ class ForceCalibration:
     """What `analyze force` writes and a measurement reads.
 
     skin, poisson: what the features were made with. error: of each component in the paper's words
-    (`normal`, `shear_x` ...), root mean squares by what was left out, for whoever shows a force.
+    (`normal`, `shear_x` ...), root mean squares by what was left out, for a display of forces.
     transfer: how it was carried over from another sensor, if it was. rest: the face untouched,
     PNG, as the camera's images are tracked.
     """

@@ -47,7 +47,7 @@ class Inverse:
 
     @cached_property
     def inverse(self) -> FaceInverse:
-        """What finds the traction; made when it is first asked for."""
+        """The solver for the traction; made on first use."""
         return inverse_for(self._view)
 
     def of(self, flow: FaceFlow) -> Array:

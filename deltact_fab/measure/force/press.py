@@ -116,7 +116,7 @@ class FaceInverse:
         return len(self.y_mm), len(self.x_mm)
 
     def of(self, flow: FaceFlow) -> Press:
-        """The traction behind a frame's flow, found once for all who ask about it in turn."""
+        """The traction behind a frame's flow, found once and kept for the calls that follow."""
         last = self._last
         if last is None or last[0] is not flow:
             self._last = last = (flow, self._solved(flow))
@@ -198,7 +198,7 @@ class FaceInverse:
         return shift, known
 
     def _first_look(self, rows: Array) -> tuple[Array, Array]:
-        """Matrix (cells, 2 seen) from shifts to pressure, and what noise can make of it (cells)."""
+        """Matrix (cells, 2 seen) from shifts to pressure, and what noise adds (cells)."""
         x, y = (grid.ravel() for grid in np.meshgrid(self.x_mm, self.y_mm))
         far2 = (x[:, None] - x) ** 2 + (y[:, None] - y) ** 2
         near = np.exp(-far2 / (2 * FIRST["reach_mm"] ** 2))

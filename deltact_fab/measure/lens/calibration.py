@@ -27,7 +27,7 @@ PHOTOGRAPHS = "photographs.json"
 
 @dataclass(frozen=True)
 class Calibration:
-    """A lens with what is known of it.
+    """A lens with its uncertainty.
 
     sigma: of each fitted parameter, in its unit. share: of the prior's sigma, what is left.
     covariance: of the parameters in the order of `priors`, in their units. face_px, depth_px: own

@@ -1,4 +1,4 @@
-"""A lens and the poses of its boards as one vector, and what is left of the corners under it."""
+"""A lens and the poses of its boards as one vector, and the residuals of the corners under it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .corners import Corners
 
 @dataclass(frozen=True)
 class Prior:
-    """What is held of a parameter before any image: a normal distribution, and where it is from.
+    """The prior of a parameter: a normal distribution, and its source.
 
     weak: so wide that it only keeps the search in bounds; the images must know the parameter.
     """

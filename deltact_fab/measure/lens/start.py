@@ -1,4 +1,4 @@
-"""Where the fit of a lens starts: what is held of it before, and first poses of the boards."""
+"""Where the fit of a lens starts: its priors, and first poses of the boards."""
 
 from __future__ import annotations
 

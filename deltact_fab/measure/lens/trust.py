@@ -1,4 +1,4 @@
-"""What a calibration knows of itself: its sigma over the view, and what speaks against it."""
+"""How far a calibration can be trusted: its sigma over the view, and what speaks against it."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ class Belt(Generic[T]):
             return item
 
     def close(self) -> None:
-        """Nothing more is put on; what is on it can still be taken."""
+        """No more items are added; those on it can still be taken."""
         with self._changed:
             self._open = False
             self._changed.notify_all()

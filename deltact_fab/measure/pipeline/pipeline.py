@@ -79,7 +79,7 @@ class Pipeline:
         return result
 
     def results(self) -> Iterator[Result]:
-        """All results until the pipeline is closed. Raises as `result`; may then be called anew."""
+        """All results until the pipeline closes. Raises as `result`; may then be called again."""
         while (result := self.result()) is not None:
             yield result
 
@@ -136,7 +136,7 @@ class Pipeline:
                 if job.error is None:
                     try:
                         step(job)
-                    except Exception as why:  # it belongs to who asks for the result
+                    except Exception as why:  # it is raised where the result is read
                         job.error = why
                 after.put(job, instead=live)
         except Closed:

@@ -33,7 +33,7 @@ class Rectifier:
         return np.asarray(self._camera.rectify(image)) if self._is_raw(image) else image  # type: ignore[attr-defined]
 
     def sampled(self, image: Array) -> Array | Sampled:
-        """What the tracker reads: of a raw colour image its green, and all of it at the nodes.
+        """What the tracker reads: a raw colour image's green, and all its channels at the nodes.
 
         Green is as in `view`. Blue and red, which only witness, are read once a node, which saves
         half of the rectification. Raises as `view`.

@@ -1,1 +1,1 @@
-"""The paper's calibration of force: presses as pure jobs, and what their points say."""
+"""The paper's calibration of force: presses as pure jobs, and what follows from their points."""

@@ -34,7 +34,7 @@ def given(
     seed: int,
     features: Sequence[str],
 ) -> dict[str, Any]:
-    """What `points` is told, plain data; see `press_jobs.given`."""
+    """Arguments of `points` as plain data; see `press_jobs.given`."""
     return press_jobs.given(protocol, sensor, recipe, rig, source, presses, seed) | {
         "features": list(features)
     }
@@ -43,7 +43,7 @@ def given(
 def points(told: dict[str, Any]) -> dict[str, Any]:
     """The points of presses: rows (lists by column), wrench (n, 6), features/NAME (n, k).
 
-    And what the gel has to say, see `press_jobs.gel_of`. Raises RunFailed.
+    And what the gel reports, see `press_jobs.gel_of`. Raises RunFailed.
     """
     with press_jobs.carried_out(told) as (run, bench):
         name = str(told["protocol"]["name"])

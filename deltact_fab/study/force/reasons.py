@@ -1,4 +1,4 @@
-"""Where a model's error comes from, of the points themselves: what is left out, and refits."""
+"""Where a model's error comes from, shown by leaving points out and fitting again."""
 
 from __future__ import annotations
 

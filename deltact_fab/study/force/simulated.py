@@ -79,7 +79,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class Simulated:
-    """What came of a scene. gel: of every job, what `press.points` says of its gel.
+    """The results of a scene. gel: of every job, what `press.points` reports of its gel.
 
     missing: the jobs without a result, by name, and why.
     """
@@ -91,7 +91,7 @@ class Simulated:
 
 
 def scene(asked: Asked) -> Scene:
-    """The scene that was asked for. Raises InputError, one line, for one that will not do."""
+    """The scene that was asked for. Raises InputError, one line, for one that cannot be used."""
     protocol, source = plan.load(asked.more.get("protocol") or PROTOCOL)
     rig, rig_path = rig_config.load(asked.rig or RIG)
     if not isinstance(rig, VirtualConfig):

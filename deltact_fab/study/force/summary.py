@@ -1,4 +1,4 @@
-"""What a calibration's points say, as a study tells it: verdict, headlines, tables, plain data."""
+"""The results of a calibration's points: verdict, headlines, tables, plain data."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def modulus(
     result: ForceResult, modulus_mpa: float, range_n: tuple[float, ...],
     range_nmm: tuple[float, ...],
 ) -> Table:  # fmt: skip
-    """Ranges, errors and what the force sensor is asked for, at the modulus and its two ends."""
+    """Ranges, errors and the load on the force sensor, at the modulus and its two ends."""
     import pandas as pd
 
     wrench = np.abs(result.data.wrench).max(axis=0)

@@ -1,4 +1,4 @@
-"""Several patterns on the same moving gel: frames drawn, followed, and held against the truth.
+"""Several patterns on the same moving gel: frames drawn, tracked, and compared with the truth.
 
 Simulated. The gel is solved once, or found; a frame's geometry once for all patterns.
 """

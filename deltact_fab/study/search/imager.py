@@ -20,7 +20,7 @@ class Bench:
     mm_per_px: float
 
     def view(self, field_px: int | None = None) -> Pinhole:
-        """The camera over the sensor's view, or over its middle of at most so many pixels.
+        """The camera over the sensor's view, or over its middle with at most this many pixels.
 
         Sides are even, for the mosaic.
         """

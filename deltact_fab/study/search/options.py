@@ -1,4 +1,4 @@
-"""Printer and camera of a search: a rig file's, and what was asked to differ."""
+"""Printer and camera of a search: a rig file's, and the options that change them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def rig_of(name: str) -> VirtualConfig:
 
 
 def bench_of(rig: str, more: dict[str, Any]) -> Bench:
-    """Printer and camera of a virtual rig's file, changed by what was asked for.
+    """Printer and camera of a virtual rig's file, changed by the given options.
 
     more: values of OPTIONS by name, None where nothing was asked. Raises InputError for a rig that
     is not virtual, an unknown option, or a value out of range.

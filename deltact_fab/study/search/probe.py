@@ -103,7 +103,7 @@ def flow_px(images: list[Image]) -> tuple[Vectors, NDArray[np.bool_]]:
 def _of_shifts(
     picture: Picture, view: CameraView, rest: list[Image], rng: np.random.Generator
 ) -> dict[str, Any]:
-    """Mean error, what stays of it at a place, and noise, over all shifts; root mean squares."""
+    """Mean error, its part that stays at a place, and noise, over all shifts; root mean squares."""
     offs = []
     for drawn, shift in zip(shifted(view), SHIFTS_PX, strict=True):
         pair = [flow_px([image, picture.expose(drawn.at_px, rng)])[0] for image in rest]

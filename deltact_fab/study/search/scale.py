@@ -41,7 +41,7 @@ def size_of(scale: float, whole: int) -> Size:
 def thinned(
     among: list[Candidate], count: int, kept: tuple[dict[str, object], ...]
 ) -> list[Candidate]:
-    """So many of them, evenly over families; the paper's and those in kept are among them."""
+    """This many of them, evenly over families; the paper's and those in kept are among them."""
     must = [i for i, c in enumerate(among) if dict(c.keys) in (PAPER, *kept)]
     by_family = sorted(range(len(among)), key=lambda i: among[i].family)
     free = [i for i in by_family if i not in must]

@@ -51,13 +51,13 @@ class Drawn(NamedTuple):
 
 @dataclass(frozen=True)
 class CameraView:
-    """A camera and its sensor: what is solved of a motion is kept by it, for any print."""
+    """A camera and its sensor; it keeps what was solved for a motion, for any print."""
 
     camera: Pinhole
     sensor: Sensor
 
     def printed(self, recipe: PatternRecipe, printer: Printer, rng: np.random.Generator) -> Texture:
-        """What of the print can come into the view."""
+        """The part of the print that can come into view."""
         reach_mm = DRAG_MM + BEYOND_MM
         height, width = (
             round((side_px * self.camera.mm_per_px + 2 * reach_mm) / printer.mm_per_dot)
@@ -163,5 +163,5 @@ def drag_mm(x: Field, y: Field, rng: np.random.Generator) -> Field:
 
 
 def view_of(bench: Bench, field_px: int) -> CameraView:
-    """The middle of the bench's view, at most so many pixels."""
+    """The middle of the bench's view, with at most this many pixels."""
     return CameraView(bench.view(field_px), bench.sensor)

@@ -1,4 +1,4 @@
-"""The grid over candidates as tables: predictors and errors, and what orders what."""
+"""The grid over candidates as tables: predictors and errors, and which predict which."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The paper's shapes and force distribution: presses as pure jobs, and what they come to."""
+"""The paper's shapes and force distribution: presses as pure jobs, and their results."""

@@ -71,7 +71,7 @@ class Scene:
         return list(dict.fromkeys(step.press for step in steps if step.kind != "change"))
 
     def given(self, name: str, presses: Sequence[str]) -> dict[str, Any]:
-        """What a job is told of presses of a protocol."""
+        """Arguments of a job for presses of a protocol."""
         return press_jobs.given(
             self.protocols[name], self.sensor, self.recipe, self.rig, self.source, presses,
             self.seed,
@@ -92,7 +92,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class Simulated:
-    """What came of a scene. objects, twist: by press. gel: what every job says of its gel.
+    """The results of a scene. objects, twist: by press. gel: what every job reports of its gel.
 
     depth_line: of the calibration of depth. force_error_n: of that of force, by component, on a
     place left out; None with one place. missing: the jobs without a result.
@@ -108,7 +108,7 @@ class Simulated:
 
 
 def scene(asked: Asked) -> Scene:
-    """The scene that was asked for. Raises InputError, one line, for one that will not do."""
+    """The scene that was asked for. Raises InputError, one line, for one that cannot be used."""
     rig, source = rig_config.load(asked.rig or RIG)
     if not isinstance(rig, VirtualConfig):
         raise InputError(

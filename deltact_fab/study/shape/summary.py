@@ -1,4 +1,4 @@
-"""What presses of objects say, as a study tells it: verdict, tables, figures, data."""
+"""The results of presses of objects: verdict, tables, figures, data."""
 
 from __future__ import annotations
 

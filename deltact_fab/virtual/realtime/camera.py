@@ -27,7 +27,7 @@ SAME_NS = 1000  # two stamps that are one but for their way through a float
 
 
 class LiveCamera:
-    """Draws as many images a second as it is told or as it can, while someone reads them.
+    """Draws images at the rate it is given, or as fast as it can, while they are being read.
 
     look: the surface and the time (ns, monotonic) at which it is so. What an image shows is that
     moment, however long it took to draw.
@@ -100,7 +100,7 @@ class LiveCamera:
             os.close(pipe)
 
     def _opened(self) -> int:
-        """Wait for someone who reads."""
+        """Wait for a reader."""
         while True:
             try:
                 pipe = os.open(self._fifo, os.O_WRONLY | os.O_NONBLOCK)

@@ -18,7 +18,7 @@ MAIN = "from deltact_fab.virtual.realtime.process import main; main()"
 
 
 class Hands:
-    """The process below the wires, and what its host tells it beside them.
+    """The process below the wires, and what its host sends it outside them.
 
     Raises RunFailed when it cannot be started or has ended, and what it raises itself.
     """

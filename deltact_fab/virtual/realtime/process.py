@@ -1,4 +1,4 @@
-"""What runs in the process of its own: everything below the wire, and who mounts the indenters.
+"""What runs in a separate process: everything below the wire, and the mounting of indenters.
 
 `main` reads an Order from its standard input, answers with Ports or an error, then answers one
 request after the other until its input ends. Whatever else the host wants to know it reads from the
@@ -124,7 +124,7 @@ class Bench:
             self._face.mount(indenter, longer_mm)
 
     def _do_begin(self, press: str) -> None:
-        """A press by its name; any other stream of a camera is none of the gel's affair."""
+        """A press by its name; other streams of a camera do not concern the gel."""
         presses = self._below.presses
         path = next((path for path in presses.paths if path.press == press), None)
         if path is None or not presses.observed:
@@ -166,7 +166,7 @@ class Bench:
         }
 
     def _do_carriage(self, t_s: list[float]) -> list[tuple[float, float, float]]:
-        """Where the carriage was, machine mm: for who wants to know how good the record is."""
+        """Where the carriage was, machine mm: to judge how good the record is."""
         with self._lock:
             self.clock.catch_up()
             return [self._below.controller.position_mm(t) for t in t_s]
@@ -183,7 +183,7 @@ class Bench:
 
 
 def serve(asked: BinaryIO, answers: BinaryIO) -> None:
-    """Build the bench that is asked for, then answer until `asked` ends."""
+    """Build the requested bench, then answer until `asked` ends."""
     with ExitStack() as open_:
         try:
             bench = Bench(pickle.load(asked), open_)

@@ -34,7 +34,7 @@ class RealtimeKind(VirtualKind):
     def __init__(
         self, config: VirtualConfig, source: Path, progress: Progress | None = None
     ) -> None:
-        """progress: hears of the presses that are solved beforehand."""
+        """progress: of the presses that are solved beforehand."""
         super().__init__(config, source)
         self._progress = progress or (lambda done, total, what: None)
 
@@ -61,7 +61,7 @@ class RealtimeRig:
             self._hands = Hands(order)
             self._open.callback(self._hands.close)
             config = bench_config(order.config, self._hands.ports)
-            # The process mounts what it is told to: nobody has to confirm that.
+            # The process mounts what it is told to: no confirmation is needed.
             job = replace(order.job, unattended=True)
             self._bench = GrblRig(config, order.source, job, patience=PATIENT_FORCE)
             self._open.callback(self._bench.close)
@@ -76,7 +76,7 @@ class RealtimeRig:
         return self._hands
 
     def devices(self) -> Devices:
-        """Those of the bench; a press and an indenter are told to the gel below first."""
+        """Those of the bench; the simulated gel is told of a press and an indenter first."""
         found = self._bench.devices()
         change = found.change_indenter
 
@@ -92,7 +92,7 @@ class RealtimeRig:
         return found
 
     def _begin(self, press: str) -> None:
-        """Once a press, whoever is the first to begin it."""
+        """Once a press, by the first device that begins it."""
         if press != self._begun:
             self._begun = press
             self._hands.ask("begin", press=press)
@@ -162,7 +162,7 @@ def bench_config(config: VirtualConfig, ports: Ports) -> GrblConfig:
 
 
 class _ToldForce:
-    """A force sensor whose presses are told to someone else first."""
+    """A force sensor that announces each press to another device first."""
 
     def __init__(self, force: ForceSensor, begin: Callable[[str], None]) -> None:
         self._force, self._begin = force, begin
@@ -175,7 +175,7 @@ class _ToldForce:
 
 
 class _ToldCamera:
-    """A camera whose presses are told to someone else first, and its frames once they are over."""
+    """A camera that announces each press to another device first, and its frames at its end."""
 
     def __init__(
         self,

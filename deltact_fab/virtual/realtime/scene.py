@@ -80,7 +80,7 @@ class LiveScene(GelScene):
         return line
 
     def _is_bare(self, line: Way) -> bool:
-        """Whether it comes from a bare place, or leads into the gel where no press was planned."""
+        """Whether it starts off the gel, or leads into it where no press was planned."""
         start = line.knots[0]
         deep = next((tip for tip in line.where if tip[2] < 0), None)
         if start.key == 0 and deep is not None:
