@@ -147,7 +147,7 @@ def _quarters(box: Box, poisson: float) -> Field:
 
 
 def _condensed(box: Box, poisson: float, free: NDArray[np.bool_]) -> Field:
-    """Compliance (n, n) of a face's free displacements, equal for all layers of nodes but the base.
+    """Compliance (n, n) of a face's free displacements, every layer of nodes alike but the base.
 
     Layers are eliminated upwards with dense blocks: three quarters of a layer fill up anyway, and
     the same rows hold the many right-hand sides that a sparse factor would have to be given.
