@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..units import to_ns
 from .run import Run
 
 
@@ -63,9 +64,9 @@ class TimeLine:
             if math.isinf(session.first_s):  # it was over before its clock ran
                 offsets.append(0)
                 continue
-            offset_ns = max(_ns(session.over_s), end_ns - _ns(session.first_s))
+            offset_ns = max(to_ns(session.over_s), end_ns - to_ns(session.first_s))
             offsets.append(offset_ns)
-            end_ns = offset_ns + _ns(session.last_s)
+            end_ns = offset_ns + to_ns(session.last_s)
         return cls(tuple(offsets), press_session, event_session)
 
     def of_press_ns(self, press: str, t_s: NDArray[np.float64] | float) -> NDArray[np.int64]:
@@ -76,8 +77,8 @@ class TimeLine:
     def of_event_ns(self, seq: int, t_s: float | None, wall_s: float) -> int:
         """An event's time on the line; of the day where the rig's clock did not run yet."""
         if t_s is None or math.isnan(t_s):
-            return _ns(wall_s)
-        return _ns(t_s) + self.offsets_ns[self.event_session[seq]]
+            return to_ns(wall_s)
+        return to_ns(t_s) + self.offsets_ns[self.event_session[seq]]
 
 
 @dataclass
@@ -93,7 +94,3 @@ class _Session:
         self.first_s, self.last_s = min(self.first_s, first_s), max(self.last_s, last_s)
         if math.isnan(self.over_s):
             self.over_s = over_s
-
-
-def _ns(seconds: float) -> int:
-    return round(seconds * 1e9)

@@ -19,6 +19,7 @@ from ..cad.fabrication import bom, quantities
 from ..cad.fabrication.paper_gaps import gaps
 from ..cad.fabrication.quantities import DEFAULT
 from ..cad.part import Part
+from ..cad.parts.coupon_mold import well_volume_mm3
 from ..cad.parts.mold import RELEASE_AGENT
 from ..cad.parts.screw import stock_note
 from ..cad.print_orientation import SELF_SUPPORTING_DEG
@@ -224,7 +225,7 @@ def _figures(d: Design, sensors: int) -> dict[str, Any]:
     cells = quantities.cavities(d)
     full = quantities.skins_batch(d, cells)
     coat = quantities.coat_batch(d, 1, 0.0)
-    coupon_g = d.coupon.wells * quantities.coupon_mm3(d) / 1000 * DEFAULT.density_g_cm3
+    coupon_g = d.coupon.wells * well_volume_mm3(d) / 1000 * DEFAULT.density_g_cm3
     return {
         "cast": cast,
         "cavities": cells,

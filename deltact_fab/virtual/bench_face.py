@@ -23,7 +23,7 @@ from ..shapes.indenter import Tip
 from ..shapes.indenter import parse as parse_indenter
 from ..shapes.tips import EllipsoidTip, SphereTip
 from ..types import Vector
-from .clock import NS_PER_S
+from ..units import NS_PER_S
 from .controller import GrblController
 
 HARD_N_PER_MM = 400.0

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-NS_PER_S = 1_000_000_000
+from ..units import NS_PER_S, to_ns
 
 
 class NsClock(Protocol):
@@ -110,8 +110,3 @@ class VirtualClock:
         self._ticks = [ticks for ticks in self._ticks if not ticks.cancelled]
         due = [ticks for ticks in self._ticks if ticks.next_ns <= self._now_ns]
         return sorted(due, key=lambda ticks: ticks.next_ns)
-
-
-def to_ns(seconds: float) -> int:
-    """Seconds to the nearest nanosecond."""
-    return round(seconds * NS_PER_S)

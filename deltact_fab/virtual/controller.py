@@ -22,11 +22,11 @@ from typing import Literal
 
 from ..protocols.motion import minus, plus
 from ..types import Vector
-from ..units import MM_PER_INCH
+from ..units import MM_PER_INCH, NS_PER_S, to_ns
 from . import grbl_report
 from .axes import replaced
 from .carriage import PLANNER_BLOCKS, Carriage
-from .clock import NS_PER_S, NsClock, to_ns
+from .clock import NsClock
 from .gcode import Modal, Refused, parse
 from .grbl_settings import FACTORY, SETTINGS, change, listed
 from .motion import Segment

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from .clock import to_ns
+from ..units import to_ns
 from .controller import GrblController
 
 Change = Callable[[bytes], bytes]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..types import Vector
-from .clock import NS_PER_S
+from ..units import NS_PER_S
 
 Phase = tuple[float, float, float, float]  # from t (s), travelled (mm), speed (mm/s), a (mm/s2)
 

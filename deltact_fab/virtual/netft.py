@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from ..errors import DeltactFabError
 from ..rig.config import ForceConfig
 from ..rig.force.netft import ARRIVAL, ERROR, SATURATED, Arrivals, NetFTSettings
-from .clock import Ticks, VirtualClock, to_ns
+from ..units import to_ns
+from .clock import Ticks, VirtualClock
 from .netft_faults import BoxFaults, Datagram
 
 RECORD = np.dtype([("rdt", ">u4"), ("ft", ">u4"), ("status", ">u4"), ("counts", ">i4", 6)])

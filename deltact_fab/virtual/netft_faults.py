@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..rig.force.netft import ERROR, SATURATED
-from .clock import to_ns
+from ..units import to_ns
 
 
 class Datagram(NamedTuple):

@@ -19,7 +19,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from .clock import NS_PER_S, NsClock
+from ..units import NS_PER_S
+from .clock import NsClock
 from .controller import GrblController
 
 IDLE_MS = 20  # between two looks when nothing is to happen

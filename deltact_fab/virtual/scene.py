@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from ..gel.path.knots import CONTACT_EPS_MM, Increments, Solved, divide
 from ..optics import StageFrame, SurfaceLattice
 from ..types import Point
-from .clock import NS_PER_S, NsClock
+from ..units import NS_PER_S
+from .clock import NsClock
 from .controller import GrblController
 from .motion import Segment
 from .press import Press

@@ -17,7 +17,8 @@ from weakref import WeakValueDictionary
 
 import serial
 
-from .clock import NS_PER_S, VirtualClock, to_ns
+from ..units import NS_PER_S, to_ns
+from .clock import VirtualClock
 from .controller import GrblController
 
 SCHEME = "simgrbl"

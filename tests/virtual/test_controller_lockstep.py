@@ -15,8 +15,9 @@ from deltact_fab.optics import StageFrame
 from deltact_fab.protocols.motion import move_duration_s
 from deltact_fab.rig.stage.grbl import GrblStage
 from deltact_fab.rig.stage.settings import Needs
+from deltact_fab.units import to_ns
 from deltact_fab.virtual import wire
-from deltact_fab.virtual.clock import VirtualClock, to_ns
+from deltact_fab.virtual.clock import VirtualClock
 from deltact_fab.virtual.controller import GrblController
 
 FRAME = StageFrame((-60.0, -50.0, -40.0), angle_deg=90.0)

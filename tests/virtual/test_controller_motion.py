@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deltact_fab.virtual.clock import VirtualClock, to_ns
+from deltact_fab.units import to_ns
+from deltact_fab.virtual.clock import VirtualClock
 from deltact_fab.virtual.controller import GrblController
 from deltact_fab.virtual.motion import Path, Segment, along_line, brake, trapezoid
 

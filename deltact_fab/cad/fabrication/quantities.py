@@ -146,11 +146,6 @@ def primer_ml(design: Design, sensors: int, process: Process = DEFAULT) -> float
     return sensors * 4 * x * y / 100 * process.primer_ml_per_cm2
 
 
-def coupon_mm3(design: Design) -> float:
-    """Volume of one well of the coupon mold."""
-    return math.pi / 4 * design.coupon.diameter_mm**2 * design.coupon.depth_mm
-
-
 def shrinkage_mm(design: Design, process: Process = DEFAULT) -> float:
     """What the skin's thickness loses from the cabinet to the room, when it is cured warm."""
     cooled = process.cure_warm_c - process.cure_room_c

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from ...shapes import SkinDimensions
 from ...shapes.indenter import parse
 from ...types import Point
 from ..engine import Case
+from .gel_checks import run
 from .layer_curves import (
     DEPTH_MM,
     SPHERE_MM,
@@ -177,14 +178,9 @@ def _order_less_1(nu: float, scratch: Path) -> float:
     return punch_order(nu, 512) - 1
 
 
-def _run(call: Callable[[], Any], scratch: Path) -> float:
-    call()
-    return math.nan
-
-
 def _refused(name: str, says: str, tip_mm: Point, **options: Any) -> Case:
     return Case(
-        name, "refused", partial(_run, partial(_state, tip_mm, step_mm=9.0, **options)), says=says
+        name, "refused", partial(run, partial(_state, tip_mm, step_mm=9.0, **options)), says=says
     )
 
 
@@ -234,11 +230,11 @@ def cases(quick: bool) -> Sequence[Case]:
                  diameter_mm=30.0, side_mm=(8.0, 8.0)),
         _refused("sphere:3 to its equator", "sphere:3", (0.0, 0.0, 1.5), diameter_mm=3.0),
         _refused("depth NaN", "finite", (0.0, 0.0, math.nan)),
-        Case("nu 0.51", "refused", partial(_run, partial(_material, poisson=0.51)),
+        Case("nu 0.51", "refused", partial(run, partial(_material, poisson=0.51)),
              says="poisson"),
-        Case("E 0", "refused", partial(_run, partial(_material, modulus_mpa=0.0)),
+        Case("E 0", "refused", partial(run, partial(_material, modulus_mpa=0.0)),
              says="modulus_mpa"),
-        Case("friction -0.1", "refused", partial(_run, partial(_material, friction=-0.1)),
+        Case("friction -0.1", "refused", partial(run, partial(_material, friction=-0.1)),
              says="friction"),
     ]  # fmt: skip
     if quick:

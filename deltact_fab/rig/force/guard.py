@@ -11,6 +11,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...types import Vector
+from ...units import to_ns
 from ..interface import Clock, ForceSamples, Stage
 from .config import ForceConfig, GuardConfig
 from .notes import Tally
@@ -207,4 +208,4 @@ class ForceGuard:
             self._byte_ns = now_ns
 
     def _now_ns(self) -> int:
-        return round(self._clock.now_s() * 1e9)
+        return to_ns(self._clock.now_s())

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import SensorError
+from ...units import to_ns
 from ..interface import Clock, ForceSamples
 from .notes import Tally
 
@@ -151,13 +152,13 @@ class NetFTSensor:
         self._link.close()
 
     def _now_ns(self) -> int:
-        return round(self._clock.now_s() * 1e9)
+        return to_ns(self._clock.now_s())
 
     def _fresh(self) -> Arrivals:
         """What came and is younger than all before it, at least one record."""
         if self._fault:
             raise SensorError(self._fault)
-        deadline_ns = self._now_ns() + round(self._timeout_s * 1e9)
+        deadline_ns = self._now_ns() + to_ns(self._timeout_s)
         stale = 0
         while (left_ns := deadline_ns - self._now_ns()) >= 0:
             came = self._link.receive(left_ns / 1e9)

@@ -14,6 +14,7 @@ import numpy as np
 import serial
 
 from ...errors import InputError, SensorError
+from ...units import to_ns
 from ..interface import Clock, ForceSamples
 from .config import ForceConfig, SerialScaleConfig
 from .notes import Tally
@@ -99,7 +100,7 @@ class SerialScale:
         """
         own = self._config
         limit_s = own.silent_s if self._woken else max(FIRST_S, own.silent_s)
-        deadline_ns = self._now_ns() + round(limit_s * 1e9)
+        deadline_ns = self._now_ns() + to_ns(limit_s)
         while True:
             data = self._guarded(lambda: self._port.read(max(1, self._port.in_waiting)))
             now_ns = self._now_ns()
@@ -139,7 +140,7 @@ class SerialScale:
             self._port.close()
 
     def _now_ns(self) -> int:
-        return round(self._clock.now_s() * 1e9)
+        return to_ns(self._clock.now_s())
 
     def _guarded(self, what: Any) -> Any:
         """Do it; a port that is gone is the sensor's error."""

@@ -14,8 +14,9 @@ from contextlib import contextmanager, suppress
 from ...errors import DeltactFabError, SensorError
 from ...protocols.pace import ARRIVAL_S
 from ...protocols.plan import Step
+from ...units import to_ns
 from .schedule import LOOK_NS, Schedule, in_step
-from .streams import Wanted, to_ns
+from .streams import Wanted
 
 GUARD_NS = 8_000_000  # between two looks of the guard
 SAMPLE_NS = 1_000_000  # a reading waits for the next sample

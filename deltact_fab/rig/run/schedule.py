@@ -11,8 +11,9 @@ from ...errors import DeltactFabError
 from ...protocols.pace import LOOK_S
 from ...protocols.plan import Step
 from ...record import Chunk, RunWriter
+from ...units import to_ns
 from ..interface import Devices, Frame
-from .streams import ForceStream, FrameStream, PoseStream, Wanted, now_ns, to_ns
+from .streams import ForceStream, FrameStream, PoseStream, Wanted, now_ns
 
 LOOK_NS = to_ns(LOOK_S)
 TAKEN = "taken"

@@ -17,6 +17,7 @@ import numpy as np
 from ...errors import SensorError
 from ...protocols.plan import Step
 from ...record import Chunk
+from ...units import to_ns
 from ..force.guard import ForceGuard
 from ..interface import Camera, Clock, ForceSamples, ForceSensor, Frame, Stage
 
@@ -24,11 +25,6 @@ from ..interface import Camera, Clock, ForceSamples, ForceSensor, Frame, Stage
 def now_ns(clock: Clock) -> int:
     """The clock's time in whole nanoseconds."""
     return to_ns(clock.now_s())
-
-
-def to_ns(seconds: float) -> int:
-    """Seconds to the nearest nanosecond."""
-    return round(seconds * 1e9)
 
 
 class PoseStream:

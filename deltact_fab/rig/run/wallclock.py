@@ -17,6 +17,7 @@ from contextlib import contextmanager, suppress
 from ...errors import DeltactFabError, RunFailed, SensorError
 from ...protocols.plan import Step
 from ...record import RunWriter
+from ...units import to_ns
 from ..interface import Devices
 from .loop import Loop
 from .schedule import LOOK_NS, Schedule
@@ -91,16 +92,16 @@ class WallClock(Schedule):
         """
         if not self.in_press:
             return
-        limit_ns = max(self._last_frame_ns, self.now_ns()) + round(FRAME_S * 1e9)
+        limit_ns = max(self._last_frame_ns, self.now_ns()) + to_ns(FRAME_S)
         while self.frames.pending:
             if self.now_ns() > limit_ns:
                 raise SensorError(f"camera: no frame within {FRAME_S:g} s of when it was wanted")
-            self._until(min(self.now_ns() + round(PAUSE_S * 1e9), limit_ns))
+            self._until(min(self.now_ns() + to_ns(PAUSE_S), limit_ns))
         if self.force is not None and step.frames:
             seen_ns = self.now_ns()
             # Its own thread says so, and ends this, when it is silent or lags behind.
             while self.force.last_ns < seen_ns:
-                self._until(self.now_ns() + round(PAUSE_S * 1e9))
+                self._until(self.now_ns() + to_ns(PAUSE_S))
         self.pose.step()
         self.check()
         self._tell(step)

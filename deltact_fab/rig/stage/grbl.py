@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...optics import StageFrame
 from ...types import Vector
+from ...units import to_ns
 from ..interface import Clock, StageState
 from . import jogs
 from .controller import JOG_CANCEL, Controller
@@ -183,7 +184,7 @@ class GrblStage:
             self._c.require_ready()
             state = self.poll()
             self._within_s = max(self._within_s, state.within_s)
-        return round(state.t_s * 1e9), self._frame.to_sensor_mm(state.machine_mm)
+        return to_ns(state.t_s), self._frame.to_sensor_mm(state.machine_mm)
 
     def stop(self) -> None:
         """Halt motion with the controller's own deceleration and wait for Idle.

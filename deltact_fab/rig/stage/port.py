@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import serial
 
 from ...errors import InputError, StageError
+from ...units import to_ns
 from ..interface import Clock
 
 T = TypeVar("T")
@@ -128,11 +129,11 @@ class Port:
 
     def now_ns(self) -> int:
         """Whole nanoseconds: sums and differences do not depend on how far the clock has come."""
-        return round(self._clock.now_s() * 1e9)
+        return to_ns(self._clock.now_s())
 
     def deadline_ns(self, seconds: float) -> int:
         """That long from now."""
-        return self.now_ns() + round(seconds * 1e9)
+        return self.now_ns() + to_ns(seconds)
 
     def on_wire_ns(self, n: int) -> int:
         """How long n bytes take."""

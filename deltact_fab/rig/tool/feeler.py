@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ...arrays import Field
 from ...errors import SensorError
 from ...types import Vector
+from ...units import to_ns
 from ..interface import Clock, ForceSamples, ForceSensor, Stage
 
 if TYPE_CHECKING:
@@ -92,7 +93,7 @@ class Feeler:
     def _since(self, start_ns: int, seconds: float) -> Field:
         """Samples (n, 3) N measured from then on, for so long; at least LEAST."""
         parts: list[Field] = []
-        end_ns = start_ns + round(seconds * 1e9)
+        end_ns = start_ns + to_ns(seconds)
         while True:
             samples = self._read()
             fresh = samples.t_ns >= start_ns
@@ -116,4 +117,4 @@ class Feeler:
         return samples
 
     def _now_ns(self) -> int:
-        return round(self._clock.now_s() * 1e9)
+        return to_ns(self._clock.now_s())
