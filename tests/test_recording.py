@@ -33,13 +33,13 @@ def put(run: RunWriter, k: int, wait: bool = True) -> str | None:
 @pytest.fixture
 def held(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
     """No file is written before it is set."""
-    go, write = threading.Event(), pipeline.write_file
+    go, write = threading.Event(), pipeline.write_whole
 
-    def waiting(path: Path, data: bytes) -> None:
+    def waiting(path: Path, data: bytes, sync_name: bool) -> None:
         go.wait(30)
-        write(path, data)
+        write(path, data, sync_name)
 
-    monkeypatch.setattr(pipeline, "write_file", waiting)
+    monkeypatch.setattr(pipeline, "write_whole", waiting)
     return go
 
 
@@ -109,14 +109,14 @@ def test_so_many_bytes_wait_and_no_more(
 def test_a_file_that_cannot_be_written_ends_the_order_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write, told = pipeline.write_file, threading.Event()
+    write, told = pipeline.write_whole, threading.Event()
 
-    def full(path: Path, data: bytes) -> None:
+    def full(path: Path, data: bytes, sync_name: bool) -> None:
         if path.name.endswith("007.png"):
             raise RunFailed(f"{path}: cannot be written: No space left on device")
-        write(path, data)
+        write(path, data, sync_name)
 
-    monkeypatch.setattr(pipeline, "write_file", full)
+    monkeypatch.setattr(pipeline, "write_whole", full)
     run = writer(tmp_path / "r")
     reasons: list[RunFailed] = []
 

@@ -77,7 +77,7 @@ def agree(numbers: range, folder: Path, monkeypatch: pytest.MonkeyPatch) -> int:
     monkeypatch.chdir(folder)
     stop_at_first_motion(monkeypatch.setattr)
     # Forces only warn on a virtual rig, and are not what is asked here.
-    monkeypatch.setattr(experiment.asked.Asked, "warnings", lambda self, progress: [])
+    monkeypatch.setattr(experiment.request.Asked, "warnings", lambda self, progress: [])
     monkeypatch.setattr("deltact_fab.preflight.predict", lambda *a, **k: None)
     begun = 0
     for number in numbers:
