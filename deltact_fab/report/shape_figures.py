@@ -164,7 +164,7 @@ def _section(axis: Axes, picture: Picture, first: bool) -> None:
     beside = np.linspace(x[0], x[-1], 801)
     height = parse(picture.indenter).height_mm(beside - picture.tip_mm[0], np.zeros_like(beside))
     height[height > PART_MM] = np.nan
-    axis.plot(beside, picture.tip_mm[2] + height, color="#999999", lw=1, label="the object")
+    axis.plot(beside, picture.tip_mm[2] + height, color=figures.SOFT, lw=1, label="the object")
     axis.plot(x, -picture.true_depth_mm[row], color=COLOURS[4], ls="--", lw=1.5, label="true face")
     axis.plot(x, -picture.depth_mm[row], color=COLOURS[0], lw=1.5, label="measured face")
     axis.set_xlim(*maps.window_mm(picture)[0])
@@ -184,7 +184,7 @@ def _error(axis: Axes, picture: Picture, first: bool) -> None:
                "measured - true depth, mm")  # fmt: skip
     maps.found_contacts(axis, picture, "black")
     maps.true_contact(axis, picture, COLOURS[4])
-    axis.plot([], [], color="black", lw=1.3, label="contact found")
+    axis.plot([], [], color=figures.INK, lw=1.3, label="contact found")
     axis.plot([], [], color=COLOURS[4], lw=1.3, ls="--", label="true contact")
     maps.frame(axis, picture, first, last=True)
 
