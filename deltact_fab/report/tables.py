@@ -18,11 +18,12 @@ SHORT = 32  # letters that stay on one line
 def prepared(table: Table) -> dict[str, Any]:
     """What the template needs of a table.
 
-    title, more: of the caption. hidden: how many rows are not shown. tsv: head and all rows,
-    numbers to their last digit.
+    title, more: of the caption. head, rows: without columns in which there is no value. hidden: how
+    many rows are not shown. tsv: the same head and all rows, numbers to their last digit.
     Raises ValueError for a shown column that the frame has not.
     """
     frame = table.frame if table.shown is None else table.frame[list(_known(table))]
+    frame = frame[[name for name in frame if frame[name].notna().any() or frame.empty]]
     title, _, more = table.caption.partition(". ")
     shown = frame if len(frame) <= MOST_ROWS else frame.iloc[:FIRST_ROWS]
     head = [

@@ -34,7 +34,8 @@ def environment(**filters: Callable[..., str]) -> Any:
 # Of a key or a column: what its last part says of the unit.
 _UNITS = {
     "mm": "mm", "mm2": "mm²", "mm3": "mm³", "cm3": "cm³", "um": "µm", "px": "px", "n": "N",
-    "s": "s", "nmm": "N mm", "mpa": "MPa", "kpa": "kPa", "ms": "ms", "mb": "MB", "percent": "%", "deg": "°",
+    "s": "s", "nmm": "N mm", "mpa": "MPa", "kpa": "kPa", "ms": "ms", "mb": "MB",
+    "percent": "%", "deg": "°",
 }  # fmt: skip
 
 

@@ -15,6 +15,7 @@ _CELL = re.compile(r"<(t[hd])\b([^>]*)>(.*?)</\1>", re.DOTALL)
 _SPAN = re.compile(r'\s*(col|row)span="(\d+)"')
 _TAG = re.compile(r"<(?!img|svg)[^>]*>")
 _NONE = re.compile(r'\s*data-none="([^"]*)"')
+_STACK = re.compile(r'class="[^"]*\bstack\b')
 _NOTHING = frozenset({"", "–", "—", "-", "n.a."})
 
 
@@ -45,8 +46,8 @@ def tidied(page: str) -> str:
 
     A column goes when all its cells but the heads are empty, a row when all are but its first, the
     row's name. Where none is left, the table's `data-none` stands in its place. Heads come into a
-    `<thead>`, which every printed sheet repeats, and each cell learns its head (`data-head`), which
-    stands before it where a narrow window breaks the rows.
+    `<thead>`, which every printed sheet repeats. A cell of a table of class `stack` learns its head
+    (`data-head`), which stands before it where a narrow window breaks the rows.
     """
     return _TABLE.sub(_table, page)
 
@@ -62,7 +63,9 @@ def _table(found: re.Match[str]) -> str:
     full = [c for _, cells in body for c in cells if c.kind == "td" and not c.empty]
     filled = {k for cell in full for k in cell.columns()}
     gone = columns - filled
-    heads = {} if len(head) != 1 else {cell.first: _plain(cell.text) for cell in head[0][1]}
+    heads = {}
+    if _STACK.search(found["attributes"]) and len(head) == 1:
+        heads = {cell.first: _plain(cell.text) for cell in head[0][1]}
     lines = [f"<table{_NONE.sub('', found['attributes'])}>"]
     if head:
         lines += ["<thead>", *(_line(row, gone, {}) for row in head), "</thead>"]
