@@ -120,10 +120,12 @@ def letters(figure: Figure, least_pt: float, most_pt: float = math.inf) -> None:
 
 
 def _words(figure: Figure) -> str:
-    """What the axes of a figure say of themselves."""
-    said = [(a.get_title(loc="left") or a.get_title(), a.get_ylabel(), a.get_xlabel())
-            for a in figure.axes]  # fmt: skip
-    return "; ".join(dict.fromkeys(" ".join(", ".join(filter(None, s)).split()) for s in said))
+    """What the first axes of a figure show against what."""
+    labels = [
+        " ".join(text.split())
+        for text in (figure.axes[0].get_ylabel(), figure.axes[0].get_xlabel())
+    ]
+    return " against ".join(filter(None, labels)) or "figure"
 
 
 def hash_text(text: str) -> int:

@@ -92,7 +92,11 @@ def write(
         rule=RULE,
         best=next(m for m in tracking.methods if m["name"] == verdict.about),
         paper_mm=PAPER_BEST_MM,
-        figures={name: figures.to_svg(figure) for name, figure in drawn.items() if figure},
+        figures={
+            name: figures.to_svg(figure, _SHOWN.get(name, ""))
+            for name, figure in drawn.items()
+            if figure
+        },
         pattern_png=_png(run.image(str(frames["file"].iloc[0]))),
         strips=_strips(run, frames, tracking),
         arrow_gain=ARROW_GAIN,
@@ -104,6 +108,11 @@ def write(
     return save(page, out)
 
 
+# What a figure shows, where its axes do not say it all.
+_SHOWN = {
+    "shape": "depth, flow and contact on the face at the deepest press of each indenter",
+    "force": "force on the sensor in x, y and z, N, against the frame",
+}
 # Above a column of the methods' tables: what stands in it.
 _METHODS: dict[str, Callable[[dict[str, Any]], str]] = {
     "mean error over all moving pixels, mm": lambda m: _fig(m["mean_off_dots_mm"]),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,16 +29,20 @@ FAINT = """() => {
     sum + w * (c[k] <= 0.04045 ? c[k] / 12.92 : ((c[k] + 0.055) / 1.055) ** 2.4), 0);
   const ground = e => {
     const layers = [];
-    for (let at = e; at; at = at.parentElement) layers.push(rgba(getComputedStyle(at).backgroundColor));
+    for (let at = e; at; at = at.parentElement)
+      layers.push(rgba(getComputedStyle(at).backgroundColor));
     return layers.reverse().reduce((below, layer) => over(layer, below), [1, 1, 1, 1]);
   };
   const found = [];
   for (const e of document.querySelectorAll('body, body *')) {
-    const words = [...e.childNodes].filter(n => n.nodeType === 3).map(n => n.data.trim()).join('');
-    if (!words || e.closest('script, style, textarea, [disabled]') || !e.checkVisibility()) continue;
+    const texts = [...e.childNodes].filter(n => n.nodeType === 3);
+    const words = texts.map(n => n.data.trim()).join('');
+    if (!words || e.closest('script, style, textarea, [disabled]')) continue;
+    if (!e.checkVisibility()) continue;
     const style = getComputedStyle(e), under = ground(e.closest('svg')?.parentElement ?? e);
     const ink = over(rgba(e.closest('svg') ? style.fill : style.color), under);
-    const [a, b] = [light(ink), light(under)].sort((x, y) => y - x), size = parseFloat(style.fontSize);
+    const [a, b] = [light(ink), light(under)].sort((x, y) => y - x);
+    const size = parseFloat(style.fontSize);
     const large = size >= 24 || (size >= 18.6 && style.fontWeight >= 700);
     if ((a + 0.05) / (b + 0.05) < (large ? 3 : 4.5))
       found.push(`${words.slice(0, 40)}: ${((a + 0.05) / (b + 0.05)).toFixed(2)}`);
@@ -52,12 +57,16 @@ SMALL = """least => [...document.querySelectorAll('.plot svg text')].map(t => [
   t.textContent, t.ownerSVGElement.getScreenCTM().a * parseFloat(getComputedStyle(t).fontSize),
 ]).filter(([, px]) => px < least)"""
 OFF_THE_SHEET = """turned => [...document.querySelectorAll('table, svg, img')].filter(e =>
-  e.checkVisibility() && !!e.closest('.wider') === turned && e.getBoundingClientRect().right > innerWidth + 1
+  e.checkVisibility() && !!e.closest('.wider') === turned &&
+  e.getBoundingClientRect().right > innerWidth + 1
 ).map(e => e.outerHTML.slice(0, 80))"""
 MAY_BE_SPLIT = """() => [...document.querySelectorAll('svg, img, figure, .plot, tr')].filter(e =>
-  e.checkVisibility() && !e.parentElement.closest('svg') && getComputedStyle(e).breakInside !== 'avoid'
+  e.checkVisibility() && !e.parentElement.closest('svg') &&
+  getComputedStyle(e).breakInside !== 'avoid'
 ).map(e => e.outerHTML.slice(0, 80))"""
-HIDDEN = """() => [...document.querySelectorAll('details:not(.screen *) > :not(summary)')].filter(e =>
+HIDDEN = """() => [
+  ...document.querySelectorAll('details:not(.screen *) > :not(summary)')
+].filter(e =>
   !e.checkVisibility({contentVisibilityAuto: true}) || e.getBoundingClientRect().height === 0
 ).map(e => e.outerHTML.slice(0, 80))"""
 BEFORE_THE_VERDICT = """() => {
@@ -66,23 +75,30 @@ BEFORE_THE_VERDICT = """() => {
     verdict.compareDocumentPosition(e) & Node.DOCUMENT_POSITION_PRECEDING).length;
 }"""
 EMPTY = """() => {
-  const none = e => !e.querySelector('img, svg') && ['', '–', '—', '-', 'n.a.'].includes(e.textContent.trim());
+  const nothing = ['', '–', '—', '-', 'n.a.'];
+  const none = e => !e.querySelector('img, svg') && nothing.includes(e.textContent.trim());
   const found = [];
   for (const table of document.querySelectorAll('table')) {
     const rows = [...table.tBodies].flatMap(b => [...b.rows]).filter(r => r.cells.length > 1);
     const whole = rows.filter(r => [...r.cells].every(c => c.colSpan === 1));
     const wide = Math.max(0, ...whole.map(r => r.cells.length));
     for (let k = 0; k < wide; k++)
-      if (whole.length === rows.length && rows.every(r => none(r.cells[k]))) found.push(`column ${k} of ${table.textContent.slice(0, 60)}`);
-    for (const r of rows) if ([...r.cells].slice(1).every(none)) found.push(`row ${r.textContent}`);
+      if (whole.length === rows.length && rows.every(r => none(r.cells[k])))
+        found.push(`column ${k} of ${table.textContent.slice(0, 60)}`);
+    for (const r of rows)
+      if ([...r.cells].slice(1).every(none)) found.push(`row ${r.textContent}`);
     if (!table.rows.length) found.push('a table of nothing');
   }
   return found;
 }"""
 NAMELESS = """() => [
   ...[...document.images].filter(i => !i.alt).map(i => i.outerHTML.slice(0, 60)),
-  ...[...document.querySelectorAll('.plot svg')].filter(s => s.getAttribute('role') !== 'img' || !s.getAttribute('aria-label')).map(s => s.outerHTML.slice(0, 60)),
-  ...[...document.querySelectorAll('canvas')].filter(c => !c.ariaLabel && !c.getAttribute('aria-labelledby')).map(c => c.id),
+  ...[...document.querySelectorAll('.plot svg')]
+    .filter(s => s.getAttribute('role') !== 'img' || !s.getAttribute('aria-label'))
+    .map(s => s.outerHTML.slice(0, 60)),
+  ...[...document.querySelectorAll('canvas')]
+    .filter(c => !c.getAttribute('aria-label') && !c.getAttribute('aria-labelledby'))
+    .map(c => c.id),
 ]"""
 LEVELS = "() => [...document.querySelectorAll('h1, h2, h3, h4')].map(h => +h.tagName[1])"
 
@@ -96,7 +112,7 @@ def checked(tab: Page, out_of_sight: Callable[[Page], list[str]]) -> None:
     assert tab.evaluate(NAMELESS) == []
     levels = tab.evaluate(LEVELS)
     assert levels[0] == 1
-    assert all(b <= a + 1 and b > 1 for a, b in zip(levels, levels[1:], strict=False))
+    assert all(b <= a + 1 and b > 1 for a, b in pairwise(levels))
     words = tab.locator(".verdict").first.inner_text()
     assert len(words) > 20
     assert "." in words

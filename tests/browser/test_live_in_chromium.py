@@ -20,7 +20,7 @@ DRAWN = """id => {
 SPEECH = "() => document.body.innerText"
 
 
-def opened(browser: Browser, live_url: str) -> tuple[Page, list[str]]:
+def opened(browser: Browser, url: str) -> tuple[Page, list[str]]:
     """A tab on the page, and what it says and fetches that it should not."""
     tab, wrong = browser.new_page(viewport={"width": 1300, "height": 900}), list[str]()
     tab.on("console", lambda m: wrong.append(f"{m.type}: {m.text}"))
