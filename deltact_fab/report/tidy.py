@@ -61,7 +61,10 @@ def _table(found: re.Match[str]) -> str:
         return f'<p class="soft">{told[1] if told else "There is nothing to show."}</p>'
     columns = {k for _, cells in [*head, *body] for cell in cells for k in cell.columns()}
     full = [c for _, cells in body for c in cells if c.kind == "td" and not c.empty]
-    filled = {k for cell in full for k in cell.columns()}
+    filled = {cell.first for cell in full if cell.across == 1}
+    for cell in full:  # words across several columns keep one of them, if nothing else does
+        if filled.isdisjoint(cell.columns()):
+            filled.add(cell.first)
     gone = columns - filled
     heads = {}
     if _STACK.search(found["attributes"]) and len(head) == 1:

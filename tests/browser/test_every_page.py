@@ -56,6 +56,8 @@ GROUND = """() => {
 SMALL = """least => [...document.querySelectorAll('.plot svg text')].map(t => [
   t.textContent, t.ownerSVGElement.getScreenCTM().a * parseFloat(getComputedStyle(t).fontSize),
 ]).filter(([, px]) => px < least)"""
+CUT_FIGURES = """() => [...document.querySelectorAll('.plot .scroll')].filter(
+  box => box.scrollWidth > box.clientWidth + 1).length"""
 OFF_THE_SHEET = """turned => [...document.querySelectorAll('table, svg, img')].filter(e =>
   e.checkVisibility() && !!e.closest('.wider') === turned &&
   e.getBoundingClientRect().right > innerWidth + 1
@@ -119,6 +121,7 @@ def checked(tab: Page, out_of_sight: Callable[[Page], list[str]]) -> None:
     assert tab.evaluate(BEFORE_THE_VERDICT) == 0
     assert tab.evaluate(EMPTY) == []
 
+    assert tab.evaluate(CUT_FIGURES) == 0
     assert tab.evaluate(GROUND) > 230
     assert tab.evaluate(FAINT) == []
     tab.emulate_media(color_scheme="dark")

@@ -53,8 +53,11 @@ def test_a_head_over_two_columns_shrinks_with_them_and_titles_of_groups_stay() -
         table("<th>a</th><th>b</th>", '<th colspan="2">group</th>', "<td>x</td><td>1</td>")
     )
     assert '</thead>\n<tbody>\n<tr><th colspan="2">group</th></tr>' in groups
-    across = table("<th>a</th><th>b</th><th>c</th>", '<td>x</td><td colspan="2">none</td>')
-    assert '<td>x</td><td colspan="2">none</td>' in tidied(across)
+    row = '<td>x</td><td colspan="2">none</td>'
+    assert "<td>x</td><td>none</td>" in tidied(table("<th>a</th><th>b</th><th>c</th>", row))
+    beside = tidied(table("<th>a</th><th>b</th><th>c</th>", row, "<td>y</td><td>–</td><td>2</td>"))
+    assert "<th>b</th>" not in beside
+    assert "<td>x</td><td>none</td>" in beside
 
 
 def test_cells_of_a_stack_learn_their_heads() -> None:
