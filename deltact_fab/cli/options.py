@@ -20,14 +20,14 @@ PATH = click.Path(path_type=Path)
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 
-def out_file(help: str, **given: Any) -> Decorator:
+def out_file(help: str, name: str = "out", **given: Any) -> Decorator:
     """`-o FILE`, the one file that a command writes."""
-    return click.option("-o", "out", type=PATH, metavar="FILE", help=help, **given)
+    return click.option("-o", name, type=PATH, metavar="FILE", help=help, **given)
 
 
-def out_folder(help: str, **given: Any) -> Decorator:
+def out_folder(help: str, name: str = "out", **given: Any) -> Decorator:
     """`--out DIR`, the folder that a command writes into."""
-    return click.option("--out", type=PATH, metavar="DIR", help=help, **given)
+    return click.option("--out", name, type=PATH, metavar="DIR", help=help, **given)
 
 
 NEW_FILE = out_file(
@@ -117,9 +117,9 @@ def _kinds() -> list[str]:
 
 
 def _engines() -> list[str]:
-    from ..numerics import harness
+    from ..numerics.engines import REGISTRY
 
-    return list(harness.ENGINES)
+    return list(REGISTRY)
 
 
 DESIGN_NAME = _catalogue("cad")
@@ -147,6 +147,11 @@ RIG = click.option(
     metavar="RIG",
     help="Rig: a name of `rig list` or a path.",
 )
+
+TIP_IS_CLEAR = click.option(
+    "--tip-is-clear", is_flag=True,
+    help="You confirm that the tip touches nothing, so that the stage may home.",
+)  # fmt: skip
 
 SEED = click.IntRange(min=0)
 

@@ -18,10 +18,9 @@ from typing import Any
 
 import click
 
-from ..types import Progress
+from ..units import DIGITS, digits, duration
 
-DIGITS = 4
-"""Significant ones of a number in a table."""
+Progress = Callable[[int, int, str], None]
 LINE_EVERY_S = 5.0
 """Where no terminal shows a bar: a line so often."""
 LONG_S, LONG_LINE_EVERY_S = 600.0, 60.0
@@ -41,6 +40,14 @@ def echo_written(file: Path, then: str, as_json: bool) -> None:
         echo_json({"file": str(file)})
     else:
         click.echo(f"{file}: written; change it, then `deltact-fab {then}`")
+
+
+def echo_wrote(file: Path, as_json: bool) -> None:
+    """Say which file was written."""
+    if as_json:
+        echo_json({"file": str(file)})
+    else:
+        click.echo(f"written: {file}")
 
 
 def echo_rows(columns: Sequence[str], rows: Sequence[Sequence[Any]], as_json: bool) -> None:
@@ -124,7 +131,7 @@ def _column(values: Sequence[Any]) -> list[str]:
     # What cancelled is none.
     some = [n for n in numbers if n > 1e-9 * largest]
     alike = all(isinstance(v, int | float | None) for v in values)
-    if alike and some and 1e-4 <= min(some) and largest < 1e3 * min(some):
+    if alike and some and min(some) >= 1e-4 and largest < 1e3 * min(some):
         decimals = max(0, DIGITS - 1 - math.floor(math.log10(largest)))
         cells = [f"{v:.{decimals}f}" if isinstance(v, float) else _cell(v) for v in values]
         while decimals and all(
@@ -144,17 +151,10 @@ def _cell(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        return figure(value)
+        return digits(value)
     if isinstance(value, list | tuple):
         return ", ".join(map(_cell, value)) or "none"
     return str(value)
-
-
-def figure(value: float) -> str:
-    """A number with four significant digits, below a million without an exponent."""
-    if 10**DIGITS <= abs(value) < 1e6:
-        return f"{value:.0f}"
-    return f"{value:.{DIGITS}g}"
 
 
 def save_figures(folder: Path, drawn: Callable[[], Mapping[str, Any]]) -> list[Path]:
@@ -216,7 +216,7 @@ def _in_lines(title: str) -> Iterator[Progress]:
     def say() -> None:
         nonlocal told
         told = state
-        click.echo(f"{title}: {_duration(time.monotonic() - begun_s)}: {state or 'begun'}", err=True)
+        click.echo(f"{title}: {duration(time.monotonic() - begun_s)}: {state or 'begun'}", err=True)
 
     def talk() -> None:
         # Ctrl-C is for the main thread, which holds it back at times.
@@ -237,8 +237,3 @@ def _in_lines(title: str) -> Iterator[Progress]:
         talking.join()
         if told and told != state:
             say()
-
-
-def _duration(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes} min {rest} s" if minutes else f"{rest} s"
