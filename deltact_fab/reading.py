@@ -66,16 +66,20 @@ def toml(path: Path) -> dict[str, Any]:
 
 def json_object(path: Path) -> dict[str, Any]:
     """The object of a JSON file. Raises InputError naming the file."""
-    content = text(path, MOST_RECORD_BYTES)
+    return json_text(text(path, MOST_RECORD_BYTES), str(path))
+
+
+def json_text(content: str, source: str) -> dict[str, Any]:
+    """The object of a JSON text. Raises InputError naming its source."""
     try:
         data = json.loads(content)
         _check(data)
     except RecursionError as why:
-        raise InputError(f"{path}: nested too deep; a few levels are right") from why
+        raise InputError(f"{source}: nested too deep; a few levels are right") from why
     except ValueError as why:
-        raise InputError(f"{path}: not valid JSON: {why}") from why
+        raise InputError(f"{source}: not valid JSON: {why}") from why
     if not isinstance(data, dict):
-        raise InputError(f"{path}: an object is needed, as in {{...}}, not {type(data).__name__}")
+        raise InputError(f"{source}: an object is needed, as in {{...}}, not {type(data).__name__}")
     return data
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -44,7 +44,7 @@ def of_design(command: F) -> F:
         metavar="SECTION.KEY=VALUE",
         help="Change a dimension, as in skin.width_mm=44; repeatable. `cad show PART` lists them.",
     )(command)
-    return cast(F, DESIGN(command))
+    return DESIGN(command)
 
 
 SENSORS = click.option(

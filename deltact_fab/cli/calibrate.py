@@ -121,7 +121,8 @@ def _tell(found: Calibration) -> None:
     )  # fmt: skip
     click.echo(
         "\nuncertainty in px of the raw image (one sigma, over 95 % of the view): "
-        f"face {found.face_px:.3f}, 3 mm below {found.depth_px[3.0]:.2f}, 6 mm below {found.depth_px[6.0]:.2f}"
+        f"face {found.face_px:.3f}, "
+        f"3 mm below {found.depth_px[3.0]:.2f}, 6 mm below {found.depth_px[6.0]:.2f}"
     )
     click.echo(f"contact corners cover {found.cover:.0%} of the view")
     if found.simulated is not None:

@@ -35,11 +35,11 @@ def list_(as_json: bool) -> None:
     rows = []
     for name in catalog.names("protocols/rigs"):
         bench = config.load(name)[0]
-        camera = bench.camera and bench.camera.kind
+        measures = {"camera": bench.camera is not None, "force": bench.force is not None}
         if bench.kind == "virtual":
-            camera = "pinhole" if bench.virtual.lens is None else "fisheye"
-        rows.append((name, bench.kind, camera))
-    echo_rows(("rig", "kind", "camera"), rows, as_json)
+            measures["camera"] = True
+        rows.append((name, bench.kind, [what for what, there in measures.items() if there]))
+    echo_rows(("rig", "kind", "measures"), rows, as_json)
 
 
 @rig.command()

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from .. import reading
 from ..errors import InputError, RunFailed
 from .files import notes_file, sync_folder
 
@@ -76,9 +77,9 @@ def _lines(folder: Path) -> Iterator[tuple[int, dict[str, Any] | None]]:
         raise RunFailed(f"{path}: cannot be read: {why.strerror}") from why
     for number, line in enumerate(lines, start=1):
         try:
-            note = json.loads(line)
+            note = reading.json_text(line.decode(), f"{path}:{number}")
             yield number, {"wall_s": float(note["wall_s"]), "text": str(note["text"])}
-        except (ValueError, KeyError, TypeError):
+        except (InputError, ValueError, KeyError, TypeError):
             yield number, None
 
 

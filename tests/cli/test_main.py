@@ -186,7 +186,7 @@ def test_gel_press_prints_what_the_json_says(tmp_path: Path) -> None:
     assert data["max_stretch"] is None
     shown = call(*words, cwd=tmp_path).stdout
     assert f"{data['force_n'][2]:+.3f} N (simulated)" in shown
-    assert "picked layer (asked for): grid 0.4 mm" in shown
+    assert "chosen: layer (asked for): grid 0.4 mm" in shown
 
 
 PRESS_KEYS = {

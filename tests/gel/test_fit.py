@@ -261,8 +261,8 @@ def test_the_commands_refusals(tmp_path: Path) -> None:
     path = tmp_path / "press.csv"
     path.write_text(HEAD + ROWS)
     for options, said in [
-        (["--friction", "slick"], "a coefficient or 'fit'"),
-        (["--offset", "x"], "mm or 'fit'"),
+        (["--friction", "slick"], "a number or fit is needed"),
+        (["--offset", "x"], "a number of mm or fit"),
         (["--at", "1"], "two numbers in mm"),
     ]:
         bad = CliRunner().invoke(command, [str(path), "--indenter", "sphere:15", *options])
