@@ -187,6 +187,11 @@ def check(design: str, changes: tuple[str, ...], cache: bool, as_json: bool) -> 
     else:
         columns = ("check", "part", "found", "limit", "verdict")
         echo_table(columns, [(r.check, r.part, r.found, r.limit, r.verdict) for r in rows])
+        unverified = sum(bool(r.rests_on) for r in rows if r.passed)
+        click.echo(
+            f"\n{sum(r.passed for r in rows)} of {len(rows)} checks pass, {unverified} of them on "
+            "values that nobody has measured yet"
+        )
     failed = [row for row in rows if not row.passed]
     if failed:
         named = ", ".join(dict.fromkeys(f"{row.check} ({row.part})" for row in failed))

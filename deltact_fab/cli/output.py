@@ -65,7 +65,7 @@ def echo_table(columns: Sequence[str], rows: Sequence[Sequence[Any]], names: int
     below; each part repeats the first `names` columns. Elsewhere a row is always one line.
     """
     right = [
-        bool(rows) and all(isinstance(row[i], int | float | None) for row in rows)
+        bool(rows) and all(_is_number(row[i]) for row in rows)
         for i in range(len(columns))
     ]
     cells = [_column([row[i] for row in rows]) for i in range(len(columns))]
@@ -130,7 +130,7 @@ def _column(values: Sequence[Any]) -> list[str]:
     largest = max(numbers, default=0.0)
     # What cancelled is none.
     some = [n for n in numbers if n > 1e-9 * largest]
-    alike = all(isinstance(v, int | float | None) for v in values)
+    alike = all(map(_is_number, values))
     if alike and some and min(some) >= 1e-4 and largest < 1e3 * min(some):
         decimals = max(0, DIGITS - 1 - math.floor(math.log10(largest)))
         cells = [f"{v:.{decimals}f}" if isinstance(v, float) else _cell(v) for v in values]
@@ -143,6 +143,10 @@ def _column(values: Sequence[Any]) -> list[str]:
     return [
         "0" if isinstance(v, float) and 0 < abs(v) <= 1e-9 * largest else _cell(v) for v in values
     ]
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float | None) and not isinstance(value, bool)
 
 
 def _cell(value: Any) -> str:

@@ -43,7 +43,7 @@ def refused(*words: str) -> str:
 def test_the_bill_makes_the_folder_it_goes_to() -> None:
     done("bom", "-o", "no such/b.csv")
     assert len(list(csv.DictReader(Path("no such/b.csv").read_text().splitlines()))) > 10
-    done("bom", "--format", "json", "-o", "no such/b.json")
+    done("bom", "-o", "no such/b.json")
     assert len(json.loads(Path("no such/b.json").read_text())) > 10
 
 

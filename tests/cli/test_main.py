@@ -87,7 +87,10 @@ def test_every_command_stands_in_the_readme() -> None:
         (["gel", "press", "--depth", "1", "--at", "3"], "two numbers"),
         (["analyze", "tracking", "."], "not a run folder"),
         (["report", "nowhere"], "nowhere: no such folder"),
-        (["analyse"], "No such command"),
+        (["analyse"], "no such command; did you mean 'analyze'?"),
+        (["cad", "exprt"], "no such command; did you mean 'export'?"),
+        (["cad", "show", "shell", "--desing", "x"], "Did you mean '--design'?"),
+        (["study", "run", "shpes"], "no such study; did you mean 'shapes'?"),
         (["cad", "show", "shel"], "did you mean 'shell'?"),
         (["cad", "check", "--set", "skin.widht_mm=3"], "did you mean 'width_mm'?"),
         (
