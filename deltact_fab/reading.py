@@ -58,7 +58,7 @@ def toml(path: Path) -> dict[str, Any]:
         data = tomllib.loads(content)
         _check(data)
     except RecursionError as why:
-        raise InputError(f"{path}: nested too deep; a few levels are right") from why
+        raise InputError(f"{path}: nested too deep; expected a few levels") from why
     except ValueError as why:  # also a whole number of thousands of digits
         raise InputError(f"{path}: not valid TOML: {why}") from why
     return data
@@ -75,7 +75,7 @@ def json_text(content: str, source: str) -> dict[str, Any]:
         data = json.loads(content)
         _check(data)
     except RecursionError as why:
-        raise InputError(f"{source}: nested too deep; a few levels are right") from why
+        raise InputError(f"{source}: nested too deep; expected a few levels") from why
     except ValueError as why:
         raise InputError(f"{source}: not valid JSON: {why}") from why
     if not isinstance(data, dict):
@@ -91,7 +91,7 @@ def _check(data: object) -> None:
         if level > MOST_LEVELS:
             raise RecursionError
         if isinstance(value, int) and not -_MOST_WHOLE <= value < _MOST_WHOLE:
-            raise ValueError(f"a whole number of {value.bit_length()} bits; at most 64 are right")
+            raise ValueError(f"a whole number of {value.bit_length()} bits; expected at most 64")
         if isinstance(value, dict):
             waiting += [(one, level + 1) for one in value.values()]
         elif isinstance(value, list):

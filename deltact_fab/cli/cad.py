@@ -75,7 +75,7 @@ def file_to_write(out: Path) -> Iterator[None]:
     from ..errors import InputError
 
     if out.is_dir():
-        raise InputError(f"-o {out}: a folder; the name of a file is right")
+        raise InputError(f"-o {out}: a folder; expected the name of a file")
     made = [path for path in out.parents if not path.exists()]
     try:
         try:

@@ -64,10 +64,7 @@ def echo_table(columns: Sequence[str], rows: Sequence[Sequence[Any]], names: int
     On a terminal that is too narrow text is wrapped, and columns that still do not fit follow
     below; each part repeats the first `names` columns. Elsewhere a row is always one line.
     """
-    right = [
-        bool(rows) and all(_is_number(row[i]) for row in rows)
-        for i in range(len(columns))
-    ]
+    right = [bool(rows) and all(_is_number(row[i]) for row in rows) for i in range(len(columns))]
     cells = [_column([row[i] for row in rows]) for i in range(len(columns))]
     widths = [max(map(len, (c, *column))) for c, column in zip(columns, cells, strict=True)]
     most = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize

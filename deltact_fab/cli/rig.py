@@ -193,7 +193,7 @@ def check(name: str, seconds: float, as_json: bool) -> None:
 
     bench, path = config.load(name)
     if not isinstance(bench, config.GrblConfig):
-        raise InputError(f"{path}: kind: 'virtual' has no device to talk to; a 'grbl' rig is right")
+        raise InputError(f"{path}: kind: 'virtual' has no device to talk to; expected a 'grbl' rig")
     rows = []
     for row in look(bench, path.parent, seconds):
         rows.append(row)

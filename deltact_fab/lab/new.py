@@ -97,7 +97,7 @@ def rig(name: str, out: Path | None = None) -> Written:
 def _file(kind: Kind, name: str, out: Path | None) -> Path:
     """Where a new file of a kind goes. Raises InputError for a path in place of a name."""
     if not name or Path(name).name != name or name.endswith(".toml") or not name.isprintable():
-        raise InputError(f"{name!r}: give a name, as in mine; -o FILE.toml says where it goes")
+        raise InputError(f"{name!r}: expected a name, as in mine; -o FILE.toml says where it goes")
     folder = Path(kind.catalogue)
     return out or (folder if folder.is_dir() else Path()) / f"{name}.toml"
 

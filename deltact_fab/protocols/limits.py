@@ -248,5 +248,5 @@ def _unseen(steps: list[Step]) -> Check:
         if step.kind in ("press", "shear")
     )
     bound = MOST_BETWEEN_FRAMES_MM
-    what = "way of the tip (mm)"
+    what = "travel of the tip (mm)"
     return Check("motion between frames", True, what, way_mm, bound, at, way_mm > bound + EPS_MM)

@@ -53,7 +53,7 @@ def usable(text: str) -> str:
     """A note's text without blanks at its ends. Raises InputError for what is no note."""
     text = text.strip()
     if not 0 < len(text) <= LONGEST:
-        raise InputError(f"note: {len(text)} characters, 1 to {LONGEST} are right")
+        raise InputError(f"note: {len(text)} characters; expected 1 to {LONGEST}")
     if odd := [c for c in text if not c.isprintable() and c not in "\n\t"]:
         raise InputError(f"note: {odd[0]!r} is no character that can be printed; leave it out")
     return text

@@ -98,7 +98,7 @@ def test_every_command_stands_in_the_readme() -> None:
             "the camera's board and the corner posts",
         ),
         (["cad", "export", "--format", "obj"], "format 'obj': unknown"),
-        (["cad", "export", "skin", "--tolerance", "nan"], "0.001 to 1 mm is right"),
+        (["cad", "export", "skin", "--tolerance", "nan"], "expected 0.001 to 1 mm"),
         (["cad", "bom", "--sensors", "0"], "sensors"),
         (["cad", "guide", "--design", "deltakt"], "did you mean 'deltact'?"),
         (["pattern", "quality", "dens"], "did you mean 'dense'?"),

@@ -39,7 +39,7 @@ host = "127.0.0.1"
         ("rig register b.toml -o f.toml --jig", "touch.jig: missing table"),
         ("rig register b.toml -o gone/f.toml", "gone: no such folder"),
         ("run first-moves --air --out r --seed -1", "-1"),
-        ("run first-moves --air --out r --note ''", "note: 0 characters, 1 to 4000 are right"),
+        ("run first-moves --air --out r --note ''", "note: 0 characters; expected 1 to 4000"),
         ("run first-moves --air --out r --note a\x01b", "no character that can be printed"),
     ],
 )

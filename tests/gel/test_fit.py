@@ -167,7 +167,7 @@ ROWS = "".join(f"{k / 4},{k**1.5 / 8}\n" for k in range(9))
     [
         ("", "empty; a header with depth_mm, normal_n"),
         ("depth,normal_n\n" + ROWS, r":1: no column depth_mm; found depth, normal_n"),
-        ("depth_mm,normal_n,normal_n\n" + ROWS, r":1: column normal_n stands there twice"),
+        ("depth_mm,normal_n,normal_n\n" + ROWS, r":1: column normal_n occurs twice"),
         (HEAD + ROWS + "2.5,oops\n", r":11: column normal_n: 'oops' is not a number"),
         (HEAD + ROWS + "nan,3\n", r":11: column depth_mm: 'nan' is not a number"),
         (HEAD + "# a remark\n\n" + ROWS + "2.5\n", r":13: 1 values below 2 columns"),

@@ -80,7 +80,7 @@ def test_what_is_there_is_never_touched(here: Path, content: str) -> None:
     else:
         (here / "my-lab").mkdir()
         (here / "my-lab" / "notes.txt").write_text("mine")
-    with pytest.raises(InputError, match="new or empty folder is right"):
+    with pytest.raises(InputError, match="expected the name of a new or empty folder"):
         lab.init(Path("my-lab"))
     left = here / "my-lab" / "notes.txt" if content == "folder" else here / "my-lab"
     assert left.read_text() == "mine"
@@ -170,8 +170,8 @@ def test_a_file_is_never_overwritten_and_a_name_is_a_name(here: Path) -> None:
     for words, says in (
         (["protocol", "new", "own", "-o", "there.toml"], "there.toml: already there"),
         (["protocol", "new", "own", "-o", "no/own.toml"], "no: no such folder"),
-        (["protocol", "new", "own.toml"], "give a name"),
-        (["cad", "new", "../own"], "give a name"),
+        (["protocol", "new", "own.toml"], "expected a name"),
+        (["cad", "new", "../own"], "expected a name"),
         (["protocol", "new", "two words"], "name: "),
         (["protocol", "new", "own", "--from", "smokes"], "did you mean 'smoke'"),
         (["pattern", "new", "own", "--law", "octav"], "did you mean 'octave'"),

@@ -103,5 +103,5 @@ class TrackingResult:
         except (InputError, OSError, ValueError, KeyError, EOFError, BadZipFile) as why:
             raise InputError(
                 f"{folder}: no readable tracking analysis ({why}); `deltact-fab analyze tracking` "
-                "makes it anew"
+                "makes a new one"
             ) from why
