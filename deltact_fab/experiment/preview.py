@@ -26,8 +26,8 @@ def checks(
     """Static checks of a protocol on a rig: a run begins where all are ok.
 
     Only a real rig can refuse for its forces, so they are solved for that (minutes, once); for a
-    simulated one those that are known already are taken. out: a folder on the disk that the run will be
-    written to.
+    simulated one those that are known already are taken. out: a folder on the disk that the run
+    will be written to.
     """
     protocol, source = plan.load(protocol_name)
     rig, path = rig_config.load(rig_name)
