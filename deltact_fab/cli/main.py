@@ -106,14 +106,21 @@ def entry() -> None:
     except DeltactFabError as why:
         if "--debug" in sys.argv:
             raise
-        click.echo(one_line(f"{PROGRAM}: {why}"), err=True)
-        status = why.exit_code
+        stopped = _by_ctrl_c(why)
+        click.echo(one_line(f"{PROGRAM}: {'stopped' if stopped else why}"), err=True)
+        status = INTERRUPTED if stopped else why.exit_code
     except OSError as why:
         if why.errno != errno.ENAMETOOLONG or "--debug" in sys.argv:
             raise
         click.echo(one_line(f"{PROGRAM}: {why.filename}: too long for a file's name"), err=True)
         status = 2
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def _by_ctrl_c(why: BaseException) -> bool:
+    """Whether an error goes back to Ctrl-C: a compiled library turns it into a failed import."""
+    before = why.__cause__ or why.__context__
+    return isinstance(why, KeyboardInterrupt) or (before is not None and _by_ctrl_c(before))
 
 
 if __name__ == "__main__":
