@@ -106,7 +106,7 @@ def entry() -> None:
     except DeltactFabError as why:
         if "--debug" in sys.argv:
             raise
-        stopped = _by_ctrl_c(why)
+        stopped = why.exit_code != INTERRUPTED and _by_ctrl_c(why)
         click.echo(one_line(f"{PROGRAM}: {'stopped' if stopped else why}"), err=True)
         status = INTERRUPTED if stopped else why.exit_code
     except OSError as why:
