@@ -22,7 +22,9 @@ from ..units import DIGITS, digits, duration
 
 Progress = Callable[[int, int, str], None]
 LINE_EVERY_S = 5.0
-"""Where no terminal shows a bar: a line so often."""
+"""Where no terminal shows a bar: a line so often, when there is something new to say."""
+STILL_EVERY_S = 30.0
+"""A line so often when there is not."""
 LONG_S, LONG_LINE_EVERY_S = 600.0, 60.0
 """What takes longer than that says so once a minute."""
 _NARROWEST = 12
@@ -208,16 +210,17 @@ def progress(title: str) -> Iterator[Progress]:
 def _in_lines(title: str) -> Iterator[Progress]:
     begun_s = time.monotonic()
     ended = Event()
-    state = told = ""
+    state, told = "working", ""
+    told_s = begun_s
 
     def tick(done: int, total: int, what: str) -> None:
         nonlocal state
         state = f"{done} of {total}" + (f", {what}" if what else "")
 
     def say() -> None:
-        nonlocal told
-        told = state
-        click.echo(f"{title}: {duration(time.monotonic() - begun_s)}: {state or 'begun'}", err=True)
+        nonlocal told, told_s
+        told, told_s = state, time.monotonic()
+        click.echo(f"{title}: {duration(time.monotonic() - begun_s)}: {told}", err=True)
 
     def talk() -> None:
         # Ctrl-C is for the main thread, which holds it back at times.
@@ -225,7 +228,8 @@ def _in_lines(title: str) -> Iterator[Progress]:
             signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         every_s = LINE_EVERY_S
         while not ended.wait(every_s):
-            say()
+            if state != told or time.monotonic() - told_s >= STILL_EVERY_S:
+                say()
             if time.monotonic() - begun_s > LONG_S:
                 every_s = LONG_LINE_EVERY_S
 

@@ -76,7 +76,8 @@ def show(run: Path, as_json: bool) -> None:
         click.echo(f"  event {kind}: {count}")
     face = data["registration"]
     by = face["registration"] or "the rig file, not registered"
-    click.echo(f"  face at machine {face['origin_machine_mm']}, by {by}")
+    at = ", ".join(f"{p:g}" for p in face["origin_machine_mm"])
+    click.echo(f"  face at machine {at} mm, by {by}")
     for line in data["indenters"]:
         click.echo(f"  indenter: {line}")
     for text in data["remarks"]:

@@ -65,7 +65,9 @@ def test_a_design_that_is_its_own_base_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"mine\.toml: base: .* own base"):
         load_design(str(mine))
     mine.write_text("base = 3\n")
-    with pytest.raises(InputError, match=r"mine\.toml: base: expected the name of a design .*got 3"):
+    with pytest.raises(
+        InputError, match=r"mine\.toml: base: expected the name of a design .*got 3"
+    ):
         load_design(str(mine))
 
 
