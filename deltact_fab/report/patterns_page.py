@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import base64
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from .. import reading
 from ..errors import InputError
 from ..patterns.series import job as series
 from . import figures
@@ -72,16 +72,17 @@ def write(folder: Path) -> Path:
 def _read(folder: Path) -> tuple[dict[str, Any], bytes]:
     """Figures and contact sheet of a series."""
     try:
-        data = json.loads((folder / series.FIGURES).read_bytes())
         picture = (folder / series.CONTACT).read_bytes()
+        (folder / series.FIGURES).stat()
     except FileNotFoundError as why:
         raise InputError(
             f"{folder}: no series: {Path(why.filename).name} is missing; name a folder that "
             "`pattern series` wrote"
         ) from why
-    except (OSError, ValueError) as why:
-        raise InputError(f"{folder / series.FIGURES}: cannot be read: {why}") from why
-    found = data.get("format") if isinstance(data, dict) else None
+    except OSError as why:
+        raise InputError(f"{why.filename}: cannot be read: {why.strerror}") from why
+    data = reading.json_object(folder / series.FIGURES)
+    found = data.get("format")
     if found != series.FORMAT:
         raise InputError(
             f"{folder / series.FIGURES}: format {found!r}; this version reads {series.FORMAT!r}"
