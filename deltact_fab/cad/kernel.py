@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib
 import re
+import signal
+import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
@@ -20,9 +22,26 @@ def require() -> Any:
     or broken.
     """
     try:
-        return importlib.import_module("cadquery")
+        with _ctrl_c_after():
+            return importlib.import_module("cadquery")
     except ImportError as why:
         raise MissingLibrary(_advice(str(why))) from why
+
+
+@contextmanager
+def _ctrl_c_after() -> Iterator[None]:
+    """Ctrl-C comes when the import is over: the kernel's own modules swallow it in between."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    asked: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: asked.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if asked:
+            raise KeyboardInterrupt
 
 
 def _advice(reason: str) -> str:

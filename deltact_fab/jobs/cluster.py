@@ -26,7 +26,7 @@ PACKAGE = Path(__file__).parents[1]
 
 
 class OtherCode(CannotGoOn):
-    """A worker has another deltact_fab than who asks it."""
+    """A worker has another version of deltact_fab than the caller."""
 
 
 @cache
@@ -47,7 +47,7 @@ def cluster(address: str) -> Iterator[Cluster]:
     """
     place = address.partition("://")
     if place[0] not in ("tcp", "tls") or not place[2].rpartition(":")[2].isdecimal():
-        raise InputError(f"--on 'dask:{address}': dask:tcp://HOST:PORT is right")
+        raise InputError(f"--on 'dask:{address}': expected dask:tcp://HOST:PORT")
     try:
         from distributed import Client
     except ImportError as why:

@@ -30,7 +30,7 @@ class Line:
 
 @dataclass(frozen=True)
 class PressPath:
-    """The part of a press's planned path that ends in contact. press: `indenter/position`."""
+    """The moves of a planned press that end in contact. press: `indenter/position`."""
 
     press: str
     indenter: str

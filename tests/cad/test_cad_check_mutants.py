@@ -226,11 +226,11 @@ def test_two_solids_and_none(sound, cq):
     loose = _box(cq, (high[0] + 1, 0, 0), (high[0] + 6, 5, 5))
     both = cq.Compound.makeCompound([wells, loose])
     assert sound.failing(coupon_mold=both) == {
-        ("one valid closed solid", "tools"): "1 of 4 not: coupon-mold: 2 solids, one is right"
+        ("one valid closed solid", "tools"): "1 of 4 not: coupon-mold: 2 solids, expected one"
     }
     found = sound.failing(coupon_mold=wells.Faces()[0])
     assert found["one valid closed solid", "tools"] == (
-        "1 of 4 not: coupon-mold: 0 solids, one is right"
+        "1 of 4 not: coupon-mold: 0 solids, expected one"
     )
 
 

@@ -525,9 +525,9 @@ def test_ctrl_c_is_one_line_and_leaves_nothing(tmp_path, monkeypatch):
     [
         (["stp"], 0.01, None, "format 'stp': unknown; did you mean 'step'"),
         ([], 0.01, None, "format: none given; valid: step, stl, 3mf, dxf, glb, svg, pdf"),
-        (["stl"], 0.0, None, "tolerance 0 mm: 0.001 to 1 mm is right"),
+        (["stl"], 0.0, None, "tolerance 0 mm: expected 0.001 to 1 mm"),
         (["stl"], float("nan"), None, "tolerance nan mm"),
-        (["stl"], 0.01, 0, "jobs 0: 1 or more is right"),
+        (["stl"], 0.01, 0, "jobs 0: expected 1 or more"),
     ],
 )
 def test_arguments_are_refused_in_one_line(tmp_path, formats, tolerance_mm, jobs, says):

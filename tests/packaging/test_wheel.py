@@ -185,9 +185,9 @@ def test_the_parts_and_protocols_are_listed(borrowed: Installed) -> None:
     assert {"skin", "skin-frame"} <= set(parts)
     shown = json.loads(borrowed("protocol", "show", "smoke", "--json"))
     assert len(shown["steps"]) > 10
-    for kind in ("patterns", "protocols"):
+    for kind, column in (("patterns", "recipe"), ("protocols", "protocol")):
         command = kind.removesuffix("s")
-        assert set(json.loads(borrowed(command, "list", "--json"))) >= {
+        assert {row[column] for row in json.loads(borrowed(command, "list", "--json"))} >= {
             p.stem for p in (ROOT / kind).glob("*.toml")
         }
 

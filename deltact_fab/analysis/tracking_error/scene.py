@@ -1,4 +1,4 @@
-"""Which analyses a run allows, and which parts of it are left out."""
+"""What can be measured on a run, and what is left out."""
 
 from __future__ import annotations
 

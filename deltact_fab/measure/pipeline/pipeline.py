@@ -136,7 +136,7 @@ class Pipeline:
                 if job.error is None:
                     try:
                         step(job)
-                    except Exception as why:  # it is raised where the result is read
+                    except Exception as why:  # whoever asks for the result gets it
                         job.error = why
                 after.put(job, instead=live)
         except Closed:
