@@ -171,7 +171,7 @@ def test_each_source_that_cannot_be_used_is_one_line(
     assert "no image in this folder" in _refusal(empty, pinhole)
     text = tmp_path / "film.mp4"
     text.write_text("no film")
-    assert "no video" in _refusal(text, pinhole)
+    assert "not a video" in _refusal(text, pinhole)
     (pictures / "3.png").write_bytes(b"no image")
     assert "3.png: does not decode" in _refusal(pictures, pinhole)
     cv2.imwrite(str(pictures / "3.png"), np.zeros((40, 64, 3), np.uint8))
