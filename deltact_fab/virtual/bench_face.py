@@ -20,7 +20,7 @@ from ..gel.reference import flat_punch_factor, hertz_force_n
 from ..optics import StageFrame
 from ..protocols.motion import Vec3
 from ..shapes import Indenter, SkinDimensions
-from ..shapes.indenter import Tip
+from ..shapes import Tip
 from ..shapes.indenter import parse as parse_indenter
 from ..shapes.tips import EllipsoidTip, SphereTip
 from .clock import NS_PER_S

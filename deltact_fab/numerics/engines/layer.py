@@ -28,7 +28,8 @@ from ...gel.linear.complementarity import normal_contact
 from ...gel.linear.contact import LayerContact
 from ...gel.linear.state import ContactState
 from ...shapes import SkinDimensions
-from ...shapes.indenter import Indenter, parse
+from ...shapes import Indenter
+from ...shapes.indenter import parse
 from ..engine import Case, Engine, Setting, Table, Work
 
 Field = NDArray[np.float64]

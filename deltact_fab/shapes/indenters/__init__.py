@@ -1,0 +1,1 @@
+"""Indenters by name: a file each family, found by its SHAPES (a factor to an `Indenter`)."""
