@@ -9,11 +9,12 @@ from types import ModuleType
 from typing import Any
 
 
-def modules_in(package: str, besides: Collection[str] = ()) -> Iterator[ModuleType]:
+def modules_in(package: str | None, besides: Collection[str] = ()) -> Iterator[ModuleType]:
     """The modules of a package's folder by name, but for those that are no entries of it.
 
     A file that calls this with `__package__` depends on all of them, and `digest` counts them so.
     """
+    assert package, "a package's own name"
     folder = importlib.import_module(package).__path__
     for name in sorted(m.name for m in pkgutil.iter_modules(folder) if m.name not in besides):
         yield importlib.import_module(f"{package}.{name}")

@@ -9,12 +9,10 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
-from ..discover import entries, modules_in
 from ..errors import InputError
-from . import indenters
+from .indenters import SHAPES
 from .rigid import REACH_MM, Indenter
 from .tips import SphereTip
 
@@ -30,8 +28,6 @@ def sphere(diameter_mm: float) -> Indenter:
     return Indenter(f"sphere:{diameter_mm:g}", (tip,), reach_mm=reach_mm)
 
 
-SHAPES: dict[str, Callable[[float], Indenter]] = entries(modules_in(indenters.__name__), "SHAPES")
-"""Each takes the factor by which the default of SIZE_MM is scaled."""
 KINDS = ("sphere", *SHAPES)
 
 

@@ -19,8 +19,7 @@ from ..elasticity import GelMaterial
 from ..gel.reference import flat_punch_factor, hertz_force_n
 from ..optics import StageFrame
 from ..protocols.motion import Vec3
-from ..shapes import Indenter, SkinDimensions
-from ..shapes import Tip
+from ..shapes import Indenter, SkinDimensions, Tip
 from ..shapes.indenter import parse as parse_indenter
 from ..shapes.tips import EllipsoidTip, SphereTip
 from .clock import NS_PER_S
