@@ -7,11 +7,12 @@ from typing import Any
 
 import click
 
+from ..levels import LEVELS
 from . import gel_options
 from .gel_fit import fit
 from .gel_path import path
 
-MODELS = ("auto", "layer", "block", "hyperelastic")
+MODELS = ("auto", *LEVELS)
 
 
 @click.group()
@@ -84,7 +85,7 @@ def press(
     with progress("gel press") as report:
         pressed = run(
             skin, material, shape, at_mm, depth_mm, (shear_x_mm, shear_y_mm),
-            model, tolerance, spacing_mm, report, limit_s,  # type: ignore[arg-type]  # click.Choice
+            model, tolerance, spacing_mm, report, limit_s,  # click.Choice
         )  # fmt: skip
     result = pressed.result
     if as_json:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +51,7 @@ def press(
     at_mm: tuple[float, float],
     depth_mm: float,
     shear_mm: tuple[float, float] = (0.0, 0.0),
-    model: Level | Literal["auto"] = "auto",
+    model: Level = "auto",
     tolerance: float = TOLERANCE,
     spacing_mm: float | None = None,
     progress: Progress | None = None,
@@ -85,7 +85,7 @@ def press(
     def way(step_mm: float) -> tuple[Pose, ...]:
         return along(corners, step_mm) or (Pose(corners[-1], 0.0, 1.0),)
 
-    def picks(level: Level | Literal["auto"]) -> Choice:
+    def picks(level: Level) -> Choice:
         return choose(
             skin, material, indenter, way(math.inf), tolerance, level=level, spacing_mm=spacing_mm
         )

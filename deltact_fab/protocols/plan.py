@@ -15,7 +15,8 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from .. import catalog
-from ..errors import InputError
+from ..errors import InputError, did_you_mean
+from ..levels import LEVELS
 from ..shapes import Indenter
 from ..shapes.indenter import parse as parse_indenter
 
@@ -134,7 +135,7 @@ class Specimen(_Strict):
     """Name or path of the design that the sensor was made from."""
     pattern: str = "dense-with-dots"
     """Name or path of the recipe of its pattern."""
-    gel_model: Literal["layer", "block", "hyperelastic"] = "layer"
+    gel_model: Annotated[str, Field(json_schema_extra={"enum": list(LEVELS)})] = "layer"
     """How forces are predicted and a virtual gel is simulated: "layer" and "block" are linear, for
     presses of up to some tenths of the thickness; "hyperelastic" is finite strain, for deep ones,
     and takes minutes."""
@@ -149,6 +150,13 @@ class Specimen(_Strict):
     slow press."""
     depth_margin_mm: Length = 1.0
     """Gel that must remain below the deepest press."""
+
+    @field_validator("gel_model")
+    @classmethod
+    def _level(cls, value: str) -> str:
+        if value not in LEVELS:
+            raise ValueError(f"no such level; {did_you_mean(value, LEVELS)}")
+        return value
 
     @field_validator("serial")
     @classmethod
