@@ -22,8 +22,8 @@ from ..protocols.motion import Vec3
 from ..shapes import Indenter, SkinDimensions, Tip
 from ..shapes.indenter import parse as parse_indenter
 from ..shapes.tips import EllipsoidTip, SphereTip
+from .board import Board
 from .clock import NS_PER_S
-from .controller import GrblController
 
 HARD_N_PER_MM = 400.0
 CLEAR_MM = 1.0  # an axis so high has no tip at the face, tilted by degrees as it may be
@@ -53,7 +53,7 @@ class BenchFace:
 
     def __init__(
         self,
-        controller: GrblController,
+        controller: Board,
         frame: StageFrame,
         skin: SkinDimensions,
         material: GelMaterial | None = None,
