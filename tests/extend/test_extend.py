@@ -194,7 +194,7 @@ def test_the_stage_keeps_to_its_interface(home: Path) -> None:
 
 
 PAGES = sorted((ROOT / "docs" / "how-to").glob("extend-*.md"))
-FILE = re.compile(r"^```python title=\"([^\"]+)\"\n(.*?)^```$", re.M | re.S)
+FILE = re.compile(r"^<!-- file: (\S+) -->\n```python\n(.*?)^```$", re.M | re.S)
 
 
 def test_the_pages_show_these_files() -> None:
