@@ -10,8 +10,8 @@ from ..elasticity.material import GelMaterial
 from ..errors import InputError
 from ..levels import FINITE, LEVELS
 from ..shapes import Indenter, SkinDimensions
-from .choose import pick
 from .level import Choice, Field, GelContact, Level, Reach
+from .level_selection import pick
 
 
 def open_contact(

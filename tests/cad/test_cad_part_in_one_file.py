@@ -11,7 +11,7 @@ from deltact_fab.cad import parts
 from deltact_fab.cad.check import run
 from deltact_fab.cad.design import IndenterList, load_design
 from deltact_fab.cad.export import export_parts
-from deltact_fab.cad.making import bom
+from deltact_fab.cad.fabrication import bom
 from deltact_fab.cad.registry import find, of_design
 from deltact_fab.cli.main import main
 from deltact_fab.report import guide

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-from ..checks import Expected
 from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..kernel import require
 from ..part import PRINT, RESIN, Part
 from ..rule import Rule
+from ..solid_gate import Expected
 
 if TYPE_CHECKING:
     from ..dimensions import Design
