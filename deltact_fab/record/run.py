@@ -204,7 +204,8 @@ class Run:
         )
         seen = touched[touched["file"].notna()]
         if len(seen):
-            picture += image(_small(self.raw(str(seen.loc[seen["z_mm"].idxmin(), "file"]))), 170)
+            deepest = seen["file"].iloc[int(np.argmin(seen["z_mm"]))]
+            picture += image(_small(self.raw(str(deepest))), 170)
         rows = {
             "folder": self.folder,
             "rig": f"{self.meta['rig']['kind']}, {'simulated' if self.simulated else 'real'}",

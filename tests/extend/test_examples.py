@@ -38,7 +38,7 @@ def test_a_part_has_the_volume_of_its_formula(tmp_path: Path) -> None:
     assert {p.suffix for p in (tmp_path / "out").iterdir()} >= {".step", ".stl"}
 
 
-def test_larger_patches_reach_the_camera(tmp_path: Path) -> None:
+def test_larger_patches_reach_the_camera() -> None:
     kept = load("pattern_quality").main()
     assert kept == pytest.approx({0.075: 0.15, 0.15: 0.39, 0.3: 0.59}, abs=0.02)
 
@@ -50,10 +50,13 @@ def test_a_run_measures_hertz_and_the_gel_s_rigid_back(tmp_path: Path) -> None:
     assert stiffer == pytest.approx({0.3: 1.13, 0.6: 1.17}, abs=0.02)
 
 
-def test_tracking_is_within_a_tenth_of_a_millimetre(mini_run: Path) -> None:
-    found = load("measure_a_run").main(mini_run)
-    assert found.simulated
-    assert found.methods[0]["at_dots_mean_mm"] < 0.1
+@pytest.mark.slow
+def test_tracking_is_within_hundredths_of_a_millimetre(mini_run: Path) -> None:
+    """Off the dots against truth worse than at them: dots are features, and flatter."""
+    errors = load("measure_a_run").main(mini_run).frames
+    at_dots_mm, off_dots_mm = errors["mean_at_dots_mm"].mean(), errors["mean_off_dots_mm"].mean()
+    assert at_dots_mm == pytest.approx(0.004, abs=0.002)
+    assert off_dots_mm == pytest.approx(0.016, abs=0.004)
 
 
 def test_force_grows_with_hertz_and_a_little_more(mini_run: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -93,12 +92,7 @@ def test_the_tour_runs_in_a_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     import nbformat
     from nbclient import NotebookClient
 
-    monkeypatch.setenv(
-        "PYTHONPATH",
-        os.pathsep.join(
-            [str(TOUR.parents[1]), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
-        ),
-    )
+    monkeypatch.setenv("PYTHONPATH", str(TOUR.parents[1]))
     notebook = nbformat.read(TOUR, as_version=4)
     assert not any(cell.get("outputs") for cell in notebook.cells)
     NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()

@@ -26,9 +26,9 @@ ROOT = Path(__file__).parents[2]
 CATALOGUE = ("cad", "patterns", "protocols")
 # Whatever else lies in a checkout (environments, run folders, caches) stays there.
 TRAVELS = {
-    *CATALOGUE, "benchmarks", "deltact_fab", "tests", "docs", "examples", ".ci", ".gitignore", "Makefile",
-    "README.md", "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "LICENSE", "PKG-INFO",
-    "constraints.txt", "pyproject.toml",
+    *CATALOGUE, "benchmarks", "deltact_fab", "examples", "tests", "docs", ".ci", ".gitignore",
+    "Makefile", "README.md", "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "LICENSE",
+    "PKG-INFO", "constraints.txt", "pyproject.toml",
 }  # fmt: skip
 SHORT = """
 name = "short"
