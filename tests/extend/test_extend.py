@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -19,6 +18,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from benchmarks import extend_pages
 from deltact_fab import record
 
 ROOT = Path(__file__).parents[2]
@@ -193,15 +193,8 @@ def test_the_stage_keeps_to_its_interface(home: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
-PAGES = sorted((ROOT / "docs" / "how-to").glob("extend-*.md"))
-FILE = re.compile(r"^<!-- file: (\S+) -->\n```python\n(.*?)^```$", re.M | re.S)
-
-
 def test_the_pages_show_these_files() -> None:
-    """Word for word, every file on one page."""
-    shown = {}
-    for page in PAGES:
-        for name, text in FILE.findall(page.read_text()):
-            assert text == (EXTEND / name).read_text(), f"{page.name}: {name}"
-            shown[name] = page.name
-    assert set(shown) == {p.relative_to(EXTEND).as_posix() for p in EXTEND.rglob("*.py")}
+    """Word for word, every file on some page."""
+    kept = {page: page.read_text() for page in extend_pages.pages()}
+    assert kept == extend_pages.pages(), "python -m benchmarks.reference writes them anew"
+    assert extend_pages.shown() == {p.relative_to(EXTEND).as_posix() for p in EXTEND.rglob("*.py")}
