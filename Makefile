@@ -17,9 +17,9 @@ PYTEST := $(V)/python -m pytest -n $(JOBS) --maxprocesses 8 --dist worksteal
 	  || echo "make: uv is not to be had here, pip installs instead (slower)"
 	@echo "make: installing deltact-fab and its packages into .venv (about 3 GB)"
 	@if $(V)/python -m uv --version >/dev/null 2>&1; then \
-	  $(V)/python -m uv pip install -q --python $(V)/python -c constraints.txt -e '.[report,test,fast]'; \
+	  $(V)/python -m uv pip install -q --python $(V)/python -c constraints.txt -e '.[all,test]'; \
 	else \
-	  $(V)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[report,test,fast]'; \
+	  $(V)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[all,test]'; \
 	fi
 	@touch $@
 

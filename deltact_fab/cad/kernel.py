@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
+from .. import extras
 from ..errors import DeltactFabError, MissingLibrary, RunFailed
 
 SYSTEM_PACKAGES = "libgl1 libegl1 libx11-6"
@@ -19,6 +20,7 @@ def require() -> Any:
     Raises MissingLibrary naming what to install when a system library or the package is absent
     or broken.
     """
+    extras.require("cad", "the CAD kernel", "cadquery")
     try:
         return importlib.import_module("cadquery")
     except ImportError as why:

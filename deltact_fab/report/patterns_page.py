@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..patterns.series import job as series
 from ..record import write_whole
 from . import figures
-from .templating import environment
+from .templating import environment, require_pages
 
 
 def ready() -> Callable[[Path], Path]:
@@ -20,8 +20,7 @@ def ready() -> Callable[[Path], Path]:
 
     Raises MissingLibrary without the extra `report`.
     """
-    environment()
-    figures.blank(1, 1)
+    require_pages()
     return write
 
 
