@@ -45,7 +45,7 @@ def test_the_core_is_complete_here() -> None:
     said = json.loads(done.output)
     core = {f["name"].lower(): f["state"] for f in said["findings"] if f["group"] == "core"}
     assert set(core.values()) == {"ok"}
-    assert {"python", "deltact-fab", "numpy", "pillow", "cadquery"} <= set(core)
+    assert {"python", "deltact-fab", "numpy", "pillow", "scipy"} <= set(core)
     assert (done.exit_code, said["ok"]) == (0, True)
 
 
