@@ -21,10 +21,6 @@ from deltact_fab.rig.new import Device
 PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
 
 
-def test_every_extra_is_told_of() -> None:
-    assert set(doctor.EXTRAS) == set(PROJECT["optional-dependencies"]) - {"test"}
-
-
 def test_requirements_are_read() -> None:
     assert doctor.required("numpy>=1.26") == ("numpy", "core")
     line = "pypardiso>=0.4.5; platform_machine == 'x86_64' and extra == 'fast'"
