@@ -214,7 +214,7 @@ def viewer() -> Viewer:
                 texts[file.name] = path.read_text(encoding="utf-8")
     if VIEWER_FILE not in texts:
         return Viewer(
-            note=f"No 3D view: {VIEWER_PACKAGE} is not installed; pip install 'deltact-fab[report]'"
+            note=f"No 3D view: {VIEWER_PACKAGE} is not installed; pip install 'deltact-fab[cad]'"
         )
     # What would end or hide the rest of the page; in a string of the script it means the same.
     script = texts[VIEWER_FILE].replace("</script", "<\\/script").replace("<!--", "<\\!--")

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from ...errors import MissingLibrary, RunFailed
+from ...errors import RunFailed
 from ..build import build_from
 from ..design import IndenterList
 from ..dimensions import Design
@@ -131,8 +131,6 @@ class Built:
         with self._known.noting() as frame:
             try:
                 self._solids[name] = build_from(part, self._known.source(part))[0]
-            except MissingLibrary:
-                raise
             except RunFailed as why:
                 self._failed[name] = str(why)
         self._reads[name] = frame[0] or {}
