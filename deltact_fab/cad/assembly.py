@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import Any
 
 from ..errors import RunFailed
@@ -97,23 +96,9 @@ def bench(design: Design, indenter: Part, solids: Mapping[str, Any] | None = Non
     return [*assemble(design, 0.0, standing, solids), *(lifted(piece, up) for piece in hanging)]
 
 
-def overlaps(placed: Sequence[Placed]) -> list[tuple[str, str, float]]:
-    """Volume in mm3 that two pieces share, for each pair of pieces whose boxes meet; 0 is kept.
-
-    A row holds the two part names in alphabetical order; a part with several pieces has a row for
-    each. Raises RunFailed naming the pair when the kernel cannot intersect it.
-    """
-    boxes = [bounding_box(piece.solid) for piece in placed]
-    found = []
-    for (a, box_a), (b, box_b) in combinations(zip(placed, boxes, strict=True), 2):
-        if meet(box_a, box_b):
-            first, second = sorted((a.part.name, b.part.name))
-            found.append((first, second, common_mm3(a, b)))
-    return found
-
-
 def thread_overlap_mm3(design: Design) -> dict[tuple[str, str], float]:
-    """Volume in mm3 that one screw shares with its pilot on purpose, by the names of `overlaps`.
+    """Volume in mm3 that one screw shares with its pilot on purpose, by
+    the names of both parts in alphabetical order.
 
     The ring between nominal diameter and pilot over the length that grips.
     """
