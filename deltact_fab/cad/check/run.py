@@ -55,6 +55,7 @@ CHECKS = (
     Check("no undercut", "mold", "0 mm2, 0 rays", casting.undercut),
     Check("frame fits its seat", "mold, skin-frame", "mold.fit_mm", casting.seat),
     Check(bench.NAME, "bench", f"within {bench.AXIS_MM:g} mm", bench.rows),
+    Check(bench.CLEAR, "bench", "plate.depth_mm deep", bench.stack),
     Check("indenters", "indenters", "stem and height field", indenters.rows),
 )
 
