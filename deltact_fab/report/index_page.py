@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sqlite3
 from collections.abc import Iterator
@@ -11,10 +10,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from urllib.parse import quote
 
-from .. import record
+from .. import reading, record
 from ..errors import DeltactFabError, InputError
 from . import study_folder
-from .templating import environment, save
+from .templating import environment, render, save
 
 RUN = "run.json"
 # Where neither runs nor studies lie, but thousands of files may.
@@ -46,15 +45,10 @@ def write(folder: Path, out: Path) -> Path:
     RunFailed when the disk refuses.
     """
     rows = entries(folder, out.parent)
-    page = (
-        environment()
-        .get_template("index.html")
-        .render(
-            folder=folder.resolve().name,
-            entries=rows,
-            worse=sum(bool(row.trouble) for row in rows),
-        )
-    )
+    page = render(
+        environment(), "index.html", folder=folder.resolve().name, entries=rows,
+        worse=sum(bool(row.trouble) for row in rows),
+    )  # fmt: skip
     return save(page, out)
 
 
@@ -139,7 +133,7 @@ def _verdict(place: Path) -> str:
     path = place / "analysis" / "tracking.json"
     if not path.is_file():
         return ""
-    return str(json.loads(path.read_bytes())["verdict"]["line"])
+    return str(reading.json_object(path)["verdict"]["line"])
 
 
 def _counts(told: dict[str, object]) -> str:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import base64
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from .. import reading
 from ..errors import InputError
 from ..patterns.series import job as series
-from ..record import write_whole
 from . import figures
-from .templating import environment
+from .templating import environment, render, require_pages, save
 
 
 def ready() -> Callable[[Path], Path]:
@@ -20,8 +19,7 @@ def ready() -> Callable[[Path], Path]:
 
     Raises MissingLibrary without the extra `report`.
     """
-    environment()
-    figures.blank(1, 1)
+    require_pages()
     return write
 
 
@@ -36,6 +34,7 @@ def write(folder: Path) -> Path:
     pages = environment(num=_number)
     data, picture = _read(folder)
     rows = data["patterns"]
+    seen = [row for row in rows if row["quality"]["seen"]]
     charts = [
         figures.to_svg(draw(rows))
         for draw in (
@@ -44,7 +43,9 @@ def write(folder: Path) -> Path:
         )
     ]
     width_px, height_px = _size_px(picture)
-    page = pages.get_template("patterns.html").render(
+    page = render(
+        pages,
+        "patterns.html",
         s=data,
         rows=rows,
         charts=charts,
@@ -53,8 +54,10 @@ def write(folder: Path) -> Path:
         contact_px=(width_px // 2, height_px // 2),
         rounds=series.GRIDS,
         field_mm=rows[0]["quality"]["field_mm"],
-        most_gradient=max(rows, key=lambda row: _seen(row)["mean_gradient"]),
-        most_coarse=max(rows, key=lambda row: sum(_coarse(row))),
+        seen=seen,
+        # What the camera does not see has the gradient of halftone and noise, not its own.
+        most_gradient=max(seen or rows, key=lambda row: _seen(row)["mean_gradient"]),
+        most_coarse=max(seen or rows, key=lambda row: sum(_coarse(row))),
         chosen=min(
             (row for row in rows if row["paper_error_mm"] is not None),
             key=lambda row: row["paper_error_mm"],
@@ -62,24 +65,23 @@ def write(folder: Path) -> Path:
         ),
         coarse=_coarse,
     )
-    out = folder / series.PAGE
-    write_whole(out, page.encode())
-    return out
+    return save(page, folder / series.PAGE)
 
 
 def _read(folder: Path) -> tuple[dict[str, Any], bytes]:
     """Figures and contact sheet of a series."""
     try:
-        data = json.loads((folder / series.FIGURES).read_bytes())
         picture = (folder / series.CONTACT).read_bytes()
+        (folder / series.FIGURES).stat()
     except FileNotFoundError as why:
         raise InputError(
             f"{folder}: no series: {Path(why.filename).name} is missing; name a folder that "
             "`pattern series` wrote"
         ) from why
-    except (OSError, ValueError) as why:
-        raise InputError(f"{folder / series.FIGURES}: cannot be read: {why}") from why
-    found = data.get("format") if isinstance(data, dict) else None
+    except OSError as why:
+        raise InputError(f"{why.filename}: cannot be read: {why.strerror}") from why
+    data = reading.json_object(folder / series.FIGURES)
+    found = data.get("format")
     if found != series.FORMAT:
         raise InputError(
             f"{folder / series.FIGURES}: format {found!r}; this version reads {series.FORMAT!r}"

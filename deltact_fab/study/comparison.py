@@ -47,7 +47,7 @@ def run(asked: Asked) -> StudyResult:
     """
     for given, option in ((asked.scale, "--scale"), (asked.rig, "--rig"), (asked.runs, "--from")):
         if given:
-            raise InputError(f"{option}: the study {NAME} does not take it: nothing is simulated")
+            raise InputError(f"{option}: the study {NAME} has no use for it: nothing is simulated")
     own = [sensor_of(name) for name in _designs(asked.more.get("design") or ())]
     table = sensor_table([*IN_TABLE, PREDECESSOR_DRAWN, GECKO, *own])
     reductions, said = reduction_table(), claims()
@@ -197,13 +197,15 @@ def _tables(
 ) -> tuple[Table, ...]:
     import pandas as pd
 
+    from ..report import comparison_figures
+
     return (
         Table("claims", "The paper's claims.", pd.DataFrame(list(said.values()))),
         Table(
             "sensors",
             "Sensors. As the paper prints them, with pixel size and volume recomputed, and own "
             "designs. The sources are in the CSV and in the table below.",
-            table,
+            table.replace({"said_in": comparison_figures.WORDS}),
             tuple(str(name) for name in table if name not in ("source", "cite")),
             {
                 "said_in": "from",

@@ -85,7 +85,7 @@ def test_a_run_tells_what_there_is(found: dict[str, Entry]) -> None:
     [
         ("half", "2 jobs missing:", "The better one"),
         ("no-page", "its page is gone:", "The better one"),
-        ("cut", "damaged:", "cannot be read"),
+        ("cut", "damaged:", "not valid JSON"),
         ("stopped", "unfinished:", "frames in"),
         ("hurt", "damaged:", "journal"),
         ("odd", "damaged:", "an object is needed"),
@@ -122,19 +122,19 @@ def test_the_command_writes_a_page_whose_links_hold(all_sorts: Path, tmp_path: P
     done = CliRunner().invoke(
         main, ["study", "index", str(all_sorts), "-o", str(out)], catch_exceptions=False
     )
-    assert (done.exit_code, done.output) == (0, f"{out}\n")
+    assert (done.exit_code, done.output) == (0, f"written: {out}\n")
     page = out.read_text()
     links = [html.unescape(link) for link in re.findall(r'<a href="([^"]+)"', page)]
     assert len(links) == 9
     assert all((out.parent / unquote(link)).exists() for link in links)
-    assert "6 are unfinished or damaged" in page
+    assert "6 of 9 are unfinished or damaged" in page
     assert page.count('<tr class="bad">') == 6
     assert "<script" not in page
 
 
 def test_an_empty_folder_has_an_index_that_says_what_would_be_in_it(tmp_path: Path) -> None:
     page = index_page.write(tmp_path, tmp_path / "index.html").read_text()
-    assert "None was found" in page
+    assert "Nothing was found" in page
 
 
 def test_no_folder_is_bad_input(tmp_path: Path) -> None:

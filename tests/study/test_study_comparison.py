@@ -129,7 +129,7 @@ def test_equal_ones_share_a_place() -> None:
 
 def test_own_designs_are_rows_of_their_dimensions(result: StudyResult) -> None:
     table = result.tables[1].frame.set_index("sensor")
-    own = table[table["said_in"] == "cad"]
+    own = table[table["said_in"] == "own design"]
     assert list(own.index) == [
         "own: deltact", "own: franka", "own: large-56x50", "own: screws-16mm", "own: skin-30x34",
         "own: skin-44x40", "own: mine",
@@ -178,7 +178,7 @@ def test_a_design_that_is_none_is_bad_input(tmp_path: Path) -> None:
     "asked", [Asked(scale=0.5), Asked(rig="virtual"), Asked(runs=(Path("run"),))]
 )
 def test_what_it_does_not_depend_on_is_refused(asked: Asked) -> None:
-    with pytest.raises(InputError, match="the study comparison does not take it"):
+    with pytest.raises(InputError, match="the study comparison has no use for it"):
         comparison.run(asked)
 
 
