@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
+from .. import extras
 from ..errors import DeltactFabError, MissingLibrary, RunFailed
 
 SYSTEM_PACKAGES = "libgl1 libegl1 libx11-6"
@@ -21,6 +22,7 @@ def require() -> Any:
     Raises MissingLibrary naming what to install when a system library or the package is absent
     or broken.
     """
+    extras.require("cad", "the CAD kernel", "cadquery")
     try:
         with _ctrl_c_after():
             return importlib.import_module("cadquery")

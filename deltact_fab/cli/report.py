@@ -23,8 +23,10 @@ def report(run: Path, out: Path | None, calibrations: tuple[Path, ...], as_json:
     from ..analysis.tracking_error import TrackingResult, analyse
     from ..numerics.scenes import costs as layer_costs
     from ..report.page import write
+    from ..report.templating import require_pages
     from .output import echo_wrote, progress
 
+    require_pages()
     folder, opened = run / "analysis", record.open(run)
     files = calibrations_of(opened, calibrations)
     if (folder / "tracking.json").is_file():

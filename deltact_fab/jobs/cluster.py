@@ -12,7 +12,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ..errors import InputError, MissingLibrary, RunFailed
+from ..errors import InputError, RunFailed
+from ..extras import require
 from . import messages
 from .batch import CannotGoOn
 from .local import take_share
@@ -48,12 +49,9 @@ def cluster(address: str) -> Iterator[Cluster]:
     place = address.partition("://")
     if place[0] not in ("tcp", "tls") or not place[2].rpartition(":")[2].isdecimal():
         raise InputError(f"--on 'dask:{address}': expected dask:tcp://HOST:PORT")
-    try:
-        from distributed import Client
-    except ImportError as why:
-        raise MissingLibrary(
-            f"--on dask:{address}: needs the extra `cluster`: pip install 'deltact-fab[cluster]'"
-        ) from why
+    require("cluster", f"--on dask:{address}", "distributed")
+    from distributed import Client
+
     with _quiet():
         try:
             client = Client(address, timeout=CONNECT_S, set_as_default=False)

@@ -11,7 +11,7 @@ from .. import reading
 from ..errors import InputError
 from ..patterns.series import job as series
 from . import figures
-from .templating import environment, render, save
+from .templating import environment, render, require_pages, save
 
 
 def ready() -> Callable[[Path], Path]:
@@ -19,8 +19,7 @@ def ready() -> Callable[[Path], Path]:
 
     Raises MissingLibrary without the extra `report`.
     """
-    environment()
-    figures.blank(1, 1)
+    require_pages()
     return write
 
 

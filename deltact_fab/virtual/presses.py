@@ -14,6 +14,7 @@ from ..gel.level_selection import pick
 from ..gel.path.knots import Between, Increments, Observed, Pose
 from ..gel.path.open import choose, open_path
 from ..gel.path.solver import PathSolver
+from ..levels import LINEAR
 from ..protocols.plan import Protocol
 from ..rig.simulator import GelConfig
 from ..shapes import SkinDimensions
@@ -23,9 +24,6 @@ from .press import SAME_MM, Press
 
 if TYPE_CHECKING:
     from ..gel.level import Choice, Level
-
-
-LINEAR = ("layer", "block")
 
 
 class Presses:

@@ -19,8 +19,8 @@ from ..gel.path.knots import CONTACT_EPS_MM, Increments, Solved, divide
 from ..optics import StageFrame, SurfaceLattice
 from ..types import Point
 from ..units import NS_PER_S
+from .board import Board
 from .clock import NsClock
-from .controller import GrblController
 from .motion import Segment
 from .press import Press
 
@@ -129,7 +129,7 @@ class GelScene:
 
     def __init__(
         self,
-        controller: GrblController,
+        controller: Board,
         clock: NsClock,
         frame: StageFrame,
         increments: Increments,

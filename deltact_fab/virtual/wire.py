@@ -18,8 +18,8 @@ from weakref import WeakValueDictionary
 import serial
 
 from ..units import NS_PER_S, to_ns
+from .board import Board
 from .clock import VirtualClock
-from .controller import GrblController
 
 SCHEME = "simgrbl"
 _BITS_PER_BYTE = 10
@@ -40,7 +40,7 @@ class Link:
 
     def __init__(
         self,
-        controller: GrblController,
+        controller: Board,
         clock: VirtualClock,
         name: str,
         *,
@@ -185,7 +185,7 @@ _LINKS: WeakValueDictionary[str, Link] = WeakValueDictionary()
 
 
 def connect(
-    controller: GrblController,
+    controller: Board,
     clock: VirtualClock,
     name: str = "stage",
     *,

@@ -609,7 +609,7 @@ def test_list_does_not_load_the_kernel(tmp_path):
 
 def test_a_missing_system_library_is_one_line_that_says_what_to_install(tmp_path):
     done = _run("cad", "export", "mold", "--out", "o", cwd=tmp_path, hook=BROKEN)
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr == (
         "deltact-fab: cadquery needs libGL.so.1: apt-get install libgl1 libegl1 libx11-6\n"

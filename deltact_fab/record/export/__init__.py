@@ -6,12 +6,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ...errors import InputError, MissingLibrary
+from ...errors import InputError
+from ...extras import require
 from ...files import disk_errors, whole
 from ...types import Progress
 from ..run import Run
 
 FORMATS = ("csv", "parquet", "mcap")
+WITH_EXTRA = {"parquet": "pyarrow", "mcap": "mcap"}
+"""What a format is written with, where that is a package of the extra `export`."""
 
 
 def export(run: Run, form: str, out: Path, progress: Progress | None = None) -> dict[str, int]:
@@ -22,7 +25,9 @@ def export(run: Run, form: str, out: Path, progress: Progress | None = None) -> 
     """
     if form not in FORMATS:
         raise InputError(f"--format: {form!r}; valid: {', '.join(FORMATS)}")
-    with _libraries(), _new(out) as made:
+    if form in WITH_EXTRA:
+        require("export", f"--format {form}", WITH_EXTRA[form])
+    with _new(out) as made:
         report = progress or (lambda done, total, what: None)
         if form == "mcap":
             from .foxglove import write
@@ -31,16 +36,6 @@ def export(run: Run, form: str, out: Path, progress: Progress | None = None) -> 
         from .folder import write as write_tables
 
         return write_tables(run, made, form, report)
-
-
-@contextmanager
-def _libraries() -> Iterator[None]:
-    try:
-        yield
-    except ModuleNotFoundError as why:
-        raise MissingLibrary(
-            f"{why.name} is not installed: pip install 'deltact-fab[export]'"
-        ) from why
 
 
 @contextmanager
