@@ -1,0 +1,23 @@
+"""The documentation as a static site; `make docs` builds it, and any dead link fails the build."""
+
+from __future__ import annotations
+
+from importlib import metadata
+
+project = "deltact-fab"
+author = "the deltact-fab authors"
+release = metadata.version("deltact-fab")
+
+extensions = ["myst_parser"]
+source_suffix = {".md": "markdown"}
+exclude_patterns = ["evidence/studies"]
+# A pattern of the contents that no page matches yet is no fault.
+suppress_warnings = ["toc.empty_glob"]
+nitpicky = True
+myst_heading_anchors = 3
+
+html_theme = "furo"
+html_title = f"deltact-fab {release}"
+html_copy_source = False
+html_show_sourcelink = False
+html_show_copyright = False
