@@ -115,7 +115,7 @@ def outcome(index: int) -> dict[str, Any]:
 
 def source() -> str:
     """The digest of the code behind the outcomes."""
-    return digest.of("cad.check.run", "cad.check.known") + digest.of("cad_random", package=HERE)
+    return digest.of("cad.check.run", "cad.check.memo") + digest.of("cad_random", package=HERE)
 
 
 def kept() -> dict[int, dict[str, Any]]:

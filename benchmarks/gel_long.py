@@ -7,8 +7,8 @@ from functools import partial
 from typing import Any
 
 from deltact_fab.elasticity.material import GelMaterial
-from deltact_fab.gel.choose import TOLERANCE, pick
 from deltact_fab.gel.level import Reach
+from deltact_fab.gel.level_selection import TOLERANCE, pick
 from deltact_fab.numerics.engine import Case
 from deltact_fab.numerics.engines import gel_checks as checks
 from deltact_fab.numerics.engines.gel_cases import of_friction, of_nu

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from deltact_fab.elasticity.material import GelMaterial
-from deltact_fab.gel.choose import pick
 from deltact_fab.gel.level import Reach
+from deltact_fab.gel.level_selection import pick
 from deltact_fab.gel.open import contact_of
 from deltact_fab.numerics.engines.gel_reference import rms_mm
 from deltact_fab.rig.simulator import FiniteGelConfig

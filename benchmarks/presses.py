@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from deltact_fab.elasticity.material import GelMaterial
-from deltact_fab.gel.choose import pick
 from deltact_fab.gel.level import Reach
+from deltact_fab.gel.level_selection import pick
 from deltact_fab.gel.open import contact_of
 from deltact_fab.gel.press import press
 from deltact_fab.numerics.engines.gel_reference import rms_mm

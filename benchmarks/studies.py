@@ -1,10 +1,10 @@
-"""The figures of README and docs that come from studies: taken from result.json, never typed.
+"""The figures of the docs that come from studies: taken from result.json, never typed.
 
     deltact-fab study run NAME --out NAME-study
     python -m benchmarks.studies take NAME-study…    # keeps what docs show of them
     python -m benchmarks.studies                     # writes what is kept into the docs
 
-That is docs/evidence/studies.md and the block of the README; a test holds both against it.
+That is docs/evidence/studies.md and the table of docs/how-to/studies.md; a test holds both to it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from deltact_fab.report.study_folder import read_result
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "docs" / "evidence" / "studies"
 PAGE = ROOT / "docs" / "evidence" / "studies.md"
-README = ROOT / "README.md"
+HOW_TO = ROOT / "docs" / "how-to" / "studies.md"
 BEGIN, END = "<!-- studies: written by python -m benchmarks.studies -->", "<!-- end of studies -->"
 ORDER = (
     "force-calibration", "pattern-selection", "pattern-search", "shapes", "settling", "comparison",
@@ -29,8 +29,8 @@ ORDER = (
 SHOWN = ("study", "title", "verdict", "headlines", "settings", "seed", "scale", "simulated",
          "missing", "versions", "made")  # fmt: skip
 """Of result.json; what else stands in it is for programs."""
-IN_README = 2
-"""Sentences of a verdict that the README has of each study."""
+SENTENCES = 2
+"""Sentences of a study's verdict in the table."""
 
 
 def take(folder: Path) -> Path:
@@ -66,10 +66,10 @@ def page(studies: list[dict[str, Any]]) -> str:
 
 
 def block(studies: list[dict[str, Any]]) -> str:
-    """The README's table: a study, what it says, and its command."""
+    """The table: a study, what it says, and its command."""
     lines = [BEGIN, "| study | what it found |", "|---|---|"]
     for study in studies:
-        words = " ".join(study["verdict"][:IN_README])
+        words = " ".join(study["verdict"][:SENTENCES])
         simulated = " (simulated)" if study["simulated"] else ""
         if study["missing"]:
             simulated += f" (incomplete: {len(study['missing'])} jobs missing)"
@@ -78,11 +78,11 @@ def block(studies: list[dict[str, Any]]) -> str:
 
 
 def with_block(readme: str, studies: list[dict[str, Any]]) -> str:
-    """The README's text with its block renewed. Raises ValueError where it has none."""
+    """The page's text with its table renewed. Raises ValueError where it has none."""
     before, begin, rest = readme.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not begin or not end:
-        raise ValueError(f"{README.name}: the lines {BEGIN!r} and {END!r} are needed")
+        raise ValueError(f"{HOW_TO.name}: the lines {BEGIN!r} and {END!r} are needed")
     return before + block(studies) + after
 
 
@@ -162,7 +162,7 @@ def main(words: list[str]) -> None:
     elif words:
         sys.exit(f"benchmarks.studies: {words[0]}: 'take FOLDER…' or nothing")
     write_whole(PAGE, page(kept()).encode())
-    write_whole(README, with_block(README.read_text(), kept()).encode())
+    write_whole(HOW_TO, with_block(HOW_TO.read_text(), kept()).encode())
 
 
 if __name__ == "__main__":

@@ -68,7 +68,7 @@ def test_a_missing_module_is_named(package: Path) -> None:
 
 def test_the_gel_knows_its_solver_and_no_picture() -> None:
     names = {p.relative_to(digest.PACKAGE).as_posix() for p in digest.files("gel.press")}
-    assert {"gel/finite/newton.py", "elasticity/sides.py", "shapes/prism.py"} <= names
+    assert {"gel/finite/newton.py", "elasticity/edge_compliance.py", "shapes/prism.py"} <= names
     assert not any(name.startswith(("virtual/", "cli/", "imaging", "cache")) for name in names)
 
 

@@ -13,11 +13,11 @@ from typing import Any
 
 from ..errors import RunFailed
 from .build import build_part
-from .checks import VOLUME_TOLERANCE, Box, bounding_box
 from .dimensions import Design
 from .kernel import guarded, require
 from .part import Part, Shift
 from .registry import of_group
+from .solid_gate import VOLUME_TOLERANCE, Box, bounding_box
 
 # Boxes that meet by less share a face at most; what they could share stays below 0.001 mm3.
 TOUCH_MM = 1e-6

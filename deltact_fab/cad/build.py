@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from . import feasibility
-from .checks import Expected, Measured, gate
 from .dimensions import Design
 from .kernel import guarded
 from .part import Part
+from .solid_gate import Expected, Measured, gate
 
 
 def build_part(part: Part, design: Design) -> tuple[Any, Measured]:

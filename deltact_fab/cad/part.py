@@ -11,15 +11,15 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from .lying import FLAT, Lying
+from .print_orientation import FLAT, Lying
 
 if TYPE_CHECKING:
-    from .checks import Expected
     from .design import IndenterDimensions
     from .dimensions import Design
     from .drafting.items import Callouts
     from .fit import Fit
     from .rule import Rule
+    from .solid_gate import Expected
 
 Group = Literal["sensor", "electronics", "tools", "bench", "indenters"]
 GROUPS: tuple[Group, ...] = ("sensor", "electronics", "tools", "bench", "indenters")

@@ -241,7 +241,7 @@ def bom(design: str, changes: tuple[str, ...], sensors: int, kind: str, out: Pat
     import json
     from dataclasses import asdict
 
-    from ..cad.making.bom import csv_text, lines
+    from ..cad.fabrication.bom import csv_text, lines
     from ..record import write_whole
     from .output import echo_table
 
@@ -281,7 +281,7 @@ def fit(readings: Path, design: str, out: Path | None, as_json: bool) -> None:
     from dataclasses import asdict
 
     from ..cad.design import load_design
-    from ..cad.making.readings import as_design, estimates, read
+    from ..cad.fabrication.readings import as_design, estimates, read
     from ..record import write_whole
     from .output import echo_json, echo_table
 

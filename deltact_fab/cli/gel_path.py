@@ -12,7 +12,7 @@ import click
 
 if TYPE_CHECKING:
     from ..rig.simulator import GelConfig
-    from ..virtual.ahead import Row, Told
+    from ..virtual.presolve import Row, Told
 
 
 @click.command()
@@ -42,8 +42,8 @@ def path(
     from ..errors import InputError
     from ..protocols import plan
     from ..rig import config as rig_config
-    from ..virtual.ahead import solve_ahead
-    from ..virtual.answerable import require_gel_level
+    from ..virtual.feasibility import require_gel_level
+    from ..virtual.presolve import solve_ahead
     from .output import echo_json
 
     declared, source = plan.load(protocol)

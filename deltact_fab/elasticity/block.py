@@ -1,9 +1,9 @@
 """The second level: linear elasticity of the finite block, its sides free.
 
 The face's compliance is that of the spectral layer, on as fine a grid as the contact needs, plus
-what the free sides add (`sides`), on the coarse grid of finite elements that it is smooth enough
-for. Between the grids stands one interpolation, and its transpose for the loads, so the whole
-stays symmetric. The grid ends where the block ends: beside it is nothing to touch.
+what the free sides add (`edge_compliance`), on the coarse grid of finite elements that it is smooth
+enough for. Between the grids stands one interpolation, and its transpose for the loads, so the
+whole stays symmetric. The grid ends where the block ends: beside it is nothing to touch.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..shapes import SkinDimensions
+from .edge_compliance import PADDING, FreeSides, free_sides, halves
 from .layer import BondedLayer, WindowOperator, even_fast_length
 from .material import GelMaterial
-from .sides import PADDING, FreeSides, free_sides, halves
 
 Field = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from ..shapes import SkinDimensions
 from .block import interpolation, turned
+from .edge_compliance import PADDING, FreeSides, free_sides, halves
 from .layer import BondedLayer
 from .material import GelMaterial
-from .sides import PADDING, FreeSides, free_sides, halves
 
 Field = NDArray[np.float64]
 PARTS = 4  # nodes along a cell: twice as many change its own compliance by 1 %

@@ -1,4 +1,4 @@
-"""What of an indenter meets the gel at a depth: sections, edges, mirrors; for `choose`."""
+"""What of an indenter meets the gel at a depth: sections, edges, mirrors; for `level_selection`."""
 
 from __future__ import annotations
 

@@ -10,8 +10,8 @@ import numpy as np
 from ..elasticity.material import GelMaterial
 from ..errors import InputError
 from ..shapes import Indenter, SkinDimensions
-from .choose import pick
 from .level import LEVELS, Choice, Field, GelContact, Level, Reach
+from .level_selection import pick
 
 
 def open_contact(

@@ -1,4 +1,4 @@
-"""One press: level and mesh picked, its error estimated, refined if need be (`refine`)."""
+"""One press: level and mesh picked, its error estimated, refined if need be (`error_control`)."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from ..elasticity.material import GelMaterial
 from ..errors import DeltactFabError, InputError, TimeLimit
 from ..shapes import Indenter, SkinDimensions
 from . import limit
-from .choose import LEAST_TOLERANCE, MOST_TOLERANCE, TOLERANCE
+from .error_control import Answer, Ladder, Progress
 from .footprint import contact_radius_mm, edge_radius_mm
 from .level import Choice, Level, Point
+from .level_selection import LEAST_TOLERANCE, MOST_TOLERANCE, TOLERANCE
 from .path.knots import Observed, Pose, along
 from .path.open import choose, open_path
 from .path.solver import PathSolver
-from .refine import Answer, Ladder, Progress
 
 Field = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ def press(
     """Press to a depth, then shear.
 
     tolerance: of the force; IN_PLANE_MM in proportion goes with it. Meshes are refined until the
-    estimate is within it, as far as `refine` allows, unless spacing_mm names one.
+    estimate is within it, as far as `error_control` allows, unless spacing_mm names one.
     progress: told the increments done and to do of the mesh under way, and which that is.
     limit_s: of wall time; then the best mesh so far is the answer, flagged `limit`.
     Raises InputError for numbers that make no press; a refusal or a failure of the solver is in

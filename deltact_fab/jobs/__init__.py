@@ -6,8 +6,8 @@ it runs.
 """
 
 from .each import CannotGoOn, Ended, Progress, arrivals, each, run
+from .executors import executor, width
 from .local import THREAD_VARIABLES, processors
-from .where import executor, width
 from .word import tell
 
 __all__ = [

@@ -18,8 +18,9 @@ docs/decisions/0005-resume.md, 0012-streams.md and 0032-runner.md.
 
 from __future__ import annotations
 
-from .about import about
 from .check import Verdict, check, require_whole
+from .conditions import require_same
+from .description import about
 from .files import FORMAT, image_file, lattice_file, lens_file, truth_file, write_whole
 from .images import FORMATS, decode, encode, encode_png, image_format, rate_held_hz
 from .images import require as require_format
@@ -27,7 +28,6 @@ from .journal import CLOCK_COLUMNS, PRESS_TABLES, WALL_COLUMNS
 from .notes import add as add_note
 from .notes import usable as usable_note
 from .run import Run, open
-from .same import require_same
 from .streams import Chunk
 from .truth import Truth
 from .writer import RunWriter

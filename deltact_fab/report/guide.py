@@ -15,13 +15,13 @@ from ..cad.design import load_indenters
 from ..cad.dimensions import Design
 from ..cad.drafting.wiring import wiring
 from ..cad.export.plates import arranged
-from ..cad.lying import SELF_SUPPORTING_DEG
-from ..cad.making import bom, fabrication
-from ..cad.making.fabrication import DEFAULT
-from ..cad.making.paper_gaps import gaps
+from ..cad.fabrication import bom, quantities
+from ..cad.fabrication.paper_gaps import gaps
+from ..cad.fabrication.quantities import DEFAULT
 from ..cad.part import Part
 from ..cad.parts.mold import RELEASE_AGENT
 from ..cad.parts.screw import stock_note
+from ..cad.print_orientation import SELF_SUPPORTING_DEG
 from ..cad.registry import listed, of_group
 from ..errors import InputError, MissingLibrary
 from .templating import environment, save
@@ -141,8 +141,8 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
     from ..cad.drafting.picture import APART, FROM_BACK, exploded_svg, part_svg, step_svg
     from ..cad.export.formats.glb import drawn, glb_bytes
     from ..cad.kernel import require
-    from ..cad.laid import laid, stand
     from ..cad.mesh import mesh_solid
+    from ..cad.overhangs import laid, stand
 
     require()
     total = len(parts) + len(STEPS) + 2
@@ -222,30 +222,30 @@ def viewer() -> Viewer:
 def _figures(d: Design, sensors: int) -> dict[str, Any]:
     """What the steps name, worked out for this design and number of sensors."""
     cast = sensors + 1
-    cells = fabrication.cavities(d)
-    full = fabrication.skins_batch(d, cells)
-    coat = fabrication.coat_batch(d, 1, 0.0)
-    coupon_g = d.coupon.wells * fabrication.coupon_mm3(d) / 1000 * DEFAULT.density_g_cm3
+    cells = quantities.cavities(d)
+    full = quantities.skins_batch(d, cells)
+    coat = quantities.coat_batch(d, 1, 0.0)
+    coupon_g = d.coupon.wells * quantities.coupon_mm3(d) / 1000 * DEFAULT.density_g_cm3
     return {
         "cast": cast,
         "cavities": cells,
-        "pours": fabrication.pours(d, cast),
-        "batches": [(n, fabrication.skins_batch(d, n)) for n in range(1, cells + 1)],
+        "pours": quantities.pours(d, cast),
+        "batches": [(n, quantities.skins_batch(d, n)) for n in range(1, cells + 1)],
         "full": full,
         "skin_cm3": d.skin_volume_mm3 / 1000,
         "coat_g": coat.total_g,
         "cup_ml": CUP_ML * math.ceil(full.volume_cm3 * DEFAULT.foam_factor / CUP_ML),
         # Half as much again: two drops, and what stays in the cup.
         "coupon_g": max(1.5 * coupon_g, DEFAULT.coat_batch_g),
-        "coat_batch": fabrication.least_coat_batch(fabrication.coat_batch(d, sensors)),
+        "coat_batch": quantities.least_coat_batch(quantities.coat_batch(d, sensors)),
         "film_mm": d.skin.film_mm(DEFAULT.film_margin_mm),
-        "primer_ml": fabrication.primer_ml(d, cast),
-        "shrinkage_mm": fabrication.shrinkage_mm(d),
+        "primer_ml": quantities.primer_ml(d, cast),
+        "shrinkage_mm": quantities.shrinkage_mm(d),
         "acrylic_mm": [2 * s for s in d.acrylic_half_mm],
         "pour_mm": d.mold.base_mm + d.skin.thickness_mm,
-        "wirings": fabrication.wirings(d.light),
+        "wirings": quantities.wirings(d.light),
         "current_ma": (d.light.least_ma, d.light.most_ma),
-        "brighter": fabrication.resistor_for_ohm(20.0, d.light),
+        "brighter": quantities.resistor_for_ohm(20.0, d.light),
         "notched": any(d.acrylic_notch_mm),
         "post_faces": any(d.post_in_window_mm),
         "stripped": _stripped(d),

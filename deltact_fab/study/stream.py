@@ -33,7 +33,7 @@ from ..virtual.paths import PressPath
 from ..virtual.picture import Picture
 from ..virtual.presses import Presses, path_of
 from ..virtual.rig import VirtualKind
-from ..virtual.streams import stream_number
+from ..virtual.seeds import stream_number
 
 Field = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from ..rig.interface import Clock, Frame
 from .drawing import noise_of
 from .picture import Picture
 from .scene import GelScene
-from .streams import stream_number
+from .seeds import stream_number
 
 Seen = tuple[int, int, float]  # between which knots, and how far from the first
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ..elasticity.material import GelMaterial
 from ..errors import InputError
-from ..gel.choose import pick
 from ..gel.level import Reach
+from ..gel.level_selection import pick
 from ..gel.path.knots import Between, Increments, Observed, Pose
 from ..gel.path.open import choose, open_path
 from ..gel.path.solver import PathSolver

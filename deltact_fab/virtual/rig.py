@@ -15,13 +15,13 @@ from ..rig.force.netft import NetFTSensor
 from ..rig.interface import Camera, Devices, Job
 from ..rig.stage.grbl import GrblStage
 from ..shapes import SensorDimensions
-from .answerable import unanswered
 from .below import Below
 from .clock import VirtualClock
+from .feasibility import unanswered
 from .gel_notes import gel_left_out, gel_notes
 from .netft import LockstepLink, NetFTBox
 from .scene import GelScene
-from .streams import stream_number
+from .seeds import stream_number
 from .wire import connect
 
 if TYPE_CHECKING:

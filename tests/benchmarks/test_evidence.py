@@ -70,14 +70,19 @@ def test_a_row_depends_on_its_own_level_and_an_edit_elsewhere_leaves_it() -> Non
     rows = {r.name: r for r in evidence.rows()}
     finite = of(rows["curve: sphere:15 pressed 2 mm, no friction: hyperelastic, quarter: 2 mm"])
     assert {"gel/finite/newton.py", "numerics/engines/gel_reference.py"} <= finite
-    assert not finite & {"gel/press.py", "gel/choose.py", "gel/linear/contact.py", "bench.py"}
-    assert {"gel/press.py", "gel/refine.py"} <= of(rows["press: 1"])
+    assert not finite & {
+        "gel/press.py",
+        "gel/level_selection.py",
+        "gel/linear/contact.py",
+        "bench.py",
+    }
+    assert {"gel/press.py", "gel/error_control.py"} <= of(rows["press: 1"])
     picked = of(rows["held: star to 5 mm"])
-    assert "elasticity/sides.py" in picked
+    assert "elasticity/edge_compliance.py" in picked
     assert "gel/press.py" not in picked
     energy = rows["stability: edges, no friction, 4 mm deep: work but for jumps"]
-    assert "gel/choose.py" not in of(energy)
-    assert "gel/choose.py" in of(rows["stability: depth 12 of 12 mm, announced"])
+    assert "gel/level_selection.py" not in of(energy)
+    assert "gel/level_selection.py" in of(rows["stability: depth 12 of 12 mm, announced"])
 
 
 def test_a_key_holds_arguments_and_bounds() -> None:

@@ -12,9 +12,9 @@ import pytest
 from deltact_fab.cad import registry
 from deltact_fab.cad.assembly import assemble, overlaps, thread_overlap_mm3
 from deltact_fab.cad.build import build_part
-from deltact_fab.cad.checks import bounding_box
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.kernel import require
+from deltact_fab.cad.solid_gate import bounding_box
 
 DESIGNS = {
     "deltact": [],

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from deltact_fab.cad.build import build_part
-from deltact_fab.cad.check import bench, electric, fits, stray
+from deltact_fab.cad.check import bench, electric, fits, stray_light
 from deltact_fab.cad.check.built import Built
 from deltact_fab.cad.check.row import Row
 from deltact_fab.cad.design import load_design
@@ -19,7 +19,7 @@ from deltact_fab.cad.drafting.coverage import coverage
 from deltact_fab.cad.drafting.page import Lines, Text, meet, within
 from deltact_fab.cad.drafting.wiring import wiring
 from deltact_fab.cad.export.formats import dxf
-from deltact_fab.cad.making import fabrication
+from deltact_fab.cad.fabrication import quantities
 from deltact_fab.cad.parts import led_strip
 from deltact_fab.cad.parts.light_holder import LightDimensions
 from deltact_fab.cad.registry import find, of_group
@@ -107,9 +107,9 @@ def test_the_strip_s_own_resistors_are_in_parallel() -> None:
     light = load_design(changes=["light.strip_resistor_ohm=150"]).light
     assert light.most_ma == pytest.approx(2500 / (750 + 150 / 5))
     assert light.least_resistor_ohm == 0
-    assert fabrication.wirings(light)[0].total_ma == pytest.approx(2050 / 780)
-    assert fabrication.wirings(light)[1].led_ma == pytest.approx(2050 / 900)
-    assert fabrication.resistor_for_ohm(20, light) == (pytest.approx(102.5 - 30), 75)
+    assert quantities.wirings(light)[0].total_ma == pytest.approx(2050 / 780)
+    assert quantities.wirings(light)[1].led_ma == pytest.approx(2050 / 900)
+    assert quantities.resistor_for_ohm(20, light) == (pytest.approx(102.5 - 30), 75)
 
 
 @pytest.mark.parametrize(
@@ -203,10 +203,10 @@ def test_light_through_the_notch_needs_foam() -> None:
     design = load_design()
     parts = tuple(of_group("sensor"))
     solids = {part.name: build_part(part, design)[0] for part in parts}
-    (row,) = stray.rows(Built(design, parts, solids))
+    (row,) = stray_light.rows(Built(design, parts, solids))
     assert row.passed
     # The ring stands before lens and view; beside it a little of the plate's rim is lit.
     assert "0 to the lens, 0 to the plate in view, 2 to its rim" in row.found
     bare = load_design(changes=["shell.cable_foam_mm=0"])
-    (row,) = stray.rows(Built(bare, parts, solids))
+    (row,) = stray_light.rows(Built(bare, parts, solids))
     assert not row.passed

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
-from deltact_fab.cad.making import bom, fabrication
-from deltact_fab.cad.making.fabrication import Process
-from deltact_fab.cad.making.paper_gaps import gaps
+from deltact_fab.cad.fabrication import bom, quantities
+from deltact_fab.cad.fabrication.paper_gaps import gaps
+from deltact_fab.cad.fabrication.quantities import Process
 from deltact_fab.cad.parts.light_holder import LightDimensions
 from deltact_fab.cad.parts.mold import MoldDimensions
 from deltact_fab.cad.parts.screw import stock_note
@@ -69,25 +69,25 @@ def test_the_transparent_base_takes_a_cavity_too(sensors, fills):
 
 def test_another_mold_and_no_waste():
     six = replace(DEFAULT, mold=MoldDimensions(columns=3))
-    batch = fabrication.skins_batch(six, fabrication.cavities(six), waste=0.0)
+    batch = quantities.skins_batch(six, quantities.cavities(six), waste=0.0)
     assert batch.volume_cm3 == pytest.approx(6 * six.skin_volume_mm3 / 1000)
     assert batch.total_g == pytest.approx(batch.volume_cm3)
 
 
 def test_a_coat_is_what_adheres_and_at_least_what_can_be_weighed():
-    coat = fabrication.coat_batch(DEFAULT, 1, waste=0.0)
+    coat = quantities.coat_batch(DEFAULT, 1, waste=0.0)
     # Face 36 x 34 and sides 6 high, 0.3 mm of 1.07 g/cm3, 3 % of pigment.
     assert coat.a_g + coat.b_g == pytest.approx((36 * 34 + 140 * 6) * 0.3e-3 * 1.07)
     assert coat.pigment_g == pytest.approx(0.03 * (coat.a_g + coat.b_g))
-    least = fabrication.least_coat_batch(coat)
+    least = quantities.least_coat_batch(coat)
     assert least.a_g + least.b_g == pytest.approx(10)
     assert least.pigment_g == pytest.approx(0.3)
-    many = fabrication.coat_batch(DEFAULT, 30)
-    assert fabrication.least_coat_batch(many) == many
+    many = quantities.coat_batch(DEFAULT, 30)
+    assert quantities.least_coat_batch(many) == many
 
 
 def test_the_paper_s_resistor_gives_what_the_facts_say():
-    taken, each, series, twelve = fabrication.wirings(DEFAULT.light)
+    taken, each, series, twelve = quantities.wirings(DEFAULT.light)
     assert taken.total_ma == pytest.approx(2.7, abs=0.05)
     assert taken.led_ma == pytest.approx(taken.total_ma / 5)
     assert each.total_ma == pytest.approx(5 * taken.total_ma)
@@ -100,7 +100,7 @@ def test_the_paper_s_resistor_gives_what_the_facts_say():
 
 
 def test_a_lower_voltage_lights_a_chain():
-    chain = fabrication.wirings(LightDimensions(supply_v=5.5, led_v=0.9))[2]
+    chain = quantities.wirings(LightDimensions(supply_v=5.5, led_v=0.9))[2]
     assert chain.total_ma == pytest.approx((5.5 - 5 * 0.9) / 750 * 1000)
     assert "dark" not in chain.note
 
@@ -108,7 +108,7 @@ def test_a_lower_voltage_lights_a_chain():
 @given(total_ma=st.floats(0.05, 2000), supply_v=st.floats(4.5, 5.5), led_v=st.floats(1.5, 2.9))
 def test_the_resistor_that_is_sold_never_gives_more(total_ma, supply_v, led_v):
     light = LightDimensions(supply_v=supply_v, led_v=led_v)
-    exact, sold = fabrication.resistor_for_ohm(total_ma, light)
+    exact, sold = quantities.resistor_for_ohm(total_ma, light)
     assert (supply_v - led_v) / exact * 1000 == pytest.approx(total_ma)
     assert exact * (1 - 1e-6) <= sold <= exact * 1.16
     mantissa = sold / 10 ** len(str(int(sold))) * 100 if sold >= 1 else None
@@ -117,7 +117,7 @@ def test_the_resistor_that_is_sold_never_gives_more(total_ma, supply_v, led_v):
 
 
 def test_20_ma_in_all():
-    exact, sold = fabrication.resistor_for_ohm(20, DEFAULT.light)
+    exact, sold = quantities.resistor_for_ohm(20, DEFAULT.light)
     assert exact == pytest.approx(102.5)
     assert sold == 110
 
@@ -211,7 +211,7 @@ def test_a_broken_rule_is_refused():
 def test_a_process_figure_is_positive_and_has_a_basis():
     with pytest.raises(InputError, match="coat_mm: a finite number"):
         Process(coat_mm=0)
-    rows = fabrication.DEFAULT.rows()
+    rows = quantities.DEFAULT.rows()
     assert {row["basis"] for row in rows} == {"paper", "maker", "assumed"}
     assert all(row["meaning"] for row in rows)
 
@@ -234,7 +234,7 @@ def test_the_gaps_carry_the_figures_of_the_design():
 def test_no_cad_kernel_is_imported():
     code = (
         "import sys; from deltact_fab.cad import registry, show;"
-        "from deltact_fab.cad.making import bom, paper_gaps;"
+        "from deltact_fab.cad.fabrication import bom, paper_gaps;"
         "from deltact_fab.cad.design import load_design; d = load_design();"
         "bom.lines(d); paper_gaps.gaps(d);"
         "[show.describe(p, d) for p in registry.listed()];"

@@ -10,12 +10,12 @@ import pytest
 from deltact_fab.cad import registry
 from deltact_fab.cad.check import drawings
 from deltact_fab.cad.check.built import Built
-from deltact_fab.cad.checks import Expected
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.drafting.coverage import coverage, variations
 from deltact_fab.cad.drafting.dimensioning import Leader, Linear
 from deltact_fab.cad.drafting.items import Callouts, z_of
 from deltact_fab.cad.part import Part
+from deltact_fab.cad.solid_gate import Expected
 
 DESIGNS = ("deltact", "franka", "screws-16mm", "skin-30x34", "skin-44x40")
 DRAWN = [part.name for part in registry.listed() if part.callouts is not None]

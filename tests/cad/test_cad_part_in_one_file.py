@@ -10,7 +10,7 @@ from deltact_fab.cad import parts
 from deltact_fab.cad.check import run
 from deltact_fab.cad.design import IndenterList, load_design
 from deltact_fab.cad.export import export_parts
-from deltact_fab.cad.making import bom
+from deltact_fab.cad.fabrication import bom
 from deltact_fab.cad.registry import find, of_design
 from deltact_fab.cli.main import main
 from deltact_fab.report import guide
@@ -18,7 +18,7 @@ from deltact_fab.report import guide
 SHIM = '''
 """A shim for the bench."""
 
-from deltact_fab.cad.checks import Expected
+from deltact_fab.cad.solid_gate import Expected
 from deltact_fab.cad.drafting.items import Callouts, x_of, y_of, z_of
 from deltact_fab.cad.kernel import require
 from deltact_fab.cad.part import PRINT, RESIN, Part

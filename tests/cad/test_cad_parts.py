@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from deltact_fab.cad import checks, feasibility, registry
+from deltact_fab.cad import feasibility, registry, solid_gate
 from deltact_fab.cad.build import build_part, expected
 from deltact_fab.cad.design import (
     IndenterBody,
@@ -166,9 +166,9 @@ def test_what_the_kernel_raises_becomes_one_line(cq):
 
 def test_the_gate_stops_what_the_kernel_returns_in_silence(cq):
     unit = ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
-    right = checks.Expected((1.0, 1.0), unit, {"side_mm": 1.0})
+    right = solid_gate.Expected((1.0, 1.0), unit, {"side_mm": 1.0})
     box = cq.Solid.makeBox(1, 1, 1)
-    assert checks.gate("box", box, right)[1].volume_mm3 == pytest.approx(1.0)
+    assert solid_gate.gate("box", box, right)[1].volume_mm3 == pytest.approx(1.0)
     wrong = {
         "0 solids": box.cut(cq.Solid.makeBox(2, 2, 2)),
         "2 solids": cq.Compound.makeCompound([box, box.moved(cq.Location((3, 0, 0)))]),
@@ -178,7 +178,7 @@ def test_the_gate_stops_what_the_kernel_returns_in_silence(cq):
     }
     for says, shape in wrong.items():
         with pytest.raises(RunFailed, match=f"^box: .*{says}"):
-            checks.gate("box", shape, right)
+            solid_gate.gate("box", shape, right)
 
 
 def _underside_mm(solid, x_mm, y_mm):
@@ -216,7 +216,7 @@ NAMES = (
 def test_the_underside_is_the_height_field(shape, cq):
     dims = IndenterDimensions(shape, IndenterBody())
     expected = indenter_part.expect(dims)
-    solid, _ = checks.gate(shape.slug, indenter_part.build(dims), expected)
+    solid, _ = solid_gate.gate(shape.slug, indenter_part.build(dims), expected)
     rng = np.random.default_rng(11)
     hx, hy = indenter_part.plate_half_mm(dims)
     x, y = rng.uniform(-1.05 * hx, 1.05 * hx, 600), rng.uniform(-1.05 * hy, 1.05 * hy, 600)

@@ -17,10 +17,10 @@ from deltact_fab.cad.check.built import Built
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.export import export_parts
 from deltact_fab.cad.export.plates import arranged, bed_mm
-from deltact_fab.cad.laid import LEAST_CONTACT_MM2, laid, stand
-from deltact_fab.cad.lying import Lying
 from deltact_fab.cad.mesh import mesh_solid
+from deltact_fab.cad.overhangs import LEAST_CONTACT_MM2, laid, stand
 from deltact_fab.cad.parts.planes import segment_mm2
+from deltact_fab.cad.print_orientation import Lying
 from deltact_fab.errors import InputError
 
 DESIGN = load_design()

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from deltact_fab.cad.check import fits
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
-from deltact_fab.cad.making.readings import Reading, estimates, read
+from deltact_fab.cad.fabrication.readings import Reading, estimates, read
 from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError
 

@@ -10,11 +10,11 @@ import pytest
 
 from deltact_fab.cad import feasibility, registry
 from deltact_fab.cad.build import build_part, expected
-from deltact_fab.cad.checks import gate
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.kernel import require
 from deltact_fab.cad.parts import acrylic, mount
+from deltact_fab.cad.solid_gate import gate
 from deltact_fab.errors import InputError
 
 SHELLS = ("shell", "testing-shell")

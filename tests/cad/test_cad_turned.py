@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from deltact_fab.cad import checks, registry
+from deltact_fab.cad import registry, solid_gate
 from deltact_fab.cad.design import IndenterBody, IndenterDimensions, load_indenters
 from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import is_closed, mesh_solid
@@ -78,7 +78,7 @@ SHAPES = (
 def test_the_solid_s_underside_is_the_height_field(shape: Indenter, cq: Any) -> None:
     dims = IndenterDimensions(shape, IndenterBody())
     expected = indenter_part.expect(dims)
-    solid, _ = checks.gate(shape.slug, indenter_part.build(dims), expected)
+    solid, _ = solid_gate.gate(shape.slug, indenter_part.build(dims), expected)
     rng = np.random.default_rng(7)
     hx, hy = indenter_part.plate_half_mm(dims)
     x, y = rng.uniform(-1.05 * hx, 1.05 * hx, 600), rng.uniform(-1.05 * hy, 1.05 * hy, 600)
@@ -114,7 +114,9 @@ def test_another_height_field_is_noticed(cq: Any) -> None:
     gap = underside_mm(solid, d, np.zeros(50)) - other.height_mm(d, np.zeros(50))
     assert np.abs(gap).max() > 5e-3
     with pytest.raises(RunFailed, match=r"^ring: volume .* is right"):
-        checks.gate("ring", solid, indenter_part.expect(IndenterDimensions(other, IndenterBody())))
+        solid_gate.gate(
+            "ring", solid, indenter_part.expect(IndenterDimensions(other, IndenterBody()))
+        )
 
 
 @pytest.mark.parametrize("name", ["cylinder", "ring", "hat"])

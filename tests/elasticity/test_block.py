@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from scipy.interpolate import RectBivariateSpline
 
 from deltact_fab.elasticity.block import FreeBlock
+from deltact_fab.elasticity.edge_compliance import free_sides
 from deltact_fab.elasticity.layer import BondedLayer
 from deltact_fab.elasticity.material import GelMaterial
-from deltact_fab.elasticity.sides import free_sides
 from deltact_fab.errors import InputError
 from deltact_fab.gel.finite import FinitePress, block_mesh
 from deltact_fab.gel.finite.assembly import BulkAssembly

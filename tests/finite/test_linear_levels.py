@@ -10,8 +10,8 @@ from axisymmetric import Cylinder, graded
 
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel import reference
-from deltact_fab.gel.choose import model_error
 from deltact_fab.gel.level import Reach
+from deltact_fab.gel.level_selection import model_error
 from deltact_fab.gel.open import open_contact
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse

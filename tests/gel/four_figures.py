@@ -13,7 +13,7 @@ import sys
 def four(indenter: str, depth_mm: float, spacing_mm: float | None) -> dict[str, float]:
     """One press in the middle of the standard block, friction .5."""
     from deltact_fab.elasticity.material import GelMaterial
-    from deltact_fab.gel.fit.curve import force_curve
+    from deltact_fab.gel.fit.force_curve import force_curve
     from deltact_fab.gel.press import press
     from deltact_fab.preflight.press import press_curve
     from deltact_fab.protocols.plan import Protocol

@@ -12,8 +12,8 @@ from click.testing import CliRunner
 from deltact_fab.cli.gel_fit import fit as command
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError, RunFailed
-from deltact_fab.gel.fit.curve import ForceCurve, force_curve, force_path
 from deltact_fab.gel.fit.fit import GelFit, fit_press
+from deltact_fab.gel.fit.force_curve import ForceCurve, force_curve, force_path
 from deltact_fab.gel.fit.measured import Measured, read_csv
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse

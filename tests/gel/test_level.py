@@ -10,9 +10,9 @@ import pytest
 
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError, SolverError
-from deltact_fab.gel.choose import pick
 from deltact_fab.gel.lattice import hermite, means, over_face
 from deltact_fab.gel.level import GelContact, Level, Reach, State
+from deltact_fab.gel.level_selection import pick
 from deltact_fab.gel.linear.gel import LinearGel
 from deltact_fab.gel.linear.state import ContactState
 from deltact_fab.gel.open import contact_of, open_contact

@@ -10,13 +10,13 @@ import pytest
 
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import SolverError
-from deltact_fab.gel import limit, refine
-from deltact_fab.gel.choose import pick
+from deltact_fab.gel import error_control, limit
+from deltact_fab.gel.error_control import EDGE, MOST_WORK, WORK_POWER, Ladder, Run, afforded
 from deltact_fab.gel.level import Choice, Diagnostics, Reach
+from deltact_fab.gel.level_selection import pick
 from deltact_fab.gel.path.knots import Pose
 from deltact_fab.gel.path.solver import PathSolver
 from deltact_fab.gel.press import OBSERVED, press
-from deltact_fab.gel.refine import EDGE, MOST_WORK, WORK_POWER, Ladder, Run, afforded
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 
@@ -75,7 +75,7 @@ def test_the_first_mesh_that_keeps_to_the_tolerance_answers() -> None:
     found = ladder(lambda h, step: 10.0).climb(chosen(0.0), free=True)
     edge = EDGE * (found.run.cell_mm / RADIUS_MM) ** 2
     assert found.estimate["force_rel"] == pytest.approx(edge)
-    assert edge < TOLERANCE < edge * refine.COARSER**2
+    assert edge < TOLERANCE < edge * error_control.COARSER**2
     assert not found.limited
 
 
@@ -88,7 +88,7 @@ def test_a_mesh_that_was_asked_for_is_the_one() -> None:
 def test_a_mesh_that_rounds_an_edge_off_is_not_believed() -> None:
     sharp = ladder(lambda h, step: 10.0, edge_mm=0.3)
     found = sharp.climb(chosen(0.0), free=False)
-    assert found.estimate["force_rel"] == pytest.approx(refine.BLUNTED * 1.6 / RADIUS_MM)
+    assert found.estimate["force_rel"] == pytest.approx(error_control.BLUNTED * 1.6 / RADIUS_MM)
     finer = sharp.climb(chosen(0.0, 0.55), free=False)
     assert finer.estimate["force_rel"] == pytest.approx(EDGE * (0.55 / RADIUS_MM) ** 2)
 
@@ -143,7 +143,7 @@ def test_a_refinement_stays_within_the_work_and_coarsens_nothing(dofs: int, stat
     factor = afforded(run, 0.7)
     assert 0.7 <= factor <= 1
     done = states * dofs**WORK_POWER
-    after = done / factor ** (refine.DOFS_POWER * WORK_POWER)
+    after = done / factor ** (error_control.DOFS_POWER * WORK_POWER)
     assert after <= max(MOST_WORK, done) * (1 + 1e-9)
 
 
@@ -157,14 +157,14 @@ def test_a_limit_of_time_ends_with_the_best_mesh_so_far(monkeypatch: pytest.Monk
         now[0] += 1.0
         return 10 * (1 + 0.1 * h**2)
 
-    def within(seconds: float) -> refine.Answer:
+    def within(seconds: float) -> error_control.Answer:
         now[0] = 0.0
         with limit.within(seconds):
             return ladder(force).climb(chosen(0.0), free=True)
 
     two, one = within(1.5), within(0.5)
     assert two.limited
-    assert two.run.cell_mm == pytest.approx(1.6 * refine.COARSER)
+    assert two.run.cell_mm == pytest.approx(1.6 * error_control.COARSER)
     true = 0.1 * two.run.cell_mm**2 / (1 + 0.1 * two.run.cell_mm**2)
     assert two.estimate["force_rel"] == pytest.approx(true)
     # One mesh has nothing to be compared with.
@@ -206,7 +206,7 @@ def test_a_start_from_a_coarser_mesh_changes_the_work_and_not_the_answer() -> No
 
 
 def test_what_the_contacts_give_takes_of_the_force_is_its_energys_slope() -> None:
-    from deltact_fab.gel.finite.give import lacking_n
+    from deltact_fab.gel.finite.penalty_correction import lacking_n
     from deltact_fab.gel.open import contact_of
 
     skin, ball, gel = SkinDimensions(), parse("sphere:8"), GelMaterial(friction=0.0)

@@ -17,10 +17,10 @@ from deltact_fab.gel.path.knots import Observed, along
 from deltact_fab.gel.path.open import choose, open_path
 from deltact_fab.measure.face import FaceFlow
 from deltact_fab.measure.force import ForceModel, SensorView, make_features
+from deltact_fab.measure.force.bounded_least_squares import least_squares_signed
 from deltact_fab.measure.force.inverse import Inverse
 from deltact_fab.measure.force.press import FaceInverse
 from deltact_fab.measure.force.sight import sight
-from deltact_fab.measure.force.signed import least_squares_signed
 from deltact_fab.optics import Pinhole, axes_mm
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse

@@ -417,7 +417,7 @@ def test_whole_dots_of_one_patch_stay_within_the_side(tmp_path, size_mm):
 def test_every_sticker_has_the_film_that_the_guide_and_the_bill_say(tmp_path):
     """Pieces of film are cut from the sheet as they are, so they must not overlap on it."""
     from deltact_fab.cad.design import load_design
-    from deltact_fab.cad.making import bom
+    from deltact_fab.cad.fabrication import bom
     from deltact_fab.report import guide
 
     design = load_design(changes=["skin.width_mm=40"])

@@ -17,7 +17,7 @@ from deltact_fab.numerics.engines.sheet import edge_error_mm, read_back
 from deltact_fab.patterns import draw_patches, load_recipe, raster, recipe_from, recipe_from_options
 from deltact_fab.patterns.code import decode
 from deltact_fab.patterns.sheet import job as sheet
-from deltact_fab.patterns.sheet.furniture import COLOURS
+from deltact_fab.patterns.sheet.page_marks import COLOURS
 
 needs_poppler = pytest.mark.skipif(
     shutil.which("pdftoppm") is None, reason="pdftoppm (poppler-utils) is not installed"

@@ -17,8 +17,8 @@ from deltact_fab.protocols.plan import Protocol
 from deltact_fab.rig.simulator import FiniteGelConfig, GelConfig
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
-from deltact_fab.virtual.ahead import solve_ahead
 from deltact_fab.virtual.paths import PressPath, paths, poses
+from deltact_fab.virtual.presolve import solve_ahead
 from deltact_fab.virtual.presses import Presses
 
 GELS = {

@@ -19,8 +19,8 @@ from deltact_fab.gel.path.store import KIND, load
 from deltact_fab.protocols.plan import Protocol
 from deltact_fab.rig.simulator import FiniteGelConfig, GelConfig
 from deltact_fab.shapes import SkinDimensions
-from deltact_fab.virtual.ahead import solve_ahead
 from deltact_fab.virtual.paths import paths, poses, rest_s
+from deltact_fab.virtual.presolve import solve_ahead
 from deltact_fab.virtual.presses import Presses
 
 COARSE = GelConfig(spacing_mm=1.0, press_increment_mm=0.25, shear_increment_mm=0.5)

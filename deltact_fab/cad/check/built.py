@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 from ...errors import MissingLibrary, RunFailed
 from ..build import build_from
-from ..checks import Box, bounding_box
 from ..design import IndenterList
 from ..dimensions import Design
 from ..mesh import Mesh, mesh_solid
 from ..part import Part
 from ..registry import listed
+from ..solid_gate import Box, bounding_box
 from .cylinders import Cylinder, along_z
-from .known import Known
+from .memo import Known
 from .rays import Walls
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ Tell = Callable[[str], None]
 class Built:
     """Every part as the checks see it; a solid is made when it is first asked for.
 
-    design: notes what is read from it (known.py), and so do `parts` and everything that gives a
+    design: notes what is read from it (memo.py), and so do `parts` and everything that gives a
     solid or what was found on one. every: all parts. _solids: those that are there already.
     """
 

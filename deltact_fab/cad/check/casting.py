@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import VOLUME_TOLERANCE, bounding_box
 from ..kernel import require
 from ..parts.mold import centres_mm
+from ..solid_gate import VOLUME_TOLERANCE, bounding_box
 from .built import Built
 from .rays import ExactRays, first_hit, normals, samples
 from .row import Row

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...errors import RunFailed
-from ..checks import bounding_box
+from ..solid_gate import bounding_box
 from .built import Built
 from .cylinders import near
 from .row import Row

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ..laid import LEAST_CONTACT_MM2, laid, stand
+from ..overhangs import LEAST_CONTACT_MM2, laid, stand
 from .built import Built
 from .row import Row
 

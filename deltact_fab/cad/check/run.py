@@ -9,7 +9,7 @@ from ...errors import MissingLibrary, RunFailed
 from ..design import IndenterList
 from ..dimensions import Design
 from ..kernel import guarded
-from ..laid import LEAST_CONTACT_MM2
+from ..overhangs import LEAST_CONTACT_MM2
 from . import (
     bench,
     bending,
@@ -25,7 +25,7 @@ from . import (
     sight,
     soundness,
     space,
-    stray,
+    stray_light,
     thickness,
 )
 from .built import Built
@@ -50,7 +50,7 @@ CHECKS = (
     Check("view cone", "camera", "the crop's half angle", sight.view),
     Check("light cone", "light-holder", "all rays reach the face", sight.light_cone),
     Check("LED strip length", "light-holder", "round the channel", sight.strip),
-    Check(stray.NAME, "shell", "0 straight ways", stray.rows),
+    Check(stray_light.NAME, "shell", "0 straight ways", stray_light.rows),
     Check("mold volume closure", "mold, skin-frame, skin", "V(skin)", casting.closure),
     Check("no undercut", "mold", "0 mm2, 0 rays", casting.undercut),
     Check("frame fits its seat", "mold, skin-frame", "mold.fit_mm", casting.seat),

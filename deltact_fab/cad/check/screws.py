@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...errors import RunFailed
-from ..checks import bounding_box
 from ..parts.camera import BOARD_KEYS
 from ..record import Point2
+from ..solid_gate import bounding_box
 from .built import Built
 from .cylinders import Cylinder, along_z, near
 from .row import Row, at, open_keys

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..checks import bounding_box
+from ..solid_gate import bounding_box
 from .built import Built
 from .row import Row, open_keys
 from .screws import grips

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from ..assembly import Placed, assemble
 from ..build import build_part
-from ..checks import bounding_box
 from ..dimensions import Design
 from ..kernel import guarded
 from ..part import Part, Shift
 from ..registry import of_group
+from ..solid_gate import bounding_box
 from .balloons import RADIUS_MM, Balloon, arranged
 from .page import FONT, LARGE_MM, SMALL_MM, number, path_data, text_width_mm
 from .projection import Points, Projected, View, project

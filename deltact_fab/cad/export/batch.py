@@ -18,8 +18,8 @@ from ...errors import InputError, RunFailed
 from ...jobs import Progress, arrivals, processors
 from ..build import expected
 from ..dimensions import Design
-from ..lying import Matrix
 from ..part import Part
+from ..print_orientation import Matrix
 from ..registry import of_group
 from .formats import glb, threemf
 from .part_files import (

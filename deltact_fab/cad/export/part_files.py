@@ -8,15 +8,15 @@ from typing import Any
 
 from ...errors import InputError, RunFailed, did_you_mean
 from ..build import build_part
-from ..checks import Box, Measured
 from ..dimensions import Design
 from ..drafting.drawing import drawing, has_drawing
 from ..drafting.page import Page
 from ..drafting.wiring import wiring
 from ..kernel import guarded
-from ..laid import laid
 from ..mesh import Mesh, mesh_solid
+from ..overhangs import laid
 from ..part import BOUGHT, LASER_CUT, Part
+from ..solid_gate import Box, Measured
 from .formats import dxf, glb, step, stl, threemf
 
 ASSEMBLY, WIRING = "assembly", "wiring"

@@ -9,8 +9,8 @@ from typing import Any
 from ... import cache, digest
 from ..dimensions import Design
 from ..drafting.title import TitleBlock
-from ..made_from import libraries, plain
 from ..part import Part
+from ..provenance import libraries, plain
 from .part_files import DRAWN, MESHED, Made
 
 KIND = "cad"

@@ -15,7 +15,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from ..checks import Expected
 from ..drafting.dimensioning import Item
 from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..fit import Fit, Length
@@ -23,6 +22,7 @@ from ..kernel import require
 from ..part import CLEAR, LASER_CUT, Part
 from ..record import Point2, Record, number
 from ..rule import Rule
+from ..solid_gate import Expected
 
 if TYPE_CHECKING:
     from cadquery import Shape

@@ -22,11 +22,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING
 
-from ..checks import Expected
 from ..kernel import require
 from ..part import BOUGHT, GREEN, Part
 from ..record import Point2, Record, number
 from ..rule import Rule
+from ..solid_gate import Expected
 from . import view
 
 if TYPE_CHECKING:

@@ -20,15 +20,15 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING
 
-from ..checks import Expected
 from ..drafting.dimensioning import Axis, Item
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
-from ..lying import Lying
 from ..part import BLACK, PRINT, RESIN, Part
+from ..print_orientation import Lying
 from ..record import Record, number, standard_row
 from ..rule import Rule
+from ..solid_gate import Expected
 from ..standards import CHEESE_SCREWS, CheeseScrew
 from .camera import UPPER_HOLES, on_board
 

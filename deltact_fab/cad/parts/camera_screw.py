@@ -18,10 +18,10 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from ..checks import Expected
 from ..kernel import require
 from ..part import BOUGHT, STEEL, Part, Shift
 from ..rule import Rule
+from ..solid_gate import Expected
 from .camera import on_board
 from .planes import band_mm2
 

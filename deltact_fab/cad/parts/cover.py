@@ -22,15 +22,15 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from ..checks import Expected
 from ..drafting.dimensioning import Axis, Cut, Detail, Item, Linear, shown
 from ..drafting.items import Callouts, holes, x_of, y_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
-from ..lying import Lying
 from ..part import BLACK, PRINT, RESIN, Part, shell_wall_mm
+from ..print_orientation import Lying
 from ..record import Point2, Record, number
 from ..rule import Rule
+from ..solid_gate import Expected
 from .planes import cone_segment_mm3, segment_mm2
 
 if TYPE_CHECKING:

@@ -20,13 +20,13 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
-from ..checks import Expected
 from ..drafting.dimensioning import Cut, Item, Leader, shown
 from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..kernel import require
 from ..part import AMBER, PRINT, RESIN, Part, shell_wall_mm
 from ..record import Point2, Record, number
 from ..rule import Rule
+from ..solid_gate import Expected
 
 if TYPE_CHECKING:
     from cadquery import Shape

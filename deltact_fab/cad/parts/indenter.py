@@ -21,9 +21,9 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from ...shapes import EllipsoidTip, PrismTip, RidgeTip, SphereTip, Tip, TurnedTip
-from ..checks import Expected, less
 from ..design import IndenterDimensions
 from ..kernel import require
+from ..solid_gate import Expected, less
 from .outline import closed
 from .planes import segment_mm2
 

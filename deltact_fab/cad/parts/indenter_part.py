@@ -10,8 +10,8 @@ from ...shapes.turned import TurnedTip
 from ..design import IndenterBody, IndenterDimensions
 from ..drafting.dimensioning import Axis, Centres, Circle, Detail, Item, Leader, Linear, shown
 from ..drafting.items import Callouts, x_of, y_of, z_of
-from ..lying import Lying
 from ..part import PRINT, RESIN, WHITE, Part
+from ..print_orientation import Lying
 from ..record import Point2
 from .indenter import build, corner_mm, expect, plate_half_mm
 

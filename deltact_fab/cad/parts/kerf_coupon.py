@@ -13,12 +13,12 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
-from ..checks import Expected
 from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..kernel import require
 from ..part import CLEAR, LASER_CUT, Part
 from ..record import Record, number
 from ..rule import Rule
+from ..solid_gate import Expected
 
 if TYPE_CHECKING:
     from cadquery import Shape

@@ -15,10 +15,10 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from ..checks import Expected
 from ..kernel import require
 from ..part import AMBER, BOUGHT, Flat, Part
 from ..rule import Rule
+from ..solid_gate import Expected
 
 if TYPE_CHECKING:
     from cadquery import Shape

@@ -24,15 +24,15 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING
 
-from ..checks import Expected
 from ..drafting.dimensioning import Axis, Centres, Cut, Item, Leader, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, x_of, y_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
-from ..lying import Lying
 from ..part import PRINT, RESIN, WHITE, Part
+from ..print_orientation import Lying
 from ..record import Record, number
 from ..rule import Rule
+from ..solid_gate import Expected
 from ..standards import next_e24
 from .camera import UPPER_HOLES
 from .planes import band_mm2, common_circles_mm2

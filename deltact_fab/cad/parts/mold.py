@@ -24,7 +24,6 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from ..checks import Expected
 from ..drafting.dimensioning import Axis, Cut, Item, Leader, Linear, shown
 from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..fit import Fit
@@ -32,6 +31,7 @@ from ..kernel import require
 from ..part import AMBER, PRINT, RESIN, Part, shell_wall_mm
 from ..record import Point2, Record, number
 from ..rule import Rule
+from ..solid_gate import Expected
 from .skin_frame import window_area_mm2
 
 if TYPE_CHECKING:

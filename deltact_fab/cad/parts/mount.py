@@ -26,7 +26,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
-from ..checks import Box, Expected
 from ..drafting.dimensioning import Axis, Item, Leader, Linear, shown
 from ..drafting.items import holes, x_of, y_of, z_of
 from ..drafting.projection import Vector
@@ -34,6 +33,7 @@ from ..fit import Fit, Length
 from ..kernel import require
 from ..record import Record, number, standard_row
 from ..rule import Rule
+from ..solid_gate import Box, Expected
 from ..standards import CLEARANCE_MM, WASHER_MM
 
 if TYPE_CHECKING:

@@ -15,15 +15,15 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING
 
-from ..checks import Expected
 from ..drafting.dimensioning import Cut, Item, Leader, shown
 from ..drafting.items import Callouts, holes, x_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
-from ..lying import Lying
 from ..part import BLACK, PRINT, RESIN, Part, shell_wall_mm
+from ..print_orientation import Lying
 from ..record import Point2, Record, number
 from ..rule import Rule
+from ..solid_gate import Expected
 from ..standards import CAP_SCREWS
 from .tool_holder import SCREWS
 

@@ -19,11 +19,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from ..checks import Expected
 from ..kernel import require
 from ..part import BOUGHT, STEEL, Part, Shift
 from ..record import Record, number, standard_row
 from ..rule import Rule
+from ..solid_gate import Expected
 from ..standards import CAP_SCREWS, CapScrew
 
 if TYPE_CHECKING:

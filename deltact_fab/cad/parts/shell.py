@@ -26,15 +26,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from ..checks import Box, Expected
 from ..drafting.dimensioning import Axis, Cut, Detail, Item, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
-from ..lying import Lying
 from ..part import BLACK, PRINT, RESIN, Part, shell_wall_mm
+from ..print_orientation import Lying
 from ..record import Record, number
 from ..rule import Rule
+from ..solid_gate import Box, Expected
 from . import mount
 from .acrylic import notched
 from .mount import boss_room, cuboid

@@ -15,9 +15,9 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from ..checks import Expected
 from ..kernel import require
 from ..part import CLEAR, Part
+from ..solid_gate import Expected
 
 if TYPE_CHECKING:
     from cadquery import Shape

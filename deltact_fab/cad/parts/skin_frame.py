@@ -25,15 +25,15 @@ from collections.abc import Iterator
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
-from ..checks import Expected
 from ..drafting.dimensioning import Axis, Cut, Item, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
-from ..lying import Lying
 from ..part import BLACK, PRINT, RESIN, Part, no_fits, no_rules, shell_wall_mm
+from ..print_orientation import Lying
 from ..record import Point2
 from ..rule import Rule
+from ..solid_gate import Expected
 from ..standards import screw_tolerance_mm
 
 if TYPE_CHECKING:

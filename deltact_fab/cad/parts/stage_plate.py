@@ -19,12 +19,12 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING
 
-from ..checks import Expected
 from ..drafting.dimensioning import Centres, Item, Leader, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..kernel import require
 from ..part import STEEL, Part
 from ..record import Point2, Record, number
+from ..solid_gate import Expected
 
 if TYPE_CHECKING:
     from cadquery import Shape

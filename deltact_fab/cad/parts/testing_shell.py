@@ -16,15 +16,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from ..checks import Expected
 from ..drafting.dimensioning import Cut, Linear, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..fit import Fit
 from ..kernel import require
-from ..lying import Lying
 from ..part import BLACK, PRINT, RESIN, Part, shell_wall_mm
+from ..print_orientation import Lying
 from ..record import Record, number, standard_row
 from ..rule import Rule
+from ..solid_gate import Expected
 from ..standards import CLEARANCE_MM
 from . import shell
 from .mount import boss_room, cuboid

@@ -24,15 +24,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...shapes import Indenter
-from ..checks import Expected
 from ..drafting.dimensioning import Axis, Cut, Item, Leader, shown
 from ..drafting.items import Callouts, holes, x_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
-from ..lying import Lying
 from ..part import BLACK, PRINT, RESIN, Part, shell_wall_mm
+from ..print_orientation import Lying
 from ..record import Point2, Record, number
 from ..rule import Rule
+from ..solid_gate import Expected
 from ..standards import CAP_SCREWS
 from .planes import segment_mm2
 

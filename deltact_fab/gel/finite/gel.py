@@ -15,8 +15,8 @@ from ...errors import InputError
 from ...shapes import Indenter, SkinDimensions
 from ..level import Choice, Diagnostics, Level, Point
 from .field import FaceLattice, tractions_mpa, whole_wrench
-from .give import lacking_n
 from .mesh import block_mesh
+from .penalty_correction import lacking_n
 from .press import FinitePress
 from .state import PENETRATION_LIMIT, FiniteState, sum_of, with_diagnostics
 from .transfer import Guide
@@ -146,7 +146,7 @@ class FiniteGel:
         return Guide(states[0]._press.mesh, [s.inner for s in states], self.press.mesh)
 
     def lacking_rel(self, state: HyperelasticState) -> float:
-        """What more of the normal force a hard contact would give, relative; see `give`."""
+        """What a hard contact would add to the normal force, relative; see `penalty_correction`."""
         force = -state.inner.force_n[2]
         return lacking_n(self.press, state.inner) / force if force > 0 else 0.0
 

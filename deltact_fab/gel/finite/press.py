@@ -16,10 +16,9 @@ from ...shapes import Indenter
 from ..footprint import edge_radius_mm
 from . import newton
 from .assembly import BulkAssembly
-from .blunt import blunted
+from .contact_loss import refuse_lost
 from .descent import descend
 from .linear import Name, make_solver
-from .lost import refuse_lost
 from .material import NeoHooke
 from .mesh import HexMesh
 from .pattern import Pattern
@@ -27,6 +26,7 @@ from .predict import start_of
 from .problem import Equilibrium, bulk_at
 from .state import Diagnostics, FiniteState, Point, sum_of, with_diagnostics
 from .surface import Grip, Surface
+from .tip_rounding import blunted
 from .transfer import Guide
 from .viscous import Memory, Viscosity
 

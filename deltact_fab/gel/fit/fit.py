@@ -17,9 +17,18 @@ from numpy.typing import NDArray
 
 from ...errors import InputError, RunFailed
 from ...shapes import Indenter, SkinDimensions
-from ..choose import SHARE, TOLERANCE
-from .curve import DEEPEST, Point2, Progress, cells_mm
-from .estimate import WIDER, Bounds, Estimate, Solution, best_touch, own_share, smooth_part, solve
+from ..level_selection import SHARE, TOLERANCE
+from .force_curve import DEEPEST, Point2, Progress, cells_mm
+from .least_squares import (
+    WIDER,
+    Bounds,
+    Estimate,
+    Solution,
+    best_touch,
+    own_share,
+    smooth_part,
+    solve,
+)
 from .measured import Measured, before_drag
 from .press_model import PressModel
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...elasticity.material import GelMaterial
 from ...shapes import Indenter, SkinDimensions
-from .curve import ForceCurve, Point2, Progress, force_curve, force_path
+from .force_curve import ForceCurve, Point2, Progress, force_curve, force_path
 from .measured import Measured
 
 Field = NDArray[np.float64]

@@ -28,9 +28,9 @@ import numpy as np
 from ...elasticity.face import FaceOperator, Field, PatchOperator
 from ...errors import InputError, SolverError
 from ...shapes import Indenter
+from .anderson import Mixer
 from .complementarity import Compliance, friction_contact, normal_contact, normal_violation
 from .limits import Point, least_det, refuse_bad_contact, refuse_out_of_range
-from .mixing import Mixer
 from .patch import Patch, footprint, patch_below
 from .state import ContactState, untouched
 

@@ -8,8 +8,8 @@ from typing import Any
 
 from ...elasticity.material import GelMaterial
 from ...shapes import Indenter, SkinDimensions
-from ..choose import TOLERANCE, pick
 from ..level import Choice, GelContact, Reach
+from ..level_selection import TOLERANCE, pick
 from .knots import Observed, Pose
 from .mirror import to_solved
 from .solver import PathSolver

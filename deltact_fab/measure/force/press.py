@@ -25,8 +25,8 @@ from ...optics import axes_mm
 from ..face import FaceFlow
 from ..view import SensorView
 from ..whole import whole
+from .bounded_least_squares import least_squares_signed
 from .sight import sight
-from .signed import least_squares_signed
 
 Array = NDArray[Any]
 

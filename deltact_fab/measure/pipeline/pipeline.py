@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from numpy.typing import NDArray
 
-from .belt import Belt, Closed
+from .bounded_queue import Belt, Closed
 from .measurement import Job, Measurement, Step
 from .result import Result
 

@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from ...cad import checks, feasibility, mesh
+from ...cad import feasibility, mesh, solid_gate
 from ...cad.build import build_part, expected
-from ...cad.checks import Expected, gate
 from ...cad.design import load_design
 from ...cad.dimensions import Design
 from ...cad.kernel import guarded, require
 from ...cad.registry import find, of_design
+from ...cad.solid_gate import Expected, gate
 from ...cad.stiffness import Plate, bend, plate_of
 from ..engine import Case, Engine, Setting, Table, Work
 
@@ -224,7 +224,7 @@ def _box_after_meshing(scratch: Path) -> float:
     """Growth of the box that the gate reads, once the solid has a mesh (mm)."""
     solid, found = build_part(find("skin"), load_design())
     mesh.mesh_solid(solid, 0.1, "skin")
-    return float(np.abs(np.subtract(checks.bounding_box(solid), found.box_mm)).max())
+    return float(np.abs(np.subtract(solid_gate.bounding_box(solid), found.box_mm)).max())
 
 
 def _same_stl(scratch: Path) -> float:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from ...elasticity.material import GelMaterial
 from ...errors import RunFailed
-from ...gel.choose import pick
 from ...gel.level import Reach
+from ...gel.level_selection import pick
 from ...gel.open import contact_of
 from ...gel.press import press
 from ...shapes import SkinDimensions

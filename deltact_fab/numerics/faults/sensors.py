@@ -17,7 +17,7 @@ from ...rig.interface import Frame, Image
 from ...virtual.clock import VirtualClock
 from ...virtual.netft import LockstepLink, NetFTBox
 from ...virtual.netft_faults import BoxFaults, Datagram
-from ...virtual.streams import stream_number
+from ...virtual.seeds import stream_number
 
 Place = Callable[[], tuple[float, float, float]]
 

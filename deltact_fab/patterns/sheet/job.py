@@ -36,7 +36,7 @@ from ..code import encode
 from ..files import check_place, write_together
 from ..raster import check_seen
 from ..recipe import PatternRecipe
-from . import furniture, layout, page_image, stickers
+from . import layout, page_image, page_marks, stickers
 from .layout import Cell, Sheet
 from .marks import Mark, Picture
 from .pdf import INSET_MM, LEAST_DOTS, Pdf
@@ -213,7 +213,7 @@ def write(
         )
     order = [k for k in range(len(recipes)) for _ in range(copies)]
     names = [stickers.name(printed[k]) for k in order]
-    head, top_mm = furniture.header(sheet, furniture.instructions(sheet, paper, transfer))
+    head, top_mm = page_marks.header(sheet, page_marks.instructions(sheet, paper, transfer))
     places = layout.placed(sheet, [cells[k] for k in order], names, top_mm)
     pages = places[-1].page + 1
     if kind != "pdf" and pages > 1:
@@ -235,7 +235,7 @@ def write(
             found.append(
                 _sticker(page, picture, by_cells, inset_mm, scale, printed[k], recipes[k], codes[k])
             )
-        marks += furniture.footer(sheet, furniture.signature(page, pages))
+        marks += page_marks.footer(sheet, page_marks.signature(page, pages))
         if kind == "pdf":
             pdf.page(marks)
     software = f"deltact-fab {__version__}"

@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import InputError, MissingLibrary
 from ..laws.patches import draw_patches
 from ..recipe import PatternRecipe, recipe_from
-from . import furniture, layout
+from . import layout, page_marks
 from .layout import Cell, Sheet
 from .marks import Mark, Picture, printable, wrapped
 
@@ -166,9 +166,9 @@ def put(sheet: Sheet, cell: Cell, x_mm: float, y_mm: float) -> tuple[list[Mark],
     width_px, height_px = sticker.width_px, sticker.height_px
     corner_px = sticker.x_px + (width_px if cell.mirrored else 0)
     marks: list[Mark] = [sticker]
-    marks += furniture.edge_ticks(sheet, sticker.x_px, sticker.y_px, width_px, height_px)
-    marks += furniture.film_corners(sheet, x_mm, y_mm, cell.cut_mm)
-    marks += furniture.corner_mark(sheet, corner_px, sticker.y_px, cell.mirrored)
+    marks += page_marks.edge_ticks(sheet, sticker.x_px, sticker.y_px, width_px, height_px)
+    marks += page_marks.film_corners(sheet, x_mm, y_mm, cell.cut_mm)
+    marks += page_marks.corner_mark(sheet, corner_px, sticker.y_px, cell.mirrored)
     label_y_mm = y_mm + cut_y_mm + layout.LABEL_GAP_MM
     code_x_mm = x_mm + layout.QUIET_MM
     marks.append(replace(cell.code, x_px=sheet.x_px(code_x_mm), y_px=sheet.y_px(label_y_mm)))

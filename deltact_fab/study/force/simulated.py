@@ -21,8 +21,8 @@ from ...analysis.force import (
 )
 from ...cad.design import load_design
 from ...errors import InputError
-from ...gel.choose import SHARE, pick
 from ...gel.level import Choice, Reach
+from ...gel.level_selection import SHARE, pick
 from ...measure.force import FEATURES
 from ...measure.force.calibration import ForceCalibration
 from ...measure.sensor_id import Head, Made, SensorId

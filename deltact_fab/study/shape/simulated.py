@@ -18,7 +18,7 @@ from ...analysis.force.result import errors_kept
 from ...analysis.shape import PressShape
 from ...cad.design import load_design
 from ...errors import InputError
-from ...gel.choose import SHARE
+from ...gel.level_selection import SHARE
 from ...measure.force.calibration import ForceCalibration
 from ...measure.sensor_id import Head, Made, SensorId
 from ...measure.view import SensorView

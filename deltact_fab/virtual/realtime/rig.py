@@ -12,9 +12,9 @@ from ...rig.camera.config import CameraConfig
 from ...rig.config import GrblConfig, VirtualConfig
 from ...rig.force.config import NetFTConfig
 from ...rig.interface import Camera, Devices, ForceSensor, Job
-from ..ahead import Row, solve_ahead
+from ..presolve import Row, solve_ahead
 from ..rig import VirtualKind
-from .hands import Hands
+from .host_link import Hands
 from .process import Order, Ports
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from ..parts.light_holder import LightDimensions
 from ..parts.screw import stock_note
 from ..standards import CAP_SCREWS
 from ..stiffness import press
-from . import fabrication
+from . import quantities
 
 PATTERN_MM = 35.0
 PAPER_AREA_MM2 = 675.0
@@ -127,9 +127,9 @@ def _light_and_camera(d: Design) -> list[Gap]:
     light = d.light
     room_mm = d.z_joint_mm - d.z_board_front_mm
     strip_room = f"{room_mm - 10:.2g} mm" if room_mm > 10 else "nothing"
-    paper = fabrication.wirings(LightDimensions(resistor_ohm=PAPER_OHM, supply_v=PAPER_V))[0]
-    taken = f"{light.resistor_ohm:g} ohm: {fabrication.wirings(light)[0].total_ma:.2g} mA in all."
-    sold = fabrication.resistor_for_ohm(20.0, light)[1]
+    paper = quantities.wirings(LightDimensions(resistor_ohm=PAPER_OHM, supply_v=PAPER_V))[0]
+    taken = f"{light.resistor_ohm:g} ohm: {quantities.wirings(light)[0].total_ma:.2g} mA in all."
+    sold = quantities.resistor_for_ohm(20.0, light)[1]
     taken += f" {sold:g} ohm gives at most 20 mA."
     lens = [key for key in d.unverified() if key.startswith("camera.")]
     checked = f"unverified ({len(lens)} keys): measure yours" if lens else "measured"

@@ -1,8 +1,8 @@
 """Results that were found before, for every design from which they would read the same values.
 
-Nothing says beforehand what a check depends on: what it read was noted when it ran (reads.py), and
-its result holds again where every one of these values is found again. Whatever a check reads,
-it reads through here, so that a check which declares nothing is right too.
+Nothing says beforehand what a check depends on: what it read was noted when it ran
+(dependencies.py), and its result holds again where every one of these values is found again.
+Whatever a check reads, it reads through here, so that a check which declares nothing is right too.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from typing import Any
 from ... import cache, digest
 from .. import parts as parts_package
 from ..dimensions import Design
-from ..made_from import libraries, plain
 from ..part import Part
-from .reads import value_at, watched
+from ..provenance import libraries, plain
+from .dependencies import value_at, watched
 
 KIND = "cad-check"
 LIMIT_BYTES = 64 * 2**20

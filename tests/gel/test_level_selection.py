@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError
-from deltact_fab.gel.choose import model_error, pick
 from deltact_fab.gel.finite import block_mesh
 from deltact_fab.gel.footprint import (
     contact_radius_mm,
@@ -19,6 +18,7 @@ from deltact_fab.gel.footprint import (
     section_half_mm,
 )
 from deltact_fab.gel.level import Choice, Reach
+from deltact_fab.gel.level_selection import model_error, pick
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import KINDS, parse
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .lying import SELF_SUPPORTING_DEG, Lying
 from .mesh import Mesh
+from .print_orientation import SELF_SUPPORTING_DEG, Lying
 
 LEAST_CONTACT_MM2 = 25.0
 """Ours, assumed: what holds a part of some grams against the pull of the peeling film."""

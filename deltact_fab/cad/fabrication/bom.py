@@ -15,8 +15,8 @@ from ..part import Part
 from ..parts.camera import CABLE, COMPUTER
 from ..parts.light_holder import WIRE, WIRE_COLOURS
 from ..registry import listed
-from . import fabrication
-from .fabrication import DEFAULT, Process
+from . import quantities
+from .quantities import DEFAULT, Process
 
 CONSUMABLES, WORKSHOP = "consumables", "workshop"
 PIECES = "pcs"
@@ -55,7 +55,7 @@ def lines(
     waste: share of silicone on top of what fills the mold. indenters: cad/indenters.toml unless
     given. Raises InputError for a count below 1, a waste that is no share, a broken rule.
     """
-    fabrication.checked(sensors, waste)
+    quantities.checked(sensors, waste)
     feasibility.check(design)
     rows: list[Row] = [
         *(_part(part, design, sensors) for part in listed(indenters)),
@@ -99,9 +99,9 @@ Consumable = tuple[str, str, str, float, str, str]
 
 def _silicone(d: Design, sensors: int, waste: float, process: Process) -> Iterator[Consumable]:
     cast = sensors + 1  # the transparent base is cast with the others
-    cells, fills = fabrication.cavities(d), fabrication.pours(d, cast)
-    skins = fabrication.skins_batch(d, fills * cells, waste, process)
-    one = fabrication.skins_batch(d, 1, waste, process)
+    cells, fills = quantities.cavities(d), quantities.pours(d, cast)
+    skins = quantities.skins_batch(d, fills * cells, waste, process)
+    one = quantities.skins_batch(d, 1, waste, process)
     told = (
         f"mold filled {fills} x ({cells} cavities), {100 * waste:g} % waste; one skin takes "
         f"{one.a_g:.1f} g; 1:1"
@@ -117,15 +117,15 @@ def _silicone(d: Design, sensors: int, waste: float, process: Process) -> Iterat
     )  # fmt: skip
     yield (
         "DOWSIL PR-1200 RTV prime coat", "primer", "wipe on",
-        fabrication.primer_ml(d, cast, process), "ml", f"{cast} plates, one face; flammable",
+        quantities.primer_ml(d, cast, process), "ml", f"{cast} plates, one face; flammable",
     )  # fmt: skip
     fx, fy = d.skin.film_mm(process.film_margin_mm)
     yield (
         "water transfer film", "printable", "print, soak", sensors, PIECES,
         f"{fx:g} x {fy:g} mm each; print spares on the sheet",
     )  # fmt: skip
-    coat = fabrication.coat_batch(d, sensors, waste, process)
-    least = fabrication.least_coat_batch(coat, process)
+    coat = quantities.coat_batch(d, sensors, waste, process)
+    least = quantities.least_coat_batch(coat, process)
     for part, mass_g in (("A", 2 * least.a_g), ("B", 2 * least.b_g)):
         yield (
             f"Dragon Skin 10 FAST part {part}", "platinum silicone, 10A", "weigh", mass_g, "g",

@@ -2,12 +2,12 @@
 
 Each mesh is COARSER times as fine as the one before and starts from that one's increments. Two of
 them show the mesh's part of the error, forces being as a hard contact would have them
-(`finite.give`), which the meshes share otherwise; the contact's edge falls into cells by chance, so
-a change may be small by chance too, and the part is never taken as less than what cells of that
-size under such a contact are known to cost. With friction, steps FEWER times as large on the
-coarser mesh show the steps' part. A linear level has besides what its model leaves out by the
-measured rule of `choose`. How many presses keep within the estimate, on cases that did not set the
-factors, is in docs/decisions/0009-gel-levels.md.
+(`finite.penalty_correction`), which the meshes share otherwise; the contact's edge falls into cells
+by chance, so a change may be small by chance too, and the part is never taken as less than what
+cells of that size under such a contact are known to cost. With friction, steps FEWER times as large
+on the coarser mesh show the steps' part. A linear level has besides what its model leaves out by
+the measured rule of `level_selection`. How many presses keep within the estimate, on cases that did
+not set the factors, is in docs/decisions/0009-gel-levels.md.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SolverError, TimeLimit
-from .choose import HIDDEN, IN_PLANE_MM, MOST_DOFS, TOLERANCE
-from .finite.blunt import BLUNT
+from .finite.tip_rounding import BLUNT
 from .level import Choice
+from .level_selection import HIDDEN, IN_PLANE_MM, MOST_DOFS, TOLERANCE
 from .path.knots import Solved
 from .path.solver import PathSolver
 

@@ -13,7 +13,7 @@ from functools import cache
 from types import MethodType
 from typing import Any, TypeVar, cast
 
-from ..made_from import plain
+from ..provenance import plain
 
 T = TypeVar("T")
 Note = Callable[[str, Any], None]
