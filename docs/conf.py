@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from importlib import metadata
 
+from pygments.lexers.special import TextLexer
+from sphinx.application import Sphinx
+
 project = "deltact-fab"
 author = "the deltact-fab authors"
 release = metadata.version("deltact-fab")
@@ -11,8 +14,6 @@ release = metadata.version("deltact-fab")
 extensions = ["myst_parser"]
 source_suffix = {".md": "markdown"}
 exclude_patterns = ["evidence/studies"]
-# A pattern of the contents that no page matches yet is no fault.
-suppress_warnings = ["toc.empty_glob"]
 nitpicky = True
 myst_heading_anchors = 3
 
@@ -21,3 +22,8 @@ html_title = f"deltact-fab {release}"
 html_copy_source = False
 html_show_sourcelink = False
 html_show_copyright = False
+
+
+def setup(app: Sphinx) -> None:
+    """CSV has no lexer of its own."""
+    app.add_lexer("csv", TextLexer)

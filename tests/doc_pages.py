@@ -4,13 +4,14 @@ A ```console block holds commands as they are typed, one a line, all of a page i
 A ```text block straight after it is what they print: each of its lines is found in the output, in
 this order; … stands for anything. A comment on the line before a block says what else is meant:
 
-    <!-- file: NAME -->       a ```toml, ```csv or ```python block is that file; of a TOML that is there
-                              already, its keys are changed, each on its own line, and all others stay
+    <!-- file: NAME -->       a ```toml, ```csv or ```python block is that file; of a TOML that is
+                              there already, these keys are changed, each on its own line
     <!-- exit 1 -->           how the last command ends, where it is not 0
     <!-- slow -->             left out of the fast tests
     <!-- not run: REASON -->  left out of all tests, as it takes hardware or too long
 
-A ```python block without a file is executed, all of a page in one namespace.
+A ```python block without a file is executed, all of a page in one namespace. A page that says
+<!-- continues: PAGE --> goes on in the folder of another one.
 """
 
 from __future__ import annotations
@@ -24,10 +25,13 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
-_FENCE = re.compile(r"^(?P<indent> *)```(?P<language>[\w+-]*)[^\n]*\n(?P<text>.*?)^ *```$", re.M | re.S)
+_FENCE = re.compile(
+    r"^(?P<indent> *)```(?P<language>[\w+-]*)[^\n]*\n(?P<text>.*?)^ *```$", re.M | re.S
+)
 _COMMENTS = re.compile(r"(?:^ *<!-- [^\n]* -->\n)+\Z", re.M)
 _TABLE = re.compile(r"^#?\[([\w.-]+)\]\s*(?:#.*)?$")
 _KEY = re.compile(r"^#?([\w-]+) = ")
+_CONTINUES = re.compile(r"^<!-- continues: (\S+) -->$", re.M)
 _DIRECTIVES = re.compile(r"^(file: \S+|exit \d+|slow|not run: \S.*)$")
 
 
@@ -58,12 +62,22 @@ def blocks(page: Path) -> list[Block]:
         comments = _COMMENTS.search(text[: match.start()])
         for line in comments[0].splitlines() if comments else ():
             _direct(block, line.strip()[4:-3].strip())
-        if block.language == "text" and before is not None and not text[end : match.start()].strip():
+        if (
+            block.language == "text"
+            and before is not None
+            and not text[end : match.start()].strip()
+        ):
             before.printed = [line.strip() for line in block.text.splitlines() if line.strip()]
         else:
             found.append(block)
         end, before = match.end(), block if block.language == "console" else None
     return found
+
+
+def chain(page: Path) -> list[Path]:
+    """The pages to be followed in one folder, this one last."""
+    found = _CONTINUES.search(page.read_text())
+    return [*(chain(page.parent / found[1]) if found else ()), page]
 
 
 def _direct(block: Block, comment: str) -> None:
@@ -128,7 +142,7 @@ def _holds(made: dict[str, Any], wanted: dict[str, Any], changes: str) -> None:
 
 @dataclass
 class Reader:
-    """Follows pages in a folder. run: a command in a folder -> its exit code and what it printed."""
+    """Follows pages in a folder. run: a command and its folder -> exit code, what it printed."""
 
     folder: Path
     run: Callable[[str, Path], tuple[int, str]]
