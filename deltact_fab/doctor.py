@@ -22,7 +22,7 @@ from .rig.new import Device, cameras, ports
 State = Literal["ok", "missing", "broken"]
 PACKAGE = "deltact-fab"
 NEEDED = "core"
-# What each extra of pyproject.toml brings; `test` is for those who change the program.
+# What each extra of pyproject.toml brings; `docs` and `test` are for those who change the program.
 EXTRAS = {
     "report": "pages, figures, and the 3D view of the guide",
     "netft": "force from an ATI Net F/T box",

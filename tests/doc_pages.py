@@ -16,6 +16,7 @@ A ```python block without a file is executed, all of a page in one namespace. A 
 
 from __future__ import annotations
 
+import contextlib
 import re
 import shlex
 import tomllib
@@ -156,9 +157,14 @@ class Reader:
             elif block.file is not None:
                 self._write(block)
             elif block.language == "python":
-                exec(compile(block.text, block.where, "exec"), self.names)
+                self.python(block)
             elif block.language == "toml":
                 tomllib.loads(block.text)
+
+    def python(self, block: Block) -> None:
+        """Execute a block, in this process and in the reader's folder."""
+        with contextlib.chdir(self.folder):
+            exec(compile(block.text, block.where, "exec"), self.names)
 
     def _console(self, block: Block) -> None:
         said, lines = "", list(commands(block))

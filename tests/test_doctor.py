@@ -22,7 +22,7 @@ PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text
 
 
 def test_every_extra_is_told_of() -> None:
-    assert set(doctor.EXTRAS) == set(PROJECT["optional-dependencies"]) - {"test"}
+    assert set(doctor.EXTRAS) == set(PROJECT["optional-dependencies"]) - {"docs", "test"}
 
 
 def test_requirements_are_read() -> None:
