@@ -16,7 +16,7 @@ from deltact_fab.numerics.engines.gel_reference import rms_mm
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 
-SEED = 23  # sets no rule of the gel; docs/decisions/0009 tells which seeds did
+SEED = 23  # sets no rule of the gel; docs/evidence/gel.md tells which seeds did
 
 
 def random_press(i: int) -> tuple[str, tuple[float, float], float]:

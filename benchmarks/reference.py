@@ -1,6 +1,7 @@
 """docs/reference: every key of every kind of file, and every command with its options.
 
-python -m benchmarks.reference    writes the pages; a test holds them against the code.
+python -m benchmarks.reference    writes the pages, and with them those of `architecture`; tests
+                                  hold them against the code.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ import click
 from deltact_fab import catalog
 from deltact_fab.cli.main import main as program
 from deltact_fab.schema import KINDS, Kind, rows
+
+from . import architecture
 
 FOLDER = Path(__file__).parents[1] / "docs" / "reference"
 MADE = "<!-- written by python -m benchmarks.reference -->"
@@ -36,6 +39,7 @@ def write() -> None:
             file.unlink()
     for name, text in made.items():
         (FOLDER / name).write_text(text)
+    architecture.write()
 
 
 def _index() -> str:

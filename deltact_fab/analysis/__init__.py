@@ -1,0 +1,1 @@
+"""What recorded runs tell: tracking error, force calibration, shape and relaxation."""

@@ -1,0 +1,1 @@
+"""The command line: one file a noun, no logic, heavy imports inside the commands."""

@@ -7,7 +7,7 @@ by chance, so a change may be small by chance too, and the part is never taken a
 cells of that size under such a contact are known to cost. With friction, steps FEWER times as large
 on the coarser mesh show the steps' part. A linear level has besides what its model leaves out by
 the measured rule of `level_selection`. How many presses keep within the estimate, on cases that did
-not set the factors, is in docs/decisions/0009-gel-levels.md.
+not set the factors, is in docs/evidence/gel.md.
 """
 
 from __future__ import annotations

@@ -51,7 +51,7 @@ class Reach:
 
 @dataclass(frozen=True)
 class Choice:
-    """What `choose.pick` picked.
+    """What `level_selection.pick` picked.
 
     spacing_mm: of the linear grid, or of cells at the contact. step_mm: of a path's increments.
     mirrors: planes x = 0, y = 0 at which the mesh ends. focus: box of fine cells

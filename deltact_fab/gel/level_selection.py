@@ -1,6 +1,6 @@
 """Which level, mesh and steps keep to a tolerance; the rules' numbers are measured.
 
-docs/decisions/0009-gel-levels.md holds the tables that the constants below are read from. Half of
+docs/evidence/gel.md holds the tables that the constants below are read from. Half of
 a tolerance is left to the model, the other half to the mesh.
 """
 

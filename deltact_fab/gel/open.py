@@ -29,9 +29,10 @@ def open_contact(
 ) -> GelContact:
     """The contact that keeps to a tolerance, or that of a named level.
 
-    tolerance: of the force, relative; in plane `choose.IN_PLANE_MM` rms goes with the default.
+    tolerance: of the force, relative; with the default goes `level_selection.IN_PLANE_MM` rms in
+    plane.
     friction: None takes the material's. observe_shear: False leaves friction out where the path
-    does not shear and it changes the force by little; see `choose.pick`.
+    does not shear and it changes the force by little; see `level_selection.pick`.
     lattice_mm: largest distance of lattice nodes. spacing_mm: of the grid or mesh, None: chosen.
     Raises InputError where the level cannot do it, naming what can.
     """

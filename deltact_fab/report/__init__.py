@@ -1,0 +1,1 @@
+"""Results become pages, figures and tables that open without a network."""

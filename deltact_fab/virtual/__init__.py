@@ -1,0 +1,1 @@
+"""The virtual rig: controller, gel, camera and force box simulated below the wire."""

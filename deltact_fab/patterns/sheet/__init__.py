@@ -1,4 +1,4 @@
-"""Print jobs: job.py is the way in; stickers and furniture are marks on a page, pdf and page_image
+"""Print jobs: job.py is the way in; stickers and page marks are marks on a page, pdf and page_image
 write them."""
 
 from .job import SheetReport, Sticker, write

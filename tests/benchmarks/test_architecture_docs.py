@@ -1,0 +1,59 @@
+"""The diagram, the table of packages and the index of records are what code and records say."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from benchmarks import architecture
+
+
+@pytest.fixture(scope="module")
+def graph() -> architecture.Graph:
+    return architecture.imports()
+
+
+def test_the_pages_are_what_the_code_says() -> None:
+    stale = [
+        str(file.relative_to(architecture.ROOT))
+        for file, text in architecture.pages().items()
+        if not file.exists() or file.read_text() != text
+    ]
+    assert not stale, "python -m benchmarks.reference writes them anew"
+
+
+def test_every_package_says_what_it_is_for() -> None:
+    rows = architecture.packages().splitlines()[2:]
+    assert len(rows) > 25
+    assert all(re.fullmatch(r"\| `\w+` \| [A-Z].*\. \|", row) for row in rows), rows
+
+
+def test_arrows_left_out_follow_from_those_drawn(graph: architecture.Graph) -> None:
+    drawn = architecture.reduced(graph)
+    assert sum(map(len, drawn.values())) < sum(map(len, graph.values())) / 2
+    for name in graph:
+        assert architecture.reachable(drawn, name) == architecture.reachable(graph, name)
+
+
+def test_no_arrow_leads_from_an_estimator_to_the_truth(graph: architecture.Graph) -> None:
+    estimators, truth = architecture.sides()
+    assert estimators
+    assert truth
+    for name in estimators:
+        assert not architecture.reachable(graph, name) & truth
+
+
+def test_boxes_stand_apart_and_in_the_picture() -> None:
+    text = architecture.DIAGRAM.read_text()
+    found = re.findall(
+        r'<rect class="box[^"]*" x="(\d+)" y="(\d+)" width="(\d+)" height="30"', text
+    )
+    boxes = [tuple(map(int, box)) for box in found]
+    width, _ = map(int, re.findall(r'viewBox="0 0 (\d+) (\d+)"', text)[0])
+    assert len(boxes) == len(architecture.packages().splitlines()) - 2
+    for k, (x, y, wide) in enumerate(boxes):
+        assert x >= 0
+        assert x + wide <= width
+        for other_x, other_y, other in boxes[:k]:
+            assert abs(y - other_y) > 30 or x + wide + 8 <= other_x or other_x + other + 8 <= x
