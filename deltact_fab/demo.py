@@ -205,6 +205,7 @@ def _parts(stage: _Stage) -> dict[str, Any]:
     rows = []
     for part in dict.fromkeys(f.part for f in files):
         own = [f for f in files if f.part == part]
+        off_mm = [f.mesh_deviation_mm for f in own if f.mesh_deviation_mm is not None]
         rows.append(
             {
                 "part": part,
@@ -212,8 +213,8 @@ def _parts(stage: _Stage) -> dict[str, Any]:
                 "material": own[0].material,
                 "process": own[0].process,
                 "quantity": own[0].quantity,
-                "volume_mm3": own[0].volume_mm3,
-                "mesh_deviation_mm": max((f.mesh_deviation_mm or 0.0 for f in own), default=None),
+                "volume_mm3": own[0].volume_mm3 or None,
+                "mesh_deviation_mm": max(off_mm, default=None),
             }
         )
     return {"parts": rows, "note": "", "said": f"cad: {len(files)} files in {stage.out / 'cad'}"}

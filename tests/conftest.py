@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -72,6 +73,14 @@ def common(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], ob
         with contextlib.suppress(OSError):  # another worker was quicker
             made.rename(folder)
     return folder
+
+
+@pytest.fixture(scope="session")
+def made_once(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Callable[[str, Callable[[Path], object]], Path]:
+    """`common` with its factory, for the conftest of a folder of tests."""
+    return partial(common, tmp_path_factory)
 
 
 @pytest.fixture(scope="session")

@@ -50,11 +50,11 @@ def save_figures(folder: Path, drawn: Callable[[], Mapping[str, Any]]) -> list[P
 
     files = []
     try:
-        from ..report.figures import to_svg
+        from ..report.paper_figures import as_bytes
 
         for name, figure in drawn().items():
             if figure is not None:
-                write_whole(folder / f"{name}.svg", to_svg(figure).encode())
+                write_whole(folder / f"{name}.svg", as_bytes(figure, "svg"))
                 files.append(folder / f"{name}.svg")
     except MissingLibrary as why:
         click.echo(f"no figures: {why}", err=True)

@@ -190,6 +190,8 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(200, "text/html; charset=utf-8", _PAGE.read_bytes())
         elif path == "/about":
             self._answer(200, "application/json", self.shown.about().encode())
+        elif path == "/style.css":
+            self._answer(200, "text/css; charset=utf-8", _STYLE.read_bytes())
         elif path == "/image.jpg" and (shot := self.shown.newest()) is not None:
             self._answer(200, "image/jpeg", shot.jpeg())
         elif path == "/events":
@@ -248,3 +250,5 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 _PAGE = Path(__file__).parent / "page.html"
+# The sheet of all pages; it is read and nothing is imported, for a robot has no library of pages.
+_STYLE = Path(__file__).parent.parent / "report" / "templates" / "style.css"

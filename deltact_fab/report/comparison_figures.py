@@ -17,7 +17,7 @@ GROUPS = {"table": COLOURS[0], "figure": COLOURS[1], "cad": COLOURS[2]}
 WORDS = {
     "table": "the paper's table",
     "figure": "the paper's figure",
-    "cad": "own designs (cad/*.toml)",
+    "cad": "own design",
 }
 LINES_MM2_PER_CM3 = (3, 10, 30)
 

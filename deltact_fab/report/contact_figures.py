@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 ARROW_MM = 1.5
 LEAST_MM = 0.05
 SHOWN_MAP = "magma"
-DOUBT_COLOUR = "#d55e00"
 
 
 def deepest_presses(presses: Sequence[Deepest]) -> Figure:
@@ -82,13 +81,13 @@ def force_traces(force: Force) -> Figure:
         for colour, column, label in zip(
             figures.COLOURS, FORCE, ("$F_x$", "$F_y$", "$F_z$"), strict=False
         ):
-            axis.plot(index, part[column], color=colour, lw=4, alpha=0.3)
+            axis.plot(index, part[column], color=colour, lw=4, alpha=0.4)
             axis.plot(index, part[f"{column}_est"], color=colour, lw=1.2, label=label)
-        axis.plot([], [], color="#444444", lw=4, alpha=0.3, label="force sensor")
+        axis.plot([], [], color=figures.SOFT, lw=4, alpha=0.4, label="force sensor")
         beyond = index[(part["extrapolated"] | ~part["trusted"]).to_numpy()]
-        axis.plot([], [], "|", color=DOUBT_COLOUR, ms=9, label="not to be trusted")
+        axis.plot([], [], "|", color=figures.DOUBT_COLOUR, ms=9, label="not to be trusted")
         for at in beyond:  # an empty plot off the axes would leave no room for them
-            axis.plot(at, 0, "|", color=DOUBT_COLOUR, ms=9, clip_on=False,
+            axis.plot(at, 0, "|", color=figures.DOUBT_COLOUR, ms=9, clip_on=False,
                       transform=axis.get_xaxis_transform())  # fmt: skip
         figures.mark_legs(axis, part)
         axis.set_title(indenter, loc="left", fontweight="bold")

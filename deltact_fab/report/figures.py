@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import io
 import math
 import re
@@ -19,10 +20,20 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Okabe and Ito's palette: told apart by people who see colours differently.
-COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#000000")
-PAPER_COLOUR = "#666666"
+COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#1d2330")
+INK, SOFT, GRID, FAINT, BAND = "#1d2330", "#5b6475", "#dfe3ea", "#bbbbbb", "#d9e2ec"
+"""Letters and axes, what stands back, grid, lines between legs, the band of a front."""
+DOUBT_COLOUR = COLOURS[4]
+PAPER_COLOUR = SOFT
+# Names of these colours in templates/style.css, which has others for a dark page.
+_NAMED = {
+    INK: "ink", SOFT: "soft", GRID: "line", FAINT: "leg", BAND: "band", COLOURS[0].lower(): "blue",
+}  # fmt: skip
 PAGE_PT, PAPER_PT = 9.5, 8.0
+LEAST_PAGE_PT = 9.0
+"""12 pixels of the screen: no letter of a page's figure is smaller."""
 FLATTEST = 0.6  # of a figure in a paper's column: height by width
+_INKED = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color")
 _paper_in: ContextVar[float | None] = ContextVar("paper_in", default=None)
 
 
@@ -58,7 +69,8 @@ def blank(width: float, height: float, panels: int = 1, share_y: bool = True, ro
             "axes.spines.top": False,
             "axes.spines.right": False,
             "axes.grid": True,
-            "grid.color": "#dddddd",
+            "grid.color": GRID,
+            **dict.fromkeys(_INKED, INK if paper_in is None else "#000000"),
             "grid.linewidth": 0.6,
             "axes.axisbelow": True,
             "legend.frameon": False,
@@ -71,17 +83,49 @@ def blank(width: float, height: float, panels: int = 1, share_y: bool = True, ro
     return figure, list(axes.flat)
 
 
-def to_svg(figure: Figure) -> str:
-    """The figure as an <svg> element, without the prologue and without a date."""
+def to_svg(figure: Figure, words: str = "") -> str:
+    """The figure as an <svg> element of a page, without the prologue and without a date.
+
+    It has no ground of its own and names its colours as the page's style does, so that it is dark
+    on a dark page; what a colour map drew stays as it is. words: what it shows, for those who
+    cannot see it.
+    """
+    from matplotlib.colors import to_hex
+
+    letters(figure, LEAST_PAGE_PT)
+    for patch in (figure.patch, *(axis.patch for axis in figure.axes)):
+        if to_hex(patch.get_facecolor()) == "#ffffff":
+            patch.set_facecolor("none")
     out = io.StringIO()
     figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
     text = out.getvalue()
     svg = text[text.index("<svg") :]
+    svg = re.sub("|".join(_NAMED), lambda m: f"var(--{_NAMED[m[0]]}, {m[0]})", svg)
+    label = html.escape(words or _words(figure), quote=True)
+    svg = svg.replace("<svg", f'<svg role="img" aria-label="{label}"', 1)
     # Several figures share one page: an id must not meet its namesake in another figure.
     salt = f"f{abs(hash_text(svg)):x}"
     svg = re.sub(r'\bid="', f'id="{salt}-', svg)
     svg = re.sub(r"url\(#", f"url(#{salt}-", svg)
     return re.sub(r'href="#', f'href="#{salt}-', svg)
+
+
+def letters(figure: Figure, least_pt: float, most_pt: float = math.inf) -> None:
+    """Letters of a figure that are smaller or larger than that become so."""
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        assert isinstance(text, Text)
+        text.set_fontsize(min(max(float(text.get_fontsize()), least_pt), most_pt))
+
+
+def _words(figure: Figure) -> str:
+    """What the first axes of a figure show against what."""
+    labels = [
+        " ".join(text.split())
+        for text in (figure.axes[0].get_ylabel(), figure.axes[0].get_xlabel())
+    ]
+    return " against ".join(filter(None, labels)) or "figure"
 
 
 def hash_text(text: str) -> int:
@@ -93,8 +137,8 @@ def hash_text(text: str) -> int:
 
 def legend_below(figure: Figure, axis: Axes) -> None:
     """What the marks of an axis mean, under all of them."""
-    figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3,
-                  fontsize=8.5)  # fmt: skip
+    figure.legend(*axis.get_legend_handles_labels(), loc="outside lower left", ncols=3,
+                  fontsize="small")  # fmt: skip
 
 
 def log_ticks(axis: Axes, which: str) -> None:
@@ -119,9 +163,9 @@ def mark_legs(axis: Axes, rows: pd.DataFrame) -> None:
         return  # no one could read them
     for i, leg in enumerate(legs):
         if i == 0 or leg != legs[i - 1]:
-            axis.axvline(i + 0.5, color="#bbbbbb", lw=0.7)
+            axis.axvline(i + 0.5, color=FAINT, lw=0.7)
             axis.text(i + 0.8, 1.0, leg.replace("shear-", ""), transform=axis.get_xaxis_transform(),
-                      fontsize=7.5, color="#666666", va="top", rotation=90)  # fmt: skip
+                      fontsize=7.5, color=SOFT, va="top", rotation=90)  # fmt: skip
 
 
 Box = tuple[float, float, float, float]
@@ -136,7 +180,7 @@ def name_marks(
     and scales of the axis are to be set before.
     """
     figure.draw_without_rendering()  # the layout says how many points lie between two marks
-    scale, size = 72 / figure.dpi, 8.0
+    scale, size = 72 / figure.dpi, LEAST_PAGE_PT
     inside = axis.get_window_extent()
     spots = [axis.transData.transform((x, y)) * scale for x, y, _, _ in marks]
     taken: list[Box] = [(x - 4, y - 4, x + 4, y + 4) for x, y in spots]
@@ -158,7 +202,6 @@ def name_marks(
             xytext=(dx, dy),
             textcoords="offset points",
             fontsize=size,
-            color=colour,
             fontweight="bold" if name == bold else None,
             arrowprops=line if far else None,
         )

@@ -107,7 +107,7 @@ def residual_by_position(result: ForceResult) -> Figure:
         most = float(np.abs(error_n).max()) or 1.0  # each its own scale, or the better one is white
         marks = axis.scatter(
             x_mm, y_mm, c=error_n, s=70, cmap="RdBu_r", vmin=-most, vmax=most,
-            edgecolors="#666666", linewidths=0.5,
+            edgecolors=figures.SOFT, linewidths=0.5,
         )  # fmt: skip
         reach = 2 + max(float(np.abs(x_mm).max()), float(np.abs(y_mm).max()))
         axis.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")

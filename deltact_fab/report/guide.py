@@ -24,7 +24,7 @@ from ..cad.parts.screw import stock_note
 from ..cad.print_orientation import SELF_SUPPORTING_DEG
 from ..cad.registry import listed, of_group
 from ..errors import InputError, MissingLibrary
-from .templating import environment, save
+from .templating import environment, render, save
 
 Progress = Callable[[int, int, str], None]
 
@@ -108,7 +108,9 @@ def write(
             pictures = draw(design, parts, tell)
         except MissingLibrary as why:
             pictures = Pictures(note=f"No pictures and no 3D view: {why}")
-    page = pages.get_template("guide.html").render(
+    page = render(
+        pages,
+        "guide.html",
         d=design,
         sensors=sensors,
         parts=parts,

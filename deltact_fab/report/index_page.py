@@ -14,7 +14,7 @@ from urllib.parse import quote
 from .. import record
 from ..errors import DeltactFabError, InputError
 from . import study_folder
-from .templating import environment, save
+from .templating import environment, render, save
 
 RUN = "run.json"
 # Where neither runs nor studies lie, but thousands of files may.
@@ -46,15 +46,10 @@ def write(folder: Path, out: Path) -> Path:
     RunFailed when the disk refuses.
     """
     rows = entries(folder, out.parent)
-    page = (
-        environment()
-        .get_template("index.html")
-        .render(
-            folder=folder.resolve().name,
-            entries=rows,
-            worse=sum(bool(row.trouble) for row in rows),
-        )
-    )
+    page = render(
+        environment(), "index.html", folder=folder.resolve().name, entries=rows,
+        worse=sum(bool(row.trouble) for row in rows),
+    )  # fmt: skip
     return save(page, out)
 
 

@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..record import write_whole
 from . import figures
-from .templating import environment
+from .templating import environment, render, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -47,14 +46,16 @@ def write(data: dict[str, Any], out: Path) -> Path:
                 "tables": [t for t in data["tables"] if t["engine"] == engine["name"]],
             }
         )
-    page = pages.get_template("numerics.html").render(
+    page = render(
+        pages,
+        "numerics.html",
         engines=drawn,
         scenes=[row for row in data["scenes"] if row["seconds"] is not None],
         meta=data["meta"],
-        wrong=data["wrong"],
+        cases=len(data["stability"]),
+        wrong=[r["case"] for r in data["stability"] if r["outcome"] == "wrong"],
     )
-    write_whole(out, page.encode())
-    return out
+    return save(page, out)
 
 
 def error_against_time(rows: Sequence[dict[str, Any]]) -> Figure:
@@ -62,7 +63,7 @@ def error_against_time(rows: Sequence[dict[str, Any]]) -> Figure:
 
     A mark is at the best time, its bar ends at the slowest.
     """
-    figure, (axis,) = figures.blank(5.2, 4.3)
+    figure, (axis,) = figures.blank(5.0, 4.4)
     known = [r for r in rows if r["error"] is not None and r["error"] > 0]
     series = list(dict.fromkeys(r["series"] for r in rows))
     for i, name in enumerate(series):
@@ -89,7 +90,7 @@ def error_against_time(rows: Sequence[dict[str, Any]]) -> Figure:
     axis.plot(
         [r["cpu_s"] * 1e3 for r in front],
         [r["error"] for r in front],
-        color="#444444",
+        color=figures.SOFT,
         lw=0.9,
         ls=":",
         marker="o",
@@ -108,9 +109,9 @@ def error_against_time(rows: Sequence[dict[str, Any]]) -> Figure:
     _label(axis, known, series)
     axis.set_xlabel("CPU time, milliseconds: best of the runs, bar to the slowest")
     axis.set_ylabel(f"error, {rows[0]['unit']}")
-    title = textwrap.fill(rows[0]["case"], 56)
+    title = textwrap.fill(rows[0]["case"], 52)
     axis.set_title(title, loc="left", fontweight="bold", fontsize=9.5)
-    figure.legend(loc="outside lower left", fontsize=8, ncols=2)
+    figure.legend(loc="outside lower left", fontsize="small", ncols=2)
     return figure
 
 
@@ -121,7 +122,7 @@ def _is_ladder(part: Sequence[dict[str, Any]]) -> bool:
 
 def _label(axis: Axes, rows: Sequence[dict[str, Any]], series: Sequence[str]) -> None:
     """Name the points where there is room: a name that would cover another is left to the table."""
-    width, height = 340.0, 230.0  # of the axes in points, about
+    width, height = 310.0, 225.0  # of the axes in points, about
     (x0, x1), (y0, y1) = axis.get_xlim(), axis.get_ylim()
     taken: list[tuple[float, float, float, float]] = []
 
@@ -141,9 +142,9 @@ def _label(axis: Axes, rows: Sequence[dict[str, Any]], series: Sequence[str]) ->
             line = [(xa + s * (xb - xa), ya + s * (yb - ya)) for s in shares]
             taken += [(x - 0.5, y - 0.5, x + 0.5, y + 0.5) for x, y in line]
     for r, (x, y) in zip(rows, marks, strict=True):
-        long = 4.2 * len(r["setting"])
+        long = 5.0 * len(r["setting"])
         for dx, dy in ((7, 3), (7, -10), (-7 - long, 3), (-7 - long, -10), (-long / 2, 9)):
-            box = (x + dx, y + dy, x + dx + long, y + dy + 8)
+            box = (x + dx, y + dy, x + dx + long, y + dy + 9.5)
             if box[0] < 0 or any(
                 box[0] < b[2] and b[0] < box[2] and box[1] < b[3] and b[1] < box[3] for b in taken
             ):
@@ -154,8 +155,7 @@ def _label(axis: Axes, rows: Sequence[dict[str, Any]], series: Sequence[str]) ->
                 (r["cpu_s"] * 1e3, r["error"]),
                 xytext=(dx, dy),
                 textcoords="offset points",
-                fontsize=7.5,
-                color=figures.COLOURS[series.index(r["series"]) % len(figures.COLOURS)],
+                fontsize=figures.LEAST_PAGE_PT,
             )
             break
 
@@ -169,9 +169,9 @@ def _widen(axis: Axes, times: Sequence[float], errors: Sequence[float]) -> None:
 
 
 def _number(value: Any) -> str:
-    """Four digits at most; a dash where nothing was measured."""
+    """Four digits at most; nothing where nothing was measured."""
     if value is None:
-        return "–"
+        return ""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return str(value)
     if isinstance(value, int) or 1e3 <= abs(value) < 1e6:

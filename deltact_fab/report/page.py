@@ -25,7 +25,7 @@ from ..analysis.tracking_error import (
 )
 from ..errors import InputError
 from . import contact_figures, figures, tracking_figures
-from .templating import environment, save
+from .templating import environment, render, save
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -77,20 +77,26 @@ def write(
         drawn["force"] = contact_figures.force_traces(measured.force)
     if measured is not None and measured.deepest:
         drawn["shape"] = contact_figures.deepest_presses(measured.deepest)
-    page = pages.get_template("run.html").render(
+    page = render(
+        pages,
+        "run.html",
         meta=run.meta,
         summary=run.summary(),
         pattern=run.pattern,
         simulated=run.simulated,
         tracking=tracking.as_dict(),
-        methods=_known(_METHODS, tracking.methods),
-        at_dots=_known(_AT_DOTS, tracking.methods),
+        methods=_METHODS,
+        at_dots=_AT_DOTS,
         measured=measured,
         shape=shape,
         rule=RULE,
         best=next(m for m in tracking.methods if m["name"] == verdict.about),
         paper_mm=PAPER_BEST_MM,
-        figures={name: figures.to_svg(figure) for name, figure in drawn.items() if figure},
+        figures={
+            name: figures.to_svg(figure, _SHOWN.get(name, ""))
+            for name, figure in drawn.items()
+            if figure
+        },
         pattern_png=_png(run.image(str(frames["file"].iloc[0]))),
         strips=_strips(run, frames, tracking),
         arrow_gain=ARROW_GAIN,
@@ -102,34 +108,32 @@ def write(
     return save(page, out)
 
 
+# What a figure shows, where its axes do not say it all.
+_SHOWN = {
+    "shape": "depth, flow and contact on the face at the deepest press of each indenter",
+    "force": "force on the sensor in x, y and z, N, against the frame",
+}
 # Above a column of the methods' tables: what stands in it.
 _METHODS: dict[str, Callable[[dict[str, Any]], str]] = {
-    "all moving, mm": lambda m: _fig(m["mean_off_dots_mm"]),
-    "p95, mm": lambda m: _fig(shown(m, "p95_off_dots_mm")),
-    "sure ones, mm": lambda m: _fig(m["mean_confident_mm"]),
-    "share that is sure": lambda m: _percent(
+    "mean error over all moving pixels, mm": lambda m: _fig(m["mean_off_dots_mm"]),
+    "95 % are below, mm": lambda m: _fig(shown(m, "p95_off_dots_mm")),
+    "where it is sure, mm": lambda m: _fig(m["mean_confident_mm"]),
+    "share known for sure": lambda m: _percent(
         m["confident_share"] if m["coverage"] is None else m["coverage"]
     ),
-    f"of these off by over {WRONG_MM:g} mm": lambda m: _percent(m["confident_wrong_share"]),
+    f"of that off by over {WRONG_MM:g} mm": lambda m: _percent(m["confident_wrong_share"]),
     "frames trusted": lambda m: _percent(m["trusted_share"]),
-    "CPU ms, p50": lambda m: _fig(m["cpu_ms"]["p50"], 1),
-    "p95": lambda m: _fig(m["cpu_ms"]["p95"], 1),
+    "CPU time a frame, ms: median": lambda m: _fig(m["cpu_ms"]["p50"], 1),
+    "95 % are below, ms": lambda m: _fig(m["cpu_ms"]["p95"], 1),
 }
 _AT_DOTS: dict[str, Callable[[dict[str, Any]], str]] = {
+    "at dots, mm": lambda m: _fig(m["mean_at_dots_mm"]),
     "at moving dots, mm": lambda m: _fig(m["mean_at_moving_dots_mm"]),
     "still pixels, mm": lambda m: _fig(m["mean_still_mm"]),
     "read as in-plane, mm": lambda m: _fig(m["mean_as_in_plane_mm"]),
     "moving px": lambda m: _fig(m["n_moving_px"]),
     "new references": lambda m: str(m["reference_switches"]),
 }
-
-
-def _known(
-    columns: dict[str, Callable[[dict[str, Any]], str]], methods: Sequence[dict[str, Any]]
-) -> dict[str, list[str]]:
-    """Cells of each column by what stands above it, without those of dashes only."""
-    cells = {head: [of(method) for method in methods] for head, of in columns.items()}
-    return {head: column for head, column in cells.items() if set(column) - {DASH}}
 
 
 def _by_step(tracking: TrackingResult) -> dict[str, Any]:

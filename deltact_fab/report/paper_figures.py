@@ -46,14 +46,9 @@ def save(result: StudyResult, folder: Path) -> list[Path]:
 
 def draw(one: Drawn) -> Figure:
     """A figure at the size of a paper, its titles broken where they would run over."""
-    from matplotlib.text import Text
-
     with figures.on_paper(COLUMN_IN if one.column else BOTH_COLUMNS_IN):
         figure = one.draw()
-    for text in figure.findobj(Text):
-        assert isinstance(text, Text)
-        size = float(text.get_fontsize())
-        text.set_fontsize(min(max(size, SMALLEST_PT), figures.PAPER_PT))
+    figures.letters(figure, SMALLEST_PT, figures.PAPER_PT)
     _break_titles(figure)
     return figure
 

@@ -50,7 +50,7 @@ def _panels(
     share_y: bool,
 ) -> Figure:
     """rows: `patterns` of a series' quality.json; pick: the figure to draw, from `quality`."""
-    figure, axes = figures.blank(7.4, 3.5, len(panels), share_y)
+    figure, axes = figures.blank(6.8, 3.5, len(panels), share_y)
     factors = sorted({row["r"] for row in rows})
     sizes_mm = sorted({row["d_mm"] for row in rows})
     for axis, (title, pick) in zip(axes, panels, strict=True):

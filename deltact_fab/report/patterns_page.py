@@ -10,9 +10,8 @@ from typing import Any
 
 from ..errors import InputError
 from ..patterns.series import job as series
-from ..record import write_whole
 from . import figures
-from .templating import environment
+from .templating import environment, render, save
 
 
 def ready() -> Callable[[Path], Path]:
@@ -36,6 +35,7 @@ def write(folder: Path) -> Path:
     pages = environment(num=_number)
     data, picture = _read(folder)
     rows = data["patterns"]
+    seen = [row for row in rows if row["quality"]["seen"]]
     charts = [
         figures.to_svg(draw(rows))
         for draw in (
@@ -44,7 +44,9 @@ def write(folder: Path) -> Path:
         )
     ]
     width_px, height_px = _size_px(picture)
-    page = pages.get_template("patterns.html").render(
+    page = render(
+        pages,
+        "patterns.html",
         s=data,
         rows=rows,
         charts=charts,
@@ -53,8 +55,10 @@ def write(folder: Path) -> Path:
         contact_px=(width_px // 2, height_px // 2),
         rounds=series.GRIDS,
         field_mm=rows[0]["quality"]["field_mm"],
-        most_gradient=max(rows, key=lambda row: _seen(row)["mean_gradient"]),
-        most_coarse=max(rows, key=lambda row: sum(_coarse(row))),
+        seen=seen,
+        # What the camera does not see has the gradient of halftone and noise, not its own.
+        most_gradient=max(seen or rows, key=lambda row: _seen(row)["mean_gradient"]),
+        most_coarse=max(seen or rows, key=lambda row: sum(_coarse(row))),
         chosen=min(
             (row for row in rows if row["paper_error_mm"] is not None),
             key=lambda row: row["paper_error_mm"],
@@ -62,9 +66,7 @@ def write(folder: Path) -> Path:
         ),
         coarse=_coarse,
     )
-    out = folder / series.PAGE
-    write_whole(out, page.encode())
-    return out
+    return save(page, folder / series.PAGE)
 
 
 def _read(folder: Path) -> tuple[dict[str, Any], bytes]:

@@ -41,7 +41,9 @@ def stacked(panels: Sequence[tuple[str, Sequence[Column]]], indenters: Sequence[
             below = [b + h for b, h in zip(below, heights, strict=True)]
         for x, column, top in zip(places, columns, below, strict=True):
             if column.low_mm is not None and column.high_mm is not None:
-                axis.plot([x, x], [max(column.low_mm, 0.0), column.high_mm], color="black", lw=0.9)
+                axis.plot(
+                    [x, x], [max(column.low_mm, 0.0), column.high_mm], color=figures.INK, lw=0.9
+                )
             elif any(part is None for part in column.parts_mm):
                 axis.annotate("no dots", (x, top), ha="center", va="bottom", fontsize=7.5)
         _paper(axis, columns)

@@ -40,7 +40,7 @@ def gallery(pictures: Sequence[Picture], note: str) -> Figure:
         rows.append((_true_surface, 0.85))
     high = [part for _, part in rows] * len(blocks)
     figure, axes = figures.blank(
-        2.6 * columns + 0.2, 2.0 * sum(high) + 0.4, columns, share_y=False,
+        2.5 * columns + 0.1, 2.0 * sum(high) + 0.4, columns, share_y=False,
         rows=len(rows) * len(blocks),
     )  # fmt: skip
     axes[0].get_gridspec().set_height_ratios(high)
@@ -64,7 +64,7 @@ def against_truth(pictures: Sequence[Picture], note: str) -> Figure:
     Of those with truth, COLUMNS of them; there must be one.
     """
     shown = [picture for picture in pictures if picture.true_depth_mm is not None][:COLUMNS]
-    figure, axes = figures.blank(2.6 * len(shown) + 0.2, 5.2, len(shown), share_y=False, rows=2)
+    figure, axes = figures.blank(2.5 * len(shown) + 0.1, 5.2, len(shown), share_y=False, rows=2)
     figure.suptitle(note, fontsize="small")
     for column, picture in enumerate(shown):
         _section(axes[column], picture, column == 0)
@@ -147,7 +147,7 @@ def _relief(figure: Figure, place: Axes, picture: Picture, depth_mm: Array, word
     axis.set_zticks([0, round(top, 1)])
     for side in (axis.xaxis, axis.yaxis):
         side.set_major_locator(_every_five())
-    axis.set_title(f"{words}, to {float(part.max()):.2f} mm", fontsize=maps.HEADS, y=0.98)
+    axis.set_title(f"{words}, to {float(part.max()):.2f} mm", fontsize=maps.HEADS, y=1.03)
 
 
 def _every_five() -> Any:
@@ -164,7 +164,7 @@ def _section(axis: Axes, picture: Picture, first: bool) -> None:
     beside = np.linspace(x[0], x[-1], 801)
     height = parse(picture.indenter).height_mm(beside - picture.tip_mm[0], np.zeros_like(beside))
     height[height > PART_MM] = np.nan
-    axis.plot(beside, picture.tip_mm[2] + height, color="#999999", lw=1, label="the object")
+    axis.plot(beside, picture.tip_mm[2] + height, color=figures.SOFT, lw=1, label="the object")
     axis.plot(x, -picture.true_depth_mm[row], color=COLOURS[4], ls="--", lw=1.5, label="true face")
     axis.plot(x, -picture.depth_mm[row], color=COLOURS[0], lw=1.5, label="measured face")
     axis.set_xlim(*maps.window_mm(picture)[0])
@@ -184,7 +184,7 @@ def _error(axis: Axes, picture: Picture, first: bool) -> None:
                "measured - true depth, mm")  # fmt: skip
     maps.found_contacts(axis, picture, "black")
     maps.true_contact(axis, picture, COLOURS[4])
-    axis.plot([], [], color="black", lw=1.3, label="contact found")
+    axis.plot([], [], color=figures.INK, lw=1.3, label="contact found")
     axis.plot([], [], color=COLOURS[4], lw=1.3, ls="--", label="true contact")
     maps.frame(axis, picture, first, last=True)
 

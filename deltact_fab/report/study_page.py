@@ -9,7 +9,7 @@ from typing import Any
 
 from . import figures, study_folder, tables
 from .result import Drawn, LeftOut, StudyResult, Table
-from .templating import environment
+from .templating import environment, render
 
 MOST_MISSING = 20
 HEADLINES = "headlines"
@@ -57,17 +57,14 @@ def html(
     prepared = {table.name: tables.prepared(table) for table in result.tables}
     left_out = [_with_cost(one, layer_costs) for one in result.left_out]
     headlines = result.headlines
-    page = pages.get_template("study.html").render(
+    return render(
+        pages,
+        "study.html",
         r=result,
         made=f"{kept.made.replace('T', ' ').removesuffix('Z')} UTC",
         doubt=bool(result.missing) or any(one.met is False for one in headlines),
         headlines=headlines,
         headline_table=prepared.pop(HEADLINES, None),
-        has={
-            "paper": any(one.paper is not None for one in headlines),
-            "goal": any(one.goal is not None for one in headlines),
-            "remark": any(one.remark or one.met is False for one in headlines),
-        },
         figures=[_drawn(one) for one in result.figures],
         tables=list(prepared.values()),
         left_out=left_out,
@@ -75,13 +72,10 @@ def html(
         settings={**result.settings, "seed": str(result.seed), **kept.versions},
         most_missing=MOST_MISSING,
     )
-    return str(page)
 
 
 def _drawn(one: Drawn) -> dict[str, Any]:
-    figure = one.draw()
-    wide_px = round(96 * figure.get_size_inches()[0])
-    return {"svg": figures.to_svg(figure), "caption": one.caption, "wide_px": wide_px}
+    return {"svg": figures.to_svg(one.draw(), one.caption), "caption": one.caption}
 
 
 def _with_cost(one: LeftOut, layer_costs: Sequence[dict[str, Any]]) -> LeftOut:

@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from .result import Headline, Table
+from .templating import named
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -18,7 +19,7 @@ def prepared(table: Table) -> dict[str, Any]:
     """What the template needs of a table.
 
     title, more: of the caption. head, rows: without columns in which there is no value. hidden: how
-    many rows are not shown. tsv: head and all rows, numbers to their last digit.
+    many rows are not shown. tsv: the same head and all rows, numbers to their last digit.
     Raises ValueError for a shown column that the frame has not.
     """
     frame = table.frame if table.shown is None else table.frame[list(_known(table))]
@@ -26,7 +27,7 @@ def prepared(table: Table) -> dict[str, Any]:
     title, _, more = table.caption.partition(". ")
     shown = frame if len(frame) <= MOST_ROWS else frame.iloc[:FIRST_ROWS]
     head = [
-        {"words": breakable(table.words.get(str(name), str(name))), "kind": _kind(frame[name])}
+        {"words": table.words.get(str(name)) or named(str(name)), "kind": _kind(frame[name])}
         for name in frame
     ]
     return {
@@ -78,13 +79,6 @@ def cell(value: Any) -> str:
     if _is_none(value) or isinstance(value, int | float | np.floating):
         return number(value)
     return str(value)
-
-
-def breakable(name: str) -> Any:
-    """A column's name that may go on in the next line after each underscore."""
-    from markupsafe import Markup, escape
-
-    return Markup("_<wbr>").join(escape(part) for part in name.split("_"))
 
 
 def _known(table: Table) -> tuple[str, ...]:

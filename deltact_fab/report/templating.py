@@ -8,6 +8,7 @@ from typing import Any
 
 from .. import record
 from ..errors import InputError, MissingLibrary
+from .tidy import tidied
 
 
 def environment(**filters: Callable[..., str]) -> Any:
@@ -26,8 +27,29 @@ def environment(**filters: Callable[..., str]) -> Any:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.filters.update(filters)
+    made.filters.update(filters, named=named)
     return made
+
+
+# Of a key or a column: what its last part says of the unit.
+_UNITS = {
+    "mm": "mm", "mm2": "mm²", "mm3": "mm³", "cm3": "cm³", "um": "µm", "px": "px", "n": "N",
+    "s": "s", "nmm": "N mm", "mpa": "MPa", "kpa": "kPa", "ms": "ms", "mb": "MB",
+    "percent": "%", "deg": "°",
+}  # fmt: skip
+
+
+def named(key: str) -> str:
+    """A key or column as a page writes it: `normal_rmse_n` is "normal rmse, N"."""
+    words, _, last = key.rpartition("_")
+    if words and last in _UNITS:
+        return f"{words.replace('_', ' ')}, {_UNITS[last]}"
+    return key.replace("_", " ")
+
+
+def render(pages: Any, template: str, **values: Any) -> str:
+    """The page of a template of `environment`, its tables tidied."""
+    return tidied(pages.get_template(template).render(**values))
 
 
 def save(page: str, out: Path) -> Path:

@@ -9,7 +9,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .figures import COLOURS, PAPER_COLOUR, blank, legend_below, log_ticks, mark_legs, name_marks
+from .figures import (
+    BAND,
+    COLOURS,
+    PAPER_COLOUR,
+    SOFT,
+    blank,
+    legend_below,
+    log_ticks,
+    mark_legs,
+    name_marks,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -17,21 +27,7 @@ if TYPE_CHECKING:
 
     from ..analysis.tracking_error import Verdict
 
-FRONT_COLOUR = "#d9e2ec"
 ARROW_BGR = (90, 235, 255)
-
-
-def _label(name: str) -> str:
-    method, _, reference = name.partition("/")
-    words = {"farneback": "Farneback", "dis-medium": "DIS medium", "dis-fast": "DIS fast",
-             "paper": "as the paper has it"}  # fmt: skip
-    shown = words.get(method, method)
-    notes = {
-        "static": "static reference",
-        "summed-every": "summed, every frame",
-        "composed-every": "composed, every frame",
-    }
-    return f"{shown}, {notes.get(reference, reference)}" if reference else shown
 
 
 def by_step(
@@ -45,7 +41,7 @@ def by_step(
         for colour, name in zip(cycle(COLOURS), methods, strict=False):
             rows = part[part["method"] == name].sort_values("seq")
             index = np.arange(1, len(rows) + 1)
-            axis.plot(index, rows[column].astype(float), color=colour, lw=1.4, label=_label(name),
+            axis.plot(index, rows[column].astype(float), color=colour, lw=1.4, label=name,
                       ls="-" if "/" not in name else "--")  # fmt: skip
         mark_legs(axis, part[part["method"] == methods[0]].sort_values("seq"))
         axis.set_xlabel("frame")
@@ -80,7 +76,7 @@ def error_by_time(
         # Down and to the right in steps: what each time buys.
         x = [row["cpu_ms"]["p50"] for row in front]
         y = [row[error] for row in front]
-        axis.step([*x, right_ms], [*y, y[-1]], where="post", color=FRONT_COLOUR, lw=5, zorder=0,
+        axis.step([*x, right_ms], [*y, y[-1]], where="post", color=BAND, lw=5, zorder=0,
                   label="the front: no other one beats it in both")  # fmt: skip
     names = []
     for colour, row in zip(cycle(COLOURS), methods, strict=False):
@@ -92,21 +88,21 @@ def error_by_time(
         at_dots = row["mean_at_dots_mm"]
         if at_dots is not None and error != "mean_at_dots_mm":
             axis.plot(x_ms, at_dots, "s", color=colour, mfc="none", ms=6, mew=1.2)
-        names.append((x_ms, y_mm, _label(row["name"]), colour))
+        names.append((x_ms, y_mm, row["name"], colour))
     axis.axhline(paper_mm, color=PAPER_COLOUR, lw=1.2, ls=":",
                  label=f"paper, at the dots, real sensor: {paper_mm} mm")  # fmt: skip
     log_ticks(axis, "xy")
     axis.set_xlim(left_ms, right_ms)
-    axis.set_xlabel("CPU milliseconds a frame, median, one thread")
-    axis.set_ylabel("mean error, mm" + (", simulated" if simulated else ""))
+    axis.set_xlabel("CPU time a frame, ms: median, one thread")
+    axis.set_ylabel(f"mean error, mm{', simulated' if simulated else ''}")
     for marker, face, words in (
-        ("o", "#444444", f"{verdict.error_words}, can be believed"),
-        ("x", "#444444", "cannot be believed"),
+        ("o", SOFT, f"{verdict.error_words}, can be believed"),
+        ("x", SOFT, "cannot be believed"),
         ("s", "none", "at the dots"),
     ):
-        axis.plot([], [], marker, color="#444444", mfc=face, label=words)
+        axis.plot([], [], marker, color=SOFT, mfc=face, label=words)
     legend_below(figure, axis)
-    name_marks(figure, axis, names, _label(verdict.take or ""))
+    name_marks(figure, axis, names, verdict.take or "")
     return figure
 
 
@@ -125,7 +121,7 @@ def error_by_indenter(
     for i, (name, colour) in enumerate(zip(names, cycle(COLOURS), strict=False)):
         known = [(k, found[name, n]) for k, n in enumerate(indenters) if found[name, n] is not None]
         at = np.array([k for k, _ in known]) + (i - (len(names) - 1) / 2) * width
-        axis.bar(at, [v for _, v in known], width * 0.9, color=colour, label=_label(name))
+        axis.bar(at, [v for _, v in known], width * 0.9, color=colour, label=name)
         for x, (_, value) in zip(at, known, strict=True):
             axis.text(x, value, f"{value:.2g}", ha="center", va="bottom", fontsize=7.5)
     axis.axhline(

@@ -197,13 +197,15 @@ def _tables(
 ) -> tuple[Table, ...]:
     import pandas as pd
 
+    from ..report import comparison_figures
+
     return (
         Table("claims", "The paper's claims.", pd.DataFrame(list(said.values()))),
         Table(
             "sensors",
             "Sensors. As the paper prints them, with pixel size and volume recomputed, and own "
             "designs. The sources are in the CSV and in the table below.",
-            table,
+            table.replace({"said_in": comparison_figures.WORDS}),
             tuple(str(name) for name in table if name not in ("source", "cite")),
             {
                 "said_in": "from",

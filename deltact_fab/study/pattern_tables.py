@@ -147,8 +147,8 @@ def charts(errors: Errors, covers: str) -> tuple[Drawn, ...]:
     return tuple(
         Drawn(
             f"{method}-{KEYS[measure].removesuffix('_mm').replace('_', '-')}",
-            f"Mean error of {TRACKERS.get(method, method)}, {what}, indenter on indenter; black: "
-            f"95 % over indenters; grey: the paper's, dashed where it says 'around'. {covers}.",
+            f"Mean error of {TRACKERS.get(method, method)}, {what}, indenter on indenter; upright: "
+            f"95 % over indenters; across: the paper's, dashed where it says 'around'. {covers}.",
             partial(_chart, errors, method, measure),
         )
         for method in errors.methods

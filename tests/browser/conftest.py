@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser
+    from playwright.sync_api import Browser, Page
 
 CHROMIUM = shutil.which("chromium")
 FLAGS = [
@@ -43,18 +46,92 @@ _OUT_OF_REACH = """() => [...document.querySelectorAll('.scroll')].map(e => {
   e.scrollLeft = 1e6; return e.scrollWidth - e.clientWidth - e.scrollLeft; })"""
 
 
+@pytest.fixture(scope="session")
+def out_of_sight() -> Callable[[Page], list[str]]:
+    """What of an open page can be seen by no scrolling of a box."""
+
+    def found(tab: Page) -> list[str]:
+        bad = list(tab.evaluate(_STICKS_OUT))
+        if (over_px := tab.evaluate(_OVERFLOW)) != 0:
+            bad.append(f"the page runs over by {over_px} px")
+        return bad + [f"a box hides {px} px" for px in tab.evaluate(_OUT_OF_REACH) if px > 1]
+
+    return found
+
+
 @pytest.fixture(scope="module")
-def cut_off(browser: Browser) -> Callable[[Path, int], list[str]]:
-    """What of a page in a window of so many pixels can be seen by no scrolling of a box."""
+def cut_off(
+    browser: Browser, out_of_sight: Callable[[Page], list[str]]
+) -> Callable[[Path, int], list[str]]:
+    """The same of a page in a window of so many pixels."""
 
     def found(page: Path, width_px: int) -> list[str]:
         tab = browser.new_page(viewport={"width": width_px, "height": 900})
         tab.goto(page.as_uri())
-        bad = list(tab.evaluate(_STICKS_OUT))
-        if (over_px := tab.evaluate(_OVERFLOW)) != 0:
-            bad.append(f"the page runs over by {over_px} px")
-        bad += [f"a box hides {px} px" for px in tab.evaluate(_OUT_OF_REACH) if px > 1]
+        bad = out_of_sight(tab)
         tab.close()
         return bad
 
     return found
+
+
+@pytest.fixture(scope="session")
+def pages(
+    made_once: Callable[[str, Callable[[Path], object]], Path],
+    request: pytest.FixtureRequest,
+) -> Callable[[str], Path]:
+    """A page of each kind that is written, made once for all workers, when it is asked for."""
+    from made_up_study import study
+
+    from deltact_fab.cad.design import load_design
+    from deltact_fab.numerics import harness
+    from deltact_fab.patterns.series import job
+    from deltact_fab.report import guide, index_page, patterns_page, study_page
+    from deltact_fab.study import comparison
+    from deltact_fab.study.asked import Asked
+
+    def series(out: Path) -> None:
+        entries = [
+            replace(entry, recipe=entry.recipe.model_copy(update={"size_mm": 7.0}))
+            for entry in job.recipes(seed=3, with_dots=False)
+            if entry.name in ("d0p075-r0p6", "d0p2-r0p1")
+        ]
+        job.write(out, seed=3, entries=entries, page=patterns_page.ready())
+
+    def index(out: Path) -> None:
+        study_page.write(study(missing=3), out / "made-up")
+        (out / "damaged").mkdir()
+        (out / "damaged" / "run.json").write_text("{")
+        index_page.write(out, out / "report.html")
+
+    made: dict[str, tuple[Callable[[Path], object], str]] = {
+        "study": (lambda out: study_page.write(study(missing=3), out), "report.html"),
+        "comparison": (lambda out: study_page.write(comparison.run(Asked()), out), "report.html"),
+        "index": (index, "report.html"),
+        "numerics": (lambda out: harness.run(["pattern"], quick=True).save(out), "numerics.html"),
+        "patterns": (series, job.PAGE),
+        "guide": (lambda out: guide.write(load_design(), out / "guide.html"), "guide.html"),
+    }
+
+    def page(kind: str) -> Path:
+        if kind == "run":
+            return Path(request.getfixturevalue("demo")) / "report.html"
+        make, name = made[kind]
+        return made_once(f"page-{kind}", make) / name
+
+    return page
+
+
+@pytest.fixture
+def live_url(mini_run: Path) -> Iterator[str]:
+    """The live page on a run that is measured at five images a second."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "deltact_fab.cli.main", "measure", str(mini_run), "--view",
+         "--hz", "5"],
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+    ) as going:  # fmt: skip
+        assert going.stderr is not None
+        said = going.stderr.readline()
+        assert said.startswith("view: http://127.0.0.1:"), said
+        yield said.split()[1]
+        going.terminate()

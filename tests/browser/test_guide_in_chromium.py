@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from deltact_fab.cad.design import load_design
 from deltact_fab.cad.registry import listed
 from deltact_fab.report import guide
 
@@ -66,11 +65,11 @@ class Visit:
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def page(pages: Callable[[str], Path]) -> Path:
     """The real guide, every part built and drawn."""
     if note := guide.viewer().note:
         pytest.skip(note)
-    return guide.write(load_design(), tmp_path_factory.mktemp("guide") / "guide.html")
+    return pages("guide")
 
 
 @pytest.fixture(scope="module")

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -24,21 +20,6 @@ DRAWN = """id => {
 SPEECH = "() => document.body.innerText"
 
 
-@pytest.fixture
-def url(mini_run: Path) -> Iterator[str]:
-    """A page on a run that is measured at five images a second."""
-    with subprocess.Popen(
-        [sys.executable, "-m", "deltact_fab.cli.main", "measure", str(mini_run), "--view",
-         "--hz", "5"],
-        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-    ) as going:  # fmt: skip
-        assert going.stderr is not None
-        said = going.stderr.readline()
-        assert said.startswith("view: http://127.0.0.1:"), said
-        yield said.split()[1]
-        going.terminate()
-
-
 def opened(browser: Browser, url: str) -> tuple[Page, list[str]]:
     """A tab on the page, and what it says and fetches that it should not."""
     tab, wrong = browser.new_page(viewport={"width": 1300, "height": 900}), list[str]()
@@ -55,8 +36,10 @@ def image(tab: Any) -> int:
     return int(words[words.index("image", words.index("age")) + 1])
 
 
-def test_it_is_drawn_obeys_its_buttons_and_several_may_look(browser: Browser, url: str) -> None:
-    tab, wrong = opened(browser, url)
+def test_it_is_drawn_obeys_its_buttons_and_several_may_look(
+    browser: Browser, live_url: str
+) -> None:
+    tab, wrong = opened(browser, live_url)
     tab.wait_for_function("() => /image [5-9]/.test(document.body.innerText)", timeout=60_000)
     words = tab.evaluate(SPEECH)
     for word in ("simulated, seed 3", "the flow is trusted", "no force calibration", "Hz"):
@@ -68,7 +51,7 @@ def test_it_is_drawn_obeys_its_buttons_and_several_may_look(browser: Browser, ur
     tab.wait_for_function("() => document.getElementById('state').innerText == 'paused'")
     tab.wait_for_timeout(1000)  # what was under way is shown
     held = image(tab)
-    other, wrong_too = opened(browser, url)  # a browser that comes later sees what is there
+    other, wrong_too = opened(browser, live_url)  # a browser that comes later sees what is there
     other.wait_for_function(f"() => /image {held}/.test(document.body.innerText)")
     assert image(tab) == held
     other.click("#reference")

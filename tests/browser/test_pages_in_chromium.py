@@ -12,8 +12,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from deltact_fab.numerics import harness
-
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
@@ -99,19 +97,12 @@ def test_a_bad_page_is_caught(browser: Browser, tmp_path: Path) -> None:
     assert min(seen.ink()) == 0
 
 
-def test_nothing_of_the_report_is_cut_off_on_a_telephone(
-    cut_off: Callable[[Path, int], list[str]], demo: Path
-) -> None:
-    assert cut_off(demo / "report.html", 390) == []
-
-
 def test_the_numerics_page_opens_the_same_way(
-    browser: Browser, cut_off: Callable[[Path, int], list[str]], tmp_path: Path
+    browser: Browser, pages: Callable[[str], Path]
 ) -> None:
-    page = harness.run(["pattern"], quick=True).save(tmp_path)[-1]
+    page = pages("numerics")
     seen = visit(browser, page)
     assert seen.said == []
     assert outside(seen, page) == []
     assert len(seen.shown["figures"]) >= 1
     assert min(seen.shown["figures"]) > 100
-    assert cut_off(page, 390) == []

@@ -127,14 +127,14 @@ def test_the_command_writes_a_page_whose_links_hold(all_sorts: Path, tmp_path: P
     links = [html.unescape(link) for link in re.findall(r'<a href="([^"]+)"', page)]
     assert len(links) == 9
     assert all((out.parent / unquote(link)).exists() for link in links)
-    assert "6 are unfinished or damaged" in page
+    assert "6 of 9 are unfinished or damaged" in page
     assert page.count('<tr class="bad">') == 6
     assert "<script" not in page
 
 
 def test_an_empty_folder_has_an_index_that_says_what_would_be_in_it(tmp_path: Path) -> None:
     page = index_page.write(tmp_path, tmp_path / "index.html").read_text()
-    assert "None was found" in page
+    assert "Nothing was found" in page
 
 
 def test_no_folder_is_bad_input(tmp_path: Path) -> None:

@@ -95,7 +95,7 @@ def test_the_charts_ids_do_not_meet(seen: Seen) -> None:
 def test_it_says_what_it_is(page: str) -> None:
     text = " ".join(page.split())
     for words in (
-        "simulated", "seed 3", "1200 dpi", "<b>assumed</b>, not measured", "misregistration um",
+        "simulated", "seed 3", "1200 dpi", "<b>assumed</b>, not measured", "misregistration, µm",
         "without the marker dots", "0.11 mm", "0.08 mm", "around 0.5 mm",
         "the paper prints d as 0.5, 0.75 and 0.1", "levels 3 and 4",
     ):  # fmt: skip

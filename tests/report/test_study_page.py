@@ -133,7 +133,7 @@ def test_missing_jobs_are_named_up_to_a_point(page: str) -> None:
 
 def test_columns_without_a_value_are_left_out_and_rows_of_long_tables(page: str) -> None:
     head, *rows = table_of(section(page, "Every point"))
-    assert head == ["point", "normal_n"]
+    assert head == ["point", "normal, N"]
     assert len(rows) == tables.FIRST_ROWS
     assert "The first 20 of 2070 rows are shown" in page
     text = page.partition('id="tsv-points"')[2].partition("</textarea>")[0].partition(">")[2]

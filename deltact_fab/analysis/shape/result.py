@@ -65,7 +65,7 @@ class ShapeResult:
     def line(self) -> str:
         """The verdict: what the depth and the place are worth."""
         means = self.means()
-        how = "uncalibrated" if self.calibration is None else f"by {self.calibration}"
+        how = "uncalibrated" if self.calibration is None else f"by {Path(self.calibration).name}"
         if means["depth_error_contact_mm"] is None:
             return (
                 f"Shape of {means['frames']} frames, depth {how}; without truth its error is not "

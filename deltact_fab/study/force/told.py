@@ -165,7 +165,7 @@ def _paper(result: ForceResult, refits: pd.DataFrame) -> list[Headline]:
 
 def _verdict(result: ForceResult, heads: list[Headline]) -> tuple[str, ...]:
     best = [head for head in heads if head.goal is not None]
-    lines = [result.line[0].upper() + result.line[1:] + "."]
+    lines = [f"The model {result.line}."]
     missed = [head for head in best if head.met is False]
     if best and not missed:
         lines.append(

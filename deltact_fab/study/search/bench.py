@@ -59,8 +59,8 @@ class Bench:
         """Printer and camera for people."""
         p, s = self.printer, self.sensor
         return {
-            "printer": f"{p.dpi} dpi, {p.levels} levels an ink, spread {p.spread_um:g} um, inks "
-            f"misplaced by {p.misregistration_um:g} um (standard deviation)",
+            "printer": f"{p.dpi} dpi, {p.levels} levels an ink, spread {p.spread_um:g} µm, inks "
+            f"misplaced by {p.misregistration_um:g} µm (standard deviation)",
             "camera": f"{self.mm_per_px:g} mm a pixel, blur {s.blur_px:g} px, full well "
             f"{s.full_well_electrons:g} electrons, read noise {s.read_noise_electrons:g}, "
             f"shading {s.shading:g}, Bayer mosaic",

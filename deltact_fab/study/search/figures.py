@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...report.figures import COLOURS, PAPER_COLOUR, blank, legend_below, log_ticks
+from ...report.figures import COLOURS, INK, PAPER_COLOUR, SOFT, blank, legend_below, log_ticks
 from .confirm import SHOWN_MM
 from .search import ERROR, PREDICTORS
 
@@ -33,7 +33,7 @@ def predictors_against_error(frame: pd.DataFrame, named: Sequence[str], paper: s
             row = known[known["pattern"] == name]
             if len(row):
                 at = float(row[p.column].iloc[0]), UM * float(row[ERROR].iloc[0])
-                colour = PAPER_COLOUR if name == paper else "#000000"
+                colour = PAPER_COLOUR if name == paper else INK
                 axis.plot(*at, "o", ms=8, mfc="none", color=colour)
                 axis.annotate(str(mark), at, xytext=(5, -9), textcoords="offset points", fontsize=8)
         positive = known[p.column].to_numpy(float)
@@ -43,7 +43,7 @@ def predictors_against_error(frame: pd.DataFrame, named: Sequence[str], paper: s
     for axis in axes[len(PREDICTORS) :]:
         axis.set_visible(False)
     for first in range(0, len(axes), 4):
-        axes[first].set_ylabel("mean error, um")
+        axes[first].set_ylabel("mean error, µm")
     legend_below(figure, axes[0])
     return figure
 
@@ -60,7 +60,7 @@ def correlations(orders: Mapping[str, pd.DataFrame]) -> Figure:
                 axis.plot([row["low"], row["high"]], [at, at], color=colour, lw=2)
             axis.plot(row["rho"], at, "o", color=colour, ms=6)
         axis.set_yticks(np.arange(len(names)), names)
-        axis.axvline(0, color="#999999", lw=0.8)
+        axis.axvline(0, color=SOFT, lw=0.8)
         axis.set_xlim(-1, 1.02)
         axis.set_title(title, loc="left", fontsize=8.5)
     axes[len(axes) // 2].set_xlabel("rank correlation: 1, what it calls better is better")
@@ -79,7 +79,7 @@ def confirmed_errors(rows: Sequence[Mapping[str, Any]], best: str, paper: str) -
             axis.plot([UM * row["low_mm"], UM * row["high_mm"]], [i, i], color=colour, lw=2)
         axis.plot(UM * row["mean_error_mm"], i, "o", color=colour, ms=6)
     axis.set_yticks(np.arange(len(rows)), [row["pattern"] for row in reversed(rows)])
-    axis.set_xlabel("mean error of the moving pixels on the finite-strain gel, um")
+    axis.set_xlabel("mean error of the moving pixels on the finite-strain gel, µm")
     log_ticks(axis, "x")
     return figure
 

@@ -105,7 +105,7 @@ def recipe_text(found: Findings) -> str:
         f"The best of {len(found.among)} patterns for this printer and camera, simulated:",
         f"{words['printer']};",
         f"{words['camera']}.",
-        f"Mean error of the moving pixels {UM * found.best.error.value:.2g} um"
+        f"Mean error of the moving pixels {UM * found.best.error.value:.2g} µm"
         + (f", {found.gain.value:.2f} of that of the paper's d 0.075, r 0.6" if found.gain else "")
         + f" ({found.best.error.over}).",
         "Its seed may be any.",

@@ -42,8 +42,8 @@ def result(found: Findings) -> StudyResult:
 
 def _um(value: Estimate) -> str:
     if value.low is None or value.high is None:
-        return f"{UM * value.value:.2f} um"
-    return f"{UM * value.value:.2f} um ({UM * value.low:.2f} to {UM * value.high:.2f})"
+        return f"{UM * value.value:.2f} µm"
+    return f"{UM * value.value:.2f} µm ({UM * value.low:.2f} to {UM * value.high:.2f})"
 
 
 def _interval(value: Estimate) -> str:
@@ -126,7 +126,7 @@ def _headlines(found: Findings) -> tuple[Headline, ...]:
         Headline(
             "mean error, the pattern to print",
             UM * error.value,
-            "um",
+            "µm",
             None if error.low is None else UM * error.low,
             None if error.high is None else UM * error.high,
             error.over,
