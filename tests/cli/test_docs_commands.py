@@ -8,10 +8,10 @@ from pathlib import Path
 
 import click
 import pytest
+from doc_pages import ROOT, blocks, commands
 
 from deltact_fab.cli.main import main
 
-ROOT = Path(__file__).parents[2]
 PAGES = [
     ROOT / "README.md",
     ROOT / "deltact_fab/lab/tour.md",
@@ -19,14 +19,14 @@ PAGES = [
     *sorted((ROOT / "docs/how-to").glob("*.md")),
     *sorted((ROOT / "docs/tutorials").glob("*.md")),
 ]
-SHOWN = re.compile(r"^ *(?=deltact-fab )(.*)$|`(deltact-fab [a-z][^`|]*)`", re.MULTILINE)
+IN_A_SENTENCE = re.compile(r"`(deltact-fab [a-z][^`|]*)`")
 
 
 def shown(page: Path) -> list[str]:
-    """The commands of a page, as they are typed."""
-    text = page.read_text()
-    found = (match[1] or match[2] for match in SHOWN.finditer(text))
-    return [line for line in found if "…" not in line]
+    """The commands of a page, as they are typed: in its blocks, and in its sentences."""
+    lines = [c for b in blocks(page) if b.language == "console" for c in commands(b)]
+    typed = [line for line in lines if line.startswith("deltact-fab ")]
+    return [c for c in typed + IN_A_SENTENCE.findall(page.read_text()) if "…" not in c]
 
 
 def words_of(line: str) -> list[str]:
