@@ -112,6 +112,8 @@ def _commands() -> str:
         lines += ["", f"## {context.command_path}", "", f"`{context.command_path} {usage}`", ""]
         # click's \b keeps lines as they are
         lines += [line.rstrip() for line in _help(command).replace("\b\n", "").splitlines()]
+        if command.epilog and command.epilog.startswith("Example: "):
+            lines += ["", f"Example: `{command.epilog.removeprefix('Example: ')}`"]
         records = [
             record
             for param in command.get_params(context)
@@ -127,7 +129,6 @@ def _commands() -> str:
 
 
 def _help(command: click.Command) -> str:
-
     return inspect.cleandoc(command.help or "").partition("\f")[0]
 
 

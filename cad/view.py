@@ -1,9 +1,10 @@
 """Open this file in CQ-editor to look at the sensor with your own dimensions.
 
-Change DESIGN, CHANGES, EXPLODE or PARTS and run it again. Outside CQ-editor it prints the volumes.
+Change DESIGN, CHANGES, EXPLODE, PARTS or BENCH and run it again. Outside CQ-editor it prints the
+volumes.
 """
 
-from deltact_fab.cad.assembly import assemble
+from deltact_fab.cad.assembly import assemble, bench
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.registry import find
@@ -12,6 +13,7 @@ DESIGN = "deltact"  # a name under cad/ or a path to your own TOML file
 CHANGES = []  # as after --set: ["skin.width_mm=44", "mount.kind=plate"]
 EXPLODE = 1.0  # 0 puts the sensor together
 PARTS = []  # names of `deltact-fab cad list`; none: the whole sensor
+BENCH = ""  # an indenter, as "star" or "sphere:10": the test bench with it, its tip on the face
 
 if "show_object" not in globals():
 
@@ -26,9 +28,9 @@ def view():
     if PARTS:
         shown = [(name, build_part(find(name), design)[0], find(name)) for name in PARTS]
     else:
+        pieces = bench(design, find(BENCH)) if BENCH else assemble(design, EXPLODE)
         shown = [
-            (f"{placed.part.name}-{placed.index}", placed.solid, placed.part)
-            for placed in assemble(design, EXPLODE)
+            (f"{placed.part.name}-{placed.index}", placed.solid, placed.part) for placed in pieces
         ]
     for name, solid, part in shown:
         red, green, blue, opacity = part.colour

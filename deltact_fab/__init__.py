@@ -1,3 +1,3 @@
 """Fabrication and experiment-design toolchain for the DelTact tactile sensor."""
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

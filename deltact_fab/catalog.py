@@ -91,7 +91,7 @@ def write_new(path: Path, text: str) -> None:
     when the disk refuses.
     """
     if path.suffix != ".toml":
-        raise InputError(f"{path}: the name of a file that ends in .toml is right")
+        raise InputError(f"{path}: expected the name of a file that ends in .toml")
     try:
         out = path.open("x", encoding="utf-8")
     except FileExistsError as why:
@@ -145,7 +145,7 @@ def validate(kind: type[T], data: object, source: str) -> T:
         # By way of JSON: strict on strings and booleans, while a list may still fill a tuple.
         text = json.dumps(data, default=str)
     except RecursionError as why:
-        raise InputError(f"{source}: nested too deep; a few levels are right") from why
+        raise InputError(f"{source}: nested too deep; expected a few levels") from why
     try:
         return TypeAdapter(kind).validate_json(text, strict=True)
     except ValidationError as why:

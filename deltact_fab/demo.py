@@ -33,7 +33,11 @@ def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
     """Make everything under `out` and return the report's path.
 
     A folder of an earlier demo is replaced; any other folder that is not empty is refused.
+    Raises MissingLibrary without the extra `report`.
     """
+    from .report.templating import require_pages
+
+    require_pages()
     started = time.monotonic()
     _clear(out)
     first = [

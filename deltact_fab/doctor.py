@@ -17,20 +17,12 @@ from typing import Any, Literal
 
 from . import cache
 from .errors import DeltactFabError
+from .extras import EXTRAS
 from .rig.new import Device, cameras, ports
 
 State = Literal["ok", "missing", "broken"]
 PACKAGE = "deltact-fab"
 NEEDED = "core"
-# What each extra of pyproject.toml brings; `docs` and `test` are for those who change the program.
-EXTRAS = {
-    "report": "pages, figures, and the 3D view of the guide",
-    "netft": "force from an ATI Net F/T box",
-    "fast": "faster solves of large gels, and the compiled kernels of finite strain",
-    "images": "frames as JPEG XL: smaller, and two to three times as fast to write as PNG",
-    "export": "runs as Parquet and MCAP",
-    "cluster": "studies on a Dask cluster",
-}
 LIBRARIES = {"libGL.so.1": "libgl1", "libEGL.so.1": "libegl1", "libX11.so.6": "libx11-6"}
 LEAST_FREE_GB = 6.0
 """Of the folder: the paper's force calibration takes 5.5 GB."""
@@ -166,7 +158,7 @@ def _system() -> Iterator[Finding]:
         try:
             ctypes.CDLL(library)
         except OSError:
-            yield Finding("system", library, "missing", "not found", "`cad`: the CAD kernel",
+            yield Finding("system", library, "missing", "not found", EXTRAS["cad"],
                           f"apt-get install {package}")  # fmt: skip
         else:
             yield Finding("system", library, "ok", "found")

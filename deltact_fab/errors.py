@@ -53,8 +53,10 @@ class SensorError(RunFailed):
     """A camera or force sensor delivered nothing usable."""
 
 
-class MissingLibrary(RunFailed):
+class MissingLibrary(DeltactFabError):
     """A library of the system or an optional package is absent; the text says how to install it."""
+
+    exit_code = 2
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

@@ -58,7 +58,7 @@ def toml(path: Path) -> dict[str, Any]:
         data = tomllib.loads(content)
         _check(data)
     except RecursionError as why:
-        raise InputError(f"{path}: nested too deep; a few levels are right") from why
+        raise InputError(f"{path}: nested too deep; expected a few levels") from why
     except ValueError as why:  # also a whole number of thousands of digits
         raise InputError(f"{path}: not valid TOML: {why}") from why
     return data
@@ -66,16 +66,20 @@ def toml(path: Path) -> dict[str, Any]:
 
 def json_object(path: Path) -> dict[str, Any]:
     """The object of a JSON file. Raises InputError naming the file."""
-    content = text(path, MOST_RECORD_BYTES)
+    return json_text(text(path, MOST_RECORD_BYTES), str(path))
+
+
+def json_text(content: str, source: str) -> dict[str, Any]:
+    """The object of a JSON text. Raises InputError naming its source."""
     try:
         data = json.loads(content)
         _check(data)
     except RecursionError as why:
-        raise InputError(f"{path}: nested too deep; a few levels are right") from why
+        raise InputError(f"{source}: nested too deep; expected a few levels") from why
     except ValueError as why:
-        raise InputError(f"{path}: not valid JSON: {why}") from why
+        raise InputError(f"{source}: not valid JSON: {why}") from why
     if not isinstance(data, dict):
-        raise InputError(f"{path}: an object is needed, as in {{...}}, not {type(data).__name__}")
+        raise InputError(f"{source}: an object is needed, as in {{...}}, not {type(data).__name__}")
     return data
 
 
@@ -87,7 +91,7 @@ def _check(data: object) -> None:
         if level > MOST_LEVELS:
             raise RecursionError
         if isinstance(value, int) and not -_MOST_WHOLE <= value < _MOST_WHOLE:
-            raise ValueError(f"a whole number of {value.bit_length()} bits; at most 64 are right")
+            raise ValueError(f"a whole number of {value.bit_length()} bits; expected at most 64")
         if isinstance(value, dict):
             waiting += [(one, level + 1) for one in value.values()]
         elif isinstance(value, list):

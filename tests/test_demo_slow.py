@@ -186,7 +186,7 @@ def test_two_runs_of_one_seed_are_the_same(demo: Path, bare: tuple[str, Path]) -
 
 def test_an_export_says_what_to_install_where_libgl_is_missing(tmp_path: Path) -> None:
     done = without_libgl("missing", "cad", "export", "sphere:10", "--out", "parts", cwd=tmp_path)
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr == (
         "deltact-fab: cadquery needs libGL.so.1: apt-get install libgl1 libegl1 libx11-6\n"

@@ -210,9 +210,9 @@ def test_a_word_outside_of_a_job_is_nothing() -> None:
 @pytest.mark.parametrize(
     ("on", "workers", "says"),
     [
-        ("cloud", None, "--on 'cloud': 'local' or 'dask:tcp://HOST:PORT' is right"),
-        ("dask:tcp://127.0.0.1", None, "dask:tcp://HOST:PORT is right"),
-        ("dask:127.0.0.1:8786", None, "dask:tcp://HOST:PORT is right"),
+        ("cloud", None, "--on 'cloud': expected 'local' or 'dask:tcp://HOST:PORT'"),
+        ("dask:tcp://127.0.0.1", None, "expected dask:tcp://HOST:PORT"),
+        ("dask:127.0.0.1:8786", None, "expected dask:tcp://HOST:PORT"),
         ("dask:tcp://127.0.0.1:8786", 3, "--jobs 3: with --on"),
     ],
 )

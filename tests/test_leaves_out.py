@@ -295,7 +295,7 @@ def test_the_parts_are_listed_where_cadquery_is_absent_and_export_says_so(tmp_pa
     # None in sys.modules is an import that fails: the list must not even try.
     absent = "".join(f"sys.modules[{name!r}] = None\n" for name in CAD)
     listed = COMMAND.format(words=["cad", "list"], code=0)
-    export = COMMAND.format(words=["cad", "export", "sphere:10"], code=1)
+    export = COMMAND.format(words=["cad", "export", "sphere:10"], code=2)
     loaded_by(absent + listed, export, cwd=tmp_path)
 
 

@@ -1,4 +1,4 @@
-"""The sensor put together: every piece in its place, and what pieces share.
+"""The sensor and the test bench put together: every piece in its place, and what pieces share.
 
 Importing this does not import the CAD kernel.
 """
@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from itertools import combinations
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ..errors import RunFailed
@@ -16,11 +15,15 @@ from .build import build_part
 from .dimensions import Design
 from .kernel import guarded, require
 from .part import Part, Shift
-from .registry import of_group
-from .solid_gate import VOLUME_TOLERANCE, Box, bounding_box
+from .registry import of_design, of_group
+from .solid_gate import VOLUME_TOLERANCE, Box
 
 # Boxes that meet by less share a face at most; what they could share stays below 0.001 mm3.
 TOUCH_MM = 1e-6
+# The test bench, from the table up; the sensor stands on it by the testing shell.
+ON_TABLE = ("stage-plate", "testing-shell")
+IN_PLACE_OF = "shell"
+ON_STAGE = ("tool-holder", "nano17-adapter", "nano17")
 
 
 @dataclass(frozen=True)
@@ -61,23 +64,41 @@ def assemble(
     return placed
 
 
-def overlaps(placed: Sequence[Placed]) -> list[tuple[str, str, float]]:
-    """Volume in mm3 that two pieces share, for each pair of pieces whose boxes meet; 0 is kept.
+def lifted(piece: Placed, shift_mm: Shift) -> Placed:
+    """The piece moved further."""
+    from cadquery import Location
 
-    A row holds the two part names in alphabetical order; a part with several pieces has a row for
-    each. Raises RunFailed naming the pair when the kernel cannot intersect it.
+    x, y, z = (a + b for a, b in zip(piece.shift_mm, shift_mm, strict=True))
+    return replace(piece, solid=piece.solid.moved(Location(shift_mm)), shift_mm=(x, y, z))
+
+
+def mouth_mm(indenter: Part) -> float:
+    """z of the tool holder's mouth above the tip: the back plate bears on it.
+
+    Raises ValueError for what is no indenter.
     """
-    boxes = [bounding_box(piece.solid) for piece in placed]
-    found = []
-    for (a, box_a), (b, box_b) in combinations(zip(placed, boxes, strict=True), 2):
-        if _meet(box_a, box_b):
-            first, second = sorted((a.part.name, b.part.name))
-            found.append((first, second, _common_mm3(a, b)))
-    return found
+    if indenter.indenter is None:
+        raise ValueError(f"{indenter.name}: no indenter")
+    return indenter.indenter.plate_z_mm + indenter.indenter.body.plate_mm
+
+
+def bench(design: Design, indenter: Part, solids: Mapping[str, Any] | None = None) -> list[Placed]:
+    """The test bench: stage plate and sensor, and what hangs over it, its tip on the face.
+
+    indenter: in the tool holder, over the middle of the face. solids: as for `assemble`. Raises
+    what build_part raises.
+    """
+    every = {part.name: part for part in of_design()}
+    sensor = [part for part in of_group("sensor") if part.name != IN_PLACE_OF]
+    standing = [*(every[name] for name in ON_TABLE), *sensor, indenter]
+    hanging = assemble(design, 0.0, [every[name] for name in ON_STAGE], solids)
+    up = (0.0, 0.0, mouth_mm(indenter))
+    return [*assemble(design, 0.0, standing, solids), *(lifted(piece, up) for piece in hanging)]
 
 
 def thread_overlap_mm3(design: Design) -> dict[tuple[str, str], float]:
-    """Volume in mm3 that one screw shares with its pilot on purpose, by the names of `overlaps`.
+    """Volume in mm3 that one screw shares with its pilot on purpose, by
+    the names of both parts in alphabetical order.
 
     The ring between nominal diameter and pilot over the length that grips.
     """
@@ -95,14 +116,14 @@ def _ring_mm2(outer_mm: float, inner_mm: float) -> float:
     return math.pi / 4 * (outer_mm**2 - inner_mm**2)
 
 
-def _meet(a: Box, b: Box) -> bool:
+def meet(a: Box, b: Box) -> bool:
     """Whether two boxes share more than a face."""
     return all(
         max(a[0][axis], b[0][axis]) + TOUCH_MM < min(a[1][axis], b[1][axis]) for axis in range(3)
     )
 
 
-def _common_mm3(a: Placed, b: Placed) -> float:
+def common_mm3(a: Placed, b: Placed) -> float:
     """The volume of a and b, held against what b leaves of a."""
     from cadquery import Shape
     from OCP.BRepAlgoAPI import BRepAlgoAPI_Common, BRepAlgoAPI_Cut

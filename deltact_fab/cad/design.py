@@ -95,7 +95,7 @@ def _with_base(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
     if base is None:
         return own
     if not isinstance(base, str):
-        raise InputError(f"{path}: base: the name of a design is right (got {base!r})")
+        raise InputError(f"{path}: base: expected the name of a design (got {base!r})")
     data = _with_base(catalog.find("cad", base), (*seen, path.resolve()))
     for section, table in own.items():
         inherited = data.get(section)
@@ -111,14 +111,14 @@ def _change(data: dict[str, Any], change: str) -> None:
     key, equals, text = change.partition("=")
     section, dot, name = key.strip().partition(".")
     if not (equals and dot and section and name and text.strip()):
-        raise InputError(f"--set {change!r}: section.key=value is right, as in skin.width_mm=44")
+        raise InputError(f"--set {change!r}: expected section.key=value, as in skin.width_mm=44")
     try:
         value = tomllib.loads(f"value = {text.strip()}")["value"]
     except tomllib.TOMLDecodeError:
         value = text.strip()
     table = data.setdefault(section, {})
     if not isinstance(table, dict):
-        raise InputError(f"--set {change!r}: {section} is no table")
+        raise InputError(f"--set {change!r}: {section} is not a table")
     table[name] = value
 
 
@@ -133,6 +133,6 @@ def load_indenters(name: str = "indenters") -> IndenterList:
         except InputError as why:
             raise InputError(f"{path}: {why}") from why
         if name in seen:
-            raise InputError(f"{path}: indenter {name!r}: listed twice; once is right")
+            raise InputError(f"{path}: indenter {name!r}: listed twice; expected once")
         seen.add(name)
     return listed

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import importlib
 import re
+import signal
+import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
+from .. import extras
 from ..errors import DeltactFabError, MissingLibrary, RunFailed
 
 SYSTEM_PACKAGES = "libgl1 libegl1 libx11-6"
@@ -19,10 +22,28 @@ def require() -> Any:
     Raises MissingLibrary naming what to install when a system library or the package is absent
     or broken.
     """
+    extras.require("cad", "the CAD kernel", "cadquery")
     try:
-        return importlib.import_module("cadquery")
+        with _ctrl_c_after():
+            return importlib.import_module("cadquery")
     except ImportError as why:
         raise MissingLibrary(_advice(str(why))) from why
+
+
+@contextmanager
+def _ctrl_c_after() -> Iterator[None]:
+    """Ctrl-C comes when the import is over: the kernel's own modules swallow it in between."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    asked: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: asked.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if asked:
+            raise KeyboardInterrupt
 
 
 def _advice(reason: str) -> str:

@@ -56,7 +56,7 @@ def laid(mesh: Mesh, lies: Lying) -> Mesh:
 
 
 def stand(mesh: Mesh) -> Stand:
-    """What a laid mesh touches and what of it hangs; a ceiling is of one face of the CAD's."""
+    """Where a laid mesh touches the platform and overhangs; a ceiling is one face of the CAD."""
     corners = mesh.corners_mm
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     twice = np.linalg.norm(normal, axis=1)

@@ -32,7 +32,7 @@ class Record:
 def standard_row(table: Mapping[str, Row], key: str, name: str) -> Row:
     """The row of a table of standards. Raises ShapeError listing the valid names."""
     if name not in table:
-        raise ShapeError(f"{key}: one of {', '.join(table)} is right: {name!r} fails")
+        raise ShapeError(f"{key}: expected one of {', '.join(table)}: {name!r} fails")
     return table[name]
 
 

@@ -61,19 +61,19 @@ def gate(part: str, shape: Any, expected: Expected) -> tuple[Any, Measured]:
 
     solids = shape.Solids()
     if len(solids) != 1:
-        raise fail(f"the CAD kernel returned {len(solids)} solids, one is right")
+        raise fail(f"the CAD kernel returned {len(solids)} solids, expected one")
     solid = solids[0]
     if not solid.isValid():
         raise fail("the CAD kernel returned an invalid solid")
     if len(solid.Shells()) != 1:
-        raise fail(f"the solid has {len(solid.Shells())} shells, one is right")
+        raise fail(f"the solid has {len(solid.Shells())} shells, expected one")
     found = Measured(float(solid.Volume()), float(solid.Area()), bounding_box(solid))
     low, high = expected.volume_mm3
     if not low * (1 - VOLUME_TOLERANCE) <= found.volume_mm3 <= high * (1 + VOLUME_TOLERANCE):
         right = f"{low:.6f}" if low == high else f"{low:.6f} to {high:.6f}"
-        raise fail(f"volume {found.volume_mm3:.6f} mm3, {right} is right")
+        raise fail(f"volume {found.volume_mm3:.6f} mm3, expected {right}")
     if not np.allclose(found.box_mm, expected.box_mm, rtol=0, atol=BOX_TOLERANCE_MM):
-        raise fail(f"bounding box {found.box_mm}, {expected.box_mm} is right")
+        raise fail(f"bounding box {found.box_mm}, expected {expected.box_mm}")
     return solid, found
 
 

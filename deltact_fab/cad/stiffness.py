@@ -148,13 +148,15 @@ def bend(
 ) -> Bending:
     """Bending by 1 N on a disc of diameter spread_mm about at_mm.
 
-    ring_mm: inner and outer radius of the ring behind the plate. What of the disc lies beyond a
+    ring_mm: inner and outer radius of the ring behind the plate. The part of the disc beyond a
     support is borne by the ledge itself.
     """
     (w, h), (sx, sy) = plate.half_mm, plate.support_mm
     x_basis, y_basis, compliance = _system(plate, terms)
     x, y, share = _disc(spread_mm, at_mm)
     inside = (np.abs(x) < (w if sx is None else sx)) & (np.abs(y) < sy)
+    if not inside.any():
+        return Bending(0.0, 0.0, 0.0)
     x, y, share = x[inside], y[inside], share[inside]
     load = ((x_basis.at(x, 0) * share) @ y_basis.at(y, 0).T).ravel()
     weights = (compliance @ load).reshape(terms, terms)

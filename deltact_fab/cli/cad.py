@@ -9,7 +9,17 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from .options import JSON, NEW_FILE
+from .group import Group
+from .options import (
+    DESIGN,
+    DESIGN_NAME,
+    JSON,
+    NEW_FILE,
+    PART_NAME,
+    PATH,
+    out_file,
+    out_folder,
+)
 
 if TYPE_CHECKING:
     from ..cad.dimensions import Design
@@ -17,9 +27,12 @@ if TYPE_CHECKING:
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-@click.group()
+@click.group(cls=Group)
 def cad() -> None:
-    """Parametric parts: list, new, show, check, fit, export, bill of materials, guide."""
+    """Parametric parts of the sensor, its mold, bench and indenters.
+
+    Every number is in a design (`cad designs`); --set changes one for a single command.
+    """
 
 
 def of_design(command: F) -> F:
@@ -29,11 +42,18 @@ def of_design(command: F) -> F:
         "changes",
         multiple=True,
         metavar="SECTION.KEY=VALUE",
-        help="Change a dimension, as in skin.width_mm=44; may be repeated.",
+        help="Change a dimension, as in skin.width_mm=44; repeatable. `cad show PART` lists them.",
     )(command)
-    return click.option(
-        "--design", default="deltact", show_default=True, help="Design: a path or a name."
-    )(command)
+    return DESIGN(command)
+
+
+SENSORS = click.option(
+    "--sensors", type=int, default=1, show_default=True, metavar="N",
+    help="How many sensors to make.",
+)  # fmt: skip
+CACHE = click.option(
+    "--cache/--no-cache", default=True, show_default=True, help="Reuse earlier results."
+)
 
 
 def load(design: str, changes: tuple[str, ...]) -> Design:
@@ -55,7 +75,7 @@ def file_to_write(out: Path) -> Iterator[None]:
     from ..errors import InputError
 
     if out.is_dir():
-        raise InputError(f"-o {out}: a folder; the name of a file is right")
+        raise InputError(f"-o {out}: a folder; expected the name of a file")
     made = [path for path in out.parents if not path.exists()]
     try:
         try:
@@ -70,16 +90,16 @@ def file_to_write(out: Path) -> Iterator[None]:
         raise
 
 
-@cad.command()
+@cad.command(epilog="Example: deltact-fab cad new mine --base skin-44x40")
 @click.argument("name")
-@click.option("--base", default="deltact", show_default=True,
-              help="Design that it takes the rest from, a name or a path.")  # fmt: skip
+@click.option("--base", type=DESIGN_NAME, default="deltact", show_default=True, metavar="DESIGN",
+              help="Design to start from: a name of `cad designs` or a path.")  # fmt: skip
 @NEW_FILE
 @JSON
 def new(name: str, base: str, out: Path | None, as_json: bool) -> None:
-    """Write a design with every dimension explained.
+    """Write a new design with every dimension explained.
 
-    Each stands there as its base has it, in a comment; what is uncommented is changed.
+    Each dimension is there as its base has it, commented out; uncomment those to change.
     """
     from ..lab import design as write
     from .output import echo_written
@@ -92,23 +112,42 @@ def new(name: str, base: str, out: Path | None, as_json: bool) -> None:
 def list_(as_json: bool) -> None:
     """Parts that can be exported, with group, material, process and quantity."""
     from ..cad.registry import listed
-    from .output import echo_json, echo_table
+    from .output import echo_rows
 
     columns = ("part", "group", "material", "process", "quantity")
     rows = [(p.name, p.group, p.material, p.process, p.quantity) for p in listed()]
-    if as_json:
-        echo_json([dict(zip(columns, row, strict=True)) for row in rows])
-        return
-    echo_table(columns, rows)
-    click.echo("\nAny indenter is a part too: sphere:DIAMETER_MM, star:SIZE_MM and so on.")
+    echo_rows(columns, rows, as_json)
+    if not as_json:
+        click.echo("\nAny indenter is a part too: sphere:DIAMETER_MM, star:SIZE_MM and so on.")
 
 
 @cad.command()
-@click.argument("part")
+@JSON
+def designs(as_json: bool) -> None:
+    """Designs that can be named: your own and the shipped ones."""
+    from ..cad.design import load_design
+    from ..catalog import find, names, read
+    from .output import echo_rows
+
+    rows = []
+    for name in names("cad"):
+        data = read(find("cad", name))
+        if "indenter" not in data:
+            skin = load_design(name).skin
+            rows.append((name, data.get("base"), skin.width_mm, skin.length_mm, skin.thickness_mm))
+    columns = ("design", "base", "width_mm", "length_mm", "thickness_mm")
+    echo_rows(columns, rows, as_json)
+
+
+@cad.command(epilog="Example: deltact-fab cad show shell --design franka")
+@click.argument("part", type=PART_NAME)
 @of_design
 @JSON
 def show(part: str, design: str, changes: tuple[str, ...], as_json: bool) -> None:
-    """Dimensions of PART with meaning and limits, what follows from them, and its inequalities."""
+    """Dimensions of PART with meaning and limits, and the inequalities that they must satisfy.
+
+    PART is a name of `cad list`.
+    """
     from dataclasses import asdict
 
     from ..cad.design import load_design
@@ -127,10 +166,13 @@ def show(part: str, design: str, changes: tuple[str, ...], as_json: bool) -> Non
 
 @cad.command()
 @of_design
-@click.option("--cache/--no-cache", default=True, show_default=True, help="Reuse earlier rows.")
+@CACHE
 @JSON
 def check(design: str, changes: tuple[str, ...], cache: bool, as_json: bool) -> None:
-    """Check the whole design on its solids: one table, pass or fail; exit 1 when one fails."""
+    """Check the whole design on its solids: a table of passes and failures.
+
+    Exit code 1 when a check fails.
+    """
     from dataclasses import asdict
 
     from ..cad.check import run
@@ -145,21 +187,27 @@ def check(design: str, changes: tuple[str, ...], cache: bool, as_json: bool) -> 
     else:
         columns = ("check", "part", "found", "limit", "verdict")
         echo_table(columns, [(r.check, r.part, r.found, r.limit, r.verdict) for r in rows])
+        unverified = sum(bool(r.rests_on) for r in rows if r.passed)
+        click.echo(
+            f"\n{sum(r.passed for r in rows)} of {len(rows)} checks pass, {unverified} of them on "
+            "values that nobody has measured yet"
+        )
     failed = [row for row in rows if not row.passed]
     if failed:
         named = ", ".join(dict.fromkeys(f"{row.check} ({row.part})" for row in failed))
         raise RunFailed(f"{design}: {len(failed)} of {len(rows)} checks failed: {named}")
 
 
-@cad.command()
-@click.argument("parts", nargs=-1, metavar="[PART]...")
+@cad.command(epilog="Example: deltact-fab cad export sensor sphere:12.5 --out parts")
+@click.argument("parts", nargs=-1, metavar="[PART]...", type=PART_NAME)
 @of_design
 @click.option(
     "--format",
     "formats",
     default="step,stl,3mf,dxf,glb,svg,pdf",
     show_default=True,
-    help="Formats, by commas; each is written where it makes sense.",
+    metavar="LIST",
+    help="Formats, separated by commas; each part gets those that suit it.",
 )
 @click.option(
     "--tolerance",
@@ -167,16 +215,11 @@ def check(design: str, changes: tuple[str, ...], cache: bool, as_json: bool) -> 
     type=float,
     default=0.01,
     show_default=True,
-    help="Largest distance in mm of a mesh from the surface.",
+    metavar="MM",
+    help="Largest distance of a mesh from the true surface.",
 )
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    default=Path("cad-out"),
-    show_default=True,
-    help="Folder to write.",
-)
-@click.option("--cache/--no-cache", default=True, show_default=True, help="Reuse earlier exports.")
+@out_folder("Folder to write into.", default=Path("cad-out"), show_default=True)
+@CACHE
 @JSON
 def export(
     parts: tuple[str, ...],
@@ -191,10 +234,12 @@ def export(
     """Write each PART and the assembly, with a manifest.json; without PART, everything.
 
     A PART is a name of `cad list`, a group (sensor, electronics, tools, bench, indenters), or an
-    indenter as a protocol names it: sphere:10, 4dots. The assembly and its wiring are written with
-    the whole sensor. STEP for the machine shop, STL or 3MF for the printer, DXF for the laser, GLB
-    to look at, drawings as PDF and SVG.
-    Unchanged files of an earlier export that are not written again are removed; others stay.
+    indenter as in a protocol: sphere:10, 4dots. The assembly and the wiring are written with the
+    whole sensor. STEP is for the machine shop, STL or 3MF for the printer, DXF for the laser, GLB
+    for a 3D viewer; drawings are PDF and SVG.
+
+    Files of an earlier export that this one does not write again are removed, unless you changed
+    them.
     """
     from dataclasses import asdict
 
@@ -222,60 +267,50 @@ def export(
     click.echo(f"\n{len(files)} files and manifest.json in {out}")
 
 
-@cad.command()
+@cad.command(epilog="Example: deltact-fab cad bom --sensors 4 -o bom.csv")
 @of_design
-@click.option("--sensors", type=int, default=1, show_default=True, help="Sensors to make.")
-@click.option(
-    "--format",
-    "kind",
-    type=click.Choice(("table", "csv", "json")),
-    default="table",
-    show_default=True,
-    help="How to print it.",
-)
-@click.option(
-    "-o", "out", type=click.Path(path_type=Path), help="File to write instead of printing."
-)
-def bom(design: str, changes: tuple[str, ...], sensors: int, kind: str, out: Path | None) -> None:
-    """Bill of materials: parts, silicone, screws, electronics, for a number of sensors."""
+@SENSORS
+@out_file("Write it as .csv or .json instead of printing it.")
+@JSON
+def bom(
+    design: str, changes: tuple[str, ...], sensors: int, out: Path | None, as_json: bool
+) -> None:
+    """Bill of materials: parts, silicone, screws and electronics for a number of sensors."""
     import json
     from dataclasses import asdict
 
     from ..cad.fabrication.bom import csv_text, lines
+    from ..errors import InputError
     from ..record import write_whole
-    from .output import echo_table
+    from .output import echo_json, echo_table, echo_wrote
 
+    if out is not None and out.suffix not in (".csv", ".json") and not out.is_dir():
+        raise InputError(f"-o {out}: end the name in .csv or .json")
     listed = lines(load(design, changes), sensors)
-    text = csv_text(listed) if kind == "csv" else None
-    if kind == "json":
-        text = json.dumps([asdict(line) for line in listed], indent=1) + "\n"
+    plain = [asdict(line) for line in listed]
     if out is not None:
+        text = csv_text(listed) if out.suffix == ".csv" else json.dumps(plain, indent=1) + "\n"
         with file_to_write(out):
-            write_whole(out, (text if text is not None else csv_text(listed)).encode())
-        click.echo(str(out))
-    elif text is not None:
-        click.echo(text, nl=False)
+            write_whole(out, text.encode())
+        echo_wrote(out, as_json)
+    elif as_json:
+        echo_json(plain)
     else:
         columns = ("item", "part", "material", "process", "quantity", "unit", "note")
-        echo_table(columns, [tuple(asdict(line)[c] for c in columns) for line in listed])
+        echo_table(columns, [tuple(line[c] for c in columns) for line in plain], names=2)
 
 
-@cad.command()
-@click.argument("readings", type=click.Path(path_type=Path))
-@click.option("--design", default="deltact", show_default=True, help="Design: a path or a name.")
-@click.option(
-    "-o",
-    "out",
-    type=click.Path(path_type=Path),
-    help="Design to write: --design with what was read.",
-)
+@cad.command(epilog="Example: deltact-fab cad fit readings.csv -o mine.toml")
+@click.argument("readings", type=PATH)
+@DESIGN
+@out_file("Design to write: --design with the measured values in it.")
 @JSON
 def fit(readings: Path, design: str, out: Path | None, as_json: bool) -> None:
-    """What printer and laser do, from READINGS of the coupons, a CSV file, beside what was assumed.
+    """What your printer and laser really do, from READINGS of the two coupons, a CSV file.
 
     Columns: coupon (fit-coupon, kerf-coupon), feature (hole, slot, outside, height; strip,
     thickness), nominal_mm, measured_mm, and pieces for strips measured side by side. A spread is
-    that of one further piece at 95 %.
+    the 95 % interval of the next piece.
     """
     import math
     from dataclasses import asdict
@@ -283,7 +318,7 @@ def fit(readings: Path, design: str, out: Path | None, as_json: bool) -> None:
     from ..cad.design import load_design
     from ..cad.fabrication.readings import as_design, estimates, read
     from ..record import write_whole
-    from .output import echo_json, echo_table
+    from .output import echo_json, echo_table, echo_wrote
 
     found = estimates(read(readings), load_design(design))
     if out is not None:
@@ -304,25 +339,20 @@ def fit(readings: Path, design: str, out: Path | None, as_json: bool) -> None:
     ]  # fmt: skip
     echo_table(("key", "read", "design", "readings", "bias_mm", "spread_mm (95 %)"), rows)
     if out is not None:
-        click.echo(str(out))
+        echo_wrote(out, as_json)
 
 
-@cad.command()
+@cad.command(epilog="Example: deltact-fab cad guide --sensors 4 -o guide.html")
 @of_design
-@click.option("--sensors", type=int, default=1, show_default=True, help="Sensors to make.")
-@click.option(
-    "-o",
-    "out",
-    type=click.Path(path_type=Path),
-    default=Path("guide.html"),
-    show_default=True,
-    help="Page to write.",
-)
-def guide(design: str, changes: tuple[str, ...], sensors: int, out: Path) -> None:
-    """Fabrication guide as one offline page, from the same parts: print, cast, wire, assemble."""
+@SENSORS
+@out_file("Page to write.", default=Path("guide.html"), show_default=True)
+@JSON
+def guide(design: str, changes: tuple[str, ...], sensors: int, out: Path, as_json: bool) -> None:
+    """Fabrication guide of a design, one offline page: print, cast, wire, assemble."""
     from ..report.guide import write
-    from .output import progress
+    from .output import echo_wrote, progress
 
     dims = load(design, changes)
     with file_to_write(out), progress("cad guide") as tell:
-        click.echo(str(write(dims, out, sensors, tell)))
+        page = write(dims, out, sensors, tell)
+    echo_wrote(page, as_json)

@@ -7,28 +7,25 @@ from typing import TYPE_CHECKING
 
 import click
 
+from .options import DESIGN, JSON, PATH, out_file
+
 if TYPE_CHECKING:
     from ..measure.lens import Board, Calibration
 
 
-@click.command()
-@click.argument("images", nargs=-1, type=click.Path(path_type=Path))
-@click.option("--board", required=True, metavar="skin|NXxNYxMM", help="What IMAGES show.")
-@click.option(
-    "--air",
-    multiple=True,
-    type=click.Path(path_type=Path),
-    help="Image, or folder of images, of a board held in the air beyond the face; repeatable.",
-)
-@click.option("--air-board", metavar="NXxNYxMM", help="What --air shows; default: as --board.")
-@click.option("--flat", type=click.Path(path_type=Path), help="Image of a blank skin: its shading.")
-@click.option(
-    "--design", default="deltact", help="Design of the sensor, whose thicknesses are the priors."
-)
-@click.option(
-    "-o", "out", required=True, type=click.Path(path_type=Path), help="Camera file, as camera.toml."
-)
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@click.command(epilog="Example: deltact-fab calibrate photos/contact --board skin -o camera.toml")
+@click.argument("images", nargs=-1, type=PATH)
+@click.option("--board", required=True, metavar="skin|NXxNYxMM", help="Board that IMAGES show.")
+@click.option("--air", multiple=True, type=PATH, metavar="PATH",
+              help="Image, or folder of images, of a board held in the air; repeatable."
+              )  # fmt: skip
+@click.option("--air-board", metavar="NXxNYxMM", show_default="as --board",
+              help="Board that --air shows.")  # fmt: skip
+@click.option("--flat", type=PATH, metavar="FILE",
+              help="Image of a blank skin, to correct the shading.")  # fmt: skip
+@DESIGN
+@out_file("Camera file to write, .toml.", required=True)
+@JSON
 def calibrate(
     images: tuple[Path, ...],
     board: str,
@@ -41,14 +38,16 @@ def calibrate(
 ) -> None:
     """Calibrate the camera through its lens, plate and gel, from IMAGES of a board on the face.
 
-    IMAGES (files, or folders of them) are contact images: the board touches the clear gel's outer
-    face without air between. Best is one image of the shipped chessboard skin (`pattern sheet
-    chessboard`): --board skin. Its middle is the sensor's origin; it is taken to lie within .8 mm
-    of the image's middle, turned by less than 45 degrees. Else wet a board onto the face at five
-    places or more that cover the view: --board 9x7x3 is 9 x 7 squares of 3 mm.
+    IMAGES (files, or folders of them) are contact images: the board touches the outer face of the
+    clear gel with no air between. Best is one image of the shipped chessboard skin (`pattern sheet
+    chessboard`) with --board skin; its middle, the origin of the sensor, must be within 0.8 mm of
+    the middle of the image, and the skin turned by less than 45 degrees. Otherwise wet a board onto
+    the face at five or more places that together cover the view; --board 9x7x3 is a board of 9 x 7
+    squares of 3 mm.
 
-    Boards in the air beyond the face (--air), tilted and at several heights, sharpen what lies
-    below the face; alone they leave the face undetermined.
+    Boards held in the air beyond the face (--air), tilted and at several heights, improve the
+    calibration below the face; on their own they leave the face undetermined. The thicknesses of
+    --design are what is assumed beforehand.
     """
     from ..cad.design import load_design
     from ..measure.lens import calibrate, flat_field
@@ -121,7 +120,8 @@ def _tell(found: Calibration) -> None:
         ],
     )  # fmt: skip
     click.echo(
-        f"\nknown to, px of the raw image (one sigma, 95 % of the view): face {found.face_px:.3f}, "
+        "\nuncertainty in px of the raw image (one sigma, over 95 % of the view): "
+        f"face {found.face_px:.3f}, "
         f"3 mm below {found.depth_px[3.0]:.2f}, 6 mm below {found.depth_px[6.0]:.2f}"
     )
     click.echo(f"contact corners cover {found.cover:.0%} of the view")

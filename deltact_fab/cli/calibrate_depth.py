@@ -6,26 +6,29 @@ from pathlib import Path
 
 import click
 
+from .options import JSON, PATH, out_file
 
-@click.command("calibrate-depth")
-@click.argument("run", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), default="depth.toml",
-              show_default=True, help="The calibration to write.")  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-def calibrate_depth(run: Path, output: Path, as_json: bool) -> None:
-    """Calibrate the depth on RUN, in which a sphere of known diameter presses the face.
 
-    Takes its images, where the stage had the sphere, and its diameter; the protocol `ball-press`
-    makes such a run.
+@click.command(
+    "calibrate-depth", epilog="Example: deltact-fab calibrate-depth ball-run -o depth.toml"
+)
+@click.argument("run", type=PATH)
+@out_file("Calibration to write.", default=Path("depth.toml"), show_default=True)
+@JSON
+def calibrate_depth(run: Path, out: Path, as_json: bool) -> None:
+    """Calibrate depth on RUN, in which a ball of known diameter presses the face.
+
+    It uses the images, the positions of the stage and the diameter of the ball. The protocol
+    `ball-press` makes such a run.
     """
     from ..analysis.shape import calibrate_depth as calibrated
     from ..record import write_whole
     from .output import echo_json
 
     made = calibrated(run)
-    write_whole(output, made.toml().encode())
+    write_whole(out, made.toml().encode())
     if as_json:
-        echo_json({**made.as_dict(), "written": str(output)})
+        echo_json({**made.as_dict(), "file": str(out)})
         return
     click.echo(made.line)
-    click.echo(f"written: {output}")
+    click.echo(f"written: {out}")

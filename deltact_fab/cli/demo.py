@@ -6,16 +6,20 @@ from pathlib import Path
 
 import click
 
-from .options import SEED
+from .options import JSON, out_folder, seed
 
 
 @click.command()
-@click.option("--out", type=click.Path(path_type=Path), default=Path("demo-out"), show_default=True,
-              help="Folder; one of an earlier demo is replaced.")  # fmt: skip
-@click.option("--seed", type=SEED, default=3, show_default=True, help="Of all that is drawn.")
-def demo(out: Path, seed: int) -> None:
-    """Everything once: parts, pattern, a calibrated experiment on the virtual rig, its report."""
+@out_folder("Folder to write; that of an earlier demo is replaced.", default=Path("demo-out"),
+            show_default=True)  # fmt: skip
+@seed("Seed of everything random.", 3)
+@JSON
+def demo(out: Path, seed: int, as_json: bool) -> None:
+    """Run the whole chain once: parts, pattern, calibration, a virtual experiment, its report."""
     from .. import demo as chain
-    from .output import progress
+    from .output import echo_json, progress
 
-    chain.run(out, seed, progress, click.echo)
+    lines: list[str] = []
+    page = chain.run(out, seed, progress, lines.append if as_json else click.echo)
+    if as_json:
+        echo_json({"file": str(page), "seed": seed, "lines": lines})

@@ -8,13 +8,13 @@ from .options import JSON
 
 
 @click.command()
-@click.option("--deep", is_flag=True, help="Import each package too (some 20 s).")
+@click.option("--deep", is_flag=True, help="Also import each package (about 20 s).")
 @JSON
 def doctor(deep: bool, as_json: bool) -> None:
-    """What is installed, what each missing thing would bring, and how to get it.
+    """Say what is installed, what each missing thing would bring, and how to get it.
 
     Looks at Python, the packages of the core and of each extra, system libraries, serial ports,
-    cameras, disk and cache; nothing is opened or changed. Exit 1 when the core is broken.
+    cameras, disk and cache. Nothing is opened or changed. Exit code 1 when the core is broken.
     """
     from ..doctor import is_broken, look
     from .output import echo_json

@@ -10,40 +10,44 @@ import click
 from . import gel_options
 from .gel_fit import fit
 from .gel_path import path
+from .group import Group
+from .options import JSON
 
 MODELS = ("auto", "layer", "block", "hyperelastic")
 
 
-@click.group()
+@click.group(cls=Group)
 def gel() -> None:
-    """Gel mechanics: press an indenter, fit the modulus, solve a protocol ahead."""
+    """Gel mechanics: press an indenter, fit the modulus, solve a protocol ahead of its run."""
 
 
-@gel.command()
-@click.option("--indenter", default="sphere:10", show_default=True, help="As in a protocol.")
-@click.option("--depth", "depth_mm", required=True, type=float, help="mm into the gel.")
-@click.option("--shear-x", "shear_x_mm", default=0.0, show_default=True, help="mm, after pressing.")
-@click.option("--shear-y", "shear_y_mm", default=0.0, show_default=True, help="mm, after pressing.")
-@gel_options.at
+@gel.command(epilog="Example: deltact-fab gel press --indenter sphere:15 --depth 5 --shear-x 3")
+@click.option("--indenter", default="sphere:10", show_default=True, metavar="NAME",
+              help="What presses: sphere:DIAMETER_MM, or 4dots, 2dots, edges, ellipsoid, hexprism, "
+              "star, cylinder, ring, hat, with or without :SIZE_MM.")  # fmt: skip
+@click.option("--depth", "depth_mm", required=True, type=float, metavar="MM",
+              help="Depth into the gel.")  # fmt: skip
+@click.option("--shear-x", "shear_x_mm", default=0.0, show_default=True, metavar="MM",
+              help="Motion along x after pressing.")  # fmt: skip
+@click.option("--shear-y", "shear_y_mm", default=0.0, show_default=True, metavar="MM",
+              help="Motion along y after pressing.")  # fmt: skip
+@gel_options.AT
 @click.option("--model", type=click.Choice(MODELS), default="auto", show_default=True,
-              help="Level of the gel; auto picks it for the tolerance.")  # fmt: skip
-@click.option("--thickness", "thickness_mm", default=12.0, show_default=True, help="Gel, mm.")
-@click.option("--width", "width_mm", default=36.0, show_default=True, help="Gel along x, mm.")
-@click.option("--length", "length_mm", default=34.0, show_default=True, help="Gel along y, mm.")
-@click.option("--modulus", "modulus_mpa", default=0.56, show_default=True, help="Young's, MPa.")
-@click.option("--poisson", default=0.49, show_default=True, help="Of the gel.")
-@click.option("--friction", default=0.5, show_default=True, help="Coefficient.")
-@click.option("--tolerance", default=0.03, show_default=True, help="Of the force, relative.")
-@click.option("--spacing", "spacing_mm", type=float, help="Grid or cells, mm. [default: chosen]")
-@click.option(
-    "--limit-s",
-    "limit_s",
-    default=120.0,
-    show_default=True,
-    help="Wall seconds; then the best mesh so far answers.",
-)
-@gel_options.plot
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+              help="Level of the gel; auto takes the cheapest within the tolerance."
+              )  # fmt: skip
+@gel_options.of_block
+@click.option("--modulus", "modulus_mpa", default=0.56, show_default=True, metavar="MPA",
+              help="Young's modulus of the gel.")  # fmt: skip
+@click.option("--friction", default=0.5, show_default=True, metavar="MU",
+              help="Coefficient of friction.")  # fmt: skip
+@click.option("--tolerance", default=0.03, show_default=True, metavar="SHARE",
+              help="Relative error of the force that is allowed.")  # fmt: skip
+@click.option("--spacing", "spacing_mm", type=float, metavar="MM", show_default="chosen",
+              help="Size of the grid or the cells.")  # fmt: skip
+@click.option("--limit-s", "limit_s", default=120.0, show_default=True, metavar="S",
+              help="Time limit; the finest mesh solved by then gives the answer.")  # fmt: skip
+@gel_options.PLOT
+@JSON
 def press(
     indenter: str,
     depth_mm: float,
@@ -65,8 +69,8 @@ def press(
 ) -> None:
     """Force, contact area and in-plane displacement of one press (simulated).
 
-    Picks level, mesh and steps for the tolerance and says what it picked; the error is estimated.
-    Exit 1 when refused or not converged.
+    Chooses level, mesh and steps to meet the tolerance, says what it chose, and estimates the
+    error. Exit code 1 when the press is refused or does not converge.
     """
     from ..catalog import validate
     from ..elasticity.material import GelMaterial
@@ -121,11 +125,11 @@ def _show(result: dict[str, Any]) -> None:
     )
     stretch = result["max_stretch"]
     click.echo(
-        f"contact {result['contact_area_mm2']:.2f} mm2, in plane at most "
+        f"contact {result['contact_area_mm2']:.2f} mm², in plane at most "
         f"{result['peak_in_plane_mm']:.3f} mm, error about {estimate['displacement_mm']:.2g} mm rms"
         + (f", stretch up to {stretch:.2f}" if stretch else "")
     )
-    click.echo(f"picked {picked['why']}; {picked['dofs']} unknowns, {result['seconds']:.1f} s")
+    click.echo(f"chosen: {picked['why']}; {picked['dofs']} unknowns, {result['seconds']:.1f} s")
 
 
 gel.add_command(fit)

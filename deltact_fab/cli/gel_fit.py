@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from . import gel_options
+from .options import JSON, PATH
 
 
 def _friction(ctx: click.Context, param: click.Parameter, value: str | None) -> float | str | None:
@@ -16,7 +17,7 @@ def _friction(ctx: click.Context, param: click.Parameter, value: str | None) -> 
     try:
         return float(value)
     except ValueError as why:
-        raise click.BadParameter(f"{value!r}: a coefficient or 'fit' is needed") from why
+        raise click.BadParameter(f"{value!r}: a number or fit is needed") from why
 
 
 def _offset(ctx: click.Context, param: click.Parameter, value: str) -> float | None:
@@ -25,33 +26,24 @@ def _offset(ctx: click.Context, param: click.Parameter, value: str) -> float | N
     try:
         return float(value)
     except ValueError as why:
-        raise click.BadParameter(f"{value!r}: mm or 'fit' is needed") from why
+        raise click.BadParameter(f"{value!r}: a number of mm or fit is needed") from why
 
 
-@click.command()
-@click.argument("csv", type=click.Path(path_type=Path))
-@click.option("--indenter", required=True, help="What was pressed, as in sphere:15.")
-@gel_options.at
-@click.option("--thickness", "thickness_mm", default=12.0, show_default=True, help="Gel, mm.")
-@click.option("--width", "width_mm", default=36.0, show_default=True, help="Gel along x, mm.")
-@click.option("--length", "length_mm", default=34.0, show_default=True, help="Gel along y, mm.")
-@click.option("--poisson", default=0.49, show_default=True, help="Of the gel.")
-@click.option(
-    "--friction",
-    callback=_friction,
-    help="A coefficient, or 'fit'. [default: fit where the file has a drag, else 0.5]",
-)
-@click.option(
-    "--offset",
-    "offset_mm",
-    default="0",
-    show_default=True,
-    callback=_offset,
-    help="depth_mm at first touch, or 'fit'.",
-)
-@click.option("--spacing", "spacing_mm", type=float, help="Mesh below the indenter, mm.")
-@gel_options.plot
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@click.command(epilog="Example: deltact-fab gel fit measured.csv --indenter sphere:15 --offset fit")
+@click.argument("csv", type=PATH)
+@click.option("--indenter", required=True, metavar="NAME",
+              help="What pressed, as in `gel press`: sphere:15.")  # fmt: skip
+@gel_options.AT
+@gel_options.of_block
+@click.option("--friction", callback=_friction, metavar="MU|fit",
+              show_default="fit where the file has a drag, else 0.5",
+              help="Coefficient of friction, or fit.")  # fmt: skip
+@click.option("--offset", "offset_mm", default="0", show_default=True, callback=_offset,
+              metavar="MM|fit", help="depth_mm at first touch, or fit.")  # fmt: skip
+@click.option("--spacing", "spacing_mm", type=float, metavar="MM", show_default="chosen",
+              help="Size of the mesh below the indenter.")  # fmt: skip
+@gel_options.PLOT
+@JSON
 def fit(
     csv: Path,
     indenter: str,
@@ -66,10 +58,11 @@ def fit(
     plot_path: Path | None,
     as_json: bool,
 ) -> None:
-    """Modulus, and friction, of a gel from a measured press, with 95 % intervals.
+    """Fit the modulus, and the friction, of a gel to a measured press, with 95 % intervals.
 
-    CSV: a header with depth_mm and normal_n (positive = pressed), and for a drag shear_x_mm,
-    shear_y_mm, fx_n, fy_n (the force on the sensor); rows in the order measured.
+    CSV is a table with the columns depth_mm and normal_n (positive when pressed), and for a drag
+    also shear_x_mm, shear_y_mm, fx_n and fy_n (the force on the sensor), its rows in the order in
+    which they were measured.
     """
     from ..catalog import validate
     from ..elasticity.material import GelMaterial

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
+
+from .options import PATH, Point
 
 if TYPE_CHECKING:
     from ..shapes import SkinDimensions
 
-
-def _point(ctx: click.Context, param: click.Parameter, value: str) -> tuple[float, float]:
-    try:
-        x, y = (float(part) for part in value.split(","))
-    except ValueError as why:
-        raise click.BadParameter(f"{value!r}: two numbers in mm are needed, as in 0,0") from why
-    return x, y
+F = TypeVar("F", bound=Callable[..., Any])
 
 
 def _place(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:
@@ -28,16 +25,30 @@ def _place(ctx: click.Context, param: click.Parameter, value: Path | None) -> Pa
     return value
 
 
-at = click.option(
-    "--at", "at_mm", default="0,0", show_default=True, callback=_point, help="x,y in mm."
-)
-plot = click.option(
-    "--plot",
-    "plot_path",
-    type=click.Path(path_type=Path),
-    callback=_place,
-    help="Figure: png, svg, pdf.",
-)
+AT = click.option(
+    "--at", "at_mm", type=Point(), default="0,0", show_default=True, metavar="X,Y",
+    help="Where it presses, mm from the centre of the face.",
+)  # fmt: skip
+PLOT = click.option(
+    "--plot", "plot_path", type=PATH, callback=_place, metavar="FILE",
+    help="Figure to write: .png, .svg or .pdf.",
+)  # fmt: skip
+
+
+def of_block(command: F) -> F:
+    """Options that say what block of gel is pressed."""
+    for option in (
+        click.option("--poisson", default=0.49, show_default=True, metavar="NU",
+                     help="Poisson's ratio of the gel."),
+        click.option("--length", "length_mm", default=34.0, show_default=True, metavar="MM",
+                     help="Length of the gel, along y."),
+        click.option("--width", "width_mm", default=36.0, show_default=True, metavar="MM",
+                     help="Width of the gel, along x."),
+        click.option("--thickness", "thickness_mm", default=12.0, show_default=True, metavar="MM",
+                     help="Thickness of the gel."),
+    ):  # fmt: skip
+        command = option(command)
+    return command
 
 
 def block(width_mm: float, length_mm: float, thickness_mm: float) -> SkinDimensions:

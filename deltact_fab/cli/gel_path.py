@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
-import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import click
+
+from .options import JSON, PROTOCOL_NAME, RIG
 
 if TYPE_CHECKING:
     from ..rig.simulator import GelConfig
     from ..virtual.presolve import Row, Told
 
 
-@click.command()
-@click.argument("protocol")
-@click.option("--rig", "rig_name", default="virtual", show_default=True, help="Its gel counts.")
-@click.option(
-    "--jobs", default=2, show_default=True, type=click.IntRange(1, 256), help="Presses at a time."
-)
-@click.option("--spacing", "spacing_mm", type=float, help="Cells below the indenter, mm.")
-@click.option("--tolerance", type=float, help="Of force; picks the cells where --spacing does not.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@click.command(epilog="Example: deltact-fab gel path pattern-selection --jobs 2")
+@click.argument("protocol", type=PROTOCOL_NAME)
+@RIG
+@click.option("--jobs", default=2, show_default=True, type=click.IntRange(1, 256), metavar="N",
+              help="Presses solved at a time.")  # fmt: skip
+@click.option("--spacing", "spacing_mm", type=float, metavar="MM", show_default="the rig's",
+              help="Size of the cells below the indenter.")  # fmt: skip
+@click.option("--tolerance", type=float, metavar="SHARE", show_default="the rig's",
+              help="Relative error of the force, which chooses the cells where --spacing does not."
+              )  # fmt: skip
+@JSON
 def path(
     protocol: str,
     rig_name: str,
@@ -32,11 +34,11 @@ def path(
     tolerance: float | None,
     as_json: bool,
 ) -> None:
-    """Solve every press of PROTOCOL on the simulated gel and keep it for `run`.
+    """Solve every press of PROTOCOL on the simulated gel and keep the results for `run`.
 
-    Stopped or killed, it goes on where it was: presses that are whole are kept. A press that fails
-    stops no other; exit 1 when one did. `run` finds what was solved with the [virtual.gel] of the
-    rig file.
+    When it is stopped, the same command continues: presses that are complete are kept. A press that
+    fails does not stop the others; exit code 1 when one failed. `run` finds what was solved with
+    the [virtual.gel] settings of its rig file.
     """
     from ..cad.design import load_design
     from ..errors import InputError
@@ -44,19 +46,21 @@ def path(
     from ..rig import config as rig_config
     from ..virtual.feasibility import require_gel_level
     from ..virtual.presolve import solve_ahead
-    from .output import echo_json
+    from .output import echo_json, progress
 
     declared, source = plan.load(protocol)
     rig, rig_source = rig_config.load(rig_name)
     if rig.kind != "virtual":
-        raise InputError(f"{rig_source}: kind: {rig.kind!r} has no gel; name a virtual rig")
+        raise InputError(
+            f"{rig_source}: kind: {rig.kind!r} has no simulated gel; name a virtual rig"
+        )
     sensor = load_design(declared.specimen.design)
     require_gel_level(declared, sensor, str(source))
     level = declared.specimen.gel_model
     gel, differs = _chosen(rig.virtual.gel, level, spacing_mm, tolerance)
     started = time.monotonic()
-    with _bar(as_json) as told:
-        rows = solve_ahead(declared, sensor.skin, gel, jobs, told)
+    with progress("gel path") as tick:
+        rows = solve_ahead(declared, sensor.skin, gel, jobs, _told(tick))
     failed = [row for row in rows if row.failure]
     if as_json:
         echo_json(
@@ -71,7 +75,7 @@ def path(
     else:
         _show(rows, level, time.monotonic() - started)
     if differs:
-        click.echo(f"`run` finds these only when {rig_source} says so: {differs}", err=True)
+        click.echo(f"`run` finds these only when {rig_source} says {differs}", err=True)
     raise click.exceptions.Exit(1 if failed else 0)
 
 
@@ -97,6 +101,21 @@ def _chosen(
     return validate(GelConfig, data, "options"), differs
 
 
+def _told(tick: Callable[[int, int, str], None]) -> Told:
+    """Knots of all presses together, with the one that was solved last and its pace."""
+    rows: dict[str, Row] = {}
+
+    def told(row: Row) -> None:
+        rows[row.press] = row
+        done = sum(r.done for r in rows.values())
+        # A press that failed has no more to do.
+        total = sum(r.done if r.failure else r.knots for r in rows.values())
+        pace = "failed" if row.failure else f"{row.seconds / max(row.done, 1):.2g} s a knot"
+        tick(done, total, f"{row.press}, {'found' if row.found else pace}")
+
+    return told
+
+
 def _show(rows: list[Row], level: str, seconds: float) -> None:
     from .output import echo_table
 
@@ -111,7 +130,7 @@ def _show(rows: list[Row], level: str, seconds: float) -> None:
     solved = sum(r.done for r in rows if not r.found)
     click.echo(
         f"{len(rows)} presses (simulated, {level}), {solved} knots solved in {seconds:.1f} s; "
-        "between_*: largest error of interpolation between knots where it was tried"
+        "between_*: largest error of interpolating between knots, where it was tested"
     )
     for row in rows:
         for flag, count in ({} if row.like else row.flags).items():
@@ -124,65 +143,3 @@ def _from(row: Row) -> str:
     if row.like:
         return f"mirror of {row.like}"
     return "store" if row.found else "solved"
-
-
-@contextmanager
-def _bar(quiet: bool) -> Iterator[Told]:
-    """One line a press under way on a terminal and one for all; in a log one a press at its end."""
-    if quiet:
-        yield lambda row: None
-        return
-    if not sys.stderr.isatty():
-        ended: set[str] = set()
-
-        def log(row: Row) -> None:
-            if row.found or row.press in ended or not (row.failure or row.done == row.knots):
-                return
-            ended.add(row.press)
-            how = f"failed: {row.failure}" if row.failure else "solved"
-            click.echo(
-                f"{row.press}: {row.done} of {row.knots} knots in {row.seconds:.0f} s, {how}",
-                err=True,
-            )
-
-        yield log
-        return
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TaskID,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
-    with Progress(
-        TextColumn("{task.description:<20}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]:>11}"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(elapsed_when_finished=True),
-        console=Console(stderr=True),
-    ) as bar:
-        whole = bar.add_task("all knots", total=0, rate="")
-        tasks: dict[str, TaskID] = {}
-        rows: dict[str, Row] = {}
-
-        def told(row: Row) -> None:
-            rows[row.press] = row
-            if row.press not in tasks and 0 < row.done < row.knots and not row.failure:
-                tasks[row.press] = bar.add_task(row.press, total=row.knots, rate="")
-            if row.press in tasks:
-                rate = f"{row.seconds / max(row.done, 1):.2f} s/knot"
-                bar.update(tasks[row.press], completed=row.done, rate=rate)
-                if row.failure or row.done == row.knots:
-                    bar.remove_task(tasks.pop(row.press))
-            if row.failure:
-                bar.console.print(f"failed: {row.press}: {row.failure}", markup=False)
-            total = sum(r.done if r.failure else r.knots for r in rows.values())
-            bar.update(whole, total=total, completed=sum(r.done for r in rows.values()))
-
-        yield told

@@ -6,18 +6,18 @@ from pathlib import Path
 
 import click
 
-from .options import JSON
+from .options import JSON, PATH
 
 
-@click.command()
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.command(epilog="Example: deltact-fab init my-lab")
+@click.argument("folder", type=PATH)
 @JSON
 def init(folder: Path, as_json: bool) -> None:
-    """Write a working folder to begin with.
+    """Make a working folder with files of your own.
 
-    FOLDER gets the shipped designs, patterns, protocols and rigs as files of your own, schemas for
-    an editor, and a README with a first tour. Commands that run inside it prefer its files. It
-    must be new or empty.
+    FOLDER, which must be new or empty, gets the shipped designs, patterns, protocols and rigs,
+    schemas for an editor, and a README with a first tour. Commands that run inside it prefer its
+    files.
     """
     from ..lab import init as write
     from .output import echo_json

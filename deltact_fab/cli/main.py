@@ -10,36 +10,53 @@ import click
 
 from .. import __version__
 from ..errors import INTERRUPTED, DeltactFabError, one_line
+from .group import Group
 
-# name: (module, attribute, line of help); a noun's module is imported only when it is used, so
-# that `--help` stays fast whatever the nouns need.
-COMMANDS = {
-    "init": ("init", "init", "A working folder with files of your own to begin with."),
-    "cad": ("cad", "cad", "Parametric parts: new, check, export, bill of materials, guide."),
-    "pattern": ("pattern", "pattern", "Pattern stickers: new, make, inspect, print."),
-    "protocol": ("protocol", "protocol", "Indentation experiments: new, check, show, list."),
-    "rig": ("rig", "rig", "Benches: new, check, list, show, register, drive by hand."),
-    "calibrate": ("calibrate", "calibrate", "The lens, from images of boards."),
-    "calibrate-depth": (
-        "calibrate_depth",
-        "calibrate_depth",
-        "The depth, from one press of a ball.",
-    ),
-    "gel": ("gel", "gel", "Gel mechanics: press, fit, path."),
-    "analyze": ("analyze", "analyze", "Analyses of recorded runs."),
-    "measure": ("measure", "measure", "Shape, force and contact, live."),
-    "report": ("report", "report", "One offline page of a run."),
-    "record": ("record", "record", "Recorded runs: check, show, note, export."),
-    "run": ("run", "run", "Carry out a protocol on a rig."),
-    "study": ("study", "study", "The paper's experiments: list, run, index."),
-    "numerics": ("numerics", "numerics", "Error against run time, and stability, of the engines."),
-    "schema": ("schema", "schema", "Every key of a kind of file: type, unit, limits, meaning."),
-    "doctor": ("doctor", "doctor", "What is installed, what is not, and how to get it."),
-    "demo": ("demo", "demo", "The whole chain on the virtual rig, to a report."),
+PROGRAM = "deltact-fab"
+
+# title: {name: (module, attribute, line of help)}; a noun's module is imported only when it is
+# used, so that `--help` stays fast whatever the nouns need.
+SECTIONS = {
+    "Begin": {
+        "init": ("init", "init", "Make a working folder with files of your own."),
+        "demo": ("demo", "demo", "The whole chain on the virtual rig, up to its report."),
+        "doctor": ("doctor", "doctor", "What is installed, what is missing, how to get it."),
+        "schema": ("schema", "schema", "Every key of every kind of file, explained."),
+        "completion": ("completion", "completion", "Completion of commands and names in a shell."),
+    },
+    "Make a sensor": {
+        "cad": ("cad", "cad", "Parts: design, check, export, order, assemble."),
+        "pattern": ("pattern", "pattern", "Pattern stickers: design, inspect, print."),
+    },
+    "Run experiments": {
+        "protocol": ("protocol", "protocol", "Indentation experiments: write, check, look at."),
+        "rig": ("rig", "rig", "Benches: describe, check, drive by hand."),
+        "run": ("run", "run", "Carry out a protocol on a rig and record it."),
+        "record": ("record", "record", "Recorded runs: verify, look at, annotate, export."),
+    },
+    "Calibrate and measure": {
+        "calibrate": ("calibrate", "calibrate", "Calibrate the lens on images of boards."),
+        "calibrate-depth": (
+            "calibrate_depth",
+            "calibrate_depth",
+            "Calibrate depth on one press of a ball.",
+        ),
+        "measure": ("measure", "measure", "Shape, force and contact, live."),
+    },
+    "Analyse": {
+        "analyze": ("analyze", "analyze", "Tracking error, force and shape of recorded runs."),
+        "report": ("report", "report", "Write one offline page about a run."),
+        "study": ("study", "study", "The paper's experiments, and better ones."),
+    },
+    "Simulate": {
+        "gel": ("gel", "gel", "Gel mechanics: press, fit, solve ahead of a run."),
+        "numerics": ("numerics", "numerics", "Accuracy, speed and hard cases of the solvers."),
+    },
 }
+COMMANDS = {name: entry for section in SECTIONS.values() for name, entry in section.items()}
 
 
-class LazyGroup(click.Group):
+class LazyGroup(Group):
     """A group that knows its commands' names and one-line helps without importing them."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -54,13 +71,22 @@ class LazyGroup(click.Group):
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, entry[2]) for name, entry in COMMANDS.items()])
+        widest = max(map(len, COMMANDS))
+        for title, commands in SECTIONS.items():
+            with formatter.section(title):
+                formatter.write_dl(
+                    [(name.ljust(widest), entry[2]) for name, entry in commands.items()]
+                )
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    cls=LazyGroup,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="`deltact-fab COMMAND --help` explains a command. Exit codes: 0 done, 1 ran and failed, "
+    "2 bad input, 130 interrupted.",
+)
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
-@click.version_option(__version__, prog_name="deltact-fab")
+@click.version_option(__version__, prog_name=PROGRAM)
 def main(debug: bool) -> None:
     """Make DelTact tactile sensors, and design and run the experiments that qualify them."""
 
@@ -68,26 +94,33 @@ def main(debug: bool) -> None:
 def entry() -> None:
     """Console entry: one line on stderr for an error; exit 1 failed, 2 bad input, 130 stopped."""
     try:
-        status = main(standalone_mode=False)
+        status = main(prog_name=PROGRAM, standalone_mode=False)
     except click.exceptions.Exit as done:
         status = done.exit_code
     except click.ClickException as why:
-        click.echo(one_line(f"deltact-fab: {why.format_message()}"), err=True)
+        click.echo(one_line(f"{PROGRAM}: {why.format_message()}"), err=True)
         status = 2
     except (click.Abort, KeyboardInterrupt):
-        click.echo("deltact-fab: stopped", err=True)
+        click.echo(f"{PROGRAM}: stopped", err=True)
         status = INTERRUPTED
     except DeltactFabError as why:
         if "--debug" in sys.argv:
             raise
-        click.echo(one_line(f"deltact-fab: {why}"), err=True)
-        status = why.exit_code
+        stopped = why.exit_code != INTERRUPTED and _by_ctrl_c(why)
+        click.echo(one_line(f"{PROGRAM}: {'stopped' if stopped else why}"), err=True)
+        status = INTERRUPTED if stopped else why.exit_code
     except OSError as why:
         if why.errno != errno.ENAMETOOLONG or "--debug" in sys.argv:
             raise
-        click.echo(one_line(f"deltact-fab: {why.filename}: too long for a file's name"), err=True)
+        click.echo(one_line(f"{PROGRAM}: {why.filename}: too long for a file's name"), err=True)
         status = 2
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def _by_ctrl_c(why: BaseException) -> bool:
+    """Whether an error goes back to Ctrl-C: a compiled library turns it into a failed import."""
+    before = why.__cause__ or why.__context__
+    return isinstance(why, KeyboardInterrupt) or (before is not None and _by_ctrl_c(before))
 
 
 if __name__ == "__main__":

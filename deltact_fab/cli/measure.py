@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..errors import INTERRUPTED
-from .options import SEED
+from .options import DESIGN_NAME, PATH, RIG_NAME, Finite, seed
 
 if TYPE_CHECKING:
     from ..live.outputs import Output
@@ -21,23 +21,29 @@ if TYPE_CHECKING:
 VIEW_HZ = 10.0
 
 
-@click.command()
-@click.argument("source", required=False)
-@click.option("--camera", type=click.Path(path_type=Path), help="Camera file, of `calibrate`.")
-@click.option("--calibration", "calibrations", multiple=True, type=click.Path(path_type=Path),
+@click.command(epilog="Example: deltact-fab measure smoke-run --view")
+@click.argument("source", required=False, type=RIG_NAME)
+@click.option("--camera", type=PATH, metavar="FILE", help="Camera file made by `calibrate`.")
+@click.option("--calibration", "calibrations", multiple=True, type=PATH, metavar="FILE",
               help="Calibration of depth or force; repeatable.")  # fmt: skip
-@click.option("--show", metavar="LIST", help="As force,shape; default: all that can be shown.")
-@click.option("--design", help="Design of the sensor, where the source does not say it.")
-@click.option("--serial", help="The sensor's serial, where the source does not say it.")
-@click.option("--seed", type=SEED, default=0, show_default=True, help="Of a virtual rig.")
-@click.option("--hz", type=click.FloatRange(min=0.01), help="Images a second at most, of what is "
-              "not a camera. Default: as fast as it goes; with --view 10.")  # fmt: skip
-@click.option("--jsonl", is_flag=True, help="One JSON object an image on stdout.")
-@click.option("--view", is_flag=True, help="Show all of it on a page on this computer.")
-@click.option("--port", type=click.IntRange(0, 65535), default=0,
-              help="Of that page. Default: a free one.")  # fmt: skip
-@click.option("--benchmark", is_flag=True, help="Rate, latency and error on this machine.")
-@click.option("--json", "as_json", is_flag=True, help="Print the benchmark as JSON.")
+@click.option("--show", metavar="LIST", show_default="all that the calibrations allow",
+              help="flow, observation, shape, contacts, force, traction; separated by commas."
+              )  # fmt: skip
+@click.option("--design", type=DESIGN_NAME, metavar="DESIGN",
+              help="Design of the sensor, where the source does not say.")  # fmt: skip
+@click.option("--serial", metavar="TEXT",
+              help="Serial number of the sensor, where the source does not say.")  # fmt: skip
+@seed("Seed of a virtual rig.")
+@click.option("--hz", type=Finite(min=0.01), metavar="HZ",
+              show_default="as fast as possible; with --view 10",
+              help="Images per second at most, unless a camera gives them.")  # fmt: skip
+@click.option("--jsonl", is_flag=True, help="Print one JSON object per image, as it comes.")
+@click.option("--view", is_flag=True, help="Show everything live on a page on this computer.")
+@click.option("--port", type=click.IntRange(0, 65535), default=0, metavar="N",
+              show_default="a free one", help="Port of that page.")  # fmt: skip
+@click.option("--benchmark", is_flag=True,
+              help="Measure rate, latency and error on this machine; needs no SOURCE.")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print JSON, once all is measured.")
 def measure(
     source: str | None,
     camera: Path | None,
@@ -53,12 +59,13 @@ def measure(
     benchmark: bool,
     as_json: bool,
 ) -> None:
-    """Measure the images of SOURCE as they come; the first one is the face at rest.
+    """Measure the images of SOURCE as they come; the first must show the face at rest.
 
-    SOURCE: a camera's number, as 0, its device file or its address; a video; a folder of images; a
-    run; a rig: of a real one, as bench.toml, the camera is opened and nothing else; a virtual one,
-    as virtual or virtual:PROTOCOL, simulates its images. Of a camera the newest image is measured
-    and what comes meanwhile is dropped and counted; of all else every image is. Ctrl-C ends it.
+    SOURCE is the number of a camera, such as 0, its device file or its address; a video; a folder
+    of images; a run; or a rig. Of a real rig, such as bench.toml, only the camera is opened; a
+    virtual one, virtual or virtual:PROTOCOL, simulates its images. From a camera the newest image
+    is measured, and those that come meanwhile are dropped and counted; otherwise every image is
+    measured. Ctrl-C ends it.
     """
     # Every BLAS reads it, when numpy is imported. The stages have the cores already.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -67,13 +74,16 @@ def measure(
         return
     if source is None:
         raise click.UsageError("SOURCE: missing: a camera's number, a video, folder, run or rig")
+    if jsonl and as_json:
+        raise click.UsageError("--jsonl, --json: one of them, as both write to stdout")
     import cv2
 
     from ..live import open_source
     from ..live.calibrated import measurement_of
-    from ..live.outputs import Check, JsonLines, Lines, View, about
+    from ..live.outputs import Check, JsonLines, Lines, Summary, View, about
     from ..live.page import Page
     from ..live.session import Session
+    from .output import echo_json
 
     cv2.setNumThreads(1)  # the flow depends on their number, and more bring nothing
     opened = open_source(source, camera, design, serial, seed)
@@ -91,9 +101,14 @@ def measure(
             most_hz=hz or (VIEW_HZ if view else None),
             going=None if page is None else page.going,
         )  # fmt: skip
-        outputs: list[Output] = [JsonLines(sys.stdout, opened.known.simulated)] if jsonl else []
+        simulated = opened.known.simulated
+        outputs: list[Output] = []
+        if jsonl:
+            outputs.append(JsonLines(sys.stdout, simulated))
+        if as_json:
+            outputs.append(Summary(echo_json, simulated))
         if not jsonl or sys.stderr.isatty():
-            outputs.append(Lines(sys.stderr if jsonl else sys.stdout, opened.known.simulated))
+            outputs.append(Lines(sys.stderr if jsonl or as_json else sys.stdout, simulated))
         if page is not None:
             stack.callback(page.close)
             outputs.append(View(session, page))
@@ -126,7 +141,7 @@ def _run(session: Session, outputs: list[Output], stay: bool) -> int:
             for output in outputs:
                 output.end("stopped")
     except BrokenPipeError:
-        # Who read it has enough; what is still in the buffer goes nowhere.
+        # The reader has enough; what is still in the buffer goes nowhere.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = 0
     return status
@@ -148,6 +163,6 @@ def _benchmark(as_json: bool) -> None:
         for case, row in cases.items()
     ]  # fmt: skip
     echo_table(("pattern", "case", "hz", "latency p50, ms", "p95", "CPU, ms", "mean error, mm",
-                "coverage"), rows)  # fmt: skip
+                "coverage"), rows, names=2)  # fmt: skip
     load = found["load_average"]
     click.echo(f"\n{found['about']}; load average {load['before']} before, {load['after']} after")

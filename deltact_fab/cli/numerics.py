@@ -6,19 +6,21 @@ from pathlib import Path
 
 import click
 
+from .options import ENGINE_NAME, JSON, out_folder
 
-@click.command()
-@click.argument("engines", nargs=-1, metavar="[ENGINE]...")
-@click.option("--quick", is_flag=True, help="A few settings and cases of each engine.")
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False),
-              help="Folder for numerics.html, JSON and CSV.")  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+
+@click.command(epilog="Example: deltact-fab numerics layer --quick")
+@click.argument("engines", nargs=-1, metavar="[ENGINE]...", type=ENGINE_NAME)
+@click.option("--quick", is_flag=True, help="Only a few settings and cases of each engine.")
+@out_folder("Folder for a page, JSON and CSV.")
+@JSON
 def numerics(engines: tuple[str, ...], quick: bool, out: Path | None, as_json: bool) -> None:
-    """Error against CPU time and stability of the numerical engines; exit 1 if any row is wrong.
+    """Error against CPU time, and stability, of the numerical engines.
 
-    ENGINE: pattern, sheet, flow, measure, layer, gel, cad, or bench, which is what each fault does
-    to a run, at each moment of it, on a simulated bench; all by default. A time is the best of
-    several runs, with the slowest beside it. Nothing is measured on hardware.
+    ENGINE is pattern, flow, layer, gel, cad, sheet, measure, or bench: what each fault does to a
+    run on a simulated bench, at each moment of it. The default is all of them. Each time is the
+    best of several runs, with the slowest beside it. Nothing is measured on hardware. Exit code 1
+    when a row is wrong.
     """
     from ..errors import MissingLibrary
     from ..numerics import harness
@@ -42,17 +44,19 @@ def numerics(engines: tuple[str, ...], quick: bool, out: Path | None, as_json: b
               r.wall_s, r.compile_s, r.peak_mb, r.error, r.unit, r.reference_error,
               "*" if r.pareto else "")
              for r in found.curves],
+            names=4,
         )  # fmt: skip
         click.echo()
         echo_table(
             ("engine", "outcome", "case", "expectation", "figure", "bound", "unit"),
             [(r.engine, r.outcome, r.case, r.expectation, r.figure, r.bound, r.unit)
              for r in found.stability],
+            names=3,
         )  # fmt: skip
         for table in found.tables:
             click.echo(f"\n{table['title']}: {table['note']}")
             echo_table(table["columns"], table["rows"])
-        click.echo("\nleaving it out of a scene saves")
+        click.echo("\nwhat leaving a layer out of a scene saves")
         echo_table(
             ("layer", "CPU seconds", "MB", "modules", "note"),
             [(r.layer, r.seconds, r.megabytes, r.modules, r.note) for r in found.scenes],

@@ -1,19 +1,39 @@
-"""Options and numbers that several commands share."""
+"""Options and arguments that several commands share, and how a shell completes them.
+
+One file is written by `-o FILE`, a folder by `--out DIR`, and `--json` prints one JSON document on
+stdout in place of the lines for a reader; whatever else is said goes to stderr.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import click
+from click.shell_completion import CompletionItem
+
+Decorator = Callable[..., Any]
+PATH = click.Path(path_type=Path)
 
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
-NEW_FILE = click.option(
-    "-o", "out", type=click.Path(path_type=Path), help="File to write; never one that is there.",
-    show_default="NAME.toml in its folder, or here",
-)  # fmt: skip
+
+def out_file(help: str, name: str = "out", **given: Any) -> Decorator:
+    """`-o FILE`, the one file that a command writes."""
+    return click.option("-o", name, type=PATH, metavar="FILE", help=help, **given)
+
+
+def out_folder(help: str, name: str = "out", **given: Any) -> Decorator:
+    """`--out DIR`, the folder that a command writes into."""
+    return click.option("--out", name, type=PATH, metavar="DIR", help=help, **given)
+
+
+NEW_FILE = out_file(
+    "File to write; an existing one is never overwritten.",
+    show_default="NAME.toml in its folder, else in this one",
+)
 
 
 class Finite(click.FloatRange):
@@ -29,8 +49,115 @@ class Finite(click.FloatRange):
         """As click has it: ends with one line for what is no such number."""
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
-            self.fail(f"{value} is no finite number.", param, ctx)
+            self.fail(f"{value} is not a finite number.", param, ctx)
         return number
 
 
+class Point(click.ParamType):
+    """Two finite numbers, as in 8,-6."""
+
+    name = "X,Y"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, float]:
+        """As click has it: ends with one line for anything else."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            x, y = (float(part) for part in value.split(","))
+        except ValueError:
+            self.fail(f"{value!r}: two numbers in mm are needed, as in 8,-6", param, ctx)
+        if not math.isfinite(x + y):
+            self.fail(f"{value!r}: two numbers are needed that are finite", param, ctx)
+        return x, y
+
+
+class Named(click.ParamType):
+    """A name that a shell completes; what it stands for, the command finds out.
+
+    known: every name there is, asked when a shell completes. files: whether a path does too.
+    """
+
+    name = "text"
+
+    def __init__(self, known: Callable[[], Iterable[str]], files: bool = True) -> None:
+        self._known = known
+        self._files = files
+
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        """Names that begin so; where there is none, the shell's own completion of paths."""
+        names = [name for name in self._known() if name.startswith(incomplete)]
+        # First, for a shell forgets what came before it.
+        paths = [CompletionItem(incomplete, type="file")] if self._files else []
+        return paths + [CompletionItem(name) for name in names]
+
+
+def _catalogue(kind: str) -> Named:
+    def known() -> list[str]:
+        from .. import catalog
+
+        return catalog.names(kind)
+
+    return Named(known)
+
+
+def _parts() -> list[str]:
+    from ..cad import registry
+
+    return [*registry.GROUPS, *(part.name for part in registry.listed())]
+
+
+def _kinds() -> list[str]:
+    from ..schema import KINDS
+
+    return list(KINDS)
+
+
+def _engines() -> list[str]:
+    from ..numerics.engines import REGISTRY
+
+    return list(REGISTRY)
+
+
+DESIGN_NAME = _catalogue("cad")
+PATTERN_NAME = _catalogue("patterns")
+PROTOCOL_NAME = _catalogue("protocols")
+RIG_NAME = _catalogue("protocols/rigs")
+PART_NAME = Named(_parts, files=False)
+KIND_NAME = Named(_kinds, files=False)
+ENGINE_NAME = Named(_engines, files=False)
+
+DESIGN = click.option(
+    "--design",
+    type=DESIGN_NAME,
+    default="deltact",
+    show_default=True,
+    metavar="DESIGN",
+    help="Design of the sensor: a name of `cad designs` or a path.",
+)
+RIG = click.option(
+    "--rig",
+    "rig_name",
+    type=RIG_NAME,
+    default="virtual",
+    show_default=True,
+    metavar="RIG",
+    help="Rig: a name of `rig list` or a path.",
+)
+
+TIP_IS_CLEAR = click.option(
+    "--tip-is-clear", is_flag=True,
+    help="You confirm that the tip touches nothing, so that the stage may home.",
+)  # fmt: skip
+
 SEED = click.IntRange(min=0)
+
+
+def seed(help: str, default: int = 0) -> Decorator:
+    """`--seed N`, of whatever a command draws at random."""
+    return click.option(
+        "--seed", type=SEED, default=default, show_default=True, metavar="N", help=help
+    )

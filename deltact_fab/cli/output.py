@@ -1,15 +1,34 @@
-"""Printing for people and for programs: aligned tables, JSON, progress on a terminal."""
+"""Printing for people and for programs: tables, JSON, how far a command has come."""
 
 from __future__ import annotations
 
 import json
+import math
+import os
+import shutil
+import signal
 import sys
+import textwrap
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Event, Thread
 from typing import Any
 
 import click
+
+from ..units import DIGITS, digits, duration
+
+Progress = Callable[[int, int, str], None]
+LINE_EVERY_S = 5.0
+"""Where no terminal shows a bar: a line so often, when there is something new to say."""
+STILL_EVERY_S = 30.0
+"""A line so often when there is not."""
+LONG_S, LONG_LINE_EVERY_S = 600.0, 60.0
+"""What takes longer than that says so once a minute."""
+_NARROWEST = 12
+_GAP = "  "
 
 
 def echo_json(data: Any) -> None:
@@ -25,19 +44,120 @@ def echo_written(file: Path, then: str, as_json: bool) -> None:
         click.echo(f"{file}: written; change it, then `deltact-fab {then}`")
 
 
-def echo_table(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
-    """Print rows under their columns; numbers to the right, with four significant digits."""
-    cells = [[_cell(value) for value in row] for row in rows]
-    widths = [max(len(c), *(len(row[i]) for row in cells), 0) for i, c in enumerate(columns)]
-    right = [
-        bool(rows) and all(isinstance(row[i], int | float | None) for row in rows)
-        for i in range(len(columns))
-    ]
-    for line in [list(columns), *cells]:
-        parts = [
-            c.rjust(w) if r else c.ljust(w) for c, w, r in zip(line, widths, right, strict=True)
+def echo_wrote(file: Path, as_json: bool) -> None:
+    """Say which file was written."""
+    if as_json:
+        echo_json({"file": str(file)})
+    else:
+        click.echo(f"written: {file}")
+
+
+def echo_rows(columns: Sequence[str], rows: Sequence[Sequence[Any]], as_json: bool) -> None:
+    """Print a list as a table, or as JSON: an object a row, by the same columns."""
+    if as_json:
+        echo_json([dict(zip(columns, row, strict=True)) for row in rows])
+    else:
+        echo_table(columns, rows)
+
+
+def echo_table(columns: Sequence[str], rows: Sequence[Sequence[Any]], names: int = 1) -> None:
+    """Print rows under their columns, numbers to the right.
+
+    On a terminal that is too narrow text is wrapped, and columns that still do not fit follow
+    below; each part repeats the first `names` columns. Elsewhere a row is always one line.
+    """
+    right = [bool(rows) and all(_is_number(row[i]) for row in rows) for i in range(len(columns))]
+    cells = [_column([row[i] for row in rows]) for i in range(len(columns))]
+    widths = [max(map(len, (c, *column))) for c, column in zip(columns, cells, strict=True)]
+    most = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
+    for k, part in enumerate(_parts(widths, right, names, most)):
+        if k:
+            click.echo()
+        _echo_part(columns, cells, right, _narrowed(widths, right, part, most), part)
+
+
+def _echo_part(
+    columns: Sequence[str],
+    cells: list[list[str]],
+    right: list[bool],
+    widths: Mapping[int, int],
+    part: Sequence[int],
+) -> None:
+    for row in [list(columns), *map(list, zip(*cells, strict=True))]:
+        wrapped = [
+            textwrap.wrap(row[i], widths[i]) or [""] if len(row[i]) > widths[i] else [row[i]]
+            for i in part
         ]
-        click.echo("  ".join(parts).rstrip())
+        for n in range(max(map(len, wrapped))):
+            words = [lines[n] if n < len(lines) else "" for lines in wrapped]
+            line = _GAP.join(
+                word.rjust(widths[i]) if right[i] else word.ljust(widths[i])
+                for word, i in zip(words, part, strict=True)
+            )
+            click.echo(line.rstrip())
+
+
+def _parts(widths: list[int], right: list[bool], names: int, most: int) -> list[list[int]]:
+    """Columns by number, as they stand beside each other."""
+    least = [w if r else min(w, _NARROWEST) for w, r in zip(widths, right, strict=True)]
+    first, parts = list(range(min(names, len(widths)))), []
+    part = first.copy()
+    for i in range(len(first), len(widths)):
+        if part != first and sum(least[j] + len(_GAP) for j in (*part, i)) - len(_GAP) > most:
+            parts.append(part)
+            part = first.copy()
+        part.append(i)
+    return [*parts, part]
+
+
+def _narrowed(
+    widths: list[int], right: list[bool], part: Sequence[int], most: int
+) -> dict[int, int]:
+    """Widths of the columns of a part, the widest text narrowed until all fit, if they can."""
+    found = {i: widths[i] for i in part}
+    while sum(found.values()) + len(_GAP) * (len(part) - 1) > most:
+        wide = [i for i in part if not right[i] and found[i] > _NARROWEST]
+        if not wide:
+            break
+        found[max(wide, key=found.__getitem__)] -= 1
+    return found
+
+
+def _column(values: Sequence[Any]) -> list[str]:
+    """The cells of a column; floats of like size get as many decimals, so that points align."""
+    numbers = [abs(v) for v in values if isinstance(v, int | float) and math.isfinite(v) and v]
+    largest = max(numbers, default=0.0)
+    # What cancelled is none.
+    some = [n for n in numbers if n > 1e-9 * largest]
+    alike = all(map(_is_number, values))
+    if alike and some and min(some) >= 1e-4 and largest < 1e3 * min(some):
+        decimals = max(0, DIGITS - 1 - math.floor(math.log10(largest)))
+        cells = [f"{v:.{decimals}f}" if isinstance(v, float) else _cell(v) for v in values]
+        while decimals and all(
+            c.endswith("0") for c, v in zip(cells, values, strict=True) if isinstance(v, float)
+        ):
+            decimals -= 1
+            cells = [f"{v:.{decimals}f}" if isinstance(v, float) else _cell(v) for v in values]
+        return cells
+    return [
+        "0" if isinstance(v, float) and 0 < abs(v) <= 1e-9 * largest else _cell(v) for v in values
+    ]
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float | None) and not isinstance(value, bool)
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return digits(value)
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_cell, value)) or "none"
+    return str(value)
 
 
 def save_figures(folder: Path, drawn: Callable[[], Mapping[str, Any]]) -> list[Path]:
@@ -61,17 +181,15 @@ def save_figures(folder: Path, drawn: Callable[[], Mapping[str, Any]]) -> list[P
     return files
 
 
-def _cell(value: Any) -> str:
-    if value is None:
-        return "-"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
 @contextmanager
-def progress(title: str) -> Iterator[Callable[[int, int, str], None]]:
-    """A progress bar on stderr when that is a terminal, else nothing."""
-    if not sys.stderr.isatty():
-        yield lambda done, total, what: None
+def progress(title: str) -> Iterator[Progress]:
+    """Tell on stderr how far a command has come: a bar on a terminal, elsewhere a line at times.
+
+    A command that ends within LINE_EVERY_S writes no line.
+    """
+    if not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
+        with _in_lines(title) as tick:
+            yield tick
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -81,8 +199,46 @@ def progress(title: str) -> Iterator[Callable[[int, int, str], None]]:
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
-        TextColumn("{task.fields[what]}"),
+        TextColumn("{task.fields[what]}", markup=False),
         console=Console(stderr=True),
     ) as bar:
         task = bar.add_task(title, total=None, what="")
         yield lambda done, total, what: bar.update(task, completed=done, total=total, what=what)
+
+
+@contextmanager
+def _in_lines(title: str) -> Iterator[Progress]:
+    begun_s = time.monotonic()
+    ended = Event()
+    state, told = "working", ""
+    told_s = begun_s
+
+    def tick(done: int, total: int, what: str) -> None:
+        nonlocal state
+        state = f"{done} of {total}" + (f", {what}" if what else "")
+
+    def say() -> None:
+        nonlocal told, told_s
+        told, told_s = state, time.monotonic()
+        click.echo(f"{title}: {duration(time.monotonic() - begun_s)}: {told}", err=True)
+
+    def talk() -> None:
+        # Ctrl-C is for the main thread, which holds it back at times.
+        if hasattr(signal, "pthread_sigmask"):
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        every_s = LINE_EVERY_S
+        while not ended.wait(every_s):
+            if state != told or time.monotonic() - told_s >= STILL_EVERY_S:
+                say()
+            if time.monotonic() - begun_s > LONG_S:
+                every_s = LONG_LINE_EVERY_S
+
+    talking = Thread(target=talk, daemon=True)
+    talking.start()
+    try:
+        yield tick
+    finally:
+        ended.set()
+        talking.join()
+        if told and told != state:
+            say()

@@ -9,14 +9,36 @@ from typing import Any, Literal, TypeVar
 import click
 
 from .cad import load, of_design
-from .options import JSON, NEW_FILE
+from .group import Group
+from .options import JSON, NEW_FILE, PATH, PATTERN_NAME, SEED, Named, out_file, out_folder, seed
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-@click.group()
+def _laws() -> list[str]:
+    from ..patterns.laws import LAWS
+
+    return list(LAWS)
+
+
+RECIPES = click.argument("recipes", nargs=-1, required=True, metavar="RECIPE...", type=PATTERN_NAME)
+PNG = out_file("PNG file to write.", required=True)
+MARKER_DOTS = click.option(
+    "--dots/--no-dots", "with_dots", default=True, show_default=True,
+    help="With the marker dots, or without.",
+)  # fmt: skip
+DPI = click.option(
+    "--dpi", type=float, show_default="near 1200 with dots", metavar="DPI",
+    help="Resolution of the printer.",
+)  # fmt: skip
+
+
+@click.group(cls=Group)
 def pattern() -> None:
-    """Pattern stickers: list, new, make, show, quality, sheet, series, from a sheet's code."""
+    """Pattern stickers: recipes, their quality, and the sheets to print.
+
+    A RECIPE is a name of `pattern list` or a path.
+    """
 
 
 def _tell(made: Any, as_json: bool) -> None:
@@ -33,17 +55,13 @@ def _tell(made: Any, as_json: bool) -> None:
 @pattern.command("list")
 @JSON
 def list_(as_json: bool) -> None:
-    """Recipes that can be named: local ones and shipped ones."""
+    """Recipes that can be named: your own and the shipped ones."""
     from .. import catalog
     from ..patterns import load_recipe
-    from .output import echo_json, echo_table
+    from .output import echo_rows
 
-    names = catalog.names("patterns")
-    if as_json:
-        echo_json(names)
-        return
-    recipes = [(name, load_recipe(name)) for name in names]
-    echo_table(
+    recipes = [(name, load_recipe(name)) for name in catalog.names("patterns")]
+    echo_rows(
         ("recipe", "law", "d_mm", "r", "channels", "scales_mm", "dots"),
         [
             (
@@ -57,19 +75,21 @@ def list_(as_json: bool) -> None:
             )
             for name, r in recipes
         ],
+        as_json,
     )
 
 
-@pattern.command()
+@pattern.command(epilog="Example: deltact-fab pattern new mine --law octave")
 @click.argument("name")
-@click.option("--law", default="algorithm1", show_default=True,
-              help="How patches are coloured; `schema pattern law` names the laws.")  # fmt: skip
+@click.option("--law", default="algorithm1", show_default=True, type=Named(_laws, files=False),
+              metavar="LAW", help="How patches are coloured; `schema pattern law` lists the laws.",
+              )  # fmt: skip
 @NEW_FILE
 @JSON
 def new(name: str, law: str, out: Path | None, as_json: bool) -> None:
-    """Write a recipe with every key that its law takes.
+    """Write a new recipe with every key that its law takes.
 
-    Each key has its meaning and limits above it; recipes are found by their name.
+    Above each key stand its meaning and its limits.
     """
     from ..lab import pattern as write
     from .output import echo_written
@@ -77,17 +97,18 @@ def new(name: str, law: str, out: Path | None, as_json: bool) -> None:
     echo_written(write(name, law, out), f"pattern quality {name}", as_json)
 
 
-@pattern.command()
-@click.argument("recipe", required=False)
-@click.option("-d", "patch_mm", type=float, help="Patch size in mm, instead of a RECIPE.")
-@click.option("-r", "factor", type=float, help="Randomness factor, 0 <= r < 1; goes with -d.")
-@click.option("--size", "size_mm", type=float, help="Side of the sticker in mm.  [default: 35]")
-@click.option("--seed", type=int, help="Seed of the draw.  [default: the recipe's, or 7]")
+@pattern.command(epilog="Example: deltact-fab pattern make -d 0.15 -r 0.1 --dots -o sticker.png")
+@click.argument("recipe", required=False, type=PATTERN_NAME)
+@click.option("-d", "patch_mm", type=float, metavar="MM", help="Patch size, instead of a RECIPE.")
+@click.option("-r", "factor", type=float, metavar="R",
+              help="Randomness factor, 0 <= r < 1; goes with -d.")  # fmt: skip
+@click.option("--size", "size_mm", type=float, metavar="MM", show_default="35",
+              help="Side of the sticker.")  # fmt: skip
+@click.option("--seed", type=SEED, metavar="N", show_default="the recipe's, or 7",
+              help="Seed of the random pattern.")  # fmt: skip
 @click.option("--dots", "with_dots", is_flag=True, help="Add the 13 x 13 white marker dots.")
-@click.option("--dpi", type=float, help="Printer's resolution.  [default: near 1200 with dots]")
-@click.option(
-    "-o", "out", required=True, type=click.Path(path_type=Path), help="PNG file to write."
-)
+@DPI
+@PNG
 @JSON
 def make(
     recipe: str | None,
@@ -100,10 +121,10 @@ def make(
     out: Path,
     as_json: bool,
 ) -> None:
-    """Make a sticker's PNG from a RECIPE (a path or a name), or from -d and -r.
+    """Make a sticker's PNG from a RECIPE, or from -d and -r.
 
-    One image pixel is one patch, unless --dpi or dots ask for printer dots. The centres of the
-    dots are written beside it, as NAME.dots.csv.
+    One image pixel is one patch; with --dpi or marker dots it is one printer dot. The centres of
+    the marker dots are written beside the PNG, as NAME.dots.csv.
     """
     from ..patterns import make as make_file
     from ..patterns import recipe_from_options
@@ -114,10 +135,10 @@ def make(
 
 
 @pattern.command()
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=PATH)
 @JSON
 def show(file: Path, as_json: bool) -> None:
-    """Print the recipe that a pattern's PNG carries."""
+    """Show the recipe stored in FILE, the PNG of a pattern."""
     from ..patterns import read_recipe
     from .output import echo_json, echo_table
 
@@ -134,15 +155,13 @@ def show(file: Path, as_json: bool) -> None:
 
 @pattern.command("from")
 @click.argument("code")
-@click.option("--dpi", type=float, help="Printer's resolution.  [default: near 1200 with dots]")
-@click.option(
-    "-o", "out", required=True, type=click.Path(path_type=Path), help="PNG file to write."
-)
+@DPI
+@PNG
 @JSON
 def from_(code: str, dpi: float | None, out: Path, as_json: bool) -> None:
-    """Make the identical sticker again from the CODE that a sheet's QR code and label hold.
+    """Make the same sticker again from CODE, the text of a sheet's QR code and label.
 
-    Quote the CODE: it may hold characters that the shell takes for its own.
+    Put CODE in quotes: some of its characters mean something to a shell.
     """
     from ..patterns import make as make_file
     from ..patterns.code import decode
@@ -151,14 +170,14 @@ def from_(code: str, dpi: float | None, out: Path, as_json: bool) -> None:
     _tell(made, as_json)
 
 
-@pattern.command()
-@click.argument("recipes", nargs=-1, required=True, metavar="RECIPE...")
-@click.option("--dpi", type=int, default=1200, show_default=True, help="Printer's resolution.")
-@click.option(
-    "--mm-per-px", type=float, default=0.0378, show_default=True, help="Camera's scale at rest."
-)
-@click.option("--seed", type=int, default=0, show_default=True, help="Of halftone and noise.")
-@click.option("--dots/--no-dots", "with_dots", default=True, help="With the marker dots, or bare.")
+@pattern.command(epilog="Example: deltact-fab pattern quality dense octave")
+@RECIPES
+@click.option("--dpi", type=int, default=1200, show_default=True, metavar="DPI",
+              help="Resolution of the printer.")  # fmt: skip
+@click.option("--mm-per-px", type=float, default=0.0378, show_default=True, metavar="MM",
+              help="Size of a camera pixel on the resting face.")  # fmt: skip
+@seed("Seed of halftone and noise.")
+@MARKER_DOTS
 @JSON
 def quality(
     recipes: tuple[str, ...],
@@ -168,7 +187,7 @@ def quality(
     with_dots: bool,
     as_json: bool,
 ) -> None:
-    """Figures of merit of each RECIPE, as designed and after printer and camera (simulated)."""
+    """Figures of merit of each RECIPE, as designed and as printed and photographed (simulated)."""
     from ..imaging import Printer
     from ..patterns import load_recipe
     from ..patterns.quality import measure
@@ -196,20 +215,20 @@ def quality(
                 (name, when, f.mean_gradient, f.sssig, f.contrast[0], f.contrast[3],
                  f.contrast[4], board, f.anisotropy, f.streaks, f.peak, f.peak_mm)
             )  # fmt: skip
-    echo_table(columns, table)
+    echo_table(columns, table, names=2)
     click.echo("")
     echo_table(
         ("recipe", "dots a patch", "print keeps", "printable", "px a patch", "camera keeps",
          "seen"),
         [
-            (name, q.dots_a_patch, q.print_contrast, "yes" if q.printable else "no", q.px_a_patch,
-             q.camera_contrast, "yes" if q.seen else "no")
+            (name, q.dots_a_patch, q.print_contrast, q.printable, q.px_a_patch,
+             q.camera_contrast, q.seen)
             for name, q in rows
         ],
     )  # fmt: skip
     click.echo(
-        f"\nphotographed: simulated at {dpi} dpi and {mm_per_px:g} mm/px, seed {seed}; printer and "
-        "camera have assumed values"
+        f"\nphotographed: simulated at {dpi} dpi and {mm_per_px:g} mm/px, seed {seed}; values of "
+        "printer and camera are assumed"
     )
 
 
@@ -221,30 +240,36 @@ def of_sheet(command: F) -> F:
             type=click.Choice(("face-down", "slide")),
             default="face-down",
             show_default=True,
-            help="Ink towards the gel, or film towards the gel (mirrored).",
+            help="Which side faces the gel: the ink, or the film (mirrored).",
         ),
-        click.option("--paper", default="A4", show_default=True, help="A5 to A2, Letter..."),
+        click.option(
+            "--paper",
+            default="A4",
+            show_default=True,
+            metavar="SIZE",
+            help="A2, A3, A4, A5, SRA3, Letter, Legal or Tabloid.",
+        ),
     ):
         command = option(command)
     return command
 
 
-@pattern.command()
-@click.argument("recipes", nargs=-1, required=True, metavar="RECIPE...")
+@pattern.command(
+    epilog="Example: deltact-fab pattern sheet dense-with-dots --copies 4 -o sheet.pdf"
+)
+@RECIPES
 @of_sheet
 @of_design
-@click.option("--dpi", type=float, default=1200.0, show_default=True, help="Printer's resolution.")
-@click.option("--copies", type=int, default=1, show_default=True, help="Of each sticker.")
-@click.option("--whole-dots", is_flag=True, help="Make d a whole number of printer dots.")
-@click.option("--scale-x", type=float, default=1.0, help="100 / what the ruler in x measures.")
-@click.option("--scale-y", type=float, default=1.0, help="100 / what the ruler in y measures.")
-@click.option(
-    "-o",
-    "out",
-    required=True,
-    type=click.Path(path_type=Path),
-    help="File to write: .pdf, .png or .tif.",
-)
+@click.option("--dpi", type=float, default=1200.0, show_default=True, metavar="DPI",
+              help="Resolution of the printer.")  # fmt: skip
+@click.option("--copies", type=int, default=1, show_default=True, metavar="N",
+              help="Copies of each sticker.")  # fmt: skip
+@click.option("--whole-dots", is_flag=True, help="Round d to a whole number of printer dots.")
+@click.option("--scale-x", type=float, default=1.0, show_default=True, metavar="FACTOR",
+              help="100 mm divided by what the printed ruler in x measures.")  # fmt: skip
+@click.option("--scale-y", type=float, default=1.0, show_default=True, metavar="FACTOR",
+              help="100 mm divided by what the printed ruler in y measures.")  # fmt: skip
+@out_file("File to write: .pdf, .png or .tif.", required=True)
 @JSON
 def sheet(
     recipes: tuple[str, ...],
@@ -260,9 +285,9 @@ def sheet(
     changes: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Print job of each RECIPE: exact millimetres, cut marks, rulers, QR code; lossless.
+    """Write a sheet to print: each RECIPE at its exact size, with cut marks, rulers and QR code.
 
-    Each sticker has the film of the design's skin around it, as the guide says to cut it.
+    Around each sticker is the margin of film that the design's skin needs; cut as the guide says.
     """
     from ..patterns import load_recipe
     from ..patterns.sheet import write
@@ -287,13 +312,12 @@ def sheet(
 
 
 @pattern.command()
-@click.option(
-    "--out", required=True, type=click.Path(path_type=Path), help="Folder to write, whole."
-)
-@click.option("--seed", type=int, default=7, show_default=True, help="Seed of every pattern.")
+@out_folder("New folder to write.", required=True)
+@seed("Seed of every pattern.", 7)
 @of_sheet
-@click.option("--dpi", type=int, default=1200, show_default=True, help="Printer's resolution.")
-@click.option("--dots/--no-dots", "with_dots", default=True, help="With the marker dots, or bare.")
+@click.option("--dpi", type=int, default=1200, show_default=True, metavar="DPI",
+              help="Resolution of the printer.")  # fmt: skip
+@MARKER_DOTS
 @JSON
 def series(
     out: Path,
@@ -304,7 +328,7 @@ def series(
     with_dots: bool,
     as_json: bool,
 ) -> None:
-    """The 17 patterns of the paper's two selections: recipes, print job, quality, one page."""
+    """Write the 17 patterns that the paper compares: recipes, sheets to print, quality, a page."""
     from ..errors import MissingLibrary
     from ..patterns.series import write
     from ..report import patterns_page

@@ -1,4 +1,4 @@
-"""`deltact-fab protocol`: list, check, show."""
+"""`deltact-fab protocol`: new, list, check, show."""
 
 from __future__ import annotations
 
@@ -8,49 +8,50 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .options import JSON, NEW_FILE
+from .group import Group
+from .options import JSON, NEW_FILE, PROTOCOL_NAME, RIG, out_folder
 
 if TYPE_CHECKING:
     from ..preflight import Peak
 
 
-@click.group()
+@click.group(cls=Group)
 def protocol() -> None:
-    """Indentation experiments: new, check, show, list."""
+    """Indentation experiments: write, check, look at.
+
+    A PROTOCOL is a name of `protocol list` or a path.
+    """
 
 
-RIG = click.option("--rig", "rig_name", default="virtual", show_default=True, help="Rig file.")
+PROTOCOL = click.argument("name", metavar="PROTOCOL", type=PROTOCOL_NAME)
 UNSOLVED = (
-    "peak forces: deep presses, not solved yet; `protocol show NAME --forces` solves them once "
-    "(minutes)"
+    "peak forces: not known yet, as deep presses have to be solved first; "
+    "`protocol show PROTOCOL --forces` does so once (minutes)"
 )
 
 
 @protocol.command("list")
 @JSON
 def list_(as_json: bool) -> None:
-    """Protocols that can be named: local ones and shipped ones."""
+    """Protocols that can be named: your own and the shipped ones."""
     from .. import catalog
-    from .output import echo_json, echo_table
+    from .output import echo_rows
 
     names = catalog.names("protocols")
-    if as_json:
-        echo_json(names)
-        return
     rows = [(n, catalog.read(catalog.find("protocols", n)).get("description", "")) for n in names]
-    echo_table(("protocol", "description"), rows)
+    echo_rows(("protocol", "description"), rows, as_json)
 
 
-@protocol.command()
+@protocol.command(epilog="Example: deltact-fab protocol new mine --from smoke")
 @click.argument("name")
-@click.option("--from", "source", default="smoke", show_default=True,
-              help="Protocol to begin with, a name or a path.")  # fmt: skip
+@click.option("--from", "source", default="smoke", show_default=True, type=PROTOCOL_NAME,
+              metavar="PROTOCOL", help="Protocol to start from.")  # fmt: skip
 @NEW_FILE
 @JSON
 def new(name: str, source: str, out: Path | None, as_json: bool) -> None:
-    """Write a protocol with every key explained.
+    """Write a new protocol with every key explained.
 
-    Its values are those of another one; `protocol check NAME` finds it by its name.
+    Its values are those of another one; `protocol check NAME` then finds it by its name.
     """
     from ..lab import protocol as write
     from .output import echo_written
@@ -58,18 +59,18 @@ def new(name: str, source: str, out: Path | None, as_json: bool) -> None:
     echo_written(write(name, source, out), f"protocol check {name}", as_json)
 
 
-@protocol.command()
-@click.argument("name")
+@protocol.command(epilog="Example: deltact-fab protocol check smoke --rig virtual")
+@PROTOCOL
 @RIG
-@click.option("--air", is_flag=True, help="As `run --air`: nothing is touched.")
-@click.option("--unattended", is_flag=True, help="As `run --unattended`: nobody is there.")
-@click.option("--out", default=Path(), type=click.Path(path_type=Path), show_default="here",
-              help="As `run --out`: whose disk is judged.")  # fmt: skip
+@click.option("--air", is_flag=True, help="As for `run --air`: nothing is touched.")
+@click.option("--unattended", is_flag=True, help="As for `run --unattended`: nobody is there.")
+@out_folder("As for `run --out`: checks that its disk has room.", default=Path(),
+            show_default="here")  # fmt: skip
 @JSON
 def check(name: str, rig_name: str, air: bool, unattended: bool, out: Path, as_json: bool) -> None:
-    """Check that `run` would start: exit 1 when it would refuse.
+    """Check that `run` would start; exit code 1 when it would refuse.
 
-    For a real rig peak forces that are not at hand are solved, which takes minutes, once.
+    For a real rig, peak forces that are not known yet are solved once, which takes minutes.
     """
     from ..experiment import checks
     from .output import echo_json, progress
@@ -87,14 +88,14 @@ def check(name: str, rig_name: str, air: bool, unattended: bool, out: Path, as_j
 
 
 @protocol.command()
-@click.argument("name")
+@PROTOCOL
 @RIG
-@click.option("--forces", is_flag=True, help="Solve peak forces that are not at hand (minutes).")
+@click.option("--forces", is_flag=True, help="Solve peak forces that are not known yet (minutes).")
 @JSON
 def show(name: str, rig_name: str, forces: bool, as_json: bool) -> None:
-    """Steps, frames, time, disk and peak forces of a protocol.
+    """Show the steps, frames, time, disk space and peak forces of PROTOCOL.
 
-    Peak forces of deep presses need the finite-strain gel, once: ask for them with --forces.
+    Peak forces of deep presses take a solve at finite strain, done once, with --forces.
     """
     from dataclasses import asdict
 

@@ -8,26 +8,26 @@ from typing import Any
 
 import click
 
-from .options import JSON
+from .group import Group
+from .options import JSON, PATH, out_file, out_folder
 
-RUN = click.argument("run", type=click.Path(path_type=Path))
+RUN = click.argument("run", type=PATH)
 
 
-@click.group()
+@click.group(cls=Group)
 def record() -> None:
-    """Recorded runs: check, show, note, export."""
+    """Recorded runs: verify, look at, annotate, export. A RUN is the folder of one."""
 
 
 @record.command()
 @RUN
 @JSON
 def check(run: Path, as_json: bool) -> None:
-    """Verify that RUN is whole.
+    """Verify that RUN is complete and undamaged.
 
-    Journal, every image's hash, every sample and truth, and each id exactly once.
-
-    The verdict comes first, then a line a problem. An unfinished run is whole when all that it has
-    is; what a press that was cut off lacks is no damage. Exit 1 on damage. Nothing is changed.
+    Checks the journal, the hash of every image, every sample and truth, and that each id occurs
+    once. The verdict comes first, then one line for each problem. What a press that was cut off
+    lacks is no damage. Nothing is changed. Exit code 1 on damage.
     """
     from ..record import check as verify
     from .output import echo_json, progress
@@ -39,7 +39,7 @@ def check(run: Path, as_json: bool) -> None:
     else:
         click.echo(verdict.line())
         for press, why in verdict.open.items():
-            click.echo(f"open  {press}: {why}; --resume does it again")
+            click.echo(f"open  {press}: {why}; `run --resume` repeats it")
         for problem in verdict.problems:
             click.echo(problem.line())
     raise click.exceptions.Exit(0 if verdict.whole else 1)
@@ -49,10 +49,7 @@ def check(run: Path, as_json: bool) -> None:
 @RUN
 @JSON
 def show(run: Path, as_json: bool) -> None:
-    """Say what RUN is.
-
-    Protocol, specimen, rig, counts, events, registration, notes.
-    """
+    """Describe RUN: protocol, specimen, rig, counts, events, registration, notes."""
     from ..record import about
     from ..record import open as open_run
     from .output import echo_json
@@ -79,7 +76,8 @@ def show(run: Path, as_json: bool) -> None:
         click.echo(f"  event {kind}: {count}")
     face = data["registration"]
     by = face["registration"] or "the rig file, not registered"
-    click.echo(f"  face at machine {face['origin_machine_mm']}, by {by}")
+    at = ", ".join(f"{p:g}" for p in face["origin_machine_mm"])
+    click.echo(f"  face at machine {at} mm, by {by}")
     for line in data["indenters"]:
         click.echo(f"  indenter: {line}")
     for text in data["remarks"]:
@@ -93,10 +91,7 @@ def show(run: Path, as_json: bool) -> None:
 @click.argument("text")
 @JSON
 def note(run: Path, text: str, as_json: bool) -> None:
-    """Add a remark to RUN.
-
-    Also while it goes on and after it has finished.
-    """
+    """Add the remark TEXT to RUN, during the run or later."""
     from ..record import add_note
     from .output import echo_json
 
@@ -107,26 +102,29 @@ def note(run: Path, text: str, as_json: bool) -> None:
         click.echo(_note(added))
 
 
-@record.command()
+@record.command(epilog="Example: deltact-fab record export smoke-run --format csv --out tables")
 @RUN
 @click.option("--format", "form", required=True, type=click.Choice(["csv", "parquet", "mcap"]),
-              help="Of the files.")  # fmt: skip
-@click.option("-o", "out", required=True, type=click.Path(path_type=Path),
-              help="A new folder (csv, parquet) or a new file (mcap).")  # fmt: skip
+              help="Format to write.")  # fmt: skip
+@out_folder("New folder for csv or parquet.", "folder")
+@out_file("New file for mcap.", "file")
 @JSON
-def export(run: Path, form: str, out: Path, as_json: bool) -> None:
+def export(run: Path, form: str, folder: Path | None, file: Path | None, as_json: bool) -> None:
     """Write RUN as CSV, Parquet or MCAP.
 
-    Whole or not at all; needs the extra `export`.
-
-    csv and parquet: tables of frames, force, pose, steps and events, units in the columns' names,
-    without images. mcap: one file for Foxglove, with images, pose (m), wrench (N, N m) and events
-    on one time line over all sessions, every image verified against its hash.
+    csv and parquet give tables of frames, force, pose, steps and events, without images; the names
+    of the columns have the units. mcap gives one file for Foxglove with images, pose (m), wrench
+    (N, N m) and events on one time line over all sessions, and every image is verified against its
+    hash. Parquet and MCAP need the extra `export`.
     """
     from ..record import open as open_run
     from ..record.export import export as write
     from .output import echo_json, progress
 
+    out, other = (file, folder) if form == "mcap" else (folder, file)
+    if out is None or other is not None:
+        right = "-o FILE" if form == "mcap" else "--out DIR"
+        raise click.UsageError(f"--format {form}: {right} says where it goes")
     with progress("export") as bar:
         rows = write(open_run(run), form, out, bar)
     if as_json:

@@ -6,21 +6,27 @@ from pathlib import Path
 
 import click
 
+from .options import JSON, PATH, out_file
 
-@click.command()
-@click.argument("run", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="Default RUN/report.html.")
-@click.option("--calibration", "calibrations", multiple=True, type=click.Path(path_type=Path),
-              help="Of force or depth, repeatable; default: those in RUN/analysis.")  # fmt: skip
-def report(run: Path, output: Path | None, calibrations: tuple[Path, ...]) -> None:
-    """Write the report of RUN; the tracking analysis is made first where it is missing."""
+
+@click.command(epilog="Example: deltact-fab report smoke-run -o smoke.html")
+@click.argument("run", type=PATH)
+@out_file("Page to write.", show_default="RUN/report.html")
+@click.option("--calibration", "calibrations", multiple=True, type=PATH, metavar="FILE",
+              show_default="those in RUN/analysis",
+              help="Calibration of force or depth; repeatable.")  # fmt: skip
+@JSON
+def report(run: Path, out: Path | None, calibrations: tuple[Path, ...], as_json: bool) -> None:
+    """Write one offline page about RUN, after its tracking analysis where that is missing."""
     from .. import record
     from ..analysis.measured import calibrations_of, measured
     from ..analysis.tracking_error import TrackingResult, analyse
     from ..numerics.scenes import costs as layer_costs
     from ..report.page import write
-    from .output import progress
+    from ..report.templating import require_pages
+    from .output import echo_wrote, progress
 
+    require_pages()
     folder, opened = run / "analysis", record.open(run)
     files = calibrations_of(opened, calibrations)
     if (folder / "tracking.json").is_file():
@@ -32,4 +38,5 @@ def report(run: Path, output: Path | None, calibrations: tuple[Path, ...]) -> No
     with progress("shape and force") as bar:
         found = measured(opened, files, bar)
     costs = [cost.as_dict() for cost in layer_costs()]
-    click.echo(str(write(run, output or run / "report.html", result, found, layer_costs=costs)))
+    page = write(run, out or run / "report.html", result, found, layer_costs=costs)
+    echo_wrote(page, as_json)

@@ -1,70 +1,80 @@
-"""`deltact-fab rig`: list and show benches, drive a stage, photograph boards on a virtual one."""
+"""`deltact-fab rig`: describe benches, check them, drive a stage, photograph boards."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import click
 
 from . import rig_stage
-from .options import JSON, SEED, Finite
+from .group import Group
+from .options import DESIGN, JSON, NEW_FILE, RIG_NAME, Finite, out_folder, seed
 from .rig_register import register
 
+RIG = click.argument("name", metavar="RIG", type=RIG_NAME)
 
-@click.group()
+
+@click.group(cls=Group)
 def rig() -> None:
-    """Benches: new, check, list, show, drive by hand, photograph boards."""
+    """Benches: describe and check one, drive its stage by hand, photograph boards.
 
-
-for _command in rig_stage.COMMANDS:
-    rig.add_command(_command)
-rig.add_command(register)
+    A RIG is a name of `rig list` or a path. A `virtual` one is simulated, a `grbl` one is real.
+    """
 
 
 @rig.command("list")
 @JSON
 def list_(as_json: bool) -> None:
-    """Rig files that can be named."""
+    """Rigs that can be named: your own and the shipped ones."""
     from .. import catalog
-    from .output import echo_json
+    from ..rig import config
+    from .output import echo_rows
 
-    names = catalog.names("protocols/rigs")
-    if as_json:
-        echo_json(names)
-    else:
-        click.echo("\n".join(names))
+    rows = []
+    for name in catalog.names("protocols/rigs"):
+        bench = config.load(name)[0]
+        measures = {"camera": bench.camera is not None, "force": bench.force is not None}
+        if bench.kind == "virtual":
+            measures["camera"] = True
+        rows.append((name, bench.kind, [what for what, there in measures.items() if there]))
+    echo_rows(("rig", "kind", "measures"), rows, as_json)
 
 
 @rig.command()
-@click.argument("name")
+@RIG
 @JSON
 def show(name: str, as_json: bool) -> None:
-    """Settings, with the defaults filled in.
+    """Show the settings of RIG, with the defaults filled in.
 
-    As they will be used; no device is opened.
+    Nothing is opened.
     """
     from ..rig import config
-    from .output import echo_json
+    from .output import echo_json, echo_table
 
     rig_config, path = config.load(name)
     data = rig_config.model_dump(mode="json")
     if as_json:
         echo_json(data)
         return
-    click.echo(f"{name} ({path.name}): {data.pop('kind')}")
-    _echo(data, "  ")
+    click.echo(f"{name} ({path.name}): {data.pop('kind')}\n")
+    echo_table(("key", "value"), list(_rows(data, "")))
 
 
-@rig.command()
-@click.argument("name")
-@click.option("--board", metavar="skin|NXxNYxMM", help="What lies on a simulated face.")
-@click.option("--contact", default=5, show_default=True, help="Images of it; of a skin, one.")
-@click.option("--air", default=0, show_default=True, help="Images of a board in the air beyond.")
-@click.option("--air-board", metavar="NXxNYxMM", help="That board; default: as --board.")
-@click.option("--design", default="deltact", show_default=True, help="Design of the sensor.")
-@click.option("--seed", type=SEED, default=0, show_default=True, help="Of places, tilts and noise.")
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="A new folder.")
+@rig.command(epilog="Example: deltact-fab rig photograph fisheye --board skin --out photos")
+@RIG
+@click.option("--board", metavar="skin|NXxNYxMM",
+              help="Board on the face of a virtual rig's sensor.")  # fmt: skip
+@click.option("--contact", default=5, show_default=True, metavar="N",
+              help="Images with the board on the face; of a skin, one.")  # fmt: skip
+@click.option("--air", default=0, show_default=True, metavar="N",
+              help="Images with the board in the air beyond the face.")  # fmt: skip
+@click.option("--air-board", metavar="NXxNYxMM", show_default="as --board",
+              help="Board in the air.")  # fmt: skip
+@DESIGN
+@seed("Seed of places, tilts and noise.")
+@out_folder("New folder for the images.", required=True)
 @JSON
 def photograph(
     name: str,
@@ -77,12 +87,12 @@ def photograph(
     out: Path,
     as_json: bool,
 ) -> None:
-    """Photograph boards, to calibrate a camera.
+    """Photograph boards with the camera of RIG, for `calibrate`.
 
-    A real rig's waits for Enter before each of --contact images, if there is a terminal; they go
-    to OUT/contact/. On a virtual rig, through its true lens: --board skin is the shipped chessboard
-    skin; 9x7x3 is 9 x 7 squares of 3 mm, wetted onto the face. OUT gets contact/, air/, a blank
-    frame for the flat field, and truth/.
+    A real rig waits for Enter before each of the --contact images, where there is a terminal, and
+    puts them into DIR/contact. A virtual rig photographs through its true lens: --board skin is the
+    shipped chessboard skin, --board 9x7x3 a board of 9 x 7 squares of 3 mm wetted onto the face.
+    DIR gets contact/, air/, a blank frame for the flat field, and truth/.
     """
     import sys
 
@@ -113,7 +123,9 @@ def photograph(
     if bench.virtual.lens is None:
         raise InputError(f"{path}: a virtual rig with [virtual.lens] is needed, as fisheye")
     if board is None:
-        raise click.UsageError("--board: missing; what lies on the face of a virtual rig")
+        raise click.UsageError(
+            "--board: missing; a virtual rig needs to know what lies on the face"
+        )
     files = take(
         bench,
         load_design(design),
@@ -132,44 +144,47 @@ def photograph(
     click.echo(f"simulated, seed {seed}; the true lens is in {out / 'truth'}")
 
 
-@rig.command()
-@click.argument("file", type=click.Path(path_type=Path))
+@rig.command(epilog="Example: deltact-fab rig new bench")
+@click.argument("name")
+@NEW_FILE
 @JSON
-def new(file: Path, as_json: bool) -> None:
-    """Write a commented rig file.
+def new(name: str, out: Path | None, as_json: bool) -> None:
+    """Write a new rig file with the serial ports and cameras of this computer.
 
-    FILE gets the serial ports and cameras that this computer has.
-    Nothing is opened, nothing is asked, and no file is overwritten. Then put in what stands under
-    MEASURE in it, and look with `rig check FILE`.
+    Nothing is opened, and nothing is asked. Then fill in what the file lists under MEASURE, and
+    test it with `rig check NAME`.
     """
     from dataclasses import asdict
 
-    from ..rig.new import new as write
+    from ..lab import rig as write
     from .output import echo_json
 
-    found = write(file)
+    found = write(name, out)
     if as_json:
-        echo_json({**asdict(found), "file": str(file)})
+        echo_json({**asdict(found), "file": str(found.file)})
         return
     for what, devices in (("port", found.ports), ("camera", found.cameras)):
         for number, device in enumerate(devices):
             use = "used" if number == 0 else "in a comment"
             click.echo(f"{what} {device.name}: {device.text or 'no name'} ({use})")
         if not devices:
-            click.echo(f"no {what} was found: an example stands in its place")
-    click.echo(f"{file}: written; put in what stands under MEASURE, then `rig check {file}`")
+            click.echo(f"no {what} was found: the file has an example in its place")
+    click.echo(
+        f"{found.file}: written; fill in what it lists under MEASURE, then "
+        f"`deltact-fab rig check {name if out is None else out}`"
+    )
 
 
 @rig.command()
-@click.argument("name", metavar="RIG")
-@click.option("--seconds", type=Finite(0.1, 60), default=2.0, show_default=True,
-              help="How long devices are watched.")  # fmt: skip
+@RIG
+@click.option("--seconds", type=Finite(0.1, 60), default=2.0, show_default=True, metavar="S",
+              help="How long to watch each device.")  # fmt: skip
 @JSON
 def check(name: str, seconds: float, as_json: bool) -> None:
-    """Talk to each device, say what is wrong.
+    """Talk to each device of RIG and say what is wrong and how to put it right.
 
-    A line for each thing, and how to put it right.
-    Nothing moves. Nothing may touch the sensor: its zero is set. Exit 1 when a line says FAIL.
+    Nothing moves. Nothing may touch the sensor, as its force is zeroed. Exit code 1 when a line
+    says FAIL.
     """
     from ..errors import InputError
     from ..rig import config
@@ -178,7 +193,7 @@ def check(name: str, seconds: float, as_json: bool) -> None:
 
     bench, path = config.load(name)
     if not isinstance(bench, config.GrblConfig):
-        raise InputError(f"{path}: kind: 'virtual' has no device to talk to; a 'grbl' rig is right")
+        raise InputError(f"{path}: kind: 'virtual' has no device to talk to; expected a 'grbl' rig")
     rows = []
     for row in look(bench, path.parent, seconds):
         rows.append(row)
@@ -192,9 +207,14 @@ def check(name: str, seconds: float, as_json: bool) -> None:
     raise click.exceptions.Exit(1 if failed else 0)
 
 
-def _echo(table: dict[str, Any], before: str) -> None:
+def _rows(table: dict[str, Any], before: str) -> Iterator[tuple[str, Any]]:
     for key, value in table.items():
         if isinstance(value, dict):
-            _echo(value, f"{before}{key}.")
+            yield from _rows(value, f"{before}{key}.")
         else:
-            click.echo(f"{before}{key} = {value}")
+            yield f"{before}{key}", value
+
+
+for _command in rig_stage.COMMANDS:
+    rig.add_command(_command)
+rig.add_command(register)

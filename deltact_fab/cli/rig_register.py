@@ -2,43 +2,45 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import click
 
-from .options import JSON
+from .options import DESIGN, JSON, RIG_NAME, TIP_IS_CLEAR, Point, out_file
 
 
 @click.command("register")
-@click.argument("name", metavar="RIG")
-@click.option("--indenter", default="sphere:10", show_default=True, help="A ball, mounted.")
-@click.option("--by", type=click.Choice(["force", "hand"]), help="Default: the rig file's.")
-@click.option("--at", "at", multiple=True, metavar="X,Y", help="Place on the face, mm; 3 or more.")
-@click.option("--jig", is_flag=True, help="Place and turn too, by the sides of [touch.jig].")
-@click.option("--design", default="deltact", show_default=True, help="Design of the sensor.")
-@click.option("--tip-is-clear", is_flag=True, help="You say that the tip touches nothing: home.")
-@click.option("-o", "--output", "out", required=True, type=click.Path(path_type=Path),
-              help="File to write, .toml.")  # fmt: skip
+@click.argument("name", metavar="RIG", type=RIG_NAME)
+@click.option("--indenter", default="sphere:10", show_default=True, metavar="sphere:MM",
+              help="The ball that is mounted.")  # fmt: skip
+@click.option("--by", type=click.Choice(["force", "hand"]), show_default="as the rig file says",
+              help="How a touch is felt.")  # fmt: skip
+@click.option("--at", "at", multiple=True, type=Point(), metavar="X,Y",
+              help="Where to touch the face, mm; give at least three.")  # fmt: skip
+@click.option("--jig", is_flag=True,
+              help="Find position and rotation too, from the sides of [touch.jig].")  # fmt: skip
+@DESIGN
+@TIP_IS_CLEAR
+@out_file("Registration to write, .toml.", required=True)
 @JSON
 def register(
     name: str,
     indenter: str,
     by: str | None,
-    at: tuple[str, ...],
+    at: tuple[tuple[float, float], ...],
     jig: bool,
     design: str,
     tip_is_clear: bool,
     out: Path,
     as_json: bool,
 ) -> None:
-    """Find where the face lies by touching it.
+    """Find where the face of the sensor is by touching it with a ball.
 
-    A ball touches it at several places, and its height and tilt are written to a file.
-    The rig homes first. Without --at four places are touched, so that the file says how far from
-    one plane they lie. With --jig the ball then touches the sides of a block around the sensor,
-    which say where the face is sideways and how it is turned. Name the file as `registration` in
-    [stage] of the rig file.
+    The rig homes, and the ball touches the face at several places; height and tilt of the face are
+    written to a file. Without --at it touches four places, so that the file can say how flat they
+    are. With --jig the ball then touches the sides of a block around the sensor, which give the
+    sideways position of the face and its rotation. Name the file as `registration` under [stage] of
+    the rig file.
     """
     from ..cad.design import load_design
     from ..errors import InputError
@@ -52,8 +54,7 @@ def register(
         raise InputError(f"{path}: kind: only a real rig is registered; this one is {bench.kind!r}")
     if not out.parent.is_dir():
         raise InputError(f"{out.parent}: no such folder")
-    places = tuple(_place(text) for text in at)
-    asked = session.wanted(bench, path, load_design(design), indenter, places, by, jig)
+    asked = session.wanted(bench, path, load_design(design), indenter, at, by, jig)
     operator = Terminal()
     with session.homed(bench, path, operator, tip_is_clear) as devices:
         found = session.register_face(devices, asked, operator)
@@ -71,15 +72,3 @@ def register(
         )
         return
     click.echo(f"{out}: {found.line()}")
-
-
-def _place(text: str) -> tuple[float, float]:
-    from ..errors import InputError
-
-    try:
-        x, y = (float(part) for part in text.split(","))
-        if not math.isfinite(x + y):
-            raise ValueError
-    except ValueError as why:
-        raise InputError(f"--at {text!r}: two numbers are needed, as 8,-6") from why
-    return x, y

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import JSON, Finite
+from .options import JSON, RIG_NAME, TIP_IS_CLEAR, Finite
 
 if TYPE_CHECKING:
     from ..rig.config import GrblConfig
@@ -16,30 +16,35 @@ if TYPE_CHECKING:
     from ..rig.interface import ForceSensor
     from ..rig.stage.grbl import GrblStage
 
+RIG = click.argument("rig", type=RIG_NAME)
 FEED = click.option(
-    "--feed", type=Finite(0, min_open=True), default=300.0, show_default=True, help="Speed, mm/min."
+    "--feed", type=Finite(0, min_open=True), default=300.0, show_default=True, metavar="MM/MIN",
+    help="Speed.",
+)  # fmt: skip
+INTO_GEL = click.option(
+    "--into-gel",
+    is_flag=True,
+    help="Allow heights below --clearance; the stage moves slowly there.",
 )
-INTO_GEL = click.option("--into-gel", is_flag=True, help="Allow what is below --clearance; slowly.")
 CLEARANCE = click.option(
     "--clearance",
     type=Finite(0),
     default=5.0,
     show_default=True,
-    help="Height over the face (mm) that is safe.",
+    metavar="MM",
+    help="Height above the face that is safe.",
 )
 NUMBERS = {"ignore_unknown_options": True}  # -1.5 is no option
 
 
 @click.command()
-@click.argument("rig")
+@RIG
 @JSON
 def probe(rig: str, as_json: bool) -> None:
-    """Connect and judge the settings of the stage.
+    """Connect to the stage of RIG and check its settings.
 
-    Nothing moves.
-
-    What somebody else left moving is brought to rest. An Arduino restarts when its port is opened
-    and loses its position.
+    Nothing moves; a stage that was left moving is brought to rest. An Arduino restarts when its
+    port is opened, and loses its position.
     """
     from ..errors import StageError
     from .output import echo_json
@@ -68,13 +73,10 @@ def probe(rig: str, as_json: bool) -> None:
 
 
 @click.command()
-@click.argument("rig")
+@RIG
 @JSON
 def status(rig: str, as_json: bool) -> None:
-    """Say what the stage does and where it is.
-
-    Nothing moves.
-    """
+    """Say what the stage is doing and where it is. Nothing moves."""
     from .output import echo_json
 
     config, stage = _stage(rig)
@@ -87,16 +89,16 @@ def status(rig: str, as_json: bool) -> None:
 
 
 @click.command()
-@click.argument("rig")
-@click.option("--yes", is_flag=True, help="Do not ask whether the way is clear.")
-@click.option("--tip-is-clear", is_flag=True, help="You say that the tip touches nothing.")
+@RIG
+@click.option("--yes", is_flag=True, help="Do not ask whether the path is clear.")
+@TIP_IS_CLEAR
 @JSON
 def home(rig: str, yes: bool, tip_is_clear: bool, as_json: bool) -> None:
-    """Home the stage: every axis to its end.
+    """Home the stage: every axis moves to its end switch.
 
-    Where the position is known the tip is lifted first; where it is lost the force sensor, you or
-    --tip-is-clear must say that the tip is not in the gel. A force sensor that the rig file names
-    is watched meanwhile, and the guard stops the stage as in a run.
+    If the position is known, the tip is lifted first. If it is lost, the force sensor, you, or
+    --tip-is-clear must confirm that the tip is not in the gel. The force sensor of the rig file is
+    watched meanwhile, and its guard stops the stage as in a run.
     """
     import time
 
@@ -108,7 +110,8 @@ def home(rig: str, yes: bool, tip_is_clear: bool, as_json: bool) -> None:
 
     config, stage = _stage(rig)
     if not (
-        yes or click.confirm("homing moves every axis to its end; is the way clear?", err=True)
+        yes
+        or click.confirm("homing moves every axis to its end switch; is the path clear?", err=True)
     ):
         raise RunFailed("not homed")
     with _connected(stage):
@@ -128,8 +131,8 @@ def home(rig: str, yes: bool, tip_is_clear: bool, as_json: bool) -> None:
     _echo_state(state)
 
 
-@click.command(context_settings=NUMBERS)
-@click.argument("rig")
+@click.command(context_settings=NUMBERS, epilog="Example: deltact-fab rig jog bench 0 0 5")
+@RIG
 @click.argument("by_mm", type=Finite(), nargs=3, metavar="DX DY DZ")
 @FEED
 @click.option(
@@ -137,7 +140,8 @@ def home(rig: str, yes: bool, tip_is_clear: bool, as_json: bool) -> None:
     type=Finite(0),
     default=10.0,
     show_default=True,
-    help="Longest way that is allowed (mm).",
+    metavar="MM",
+    help="Longest move that is allowed.",
 )
 @CLEARANCE
 @INTO_GEL
@@ -151,11 +155,9 @@ def jog(
     into_gel: bool,
     as_json: bool,
 ) -> None:
-    """Move the tip by DX DY DZ mm.
+    """Move the tip by DX DY DZ mm in the sensor frame, whose z is up, out of the gel.
 
-    In the sensor frame: z is up, out of the gel.
-
-    Goes by the position that the controller has counted since it was homed. Ctrl-C stops it.
+    Relies on the position that the controller has counted since it was homed. Ctrl-C stops it.
     """
     from ..rig.stage import by_hand
 
@@ -168,14 +170,21 @@ def jog(
         _done(stage, config, as_json)
 
 
-@click.command(context_settings=NUMBERS)
-@click.argument("rig")
+@click.command(context_settings=NUMBERS, epilog="Example: deltact-fab rig goto bench 0 0 10 --home")
+@RIG
 @click.argument("target_mm", type=Finite(), nargs=3, metavar="X Y Z")
 @FEED
 @CLEARANCE
 @INTO_GEL
-@click.option("--as-counted", is_flag=True, help="It was homed, and nobody has unlocked it by $X.")
-@click.option("--home", "home_first", is_flag=True, help="Home first; the tip is clear.")
+@click.option(
+    "--as-counted", is_flag=True, help="The stage was homed, and not unlocked by $X since."
+)
+@click.option(
+    "--home",
+    "home_first",
+    is_flag=True,
+    help="Home first; you confirm that the tip touches nothing.",
+)
 @JSON
 def goto(
     rig: str,
@@ -187,10 +196,10 @@ def goto(
     home_first: bool,
     as_json: bool,
 ) -> None:
-    """Move the tip to X Y Z mm.
+    """Move the tip to X Y Z mm in the sensor frame, whose z = 0 is the resting face.
 
-    In the sensor frame, whose z = 0 is the resting face; it goes up, sideways, down. Give --home
-    or --as-counted, for a place is only as good as the position. Ctrl-C stops it.
+    It goes up, then sideways, then down. Give --home or --as-counted, as the stage must know where
+    it is. Ctrl-C stops it.
     """
     from ..errors import InputError
     from ..rig.stage import by_hand
@@ -198,7 +207,7 @@ def goto(
 
     config, stage = _stage(rig)
     if home_first == as_counted:
-        raise InputError("give either --home or --as-counted: a place needs a known position")
+        raise InputError("give either --home or --as-counted: the stage must know where it is")
     with _connected(stage):
         with by_hand.stopped_by_ctrl_c(stage):
             if home_first:
@@ -211,14 +220,13 @@ def goto(
 
 
 @click.command()
-@click.argument("rig")
+@RIG
 @JSON
 def reset(rig: str, as_json: bool) -> None:
-    """Reset RIG's controller (0x18).
+    """Reset the controller of RIG (0x18).
 
-    For one that hears nothing else after an alarm, or that sleeps.
-
-    What moves stops at once; the position is lost.
+    For one that answers nothing else after an alarm, or that sleeps. All motion stops at once, and
+    the position is lost.
     """
     from .output import echo_json
 

@@ -7,24 +7,28 @@ from typing import Any
 
 import click
 
-from .options import SEED
+from .options import JSON, PROTOCOL_NAME, RIG, TIP_IS_CLEAR, out_folder, seed
 
 
-@click.command()
-@click.argument("protocol")
-@click.option(
-    "--rig", "rig_name", default="virtual", show_default=True, help="Rig file, by name or path."
-)
-@click.option("--seed", type=SEED, default=0, show_default=True, help="Of all that is drawn.")
-@click.option("--out", type=click.Path(path_type=Path), help="New run folder.")
-@click.option("--resume", is_flag=True, help="Go on with the unfinished run in --out.")
-@click.option("--air", is_flag=True, help="Touch nothing: no height below the clearance plane.")
-@click.option("--realtime", is_flag=True, help="A virtual rig in real time, on real wires.")
-@click.option("--unattended", is_flag=True, help="Nobody is there: ask nothing; refuse what would.")
-@click.option("--tip-is-clear", is_flag=True, help="You say that the tip touches nothing: home.")
-@click.option("--note", help="A remark to keep with the run.")
-@click.option("--dry-run", is_flag=True, help="Check all, ask each device, move nothing.")
-@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+@click.command(epilog="Example: deltact-fab run smoke --rig virtual --seed 3 --out smoke-run")
+@click.argument("protocol", type=PROTOCOL_NAME)
+@RIG
+@seed("Seed of everything random.")
+@out_folder("New folder for the run.")
+@click.option("--resume", is_flag=True, help="Continue the unfinished run in --out.")
+@click.option("--air", is_flag=True,
+              help="Touch nothing: never go below the clearance plane.")  # fmt: skip
+@click.option("--realtime", is_flag=True,
+              help="Run a virtual rig in real time, through a pseudo terminal and UDP."
+              )  # fmt: skip
+@click.option("--unattended", is_flag=True,
+              help="Nobody is there: ask nothing, and refuse what would need an answer."
+              )  # fmt: skip
+@TIP_IS_CLEAR
+@click.option("--note", metavar="TEXT", help="A remark to keep with the run.")
+@click.option("--dry-run", is_flag=True,
+              help="Check everything and query each device, but move nothing.")  # fmt: skip
+@JSON
 def run(
     protocol: str,
     rig_name: str,
@@ -39,19 +43,21 @@ def run(
     dry_run: bool,
     as_json: bool,
 ) -> None:
-    """Run PROTOCOL on a rig and record it in a new folder.
+    """Carry out PROTOCOL on a rig and record it in a new folder.
 
-    With --resume an interrupted run goes on: complete presses are kept, the interrupted one is
-    done again whole. Where there is no folder yet the run starts; a finished one stays as it is.
+    With --resume an interrupted run continues: complete presses are kept, the interrupted one is
+    repeated from its start. If there is no folder yet, the run starts; a finished run is left as it
+    is.
 
-    A real rig (kind = "grbl") asks to type the name of the sensor and of each indenter once they
-    are mounted, and finds the face by [touch] of its rig file before it presses. With --unattended
-    it asks nothing: a protocol of one indenter, found by force, or it is refused. Where the
+    A real rig (kind = "grbl") has you type the name of the sensor and of each indenter once they
+    are mounted, and finds the face as [touch] of its rig file says before it presses. If the
     position was lost and the force sensor cannot tell, it asks whether the tip is clear of the gel.
+    With --unattended it asks nothing, so the protocol must have one indenter and the face must be
+    found by force.
 
     The first Ctrl-C stops and lifts the tip; the second resets the controller at once. --dry-run
-    makes every check of a run and asks each device of a real rig, needs no --out, and neither moves
-    nor records anything.
+    makes all checks of a run and queries each device of a real rig; it needs no --out, moves
+    nothing and records nothing.
     """
     from .. import experiment
     from .output import echo_json, progress
@@ -95,7 +101,7 @@ def run(
 
 
 def _tell_dry_run(found: dict[str, Any], protocol: str, rig_name: str) -> None:
-    from ..rig.run.live import duration
+    from ..units import duration
 
     click.echo(
         f"{protocol} on {rig_name}: {found['steps']} steps, {found['presses']} presses, "

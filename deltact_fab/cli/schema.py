@@ -6,29 +6,26 @@ import textwrap
 
 import click
 
-from .options import JSON
+from .options import JSON, KIND_NAME
 
 
-@click.command(no_args_is_help=False)
-@click.argument("kind", required=False)
+@click.command(no_args_is_help=False, epilog="Example: deltact-fab schema protocol capture")
+@click.argument("kind", required=False, type=KIND_NAME)
 @click.argument("key", required=False)
 @JSON
 def schema(kind: str | None, key: str | None, as_json: bool) -> None:
     """Every key of a kind of file: type, unit, default, limits, meaning.
 
-    KIND is protocol, virtual-rig, grbl-rig, pattern, design or indenters; without one the kinds
-    are listed. KEY is a table as `capture`, one key of it as `capture.settle_s`, or a name
-    wherever it stands. --json prints a JSON Schema, and with KEY its rows.
+    KIND is protocol, virtual-rig, grbl-rig, pattern, design or indenters; without KIND the kinds
+    are listed. KEY is a table such as `capture`, one of its keys such as `capture.settle_s`, or the
+    name of a key in any table. --json prints a JSON Schema, or with KEY the rows.
     """
     from ..schema import KINDS, document, kind_named, matching, rows
-    from .output import echo_json, echo_table
+    from .output import echo_json, echo_rows
 
     if kind is None:
-        if as_json:
-            echo_json([{"kind": k.name, "folder": k.catalogue} for k in KINDS.values()])
-            return
         kinds = [(k.name, k.catalogue, k.about) for k in KINDS.values()]
-        echo_table(("kind", "folder", "what it is"), kinds)
+        echo_rows(("kind", "folder", "about"), kinds, as_json)
         return
     found = kind_named(kind)
     chosen = rows(found) if key is None else matching(found, key)

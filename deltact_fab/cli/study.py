@@ -6,25 +6,31 @@ from typing import Any
 
 import click
 
+from .group import Group
+from .options import JSON
 from .study_index import index
 
 
-@click.group()
+@click.group(cls=Group)
 def study() -> None:
-    """The paper's experiments, and better ones: list, run, index."""
+    """The paper's experiments and better ones, on the virtual rig or on recorded runs."""
 
 
 @study.command("list")
-def list_() -> None:
-    """Every study with one line."""
+@JSON
+def list_(as_json: bool) -> None:
+    """Every study, with what it is about."""
     from ..study.registry import STUDIES
-    from .output import echo_table
+    from .output import echo_rows
 
-    echo_table(("study", "what"), [(name, one.line) for name, one in STUDIES.items()])
+    rows = [(name, one.line) for name, one in STUDIES.items()]
+    echo_rows(("study", "about"), rows, as_json)
 
 
-class Studies(click.Group):
-    """A command for each study, made when it is asked for."""
+class Studies(Group):
+    """A command for each study, made when it is needed."""
+
+    noun = "study"
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         from ..study.registry import STUDIES
@@ -37,18 +43,12 @@ class Studies(click.Group):
 
         return command(cmd_name, find(cmd_name))
 
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        from ..study.registry import STUDIES
-
-        with formatter.section("Studies"):
-            formatter.write_dl([(name, one.line) for name, one in STUDIES.items()])
-
 
 @study.group("run", cls=Studies)
 def run(**_: Any) -> None:
-    """Run a study: a page, tables and figures in a folder.
+    """Run a study, which writes a page, tables and figures into a folder.
 
-    What a study computes is kept: stopped or killed, the same command goes on where it was.
+    Whatever a study computes is kept: when it is stopped, the same command continues.
     """
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import InputError
-from .options import SEED, Finite
+from .options import RIG_NAME, SEED, Finite
 
 if TYPE_CHECKING:
     from ..study.registry import Option, Study
@@ -22,6 +22,7 @@ COMMON: dict[str, tuple[str, Callable[[Study], dict[str, Any]]]] = {
             "type": Finite(0, 1, min_open=True),
             "default": one.scale,
             "show_default": one.scale is not None,
+            "metavar": "SHARE",
             "help": "Share of the paper's points or frames, up to 1.",
         },
     ),
@@ -31,24 +32,35 @@ COMMON: dict[str, tuple[str, Callable[[Study], dict[str, Any]]]] = {
             "type": SEED,
             "default": 0,
             "show_default": True,
-            "help": "Of all that is drawn.",
+            "metavar": "N",
+            "help": "Seed of everything random.",
         },
     ),
-    "--rig": ("rig", lambda one: {"help": "A virtual rig, by name or path, not the study's own."}),
+    "--rig": (
+        "rig",
+        lambda one: {
+            "type": RIG_NAME,
+            "metavar": "RIG",
+            "show_default": "the study's own",
+            "help": "Virtual rig: a name of `rig list` or a path.",
+        },
+    ),
     "--from": (
         "from",
         lambda one: {
             "multiple": True,
             "type": click.Path(path_type=Path),
             "metavar": "RUN",
-            "help": "A recorded run, taken instead of simulating; may be given several times.",
+            "help": "Use this recorded run instead of simulating; repeatable.",
         },
     ),
     "--jobs": (
         "grid",
         lambda one: {
             "type": click.IntRange(1, 256),
-            "help": "Processes at a time; by default one a processor.",
+            "metavar": "N",
+            "show_default": "one per processor",
+            "help": "Processes at a time.",
         },
     ),
     "--on": (
@@ -56,7 +68,8 @@ COMMON: dict[str, tuple[str, Callable[[Study], dict[str, Any]]]] = {
         lambda one: {
             "default": "local",
             "show_default": True,
-            "help": "Where jobs run: local, or dask:tcp://HOST:PORT of a Dask scheduler.",
+            "metavar": "WHERE",
+            "help": "Where jobs run: local, or a Dask scheduler as dask:tcp://HOST:PORT.",
         },
     ),
 }
@@ -72,7 +85,9 @@ class _Command(click.Command):
         except click.NoSuchOption as why:
             if why.option_name not in COMMON:
                 raise
-            raise InputError(f"{why.option_name}: the study {self.name} does not take it") from why
+            raise InputError(
+                f"{why.option_name}: the study {self.name} has no such option"
+            ) from why
 
 
 def command(name: str, one: Study) -> click.Command:
@@ -89,13 +104,14 @@ def command(name: str, one: Study) -> click.Command:
             type=click.Path(path_type=Path, file_okay=False),
             default=Path(OUT) / name,
             show_default=True,
-            help="Folder of page and tables.",
+            metavar="DIR",
+            help="Folder for the page and the tables.",
         ),
         click.Option(
             ["--figures"],
             type=click.Path(path_type=Path, file_okay=False),
             metavar="DIR",
-            help="Write the figures as SVG and PDF too.",
+            help="Also write the figures as SVG and PDF into this folder.",
         ),
         click.Option(["--json", "as_json"], is_flag=True, help="Print JSON."),
     ]

@@ -6,13 +6,19 @@ from pathlib import Path
 
 import click
 
+from .options import JSON, PATH, out_file
+
 
 @click.command()
-@click.argument("folder", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False),
-              help="Default FOLDER/index.html.")  # fmt: skip
-def index(folder: Path, output: Path | None) -> None:
-    """Write a page over all runs and studies below FOLDER, unfinished and damaged ones marked."""
-    from ..report.index_page import write
+@click.argument("folder", type=PATH)
+@out_file("Page to write.", show_default="FOLDER/index.html")
+@JSON
+def index(folder: Path, out: Path | None, as_json: bool) -> None:
+    """Write one page that lists all runs and studies below FOLDER.
 
-    click.echo(str(write(folder, output or folder / "index.html")))
+    Unfinished and damaged ones are marked.
+    """
+    from ..report.index_page import write
+    from .output import echo_wrote
+
+    echo_wrote(write(folder, out or folder / "index.html"), as_json)

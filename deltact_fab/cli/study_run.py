@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -19,8 +17,6 @@ from ..study.registry import run as run_study
 if TYPE_CHECKING:
     from ..report.result import StudyResult
 
-LOG_EVERY_S = 60.0
-
 
 def run(name: str, one: Study, given: dict[str, Any]) -> None:
     """Run a study with the options of its command, by their names.
@@ -29,7 +25,7 @@ def run(name: str, one: Study, given: dict[str, Any]) -> None:
     """
     from ..report import paper_figures, study_page
     from ..study.asked import Asked
-    from .output import echo_json
+    from .output import echo_json, progress
 
     out, figures = given["out"], given["figures"]
     named = [out] if figures is None else [out, figures]
@@ -37,7 +33,7 @@ def run(name: str, one: Study, given: dict[str, Any]) -> None:
     with _none_left(*before):
         study_page.ready(name, out, figures)
     more = (option.name.replace("-", "_") for option in one.options)
-    with _none_left(*before), _executor(given) as executor, _progress(name) as tick:
+    with _none_left(*before), _executor(given) as executor, progress(name) as tick:
         found = run_study(
             name,
             Asked(
@@ -62,7 +58,7 @@ def run(name: str, one: Study, given: dict[str, Any]) -> None:
             click.echo(line)
     if found.missing:
         click.echo(
-            f"warning: {len(found.missing)} jobs have no result and are not in this: "
+            f"warning: {len(found.missing)} jobs have no result and are left out: "
             f"{', '.join(found.missing[:5])}{', ...' if len(found.missing) > 5 else ''}; "
             "the same command tries them again",
             err=True,
@@ -99,23 +95,3 @@ def _executor(given: dict[str, Any]) -> Iterator[Executor | None]:
 
     with executor(given["on"], given["jobs"]) as found:
         yield found
-
-
-@contextmanager
-def _progress(name: str) -> Iterator[Callable[[int, int, str], None]]:
-    """A bar on a terminal; in a log a line a minute."""
-    from .output import progress
-
-    with progress(name) as bar:
-        if sys.stderr.isatty():
-            yield bar
-            return
-        told_s = time.monotonic()
-
-        def tick(done: int, total: int, what: str) -> None:
-            nonlocal told_s
-            if time.monotonic() - told_s >= LOG_EVERY_S:
-                told_s = time.monotonic()
-                click.echo(f"{name}: {done} of {total}: {what}", err=True)
-
-        yield tick

@@ -67,7 +67,7 @@ def asked_for(
     disk: a folder on the disk that is judged, in place of out.
     """
     if seed < 0:
-        raise InputError(f"--seed: {seed}; 0 or more is right")
+        raise InputError(f"--seed: {seed}; expected 0 or more")
     protocol, source = plan.load(protocol_name)
     rig, rig_path = rig_config.load(rig_name)
     sensor = load_design(protocol.specimen.design)

@@ -24,7 +24,7 @@ def kind_of(
         from ..rig.bench import GrblKind
 
         if realtime:
-            raise InputError(f"{source}: --realtime is of a virtual rig; this one is real")
+            raise InputError(f"{source}: --realtime is for a virtual rig; this one is real")
         return GrblKind(rig, source)
     if realtime:
         from ..virtual.realtime.rig import RealtimeKind

@@ -25,9 +25,9 @@ def checks(
 ) -> list[limits.Check]:
     """Static checks of a protocol on a rig: a run begins where all are ok.
 
-    Forces can only make a real rig refuse, so they are solved for that (minutes, once), and taken
-    where they are at hand for a simulated one. out: a folder on the disk that the run will be
-    written to.
+    Only a real rig can refuse for its forces, so they are solved for that (minutes, once); for a
+    simulated one those that are known already are taken. out: a folder on the disk that the run
+    will be written to.
     """
     protocol, source = plan.load(protocol_name)
     rig, path = rig_config.load(rig_name)

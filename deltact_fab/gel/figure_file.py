@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.util
 import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import InputError, MissingLibrary
+from ..errors import InputError
+from ..extras import require
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -18,8 +18,7 @@ DPI = 150
 
 def require_place(path: Path) -> None:
     """Raises MissingLibrary without matplotlib, InputError for a file that could not be written."""
-    if importlib.util.find_spec("matplotlib") is None:
-        raise MissingLibrary("figures need matplotlib: pip install 'deltact-fab[report]'")
+    require("report", "--plot", "matplotlib")
     if _kind(path) not in KINDS:
         raise InputError(f"--plot {path}: {', '.join('.' + k for k in KINDS)} is needed")
     if path.is_dir():

@@ -12,7 +12,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ..errors import InputError, MissingLibrary, RunFailed
+from ..errors import InputError, RunFailed
+from ..extras import require
 from . import word
 from .each import CannotGoOn
 from .local import take_share
@@ -26,7 +27,7 @@ PACKAGE = Path(__file__).parents[1]
 
 
 class OtherCode(CannotGoOn):
-    """A worker has another deltact_fab than who asks it."""
+    """A worker has another version of deltact_fab than the caller."""
 
 
 @cache
@@ -47,13 +48,10 @@ def cluster(address: str) -> Iterator[Cluster]:
     """
     place = address.partition("://")
     if place[0] not in ("tcp", "tls") or not place[2].rpartition(":")[2].isdecimal():
-        raise InputError(f"--on 'dask:{address}': dask:tcp://HOST:PORT is right")
-    try:
-        from distributed import Client
-    except ImportError as why:
-        raise MissingLibrary(
-            f"--on dask:{address}: needs the extra `cluster`: pip install 'deltact-fab[cluster]'"
-        ) from why
+        raise InputError(f"--on 'dask:{address}': expected dask:tcp://HOST:PORT")
+    require("cluster", f"--on dask:{address}", "distributed")
+    from distributed import Client
+
     with _quiet():
         try:
             client = Client(address, timeout=CONNECT_S, set_as_default=False)

@@ -27,7 +27,7 @@ def executor(on: str = LOCAL, workers: int | None = None) -> Iterator[Executor]:
             yield here
         return
     if not on.startswith(DASK):
-        raise InputError(f"--on {on!r}: 'local' or 'dask:tcp://HOST:PORT' is right")
+        raise InputError(f"--on {on!r}: expected 'local' or 'dask:tcp://HOST:PORT'")
     if workers is not None:
         raise InputError(f"--jobs {workers}: with --on {on} the cluster says how many at a time")
     from .cluster import cluster

@@ -23,9 +23,9 @@ def init(folder: Path) -> list[Path]:
     refuses; what was written until then is removed again.
     """
     if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: a file; the name of a new or empty folder is right")
+        raise InputError(f"{folder}: a file; expected the name of a new or empty folder")
     if folder.is_dir() and any(not path.name.startswith(".") for path in folder.iterdir()):
-        raise InputError(f"{folder}: not empty; the name of a new or empty folder is right")
+        raise InputError(f"{folder}: not empty; expected the name of a new or empty folder")
     texts = _texts()
     made: list[Path] = []
     try:

@@ -6,13 +6,16 @@ import tomllib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .. import catalog
 from ..errors import InputError, did_you_mean
-from ..schema import KINDS, commented
+from ..schema import KINDS, Kind, commented
 from ..schema.document import described
 from .folder import SCHEMAS, schema_line
+
+if TYPE_CHECKING:
+    from ..rig.new import Written
 
 
 def protocol(name: str, source: str = "smoke", out: Path | None = None) -> Path:
@@ -81,6 +84,24 @@ def pattern(name: str, law: str = "algorithm1", out: Path | None = None) -> Path
     return _write("pattern", PatternRecipe, name, out, given, about, leave_out=out_of_place)
 
 
+def rig(name: str, out: Path | None = None) -> Written:
+    """Write a rig file for the devices of this computer, and return what was found.
+
+    Raises InputError and RunFailed as `rig.new.new`, and InputError for a name that is none.
+    """
+    from ..rig.new import new
+
+    return new(_file(KINDS["grbl-rig"], name, out))
+
+
+def _file(kind: Kind, name: str, out: Path | None) -> Path:
+    """Where a new file of a kind goes. Raises InputError for a path in place of a name."""
+    if not name or Path(name).name != name or name.endswith(".toml") or not name.isprintable():
+        raise InputError(f"{name!r}: expected a name, as in mine; -o FILE.toml says where it goes")
+    folder = Path(kind.catalogue)
+    return out or (folder if folder.is_dir() else Path()) / f"{name}.toml"
+
+
 def _write(
     kind_name: str,
     model: type,
@@ -91,11 +112,8 @@ def _write(
     inherited: Mapping[str, Any] | None = None,
     leave_out: Collection[str] = (),
 ) -> Path:
-    if not name or Path(name).name != name or name.endswith(".toml") or not name.isprintable():
-        raise InputError(f"{name!r}: a name is right, as in mine; -o FILE.toml says where it goes")
     kind = KINDS[kind_name]
-    folder = Path(kind.catalogue)
-    file = out or (folder if folder.is_dir() else Path()) / f"{name}.toml"
+    file = _file(kind, name, out)
     text = commented(kind, given, about, inherited, leave_out)
     data = tomllib.loads(text)
     data.pop("base", None)

@@ -85,6 +85,31 @@ class JsonLines:
         """As Output: nothing that a program would take for a result."""
 
 
+class Summary:
+    """One JSON document when there are no more: how many images, and the last result."""
+
+    def __init__(self, to: Callable[[object], None], simulated: str | None) -> None:
+        self._to = to
+        self._simulated = simulated
+        self._last: Measured | None = None
+
+    def show(self, measured: Measured) -> None:
+        """As Output."""
+        self._last = measured
+
+    def end(self, why: str) -> None:
+        """As Output."""
+        last = self._last
+        self._to(
+            {
+                "ended": why,
+                "images": 0 if last is None else last.given.frame + 1,
+                "simulated": self._simulated,
+                "last": None if last is None else as_dict(last),
+            }
+        )
+
+
 class View:
     """The page, which stays open when the results end, until it is closed."""
 

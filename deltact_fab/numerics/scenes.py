@@ -16,6 +16,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -198,8 +199,13 @@ def _follow(confidence: bool) -> None:
         tracker.update(np.roll(image, shift, axis=1))
 
 
+def _packages(name: str) -> set[str]:
+    return {module.partition(".")[0] for module in _IMPORTS[name]}
+
+
 def _measured(progress: Callable[[int, int, str], None]) -> list[dict[str, Any]]:
-    names = [*_CHANNELS, *_GELS, *_FLOWS, *_IMPORTS]
+    here = [name for name in _IMPORTS if all(map(find_spec, _packages(name)))]
+    names = [*_CHANNELS, *_GELS, *_FLOWS, *here]
     runs: dict[str, list[dict[str, float]]] = {name: [] for name in names}
     for i in range(REPEATS):
         for j, name in enumerate(names):
@@ -210,6 +216,10 @@ def _measured(progress: Callable[[int, int, str], None]) -> list[dict[str, Any]]
     found = {name: {k: min(r[k] for r in rows) for k in rows[0]} for name, rows in runs.items()}
     rows = []
     for layer, (about, with_it, without) in LAYERS.items():
+        if with_it not in found:
+            absent = LayerCost(layer, None, None, None, about, "is not installed here")
+            rows.append(absent.as_dict())
+            continue
         a, b = found[with_it], found[without]
         cost = LayerCost(
             layer,

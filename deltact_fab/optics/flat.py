@@ -53,7 +53,7 @@ class FlatField:
 
         kept = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
         if kept is None or kept.dtype != np.uint16 or kept.ndim != 3 or not kept.min() > 0:
-            raise InputError(f"{path}: no 16-bit image of the light")
+            raise InputError(f"{path}: not a 16-bit image of the light")
         share = (kept / FULL).astype(np.float32)
         return cls(np.asarray(cv2.resize(share, size_px, interpolation=cv2.INTER_LINEAR)))
 

@@ -30,11 +30,11 @@ class SurfaceLattice:
 
     def __post_init__(self) -> None:
         if not (min(self.nx, self.ny) >= 2 and max(self.nx, self.ny) <= 100_000):
-            raise ValueError(f"nx, ny: 2 to 100000 nodes are right, not {self.nx}, {self.ny}")
+            raise ValueError(f"nx, ny: expected 2 to 100000 nodes, not {self.nx}, {self.ny}")
         if not 1e-6 <= self.spacing_mm <= 1000:
-            raise ValueError(f"spacing_mm: 1e-6 to 1000 is right, not {self.spacing_mm:g}")
+            raise ValueError(f"spacing_mm: expected 1e-6 to 1000, not {self.spacing_mm:g}")
         if not max(abs(self.x0_mm), abs(self.y0_mm)) <= 1e6:
-            raise ValueError("x0_mm, y0_mm: -1e6 to 1e6 is right")
+            raise ValueError("x0_mm, y0_mm: expected -1e6 to 1e6")
 
     def axes_mm(self) -> tuple[Array, Array]:
         """Nodes along x (nx,) and along y (ny,)."""

@@ -63,7 +63,7 @@ def decode(text: str) -> PatternRecipe:
     if len(clean) > MAX_CHARACTERS:
         raise InputError(f"code {shown}: {len(clean)} characters; a code has a few hundred")
     if not clean.startswith(PREFIX.lower() + "/"):
-        raise InputError(f"code {shown}: no code of a sheet; one begins with {PREFIX}/")
+        raise InputError(f"code {shown}: not the code of a sheet; one begins with {PREFIX}/")
     ending = _ENDING.fullmatch(clean)
     if ending is None:
         raise InputError(
@@ -116,7 +116,7 @@ def _table(entries: list[str], inner: bool = False) -> dict[str, Any]:
             raise ValueError(f"{entry.upper()!r} is not KEY:VALUE")
         name = key.replace("-", "_")
         if name in data:
-            raise ValueError(f"{key.upper()} stands in it twice")
+            raise ValueError(f"{key.upper()} occurs twice")
         if ":" in value and inner:
             raise ValueError(f"{key.upper()} is a table within a table")
         data[name] = _table(value.split("+"), inner=True) if ":" in value else _value(value)

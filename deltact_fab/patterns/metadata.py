@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import hashlib
 import io
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import __version__
+from .. import __version__, reading
 from ..errors import InputError
 from ..units import MM_PER_INCH
 from . import dots
@@ -139,11 +138,8 @@ def _read(path: Path) -> tuple[dict[str, str], tuple[int, int]]:
 def _recipe(path: Path, text: dict[str, str]) -> PatternRecipe:
     if "recipe" not in text:
         raise InputError(f"{path}: carries no recipe; only files of 'pattern make' do")
-    try:
-        data = json.loads(text["recipe"])
-    except ValueError as why:
-        raise InputError(f"{path}: its recipe is not valid JSON: {why}") from why
-    return recipe_from(data, f"{path}: recipe")
+    source = f"{path}: recipe"
+    return recipe_from(reading.json_text(text["recipe"], source), source)
 
 
 def _text(

@@ -17,6 +17,7 @@ from ..errors import InputError
 from ..optics import StageFrame
 from ..shapes import SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
+from ..units import digits
 from .motion import move_duration_s
 from .pace import LOCKSTEP, Pace, homing_s
 from .plan import Point, Protocol, Step, expand
@@ -63,7 +64,8 @@ class Check:
         """One line for a person."""
         verdict = "WARN" if self.warns else "pass" if self.ok else "FAIL"
         limit = "at least" if self.least else "limit"
-        return f"{verdict}  {self.name}: {self.what} {self.figure:g} ({limit} {self.bound:g})"
+        margin = f"{digits(self.figure)} ({limit} {digits(self.bound)})"
+        return f"{verdict}  {self.name}: {self.what} {margin}"
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data."""
@@ -246,5 +248,5 @@ def _unseen(steps: list[Step]) -> Check:
         if step.kind in ("press", "shear")
     )
     bound = MOST_BETWEEN_FRAMES_MM
-    what = "way of the tip (mm)"
+    what = "travel of the tip (mm)"
     return Check("motion between frames", True, what, way_mm, bound, at, way_mm > bound + EPS_MM)

@@ -205,7 +205,7 @@ class Protocol(_Strict):
         legs = 0 if self.shear is None else self.shear.legs
         presses = len(self.indenters) * len(self.positions_mm)
         if (count := presses * (4 + len(self.depths_mm) * (1 + legs))) > MOST_STEPS:
-            raise ValueError(f"{count} steps; at most {MOST_STEPS} are right: make it several")
+            raise ValueError(f"{count} steps; expected at most {MOST_STEPS}: split it")
         return self
 
 

@@ -41,7 +41,7 @@ def require_same(
             key, was, now = found
             raise InputError(
                 f"{run.folder}: cannot be resumed: {key}: {_short(was)} in the folder, "
-                f"{_short(now)} now; a run ends under the conditions it was begun with"
+                f"{_short(now)} now; a run must end under the conditions it began with"
             )
     kept = run.folder / "protocol.toml"
     try:

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import MissingLibrary, RunFailed
+from .. import extras
+from ..errors import RunFailed
 
 FORMATS = ("png", "jxl")
 RATE_HELD_HZ = {"png": 30.0, "jxl": 80.0}
@@ -102,11 +103,7 @@ def decode(data: bytes, name: str) -> NDArray[np.uint8] | None:
 
 
 def _imagecodecs() -> Any:
-    try:
-        import imagecodecs
-    except ImportError as why:
-        raise MissingLibrary(
-            "JPEG XL needs imagecodecs: pip install 'deltact-fab[images]', or [camera] format = "
-            '"png"'
-        ) from why
+    extras.require("images", "JPEG XL ([camera] format)", "imagecodecs")
+    import imagecodecs
+
     return imagecodecs

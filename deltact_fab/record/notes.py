@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from .. import reading
 from ..errors import InputError, RunFailed
 from .files import notes_file, sync_folder
 
@@ -52,7 +53,7 @@ def usable(text: str) -> str:
     """A note's text without blanks at its ends. Raises InputError for what is no note."""
     text = text.strip()
     if not 0 < len(text) <= LONGEST:
-        raise InputError(f"note: {len(text)} characters, 1 to {LONGEST} are right")
+        raise InputError(f"note: {len(text)} characters; expected 1 to {LONGEST}")
     if odd := [c for c in text if not c.isprintable() and c not in "\n\t"]:
         raise InputError(f"note: {odd[0]!r} is no character that can be printed; leave it out")
     return text
@@ -76,9 +77,9 @@ def _lines(folder: Path) -> Iterator[tuple[int, dict[str, Any] | None]]:
         raise RunFailed(f"{path}: cannot be read: {why.strerror}") from why
     for number, line in enumerate(lines, start=1):
         try:
-            note = json.loads(line)
+            note = reading.json_text(line.decode(), f"{path}:{number}")
             yield number, {"wall_s": float(note["wall_s"]), "text": str(note["text"])}
-        except (ValueError, KeyError, TypeError):
+        except (InputError, ValueError, KeyError, TypeError):
             yield number, None
 
 

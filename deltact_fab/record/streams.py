@@ -71,7 +71,7 @@ def unpack(stream: str, origin_s: float, n: int, heads: str, data: bytes) -> Chu
             per_unit[name] = unit
         if at != len(raw) or TIME not in columns:
             raise ValueError("its columns do not fill it")
-    except (zlib.error, TypeError, IndexError) as why:
+    except (zlib.error, TypeError, IndexError, RecursionError) as why:
         raise ValueError(str(why)) from why
     return Chunk(stream, origin_s, columns, per_unit)
 

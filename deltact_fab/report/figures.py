@@ -12,7 +12,7 @@ from contextvars import ContextVar
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-from ..errors import MissingLibrary
+from ..extras import require
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -52,10 +52,9 @@ def blank(width: float, height: float, panels: int = 1, share_y: bool = True, ro
 
     width, height: inches on the page; `on_paper` keeps their ratio, but for what gets too flat.
     """
-    try:
-        import matplotlib
-    except ImportError as why:
-        raise MissingLibrary("figures need matplotlib: pip install 'deltact-fab[report]'") from why
+    require("report", "a figure", "matplotlib")
+    import matplotlib
+
     paper_in = _paper_in.get()
     if paper_in is not None:
         width, height = paper_in, max(paper_in * height / width, FLATTEST * min(paper_in, 3.5))

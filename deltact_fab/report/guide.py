@@ -58,11 +58,13 @@ WHOLE = "H.9"
 class Pictures:
     """What the kernel adds to the page; empty without it, and `note` says why.
 
-    Data URLs: exploded, parts (by name) and steps (by number) are SVG, models (by title) GLB.
+    Data URLs: exploded, bench, parts (by name) and steps (by number) are SVG, models (by title)
+    GLB.
     ceilings: what of a printed part hangs as it lies on the platform, in words, by name.
     """
 
     exploded: str = ""
+    bench: str = ""
     parts: dict[str, str] = field(default_factory=dict)
     models: dict[str, str] = field(default_factory=dict)
     steps: dict[str, str] = field(default_factory=dict)
@@ -135,19 +137,19 @@ def write(
 
 
 def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
-    """Build every part once and draw it; the sensor exploded, and at each step of its assembly.
+    """Build every part once and draw it; the sensor exploded, at each step, and on the test bench.
 
     Raises MissingLibrary without the CAD kernel, RunFailed when a part cannot be built.
     """
     from ..cad.build import build_part
-    from ..cad.drafting.picture import APART, FROM_BACK, exploded_svg, part_svg, step_svg
+    from ..cad.drafting.picture import APART, FROM_BACK, bench_svg, exploded_svg, part_svg, step_svg
     from ..cad.export.formats.glb import drawn, glb_bytes
     from ..cad.kernel import require
     from ..cad.mesh import mesh_solid
     from ..cad.overhangs import laid, stand
 
     require()
-    total = len(parts) + len(STEPS) + 2
+    total = len(parts) + len(STEPS) + 3
     solids: dict[str, Any] = {}
     images: dict[str, str] = {}
     for done, part in enumerate(parts):
@@ -164,6 +166,9 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
         view = FROM_BACK if step in FROM_BEHIND else APART
         svg = step_svg(f"step {step}", design, layers, solids, view)
         steps[step] = _data_url("image/svg+xml", svg.encode())
+    tell(total - 2, total, "test bench")
+    tip = next((part for part in parts if part.indenter is not None), None)
+    bench = _data_url("image/svg+xml", bench_svg(design, tip, solids).encode()) if tip else ""
     tell(total - 1, total, "3D view")
     # Meshes last: they leave triangles on the solids.
     fine = {p.name: mesh_solid(solids[p.name], VIEW_TOLERANCE_MM, p.name) for p in parts}
@@ -184,7 +189,8 @@ def draw(design: Design, parts: Sequence[Part], tell: Progress) -> Pictures:
             placed.append(replace(meshes[part.name], places_mm=at))
         models[title] = _data_url("model/gltf-binary", glb_bytes(placed, "deltact"))
     tell(total, total, "done")
-    return Pictures(_data_url("image/svg+xml", exploded.encode()), images, models, steps, ceilings)
+    whole = _data_url("image/svg+xml", exploded.encode())
+    return Pictures(whole, bench, images, models, steps, ceilings)
 
 
 def _plates(design: Design, parts: Sequence[Part]) -> list[tuple[str, dict[str, int]]]:
@@ -214,7 +220,7 @@ def viewer() -> Viewer:
                 texts[file.name] = path.read_text(encoding="utf-8")
     if VIEWER_FILE not in texts:
         return Viewer(
-            note=f"No 3D view: {VIEWER_PACKAGE} is not installed; pip install 'deltact-fab[report]'"
+            note=f"No 3D view: {VIEWER_PACKAGE} is not installed; pip install 'deltact-fab[cad]'"
         )
     # What would end or hide the rest of the page; in a string of the script it means the same.
     script = texts[VIEWER_FILE].replace("</script", "<\\/script").replace("<!--", "<\\!--")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sqlite3
 from collections.abc import Iterator
@@ -11,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from urllib.parse import quote
 
-from .. import record
+from .. import reading, record
 from ..errors import DeltactFabError, InputError
 from . import study_folder
 from .templating import environment, render, save
@@ -134,7 +133,7 @@ def _verdict(place: Path) -> str:
     path = place / "analysis" / "tracking.json"
     if not path.is_file():
         return ""
-    return str(json.loads(path.read_bytes())["verdict"]["line"])
+    return str(reading.json_object(path)["verdict"]["line"])
 
 
 def _counts(told: dict[str, object]) -> str:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import base64
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from .. import reading
 from ..errors import InputError
 from ..patterns.series import job as series
 from . import figures
-from .templating import environment, render, save
+from .templating import environment, render, require_pages, save
 
 
 def ready() -> Callable[[Path], Path]:
@@ -19,8 +19,7 @@ def ready() -> Callable[[Path], Path]:
 
     Raises MissingLibrary without the extra `report`.
     """
-    environment()
-    figures.blank(1, 1)
+    require_pages()
     return write
 
 
@@ -72,16 +71,17 @@ def write(folder: Path) -> Path:
 def _read(folder: Path) -> tuple[dict[str, Any], bytes]:
     """Figures and contact sheet of a series."""
     try:
-        data = json.loads((folder / series.FIGURES).read_bytes())
         picture = (folder / series.CONTACT).read_bytes()
+        (folder / series.FIGURES).stat()
     except FileNotFoundError as why:
         raise InputError(
             f"{folder}: no series: {Path(why.filename).name} is missing; name a folder that "
             "`pattern series` wrote"
         ) from why
-    except (OSError, ValueError) as why:
-        raise InputError(f"{folder / series.FIGURES}: cannot be read: {why}") from why
-    found = data.get("format") if isinstance(data, dict) else None
+    except OSError as why:
+        raise InputError(f"{why.filename}: cannot be read: {why.strerror}") from why
+    data = reading.json_object(folder / series.FIGURES)
+    found = data.get("format")
     if found != series.FORMAT:
         raise InputError(
             f"{folder / series.FIGURES}: format {found!r}; this version reads {series.FORMAT!r}"

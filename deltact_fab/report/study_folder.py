@@ -12,6 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from .. import reading
 from ..errors import InputError, RunFailed
 from ..record import write_whole
 from .result import Headline, StudyResult
@@ -49,28 +50,20 @@ class KeptResult:
 def read_result(folder: str | Path) -> KeptResult:
     """What a study left in a folder. Raises InputError naming file and key."""
     path = Path(folder) / RESULT
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError as why:
+    if not reading.is_file(path):
         raise InputError(
             f"{folder}: no study ({RESULT} is missing); name a folder that `study run` wrote"
-        ) from why
-    except OSError as why:
-        raise InputError(f"{path}: cannot be read: {why.strerror}") from why
-    return _read(data, path)
+        )
+    return _kept(reading.json_object(path), path)
 
 
 def made_of(files: Mapping[str, bytes]) -> KeptResult:
     """As `read_result`, of `contents` that are not written yet."""
-    return _read(files[RESULT], Path(RESULT))
+    return _kept(json.loads(files[RESULT]), Path(RESULT))
 
 
-def _read(data: bytes, path: Path) -> KeptResult:
-    try:
-        found = json.loads(data)
-    except ValueError as why:
-        raise InputError(f"{path}: cannot be read: {why}") from why
-    kept = found.get("format") if isinstance(found, dict) else None
+def _kept(found: dict[str, Any], path: Path) -> KeptResult:
+    kept = found.get("format")
     if kept != FORMAT:
         raise InputError(f"{path}: format: {kept!r}; this version reads {FORMAT!r}")
     values: dict[str, Any] = {}
@@ -81,7 +74,7 @@ def _read(data: bytes, path: Path) -> KeptResult:
         values[key] = tuple(value) if isinstance(value, list) else value
     try:
         values["headlines"] = tuple(_headline(one) for one in values["headlines"])
-    except (TypeError, KeyError, ValueError) as why:
+    except (TypeError, KeyError, ValueError, AttributeError) as why:
         raise InputError(f"{path}: headlines: cannot be read: {why}") from why
     return KeptResult(**values)
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from . import figures, study_folder, tables
 from .result import Drawn, LeftOut, StudyResult, Table
-from .templating import environment, render
+from .templating import environment, render, require_pages
 
 MOST_MISSING = 20
 HEADLINES = "headlines"
@@ -22,8 +22,7 @@ def ready(study: str, out: Path, figures_in: Path | None = None) -> None:
     extra `report`, InputError for a folder that cannot be, or that holds anything but an earlier
     one of this study.
     """
-    environment()
-    figures.blank(1, 1)
+    require_pages()
     study_folder.make(out)
     study_folder.refuse_strange(out, study)
     if figures_in is not None:

@@ -7,19 +7,25 @@ from pathlib import Path
 from typing import Any
 
 from .. import record
-from ..errors import InputError, MissingLibrary
+from ..errors import InputError
+from ..extras import require
 from .tidy import tidied
+
+
+def require_pages() -> None:
+    """Raises MissingLibrary without the extra `report`; call it before the work for a page."""
+    require("report", "a page", "jinja2", "matplotlib")
 
 
 def environment(**filters: Callable[..., str]) -> Any:
     """A jinja2 environment over this package's templates, with the filters given.
 
-    A name that a template does not find is an error. Raises MissingLibrary without jinja2.
+    A name that a template does not find is an error. Raises MissingLibrary without the extra
+    `report`.
     """
-    try:
-        import jinja2
-    except ImportError as why:
-        raise MissingLibrary("pages need jinja2: pip install 'deltact-fab[report]'") from why
+    require_pages()
+    import jinja2
+
     made = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent / "templates"),
         autoescape=True,

@@ -48,7 +48,7 @@ def _quoted(name: str) -> str:
 
 _HEAD = """\
 # A real bench: a GRBL 1.1 or grblHAL stage, with a force sensor, a camera and indenters.
-# `deltact-fab rig new bench.toml` writes such a file with the devices that it finds,
+# `deltact-fab rig new bench` writes such a file with the devices that it finds,
 # `deltact-fab rig check bench.toml` says what is wrong with it, and nothing moves.
 #
 # A line that begins with "#" and goes on at once is a key that is not set: its value is the

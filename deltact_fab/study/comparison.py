@@ -47,7 +47,7 @@ def run(asked: Asked) -> StudyResult:
     """
     for given, option in ((asked.scale, "--scale"), (asked.rig, "--rig"), (asked.runs, "--from")):
         if given:
-            raise InputError(f"{option}: the study {NAME} does not take it: nothing is simulated")
+            raise InputError(f"{option}: the study {NAME} has no use for it: nothing is simulated")
     own = [sensor_of(name) for name in _designs(asked.more.get("design") or ())]
     table = sensor_table([*IN_TABLE, PREDECESSOR_DRAWN, GECKO, *own])
     reductions, said = reduction_table(), claims()

@@ -66,7 +66,7 @@ def _recorded(asked: Asked) -> StudyResult:
     given = {"scale": asked.scale, "rig": asked.rig, "protocol": asked.more.get("protocol")}
     for name, value in given.items():
         if value is not None:
-            raise InputError(f"--{name}: not with --from, which takes the points of its runs")
+            raise InputError(f"--{name}: does not go with --from: the points are those of its runs")
     runs = [record.open(folder) for folder in asked.runs]
     for run in runs:
         level = run.meta["protocol"]["specimen"]["gel_model"]

@@ -38,17 +38,17 @@ def jobs_of(folders: Sequence[Path], methods: Sequence[str]) -> list[tuple[Print
         run = record.open(folder)
         frames = recorded(run, "the pattern selection")
         if run.pattern["recipe"]["law"] == ONLY_DOTS:
-            raise InputError(f"{folder}: the pattern has only dots; a dense one is right")
+            raise InputError(f"{folder}: the pattern has only dots; expected a dense one")
         if "dots" not in run.meta["protocol"]["channels"] or not len(run.dots_mm()):
             raise InputError(
-                f"{folder}: no dots were recorded, and the error is taken at them; a pattern with "
-                "dots and the channel 'dots' are right"
+                f"{folder}: no dots were recorded, at which the error is measured; expected "
+                "a pattern with dots and the channel 'dots'"
             )
         printed = printed_of(run)
         if printed.name in taken:
             raise InputError(
-                f"{folder}: the pattern {printed.words} again, as in {taken[printed.name]}; one "
-                "run a pattern is right"
+                f"{folder}: the pattern {printed.words} again, as in {taken[printed.name]}; "
+                "expected one run per pattern"
             )
         taken[printed.name] = folder
         for press, part in frames.groupby("press", sort=False):

@@ -53,7 +53,7 @@ class Selection:
         config, source = rig_config.load(asked.rig or RIG)
         if not isinstance(config, VirtualConfig):
             raise InputError(
-                f"--rig: {source}: a real rig; the study simulates: a virtual one is right, or "
+                f"--rig: {source}: a real rig; the study simulates: give a virtual one, or "
                 "--from with the runs of a real one"
             )
         indenters = _chosen(

@@ -18,7 +18,7 @@ class Option:
     """An option of one study only: `--name VALUE` of its command, `Asked.more["name"]` in it.
 
     name: with hyphens; in `more` with underscores. default: its type is the option's (True and
-    False: a switch; a tuple: may be given several times, a tuple of words arrives). None: no
+    False: a switch; a tuple: repeatable, a tuple of words arrives). None: no
     default, and kind says the type. low, high: limits, both allowed. choices: what is valid.
     """
 
@@ -51,27 +51,25 @@ STUDIES = {
     "force-calibration": Study(
         "force_calibration",
         "The paper's force table: 5 balls, 2070 points.",
-        "The whole, and the default, is the paper's 2070 settled points (protocol "
+        "The default is all of the paper's 2070 settled points (protocol "
         "force-calibration) on a gel at finite strain: half an hour on two idle cores, six minutes "
-        "with --scale 0.1. The scale thins depths and places; all indenters stay, two places at "
-        "least, and the range of depth and shear.\n\n"
+        "with --scale 0.1. A smaller scale takes fewer depths and places; all indenters stay, and "
+        "so do at least two places and the range of depth and shear.\n\n"
         "With --from the points are those of recorded runs, of any bench.",
-        options=(
-            Option("protocol", "Another protocol that has images, forces and settled stops."),
-        ),
+        options=(Option("protocol", "Another protocol with images, forces and settled stops."),),
     ),
     "pattern-selection": Study(
         "pattern_selection",
         "The paper's 17 patterns under 5 indenters.",
-        "By the paper's own tracker and by ours, at the dots and off them. --scale 1 is the "
-        "paper's 3600 frames an indenter and pattern: a day on two cores. Below, fewer positions "
-        "and shorter drags are filmed, with the same step between frames. The gel is solved once "
-        "and kept. With --from, each run is one tactile base.",
+        "By the paper's own tracker and by ours, at the dots and away from them. --scale 1 is the "
+        "paper's 3600 frames per indenter and pattern, a day on two cores. A smaller scale films "
+        "fewer positions and shorter drags, with the same step between frames. The gel is solved "
+        "once and kept. With --from, each run is one tactile base.",
         scale=0.04,
         options=(
-            Option("protocol", "What is pressed, by name or path.", "pattern-selection"),
-            Option("pattern", "One of the series, as d0p1-r0p5; may be given several times.", ()),
-            Option("indenter", "One of the protocol's; may be given several times.", ()),
+            Option("protocol", "Protocol to press: a name or a path.", "pattern-selection"),
+            Option("pattern", "Only this pattern of the series, as d0p1-r0p5; repeatable.", ()),
+            Option("indenter", "Only this indenter of the protocol; repeatable.", ()),
         ),
     ),
     "shapes": Study(
@@ -79,52 +77,62 @@ STUDIES = {
         "Sphere, cylinder, ring, toy hat: depth against truth; force fields.",
         "Four objects (protocols shapes, shapes-hat), the calibrations of depth and force that "
         "they need (ball-press, and one ball of force-calibration-small), and a press of twist: "
-        "five minutes on two idle cores. The scale thins the places at which an object is "
-        "pressed, three of them, to one at least; all objects and depths stay.\n\n"
+        "five minutes on two idle cores. A smaller scale presses each object at fewer than three "
+        "places; all objects and depths stay.\n\n"
         "With --from the presses are those of recorded runs, of any bench and any indenters.",
         options=(
-            Option("depth", "With --from: the calibration of depth, by `calibrate-depth`."),
-            Option("force", "With --from: the calibration of force, by `analyze force`."),
+            Option("depth", "With --from: calibration of depth, made by `calibrate-depth`."),
+            Option("force", "With --from: calibration of force, made by `analyze force`."),
         ),
     ),
     "comparison": Study(
         "comparison",
         "The paper's table of sensors, with your designs as rows.",
         takes=(),
-        options=(Option("design", "A sensor's TOML, as a row; may be given several times.", ()),),
+        options=(
+            Option(
+                "design",
+                "Add this design as a row: a name of `cad designs` or a path; repeatable.",
+                (),
+            ),
+        ),
     ),
     "pattern-search": Study(
         "pattern_search",
         "The best pattern for a printer and a camera.",
-        about="Candidates are printed and photographed by the models of a virtual rig's printer "
-        "and camera, what predicts their tracking error is ranked, and the best few are followed "
-        "on the finite-strain gel beside the paper's pattern. The scale thins candidates, seeds "
-        "and drag.",
+        about="Candidates go through the printer and the camera of a virtual rig and are ranked by "
+        "what predicts their tracking error; the best few are then tracked on the finite-strain "
+        "gel next to the paper's pattern. A smaller scale takes fewer candidates and seeds, and a "
+        "shorter drag.",
         takes=("scale", "seed", "rig", "grid"),
         scale=1.0,
         options=(
-            Option("dpi", "Of the printer.", kind=int),
-            Option("levels", "Grey levels of a printed dot and ink.", kind=int),
+            Option("dpi", "Resolution of the printer, dots per inch.", kind=int),
+            Option("levels", "Grey levels of each ink in a printed dot.", kind=int),
             Option("spread-um", "How far ink runs, um.", kind=float),
-            Option("misregistration-um", "How far an ink is misplaced, um.", kind=float),
-            Option("mm-per-px", "Of the face, a pixel of the camera, mm.", kind=float),
-            Option("blur-px", "Of lens and sensor together, pixels.", kind=float),
-            Option("full-well-electrons", "Of a pixel: fewer make more noise.", kind=float),
-            Option("read-noise-electrons", "Of a pixel.", kind=float),
+            Option("misregistration-um", "How far the inks are out of register, um.", kind=float),
+            Option("mm-per-px", "Size of a camera pixel on the face, mm.", kind=float),
+            Option("blur-px", "Blur of lens and image sensor together, pixels.", kind=float),
+            Option(
+                "full-well-electrons",
+                "Full well of a pixel, electrons; fewer mean more noise.",
+                kind=float,
+            ),
+            Option("read-noise-electrons", "Read noise of a pixel, electrons.", kind=float),
         ),
     ),
     "settling": Study(
         "settling",
         "How long to wait at a stop before the force is steady.",
-        about="On a simulated gel whose relaxation is assumed, or given by --prony; of your own "
-        "gel: record the protocol `settling` and give the run by --from, the relaxation is fitted.",
+        about="On a simulated gel whose relaxation is assumed, or given by --prony. For your own "
+        "gel, record the protocol `settling` and pass the run with --from, which fits its "
+        "relaxation.",
         takes=("scale", "rig", "from", "grid"),
         scale=1.0,
         options=(
             Option(
                 "prony",
-                "G:TAU_S, a share of the steady force that fades with TAU_S; may be given several "
-                "times.",
+                "G:TAU_S: a share G of the steady force decays within TAU_S seconds; repeatable.",
                 (),
             ),
         ),

@@ -108,7 +108,7 @@ def series_of(given: Sequence[str], protocol: Protocol) -> Series:
                 pairs.append((float(g), float(tau)))
             except ValueError:
                 raise InputError(
-                    f"--prony {text}: G:TAU_S is right, as 0.05:3 (5 % of the steady force fade "
+                    f"--prony {text}: expected G:TAU_S, as 0.05:3 (5 % of the steady force fade "
                     "with 3 s)"
                 ) from None
     if not pairs:

@@ -102,7 +102,7 @@ def _recorded(asked: Asked) -> StudyResult:
 
     if asked.scale is not None or asked.rig is not None:
         named = "--scale" if asked.scale is not None else "--rig"
-        raise InputError(f"{named}: not with --from, which takes the presses that were recorded")
+        raise InputError(f"{named}: does not go with --from, which takes the recorded presses")
     runs = [record.open(folder) for folder in asked.runs]
     jobs = []
     for open_run in runs:

@@ -142,7 +142,7 @@ class PressStream:
         return np.asarray(first + look.fraction * (self._field(look.b).astype(float) - first))
 
     def _field(self, knot: int) -> NDArray[Any]:
-        """Displacement (ny, nx, 3) of a knot on the cut lattice; the last two are at hand."""
+        """Displacement (ny, nx, 3) of a knot on the cut lattice; the last two are kept."""
         for number, field in self._knot:
             if number == knot:
                 return field

@@ -29,7 +29,7 @@ class Line:
 
 @dataclass(frozen=True)
 class PressPath:
-    """The planned way of a press: what of it ends in contact. press: `indenter/position`."""
+    """The moves of a planned press that end in contact. press: `indenter/position`."""
 
     press: str
     indenter: str

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from deltact_fab.cad import check
-from deltact_fab.cad.check import inequalities, pegs, rays, sight
+from deltact_fab.cad.check import inequalities, pegs, rays, sight, thickness
 from deltact_fab.cad.check.built import MESH_MM, Built
 from deltact_fab.cad.check.cylinders import along_z, near
 from deltact_fab.cad.check.row import Row, at, open_keys
@@ -17,6 +17,7 @@ from deltact_fab.cad.check.run import CHECKS
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import mesh_solid
+from deltact_fab.cad.registry import find
 
 VARIANTS = ("deltact", "screws-16mm", "skin-30x34", "skin-44x40", "franka", "large-56x50")
 
@@ -303,3 +304,10 @@ def test_the_shipped_designs_pass(name):
     assert [done for done, _, _ in told] == list(range(len(told)))
     assert told[-1] == (told[-1][1], told[-1][1], "done")
     assert any(row.verdict.startswith("pass (unverified: ") for row in rows)
+
+
+def test_the_foot_of_a_peg_s_leg_is_no_wall_of_the_cover(cq):
+    """The mesh of this cover has a point of a leg .8 um above the floor."""
+    changes = ["skin.width_mm=53.7", "skin.length_mm=41.5", "screw.length_mm=16"]
+    built = Built(load_design(changes=changes), (find("cover"),), {})
+    assert [row.found[:8] for row in thickness.rows(built)] == ["1.500 mm", "0.600 mm"]

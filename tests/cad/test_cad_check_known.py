@@ -207,10 +207,15 @@ def test_rows_from_the_cache_are_those_of_a_fresh_run():
     for change in CHANGES:
         rows, ran = _ran(change)
         assert rows == of_built(Built.make(load_design("deltact", change), None, LIST)), change
-        assert not any("indenter" in name for name in ran), change
+        # On the bench the one that hangs there meets whatever else has changed.
+        own = [name for name in ran if not name.startswith("bench: ")]
+        assert not any("indenter" in name for name in own), change
         assert ran, change
     cover = _ran(["cover.strain_limit=0.035"])[1]
     assert "wall thickness: shell" not in cover
+    assert {name for name in cover if name.startswith(("box: ", "bed contact: "))} <= {
+        "box: cover", "bed contact: cover"
+    }  # fmt: skip
     assert not cover & {"no undercut", "mold volume closure", "view cone", "LED strip length"}
     assert _ran([]) == (first, set())
     assert _ran(CHANGES[-1])[1] == set()

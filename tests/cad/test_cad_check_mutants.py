@@ -26,6 +26,7 @@ from deltact_fab.shapes.indenter import parse
 DESIGN = load_design()
 LIST = IndenterList(indenter=(ListedIndenter("sphere:10"), ListedIndenter("star")))
 SCREWS = "cover, shell, skin-frame"
+BENCH = ("bench clear", "bench, indenter-sphere-10")
 
 
 @pytest.fixture(scope="module")
@@ -53,10 +54,6 @@ class Watched(Built):
     def cylinders(self, name):
         self.looked_at.add(name)
         return super().cylinders(name)
-
-    def placed(self):
-        self.looked_at |= {part.name for part in self.parts if part.group == "sensor"}
-        return super().placed()
 
 
 @dataclass
@@ -152,7 +149,8 @@ def test_a_hole_shifted_by_0_3_mm(sound, cq):
     ].startswith("shell in screw: ")
     bench = _shifted(cq, sound.solid("testing-shell"), *ends)
     assert list(sound.failing(testing_shell=bench)) == [
-        ("screw axes coaxial", "testing-shell, transparent-base")
+        ("screw axes coaxial", "testing-shell, transparent-base"),
+        BENCH,
     ]
 
 
@@ -226,11 +224,11 @@ def test_two_solids_and_none(sound, cq):
     loose = _box(cq, (high[0] + 1, 0, 0), (high[0] + 6, 5, 5))
     both = cq.Compound.makeCompound([wells, loose])
     assert sound.failing(coupon_mold=both) == {
-        ("one valid closed solid", "tools"): "1 of 4 not: coupon-mold: 2 solids, one is right"
+        ("one valid closed solid", "tools"): "1 of 4 not: coupon-mold: 2 solids, expected one"
     }
     found = sound.failing(coupon_mold=wells.Faces()[0])
     assert found["one valid closed solid", "tools"] == (
-        "1 of 4 not: coupon-mold: 0 solids, one is right"
+        "1 of 4 not: coupon-mold: 0 solids, expected one"
     )
 
 
@@ -288,7 +286,8 @@ def test_an_indenter_of_another_stem_or_another_size(sound, cq):
     top = sound.box("indenter-sphere-10")[1][2]
     thick = sound.solid("indenter-sphere-10").fuse(_rod(cq, 3.2, top - 15, top)).clean().Solids()[0]
     found = sound.failing(indenter_sphere_10=thick)
-    assert found == {("indenter stem", "indenters"): "6.400 mm: indenter-sphere-10"}
+    assert found["indenter stem", "indenters"] == "6.400 mm: indenter-sphere-10"
+    assert set(found) - {BENCH} == {("indenter stem", "indenters")}
     other = indenter.build(IndenterDimensions(parse("sphere:10.2"), IndenterBody()))
     found = sound.failing(indenter_sphere_10=other)
     assert list(found) == [("indenter height field", "indenters")]
@@ -314,3 +313,23 @@ def test_what_the_gate_refuses_becomes_a_row(sound, monkeypatch):
     assert list(built.failed) == ["cover"]
     found = {row.part: row.found for row in soundness.rows(built)}
     assert found["sensor"].startswith("1 of 10 not: cover: volume ")
+
+
+def test_the_bench_put_together_is_held_apart(cq, sound):
+    """A plate that reaches into the sensor, a bore that is too short, a holder that hangs low."""
+    high = sound.solid("stage-plate").moved(cq.Location((0, 0, 0.5)))
+    assert "cover in stage-plate: " in sound.failing(stage_plate=high)[BENCH]
+    plug = _rod(cq, 2.0, 15, 22)
+    short = sound.failing(tool_holder=sound.solid("tool-holder").fuse(plug))
+    assert short[BENCH].startswith("indenter-sphere-10 in tool-holder: ")
+    skirt = _rod(cq, 16.0, -15, 0).cut(_rod(cq, 14.0, -16, 1))
+    low = sound.failing(tool_holder=sound.solid("tool-holder").fuse(skirt))
+    assert "skin in tool-holder: " in low[BENCH]
+
+
+def test_a_press_as_deep_as_the_tips_are_long_is_refused():
+    stack = [check for check in CHECKS if check.name == "bench clear"]
+    built = Built.make(load_design(changes=["plate.depth_mm=11.5"]), indenters=LIST)
+    reach = next(row for row in of_built(built, checks=stack) if row.check == "bench reach")
+    assert not reach.passed
+    assert "plate.depth_mm" in reach.limit

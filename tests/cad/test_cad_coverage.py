@@ -105,6 +105,35 @@ def one_well(d):
     return Expected((volume, volume), ((0, 0, 0), (20, 20, height)), {})
 
 
+def test_the_larger_of_two_equal_lengths_is_said_by_both():
+    """On the corner between them a step forwards moves the one for some keys, for others not."""
+
+    def callouts(d):
+        seat, floor = d.mold.seat_mm - d.coupon.depth_mm, d.coupon.base_mm
+        return Callouts((z_of("left", 0, seat, "right"), z_of("front", 0, floor, "right")), ())
+
+    def larger(d):
+        height = max(d.mold.seat_mm - d.coupon.depth_mm, d.coupon.base_mm)
+        return Expected((400 * height,) * 2, ((0, 0, 0), (20, 20, height)), {})
+
+    dims = load_design(changes=["mold.seat_mm=7", "coupon.base_mm=3", "coupon.depth_mm=4"])
+    plain = Part("step", "", "", lambda _: None, larger, sections=("coupon", "mold"),
+                 callouts=callouts)  # fmt: skip
+    assert coverage(plain, dims).unsaid == ()
+
+    def first_alone(d):
+        return replace(callouts(d), items=callouts(d).items[:1])
+
+    told = coverage(replace(plain, callouts=first_alone), dims).unsaid
+    assert "coupon.base_mm" in told
+
+
+def test_a_boss_as_high_as_the_pegs_is_said():
+    dims = load_design(changes=["screw.length_mm=16", "screw.engagement_mm=4.1"])
+    assert dims.z_boss_mm == pytest.approx(dims.z_floor_mm + dims.peg_length_mm)
+    assert coverage(registry.find("cover"), dims).unsaid == ()
+
+
 def test_a_key_may_be_silent_with_a_reason():
     dims = load_design()
     slot = without("cover", lambda i: isinstance(i, Linear) and i.after in SLOT)

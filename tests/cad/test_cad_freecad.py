@@ -11,14 +11,15 @@ from pathlib import Path
 import pytest
 
 from benchmarks.cad_random import drawn
-from deltact_fab.cad.assembly import assemble, thread_overlap_mm3
+from deltact_fab.cad.assembly import assemble, bench, thread_overlap_mm3
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.export.formats.step import part_bytes
+from deltact_fab.cad.registry import find
 
 FREECAD = shutil.which("freecadcmd")
 SCRIPT = Path(__file__).with_name("freecad_common.py")
-# Large designs of benchmarks/cad_random.py that pass every row.
-RANDOM = (9,)
+# Designs of benchmarks/cad_random.py that pass every row: large ones on M3 and M2.5.
+RANDOM = (3, 5)
 
 pytestmark = [
     pytest.mark.slow,
@@ -75,6 +76,14 @@ def test_no_two_parts_share_volume_but_the_threads(change, tmp_path):
     for key, volumes in found.items():
         assert volumes == pytest.approx([threads[key]] * len(volumes), rel=1e-5)
     assert seen["size"] == pytest.approx(design.outer_mm, abs=1e-5)
+
+
+def test_nothing_of_the_bench_shares_volume(tmp_path):
+    seen = _seen_by_freecad(bench(load_design(), find("star")), tmp_path)
+    names = {name for name, *_ in seen["shapes"]}
+    assert names >= {"stage-plate", "testing-shell", "tool-holder", "nano17-adapter", "nano17"}
+    shared = {tuple(sorted(pair)) for *pair, common_mm3 in seen["common"] if common_mm3 > 1e-3}
+    assert shared == {("screw", "skin-frame"), ("camera-holder", "camera-screw")}
 
 
 def test_a_part_out_of_place_is_seen(tmp_path):

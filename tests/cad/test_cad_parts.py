@@ -172,7 +172,7 @@ def test_the_gate_stops_what_the_kernel_returns_in_silence(cq):
     wrong = {
         "0 solids": box.cut(cq.Solid.makeBox(2, 2, 2)),
         "2 solids": cq.Compound.makeCompound([box, box.moved(cq.Location((3, 0, 0)))]),
-        "volume 1.200000 mm3, 1.000000 is right; parameters side_mm=1": cq.Solid.makeBox(1, 1, 1.2),
+        "volume 1.200000 mm3, expected 1.000000; parameters side_mm=1": cq.Solid.makeBox(1, 1, 1.2),
         "bounding box": box.moved(cq.Location((0.1, 0, 0))),
         "2 shells": cq.Solid.makeBox(3, 3, 3).cut(cq.Solid.makeBox(1, 1, 1, cq.Vector(1, 1, 1))),
     }

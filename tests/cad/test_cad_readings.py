@@ -96,17 +96,17 @@ def test_what_was_read_is_a_design_that_check_and_export_use(tmp_path):
 @pytest.mark.parametrize(
     ("line", "says"),
     [
-        ("fit-coupon,hole,3.0,two,", "line 3: measured_mm 'two': a length above 0"),
-        ("fit-coupon,hole,3.0,,", "line 3: measured_mm '': a length above 0"),
+        ("fit-coupon,hole,3.0,two,", "line 3: measured_mm 'two': expected a length above 0"),
+        ("fit-coupon,hole,3.0,,", "line 3: measured_mm '': expected a length above 0"),
         ("fit-coupon,hole,-3,3,", "line 3: nominal_mm '-3'"),
         ("fit-coupon,hole,3,nan,", "line 3: measured_mm 'nan'"),
-        ("fit-coupon,hole,3.0,30,", "line 3: measured_mm 30: within 50% of nominal_mm 3"),
+        ("fit-coupon,hole,3.0,30,", "line 3: measured_mm 30: expected within 50% of nominal_mm 3"),
         ("fit-coupon,strip,3.0,3,", "line 3: feature 'strip'"),
         ("fit-copon,hole,3.0,3,", "line 3: coupon 'fit-copon': did you mean 'fit-coupon'"),
-        ("fit-coupon,hole,3.0,3,2", "line 3: pieces '2': 1 is right"),
-        ("kerf-coupon,strip,100,98,1.5", "line 3: pieces '1.5': a whole number"),
-        ("fit-coupon,hole,3.0,3,1,7", "line 3: 6 columns; 5 are right"),
-        ("fit-coupon,hole,3.0,3,", "hole and slot: 2 readings; 3 or more are right"),
+        ("fit-coupon,hole,3.0,3,2", "line 3: pieces '2': expected 1"),
+        ("kerf-coupon,strip,100,98,1.5", "line 3: pieces '1.5': expected a whole number"),
+        ("fit-coupon,hole,3.0,3,1,7", "line 3: 6 columns; expected 5"),
+        ("fit-coupon,hole,3.0,3,", "hole and slot: 2 readings; expected 3 or more"),
     ],
 )
 def test_a_bad_table_is_one_line_with_its_place(tmp_path, line, says):

@@ -65,7 +65,9 @@ def test_a_design_that_is_its_own_base_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"mine\.toml: base: .* own base"):
         load_design(str(mine))
     mine.write_text("base = 3\n")
-    with pytest.raises(InputError, match=r"mine\.toml: base: the name of a design .*got 3"):
+    with pytest.raises(
+        InputError, match=r"mine\.toml: base: expected the name of a design .*got 3"
+    ):
         load_design(str(mine))
 
 
@@ -83,16 +85,16 @@ def test_set_changes_numbers_words_and_lists():
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ("skin.width_mm", "section.key=value is right"),
-        ("width_mm=3", "section.key=value is right"),
-        ("skin.width_mm=", "section.key=value is right"),
+        ("skin.width_mm", "expected section.key=value"),
+        ("width_mm=3", "expected section.key=value"),
+        ("skin.width_mm=", "expected section.key=value"),
         ("skin.widht_mm=44", "skin.widht_mm: unknown key; did you mean 'width_mm'"),
         ("skn.width_mm=44", "skn: unknown key; did you mean 'skin'"),
         ("skin.width_mm=wide", "skin.width_mm: Input should be a valid number"),
         ("skin.width_mm=nan", "skin"),
         ("skin.width_mm=0", "5 <= width_mm <= 200: 0 fails"),
         ("skin.edge_fillet_mm=6", "edge_fillet_mm < protrusion_mm"),
-        ("screw.thread=M4", "thread: one of M1.6, M2, M2.5, M3 is right: 'M4' fails"),
+        ("screw.thread=M4", "thread: expected one of M1.6, M2, M2.5, M3: 'M4' fails"),
         ("mount.kind=hook", "mount.kind"),
         ("mount.screw=M7", "one of M2, M2.5, M3"),
         ('camera.measured=["pixel_um"]', "measured: of board_width_mm"),

@@ -129,3 +129,8 @@ def test_within_a_tenth_of_solid_elements_at_49_n(tmp_path, four):
     # What would hold the plate on the ledges' whole breadth makes it stiffer, so the row is safe.
     held = solve(plate, force_n, spread_mm, ledge, tmp_path)
     assert -held.moved[middle, 2] < 0.6 * sag[middle]
+
+
+def test_a_press_on_the_ledge_alone_bends_nothing() -> None:
+    found = bend(plate_of(DEFAULT), 2.0, at_mm=(30.0, 0.0))
+    assert (found.deflection_mm, found.over_ring_mm, found.stress_mpa) == (0.0, 0.0, 0.0)

@@ -168,7 +168,7 @@ def test_a_mold_of_other_numbers_is_stopped_by_the_gate(cq: Any) -> None:
         DEFAULT, skin=dataclasses.replace(DEFAULT.skin, edge_fillet_mm=1.99)
     )
     other = dataclasses.replace(MOLD, build=lambda design: mold.build(sharp))
-    with pytest.raises(RunFailed, match=r"^mold: volume .* is right; parameters width_mm=36"):
+    with pytest.raises(RunFailed, match=r"^mold: volume .*, expected .*; parameters width_mm=36"):
         build_part(other, DEFAULT)
 
 

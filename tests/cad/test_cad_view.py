@@ -39,6 +39,15 @@ def test_chosen_parts_with_own_dimensions(tmp_path):
     assert set(_shown(own)) == {"shell", "sphere:12.5"}
 
 
+def test_the_bench_with_an_indenter(tmp_path):
+    own = tmp_path / "view.py"
+    own.write_text(VIEW.read_text(encoding="utf-8").replace('BENCH = ""', 'BENCH = "star"'))
+    seen = set(_shown(own))
+    hangs = {"indenter-star-0", "tool-holder-0", "nano17-adapter-0", "nano17-0"}
+    assert seen >= hangs | {"stage-plate-0", "testing-shell-0", "skin-0", "screw-3"}
+    assert "shell-0" not in seen
+
+
 def test_outside_a_viewer_it_prints(capsys):
     runpy.run_path(str(VIEW))
     lines = capsys.readouterr().out.splitlines()

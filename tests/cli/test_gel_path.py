@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -93,8 +92,6 @@ def test_a_press_that_fails_is_one_line_and_exit_1(tmp_path: Path) -> None:
     lines = [line for line in told.stderr.splitlines() if line.startswith("failed: ")]
     assert len(lines) == 1
     assert lines[0].startswith("failed: sphere-12/p1: contact: sphere:12 at depth 0.02 ")
-    assert "sphere-12/p1: 0 of" in told.stderr
-    assert re.search(r"sphere-12/p2: (\d+) of \1 knots in \d+ s, solved", told.stderr)
     # The refusal is kept as well: asked again, nothing is solved and the same is said.
     assert len(list((cache.user_folder() / KIND).glob("*.bin"))) == 2
     again = ask(protocol, rig, "--jobs", "1")

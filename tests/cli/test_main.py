@@ -87,7 +87,10 @@ def test_every_command_stands_in_the_readme() -> None:
         (["gel", "press", "--depth", "1", "--at", "3"], "two numbers"),
         (["analyze", "tracking", "."], "not a run folder"),
         (["report", "nowhere"], "nowhere: no such folder"),
-        (["analyse"], "No such command"),
+        (["analyse"], "no such command; did you mean 'analyze'?"),
+        (["cad", "exprt"], "no such command; did you mean 'export'?"),
+        (["cad", "show", "shell", "--desing", "x"], "Did you mean '--design'?"),
+        (["study", "run", "shpes"], "no such study; did you mean 'shapes'?"),
         (["cad", "show", "shel"], "did you mean 'shell'?"),
         (["cad", "check", "--set", "skin.widht_mm=3"], "did you mean 'width_mm'?"),
         (
@@ -95,7 +98,7 @@ def test_every_command_stands_in_the_readme() -> None:
             "the camera's board and the corner posts",
         ),
         (["cad", "export", "--format", "obj"], "format 'obj': unknown"),
-        (["cad", "export", "skin", "--tolerance", "nan"], "0.001 to 1 mm is right"),
+        (["cad", "export", "skin", "--tolerance", "nan"], "expected 0.001 to 1 mm"),
         (["cad", "bom", "--sensors", "0"], "sensors"),
         (["cad", "guide", "--design", "deltakt"], "did you mean 'deltact'?"),
         (["pattern", "quality", "dens"], "did you mean 'dense'?"),
@@ -186,7 +189,7 @@ def test_gel_press_prints_what_the_json_says(tmp_path: Path) -> None:
     assert data["max_stretch"] is None
     shown = call(*words, cwd=tmp_path).stdout
     assert f"{data['force_n'][2]:+.3f} N (simulated)" in shown
-    assert "picked layer (asked for): grid 0.4 mm" in shown
+    assert "chosen: layer (asked for): grid 0.4 mm" in shown
 
 
 PRESS_KEYS = {

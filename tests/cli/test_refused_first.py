@@ -28,18 +28,18 @@ host = "127.0.0.1"
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        ("rig jog b.toml nan 0 0", "nan is no finite number"),
+        ("rig jog b.toml nan 0 0", "nan is not a finite number"),
         ("rig jog b.toml 0 0 500", "500 mm is more than 10; give --most 500"),
         ("rig jog b.toml 0 0 1 --feed -3", "-3"),
-        ("rig goto b.toml 0 0 inf --as-counted", "inf is no finite number"),
+        ("rig goto b.toml 0 0 inf --as-counted", "inf is not a finite number"),
         ("rig goto b.toml 0 0 9 --as-counted --clearance -1", "-1"),
-        ("rig check b.toml --seconds nan", "nan is no finite number"),
+        ("rig check b.toml --seconds nan", "nan is not a finite number"),
         ("rig register b.toml -o f.toml --indenter 4dots", "registered with a ball"),
         ("rig register b.toml -o f.toml --at nan,0", "two numbers are needed"),
         ("rig register b.toml -o f.toml --jig", "touch.jig: missing table"),
         ("rig register b.toml -o gone/f.toml", "gone: no such folder"),
         ("run first-moves --air --out r --seed -1", "-1"),
-        ("run first-moves --air --out r --note ''", "note: 0 characters, 1 to 4000 are right"),
+        ("run first-moves --air --out r --note ''", "note: 0 characters; expected 1 to 4000"),
         ("run first-moves --air --out r --note a\x01b", "no character that can be printed"),
     ],
 )

@@ -12,8 +12,11 @@ import wrong_input
 from wrong_input import PATTERN, TINY, VIRTUAL, Fuzz, ended, fault, stop_at_first_motion, toml
 
 from deltact_fab import experiment
+from deltact_fab.analysis import tracking_error
 from deltact_fab.patterns.code import encode
 from deltact_fab.patterns.recipe import recipe_from
+from deltact_fab.report import study_folder
+from deltact_fab.report.result import Headline, StudyResult
 
 Cases = Callable[[range], Counter[str]]
 
@@ -25,6 +28,12 @@ def cases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cases:
     protocol.write_bytes(toml(TINY))
     rig.write_bytes(toml(VIRTUAL))
     experiment.run(str(protocol), str(rig), tmp_path / "run", seed=3)
+    tracking_error.analyse(tmp_path / "run", ["dis-fast"]).save(tmp_path / "run" / "analysis")
+    headline = Headline("error", 0.3, "mm", 0.2, 0.4, "5 seeds")
+    study = StudyResult(
+        "s", "S", ("It is so.",), {}, True, 3, 0.1, (headline,), settings={"a": "b"}
+    )
+    (tmp_path / "result.json").write_bytes(study_folder.contents(study)["result.json"])
     sheet = encode(recipe_from(PATTERN, "pattern"))
     stop_at_first_motion(monkeypatch.setattr)
 

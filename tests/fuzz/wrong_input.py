@@ -79,7 +79,8 @@ del TINY["shear"]
 CAMERA = {"camera": {"model": "fisheye"}}
 INDENTERS = {"body": {"plate_mm": 4.0}, "indenter": [{"name": "sphere:10", "quantity": 1}]}
 
-RECORD = ("record check run", "record show run", "record export run --format csv -o out/x")
+RECORD = ("record check run", "record show run", "record export run --format csv --out out/x",
+          "study index . -o out/index.html")  # fmt: skip
 READERS = ("report run -o out/report.html", "analyze tracking run --out out/a",
            "analyze force run --out out/f", "analyze shape run --out out/s",
            "calibrate-depth run -o out/depth.toml",
@@ -321,14 +322,18 @@ class Fuzz:
     def _record(self, draw: Random, number: int, folder: Path) -> tuple[str, list[str]]:
         run = folder / "run"
         shutil.copytree(self._run, run)
-        files = sorted(p for p in run.rglob("*") if p.is_file())
+        result = folder / "study" / "result.json"
+        result.parent.mkdir()
+        shutil.copy(self._run.with_name("result.json"), result)
+        files = sorted(p for p in run.rglob("*") if p.is_file()) + [result]
         named = [p for p in files if p.suffix in (".json", ".toml", ".sqlite")]
         heavy = draw.random() < 0.15 and not self._light
         command = draw.choice(READERS if heavy else RECORD)
         way = draw.random()
         if way < 0.4:
             file = draw.choice([run / "run.json", run / "run.json", run / "pattern.json",
-                                run / "summary.json", run / "truth" / "lattice.json"])  # fmt: skip
+                                run / "summary.json", run / "truth" / "lattice.json",
+                                run / "analysis" / "tracking.json", result])  # fmt: skip
             here = data = json.loads(file.read_text())
             place, key, inside = [], None, data
             while isinstance(here, dict | list) and here:
@@ -368,7 +373,7 @@ class Fuzz:
                     what = f"{table} emptied"
         else:
             file = draw.choice(named if way < 0.85 else files)
-            what = f"{file.relative_to(run)}: {whole(file, file.read_bytes(), draw)}"
+            what = f"{file.relative_to(folder)}: {whole(file, file.read_bytes(), draw)}"
         return f"run: {what}", command.split()
 
     def _text(self, draw: Random, number: int, folder: Path) -> tuple[str, list[str]]:

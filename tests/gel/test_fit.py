@@ -167,7 +167,7 @@ ROWS = "".join(f"{k / 4},{k**1.5 / 8}\n" for k in range(9))
     [
         ("", "empty; a header with depth_mm, normal_n"),
         ("depth,normal_n\n" + ROWS, r":1: no column depth_mm; found depth, normal_n"),
-        ("depth_mm,normal_n,normal_n\n" + ROWS, r":1: column normal_n stands there twice"),
+        ("depth_mm,normal_n,normal_n\n" + ROWS, r":1: column normal_n occurs twice"),
         (HEAD + ROWS + "2.5,oops\n", r":11: column normal_n: 'oops' is not a number"),
         (HEAD + ROWS + "nan,3\n", r":11: column depth_mm: 'nan' is not a number"),
         (HEAD + "# a remark\n\n" + ROWS + "2.5\n", r":13: 1 values below 2 columns"),
@@ -261,8 +261,8 @@ def test_the_commands_refusals(tmp_path: Path) -> None:
     path = tmp_path / "press.csv"
     path.write_text(HEAD + ROWS)
     for options, said in [
-        (["--friction", "slick"], "a coefficient or 'fit'"),
-        (["--offset", "x"], "mm or 'fit'"),
+        (["--friction", "slick"], "a number or fit is needed"),
+        (["--offset", "x"], "a number of mm or fit"),
         (["--at", "1"], "two numbers in mm"),
     ]:
         bad = CliRunner().invoke(command, [str(path), "--indenter", "sphere:15", *options])

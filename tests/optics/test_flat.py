@@ -68,7 +68,7 @@ def test_what_is_no_flat_field_is_refused(camera: Path) -> None:
     with pytest.raises(InputError, match="flat field of 640 x 360 px for an image of 8 x 8"):
         flat.apply(np.zeros((8, 8, 3), np.uint8))
     (camera.parent / "camera.flat.png").unlink()
-    with pytest.raises(InputError, match=r"camera.toml: flat.file: .*: no 16-bit image"):
+    with pytest.raises(InputError, match=r"camera.toml: flat.file: .*: not a 16-bit image"):
         FlatField.beside(camera)
     camera.write_text(as_toml(LENS))
     assert FlatField.beside(camera) is None

@@ -192,9 +192,9 @@ def test_the_parts_and_protocols_are_listed(borrowed: Installed) -> None:
     assert {"skin", "skin-frame"} <= set(parts)
     shown = json.loads(borrowed("protocol", "show", "smoke", "--json"))
     assert len(shown["steps"]) > 10
-    for kind in ("patterns", "protocols"):
+    for kind, column in (("patterns", "recipe"), ("protocols", "protocol")):
         command = kind.removesuffix("s")
-        assert set(json.loads(borrowed(command, "list", "--json"))) >= {
+        assert {row[column] for row in json.loads(borrowed(command, "list", "--json"))} >= {
             p.stem for p in (ROOT / kind).glob("*.toml")
         }
 
@@ -221,6 +221,51 @@ def check_run(folder: Path, frames: int) -> None:
         data = (folder / str(row.file)).read_bytes()
         assert hashlib.sha256(data).hexdigest() == row.sha256
     assert rows["fz_n"].min() < -0.1
+
+
+def other_pythons() -> dict[tuple[int, int], str]:
+    """Each Python here that the package is for, by version, as PATH and pyenv have it."""
+    pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"))
+    found = [shutil.which(f"python3.{minor}") for minor in range(11, 20)]
+    found += [str(path) for path in pyenv.glob("versions/3.*/bin/python")]
+    say = "import sys; print(*sys.version_info[:2])"
+    versions: dict[tuple[int, int], str] = {}
+    for program in filter(None, found):
+        done = subprocess.run([program, "-c", say], capture_output=True, text=True, check=False)
+        if done.returncode == 0:  # a shim of pyenv may have nothing behind it
+            major, minor = map(int, done.stdout.split())
+            versions.setdefault((major, minor), program)
+    return {version: path for version, path in versions.items() if version >= (3, 11)}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("which", ["oldest, lowest versions", "newest, pinned versions"])
+def test_a_run_and_its_report_on_the_oldest_and_the_newest_python(
+    which: str, wheel: Path, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    """The wheel and the extra `report`; the oldest Python takes the least that is declared."""
+    if importlib.util.find_spec("uv") is None:
+        pytest.skip("uv is not installed: pip resolves to no lowest versions")
+    pythons, oldest = other_pythons(), which.startswith("oldest")
+    version = min(pythons) if oldest else max(pythons)
+    if not oldest and version == sys.version_info[:2]:
+        pytest.skip(f"no newer Python than {version} is here")
+    environment, elsewhere = tmp_path / "env", tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    request.addfinalizer(lambda: shutil.rmtree(environment, ignore_errors=True))
+    uv, python = (sys.executable, "-m", "uv", "-q"), environment / "bin" / "python"
+    call(*uv, "venv", "--no-project", "--python", pythons[version], environment, cwd=tmp_path)
+    how = ("--resolution", "lowest-direct") if oldest else ("-c", str(ROOT / "constraints.txt"))
+    # Of a wheel its own requirements are not direct ones; of a checkout they are.
+    call(*uv, "pip", "install", "--python", python, *how, f"{ROOT}[report]", cwd=tmp_path)
+    call(*uv, "pip", "install", "--python", python, "--no-deps", "--reinstall-package",
+         "deltact-fab", wheel, cwd=tmp_path)  # fmt: skip
+    there = Installed(environment, elsewhere)
+    (elsewhere / "short.toml").write_text(SHORT)
+    summary = json.loads(there("run", "short.toml", "--seed", "3", "--out", "r", "--json"))
+    check_run(elsewhere / "r", summary["frames"])
+    there("report", "r", "-o", "short.html")
+    assert "simulated" in (elsewhere / "short.html").read_text()
 
 
 @pytest.mark.slow
@@ -253,7 +298,7 @@ def test_a_full_install_from_the_index_runs_and_reports(
     elsewhere.mkdir()
     # 2 GB; pytest would keep the last three.
     request.addfinalizer(lambda: shutil.rmtree(environment, ignore_errors=True))
-    constraints = ("-c", str(ROOT / "constraints.txt"), f"{wheel}[report]")
+    constraints = ("-c", str(ROOT / "constraints.txt"), f"{wheel}[cad,report]")
     if importlib.util.find_spec("uv"):
         uv = (sys.executable, "-m", "uv", "-q")
         call(*uv, "venv", "--no-project", "--python", sys.executable, environment, cwd=tmp_path)

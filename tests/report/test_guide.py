@@ -21,6 +21,7 @@ from deltact_fab.report.guide import Pictures, write
 SVG = "data:image/svg+xml;base64,PHN2Zy8+"
 DRAWN = Pictures(
     SVG,
+    SVG,
     {part.name: SVG for part in listed()},
     {"exploded": "data:a,1", "assembled": "data:a,2"},
     dict.fromkeys(guide.STEPS, SVG),
@@ -67,8 +68,8 @@ def test_it_fetches_nothing_and_its_anchors_lead_somewhere(default: Seen) -> Non
     anchors = {link[1:] for link in default.fetched if link.startswith("#")}
     assert anchors <= set(default.ids)
     assert len(default.ids) == len(set(default.ids))
-    # The wiring, and one that stands where the model cannot be turned.
-    assert default.tags.count("img") == 1 + len(listed()) + len(guide.STEPS) + 2
+    # The bench, the wiring, and one that stands where the model cannot be turned.
+    assert default.tags.count("img") == 1 + len(listed()) + len(guide.STEPS) + 3
     assert default.tags.count("model-viewer") == 1
 
 
@@ -248,7 +249,7 @@ def test_without_the_viewer_it_says_what_to_install(
     assert "No 3D view: dash-model-viewer is not installed" in seen.text
     assert "model-viewer" not in seen.tags
     assert "script" not in seen.tags
-    assert seen.tags.count("img") == 1 + len(listed()) + len(guide.STEPS) + 2
+    assert seen.tags.count("img") == 1 + len(listed()) + len(guide.STEPS) + 3
 
 
 def test_the_viewer_cannot_end_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -85,7 +85,7 @@ def test_a_run_tells_what_there_is(found: dict[str, Entry]) -> None:
     [
         ("half", "2 jobs missing:", "The better one"),
         ("no-page", "its page is gone:", "The better one"),
-        ("cut", "damaged:", "cannot be read"),
+        ("cut", "damaged:", "not valid JSON"),
         ("stopped", "unfinished:", "frames in"),
         ("hurt", "damaged:", "journal"),
         ("odd", "damaged:", "an object is needed"),
@@ -122,7 +122,7 @@ def test_the_command_writes_a_page_whose_links_hold(all_sorts: Path, tmp_path: P
     done = CliRunner().invoke(
         main, ["study", "index", str(all_sorts), "-o", str(out)], catch_exceptions=False
     )
-    assert (done.exit_code, done.output) == (0, f"{out}\n")
+    assert (done.exit_code, done.output) == (0, f"written: {out}\n")
     page = out.read_text()
     links = [html.unescape(link) for link in re.findall(r'<a href="([^"]+)"', page)]
     assert len(links) == 9

@@ -92,7 +92,7 @@ def test_what_is_no_camera_is_one_line(folder: Path) -> None:
     (folder / "text.mp4").write_text("no film")
     (folder / "empty").mkdir()
     assert "film.mpg: no such file or folder" in refusal(source="film.mpg")
-    assert "text.mp4: is no video" in refusal(source="text.mp4")
+    assert "text.mp4: not a video" in refusal(source="text.mp4")
     assert "no image in this folder" in refusal(source="empty")
     assert "/dev/video63: no camera that can be opened" in refusal(source=63)
     assert "/dev/no-camera: no camera" in refusal(source="/dev/no-camera")

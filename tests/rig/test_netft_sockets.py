@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import builtins
 import itertools
+import sys
 import time
 import urllib.error
 import urllib.request
@@ -214,15 +214,8 @@ def test_other_units_of_the_box_come_out_as_newtons(
 
 
 def test_without_pynetft_one_line_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    real = builtins.__import__
-
-    def without(name: str, *args: Any, **kwargs: Any) -> Any:
-        if name == "pynetft":
-            raise ImportError(name)
-        return real(name, *args, **kwargs)
-
     with NetFTServer(Hand()) as box:
-        monkeypatch.setattr(builtins, "__import__", without)
+        monkeypatch.setitem(sys.modules, "pynetft", None)
         with pytest.raises(MissingLibrary, match=r"pip install 'deltact-fab\[netft\]'"):
             opened(box)
 

@@ -140,12 +140,12 @@ def test_ports_are_found_boards_first_by_lasting_names(
 
 def test_the_command_never_overwrites(tmp_path: Path) -> None:
     file = tmp_path / "bench.toml"
-    done = CliRunner().invoke(main, ["rig", "new", str(file)])
+    done = CliRunner().invoke(main, ["rig", "new", "bench", "-o", str(file)])
     assert done.exit_code == 0, done.output
-    assert f"then `rig check {file}`" in done.output
+    assert f"then `deltact-fab rig check {file}`" in done.output
     shown = CliRunner().invoke(main, ["rig", "show", str(file)])
     assert shown.exit_code == 0
-    assert "stage.port = " in shown.output
+    assert "stage.port" in shown.output
     file.write_text("mine")
     with pytest.raises(InputError, match="already there"):
         rig_new.new(file)

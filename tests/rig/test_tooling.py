@@ -169,7 +169,7 @@ def test_a_resumed_run_touches_off_again_and_refuses_another_length(tmp_path: Pa
     heights = [t["machine_mm"][2] for t in json.loads((folder / KEPT).read_text())["touches"]]
     assert heights == pytest.approx([-39.0, -38.8], abs=0.02)
     (folder / KEPT).write_text("{")
-    with pytest.raises(InputError, match=r"tool\.json: cannot be read"):
+    with pytest.raises(InputError, match=r"tool\.json: not valid JSON"):
         tooling(it, folder, unattended=True).change_indenter("sphere:10")
 
 

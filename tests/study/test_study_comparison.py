@@ -178,7 +178,7 @@ def test_a_design_that_is_none_is_bad_input(tmp_path: Path) -> None:
     "asked", [Asked(scale=0.5), Asked(rig="virtual"), Asked(runs=(Path("run"),))]
 )
 def test_what_it_does_not_depend_on_is_refused(asked: Asked) -> None:
-    with pytest.raises(InputError, match="the study comparison does not take it"):
+    with pytest.raises(InputError, match="the study comparison has no use for it"):
         comparison.run(asked)
 
 

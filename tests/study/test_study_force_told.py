@@ -183,7 +183,7 @@ def test_figures_are_drawn_with_where_they_are_from() -> None:
         (Asked(rig="grbl-bench"), "a study simulates on a 'virtual' rig"),
         (Asked(rig="virtul"), "did you mean 'virtual'"),
         (Asked(more={"protocol": "deep-drag"}), "channels: without force"),
-        (Asked(scale=0.0), "at most 1 is right"),
+        (Asked(scale=0.0), "expected at most 1"),
     ],
 )
 def test_a_scene_that_will_not_do_is_refused_in_one_line(asked: Asked, words: str) -> None:
@@ -201,9 +201,12 @@ def test_a_gel_that_no_tolerance_picks_is_refused(mini: tuple[Path, Path], mini_
 
 def test_recorded_runs_take_no_scale_and_no_rig(mini_run: Path, tmp_path: Path) -> None:
     for asked, words in (
-        (Asked(runs=(mini_run,), scale=0.1), "--scale: not with --from"),
-        (Asked(runs=(mini_run,), rig="virtual"), "--rig: not with --from"),
-        (Asked(runs=(mini_run,), more={"protocol": "twist"}), "--protocol: not with --from"),
+        (Asked(runs=(mini_run,), scale=0.1), "--scale: does not go with --from"),
+        (Asked(runs=(mini_run,), rig="virtual"), "--rig: does not go with --from"),
+        (
+            Asked(runs=(mini_run,), more={"protocol": "twist"}),
+            "--protocol: does not go with",
+        ),
         (Asked(runs=(tmp_path / "gone",)), "no such folder"),
     ):
         with pytest.raises(InputError, match=words):

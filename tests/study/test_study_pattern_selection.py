@@ -97,7 +97,7 @@ def test_the_same_from_the_record_of_the_same_press(
 
 
 def test_two_runs_of_one_pattern_are_refused(mini_run: Path) -> None:
-    with pytest.raises(InputError, match="one run a pattern is right") as caught:
+    with pytest.raises(InputError, match="expected one run per pattern") as caught:
         pattern_selection.run(Asked(runs=(mini_run, mini_run)))
     assert "\n" not in str(caught.value)
 

@@ -119,8 +119,8 @@ def test_the_scale_thins_places_and_no_object() -> None:
         (Asked(scale=2.0), "--scale: 2"),
         (Asked(rig="grbl-bench"), "'virtual' rig"),
         (Asked(more={"depth": "d.toml", "force": None}), "--depth: only with --from"),
-        (Asked(runs=(Path("x"),), scale=0.5), "--scale: not with --from"),
-        (Asked(runs=(Path("x"),), rig="virtual"), "--rig: not with --from"),
+        (Asked(runs=(Path("x"),), scale=0.5), "--scale: does not go with --from"),
+        (Asked(runs=(Path("x"),), rig="virtual"), "--rig: does not go with --from"),
     ],
 )
 def test_what_does_not_go_together_is_refused_in_one_line(asked: Asked, says: str) -> None:

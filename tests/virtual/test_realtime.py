@@ -249,5 +249,5 @@ def test_a_bench_that_is_gone_is_an_error_of_one_line(
 
 
 def test_a_real_rig_has_no_realtime(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="--realtime is of a virtual rig"):
+    with pytest.raises(InputError, match="--realtime is for a virtual rig"):
         experiment.run("first-moves", "grbl-bench", tmp_path / "r", air=True, realtime=True)

@@ -80,7 +80,7 @@ def opened(folders: Sequence[Path]) -> tuple[list[Run], list[pd.DataFrame]]:
     runs = [record.open(folder) for folder in folders]
     places = Counter(run.folder.resolve() for run in runs)
     if twice := [str(place) for place, n in places.items() if n > 1]:
-        raise InputError(f"{twice[0]}: given twice; each run once")
+        raise InputError(f"{twice[0]}: given twice; give each run once")
     tables = [usable(run) for run in runs]
     head_of(runs, "force")
     gels = [{k: run.meta["protocol"]["specimen"].get(k) for k in _GEL} for run in runs]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import InputError
 from ...measure.face import FaceFlow
 from ...measure.force import Features, LocalFeatures, TractionField, Wrench, features_of
 from ...measure.force.calibration import ForceCalibration
@@ -73,8 +74,17 @@ class _Found:
 def press_shape(
     run: Run, press: str, model: DepthModel, force: ForceCalibration | None = None
 ) -> PressShape:
-    """Of a run with images. Raises InputError for a calibration that this version cannot use."""
+    """Of a run with images.
+
+    Raises InputError for a calibration that this version cannot use, and for a frame of which
+    nobody knows where the stage was.
+    """
     rows, truth, view = settled(run.frames(press)), run.truth(), view_of(run)
+    if (lost := rows.loc[rows["z_mm"].isna(), "frame_id"]).size:
+        raise InputError(
+            f"{run.folder}: frame {lost.iloc[0]}: where the stage was is not recorded; "
+            "`deltact-fab record check` says what is damaged"
+        )
     finder = DepthFinder(view, model)
     features = None
     if force is not None:

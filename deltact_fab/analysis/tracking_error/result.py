@@ -7,11 +7,12 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ... import record
+from ... import reading, record
 from ...errors import InputError
 from ..frames import make_folder
 from .tally import MOVING_MM, WRONG_MM
@@ -91,7 +92,7 @@ class TrackingResult:
         import pandas as pd
 
         try:
-            data = json.loads((folder / "tracking.json").read_text())
+            data = reading.json_object(folder / "tracking.json")
             frames = pd.read_csv(folder / "tracking.csv")
             with np.load(folder / "arrows.npz") as stored:
                 arrows = {key.replace("|", "/"): stored[key] for key in stored.files}
@@ -99,8 +100,8 @@ class TrackingResult:
                 data["methods"], data["by_indenter"], data["dots"], data["left_out"], frames,
                 arrows, data["mm_per_px"], data["simulated"], data["seed"],
             )  # fmt: skip
-        except (OSError, ValueError, KeyError) as why:
+        except (InputError, OSError, ValueError, KeyError, EOFError, BadZipFile) as why:
             raise InputError(
                 f"{folder}: no readable tracking analysis ({why}); `deltact-fab analyze tracking` "
-                "makes it anew"
+                "makes a new one"
             ) from why

@@ -1,4 +1,4 @@
-"""What a run can be asked, and what of it is left out."""
+"""What can be measured on a run, and what is left out."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ Of the methods that can be believed those form the *front* that no other one of 
 error and CPU time (median a frame). The error is the mean over all moving visible pixels; where no
 truth is known, the mean at the dots (the paper's); where there are only dots, that of the dots that
 were found. The method to take is the one of the front with the least error. The cheapest one of the
-front whose error is within NEAR times that is named beside it. Without any error to be had, the
+front whose error is within NEAR times that is named beside it. Where no error is known, the
 method that is confident of most is taken.
 
 The experiment is to be trusted when a method can be believed.

@@ -1,16 +1,24 @@
-"""The bench's parts against each other: holes that a screw or a pin goes through are coaxial."""
+"""The bench's parts against each other: coaxial holes, and the whole stack put together."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import partial
 
-from ..parts.nano17_adapter import BOLTS, KEYS
+from ..assembly import IN_PLACE_OF, ON_STAGE, ON_TABLE, mouth_mm
+from ..part import Part, Shift
+from ..parts.indenter import plate_half_mm
+from ..parts.nano17_adapter import BOLTS, KEYS, SIZE
 from .built import Built
+from .pairs import Piece, pieces, shared
 from .row import Row, open_keys
+from .space import TOUCH_MM3
 
 NAME = "bench holes coaxial"
 AXIS_MM = 1e-4
+CLEAR, REACH = "bench clear", "bench reach"
+GAP_MM = 1.0  # least, from what hangs from the stage to what stands on the table
 
 
 def rows(built: Built) -> Iterator[Row]:
@@ -22,6 +30,77 @@ def rows(built: Built) -> Iterator[Row]:
     tapped = built.design.stage_plate.thread_hole_mm
     yield _pair(built, ("testing-shell", table.hole_mm), ("stage-plate", tapped), 4)
     yield _bolts(built)
+
+
+def stack(built: Built) -> Iterator[Row]:
+    """Stage plate and sensor, indenter, tool holder, adapter, force sensor, pressed together.
+
+    The tip is as deep as the press that the design is made for (`plate.depth_mm`), where it shares
+    room with the skin alone. What hangs may stand over any place of the face: it has to keep above
+    everything that stands.
+    """
+    depth_mm = built.design.plate.depth_mm
+    tips = [part for part in built.parts if part.indenter is not None]
+    if not tips:
+        yield Row(CLEAR, "bench", "no indenter is listed", "one indenter at least", False)
+        return
+    # All stems are alike: the widest back plate has the least room.
+    widest = max(tips, key=lambda part: max(_plate_half_mm(built, part)))
+    named = {part.name: part for part in built.parts}
+    under = pieces([named[name] for name in ON_TABLE], built)
+    sensor = pieces(
+        [p for p in built.parts if p.group == "sensor" and p.name != IN_PLACE_OF], built
+    )
+    held = [widest, *(named[name] for name in ON_STAGE)]
+    hanging = [Piece(part, 0, partial(_hung, part, widest)) for part in held]
+    standing, label = [*under, *sensor], "bench"
+    shares = [
+        *shared(built, label, under), *shared(built, label, under, sensor),
+        *shared(built, label, hanging), *shared(built, label, hanging, standing),
+    ]  # fmt: skip
+    pressed = {widest.name, "skin"}
+    clashes = sorted(
+        ((mm3, f"{one} in {other}: {mm3:.3f} mm3") for one, other, mm3 in shares
+         if mm3 > TOUCH_MM3 and {one, other} != pressed), reverse=True
+    )  # fmt: skip
+    keys = open_keys(built.design.unverified(), *SIZE)
+    low = min(piece.box(built)[0][2] for piece in standing)
+    top = max(piece.box(built)[1][2] for piece in standing)
+    high = max(piece.box(built)[1][2] for piece in hanging)
+    found = f"none of {len(standing)} pieces on the table and {len(hanging)} on the stage"
+    yield Row(
+        CLEAR,
+        f"bench, {widest.name}",
+        "; ".join(text for _, text in clashes[:4]) or found,
+        f"<= {TOUCH_MM3:g} mm3 a pair, {depth_mm:g} mm deep (plate.depth_mm)",
+        not clashes,
+        keys,
+    )
+    free = {part.name: built.source(part).plate_z_mm for part in tips}
+    gap, short = min((mm - depth_mm - top, name) for name, mm in free.items())
+    yield Row(
+        REACH,
+        f"bench, {len(tips)} indenters",
+        f"back plates {gap:.1f} mm or more above the face ({short}) at {depth_mm:g} mm; "
+        f"{high - low:.1f} mm from the table to the force sensor's back",
+        f">= {GAP_MM:g} mm anywhere on the face (plate.depth_mm)",
+        gap >= GAP_MM,
+        keys,
+    )
+
+
+def _plate_half_mm(built: Built, indenter: Part) -> tuple[float, float]:
+    return plate_half_mm(built.source(indenter))
+
+
+def _hung(part: Part, indenter: Part, built: Built) -> Shift:
+    """Where a piece hangs: the tip plate.depth_mm in the gel, the holder's mouth on its plate."""
+    built.source(indenter)
+    depth_mm = built.design.plate.depth_mm
+    if part is indenter:
+        return 0.0, 0.0, -depth_mm
+    x, y, z = part.places(built.design)[0]
+    return x, y, z + mouth_mm(indenter) - depth_mm
 
 
 def _centres(built: Built, name: str, diameter_mm: float) -> list[tuple[float, float]]:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from ...errors import MissingLibrary, RunFailed
+from ...errors import RunFailed
 from ..build import build_from
 from ..design import IndenterList
 from ..dimensions import Design
@@ -18,12 +18,8 @@ from .cylinders import Cylinder, along_z
 from .memo import Known
 from .rays import Walls
 
-if TYPE_CHECKING:
-    from ..assembly import Placed
-
 # Rays and closure need no finer mesh: what they find is measured again on exact surfaces.
 MESH_MM = 0.05
-PLACES = "places"  # no part is called so
 
 Tell = Callable[[str], None]
 
@@ -43,7 +39,6 @@ class Built:
     _meshes: dict[str, Mesh] = field(default_factory=dict)
     _walls: dict[str, Walls] = field(default_factory=dict)
     _cylinders: dict[str, list[Cylinder]] = field(default_factory=dict)
-    _placed: list[Placed] | None = None
     # What was read to make a part, which whoever uses it depends on as well.
     _reads: dict[str, dict[str, Any]] = field(default_factory=dict)
     known: Known | None = None
@@ -109,6 +104,10 @@ class Built:
         assert self.known is not None
         return self.known
 
+    def source(self, part: Part) -> Any:
+        """What a part is made from, its reads noted."""
+        return self._known.source(part)
+
     def result(self, name: str, compute: Callable[[], Any]) -> Any:
         """Plain data that is kept by itself: see Known.result."""
         return self._known.result(name, compute)
@@ -130,9 +129,7 @@ class Built:
             self.tell(name)
         with self._known.noting() as frame:
             try:
-                self._solids[name] = build_from(part, self._known.source(part))[0]
-            except MissingLibrary:
-                raise
+                self._solids[name] = build_from(part, self.source(part))[0]
             except RunFailed as why:
                 self._failed[name] = str(why)
         self._reads[name] = frame[0] or {}
@@ -167,15 +164,3 @@ class Built:
     def box(self, name: str) -> Box:
         """Its exact bounding box."""
         return bounding_box(self.solid(name))
-
-    def placed(self) -> list[Placed]:
-        """The sensor's parts in their places. Raises RunFailed when one could not be built."""
-        from ..assembly import assemble
-
-        sensor = {p.name: self.solid(p.name) for p in self.every if p.group == "sensor"}
-        if self._placed is None:
-            with self._known.noting() as frame:
-                self._placed = assemble(self.design, solids=sensor)
-            self._reads[PLACES] = frame[0] or {}
-        self._known.repeat(self._reads.get(PLACES, {}))
-        return self._placed

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import asdict
+from functools import partial
+from typing import Any
 
 from ..drafting.coverage import Coverage, coverage
+from ..part import Part
 from .built import Built
 from .row import Row
 
@@ -15,13 +19,21 @@ LIMIT = "each dimension once"
 def rows(built: Built) -> Iterator[Row]:
     """A row for each drawing with a fault, or one for all of them."""
     drawn = [part for part in built.parts if part.callouts is not None]
-    found = {part.name: coverage(part, built.design) for part in drawn}
+    found = {
+        part.name: Coverage(**built.result(f"{NAME}: {part.name}", partial(_of_part, built, part)))
+        for part in drawn
+    }
     for name, told in found.items():
         if not told.complete:
             yield Row(NAME, name, _faults(told), LIMIT, False)
     if all(told.complete for told in found.values()):
         keys = sum(len(told.followed) for told in found.values())
         yield Row(NAME, f"{len(drawn)} parts", f"{keys} keys of the tables followed", LIMIT, True)
+
+
+def _of_part(built: Built, part: Part) -> dict[str, Any]:
+    built.source(part)  # an indenter's own numbers, which `coverage` takes from the part
+    return asdict(coverage(part, built.design))
 
 
 def _faults(told: Coverage) -> str:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
+from typing import Any
 
 from ..overhangs import LEAST_CONTACT_MM2, laid, stand
+from ..part import Part
 from .built import Built
-from .row import Row
+from .row import Row, from_plain, to_plain
 
 CONTACT, CEILINGS = "bed contact", "ceilings"
 
@@ -17,14 +20,22 @@ def rows(built: Built) -> Iterator[Row]:
     A ceiling never fails: it is listed, for somebody has to look at it or support it.
     """
     for part in built.parts:
-        if not part.printed:
-            continue
-        on = stand(laid(built.mesh(part.name), part.lies))
-        if part.lies.tilt_deg:
-            yield Row(CONTACT, part.name, "on supports", f"tilted by {part.lies.tilt_deg:g}°", True)
-        else:
-            limit = f">= {LEAST_CONTACT_MM2:g} mm2"
-            passed = on.contact_mm2 >= LEAST_CONTACT_MM2
-            yield Row(CONTACT, part.name, f"{on.contact_mm2:.1f} mm2", limit, passed)
-        if on.ceilings:
-            yield Row(CEILINGS, part.name, on.words(part.lies.supports), "listed", True)
+        if part.printed:
+            name = f"{CONTACT}: {part.name}"
+            yield from from_plain(built.result(name, partial(_kept, built, part)))
+
+
+def _kept(built: Built, part: Part) -> list[dict[str, Any]]:
+    return to_plain(_of_part(built, part))
+
+
+def _of_part(built: Built, part: Part) -> Iterator[Row]:
+    on = stand(laid(built.mesh(part.name), part.lies))
+    if part.lies.tilt_deg:
+        yield Row(CONTACT, part.name, "on supports", f"tilted by {part.lies.tilt_deg:g}°", True)
+    else:
+        limit = f">= {LEAST_CONTACT_MM2:g} mm2"
+        passed = on.contact_mm2 >= LEAST_CONTACT_MM2
+        yield Row(CONTACT, part.name, f"{on.contact_mm2:.1f} mm2", limit, passed)
+    if on.ceilings:
+        yield Row(CEILINGS, part.name, on.words(part.lies.supports), "listed", True)

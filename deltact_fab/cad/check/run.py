@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from ...errors import MissingLibrary, RunFailed
+from ...errors import RunFailed
 from ..design import IndenterList
 from ..dimensions import Design
 from ..kernel import guarded
@@ -55,6 +55,7 @@ CHECKS = (
     Check("no undercut", "mold", "0 mm2, 0 rays", casting.undercut),
     Check("frame fits its seat", "mold, skin-frame", "mold.fit_mm", casting.seat),
     Check(bench.NAME, "bench", f"within {bench.AXIS_MM:g} mm", bench.rows),
+    Check(bench.CLEAR, "bench", "plate.depth_mm deep", bench.stack),
     Check("indenters", "indenters", "stem and height field", indenters.rows),
 )
 
@@ -114,8 +115,6 @@ def of_built(
         try:
             with guarded(check.name, {}):
                 rows += check.found(built)
-        except MissingLibrary:
-            raise
         except RunFailed as why:
             rows.append(check.not_run(str(why)))
     return rows

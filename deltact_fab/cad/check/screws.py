@@ -10,9 +10,9 @@ import numpy as np
 from ...errors import RunFailed
 from ..parts.camera import BOARD_KEYS
 from ..record import Point2
-from ..solid_gate import bounding_box
 from .built import Built
-from .cylinders import Cylinder, along_z, near
+from .cylinders import Cylinder, near
+from .pairs import pieces
 from .row import Row, at, open_keys
 
 # The parts are drawn on one axis: what the printer misses is for the clearance (0.1) to take up.
@@ -172,19 +172,20 @@ def grips(built: Built, screw: str, holder: str) -> list[Grip]:
 
 def _shanks(built: Built, screw: str) -> list[Cylinder]:
     """The shank of each placed screw: the thinnest face that is no hole, out to the tip."""
+    outer = [c for c in built.cylinders(screw) if not c.hole]
+    if not outer:
+        raise RunFailed(f"{screw} has no shank along z")
+    thinnest = min(outer, key=lambda c: c.radius_mm)
     shanks = []
-    for placed in built.placed():
-        if placed.part.name != screw:
-            continue
-        outer = [c for c in along_z(placed.solid) if not c.hole]
-        if not outer:
-            raise RunFailed(f"{screw} has no shank along z")
-        shank = min(outer, key=lambda c: c.radius_mm)
-        box = bounding_box(placed.solid)
-        # A chamfered tip reaches further than its cylinder.
-        tip = max(shank.high_mm[2], box[1][2]) if screw == "screw" else shank.high_mm[2]
-        high = (shank.high_mm[0], shank.high_mm[1], tip)
-        shanks.append(Cylinder(shank.low_mm, high, shank.radius_mm, False))
+    for piece in pieces([part for part in built.parts if part.name == screw], built):
+        x, y, z = piece.place(built)
+        low, high = (
+            (end[0] + x, end[1] + y, end[2] + z) for end in (thinnest.low_mm, thinnest.high_mm)
+        )
+        if screw == "screw":
+            # A chamfered tip reaches further than its cylinder.
+            high = (*high[:2], max(high[2], piece.box(built)[1][2]))
+        shanks.append(Cylinder(low, high, thinnest.radius_mm, False))
     return shanks
 
 

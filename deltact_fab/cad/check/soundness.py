@@ -47,12 +47,12 @@ def of_shape(shape: Any) -> str:
     """What keeps a shape from being one valid solid with one shell; empty when it is one."""
     solids = shape.Solids()
     if len(solids) != 1:
-        return f"{len(solids)} solids, one is right"
+        return f"{len(solids)} solids, expected one"
     if not solids[0].isValid():
         return "the kernel calls it invalid"
     shells = solids[0].Shells()
     if len(shells) != 1:
-        return f"{len(shells)} shells, one is right"
+        return f"{len(shells)} shells, expected one"
     if not shells[0].wrapped.Closed():
         return "its shell is open"
     return ""

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..solid_gate import bounding_box
 from .built import Built
+from .pairs import Piece, pieces, shared
 from .row import Row, open_keys
 from .screws import grips
 
@@ -22,7 +22,7 @@ THREADED = {"screw": "skin-frame", "camera-screw": "camera-holder"}
 def envelope(built: Built) -> Iterator[Row]:
     """The box around all parts against design.envelope."""
     design = built.design
-    boxes = np.array([bounding_box(placed.solid) for placed in built.placed()])
+    boxes = np.array([piece.box(built) for piece in _sensor(built)])
     size = boxes[:, 1].max(axis=0) - boxes[:, 0].min(axis=0)
     limit = (design.envelope.width_mm, design.envelope.length_mm, design.envelope.height_mm)
     yield Row(
@@ -40,19 +40,21 @@ def envelope(built: Built) -> Iterator[Row]:
     )
 
 
+def _sensor(built: Built) -> list[Piece]:
+    return pieces([part for part in built.parts if part.group == "sensor"], built)
+
+
 def _by(*lengths_mm: float) -> str:
     return " x ".join(f"{v:.2f}".rstrip("0").rstrip(".") for v in lengths_mm)
 
 
 def interference(built: Built) -> Iterator[Row]:
     """Common volume of each pair of parts: none, and of a screw in its pilot the thread alone."""
-    from ..assembly import overlaps
-
-    placed = built.placed()
-    pairs = len(placed) * (len(placed) - 1) // 2
+    sensor = _sensor(built)
+    pairs = len(sensor) * (len(sensor) - 1) // 2
     threads: dict[str, list[float]] = {screw: [] for screw in THREADED}
     clashes: list[tuple[float, str]] = []
-    for first, second, common_mm3 in overlaps(placed):
+    for first, second, common_mm3 in shared(built, "in common", sensor):
         screw = next((s for s, holder in THREADED.items() if {s, holder} == {first, second}), "")
         if screw:
             threads[screw].append(common_mm3)

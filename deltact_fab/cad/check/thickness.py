@@ -57,4 +57,4 @@ def _of_legs(design: Design, points_mm: NDArray[np.float64]) -> NDArray[np.bool_
     """Which points (n, 3) lie on a peg above the cover's floor."""
     reach = design.cover.hole_mm / 2 + design.cover.lip_mm + 0.01
     away = [np.hypot(points_mm[:, 0] - x, points_mm[:, 1] - y) for x, y in design.peg_centres_mm]
-    return (np.min(away, axis=0) < reach) & (points_mm[:, 2] > design.z_floor_mm + 1e-3)
+    return (np.min(away, axis=0) < reach) & (points_mm[:, 2] > design.z_floor_mm + 1e-6)

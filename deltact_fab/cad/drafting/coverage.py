@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -74,6 +74,7 @@ def coverage(part: Part, design: Design) -> Coverage:
             except (InputError, ValueError, ArithmeticError):
                 continue
             other_words, others = _told(other)
+            rate = _rate(key, (numbers, shape), (others, changed_shape), step)
             if other_words != words:
                 followed.append(key)
             elif key not in said.silent and (
@@ -81,16 +82,18 @@ def coverage(part: Part, design: Design) -> Coverage:
                 or not _same_parameters(part, source, changed)
             ):
                 unsaid.append(key)
-            if len(others) != len(numbers):
+            if rate is None:
                 continue
             # Ends that only happen to lie at one place close no chain.
             chains &= _chains(other)
-            moves = [(b.value - a.value) / step for a, b in zip(numbers, others, strict=True)]
-            rates.append(_Rates(key, moves, (changed_shape - shape) / step, abs(step) == STEP))
+            rates.append(rate)
+        noted = sum(len(_NUMBER.findall(note)) for note in said.notes)
+        masked = list(_masked(rates, noted))
+        if masked:
+            masked = list(_masked(_from_both_sides(part, source, rates, (numbers, shape)), noted))
     closing = [item for i, item in enumerate(_lines(said)) if i in chains]
     views = views_of(said)
-    noted = sum(len(_NUMBER.findall(note)) for note in said.notes)
-    unsaid += [key for key in _masked(rates, noted) if key not in said.silent]
+    unsaid += [key for key in masked if key not in said.silent]
     return Coverage(
         tuple(dict.fromkeys(unsaid)),
         tuple(_twice(names, numbers, rates)),
@@ -109,7 +112,41 @@ class _Rates:
     small: bool
 
 
-def _masked(rates: list[_Rates], noted: int) -> Iterator[str]:
+_Drawn = tuple[list["_Number"], NDArray[np.float64]]  # what is printed, and the shape
+
+
+def _rate(key: str, before: _Drawn, after: _Drawn, step: float) -> _Rates | None:
+    """What a step of a key does; None where a number comes or goes."""
+    if len(before[0]) != len(after[0]):
+        return None
+    moves = [(b.value - a.value) / step for a, b in zip(before[0], after[0], strict=True)]
+    return _Rates(key, moves, (after[1] - before[1]) / step, abs(step) == STEP)
+
+
+def _from_both_sides(
+    part: Part, source: Any, rates: list[_Rates], here: _Drawn
+) -> Iterator[_Rates]:
+    """The same rates, each the mean of a step forwards and one backwards.
+
+    Where two lengths are equal, the larger of them turns a corner: on either side one alone moves
+    it, and which one differs from key to key. The mean is half the sum of both lengths' rates.
+    """
+    assert part.callouts is not None
+    behind: dict[str, _Rates] = {}
+    for key, changed, step in variations(part, source, -STEP):
+        try:
+            there = _told(part.callouts(changed))[1], _shape(part, changed)
+        except (InputError, ValueError, ArithmeticError):
+            continue
+        if rate := _rate(key, here, there, step):
+            behind[key] = rate
+    for rate in rates:
+        other = behind.get(rate.key, rate)
+        moves = [(a + b) / 2 for a, b in zip(rate.moves, other.moves, strict=True)]
+        yield replace(rate, moves=moves, shape=(rate.shape + other.shape) / 2)
+
+
+def _masked(rates: Iterable[_Rates], noted: int) -> Iterator[str]:
     """Keys that together change the shape while every printed number stays.
 
     The gradients of volume and size have to be sums of the numbers' gradients; what is left of
@@ -128,15 +165,18 @@ def _masked(rates: list[_Rates], noted: int) -> Iterator[str]:
             yield rate.key
 
 
-def variations(part: Part, source: Any) -> Iterator[tuple[str, Any, float]]:
-    """(key, the source with that key changed, by how much) for all numbers of the part's table."""
+def variations(part: Part, source: Any, small: float = STEP) -> Iterator[tuple[str, Any, float]]:
+    """(key, the source with that key changed, by how much) for all numbers of the part's table.
+
+    small: the step of what is no whole number; where a limit is in the way it goes the other way.
+    """
     if part.indenter is not None:
-        yield from _of_indenter(source)
+        yield from _of_indenter(source, small)
         return
     for section in part.sections:
         record = getattr(source, section)
         for f in fields(record):
-            for value, step in _others(getattr(record, f.name), f.metadata):
+            for value, step in _others(getattr(record, f.name), f.metadata, small):
                 try:
                     changed = replace(record, **{f.name: value})
                 except ValueError:
@@ -144,20 +184,20 @@ def variations(part: Part, source: Any) -> Iterator[tuple[str, Any, float]]:
                 yield f"{section}.{f.name}", replace(source, **{section: changed}), step
 
 
-def _of_indenter(dims: IndenterDimensions) -> Iterator[tuple[str, Any, float]]:
+def _of_indenter(dims: IndenterDimensions, small: float) -> Iterator[tuple[str, Any, float]]:
     for f in fields(dims.body):
-        value = getattr(dims.body, f.name) + STEP
-        yield f.name, replace(dims, body=replace(dims.body, **{f.name: value})), STEP
+        value = getattr(dims.body, f.name) + small
+        yield f.name, replace(dims, body=replace(dims.body, **{f.name: value})), small
     indenter = dims.indenter
     for name in ("stem_diameter_mm", "stem_length_mm", "reach_mm"):
-        value = getattr(indenter, name) + STEP
-        yield name, replace(dims, indenter=replace(indenter, **{name: value})), STEP
+        value = getattr(indenter, name) + small
+        yield name, replace(dims, indenter=replace(indenter, **{name: value})), small
     for f in fields(indenter.tips[0]):
         values = [getattr(tip, f.name) for tip in indenter.tips]
         if not all(isinstance(value, float) for value in values) or not any(values):
             continue
         # All together: they are alike, and x and y spread by a factor.
-        factor = 1 + STEP / max(abs(value) for value in values)
+        factor = 1 + small / max(abs(value) for value in values)
         try:
             tips = tuple(
                 replace(tip, **{f.name: value * factor})
@@ -165,18 +205,19 @@ def _of_indenter(dims: IndenterDimensions) -> Iterator[tuple[str, Any, float]]:
             )
         except ValueError:
             continue
-        yield f"tip.{f.name}", replace(dims, indenter=replace(indenter, tips=tips)), STEP
+        yield f"tip.{f.name}", replace(dims, indenter=replace(indenter, tips=tips)), small
 
 
-def _others(value: Any, limits: Mapping[str, Any]) -> Iterator[tuple[Any, float]]:
+def _others(value: Any, limits: Mapping[str, Any], small: float) -> Iterator[tuple[Any, float]]:
     """Another value of a bounded number; of the name of a thread, other threads."""
     if isinstance(value, str) and re.fullmatch(r"M\d(\.\d)?", value):
         yield from ((name, 1.0) for name in ("M2", "M3", "M4") if name != value)
     if isinstance(value, bool) or not isinstance(value, int | float) or "low" not in limits:
         return
-    step = 1.0 if isinstance(value, int) else STEP
-    sign = 1 if value + step <= limits["high"] else -1
-    yield type(value)(value + sign * step), sign * step
+    step = 1.0 if isinstance(value, int) else small
+    if not limits["low"] <= value + step <= limits["high"]:
+        step = -step
+    yield type(value)(value + step), step
 
 
 def _shape(part: Part, source: Any) -> NDArray[np.float64]:

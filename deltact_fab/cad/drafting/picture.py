@@ -8,18 +8,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from html import escape
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..assembly import Placed, assemble
+from ..assembly import Placed, assemble, bench, lifted
 from ..build import build_part
 from ..dimensions import Design
 from ..kernel import guarded
-from ..part import Part, Shift
+from ..part import Part
 from ..registry import of_group
 from ..solid_gate import bounding_box
 from .balloons import RADIUS_MM, Balloon, arranged
@@ -36,6 +36,7 @@ FROM_BACK = View((-0.62, 0.42, 0.66), (0, 1, 0))
 
 PART_MM = (84.0, 64.0)  # room of a part's picture
 APART_MM = 180.0  # width of the exploded view
+BENCH_ROOM_MM = (120.0, 110.0)
 STEP_ROOM_MM = (120.0, 64.0)  # room of a step's picture, without balloons and legend
 STEP_GAP_MM = 7.0  # between what is together and what comes to it
 MARGIN_MM = 3.0
@@ -94,18 +95,19 @@ def step_svg(
         layer = assemble(design, 0.0, [parts[name] for name in names], solids)
         boxes = [bounding_box(piece.solid) for piece in layer]
         shift = (0.0, 0.0, max(0.0, top_mm + STEP_GAP_MM - min(box[0][2] for box in boxes)))
-        placed += [_lifted(piece, shift) for piece in layer]
+        placed += [lifted(piece, shift) for piece in layer]
         top_mm = max(box[1][2] for box in boxes) + shift[2]
     order = list(parts)
     placed.sort(key=lambda piece: order.index(piece.part.name))
     return _numbered(title, placed, view, *STEP_ROOM_MM)
 
 
-def _lifted(piece: Placed, shift: Shift) -> Placed:
-    from cadquery import Location
+def bench_svg(design: Design, indenter: Part, solids: Mapping[str, Any] | None = None) -> str:
+    """The test bench put together, the tip on the face: what `cad check` holds apart.
 
-    x, y, z = (a + b for a, b in zip(piece.shift_mm, shift, strict=True))
-    return replace(piece, solid=piece.solid.moved(Location(shift)), shift_mm=(x, y, z))
+    solids: as for exploded_svg.
+    """
+    return _numbered("test bench", bench(design, indenter, solids), CORNER, *BENCH_ROOM_MM)
 
 
 def _numbered(
@@ -132,7 +134,9 @@ def _numbered(
     room = np.array([wide_mm, high_mm]) - 2 * MARGIN_MM
     scale = float(min(room / (high - low)))
     names = {p.part.name for p in placed}
-    labels = {n: label for n, label in _labels(of_group("sensor")).items() if n in names}
+    others = {p.part.name: p.part for p in placed if p.part.group != "sensor"}
+    parts = [*of_group("sensor"), *others.values()]
+    labels = {n: label for n, label in _labels(parts).items() if n in names}
     pieces = [(b.part, [line * scale for line in b.lines.visible]) for b in bodies]
     balloons = arranged(pieces, view.flat((0, 0, -1)))
     # Everything in the paper's millimetres, y upwards, to see how large the page must be.
@@ -153,7 +157,8 @@ def _numbered(
         # A step is small, and names what is seen in it.
         labels = {b.part.name: labels[b.part.name] for b in balloons}
         width = max(width, STEP_ROOM_MM[0])
-    legend, legend_mm = _legend(labels, width, height)
+    pieces_of = {part.name: part.quantity for part in parts}
+    legend, legend_mm = _legend(labels, pieces_of, width, height)
     return _document(width, height + legend_mm, title, [*items, *legend])
 
 
@@ -327,10 +332,11 @@ def _text(x: float, y: float, words: str, height_mm: float, anchor: str = "start
     )
 
 
-def _legend(labels: Mapping[str, str], width: float, top: float) -> tuple[list[str], float]:
+def _legend(
+    labels: Mapping[str, str], pieces: Mapping[str, int], width: float, top: float
+) -> tuple[list[str], float]:
     """Numbers and names in columns below the picture, and the height that they take."""
     entries = sorted(labels.items(), key=lambda e: (not e[1].isdigit(), len(e[1]), e[1]))
-    pieces = {part.name: part.quantity for part in of_group("sensor")}
     column = max(text_width_mm(name) for name in labels) + 18
     columns = max(1, min(len(entries), int((width - 2 * MARGIN_MM) / column)))
     rows = -(-len(entries) // columns)

@@ -42,12 +42,12 @@ class TitleBlock(Record):
             try:
                 width_em(said)
             except ValueError as why:
-                raise ShapeError(f"{f.name}: {why}; Latin letters are right") from why
+                raise ShapeError(f"{f.name}: {why}; expected Latin letters") from why
         if self.date:
             try:
                 datetime.date.fromisoformat(self.date)
             except ValueError as why:
-                raise ShapeError(f"date: 2026-11-23 is right: {self.date!r} fails") from why
+                raise ShapeError(f"date: expected one as 2026-11-23: {self.date!r} fails") from why
 
     def number_of(self, part: str) -> str:
         """The drawing number of a part; empty without a number of the lab's."""

@@ -112,9 +112,9 @@ def export_parts(
     kinds = checked_formats(formats)
     low, high = TOLERANCE_MM
     if not (math.isfinite(tolerance_mm) and low <= tolerance_mm <= high):
-        raise InputError(f"tolerance {tolerance_mm:g} mm: {low:g} to {high:g} mm is right")
+        raise InputError(f"tolerance {tolerance_mm:g} mm: expected {low:g} to {high:g} mm")
     if jobs is not None and jobs < 1:
-        raise InputError(f"jobs {jobs}: 1 or more is right")
+        raise InputError(f"jobs {jobs}: expected 1 or more")
     named = {part.name: part for part in parts}
     units: list[tuple[Part | None, tuple[str, ...]]] = [
         (part, applicable(part, kinds)) for part in named.values()

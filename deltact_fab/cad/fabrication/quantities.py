@@ -67,7 +67,7 @@ class Process:
         for f in fields(self):
             value = getattr(self, f.name)
             if not (math.isfinite(value) and value > 0):
-                raise InputError(f"{f.name}: a finite number > 0 is right: {value}")
+                raise InputError(f"{f.name}: expected a finite number > 0: {value}")
 
     def rows(self) -> list[dict[str, Any]]:
         """Every figure with unit, meaning and basis, as a table shows it."""
@@ -231,6 +231,6 @@ def resistor_for_ohm(total_ma: float, light: LightDimensions) -> tuple[float, fl
 def checked(count: int, waste: float) -> None:
     """Raise InputError unless there is something to make, with a share of waste from 0 to 1."""
     if count < 1:
-        raise InputError(f"sensors {count}: 1 or more is right")
+        raise InputError(f"sensors {count}: expected 1 or more")
     if not 0 <= waste <= 1:
-        raise InputError(f"waste {waste:g}: a share from 0 to 1 is right, as in 0.1")
+        raise InputError(f"waste {waste:g}: expected a share from 0 to 1, as in 0.1")

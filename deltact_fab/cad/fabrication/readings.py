@@ -75,7 +75,7 @@ def read(path: Path) -> list[Reading]:
     header = [name.strip() for name in next(lines, [])]
     for name in COLUMNS[:-1]:
         if name not in header:
-            raise InputError(f"{path}: line 1: no column {name}; {', '.join(COLUMNS)} is right")
+            raise InputError(f"{path}: line 1: no column {name}; expected {', '.join(COLUMNS)}")
     for name in header:
         if name not in COLUMNS:
             raise InputError(f"{path}: line 1: column {name!r}: {did_you_mean(name, COLUMNS)}")
@@ -85,7 +85,7 @@ def read(path: Path) -> list[Reading]:
         if not any(value.strip() for value in values):
             continue
         if len(values) > len(header):
-            raise InputError(f"{where}: {len(values)} columns; {len(header)} are right")
+            raise InputError(f"{where}: {len(values)} columns; expected {len(header)}")
         row = {k: v.strip() for k, v in zip(header, values, strict=False)}
         found.append(_reading(row, where))
     if not found:
@@ -104,13 +104,13 @@ def _reading(row: dict[str, str], where: str) -> Reading:
     measured = _length(row, "measured_mm", where)
     pieces = row.get("pieces", "") or "1"
     if not (pieces.isdecimal() and int(pieces) >= 1):
-        raise InputError(f"{where}: pieces {pieces!r}: a whole number from 1 is right")
+        raise InputError(f"{where}: pieces {pieces!r}: expected a whole number from 1")
     if pieces != "1" and feature != "strip":
-        raise InputError(f"{where}: pieces {pieces!r}: 1 is right, but for a strip")
+        raise InputError(f"{where}: pieces {pieces!r}: expected 1 unless it is a strip")
     if abs(measured - nominal) > MOST_OFF * nominal:
         raise InputError(
-            f"{where}: measured_mm {measured:g}: within {MOST_OFF:.0%} of nominal_mm {nominal:g} "
-            "is right"
+            f"{where}: measured_mm {measured:g}: expected within {MOST_OFF:.0%} of "
+            f"nominal_mm {nominal:g}"
         )
     return Reading(coupon, feature, nominal, measured, int(pieces))
 
@@ -122,7 +122,7 @@ def _length(row: dict[str, str], column: str, where: str) -> float:
     except ValueError:
         value = math.nan
     if not (math.isfinite(value) and value > 0):
-        raise InputError(f"{where}: {column} {text!r}: a length above 0 is right")
+        raise InputError(f"{where}: {column} {text!r}: expected a length above 0")
     return value
 
 
@@ -193,7 +193,7 @@ def _of(off_mm: Sequence[float], name: str) -> tuple[float, float]:
 
     n = len(off_mm)
     if n < LEAST:
-        raise InputError(f"{name}: {n} readings; {LEAST} or more are right")
+        raise InputError(f"{name}: {n} readings; expected {LEAST} or more")
     width = float(t.ppf(0.975, n - 1)) * statistics.stdev(off_mm) * math.sqrt(1 + 1 / n)
     return statistics.fmean(off_mm), width
 

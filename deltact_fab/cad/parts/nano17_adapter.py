@@ -19,7 +19,7 @@ from ..drafting.dimensioning import Cut, Item, Leader, shown
 from ..drafting.items import Callouts, holes, x_of, z_of
 from ..fit import Fit, Length
 from ..kernel import require
-from ..part import BLACK, PRINT, RESIN, Part, shell_wall_mm
+from ..part import BLACK, PRINT, RESIN, Part, Shift, shell_wall_mm
 from ..print_orientation import Lying
 from ..record import Point2, Record, number
 from ..rule import Rule
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 BOLTS = 3
 BOLT = CAP_SCREWS["M2"]  # into the sensor
+SIZE = ("adapter.sensor_mm", "adapter.sensor_height_mm")
 KEYS = ("adapter.sensor_mm", "adapter.bolt_circle_mm", "adapter.bolt_turn_deg")
 
 
@@ -43,6 +44,7 @@ class AdapterDimensions(Record):
 
     thickness_mm: float = number(8.0, "of the plate", 3, 40)
     sensor_mm: float = number(17.0, "diameter of the force sensor", 8, 100, unverified=True)
+    sensor_height_mm: float = number(14.5, "height of the force sensor", 5, 100, unverified=True)
     bolt_circle_mm: float = number(
         12.7, "of the sensor's three screws (M2)", 4, 90, unverified=True
     )
@@ -149,8 +151,13 @@ def callouts(d: Design) -> Callouts:
                "left"),
     ]  # fmt: skip
     notes = ("Measure the force sensor's own screws first: its pattern is assumed.",)
-    silent = {"adapter.sensor_mm": "the force sensor's own diameter"}
+    silent = dict.fromkeys(SIZE, "the force sensor's own size")
     return Callouts(tuple(items), notes, Cut(first[0]), rests_on=KEYS, silent=silent)
+
+
+def places(design: Design) -> list[Shift]:
+    """On the tool holder's flange."""
+    return [(0.0, 0.0, design.tool.height_mm)]
 
 
 def note(d: Design) -> str:
@@ -168,6 +175,7 @@ PARTS = (
         group="bench",
         explode_mm=80.0,
         colour=BLACK,
+        places=places,
         sections=("adapter", "tool"),
         rules=rules,
         fits=fits,

@@ -156,7 +156,9 @@ def rules(d: Design) -> Iterator[Rule]:
     beside = d.frame_outer_mm[1] / 2 - d.boss_room_mm
     if over > 0 and table.width_mm / 2 > beside:
         wall = ("shell.wall_mm", d.shell.wall_mm)
-        yield Rule("testing-shell", wall, "<=", ("tab over the cover's bosses", over))
+        yield Rule(
+            "testing-shell", wall, "<=", ("tab over the cover's bosses (table.height_mm)", over)
+        )
 
 
 def fits(d: Design) -> Iterator[Fit]:

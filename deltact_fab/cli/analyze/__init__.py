@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import click
 
+from ..group import Group
 from .force import force
 from .shape import shape
 from .tracking import tracking
 
 
-@click.group()
+@click.group(cls=Group)
 def analyze() -> None:
-    """Analyses of recorded runs."""
+    """Analyses of recorded runs: tracking error, force, shape."""
 
 
-analyze.add_command(force)
-analyze.add_command(tracking)
-analyze.add_command(shape)
+for _command in (tracking, force, shape):
+    analyze.add_command(_command)

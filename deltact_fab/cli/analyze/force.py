@@ -7,48 +7,56 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..options import JSON, PATH, Named, out_file, out_folder, seed
+
 if TYPE_CHECKING:
     from ...analysis.force import ForceResult
 
 
-@click.command()
-@click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=click.Path(path_type=Path))
-@click.option("--model", "models", multiple=True, help="Feature set, repeatable; default all.")
-@click.option(
-    "--transfer",
-    type=click.Path(path_type=Path),
-    metavar="OTHER.toml",
-    help="Carry another sensor's calibration over, from the few presses of RUN.",
-)
-@click.option(
-    "-o", "--output", type=click.Path(path_type=Path), help="Default calibration.toml in --out."
-)
-@click.option("--out", type=click.Path(path_type=Path), help="Folder; default RUN/analysis.")
-@click.option("--seed", default=0, show_default=True, help="Of the split and the learning curve.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def _models() -> list[str]:
+    from ...measure.force import FEATURES
+
+    return list(FEATURES)
+
+
+@click.command(epilog="Example: deltact-fab analyze force run1 run2 -o calibration.toml")
+@click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=PATH)
+@click.option("--model", "models", multiple=True, type=Named(_models, files=False),
+              metavar="MODEL", show_default="all",
+              help="sums, paper, paper-mirrored, inverse or inverse-placed; repeatable."
+              )  # fmt: skip
+@click.option("--transfer", type=PATH, metavar="OTHER.toml",
+              help="Carry another sensor's calibration over, using the few presses of RUN."
+              )  # fmt: skip
+@out_file("Calibration to write.", "file", show_default="calibration.toml in --out")
+@out_folder("Folder for the results.", show_default="RUN/analysis")
+@seed("Seed of the split and the learning curve.")
+@JSON
 def force(
     runs: tuple[Path, ...],
     models: tuple[str, ...],
     transfer: Path | None,
-    output: Path | None,
+    file: Path | None,
     out: Path | None,
     seed: int,
     as_json: bool,
 ) -> None:
-    """Fit force models to runs of one sensor, cross-validate them, write the best as a calibration.
+    """Fit force models to runs of one sensor, cross-validate them, and write the best.
 
-    Points are the settled frames. What is left out in turn, position, indenter and run, says how
-    far a model is to be trusted on what it never saw.
+    The points are the settled frames. Positions, indenters and runs are left out in turn, which
+    shows how far a model can be trusted on what it was not fitted to.
     """
     from ...analysis.force import calibrate, carry_over, write_calibration
     from ...errors import InputError
     from ..output import echo_json, progress, save_figures
 
     folder = out or runs[0] / "analysis"
-    output = output or folder / "calibration.toml"
+    output = file or folder / "calibration.toml"
     if transfer is not None:
         if models:
-            raise InputError("--model: not with --transfer, which keeps the model of its file")
+            raise InputError(
+                "--model: does not go with --transfer, which keeps the model of its file"
+            )
         with progress("transfer") as report:
             moved, kept, left_out = carry_over(runs, transfer, progress=report)
         files = write_calibration(kept, output)
@@ -90,7 +98,7 @@ def _tell(result: ForceResult) -> None:
         rows.append(("as printed", f"{name}, N", r2, None, rmse_n, *nothing, None, None, None))
     head = ("model", "component", "adj. R2", "train", "test", *LEFT_OUT, "range", "% of range",
             "cond. raw", "scaled")  # fmt: skip
-    echo_table(head, rows)
+    echo_table(head, rows, names=2)
     data, origin = result.data, result.calibration.head.origin
     click.echo(
         f"\nRMSE on {len(result.best.train)} points of training, {len(result.best.test)} of test, "

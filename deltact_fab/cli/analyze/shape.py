@@ -7,25 +7,24 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..options import JSON, PATH, out_folder
+
 if TYPE_CHECKING:
     from ...analysis.shape import ShapeResult
 
 
-@click.command()
-@click.argument("run", type=click.Path(path_type=Path))
-@click.option(
-    "--depth",
-    type=click.Path(path_type=Path),
-    metavar="depth.toml",
-    help="Calibration by `calibrate-depth`; without it the depth is uncalibrated.",
-)
-@click.option("--out", type=click.Path(path_type=Path), help="Folder; default RUN/analysis.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@click.command(epilog="Example: deltact-fab analyze shape smoke-run --depth depth.toml")
+@click.argument("run", type=PATH)
+@click.option("--depth", type=PATH, metavar="FILE",
+              help="Calibration made by `calibrate-depth`; without it depth is relative."
+              )  # fmt: skip
+@out_folder("Folder for the results.", show_default="RUN/analysis")
+@JSON
 def shape(run: Path, depth: Path | None, out: Path | None, as_json: bool) -> None:
-    """Depth, contacts and the paper's relative depth of settled frames, and how far they are off.
+    """Depth, contacts and the paper's relative depth of the settled frames, and their errors.
 
-    Errors are against the virtual rig's truth. The depth's stands twice, over the contact and over
-    the face: most of a face is not pressed, so the second one flatters.
+    Errors are against the truth of the virtual rig. The depth error is given over the contact and
+    over the whole face; most of the face is not pressed, so the second figure flatters.
     """
     from ...analysis.shape import analyse
     from ..output import echo_json, progress, save_figures

@@ -7,22 +7,28 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..options import JSON, PATH, out_folder
+
 if TYPE_CHECKING:
     from ...analysis.tracking_error import TrackingResult
 
 
-@click.command()
-@click.argument("run", type=click.Path(path_type=Path))
+@click.command(epilog="Example: deltact-fab analyze tracking smoke-run --method fused")
+@click.argument("run", type=PATH)
 @click.option(
     "--method",
     "methods",
     multiple=True,
-    help="METHOD, METHOD/REFERENCE or paper, repeatable; as in fused or dis-medium/static.",
+    metavar="METHOD[/REFERENCE]",
+    show_default="those worth comparing",
+    help="fused, dis-medium, dis-fast, dis-ultrafast, farneback, farneback-paper, or paper; as "
+    "in dis-medium/static, with one of anchored (fused only), composed, summed, static, "
+    "composed-every, summed-every; repeatable.",
 )
-@click.option("--out", type=click.Path(path_type=Path), help="Folder; default RUN/analysis.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@out_folder("Folder for the results.", show_default="RUN/analysis")
+@JSON
 def tracking(run: Path, methods: tuple[str, ...], out: Path | None, as_json: bool) -> None:
-    """Tracking error against truth and at the dots (the paper's), and which method to take."""
+    """Tracking error against truth and, as in the paper, at the dots; and which method to use."""
     from ...analysis.tracking_error import PAPER_BEST_MM, analyse, shown
     from ..output import echo_json, echo_table, progress, save_figures
 
@@ -40,7 +46,7 @@ def tracking(run: Path, methods: tuple[str, ...], out: Path | None, as_json: boo
         (row["name"], row.get("indenter", "all"), *(shown(row, key) for key in keys))
         for row in (*result.methods, *result.by_indenter)
     ]
-    echo_table(("method", "indenter", *keys), rows)
+    echo_table(("method", "indenter", *keys), rows, names=2)
     origin = f"simulated, seed {result.seed}" if result.simulated else "measured"
     click.echo(f"\n{origin}; the paper's best at the dots, on a real sensor: {PAPER_BEST_MM} mm")
     dots = result.dots

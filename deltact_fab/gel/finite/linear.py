@@ -15,6 +15,7 @@ import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
 from ...errors import InputError, MissingLibrary, SolverError
+from ...extras import require
 
 Field = NDArray[np.float64]
 Name = Literal["auto", "pardiso", "superlu", "cg"]
@@ -67,12 +68,9 @@ class Pardiso:
     name = "pardiso"
 
     def __init__(self) -> None:
-        try:
-            import pypardiso
-        except ImportError as why:
-            raise MissingLibrary(
-                "pardiso is not installed: pip install 'deltact-fab[fast]'"
-            ) from why
+        require("fast", "the solver pardiso", "pypardiso")
+        import pypardiso
+
         self._failed = pypardiso.pardiso_wrapper.PyPardisoError
         self._mkl: Any = pypardiso.PyPardisoSolver(mtype=-2)
         for place, value in _PARDISO.items():

@@ -120,7 +120,7 @@ def _lines(text: str) -> Iterator[tuple[int, list[str]]]:
 def _columns(path: Path, number: int, header: list[str]) -> dict[str, int]:
     for name in (*NEEDED, *OPTIONAL):
         if header.count(name) > 1:
-            raise InputError(f"{path}:{number}: column {name} stands there twice; once is needed")
+            raise InputError(f"{path}:{number}: column {name} occurs twice; once is needed")
     for name in NEEDED:
         if name not in header:
             near = did_you_mean(name, [c for c in header if c])

@@ -38,6 +38,6 @@ def named_tracker(name: str, *, confidence: bool = True, full: bool = True) -> F
     known = tuple(k for k in REFERENCES if k != "anchored" or method == ANCHORED)
     if kept not in known:
         raise InputError(
-            f"flow reference {kept!r} of {method!r}: not to be had; {did_you_mean(kept, known)}"
+            f"flow reference {kept!r} of {method!r}: not available; {did_you_mean(kept, known)}"
         )
     return FlowTracker(method, *REFERENCES[kept], confidence=confidence, full=full)

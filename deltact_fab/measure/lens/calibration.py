@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ... import reading
 from ...errors import InputError, SolverError
 from ...optics import Fisheye, FlatField, as_toml
 from ...shapes import SensorDimensions
@@ -235,9 +235,10 @@ def _seeds(*groups: Sequence[Path]) -> list[int] | None:
     seeds = set()
     for folder in {path.parent for group in groups for path in group}:
         try:
-            said = json.loads((folder / PHOTOGRAPHS).read_text())
-        except (OSError, ValueError):
+            said = reading.json_object(folder / PHOTOGRAPHS)
+        except InputError:
             continue
-        if isinstance(said, dict) and said.get("simulated"):
-            seeds.add(int(said.get("seed", -1)))
+        seed = said.get("seed", -1)
+        if said.get("simulated") and isinstance(seed, int):
+            seeds.add(seed)
     return sorted(seeds) or None

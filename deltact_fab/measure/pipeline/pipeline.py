@@ -138,7 +138,7 @@ class Pipeline:
                 if job.error is None:
                     try:
                         step(job)
-                    except Exception as why:  # it belongs to who asks for the result
+                    except Exception as why:  # whoever asks for the result gets it
                         job.error = why
                 after.put(job, instead=live)
         except Closed:

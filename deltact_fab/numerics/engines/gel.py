@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ...errors import RunFailed
+from ...errors import MissingLibrary
 from ..engine import Case, Engine, Setting, Table, Work
 from . import gel_cases
 from .gel_finite import Run
@@ -86,7 +86,7 @@ def tables(scratch: Path) -> Sequence[Table]:
         started = time.process_time()
         try:
             answer = solve(run)
-        except RunFailed as why:  # without pardiso
+        except MissingLibrary as why:  # pardiso
             rows.append((run.series, run.name, None, None, None, str(why)))
             continue
         seconds = time.process_time() - started

@@ -148,8 +148,7 @@ def write(
     replaced if nothing in it was added or changed. Equal arguments and versions give equal bytes.
 
     Raises InputError for a folder that holds anything else, for a seed below 0 and for what
-    `sheet.write` refuses, RunFailed when the disk refuses, MissingLibrary without segno, and
-    whatever `page` raises.
+    `sheet.write` refuses, RunFailed when the disk refuses, and whatever `page` raises.
     """
     from ...imaging import Printer, Sensor
 

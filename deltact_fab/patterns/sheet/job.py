@@ -167,7 +167,6 @@ def write(
 
     Raises InputError for anything that cannot be printed as asked, or that the sensor's camera
     cannot use (`raster.check_seen`): nothing is written then.
-    Raises MissingLibrary without segno.
     """
     kind = _checked_out(out)
     paper = _paper(paper)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...errors import InputError, MissingLibrary
+from ...errors import InputError
 from ..laws.patches import draw_patches
 from ..recipe import PatternRecipe, recipe_from
 from . import layout, page_marks
@@ -134,10 +134,8 @@ def _facts(
 
 def _qr(code: str, sheet: Sheet) -> Picture:
     """The code as a QR symbol, level M, modules of whole printer dots."""
-    try:
-        import segno
-    except ImportError as why:
-        raise MissingLibrary("segno draws the QR codes and is missing: pip install segno") from why
+    import segno
+
     symbol = segno.make(code, error="m", micro=False, boost_error=False)
     dark = np.array([list(row) for row in symbol.matrix], bool)
     modules = len(dark)

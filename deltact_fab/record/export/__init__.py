@@ -8,12 +8,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ...errors import InputError, MissingLibrary, RunFailed
+from ...errors import InputError, RunFailed
+from ...extras import require
 from ..files import sync_folder
 from ..run import Run
 from .source import Progress
 
 FORMATS = ("csv", "parquet", "mcap")
+WITH_EXTRA = {"parquet": "pyarrow", "mcap": "mcap"}
+"""What a format is written with, where that is a package of the extra `export`."""
 
 
 def export(run: Run, form: str, out: Path, progress: Progress | None = None) -> dict[str, int]:
@@ -24,7 +27,9 @@ def export(run: Run, form: str, out: Path, progress: Progress | None = None) -> 
     """
     if form not in FORMATS:
         raise InputError(f"--format: {form!r}; valid: {', '.join(FORMATS)}")
-    with _libraries(), _whole(out) as made:
+    if form in WITH_EXTRA:
+        require("export", f"--format {form}", WITH_EXTRA[form])
+    with _whole(out) as made:
         report = progress or (lambda done, total, what: None)
         if form == "mcap":
             from .foxglove import write
@@ -33,16 +38,6 @@ def export(run: Run, form: str, out: Path, progress: Progress | None = None) -> 
         from .folder import write as write_tables
 
         return write_tables(run, made, form, report)
-
-
-@contextmanager
-def _libraries() -> Iterator[None]:
-    try:
-        yield
-    except ModuleNotFoundError as why:
-        raise MissingLibrary(
-            f"{why.name} is not installed: pip install 'deltact-fab[export]'"
-        ) from why
 
 
 @contextmanager

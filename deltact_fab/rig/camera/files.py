@@ -85,7 +85,7 @@ class Video:
         self.name = str(file)
         self._capture = quietly_opened(str(file))
         if not self._capture.isOpened():
-            raise InputError(f"{file}: is no video that can be read")
+            raise InputError(f"{file}: not a video that can be read")
         self.rate_hz = self._capture.get(cv2.CAP_PROP_FPS) or ASSUMED_HZ
 
     def read(self) -> Generator[Image, None, None]:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...errors import MissingLibrary, SensorError
+from ...errors import SensorError
+from ...extras import require
 from .config import NetFTConfig
 from .netft import ARRIVAL, ERROR, SATURATED, Arrivals, NetFTSettings
 from .page import NetFTPage
@@ -37,13 +38,9 @@ class PynetftLink:
     """
 
     def __init__(self, config: NetFTConfig, page: NetFTPage) -> None:
-        try:
-            import pynetft
-        except ImportError as why:
-            raise MissingLibrary(
-                "a Net F/T box is read with pynetft, which is missing: "
-                "pip install 'deltact-fab[netft]'"
-            ) from why
+        require("netft", "a Net F/T box", "pynetft")
+        import pynetft
+
         self._lib = pynetft
         self._settings = page.settings
         s = self._settings

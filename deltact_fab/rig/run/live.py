@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ...protocols.plan import Step
+from ...units import duration
 
 PRIOR_S = 10.0  # so much of the plan is believed before anything was measured
 
@@ -34,15 +35,6 @@ class Live:
         if self.left_s is not None:
             parts.append(f"{duration(self.left_s)} left")
         return "  ".join(parts)
-
-
-def duration(seconds: float) -> str:
-    """Hours, minutes and seconds, without the leading ones that are zero."""
-    whole = round(seconds)
-    hours, minutes = whole // 3600, whole // 60 % 60
-    if hours:
-        return f"{hours} h {minutes:02d} min"
-    return f"{minutes} min {whole % 60:02d} s" if minutes else f"{whole} s"
 
 
 class Remaining:

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from ... import reading
 from ...errors import InputError, RunFailed
 from ...record import write_whole
 from ...shapes.indenter import parse as parse_indenter
@@ -158,13 +159,14 @@ class Tooling:
 def kept(folder: Path) -> list[dict[str, Any]]:
     """Every touch-off of a run in order, none where there was none. Raises InputError."""
     path = folder / KEPT
-    try:
-        found = json.loads(path.read_bytes())["touches"]
-        return [{**row, "machine_mm": [float(p) for p in row["machine_mm"]]} for row in found]
-    except FileNotFoundError:
+    if not path.exists():
         return []
-    except (OSError, ValueError, KeyError, TypeError) as why:
-        raise InputError(f"{path}: cannot be read: {why}") from why
+    found = reading.json_object(path)
+    try:
+        touches = found["touches"]
+        return [{**row, "machine_mm": [float(p) for p in row["machine_mm"]]} for row in touches]
+    except (ValueError, KeyError, TypeError) as why:
+        raise InputError(f"{path}: touches: not as a run writes them: {why}") from why
 
 
 def raised(frame: StageFrame, by_mm: float) -> StageFrame:

@@ -40,7 +40,7 @@ def scaled(protocol: Protocol, scale: float) -> Protocol:
     cross. What that comes to is the fewest points there are. Raises InputError for another scale.
     """
     if not 0 < scale <= 1:
-        raise InputError(f"--scale: {scale:g}; above 0 and at most 1 is right")
+        raise InputError(f"--scale: {scale:g}; expected above 0 and at most 1")
     wanted = scale * points_of(protocol)
     kept = _closest(protocol, wanted, cross=False)
     if kept.points > ABOVE * wanted and protocol.shear is not None and protocol.shear.grid:

@@ -102,8 +102,8 @@ def scene(asked: Asked) -> Scene:
     level = protocol.specimen.gel_model
     if level != "hyperelastic":
         raise InputError(
-            f"{source}: specimen.gel_model: {level!r}; a calibration is judged on the gel that the "
-            "tolerance picks: 'hyperelastic' is right"
+            f"{source}: specimen.gel_model: {level!r}; a calibration needs the gel that meets the "
+            "tolerance, 'hyperelastic'"
         )
     if lacking := {"image", "force"} - protocol.channels:
         raise InputError(

@@ -1,6 +1,6 @@
 """The jobs of the study of shapes: the ball that calibrates the depth, and presses of an object.
 
-Calibrations come as the text of their files, so that a job depends on nothing of who asks.
+Calibrations come as the text of their files, so that a job depends on nothing of its caller.
 """
 
 from __future__ import annotations

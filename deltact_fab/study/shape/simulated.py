@@ -117,7 +117,7 @@ def scene(asked: Asked) -> Scene:
         )
     scale = 1.0 if asked.scale is None else asked.scale
     if not 0 < scale <= 1:
-        raise InputError(f"--scale: {scale:g}; above 0 and at most 1 is right")
+        raise InputError(f"--scale: {scale:g}; expected above 0 and at most 1")
     loaded = {name: plan.load(name)[0] for name in (*OBJECTS, BALL, FORCE, TWIST)}
     for name in OBJECTS:
         places = loaded[name].positions_mm

@@ -1,0 +1,41 @@
+"""Groups of commands: in the order in which they are used, and a near miss told what was meant."""
+
+from __future__ import annotations
+
+import inspect
+import re
+
+import click
+
+from ..errors import did_you_mean
+
+
+class Group(click.Group):
+    """A group whose commands stand in its help as they were added. noun: what one is called."""
+
+    noun = "command"
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(self.commands)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        rows = []
+        for name in self.list_commands(ctx):
+            command = self.get_command(ctx, name)
+            text = "" if command is None else inspect.cleandoc(command.help or "")
+            # The first sentence, whole: click's own short help ends in dots.
+            rows.append((name, re.split(r"(?<=\.)\s|\n\n", text, maxsplit=1)[0]))
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        name = args[0]
+        known = self.list_commands(ctx)
+        # An option that stands where a command should is click's to refuse.
+        if name not in known and not name.startswith("-") and not ctx.resilient_parsing:
+            raise click.UsageError(
+                f"{name!r}: no such {self.noun}; {did_you_mean(name, known)}", ctx
+            )
+        return super().resolve_command(ctx, args)

@@ -1,0 +1,121 @@
+"""What is imported is declared, what is declared is used, and there is one version."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+import tomllib
+from functools import cache
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import pytest
+
+import deltact_fab
+from deltact_fab.extras import EXTRAS
+from deltact_fab.report.guide import VIEWER_PACKAGE
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+OWN = {"deltact_fab", "benchmarks", "tests"}
+
+
+def named(requirement: str) -> str:
+    """The package of a requirement, as indexes compare names."""
+    found = re.match(r"[A-Za-z0-9._-]+", requirement)
+    assert found is not None
+    return re.sub(r"[-_.]+", "-", found[0]).lower()
+
+
+def declared(extra: str) -> set[str]:
+    """The packages of an extra, ours left out; of the base without a name."""
+    lines = PROJECT["optional-dependencies"][extra] if extra else PROJECT["dependencies"]
+    return {named(line) for line in lines} - {"deltact-fab"}
+
+
+@cache
+def nodes(folder: str) -> list[tuple[Path, ast.AST]]:
+    """Every import and call below a folder, with its file."""
+    return [
+        (path, node)
+        for path in sorted((ROOT / folder).rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Import | ast.ImportFrom | ast.Call)
+    ]
+
+
+def called(node: ast.Call) -> str:
+    """The last name of what is called."""
+    return str(getattr(node.func, "attr", getattr(node.func, "id", "")))
+
+
+def imported(*folders: str) -> dict[str, str]:
+    """Package by the file that imports it, wherever in the file."""
+    packages = packages_distributions()
+    found = {}
+    for path, node in [pair for folder in folders for pair in nodes(folder)]:
+        names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+        if isinstance(node, ast.ImportFrom) and not node.level and node.module:
+            names = [node.module]
+        if isinstance(node, ast.Call) and called(node) == "importorskip":
+            names = [ast.literal_eval(node.args[0])]
+        for top in {name.partition(".")[0] for name in names} - sys.stdlib_module_names - OWN:
+            for package in packages.get(top, [top]):
+                found[named(package)] = str(path.relative_to(ROOT))
+    return found
+
+
+def test_what_the_package_imports_is_what_is_declared() -> None:
+    used = {**imported("deltact_fab"), VIEWER_PACKAGE: "report/guide.py reads a file of it"}
+    extras = set().union(*(declared(extra) for extra in EXTRAS))
+    assert not extras & declared("")
+    assert set(used) == declared("") | extras, used
+
+
+def test_all_is_every_extra_of_the_program() -> None:
+    assert set(PROJECT["optional-dependencies"]) >= {*EXTRAS, "all", "test"}
+    (line,) = PROJECT["optional-dependencies"]["all"]
+    assert line == f"deltact-fab[{','.join(EXTRAS)}]"
+
+
+def test_the_extra_that_a_message_names_brings_the_module() -> None:
+    packages = packages_distributions()
+    seen = set()
+    for path, node in nodes("deltact_fab"):
+        if not isinstance(node, ast.Call) or called(node) != "require":
+            continue
+        words = [a.value for a in node.args if isinstance(a, ast.Constant)]
+        if words and words[0] in EXTRAS:
+            extra, modules = words[0], [w for w in words[1:] if w in packages]
+            brought = {named(package) for module in modules for package in packages[module]}
+            assert brought <= declared(extra), path
+            seen.add(extra)
+    assert seen == set(EXTRAS)
+
+
+def test_what_the_tests_need_is_used() -> None:
+    tools = "\n".join(
+        (ROOT / name).read_text() for name in ("Makefile", "pyproject.toml", "tests/conftest.py")
+    )
+    imports = imported("tests", "benchmarks")
+    commands = {"import-linter": "lint-imports", "hatchling": "hatchling.build",
+                "pytest-xdist": "-n $(JOBS)", "pandas-stubs": "[tool.mypy]"}  # fmt: skip
+    for package in declared("test"):
+        command = commands.get(package, f"$(V)/{package}")
+        assert package in imports or command in tools, package
+
+
+@pytest.mark.parametrize("file", ["pyproject.toml", "CITATION.cff", "CHANGELOG.md"])
+def test_one_version(file: str) -> None:
+    said = re.search(
+        r'^(?:version(?: = |: )"?|## )(\d+\.\d+\.\d+)', (ROOT / file).read_text(), re.M
+    )
+    assert said is not None
+    assert said[1] == deltact_fab.__version__
+
+
+def test_every_licence_that_travels_is_named() -> None:
+    assert PROJECT["license"] == "MIT AND OFL-1.1"
+    for file in PROJECT["license-files"]:
+        assert (ROOT / file).is_file()
