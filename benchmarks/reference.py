@@ -16,7 +16,7 @@ from deltact_fab import catalog
 from deltact_fab.cli.main import main as program
 from deltact_fab.schema import KINDS, Kind, rows
 
-from . import architecture
+from . import architecture, extend_pages
 
 FOLDER = Path(__file__).parents[1] / "docs" / "reference"
 MADE = "<!-- written by python -m benchmarks.reference -->"
@@ -40,6 +40,7 @@ def write() -> None:
     for name, text in made.items():
         (FOLDER / name).write_text(text)
     architecture.write()
+    extend_pages.write()
 
 
 def _index() -> str:

@@ -1,8 +1,9 @@
 """One digest of code for everything that is kept: of what a result depends on, and of no more.
 
 The files are those that the named modules import, in functions too, each with what it imports in
-turn; a name that a package's face hands on is followed to the file that defines it. Of each file
-the syntax tree counts, without docstrings: a changed comment, docstring or layout is no change.
+turn; a name that a package's face hands on is followed to the file that defines it, and a folder
+that `discover` looks through counts whole. Of each file the syntax tree counts, without docstrings:
+a changed comment, docstring or layout is no change.
 """
 
 from __future__ import annotations
@@ -95,7 +96,7 @@ def imported(path: Path, package: Path = PACKAGE) -> tuple[Path, ...]:
             file = _defining(module, name, package)
             if file is not None and file != path:
                 found.append(file)
-    return tuple(found)
+    return (*found, *_read(path, package)[2])
 
 
 def _silent(file: Path, package: Path) -> bool:
@@ -107,10 +108,22 @@ def _home(path: Path, package: Path) -> Path:
 
 
 @cache
-def _read(path: Path, package: Path) -> tuple[str, Imports]:
-    """The hash of what a file means, and what it imports from the package."""
+def _read(path: Path, package: Path) -> tuple[str, Imports, tuple[Path, ...]]:
+    """The hash of what a file means, what it imports of the package, and what it looks through."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    return hashlib.sha256(meaning(tree).encode()).hexdigest(), _imports(tree, path, package)
+    text = hashlib.sha256(meaning(tree).encode()).hexdigest()
+    return text, _imports(tree, path, package), _looked_through(tree, path)
+
+
+def _looked_through(tree: ast.Module, path: Path) -> tuple[Path, ...]:
+    """The files beside one that calls `modules_in(__package__, besides=(...))`."""
+    for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
+        if ast.unparse(call.func) == "modules_in" and ast.unparse(call.args[0]) == "__package__":
+            left = {path.stem, "__init__"}
+            for keyword in call.keywords:
+                left.update(ast.literal_eval(keyword.value))
+            return tuple(f for f in sorted(path.parent.glob("*.py")) if f.stem not in left)
+    return ()
 
 
 def _imports(tree: ast.Module, path: Path, package: Path) -> Imports:

@@ -75,4 +75,4 @@ def test_the_gel_knows_its_solver_and_no_picture() -> None:
 def test_another_package_s_digest_holds_what_it_imports_of_this_one(package: Path) -> None:
     (package / "top.py").write_text("def run():\n    from deltact_fab.shapes import parse\n")
     names = {p.name for p in digest.files("top", package=package)}
-    assert {"top.py", "indenter.py", "prism.py"} <= names
+    assert {"top.py", "rigid.py", "prism.py"} <= names

@@ -7,6 +7,7 @@ when it brings dimensions.
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
@@ -145,3 +146,9 @@ class Part:
         """How it is made, in words."""
         said = (self.lies.words if self.printed else "", self.how)
         return "; ".join(words for words in said if words)
+
+    def _repr_html_(self) -> str:
+        """For a notebook."""
+        # By name: what shows a part needs designs, and a design needs every part.
+        shown: str = importlib.import_module(f"{__package__}.in_notebook").html(self)
+        return shown

@@ -5,10 +5,9 @@ A file of parts/ is found by being there. Imports no CAD kernel.
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
 from collections.abc import Iterable
 
+from ..discover import modules_in
 from ..errors import InputError, did_you_mean
 from ..shapes.indenter import KINDS, parse
 from . import parts
@@ -23,10 +22,10 @@ def of_design() -> list[Part]:
     Raises RuntimeError when two files of parts/ claim one name.
     """
     found: dict[str, Part] = {}
-    for module in sorted(m.name for m in pkgutil.iter_modules(parts.__path__)):
-        for part in getattr(importlib.import_module(f"{parts.__name__}.{module}"), "PARTS", ()):
+    for module in modules_in(parts.__name__):
+        for part in getattr(module, "PARTS", ()):
             if part.name in found:
-                raise RuntimeError(f"two parts are called {part.name!r}, one in {module}.py")
+                raise RuntimeError(f"two parts are called {part.name!r}, one in {module.__name__}")
             found[part.name] = part
     return sorted(
         found.values(), key=lambda p: (GROUPS.index(p.group), -p.explode_mm, p.number, p.name)

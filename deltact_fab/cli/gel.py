@@ -7,13 +7,14 @@ from typing import Any
 
 import click
 
+from ..levels import LEVELS
 from . import gel_options
 from .gel_fit import fit
 from .gel_path import path
 from .group import Group
 from .options import JSON
 
-MODELS = ("auto", "layer", "block", "hyperelastic")
+MODELS = ("auto", *LEVELS)
 
 
 @click.group(cls=Group)
@@ -88,7 +89,7 @@ def press(
     with progress("gel press") as report:
         pressed = run(
             skin, material, shape, at_mm, depth_mm, (shear_x_mm, shear_y_mm),
-            model, tolerance, spacing_mm, report, limit_s,  # type: ignore[arg-type]  # click.Choice
+            model, tolerance, spacing_mm, report, limit_s,  # click.Choice
         )  # fmt: skip
     result = pressed.result
     if as_json:

@@ -1,8 +1,8 @@
-"""One gel, three levels of mechanics behind one interface; `open.open_contact` makes one.
+"""One gel, several levels of mechanics behind one interface; `open.open_contact` makes one.
 
-layer: linear, bonded, no sides (`layer`). block: linear with free sides (`block`). hyperelastic:
-finite strain, free sides (`finite`). All press an `Indenter`, keep their history in the state and
-show the face on one and the same lattice, whatever they compute on.
+layer: linear, bonded, no sides. block: linear with free sides. hyperelastic: finite strain, free
+sides (`finite`). `levels` finds the linear ones. All press an `Indenter`, keep their history in the
+state and show the face on one and the same lattice, whatever they compute on.
 """
 
 from __future__ import annotations
@@ -10,16 +10,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, Protocol, get_args
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 Field = NDArray[np.float64]
 Point = tuple[float, float, float]
-Level = Literal["layer", "block", "hyperelastic"]
-
-LEVELS: tuple[Level, ...] = get_args(Level)
+Level = str
+"""A name of `levels.LEVELS`."""
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,11 @@ a tolerance is left to the model, the other half to the mesh.
 from __future__ import annotations
 
 import math
-from typing import Literal
 
 from ..elasticity.material import GelMaterial
 from ..errors import InputError
+from ..levels import FINITE, LINEAR
+from ..levels.linear import Touch
 from ..shapes import Indenter, SkinDimensions
 from .finite.mesh import GROWTH, unknowns
 from .footprint import (
@@ -23,24 +24,11 @@ from .footprint import (
 from .level import Choice, Level, Reach
 from .linear.limits import DEPTH_LIMIT
 
-LINEAR: tuple[Level, ...] = ("layer", "block")  # the cheaper first
 TOLERANCE = 0.03  # of the force
 LEAST_TOLERANCE, MOST_TOLERANCE = 0.001, 0.5
 IN_PLANE_MM = 0.05  # rms over the face, at TOLERANCE
 SHARE = 0.5  # of a tolerance that the model may take
 
-# Model errors of the linear levels.
-TIP_FORCE = 1.05  # x (poisson - EVEN_POISSON) x depth/contact radius: too stiff above it
-EVEN_POISSON = 0.42
-BEND_FORCE = 1.0  # x (depth/thickness)^2, of the force: too soft
-SPREAD_FORCE = 0.02  # x depth/contact radius: what the two do not tell
-# x depth^2 sqrt(pi/face): first + second x (contact radius/thickness)^2.
-BEND_IN_PLANE = (0.13, 0.4)
-LEAST_IN_PLANE = 0.002  # x depth: what the reference, a disc for the block, tells apart
-SIDE_FORCE = 2.6  # x contact radius/thickness x sum over sides of exp(-SIDE_DECAY distance/thick.)
-SIDE_DECAY = 3.0
-SIDE_IN_PLANE = 0.24  # x the same with its own decay x depth
-SIDE_IN_PLANE_DECAY = 1.2
 FRICTION_FORCE = 0.5  # x min(friction, 1) x (depth/thickness)^1.6
 
 # Cells of the finite-strain mesh.
@@ -69,7 +57,7 @@ def pick(
     reach: Reach,
     tolerance: float = TOLERANCE,
     *,
-    level: Level | Literal["auto"] = "auto",
+    level: Level = "auto",
     friction: float | None = None,
     observe_shear: bool = True,
     spacing_mm: float | None = None,
@@ -110,9 +98,9 @@ def pick(
         level, reason = _level(errors, refusals, tolerance)
     else:
         reason = "asked for"
-        if level != "hyperelastic" and refusals[level]:
+        if level != FINITE and refusals[level]:
             raise InputError(f"gel: level {level}: {refusals[level]}; level hyperelastic can")
-    if level != "hyperelastic":
+    if level != FINITE:
         h = LINEAR_MM if spacing_mm is None else spacing_mm
         h = min(h, skin.length_mm / 16) if spacing_mm is None else h
         force, in_plane = errors[level]
@@ -168,7 +156,7 @@ def _level(
     """The cheapest level that does, and what the next cheaper one would be off by."""
     goal = SHARE * tolerance
     reason = ""
-    for name in errors:
+    for name in (name for name in errors if LINEAR[name].rank is not None):
         force, in_plane = errors[name]
         if refusals[name]:
             reason = f"{name}: {refusals[name]}"
@@ -176,7 +164,7 @@ def _level(
             reason = f"{name} is off by about {force:.1%} of force, {in_plane:.2g} mm in plane"
         else:
             return name, f"off by about {force:.1%} of force, {in_plane:.2g} mm in plane"
-    return "hyperelastic", reason
+    return FINITE, reason
 
 
 def linear_refusal(
@@ -190,39 +178,24 @@ def linear_refusal(
         return f"depth {depth:g} mm is over {limit:g} mm, {DEPTH_LIMIT:.0%} of the thickness"
     if depth >= indenter.equator_mm:
         return f"depth {depth:g} mm presses {indenter.name} to {indenter.equator_mm:g} mm, its rim"
-    if level == "block" and material.poisson > 0.4999:
-        return f"poisson <= .4999 is needed: {material.poisson:g} fails"
-    return None
+    return LINEAR[level].refusal(material)
 
 
 def model_error(
     level: Level, skin: SkinDimensions, indenter: Indenter, reach: Reach, poisson: float
 ) -> tuple[float, float]:
-    """What a level leaves out: relative force error and in-plane rms (mm) over the face.
-
-    The linear levels: large strain under the tip, of the order depth/contact radius and with a sign
-    that Poisson's ratio sets, and of the gel over its thickness; the layer also the free sides.
-    """
+    """What a level leaves out: relative force error and in-plane rms (mm) over the face."""
     depth, t = max(reach.deepest_mm, 0.0), skin.thickness_mm
-    if level == "hyperelastic" or depth == 0:
+    if level == FINITE or depth == 0:
         return 0.0, 0.0
-    radius = contact_radius_mm(indenter, depth)
-    steep = depth / radius
-    tip, bend = TIP_FORCE * (poisson - EVEN_POISSON) * steep, BEND_FORCE * (depth / t) ** 2
-    # Of opposite signs, they are not relied on to cancel.
-    force = max(tip, bend + max(-tip, 0.0)) + SPREAD_FORCE * steep
-    in_plane = BEND_IN_PLANE[0] + BEND_IN_PLANE[1] * (radius / t) ** 2
-    in_plane *= depth**2 * math.sqrt(math.pi / (skin.width_mm * skin.length_mm))
-    in_plane += LEAST_IN_PLANE * depth
-    if level == "layer":
-        away = []
-        for (low, high), half in zip((reach.x_mm, reach.y_mm), skin.opening_half_mm, strict=True):
-            away += [(half - high) / t, (half + low) / t]
-        wide = whole_radius_mm(indenter, depth) / t
-        force += SIDE_FORCE * wide * sum(math.exp(-SIDE_DECAY * s) for s in away)
-        near = sum(math.exp(-SIDE_IN_PLANE_DECAY * s) for s in away)
-        in_plane += SIDE_IN_PLANE * wide * near * depth
-    return force, in_plane
+    away = []
+    for (low, high), half in zip((reach.x_mm, reach.y_mm), skin.opening_half_mm, strict=True):
+        away += [half - high, half + low]
+    touch = Touch(
+        depth, t, contact_radius_mm(indenter, depth), whole_radius_mm(indenter, depth),
+        tuple(away), skin.width_mm * skin.length_mm, poisson,
+    )  # fmt: skip
+    return LINEAR[level].errors(touch)
 
 
 def friction_force_rel(friction: float, part: float) -> float:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
 
 import numpy as np
 
 from ..elasticity.material import GelMaterial
 from ..errors import InputError
+from ..levels import FINITE, LEVELS
 from ..shapes import Indenter, SkinDimensions
-from .level import LEVELS, Choice, Field, GelContact, Level, Reach
+from .level import Choice, Field, GelContact, Level, Reach
 from .level_selection import pick
 
 
@@ -19,7 +19,7 @@ def open_contact(
     material: GelMaterial,
     indenter: Indenter,
     *,
-    level: Level | Literal["auto"] = "auto",
+    level: Level = "auto",
     tolerance: float = 0.03,
     friction: float | None = None,
     observe_shear: bool = True,
@@ -59,7 +59,7 @@ def contact_of(
 ) -> GelContact:
     """The contact that a choice describes; lattice_mm as in `open_contact`."""
     x, y = (_lattice(half, lattice_mm) for half in skin.opening_half_mm)
-    if choice.level == "hyperelastic":
+    if choice.level == FINITE:
         from .finite.gel import FiniteGel
 
         return FiniteGel(skin, material, indenter, choice, x, y)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,28 @@ class Pressed:
     y_mm: Field
     displacement_mm: Field
 
+    def _repr_html_(self) -> str:
+        """For a notebook: force, how sure it is, and how it grew with depth."""
+        from ..notebook import card, plot
+
+        told = self.result
+        if not told["converged"]:
+            return card("Press", {"depth": f"{told['depth_mm']:g} mm"}, note=told["reason"])
+        x, y, z = told["force_n"]
+        pressed = np.hypot(*(self.tips_mm[:, :2] - self.tips_mm[0, :2]).T) < 1e-9
+        rows = {
+            "depth": f"{told['depth_mm']:g} mm",
+            "normal force": f"{-z:.3g} N ± {told['error_estimate']['force_rel']:.1%}",
+            "shear force": f"{math.hypot(x, y):.3g} N" if not pressed.all() else None,
+            "contact": f"{told['contact_area_mm2']:.3g} mm²",
+            "level": told["picked"]["why"],
+        }
+        picture = plot(
+            self.tips_mm[pressed, 2].tolist(), (-self.forces_n[pressed, 2]).tolist(),
+            "depth (mm)", "normal force (N)",
+        )  # fmt: skip
+        return card("Press", rows, picture, "; ".join(told["flags"]))
+
 
 def press(
     skin: SkinDimensions,
@@ -51,7 +73,7 @@ def press(
     at_mm: tuple[float, float],
     depth_mm: float,
     shear_mm: tuple[float, float] = (0.0, 0.0),
-    model: Level | Literal["auto"] = "auto",
+    model: Level = "auto",
     tolerance: float = TOLERANCE,
     spacing_mm: float | None = None,
     progress: Progress | None = None,
@@ -85,7 +107,7 @@ def press(
     def way(step_mm: float) -> tuple[Pose, ...]:
         return along(corners, step_mm) or (Pose(corners[-1], 0.0, 1.0),)
 
-    def picks(level: Level | Literal["auto"]) -> Choice:
+    def picks(level: Level) -> Choice:
         return choose(
             skin, material, indenter, way(math.inf), tolerance, level=level, spacing_mm=spacing_mm
         )

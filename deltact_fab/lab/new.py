@@ -62,7 +62,7 @@ def pattern(name: str, law: str = "algorithm1", out: Path | None = None) -> Path
     Raises InputError as `catalog.write_new`, and for a name or a law that is none.
     """
     from ..patterns.laws import LAWS
-    from ..patterns.laws.table import KEYS
+    from ..patterns.laws.law import KEYS
     from ..patterns.recipe import DEFAULT_SEED, PatternRecipe
 
     if law not in LAWS:

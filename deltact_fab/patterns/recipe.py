@@ -253,6 +253,53 @@ class PatternRecipe(_Strict):
         """The side of the printed square, n d: 466 x 0.075 = 34.95 of 35 mm."""
         return _printed_mm(self.size_mm, self.patch_mm)
 
+    def _repr_html_(self) -> str:
+        """For a notebook: its keys, and the sticker as the camera sees it."""
+        from ..notebook import card
+
+        dots = self.dots and f"{self.dots.columns} x {self.dots.rows} of {self.dots.diameter_mm:g}"
+        rows = {
+            "law": f"{self.law}: {LAWS[self.law].about}",
+            "sticker": f"{self.printed_mm:g} x {self.printed_mm:g} mm",
+            "patches": self.patch_mm and f"{self.n} x {self.n} of {self.patch_mm:g} mm",
+            "r": self.r,
+            "dots": dots and f"{dots} mm",
+            "seed": self.seed,
+        }
+        return card("Pattern", rows, self._picture())
+
+    def _picture(self) -> str:
+        """Patches as pixels, dots as circles, as an SVG."""
+        import base64
+        import io
+
+        from PIL import Image
+
+        drawn = LAWS[self.law].draw(self)
+        data = io.BytesIO()
+        Image.fromarray(drawn[..., 0] if drawn.shape[2] == 1 else drawn).save(data, "PNG")
+        half, circles = self.printed_mm / 2, ""
+        if (grid := self.dots) is not None:
+            circles = "".join(
+                f"<circle cx='{x:g}' cy='{y:g}' r='{grid.diameter_mm / 2:g}'/>"
+                for x in _places(grid.columns, grid.pitch_x_mm, grid.offset_x_mm)
+                for y in _places(grid.rows, grid.pitch_y_mm, grid.offset_y_mm)
+            )
+            circles = f"<g fill='{grid.colour}'>{circles}</g>"
+        side = f"{2 * half:g}"
+        return (
+            f"<svg width='220' height='220' viewBox='{-half:g} {-half:g} {side} {side}'>"
+            f"<image x='{-half:g}' y='{-half:g}' width='{side}' height='{side}' "
+            "style='image-rendering:pixelated' "
+            f"href='data:image/png;base64,{base64.b64encode(data.getvalue()).decode()}'/>"
+            f"{circles}</svg>"
+        )
+
+
+def _places(count: int, pitch_mm: float, offset_mm: float) -> list[float]:
+    """Of a row of dots, from its centre."""
+    return [(i - (count - 1) / 2) * pitch_mm + offset_mm for i in range(count)]
+
 
 def _check_key(key: str, is_given: bool, info: ValidationInfo) -> None:
     """`laws.check_key`, unless the law itself is at fault."""

@@ -6,6 +6,7 @@ that do not change when the run is repeated or resumed.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +16,8 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from .. import catalog
-from ..errors import InputError
+from ..errors import InputError, did_you_mean
+from ..levels import LEVELS
 from ..shapes import Indenter
 from ..shapes.indenter import parse as parse_indenter
 
@@ -134,7 +136,7 @@ class Specimen(_Strict):
     """Name or path of the design that the sensor was made from."""
     pattern: str = "dense-with-dots"
     """Name or path of the recipe of its pattern."""
-    gel_model: Literal["layer", "block", "hyperelastic"] = "layer"
+    gel_model: Annotated[str, Field(json_schema_extra={"enum": list(LEVELS)})] = "layer"
     """How forces are predicted and a virtual gel is simulated: "layer" and "block" are linear, for
     presses of up to some tenths of the thickness; "hyperelastic" is finite strain, for deep ones,
     and takes minutes."""
@@ -149,6 +151,13 @@ class Specimen(_Strict):
     slow press."""
     depth_margin_mm: Length = 1.0
     """Gel that must remain below the deepest press."""
+
+    @field_validator("gel_model")
+    @classmethod
+    def _level(cls, value: str) -> str:
+        if value not in LEVELS:
+            raise ValueError(f"no such level; {did_you_mean(value, LEVELS)}")
+        return value
 
     @field_validator("serial")
     @classmethod
@@ -207,6 +216,35 @@ class Protocol(_Strict):
         if (count := presses * (4 + len(self.depths_mm) * (1 + legs))) > MOST_STEPS:
             raise ValueError(f"{count} steps; expected at most {MOST_STEPS}: split it")
         return self
+
+    def _repr_html_(self) -> str:
+        """For a notebook: what is pressed where, how deep, and the way of the tip's depth."""
+        from ..notebook import card, plot
+
+        steps = expand(self)
+        ways = [(0.0, 0.0, self.motion.park_mm), *(s.target_mm for s in steps)]
+        seconds, t_s = [0.0], 0.0
+        for (a, b), step in zip(itertools.pairwise(ways), steps, strict=True):
+            t_s += math.dist(a, b) / step.feed_mm_min * 60 + step.settle_s
+            seconds.append(t_s)
+        shear = self.shear and f"{self.shear.at_depth_mm(max(self.depths_mm)):g} mm at the deepest"
+        rows = {
+            "indenters": ", ".join(self.indenters),
+            "places": f"{len(self.positions_mm)} on the face",
+            "depths": f"{', '.join(f'{d:g}' for d in self.depths_mm)} mm",
+            "shear": shear,
+            "channels": ", ".join(sorted(self.channels)) or "none",
+            "gel": f"{self.specimen.gel_model}, {self.specimen.modulus_mpa:g} MPa",
+            "steps": f"{len(steps)}, {sum(s.frames for s in steps)} frames",
+            "motion": f"about {t_s / 60:.1f} min at full feed",
+        }
+        picture = plot(
+            [s / 60 for s in seconds],
+            [z for _, _, z in ways],
+            "time (min)",
+            "tip above the face (mm)",
+        )
+        return card(f"Protocol {self.name}", rows, picture, self.description)
 
 
 @dataclass(frozen=True)

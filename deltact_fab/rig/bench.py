@@ -18,7 +18,7 @@ from .clock import WallClock
 from .config import GrblConfig
 from .force.netft import SILENT_S
 from .interface import Camera, Devices, ForceSensor, Job
-from .stage.grbl import GrblStage
+from .stage.firmware import open_stage
 from .tool.tooling import Tooling
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ class GrblRig:
         config, job = self._config, self._job
         channels = job.protocol.channels
         self.clock = WallClock()
-        self.stage = GrblStage.of(config.stage, self.clock)
+        self.stage = open_stage(config.stage, self.clock)
         self._open.callback(self.stage.close)
         self.force: ForceSensor | None = None
         self.guard: ForceGuard | None = None

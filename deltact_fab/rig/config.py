@@ -13,7 +13,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from .. import catalog, reading
 from ..errors import InputError, did_you_mean
@@ -21,6 +21,7 @@ from .camera.config import CameraConfig, CameraFile
 from .force.config import ForceConfig, GuardConfig
 from .simulator import CameraConfig as SimulatedCamera
 from .simulator import SimulatorConfig
+from .stage.firmware import FIRMWARE
 from .strict import Acceleration, Feed, Force, Place, Strict, Tilt, Travel
 from .tool.config import RegistrationFile, ToolConfig, TouchConfig, named_tools
 
@@ -55,6 +56,8 @@ class StageConfig(Strict):
     """Acceleration of each axis."""
     baud: int = Field(default=115200, ge=1200, le=10_000_000)
     """Of the serial port."""
+    firmware: Annotated[str, Field(json_schema_extra={"enum": list(FIRMWARE)})] = "grbl"
+    """What the controller speaks."""
     direction_mask: int = Field(default=0, ge=0, le=7)
     """Axes whose motor turns the other way (GRBL's $3): 1 for x, 2 for y, 4 for z, added up."""
     homing_direction_mask: int = Field(default=0, ge=0, le=3)
@@ -63,6 +66,13 @@ class StageConfig(Strict):
     """How long homing takes, for estimates; `rig home` says it. None: taken from travel_mm."""
     max_force_n: tuple[Force, Force, Force] | None = None
     """What the axes can push without losing steps, x, y, z; None: not declared."""
+
+    @field_validator("firmware")
+    @classmethod
+    def _spoken(cls, value: str) -> str:
+        if value not in FIRMWARE:
+            raise ValueError(f"no such firmware; {did_you_mean(value, FIRMWARE)}")
+        return value
 
     @property
     def frame(self) -> StageFrame:

@@ -8,8 +8,7 @@ from ..optics import Fisheye, Pinhole, Rectified
 from ..rig.config import VirtualConfig
 from ..rig.interface import Job
 from .clock import VirtualClock
-from .controller import GrblController
-from .grbl_settings import settings_for
+from .firmware import board_of
 from .netft import NetFTBox
 from .presses import Presses
 from .scene import GelScene, LatticeCrop
@@ -34,9 +33,7 @@ class Below:
         self._config, self._job = config, job
         self.clock = clock
         stage, simulator = config.stage, config.virtual
-        self.controller = GrblController(
-            settings_for(stage.travel_mm, stage.max_feed_mm_min, stage.acceleration_mm_s2), clock
-        )
+        self.controller = board_of(stage, clock)
         self.presses = Presses(job.protocol, job.sensor.skin, simulator.gel)
         self.crop = self._crop() if "image" in job.protocol.channels else None
         self.scene = scene(

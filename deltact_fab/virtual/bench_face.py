@@ -19,12 +19,11 @@ from ..elasticity import GelMaterial
 from ..gel.reference import flat_punch_factor, hertz_force_n
 from ..optics import StageFrame
 from ..protocols.motion import Vec3
-from ..shapes import Indenter, SkinDimensions
-from ..shapes.indenter import Tip
+from ..shapes import Indenter, SkinDimensions, Tip
 from ..shapes.indenter import parse as parse_indenter
 from ..shapes.tips import EllipsoidTip, SphereTip
+from .board import Board
 from .clock import NS_PER_S
-from .controller import GrblController
 
 HARD_N_PER_MM = 400.0
 CLEAR_MM = 1.0  # an axis so high has no tip at the face, tilted by degrees as it may be
@@ -54,7 +53,7 @@ class BenchFace:
 
     def __init__(
         self,
-        controller: GrblController,
+        controller: Board,
         frame: StageFrame,
         skin: SkinDimensions,
         material: GelMaterial | None = None,

@@ -6,23 +6,12 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ..gel.linear.contact import SMALL_STRAIN
+from ..levels import LINEAR
 from ..shapes import SkinDimensions
-from .presses import LINEAR, Presses
+from .presses import Presses
 
 if TYPE_CHECKING:
     from ..gel.level import Choice
-
-_LEVEL_NOTES = {
-    "layer": [
-        "the layer level ignores the free sides of the block and large strain: its in-plane "
-        "motion is off by some tenths of a millimetre from 2 mm of depth on"
-    ],
-    "block": [
-        "the block level ignores large strain: its in-plane motion is off by some tenths of a "
-        "millimetre from 2 mm of depth on"
-    ],
-    "hyperelastic": [],
-}
 
 
 def gel_left_out(presses: Presses, choices: Sequence[Choice]) -> list[str]:
@@ -53,7 +42,8 @@ def gel_notes(presses: Presses, choices: Sequence[Choice], skin: SkinDimensions)
         "modulus matters to them); between them displacements and forces are interpolated "
         f"linearly{_bound(presses)}"
     ]
-    lines += _LEVEL_NOTES[presses.level]
+    if presses.level in LINEAR:
+        lines.append(LINEAR[presses.level].about)
     lines += dict.fromkeys(f"gel: {choice.why}" for choice in choices)
     if not presses.shears and any(c.friction for c in choices):
         lines.append("friction is solved, for it changes the force of these presses")

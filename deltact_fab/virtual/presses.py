@@ -16,6 +16,7 @@ from ..gel.level_selection import pick
 from ..gel.path.knots import Between, Increments, Observed, Pose
 from ..gel.path.open import choose, open_path
 from ..gel.path.solver import PathSolver
+from ..levels import LINEAR
 from ..protocols.plan import Protocol
 from ..rig.simulator import GelConfig
 from ..shapes import SkinDimensions
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
     from ..gel.level import Choice, Level
 
 Field = NDArray[np.float64]
-
-LINEAR = ("layer", "block")
 
 
 class Presses:

@@ -19,8 +19,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from .board import Board
 from .clock import NS_PER_S, NsClock
-from .controller import GrblController
 
 IDLE_MS = 20  # between two looks when nothing is to happen
 CLOSED_MS = 2  # between two looks whether a host has opened the port
@@ -35,7 +35,7 @@ class Terminal:
 
     def __init__(
         self,
-        controller: GrblController,
+        controller: Board,
         clock: NsClock,
         *,
         resets_on_open: bool = False,

@@ -13,7 +13,7 @@ from ..rig.camera.model import flat_field
 from ..rig.config import VirtualConfig
 from ..rig.force.netft import NetFTSensor
 from ..rig.interface import Camera, Devices, Job
-from ..rig.stage.grbl import GrblStage
+from ..rig.stage.firmware import open_stage
 from ..shapes import SensorDimensions
 from .below import Below
 from .clock import VirtualClock
@@ -108,7 +108,7 @@ class VirtualRig:
         # A name of its own, so that several runs can share one process.
         name = f"{job.folder.name}-{next(_NUMBER)}"
         self._link = connect(self.controller, self.clock, name, baud=stage.baud)
-        self.stage = GrblStage.of(stage, self.clock, self._link.url)
+        self.stage = open_stage(stage, self.clock, self._link.url)
         self._open.callback(self.stage.close)
         self.camera: VirtualCamera | None = None
         if below.crop is not None:

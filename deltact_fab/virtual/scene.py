@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from ..gel.path.knots import CONTACT_EPS_MM, Increments, Point, Solved, divide
 from ..optics import StageFrame, SurfaceLattice
+from .board import Board
 from .clock import NS_PER_S, NsClock
-from .controller import GrblController
 from .motion import Segment
 from .press import Press
 
@@ -127,7 +127,7 @@ class GelScene:
 
     def __init__(
         self,
-        controller: GrblController,
+        controller: Board,
         clock: NsClock,
         frame: StageFrame,
         increments: Increments,

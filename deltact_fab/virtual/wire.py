@@ -17,8 +17,8 @@ from weakref import WeakValueDictionary
 
 import serial
 
+from .board import Board
 from .clock import NS_PER_S, VirtualClock, to_ns
-from .controller import GrblController
 
 SCHEME = "simgrbl"
 _BITS_PER_BYTE = 10
@@ -39,7 +39,7 @@ class Link:
 
     def __init__(
         self,
-        controller: GrblController,
+        controller: Board,
         clock: VirtualClock,
         name: str,
         *,
@@ -184,7 +184,7 @@ _LINKS: WeakValueDictionary[str, Link] = WeakValueDictionary()
 
 
 def connect(
-    controller: GrblController,
+    controller: Board,
     clock: VirtualClock,
     name: str = "stage",
     *,

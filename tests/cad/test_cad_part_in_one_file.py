@@ -2,6 +2,7 @@
 
 import json
 import sys
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -15,55 +16,7 @@ from deltact_fab.cad.registry import find, of_design
 from deltact_fab.cli.main import main
 from deltact_fab.report import guide
 
-SHIM = '''
-"""A shim for the bench."""
-
-from deltact_fab.cad.solid_gate import Expected
-from deltact_fab.cad.drafting.items import Callouts, x_of, y_of, z_of
-from deltact_fab.cad.kernel import require
-from deltact_fab.cad.part import PRINT, RESIN, Part
-from deltact_fab.cad.rule import Rule
-
-
-def size(d):
-    return 20.0, 30.0, d.shell.wall_mm
-
-
-def expect(d):
-    x, y, z = size(d)
-    return Expected((x * y * z,) * 2, ((0.0, 0.0, 0.0), (x, y, z)), {"wall_mm": z})
-
-
-def build(d):
-    return require().Solid.makeBox(*size(d))
-
-
-def rules(d):
-    yield Rule("shim", ("1", 1.0), "<=", ("shell.wall_mm", d.shell.wall_mm))
-
-
-def callouts(d):
-    x, y, z = size(d)
-    items = (x_of("top", 0, x, "bottom"), y_of("top", 0, y, "left"), z_of("front", 0, z, "left"))
-    return Callouts(items, ("Flat.",))
-
-
-def wall_mm(d):
-    return d.shell.wall_mm
-
-
-def note(d):
-    return f"{d.shell.wall_mm:g} mm thick"
-
-
-PARTS = (
-    Part(
-        "shim", RESIN, PRINT, build, expect, group="bench", sections=("shell",),
-        derived=("z_joint_mm",), rules=rules, wall_mm=wall_mm, callouts=callouts, note=note,
-        how="flat on the platform", look_for="no warp",
-    ),
-)
-'''
+SHIM = (Path(__file__).parents[2] / "examples/extend/deltact_fab/cad/parts/shim.py").read_text()
 
 
 @pytest.fixture

@@ -14,8 +14,8 @@ from deltact_fab.gel import reference
 from deltact_fab.gel.linear.complementarity import normal_contact
 from deltact_fab.gel.linear.contact import LayerContact
 from deltact_fab.gel.linear.state import ContactState
-from deltact_fab.shapes import SkinDimensions
-from deltact_fab.shapes.indenter import Indenter, SphereTip, parse
+from deltact_fab.shapes import Indenter, SkinDimensions, SphereTip
+from deltact_fab.shapes.indenter import parse
 
 SPHERE = parse("sphere:10")
 DEPTH_MM = 1.2

@@ -86,7 +86,7 @@ LACKS = {
     "gel press --depth 1 --plot press.png": "report",
     "demo": "report",
     "record export RUN --format mcap -o run.mcap": "export",
-    "record export RUN --format parquet -o run": "export",
+    "record export RUN --format parquet --out run": "export",
     "numerics cad --quick": "cad",
 }
 

@@ -28,9 +28,9 @@ ROOT = Path(__file__).parents[2]
 CATALOGUE = ("cad", "patterns", "protocols")
 # Whatever else lies in a checkout (environments, run folders, caches) stays there.
 TRAVELS = {
-    *CATALOGUE, "benchmarks", "deltact_fab", "tests", "docs", ".ci", ".gitignore", "Makefile",
-    "README.md", "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "LICENSE", "PKG-INFO",
-    "constraints.txt", "pyproject.toml",
+    *CATALOGUE, "benchmarks", "deltact_fab", "examples", "tests", "docs", ".ci", ".gitignore",
+    "Makefile", "README.md", "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "LICENSE",
+    "PKG-INFO", "constraints.txt", "pyproject.toml",
 }  # fmt: skip
 SHORT = """
 name = "short"
@@ -156,7 +156,9 @@ def test_the_sdist_holds_what_builds_tests_and_reads_and_nothing_else(built: Pat
     with tarfile.open(next(built.glob("*.tar.gz"))) as archive:
         names = {name.split("/", 1)[1] for name in archive.getnames()}
     assert {name.split("/")[0] for name in names} == TRAVELS
-    assert names >= set(of_the_checkout("deltact_fab", *CATALOGUE, "tests", "benchmarks", ".ci"))
+    assert names >= set(
+        of_the_checkout("deltact_fab", *CATALOGUE, "tests", "benchmarks", "examples", ".ci")
+    )
     assert not [name for name in names if "__pycache__" in name or name.endswith(".pyc")]
 
 

@@ -1,4 +1,4 @@
-"""The layer and the block behind the interface of `level`: grid fields on the common lattice."""
+"""A linear level behind the interface of `level`: grid fields on the common lattice."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ...elasticity.face import FaceOperator
 from ...elasticity.material import GelMaterial
 from ...errors import SolverError
+from ...levels import LINEAR
 from ...shapes import Indenter, SkinDimensions
 from ..lattice import hermite, means
 from ..level import Choice, Diagnostics, Level, Point
@@ -25,7 +25,7 @@ MOST_CUTS = 2  # halvings of an increment
 
 @dataclass(frozen=True, eq=False)
 class LinearState:
-    """A state of the layer or the block; see `level.State`. inner: as the level has it."""
+    """A state of a linear level; see `level.State`. inner: as the level has it."""
 
     inner: ContactState
     diagnostics: Diagnostics
@@ -70,7 +70,7 @@ class LinearState:
 
 
 class LinearGel:
-    """`level.GelContact` of the bonded layer or the free block."""
+    """`level.GelContact` of a linear level."""
 
     def __init__(
         self,
@@ -83,7 +83,7 @@ class LinearGel:
     ) -> None:
         self.level: Level = choice.level
         self.choice, self.x_mm, self.y_mm = choice, x_mm, y_mm
-        face = _face(skin, material, choice)
+        face = LINEAR[choice.level].face(skin, material, choice.spacing_mm)
         self.dofs = 3 * face.shape[0] * face.shape[1]
         self.contact = LayerContact(
             face, indenter, friction=choice.friction, observe_shear=choice.friction > 0
@@ -157,13 +157,3 @@ class LinearGel:
 def _laid(to_lattice: tuple[Field, Field], field: Field) -> Field:
     wx, wy = to_lattice
     return np.ascontiguousarray(np.moveaxis(wy @ np.moveaxis(field, -1, 0) @ wx.T, 0, -1))
-
-
-def _face(skin: SkinDimensions, material: GelMaterial, choice: Choice) -> FaceOperator:
-    if choice.level == "layer":
-        from ...elasticity.layer import BondedLayer
-
-        return BondedLayer.for_skin(skin, material, spacing_mm=choice.spacing_mm)
-    from ...elasticity.block import FreeBlock
-
-    return FreeBlock.for_skin(skin, material, spacing_mm=choice.spacing_mm)

@@ -27,8 +27,8 @@ from ...gel import reference
 from ...gel.linear.complementarity import normal_contact
 from ...gel.linear.contact import LayerContact
 from ...gel.linear.state import ContactState
-from ...shapes import SkinDimensions
-from ...shapes.indenter import Indenter, parse
+from ...shapes import Indenter, SkinDimensions
+from ...shapes.indenter import parse
 from ..engine import Case, Engine, Setting, Table, Work
 
 Field = NDArray[np.float64]

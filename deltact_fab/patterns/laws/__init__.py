@@ -1,4 +1,4 @@
-"""The laws that colour the patches: table.py lists them, patches.py draws, a file each law."""
+"""The laws that colour the patches: table.py finds them, patches.py draws, a file each law."""
 
 from .table import LAWS, check_key, check_law
 

@@ -22,10 +22,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from .law import Law, Patches, uniforms
+
+if TYPE_CHECKING:
+    from ..recipe import PatternRecipe
 
 Levels = NDArray[Any]
 Uniforms = NDArray[np.float64]
@@ -179,3 +184,18 @@ def _pick(uniforms: Uniforms, low: Levels, high: Levels, step: int, levels: int)
     picked += (picked >= start_a) * run_a
     picked += (picked >= start_b) * run_b
     return picked
+
+
+def _draw(recipe: PatternRecipe) -> Patches:
+    assert recipe.r is not None  # the recipe's own check
+    return fill(uniforms(recipe), recipe.r).astype(np.uint8)
+
+
+LAWS = {
+    "algorithm1": Law(
+        "Algorithm 1 of the paper: neighbours differ by at least sqrt(r) in every channel",
+        _draw,
+        needs=("patch_mm", "r"),
+        may=("channels", "dots"),
+    )
+}

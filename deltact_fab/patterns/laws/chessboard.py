@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from ..recipe import PatternRecipe
+from .law import Law, Patches
+
+if TYPE_CHECKING:
+    from ..recipe import PatternRecipe
 
 SLACK_MM = 1e-9
 
@@ -46,3 +51,11 @@ def check_covers(recipe: PatternRecipe, view_mm: tuple[float, float]) -> None:
             f"chessboard: patch_mm: {recipe.patch_mm:g} mm leaves {columns} x {rows} inner corners "
             f"in the camera's view; at least 3 x 3, so at most {min(view_mm) / 4:.2f} mm"
         )
+
+
+def _draw(recipe: PatternRecipe) -> Patches:
+    place = np.arange(recipe.n)
+    return ((place[:, None] + place) % 2 * 255).astype(np.uint8)[..., None]
+
+
+LAWS = {"chessboard": Law("black and white squares, to calibrate the camera", _draw)}

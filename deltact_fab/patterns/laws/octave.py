@@ -17,11 +17,16 @@ from collections.abc import Sequence
 from fractions import Fraction
 from functools import cache
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .algorithm1 import FILE_LEVELS
+from .law import Law, Patches
+
+if TYPE_CHECKING:
+    from ..recipe import PatternRecipe
 
 Field = NDArray[np.float64]
 
@@ -104,3 +109,22 @@ class SumOfUniforms:
             value *= t
             value += self.coefficients[:, power][piece]
         return np.clip(value, 0.0, 1.0)
+
+
+def _draw(recipe: PatternRecipe) -> Patches:
+    assert recipe.scales_mm is not None  # the recipe's own checks
+    assert recipe.patch_mm is not None
+    blocks = [round(scale_mm / recipe.patch_mm) for scale_mm in recipe.scales_mm]
+    rng = np.random.Generator(np.random.PCG64(recipe.seed))
+    weights = recipe.weights or (1.0,) * len(blocks)
+    return draw(rng, recipe.n, recipe.channels, blocks, weights)
+
+
+LAWS = {
+    "octave": Law(
+        "independent blocks of several sizes, added and spread over all levels",
+        _draw,
+        needs=("patch_mm", "scales_mm"),
+        may=("weights", "channels", "dots"),
+    )
+}

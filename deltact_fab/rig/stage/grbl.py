@@ -21,6 +21,7 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING, Any
 
+from ...errors import InputError
 from ...optics import StageFrame
 from ...protocols.motion import Vec3
 from ..interface import Clock, StageState
@@ -66,7 +67,15 @@ class GrblStage:
 
     @classmethod
     def of(cls, config: StageConfig, clock: Clock, url: str | None = None) -> GrblStage:
-        """The stage of a rig file, its port not yet open; url: in place of the file's port."""
+        """The stage of a rig file, its port not yet open; url: in place of the file's port.
+
+        Raises InputError for a controller that speaks something else.
+        """
+        if config.firmware != "grbl":
+            raise InputError(
+                f"stage.firmware: {config.firmware!r}; this command speaks GRBL only, `run` and "
+                "`rig register` any firmware"
+            )
         where = url if url is not None else config.port
         assert where is not None, "the configuration has a port"
         needs = Needs(

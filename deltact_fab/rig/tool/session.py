@@ -17,8 +17,8 @@ from ..clock import WallClock
 from ..config import GrblConfig
 from ..interface import Clock, ForceSensor, Stage
 from ..run.interrupt import interruptible
+from ..stage.firmware import open_stage
 from ..stage.go import LIFT_FEED_MM_MIN
-from ..stage.grbl import GrblStage
 from .config import JigConfig, TouchConfig
 from .feeler import Feeler
 from .find import find_face
@@ -61,7 +61,7 @@ def homed(
             "breaking what it meets: add [force.netft] or [force.serial]"
         )
     clock = WallClock()
-    stage = GrblStage.of(config.stage, clock)
+    stage = open_stage(config.stage, clock)
     with ExitStack() as opened:
         opened.callback(stage.close)
         force = open_force(config.force, clock)

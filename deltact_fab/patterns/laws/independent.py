@@ -1,0 +1,26 @@
+"""Independent patches: of every level, or each channel all or nothing."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .law import Law, Patches, uniforms
+
+if TYPE_CHECKING:
+    from ..recipe import PatternRecipe
+
+
+def _iid(recipe: PatternRecipe) -> Patches:
+    return (uniforms(recipe) * 256).astype(np.uint8)
+
+
+def _binary(recipe: PatternRecipe) -> Patches:
+    return (uniforms(recipe) >= 0.5).astype(np.uint8) * np.uint8(255)
+
+
+LAWS = {
+    "iid": Law("independent uniform patches, colour or grey", _iid, may=("channels", "dots")),
+    "binary": Law("independent patches, each channel 0 or 255", _binary, may=("channels", "dots")),
+}

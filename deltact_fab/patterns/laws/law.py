@@ -1,0 +1,39 @@
+"""What a law of patches says of itself; a file of this folder makes one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from ..recipe import PatternRecipe
+
+Patches = NDArray[np.uint8]
+
+KEYS = ("patch_mm", "r", "channels", "scales_mm", "weights", "dots")
+"""The keys of a recipe that belong to some laws only."""
+
+
+@dataclass(frozen=True)
+class Law:
+    """draw: a recipe to (n, n, 1 or 3) uint8. needs, may: keys of KEYS it must and can have."""
+
+    about: str
+    draw: Callable[[PatternRecipe], Patches]
+    needs: tuple[str, ...] = ("patch_mm",)
+    may: tuple[str, ...] = ("dots",)
+
+    @property
+    def has_patches(self) -> bool:
+        """Whether its sticker is made of patches; otherwise it is clear film."""
+        return "patch_mm" in self.needs
+
+
+def uniforms(recipe: PatternRecipe) -> NDArray[np.float64]:
+    """One draw in [0, 1) a patch and channel by the recipe's seed, (n, n, channels)."""
+    shape = (recipe.n, recipe.n, recipe.channels)
+    return np.random.Generator(np.random.PCG64(recipe.seed)).random(shape)

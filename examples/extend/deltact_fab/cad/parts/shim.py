@@ -1,0 +1,73 @@
+"""A shim for the bench, as thick as a wall of the housing, to set the height of a stage by."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+from ..drafting.items import Callouts, x_of, y_of, z_of
+from ..kernel import require
+from ..part import PRINT, RESIN, Part
+from ..rule import Rule
+from ..solid_gate import Expected
+
+if TYPE_CHECKING:
+    from ..dimensions import Design
+
+
+def size(d: Design) -> tuple[float, float, float]:
+    """Its sides, mm."""
+    return 20.0, 30.0, d.shell.wall_mm
+
+
+def expect(d: Design) -> Expected:
+    """Box and volume by a closed form."""
+    x, y, z = size(d)
+    return Expected((x * y * z,) * 2, ((0.0, 0.0, 0.0), (x, y, z)), {"wall_mm": z})
+
+
+def build(d: Design) -> Any:
+    """The solid."""
+    return require().Solid.makeBox(*size(d))
+
+
+def rules(d: Design) -> Iterable[Rule]:
+    """Thick enough to print."""
+    yield Rule("shim", ("1", 1.0), "<=", ("shell.wall_mm", d.shell.wall_mm))
+
+
+def callouts(d: Design) -> Callouts:
+    """The drawing's dimensions."""
+    x, y, z = size(d)
+    items = (x_of("top", 0, x, "bottom"), y_of("top", 0, y, "left"), z_of("front", 0, z, "left"))
+    return Callouts(items, ("Flat.",))
+
+
+def wall_mm(d: Design) -> float:
+    """Its thinnest wall."""
+    return d.shell.wall_mm
+
+
+def note(d: Design) -> str:
+    """For the bill of materials."""
+    return f"{d.shell.wall_mm:g} mm thick"
+
+
+PARTS = (
+    Part(
+        "shim",
+        RESIN,
+        PRINT,
+        build,
+        expect,
+        group="bench",
+        sections=("shell",),
+        derived=("z_joint_mm",),
+        rules=rules,
+        wall_mm=wall_mm,
+        callouts=callouts,
+        note=note,
+        how="flat on the platform",
+        look_for="no warp",
+    ),
+)

@@ -1,0 +1,52 @@
+"""How thick should the gel be? Force against its thickness, and which of them can be built.
+
+    python examples/sweep_a_design.py
+
+A thin gel answers stiffly: its rigid back is felt. How thin or thick it may be is said by the
+inequalities of the parts around it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from deltact_fab.cad.design import load_design
+from deltact_fab.cad.feasibility import check
+from deltact_fab.elasticity import GelMaterial
+from deltact_fab.errors import InputError
+from deltact_fab.gel.press import press
+from deltact_fab.shapes.indenter import parse
+
+THICKNESSES_MM = (8.0, 10.0, 12.0, 14.0, 16.0)
+DEPTH_MM = 0.8
+
+
+@dataclass(frozen=True)
+class Row:
+    """normal_n: of a ball of 10 mm pressed DEPTH_MM deep. refused: why it cannot be built."""
+
+    thickness_mm: float
+    normal_n: float
+    refused: str
+
+
+def main() -> list[Row]:
+    """A row a thickness."""
+    rows = []
+    for thickness_mm in THICKNESSES_MM:
+        design = load_design("deltact", changes=[f"skin.thickness_mm={thickness_mm:g}"])
+        refused = ""
+        try:
+            check(design)
+        except InputError as why:
+            refused = str(why).partition(" | ")[0]
+        pressed = press(
+            design.skin, GelMaterial(), parse("sphere:10"), (0.0, 0.0), DEPTH_MM, model="layer"
+        )
+        rows.append(Row(thickness_mm, -pressed.result["force_n"][2], refused))
+    return rows
+
+
+if __name__ == "__main__":
+    for row in main():
+        print(f"{row.thickness_mm:4g} mm: {row.normal_n:.2f} N  {row.refused}")

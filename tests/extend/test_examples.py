@@ -1,0 +1,75 @@
+"""Each script of examples/ gives the figure that makes it worth reading."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+FOLDER = Path(__file__).parents[2] / "examples"
+SCRIPTS = sorted(p.stem for p in FOLDER.glob("*.py"))
+
+
+@pytest.fixture(autouse=True)
+def _importable(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.syspath_prepend(str(FOLDER))
+    yield
+    for name in SCRIPTS:
+        sys.modules.pop(name, None)
+
+
+def load(name: str) -> ModuleType:
+    return importlib.import_module(name)
+
+
+def test_a_part_has_the_volume_of_its_formula(tmp_path: Path) -> None:
+    solid_mm3, formula_mm3 = load("build_a_part").main(tmp_path / "out")
+    assert solid_mm3 == pytest.approx(formula_mm3, rel=1e-6)
+    assert 0.9 < solid_mm3 / (36 * 34 * 14) < 1  # the box, less a step and round corners
+    assert {p.suffix for p in (tmp_path / "out").iterdir()} >= {".step", ".stl"}
+
+
+def test_larger_patches_reach_the_camera() -> None:
+    kept = load("pattern_quality").main()
+    assert kept == pytest.approx({0.075: 0.15, 0.15: 0.39, 0.3: 0.59}, abs=0.02)
+
+
+def test_a_run_measures_hertz_and_the_gel_s_rigid_back(tmp_path: Path) -> None:
+    """A layer is stiffer than a half-space, the more so the wider the contact."""
+    found = load("run_a_protocol").main(tmp_path / "out")
+    stiffer = {depth: measured_n / hertz_n for depth, (measured_n, hertz_n) in found.items()}
+    assert stiffer == pytest.approx({0.3: 1.13, 0.6: 1.17}, abs=0.02)
+
+
+@pytest.mark.slow
+def test_tracking_is_within_hundredths_of_a_millimetre(mini_run: Path) -> None:
+    """Off the dots against truth worse than at them: dots are features, and flatter."""
+    errors = load("measure_a_run").main(mini_run).frames
+    at_dots_mm, off_dots_mm = errors["mean_at_dots_mm"].mean(), errors["mean_off_dots_mm"].mean()
+    assert at_dots_mm == pytest.approx(0.004, abs=0.002)
+    assert off_dots_mm == pytest.approx(0.016, abs=0.004)
+
+
+def test_force_grows_with_hertz_and_a_little_more(mini_run: Path) -> None:
+    exponent, at_1_mm_n = load("force_law").main(mini_run)
+    assert exponent == pytest.approx(1.57, abs=0.03)
+    assert at_1_mm_n == pytest.approx(2.70, rel=0.03)
+
+
+def test_half_the_thickness_is_stiffer_and_only_some_can_be_built() -> None:
+    rows = {row.thickness_mm: row for row in load("sweep_a_design").main()}
+    forces = [row.normal_n for row in rows.values()]
+    assert forces == sorted(forces, reverse=True)
+    assert rows[8.0].normal_n / rows[16.0].normal_n == pytest.approx(1.2, abs=0.1)
+    assert not rows[12.0].refused
+    assert "skin-frame" in rows[10.0].refused
+
+
+def test_the_list_names_the_scripts() -> None:
+    listed = re.findall(r"^\| `(\w+)\.py", (FOLDER / "README.md").read_text(), re.M)
+    assert sorted(listed) == SCRIPTS

@@ -1,0 +1,200 @@
+"""The files of examples/extend in a copy of the package: each is found, and does what it says.
+
+docs/how-to/extend-*.md show the same text.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from benchmarks import extend_pages
+from deltact_fab import record
+
+ROOT = Path(__file__).parents[2]
+EXTEND = ROOT / "examples" / "extend"
+RECIPE = 'law = "stratified"\nseed = 7\npatch_mm = 0.35\n'
+PROTOCOL = """
+name = "short"
+indenters = ["sphere:10"]
+positions_mm = [[0.0, 0.0]]
+depths_mm = [0.6]
+channels = ["force"]
+[capture]
+rate_hz = 0.5
+[specimen]
+gel_model = "foundation"
+"""
+COMMANDS = """
+import json, sys
+from click.testing import CliRunner
+from deltact_fab.cli.main import main
+for line in sys.stdin:
+    done = CliRunner().invoke(main, json.loads(line))
+    code = getattr(done.exception, "exit_code", done.exit_code)
+    print(json.dumps([code, done.stdout, str(done.exception or "")]))
+"""
+PRESS = ("gel", "press", "--model", "foundation", "--indenter", "cone", "--spacing", "0.1")
+CALLS = {
+    "pattern": ("pattern", "make", "mine.toml", "-o", "mine.png"),
+    "law": ("schema", "pattern", "--json"),
+    "part": ("cad", "show", "shim"),
+    "indenter": ("cad", "show", "cone:8"),
+    "level": (*PRESS, "--depth", "1.5", "--json"),
+    "refused": (*PRESS, "--depth", "1.5", "--poisson", "0.4995", "--json"),
+    "run": ("run", "short.toml", "--rig", "marlin.toml", "--seed", "3", "--out", "run", "--json"),
+    "jog": ("rig", "home", "bench.toml"),
+}
+MODULUS_MPA = 0.56 * (1 - 0.49) / ((1 + 0.49) * (1 - 2 * 0.49))  # of a gel held at its sides
+SPRING_MPA_MM = MODULUS_MPA / 12
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the package as it is once the files are copied over it, and a lab's files."""
+    home = tmp_path_factory.mktemp("extended")
+    for name in ("deltact_fab", "cad", "patterns", "protocols"):
+        shutil.copytree(ROOT / name, home / name)
+    shutil.copytree(EXTEND, home, dirs_exist_ok=True)
+    (home / "mine.toml").write_text(RECIPE)
+    (home / "short.toml").write_text(PROTOCOL)
+    for name, rig in (("marlin", "virtual"), ("bench", "grbl-bench")):
+        text = (home / "protocols" / "rigs" / f"{rig}.toml").read_text()
+        (home / f"{name}.toml").write_text(text.replace("[stage]", '[stage]\nfirmware = "marlin"'))
+    return home
+
+
+@pytest.fixture(scope="module")
+def answers(home: Path) -> dict[str, tuple[int, str, str]]:
+    """What each command answers there, all in one process."""
+    done = subprocess.run(
+        [sys.executable, "-c", COMMANDS],
+        input="\n".join(map(json.dumps, CALLS.values())),
+        capture_output=True, text=True, cwd=home, timeout=300, check=True,
+        env={**os.environ, "PYTHONPATH": str(home)},
+    )  # fmt: skip
+    return dict(zip(CALLS, map(json.loads, done.stdout.splitlines()), strict=True))
+
+
+def good(answer: tuple[int, str, str]) -> Any:
+    code, out, err = answer
+    assert code == 0, out + err
+    return json.loads(out) if out.startswith("{") else out
+
+
+def test_a_law_leaves_no_place_without_contrast(answers: Any, home: Path) -> None:
+    assert "stratified" in good(answers["law"])["properties"]["law"]["enum"]
+    good(answers["pattern"])
+    with Image.open(home / "mine.png") as image:
+        printed = np.asarray(image.convert("L"), float)
+    at = ((np.arange(100) + 0.5) * len(printed) / 100).astype(int)
+    blocks = printed[np.ix_(at, at)].reshape(25, 4, 25, 4).swapaxes(1, 2).reshape(625, 16)
+    assert (np.sort(blocks // 16, axis=1) == np.arange(16)).all()
+    assert blocks.std(axis=1).min() > 70  # of 73.9; independent patches come down to 40
+
+
+def test_a_part_is_shown_with_its_inequality(answers: Any) -> None:
+    assert "1 <= shell.wall_mm" in good(answers["part"])
+
+
+def test_an_indenter_is_a_part_in_any_size(answers: Any) -> None:
+    assert "8" in good(answers["indenter"])
+
+
+def test_a_level_has_the_force_of_its_springs(answers: Any) -> None:
+    """A cone of 45 degrees behind a nose of .6 mm displaces a volume in closed form."""
+    nose, depth = 0.6, 1.5
+    r1, z1 = nose * math.sin(math.pi / 4), nose * (1 - math.cos(math.pi / 4))
+    r2 = r1 + depth - z1
+    volume = math.pi * z1**2 * (nose - z1 / 3)
+    volume += math.pi * (depth - z1) * (r1**2 + r1 * r2 + r2**2) / 3
+    told = good(answers["level"])
+    assert told["model"] == "foundation"
+    assert -told["force_n"][2] == pytest.approx(SPRING_MPA_MM * volume, rel=0.01)
+    assert not told["within_tolerance"]  # it says itself how rough it is
+    assert "poisson <= .499 is needed" in answers["refused"][1] + answers["refused"][2]
+
+
+def test_a_controller_carries_out_a_protocol_on_that_level(answers: Any, home: Path) -> None:
+    summary = good(answers["run"])
+    assert summary["devices"]["stage"]["kind"] == "marlin"
+    frames = record.open(home / "run").frames()
+    assert -frames["z_mm"].min() == pytest.approx(0.6, abs=0.006)
+    displaced = math.pi * 0.6**2 * (5 - 0.6 / 3)
+    assert -frames["fz_n"].min() == pytest.approx(SPRING_MPA_MM * displaced, rel=0.02)
+
+
+def test_a_command_that_speaks_grbl_alone_says_so(answers: Any) -> None:
+    code, _, err = answers["jog"]
+    assert code == 2
+    assert "stage.firmware: 'marlin'" in err
+
+
+STAGE = """
+import math
+import pytest
+from deltact_fab.errors import InputError, StageError
+from deltact_fab.rig.config import load
+from deltact_fab.rig.stage.firmware import open_stage
+from deltact_fab.virtual.clock import VirtualClock
+from deltact_fab.virtual.firmware import board_of
+from deltact_fab.virtual.wire import connect
+
+config, clock = load("marlin.toml")[0].stage, VirtualClock()
+board = board_of(config, clock)
+link = connect(board, clock)
+stage = open_stage(config, clock, link.url)
+with pytest.raises(StageError):
+    stage.start_move((0.0, 0.0, 10.0), 600.0)
+stage.connect()
+with pytest.raises(StageError):
+    stage.start_move((0.0, 0.0, 10.0), 600.0)
+stage.home()
+for wrong in ((0.0, 0.0, 500.0), (math.nan, 0.0, 10.0)):
+    with pytest.raises(InputError):
+        stage.start_move(wrong, 600.0)
+with pytest.raises(InputError):
+    stage.start_move((0.0, 0.0, 10.0), 1e9)
+stage.start_move((2.0, -1.0, 29.0), 1200.0)
+assert stage.wait().state == "Idle"
+assert stage.position_mm() == pytest.approx((2.0, -1.0, 29.0), abs=0.011)
+stage.start_move((2.0, -1.0, 9.0), 600.0)
+clock.sleep_s(0.2)
+stage.stop()
+z_mm = stage.position_mm()[2]
+assert 9.0 < z_mm < 29.0
+assert stage.lift(1.0, 600.0)
+assert stage.position_mm()[2] == pytest.approx(z_mm + 1.0, abs=0.011)
+true_mm = config.frame.to_sensor_mm(board.position_mm())
+assert true_mm == pytest.approx(stage.position_mm(), abs=0.011)
+stage.start_move((2.0, -1.0, 9.0), 600.0)
+stage.abort()
+with pytest.raises(StageError, match="home first"):
+    stage.wait()
+"""
+
+
+def test_the_stage_keeps_to_its_interface(home: Path) -> None:
+    """Refuses what it must, is stopped in a move, goes on, and knows where it is."""
+    done = subprocess.run(
+        [sys.executable, "-c", STAGE], capture_output=True, text=True, cwd=home, timeout=60,
+        check=False, env={**os.environ, "PYTHONPATH": str(home)},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_pages_show_these_files() -> None:
+    """Word for word, every file on some page."""
+    kept = {page: page.read_text() for page in extend_pages.pages()}
+    assert kept == extend_pages.pages(), "python -m benchmarks.reference writes them anew"
+    assert extend_pages.shown() == {p.relative_to(EXTEND).as_posix() for p in EXTEND.rglob("*.py")}
