@@ -5,7 +5,7 @@ V := .venv/bin
 JOBS ?= logical
 PYTEST := $(V)/python -m pytest -n $(JOBS) --maxprocesses 8 --dist worksteal
 
-.PHONY: demo test test-slow lint pins peers evidence clean
+.PHONY: demo test test-slow lint docs pins peers evidence clean
 
 # `python -m venv` is missing on a bare Debian; virtualenv, when present, does the same.
 .venv/.ready: pyproject.toml constraints.txt
@@ -38,6 +38,10 @@ test: lint
 test-slow: .venv/.ready
 	$(PYTEST) -m 'slow and not evidence'
 
+# A site that needs no network: open site/index.html. A dead link fails.
+docs: .venv/.ready
+	$(V)/python -m sphinx -q -n -W --keep-going -d .doctrees docs site
+
 pins: .venv/.ready
 	$(V)/python -m uv pip compile --universal --all-extras --no-header --no-annotate \
 	  --no-emit-index-url --python-version 3.11 -o constraints.txt pyproject.toml
@@ -61,4 +65,4 @@ evidence: .venv/.ready
 	$(V)/python -m benchmarks.cad_random
 
 clean:
-	rm -rf .venv demo-out .pytest_cache .mypy_cache .ruff_cache .import_linter_cache
+	rm -rf .venv demo-out site .doctrees .pytest_cache .mypy_cache .ruff_cache .import_linter_cache

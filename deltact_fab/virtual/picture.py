@@ -49,11 +49,11 @@ class Geometry:
         self._motion: FaceMotion | None = None
         if self.raw is not None:
             self._motion = FaceMotion(lattice, camera.project_px)
-        xs_mm, ys_mm = axes_mm(camera, MARGIN_PX)
-        if self.raw is not None:  # the larger view may reach over the edge of the face
-            xs_mm, ys_mm = (
-                _within(v, w) for v, w in zip((xs_mm, ys_mm), lattice.axes_mm(), strict=True)
-            )
+        # The view and its margin may reach over the edge of the face.
+        xs_mm, ys_mm = (
+            _within(v, w)
+            for v, w in zip(axes_mm(camera, MARGIN_PX), lattice.axes_mm(), strict=True)
+        )
         self._sampler = LatticeSampler.make(lattice, xs_mm, ys_mm)
         if self._motion is not None:
             self._motion_sampler = LatticeSampler.make(self._motion.lattice, xs_mm, ys_mm)

@@ -15,10 +15,10 @@ def test_the_pages_are_what_the_program_has() -> None:
 def test_every_command_and_every_option_says_what_it_is() -> None:
     silent = []
     for context, command in reference.commands():
-        if not (command.help or "").strip():
+        if command.hidden or not (command.help or "").strip():
             silent.append(context.command_path)
         for param in command.params:
-            if isinstance(param, click.Option) and not (param.help or "").strip():
+            if isinstance(param, click.Option) and (param.hidden or not (param.help or "").strip()):
                 silent.append(f"{context.command_path} {param.opts[0]}")
     assert not silent
 

@@ -8,34 +8,35 @@ from pathlib import Path
 
 import click
 import pytest
+from doc_pages import ROOT, blocks, commands
 
 from deltact_fab.cli.main import main
 
-ROOT = Path(__file__).parents[2]
 PAGES = [
     ROOT / "README.md",
     ROOT / "deltact_fab/lab/tour.md",
+    *sorted((ROOT / "docs").glob("*.md")),
     *sorted((ROOT / "docs/how-to").glob("*.md")),
+    *sorted((ROOT / "docs/tutorials").glob("*.md")),
 ]
-SHOWN = re.compile(r"^deltact-fab .*$|`(deltact-fab [a-z][^`|]*)`", re.MULTILINE)
+IN_A_SENTENCE = re.compile(r"`(deltact-fab [a-z][^`|]*)`")
 
 
 def shown(page: Path) -> list[str]:
-    """The commands of a page, as they are typed."""
-    text = page.read_text()
-    return [found[1] or found[0] for found in SHOWN.finditer(text) if "…" not in found[0]]
+    """The commands of a page, as they are typed: in its blocks, and in its sentences."""
+    lines = [c for b in blocks(page) if b.language == "console" for c in commands(b)]
+    typed = [line for line in lines if line.startswith("deltact-fab ")]
+    return [c for c in typed + IN_A_SENTENCE.findall(page.read_text()) if "…" not in c]
 
 
 def words_of(line: str) -> list[str]:
-    words = shlex.split(line.partition(" | ")[0], comments=True)
+    words = shlex.split(re.split(r" (?:\||>|&&) ", line)[0], comments=True)
     return [word for word in words[1:] if not word.startswith("[")]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_command_that_is_shown_exists(page: Path) -> None:
-    commands = shown(page)
-    assert len(commands) >= (10 if page.name == "README.md" else 2)
-    for line in commands:
+    for line in shown(page):
         for part in line.split("`, `"):
             words = words_of(part)
             command: click.Command = main
@@ -50,6 +51,11 @@ def test_every_command_that_is_shown_exists(page: Path) -> None:
                 command.make_parser(context).parse_args([*words])
             except click.UsageError as why:
                 pytest.fail(f"{page.name}: {line}: {why.format_message()}")
+
+
+def test_commands_are_found_on_the_pages() -> None:
+    assert all(shown(page) for page in PAGES if page.parent.name == "tutorials")
+    assert sum(len(shown(page)) for page in PAGES) > 150
 
 
 def test_an_option_that_is_none_is_found() -> None:

@@ -6,6 +6,7 @@ import hashlib
 import importlib.util
 import json
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from doc_pages import Block, Reader, blocks
 
 from deltact_fab import record
 from deltact_fab.patterns import load_recipe
@@ -52,14 +54,19 @@ print(json.dumps({
 """
 
 
-def call(*words: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
+def ended(*words: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
     """Run a program as a stranger would: nothing in the environment points to the checkout."""
     drop = {"PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV"}
     env = {k: v for k, v in os.environ.items() if k not in drop}
-    done = subprocess.run(
+    return subprocess.run(
         [str(w) for w in words],
         capture_output=True, text=True, cwd=cwd, env=env, timeout=1200, check=False,
     )  # fmt: skip
+
+
+def call(*words: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """As `ended`, of a program that must not fail."""
+    done = ended(*words, cwd=cwd)
     assert done.returncode == 0, f"{words}: {done.stdout}{done.stderr}"
     return done
 
@@ -261,6 +268,27 @@ def test_a_run_and_its_report_on_the_oldest_and_the_newest_python(
     check_run(elsewhere / "r", summary["frames"])
     there("report", "r", "-o", "short.html")
     assert "simulated" in (elsewhere / "short.html").read_text()
+
+
+@pytest.mark.slow
+def test_the_first_hour_can_be_followed(borrowed: Installed, tmp_path: Path) -> None:
+    """The tutorial's own blocks, from `init` to the report, in an empty folder, with the wheel."""
+    page = ROOT / "docs" / "tutorials" / "first-hour.md"
+
+    class Stranger(Reader):
+        def python(self, block: Block) -> None:
+            call(borrowed.bin / "python", "-c", block.text, cwd=self.folder)
+
+    def typed(line: str, folder: Path) -> tuple[int, str]:
+        done = ended(borrowed.bin / shlex.split(line)[0], *shlex.split(line)[1:], cwd=folder)
+        return done.returncode, done.stdout + done.stderr
+
+    stranger = Stranger(tmp_path, typed)
+    stranger.follow(blocks(page))
+    assert stranger.folder == tmp_path / "my-lab"
+    assert "simulated" in (stranger.folder / "first.html").read_text()
+    summary = json.loads((stranger.folder / "first-run" / "summary.json").read_text())
+    check_run(stranger.folder / "first-run", summary["frames"])
 
 
 @pytest.mark.slow

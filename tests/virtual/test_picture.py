@@ -48,6 +48,13 @@ def test_every_pixel_sees_the_point_that_projects_there() -> None:
     assert np.max(np.abs(landed - wanted)) < 0.02
 
 
+def test_a_skin_that_ends_within_the_margin_of_the_view_is_drawn_as_a_wider_one() -> None:
+    u = bump(0.9)
+    narrow = SurfaceLattice(-4.0, -6.0, 0.25, 33, 49)  # the view and its margin reach to 5.4 mm
+    cut = Geometry(CAMERA, narrow).material_px(u[:, 12:-12])
+    assert np.max(np.abs(cut - Geometry(CAMERA, LATTICE).material_px(u))) < 0.01
+
+
 def test_image_axes_are_sensor_axes() -> None:
     image = Picture(Geometry(CAMERA, LATTICE), ramp_texture(), NOISELESS).render(
         None, np.random.default_rng(0)
