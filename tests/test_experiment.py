@@ -109,6 +109,7 @@ def test_the_record_says_it_is_simulated_with_its_seed(mini_run: Path) -> None:
     assert run.summary()["wall_seconds"] > 0
 
 
+@pytest.mark.slow
 def test_two_runs_are_the_same_but_for_wall_time(
     mini: tuple[Path, Path], mini_run: Path, tmp_path: Path
 ) -> None:
@@ -124,6 +125,7 @@ def test_two_runs_are_the_same_but_for_wall_time(
         assert rows[0]
 
 
+@pytest.mark.slow
 def test_another_seed_gives_other_images(mini: tuple[Path, Path], tmp_path: Path) -> None:
     text = mini[0].read_text().replace('"sphere:10", "4dots"', '"sphere:10"')
     short = tmp_path / "short.toml"

@@ -218,6 +218,7 @@ def locked(
         path.chmod(0o755 if path.is_dir() else 0o644)
 
 
+@pytest.mark.slow
 def test_a_folder_that_may_not_be_written(
     short: Short, cli: Cli, locked: tuple[Path, Callable[[], None]]
 ) -> None:
@@ -327,6 +328,7 @@ def test_a_missing_file(short: Short, cli: Cli, tmp_path: Path) -> None:
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_a_run_folder_that_is_already_there(short: Short, cli: Cli, tmp_path: Path) -> None:
     done = cli(*short.arguments(short.finished))
     assert_one_line(done, 2, f"{short.finished}: already there; name a new --out folder")

@@ -94,6 +94,7 @@ def first_time_dies(mark: str) -> str:
     raise AssertionError
 
 
+@pytest.mark.slow
 def test_a_job_whose_process_is_killed_is_tried_again(tmp_path: Path) -> None:
     marks = [str(tmp_path / f"{n}") for n in range(5)]
     assert jobs.each(first_time_dies, marks, marks, workers=2) == ["done"] * 5

@@ -166,6 +166,7 @@ def calls_of(
     return calls
 
 
+@pytest.mark.slow
 def test_the_full_scene_calls_everything_but_a_real_port(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -202,6 +203,7 @@ def test_a_tracking_scene_without_shear_solves_no_friction_and_asks_no_force(
     assert calls["normal"] >= 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["tracking", "no dots"])
 def test_an_analysis_follows_the_dots_only_where_they_are_asked_for(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -225,6 +227,7 @@ def test_an_analysis_follows_the_dots_only_where_they_are_asked_for(
     assert bare.left_out[-1] == "error against truth: a real rig knows none"
 
 
+@pytest.mark.slow
 def test_a_lens_is_laid_out_once_and_only_where_the_rig_has_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -250,11 +253,13 @@ def test_a_real_port_is_seen_by_the_count(monkeypatch: pytest.MonkeyPatch) -> No
     assert calls["port"] == 1
 
 
+@pytest.mark.slow
 def test_a_force_only_run_imports_nothing_that_draws(tmp_path: Path) -> None:
     protocol, rig = scene("force and shear", tmp_path, LENS)
     assert loaded_by(RUN.format(protocol=protocol, rig=rig), cwd=tmp_path) == [set()]
 
 
+@pytest.mark.slow
 def test_a_tracking_run_draws_and_only_the_report_loads_the_makers_of_pages(tmp_path: Path) -> None:
     protocol, rig = scene("tracking", tmp_path)
     run, analysed, reported = loaded_by(

@@ -157,6 +157,7 @@ def test_what_is_no_run_is_bad_input(tmp_path: Path) -> None:
         assert "not a run folder" in str(done.exception)
 
 
+@pytest.mark.slow
 def test_a_finished_run_that_has_lost_an_image_says_so_on_resume(
     mini: tuple[Path, Path], copy: Path
 ) -> None:

@@ -53,6 +53,7 @@ def messages(path: Path) -> dict[str, list[tuple[int, dict]]]:
     return found
 
 
+@pytest.mark.slow
 def test_mcap_has_every_message_at_its_time(run: Run, tmp_path: Path) -> None:
     out = tmp_path / "run.mcap"
     done = CliRunner().invoke(
@@ -207,6 +208,7 @@ def test_jpeg_xl_becomes_png_with_the_same_pixels(tmp_path: Path) -> None:
     assert np.array_equal(cv2.imdecode(data, 1), image)
 
 
+@pytest.mark.slow
 def test_the_time_line_is_one_over_sessions(
     mini: tuple[Path, Path], run: Run, tmp_path: Path
 ) -> None:

@@ -229,6 +229,7 @@ def killed_and_resumed(tiny: Bench, tmp_path: Path, moments: int, of: int) -> No
         shutil.rmtree(out)
 
 
+@pytest.mark.slow
 def test_a_run_killed_at_one_of_them_ends_as_the_undisturbed_one(
     tiny: Bench, tmp_path: Path
 ) -> None:
@@ -242,6 +243,7 @@ def test_a_run_killed_at_20_moments_ends_as_the_undisturbed_one(
     killed_and_resumed(tiny, tmp_path, 20, 20)
 
 
+@pytest.mark.slow
 def test_killed_inside_the_writing_of_an_image(tiny: Bench, tmp_path: Path) -> None:
     out = tmp_path / "r"
     tiny.kill_at("image", 8 + 4, out)  # one of the second press, not yet renamed
@@ -273,6 +275,7 @@ def test_killed_at_every_kind_of_write(tiny: Bench, tmp_path: Path, n: int) -> N
     assert_equal(tiny, out)
 
 
+@pytest.mark.slow
 def test_killed_while_the_folder_is_made_leaves_none(tiny: Bench, tmp_path: Path) -> None:
     out = tmp_path / "r"
     tiny.kill_at("fsync", 4, out)
@@ -369,6 +372,7 @@ def test_truth_is_there_press_by_press(tiny: Bench, tmp_path: Path) -> None:
         truth.displacement_mm("sphere-8/p1/rest#001")
 
 
+@pytest.mark.slow
 def test_ctrl_c_and_resume(tiny: Bench, tmp_path: Path) -> None:
     def press_ctrl_c(done: int, total: int, what: str) -> None:
         if done == 11:
@@ -382,6 +386,7 @@ def test_ctrl_c_and_resume(tiny: Bench, tmp_path: Path) -> None:
     assert_equal(tiny, tmp_path / "r")
 
 
+@pytest.mark.slow
 def test_a_force_only_run_is_resumed_too(tiny: Bench, tmp_path: Path) -> None:
     quiet = tmp_path / "quiet.toml"
     text = tiny.protocol.read_text()

@@ -49,6 +49,7 @@ def folder(files: tuple[str, str], tmp_path_factory: pytest.TempPathFactory) -> 
     return out
 
 
+@pytest.mark.slow
 def test_settled_frames_are_the_last_of_each_stop(files: tuple[str, str], folder: Path) -> None:
     steps = plan.expand(plan.load(files[0])[0])
     frames = record.open(folder).frames()
@@ -93,6 +94,7 @@ def assert_goes_on(files: tuple[str, str], folder: Path, out: Path) -> None:
     assert found.equals(wanted)
 
 
+@pytest.mark.slow
 def test_stopped_while_it_is_filmed_it_goes_on_to_the_same_bytes(
     files: tuple[str, str], folder: Path, tmp_path: Path
 ) -> None:
@@ -107,6 +109,7 @@ def test_stopped_while_it_is_filmed_it_goes_on_to_the_same_bytes(
     assert_goes_on(files, folder, tmp_path / "r")
 
 
+@pytest.mark.slow
 def test_stopped_while_it_settles_there_is_no_settled_frame_and_it_goes_on(
     files: tuple[str, str], folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

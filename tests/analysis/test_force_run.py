@@ -41,6 +41,7 @@ def call(*words: str | Path) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_too_few_points_are_refused_with_the_number_needed(mini_run: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     done = call(mini_run, "--out", out, "--model", "sums")

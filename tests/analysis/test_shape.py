@@ -77,6 +77,7 @@ def test_a_depth_is_calibrated_on_the_ball_and_shape_is_judged_by_it(
     assert (out / "shape.svg").read_text().startswith("<svg")
 
 
+@pytest.mark.slow
 def test_what_cannot_be_used_is_refused_and_nothing_is_written(
     mini_run: Path, tmp_path: Path
 ) -> None:
@@ -100,6 +101,7 @@ def test_what_cannot_be_used_is_refused_and_nothing_is_written(
     assert "not finished" in refused("analyze", "shape", dots)
 
 
+@pytest.mark.slow
 def test_a_ball_that_the_stage_had_elsewhere_is_no_calibration(
     mini_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -28,6 +28,7 @@ def result(mini_run: Path) -> te.TrackingResult:
         return te.analyse(mini_run, METHODS, executor)
 
 
+@pytest.mark.slow
 def test_the_json_has_every_figure(result: te.TrackingResult) -> None:
     data = json.loads(json.dumps(result.as_dict(), allow_nan=False))
     for row in data["methods"]:
@@ -191,6 +192,7 @@ def test_an_unfinished_run_is_not_analysed(mini_run: Path, tmp_path: Path) -> No
         te.analyse(tmp_path / "r")
 
 
+@pytest.mark.slow
 def test_the_command_says_first_which_method_to_take(mini_run: Path, tmp_path: Path) -> None:
     words = ["analyze", "tracking", str(mini_run), "--method", "fused", "--out", str(tmp_path)]
     program = [sys.executable, "-m", "deltact_fab.cli.main"]

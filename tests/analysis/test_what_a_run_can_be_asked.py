@@ -40,6 +40,7 @@ def analysed(run: Path, *methods: str) -> TrackingResult:
         return analyse(run, methods or None, executor)
 
 
+@pytest.mark.slow
 def test_a_pattern_without_dots_is_held_against_truth_alone(
     mini: tuple[Path, Path], tmp_path: Path
 ) -> None:
@@ -78,6 +79,7 @@ def test_a_skin_of_dots_alone_is_followed_by_its_dots(
         analysed(run, "dis-fast")
 
 
+@pytest.mark.slow
 def test_where_the_dots_cannot_be_seen_the_flow_is_analysed_without_them(
     mini_run: Path, tmp_path: Path
 ) -> None:

@@ -112,6 +112,7 @@ def test_a_larger_cap_comes_closer(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
     assert text.count("| ellipsoid to 2 mm † |") == 2
 
 
+@pytest.mark.slow
 def test_evidence_goes_on_where_it_stopped_and_marks_what_is_stale(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -159,6 +160,7 @@ def test_rows_are_one_file_sorted_each_row_once(tmp_path: Path) -> None:
         store.read(path)
 
 
+@pytest.mark.slow
 def test_a_row_that_fails_or_takes_too_long_says_so() -> None:
     assert "StopIteration" in evidence.run_row("no such row", 1, 60.0)["failed"]
     assert evidence.run_row("curve: x", 1, 0.01) == {"failed": "no answer within 0.01 s"}

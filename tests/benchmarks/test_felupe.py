@@ -19,6 +19,7 @@ def pressing(name="sphere:15", friction=0.0, points=2, **mesh):
     return FinitePress(block, GelMaterial(), indenter.parse(name), friction=friction, points=points)
 
 
+@pytest.mark.slow
 def test_without_the_environment_it_is_not_run(monkeypatch, tmp_path):
     monkeypatch.delenv(peer.VARIABLE, raising=False)
     monkeypatch.setattr(peer, "PYTHON", tmp_path / "python")

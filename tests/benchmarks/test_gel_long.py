@@ -43,6 +43,7 @@ def test_energy_from_nowhere_is_seen_and_a_jump_s_loss_is_not_an_error(
     assert judged(scaled(0.5, True))[0] > 5
 
 
+@pytest.mark.slow
 def test_only_a_mesh_that_is_no_mirror_makes_a_side_force(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = Scene("hexprism", 2.5, 0.5, mirrors=(False, False))
     none, told = gel_straight.worst_side_force(scene, 0.5, 1.5, 1e-6, Path())

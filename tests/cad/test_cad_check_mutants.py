@@ -107,6 +107,7 @@ def _rod(cq, radius, low_z, high_z, x=0.0, y=0.0):
     return cq.Solid.makeCylinder(radius, high_z - low_z, cq.Vector(x, y, low_z), cq.Vector(0, 0, 1))
 
 
+@pytest.mark.slow
 def test_without_a_fault_nothing_fails(sound):
     rows = [row for check in CHECKS for row in sound.rows[check.name]]
     assert {(row.check, row.part): row.found for row in rows if not row.passed} == {}
@@ -137,6 +138,7 @@ def _shifted(cq, solid, low_z, high_z):
     return filled.cut(_rod(cq, radius, low_z - 1, high_z + 1, x + 0.3, y)).Solids()[0]
 
 
+@pytest.mark.slow
 def test_a_hole_shifted_by_0_3_mm(sound, cq):
     ends = DESIGN.z_boss_mm, DESIGN.z_joint_mm
     shell = _shifted(cq, sound.solid("shell"), *ends)
@@ -196,6 +198,7 @@ def test_a_seat_that_is_too_tight(sound, cq):
     assert found["frame fits its seat", "mold, skin-frame"].startswith("play 0.040 mm")
 
 
+@pytest.mark.slow
 def test_a_screw_too_short_and_one_too_long(sound, cq):
     screw, tip = sound.solid("screw"), DESIGN.z_head_mm + DESIGN.screw.length_mm
     radius = DESIGN.screw.row.thread_mm / 2
@@ -293,6 +296,7 @@ def test_an_indenter_of_another_stem_or_another_size(sound, cq):
     assert list(found) == [("indenter height field", "indenters")]
 
 
+@pytest.mark.slow
 def test_a_part_that_cannot_be_built_fails_its_rows_and_stops_nothing(sound):
     solids = {name: solid for name, solid in sound.built.solids.items() if name != "cover"}
     built = Built(DESIGN, sound.built.parts, solids, {"cover": "cover: the CAD kernel failed"})

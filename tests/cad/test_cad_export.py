@@ -79,6 +79,7 @@ def test_two_processes_write_the_same_bytes_in_any_order(exported, tmp_path):
     _same(folder, tmp_path)
 
 
+@pytest.mark.slow
 def test_the_folder_holds_what_applies_and_a_manifest_without_times_or_paths(exported):
     folder, files, calls = exported
     text = (folder / "manifest.json").read_text()

@@ -138,6 +138,7 @@ def gated_or_refused(changes):
     return True
 
 
+@pytest.mark.slow
 @settings(max_examples=8, deadline=None, derandomize=True, database=None)
 @given(changes())
 def test_a_changed_dimension_gives_a_gated_solid_or_a_refusal(cq, changes):

@@ -48,6 +48,7 @@ def test_it_is_in_the_list_shown_bought_drawn_guided_and_exported(shim, tmp_path
     assert "no warp" in page
 
 
+@pytest.mark.slow
 def test_it_is_checked_by_its_own_limits(shim):
     rows = run(load_design(), indenters=IndenterList())
     own = {row.check: row for row in rows if row.part == "shim"}

@@ -130,6 +130,7 @@ def test_bad_input_is_one_line_and_exit_2(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_sensor_s_number_is_shown_with_its_protocol(tmp_path: Path) -> None:
     text = catalog.find("protocols", "smoke").read_text()
     (tmp_path / "mine.toml").write_text(text.replace("[specimen]", '[specimen]\nserial = "DT-007"'))
@@ -154,6 +155,7 @@ def test_an_unknown_key_names_file_key_and_the_right_one(tmp_path: Path) -> None
     assert "p.toml: depth_mm: unknown key; did you mean 'depths_mm'?" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_local_file_shadows_the_shipped_one(tmp_path: Path) -> None:
     text = (Path(__file__).parents[2] / "protocols" / "smoke.toml").read_text()
     (tmp_path / "protocols").mkdir()
@@ -163,6 +165,7 @@ def test_a_local_file_shadows_the_shipped_one(tmp_path: Path) -> None:
     assert min(s["target_mm"][2] for s in steps) == -0.7
 
 
+@pytest.mark.slow
 def test_a_check_that_fails_is_exit_1(tmp_path: Path) -> None:
     text = (Path(__file__).parents[2] / "protocols" / "smoke.toml").read_text()
     (tmp_path / "p.toml").write_text(text.replace("[1.2]", "[11.5]"))
@@ -171,6 +174,7 @@ def test_a_check_that_fails_is_exit_1(tmp_path: Path) -> None:
     assert "FAIL  depth against the gel: depth (mm) 11.5 (limit 11)" in done.stdout
 
 
+@pytest.mark.slow
 def test_the_layer_refuses_a_depth_and_names_the_level_that_would_do(tmp_path: Path) -> None:
     text = (Path(__file__).parents[2] / "protocols" / "smoke.toml").read_text()
     text = text.replace("[1.2]", "[3.5]").replace('"sphere:10", "4dots"', '"sphere:10"')
@@ -181,6 +185,7 @@ def test_the_layer_refuses_a_depth_and_names_the_level_that_would_do(tmp_path: P
     assert not (tmp_path / "r").exists()
 
 
+@pytest.mark.slow
 def test_gel_press_prints_what_the_json_says(tmp_path: Path) -> None:
     words = ["gel", "press", "--depth", "0.6", "--model", "layer", "--spacing", "0.4"]
     data = json.loads(call(*words, "--json", cwd=tmp_path).stdout)
@@ -198,6 +203,7 @@ PRESS_KEYS = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_gel_press_refused_has_the_same_keys_and_exit_1(tmp_path: Path) -> None:
     done = call("gel", "press", "--depth", "4", "--model", "layer", "--json", cwd=tmp_path)
     data = json.loads(done.stdout)
@@ -215,6 +221,7 @@ def test_gel_press_refused_has_the_same_keys_and_exit_1(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.slow
 def test_gel_press_ends_at_its_limit_of_time(tmp_path: Path) -> None:
     words = ["gel", "press", "--indenter", "star", "--at", "1,0", "--depth", "3"]
     done = call(*words, "--tolerance", "0.005", "--limit-s", "0.01", cwd=tmp_path)
@@ -240,6 +247,7 @@ def test_gel_refuses_a_figures_place_before_it_solves(
         assert done.stderr.splitlines() == [f"deltact-fab: --plot {place}: {says}"]
 
 
+@pytest.mark.slow
 def test_gel_press_picks_finite_strain_and_estimates_its_error(tmp_path: Path) -> None:
     words = ["--depth", "2", "--shear-x", "1", "--tolerance", "0.15", "--plot", "f.png"]
     done = call("gel", "press", "--model", "hyperelastic", *words, "--json", cwd=tmp_path)

@@ -19,6 +19,7 @@ from deltact_fab.cli.measure import measure
 COMMAND = [sys.executable, "-m", "deltact_fab.cli.main", "measure"]
 
 
+@pytest.mark.slow
 def test_a_line_of_json_an_image_with_gaps_and_origin_told(mini_run: Path) -> None:
     done = subprocess.run(
         [*COMMAND, str(mini_run), "--jsonl"], capture_output=True, text=True, check=True
@@ -42,6 +43,7 @@ def test_lines_for_people_where_there_is_no_terminal(mini_run: Path) -> None:
     assert lines[-1] == f"ended after {n} images (simulated, seed 3)"
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_it_with_130_and_whole_lines(mini_run: Path) -> None:
     # Without a pipe's buffer of results in front of us: it is measuring when it is interrupted.
     going = subprocess.Popen(
@@ -58,6 +60,7 @@ def test_ctrl_c_ends_it_with_130_and_whole_lines(mini_run: Path) -> None:
     assert [row["frame"] for row in rows] == list(range(len(rows)))
 
 
+@pytest.mark.slow
 def test_a_reader_that_has_enough_ends_it_without_a_word(mini_run: Path) -> None:
     reads, writes = os.pipe()
     going = subprocess.Popen(
@@ -70,6 +73,7 @@ def test_a_reader_that_has_enough_ends_it_without_a_word(mini_run: Path) -> None
     assert (going.returncode, said) == (0, "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("asked", "told"),
     [

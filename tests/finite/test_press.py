@@ -92,6 +92,7 @@ def test_friction_with_a_held_bound_has_a_potential(points):
     assert np.linalg.norm(ours - turn) < 1e-6 * np.linalg.norm(turn)
 
 
+@pytest.mark.slow
 def test_down_the_energy_is_a_minimum():
     """From far off: the energy falls, what is left is little, and Newton's method ends it there."""
     press = pressing("edges", block_mesh(SKIN, 2.5))
@@ -119,6 +120,7 @@ def test_a_sharp_tip_is_met_at_more_points():
     assert pressing("sphere:15", mesh).surface.weights_mm2.shape[1] == 4
 
 
+@pytest.mark.slow
 def test_forces_of_a_sphere(pressed):
     """Frictionless force within the coarse mesh's 8 % of the converged 3.4, 10.7 and 48.4 N."""
     press, deep = pressed
@@ -147,6 +149,7 @@ def test_a_centred_press_is_mirror_symmetric(pressed):
     assert np.abs(s.torque_nmm).max() < 1e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 def test_a_full_unload_leaves_nothing(friction):
     press = pressing(mesh=FOCUS, friction=friction)
@@ -157,6 +160,7 @@ def test_a_full_unload_leaves_nothing(friction):
         assert np.abs(free.force_n).max() < 1e-8
 
 
+@pytest.mark.slow
 def test_friction_holds_within_its_cone_and_adds_force():
     press = pressing(mesh=FOCUS, friction=0.5)
     s = last(press, press.rest(), (0.0, 0.0, 3.0))
@@ -167,6 +171,7 @@ def test_friction_holds_within_its_cone_and_adds_force():
     assert s.force_n[2] < last(smooth, smooth.rest(), (0.0, 0.0, 3.0)).force_n[2]
 
 
+@pytest.mark.slow
 def test_a_drag_pulls_the_gel_along_up_to_the_bound():
     press = pressing(mesh=FOCUS, friction=0.3)
     s = last(press, press.rest(), (0.0, 0.0, 2.0))
@@ -219,12 +224,14 @@ def test_no_depth_is_no_contact():
     assert s.force_n == pytest.approx((0, 0, 0), abs=1e-12)
 
 
+@pytest.mark.slow
 def test_a_tip_that_hides_between_the_points_is_an_error():
     press = pressing("sphere:0.5")
     with pytest.raises(SolverError, match="hides between"):
         press.solve(press.rest((1.0, 1.0, 0.0)), (1.0, 1.0, 0.2))
 
 
+@pytest.mark.slow
 def test_what_does_not_converge_is_an_error_and_no_number():
     press = pressing(mesh=ROUGH)
     press.tolerance = 1e-30

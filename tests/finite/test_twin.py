@@ -73,6 +73,7 @@ def test_the_twin_in_the_limit_of_a_light_touch_on_a_thick_cylinder_is_hertz():
     assert touch.force_n == pytest.approx(hertz, rel=0.02)
 
 
+@pytest.mark.slow
 def test_the_twin_has_converged(twin):
     """Cells of 1/2 mm are within 0.05 % of 1/8 mm at every depth: the contact edge is resolved."""
     assert [s.force_n for s in twin] == pytest.approx(list(TWIN_N), rel=5e-4)
@@ -164,6 +165,7 @@ def differences(mesh, twin, share=1.0):
     return np.array(rows)
 
 
+@pytest.mark.slow
 def test_a_disc_of_quarter_symmetry_comes_close(twin):
     """Cells of 1 mm at the contact: 3 % of force, and 0.05 mm rms in plane, the default goals."""
     got = differences(quarter_disc(1.0), twin, share=0.25)

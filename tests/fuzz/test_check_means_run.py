@@ -88,6 +88,7 @@ def agree(numbers: range, folder: Path, monkeypatch: pytest.MonkeyPatch) -> int:
     return begun
 
 
+@pytest.mark.slow
 def test_check_passes_what_run_begins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert 0 < agree(range(12), tmp_path, monkeypatch) < 12
 

@@ -63,6 +63,7 @@ def cases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cases:
     return carried_out
 
 
+@pytest.mark.slow
 def test_wrong_input_is_one_line(cases: Cases) -> None:
     ends = cases(range(100))
     assert ends["2"] > 50

@@ -55,6 +55,7 @@ def test_twice_and_half_the_modulus(factor: float) -> None:
     assert found.modulus_mpa.value == pytest.approx(TRUTH * factor, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     """95 % of 200 draws, both values; by chance less than 180 comes once in 860 such tests."""
     d = np.linspace(-0.2, 3.0, 40)
@@ -119,6 +120,7 @@ def test_a_wrong_thickness_leaves_a_trend_that_is_told() -> None:
     assert any("follow each other" in note for note in wrong.notes)
 
 
+@pytest.mark.slow
 def test_a_press_alone_does_not_determine_friction() -> None:
     d = np.linspace(0.0, 1.0, 30)
     n = truth(0.5).normal_n(d) + np.random.default_rng(5).normal(0, 0.05, len(d))

@@ -218,6 +218,7 @@ def test_what_a_jump_left_in_the_history_stays_flagged_until_the_contact_is_left
     assert not friction(contact.solve(free, (0.0, 0.0, 0.5)))
 
 
+@pytest.mark.slow
 def test_a_long_increment_with_friction_is_parted_and_tells_the_work_of_all_parts() -> None:
     tip = (0.0, 0.0, 10.0)
     contact = opened("hyperelastic", [tip], spacing_mm=2.0)

@@ -55,6 +55,7 @@ def test_169_dots_are_within_10_um_under_noise_shading_and_blur(
     )
 
 
+@pytest.mark.slow
 def test_dots_under_8_mm_of_shear_are_right_or_flagged(make_scene, make_bump):
     scene = make_scene(W, H, dots=True, margin=120)
     bump = make_bump((430, 290), 185, shear_px=(200, 97))

@@ -90,6 +90,7 @@ def test_composition_beats_the_sum_with_the_default_method(extreme):
     assert mean["composed adaptive"] <= 0.03
 
 
+@pytest.mark.slow
 def test_adaptive_reference_switches_rarely_and_only_to_good_frames(extreme):
     _, images = extreme
     seen = run(images[::4], "dis-fast")

@@ -41,6 +41,7 @@ def test_every_fault_is_struck_at_every_moment_at_which_it_can_be() -> None:
     assert sum(name.startswith("kill -9") for name in names) == 20
 
 
+@pytest.mark.slow
 def test_the_moments_are_in_their_order(matrix: Matrix) -> None:
     assert list(matrix.at_s) == list(MOMENTS)
     at_s = [matrix.at_s[moment] for moment in MOMENTS[:-1]]

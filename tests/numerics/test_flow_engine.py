@@ -78,6 +78,7 @@ def test_the_corner_is_seven_blocks() -> None:
     assert (blocks > 10).sum() == 7
 
 
+@pytest.mark.slow
 def test_a_drawn_frame_moves_as_it_is_told(tmp_path: Path) -> None:
     """Its truth is the field itself, and the flow finds it."""
     given = flow_frames.scene(tmp_path, "near").every(4)

@@ -167,6 +167,7 @@ def test_an_unknown_engine_is_exit_2() -> None:
         harness.run(["layr"])
 
 
+@pytest.mark.slow
 def test_quick_pattern_end_to_end(tmp_path: Path) -> None:
     environment = {**os.environ, "DELTACT_FAB_CACHE": str(tmp_path)}
     done = subprocess.run(
@@ -214,6 +215,7 @@ def test_what_the_layers_cost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 # -- scenes ------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_costs_are_measured_once_and_never_without_being_asked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -139,6 +139,7 @@ def of_the_checkout(*folders: str) -> dict[str, bytes]:
     }
 
 
+@pytest.mark.slow
 def test_a_lab_begins_from_the_wheel(borrowed: Installed, tmp_path: Path) -> None:
     borrowed("init", str(tmp_path))
     mine = Installed(borrowed.environment, tmp_path)
@@ -189,6 +190,7 @@ def test_the_environment_knows_the_wheel_and_not_the_checkout(borrowed: Installe
     assert list(borrowed.folder.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_the_parts_and_protocols_are_listed(borrowed: Installed) -> None:
     parts = [row["part"] for row in json.loads(borrowed("cad", "list", "--json"))]
     assert {"skin", "skin-frame"} <= set(parts)
@@ -209,6 +211,7 @@ def test_a_pattern_has_the_bytes_that_the_checkout_makes(
     assert (borrowed.folder / "x.png").read_bytes() == (tmp_path / "x.png").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_short_run(borrowed: Installed) -> None:
     (borrowed.folder / "short.toml").write_text(SHORT)
     summary = json.loads(borrowed("run", "short.toml", "--seed", "3", "--out", "r", "--json"))

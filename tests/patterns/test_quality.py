@@ -235,6 +235,7 @@ def test_fine_patches_lose_their_contrast_on_the_way():
     assert fine.photographed.contrast[0] < 0.25 * fine.designed.contrast[0]
 
 
+@pytest.mark.slow
 def test_the_photographed_gradient_ranks_the_error_of_a_small_motion():
     """Farneback's flow of a motion of half a printer dot: the steeper the picture, the better.
 
@@ -267,6 +268,7 @@ def test_the_photographed_gradient_ranks_the_error_of_a_small_motion():
     assert abs(stats.spearmanr(before, errors).statistic) < 0.6
 
 
+@pytest.mark.slow
 def test_octaves_keep_contrast_on_coarse_levels():
     octave, checker = (measure(r) for r in (load_recipe("octave"), dense(0.1, 0.6)))
     for level in (3, 4, 5):

@@ -39,6 +39,7 @@ def page(
     return write(mini_run, out, result, found, parts={"parts": [], "note": note}).read_text()
 
 
+@pytest.mark.slow
 def test_it_shows_shape_contacts_and_force_and_how_far_to_believe_them(page: str) -> None:
     _, _, rest = page.partition("Shape and contact at the deepest press")
     section, _, after = rest.partition("</section>")
@@ -147,6 +148,7 @@ def test_figures_are_the_same_bytes_each_time(result: TrackingResult) -> None:
     assert "<dc:date>" not in drawn[0]
 
 
+@pytest.mark.slow
 def test_a_run_in_which_nothing_moved_enough_still_has_a_report(
     mini: tuple[Path, Path], tmp_path: Path
 ) -> None:

@@ -20,6 +20,7 @@ def width_pt(svg: bytes) -> float:
     return float(found.group(1))
 
 
+@pytest.mark.slow
 def test_every_figure_is_written_twice_and_the_same_again(tmp_path: Path) -> None:
     two = replace(study(), figures=study().figures[:2])
     files = paper_figures.save(two, tmp_path / "a")

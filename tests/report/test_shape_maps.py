@@ -60,6 +60,7 @@ def meshes(axis: Any) -> list[QuadMesh]:
     return [part for part in found if part.get_array().shape[1] > 1]
 
 
+@pytest.mark.slow
 def test_the_gallery_has_a_column_a_press_and_no_more_than_fit() -> None:
     drawn = to_svg(shape_figures.gallery([picture()] * 10, "simulated"))
     assert "8 of 10 presses" in drawn

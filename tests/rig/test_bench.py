@@ -164,6 +164,7 @@ def test_an_operator_s_word_is_kept_with_the_run(tmp_path: Path) -> None:
     assert "gel 7, new tape" in (out / "notes.jsonl").read_text()
 
 
+@pytest.mark.slow
 def test_sigterm_lifts_keeps_what_was_given_and_says_how_to_go_on(
     tmp_path: Path,
 ) -> None:

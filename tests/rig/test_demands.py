@@ -82,6 +82,7 @@ def test_what_nobody_can_change_is_refused_unattended(tmp_path: Path) -> None:
     assert 'touch.by = "hand" needs somebody' in refused(tmp_path, by_hand, unattended=True)
 
 
+@pytest.mark.slow
 def test_protocol_check_has_rows_for_it(tmp_path: Path) -> None:
     protocol, bench = tmp_path / "p.toml", tmp_path / "bench.toml"
     protocol.write_text(PROTOCOL.format(indenters='"sphere:10", "star"', channels='"force"'))

@@ -136,6 +136,7 @@ entry()
 """
 
 
+@pytest.mark.slow
 def test_a_run_that_is_interrupted_in_its_lift(mini: tuple[Path, Path], tmp_path: Path) -> None:
     short = tmp_path / "short.toml"
     text = mini[0].read_text().replace('"sphere:10", "4dots"', '"sphere:6"')

@@ -147,6 +147,7 @@ def test_another_name_is_asked_again_and_silence_ends_the_run(
         confirm(Terminal(), "star", "it is mounted")
 
 
+@pytest.mark.slow
 def test_a_resumed_run_touches_off_again_and_refuses_another_length(tmp_path: Path) -> None:
     it = bench("sphere:10", longer_mm=1.0, homed=False)
     folder = tmp_path / "r"

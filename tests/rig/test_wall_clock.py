@@ -23,6 +23,7 @@ def threads() -> set[str]:
     return {t.name for t in threading.enumerate()} & {"camera", "force sensor", "journal"}
 
 
+@pytest.mark.slow
 def test_streams_of_a_run_belong_together_by_their_times(tmp_path: Path) -> None:
     seen: list[Live] = []
     with wall_bench(tmp_path) as bench:
@@ -62,6 +63,7 @@ def test_streams_of_a_run_belong_together_by_their_times(tmp_path: Path) -> None
         assert line[0] * 60 == pytest.approx(-90.0, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_guard_that_trips_stops_lifts_and_says_why(tmp_path: Path) -> None:
     with wall_bench(tmp_path, guard_n=1.5) as bench:
         with pytest.raises(SensorError, match=r"/press: Fz = .*the guard's 1.5 N \(the tip was"):
@@ -91,6 +93,7 @@ def test_a_force_sensor_that_is_lost_stops_the_run(tmp_path: Path, what: str) ->
     assert not threads()
 
 
+@pytest.mark.slow
 def test_a_guard_that_looks_at_old_samples_stops_the_run(tmp_path: Path) -> None:
     with wall_bench(tmp_path, behind_s=0.5) as bench:
 
@@ -177,6 +180,7 @@ def test_an_alarm_leaves_the_tip_where_it_is(tmp_path: Path) -> None:
     assert not threads()
 
 
+@pytest.mark.slow
 def test_frames_that_the_camera_loses_are_counted(tmp_path: Path) -> None:
     with wall_bench(tmp_path) as bench:
 

@@ -80,6 +80,7 @@ def test_options_of_one_study_have_their_types_and_limits(monkeypatch: pytest.Mo
     assert str(told.exception) == "--from: the study own has no such option"
 
 
+@pytest.mark.slow
 def test_what_is_refused_is_one_line_and_nothing_is_written(tmp_path: Path) -> None:
     strange = tmp_path / "strange"
     strange.mkdir()
@@ -138,6 +139,7 @@ def until(process: subprocess.Popen[str], store: Path, count: int) -> None:
         time.sleep(0.01)
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(tmp_path: Path, store: Path) -> None:
     with begun(tmp_path, "--seconds", "0.3", "--jobs", "2") as process:
         until(process, store, 2)

@@ -38,6 +38,7 @@ gel_model = "hyperelastic"
 """
 
 
+@pytest.mark.slow
 def test_a_press_alone_is_the_whole_runs(
     mini: tuple[Path, Path], mini_run: Path, tmp_path: Path
 ) -> None:

@@ -28,6 +28,7 @@ def folded(protocol: Protocol) -> set[tuple[float, float]]:
     return {(abs(x), abs(y)) for x, y in protocol.positions_mm}
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.floats(1e-4, 1.0))
 def test_any_scale_keeps_the_indenters_the_range_and_places_to_leave_out(scale: float) -> None:

@@ -69,6 +69,7 @@ def test_the_skin_before_the_drag_nearly_folds() -> None:
     assert 0 < det.min() < 0.3
 
 
+@pytest.mark.slow
 def test_good_light_and_three_chips_leave_next_to_no_error() -> None:
     keys = {"law": "iid", "patch_mm": 0.15}
     quiet, usual = probed(QUIET, **keys), probed(BENCH, **keys)

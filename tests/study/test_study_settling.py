@@ -117,6 +117,7 @@ def test_a_protocol_is_judged_by_the_closed_form_and_rests_make_it_better(elasti
     assert 0 < rows[1]["normal_bias_pct"] < worst[1]
 
 
+@pytest.mark.slow
 def test_every_protocol_whose_stops_rest_can_be_judged() -> None:
     settle, jobs = shipped({"skin": SKIN, "gel": COARSE | {"spacing_mm": 2.0}})
     assert {"force-calibration", "force-calibration-small", "ball-press", "twist"} <= set(settle)

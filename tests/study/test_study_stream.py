@@ -49,6 +49,7 @@ def recorded(run: record.Run) -> list[Look]:
         return [Look("", a, b, fraction) for (a, b), fraction in rows]
 
 
+@pytest.mark.slow
 def test_its_images_are_the_bytes_that_the_rig_records(
     stream: PressStream, run: record.Run, recipe: PatternRecipe, recorded: list[Look]
 ) -> None:
@@ -93,6 +94,7 @@ def test_the_plan_has_the_rigs_frames_but_for_the_ramps_of_its_motors(
             assert tip_mm(look) == pytest.approx(look.tip_mm, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_frames(stream: PressStream, recipe: PatternRecipe) -> None:
     picture, noise, truth = stream.picture(recipe, 0), stream.noise(0), Truth(stream)
     marks, looks = stream.marks(recipe), stream.looks

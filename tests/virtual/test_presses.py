@@ -245,6 +245,7 @@ def test_a_press_at_no_planned_place_is_solved_and_not_kept() -> None:
     assert presses.open("sphere:12", (2.0005, -1.0)).solver.poses  # a motor step off
 
 
+@pytest.mark.slow
 def test_a_failure_ends_one_press_and_the_rest_is_kept() -> None:
     """The second place is so near the side that the layer's contact runs off the face."""
     far = declared(positions_mm=[[0.0, 0.0], [17.9, 0.0]], shear=None, channels=["force"])

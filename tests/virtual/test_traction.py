@@ -60,6 +60,7 @@ def run(folder: Path, level: str, channels: str = ALL) -> record.Run:
     return record.open(folder / "run")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", ["layer", "hyperelastic"])
 def test_tractions_of_a_frame_add_up_to_its_force(level: str, tmp_path: Path) -> None:
     found = run(tmp_path, level)
