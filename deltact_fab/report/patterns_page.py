@@ -71,8 +71,8 @@ def write(folder: Path) -> Path:
 def _read(folder: Path) -> tuple[dict[str, Any], bytes]:
     """Figures and contact sheet of a series."""
     try:
-        picture = (folder / series.CONTACT).read_bytes()
         (folder / series.FIGURES).stat()
+        picture = (folder / series.CONTACT).read_bytes()
     except FileNotFoundError as why:
         raise InputError(
             f"{folder}: no series: {Path(why.filename).name} is missing; name a folder that "

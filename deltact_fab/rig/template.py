@@ -66,6 +66,8 @@ _STAGE = """
 # The controller's serial device. A name under /dev/serial/by-id stays the same after replugging.
 @PORT@
 #baud = 115200
+# What its controller speaks; "grbl" is GRBL 1.1 and grblHAL.
+#firmware = "grbl"
 # Where the reference tip meets the centre of the resting face, in machine coordinates. MEASURE:
 # home, jog down until the tip just holds a slip of paper, read the position, less the paper.
 origin_machine_mm = [-60.0, -60.0, -40.0]

@@ -191,9 +191,9 @@ def test_the_csv_says_what_the_lines_say():
 @pytest.mark.parametrize(
     ("given_", "told"),
     [
-        ({"sensors": 0}, "sensors 0: 1 or more"),
-        ({"waste": 1.5}, "waste 1.5: a share"),
-        ({"waste": float("nan")}, "waste nan: a share"),
+        ({"sensors": 0}, "sensors 0: expected 1 or more"),
+        ({"waste": 1.5}, "waste 1.5: expected a share"),
+        ({"waste": float("nan")}, "waste nan: expected a share"),
     ],
 )
 def test_what_cannot_be_ordered_is_refused(given_, told):
@@ -207,7 +207,7 @@ def test_a_broken_rule_is_refused():
 
 
 def test_a_process_figure_is_positive_and_has_a_basis():
-    with pytest.raises(InputError, match="coat_mm: a finite number"):
+    with pytest.raises(InputError, match="coat_mm: expected a finite number"):
         Process(coat_mm=0)
     rows = quantities.DEFAULT.rows()
     assert {row["basis"] for row in rows} == {"paper", "maker", "assumed"}

@@ -150,8 +150,8 @@ def test_the_charts_draw_the_figures(report: series.SeriesReport) -> None:
     ("content", "said"),
     [
         (None, "no series: quality.json is missing"),
-        ("{", "cannot be read"),
-        ("[]", "format None"),
+        ("{", "not valid JSON"),
+        ("[]", "an object is needed"),
         (json.dumps({"format": "deltact-fab pattern series 0"}), "series 0"),
     ],
 )

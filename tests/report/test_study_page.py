@@ -221,7 +221,7 @@ def test_a_folder_without_a_study_and_half_a_file_are_told_apart(tmp_path: Path)
     with pytest.raises(InputError, match=r"result\.json is missing"):
         read_result(tmp_path)
     (tmp_path / "result.json").write_text('{"format"')
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="not valid JSON"):
         read_result(tmp_path)
 
 

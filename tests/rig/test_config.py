@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -182,7 +183,7 @@ def test_show_prints_both_kinds_and_opens_nothing(
         shown = CliRunner().invoke(command, ["show", path])
         data = json.loads(CliRunner().invoke(command, ["show", path, "--json"]).stdout)
     assert board.saw["links"] == []
-    assert f"  stage.port = {board.port}\n" in shown.stdout
+    assert re.search(rf"^stage\.port +{board.port}$", shown.stdout, re.MULTILINE)
     assert "virtual" not in shown.stdout
     assert (data["kind"], data["stage"]["port"]) == ("grbl", board.port)
     shipped = CliRunner().invoke(command, ["list"]).stdout.split()
@@ -196,4 +197,4 @@ def test_show_prints_both_kinds_and_opens_nothing(
 def test_gel_path_needs_a_rig_with_a_gel() -> None:
     told = CliRunner().invoke(gel_path, ["smoke", "--rig", "grbl-bench"])
     assert isinstance(told.exception, InputError)
-    assert str(told.exception).endswith("kind: 'grbl' has no gel; name a virtual rig")
+    assert str(told.exception).endswith("kind: 'grbl' has no simulated gel; name a virtual rig")

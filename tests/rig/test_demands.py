@@ -123,9 +123,8 @@ def test_only_a_real_rig_with_a_force_sensor_is_registered(tmp_path: Path) -> No
     for rig, more, words in (
         ("virtual", [], "only a real rig is registered"),
         (str(bench), [], "no way to a force sensor"),
-        (str(bench), ["--at", "1;2"], "--at '1;2': two numbers"),
+        (str(bench), ["--at", "1;2"], "'--at': '1;2': two numbers"),
     ):
         done = CliRunner().invoke(main, ["rig", "register", rig, "-o", str(out), *more])
-        assert isinstance(done.exception, InputError)
-        assert words in str(done.exception)
+        assert words in (str(done.exception) + done.stderr)
         assert not out.exists()

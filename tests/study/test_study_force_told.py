@@ -183,7 +183,7 @@ def test_figures_are_drawn_with_where_they_are_from() -> None:
         (Asked(rig="grbl-bench"), "a study simulates on a 'virtual' rig"),
         (Asked(rig="virtul"), "did you mean 'virtual'"),
         (Asked(more={"protocol": "deep-drag"}), "channels: without force"),
-        (Asked(scale=0.0), "expected at most 1"),
+        (Asked(scale=0.0), "expected above 0 and at most 1"),
     ],
 )
 def test_a_scene_that_will_not_do_is_refused_in_one_line(asked: Asked, words: str) -> None:
@@ -193,7 +193,9 @@ def test_a_scene_that_will_not_do_is_refused_in_one_line(asked: Asked, words: st
 
 
 def test_a_gel_that_no_tolerance_picks_is_refused(mini: tuple[Path, Path], mini_run: Path) -> None:
-    with pytest.raises(InputError, match=r"specimen.gel_model: 'layer'.*'hyperelastic' is right"):
+    with pytest.raises(
+        InputError, match=r"specimen.gel_model: 'layer'; a calibration needs .*'hyperelastic'"
+    ):
         scene(Asked(more={"protocol": str(mini[0])}))
     with pytest.raises(InputError, match=r"gel_model = 'layer'.*judged on 'hyperelastic'"):
         run(Asked(runs=(mini_run,)))

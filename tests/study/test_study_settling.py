@@ -133,7 +133,7 @@ def test_a_series_is_typed_as_shares_and_times() -> None:
     assert series_of((), protocol).pairs == protocol.specimen.prony
     assert series_of(("0.1:2", "0.05:30"), protocol).pairs == ((0.1, 2.0), (0.05, 30.0))
     for bad in ("0.1", "a:b", "0.1:"):
-        with pytest.raises(InputError, match=r"--prony .*G:TAU_S is right"):
+        with pytest.raises(InputError, match=r"--prony .*expected G:TAU_S"):
             series_of((bad,), protocol)
     with pytest.raises(InputError, match="tau_s > 0"):
         series_of(("0.1:-2",), protocol)
