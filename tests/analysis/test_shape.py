@@ -74,7 +74,7 @@ def test_a_depth_is_calibrated_on_the_ball_and_shape_is_judged_by_it(
     assert again.returncode == 0, again.stderr
     assert again.stdout.startswith("Mean error of ")
     assert "uncalibrated" in again.stdout.splitlines()[0]
-    assert (out / "shape.svg").read_text().startswith("<svg")
+    assert "<svg" in (out / "shape.svg").read_text()
 
 
 @pytest.mark.slow

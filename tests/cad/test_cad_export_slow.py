@@ -143,10 +143,11 @@ entry()
                 os.killpg(process.pid, signal.SIGKILL)
     assert not _workers(process.pid)
     if end == "group":
-        assert (errors, process.returncode) == ("deltact-fab: export stopped\n", 1)
+        assert (errors.splitlines()[-1], process.returncode) == ("deltact-fab: stopped", 130)
         assert not (tmp_path / "o").exists()
     else:
-        assert (errors, process.returncode) == ("", 0)
+        assert process.returncode == 0
+        assert all(line.startswith("cad export: ") for line in errors.splitlines())
         listed = json.loads((tmp_path / "o/manifest.json").read_text())["files"]
         assert {one["file"] for one in listed} < {p.name for p in (tmp_path / "o").iterdir()}
 

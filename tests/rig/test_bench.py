@@ -186,7 +186,7 @@ def test_sigterm_lifts_keeps_what_was_given_and_says_how_to_go_on(
         finally:
             host.kill()
             host.wait()
-    assert host.returncode == 1
+    assert host.returncode == 130
     assert out == ""
     line = err.splitlines()[0]
     assert line.startswith("deltact-fab: stopped by the operator in ")

@@ -208,7 +208,7 @@ def test_ctrl_c_in_mid_press_stops_and_lifts_and_resume_finishes(
     bench = bench_of(host)
     host.send_signal(signal.SIGINT)
     _, err = host.communicate(timeout=120)
-    assert host.returncode == 1, err
+    assert host.returncode == 130, err
     assert "stopped by the operator" in err.splitlines()[-1]
     assert "the tip was lifted" in err.splitlines()[-1]
     assert gone(bench)
