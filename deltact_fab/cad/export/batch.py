@@ -5,12 +5,11 @@ from __future__ import annotations
 import hashlib
 import math
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ...errors import InputError, RunFailed
+from ...errors import InputError
 from ...jobs import arrivals, processors
 from ...types import Progress
 from ..build import expected
@@ -107,7 +106,7 @@ def export_parts(
     earlier(Path(out_dir), names)
     tell = progress or (lambda done, total, what: None)
     store = Store(design, tolerance_mm, cached)
-    with _stopped_in_one_line(), staged(Path(out_dir)) as folder:
+    with staged(Path(out_dir)) as folder:
         batch = _Batch(folder, store, sensor)
         _make(batch, units, (design, tolerance_mm), jobs, tell)
         if sensor and "glb" in kinds:
@@ -268,11 +267,3 @@ def _assembly_glb(batch: _Batch, design: Design) -> Made:
         deviations_mm.append(held.deviation_mm or 0.0)
     data = glb.glb_bytes(drawn, ASSEMBLY)
     return Made("glb", data, *whole(sizes), max(deviations_mm))
-
-
-@contextmanager
-def _stopped_in_one_line() -> Iterator[None]:
-    try:
-        yield
-    except KeyboardInterrupt as why:
-        raise RunFailed("export stopped") from why
