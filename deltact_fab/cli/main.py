@@ -9,7 +9,7 @@ import sys
 import click
 
 from .. import __version__
-from ..errors import INTERRUPTED, DeltactFabError, one_line
+from ..errors import INTERRUPTED, DeltactFabError, MissingLibrary, one_line
 from .group import Group
 
 PROGRAM = "deltact-fab"
@@ -106,7 +106,7 @@ def entry() -> None:
     except DeltactFabError as why:
         if "--debug" in sys.argv:
             raise
-        stopped = why.exit_code != INTERRUPTED and _by_ctrl_c(why)
+        stopped = isinstance(why, MissingLibrary) and _by_ctrl_c(why)
         click.echo(one_line(f"{PROGRAM}: {'stopped' if stopped else why}"), err=True)
         status = INTERRUPTED if stopped else why.exit_code
     except OSError as why:

@@ -511,12 +511,12 @@ def test_processes_by_the_work_that_is_left(
     assert export._jobs(asked, tasks, tolerance_mm) == jobs
 
 
-def test_ctrl_c_is_one_line_and_leaves_nothing(tmp_path, monkeypatch):
+def test_ctrl_c_leaves_nothing(tmp_path, monkeypatch):
     def typed(done, total, what):
         if done == 1:
             raise KeyboardInterrupt
 
-    with pytest.raises(RunFailed, match=r"^export stopped$"):
+    with pytest.raises(KeyboardInterrupt):
         _export(["acrylic", "skin"], ["step"], tmp_path / "o", progress=typed, cached=False)
     assert not (tmp_path / "o").exists()
 

@@ -224,3 +224,23 @@ def test_ctrl_c_is_130(tmp_path: Path) -> None:
         out, _ = process.communicate(timeout=60)
     assert process.returncode == 130
     assert b'"ended": "stopped"' in out
+
+
+def test_what_failed_after_ctrl_c_is_still_told(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A lift that failed is not hidden behind the word that it was stopped."""
+    from deltact_fab.cli import main as program
+    from deltact_fab.errors import StageError
+
+    def stopped(**options: object) -> None:
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as why:
+            raise StageError("the tip could not be lifted") from why
+
+    monkeypatch.setattr(program, "main", stopped)
+    with pytest.raises(SystemExit) as ended:
+        program.entry()
+    assert ended.value.code == 1
+    assert capsys.readouterr().err == "deltact-fab: the tip could not be lifted\n"

@@ -188,7 +188,7 @@ def test_sigterm_lifts_keeps_what_was_given_and_says_how_to_go_on(
             host.wait()
     assert host.returncode == 130
     assert out == ""
-    (line,) = (told for told in err.splitlines() if not told.startswith("run: "))
+    line = next(told for told in err.splitlines() if not told.startswith("run: "))
     assert line.startswith("deltact-fab: stopped by the operator in ")
     assert "the tip was lifted" in line
     assert line.endswith("complete presses are kept: go on with --resume")

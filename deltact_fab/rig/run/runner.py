@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
-from ...errors import DeltactFabError, RunFailed, StageError
+from ...errors import DeltactFabError, StageError, Stopped
 from ...protocols.plan import Step
 from ...record import RunWriter
 from ...types import Progress
@@ -97,7 +97,7 @@ class Runner:
                 streams.event("homed", "positions are known")
         except KeyboardInterrupt as why:
             stage.stop()
-            raise RunFailed("stopped by the operator before the first step") from why
+            raise Stopped("stopped by the operator before the first step") from why
         assert self._remaining is not None
         self._remaining.start()
 
@@ -126,7 +126,7 @@ class Runner:
             text = "by the operator" if stopped else str(why)
             self._cut_off(step, "stop" if stopped else "fault", f"{text}; {lifted}")
             if isinstance(why, KeyboardInterrupt):
-                raise RunFailed(f"stopped by the operator in {step.id}; {lifted}; {GO_ON}") from why
+                raise Stopped(f"stopped by the operator in {step.id}; {lifted}; {GO_ON}") from why
             if isinstance(why, DeltactFabError):
                 raise type(why)(f"{why} ({lifted})") from why
             raise
