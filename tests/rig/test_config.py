@@ -186,7 +186,8 @@ def test_show_prints_both_kinds_and_opens_nothing(
     assert re.search(rf"^stage\.port +{board.port}$", shown.stdout, re.MULTILINE)
     assert "virtual" not in shown.stdout
     assert (data["kind"], data["stage"]["port"]) == ("grbl", board.port)
-    shipped = CliRunner().invoke(command, ["list"]).stdout.split()
+    listed = json.loads(CliRunner().invoke(command, ["list", "--json"]).stdout)
+    shipped = [row["rig"] for row in listed]
     assert {"virtual", "grbl-bench"} <= set(shipped)
     for name in shipped:
         assert CliRunner().invoke(command, ["show", name]).exit_code == 0
