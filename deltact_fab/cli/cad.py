@@ -104,7 +104,7 @@ def new(name: str, base: str, out: Path | None, as_json: bool) -> None:
     from ..lab import design as write
     from .output import echo_written
 
-    echo_written(write(name, base, out), f"cad check --design {name}", as_json)
+    echo_written(write(name, base, out), as_json, f"cad check --design {name}")
 
 
 @cad.command("list")
@@ -282,7 +282,7 @@ def bom(
     from ..cad.fabrication.bom import csv_text, lines
     from ..errors import InputError
     from ..files import write_whole
-    from .output import echo_json, echo_table, echo_wrote
+    from .output import echo_json, echo_table, echo_written
 
     if out is not None and out.suffix not in (".csv", ".json") and not out.is_dir():
         raise InputError(f"-o {out}: end the name in .csv or .json")
@@ -292,7 +292,7 @@ def bom(
         text = csv_text(listed) if out.suffix == ".csv" else json.dumps(plain, indent=1) + "\n"
         with file_to_write(out):
             write_whole(out, text.encode())
-        echo_wrote(out, as_json)
+        echo_written(out, as_json)
     elif as_json:
         echo_json(plain)
     else:
@@ -318,7 +318,7 @@ def fit(readings: Path, design: str, out: Path | None, as_json: bool) -> None:
     from ..cad.design import load_design
     from ..cad.fabrication.readings import as_design, estimates, read
     from ..files import write_whole
-    from .output import echo_json, echo_table, echo_wrote
+    from .output import echo_json, echo_table, echo_written
 
     found = estimates(read(readings), load_design(design))
     if out is not None:
@@ -339,7 +339,7 @@ def fit(readings: Path, design: str, out: Path | None, as_json: bool) -> None:
     ]  # fmt: skip
     echo_table(("key", "read", "design", "readings", "bias_mm", "spread_mm (95 %)"), rows)
     if out is not None:
-        echo_wrote(out, as_json)
+        echo_written(out, as_json)
 
 
 @cad.command(epilog="Example: deltact-fab cad guide --sensors 4 -o guide.html")
@@ -350,9 +350,9 @@ def fit(readings: Path, design: str, out: Path | None, as_json: bool) -> None:
 def guide(design: str, changes: tuple[str, ...], sensors: int, out: Path, as_json: bool) -> None:
     """Fabrication guide of a design, one offline page: print, cast, wire, assemble."""
     from ..report.guide import write
-    from .output import echo_wrote, progress
+    from .output import echo_written, progress
 
     dims = load(design, changes)
     with file_to_write(out), progress("cad guide") as tell:
         page = write(dims, out, sensors, tell)
-    echo_wrote(page, as_json)
+    echo_written(page, as_json)

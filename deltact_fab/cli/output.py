@@ -36,18 +36,12 @@ def echo_json(data: Any) -> None:
     click.echo(json.dumps(data, indent=1, allow_nan=False))
 
 
-def echo_written(file: Path, then: str, as_json: bool) -> None:
-    """Say which file was written and what to do with it."""
+def echo_written(file: Path, as_json: bool, then: str = "") -> None:
+    """Say which file was written and, if it is to be changed, what to run then."""
     if as_json:
         echo_json({"file": str(file)})
-    else:
+    elif then:
         click.echo(f"{file}: written; change it, then `deltact-fab {then}`")
-
-
-def echo_wrote(file: Path, as_json: bool) -> None:
-    """Say which file was written."""
-    if as_json:
-        echo_json({"file": str(file)})
     else:
         click.echo(f"written: {file}")
 

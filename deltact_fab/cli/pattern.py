@@ -94,7 +94,7 @@ def new(name: str, law: str, out: Path | None, as_json: bool) -> None:
     from ..lab import pattern as write
     from .output import echo_written
 
-    echo_written(write(name, law, out), f"pattern quality {name}", as_json)
+    echo_written(write(name, law, out), as_json, f"pattern quality {name}")
 
 
 @pattern.command(epilog="Example: deltact-fab pattern make -d 0.15 -r 0.1 --dots -o sticker.png")

@@ -56,7 +56,7 @@ def new(name: str, source: str, out: Path | None, as_json: bool) -> None:
     from ..lab import protocol as write
     from .output import echo_written
 
-    echo_written(write(name, source, out), f"protocol check {name}", as_json)
+    echo_written(write(name, source, out), as_json, f"protocol check {name}")
 
 
 @protocol.command(epilog="Example: deltact-fab protocol check smoke --rig virtual")

@@ -24,7 +24,7 @@ def report(run: Path, out: Path | None, calibrations: tuple[Path, ...], as_json:
     from ..numerics.scenes import costs as layer_costs
     from ..report.page import write
     from ..report.templating import require_pages
-    from .output import echo_wrote, progress
+    from .output import echo_written, progress
 
     require_pages()
     folder, opened = run / "analysis", record.open(run)
@@ -39,4 +39,4 @@ def report(run: Path, out: Path | None, calibrations: tuple[Path, ...], as_json:
         found = measured(opened, files, bar)
     costs = [cost.as_dict() for cost in layer_costs()]
     page = write(run, out or run / "report.html", result, found, layer_costs=costs)
-    echo_wrote(page, as_json)
+    echo_written(page, as_json)

@@ -19,6 +19,6 @@ def index(folder: Path, out: Path | None, as_json: bool) -> None:
     Unfinished and damaged ones are marked.
     """
     from ..report.index_page import write
-    from .output import echo_wrote
+    from .output import echo_written
 
-    echo_wrote(write(folder, out or folder / "index.html"), as_json)
+    echo_written(write(folder, out or folder / "index.html"), as_json)

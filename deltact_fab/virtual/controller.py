@@ -25,11 +25,11 @@ from ..types import Vector
 from ..units import MM_PER_INCH, NS_PER_S, to_ns
 from . import grbl_report
 from .axes import replaced
-from .carriage import PLANNER_BLOCKS, Carriage
+from .board import Board
+from .carriage import PLANNER_BLOCKS
 from .clock import NsClock
 from .gcode import Modal, Refused, parse
 from .grbl_settings import FACTORY, SETTINGS, change, listed
-from .motion import Segment
 
 BANNER = "Grbl 1.1h ['$' for help]"
 _RX_BYTES, _LINE_CHARS = 128, 79
@@ -44,7 +44,7 @@ Wait = Literal["slot", "sync", "still"] | int
 Task = Generator[Wait, None, int]
 
 
-class GrblController:
+class GrblController(Board):
     """One simulated board with its three axes.
 
     settings: `$` numbers to values, over `SETTINGS`. start_mm: where the carriage stands at
@@ -77,13 +77,10 @@ class GrblController:
         if unknown:
             raise ValueError(f"no such GRBL setting: ${unknown[0]}")
         self.banner = banner
-        self._clock = clock
-        self._t = clock.now_ns()
+        super().__init__(self.settings, clock, start_mm)
         self._boot = to_ns(boot_s)
         self._blank = blank_eeprom
-        self._carriage = Carriage(self.settings, start_mm, self._t)
         self._systems: dict[int, Vector] = dict.fromkeys(range(54, 60), (0.0, 0.0, 0.0))
-        self._out: list[tuple[int, bytes]] = []
         self._faults: list[tuple[int, Fault]] = []
         self._mute = False
         self._ajar = False  # the safety door's switch
@@ -103,25 +100,6 @@ class GrblController:
             elif len(self._rx) < _RX_BYTES:
                 self._rx.append(byte)
                 self._pump()
-
-    def read_available(self) -> bytes:
-        """Everything said up to now and not yet read."""
-        return b"".join(data for _, data in self.take_output())
-
-    def take_output(self) -> list[tuple[int, bytes]]:
-        """The same, in pieces with the time (ns) at which each was said."""
-        self._advance()
-        out, self._out = self._out, []
-        return out
-
-    def next_event_ns(self) -> int | None:
-        """When something next happens by itself (and the controller may speak), None: never."""
-        self._advance()
-        return self._next_ns()
-
-    def now_ns(self) -> int:
-        """The time of its clock."""
-        return self._clock.now_ns()
 
     def hard_reset(self) -> None:
         """The reset pin (opening the port of an Arduino pulls it), or power off and on."""
@@ -148,28 +126,6 @@ class GrblController:
         """What it is doing: Idle, Run, Jog, Hold, Home, Alarm or Sleep."""
         self._advance()
         return self._state
-
-    @property
-    def segments(self) -> list[Segment]:
-        """Every straight piece of the carriage's path, the planned one last."""
-        self._advance()
-        return self._carriage.path.segments
-
-    def position_mm(self, t_s: float | None = None) -> Vector:
-        """Where the carriage is, machine mm, now or at a past time.
-
-        Raises ValueError for a time that has not come: what will be is not decided yet.
-        """
-        self._advance()
-        t_ns = self._t if t_s is None else to_ns(t_s)
-        if t_ns > self._t:
-            raise ValueError(f"{t_s} s has not come yet: it is {self._t / NS_PER_S} s")
-        return self._carriage.path.position_mm(t_ns)
-
-    def path_since(self, t0_s: float) -> list[Vector]:
-        """The way of the carriage since t0, machine mm: from there, every corner, to here."""
-        self._advance()
-        return self._carriage.path.since(to_ns(t0_s), self._t)
 
     # ---- time ---------------------------------------------------------------------------------
 

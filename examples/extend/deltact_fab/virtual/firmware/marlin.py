@@ -11,28 +11,24 @@ from collections import deque
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from ...units import NS_PER_S, to_ns
-from ..carriage import Carriage
+from ...units import NS_PER_S
+from ..board import Board
 from ..grbl_settings import settings_for
 
 if TYPE_CHECKING:
     from ...rig.config import StageConfig
-    from ...types import Vector
     from ..clock import NsClock
-    from ..motion import Segment
 
 WORD = re.compile(r"([XYZF])(-?[\d.]+)")
 BOOT_NS = NS_PER_S
 
 
-class MarlinBoard:
-    """Implements `virtual.board.Board`."""
+class MarlinBoard(Board):
+    """Marlin's answers on the carriage of every simulated board."""
 
     def __init__(self, config: StageConfig, clock: NsClock) -> None:
         limits = config.travel_mm, config.max_feed_mm_min, config.acceleration_mm_s2
-        self._clock, self._t = clock, clock.now_ns()
-        self._carriage = Carriage(settings_for(*limits), (-20.0, -20.0, -10.0), self._t)
-        self._out: list[tuple[int, bytes]] = []
+        super().__init__(settings_for(*limits), clock, (-20.0, -20.0, -10.0))
         self._power_on()
 
     # ---- the wire -----------------------------------------------------------------------------
@@ -54,48 +50,11 @@ class MarlinBoard:
             self._lines.append(line)
         self._pump()
 
-    def read_available(self) -> bytes:
-        """Everything said and not yet read."""
-        return b"".join(data for _, data in self.take_output())
-
-    def take_output(self) -> list[tuple[int, bytes]]:
-        """The same, in pieces with the time (ns) of each."""
-        self._advance()
-        out, self._out = self._out, []
-        return out
-
-    def next_event_ns(self) -> int | None:
-        """When it next does something by itself."""
-        self._advance()
-        return self._next_ns()
-
-    def now_ns(self) -> int:
-        """The time of its clock."""
-        return self._clock.now_ns()
-
     def hard_reset(self) -> None:
         """The reset pin."""
         self._advance()
         self._carriage.stop_dead(self._t)
         self._power_on()
-
-    # ---- the truth, for the scene -------------------------------------------------------------
-
-    @property
-    def segments(self) -> list[Segment]:
-        """The carriage's path, the planned piece last."""
-        self._advance()
-        return self._carriage.path.segments
-
-    def position_mm(self, t_s: float | None = None) -> Vector:
-        """Where the carriage is or was."""
-        self._advance()
-        return self._carriage.path.position_mm(self._t if t_s is None else to_ns(t_s))
-
-    def path_since(self, t0_s: float) -> list[Vector]:
-        """The way since t0."""
-        self._advance()
-        return self._carriage.path.since(to_ns(t0_s), self._t)
 
     # ---- time and lines -----------------------------------------------------------------------
 
