@@ -1,6 +1,6 @@
 """What a linear level of the gel says of itself; a file of this folder makes one.
 
-The numbers are measured; docs/decisions/0009-gel-levels.md holds the tables they are read from.
+The numbers are measured; docs/evidence/gel.md holds the tables they are read from.
 """
 
 from __future__ import annotations
