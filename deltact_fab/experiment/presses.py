@@ -15,7 +15,7 @@ from .. import catalog
 from ..protocols import plan
 from ..record import RunWriter
 from ..rig.config import VirtualConfig
-from ..rig.interface import Job
+from ..rig.interface import RigSetup
 from ..rig.run.runner import Runner
 from ..types import Progress
 from ..virtual.rig import VirtualKind, VirtualRig
@@ -24,7 +24,7 @@ from .request import Asked
 
 
 def run_presses(
-    job: Job,
+    job: RigSetup,
     rig: VirtualConfig,
     source: Path,
     presses: Collection[str],

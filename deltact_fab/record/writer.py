@@ -23,7 +23,7 @@ from .files import FORMAT, flat_file, image_file, json_bytes, truth_file, writte
 from .images import image_format, ready, require
 from .journal import PRESS_TABLES, SCHEMA, claim, connect, insert, journal_errors
 from .kept_presses import frame_id_of, judged
-from .pipeline import Pipeline, TableRow
+from .pipeline import TableRow, WriterThreads
 from .run import Run
 from .streams import Chunk, pack
 
@@ -61,7 +61,7 @@ class RunWriter:
         except BaseException:
             self._claim.close()
             raise
-        self._writing = Pipeline(folder, self._db, lambda why: self.failed(why))
+        self._writing = WriterThreads(folder, self._db, lambda why: self.failed(why))
 
     @classmethod
     def create(

@@ -50,7 +50,7 @@ class StageState:
 
 
 @dataclass(frozen=True)
-class Frame:
+class CameraFrame:
     """One image with the host's monotonic time of its exposure."""
 
     image: Image  # (h, w, 3) BGR uint8
@@ -155,11 +155,11 @@ class Camera(Protocol):
     def begin(self, stream: str) -> None:
         """A new stream of frames (one press) starts: flush buffers; simulated noise re-seeds."""
 
-    def capture(self) -> Frame:
+    def capture(self) -> CameraFrame:
         """The next frame after the last, and none from before `begin`. Raises SensorError.
 
         A camera that runs by itself is asked over and over; what was lost in between is in
-        `Frame.dropped`. A simulated one exposes when it is asked.
+        `CameraFrame.dropped`. A simulated one exposes when it is asked.
         """
 
     def end(self, frames: Mapping[str, float]) -> None:
@@ -214,7 +214,7 @@ class Devices:
 
 
 @dataclass(frozen=True)
-class Job:
+class RigSetup:
     """One run as it was asked for: what a rig is built from. folder: of the run."""
 
     protocol: plan.Protocol
@@ -265,5 +265,5 @@ class RigKind(Protocol):
     def flat(self, protocol: plan.Protocol) -> FlatField | None:
         """How the light falls off in that camera's images, where it is known. Raises InputError."""
 
-    def build(self, job: Job) -> Rig:
+    def build(self, job: RigSetup) -> Rig:
         """Every device of the run, or none: what was opened is closed when another fails."""

@@ -23,7 +23,7 @@ from ..shapes.indenter import parse as parse_indenter
 from ..shapes.tips import EllipsoidTip, SphereTip
 from ..types import Vector
 from ..units import NS_PER_S
-from .board import Board
+from .board import SimulatedBoard
 
 HARD_N_PER_MM = 400.0
 CLEAR_MM = 1.0  # an axis so high has no tip at the face, tilted by degrees as it may be
@@ -53,7 +53,7 @@ class BenchFace:
 
     def __init__(
         self,
-        controller: Board,
+        controller: SimulatedBoard,
         frame: StageFrame,
         skin: SkinDimensions,
         material: GelMaterial | None = None,

@@ -12,7 +12,7 @@ from .clock import NsClock
 from .motion import Segment
 
 
-class Board(ABC):
+class SimulatedBoard(ABC):
     """No thread and no time of its own: each call first catches up with its clock.
 
     settings: of the carriage, as GRBL numbers them. start_mm: where it stands at power-on, in the

@@ -11,7 +11,7 @@ SAME_MM = 2e-3  # a point of the stage is the plan's within a motor step and its
 
 
 @dataclass(frozen=True, eq=False)
-class Press:
+class PlannedPress:
     """solver: of the path's knots. name: `indenter/position`. waypoints: ends of the planned lines.
 
     One that is not planned has neither name nor waypoints.

@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from ...types import Point, Vector
 from ..drafting.dimensioning import Axis, Item, Leader, Linear, shown
 from ..drafting.items import holes, x_of, y_of, z_of
-from ..fit import Fit, Length
+from ..fit import Length, PlayFit
 from ..kernel import require
 from ..record import Record, number, standard_row
 from ..rule import Rule
@@ -370,7 +370,7 @@ def rules(d: Design) -> Iterator[Rule]:
     )
 
 
-def fits(d: Design) -> Iterator[Fit]:
+def fits(d: Design) -> Iterator[PlayFit]:
     """The flange's two screws into a finger, whose own pitch is taken to be exact."""
     mount, printer = d.mount, d.resin_printer
     if mount.kind != "franka":
@@ -379,7 +379,7 @@ def fits(d: Design) -> Iterator[Fit]:
     screw = Length(mount.screw, float(mount.screw.removeprefix("M")))
     hole = printer.tall("hole", mount.hole_mm)
     parts, keys = "shell, finger", ("mount.screw", "mount.flange_pitch_mm")
-    yield Fit(f"{mount.screw} through the flange", parts, (hole,), (screw, pitch), keys)
+    yield PlayFit(f"{mount.screw} through the flange", parts, (hole,), (screw, pitch), keys)
 
 
 def callouts(d: Design) -> list[Item]:

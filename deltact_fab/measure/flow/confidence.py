@@ -23,7 +23,7 @@ from .observation import FlowState
 
 _EDGE = cv2.BORDER_REPLICATE
 _COARSE_PX = 4  # windows are counted in cells of two nodes each way
-_LEAST_VARIANCE = 1.0  # grey levels^2: less than a camera's noise
+_MIN_VARIANCE = 1.0  # grey levels^2: less than a camera's noise
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,8 @@ class ConfidenceRule:
     lands inside the image, and the flow around it does not squeeze areas below `keep_det`. This
     asks little: a dense flow fits itself to noise, too.
 
-    Confident: kept, and a second witness. Of a colour image the fit sees green alone, so red and
-    blue must correlate above `chroma_min` over `window_px`. A grey image has no second witness:
+    Confident: kept, and a secondary match. Of a colour image the fit sees green alone, so red and
+    blue must correlate above `chroma_min` over `window_px`. A grey image has no secondary match:
     its one correlation must be above `grey_min`. In both, the fit's own predicted deviation is
     below `deviation_max_px`; of a flow that the fused steps found, together with what they have yet
     to do around (root of the mean square over `fit_px`). It lands `border_px` or more from the
@@ -80,7 +80,7 @@ class ConfidenceRule:
                 raise InputError(f"confidence: {name} = {getattr(self, name)}; above 0")
 
 
-class Verdict(NamedTuple):
+class FrameConfidence(NamedTuple):
     """Of one frame: confident (hh, ww) bool, and as in FlowDiagnostics."""
 
     confident: Array
@@ -88,18 +88,22 @@ class Verdict(NamedTuple):
     trusted: bool
 
 
-class Judge:
+class ConfidenceEstimator:
     """The first image's side of the rule, prepared once.
 
-    image: (h, w, 3) BGR or (h, w) grey, uint8; plane: of the same. witness: False does without the
-    second witness of a colour image, as if it were grey.
+    image: (h, w, 3) BGR or (h, w) grey, uint8; plane: of the same. secondary_match: False does
+    without that of a colour image, as if it were grey.
     """
 
     def __init__(
-        self, image: Array | Sampled, plane: Plane, rule: ConfidenceRule, witness: bool = True
+        self,
+        image: Array | Sampled,
+        plane: Plane,
+        rule: ConfidenceRule,
+        secondary_match: bool = True,
     ) -> None:
         self.rule = rule
-        self.name = "colour" if image.ndim == 3 and witness else "grey"
+        self.name = "colour" if image.ndim == 3 and secondary_match else "grey"
         self._shape = plane.shape
         self._window = (max(1, round(rule.window_px / _COARSE_PX)),) * 2
         self._fit = (max(1, round(rule.fit_px / _COARSE_PX)),) * 2
@@ -110,30 +114,30 @@ class Judge:
         self.textured_share = float(self.textured.mean())
         self._textured_near = self._near(self.textured)
         if self.name == "colour":
-            self._witness = [channel.astype(np.float32) - 128 for channel in _witness(image)]
-            self._mean = [self._around(channel) for channel in self._witness]
-            power = self._around(_product(self._witness, self._witness))
+            self._secondary = [channel.astype(np.float32) - 128 for channel in _secondary(image)]
+            self._mean = [self._around(channel) for channel in self._secondary]
+            power = self._around(_product(self._secondary, self._secondary))
             self._power = power - _product(self._mean, self._mean)
 
     def inside(self, flow_px: Array) -> Array:
         """Which nodes land inside the image, (hh, ww) bool."""
         return kernel_cv2.within(flow_px, self._shape, 0.0)
 
-    def witness(self, image: Array | Sampled) -> list[Array]:
+    def secondary_match(self, image: Array | Sampled) -> list[Array]:
         """What `look` asks of the current image (h, w[, 3]), nothing of a grey one."""
-        return _witness(image) if self.name == "colour" else []
+        return _secondary(image) if self.name == "colour" else []
 
-    def look(self, witness: list[Array], match: Refined) -> tuple[Array, Array]:
-        """Nodes whose own flow stands, and those of them that the second witness bears out.
+    def look(self, secondary_match: list[Array], match: Refined) -> tuple[Array, Array]:
+        """Nodes whose own flow stands, and those of them that the secondary match bears out.
 
-        Both (hh, ww) bool; witness: of the current image, of which the match is.
+        Both (hh, ww) bool; secondary_match: of the current image, of which the match is.
         """
         rule, by = self.rule, kernel()
         least = rule.keep_correlation, rule.keep_det, rule.deviation_max_px, rule.border_px
         flow, correlation, deviation, _ = match
         kept, agreeing = by.stands(flow, correlation, deviation, self.textured, least, self._shape)
         if self.name == "colour":
-            agreeing &= self._wide(self._chroma(witness, _landing(flow)) > rule.chroma_min)
+            agreeing &= self._wide(self._chroma(secondary_match, _landing(flow)) > rule.chroma_min)
         else:
             agreeing &= correlation > rule.grey_min
         return kept, agreeing
@@ -157,28 +161,28 @@ class Judge:
         left = self._wide(total / np.maximum(n, np.float32(1e-3)))
         return np.asarray(match.deviation_px**2 + left < self.rule.deviation_max_px**2)
 
-    def verdict(self, inside: Array, agreeing: Array) -> Verdict:
+    def verdict(self, inside: Array, agreeing: Array) -> FrameConfidence:
         """What is trusted; inside: as above, of the whole flow."""
         rule = self.rule
         confident = agreeing & (self._near(agreeing) >= rule.support_share * self._textured_near)
         n = int(np.count_nonzero(confident))
         n_seen = int(np.count_nonzero(self.textured & inside))
         share = n / max(1, int(np.count_nonzero(self.textured)))
-        return Verdict(
+        return FrameConfidence(
             confident,
             1 - n / n_seen if n_seen else 1.0,
             self.textured_share >= rule.textured_share and share >= rule.trusted_share,
         )
 
-    def _chroma(self, witness: list[Array], landing: Array) -> Array:
+    def _chroma(self, secondary_match: list[Array], landing: Array) -> Array:
         """Correlation, by coarse cell, of what the fit has not seen; both channels together."""
-        current = [sample(c, landing).astype(np.float32) - 128 for c in witness]
+        current = [sample(c, landing).astype(np.float32) - 128 for c in secondary_match]
         mean = [self._around(channel) for channel in current]
         power = self._around(_product(current, current)) - _product(mean, mean)
-        shared = self._around(_product(self._witness, current)) - _product(self._mean, mean)
+        shared = self._around(_product(self._secondary, current)) - _product(self._mean, mean)
         return np.asarray(
             shared
-            / np.sqrt(np.maximum(self._power, _LEAST_VARIANCE) * np.maximum(power, _LEAST_VARIANCE))
+            / np.sqrt(np.maximum(self._power, _MIN_VARIANCE) * np.maximum(power, _MIN_VARIANCE))
         )
 
     def _around(self, nodes: Array) -> Array:
@@ -201,7 +205,7 @@ def _landing(flow_px: Array) -> Array:
     return landing_px(flow_px * np.float32(0.5))
 
 
-def _witness(image: Array | Sampled) -> list[Array]:
+def _secondary(image: Array | Sampled) -> list[Array]:
     """Blue and red of a BGR image on the half grid, (hh, ww) uint8 each: without green."""
     small = image.nodes if isinstance(image, Sampled) else shrunk(image, 2)
     return [cv2.extractChannel(small, 0), cv2.extractChannel(small, 2)]

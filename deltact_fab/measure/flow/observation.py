@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, NamedTuple
 from ...arrays import Array
 
 if TYPE_CHECKING:
-    from .anchored import Anchored
-    from .confidence import Judge
+    from .anchored import AnchoredTracker
+    from .confidence import ConfidenceEstimator
     from .fused import Plane, Refined
     from .image import Sampled
-    from .renewed import Renewed
+    from .renewed import RenewedTracker
 
 
 class FlowState(IntEnum):
@@ -75,7 +75,7 @@ class FlowObservation:
 
 
 @dataclass(frozen=True)
-class Followed:
+class TrackedFrame:
     """What one way to follow a sequence says of one frame, before it is judged.
 
     flow_px, kept, agreeing: on the half grid, see `confidence`. full_px: (h, w, 2), where the way
@@ -97,22 +97,23 @@ class Followed:
 class Sequence(NamedTuple):
     """What the first image of a sequence makes: its judge, its way to follow, and its shape."""
 
-    judge: Judge
-    way: Anchored | Renewed
+    judge: ConfidenceEstimator
+    way: AnchoredTracker | RenewedTracker
     shape: tuple[int, ...]
 
 
-class Ready(NamedTuple):
+class PreparedImage(NamedTuple):
     """An image of a sequence, made ready to be followed.
 
-    frame: 0 for the first. plane, witness: what is tracked of it and what `Judge.look` asks of it.
-    ahead_px: the way's look ahead, by coarse node. start_s: process time when it came.
+    frame: 0 for the first. plane, secondary_match: what is tracked of it and what
+    `ConfidenceEstimator.look` asks of it. ahead_px: the way's look ahead, by coarse node.
+    start_s: process time when it came.
     """
 
     sequence: Sequence
     frame: int
     image: Array | Sampled
     plane: Plane
-    witness: list[Array]
+    secondary_match: list[Array]
     ahead_px: Array | None
     start_s: float

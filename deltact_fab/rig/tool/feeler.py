@@ -25,7 +25,7 @@ MEAN_S = 0.05
 LEAST = 3  # samples in a mean
 
 
-class Feeler:
+class ForceProbe:
     """Moves a stage with the force sensor read all the while, and the guard looking on.
 
     Forces are those since `tare` (N, on the sensor). Raises SensorError for a saturated sample or a
