@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.arrays import Field, Index
+from deltact_fab.aliases import Field, Index
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.gel.finite import FinitePress
 from deltact_fab.gel.finite.surface import HARDENING, HARDEST, SHALLOW

@@ -15,7 +15,7 @@ from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import gaussian_filter
 
 from deltact_fab import cache, digest
-from deltact_fab.arrays import Array
+from deltact_fab.aliases import Array
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.path.knots import ObservedChannels, along
 from deltact_fab.gel.path.open import choose, open_path

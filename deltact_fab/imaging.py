@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import Float
+from .aliases import Float
 from .units import MM_PER_INCH
 
 GAMMA = 2.2

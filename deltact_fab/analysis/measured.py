@@ -12,14 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arrays import Array
+from ..aliases import Array, Progress
 from ..errors import InputError
 from ..measure.force.calibration import ForceCalibration, load_force
 from ..measure.pipeline import Result
 from ..measure.pipeline.full import everything
 from ..measure.sensor_id import Kind, read_calibration, require_same
 from ..record import Run
-from ..types import Progress
 from .view import sensor_of, view_of
 
 if TYPE_CHECKING:

@@ -18,8 +18,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, fields
 
+from ..aliases import Point2
 from ..shapes.sensor import SensorDimensions
-from ..types import Point2
 from .drafting.title import TitleBlock
 from .parts.acrylic import PlateDimensions
 from .parts.camera import CameraDimensions

@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.polynomial import Legendre
 
-from ..types import Point2
+from ..aliases import Point2
 
 if TYPE_CHECKING:
-    from ..arrays import Field
+    from ..aliases import Field
     from .dimensions import Design
 
 

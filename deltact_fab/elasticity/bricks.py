@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from ..arrays import Field
+from ..aliases import Field
 
 # Corners of a brick as (x, y, z) steps: round the lower face, then round the upper one.
 _CORNERS = np.array(

@@ -24,7 +24,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from .. import cache
-from ..arrays import Field, Index
+from ..aliases import Field, Index
 from ..errors import InputError
 from ..shapes import SkinDimensions
 from .bricks import BrickBox, stiffness

@@ -16,7 +16,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from ..arrays import Field
+from ..aliases import Field
 from ..errors import InputError
 from ..shapes import SkinDimensions
 from .material import GelMaterial

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from .. import preflight
+from ..aliases import Progress
 from ..cad.design import load_design
 from ..protocols import limits, plan
 from ..protocols.pace import LOCKSTEP, SIMULATED, WALL_CLOCK
 from ..protocols.plan import Step
 from ..rig import config as rig_config
 from ..rig.tool import requirements
-from ..types import Progress
 from .kinds import kind_of
 from .request import judged
 

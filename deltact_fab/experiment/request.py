@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .. import preflight, record
+from ..aliases import Progress
 from ..cad.design import load_design
 from ..errors import InputError, MissingLibrary
 from ..patterns.recipe import load_recipe
@@ -16,7 +17,6 @@ from ..rig.config import RigConfig
 from ..rig.interface import RigKind, RigSetup
 from ..rig.tool import requirements
 from ..shapes import SensorDimensions
-from ..types import Progress
 from .kinds import kind_of
 
 

@@ -19,9 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arrays import Field
+from ..aliases import Field, Progress
 from ..errors import SolverError, TimeLimit
-from ..types import Progress
 from .finite.tip_rounding import BLUNT
 from .level import Choice
 from .level_selection import HIDDEN, IN_PLANE_MM, MAX_DOFS, TOLERANCE

@@ -14,8 +14,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..arrays import Field
-from ..types import Point
+from ..aliases import Field, Point
 
 Level = str
 """A name of `levels.LEVELS`."""

@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Field
+from ..aliases import Field, Point, Point2, Progress
 from ..elasticity.material import GelMaterial
 from ..errors import DeltactFabError, InputError, TimeLimit
 from ..shapes import Indenter, SkinDimensions
-from ..types import Point, Point2, Progress
 from . import time_limit
 from .error_control import MeshConvergence, RefinedPress
 from .footprint import contact_radius_mm, edge_radius_mm

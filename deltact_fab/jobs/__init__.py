@@ -5,7 +5,7 @@ local.py is processes here, cluster.py is an existing Dask cluster, messages.py 
 while it runs.
 """
 
-from ..types import Progress
+from ..aliases import Progress
 from .batch import CannotGoOn, JobOutcome, arrivals, each, run
 from .executors import executor, width
 from .local import THREAD_VARIABLES, processors

@@ -8,8 +8,8 @@ from concurrent.futures import CancelledError, Executor, Future
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
+from ..aliases import Progress
 from ..errors import RunFailed
-from ..types import Progress
 from . import messages
 from .local import local, processors
 

@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..arrays import Array
+from ..aliases import Array
 from ..measure.face import FaceFlow
 from ..measure.pipeline import Result
 from ..optics import CameraModel

@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..arrays import Array
+from ..aliases import Array
 from ..errors import InputError, SensorError
 from ..optics import CameraModel
 from .face import FaceFlow

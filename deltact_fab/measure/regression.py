@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy import linalg, special
 
-from ..arrays import Array
+from ..aliases import Array
 from ..errors import InputError
 
 DEPENDENT = 1e-8  # share of a column's length that the columns before it must leave unexplained

@@ -10,14 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from ..aliases import Array, Progress
 from ..analysis.shape.ball import calibrate_depth
 from ..analysis.view import view_of
-from ..arrays import Array
 from ..measure.flow import FlowState
 from ..measure.flow.fused import to_full, which
 from ..measure.force import ForceModel, make_features
 from ..measure.pipeline import Calibration, Measurement, Pipeline, Result
-from ..types import Progress
 from .benchmark_scene import FRAMES, PATTERNS, PROTOCOL, RIG, BenchmarkScene, scene
 from .scenes import machine
 

@@ -13,10 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from .. import cache, catalog, digest
+from ..aliases import Array, Progress
 from ..analysis.tracking_error.truth import TrueFrame, seen_by
-from ..arrays import Array
 from ..record import Run
-from ..types import Progress
 
 FRAMES = 300
 JUDGED = 10  # every so many frames the flow is held against the truth

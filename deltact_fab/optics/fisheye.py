@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..aliases import Array
 from ..errors import InputError, SolverError
 from ..shapes.bounded import ShapeError, check_limits, number
 from ..shapes.sensor import N_ACRYLIC, N_SILICONE, SensorDimensions

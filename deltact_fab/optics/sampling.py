@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import Array
+from ..aliases import Array
 from .rectified import Rectified
 
 MIN_PX = 2.0

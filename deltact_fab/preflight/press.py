@@ -26,10 +26,10 @@ from typing import Literal
 
 import numpy as np
 
+from ..aliases import Progress
 from ..elasticity.material import GelMaterial
 from ..errors import InputError, SolverError
 from ..shapes import Indenter, SkinDimensions
-from ..types import Progress
 
 Level = Literal["layer", "hyperelastic", "extrapolated", "bound"]
 

@@ -10,12 +10,12 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
+from ..aliases import Vector
 from ..errors import InputError
 from ..protocols.limits import LimitCheck
 from ..protocols.plan import Protocol
 from ..rig.config import RigConfig
 from ..rig.force.guard import SHARE, GuardLimits
-from ..types import Vector
 from .peaks import MODULUS_FACTOR, PAPER_REMARK, PAPER_REMARK_FROM, Peak
 
 _LOG = logging.getLogger(__name__)

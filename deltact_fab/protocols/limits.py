@@ -13,11 +13,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from ..aliases import Point
 from ..errors import InputError
 from ..optics import StageFrame
 from ..shapes import SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
-from ..types import Point
 from ..units import digits
 from .motion import move_duration_s
 from .pace import LOCKSTEP, RigPace, homing_s

@@ -16,11 +16,11 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from .. import catalog
+from ..aliases import Point
 from ..errors import InputError, did_you_mean
 from ..levels import LEVELS
 from ..shapes import Indenter
 from ..shapes.indenter import parse as parse_indenter
-from ..types import Point
 
 Kind = Literal["change", "travel", "approach", "press", "shear", "retract"]
 # Every number has a lowest and a highest value: what is further out is a slip of the pen.

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from .. import catalog
+from ..aliases import Progress
 from ..errors import DeltactFabError, InputError, RunFailed
 from ..protocols.plan import Protocol, Step, expand
-from ..types import Progress
 from . import notes
 from .files import truth_file, written
 from .journal import being_written

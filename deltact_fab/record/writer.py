@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..aliases import Progress
 from ..errors import InputError, RunFailed
 from ..files import making, sync_folder, write_whole
 from ..optics import FlatField
 from ..protocols.plan import Step
-from ..types import Progress
 from .files import FORMAT, flat_file, image_file, json_bytes, truth_file, written
 from .images import image_format, ready, require
 from .journal import PRESS_TABLES, SCHEMA, claim, connect, insert, journal_errors

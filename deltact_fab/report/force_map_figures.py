@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arrays import Array
+from ..aliases import Array
 from . import figures, maps
 from .figures import COLOURS
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arrays import Array
+from ..aliases import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arrays import Array
+from ..aliases import Array
 from ..shapes import Indenter
 from ..shapes.indenter import parse
 from . import figures, maps

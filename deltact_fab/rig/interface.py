@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Image
+from ..aliases import Image
 
 if TYPE_CHECKING:
     from ..optics import CameraModel, FlatField, StageFrame

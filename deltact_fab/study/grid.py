@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from .. import cache, digest
+from ..aliases import Progress
 from ..errors import DeltactFabError, RunFailed, Stopped
 from ..jobs import CannotGoOn, JobOutcome, processors, run, width
-from ..types import Progress
 from .pace import JobPace
 
 KIND = "study"

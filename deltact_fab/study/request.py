@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..types import Progress
+from ..aliases import Progress
 
 if TYPE_CHECKING:
     from .grid import Grid, GridJob

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..aliases import Field
 from ..analysis.tracking_error.dots import Marks
 from ..analysis.tracking_error.truth import TrueFrame, off_dots, seen_by
-from ..arrays import Field
 from ..errors import SolverError
 from ..experiment.meta import pattern_of
 from ..gel.path.knots import CONTACT_EPS_MM, Increments, divide

@@ -15,13 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..aliases import Vector
 from ..elasticity import GelMaterial
 from ..gel.reference import flat_punch_factor, hertz_force_n
 from ..optics import StageFrame
 from ..shapes import Indenter, SkinDimensions, Tip
 from ..shapes.indenter import parse as parse_indenter
 from ..shapes.tips import EllipsoidTip, SphereTip
-from ..types import Vector
 from ..units import NS_PER_S
 from .board import SimulatedBoard
 

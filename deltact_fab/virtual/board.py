@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 
-from ..types import Vector
+from ..aliases import Vector
 from ..units import NS_PER_S, to_ns
 from .carriage import Carriage
 from .clock import NsClock

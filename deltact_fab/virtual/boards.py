@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ..arrays import Array, Float
+from ..aliases import Array, Float
 from ..errors import InputError
 from ..imaging import ImageSensor
 from ..measure.lens import Checkerboard

@@ -20,8 +20,8 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Mapping
 from typing import Literal
 
+from ..aliases import Vector
 from ..protocols.motion import minus, plus
-from ..types import Vector
 from ..units import MM_PER_INCH, NS_PER_S, to_ns
 from . import grbl_report
 from .axes import replaced

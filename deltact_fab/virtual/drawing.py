@@ -17,7 +17,7 @@ from .raw_view import BAND_PX, RawView
 from .scene import LatticeCrop
 
 if TYPE_CHECKING:
-    from ..arrays import Field
+    from ..aliases import Field
 
 
 def crop_of(

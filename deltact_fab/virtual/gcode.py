@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
-from ..types import Vector
+from ..aliases import Vector
 
 NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)")
 

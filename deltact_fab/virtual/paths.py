@@ -11,9 +11,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from ..aliases import Point
 from ..gel.path.knots import CONTACT_EPS_MM, Increments, KnotPose, divide
 from ..protocols.plan import Protocol, expand
-from ..types import Point
 
 REST_GROWTH = 1.5
 

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Float
+from ..aliases import Float
 from ..errors import SolverError
 from ..imaging import ImageSensor
 from ..occlusion import in_dispute, nearest

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..aliases import Point
 from ..gel.path.solver import PathSolver
-from ..types import Point
 
 SAME_MM = 2e-3  # a point of the stage is the plan's within a motor step and its rounding
 

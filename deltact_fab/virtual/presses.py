@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from ..arrays import Field
+from ..aliases import Field
 from ..elasticity.material import GelMaterial
 from ..errors import InputError
 from ..gel.level import Reach

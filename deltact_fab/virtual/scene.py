@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..aliases import Point
 from ..gel.path.knots import CONTACT_EPS_MM, Increments, SolvedKnot, divide
 from ..optics import StageFrame, SurfaceLattice
-from ..types import Point
 from ..units import NS_PER_S
 from .board import SimulatedBoard
 from .clock import NsClock

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from deltact_fab.arrays import Field
+from deltact_fab.aliases import Field
 from deltact_fab.cad import registry, solid_gate
 from deltact_fab.cad.design import IndenterBody, IndenterDimensions, load_indenters
 from deltact_fab.cad.kernel import require

@@ -40,7 +40,7 @@ SUBCOMMANDS = [
 
 def call(*words: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "deltact_fab.cli.main", *words],
+        [sys.executable, "-m", "deltact_fab", *words],
         capture_output=True, text=True, cwd=cwd, check=False, timeout=120,
     )  # fmt: skip
 

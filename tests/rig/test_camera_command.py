@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from looked import to_the_end
 
-from deltact_fab.arrays import Image
+from deltact_fab.aliases import Image
 from deltact_fab.errors import InputError, SensorError
 from deltact_fab.rig.camera import stream
 from deltact_fab.rig.camera.config import CameraConfig

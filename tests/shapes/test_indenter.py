@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltact_fab.arrays import Field
+from deltact_fab.aliases import Field
 from deltact_fab.errors import InputError
 from deltact_fab.shapes import EllipsoidTip, Indenter, PrismTip, RidgeTip, SphereTip, Tip, TurnedTip
 from deltact_fab.shapes.indenter import KINDS, SIZE_MM, parse

@@ -8,6 +8,7 @@ from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...aliases import Progress
 from ...errors import InputError
 from ...measure.force import (
     COMPONENTS,
@@ -19,7 +20,6 @@ from ...measure.force import (
 )
 from ...measure.force.calibration import ForceCalibration, load_force
 from ...record import Run, encode_png
-from ...types import Progress
 from ..frames import settled, settles
 from ..view import head_of, view_of
 from .dataset import ForceData, gather, opened, presses

@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ... import cache, digest, record
-from ...arrays import Array
+from ...aliases import Array, Progress
 from ...errors import InputError, SolverError
 from ...jobs import each
 from ...measure.force import Features, make_features
 from ...measure.view import SensorView
 from ...record import Run
-from ...types import Progress
 from ..flows import PressFlows, flows_of
 from ..frames import settled
 from ..view import head_of, view_of

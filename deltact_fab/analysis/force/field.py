@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...measure.force import LocalFeatures, TractionField
 from ...record import Run, RunTruth
 from ..flows import flows_of

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError
 from ...measure.force import COMPONENTS, ForceModel
 from ...measure.regression import RegressionFit

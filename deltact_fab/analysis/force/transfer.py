@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError
 from ...measure.force import COMPONENTS, ForceModel
 from .dataset import ForceData

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...arrays import Field
+from ...aliases import Field
 from ...errors import SolverError
 from .rests import BIN_S, ForceHistory, Rest
 from .series import Series

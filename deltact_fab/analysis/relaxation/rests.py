@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field
 from ...errors import InputError
 from ...record import Run
 

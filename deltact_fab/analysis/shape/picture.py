@@ -8,7 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 
 _OUTLINE = "outline"
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError
 from ...measure.face import FaceFlow
 from ...measure.force import Features, LocalFeatures, TractionField, Wrench, features_of

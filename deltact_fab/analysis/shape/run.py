@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ... import record
+from ...aliases import Progress
 from ...jobs import each
 from ...measure.sensor_id import require_same
 from ...measure.shape import DepthModel
-from ...types import Progress
 from ..frames import recorded
 from ..view import sensor_of
 from .press import PressShape, press_shape

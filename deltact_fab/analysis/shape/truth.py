@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...measure.face import FaceFlow
 from ...optics import LatticeSampler
 from ...record import RunTruth

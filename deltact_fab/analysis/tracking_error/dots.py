@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Points
+from ...aliases import Points
 from ...measure.compose import inside
 from ...measure.dots import DotTracker, Polarity
 from ...optics import CameraModel

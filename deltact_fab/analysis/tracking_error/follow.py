@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Points
+from ...aliases import Points
 from ...errors import SensorError
 from ...measure.flow import FlowObservation, FlowState, named_tracker
 from .dots import DOTS, DotFollower, DotFrame, Marks

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from ... import record
+from ...aliases import Progress
 from ...jobs import each
-from ...types import Progress
 from ..frames import recorded
 from .dots import DotTally
 from .press import COLUMNS, PressJob, PressResult, analyse_press

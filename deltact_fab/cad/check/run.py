@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from ...aliases import Progress
 from ...errors import RunFailed
-from ...types import Progress
 from ..design import IndenterList
 from ..dimensions import Design
 from ..kernel import guarded

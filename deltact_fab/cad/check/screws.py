@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...aliases import Point2
 from ...errors import RunFailed
-from ...types import Point2
 from ..parts.camera import BOARD_KEYS
 from .built import BuiltDesign
 from .cylinders import Cylinder, near

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from ...types import Point2, Vector
+from ...aliases import Point2, Vector
 from .dimensioning import Axis, Centres, Circle, Detail, Item, Leader, Linear, Side, shown
 from .page import ARROW_MM, SMALL_MM, DrawingPage, Rect, meet, text_width_mm, within
 from .projection import View

@@ -15,9 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Points
+from ...aliases import Point2, Points
 from ...errors import InputError
-from ...types import Point2
 from ..dimensions import Design
 from ..kernel import guarded
 from ..part import LASER_CUT, PRINT, Part

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from itertools import combinations
 
+from ...aliases import Point2
 from ...errors import InputError
-from ...types import Point2
 from .arrangement import ArrangedView
 from .dimensioning import Detail
 from .items import Callouts

@@ -14,8 +14,8 @@ from html import escape
 from typing import Any
 
 from ... import __version__
+from ...aliases import Point2
 from ...pdf import Document, glyphs, width_em
-from ...types import Point2
 from ...units import POINTS_PER_MM
 
 Rect = tuple[float, float, float, float]  # left, top, right, bottom

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Points
+from ...aliases import Points
 from ..assembly import PlacedPart, assemble, bench, lifted
 from ..build import build_part
 from ..dimensions import Design

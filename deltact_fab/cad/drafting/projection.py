@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Points
-from ...types import Vector
+from ...aliases import Points, Vector
 
 CHORD_MM = 0.005
 ANGLE_RAD = 0.15

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Points
-from ...types import Point2
+from ...aliases import Point2, Points
 from ..kernel import require
 from .detail import Circle2
 from .dimensioning import Detail

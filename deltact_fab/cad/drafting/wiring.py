@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ...types import Point2
+from ...aliases import Point2
 from ..dimensions import Design
 from ..parts.camera import CABLE, COMPUTER
 from ..parts.light_holder import WIRE, WIRE_COLOURS

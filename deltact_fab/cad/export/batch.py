@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from ...aliases import Progress
 from ...errors import InputError
 from ...jobs import arrivals, processors
-from ...types import Progress
 from ..build import expected
 from ..dimensions import Design
 from ..part import Part

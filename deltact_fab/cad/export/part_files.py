@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ...aliases import Point
 from ...errors import InputError, RunFailed, did_you_mean
-from ...types import Point
 from ..build import build_part
 from ..dimensions import Design
 from ..drafting.drawing import drawing, has_drawing

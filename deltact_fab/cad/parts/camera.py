@@ -22,7 +22,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING
 
-from ...types import Point2
+from ...aliases import Point2
 from ..kernel import require
 from ..part import BOUGHT, GREEN, Part
 from ..record import Record, number

@@ -22,7 +22,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from ...types import Point2
+from ...aliases import Point2
 from ..drafting.dimensioning import Axis, Cut, Detail, Item, Linear, shown
 from ..drafting.items import Callouts, holes, x_of, y_of, z_of
 from ..fit import Length, PlayFit

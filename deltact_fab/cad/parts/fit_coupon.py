@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
-from ...types import Point2
+from ...aliases import Point2
 from ..drafting.dimensioning import Cut, Item, Leader, shown
 from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..kernel import require

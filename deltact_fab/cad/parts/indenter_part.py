@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from ...aliases import Point2
 from ...shapes import EllipsoidTip, Indenter, PrismTip, RidgeTip, SphereTip
 from ...shapes.turned import TurnedTip
-from ...types import Point2
 from ..design import IndenterBody, IndenterDimensions
 from ..drafting.dimensioning import Axis, Centres, Circle, Detail, Item, Leader, Linear, shown
 from ..drafting.items import Callouts, x_of, y_of, z_of

@@ -24,7 +24,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from ...types import Point2
+from ...aliases import Point2
 from ..drafting.dimensioning import Axis, Cut, Item, Leader, Linear, shown
 from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..fit import PlayFit

@@ -26,7 +26,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
-from ...types import Point, Vector
+from ...aliases import Point, Vector
 from ..drafting.dimensioning import Axis, Item, Leader, Linear, shown
 from ..drafting.items import holes, x_of, y_of, z_of
 from ..fit import Length, PlayFit

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING
 
-from ...types import Point2
+from ...aliases import Point2
 from ..drafting.dimensioning import Cut, Item, Leader, shown
 from ..drafting.items import Callouts, holes, x_of, z_of
 from ..fit import Length, PlayFit

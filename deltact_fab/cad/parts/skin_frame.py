@@ -25,7 +25,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
-from ...types import Point2
+from ...aliases import Point2
 from ..drafting.dimensioning import Axis, Cut, Item, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..fit import Length, PlayFit

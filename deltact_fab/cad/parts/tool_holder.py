@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...aliases import Point2
 from ...shapes import Indenter
-from ...types import Point2
 from ..drafting.dimensioning import Axis, Cut, Item, Leader, shown
 from ..drafting.items import Callouts, holes, x_of, z_of
 from ..fit import Length, PlayFit

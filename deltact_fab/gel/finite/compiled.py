@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numba
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field
 
 if TYPE_CHECKING:
     from .assembly import BulkAssembly

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field
 from ...errors import SolverError
 from .. import time_limit
 from .linear import Solver

@@ -9,11 +9,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field, Point
 from ...elasticity.material import GelMaterial
 from ...errors import InputError
 from ...shapes import Indenter, SkinDimensions
-from ...types import Point
 from ..level import Choice, IncrementDiagnostics, Level
 from .field import FaceLattice, tractions_mpa, whole_wrench
 from .mesh import block_mesh

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field
 from ...elasticity.material import GelMaterial
 from ...errors import InputError
 

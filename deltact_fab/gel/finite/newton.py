@@ -23,7 +23,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import scipy.sparse.linalg as spla
 
-from ...arrays import Field
+from ...aliases import Field
 from ...errors import SolverError
 from .. import time_limit
 from .linear import Solver

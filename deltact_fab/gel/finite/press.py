@@ -9,11 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field, Point
 from ...elasticity.material import GelMaterial
 from ...errors import InputError, SolverError
 from ...shapes import Indenter
-from ...types import Point
 from ..footprint import edge_radius_mm
 from . import newton
 from .assembly import BulkAssembly

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field
 from .assembly import Bulk, BulkAssembly
 from .newton import Evaluation
 from .surface import Coupling, FrictionGrip, Surface

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from ...arrays import Field
-from ...types import Point
+from ...aliases import Field, Point
 
 PENETRATION_LIMIT = 0.05  # of the depth; beyond, a state is not `trusted`
 

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Field
+from ...aliases import Field
 from ...shapes import Indenter
 from .distance import Gap, gap
 from .mesh import HexMesh

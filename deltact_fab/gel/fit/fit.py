@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Field, Mask
+from ...aliases import Field, Mask, Point2, Progress
 from ...errors import InputError, RunFailed
 from ...shapes import Indenter, SkinDimensions
-from ...types import Point2, Progress
 from ..level_selection import SHARE, TOLERANCE
 from .force_curve import DEEPEST, cells_mm
 from .least_squares import (

@@ -17,11 +17,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field, Point, Point2, Progress
 from ...elasticity.material import GelMaterial
 from ...errors import InputError
 from ...shapes import Indenter, SkinDimensions
-from ...types import Point, Point2, Progress
 from ..level import Choice
 from ..path.knots import Increments, KnotPose, ObservedChannels, divide
 from ..path.open import choose, open_path

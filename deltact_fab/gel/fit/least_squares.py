@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import Field, Mask
+from ...aliases import Field, Mask
 from ...errors import RunFailed
 from .press_model import PressModel
 

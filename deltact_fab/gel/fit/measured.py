@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Field
+from ...aliases import Field
 from ...errors import InputError, did_you_mean
 
 NEEDED = ("depth_mm", "normal_n")

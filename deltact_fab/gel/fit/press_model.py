@@ -7,10 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Field
+from ...aliases import Field, Point2, Progress
 from ...elasticity.material import GelMaterial
 from ...shapes import Indenter, SkinDimensions
-from ...types import Point2, Progress
 from .force_curve import ForceCurve, force_curve, force_path
 from .measured import MeasuredIndentation
 

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from scipy.ndimage import binary_dilation
 
-from ...arrays import Field, Mask
+from ...aliases import Field, Mask
 from ...elasticity.face import PatchOperator
 from ...errors import SolverError
 from .. import time_limit

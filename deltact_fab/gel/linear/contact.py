@@ -25,11 +25,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field, Point
 from ...elasticity.face import FaceOperator, PatchOperator
 from ...errors import InputError, SolverError
 from ...shapes import Indenter
-from ...types import Point
 from .anderson import Mixer
 from .complementarity import (
     ShearComplianceBound,

@@ -8,12 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field, Point
 from ...elasticity.material import GelMaterial
 from ...errors import SolverError
 from ...levels import LINEAR
 from ...shapes import Indenter, SkinDimensions
-from ...types import Point
 from ..lattice import hermite, means
 from ..level import Choice, IncrementDiagnostics, Level
 from .contact import LayerContact

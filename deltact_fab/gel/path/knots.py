@@ -15,8 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Field
-from ...types import Point
+from ...aliases import Field, Point
 
 CONTACT_EPS_MM = 1e-9  # rounding of a stage's transform; a motor step is 1e-3
 

@@ -12,8 +12,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from ...aliases import Point
 from ...shapes import Indenter
-from ...types import Point
 from ..footprint import is_mirrored
 from .knots import KnotPose, SolvedKnot
 

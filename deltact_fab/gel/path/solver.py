@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Field
+from ...aliases import Field, Point
 from ...errors import DeltactFabError, InputError, SolverError
-from ...types import Point
 from . import store
 from .knots import InterpolationError, KnotPose, ObservedChannels, SolvedKnot, Trajectory
 from .mirror import Mirror

@@ -12,10 +12,9 @@ from typing import Any, Literal
 import numpy as np
 
 from ... import cache, digest
-from ...arrays import Field
+from ...aliases import Field, Point
 from ...elasticity.material import GelMaterial
 from ...shapes import Indenter, SkinDimensions
-from ...types import Point
 from ..level import Choice
 from .knots import InterpolationError, KnotPose, ObservedChannels, SolvedKnot, Trajectory
 

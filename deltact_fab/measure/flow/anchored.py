@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ..compose import landing_px, sample, shrunk
 from .confidence import ConfidenceEstimator
 from .fill import filled

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError
 from ..compose import landing_px, sample, shrunk
 from . import kernel_cv2

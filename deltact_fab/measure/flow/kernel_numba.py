@@ -12,7 +12,7 @@ import cv2
 import numba
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from .kernel_cv2 import MIN_CONTRAST, MIN_VARIANCE, OWN_WEIGHT, ROUNDING
 
 NAME = "numba"

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import cv2
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError, did_you_mean
 from .fused import Plane, to_full, to_half
 from .fused import RefinementReference as FusedReference

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING, NamedTuple
 
-from ...arrays import Array
+from ...aliases import Array
 
 if TYPE_CHECKING:
     from .anchored import AnchoredTracker

@@ -8,7 +8,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError
 from ..compose import block_ncc, compose, inside, landing_px, sample
 from .confidence import ConfidenceEstimator

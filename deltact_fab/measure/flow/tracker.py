@@ -7,7 +7,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError, SensorError, did_you_mean
 from .anchored import AnchoredTracker
 from .confidence import ConfidenceEstimator, ConfidenceRule, FrameConfidence

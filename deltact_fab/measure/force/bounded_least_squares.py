@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import linalg
 
-from ...arrays import Array
+from ...aliases import Array
 
 MAX_STEPS = 200
 PATIENCE = 3

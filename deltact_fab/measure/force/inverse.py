@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ..face import FaceFlow
 from ..view import SensorView
 from .model import ForceModel

@@ -12,7 +12,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError
 from ..face import FaceFlow
 from ..regression import RegressionFit, least_squares, relative_leverage

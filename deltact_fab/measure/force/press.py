@@ -18,7 +18,7 @@ from functools import lru_cache
 import numpy as np
 from scipy import linalg, ndimage
 
-from ...arrays import Array
+from ...aliases import Array
 from ...elasticity.cells import FaceCells
 from ...optics import axes_mm
 from ..face import FaceFlow

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError
 from .board import Checkerboard
 

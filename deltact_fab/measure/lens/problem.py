@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError, SolverError
 from ...optics import Fisheye
 from ...shapes.bounded import ShapeError

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError
 from ...optics import Fisheye
 from ...shapes import SensorDimensions

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError
 from ...shapes import SensorDimensions
 from .problem import PRIOR_STEP, LensProblem, LensSolution

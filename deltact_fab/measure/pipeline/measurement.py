@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...optics import CameraModel
 from ..flow import FlowTracker, PreparedImage, named_tracker
 from ..health import Health

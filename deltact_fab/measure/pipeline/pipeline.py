@@ -7,7 +7,7 @@ from threading import Lock, Thread
 from types import TracebackType
 from typing import Literal
 
-from ...arrays import Array
+from ...aliases import Array
 from .bounded_queue import Belt, Closed
 from .measurement import ImageTask, Measurement, Step
 from .result import Result

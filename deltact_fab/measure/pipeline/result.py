@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from ...arrays import Array
+from ...aliases import Array
 from ..face import FaceFlow
 from ..flow import FlowObservation
 from ..force import TractionField, Wrench

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...optics import CameraModel
 from ..face import FaceFlow
 from ..force import TractionField

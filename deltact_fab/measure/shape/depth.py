@@ -15,7 +15,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 
 from ... import catalog
-from ...arrays import Array
+from ...aliases import Array
 from ...elasticity.block import interpolation
 from ..face import FaceFlow
 from ..force.press import TractionPress, inverse_for

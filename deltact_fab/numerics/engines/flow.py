@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ...arrays import Image
+from ...aliases import Image
 from ...measure.flow import FLOW_METHODS, FlowMethod, FlowTracker, to_gray
 from ...study.star import StarFigures
 from ..engine import Case, Engine, EngineTable

@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ...arrays import Image
+from ...aliases import Image
 from ...measure.flow import (
     FLOW_METHODS,
     PAPER,

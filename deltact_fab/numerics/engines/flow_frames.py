@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Field, Image
+from ...aliases import Field, Image
 from ...elasticity.material import GelMaterial
 from ...files import whole
 from ...imaging import ImageSensor, Printer

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from ...arrays import Image
+from ...aliases import Image
 from ...measure.flow import ConfidenceRule, FlowTracker
 from ..engine import EngineTable, Flagged
 from .flow_frames import FlowSequence, scene

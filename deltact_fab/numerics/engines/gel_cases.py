@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
-from ...types import Point
+from ...aliases import Point
 from ..engine import Case
 from . import gel_checks as checks
 from .gel_picks import opened

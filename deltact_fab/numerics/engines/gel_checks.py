@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ...types import Point
+from ...aliases import Point
 from .gel_scene import (
     GelCase,
     cone_excess,

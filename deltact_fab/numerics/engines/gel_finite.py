@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field
 from ...elasticity.material import GelMaterial
 from ...gel.finite import FinitePress, block_mesh
 from ...gel.finite.field import FaceLattice, whole_wrench

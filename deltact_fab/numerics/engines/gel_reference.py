@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from ... import cache, digest
-from ...arrays import Field
+from ...aliases import Field
 from .gel_finite import LATTICE_MM, GelAnswer, PressSetup, solve
 
 

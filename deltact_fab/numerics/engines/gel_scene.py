@@ -10,12 +10,12 @@ from functools import cache
 
 import numpy as np
 
+from ...aliases import Point
 from ...elasticity.material import GelMaterial
 from ...gel.finite import FinitePress, FiniteState, block_mesh
 from ...gel.finite.linear import Name
 from ...shapes import SkinDimensions
 from ...shapes.indenter import parse
-from ...types import Point
 from ..engine import Flagged
 
 Box = tuple[float, float, float, float]

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field
 from ...elasticity.layer import BondedLayer
 from ...elasticity.material import GelMaterial
 from ...gel import reference

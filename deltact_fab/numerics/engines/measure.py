@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...measure.face import FaceFlow
 from ...measure.force import ForceModel, make_features
 from ...measure.hodge import Hodge, curl, decompose, divergence

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Field
+from ...aliases import Field
 from ...errors import RunFailed
 from ...patterns.laws import patches
 from ...patterns.recipe import recipe_from_options

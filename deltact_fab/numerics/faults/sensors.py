@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Image
+from ...aliases import Image
 from ...errors import SensorError
 from ...rig.camera.stream import ArrivedImage, StreamCamera
 from ...rig.force.netft import NetFTSensor

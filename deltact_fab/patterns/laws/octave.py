@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Field
+from ...aliases import Field
 from .algorithm1 import FILE_LEVELS
 from .law import Law, Patches
 

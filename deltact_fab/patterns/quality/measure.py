@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError
 from ...shapes import SensorDimensions
 from ...units import MM_PER_INCH

@@ -17,7 +17,7 @@ from ..raster import albedo, cell_means, checked_mm_per_px, raster_window
 from ..recipe import PatternRecipe
 
 if TYPE_CHECKING:
-    from ...arrays import Float
+    from ...aliases import Float
     from ...imaging import ImageSensor
 
 MARGIN_MM = 0.3

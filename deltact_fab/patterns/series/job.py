@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import __version__
-from ...types import Progress
+from ...aliases import Progress
 from ..code import encode
 from ..quality.measure import MM_PER_PX, measure
 from ..recipe import DEFAULT_SEED, PatternRecipe, recipe_from

@@ -30,10 +30,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from ... import __version__
+from ...aliases import Progress
 from ...errors import InputError, did_you_mean
 from ...files import check_place, write_together
 from ...shapes import SensorDimensions
-from ...types import Progress
 from ..code import encode
 from ..raster import check_seen
 from ..recipe import PatternRecipe

@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...types import Progress
+from ...aliases import Progress
 from ..files import json_bytes
 from ..run import Run
 from ..timeline import TimeLine

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Image
+from ...aliases import Image
 from ...errors import InputError, SensorError
 from ..interface import Clock
 from .config import CameraConfig

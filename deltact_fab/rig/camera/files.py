@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import cv2
 import numpy as np
 
-from ...arrays import Image
+from ...aliases import Image
 from ...errors import InputError, RunFailed, SensorError
 from ..interface import CameraFrame, Clock
 from .network import quietly_opened

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ...arrays import Image
+from ...aliases import Image
 from ...errors import DeltactFabError, SensorError
 from ..interface import CameraFrame, Clock
 

@@ -9,8 +9,8 @@ from math import inf
 
 import numpy as np
 
+from ...aliases import Vector
 from ...errors import InputError
-from ...types import Vector
 from ...units import to_ns
 from ..interface import Clock, ForceSamples, Stage
 from .config import ForceConfig, GuardConfig

@@ -11,10 +11,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
+from ...aliases import Progress
 from ...errors import DeltactFabError, StageError, Stopped
 from ...protocols.plan import Step
 from ...record import RunWriter
-from ...types import Progress
 from ..interface import Devices
 from .interrupt import interruptible
 from .live import Live, Remaining

@@ -9,9 +9,9 @@ import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from ...aliases import Vector
 from ...errors import InputError, Stopped
 from ...protocols.motion import plus
-from ...types import Vector
 from ..interface import Stage
 from ..run.interrupt import interruptible
 from .moves import go

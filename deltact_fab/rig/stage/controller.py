@@ -12,8 +12,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import NoReturn
 
+from ...aliases import Vector
 from ...errors import StageError
-from ...types import Vector
 from ..interface import Clock, StageState
 from .exchange import BANNER_S, RESET, Talk, TalkFault
 from .grbl_messages import ALARMS, explain, state_in_words

@@ -21,9 +21,9 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING, Any
 
+from ...aliases import Vector
 from ...errors import InputError
 from ...optics import StageFrame
-from ...types import Vector
 from ...units import to_ns
 from ..interface import Clock, StageState
 from . import jogs

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from ...aliases import Vector
 from ...errors import InputError
 from ...protocols.motion import minus, move_duration_s
-from ...types import Vector
 from ..interface import StageState
 from .controller import JOG_CANCEL, MARGIN_S, POLL_END_S, Controller, Move, in_mm
 from .exchange import NoAnswer, TalkFault

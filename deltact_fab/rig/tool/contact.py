@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field
 from ...shapes import Indenter
 from ...shapes.tips import EllipsoidTip, SphereTip
 

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Field
+from ...aliases import Field, Vector
 from ...errors import SensorError
-from ...types import Vector
 from ...units import to_ns
 from ..interface import Clock, ForceSamples, ForceSensor, Stage
 

@@ -13,9 +13,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from ...aliases import Vector
 from ...errors import RunFailed, SensorError
 from ...optics import StageFrame
-from ...types import Vector
 from ..interface import Stage
 from ..stage.moves import go
 from .config import JigConfig, TouchConfig

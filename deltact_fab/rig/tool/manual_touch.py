@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 
+from ...aliases import Vector
 from ...errors import DeltactFabError, RunFailed
 from ...shapes import Indenter
-from ...types import Vector
 from ..interface import Stage
 from ..stage.moves import go, rise
 from .config import TouchConfig

@@ -13,10 +13,10 @@ from itertools import combinations
 
 import numpy as np
 
+from ...aliases import Vector
 from ...errors import InputError, RunFailed
 from ...optics import StageFrame
 from ...shapes import Indenter, SkinDimensions
-from ...types import Vector
 from .contact import powers_of
 from .jig import JigPlacement
 from .touch import FaceTouch

@@ -12,9 +12,9 @@ from contextlib import nullcontext, suppress
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
+from ...aliases import Vector
 from ...errors import DeltactFabError, SensorError, StageError
 from ...shapes import Indenter
-from ...types import Vector
 from ..interface import Clock, ForceSensor, Stage
 from ..stage.moves import go, rise
 from .config import TouchConfig

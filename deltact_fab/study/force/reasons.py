@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...aliases import Array
 from ...analysis.force import FORCES, ForceData, ForceResult, component, fit
 from ...analysis.force.judge import EvaluatedModel
-from ...arrays import Array
 from ...errors import InputError
 from ...measure.force import ForceModel
 

@@ -17,8 +17,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ...aliases import Image
 from ...analysis.tracking_error.tally import MOVING_MM, Mean
-from ...arrays import Image
 from ...errors import SensorError
 from ...measure.flow import FlowObservation, named_tracker
 from ...patterns.quality.figures import figures

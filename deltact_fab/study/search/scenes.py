@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...arrays import Field, Float
+from ...aliases import Field, Float
 from ...imaging import ImageSensor, Printer
 from ...optics import Pinhole, SurfaceLattice, axes_mm
 from ...patterns.raster import albedo

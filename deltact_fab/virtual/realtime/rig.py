@@ -7,12 +7,12 @@ from contextlib import ExitStack
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from ...aliases import Progress
 from ...rig.bench import GrblRig
 from ...rig.camera.config import CameraConfig
 from ...rig.config import GrblConfig, VirtualConfig
 from ...rig.force.config import NetFTConfig
 from ...rig.interface import Camera, Devices, ForceSensor, RigSetup
-from ...types import Progress
 from ..presolve import PressRow, solve_ahead
 from ..rig import VirtualKind
 from .host_link import RemoteBench

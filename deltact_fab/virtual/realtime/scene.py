@@ -15,8 +15,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ...aliases import Point
 from ...optics import StageFrame
-from ...types import Point
 from ..motion import Segment
 from ..scene import GelScene, Knot, MotionSegment, Observation
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .... import __version__
-from ....types import Point
+from ....aliases import Point
 from ...mesh import Mesh
 
 _MAGIC, _JSON, _BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
