@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..rig.config import RigConfig
-from ..rig.interface import RigKind
+from ..rig.job import RigKind
 from ..types import Progress
 
 

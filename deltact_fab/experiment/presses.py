@@ -15,7 +15,7 @@ from .. import catalog
 from ..protocols import plan
 from ..record import RunWriter
 from ..rig.config import VirtualConfig
-from ..rig.interface import Job
+from ..rig.job import Job
 from ..rig.run.runner import Runner
 from ..types import Progress
 from ..virtual.rig import VirtualKind, VirtualRig

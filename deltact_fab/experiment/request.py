@@ -13,7 +13,7 @@ from ..protocols import limits, plan
 from ..protocols.plan import Protocol, Step
 from ..rig import config as rig_config
 from ..rig.config import RigConfig
-from ..rig.interface import Job, RigKind
+from ..rig.job import Job, RigKind
 from ..rig.tool import requirements
 from ..shapes import SensorDimensions
 from ..types import Progress

@@ -3,28 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from ...arrays import Array
 
 if TYPE_CHECKING:
-    from .anchored import Anchored
     from .confidence import Judge
     from .fused import Plane, Refined
     from .image import Sampled
-    from .renewed import Renewed
-
-
-class FlowState(IntEnum):
-    """What stands behind one pixel's flow."""
-
-    LOST = 0
-    """Hidden or out of view, and no trustworthy neighbour near: a guess."""
-    PREDICTED = 1
-    """Not found in this image; filled from trustworthy neighbours."""
-    MATCHED = 2
-    """Found in this image."""
 
 
 @dataclass(frozen=True)
@@ -94,11 +80,21 @@ class Followed:
     match: Refined | None = None
 
 
+class Follower(Protocol):
+    """A way to follow a sequence from its first image on."""
+
+    def ahead(self, plane: Plane) -> Array | None:
+        """The flow in px from the image before to this one, by coarse node, where it is asked."""
+
+    def step(self, ready: Ready) -> Followed:
+        """Follow one more image."""
+
+
 class Sequence(NamedTuple):
     """What the first image of a sequence makes: its judge, its way to follow, and its shape."""
 
     judge: Judge
-    way: Anchored | Renewed
+    way: Follower
     shape: tuple[int, ...]
 
 

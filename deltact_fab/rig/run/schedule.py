@@ -12,7 +12,8 @@ from ...protocols.pace import LOOK_S
 from ...protocols.plan import Step
 from ...record import Chunk, RunWriter
 from ...units import to_ns
-from ..interface import Devices, Frame
+from ..interface import Frame
+from ..job import Devices
 from .streams import ForceStream, FrameStream, PoseStream, Wanted, now_ns
 
 LOOK_NS = to_ns(LOOK_S)

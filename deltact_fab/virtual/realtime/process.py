@@ -23,7 +23,7 @@ from ...elasticity import GelMaterial
 from ...errors import DeltactFabError
 from ...optics import Rectified, StageFrame
 from ...rig.config import VirtualConfig
-from ...rig.interface import Job
+from ...rig.job import Job
 from ..backend import Below
 from ..bench_face import BenchFace
 from ..gel_summary import gel_left_out, gel_notes

@@ -11,7 +11,8 @@ from ...rig.bench import GrblRig
 from ...rig.camera.config import CameraConfig
 from ...rig.config import GrblConfig, VirtualConfig
 from ...rig.force.config import NetFTConfig
-from ...rig.interface import Camera, Devices, ForceSensor, Job
+from ...rig.interface import Camera, ForceSensor
+from ...rig.job import Devices, Job
 from ...types import Progress
 from ..presolve import PressRow, solve_ahead
 from ..rig import VirtualKind
