@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.arrays import Field, Index
+from deltact_fab.aliases import Field, Index
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.gel.finite import FinitePress
 from deltact_fab.gel.finite.surface import HARDENING, HARDEST, SHALLOW
-from deltact_fab.numerics.engines.gel_finite import Answer, PressSetup, prepared
+from deltact_fab.numerics.engines.gel_finite import GelAnswer, PressSetup, prepared
 from deltact_fab.shapes import SphereTip
 
 from . import peer
@@ -104,7 +104,7 @@ class FelupeRun(PressSetup):
         return "felupe, whole, cells of one size"
 
 
-def solve(run: FelupeRun) -> Answer:
+def solve(run: FelupeRun) -> GelAnswer:
     """Raises RunFailed where there is no felupe, or where it does not converge."""
     press, lattice = prepared(run)
     n = max(1, math.ceil(run.depth_mm / run.step_mm - 1e-9))
@@ -125,6 +125,6 @@ def solve(run: FelupeRun) -> Answer:
         "solver_s": found["solver_s"],
     }
     inner_s = float(found["setup_s"] + found["press_s"])
-    return Answer(
+    return GelAnswer(
         -float(found["force_n"][-1][2]), lattice.displacement_mm(u)[..., :2], note, inner_s
     )

@@ -21,7 +21,7 @@ from deltact_fab.numerics.engines.flow_frames import (
     COARSE,
     SCENES,
     STAR,
-    Scene,
+    FlowSequence,
     Vectors,
     bump,
     far,
@@ -43,7 +43,7 @@ class Question(NamedTuple):
     step_px: between their nodes.
     """
 
-    scene: Callable[[], Scene]
+    scene: Callable[[], FlowSequence]
     reach_px: int
     step_px: int = 8
 
@@ -95,7 +95,7 @@ def peer_row(method: str) -> dict[str, Any]:
     return out
 
 
-def answer(method: str, question: Question, scene: Scene) -> tuple[Vectors, float, str]:
+def answer(method: str, question: Question, scene: FlowSequence) -> tuple[Vectors, float, str]:
     """Flow (h, w, 2) px, nan where there is none; CPU seconds; the version."""
     if method in FLOW_METHODS:
         found(method, scene)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.arrays import Array
+from deltact_fab.aliases import Array
 from deltact_fab.cad.design import load_design
 from deltact_fab.measure.force import Features, ForceModel, make_features
 from deltact_fab.measure.force.inverse import Inverse

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.arrays import Array
+from deltact_fab.aliases import Array
 from deltact_fab.cad.design import load_design
 from deltact_fab.measure.face import FaceFlow
 from deltact_fab.optics import Pinhole

@@ -15,9 +15,9 @@ from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import gaussian_filter
 
 from deltact_fab import cache, digest
-from deltact_fab.arrays import Array
+from deltact_fab.aliases import Array
 from deltact_fab.elasticity.material import GelMaterial
-from deltact_fab.gel.path.knots import Observed, along
+from deltact_fab.gel.path.knots import ObservedChannels, along
 from deltact_fab.gel.path.open import choose, open_path
 from deltact_fab.measure.face import FaceFlow
 from deltact_fab.optics import CameraModel, axes_mm
@@ -33,7 +33,7 @@ SETTINGS = 10  # of the scattered: the inverse's settings were chosen on them, a
 CORNERS = ((0.0, 0.0), (6.0, 0.0), (0.0, 5.0), (6.0, 5.0))  # a quarter of a grid of places
 OTHERS = ("cylinder:8", "ellipsoid", "4dots", "hexprism", "2dots", "cylinder")
 AROUND = ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1), (0, 0))
-MOST_UNKNOWNS = 8000
+MAX_UNKNOWNS = 8000
 EVERY = 4
 WHITE_PX = 0.05
 
@@ -68,7 +68,7 @@ def presses() -> Iterator[Press]:
 def solved(press: Press) -> dict[str, Array]:
     """Of each state: tips_mm, force_n, torque_nmm (n, 3), displacement_mm and traction_mpa on
     x_mm, y_mm."""
-    key = {"press": repr(press), "gel": repr(GEL), "skin": repr(SKIN), "unknowns": MOST_UNKNOWNS,
+    key = {"press": repr(press), "gel": repr(GEL), "skin": repr(SKIN), "unknowns": MAX_UNKNOWNS,
            "source": digest.of("gel.path.open", "shapes.indenter")}  # fmt: skip
     kept = cache.get_file("benchmark-press", key)
     data = kept[0] if kept else _packed(press)
@@ -85,10 +85,8 @@ def _packed(press: Press) -> bytes:
         corners.append((x, y, -depth))
         corners += [(x + press.shear_mm * i, y + press.shear_mm * j, -depth) for i, j in AROUND]
     poses, shape = along(corners, 0.75), parse(press.indenter)
-    choice = choose(
-        SKIN, GEL, shape, poses, 0.03, level="hyperelastic", most_unknowns=MOST_UNKNOWNS
-    )
-    observed = Observed(fields="all", traction=True, lattice_mm=0.5)
+    choice = choose(SKIN, GEL, shape, poses, 0.03, level="hyperelastic", most_unknowns=MAX_UNKNOWNS)
+    observed = ObservedChannels(fields="all", traction=True, lattice_mm=0.5)
     solver = open_path(SKIN, GEL, shape, poses, observed, choice)
     knots = solver.solve_all()
     modulus = GEL.modulus_mpa

@@ -10,7 +10,7 @@ import numpy as np
 
 from deltact_fab.gel.finite.field import whole_wrench
 from deltact_fab.numerics.engines.gel_scene import (
-    Scene,
+    GelCase,
     cone_excess,
     down,
     imbalance,
@@ -21,7 +21,7 @@ from deltact_fab.numerics.engines.gel_scene import (
 
 
 def thickness(
-    scene: Scene, step_mm: float, depth_mm: float, what: str, scratch: Path
+    scene: GelCase, step_mm: float, depth_mm: float, what: str, scratch: Path
 ) -> tuple[float, str]:
     """`mesh_change` of a press, or the worse of a fall of its force and `imbalance`."""
     tip = down(depth_mm)
@@ -33,7 +33,7 @@ def thickness(
     return max(fall, imbalance(found)), found.note()
 
 
-def corners(scene: Scene, at_mm: tuple[float, float], depth_mm: float, scratch: Path) -> Any:
+def corners(scene: GelCase, at_mm: tuple[float, float], depth_mm: float, scratch: Path) -> Any:
     """Largest difference of the four corners' forces, mirrored, over the force."""
     forces, last = [], None
     for sx in (1, -1):
@@ -48,14 +48,14 @@ def corners(scene: Scene, at_mm: tuple[float, float], depth_mm: float, scratch: 
     return float(spread / np.abs(forces[0]).max()), last.note()
 
 
-def side_force_of_a_press(scene: Scene, depth_mm: float, scratch: Path) -> tuple[float, str]:
+def side_force_of_a_press(scene: GelCase, depth_mm: float, scratch: Path) -> tuple[float, str]:
     """Side force of a straight press that symmetry forbids, over the force."""
     found = trusted(solved(scene, 0.5, down(depth_mm)))
     force, _ = whole_wrench(found.press.mesh, found.last)
     return float(np.abs(force[:2]).max() / abs(force[2])), found.note()
 
 
-def long_drag(scene: Scene, axis: int, scratch: Path) -> tuple[float, str]:
+def long_drag(scene: GelCase, axis: int, scratch: Path) -> tuple[float, str]:
     """Worst breach of balance, cone and, where the indenter has it, mirror symmetry, 10 mm deep
     and dragged 10 mm each way."""
     found = []

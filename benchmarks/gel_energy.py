@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from deltact_fab.numerics.engines.gel_scene import Scene, down, energy_nmm, solved
+from deltact_fab.numerics.engines.gel_scene import GelCase, down, energy_nmm, solved
 
 INCREMENTS = 40
 
 
-def work_but_jumps(scene: Scene, depth_mm: float, scratch: Path) -> tuple[float, str]:
+def work_but_jumps(scene: GelCase, depth_mm: float, scratch: Path) -> tuple[float, str]:
     """Work of a frictionless press over the increments that followed one equilibrium, less what
     the gel stored in them; or, if worse, what it stored beyond the work in one that jumped.
 

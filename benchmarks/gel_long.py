@@ -12,7 +12,7 @@ from deltact_fab.gel.level_selection import TOLERANCE, pick
 from deltact_fab.numerics.engine import Case
 from deltact_fab.numerics.engines import gel_checks as checks
 from deltact_fab.numerics.engines.gel_cases import of_friction, of_nu
-from deltact_fab.numerics.engines.gel_scene import Scene, down
+from deltact_fab.numerics.engines.gel_scene import GelCase, down
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 
@@ -28,7 +28,7 @@ DRAG_MM = 1.6  # cells of the long drags
 def cases() -> list[Case]:
     """What `deltact-fab numerics` leaves out of its table."""
     percent, force = "% of the force", "of the force"
-    coarse, corner = Scene(spacing_mm=2.0), Scene("sphere:10", 1.5)
+    coarse, corner = GelCase(spacing_mm=2.0), GelCase("sphere:10", 1.5)
     out = [*of_nu((0.4, 0.45, 0.495)), *of_friction((0.1, 1.0, 5.0)), *_thickness(), *_sharp()]
     out += [
         # Friction is of first order in the increment: the interface of all levels parts a long one.
@@ -45,7 +45,7 @@ def cases() -> list[Case]:
         Case("conjugate gradients against the default solver", "right",
              partial(checks.same, replace(coarse, solver="cg"), coarse), 1e-6, force),
     ]  # fmt: skip
-    small = Scene("sphere:30", 1.0, side_mm=(12.0, 12.0), focus=None)
+    small = GelCase("sphere:30", 1.0, side_mm=(12.0, 12.0), focus=None)
     out += [
         Case(f"{name} on a gel of 12 x 12 mm, 5 mm deep: finer mesh", "right",
              partial(checks.finer, replace(small, indenter=name), 1.0, (down(5.0),)), 3.0, percent)
@@ -72,12 +72,12 @@ def _thickness() -> list[Case]:
     return out
 
 
-def _thick(thickness_mm: float, share: float) -> tuple[Scene, float]:
+def _thick(thickness_mm: float, share: float) -> tuple[GelCase, float]:
     """A sphere pressed to a share of a gel's thickness; mesh and step as `gel press` picks them.
 
     On a thin gel all is smaller: its sides are many thicknesses away even so.
     """
-    scene = Scene(thickness_mm=thickness_mm)
+    scene = GelCase(thickness_mm=thickness_mm)
     if thickness_mm < 6:
         scene = replace(scene, indenter="sphere:6", side_mm=(14.0, 13.0))
     reach = Reach(deepest_mm=share * thickness_mm)
@@ -91,7 +91,7 @@ def _sharp() -> list[Case]:
     """Half of the block."""
     out = []
     for name in SHARP:
-        half = Scene(name, 0.6, 0.5, focus=(-6.0, 8.0, -6.0, 6.0), mirrors=(False, True))
+        half = GelCase(name, 0.6, 0.5, focus=(-6.0, 8.0, -6.0, 6.0), mirrors=(False, True))
         even = replace(half, focus=(-6.0, 6.0, -6.0, 6.0))
         tips = (down(4.0), (2.0, 0.0, 4.0))
         head = f"{name}, friction 0.5, 4 mm deep, dragged 2 mm"
@@ -121,7 +121,7 @@ def drag_cases() -> list[Case]:
             mirrors = (axis == 1 and name != "star", axis == 0)
             wide, narrow = (-17.0, 17.0), (-6.0, 6.0)
             box = (*wide, *narrow) if axis == 0 else (*narrow, *wide)
-            scene = Scene(name, DRAG_MM, 0.5, focus=box, mirrors=mirrors)
+            scene = GelCase(name, DRAG_MM, 0.5, focus=box, mirrors=mirrors)
             call = partial(gel_checks.long_drag, scene, axis)
             out.append(Case(f"{name} to 10 mm, sheared +-10 mm in {letter}", "right or refused",
                             call, 0.05, "of the force", "t"))  # fmt: skip
@@ -139,11 +139,11 @@ def straight_cases() -> list[Case]:
         SkinDimensions(), GelMaterial(friction=friction), parse("star"), Reach(deepest_mm=depth_mm)
     )
     tried = [
-        (Scene(name, 1.2, friction, focus=box, mirrors=(False, False)), 0.5, 1e-6)
+        (GelCase(name, 1.2, friction, focus=box, mirrors=(False, False)), 0.5, 1e-6)
         for name in SHARP
         if name != "star"
     ]
-    star = Scene("star", picked.spacing_mm, friction, focus=picked.focus, mirrors=picked.mirrors)
+    star = GelCase("star", picked.spacing_mm, friction, focus=picked.focus, mirrors=picked.mirrors)
     return [
         Case(f"{scene.indenter}, cells of {scene.spacing_mm:g} mm: no side force",
              "right or refused",

@@ -13,11 +13,11 @@ from deltact_fab.errors import SolverError
 from deltact_fab.gel.finite.field import whole_wrench
 from deltact_fab.gel.finite.state import PENETRATION_LIMIT
 from deltact_fab.numerics.engine import Flagged
-from deltact_fab.numerics.engines.gel_scene import Scene, down
+from deltact_fab.numerics.engines.gel_scene import GelCase, down
 
 
 def worst_side_force(
-    scene: Scene, step_mm: float, depth_mm: float, most: float, scratch: Path
+    scene: GelCase, step_mm: float, depth_mm: float, most: float, scratch: Path
 ) -> tuple[float, str]:
     """The largest side force on the way over the normal force then.
 

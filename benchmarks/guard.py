@@ -48,7 +48,7 @@ def serve(rate_hz: float) -> None:
     from deltact_fab.rig.force.priority import run_first
     from deltact_fab.virtual.controller import GrblController
     from deltact_fab.virtual.netft_server import NetFTServer
-    from deltact_fab.virtual.pty import Terminal
+    from deltact_fab.virtual.pty import PtyCable
 
     over = threading.Event()
     stopped = threading.Event()
@@ -75,7 +75,7 @@ def serve(rate_hz: float) -> None:
     config = ForceConfig(rate_hz=rate_hz)
     with (
         NetFTServer(wrenches, config, sent=sent) as box,
-        Terminal(grbl, clock, heard=heard) as board,
+        PtyCable(grbl, clock, heard=heard) as board,
     ):
         ports = {"host": box.host, "rdt_port": box.rdt_port, "http_port": box.http_port}
         print(json.dumps({"stage": board.port, "netft": ports}), flush=True)
@@ -113,7 +113,7 @@ class Recording:
     """Frames at FRAME_RATE_HZ into the run's pipeline. kept, dropped: how many."""
 
     def __init__(self, folder: Path, image_format: str) -> None:
-        from deltact_fab.record.pipeline import Pipeline
+        from deltact_fab.record.pipeline import WriterThreads
 
         (folder / "images").mkdir()
         self._folder = folder
@@ -123,7 +123,7 @@ class Recording:
         self._db.execute("PRAGMA synchronous=FULL")
         self._db.execute("CREATE TABLE frames (id INTEGER, sha256 TEXT)")
         self.failures: list[Exception] = []
-        self._pipeline = Pipeline(folder, self._db, self.failures.append)
+        self._pipeline = WriterThreads(folder, self._db, self.failures.append)
         rng = np.random.default_rng(0)
         patches = rng.integers(0, 256, (72, 128, 3)).repeat(10, 0).repeat(10, 1)
         noisy = [patches + rng.normal(0, 2, patches.shape) for _ in range(4)]

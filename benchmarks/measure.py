@@ -11,7 +11,7 @@ from typing import Any
 
 from deltact_fab.numerics.engine import Case
 from deltact_fab.numerics.engines import gel_finite
-from deltact_fab.numerics.engines.gel_finite import Answer, PressSetup
+from deltact_fab.numerics.engines.gel_finite import GelAnswer, PressSetup
 from deltact_fab.numerics.engines.gel_reference import FINE, errors, reference
 from deltact_fab.numerics.judge import judge
 from deltact_fab.numerics.memory import peak_resident_mb, reset_peak_mb
@@ -34,7 +34,7 @@ def reference_row(depth_mm: float, friction: float) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def curve_row(solve: Callable[[Any], Answer], run: PressSetup) -> dict[str, Any]:
+def curve_row(solve: Callable[[Any], GelAnswer], run: PressSetup) -> dict[str, Any]:
     """A point on a curve: time, memory and error, once after a warm-up."""
     truth = reference(run.depth_mm, run.friction)
     gel_finite.solve(PressSetup("hyperelastic", 0.5, run.friction, 3.0))

@@ -41,10 +41,10 @@ def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
     started = time.monotonic()
     _clear(out)
     first = [
-        _Stage("calibration (simulated)", _calibrate, out, seed),
-        _Stage("indentation (simulated)", _indent, out, seed),
-        _Stage("parts", _parts, out, seed),
-        _Stage("pattern", _pattern, out, seed),
+        _DemoStage("calibration (simulated)", _calibrate, out, seed),
+        _DemoStage("indentation (simulated)", _indent, out, seed),
+        _DemoStage("parts", _parts, out, seed),
+        _DemoStage("pattern", _pattern, out, seed),
     ]
     (calibrated, summary, parts, made) = _side_by_side("parts, pattern, runs", first, bar)
     say(parts["said"])
@@ -55,7 +55,10 @@ def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
         f"run: {summary['frames']} frames through the fisheye, {summary['rig_seconds']:.0f} s of "
         f"rig time in {summary['wall_seconds']:.0f} s"
     )
-    then = [_Stage("tracking", _track, out, seed), _Stage("shape and force", _measure, out, seed)]
+    then = [
+        _DemoStage("tracking", _track, out, seed),
+        _DemoStage("shape and force", _measure, out, seed),
+    ]
     tracking, (shape, found) = _side_by_side("tracking, shape, force", then, bar)
 
     from .numerics.scenes import costs
@@ -74,11 +77,11 @@ def run(out: Path, seed: int, bar: Bar, say: Callable[[str], None]) -> Path:
 
 
 @dataclass(frozen=True)
-class _Stage:
+class _DemoStage:
     """Something to be done under out, in a process of its own."""
 
     name: str
-    work: Callable[[_Stage], Any]
+    work: Callable[[_DemoStage], Any]
     out: Path
     seed: int
 
@@ -103,7 +106,7 @@ class _Stage:
         jobs.tell((done / max(total, 1), what))
 
 
-def _side_by_side(title: str, stages: Sequence[_Stage], bar: Bar) -> list[Any]:
+def _side_by_side(title: str, stages: Sequence[_DemoStage], bar: Bar) -> list[Any]:
     """What the stages return, in their order; what takes longest is named first."""
     shares = [0.0] * len(stages)
     with bar(title) as tick:
@@ -115,11 +118,11 @@ def _side_by_side(title: str, stages: Sequence[_Stage], bar: Bar) -> list[Any]:
         return jobs.each(_do, stages, [stage.name for stage in stages], told=told)
 
 
-def _do(stage: _Stage) -> Any:
+def _do(stage: _DemoStage) -> Any:
     return stage.work(stage)
 
 
-def _calibrate(stage: _Stage) -> tuple[str, str]:
+def _calibrate(stage: _DemoStage) -> tuple[str, str]:
     """Press a ball at two places, and fit force and depth to it. What was found, in two lines."""
     from .analysis.force import calibrate, write_calibration
     from .analysis.shape import calibrate_depth
@@ -139,11 +142,11 @@ def _calibrate(stage: _Stage) -> tuple[str, str]:
     )
 
 
-def _indent(stage: _Stage) -> dict[str, Any]:
+def _indent(stage: _DemoStage) -> dict[str, Any]:
     return experiment.run(PROTOCOL, RIG, stage.folder, seed=stage.seed, progress=stage.tick)
 
 
-def _track(stage: _Stage) -> Any:
+def _track(stage: _DemoStage) -> Any:
     from .analysis.tracking_error import analyse
 
     result = analyse(stage.folder, progress=stage.tick)
@@ -151,7 +154,7 @@ def _track(stage: _Stage) -> Any:
     return result
 
 
-def _measure(stage: _Stage) -> tuple[ShapeResult, MeasuredRun]:
+def _measure(stage: _DemoStage) -> tuple[ShapeResult, MeasuredRun]:
     from . import record
     from .analysis.measured import measured
     from .analysis.shape import analyse
@@ -193,7 +196,7 @@ def _clear(out: Path) -> None:
     (out / MARKER).write_text(json.dumps({"finished": False}) + "\n")
 
 
-def _parts(stage: _Stage) -> dict[str, Any]:
+def _parts(stage: _DemoStage) -> dict[str, Any]:
     """A row a part, and what is said of them."""
     from .cad.design import load_design
     from .cad.export import FORMATS, export_parts
@@ -224,7 +227,7 @@ def _parts(stage: _Stage) -> dict[str, Any]:
     return {"parts": rows, "note": "", "said": f"cad: {len(files)} files in {stage.out / 'cad'}"}
 
 
-def _pattern(stage: _Stage) -> str:
+def _pattern(stage: _DemoStage) -> str:
     from .patterns.raster import make
     from .patterns.recipe import load_recipe
 

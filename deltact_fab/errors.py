@@ -9,7 +9,7 @@ import difflib
 import re
 from collections.abc import Iterable
 
-MOST_CHARACTERS = 300
+MAX_CHARACTERS = 300
 """Of a message on the command line."""
 INTERRUPTED = 130
 """Exit code of a command that an operator ended."""
@@ -67,7 +67,7 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 
 def one_line(message: str) -> str:
-    """A message as one line of at most MOST_CHARACTERS that any terminal can show.
+    """A message as one line of at most MAX_CHARACTERS that any terminal can show.
 
     What is too long loses first faults from the end, then the inside of its long words.
     """
@@ -80,6 +80,6 @@ def one_line(message: str) -> str:
         for shown in range(len(faults), 0, -1):
             more = f" | and {len(faults) - shown} more" if shown < len(faults) else ""
             line = " | ".join(faults[:shown]) + more
-            if len(line) <= MOST_CHARACTERS:
+            if len(line) <= MAX_CHARACTERS:
                 return line
-    return line[: MOST_CHARACTERS - len(more) - 3].removesuffix(more) + "..." + more
+    return line[: MAX_CHARACTERS - len(more) - 3].removesuffix(more) + "..." + more

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import Float
+from .aliases import Float
 from .units import MM_PER_INCH
 
 GAMMA = 2.2
@@ -61,7 +61,7 @@ class Printer:
 
 
 @dataclass(frozen=True)
-class Sensor:
+class ImageSensor:
     """A colour camera: lens blur (px), shading at the corner, full well and read noise.
 
     mosaic: one colour a pixel behind a Bayer filter; False is three chips, every colour everywhere.

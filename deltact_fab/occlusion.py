@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import Points
+from .aliases import Points
 
 Int = NDArray[np.intp]
 _INSIDE = -1e-9  # barycentric: a pixel on an edge belongs to both sides

@@ -10,14 +10,14 @@ from typing import Any
 
 from .errors import InputError
 
-MOST_BYTES = 4 * 2**20
+MAX_BYTES = 4 * 2**20
 """Of a file of settings, a few kB long as a rule: so much is parsed in about a second."""
-MOST_RECORD_BYTES = 64 * 2**20
+MAX_RECORD_BYTES = 64 * 2**20
 """Of a table or a record that a program wrote."""
-MOST_LEVELS = 32
+MAX_LEVELS = 32
 """Of tables and lists in each other; a file of settings has four."""
-_DEEP_KEY = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]+[ \t]*\.[ \t]*){{{MOST_LEVELS}}}")
-_MOST_WHOLE = 2**63  # TOML 1.0, "Integer": 64 bits, signed
+_DEEP_KEY = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]+[ \t]*\.[ \t]*){{{MAX_LEVELS}}}")
+_MAX_WHOLE = 2**63  # TOML 1.0, "Integer": 64 bits, signed
 
 
 def is_file(path: Path) -> bool:
@@ -28,7 +28,7 @@ def is_file(path: Path) -> bool:
         return False
 
 
-def text(path: Path, most_bytes: int = MOST_BYTES) -> str:
+def text(path: Path, most_bytes: int = MAX_BYTES) -> str:
     """The text of a file, UTF-8 with or without its mark.
 
     Raises InputError of one line: it cannot be read, is longer than most_bytes, or is no UTF-8.
@@ -66,7 +66,7 @@ def toml(path: Path) -> dict[str, Any]:
 
 def json_object(path: Path) -> dict[str, Any]:
     """The object of a JSON file. Raises InputError naming the file."""
-    return json_text(text(path, MOST_RECORD_BYTES), str(path))
+    return json_text(text(path, MAX_RECORD_BYTES), str(path))
 
 
 def json_text(content: str, source: str) -> dict[str, Any]:
@@ -84,13 +84,13 @@ def json_text(content: str, source: str) -> dict[str, Any]:
 
 
 def _check(data: object) -> None:
-    """Raise ValueError for a whole number beyond 64 bits, RecursionError beyond MOST_LEVELS."""
+    """Raise ValueError for a whole number beyond 64 bits, RecursionError beyond MAX_LEVELS."""
     waiting = [(data, 0)]
     while waiting:
         value, level = waiting.pop()
-        if level > MOST_LEVELS:
+        if level > MAX_LEVELS:
             raise RecursionError
-        if isinstance(value, int) and not -_MOST_WHOLE <= value < _MOST_WHOLE:
+        if isinstance(value, int) and not -_MAX_WHOLE <= value < _MAX_WHOLE:
             raise ValueError(f"a whole number of {value.bit_length()} bits; expected at most 64")
         if isinstance(value, dict):
             waiting += [(one, level + 1) for one in value.values()]

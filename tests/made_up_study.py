@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from deltact_fab.report import figures
-from deltact_fab.report.result import Drawn, Headline, LeftOut, StudyResult, Table
+from deltact_fab.report.result import Headline, LeftOut, ReportFigure, ReportTable, StudyResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -68,14 +68,14 @@ def study(missing: int = 0) -> StudyResult:
             Headline("adjusted R2", 0.991, "", None, None, "one fit", 0.99, 0.98, better="high"),
         ),
         tables=(
-            Table("wide", "Twelve columns", table),
-            Table("points", "Every point", long.assign(nothing=np.nan)),
-            Table("part", "Two of them", table, ("indenter", "solved"), {"solved": "was solved"}),
+            ReportTable("wide", "Twelve columns", table),
+            ReportTable("points", "Every point", long.assign(nothing=np.nan)),
+            ReportTable("part", "Two of them", table, ("indenter", "solved"), {"solved": "was solved"}),
         ),
         figures=(
-            Drawn("bars", "Bars of three tools.", bars),
-            Drawn("picture", "A field.", picture, column=True),
-            *(Drawn(f"again-{i}", "The same once more.", bars, column=True) for i in range(4)),
+            ReportFigure("bars", "Bars of three tools.", bars),
+            ReportFigure("picture", "A field.", picture, column=True),
+            *(ReportFigure(f"again-{i}", "The same once more.", bars, column=True) for i in range(4)),
         ),
         settings={"friction": "1.0", "noise": "2 grey values"},
         notes=("The modulus is uncertain by a factor of 2.",),

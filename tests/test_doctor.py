@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from deltact_fab import doctor
 from deltact_fab.cli.main import main
 from deltact_fab.errors import MissingLibrary
-from deltact_fab.rig.new import Device
+from deltact_fab.rig.new import FoundDevice
 
 PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
 
@@ -59,7 +59,7 @@ def test_what_is_missing_is_named_with_the_way_to_get_it(monkeypatch: pytest.Mon
     monkeypatch.setattr(metadata, "distribution", without)
     monkeypatch.setattr(ctypes, "CDLL", no_library)
     monkeypatch.setattr(doctor, "ports", list)
-    monkeypatch.setattr(doctor, "cameras", lambda: [Device("/dev/no-such-camera", "A camera")])
+    monkeypatch.setattr(doctor, "cameras", lambda: [FoundDevice("/dev/no-such-camera", "A camera")])
     done = CliRunner().invoke(main, ["doctor"])
     assert done.exit_code == 1
     lines = {line.split()[2]: line for line in done.output.splitlines()}

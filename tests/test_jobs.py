@@ -69,7 +69,7 @@ def test_the_first_job_that_fails_gives_the_error_however_late(workers: int) -> 
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_failures_are_collected_where_the_rest_is_wanted(workers: int) -> None:
-    ended: dict[int, jobs.Ended[Any]] = {}
+    ended: dict[int, jobs.JobOutcome[Any]] = {}
     jobs.run(eval, ["1", "one", "1/0", "4"], lambda e: ended.update({e.index: e}), workers=workers)
     assert [ended[i].value for i in (0, 3)] == [1, 4]
     assert [type(ended[i].error) for i in (1, 2)] == [NameError, ZeroDivisionError]
@@ -102,7 +102,7 @@ def test_a_job_whose_process_is_killed_is_tried_again(tmp_path: Path) -> None:
 
 
 def test_one_that_kills_its_process_each_time_fails_alone() -> None:
-    ended: dict[int, jobs.Ended[Any]] = {}
+    ended: dict[int, jobs.JobOutcome[Any]] = {}
     tasks = ["2", "__import__('os')._exit(3)", "__import__('time').sleep(0.5) or 5", "7"]
     jobs.run(eval, tasks, lambda e: ended.update({e.index: e}), workers=2)
     assert [ended[i].value for i in (0, 2, 3)] == [2, 5, 7]
@@ -127,7 +127,7 @@ def nothing() -> None:
 
 
 def test_what_cannot_be_pickled_fails_as_that_job() -> None:
-    ended: dict[int, jobs.Ended[Any]] = {}
+    ended: dict[int, jobs.JobOutcome[Any]] = {}
     made = [nothing, lambda: None]
     jobs.run(functools.partial(isinstance, object), made, lambda e: ended.update({e.index: e}),
              workers=2)  # fmt: skip

@@ -84,7 +84,7 @@ def wait(true: Callable[[], Any], limit_s: float = 60) -> Any:
 def test_results_errors_and_words_come_from_there(cluster: Cluster) -> None:
     cluster.add(2)
     heard: list[Any] = []
-    ended: dict[int, jobs.Ended[Any]] = {}
+    ended: dict[int, jobs.JobOutcome[Any]] = {}
     tell = "__import__('deltact_fab.jobs').jobs.tell([0.5]) or __import__('time').sleep(1) or 3"
     with jobs.executor(cluster.on) as there:
         wait(lambda: len(there._client.nthreads()) == 2)  # type: ignore[attr-defined]
@@ -107,7 +107,7 @@ def test_results_errors_and_words_come_from_there(cluster: Cluster) -> None:
 
 def test_a_job_that_kills_its_workers_fails_alone_in_one_line(cluster: Cluster) -> None:
     cluster.add(2, nanny=True)
-    ended: dict[int, jobs.Ended[Any]] = {}
+    ended: dict[int, jobs.JobOutcome[Any]] = {}
     with jobs.executor(cluster.on) as there:
         jobs.run(
             eval, ["__import__('os')._exit(3)", "7", "8"], lambda e: ended.update({e.index: e}),

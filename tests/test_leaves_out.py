@@ -135,13 +135,13 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
 
         monkeypatch.setattr(owner, name, call)
 
-    count(picture.Picture, "render", "render")
-    count(picture.Picture, "__init__", "picture")
+    count(picture.FrameRenderer, "render", "render")
+    count(picture.FrameRenderer, "__init__", "picture")
     count(raw_view.RawView, "__init__", "raw view")
     count(optics.Rectified, "maps", "maps")
     count(optics.Rectified, "rectify", "rectify")
     count(imaging.Printer, "print_", "print")
-    count(imaging.Sensor, "expose", "expose")
+    count(imaging.ImageSensor, "expose", "expose")
     count(contact, "friction_contact", "friction")
     count(contact, "normal_contact", "normal")
     count(netft.NetFTBox, "send", "force box")

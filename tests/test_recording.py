@@ -74,7 +74,7 @@ def test_rows_come_in_the_order_of_the_calls(tmp_path: Path) -> None:
 def test_a_full_queue_says_so_or_waits(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, held: threading.Event
 ) -> None:
-    monkeypatch.setattr(pipeline, "MOST_IMAGES", 4)
+    monkeypatch.setattr(pipeline, "MAX_IMAGES", 4)
     run = writer(tmp_path / "r")
     assert all(put(run, k) for k in range(1, 5))
     assert put(run, 5, wait=False) is None
@@ -99,7 +99,7 @@ def test_a_full_queue_says_so_or_waits(
 def test_so_many_bytes_wait_and_no_more(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, held: threading.Event
 ) -> None:
-    monkeypatch.setattr(pipeline, "MOST_BYTES", 3 * image(0).nbytes)
+    monkeypatch.setattr(pipeline, "MAX_BYTES", 3 * image(0).nbytes)
     run = writer(tmp_path / "r")
     assert [put(run, k, wait=False) is not None for k in range(1, 6)] == [True] * 3 + [False] * 2
     held.set()

@@ -10,7 +10,7 @@ import pytest
 from deltact_fab import experiment, record
 from deltact_fab.errors import RunFailed
 from deltact_fab.protocols import plan
-from deltact_fab.protocols.limits import MOST_BETWEEN_FRAMES_MM
+from deltact_fab.protocols.limits import MAX_BETWEEN_FRAMES_MM
 from deltact_fab.record import CLOCK_COLUMNS
 from deltact_fab.virtual.clock import VirtualClock
 
@@ -81,7 +81,7 @@ def test_between_two_frames_in_the_gel_the_tip_goes_a_short_way(folder: Path) ->
     frames = record.open(folder).frames()
     tips = frames.loc[frames["z_mm"] < 0, ["x_mm", "y_mm", "z_mm"]].to_numpy()
     ways_mm = np.linalg.norm(np.diff(tips, axis=0), axis=1)
-    assert 0.02 < ways_mm.max() < MOST_BETWEEN_FRAMES_MM
+    assert 0.02 < ways_mm.max() < MAX_BETWEEN_FRAMES_MM
 
 
 def assert_goes_on(files: tuple[str, str], folder: Path, out: Path) -> None:

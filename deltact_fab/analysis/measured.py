@@ -12,21 +12,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arrays import Array
+from ..aliases import Array, Progress
 from ..errors import InputError
 from ..measure.force.calibration import ForceCalibration, load_force
 from ..measure.pipeline import Result
 from ..measure.pipeline.full import everything
 from ..measure.sensor_id import Kind, read_calibration, require_same
 from ..record import Run
-from ..types import Progress
 from .view import sensor_of, view_of
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
-MOST_FRAMES = 1000
+MAX_FRAMES = 1000
 """Of a run with a force calibration all frames are measured up to so many; of a longer one those
 of each indenter's deepest press."""
 EVERY_PX = 4
@@ -34,7 +33,7 @@ FORCE = ("fx_n", "fy_n", "fz_n")
 
 
 @dataclass(frozen=True)
-class Deepest:
+class DeepestPress:
     """The end of an indenter's deepest press. depth_mm: of its tip, as the stage says."""
 
     indenter: str
@@ -77,7 +76,7 @@ class Force:
 class MeasuredRun:
     """What was measured of a run; left_out: what was not, and why."""
 
-    deepest: list[Deepest]
+    deepest: list[DeepestPress]
     force: Force | None
     left_out: list[str]
 
@@ -108,7 +107,7 @@ def measured(
     measurement = everything(view.camera, view.skin, calibrations, every=EVERY_PX)
     heads = {read_calibration(file)[0].kind: file for file in calibrations}
     ends = _deepest_ends(frames)
-    whole = "force" in heads and len(frames) <= MOST_FRAMES
+    whole = "force" in heads and len(frames) <= MAX_FRAMES
     followed = frames if whole else _up_to(frames, ends)
     deepest, forces = [], []
     for press, part in followed.groupby("press", sort=False):
@@ -118,7 +117,7 @@ def measured(
             forces.append(_numbers(result))
             if row.frame_id in ends:
                 deepest.append(
-                    Deepest(str(row.indenter), str(row.frame_id), -_one(row.z_mm), result)
+                    DeepestPress(str(row.indenter), str(row.frame_id), -_one(row.z_mm), result)
                 )
             if progress is not None:
                 progress(len(forces), len(followed), str(press))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from .. import __version__, catalog
 from ..errors import InputError
-from ..measure.sensor_id import Head, Kind, Made, SensorId
+from ..measure.sensor_id import CalibrationSource, Head, Kind, SensorId
 from ..measure.view import SensorView
 from ..record import Run
 from ..shapes import SkinDimensions
@@ -42,7 +42,7 @@ def head_of(runs: Sequence[Run], kind: Kind) -> Head:
                 f"{run.folder}: another sensor than {runs[0].folder}: {'; '.join(unlike)}"
             )
     simulated = any(run.simulated for run in runs)
-    made = Made(
+    made = CalibrationSource(
         runs=tuple(run.folder.resolve().name for run in runs),
         simulated=simulated,
         version=__version__,

@@ -26,7 +26,7 @@ ON_STAGE = ("tool-holder", "nano17-adapter", "nano17")
 
 
 @dataclass(frozen=True)
-class Placed:
+class PlacedPart:
     """One piece in its place.
 
     index: counts the pieces of the part from 0. solid: a cadquery Solid, moved already.
@@ -44,7 +44,7 @@ def assemble(
     explode: float = 0.0,
     parts: Sequence[Part] | None = None,
     solids: Mapping[str, Any] | None = None,
-) -> list[Placed]:
+) -> list[PlacedPart]:
     """Every piece of the parts, those of the sensor unless given, in their places and order.
 
     explode: 0 as assembled, 1 as in the exploded view (times the part's explode_mm along z).
@@ -59,11 +59,13 @@ def assemble(
             ready[part.name] = build_part(part, design)[0]
         for index, (x, y, z) in enumerate(part.places(design)):
             shift = (x, y, z + explode * part.explode_mm)
-            placed.append(Placed(part, index, ready[part.name].moved(cq.Location(shift)), shift))
+            placed.append(
+                PlacedPart(part, index, ready[part.name].moved(cq.Location(shift)), shift)
+            )
     return placed
 
 
-def lifted(piece: Placed, shift_mm: Shift) -> Placed:
+def lifted(piece: PlacedPart, shift_mm: Shift) -> PlacedPart:
     """The piece moved further."""
     from cadquery import Location
 
@@ -81,7 +83,9 @@ def mouth_mm(indenter: Part) -> float:
     return indenter.indenter.plate_z_mm + indenter.indenter.body.plate_mm
 
 
-def bench(design: Design, indenter: Part, solids: Mapping[str, Any] | None = None) -> list[Placed]:
+def bench(
+    design: Design, indenter: Part, solids: Mapping[str, Any] | None = None
+) -> list[PlacedPart]:
     """The test bench: stage plate and sensor, and what hangs over it, its tip on the face.
 
     indenter: in the tool holder, over the middle of the face. solids: as for `assemble`. Raises
@@ -102,7 +106,7 @@ def meet(a: Box, b: Box) -> bool:
     )
 
 
-def common_mm3(a: Placed, b: Placed) -> float:
+def common_mm3(a: PlacedPart, b: PlacedPart) -> float:
     """The volume of a and b, held against what b leaves of a."""
     from cadquery import Shape
     from OCP.BRepAlgoAPI import BRepAlgoAPI_Common, BRepAlgoAPI_Cut

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from ..aliases import Point2
 from ..shapes import Indenter
-from ..types import Point2
 from .record import Record, number, standard_row
 from .standards import CAP_SCREWS, CLEARANCE_MM
 

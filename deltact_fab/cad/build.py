@@ -8,10 +8,10 @@ from . import feasibility
 from .dimensions import Design
 from .kernel import guarded
 from .part import Part
-from .solid_gate import Expected, Measured, gate
+from .solid_gate import Expected, SolidProperties, gate
 
 
-def build_part(part: Part, design: Design) -> tuple[Any, Measured]:
+def build_part(part: Part, design: Design) -> tuple[Any, SolidProperties]:
     """Build one part and gate it: a cadquery Solid and its measures.
 
     Raises InputError when a dimension breaks an inequality, before the kernel runs; RunFailed
@@ -22,7 +22,7 @@ def build_part(part: Part, design: Design) -> tuple[Any, Measured]:
     return build_from(part, part.source(design))
 
 
-def build_from(part: Part, source: Any) -> tuple[Any, Measured]:
+def build_from(part: Part, source: Any) -> tuple[Any, SolidProperties]:
     """The same from what `part.source` gives, whose inequalities hold already."""
     wanted = part.expect(source)
     with guarded(part.name, wanted.parameters):

@@ -18,8 +18,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, fields
 
+from ..aliases import Point2
 from ..shapes.sensor import SensorDimensions
-from ..types import Point2
 from .bench_sections import (
     AdapterDimensions,
     CouponDimensions,

@@ -29,7 +29,7 @@ class Length:
 
 
 @dataclass(frozen=True)
-class Fit:
+class PlayFit:
     """Play = what the inner lengths leave of the outer ones = sum(room) - sum(body).
 
     name: what goes where. parts: their names, by commas. keys: what a lab changes when it fails.

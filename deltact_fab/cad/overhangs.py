@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .mesh import Mesh
-from .print_orientation import SELF_SUPPORTING_DEG, Lying
+from .print_orientation import SELF_SUPPORTING_DEG, PrintPose
 
-LEAST_CONTACT_MM2 = 25.0
+MIN_CONTACT_MM2 = 25.0
 """Ours, assumed: what holds a part of some grams against the pull of the peeling film."""
-LEAST_CEILING_MM2 = 1.0
+MIN_CEILING_MM2 = 1.0
 _TOUCH_MM = 1e-3
 
 
@@ -46,7 +46,7 @@ class Stand:
         return f"{self.ceilings_mm2:.1f} mm2 from {lowest:.1f} mm up, {held}"
 
 
-def laid(mesh: Mesh, lies: Lying) -> Mesh:
+def laid(mesh: Mesh, lies: PrintPose) -> Mesh:
     """The mesh as it is printed: on z = 0, the middle of its box at x = y = 0."""
     points = mesh.vertices_mm.astype(np.float64) @ np.array(lies.turn, float).T
     low, high = points.min(axis=0), points.max(axis=0)
@@ -65,7 +65,7 @@ def stand(mesh: Mesh) -> Stand:
     resting = (high < _TOUCH_MM) & (down > 0.999)
     hanging = (down > math.cos(math.radians(SELF_SUPPORTING_DEG))) & ~resting
     found = [_ceiling(hanging & (mesh.face == face), twice, low) for face in np.unique(mesh.face)]
-    ceilings = [c for c in found if c.area_mm2 >= LEAST_CEILING_MM2]
+    ceilings = [c for c in found if c.area_mm2 >= MIN_CEILING_MM2]
     return Stand(
         float(twice[resting].sum()) / 2,
         tuple(sorted(ceilings, key=lambda c: (-c.area_mm2, c.height_mm))),

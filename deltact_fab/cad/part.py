@@ -12,13 +12,13 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from .print_orientation import FLAT, Lying
+from .print_orientation import FLAT, PrintPose
 
 if TYPE_CHECKING:
     from .design import IndenterDimensions
     from .dimensions import Design
     from .drafting.items import Callouts
-    from .fit import Fit
+    from .fit import PlayFit
     from .rule import Rule
     from .solid_gate import Expected
 
@@ -50,7 +50,7 @@ def no_rules(design: Design) -> Iterable[Rule]:
     return ()
 
 
-def no_fits(design: Design) -> Iterable[Fit]:
+def no_fits(design: Design) -> Iterable[PlayFit]:
     """Goes with nothing."""
     return ()
 
@@ -115,13 +115,13 @@ class Part:
     derived: tuple[str, ...] = ()
     rules: Callable[[Design], Iterable[Rule]] = no_rules
     bound_by: tuple[str, ...] = ()
-    fits: Callable[[Design], Iterable[Fit]] = no_fits
+    fits: Callable[[Design], Iterable[PlayFit]] = no_fits
     wall_mm: Callable[[Design], float] | None = None
     wall_keys: tuple[str, ...] = ("shell.wall_mm",)
     in_view: bool = False
     callouts: Callable[[Any], Callouts] | None = None
     note: Callable[[Design], str] = no_note
-    lies: Lying = FLAT
+    lies: PrintPose = FLAT
     how: str = ""
     look_for: str = ""
     indenter: IndenterDimensions | None = None

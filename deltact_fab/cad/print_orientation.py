@@ -29,7 +29,7 @@ design guides for stereolithography (after Formlabs). Assumed: a printer's own m
 
 
 @dataclass(frozen=True)
-class Lying:
+class PrintPose:
     """down: the side of the part's frame that faces the platform; face: what that side is called.
 
     tilt_deg: then turned by so much about the platform's x, which lifts the side at +y; such a
@@ -75,4 +75,4 @@ class Lying:
         return tuple(sum(abs(t) * s for t, s in zip(row, sides, strict=True)) for row in self.turn)
 
 
-FLAT = Lying()
+FLAT = PrintPose()

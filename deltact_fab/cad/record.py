@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, TypeVar
 
+from ..aliases import Point2
 from ..shapes.bounded import ShapeError, check_limits, number
-from ..types import Point2
 
 __all__ = ["Point2", "Record", "check_measured", "number", "standard_row"]
 

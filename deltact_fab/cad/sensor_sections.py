@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
-from ..types import Point2
+from ..aliases import Point2
 from .planes import segment_mm2
 from .record import Record, number, standard_row
 from .standards import (

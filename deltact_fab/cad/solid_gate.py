@@ -35,7 +35,7 @@ class Expected:
 
 
 @dataclass(frozen=True)
-class Measured:
+class SolidProperties:
     """What the kernel says of the solid before any mesh exists."""
 
     volume_mm3: float
@@ -49,7 +49,7 @@ def less(part: str, left: tuple[str, float], right: tuple[str, float]) -> None:
         raise InputError(f"{part}: {left[0]} < {right[0]}: {left[1]:g} < {right[1]:g} fails")
 
 
-def gate(part: str, shape: Any, expected: Expected) -> tuple[Any, Measured]:
+def gate(part: str, shape: Any, expected: Expected) -> tuple[Any, SolidProperties]:
     """Check a shape and return its one Solid with its measures.
 
     Raises RunFailed naming part, finding and parameters unless the shape is exactly one valid
@@ -67,7 +67,7 @@ def gate(part: str, shape: Any, expected: Expected) -> tuple[Any, Measured]:
         raise fail("the CAD kernel returned an invalid solid")
     if len(solid.Shells()) != 1:
         raise fail(f"the solid has {len(solid.Shells())} shells, expected one")
-    found = Measured(float(solid.Volume()), float(solid.Area()), bounding_box(solid))
+    found = SolidProperties(float(solid.Volume()), float(solid.Area()), bounding_box(solid))
     low, high = expected.volume_mm3
     if not low * (1 - VOLUME_TOLERANCE) <= found.volume_mm3 <= high * (1 + VOLUME_TOLERANCE):
         right = f"{low:.6f}" if low == high else f"{low:.6f} to {high:.6f}"

@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.polynomial import Legendre
 
-from ..types import Point2
+from ..aliases import Point2
 
 if TYPE_CHECKING:
-    from ..arrays import Field
+    from ..aliases import Field
     from .dimensions import Design
 
 
@@ -32,7 +32,7 @@ TERMS = 14
 
 
 @dataclass(frozen=True)
-class Plate:
+class PlateShape:
     """A rectangle of +-half_mm less a notch in each corner, on lines at +-support_mm.
 
     support_mm: of the lines x = const (None: these edges are free) and y = const. clamped: the
@@ -68,7 +68,7 @@ class Bending:
 
 
 @dataclass(frozen=True)
-class Press:
+class PlatePress:
     """What a press does to a design's plate.
 
     deflection_mm: the largest. over_light_mm: the largest over the light holder. stress_mpa:
@@ -80,10 +80,10 @@ class Press:
     stress_mpa: float
 
 
-def plate_of(design: Design) -> Plate:
+def plate_of(design: Design) -> PlateShape:
     """The acrylic on the inner edges of the shell's ledges, two or four of them."""
     x, y = design.ledge_half_mm
-    return Plate(
+    return PlateShape(
         design.acrylic_half_mm,
         design.acrylic_notch_mm,
         (x if design.shell.ledge_x_mm > 0 else None, y),
@@ -93,12 +93,12 @@ def plate_of(design: Design) -> Plate:
     )
 
 
-def press(design: Design, force_n: float, at_mm: Point2 = (0.0, 0.0)) -> Press:
+def press(design: Design, force_n: float, at_mm: Point2 = (0.0, 0.0)) -> PlatePress:
     """A press of force_n at a place of the face, spread by the gel on `plate.spread_mm`."""
     x, y = map(abs, at_mm)
     ring = (design.light_bore_mm, design.light_radius_mm)
     unit = bend(plate_of(design), design.plate.spread_mm, (x, y), ring)
-    return Press(
+    return PlatePress(
         force_n * unit.deflection_mm, force_n * unit.over_ring_mm, force_n * unit.stress_mpa
     )
 
@@ -138,7 +138,7 @@ class _Basis:
 
 @lru_cache(maxsize=256)
 def bend(
-    plate: Plate,
+    plate: PlateShape,
     spread_mm: float,
     at_mm: Point2 = (0.0, 0.0),
     ring_mm: Point2 = (0.0, 0.0),
@@ -178,7 +178,7 @@ def bend(
 
 
 @lru_cache(maxsize=8)
-def _system(plate: Plate, terms: int) -> tuple[_Basis, _Basis, Field]:
+def _system(plate: PlateShape, terms: int) -> tuple[_Basis, _Basis, Field]:
     """What all loads on a plate have in common."""
     (w, h), (sx, sy) = plate.half_mm, plate.support_mm
     x_basis = _Basis.make(w, sx, plate.clamped, terms)
@@ -187,7 +187,7 @@ def _system(plate: Plate, terms: int) -> tuple[_Basis, _Basis, Field]:
     return x_basis, y_basis, compliance
 
 
-def _stiffness(plate: Plate, x_basis: _Basis, y_basis: _Basis) -> Field:
+def _stiffness(plate: PlateShape, x_basis: _Basis, y_basis: _Basis) -> Field:
     """Second derivatives of the strain energy in the weights, over the notched rectangle."""
     (w, h), (nx, ny), nu = plate.half_mm, plate.notch_mm, plate.poisson
     (sx, sy), n = plate.support_mm, len(x_basis.functions)

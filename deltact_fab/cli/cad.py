@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from .group import Group
+from .group import CommandGroup
 from .options import (
     DESIGN,
     DESIGN_NAME,
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-@click.group(cls=Group)
+@click.group(cls=CommandGroup)
 def cad() -> None:
     """Parametric parts of the sensor, its mold, bench and indenters.
 

@@ -10,7 +10,7 @@ import click
 from .options import DESIGN, JSON, PATH, out_file
 
 if TYPE_CHECKING:
-    from ..measure.lens import Board, Calibration
+    from ..measure.lens import Calibration, Checkerboard
 
 
 @click.command(epilog="Example: deltact-fab calibrate photos/contact --board skin -o camera.toml")
@@ -75,16 +75,16 @@ def calibrate(
         click.echo(f"written: {out}" + ("" if field is None else f", {beside}"))
 
 
-def board_named(words: str, option: str) -> Board:
+def board_named(words: str, option: str) -> Checkerboard:
     """A board by its numbers, or the catalogue's chessboard skin."""
-    from ..measure.lens import Board
+    from ..measure.lens import Checkerboard
     from ..patterns import load_recipe
 
     if words != "skin":
-        return Board.parse(words, option)
+        return Checkerboard.parse(words, option)
     recipe = load_recipe("chessboard")
     assert recipe.patch_mm is not None
-    return Board(recipe.n, recipe.n, recipe.patch_mm, skin=True)
+    return Checkerboard(recipe.n, recipe.n, recipe.patch_mm, skin=True)
 
 
 def _files(names: tuple[Path, ...]) -> list[Path]:

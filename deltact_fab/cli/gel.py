@@ -11,13 +11,13 @@ from ..levels import LEVELS
 from . import gel_options
 from .gel_fit import fit
 from .gel_path import path
-from .group import Group
+from .group import CommandGroup
 from .options import JSON
 
 MODELS = ("auto", *LEVELS)
 
 
-@click.group(cls=Group)
+@click.group(cls=CommandGroup)
 def gel() -> None:
     """Gel mechanics: press an indenter, fit the modulus, solve a protocol ahead of its run."""
 

@@ -10,7 +10,7 @@ import click
 from ..errors import did_you_mean
 
 
-class Group(click.Group):
+class CommandGroup(click.Group):
     """A group whose commands stand in its help as they were added. noun: what one is called."""
 
     noun = "command"

@@ -10,7 +10,7 @@ import click
 
 from .. import __version__
 from ..errors import INTERRUPTED, DeltactFabError, MissingLibrary, one_line
-from .group import Group
+from .group import CommandGroup
 
 PROGRAM = "deltact-fab"
 
@@ -56,7 +56,7 @@ SECTIONS = {
 COMMANDS = {name: entry for section in SECTIONS.values() for name, entry in section.items()}
 
 
-class LazyGroup(Group):
+class LazyGroup(CommandGroup):
     """A group that knows its commands' names and one-line helps without importing them."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:

@@ -80,8 +80,8 @@ def measure(
 
     from ..live import open_source
     from ..live.calibrated import measurement_of
-    from ..live.outputs import Check, JsonLines, Lines, PageOutput, Summary, about
-    from ..live.page import Page
+    from ..live.outputs import HealthOutput, JsonLines, PageOutput, StatusLine, Summary, about
+    from ..live.page import LivePage
     from ..live.session import Session
     from .output import echo_json
 
@@ -92,7 +92,7 @@ def measure(
         wanted = None if show is None else [part.strip() for part in show.split(",")]
         measurement = measurement_of(opened.known, calibrations, wanted)
         page = (
-            Page(about(opened, "force" in measurement.include), measurement.reset, port)
+            LivePage(about(opened, "force" in measurement.include), measurement.reset, port)
             if view
             else None
         )
@@ -108,7 +108,7 @@ def measure(
         if as_json:
             outputs.append(Summary(echo_json, simulated))
         if not jsonl or sys.stderr.isatty():
-            outputs.append(Lines(sys.stderr if jsonl or as_json else sys.stdout, simulated))
+            outputs.append(StatusLine(sys.stderr if jsonl or as_json else sys.stdout, simulated))
         if page is not None:
             stack.callback(page.close)
             outputs.append(PageOutput(session, page))
@@ -119,7 +119,7 @@ def measure(
             if page is not None:
                 page.tell(health)
 
-        outputs.append(Check(tell))
+        outputs.append(HealthOutput(tell))
         status = _run(session, outputs, stay=page is not None)
     raise click.exceptions.Exit(status)
 

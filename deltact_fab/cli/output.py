@@ -18,7 +18,7 @@ from typing import Any
 
 import click
 
-from ..types import Progress
+from ..aliases import Progress
 from ..units import DIGITS, digits, duration
 
 LINE_EVERY_S = 5.0

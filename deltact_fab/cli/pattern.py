@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeVar
 import click
 
 from .cad import load, of_design
-from .group import Group
+from .group import CommandGroup
 from .options import JSON, NEW_FILE, PATH, PATTERN_NAME, SEED, Named, out_file, out_folder, seed
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -33,7 +33,7 @@ DPI = click.option(
 )  # fmt: skip
 
 
-@click.group(cls=Group)
+@click.group(cls=CommandGroup)
 def pattern() -> None:
     """Pattern stickers: recipes, their quality, and the sheets to print.
 

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .group import Group
+from .group import CommandGroup
 from .options import JSON, NEW_FILE, PROTOCOL_NAME, RIG, out_folder
 
 if TYPE_CHECKING:
     from ..preflight import Peak
 
 
-@click.group(cls=Group)
+@click.group(cls=CommandGroup)
 def protocol() -> None:
     """Indentation experiments: write, check, look at.
 

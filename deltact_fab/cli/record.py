@@ -8,13 +8,13 @@ from typing import Any
 
 import click
 
-from .group import Group
+from .group import CommandGroup
 from .options import JSON, PATH, out_file, out_folder
 
 RUN = click.argument("run", type=PATH)
 
 
-@click.group(cls=Group)
+@click.group(cls=CommandGroup)
 def record() -> None:
     """Recorded runs: verify, look at, annotate, export. A RUN is the folder of one."""
 

@@ -9,14 +9,14 @@ from typing import Any
 import click
 
 from . import rig_stage
-from .group import Group
+from .group import CommandGroup
 from .options import DESIGN, JSON, NEW_FILE, RIG_NAME, Finite, out_folder, seed
 from .rig_register import register
 
 RIG = click.argument("name", metavar="RIG", type=RIG_NAME)
 
 
-@click.group(cls=Group)
+@click.group(cls=CommandGroup)
 def rig() -> None:
     """Benches: describe and check one, drive its stage by hand, photograph boards.
 

@@ -46,7 +46,7 @@ def register(
     from ..errors import InputError
     from ..rig import config
     from ..rig.tool import session
-    from ..rig.tool.operator import Terminal
+    from ..rig.tool.operator import TerminalOperator
     from .output import echo_json
 
     bench, path = config.load(name)
@@ -55,7 +55,7 @@ def register(
     if not out.parent.is_dir():
         raise InputError(f"{out.parent}: no such folder")
     asked = session.wanted(bench, path, load_design(design), indenter, at, by, jig)
-    operator = Terminal()
+    operator = TerminalOperator()
     with session.homed(bench, path, operator, tip_is_clear) as devices:
         found = session.register_face(devices, asked, operator)
     session.write(found, path, out)

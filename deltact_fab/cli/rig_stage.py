@@ -105,7 +105,7 @@ def home(rig: str, yes: bool, tip_is_clear: bool, as_json: bool) -> None:
     from ..errors import RunFailed
     from ..rig.stage.by_hand import stopped_by_ctrl_c
     from ..rig.tool.homing import home_safely
-    from ..rig.tool.operator import Terminal
+    from ..rig.tool.operator import TerminalOperator
     from .output import echo_json
 
     config, stage = _stage(rig)
@@ -119,7 +119,7 @@ def home(rig: str, yes: bool, tip_is_clear: bool, as_json: bool) -> None:
             start_s = time.monotonic()
             with stopped_by_ctrl_c(stage):
                 how = home_safely(
-                    stage, stage.clock, force, None if yes else Terminal(),
+                    stage, stage.clock, force, None if yes else TerminalOperator(),
                     tip_is_clear=tip_is_clear, guard=guard,
                 )  # fmt: skip
         seconds = time.monotonic() - start_s

@@ -6,12 +6,12 @@ from typing import Any
 
 import click
 
-from .group import Group
+from .group import CommandGroup
 from .options import JSON
 from .study_index import index
 
 
-@click.group(cls=Group)
+@click.group(cls=CommandGroup)
 def study() -> None:
     """The paper's experiments and better ones, on the virtual rig or on recorded runs."""
 
@@ -27,7 +27,7 @@ def list_(as_json: bool) -> None:
     echo_rows(("study", "about"), rows, as_json)
 
 
-class Studies(Group):
+class Studies(CommandGroup):
     """A command for each study, made when it is needed."""
 
     noun = "study"

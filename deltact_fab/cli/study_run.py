@@ -24,7 +24,7 @@ def run(name: str, one: Study, given: dict[str, Any]) -> None:
     What would keep its page from being written is said before anything is computed.
     """
     from ..report import paper_figures, study_page
-    from ..study.request import Asked
+    from ..study.request import StudyRequest
     from .output import echo_json, progress
 
     out, figures = given["out"], given["figures"]
@@ -36,7 +36,7 @@ def run(name: str, one: Study, given: dict[str, Any]) -> None:
     with _none_left(*before), _executor(given) as executor, progress(name) as tick:
         found = run_study(
             name,
-            Asked(
+            StudyRequest(
                 scale=given.get("scale"),
                 seed=given.get("seed", 0),
                 rig=given.get("rig"),

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arrays import Field
+from ..aliases import Field
 from ..errors import InputError
 from ..shapes import SkinDimensions
 from .edge_compliance import PADDING, FreeSides, free_sides, halves

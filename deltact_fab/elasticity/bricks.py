@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from ..arrays import Field
+from ..aliases import Field
 
 # Corners of a brick as (x, y, z) steps: round the lower face, then round the upper one.
 _CORNERS = np.array(
@@ -20,7 +20,7 @@ _CORNERS = np.array(
 )
 
 
-class Box(NamedTuple):
+class BrickBox(NamedTuple):
     """Bricks along x, y and z, and the sides (x, y, z) of one, mm.
 
     Nodes go row by row along x, then y, then z from the base up; displacements are (x, y, z).
@@ -38,7 +38,7 @@ class Box(NamedTuple):
         return self.nodes_a_layer * (self.bricks[2] + 1)
 
 
-def stiffness(box: Box, poisson: float, free: NDArray[np.bool_]) -> sp.csr_matrix:
+def stiffness(box: BrickBox, poisson: float, free: NDArray[np.bool_]) -> sp.csr_matrix:
     """Upper triangle over the free displacements, for a modulus of 1 MPa; free: (nodes, 3)."""
     nx, ny, nz = box.bricks
     z, y, x = np.meshgrid(np.arange(nz), np.arange(ny), np.arange(nx), indexing="ij")

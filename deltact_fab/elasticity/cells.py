@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Field
+from ..aliases import Field
 from ..shapes import SkinDimensions
 from .block import interpolation, turned
 from .edge_compliance import PADDING, FreeSides, free_sides, halves

@@ -24,17 +24,17 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from .. import cache
-from ..arrays import Field, Index
+from ..aliases import Field, Index
 from ..errors import InputError
 from ..shapes import SkinDimensions
-from .bricks import Box, stiffness
+from .bricks import BrickBox, stiffness
 
 Signs = tuple[int, int]
 
-MOST_POISSON = 0.4999
+MAX_POISSON = 0.4999
 PADDING = 2  # periods of the slab, in faces
 CELLS_ALONG = 24  # cells along the longer side, unless a size is asked for
-MOST_ALONG = 36  # the same where the gel is thinner than such a cell
+MAX_ALONG = 36  # the same where the gel is thinner than such a cell
 _KIND = "gel-sides"
 _VERSION = 1
 _CLASSES: tuple[Signs, ...] = ((1, 1), (-1, 1), (1, -1), (-1, -1))  # in (x, y)
@@ -61,13 +61,13 @@ def free_sides(
     """The sides of a skin's block, from the cache or computed.
 
     cell_mm: largest side of a cell; None takes CELLS_ALONG the longer side, for a thinner gel up to
-    MOST_ALONG.
+    MAX_ALONG.
     The edges' fillet and the frame are left out.
-    Raises InputError for a Poisson's ratio over MOST_POISSON and for an unusable cell size.
+    Raises InputError for a Poisson's ratio over MAX_POISSON and for an unusable cell size.
     """
-    if not 0 <= poisson <= MOST_POISSON:
+    if not 0 <= poisson <= MAX_POISSON:
         raise InputError(
-            f"block: 0 <= poisson <= {MOST_POISSON} is needed: {poisson:g} fails; {MOST_POISSON} "
+            f"block: 0 <= poisson <= {MAX_POISSON} is needed: {poisson:g} fails; {MAX_POISSON} "
             "is incompressible but for .1 % of force, and the level layer takes .5 itself"
         )
     box = _box(skin, cell_mm)
@@ -103,12 +103,12 @@ def halves(values: Field) -> Field:
     return parts
 
 
-def _box(skin: SkinDimensions, cell_mm: float | None) -> Box:
+def _box(skin: SkinDimensions, cell_mm: float | None) -> BrickBox:
     """Bricks of a whole block, even in number along x and y."""
     longer = max(skin.width_mm, skin.length_mm)
     size = cell_mm
     if size is None:
-        size = min(longer / CELLS_ALONG, max(skin.thickness_mm, longer / MOST_ALONG))
+        size = min(longer / CELLS_ALONG, max(skin.thickness_mm, longer / MAX_ALONG))
     least, most = longer / 80, min(skin.width_mm, skin.length_mm) / 4
     if not (math.isfinite(size) and least * (1 - 1e-9) <= size <= most):
         raise InputError(
@@ -120,14 +120,14 @@ def _box(skin: SkinDimensions, cell_mm: float | None) -> Box:
     step = min(size, skin.thickness_mm / 4)
     layers = math.ceil(skin.thickness_mm / step - 1e-9)
     side = (skin.width_mm / nx, skin.length_mm / ny, skin.thickness_mm / layers)
-    return Box((nx, ny, layers), side)
+    return BrickBox((nx, ny, layers), side)
 
 
-def _quarters(box: Box, poisson: float) -> Field:
+def _quarters(box: BrickBox, poisson: float) -> Field:
     """Block minus slab, (3, 3, 4, q, q), for a modulus of 1 MPa."""
     kernel = _slab_kernel(box, poisson)
     half_x, half_y, layers = box.bricks[0] // 2, box.bricks[1] // 2, box.bricks[2]
-    quarter = Box((half_x, half_y, layers), box.side_mm)
+    quarter = BrickBox((half_x, half_y, layers), box.side_mm)
     row, column = (
         i.ravel() for i in np.meshgrid(np.arange(half_y + 1), np.arange(half_x + 1), indexing="ij")
     )
@@ -146,7 +146,7 @@ def _quarters(box: Box, poisson: float) -> Field:
     return found
 
 
-def _condensed(box: Box, poisson: float, free: NDArray[np.bool_]) -> Field:
+def _condensed(box: BrickBox, poisson: float, free: NDArray[np.bool_]) -> Field:
     """Compliance (n, n) of a face's free displacements, every layer of nodes alike but the base.
 
     Layers are eliminated upwards with dense blocks: three quarters of a layer fill up anyway, and
@@ -172,14 +172,14 @@ def _condensed(box: Box, poisson: float, free: NDArray[np.bool_]) -> Field:
     return half.T @ half
 
 
-def _slab_kernel(box: Box, poisson: float) -> Field:
+def _slab_kernel(box: BrickBox, poisson: float) -> Field:
     """Response (3, 3, my, mx) of the periodic slab's face to a force on node 0, offset 0 first.
 
     A wave makes all columns of cells alike up to phases, so one column's matrix is enough.
     """
     nx, ny, layers = box.bricks
     levels = layers + 1
-    column = Box((1, 1, layers), box.side_mm)
+    column = BrickBox((1, 1, layers), box.side_mm)
     upper = stiffness(column, poisson, np.ones((column.nodes, 3), dtype=bool)).toarray()
     whole = (upper + np.triu(upper, 1).T).reshape(levels, 4, 3, levels, 4, 3)
     my, mx = PADDING * ny, PADDING * nx

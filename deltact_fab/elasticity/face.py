@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from ..arrays import Field
+from ..aliases import Field
 from .material import GelMaterial
 
 

@@ -16,7 +16,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from ..arrays import Field
+from ..aliases import Field
 from ..errors import InputError
 from ..shapes import SkinDimensions
 from .material import GelMaterial
@@ -24,7 +24,7 @@ from .material import GelMaterial
 Spectrum = NDArray[np.complex128]
 
 
-class Compliance(NamedTuple):
+class WaveCompliance(NamedTuple):
     """Surface compliance (mm/MPa) of one wave number k, for a wave along the first in-plane axis.
 
     With tractions t acting on the surface and u ~ exp(i k x):
@@ -38,7 +38,9 @@ class Compliance(NamedTuple):
     coupling: Field
 
 
-def surface_compliance(k_per_mm: Field, thickness_mm: float, material: GelMaterial) -> Compliance:
+def surface_compliance(
+    k_per_mm: Field, thickness_mm: float, material: GelMaterial
+) -> WaveCompliance:
     """Closed-form compliance of a bonded layer at wave numbers k >= 0; any shape, kept.
 
     Every ratio is multiplied through by 2 exp(-2 k h), so a large k h gives the half-space and
@@ -60,7 +62,7 @@ def surface_compliance(k_per_mm: Field, thickness_mm: float, material: GelMateri
     coupling = (1 - 2 * nu) * kappa * np.expm1(-2 * a) ** 2 / 2 - 2 * e * a**2
     with np.errstate(divide="ignore", invalid="ignore"):
         scale = 1 / (g * k)
-        full = Compliance(
+        full = WaveCompliance(
             (1 - nu) * normal / denominator * scale,
             (1 - nu) * longitudinal / denominator * scale,
             np.tanh(a) * scale,
@@ -72,7 +74,7 @@ def surface_compliance(k_per_mm: Field, thickness_mm: float, material: GelMateri
         thickness_mm / g,
         0.0,
     )
-    return Compliance(*(np.where(k == 0, u, f) for f, u in zip(full, uniform, strict=True)))
+    return WaveCompliance(*(np.where(k == 0, u, f) for f, u in zip(full, uniform, strict=True)))
 
 
 class BondedLayer:

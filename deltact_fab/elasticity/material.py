@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-MOST_PRONY = 100.0  # beyond, shares were given in percent, or the long-term modulus is nothing
+MAX_PRONY = 100.0  # beyond, shares were given in percent, or the long-term modulus is nothing
 
 
 @dataclass(frozen=True)
@@ -46,8 +46,8 @@ class GelMaterial:
                 raise ValueError(f"prony: g >= 0 and finite in each [g, tau_s]: {g} fails")
             if not (math.isfinite(tau) and tau > 0):
                 raise ValueError(f"prony: tau_s > 0 and finite in each [g, tau_s]: {tau} fails")
-        if not self.prony_sum <= MOST_PRONY:
-            raise ValueError(f"prony: sum of g <= {MOST_PRONY:g}: {self.prony_sum} fails")
+        if not self.prony_sum <= MAX_PRONY:
+            raise ValueError(f"prony: sum of g <= {MAX_PRONY:g}: {self.prony_sum} fails")
 
     @classmethod
     def of_instantaneous(

@@ -1,6 +1,6 @@
 """Where protocol, sensor and rig meet: checks before motion, then the run and its record."""
 
-from ..types import Progress
+from ..aliases import Progress
 from .kinds import kind_of
 from .meta import versions
 from .preview import checks, forces, show

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..aliases import Progress
 from ..errors import InputError
 from ..rig.config import RigConfig
 from ..rig.job import RigKind
-from ..types import Progress
 
 
 def kind_of(

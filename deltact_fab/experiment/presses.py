@@ -12,19 +12,19 @@ from pathlib import Path
 from typing import Any
 
 from .. import catalog
+from ..aliases import Progress
 from ..protocols import plan
 from ..record import RunWriter
 from ..rig.config import VirtualConfig
-from ..rig.job import Job
+from ..rig.job import RigSetup
 from ..rig.run.runner import Runner
-from ..types import Progress
 from ..virtual.rig import VirtualKind, VirtualRig
 from .meta import meta_of, pattern_of
 from .request import Asked
 
 
 def run_presses(
-    job: Job,
+    job: RigSetup,
     rig: VirtualConfig,
     source: Path,
     presses: Collection[str],

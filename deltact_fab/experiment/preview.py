@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from .. import preflight
+from ..aliases import Progress
 from ..cad.design import load_design
 from ..protocols import limits, plan
 from ..protocols.pace import LOCKSTEP, SIMULATED, WALL_CLOCK
 from ..protocols.plan import Step
 from ..rig import config as rig_config
 from ..rig.tool import requirements
-from ..types import Progress
 from .kinds import kind_of
 from .request import judged
 
@@ -23,7 +23,7 @@ def checks(
     unattended: bool = False,
     out: Path = Path(),
     progress: Progress | None = None,
-) -> list[limits.Check]:
+) -> list[limits.LimitCheck]:
     """Static checks of a protocol on a rig: a run begins where all are ok.
 
     Only a real rig can refuse for its forces, so they are solved for that (minutes, once); for a
@@ -42,7 +42,9 @@ def checks(
     if rig.kind == "grbl" and not air:
         unknown = requirements.undeclared_lengths(rig, protocol)
         what, where = "unknown", "; ".join(unknown)
-        rows.append(limits.Check("tool lengths", True, what, len(unknown), 0, where, bool(unknown)))
+        rows.append(
+            limits.LimitCheck("tool lengths", True, what, len(unknown), 0, where, bool(unknown))
+        )
     # What leaves the gel or the stage is said already, and has no force.
     if all(row.ok for row in rows) and not air:
         declared = preflight.limits_of(rig, str(path), protocol)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .. import preflight, record
+from ..aliases import Progress
 from ..cad.design import load_design
 from ..errors import InputError, MissingLibrary
 from ..patterns.recipe import load_recipe
@@ -13,10 +14,9 @@ from ..protocols import limits, plan
 from ..protocols.plan import Protocol, Step
 from ..rig import config as rig_config
 from ..rig.config import RigConfig
-from ..rig.job import Job, RigKind
+from ..rig.job import RigKind, RigSetup
 from ..rig.tool import requirements
 from ..shapes import SensorDimensions
-from ..types import Progress
 from .kinds import kind_of
 
 
@@ -24,7 +24,7 @@ from .kinds import kind_of
 class Asked:
     """A run as it was asked for, with everything checked that can be without a device."""
 
-    job: Job
+    job: RigSetup
     source: Path
     rig: RigConfig
     rig_path: Path
@@ -79,7 +79,7 @@ def asked_for(
         air=air, unattended=unattended, wall_clock=realtime or not rig.simulated,
     )  # fmt: skip
     limits.require(rows, str(source))
-    job = Job(
+    job = RigSetup(
         protocol, sensor, load_recipe(protocol.specimen.pattern), seed, out, air,
         unattended=unattended, tip_is_clear=tip_is_clear,
     )  # fmt: skip
@@ -99,7 +99,7 @@ def judged(
     air: bool,
     unattended: bool,
     wall_clock: bool,
-) -> list[limits.Check]:
+) -> list[limits.LimitCheck]:
     """Every check of a run but that of its forces: a run begins when all rows are ok.
 
     source, rig_path: of the two files. out: a folder on the disk that is judged. wall_clock:

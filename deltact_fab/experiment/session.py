@@ -10,13 +10,13 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from .. import record
+from ..aliases import Progress
 from ..errors import InputError
 from ..record import RunWriter
 from ..record import open as open_run
 from ..rig.run import query
 from ..rig.run.live import Live
 from ..rig.run.runner import Runner
-from ..types import Progress
 from .meta import meta_of, pattern_of
 from .preview import show
 from .request import asked_for

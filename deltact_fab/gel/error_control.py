@@ -19,13 +19,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arrays import Field
+from ..aliases import Field, Progress
 from ..errors import SolverError, TimeLimit
-from ..types import Progress
 from .finite.tip_rounding import BLUNT
 from .level import Choice
-from .level_selection import HIDDEN, IN_PLANE_MM, MOST_DOFS, TOLERANCE
-from .path.knots import Solved
+from .level_selection import HIDDEN, IN_PLANE_MM, MAX_DOFS, TOLERANCE
+from .path.knots import SolvedKnot
 from .path.solver import PathSolver
 
 Opener = Callable[[Choice, PathSolver | None], PathSolver]
@@ -43,12 +42,12 @@ ABOVE = 3  # that follow, as fine as the estimate wants them
 FINEST_STEP = 0.25  # least factor of the steps
 # Most increments x unknowns^WORK_POWER of a mesh, about a minute on one core. Counted, not timed: a
 # busy machine must not change a result.
-MOST_WORK = 1.2e7
+MAX_WORK = 1.2e7
 WORK_POWER = 1.3
 DOFS_POWER = 2.5  # of the cells' number on their size
 AIM = 0.85  # of the tolerance
 STEP_SHARE = 0.4  # of the tolerance that steps may take
-LEAST_FINER = 0.85  # factor of a mesh that follows; closer ones tell nothing of each other
+MIN_FINER = 0.85  # factor of a mesh that follows; closer ones tell nothing of each other
 WORTH = 0.9  # a refinement that work affords by less is not made
 
 
@@ -60,7 +59,7 @@ class SolvedPath:
     solver: PathSolver
 
     @property
-    def last(self) -> Solved:
+    def last(self) -> SolvedKnot:
         """At the end of the way."""
         return self.solver.knots[-1]
 
@@ -84,7 +83,7 @@ class SolvedPath:
         return self.choice.spacing_mm
 
 
-class Errors(NamedTuple):
+class PathErrors(NamedTuple):
     """A part of the estimate, in plane rms over the face."""
 
     force_rel: float
@@ -92,7 +91,7 @@ class Errors(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class RefinedPress:
     """The finest run and its estimate; limited: a limit of time ended it before it was done."""
 
     run: SolvedPath
@@ -100,7 +99,7 @@ class Answer:
     limited: bool
 
 
-class Ladder:
+class MeshConvergence:
     """One way to go, on any mesh.
 
     opener: solves it on a choice, given the solver on a coarser mesh to start from, if any.
@@ -120,27 +119,27 @@ class Ladder:
         self.tolerance = tolerance
         self.in_plane_mm = IN_PLANE_MM * tolerance / TOLERANCE
         self._runs: list[SolvedPath] = []
-        self._by_step, self._steps_seen = Errors(0.0, 0.0), False
+        self._by_step, self._steps_seen = PathErrors(0.0, 0.0), False
 
     def holds(self, estimate: dict[str, float]) -> bool:
         """Whether an estimate is within the tolerance."""
         force, in_plane = estimate["force_rel"], estimate["displacement_mm"]
         return bool(force <= self.tolerance and in_plane <= self.in_plane_mm)
 
-    def climb(self, choice: Choice, free: bool) -> Answer:
+    def refine(self, choice: Choice, free: bool) -> RefinedPress:
         """The finest run and its estimate; free: mesh and steps may be other than chosen.
 
         A limit of time (`time_limit`) ends it with what there is; raises TimeLimit where that is
         nothing, SolverError where no mesh is solved.
         """
-        self._runs, self._by_step, self._steps_seen = [], Errors(0.0, 0.0), False
+        self._runs, self._by_step, self._steps_seen = [], PathErrors(0.0, 0.0), False
         try:
             self._climb(choice, free)
         except TimeLimit:
             if not self._runs:
                 raise
-            return Answer(self._runs[-1], self.estimate(), True)
-        return Answer(self._runs[-1], self.estimate(), False)
+            return RefinedPress(self._runs[-1], self.estimate(), True)
+        return RefinedPress(self._runs[-1], self.estimate(), False)
 
     def _climb(self, choice: Choice, free: bool) -> None:
         if choice.level != "hyperelastic":
@@ -202,19 +201,19 @@ class Ladder:
             "displacement_mm": choice.model_in_plane_mm + sum(e.in_plane_mm for e in parts),
         }
 
-    def _mesh_part(self) -> Errors:
+    def _mesh_part(self) -> PathErrors:
         fine = self._runs[-1]
         edge = self._edge_part(fine)
         before = [r for r in self._runs if r.cell_mm >= APART * fine.cell_mm]
         if not before:
-            return Errors(ALONE * edge, _rms_mm(_field_mm(fine)))
+            return PathErrors(ALONE * edge, _rms_mm(_field_mm(fine)))
         coarse = before[-1]
         force, in_plane = _change(fine, coarse)
         if fine.choice.level != "hyperelastic":
-            return Errors(LINEAR_FORCE * _size(force, fine), LINEAR_IN_PLANE * in_plane)
+            return PathErrors(LINEAR_FORCE * _size(force, fine), LINEAR_IN_PLANE * in_plane)
         left = 1 / ((coarse.cell_mm / fine.cell_mm) ** 2 - 1)  # cells are of second order
         off = left * force - fine.last.lacking_rel * np.array(fine.last.force_n)
-        return Errors(max(edge, _size(off, fine)), MESH_IN_PLANE * left * in_plane)
+        return PathErrors(max(edge, _size(off, fine)), MESH_IN_PLANE * left * in_plane)
 
     def _edge_part(self, run: SolvedPath) -> float:
         """Of the force, what cells of this size cost under such a contact at least."""
@@ -225,16 +224,16 @@ class Ladder:
         # The ramp of the contact pushes before it is touched: a light press is too stiff by it.
         return known + max(0.0, -run.last.lacking_rel)
 
-    def _steps_part(self, run: SolvedPath) -> Errors:
+    def _steps_part(self, run: SolvedPath) -> PathErrors:
         """What its steps put a run off by: friction's part of the force comes late in each."""
         choice = run.choice
         fewer = self._run(choice.times(1.0, FEWER), run)
         if fewer.cuts == run.cuts:
             force, in_plane = _change(run, fewer)
-            return Errors(STEP_FORCE * _size(force, run), STEP_IN_PLANE * in_plane)
+            return PathErrors(STEP_FORCE * _size(force, run), STEP_IN_PLANE * in_plane)
         # Longer steps were cut to shorter ones, and show nothing.
         force, in_plane = _change(self._run(choice.times(1.0, 1 / FEWER)), run)
-        return Errors(FEWER * STEP_FORCE * _size(force, run), FEWER * STEP_IN_PLANE * in_plane)
+        return PathErrors(FEWER * STEP_FORCE * _size(force, run), FEWER * STEP_IN_PLANE * in_plane)
 
     def _wanted(self) -> float:
         """Factor of the cells at which the estimate reaches AIM."""
@@ -244,7 +243,7 @@ class Ladder:
             math.sqrt(max(goal - s, goal / 4) / m) if m > 0 else 1.0
             for m, s, goal in zip(mesh, step, goals, strict=True)
         ]
-        return max(min(*least, LEAST_FINER), 1 / COARSER)
+        return max(min(*least, MIN_FINER), 1 / COARSER)
 
     def _run(self, choice: Choice, like: SolvedPath | None = None) -> SolvedPath:
         """The way by a choice; like: on a coarser mesh, to start from its increments."""
@@ -256,10 +255,10 @@ class Ladder:
 
 
 def afforded(run: SolvedPath, factor: float) -> float:
-    """As much of a refinement of the cells as MOST_DOFS and MOST_WORK leave."""
+    """As much of a refinement of the cells as MAX_DOFS and MAX_WORK leave."""
     dofs = run.solver.dofs
-    factor = max(factor, min(1.0, (dofs / MOST_DOFS) ** (1 / DOFS_POWER)))
-    work = len(run.solver.poses) * dofs**WORK_POWER / MOST_WORK
+    factor = max(factor, min(1.0, (dofs / MAX_DOFS) ** (1 / DOFS_POWER)))
+    work = len(run.solver.poses) * dofs**WORK_POWER / MAX_WORK
     return max(factor, min(1.0, work ** (1 / (DOFS_POWER * WORK_POWER))))
 
 

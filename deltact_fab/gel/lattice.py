@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import Field
+from ..aliases import Field
 
 
 def over_face(x_mm: Field, y_mm: Field, field: Field) -> Field:

@@ -14,8 +14,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..arrays import Field
-from ..types import Point
+from ..aliases import Field, Point
 
 Level = str
 """A name of `levels.LEVELS`."""
@@ -88,7 +87,7 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Diagnostics:
+class IncrementDiagnostics:
     """Work and quality of the increment that led to a state.
 
     iterations: Newton's, or operator applications of a linear level. cuts: halvings of the
@@ -132,7 +131,7 @@ class State(Protocol):
     @property
     def traction_mpa(self) -> Field: ...
     @property
-    def diagnostics(self) -> Diagnostics: ...
+    def diagnostics(self) -> IncrementDiagnostics: ...
 
 
 class GelContact(Protocol):

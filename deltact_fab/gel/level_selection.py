@@ -11,7 +11,7 @@ import math
 from ..elasticity.material import GelMaterial
 from ..errors import InputError
 from ..levels import FINITE, LINEAR
-from ..levels.linear import Touch
+from ..levels.linear import PressScales
 from ..shapes import Indenter, SkinDimensions
 from .finite.mesh import GROWTH, unknowns
 from .footprint import (
@@ -25,7 +25,7 @@ from .level import Choice, Level, Reach
 from .linear.validity import DEPTH_LIMIT
 
 TOLERANCE = 0.03  # of the force
-LEAST_TOLERANCE, MOST_TOLERANCE = 0.001, 0.5
+MIN_TOLERANCE, MAX_TOLERANCE = 0.001, 0.5
 IN_PLANE_MM = 0.05  # rms over the face, at TOLERANCE
 SHARE = 0.5  # of a tolerance that the model may take
 
@@ -36,17 +36,17 @@ CELLS_ACROSS = 3.0  # contact radius over cell size at TOLERANCE
 DRAGGED = 0.85  # x cells of a path that moves in plane: its steps take more of the tolerance
 LAYERS = 8  # least cells over the thickness
 EDGE_CELL_MM = 0.5  # largest cell at TOLERANCE where an edge is sharper than it
-MOST_EDGE_CELL_MM = 0.9  # at any tolerance
+MAX_EDGE_CELL_MM = 0.9  # at any tolerance
 EDGE_MM = 0.75  # radius below which an edge is sharp
 STEP = 0.12  # of the thickness, where friction does not ask for less
 STEP_ERROR = 3.5  # x friction's part of the force, over the number of increments
 STEP_SHARE = 0.4  # of the tolerance for that
 SHEAR_STEP = 0.08  # of the contact radius, when dragged, at TOLERANCE
-LEAST_STEPS, MOST_STEPS = 4, 40  # the least at TOLERANCE, in proportion beyond, and 2
-MOST_GROWTH = 1.5  # of cells away from the contact, at any tolerance
-MOST_DOFS = 120_000
+MIN_STEPS, MAX_STEPS = 4, 40  # the least at TOLERANCE, in proportion beyond, and 2
+MAX_GROWTH = 1.5  # of cells away from the contact, at any tolerance
+MAX_DOFS = 120_000
 LINEAR_MM = 0.25  # grid of the linear levels
-LEAST_MM = 0.15  # smallest cell that is chosen
+MIN_MM = 0.15  # smallest cell that is chosen
 HIDDEN = 1.5  # x contact radius: cells beyond may miss the tip
 
 
@@ -72,9 +72,9 @@ def pick(
     Raises InputError for a depth, a material or a spacing that the level cannot have, and names
     the level that can.
     """
-    if not (math.isfinite(tolerance) and LEAST_TOLERANCE <= tolerance <= MOST_TOLERANCE):
+    if not (math.isfinite(tolerance) and MIN_TOLERANCE <= tolerance <= MAX_TOLERANCE):
         raise InputError(
-            f"gel: tolerance must be {LEAST_TOLERANCE} to {MOST_TOLERANCE}: {tolerance} fails"
+            f"gel: tolerance must be {MIN_TOLERANCE} to {MAX_TOLERANCE}: {tolerance} fails"
         )
     depth, thickness = reach.deepest_mm, skin.thickness_mm
     if depth >= thickness:
@@ -110,7 +110,7 @@ def pick(
             f"{level} ({reason}): grid {h:.3g} mm",
         )  # fmt: skip
     mirrors = mirrors_of(indenter, reach)
-    growth = min(GROWTH ** math.sqrt(tolerance / TOLERANCE), MOST_GROWTH)
+    growth = min(GROWTH ** math.sqrt(tolerance / TOLERANCE), MAX_GROWTH)
     h, what = (spacing_mm, "as asked") if spacing_mm else cell_mm(skin, indenter, reach, tolerance)
     asked = h
     if spacing_mm is None and most_unknowns is not None:
@@ -191,7 +191,7 @@ def model_error(
     away = []
     for (low, high), half in zip((reach.x_mm, reach.y_mm), skin.opening_half_mm, strict=True):
         away += [half - high, half + low]
-    touch = Touch(
+    touch = PressScales(
         depth, t, contact_radius_mm(indenter, depth), whole_radius_mm(indenter, depth),
         tuple(away), skin.width_mm * skin.length_mm, poisson,
     )  # fmt: skip
@@ -214,13 +214,13 @@ def cell_mm(
     h = radius / CELLS_ACROSS * share * (DRAGGED if moves else 1.0)
     what = f"contact radius {radius:.2g} mm"
     edge = min(edge_radius_mm(t) for t in indenter.tips)
-    sharp = min(share * EDGE_CELL_MM, MOST_EDGE_CELL_MM)
+    sharp = min(share * EDGE_CELL_MM, MAX_EDGE_CELL_MM)
     if edge < EDGE_MM and sharp < h:
         h, what = sharp, f"edge radius {edge:.2g} mm"
     thin = skin.thickness_mm / LAYERS
     if thin < h:
         h, what = thin, f"thickness {skin.thickness_mm:g} mm"
-    return float(f"{max(h, LEAST_MM):.3g}"), what
+    return float(f"{max(h, MIN_MM):.3g}"), what
 
 
 def step_mm(
@@ -232,12 +232,12 @@ def step_mm(
     if depth_mm <= 0:
         return STEP * thickness_mm
     lost = STEP_ERROR * friction_force_rel(friction, depth_mm / thickness_mm)
-    least = max(LEAST_STEPS * min(TOLERANCE / tolerance, 1.0), 2.0)
-    steps = min(max(lost / (STEP_SHARE * tolerance), least), MOST_STEPS)
+    least = max(MIN_STEPS * min(TOLERANCE / tolerance, 1.0), 2.0)
+    steps = min(max(lost / (STEP_SHARE * tolerance), least), MAX_STEPS)
     step = min(depth_mm / math.ceil(steps - 1e-9), STEP * thickness_mm)
     if moves and friction > 0:
         shear = SHEAR_STEP * contact_radius_mm(indenter, depth_mm) * tolerance / TOLERANCE
-        step = min(step, max(shear, depth_mm / MOST_STEPS))
+        step = min(step, max(shear, depth_mm / MAX_STEPS))
     return float(f"{step:.3g}")
 
 

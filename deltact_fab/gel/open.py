@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ..arrays import Field
+from ..aliases import Field
 from ..elasticity.material import GelMaterial
 from ..errors import InputError
 from ..levels import FINITE, LEVELS

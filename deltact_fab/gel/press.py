@@ -9,22 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Field
+from ..aliases import Field, Point, Point2, Progress
 from ..elasticity.material import GelMaterial
 from ..errors import DeltactFabError, InputError, TimeLimit
 from ..shapes import Indenter, SkinDimensions
-from ..types import Point, Point2, Progress
 from . import time_limit
-from .error_control import Answer, Ladder
+from .error_control import MeshConvergence, RefinedPress
 from .footprint import contact_radius_mm, edge_radius_mm
 from .level import Choice, Level
-from .level_selection import LEAST_TOLERANCE, MOST_TOLERANCE, TOLERANCE
-from .path.knots import Observed, Pose, along
+from .level_selection import MAX_TOLERANCE, MIN_TOLERANCE, TOLERANCE
+from .path.knots import KnotPose, ObservedChannels, along
 from .path.open import choose, open_path
 from .path.solver import PathSolver
 
 LIMIT_S = 120.0
-OBSERVED = Observed(fields="last", lacking=True)
+OBSERVED = ObservedChannels(fields="last", lacking=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +93,8 @@ def press(
     if shear_mm != (0.0, 0.0):
         corners.append((x + shear_mm[0], y + shear_mm[1], -depth_mm))
 
-    def way(step_mm: float) -> tuple[Pose, ...]:
-        return along(corners, step_mm) or (Pose(corners[-1], 0.0, 1.0),)
+    def way(step_mm: float) -> tuple[KnotPose, ...]:
+        return along(corners, step_mm) or (KnotPose(corners[-1], 0.0, 1.0),)
 
     def picks(level: Level) -> Choice:
         return choose(
@@ -108,17 +107,17 @@ def press(
 
     radius_mm = contact_radius_mm(indenter, depth_mm) if depth_mm > 0 else math.inf
     edge_mm = min(edge_radius_mm(tip) for tip in indenter.tips)
-    ladder = Ladder(solver, radius_mm, edge_mm, tolerance, progress)
+    ladder = MeshConvergence(solver, radius_mm, edge_mm, tolerance, progress)
     picked: Choice | None = None
-    found: Answer | None = None
+    found: RefinedPress | None = None
     try:
         with time_limit.within(limit_s):
             picked = picks(model)
-            found = ladder.climb(picked, free=spacing_mm is None)
+            found = ladder.refine(picked, free=spacing_mm is None)
             linear = model == "auto" and picked.level != "hyperelastic"
             if linear and not (found.limited or ladder.holds(found.estimate)):
                 picked = picks("hyperelastic")
-                found = ladder.climb(picked, free=spacing_mm is None)
+                found = ladder.refine(picked, free=spacing_mm is None)
     except TimeLimit:
         if found is None:
             why = f"--limit-s {limit_s:g}: no mesh was solved in that time; more is needed"
@@ -164,15 +163,17 @@ def _require(
         raise InputError(f"--depth {depth_mm}: a depth in mm, 0 or more, is needed")
     if not all(math.isfinite(v) for v in (*at_mm, *shear_mm)):
         raise InputError(f"--at {at_mm}, shear {shear_mm}: finite mm are needed")
-    if not (math.isfinite(tolerance) and LEAST_TOLERANCE <= tolerance <= MOST_TOLERANCE):
+    if not (math.isfinite(tolerance) and MIN_TOLERANCE <= tolerance <= MAX_TOLERANCE):
         raise InputError(
-            f"--tolerance {tolerance}: {LEAST_TOLERANCE} to {MOST_TOLERANCE} of the force is needed"
+            f"--tolerance {tolerance}: {MIN_TOLERANCE} to {MAX_TOLERANCE} of the force is needed"
         )
     if not limit_s > 0:
         raise InputError(f"--limit-s {limit_s}: more than 0 seconds are needed")
 
 
-def _flags(found: Answer, ladder: Ladder, depth_mm: float, limit_s: float) -> list[str]:
+def _flags(
+    found: RefinedPress, ladder: MeshConvergence, depth_mm: float, limit_s: float
+) -> list[str]:
     """What a reader of the result must know beside the solver's own flags, which come first."""
     estimate, flags = found.estimate, list(found.run.flags)
     if depth_mm > 0 and found.run.last.contact_area_mm2 == 0:

@@ -19,7 +19,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..arrays import Field
+from ..aliases import Field
 from ..elasticity.layer import surface_compliance
 from ..elasticity.material import GelMaterial
 from ..errors import InputError

@@ -5,8 +5,8 @@ local.py is processes here, cluster.py is an existing Dask cluster, messages.py 
 while it runs.
 """
 
-from ..types import Progress
-from .batch import CannotGoOn, Ended, arrivals, each, run
+from ..aliases import Progress
+from .batch import CannotGoOn, JobOutcome, arrivals, each, run
 from .executors import executor, width
 from .local import THREAD_VARIABLES, processors
 from .messages import tell
@@ -14,7 +14,7 @@ from .messages import tell
 __all__ = [
     "THREAD_VARIABLES",
     "CannotGoOn",
-    "Ended",
+    "JobOutcome",
     "Progress",
     "arrivals",
     "each",

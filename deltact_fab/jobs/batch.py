@@ -8,8 +8,8 @@ from concurrent.futures import CancelledError, Executor, Future
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
+from ..aliases import Progress
 from ..errors import RunFailed
-from ..types import Progress
 from . import messages
 from .local import local, processors
 
@@ -27,7 +27,7 @@ class CannotGoOn(RunFailed):
 
 
 @dataclass(frozen=True)
-class Ended(Generic[R]):
+class JobOutcome(Generic[R]):
     """What came of the job at an index: a value, or an error."""
 
     index: int
@@ -78,7 +78,7 @@ def arrivals(
     """
     failed: dict[int, Exception] = {}
 
-    def heard(ended: Ended[R]) -> None:
+    def heard(ended: JobOutcome[R]) -> None:
         if ended.error is not None:
             failed[ended.index] = ended.error
         elif not failed:
@@ -92,7 +92,7 @@ def arrivals(
 def run(
     work: Callable[[J], R],
     jobs: Sequence[J],
-    heard: Callable[[Ended[R]], None],
+    heard: Callable[[JobOutcome[R]], None],
     executor: Executor | None = None,
     *,
     told: Told | None = None,
@@ -124,11 +124,11 @@ def run(
                 return
 
 
-def _run_here(name: str, index: int, work: Callable[[J], R], job: J) -> Ended[R]:
+def _run_here(name: str, index: int, work: Callable[[J], R], job: J) -> JobOutcome[R]:
     try:
-        return Ended(index, _job(name, index, work, job))
+        return JobOutcome(index, _job(name, index, work, job))
     except Exception as why:
-        return Ended(index, error=why)
+        return JobOutcome(index, error=why)
 
 
 def _job(name: str, index: int, work: Callable[[J], R], job: J) -> R:
@@ -141,7 +141,7 @@ def _run_on(
     executor: Executor,
     work: Callable[[J], R],
     jobs: Sequence[J],
-    heard: Callable[[Ended[R]], None],
+    heard: Callable[[JobOutcome[R]], None],
     told: Told | None,
     until_failure: bool,
 ) -> None:
@@ -186,9 +186,9 @@ def _next(news: queue.SimpleQueue[Any], executor: Executor) -> Any:
             check()
 
 
-def _ended(index: int, future: Future[R]) -> Ended[R]:
+def _ended(index: int, future: Future[R]) -> JobOutcome[R]:
     try:
-        return Ended(index, future.result())
+        return JobOutcome(index, future.result())
     except CancelledError as why:  # not by us, who ask no more then
         raise CannotGoOn("what the jobs ran on is gone") from why
     except CannotGoOn:
@@ -198,4 +198,4 @@ def _ended(index: int, future: Future[R]) -> Ended[R]:
             why = RunFailed(
                 "every worker that tried it died (out of memory, or killed); the cluster gave it up"
             )
-        return Ended(index, error=why)
+        return JobOutcome(index, error=why)

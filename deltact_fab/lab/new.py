@@ -15,7 +15,7 @@ from ..schema.document import described
 from .folder import SCHEMAS, schema_line
 
 if TYPE_CHECKING:
-    from ..rig.new import Written
+    from ..rig.new import RigFileContents
 
 
 def protocol(name: str, source: str = "smoke", out: Path | None = None) -> Path:
@@ -84,7 +84,7 @@ def pattern(name: str, law: str = "algorithm1", out: Path | None = None) -> Path
     return _write("pattern", PatternRecipe, name, out, given, about, leave_out=out_of_place)
 
 
-def rig(name: str, out: Path | None = None) -> Written:
+def rig(name: str, out: Path | None = None) -> RigFileContents:
     """Write a rig file for the devices of this computer, and return what was found.
 
     Raises InputError and RunFailed as `rig.new.new`, and InputError for a name that is none.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from .linear import Errors, LinearLevel, Touch, large_strain
+from .linear import Errors, LinearLevel, PressScales, large_strain
 
 if TYPE_CHECKING:
     from ..elasticity.face import FaceOperator
@@ -24,7 +24,7 @@ def _face(skin: SkinDimensions, material: GelMaterial, spacing_mm: float) -> Fac
     return BondedLayer.for_skin(skin, material, spacing_mm=spacing_mm)
 
 
-def _errors(touch: Touch) -> Errors:
+def _errors(touch: PressScales) -> Errors:
     force, in_plane = large_strain(touch)
     wide = touch.wide_mm / touch.thickness_mm
     away = [side / touch.thickness_mm for side in touch.sides_mm]

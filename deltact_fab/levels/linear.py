@@ -21,11 +21,11 @@ BEND_FORCE = 1.0  # x (depth/thickness)^2, of the force: too soft
 SPREAD_FORCE = 0.02  # x depth/contact radius: what the two do not tell
 # x depth^2 sqrt(pi/face): first + second x (contact radius/thickness)^2.
 BEND_IN_PLANE = (0.13, 0.4)
-LEAST_IN_PLANE = 0.002  # x depth: what the reference, a disc for the block, tells apart
+MIN_IN_PLANE = 0.002  # x depth: what the reference, a disc for the block, tells apart
 
 
 @dataclass(frozen=True)
-class Touch:
+class PressScales:
     """A press in the numbers that a level's errors follow from (mm, mm2).
 
     depth_mm > 0. radius_mm: of the largest circle in the contact; wide_mm: of one as large as the
@@ -61,12 +61,12 @@ class LinearLevel:
 
     about: str
     face: Callable[[SkinDimensions, GelMaterial, float], FaceOperator]
-    errors: Callable[[Touch], Errors]
+    errors: Callable[[PressScales], Errors]
     refusal: Callable[[GelMaterial], str | None] = takes_any
     rank: int | None = None
 
 
-def large_strain(touch: Touch) -> Errors:
+def large_strain(touch: PressScales) -> Errors:
     """What every linear level leaves out: large strain under the tip, and over the thickness.
 
     The first is of the order depth/contact radius, with a sign that Poisson's ratio sets.
@@ -78,4 +78,4 @@ def large_strain(touch: Touch) -> Errors:
     force = max(tip, bend + max(-tip, 0.0)) + SPREAD_FORCE * steep
     in_plane = BEND_IN_PLANE[0] + BEND_IN_PLANE[1] * (touch.radius_mm / touch.thickness_mm) ** 2
     in_plane *= depth**2 * math.sqrt(math.pi / touch.face_mm2)
-    return force, in_plane + LEAST_IN_PLANE * depth
+    return force, in_plane + MIN_IN_PLANE * depth

@@ -8,11 +8,11 @@ from pathlib import Path
 from ..measure.pipeline import Measurement
 from ..measure.pipeline.full import everything
 from ..measure.sensor_id import SensorId, read_calibration, require_same
-from .source import Known
+from .source import KnownSensor
 
 
 def measurement_of(
-    known: Known, files: Sequence[Path], show: Sequence[str] | None = None
+    known: KnownSensor, files: Sequence[Path], show: Sequence[str] | None = None
 ) -> Measurement:
     """Of the outputs named, or of all that the calibrations allow.
 

@@ -10,11 +10,11 @@ from ..rig.camera.config import CameraConfig
 from ..rig.camera.files import Images, images_of
 from ..rig.camera.open import open_camera
 from ..rig.clock import WallClock
-from ..rig.interface import Frame
-from .source import NOTHING, Known, Source
+from ..rig.interface import CameraFrame
+from .source import NOTHING, KnownSensor, Source
 
 
-def camera_source(config: CameraConfig, folder: Path, known: Known = NOTHING) -> Source:
+def camera_source(config: CameraConfig, folder: Path, known: KnownSensor = NOTHING) -> Source:
     """What a rig file's [camera] shows; folder: of the rig file. Raises InputError."""
     if config.is_file:
         return FileSource(images_of(folder / str(config.source)), known)
@@ -26,13 +26,13 @@ class CameraSource:
 
     live = True
 
-    def __init__(self, config: CameraConfig, folder: Path, known: Known = NOTHING) -> None:
+    def __init__(self, config: CameraConfig, folder: Path, known: KnownSensor = NOTHING) -> None:
         """Raises InputError for a camera that cannot be opened."""
         self.name = config.name
         self.known = known
         self._camera = open_camera(config, folder, WallClock())
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Iterator[CameraFrame]:
         """As Source. Raises SensorError when the camera stalls or is gone."""
         self._camera.begin("live")
         while True:
@@ -48,15 +48,15 @@ class FileSource:
 
     live = False
 
-    def __init__(self, images: Images, known: Known = NOTHING) -> None:
+    def __init__(self, images: Images, known: KnownSensor = NOTHING) -> None:
         self.name = images.name
         self.known = known
         self._images = images
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Iterator[CameraFrame]:
         """As Source; times as the file has them."""
         for k, image in enumerate(self._images.read()):
-            yield Frame(image, k / self._images.rate_hz, k)
+            yield CameraFrame(image, k / self._images.rate_hz, k)
 
     def close(self) -> None:
         """Close the file."""

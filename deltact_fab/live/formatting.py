@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from .session import Measured
+from .session import MeasuredImage
 
 
-def as_dict(m: Measured, outlines: bool = False) -> dict[str, Any]:
+def as_dict(m: MeasuredImage, outlines: bool = False) -> dict[str, Any]:
     """Plain numbers of one result; what was not asked for, or needs a calibration, is None.
 
     outlines: also those of the contacts, as lists of points in mm.
@@ -52,7 +52,7 @@ def _rounded(values: Any) -> list[float]:
     return [round(float(v), 4) for v in values]
 
 
-def line(m: Measured) -> str:
+def line(m: MeasuredImage) -> str:
     """One result, as a person reads it while it runs."""
     told = as_dict(m)
     parts = [

@@ -11,8 +11,8 @@ from ..cad.design import load_design
 from ..errors import InputError, RunFailed, did_you_mean
 from ..optics import Fisheye, FlatField, Rectified, load_camera
 from ..rig.camera.model import raw_size_px
-from ..rig.interface import Frame
-from .source import Known, Source
+from ..rig.interface import CameraFrame
+from .source import KnownSensor, Source
 
 
 def open_source(
@@ -52,7 +52,7 @@ def open_source(
     return source
 
 
-def images(source: Source) -> Iterator[Frame]:
+def images(source: Source) -> Iterator[CameraFrame]:
     """The frames of an opened source, at least one, all of the size that its camera makes.
 
     Raises InputError, one line, for another size; else as the source does.
@@ -72,17 +72,17 @@ def images(source: Source) -> Iterator[Frame]:
         raise RunFailed(f"{source.name}: ended before its first image")
 
 
-def _given(camera_file: Path, design: str | None) -> Known:
+def _given(camera_file: Path, design: str | None) -> KnownSensor:
     """What a camera file and a design say. Raises InputError."""
     sensor = load_design(design or "deltact")
     camera, _ = load_camera(camera_file)
     flat = FlatField.beside(camera_file)
     if isinstance(camera, Fisheye):
         camera = Rectified.of(sensor, camera)
-    return Known(camera, flat and flat.seen_by(camera), sensor.skin)
+    return KnownSensor(camera, flat and flat.seen_by(camera), sensor.skin)
 
 
-def _opened(name: str, given: Known | None, design: str | None, seed: int) -> Source:
+def _opened(name: str, given: KnownSensor | None, design: str | None, seed: int) -> Source:
     """What is imported is what that kind of source needs."""
     path = Path(name)
     if name.isdecimal() or path.is_char_device() or "://" in name:

@@ -9,8 +9,8 @@ from typing import IO, Protocol
 
 from . import picture
 from .formatting import as_dict, line
-from .page import Page, Shot
-from .session import Measured, Session
+from .page import LivePage, PageResult
+from .session import MeasuredImage, Session
 from .source import Source
 
 TERMINAL_S = 0.1
@@ -22,14 +22,14 @@ WINDOW_S = 30.0
 class Output(Protocol):
     """Takes results one after another."""
 
-    def show(self, measured: Measured) -> None:
+    def show(self, measured: MeasuredImage) -> None:
         """One more. Raises BrokenPipeError when nobody reads any longer."""
 
     def end(self, why: str) -> None:
         """There will be no more."""
 
 
-class Lines:
+class StatusLine:
     """One line that changes on a terminal; elsewhere one every few seconds, and the last one."""
 
     def __init__(self, to: IO[str], simulated: str | None) -> None:
@@ -37,10 +37,10 @@ class Lines:
         self._simulated = simulated
         self._live = to.isatty()
         self._next_s = 0.0
-        self._last: Measured | None = None
-        self._written: Measured | None = None
+        self._last: MeasuredImage | None = None
+        self._written: MeasuredImage | None = None
 
-    def show(self, measured: Measured) -> None:
+    def show(self, measured: MeasuredImage) -> None:
         """As Output."""
         now_s = time.monotonic()
         self._last = measured
@@ -58,7 +58,7 @@ class Lines:
             self._to.write(f"{before}{why} after {n} image{'' if n == 1 else 's'}{origin}\n")
             self._to.flush()
 
-    def _write(self, measured: Measured) -> None:
+    def _write(self, measured: MeasuredImage) -> None:
         # Back to the line's start, and what is left of a longer one erased.
         text = line(measured)
         self._to.write(f"\r{text}\x1b[K" if self._live else f"{text}\n")
@@ -73,7 +73,7 @@ class JsonLines:
         self._to = to
         self._simulated = simulated
 
-    def show(self, measured: Measured) -> None:
+    def show(self, measured: MeasuredImage) -> None:
         """As Output."""
         told = as_dict(measured)
         if self._simulated is not None:
@@ -91,9 +91,9 @@ class Summary:
     def __init__(self, to: Callable[[object], None], simulated: str | None) -> None:
         self._to = to
         self._simulated = simulated
-        self._last: Measured | None = None
+        self._last: MeasuredImage | None = None
 
-    def show(self, measured: Measured) -> None:
+    def show(self, measured: MeasuredImage) -> None:
         """As Output."""
         self._last = measured
 
@@ -113,11 +113,11 @@ class Summary:
 class PageOutput:
     """The page, which stays open when the results end, until it is closed."""
 
-    def __init__(self, session: Session, page: Page) -> None:
+    def __init__(self, session: Session, page: LivePage) -> None:
         self._session = session
         self._page = page
 
-    def show(self, measured: Measured) -> None:
+    def show(self, measured: MeasuredImage) -> None:
         """As Output; the work is done by the threads of the browsers."""
         session = self._session
 
@@ -127,20 +127,20 @@ class PageOutput:
         def image() -> picture.Array:
             return session.rectified(measured.given.image)
 
-        self._page.show(Shot(data, image), picture.point(measured))
+        self._page.show(PageResult(data, image), picture.point(measured))
 
     def end(self, why: str) -> None:
         """As Output."""
         self._page.end(why)
 
 
-class Check:
+class HealthOutput:
     """Tells the state of health that each new reference shows, where a calibration can say it."""
 
     def __init__(self, tell: Callable[[str], None]) -> None:
         self._tell = tell
 
-    def show(self, measured: Measured) -> None:
+    def show(self, measured: MeasuredImage) -> None:
         """As Output."""
         found = measured.result.health
         if measured.result.frame == 0 and found is not None:

@@ -26,14 +26,14 @@ from numpy.typing import NDArray
 from ..errors import InputError
 
 LOOPBACK = "127.0.0.1"
-MOST_HZ = 10.0
+MAX_HZ = 10.0
 JPEG_QUALITY = 80
 HISTORY = 1200
 """Points of the traces that a browser which comes later is shown."""
 
 
 @dataclass
-class Shot:
+class PageResult:
     """One result for the page: its numbers and its picture, made when they are first asked for."""
 
     data: Callable[[], dict[str, Any]]
@@ -61,7 +61,7 @@ class Shot:
         return data.tobytes() if done else b""
 
 
-class Page:
+class LivePage:
     """Serves the live page until it is closed.
 
     reference: called when a browser asks for a new reference. about: what the page says of the
@@ -74,7 +74,7 @@ class Page:
         self._about = about
         self._reference = reference
         self._came = threading.Condition()
-        self._newest: tuple[int, Shot] | None = None
+        self._newest: tuple[int, PageResult] | None = None
         self._trace: deque[tuple[float | None, ...]] = deque(maxlen=HISTORY)
         self._going = threading.Event()
         self._going.set()
@@ -96,7 +96,7 @@ class Page:
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
         self._thread.start()
 
-    def show(self, shot: Shot, point: tuple[float | None, ...]) -> None:
+    def show(self, shot: PageResult, point: tuple[float | None, ...]) -> None:
         """Leave a result, and its point of the traces (time, then values). Costs nothing."""
         with self._came:
             self._newest = (self._newest[0] + 1 if self._newest else 0, shot)
@@ -139,7 +139,9 @@ class Page:
         held = not self._going.is_set()
         return {"paused": held, "ended": self._ended, "health": self._health}
 
-    def next(self, seen: tuple[int, dict[str, Any]], timeout_s: float) -> tuple[int, Shot] | None:
+    def next(
+        self, seen: tuple[int, dict[str, Any]], timeout_s: float
+    ) -> tuple[int, PageResult] | None:
         """The newest result that is not `seen`, or None when the state changed or time is up."""
         with self._came:
             self._came.wait_for(
@@ -154,7 +156,7 @@ class Page:
                 raise ConnectionAbortedError
             return self._newest if self._newest and self._newest[0] != seen[0] else None
 
-    def newest(self) -> Shot | None:
+    def newest(self) -> PageResult | None:
         """The newest result."""
         with self._came:
             return self._newest[1] if self._newest else None
@@ -171,7 +173,7 @@ class Page:
 
 
 class _Handler(BaseHTTPRequestHandler):
-    shown: Page
+    shown: LivePage
     protocol_version = "HTTP/1.1"
     timeout = 30  # a browser that takes nothing for so long is let go
 
@@ -246,7 +248,7 @@ class _Handler(BaseHTTPRequestHandler):
                 number = found[0]
                 lines.append(f"data: {found[1].json()}\n\n")
             self.wfile.write("".join(lines).encode())
-            time.sleep(max(0.0, began_s + 1 / MOST_HZ - time.monotonic()))
+            time.sleep(max(0.0, began_s + 1 / MAX_HZ - time.monotonic()))
 
 
 _PAGE = Path(__file__).parent / "page.html"

@@ -8,25 +8,25 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..arrays import Array
+from ..aliases import Array
 from ..measure.face import FaceFlow
 from ..measure.pipeline import Result
 from ..optics import CameraModel
 from .formatting import as_dict
-from .session import Measured
+from .session import MeasuredImage
 
 ARROW_MM = 1.5
 """Between arrows: sparse, as the paper's figure of the force distribution has them."""
-MOST_CELLS = 160
+MAX_CELLS = 160
 """Of a map's longer side; the browser draws it smooth."""
 LOST = 255
-LEAST_MM = 0.05
-LEAST_MPA = 2e-3
-LEAST_RELATIVE = 0.02
+MIN_MM = 0.05
+MIN_MPA = 2e-3
+MIN_RELATIVE = 0.02
 """Full scale of arrows and map at the least, so that noise does not fill the page."""
 
 
-def data(m: Measured, camera: CameraModel) -> dict[str, Any]:
+def data(m: MeasuredImage, camera: CameraModel) -> dict[str, Any]:
     """What the page needs of one result, as plain numbers. camera: of the tracked view."""
     result = m.result
     cx, cy = camera.centre_px
@@ -47,23 +47,23 @@ def data(m: Measured, camera: CameraModel) -> dict[str, Any]:
     if (f := result.flow) is not None:
         for contact in told["contacts"]:
             contact["seen_mm"] = _landed(contact["outline_mm"], f)
-        told["flow"] = _arrows(f.shift_mm, f.known, f.x_mm, f.y_mm, "flow", LEAST_MM, 1, "mm",
+        told["flow"] = _arrows(f.shift_mm, f.known, f.x_mm, f.y_mm, "flow", MIN_MM, 1, "mm",
                                "of motion")  # fmt: skip
     if (t := result.traction) is not None:
-        told["shear"] = _arrows(t.traction_mpa[..., :2], None, t.x_mm, t.y_mm, "shear", LEAST_MPA,
+        told["shear"] = _arrows(t.traction_mpa[..., :2], None, t.x_mm, t.y_mm, "shear", MIN_MPA,
                                 1e3, "kPa", "of shear")  # fmt: skip
         told["maps"].append(_map(-t.traction_mpa[..., 2], None, t.x_mm, t.y_mm, "pressure",
-                                 LEAST_MPA, 1e3, "kPa"))  # fmt: skip
+                                 MIN_MPA, 1e3, "kPa"))  # fmt: skip
     if (s := result.shape) is not None:
         if (d := s.depth) is not None:
-            told["maps"].append(_map(d.depth_mm, d.known, d.x_mm, d.y_mm, "depth", LEAST_MM, 1,
+            told["maps"].append(_map(d.depth_mm, d.known, d.x_mm, d.y_mm, "depth", MIN_MM, 1,
                                      "mm"))  # fmt: skip
         told["maps"].append(_map(s.relative, s.density.reliable, s.x_mm, s.y_mm, "relative depth",
-                                 LEAST_RELATIVE, 1, ""))  # fmt: skip
+                                 MIN_RELATIVE, 1, ""))  # fmt: skip
     return told
 
 
-def point(m: Measured) -> tuple[float | None, ...]:
+def point(m: MeasuredImage) -> tuple[float | None, ...]:
     """Of the traces: time; normal force and shear, else the motion; 1 where they are trusted."""
     force, t_s = m.result.force, round(m.given.t_s, 4)
     if force is None:
@@ -107,7 +107,7 @@ def _map(
     times: float, unit: str,
 ) -> dict[str, Any]:  # fmt: skip
     """Values (h, w) as bytes, 0 and less dark, the most 254, what is not known LOST."""
-    n = -(-max(values.shape) // MOST_CELLS)
+    n = -(-max(values.shape) // MAX_CELLS)
     h, w = (side // n * n for side in values.shape)
     part = np.ascontiguousarray(values[:h, :w], np.float32)
     lost = np.zeros((h, w), np.uint8) if known is None else (~known[:h, :w]).astype(np.uint8)

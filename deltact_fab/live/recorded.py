@@ -7,9 +7,9 @@ from pathlib import Path
 
 from .. import catalog, record
 from ..errors import InputError
-from ..rig.interface import Frame
+from ..rig.interface import CameraFrame
 from ..shapes.sensor import SkinDimensions
-from .source import Known
+from .source import KnownSensor
 
 
 class RecordedRun:
@@ -23,7 +23,7 @@ class RecordedRun:
         self._run = run = record.open(folder)
         specimen = run.meta["protocol"]["specimen"]
         skin = run.meta["sensor"]["skin"]
-        self.known = Known(
+        self.known = KnownSensor(
             run.camera,
             run.flat,
             catalog.validate(SkinDimensions, skin, f"{folder}/run.json: sensor.skin"),
@@ -36,10 +36,10 @@ class RecordedRun:
         if self._frames.empty:
             raise InputError(f"{folder}: a run without images")
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Iterator[CameraFrame]:
         """As Source; times of the rig's clock."""
         for file, t_s in zip(self._frames["file"], self._frames["t_s"], strict=True):
-            yield Frame(self._run.raw(str(file)), float(t_s))
+            yield CameraFrame(self._run.raw(str(file)), float(t_s))
 
     def close(self) -> None:
         """Nothing is held open."""

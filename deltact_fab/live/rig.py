@@ -20,10 +20,10 @@ from ..protocols import limits, plan
 from ..protocols.plan import Step
 from ..rig import config
 from ..rig.camera.model import flat_field, tracked_view
-from ..rig.interface import Frame
-from ..rig.job import Devices, Job
+from ..rig.interface import CameraFrame
+from ..rig.job import Devices, RigSetup
 from .camera import camera_source
-from .source import Known, Source
+from .source import KnownSensor, Source
 
 DEFAULT_PROTOCOL = "smoke"
 
@@ -47,7 +47,9 @@ def rig_source(rig_name: str, protocol: str, design: str | None, seed: int) -> S
     sensor = load_design(design or "deltact")
     view = tracked_view(bench.camera, sensor, path)
     flat = flat_field(bench.camera.model, path)
-    known = Known(view, flat if view is None or flat is None else flat.seen_by(view), sensor.skin)
+    known = KnownSensor(
+        view, flat if view is None or flat is None else flat.seen_by(view), sensor.skin
+    )
     return camera_source(bench.camera, path.parent, known)
 
 
@@ -78,7 +80,7 @@ class RigSource:
         self._protocol, self._sensor, self._seed = protocol, sensor, seed
         self._recipe = load_recipe(protocol.specimen.pattern)
         view, flat = kind.camera(protocol, sensor), kind.flat(protocol)
-        self.known = Known(
+        self.known = KnownSensor(
             view,
             flat if view is None or flat is None else flat.seen_by(view),
             sensor.skin,
@@ -88,10 +90,10 @@ class RigSource:
             simulated=f"simulated, seed {seed}",
         )
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Iterator[CameraFrame]:
         """As Source; times of the rig's clock."""
         with TemporaryDirectory() as folder:
-            job = Job(self._protocol, self._sensor, self._recipe, self._seed, Path(folder))
+            job = RigSetup(self._protocol, self._sensor, self._recipe, self._seed, Path(folder))
             with closing(self._kind.build(job)) as rig:
                 yield from _carried_out(self._steps, rig.devices())
 
@@ -99,7 +101,7 @@ class RigSource:
         """The devices are closed when `frames` ends."""
 
 
-def _carried_out(steps: Sequence[Step], devices: Devices) -> Iterator[Frame]:
+def _carried_out(steps: Sequence[Step], devices: Devices) -> Iterator[CameraFrame]:
     """Every image of the steps, taken when the runner would take it."""
     stage, camera, clock = devices.stage, devices.camera, devices.clock
     assert camera is not None, "the protocol asks for images"

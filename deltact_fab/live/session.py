@@ -23,7 +23,7 @@ PATIENCE_S = 2.0
 
 
 @dataclass(frozen=True)
-class Given:
+class SourceImage:
     """An image on its way. frame: its number in the source. t_s: when it was taken, by the source's
     clock; given_s: the time that its result's age counts from, by `time.monotonic`."""
 
@@ -34,14 +34,14 @@ class Given:
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredImage:
     """An image and its result; a gap in the numbers of the images is those that were dropped.
 
     hz: results a second. dropped: images and results that gave way to newer ones, so far, with
     the images that the camera lost.
     """
 
-    given: Given
+    given: SourceImage
     result: Result
     hz: float
     dropped: int
@@ -71,10 +71,10 @@ class Session:
         self._going = going or (lambda timeout_s: True)
         self._stopped = False
         self._error: BaseException | None = None
-        self._given: deque[Given] = deque()
+        self._given: deque[SourceImage] = deque()
         self._lost = 0
 
-    def results(self) -> Iterator[Measured]:
+    def results(self) -> Iterator[MeasuredImage]:
         """What was measured, in order. Raises what the source or the measurement raises."""
         times: deque[float] = deque()
         live = self.source.live
@@ -91,7 +91,7 @@ class Session:
                     given = self._given.popleft()
                     while given.given_s != result.t_s:  # those between were dropped
                         given = self._given.popleft()
-                    yield Measured(given, result, hz, pipeline.dropped + self._lost)
+                    yield MeasuredImage(given, result, hz, pipeline.dropped + self._lost)
             finally:
                 self._stopped = True
                 feeder.join(PATIENCE_S)
@@ -119,7 +119,7 @@ class Session:
                 if not self._going(0.0):
                     continue
                 image = frame.image if flat is None else flat.apply(self.rectified(frame.image))
-                given = Given(k, frame.t_s, image, frame.t_s if self.source.live else began_s)
+                given = SourceImage(k, frame.t_s, image, frame.t_s if self.source.live else began_s)
                 self._given.append(given)
                 pipeline.submit(image, given.given_s)
                 if self._least_s:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
-from ..rig.interface import Frame
+from ..rig.interface import CameraFrame
 
 if TYPE_CHECKING:
     from ..optics import CameraModel, FlatField
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownSensor:
     """What a source knows of the sensor that it shows; None where it cannot tell.
 
     camera: the projection of the images that are tracked; its `maps` make them from those that the
@@ -32,7 +32,7 @@ class Known:
     simulated: str | None = None
 
 
-NOTHING = Known()
+NOTHING = KnownSensor()
 
 
 class Source(Protocol):
@@ -42,9 +42,9 @@ class Source(Protocol):
     live: bool
     """Images come whether they are taken or not: the newest counts, and times are those of
     `time.monotonic`. Else every image counts."""
-    known: Known
+    known: KnownSensor
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Iterator[CameraFrame]:
         """Images (h, w, 3) BGR uint8 in order of time; the first is at rest.
 
         Raises InputError or a kind of RunFailed that names the source.

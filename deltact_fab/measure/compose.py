@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..arrays import Array
+from ..aliases import Array
 
 _NO_MAP2: Any = None  # cv2's type stubs do not know that remap takes one map of two channels
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from ..arrays import Array
+from ..aliases import Array
 from ..optics import CameraModel, axes_mm
 from .flow import FlowObservation, FlowState
 

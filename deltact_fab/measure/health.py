@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..arrays import Array
+from ..aliases import Array
 from ..errors import InputError, SensorError
 from ..optics import CameraModel
 from .face import FaceFlow
@@ -21,12 +21,12 @@ from .flow import FlowTracker, to_gray
 from .rigid import rigid
 
 # Beyond these a calibration no longer tells the force within its stated error (decision 0026).
-MOST_SHIFT_MM = 0.3
-MOST_TURN_DEG = 1.0
-MOST_DEFORMATION_MM = 0.006
-LEAST_MATCHED = 0.9
-LEAST_BRIGHTNESS, MOST_BRIGHTNESS = 0.4, 1.6
-LEAST_CONTRAST = 0.4
+MAX_SHIFT_MM = 0.3
+MAX_TURN_DEG = 1.0
+MAX_DEFORMATION_MM = 0.006
+MIN_MATCHED = 0.9
+MIN_BRIGHTNESS, MAX_BRIGHTNESS = 0.4, 1.6
+MIN_CONTRAST = 0.4
 _BLOCK_PX = 32
 _EVERY_PX = 8
 _RIM = 4  # nodes at the image's edge that are never confident: their windows are cut
@@ -97,28 +97,28 @@ def health(reference: Array, now: Array, camera: CameraModel) -> Health:
     rms, peak = float(np.sqrt(np.mean(size**2))), float(np.percentile(size, 99))
     moved = float(np.hypot(*shift))
     limits = (
-        (moved > MOST_SHIFT_MM, f"the pattern moved by {moved:.2f} mm (limit {MOST_SHIFT_MM:g})"),
+        (moved > MAX_SHIFT_MM, f"the pattern moved by {moved:.2f} mm (limit {MAX_SHIFT_MM:g})"),
         (
-            abs(turn_deg) > MOST_TURN_DEG,
-            f"the pattern turned by {turn_deg:.2f} degrees (limit {MOST_TURN_DEG:g})",
+            abs(turn_deg) > MAX_TURN_DEG,
+            f"the pattern turned by {turn_deg:.2f} degrees (limit {MAX_TURN_DEG:g})",
         ),
         (
-            rms > MOST_DEFORMATION_MM,
-            f"the face is deformed by {rms:.3f} mm at rest (limit {MOST_DEFORMATION_MM:g}): "
+            rms > MAX_DEFORMATION_MM,
+            f"the face is deformed by {rms:.3f} mm at rest (limit {MAX_DEFORMATION_MM:g}): "
             "touched, or it took a set",
         ),
         (
-            matched < LEAST_MATCHED,
-            f"{matched:.0%} of the pattern is found again (limit {LEAST_MATCHED:.0%})",
+            matched < MIN_MATCHED,
+            f"{matched:.0%} of the pattern is found again (limit {MIN_MATCHED:.0%})",
         ),
         (
-            not LEAST_BRIGHTNESS <= brightness <= MOST_BRIGHTNESS,
+            not MIN_BRIGHTNESS <= brightness <= MAX_BRIGHTNESS,
             f"brightness is {brightness:.2f} of what it was "
-            f"(limits {LEAST_BRIGHTNESS:g} to {MOST_BRIGHTNESS:g})",
+            f"(limits {MIN_BRIGHTNESS:g} to {MAX_BRIGHTNESS:g})",
         ),
         (
-            contrast < LEAST_CONTRAST,
-            f"contrast is {contrast:.2f} of what it was (limit {LEAST_CONTRAST:g})",
+            contrast < MIN_CONTRAST,
+            f"contrast is {contrast:.2f} of what it was (limit {MIN_CONTRAST:g})",
         ),
     )
     reasons = tuple(text for beyond, text in limits if beyond)

@@ -22,7 +22,7 @@ from itertools import pairwise
 import numpy as np
 from scipy import fft
 
-from ..arrays import Array
+from ..aliases import Array
 from ..errors import InputError
 from .face import FaceFlow
 from .hole_filling import whole

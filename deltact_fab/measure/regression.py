@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 from scipy import linalg, special
 
-from ..arrays import Array
+from ..aliases import Array
 from ..errors import InputError
 
 DEPENDENT = 1e-8  # share of a column's length that the columns before it must leave unexplained
 
 
 @dataclass(frozen=True)
-class Fit:
+class RegressionFit:
     """One regression. Figures that do not exist are None: R2 of what never varies.
 
     names, coefficients (k,), intervals (k, 2): of all columns, in order; a column that was left
@@ -60,7 +60,7 @@ class Fit:
 
 def least_squares(
     columns: Array, y: Array, names: Sequence[str], level: float = 0.95, collinear: str = "drop"
-) -> Fit:
+) -> RegressionFit:
     """Fit y (n,) by columns (n, k), named; no constant is added.
 
     collinear: "drop" leaves a column out that is 0 throughout or that the columns before it give,
@@ -101,7 +101,7 @@ def least_squares(
     r2, adjusted = _r2(rss, float(y @ y), free, n)
     about_mean = y - y.mean()
     centred, adjusted_centred = _r2(rss, _if_varies(about_mean, y), free, n - 1)
-    return Fit(
+    return RegressionFit(
         tuple(names), tuple(map(float, b)),
         tuple((float(low), float(high)) for low, high in zip(b - half, b + half, strict=True)),
         level, tuple(name for i, name in enumerate(names) if i not in kept), tuple(why),
@@ -110,7 +110,7 @@ def least_squares(
     )  # fmt: skip
 
 
-def relative_leverage(columns: Array, fit: Fit) -> Array:
+def relative_leverage(columns: Array, fit: RegressionFit) -> Array:
     """How unlike the rows of a fit a row is: (k, k) that it is to be multiplied by.
 
     The squares of the product add up to the row's leverage over the largest among columns (n, k):

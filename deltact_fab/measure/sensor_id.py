@@ -61,7 +61,7 @@ class SensorId:
 
 
 @dataclass(frozen=True)
-class Made:
+class CalibrationSource:
     """What a calibration was made from. seed: of a simulated run."""
 
     runs: tuple[str, ...]
@@ -78,7 +78,7 @@ class Head:
 
     kind: Kind
     sensor: SensorId
-    made: Made
+    made: CalibrationSource
 
     @property
     def origin(self) -> str:

@@ -10,15 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from ..aliases import Array, Progress
 from ..analysis.shape.ball import calibrate_depth
 from ..analysis.view import view_of
-from ..arrays import Array
 from ..measure.flow import FlowState
 from ..measure.flow.fused import to_full, which
 from ..measure.force import ForceModel, make_features
 from ..measure.pipeline import Calibration, Measurement, Pipeline, Result
-from ..types import Progress
-from .benchmark_scene import FRAMES, PATTERNS, PROTOCOL, RIG, Scene, scene
+from .benchmark_scene import FRAMES, PATTERNS, PROTOCOL, RIG, BenchmarkScene, scene
 from .scenes import machine
 
 PACED_HZ = 60.0
@@ -67,7 +66,7 @@ def run_benchmark(
     return found
 
 
-def _pattern(given: Scene, cases: Sequence[str], frames: int) -> dict[str, Any]:
+def _pattern(given: BenchmarkScene, cases: Sequence[str], frames: int) -> dict[str, Any]:
     raw = given.raw[:frames]
     view, models = view_of(given.run), _calibrations(given)
     judged: dict[str, dict[str, float]] = {}
@@ -87,7 +86,7 @@ def _pattern(given: Scene, cases: Sequence[str], frames: int) -> dict[str, Any]:
     return rows
 
 
-def _calibrations(given: Scene) -> list[Calibration]:
+def _calibrations(given: BenchmarkScene) -> list[Calibration]:
     """Of force and depth, by these frames themselves: for their time, not for their error."""
     view = view_of(given.run)
     features = make_features(_FORCE, view)
@@ -139,7 +138,7 @@ def _paced(pipeline: Pipeline, raw: list[Array]) -> None:
     pipeline.close()
 
 
-def _judged(given: Scene, tracker: str, frames: int) -> dict[str, float]:
+def _judged(given: BenchmarkScene, tracker: str, frames: int) -> dict[str, float]:
     measurement = Measurement(given.run.camera, ("observation",), flow=tracker)
     parts: list[Array] = []
     peaks_mm = [0.0]
@@ -157,7 +156,7 @@ def _judged(given: Scene, tracker: str, frames: int) -> dict[str, float]:
     }
 
 
-def _at_moving(given: Scene, k: int, result: Result) -> Array:
+def _at_moving(given: BenchmarkScene, k: int, result: Result) -> Array:
     """(3, n) at the moving visible pixels: error in mm, whether known, whether confident."""
     true, seen = given.truth[k], result.observation
     assert seen is not None, "it was asked for"

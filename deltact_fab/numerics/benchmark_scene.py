@@ -13,10 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from .. import cache, catalog, digest
+from ..aliases import Array, Progress
 from ..analysis.tracking_error.truth import TrueFrame, seen_by
-from ..arrays import Array
 from ..record import Run
-from ..types import Progress
 
 FRAMES = 300
 JUDGED = 10  # every so many frames the flow is held against the truth
@@ -28,7 +27,7 @@ _DRAWN_BY = ("virtual.devices", "virtual.presses", "imaging", "patterns.raster")
 
 
 @dataclass(frozen=True)
-class Scene:
+class BenchmarkScene:
     """One pattern's frames in memory, as a camera gives them, and what is true of them.
 
     raw: FRAMES images (h, w, 3) uint8. truth: of every JUDGED-th frame, by its number. wrench
@@ -41,7 +40,7 @@ class Scene:
     wrench: Array
 
 
-def scene(pattern: str, progress: Progress | None = None) -> Scene:
+def scene(pattern: str, progress: Progress | None = None) -> BenchmarkScene:
     """The frames of a pattern of PATTERNS, drawn if the cache folder has none.
 
     Raises as `experiment.run` and `record.open` do.
@@ -66,7 +65,7 @@ def scene(pattern: str, progress: Progress | None = None) -> Scene:
     names = [f"{part}_n" for part in ("fx", "fy", "fz")] + [
         f"{part}_nmm" for part in ("tx", "ty", "tz")
     ]
-    return Scene(
+    return BenchmarkScene(
         run,
         [run.raw(file) for file in frames["file"]],
         {

@@ -25,7 +25,7 @@ class Work:
 
 
 @dataclass(frozen=True)
-class Setting:
+class CurveSetting:
     """One point of a curve.
 
     case: what is computed; one panel a case. series, name: how it is set; a series is joined by a
@@ -71,7 +71,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Table:
+class EngineTable:
     """Figures of an engine that are neither a curve nor a case."""
 
     title: str
@@ -80,7 +80,7 @@ class Table:
     rows: tuple[tuple[Any, ...], ...]
 
 
-def _no_tables(scratch: Path) -> Sequence[Table]:
+def _no_tables(scratch: Path) -> Sequence[EngineTable]:
     return ()
 
 
@@ -94,6 +94,6 @@ class Engine:
     name: str
     title: str
     about: str
-    curves: Callable[[bool], Sequence[Setting]]
+    curves: Callable[[bool], Sequence[CurveSetting]]
     cases: Callable[[bool], Sequence[Case]]
-    tables: Callable[[Path], Sequence[Table]] = _no_tables
+    tables: Callable[[Path], Sequence[EngineTable]] = _no_tables

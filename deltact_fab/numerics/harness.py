@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ..aliases import Progress
 from ..errors import InputError, RunFailed
 from ..extras import require
-from ..types import Progress
 from . import scenes, stability, work_precision
 from .engines import REGISTRY, check_names, load
 from .process import WorkerDied, answers

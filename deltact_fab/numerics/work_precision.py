@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import RunFailed
-from .engine import Engine, Setting
+from .engine import CurveSetting, Engine
 from .process import WorkerDied, answers
 
 
@@ -44,7 +44,7 @@ class CurveRow:
 
 
 def measure(
-    engine: Engine, module: str, settings: list[Setting], scratch: Path, quick: bool
+    engine: Engine, module: str, settings: list[CurveSetting], scratch: Path, quick: bool
 ) -> Iterator[CurveRow]:
     """Time settings one after the other. Raises RunFailed naming a setting that failed."""
     for setting in settings:

@@ -18,7 +18,7 @@ from .judge import judge, plain
 from .memory import peak_resident_mb, reset_peak_mb
 
 if TYPE_CHECKING:
-    from .engine import Setting
+    from .engine import CurveSetting
 
 REPEATS = 5
 MAX_REPEATS = 25
@@ -62,7 +62,7 @@ def _answers(job: dict[str, Any]) -> Any:
             }
 
 
-def time_setting(setting: Setting, scratch: Path) -> dict[str, Any]:
+def time_setting(setting: CurveSetting, scratch: Path) -> dict[str, Any]:
     """Times, memory and error of one setting; the warm-up is apart.
 
     The best of several runs, for whatever else is at work only ever adds, and the slowest.

@@ -6,7 +6,7 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from ..arrays import Array
+from ..aliases import Array
 
 Medium = Literal["gel", "air"]
 """What lies between the resting face and a point: the gel that moved with it, or free air."""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..aliases import Array
 from ..errors import InputError, SolverError
 from ..shapes.bounded import ShapeError, check_limits, number
 from ..shapes.sensor import N_ACRYLIC, N_SILICONE, SensorDimensions
@@ -26,7 +26,7 @@ Depth = NDArray[Any] | float
 
 FIELD_RAD = math.radians(100)
 """Half field of the 200-degree lens."""
-LEAST_GROWTH = 0.1
+MIN_GROWTH = 0.1
 """Share of f by which the image's radius must still grow with the angle: there the field ends."""
 ROUNDING_MM = 1e-9
 """A point on the face may lie so far behind it when it comes out of a transform."""
@@ -104,7 +104,7 @@ class Fisheye:
     def field_rad(self) -> float:
         """The angle from the axis up to which the lens forms an image."""
         # Where 1 + 3 k1 t^2 + 5 k2 t^4 falls to the least growth.
-        roots = np.roots([5 * self.k2, 3 * self.k1, 1 - LEAST_GROWTH])
+        roots = np.roots([5 * self.k2, 3 * self.k1, 1 - MIN_GROWTH])
         turns = [math.sqrt(r.real) for r in roots if abs(r.imag) < 1e-12 and r.real > 0]
         return min([FIELD_RAD, *turns])
 

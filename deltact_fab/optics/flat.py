@@ -20,7 +20,7 @@ from .rectified import Rectified
 
 SMOOTH = 0.01
 """Sigma of the blur that takes the blank frame's noise away, of its width."""
-MOST_GAIN = 4.0
+MAX_GAIN = 4.0
 """Where it is darker than that, beyond the skin's window, nothing is to be made bright."""
 FULL = 65535
 COARSE = 8
@@ -44,7 +44,7 @@ class FlatField:
         top = smooth.reshape(-1, 3).max(axis=0)
         if not np.all(top >= 16):
             raise InputError(f"{source}: too dark to tell how the light falls off")
-        return cls(np.maximum(smooth / top, np.float32(1 / MOST_GAIN)))
+        return cls(np.maximum(smooth / top, np.float32(1 / MAX_GAIN)))
 
     @classmethod
     def read(cls, path: Path, size_px: tuple[int, int]) -> FlatField:

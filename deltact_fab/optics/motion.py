@@ -14,7 +14,7 @@ from math import ceil
 
 import numpy as np
 
-from ..arrays import Array
+from ..aliases import Array
 from .lattice import LatticeSampler, SurfaceLattice
 
 STEP_MM = 0.2

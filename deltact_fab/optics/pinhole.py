@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Array
+from ..aliases import Array
 from ..errors import InputError
 from ..shapes.sensor import N_SILICONE, SensorDimensions
 from .camera import Medium

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..aliases import Array
 from ..errors import InputError
 from ..shapes.bounded import check_limits, number
 from ..shapes.sensor import SensorDimensions

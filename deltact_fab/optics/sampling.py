@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import Array
+from ..aliases import Array
 from .rectified import Rectified
 
-LEAST_PX = 2.0
+MIN_PX = 2.0
 """Raw pixels that a patch needs each way: fewer, and its neighbours are mixed with it (Nyquist)."""
 GRID_PX = 8
 """Between the view's pixels that a share is counted on."""
@@ -33,8 +33,8 @@ def raw_mm_per_px(view: Rectified, px: Array) -> Array:
 
 
 def aliased_share(view: Rectified, patch_mm: float) -> float:
-    """Share of the view, 0 to 1, in which a patch covers less than LEAST_PX raw pixels one way."""
+    """Share of the view, 0 to 1, in which a patch covers less than MIN_PX raw pixels one way."""
     columns = np.arange(GRID_PX / 2 - 0.5, view.width_px, GRID_PX)
     rows = np.arange(GRID_PX / 2 - 0.5, view.height_px, GRID_PX)
     scales = raw_mm_per_px(view, np.stack(np.meshgrid(columns, rows), axis=-1))
-    return float(np.mean(patch_mm < LEAST_PX * np.max(scales, axis=-1)))
+    return float(np.mean(patch_mm < MIN_PX * np.max(scales, axis=-1)))

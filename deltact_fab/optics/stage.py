@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..types import Vector
+from ..aliases import Vector
 
 
 @dataclass(frozen=True)

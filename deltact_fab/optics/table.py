@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arrays import Array
+from ..aliases import Array
 from ..errors import SolverError
 
 if TYPE_CHECKING:

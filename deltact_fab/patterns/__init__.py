@@ -2,14 +2,14 @@
 
 from .dots import centres_csv, centres_mm, check_inside
 from .laws.patches import draw_patches
-from .metadata import Dots, read_dots, read_recipe
-from .raster import Made, albedo, make, raster
+from .metadata import DotTable, read_dots, read_recipe
+from .raster import PatternFiles, albedo, make, raster
 from .recipe import DotGrid, PatternRecipe, load_recipe, recipe_from, recipe_from_options
 
 __all__ = [
     "DotGrid",
-    "Dots",
-    "Made",
+    "DotTable",
+    "PatternFiles",
     "PatternRecipe",
     "albedo",
     "centres_csv",

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Points
+from ..aliases import Points
 from ..errors import InputError
 from .recipe import DotGrid
 

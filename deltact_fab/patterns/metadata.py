@@ -29,7 +29,7 @@ FRAME = (
 
 
 @dataclass(frozen=True, eq=False)
-class Dots:
+class DotTable:
     """The dots of an image. centres_mm, centres_px: (n, 2) x and y, in the order of the CSV."""
 
     centres_mm: NDArray[np.float64]
@@ -80,7 +80,7 @@ def read_recipe(path: Path) -> PatternRecipe:
     return _recipe(path, _read(path)[0])
 
 
-def read_dots(path: Path) -> Dots:
+def read_dots(path: Path) -> DotTable:
     """Where the dots are that a PNG of `make` carries, in mm and in px of that image.
 
     Raises InputError when it has none, was resized or cropped, or its table is another's.
@@ -106,7 +106,7 @@ def read_dots(path: Path) -> Dots:
     if not (same_hash if left_out else text.get("dots_csv", "").encode() == table):
         raise InputError(f"{path}: its table of dots is not that of its recipe; make it again")
     xy_mm = dots.centres_mm(recipe.dots)
-    return Dots(
+    return DotTable(
         centres_mm=xy_mm,
         centres_px=dots.to_px(xy_mm, mm_per_px, size_px),
         diameter_mm=recipe.dots.diameter_mm,

@@ -35,7 +35,7 @@ MAX_PRINTED_SIDE_PX = 11_000
 
 
 @dataclass(frozen=True)
-class Made:
+class PatternFiles:
     """What `make` wrote. `dpi` is None where one image pixel is one patch."""
 
     recipe: PatternRecipe
@@ -183,7 +183,7 @@ def make(
     dpi: float | None = None,
     sensor: SensorDimensions | None = None,
     check_view: bool = True,
-) -> Made:
+) -> PatternFiles:
     """Write the sticker as PNG, and the centres of its dots beside it as NAME.dots.csv.
 
     One image pixel is one patch, unless dpi is given or the sticker has dots or no patches: then
@@ -224,7 +224,7 @@ def make(
     if table is not None and table_path is not None:
         wanted[table_path] = table
     write_together(wanted)
-    return Made(
+    return PatternFiles(
         recipe=recipe,
         image=path,
         image_sha256=hashlib.sha256(content).hexdigest(),

@@ -23,7 +23,7 @@ def needs(
     kind: RigKind,
     out: Path,
     wall_clock: bool,
-) -> list[limits.Check]:
+) -> list[limits.LimitCheck]:
     """Rows of the least feed, the time, the disk and the camera's rate, see `protocols.budget`.
 
     out: of the run, or any folder on its disk; what a run that goes on has there already is not

@@ -6,11 +6,11 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from ..aliases import Progress, Vector
 from ..elasticity.material import GelMaterial
 from ..protocols.plan import Protocol, Specimen
 from ..shapes import Indenter, SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
-from ..types import Progress, Vector
 from .press import Level, PressCurve, press_curve
 
 MODULUS_FACTOR = 2.0

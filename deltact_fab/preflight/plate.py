@@ -11,12 +11,12 @@ from collections.abc import Sequence
 
 from ..cad.dimensions import Design
 from ..cad.parts.light_holder import below_plate
-from ..cad.stiffness import Press, press
-from ..protocols.limits import Check
+from ..cad.stiffness import PlatePress, press
+from ..protocols.limits import LimitCheck
 from .peaks import MODULUS_FACTOR, Peak
 
 
-def plate_checks(peaks: Sequence[Peak], design: Design, simulated: bool) -> list[Check]:
+def plate_checks(peaks: Sequence[Peak], design: Design, simulated: bool) -> list[LimitCheck]:
     """Stress, room behind the plate and share of the depth, each with its worst press.
 
     Too much stress fails, on the simulated rig it warns; the other two only warn.
@@ -30,7 +30,7 @@ def plate_checks(peaks: Sequence[Peak], design: Design, simulated: bool) -> list
     yields_mm = max(found.deflection_mm for found in done)
     over = max(stress) > limit_mpa
     return [
-        Check(
+        LimitCheck(
             "plate stress", simulated or not over, f"{high}, plate.stress_limit_mpa (MPa)",
             round(max(stress), 2), limit_mpa, _where(stress, peaks), over and simulated,
         ),
@@ -57,11 +57,11 @@ def judge_plate(name: str, peaks: Sequence[Peak], design: Design) -> tuple[list[
     return breaks, [f"{name}: {_told(row)}" for row in others if row.warns]
 
 
-def _told(row: Check) -> str:
+def _told(row: LimitCheck) -> str:
     return f"{row.name}: {row.what} {row.figure:g} > {row.bound:g}, {row.where}"
 
 
-def _presses(peaks: Sequence[Peak], design: Design) -> list[Press]:
+def _presses(peaks: Sequence[Peak], design: Design) -> list[PlatePress]:
     return [press(design, peak.normal_n, peak.at_mm) for peak in peaks]
 
 
@@ -73,8 +73,8 @@ def _where(figures: Sequence[float], peaks: Sequence[Peak]) -> str:
 
 def _warning(
     name: str, what: str, figures: Sequence[float], bound: float, peaks: Sequence[Peak]
-) -> Check:
+) -> LimitCheck:
     figure = max(figures)
-    return Check(
+    return LimitCheck(
         name, True, what, float(f"{figure:.3g}"), bound, _where(figures, peaks), figure > bound
     )

@@ -26,10 +26,10 @@ from typing import Literal
 
 import numpy as np
 
+from ..aliases import Progress
 from ..elasticity.material import GelMaterial
 from ..errors import InputError, SolverError
 from ..shapes import Indenter, SkinDimensions
-from ..types import Progress
 
 Level = Literal["layer", "hyperelastic", "extrapolated", "bound"]
 
@@ -41,7 +41,7 @@ ATTEMPTS: tuple[tuple[Literal["layer", "hyperelastic"], int | None], ...] = (
 )
 """Levels and most unknowns of a mesh, until one gets far enough."""
 ENOUGH = 0.75  # of the deepest depth: what is missing is then extrapolated by a factor of about 2
-MOST_LARGER = 2.0  # cells than the tolerance asks for, that its share of the force grows with
+MAX_LARGER = 2.0  # cells than the tolerance asks for, that its share of the force grows with
 INSIDE = 0.3  # of the depth; a state with more penetration is not used
 NOTICED = 0.1  # of the depth; from here on penetration is taken off the depth
 FALL = 0.1  # of the largest force so far; a larger fall means that the mesh has lost the tip
@@ -143,7 +143,7 @@ def _attempt(
 
     None where finite strain would have to be solved and must not.
     """
-    from ..gel.path.knots import Observed, along
+    from ..gel.path.knots import ObservedChannels, along
     from ..gel.path.open import choose, open_path
 
     corners = [(*at_mm, -d) for d in (0.0, *depths_mm)]
@@ -156,7 +156,7 @@ def _attempt(
     except InputError as why:
         return (), str(why)
     poses = along(corners, choice.step_mm)
-    solver = open_path(skin, unit, indenter, poses, Observed(), choice)
+    solver = open_path(skin, unit, indenter, poses, ObservedChannels(), choice)
     if level == "hyperelastic" and solver.found is None and not solve:
         return None
     what = f"{indenter.name} to {depths_mm[-1]:.3g} mm"
@@ -168,7 +168,7 @@ def _attempt(
     for pose, knot in zip(poses, solver.knots, strict=False):
         lost = _add(points, -pose.tip_mm[2], -knot.force_n[2], knot.penetration_mm)
     larger = choice.spacing_mm / choice.asked_mm if choice.asked_mm else 1.0
-    margin = 1 + max(TOLERANCE, choice.model_force_rel) * min(max(larger, 1.0), MOST_LARGER)
+    margin = 1 + max(TOLERANCE, choice.model_force_rel) * min(max(larger, 1.0), MAX_LARGER)
     return tuple((d, f * margin) for d, f in points), lost or ended
 
 

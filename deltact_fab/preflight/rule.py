@@ -10,12 +10,12 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
+from ..aliases import Vector
 from ..errors import InputError
-from ..protocols.limits import Check
+from ..protocols.limits import LimitCheck
 from ..protocols.plan import Protocol
 from ..rig.config import RigConfig
 from ..rig.force.guard import SHARE, GuardLimits
-from ..types import Vector
 from .peaks import MODULUS_FACTOR, PAPER_REMARK, PAPER_REMARK_FROM, Peak
 
 _LOG = logging.getLogger(__name__)
@@ -136,7 +136,7 @@ def may_trip(name: str, peaks: Sequence[Peak], limits: ForceLimits) -> list[str]
     ]
 
 
-def checks(peaks: Sequence[Peak], limits: ForceLimits) -> list[Check]:
+def checks(peaks: Sequence[Peak], limits: ForceLimits) -> list[LimitCheck]:
     """A row for each declared limit, with the worst press, and one for those that are missing."""
     missing = limits.undeclared()
     rows = [_check("force limits", "undeclared: " + ", ".join(missing), len(missing), 0, limits)]
@@ -166,9 +166,9 @@ def _unit(what: str) -> str:
 
 def _check(
     name: str, what: str, figure: float, bound: float, limits: ForceLimits, where: str = ""
-) -> Check:
+) -> LimitCheck:
     over = figure > bound
-    return Check(
+    return LimitCheck(
         name, limits.simulated or not over, what, figure, bound, where or limits.source,
         over and limits.simulated,
     )  # fmt: skip

@@ -6,12 +6,12 @@ import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from .limits import Check, RunEstimate
+from .limits import LimitCheck, RunEstimate
 from .plan import Protocol, Step
 
 # The planner of GRBL 1.1 (MINIMUM_FEED_RATE of its config.h) takes anything slower for this, so
 # that a press would be faster than its protocol says.
-LEAST_FEED_MM_MIN = 1.0
+MIN_FEED_MM_MIN = 1.0
 LONGEST_S = 30 * 86400.0
 LONG_S = 86400.0
 
@@ -24,7 +24,7 @@ def check(
     held_hz: float | None,
     wall_clock: bool = True,
     kept_mb: float = 0.0,
-) -> list[Check]:
+) -> list[LimitCheck]:
     """Rows of the least feed, the time, the disk and the camera's rate.
 
     out: of the run, or any folder on its disk. held_hz: frames a second that camera, format and
@@ -37,7 +37,7 @@ def check(
     if held_hz is not None and rate_hz is not None and "image" in protocol.channels:
         over = rate_hz > held_hz
         rows.append(
-            Check(
+            LimitCheck(
                 "camera rate", not (over and wall_clock), "frames a second that can be kept",
                 rate_hz, held_hz, "capture.rate_hz", over and not wall_clock,
             )
@@ -50,29 +50,29 @@ def size_mb(folder: Path) -> float:
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) / 1e6
 
 
-def _feed(steps: Iterable[Step]) -> Check:
+def _feed(steps: Iterable[Step]) -> LimitCheck:
     slowest = min(steps, key=lambda step: step.feed_mm_min)
-    ok = slowest.feed_mm_min >= LEAST_FEED_MM_MIN
-    return Check(
-        "least feed", ok, "feed (mm/min)", slowest.feed_mm_min, LEAST_FEED_MM_MIN, slowest.id,
+    ok = slowest.feed_mm_min >= MIN_FEED_MM_MIN
+    return LimitCheck(
+        "least feed", ok, "feed (mm/min)", slowest.feed_mm_min, MIN_FEED_MM_MIN, slowest.id,
         least=True,
     )  # fmt: skip
 
 
-def _time(estimate: RunEstimate) -> Check:
+def _time(estimate: RunEstimate) -> LimitCheck:
     hours, at = estimate.seconds / 3600, "the whole run"
     ok = estimate.seconds <= LONGEST_S
-    return Check(
+    return LimitCheck(
         "time", ok, "of the whole run (h)", hours, LONGEST_S / 3600, at,
         ok and estimate.seconds > LONG_S,
     )  # fmt: skip
 
 
-def _disk(estimate: RunEstimate, out: Path, kept_mb: float) -> Check:
+def _disk(estimate: RunEstimate, out: Path, kept_mb: float) -> LimitCheck:
     where = next(p for p in (out.absolute(), *out.absolute().parents) if p.exists())
     free_mb = shutil.disk_usage(where).free / 1e6
     needed_mb = max(0.0, estimate.disk_mb - kept_mb)
-    return Check(
+    return LimitCheck(
         "disk", needed_mb <= free_mb, "needed of what is free (MB)", needed_mb, free_mb,
         f"the disk of {where}",
     )  # fmt: skip

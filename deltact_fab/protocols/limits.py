@@ -13,21 +13,21 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from ..aliases import Point
 from ..errors import InputError
 from ..optics import StageFrame
 from ..shapes import SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
-from ..types import Point
 from ..units import digits
 from .motion import move_duration_s
-from .pace import LOCKSTEP, Pace, homing_s
+from .pace import LOCKSTEP, RigPace, homing_s
 from .plan import Protocol, Step, expand
 
 PNG_BYTES_PER_PX = 2.2  # measured on rendered frames of a dense pattern: 1.9-2.3
 FORCE_BYTES_PER_S = 14_000  # measured on the simulated sensor at 1 kHz, noise 0.01 N
 EPS_MM = 1e-9
 REFUSALS = "refusals"
-MOST_BETWEEN_FRAMES_MM = 0.25  # up to 7 pixels: as in `deep-drag`, which is followed throughout
+MAX_BETWEEN_FRAMES_MM = 0.25  # up to 7 pixels: as in `deep-drag`, which is followed throughout
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class StageBox:
 
 
 @dataclass(frozen=True)
-class Check:
+class LimitCheck:
     """One row: `figure` must not exceed `bound` (both in the unit named by `what`).
 
     warns: it does, or comes near, where nothing can break. least: it must not fall below.
@@ -99,7 +99,7 @@ def check(
     sensor: SensorDimensions,
     stage: StageBox,
     steps: list[Step] | None = None,
-) -> list[Check]:
+) -> list[LimitCheck]:
     """All static checks of a protocol on a sensor and a stage, passed ones included."""
     steps = expand(protocol) if steps is None else steps
     rows = [*_travel(steps, stage), *_feeds(steps, stage), _depth(steps, protocol, sensor)]
@@ -109,7 +109,7 @@ def check(
     return [*rows, _names(steps)]
 
 
-def require(rows: Iterable[Check], source: str) -> None:
+def require(rows: Iterable[LimitCheck], source: str) -> None:
     """Raise InputError with every failed row on one line."""
     failed = [r for r in rows if not r.ok]
     if failed:
@@ -125,9 +125,9 @@ def require(rows: Iterable[Check], source: str) -> None:
         raise InputError(" | ".join(told))
 
 
-def refusals(name: str, reasons: Sequence[str]) -> Check:
+def refusals(name: str, reasons: Sequence[str]) -> LimitCheck:
     """A row of what is refused in words."""
-    return Check(name, not reasons, REFUSALS, len(reasons), 0, "; ".join(reasons))
+    return LimitCheck(name, not reasons, REFUSALS, len(reasons), 0, "; ".join(reasons))
 
 
 def estimate(
@@ -135,7 +135,7 @@ def estimate(
     image_px: int,
     stage: StageBox,
     steps: list[Step] | None = None,
-    pace: Pace = LOCKSTEP,
+    pace: RigPace = LOCKSTEP,
 ) -> RunEstimate:
     """Frames, time and disk of a whole run, from the steps and the stage's acceleration.
 
@@ -170,46 +170,48 @@ def _worst(pairs: Iterable[tuple[float, str]]) -> tuple[float, str]:
     return max(pairs, default=(0.0, "-"))
 
 
-def _travel(steps: list[Step], stage: StageBox) -> Iterable[Check]:
+def _travel(steps: list[Step], stage: StageBox) -> Iterable[LimitCheck]:
     for axis, letter in enumerate("xyz"):
         travel_mm = stage.travel_mm[axis]
         high, at_high = _worst((stage.frame.to_machine_mm(s.target_mm)[axis], s.id) for s in steps)
         low, at_low = _worst((-stage.frame.to_machine_mm(s.target_mm)[axis], s.id) for s in steps)
-        yield Check("travel", high <= EPS_MM, f"machine {letter} (mm)", high, 0.0, at_high)
-        yield Check(
+        yield LimitCheck("travel", high <= EPS_MM, f"machine {letter} (mm)", high, 0.0, at_high)
+        yield LimitCheck(
             "travel", low <= travel_mm + EPS_MM, f"machine -{letter} (mm)", low, travel_mm, at_low
         )
 
 
-def _names(steps: list[Step]) -> Check:
+def _names(steps: list[Step]) -> LimitCheck:
     """A record keeps each step under its own name, which has depths and ways to 0.01 mm."""
     twice = [name for name, times in Counter(s.id for s in steps).items() if times > 1]
     where = twice[0] if twice else "-"
-    return Check("step names", not twice, "stops less than 0.01 mm apart", len(twice), 0, where)
+    return LimitCheck(
+        "step names", not twice, "stops less than 0.01 mm apart", len(twice), 0, where
+    )
 
 
-def _feeds(steps: list[Step], stage: StageBox) -> Iterable[Check]:
+def _feeds(steps: list[Step], stage: StageBox) -> Iterable[LimitCheck]:
     slowest = min(stage.max_feed_mm_min)
     feed, at = _worst((s.feed_mm_min, s.id) for s in steps)
-    yield Check("feed", feed <= slowest, "feed (mm/min)", feed, slowest, at)
+    yield LimitCheck("feed", feed <= slowest, "feed (mm/min)", feed, slowest, at)
 
 
-def _depth(steps: list[Step], protocol: Protocol, sensor: SensorDimensions) -> Check:
+def _depth(steps: list[Step], protocol: Protocol, sensor: SensorDimensions) -> LimitCheck:
     bound = sensor.skin.thickness_mm - protocol.specimen.depth_margin_mm
     depth, at = _worst((-s.target_mm[2], s.id) for s in steps)
-    return Check("depth against the gel", depth <= bound, "depth (mm)", depth, bound, at)
+    return LimitCheck("depth against the gel", depth <= bound, "depth (mm)", depth, bound, at)
 
 
-def _tip_reach(steps: list[Step]) -> Check:
+def _tip_reach(steps: list[Step]) -> LimitCheck:
     """Tips and shanks must be as long as they are pressed, or the back plate would touch."""
     over = [(-s.target_mm[2] / parse_indenter(s.indenter).reach_mm, s.id) for s in steps]
     share, at = _worst(over)
-    return Check(
+    return LimitCheck(
         "depth against the tip", share <= 1.0, "depth / free length of the tip", share, 1.0, at
     )
 
 
-def _opening(steps: list[Step], sensor: SensorDimensions) -> Iterable[Check]:
+def _opening(steps: list[Step], sensor: SensorDimensions) -> Iterable[LimitCheck]:
     for axis, letter in enumerate("xy"):
         bound = sensor.skin.opening_half_mm[axis]
         reach, at = _worst(
@@ -217,7 +219,7 @@ def _opening(steps: list[Step], sensor: SensorDimensions) -> Iterable[Check]:
             for s in steps
             if s.kind in ("press", "shear")
         )
-        yield Check(
+        yield LimitCheck(
             "footprint + shear inside the skin",
             reach <= bound + EPS_MM,
             f"reach in {letter} (mm)",
@@ -227,7 +229,7 @@ def _opening(steps: list[Step], sensor: SensorDimensions) -> Iterable[Check]:
         )
 
 
-def _sideways(steps: list[Step], protocol: Protocol) -> Check:
+def _sideways(steps: list[Step], protocol: Protocol) -> LimitCheck:
     """Sideways travel only at or above the clearance plane, unless it is declared shear."""
     clearance_mm = protocol.motion.clearance_mm
     worst, at = 0.0, "-"
@@ -236,18 +238,20 @@ def _sideways(steps: list[Step], protocol: Protocol) -> Check:
         low_mm = min(before.target_mm[2], step.target_mm[2])
         if sideways and step.kind != "shear" and clearance_mm - low_mm > worst:
             worst, at = clearance_mm - low_mm, step.id
-    return Check(
+    return LimitCheck(
         "clearance plane", worst <= EPS_MM, "sideways below clearance by (mm)", worst, 0.0, at
     )
 
 
-def _unseen(steps: list[Step]) -> Check:
+def _unseen(steps: list[Step]) -> LimitCheck:
     """How far the tip goes between two frames: a tracker takes long steps for new faces."""
     way_mm, at = _worst(
         (math.dist(before.target_mm, step.target_mm) / max(step.frames, 1), step.id)
         for before, step in itertools.pairwise(steps)
         if step.kind in ("press", "shear")
     )
-    bound = MOST_BETWEEN_FRAMES_MM
+    bound = MAX_BETWEEN_FRAMES_MM
     what = "travel of the tip (mm)"
-    return Check("motion between frames", True, what, way_mm, bound, at, way_mm > bound + EPS_MM)
+    return LimitCheck(
+        "motion between frames", True, what, way_mm, bound, at, way_mm > bound + EPS_MM
+    )

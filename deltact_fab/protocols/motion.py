@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ..types import Vector
+from ..aliases import Vector
 
 
 def plus(a: Vector, b: Vector) -> Vector:

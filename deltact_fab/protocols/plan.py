@@ -16,11 +16,11 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from .. import catalog
+from ..aliases import Point
 from ..errors import InputError, did_you_mean
 from ..levels import LEVELS
 from ..shapes import Indenter
 from ..shapes.indenter import parse as parse_indenter
-from ..types import Point
 
 Kind = Literal["change", "travel", "approach", "press", "shear", "retract"]
 # Every number has a lowest and a highest value: what is further out is a slip of the pen.
@@ -35,7 +35,7 @@ Modulus = Annotated[float, Field(ge=0.0001, le=10_000, allow_inf_nan=False)]  # 
 Seconds = Annotated[float, Field(ge=0.001, le=1e6, allow_inf_nan=False)]
 
 
-MOST_STEPS = 200_000
+MAX_STEPS = 200_000
 """Of a protocol; the force calibration of the paper has 2435."""
 
 
@@ -101,7 +101,7 @@ class Capture(_Strict):
         return self
 
 
-class Motion(_Strict):
+class MotionPlan(_Strict):
     """Feeds and heights of the stage, in the sensor frame."""
 
     clearance_mm: Length = 5.0
@@ -187,7 +187,7 @@ class Protocol(_Strict):
     which only a virtual rig knows."""
     shear: Shear | None = None
     capture: Capture
-    motion: Motion = Motion()
+    motion: MotionPlan = MotionPlan()
     specimen: Specimen = Specimen()
 
     @field_validator("indenters")
@@ -213,8 +213,8 @@ class Protocol(_Strict):
             raise ValueError("depths_mm: strictly increasing, the gel has a history")
         legs = 0 if self.shear is None else self.shear.legs
         presses = len(self.indenters) * len(self.positions_mm)
-        if (count := presses * (4 + len(self.depths_mm) * (1 + legs))) > MOST_STEPS:
-            raise ValueError(f"{count} steps; expected at most {MOST_STEPS}: split it")
+        if (count := presses * (4 + len(self.depths_mm) * (1 + legs))) > MAX_STEPS:
+            raise ValueError(f"{count} steps; expected at most {MAX_STEPS}: split it")
         return self
 
     def _repr_html_(self) -> str:

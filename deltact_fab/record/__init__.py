@@ -18,7 +18,7 @@ docs/decisions/0005-resume.md, 0012-streams.md and 0032-runner.md.
 
 from __future__ import annotations
 
-from .check import Verdict, check, require_whole
+from .check import RunVerdict, check, require_whole
 from .conditions import require_same
 from .description import about
 from .files import FORMAT, image_file, lattice_file, lens_file, truth_file
@@ -29,7 +29,7 @@ from .notes import add as add_note
 from .notes import usable as usable_note
 from .run import Run, open
 from .streams import Chunk
-from .truth import Truth
+from .truth import RunTruth
 from .writer import RunWriter
 
 __all__ = [
@@ -40,9 +40,9 @@ __all__ = [
     "WALL_COLUMNS",
     "Chunk",
     "Run",
+    "RunTruth",
+    "RunVerdict",
     "RunWriter",
-    "Truth",
-    "Verdict",
     "about",
     "add_note",
     "check",

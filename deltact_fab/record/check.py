@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from .. import catalog
+from ..aliases import Progress
 from ..errors import DeltactFabError, InputError, RunFailed
 from ..protocols.plan import Protocol, Step, expand
-from ..types import Progress
 from . import notes
 from .files import truth_file, written
 from .journal import being_written
@@ -35,7 +35,7 @@ class Damage:
 
 
 @dataclass
-class Verdict:
+class RunVerdict:
     """What was found in a run folder; it is whole when there is no problem.
 
     presses, frames: planned; whole_presses: complete, every hash right; lost_frames: that did not
@@ -84,7 +84,7 @@ class Verdict:
         }
 
 
-def check(folder: Path, progress: Progress | None = None) -> Verdict:
+def check(folder: Path, progress: Progress | None = None) -> RunVerdict:
     """Verify a run folder against its plan; nothing in it is changed.
 
     Reads every image (hash), unpacks every sample and truth. Raises InputError where there is no
@@ -92,7 +92,7 @@ def check(folder: Path, progress: Progress | None = None) -> Verdict:
     """
     if not (folder / "run.json").is_file():
         Run(folder)  # says what is there instead
-    verdict = Verdict(folder)
+    verdict = RunVerdict(folder)
     try:
         run = Run(folder)
     except InputError as why:
@@ -155,7 +155,7 @@ def _judge(
     run: Run,
     db: sqlite3.Connection,
     steps: Sequence[Step],
-    verdict: Verdict,
+    verdict: RunVerdict,
     progress: Progress | None,
 ) -> Iterator[Damage]:
     """steps: of the plan; none where it is not known, and rows are held against files only."""

@@ -43,7 +43,7 @@ WALL_COLUMNS = ("wall_s",)  # the only columns in which two equal runs may diffe
 CLOCK_COLUMNS = (*WALL_COLUMNS, "t_s", "t_start_s", "t_end_s", "origin_s")
 
 
-class Claim:
+class WriteLock:
     """The right to write into a run folder; it ends with the process, however that dies."""
 
     def __init__(self, handle: int | None) -> None:
@@ -56,10 +56,10 @@ class Claim:
             os.close(handle)
 
 
-def claim(folder: Path) -> Claim:
+def claim(folder: Path) -> WriteLock:
     """Claim a run folder. Raises InputError when another process has it."""
     if os.name != "posix":
-        return Claim(None)
+        return WriteLock(None)
     import fcntl
 
     # On run.json, for a lock on the journal would disturb the locks of SQLite itself.
@@ -71,8 +71,8 @@ def claim(folder: Path) -> Claim:
         raise InputError(f"{folder}: another process is writing this run") from why
     except OSError:  # a file system without locks
         os.close(handle)
-        return Claim(None)
-    return Claim(handle)
+        return WriteLock(None)
+    return WriteLock(handle)
 
 
 def being_written(folder: Path) -> bool:

@@ -48,7 +48,7 @@ class _Protocol(TypedDict, total=False):
     specimen: _Specimen
 
 
-class _Stage(TypedDict, total=False):
+class _StageFields(TypedDict, total=False):
     registration: str | None
     origin_machine_mm: tuple[Number, Number, Number]
     angle_deg: Number
@@ -57,7 +57,7 @@ class _Stage(TypedDict, total=False):
 
 class _Rig(TypedDict, total=False):
     kind: str
-    stage: _Stage
+    stage: _StageFields
     camera: dict[str, Any] | None
     force: dict[str, Any] | None
 

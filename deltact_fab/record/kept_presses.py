@@ -9,8 +9,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
+from ..aliases import Progress
 from ..protocols.plan import Step
-from ..types import Progress
 from .files import lattice_file, lens_file, truth_file
 from .run import Run
 

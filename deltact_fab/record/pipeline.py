@@ -30,7 +30,7 @@ from .journal import insert, journal_errors
 
 ENCODERS = 2
 BATCH, BATCH_S = 32, 0.5
-MOST_IMAGES, MOST_BYTES = 128, 256 << 20  # that wait to be written
+MAX_IMAGES, MAX_BYTES = 128, 256 << 20  # that wait to be written
 FLUSH_S = 120.0  # what waits is written within seconds; a disk that takes longer hangs
 SHA256 = "sha256"  # the column that is known when the file is written
 
@@ -47,7 +47,7 @@ class _Entry:
     """Written even after a failure: how the run ended."""
 
 
-class Pipeline:
+class WriterThreads:
     """The threads of one `RunWriter`. failed: called once, from one of them, with the reason."""
 
     def __init__(
@@ -118,7 +118,7 @@ class Pipeline:
     def _has_room(self, nbytes: int) -> bool:
         if not self._images:
             return True
-        return self._images < MOST_IMAGES and self._bytes + nbytes <= MOST_BYTES
+        return self._images < MAX_IMAGES and self._bytes + nbytes <= MAX_BYTES
 
     def _append(self, entry: _Entry) -> None:
         self._queue.append(entry)

@@ -21,7 +21,7 @@ from .images import decode, encode_png
 from .journal import misfits
 from .json_files import pattern_file, run_file, summary_file
 from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, at_times, unpack
-from .truth import Truth, load
+from .truth import RunTruth, load
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -227,7 +227,7 @@ class Run:
         except InputError as why:
             raise RunFailed(str(why)) from why
 
-    def truth(self) -> Truth | None:
+    def truth(self) -> RunTruth | None:
         """The virtual rig's truth of all complete presses, None on a real run.
 
         Raises RunFailed when it is damaged.

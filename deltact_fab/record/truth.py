@@ -29,7 +29,7 @@ KEPT = ("displacement_mm", "traction_mpa", "x_mm", "y_mm")
 
 
 @dataclass(frozen=True)
-class Truth:
+class RunTruth:
     """What a virtual rig knows exactly: the surface's displacement at every frame.
 
     Displacements are interpolated linearly between two solved knots, as the drawing camera does.
@@ -121,7 +121,7 @@ class Truth:
 
 def load(
     folder: Path, camera: CameraModel, presses: Iterable[str], tractions: bool = False
-) -> Truth:
+) -> RunTruth:
     """The truth of all complete ones of these presses. Raises RunFailed when it is damaged."""
     index = lattice_file(folder)
     try:
@@ -138,7 +138,7 @@ def load(
             rows = (data[name].tolist() for name in ("frame_id", "knots", "fraction"))
             for frame_id, (a, b), fraction in zip(*rows, strict=True):
                 frames[frame_id] = (f"{press}:{a}:{b}", fraction)
-    return Truth(camera, lattice, frames, folder, lens, tractions)
+    return RunTruth(camera, lattice, frames, folder, lens, tractions)
 
 
 def _lens(path: Path) -> Fisheye:

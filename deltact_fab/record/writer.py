@@ -14,16 +14,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..aliases import Progress
 from ..errors import InputError, RunFailed
 from ..files import making, sync_folder, write_whole
 from ..optics import FlatField
 from ..protocols.plan import Step
-from ..types import Progress
 from .files import FORMAT, flat_file, image_file, json_bytes, truth_file, written
 from .images import image_format, ready, require
 from .journal import PRESS_TABLES, SCHEMA, claim, connect, insert, journal_errors
 from .kept_presses import frame_id_of, judged
-from .pipeline import Pipeline, TableRow
+from .pipeline import TableRow, WriterThreads
 from .run import Run
 from .streams import Chunk, pack
 
@@ -61,7 +61,7 @@ class RunWriter:
         except BaseException:
             self._claim.close()
             raise
-        self._writing = Pipeline(folder, self._db, lambda why: self.failed(why))
+        self._writing = WriterThreads(folder, self._db, lambda why: self.failed(why))
 
     @classmethod
     def create(

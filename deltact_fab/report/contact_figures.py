@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..analysis.measured import FORCE, Deepest, Force
+from ..analysis.measured import FORCE, DeepestPress, Force
 from . import figures
 
 if TYPE_CHECKING:
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ARROW_MM = 1.5
-LEAST_MM = 0.05
+MIN_MM = 0.05
 SHOWN_MAP = "magma"
 
 
-def deepest_presses(presses: Sequence[Deepest]) -> Figure:
+def deepest_presses(presses: Sequence[DeepestPress]) -> Figure:
     """A panel an indenter: shape or pressure as a map, flow or shear as arrows, contact in white.
 
     As the paper's figure of the force distribution has it.
@@ -38,7 +38,7 @@ def deepest_presses(presses: Sequence[Deepest]) -> Figure:
     return figure
 
 
-def _panel(figure: Figure, axis: Axes, press: Deepest, colours: Any) -> None:
+def _panel(figure: Figure, axis: Axes, press: DeepestPress, colours: Any) -> None:
     flow, found = press.result.flow, press.result.shape
     assert flow is not None, "all that can be measured is"
     assert found is not None, "all that can be measured is"
@@ -49,7 +49,7 @@ def _panel(figure: Figure, axis: Axes, press: Deepest, colours: Any) -> None:
         shape = np.ma.masked_array(found.relative, ~found.density.reliable)
     else:
         shape = np.ma.masked_array(depth.depth_mm, ~depth.known)
-    top = max(float(shape.max()) if shape.count() else 0.0, LEAST_MM)
+    top = max(float(shape.max()) if shape.count() else 0.0, MIN_MM)
     drawn = axis.imshow(shape, cmap=colours, vmin=0, vmax=top, extent=edges)
     words = "relative depth" if depth is None else "depth, mm"
     bar = figure.colorbar(drawn, ax=axis, label=words, shrink=0.55)
@@ -59,7 +59,7 @@ def _panel(figure: Figure, axis: Axes, press: Deepest, colours: Any) -> None:
     at = np.ix_(range(every // 2, len(flow.y_mm), every), range(every // 2, len(flow.x_mm), every))
     u, v = (np.ma.masked_array(flow.shift_mm[..., k][at], ~flow.known[at]) for k in (0, 1))
     x, y = np.meshgrid(flow.x_mm[at[1][0]], flow.y_mm[at[0][:, 0]])
-    most = max(float(np.hypot(u, v).max()) if u.count() else 0.0, LEAST_MM)
+    most = max(float(np.hypot(u, v).max()) if u.count() else 0.0, MIN_MM)
     axis.quiver(x, y, u, v, color="#7fe0ff", angles="xy", scale_units="xy",
                 scale=most / (1.6 * ARROW_MM), width=0.005)  # fmt: skip
     for contact in press.result.contacts or ():

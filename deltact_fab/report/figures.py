@@ -30,7 +30,7 @@ _NAMED = {
     INK: "ink", SOFT: "soft", GRID: "line", FAINT: "leg", BAND: "band", COLOURS[0].lower(): "blue",
 }  # fmt: skip
 PAGE_PT, PAPER_PT = 9.5, 8.0
-LEAST_PAGE_PT = 9.0
+MIN_PAGE_PT = 9.0
 """12 pixels of the screen: no letter of a page's figure is smaller."""
 FLATTEST = 0.6  # of a figure in a paper's column: height by width
 _INKED = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color")
@@ -91,7 +91,7 @@ def to_svg(figure: Figure, words: str = "") -> str:
     """
     from matplotlib.colors import to_hex
 
-    letters(figure, LEAST_PAGE_PT)
+    letters(figure, MIN_PAGE_PT)
     for patch in (figure.patch, *(axis.patch for axis in figure.axes)):
         if to_hex(patch.get_facecolor()) == "#ffffff":
             patch.set_facecolor("none")
@@ -152,13 +152,13 @@ def log_ticks(axis: Axes, which: str) -> None:
         side.set_minor_locator(LogLocator(base=10, subs=()))
 
 
-MOST_LEGS = 20
+MAX_LEGS = 20
 
 
 def mark_legs(axis: Axes, rows: pd.DataFrame) -> None:
     """Name the legs of the path above the curve, where they begin."""
     legs = [step.rsplit("/", 1)[-1] for step in rows["step_id"]]
-    if sum(a != b for a, b in pairwise(legs)) > MOST_LEGS:
+    if sum(a != b for a, b in pairwise(legs)) > MAX_LEGS:
         return  # no one could read them
     for i, leg in enumerate(legs):
         if i == 0 or leg != legs[i - 1]:
@@ -179,7 +179,7 @@ def name_marks(
     and scales of the axis are to be set before.
     """
     figure.draw_without_rendering()  # the layout says how many points lie between two marks
-    scale, size = 72 / figure.dpi, LEAST_PAGE_PT
+    scale, size = 72 / figure.dpi, MIN_PAGE_PT
     inside = axis.get_window_extent()
     spots = [axis.transData.transform((x, y)) * scale for x, y, _, _ in marks]
     taken: list[Box] = [(x - 4, y - 4, x + 4, y + 4) for x, y in spots]

@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 
 from ..analysis.force import FORCES, ForceResult, component, enough
 from . import figures
-from .result import Drawn
+from .result import ReportFigure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ..analysis.force.judge import Judged
+    from ..analysis.force.judge import EvaluatedModel
 
 GOAL_N = 0.2
 _WORDS = {"normal": "normal", "shear_x": "shear x", "shear_y": "shear y"}
 
 
-def drawn(result: ForceResult) -> list[Drawn]:
+def drawn(result: ForceResult) -> list[ReportFigure]:
     """Those that a result has something to show in."""
     shown = [
         ("force-predicted", predicted_against_measured,
@@ -38,7 +38,7 @@ def drawn(result: ForceResult) -> list[Drawn]:
              "Error on the presses left out against the number of presses fitted to; the bands "
              "are the 10th to the 90th percentile of draws.")
         )  # fmt: skip
-    return [Drawn(name, text, _signed(make, result)) for name, make, text in shown]
+    return [ReportFigure(name, text, _signed(make, result)) for name, make, text in shown]
 
 
 def all_figures(result: ForceResult) -> dict[str, Figure]:
@@ -139,7 +139,7 @@ def learning(result: ForceResult) -> Figure:
     return figure
 
 
-def _shown(result: ForceResult) -> list[tuple[Judged, str]]:
+def _shown(result: ForceResult) -> list[tuple[EvaluatedModel, str]]:
     """The paper's model and the best, and what was left out for the predictions shown."""
     models = [one for one in (result.paper, result.best) if one is not None]
     unlike = list({one.name: one for one in models}.values())
@@ -154,7 +154,7 @@ def _balls(result: ForceResult) -> list[str]:
     return list(dict.fromkeys(result.data.points["indenter"]))
 
 
-def _by_place(result: ForceResult, one: Judged, group: str) -> NDArray[Any]:
+def _by_place(result: ForceResult, one: EvaluatedModel, group: str) -> NDArray[Any]:
     """x, y and the mean error of the normal force of the presses there, (n, 3)."""
     error = component(one.predicted[group] - result.data.wrench, "normal")
     table = result.data.points[["x_mm", "y_mm"]].assign(error=error)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arrays import Array
+from ..aliases import Array
 from . import figures, maps
 from .figures import COLOURS
 
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ..analysis.shape.picture import Picture
+    from ..analysis.shape.picture import ShapeMaps
 
 KPA = 1e3  # of an MPa
-LEAST_KPA = 2.0  # full scale at the least
+MIN_KPA = 2.0  # full scale at the least
 EXTREME = 98  # percentile that is full scale
 DARK = "magma"
 
@@ -34,12 +34,12 @@ class _Field:
     true: bool
 
 
-def has_field(picture: Picture) -> bool:
+def has_field(picture: ShapeMaps) -> bool:
     """Whether there is a traction to be drawn."""
     return picture.traction_mpa is not None or picture.true_traction_mpa is not None
 
 
-def distribution(picture: Picture, note: str) -> Figure:
+def distribution(picture: ShapeMaps, note: str) -> Figure:
     """Found above, and below it what is true, where that is known.
 
     Of a picture with a traction. Both rows have one scale. Raises ValueError without a traction.
@@ -49,9 +49,9 @@ def distribution(picture: Picture, note: str) -> Figure:
         raise ValueError(f"{picture.frame_id}: no traction was found, nor is one known")
     figure, axes = figures.blank(9.8, 3.05 * len(fields) + 0.8, 3, share_y=False, rows=len(fields))
     figure.suptitle(f"{note}\n{_forces(picture)}", fontsize="small")
-    pressure = max(LEAST_KPA, *(_full(-field.kpa[..., 2]) for field in fields))
+    pressure = max(MIN_KPA, *(_full(-field.kpa[..., 2]) for field in fields))
     shear = max(
-        LEAST_KPA, *(_full(np.hypot(field.kpa[..., 0], field.kpa[..., 1])) for field in fields)
+        MIN_KPA, *(_full(np.hypot(field.kpa[..., 0], field.kpa[..., 1])) for field in fields)
     )
     for k, field in enumerate(fields):
         beside, normal, across = axes[3 * k : 3 * k + 3]
@@ -78,11 +78,11 @@ def _full(values: Array) -> float:
     return float(np.percentile(some, EXTREME)) if some.size else 0.0
 
 
-def _true_line(axis: Axes, picture: Picture) -> None:
+def _true_line(axis: Axes, picture: ShapeMaps) -> None:
     maps.true_contact(axis, picture, "white", "-")
 
 
-def _fields(picture: Picture) -> list[_Field]:
+def _fields(picture: ShapeMaps) -> list[_Field]:
     found = []
     if picture.traction_mpa is not None:
         assert picture.cells_x_mm is not None, "with the traction"
@@ -97,22 +97,22 @@ def _fields(picture: Picture) -> list[_Field]:
     return found
 
 
-def _flow(axis: Axes, picture: Picture) -> None:
+def _flow(axis: Axes, picture: ShapeMaps) -> None:
     most = maps.longest(picture.shift_mm, picture.known)
     maps.photograph(axis, picture)
     maps.arrows(axis, picture, picture.x_mm, picture.y_mm, picture.shift_mm, picture.known, most)
     axis.set_title(f"flow, at most {most:.2f} mm", fontsize=maps.HEADS)
 
 
-def _depth(axis: Axes, picture: Picture) -> None:
-    top = max(float(picture.depth_mm.max()), maps.LEAST_MM)
+def _depth(axis: Axes, picture: ShapeMaps) -> None:
+    top = max(float(picture.depth_mm.max()), maps.MIN_MM)
     maps.shown(axis, picture.x_mm, picture.y_mm, picture.depth_mm, "viridis", 0, top, "depth, mm")
     maps.found_contacts(axis, picture)
     maps.true_contact(axis, picture, COLOURS[1])
     axis.set_title("depth (true contact dashed)", fontsize=maps.HEADS)
 
 
-def _forces(picture: Picture) -> str:
+def _forces(picture: ShapeMaps) -> str:
     """The two totals, in words."""
     parts = []
     for words, force, torque in (

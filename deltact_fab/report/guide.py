@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from ..aliases import Progress
 from ..cad.design import load_indenters
 from ..cad.dimensions import Design
 from ..cad.drafting.wiring import wiring
@@ -25,7 +26,6 @@ from ..cad.parts.screw import stock_note
 from ..cad.print_orientation import SELF_SUPPORTING_DEG
 from ..cad.registry import listed, of_group
 from ..errors import InputError, MissingLibrary
-from ..types import Progress
 from .templating import environment, render, save
 
 VIEWER_PACKAGE = "dash-model-viewer"

@@ -6,26 +6,26 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arrays import Array
+from ..aliases import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
 
-    from ..analysis.shape.picture import Picture
+    from ..analysis.shape.picture import ShapeMaps
 
 HALF_MM = 8.0
 """Shown of the face to each side of the tip, as far as the view goes."""
 ARROW_MM = 1.5
 """Between arrows: sparse, as the paper's figure of the force distribution has them."""
-LEAST_MM = 0.02
+MIN_MM = 0.02
 ARROW_COLOUR = "#7fe0ff"
 TICKS, LABELS, HEADS = "x-small", "small", "small"
 """Sizes of letters, of those that the page or the paper has."""
 
 
-def window_mm(picture: Picture) -> tuple[Array, Array]:
+def window_mm(picture: ShapeMaps) -> tuple[Array, Array]:
     """Limits (low, high) of what is shown in x and in y."""
     left, right, top, bottom = picture.edges_mm
     limits = []
@@ -34,7 +34,7 @@ def window_mm(picture: Picture) -> tuple[Array, Array]:
     return limits[0], limits[1]
 
 
-def frame(axis: Axes, picture: Picture, first: bool, last: bool) -> None:
+def frame(axis: Axes, picture: ShapeMaps, first: bool, last: bool) -> None:
     """Limits and labels of a map; first in its row, last in its column."""
     x, y = window_mm(picture)
     axis.grid(visible=False)
@@ -71,7 +71,7 @@ def bar(axis: Axes, drawn: Any, words: str) -> None:
     made.solids.set_rasterized(False)  # as an image it would have the id of any other panel's
 
 
-def photograph(axis: Axes, picture: Picture) -> None:
+def photograph(axis: Axes, picture: ShapeMaps) -> None:
     """The camera's image, darkened for what is drawn on it."""
     rgb = (picture.image[..., ::-1].astype(float) * 0.6).astype(np.uint8)
     left, right, top, bottom = picture.edges_mm
@@ -79,7 +79,7 @@ def photograph(axis: Axes, picture: Picture) -> None:
 
 
 def arrows(
-    axis: Axes, picture: Picture, x_mm: Array, y_mm: Array, vectors: Array, known: Array | None,
+    axis: Axes, picture: ShapeMaps, x_mm: Array, y_mm: Array, vectors: Array, known: Array | None,
     most: float, colour: str = ARROW_COLOUR,
 ) -> None:  # fmt: skip
     """Vectors (h, w, 2) at points ARROW_MM apart around the tip; the longest is `most`."""
@@ -105,18 +105,18 @@ def arrows(
 
 
 def longest(vectors: Array, known: Array | None = None) -> float:
-    """Length of the longest known vector, at least LEAST_MM of flow."""
+    """Length of the longest known vector, at least MIN_MM of flow."""
     size = np.hypot(vectors[..., 0], vectors[..., 1])
-    return float(max((size if known is None else size[known]).max(initial=0), LEAST_MM))
+    return float(max((size if known is None else size[known]).max(initial=0), MIN_MM))
 
 
-def found_contacts(axis: Axes, picture: Picture, colour: str = "white") -> None:
+def found_contacts(axis: Axes, picture: ShapeMaps, colour: str = "white") -> None:
     """Outlines of the contacts that were found."""
     for outline in picture.outlines_mm:
         axis.plot(*np.vstack((outline, outline[:1])).T, color=colour, lw=1.3)
 
 
-def true_contact(axis: Axes, picture: Picture, colour: str, style: str = "--") -> None:
+def true_contact(axis: Axes, picture: ShapeMaps, colour: str, style: str = "--") -> None:
     """Outline of the true contact, where it is known."""
     if picture.true_contact is not None and picture.true_contact.any():
         axis.contour(

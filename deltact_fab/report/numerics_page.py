@@ -155,7 +155,7 @@ def _label(axis: Axes, rows: Sequence[dict[str, Any]], series: Sequence[str]) ->
                 (r["cpu_s"] * 1e3, r["error"]),
                 xytext=(dx, dy),
                 textcoords="offset points",
-                fontsize=figures.LEAST_PAGE_PT,
+                fontsize=figures.MIN_PAGE_PT,
             )
             break
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..files import write_whole
 from . import figures
-from .result import Drawn, StudyResult
+from .result import ReportFigure, StudyResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,7 +44,7 @@ def save(result: StudyResult, folder: Path) -> list[Path]:
     return [folder / name for name in drawn]
 
 
-def draw(one: Drawn) -> Figure:
+def draw(one: ReportFigure) -> Figure:
     """A figure at the size of a paper, its titles broken where they would run over."""
     with figures.on_paper(COLUMN_IN if one.column else BOTH_COLUMNS_IN):
         figure = one.draw()

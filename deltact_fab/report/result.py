@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class ReportFigure:
     """A figure: name is its file's, caption one or two sentences, draw makes it with matplotlib.
 
     draw takes its figure from `figures.blank`, which makes it as wide as the page or the paper
@@ -27,7 +27,7 @@ class Drawn:
 
 
 @dataclass(frozen=True)
-class Table:
+class ReportTable:
     """A table of the page and a CSV file of its name; columns have units in their names.
 
     shown: the page's columns, None for all; the CSV has all. words: what stands above a column on
@@ -125,8 +125,8 @@ class StudyResult:
     seed: int
     scale: float | None
     headlines: tuple[Headline, ...] = ()
-    tables: tuple[Table, ...] = ()
-    figures: tuple[Drawn, ...] = ()
+    tables: tuple[ReportTable, ...] = ()
+    figures: tuple[ReportFigure, ...] = ()
     settings: dict[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     left_out: tuple[LeftOut, ...] = ()

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Column:
+class PatternColumn:
     """parts_mm: what each indenter adds to the pattern's mean, None where it was not measured.
 
     paper_mm: the paper's own value; paper_about: it is said of several patterns.
@@ -28,7 +28,9 @@ class Column:
     paper_about: bool = False
 
 
-def stacked(panels: Sequence[tuple[str, Sequence[Column]]], indenters: Sequence[str]) -> Figure:
+def stacked(
+    panels: Sequence[tuple[str, Sequence[PatternColumn]]], indenters: Sequence[str]
+) -> Figure:
     """Panels one below the other, as the paper has its two rounds: (title, columns)."""
     figure, axes = figures.blank(7.4, 2.6 * len(panels) + 0.6, 1, rows=len(panels), share_y=False)
     for axis, (title, columns) in zip(axes, panels, strict=True):
@@ -55,7 +57,7 @@ def stacked(panels: Sequence[tuple[str, Sequence[Column]]], indenters: Sequence[
     return figure
 
 
-def _paper(axis: Axes, columns: Sequence[Column]) -> None:
+def _paper(axis: Axes, columns: Sequence[PatternColumn]) -> None:
     """The paper's values as lines across their columns; dashed where it says "around"."""
     label: str | None = "the paper"
     for x, column in enumerate(columns):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arrays import Array
+from ..aliases import Array
 from ..shapes import Indenter
 from ..shapes.indenter import parse
 from . import figures, maps
@@ -17,21 +17,21 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ..analysis.shape.picture import Picture
+    from ..analysis.shape.picture import ShapeMaps
 
 COLUMNS = 4
-MOST_PRESSES = 8
+MAX_PRESSES = 8
 RELIEF_MM = 0.5  # between the lines of a surface
 PART_MM = 4.0  # of an object, above its tip
 EXTREME = 99.5  # percentile of a map that is full scale: single points do not fade the rest
 
 
-def gallery(pictures: Sequence[Picture], note: str) -> Figure:
+def gallery(pictures: Sequence[ShapeMaps], note: str) -> Figure:
     """A column a press: object, image with flow, density, surface, true surface where known.
 
     As the paper's figure of four shapes has it; four columns, then four more below.
     """
-    shown = list(pictures)[:MOST_PRESSES]
+    shown = list(pictures)[:MAX_PRESSES]
     blocks = [shown[k : k + COLUMNS] for k in range(0, len(shown), COLUMNS)]
     columns = len(blocks[0])
     rows = [(_object, 0.8), (_image, 1.15), (_density, 1.0), (_surface, 0.85)]
@@ -57,7 +57,7 @@ def gallery(pictures: Sequence[Picture], note: str) -> Figure:
     return figure
 
 
-def against_truth(pictures: Sequence[Picture], note: str) -> Figure:
+def against_truth(pictures: Sequence[ShapeMaps], note: str) -> Figure:
     """A column a press: a section through the tip, and the map of the error.
 
     Of those with truth, COLUMNS of them; there must be one.
@@ -72,7 +72,7 @@ def against_truth(pictures: Sequence[Picture], note: str) -> Figure:
     return figure
 
 
-def _object(figure: Figure, place: Axes, picture: Picture, first: bool) -> None:
+def _object(figure: Figure, place: Axes, picture: ShapeMaps, first: bool) -> None:
     """The indenter, its tip upwards."""
     from matplotlib.colors import LightSource
 
@@ -101,7 +101,7 @@ def _reach_mm(indenter: Indenter) -> float:
     return float(np.hypot(x, y)[indenter.height_mm(x, y) < PART_MM].max())
 
 
-def _image(figure: Figure, axis: Axes, picture: Picture, first: bool) -> None:
+def _image(figure: Figure, axis: Axes, picture: ShapeMaps, first: bool) -> None:
     most = maps.longest(picture.shift_mm, picture.known)
     maps.photograph(axis, picture)
     maps.arrows(axis, picture, picture.x_mm, picture.y_mm, picture.shift_mm, picture.known, most)
@@ -109,7 +109,7 @@ def _image(figure: Figure, axis: Axes, picture: Picture, first: bool) -> None:
     axis.set_xlabel(f"x, mm; arrows at most {most:.2f} mm", fontsize=maps.LABELS)
 
 
-def _density(figure: Figure, axis: Axes, picture: Picture, first: bool) -> None:
+def _density(figure: Figure, axis: Axes, picture: ShapeMaps, first: bool) -> None:
     near = _near(picture)
     limit = max(float(np.percentile(np.abs(picture.relative[near]), EXTREME)), 0.02)
     maps.shown(axis, picture.x_mm, picture.y_mm, picture.relative, "RdBu_r", -limit, limit,
@@ -120,18 +120,18 @@ def _density(figure: Figure, axis: Axes, picture: Picture, first: bool) -> None:
     maps.frame(axis, picture, first, last=True)
 
 
-def _surface(figure: Figure, place: Axes, picture: Picture, first: bool) -> None:
+def _surface(figure: Figure, place: Axes, picture: ShapeMaps, first: bool) -> None:
     _relief(figure, place, picture, picture.depth_mm, "measured")
 
 
-def _true_surface(figure: Figure, place: Axes, picture: Picture, first: bool) -> None:
+def _true_surface(figure: Figure, place: Axes, picture: ShapeMaps, first: bool) -> None:
     if picture.true_depth_mm is None:
         place.set_visible(False)
     else:
         _relief(figure, place, picture, picture.true_depth_mm, "true")
 
 
-def _relief(figure: Figure, place: Axes, picture: Picture, depth_mm: Array, words: str) -> None:
+def _relief(figure: Figure, place: Axes, picture: ShapeMaps, depth_mm: Array, words: str) -> None:
     """The depth as a relief: what presses stands up, as in the paper."""
     axis = maps.solid(figure, place)
     rows, columns = _near_axes(picture)
@@ -155,7 +155,7 @@ def _every_five() -> Any:
     return MultipleLocator(5)
 
 
-def _section(axis: Axes, picture: Picture, first: bool) -> None:
+def _section(axis: Axes, picture: ShapeMaps, first: bool) -> None:
     """Depth along x through the tip: measured, true, and the object itself where it was put."""
     assert picture.true_depth_mm is not None, "of those with truth"
     row = int(np.argmin(np.abs(picture.y_mm - picture.tip_mm[1])))
@@ -176,7 +176,7 @@ def _section(axis: Axes, picture: Picture, first: bool) -> None:
         axis.set_ylabel("height of the face, mm", fontsize=maps.LABELS)
 
 
-def _error(axis: Axes, picture: Picture, first: bool) -> None:
+def _error(axis: Axes, picture: ShapeMaps, first: bool) -> None:
     error = picture.depth_mm - picture.true_depth_mm
     limit = max(float(np.percentile(np.abs(error[_near(picture)]), EXTREME)), 0.02)
     maps.shown(axis, picture.x_mm, picture.y_mm, error, "PuOr", -limit, limit,
@@ -188,13 +188,13 @@ def _error(axis: Axes, picture: Picture, first: bool) -> None:
     maps.frame(axis, picture, first, last=True)
 
 
-def _deepest(picture: Picture) -> float:
+def _deepest(picture: ShapeMaps) -> float:
     true = picture.true_depth_mm
     parts = [picture.depth_mm] + ([] if true is None else [true])
     return max(0.1, *(float(part.max()) for part in parts))
 
 
-def _near_axes(picture: Picture) -> tuple[slice, slice]:
+def _near_axes(picture: ShapeMaps) -> tuple[slice, slice]:
     """Rows and columns of what is shown."""
     cuts = []
     for axis, (low, high) in zip(
@@ -205,7 +205,7 @@ def _near_axes(picture: Picture) -> tuple[slice, slice]:
     return cuts[0], cuts[1]
 
 
-def _near(picture: Picture) -> Array:
+def _near(picture: ShapeMaps) -> Array:
     mask = np.zeros(picture.known.shape, bool)
     mask[_near_axes(picture)] = True
     return mask

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from . import figures, study_folder, tables
-from .result import Drawn, LeftOut, StudyResult, Table
+from .result import LeftOut, ReportFigure, ReportTable, StudyResult
 from .templating import environment, render, require_pages
 
-MOST_MISSING = 20
+MAX_MISSING = 20
 HEADLINES = "headlines"
 
 
@@ -40,7 +40,7 @@ def write(result: StudyResult, out: Path, layer_costs: Sequence[dict[str, Any]] 
     study_folder.make(out)
     study_folder.refuse_strange(out, result.study)
     if result.headlines:
-        own = Table(HEADLINES, "What counts", tables.headline_frame(result.headlines))
+        own = ReportTable(HEADLINES, "What counts", tables.headline_frame(result.headlines))
         result = replace(result, tables=(own, *result.tables))
     files = study_folder.contents(result)
     page = html(result, study_folder.made_of(files), layer_costs)
@@ -69,11 +69,11 @@ def html(
         left_out=left_out,
         measured_here=any(a.cost != b.cost for a, b in zip(left_out, result.left_out, strict=True)),
         settings={**result.settings, "seed": str(result.seed), **kept.versions},
-        most_missing=MOST_MISSING,
+        most_missing=MAX_MISSING,
     )
 
 
-def _drawn(one: Drawn) -> dict[str, Any]:
+def _drawn(one: ReportFigure) -> dict[str, Any]:
     return {"svg": figures.to_svg(one.draw(), one.caption), "caption": one.caption}
 
 

@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from .result import Headline, Table
+from .result import Headline, ReportTable
 from .templating import named
 
 if TYPE_CHECKING:
     import pandas as pd
 
-MOST_ROWS, FIRST_ROWS = 120, 20  # a longer table is shown by its first rows
+MAX_ROWS, FIRST_ROWS = 120, 20  # a longer table is shown by its first rows
 SHORT = 32  # letters that stay on one line
 
 
-def prepared(table: Table) -> dict[str, Any]:
+def prepared(table: ReportTable) -> dict[str, Any]:
     """What the template needs of a table.
 
     title, more: of the caption. head, rows: without columns in which there is no value. hidden: how
@@ -25,7 +25,7 @@ def prepared(table: Table) -> dict[str, Any]:
     frame = table.frame if table.shown is None else table.frame[list(_known(table))]
     frame = frame[[name for name in frame if frame[name].notna().any() or frame.empty]]
     title, _, more = table.caption.partition(". ")
-    shown = frame if len(frame) <= MOST_ROWS else frame.iloc[:FIRST_ROWS]
+    shown = frame if len(frame) <= MAX_ROWS else frame.iloc[:FIRST_ROWS]
     head = [
         {"words": table.words.get(str(name)) or named(str(name)), "kind": _kind(frame[name])}
         for name in frame
@@ -81,7 +81,7 @@ def cell(value: Any) -> str:
     return str(value)
 
 
-def _known(table: Table) -> tuple[str, ...]:
+def _known(table: ReportTable) -> tuple[str, ...]:
     assert table.shown is not None
     if strange := [name for name in table.shown if name not in table.frame]:
         raise ValueError(f"table {table.name}: no column {strange[0]!r}")

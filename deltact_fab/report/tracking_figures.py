@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from ..analysis.tracking_error import Verdict
+    from ..analysis.tracking_error import TrackingVerdict
 
 ARROW_BGR = (90, 235, 255)
 
@@ -57,7 +57,7 @@ def by_step(
 
 
 def error_by_time(
-    methods: Sequence[dict[str, Any]], verdict: Verdict, paper_mm: float, simulated: bool
+    methods: Sequence[dict[str, Any]], verdict: TrackingVerdict, paper_mm: float, simulated: bool
 ) -> Figure | None:
     """Error against CPU time a frame, one mark a method, and the front of those to be believed.
 
@@ -107,7 +107,7 @@ def error_by_time(
 
 
 def error_by_indenter(
-    rows: Sequence[dict[str, Any]], verdict: Verdict, paper_mm: float
+    rows: Sequence[dict[str, Any]], verdict: TrackingVerdict, paper_mm: float
 ) -> Figure | None:
     """Bars a method, grouped by indenter, of the error that was judged; None without any."""
     error = verdict.error

@@ -18,7 +18,7 @@ from .clock import WallClock
 from .config import GrblConfig
 from .force.netft import SILENT_S
 from .interface import Camera, ForceSensor
-from .job import Devices, Job
+from .job import Devices, RigSetup
 from .stage.firmware import open_stage
 from .tool.tooling import Tooling
 
@@ -74,7 +74,7 @@ class GrblKind:
 
         return flat_field(self._config.camera.model, self._source)
 
-    def build(self, job: Job) -> GrblRig:
+    def build(self, job: RigSetup) -> GrblRig:
         """The devices, the stage's port not yet open."""
         return GrblRig(self._config, self._source, job, self.camera(job.protocol, job.sensor))
 
@@ -92,7 +92,7 @@ class GrblRig:
         self,
         config: GrblConfig,
         source: Path,
-        job: Job,
+        job: RigSetup,
         view: CameraModel | None = None,
         patience: float = 1.0,
     ) -> None:

@@ -19,7 +19,7 @@ from .. import catalog, reading
 from ..errors import InputError, did_you_mean
 from .camera.config import CameraConfig, CameraFile
 from .force.config import ForceConfig, GuardConfig
-from .simulator import CameraConfig as SimulatedCamera
+from .simulator import SimulatedCameraConfig as SimulatedCamera
 from .simulator import SimulatorConfig
 from .stage.config import StageSettings
 from .stage.firmware import FIRMWARE

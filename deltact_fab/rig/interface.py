@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Image
+from ..aliases import Image
 
 if TYPE_CHECKING:
     from ..optics import StageFrame
@@ -45,7 +45,7 @@ class StageState:
 
 
 @dataclass(frozen=True)
-class Frame:
+class CameraFrame:
     """One image with the host's monotonic time of its exposure."""
 
     image: Image  # (h, w, 3) BGR uint8
@@ -150,11 +150,11 @@ class Camera(Protocol):
     def begin(self, stream: str) -> None:
         """A new stream of frames (one press) starts: flush buffers; simulated noise re-seeds."""
 
-    def capture(self) -> Frame:
+    def capture(self) -> CameraFrame:
         """The next frame after the last, and none from before `begin`. Raises SensorError.
 
         A camera that runs by itself is asked over and over; what was lost in between is in
-        `Frame.dropped`. A simulated one exposes when it is asked.
+        `CameraFrame.dropped`. A simulated one exposes when it is asked.
         """
 
     def end(self, frames: Mapping[str, float]) -> None:

@@ -36,7 +36,7 @@ class Devices:
 
 
 @dataclass(frozen=True)
-class Job:
+class RigSetup:
     """One run as it was asked for: what a rig is built from. folder: of the run."""
 
     protocol: plan.Protocol
@@ -87,5 +87,5 @@ class RigKind(Protocol):
     def flat(self, protocol: plan.Protocol) -> FlatField | None:
         """How the light falls off in that camera's images, where it is known. Raises InputError."""
 
-    def build(self, job: Job) -> Rig:
+    def build(self, job: RigSetup) -> Rig:
         """Every device of the run, or none: what was opened is closed when another fails."""

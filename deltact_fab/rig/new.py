@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .. import catalog
-from .template import Device, rig_file
+from .template import FoundDevice, rig_file
 
 BY_ID = Path("/dev/serial/by-id")
 # Makers of the boards that GRBL runs on, and of their serial chips; others come after them.
@@ -24,26 +24,26 @@ BOARDS = {
 
 
 @dataclass(frozen=True)
-class Written:
+class RigFileContents:
     """What stands in a new rig file: the first of each is used, the others are comments."""
 
     file: Path
-    ports: list[Device]
-    cameras: list[Device]
+    ports: list[FoundDevice]
+    cameras: list[FoundDevice]
 
 
-def new(file: Path, by_id: Path = BY_ID) -> Written:
+def new(file: Path, by_id: Path = BY_ID) -> RigFileContents:
     """Find serial ports and cameras and write a commented rig file.
 
     Raises InputError where the file is there already or has no folder, RunFailed when the disk
     refuses. A file is never overwritten.
     """
-    found = Written(file, ports(by_id), cameras())
+    found = RigFileContents(file, ports(by_id), cameras())
     catalog.write_new(file, rig_file(found.ports, found.cameras))
     return found
 
 
-def ports(by_id: Path = BY_ID) -> list[Device]:
+def ports(by_id: Path = BY_ID) -> list[FoundDevice]:
     """USB serial ports, boards of known makers first; by their lasting names where there are."""
     from serial.tools import list_ports
 
@@ -55,14 +55,14 @@ def ports(by_id: Path = BY_ID) -> list[Device]:
         chip = BOARDS.get(port.vid)
         text = " ".join(str(port.description or "serial port").split())
         text += f" ({chip})" if chip and chip not in text else ""
-        devices.append(Device(lasting.get(Path(port.device).resolve(), port.device), text))
+        devices.append(FoundDevice(lasting.get(Path(port.device).resolve(), port.device), text))
     return devices
 
 
-def cameras() -> list[Device]:
+def cameras() -> list[FoundDevice]:
     """V4L2 cameras; none where there is no V4L2."""
     try:
         from .camera.find import cameras as found
     except ImportError:  # not on this system
         return []
-    return [Device(camera.device, " ".join(camera.name.split())) for camera in found()]
+    return [FoundDevice(camera.device, " ".join(camera.name.split())) for camera in found()]

@@ -17,7 +17,7 @@ class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class CameraConfig(_Strict):
+class SimulatedCameraConfig(_Strict):
     """The simulated camera's sensor and lens faults."""
 
     blur_px: float = Field(default=0.6, ge=0.01, le=50)
@@ -106,7 +106,7 @@ class MountConfig(_Strict):
 class SimulatorConfig(_Strict):
     """All that only a virtual rig has."""
 
-    camera: CameraConfig = CameraConfig()
+    camera: SimulatedCameraConfig = SimulatedCameraConfig()
     lens: dict[str, Whole | Real] | None = None
     """The true lens, what differs from the design's: as `optics.Fisheye`. None: a pinhole."""
     printer: PrinterConfig = PrinterConfig()

@@ -13,22 +13,22 @@ EXAMPLE_PORT = "/dev/ttyACM0"
 
 
 @dataclass(frozen=True)
-class Device:
+class FoundDevice:
     """Something that was found. name: as a rig file has it; text: what it says it is."""
 
     name: str
     text: str = ""
 
 
-def rig_file(ports: Sequence[Device] = (), cameras: Sequence[Device] = ()) -> str:
+def rig_file(ports: Sequence[FoundDevice] = (), cameras: Sequence[FoundDevice] = ()) -> str:
     """The file; the first of each kind is taken, the others stand beside it in comments."""
-    port, *others = ports or [Device(EXAMPLE_PORT, "an example: none was found")]
+    port, *others = ports or [FoundDevice(EXAMPLE_PORT, "an example: none was found")]
     more = "".join(f"\n#or port = {_quoted(d.name)}  # {d.text}" for d in others)
     stage = _STAGE.replace("@PORT@", f"port = {_quoted(port.name)}{_said(port)}{more}")
     return _HEAD + stage + _FORCE + _GUARD + _camera(cameras) + _TOUCH
 
 
-def _camera(found: Sequence[Device]) -> str:
+def _camera(found: Sequence[FoundDevice]) -> str:
     if not found:
         return _CAMERA.replace("@TABLE@", "#[camera]").replace("@SOURCE@", "#source = 0")
     first, *others = found
@@ -37,7 +37,7 @@ def _camera(found: Sequence[Device]) -> str:
     return _CAMERA.replace("@TABLE@", "[camera]").replace("@SOURCE@", "\n".join(lines))
 
 
-def _said(device: Device) -> str:
+def _said(device: FoundDevice) -> str:
     return f"  # {device.text}" if device.text else ""
 
 

@@ -8,8 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..arrays import Field
-from ..types import Point2
+from ..aliases import Field, Point2
 from .bounded import ShapeError
 from .tips import LowestInTheMiddle, less, require_positive
 

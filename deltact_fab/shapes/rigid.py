@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Field
+from ..aliases import Field
 from .prism import PrismTip
 from .tips import EllipsoidTip, RidgeTip, SphereTip
 from .turned import TurnedTip

@@ -21,8 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Field
-from ..types import Point2
+from ..aliases import Field, Point2
 from .bounded import ShapeError
 
 

@@ -16,8 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Field
-from ..types import Point2
+from ..aliases import Field, Point2
 from .bounded import ShapeError
 from .tips import less
 
@@ -26,7 +25,7 @@ _SAMPLES = 2001
 
 
 @dataclass(frozen=True)
-class Piece:
+class ProfilePiece:
     """A piece of a profile, from where the one before ends: a line, or an arc about centre_mm.
 
     Points are (d, z): distance from the axis, height. An arc bulges downwards unless its centre
@@ -49,7 +48,7 @@ class TurnedTip:
     y_mm: float
     radius_mm: float
     start_mm: Point2
-    pieces: tuple[Piece, ...]
+    pieces: tuple[ProfilePiece, ...]
 
     @classmethod
     def cylinder(cls, radius_mm: float, edge_mm: float) -> TurnedTip:
@@ -57,8 +56,8 @@ class TurnedTip:
         less("0", 0.0, "edge_mm", edge_mm)
         less("edge_mm", edge_mm, "radius_mm", radius_mm)
         flat = radius_mm - edge_mm
-        edge = Piece((radius_mm, edge_mm), (flat, edge_mm))
-        return cls(0.0, 0.0, radius_mm, (0.0, 0.0), (Piece((flat, 0.0)), edge))
+        edge = ProfilePiece((radius_mm, edge_mm), (flat, edge_mm))
+        return cls(0.0, 0.0, radius_mm, (0.0, 0.0), (ProfilePiece((flat, 0.0)), edge))
 
     @classmethod
     def ring(cls, radius_mm: float, tube_mm: float) -> TurnedTip:
@@ -66,7 +65,7 @@ class TurnedTip:
         less("0", 0.0, "tube_mm", tube_mm)
         less("2 tube_mm", 2 * tube_mm, "radius_mm", radius_mm)
         middle = radius_mm - tube_mm
-        half = Piece((radius_mm, tube_mm), (middle, tube_mm))
+        half = ProfilePiece((radius_mm, tube_mm), (middle, tube_mm))
         return cls(0.0, 0.0, tube_mm, (middle - tube_mm, tube_mm), (half,))
 
     @classmethod
@@ -97,10 +96,10 @@ class TurnedTip:
         less("edge of the dome", at[0], "crown_radius_mm", crown_radius_mm)
         flat = radius_mm - edge_mm
         pieces = (
-            Piece(at, (0.0, dome)),
-            Piece((crown_radius_mm, crown_mm)),
-            Piece((flat, crown_mm)),
-            Piece((radius_mm, crown_mm + edge_mm), (flat, crown_mm + edge_mm)),
+            ProfilePiece(at, (0.0, dome)),
+            ProfilePiece((crown_radius_mm, crown_mm)),
+            ProfilePiece((flat, crown_mm)),
+            ProfilePiece((radius_mm, crown_mm + edge_mm), (flat, crown_mm + edge_mm)),
         )
         return cls(0.0, 0.0, dome, (0.0, 0.0), pieces)
 
@@ -177,7 +176,7 @@ class TurnedTip:
                 drawn.append(("arc", (_middle(a, piece), piece.end_mm)))
         return self.start_mm, drawn
 
-    def _drawn(self) -> list[tuple[Point2, Piece]]:
+    def _drawn(self) -> list[tuple[Point2, ProfilePiece]]:
         """Each piece after the point at which it starts."""
         starts = (self.start_mm, *(p.end_mm for p in self.pieces))
         return list(zip(starts, self.pieces, strict=False))
@@ -207,7 +206,7 @@ class TurnedTip:
         return room
 
 
-def _way(a: Point2, piece: Piece) -> int:
+def _way(a: Point2, piece: ProfilePiece) -> int:
     """-1 for an arc that bulges downwards, 1 for one upwards."""
     assert piece.centre_mm is not None
     n = piece.centre_mm[1]
@@ -215,7 +214,7 @@ def _way(a: Point2, piece: Piece) -> int:
     return 1 if max(a[1], piece.end_mm[1]) > n + slack else -1
 
 
-def _height(a: Point2, piece: Piece, d: Field) -> Field:
+def _height(a: Point2, piece: ProfilePiece, d: Field) -> Field:
     """Height of a piece that starts at `a`, at distances d from the axis within it."""
     (d0, z0), (d1, z1) = a, piece.end_mm
     if piece.centre_mm is None:
@@ -225,7 +224,7 @@ def _height(a: Point2, piece: Piece, d: Field) -> Field:
     return n + _way(a, piece) * np.sqrt(np.maximum(r2 - (d - m) ** 2, 0.0))
 
 
-def _moment(a: Point2, piece: Piece) -> float:
+def _moment(a: Point2, piece: ProfilePiece) -> float:
     """Integral of d z over a piece that starts at `a` (mm3)."""
     (d0, z0), (d1, z1) = a, piece.end_mm
     if piece.centre_mm is None:
@@ -242,7 +241,7 @@ def _moment(a: Point2, piece: Piece) -> float:
     return n * (d1**2 - d0**2) / 2 + _way(a, piece) * (arc(d1) - arc(d0))
 
 
-def _middle(a: Point2, piece: Piece) -> Point2:
+def _middle(a: Point2, piece: ProfilePiece) -> Point2:
     """Middle of an arc that starts at `a` and is at most half a turn long."""
     assert piece.centre_mm is not None
     (m, n), r = piece.centre_mm, math.dist(a, piece.centre_mm)

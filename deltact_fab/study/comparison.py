@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 from .. import catalog
 from ..errors import InputError
-from ..report.result import Drawn, Headline, StudyResult, Table
-from .request import Asked
+from ..report.result import Headline, ReportFigure, ReportTable, StudyResult
+from .request import StudyRequest
 from .sensor_claims import (
     MEASURES,
-    Claim,
+    PaperClaim,
     bounds,
     claims,
     contradiction,
@@ -30,7 +30,7 @@ from .sensors import (
     IN_TABLE,
     PREDECESSOR,
     PREDECESSOR_DRAWN,
-    Sensor,
+    SensorRow,
 )
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ NAME = "comparison"
 OWN = "cad"
 
 
-def run(asked: Asked) -> StudyResult:
+def run(asked: StudyRequest) -> StudyResult:
     """The study. `asked.more["design"]`: names or paths of designs besides those of the catalogue.
 
     Raises InputError for a design that is none, and for options that nothing here depends on.
@@ -77,7 +77,7 @@ def run(asked: Asked) -> StudyResult:
     )
 
 
-def sensor_of(name: str) -> Sensor:
+def sensor_of(name: str) -> SensorRow:
     """A design of the `cad` catalogue, or of a file, as a row. Raises InputError."""
     from ..cad.design import load_design
     from ..cad.envelope import size_mm
@@ -88,7 +88,7 @@ def sensor_of(name: str) -> Sensor:
     except InputError as why:
         raise InputError(f"{name}: {why}") from why
     optics = design.optics
-    return Sensor(
+    return SensorRow(
         f"own: {catalog.find(OWN, name).stem}",
         "",
         str(name),
@@ -105,7 +105,7 @@ def _designs(named: Sequence[str]) -> list[str]:
     return [*found, *(n for n in dict.fromkeys(map(str, named)) if n not in found)]
 
 
-def sensor_table(rows: Sequence[Sensor]) -> pd.DataFrame:
+def sensor_table(rows: Sequence[SensorRow]) -> pd.DataFrame:
     """One row a sensor: as printed, and what follows from it."""
     import pandas as pd
 
@@ -148,7 +148,7 @@ def reduction_table() -> pd.DataFrame:
     )
 
 
-def _verdict(said: Mapping[str, Claim]) -> tuple[str, ...]:
+def _verdict(said: Mapping[str, PaperClaim]) -> tuple[str, ...]:
     measure, near = nearest_measure()
     drawn = reduction(PREDECESSOR_DRAWN.size_mm)
     cut = sum(one.printed == "cut off" for one in IN_TABLE)
@@ -193,15 +193,15 @@ def _headlines() -> tuple[Headline, ...]:
 
 
 def _tables(
-    table: pd.DataFrame, reductions: pd.DataFrame, said: Mapping[str, Claim]
-) -> tuple[Table, ...]:
+    table: pd.DataFrame, reductions: pd.DataFrame, said: Mapping[str, PaperClaim]
+) -> tuple[ReportTable, ...]:
     import pandas as pd
 
     from ..report import comparison_figures
 
     return (
-        Table("claims", "The paper's claims.", pd.DataFrame(list(said.values()))),
-        Table(
+        ReportTable("claims", "The paper's claims.", pd.DataFrame(list(said.values()))),
+        ReportTable(
             "sensors",
             "Sensors. As the paper prints them, with pixel size and volume recomputed, and own "
             "designs. The sources are in the CSV and in the table below.",
@@ -218,7 +218,7 @@ def _tables(
                 "area_mm2_per_cm3": "area a volume, mm²/cm³",
             },
         ),
-        Table(
+        ReportTable(
             "reductions",
             "By how much the paper's sensor is smaller. Per cent; negative: larger. The paper: "
             "one-third, without saying of what.",
@@ -231,20 +231,22 @@ def _tables(
                 "than_gecko_percent": "than the figure's Gecko-enhanced, 52 x 108 x 69 mm",
             },
         ),
-        Table("sources", "Sources", table.loc[table["cite"] != "", ["sensor", "cite", "source"]]),
+        ReportTable(
+            "sources", "Sources", table.loc[table["cite"] != "", ["sensor", "cite", "source"]]
+        ),
     )
 
 
-def _figures(table: pd.DataFrame) -> tuple[Drawn, ...]:
+def _figures(table: pd.DataFrame) -> tuple[ReportFigure, ...]:
     from ..report import comparison_figures
 
     return (
-        Drawn(
+        ReportFigure(
             "volumes",
             "Outer volume. The paper's predecessor stands twice, for the paper gives it two sizes.",
             lambda: comparison_figures.volumes(table),
         ),
-        Drawn(
+        ReportFigure(
             "area-against-volume",
             "Sensing area against outer volume; up and to the left is better. Lines: mm² of face "
             "a cm³ of sensor.",
@@ -254,7 +256,7 @@ def _figures(table: pd.DataFrame) -> tuple[Drawn, ...]:
 
 
 def _data(
-    table: pd.DataFrame, reductions: pd.DataFrame, said: Mapping[str, Claim]
+    table: pd.DataFrame, reductions: pd.DataFrame, said: Mapping[str, PaperClaim]
 ) -> dict[str, Any]:
     """Plain data of `--json`."""
     return {

@@ -11,8 +11,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
-from ..report.result import LeftOut, StudyResult, Table
-from .request import Asked
+from ..report.result import LeftOut, ReportTable, StudyResult
+from .request import StudyRequest
 
 if TYPE_CHECKING:
     from ..analysis.force import ForceResult
@@ -22,12 +22,12 @@ _LAYERS = {"lens": "lens", "viscosity": "its viscosity", "solid models": "cadque
 """What a rig calls what it left out: the layer whose cost `numerics` measures."""
 
 
-def run(asked: Asked) -> StudyResult:
+def run(asked: StudyRequest) -> StudyResult:
     """The study, simulated or of recorded runs. Raises InputError, RunFailed."""
     return _recorded(asked) if asked.runs else _simulated(asked)
 
 
-def _simulated(asked: Asked) -> StudyResult:
+def _simulated(asked: StudyRequest) -> StudyResult:
     from .force.simulated import meshes, settings, simulate
     from .force.summary import modulus, told, with_modulus
 
@@ -40,7 +40,7 @@ def _simulated(asked: Asked) -> StudyResult:
     )
     found = with_modulus(found, of.protocol.specimen.modulus_mpa, table)
     scene = settings(of, made.gel)
-    gel = Table(
+    gel = ReportTable(
         "force-gel",
         "The gel. The presses of each job, what the solver flags of their mesh, and the largest "
         "error of linear interpolation between solved poses, where it was tried.",
@@ -58,7 +58,7 @@ def _simulated(asked: Asked) -> StudyResult:
     )
 
 
-def _recorded(asked: Asked) -> StudyResult:
+def _recorded(asked: StudyRequest) -> StudyResult:
     from .. import record
     from ..analysis.force import calibrate
     from .force.summary import modulus, told, with_modulus

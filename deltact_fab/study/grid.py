@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 
 from .. import cache, digest
+from ..aliases import Progress
 from ..errors import DeltactFabError, RunFailed, Stopped
-from ..jobs import CannotGoOn, Ended, processors, run, width
-from ..types import Progress
-from .pace import Pace
+from ..jobs import CannotGoOn, JobOutcome, processors, run, width
+from .pace import JobPace
 
 KIND = "study"
 KEPT_BYTES = 4_000_000_000
@@ -32,7 +32,7 @@ _FAILURES = (DeltactFabError, ArithmeticError, ValueError, MemoryError, OSError)
 
 
 @dataclass(frozen=True)
-class Job:
+class GridJob:
     """One cell of a grid.
 
     name: unique in the grid, shown while it runs. work: a function of a module; it
@@ -110,7 +110,7 @@ class Grid(Mapping[str, Value]):
 
 
 def solve(
-    jobs: Sequence[Job],
+    jobs: Sequence[GridJob],
     executor: Executor | None = None,
     progress: Progress | None = None,
     say: Callable[[str], None] | None = None,
@@ -141,7 +141,7 @@ class _Books:
 
     def __init__(
         self,
-        jobs: Sequence[Job],
+        jobs: Sequence[GridJob],
         executor: Executor | None,
         progress: Progress | None,
         say: Callable[[str], None],
@@ -159,7 +159,7 @@ class _Books:
         self._names = {alike[0]: alike for alike in same.values()}
         self.todo = sorted((job for job in jobs if job.name in self._names), key=lambda j: -j.cost)
         work = keys[self.todo[0].name]["work"] if self.todo else ""
-        self._pace = Pace([job.cost for job in self.todo], work, width_of(executor))
+        self._pace = JobPace([job.cost for job in self.todo], work, width_of(executor))
         self._missing: dict[str, str] = {}
         self._errors: list[Exception] = []
         self._refused = False
@@ -183,7 +183,7 @@ class _Books:
             self._pace.share(index, share)
             self.tick(self.todo[index].name)
 
-    def ended(self, ended: Ended[tuple[bytes, Value]]) -> None:
+    def ended(self, ended: JobOutcome[tuple[bytes, Value]]) -> None:
         """Keep what a job gave, or why it gave nothing. Raises a mistake in the code of a job."""
         name = self.todo[ended.index].name
         self._pace.ended(ended.index)
@@ -224,7 +224,7 @@ def width_of(executor: Executor | None) -> int:
     return processors() if executor is None else width(executor)
 
 
-def _do(job: Job) -> tuple[bytes, Value]:
+def _do(job: GridJob) -> tuple[bytes, Value]:
     """A job's value as it is stored, so that a fresh and a stored one are the same."""
     value = job.work(job.plain())
     arrays: dict[str, Any] = {k: v for k, v in value.items() if isinstance(v, np.ndarray)}

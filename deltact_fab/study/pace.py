@@ -11,7 +11,7 @@ KIND = "study-pace"
 TRUST, FIRST = 0.1, 0.02  # shares of all the work
 
 
-class Pace:
+class JobPace:
     """Of the jobs that are to do.
 
     costs: of each, in one unit, all of them or the jobs count alike. work: what they do, under

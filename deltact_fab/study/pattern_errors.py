@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..analysis.tracking_error.tally import Mean, Tally
+from ..analysis.tracking_error.tally import ErrorTally, Mean
 from ..patterns.series.job import SeriesEntry
 from . import intervals
 from .intervals import Interval
@@ -24,7 +24,7 @@ _DEPTH = re.compile(r"/d(\d+\.\d+)/")
 
 
 @dataclass(frozen=True)
-class Printed:
+class PrintedPattern:
     """A pattern as tables name it. d_mm, r: None where it is none of Algorithm 1.
 
     rounds: of the paper's two that it stands in. paper_mm: the paper's error, None where it gives
@@ -39,7 +39,7 @@ class Printed:
     paper_about: bool = False
 
     @classmethod
-    def of(cls, entry: SeriesEntry) -> Printed:
+    def of(cls, entry: SeriesEntry) -> PrintedPattern:
         """Of the paper's series."""
         recipe = entry.recipe
         return cls(
@@ -54,27 +54,27 @@ class Printed:
 
 
 @dataclass(frozen=True)
-class Cell:
+class PressErrors:
     """One press under one pattern: sums by tracker, and a line a frame of FIGURES."""
 
     pattern: str
     press: str
     indenter: str
-    tallies: dict[str, Tally]
+    tallies: dict[str, ErrorTally]
     rows: dict[str, NDArray[np.float64]]
     steps: tuple[str, ...]
     dots: dict[str, Any] | None
     left_out: tuple[str, ...]
 
 
-def cells_of(value: Mapping[str, Any], press: str, indenter: str) -> list[Cell]:
+def cells_of(value: Mapping[str, Any], press: str, indenter: str) -> list[PressErrors]:
     """What a job of `pattern_press.follow` found."""
     return [
-        Cell(
+        PressErrors(
             name,
             press,
             indenter,
-            {m: Tally.of(p, value[f"histogram|{name}|{m}"]) for m, p in by_method.items()},
+            {m: ErrorTally.of(p, value[f"histogram|{name}|{m}"]) for m, p in by_method.items()},
             {m: value[f"rows|{name}|{m}"] for m in by_method},
             tuple(value["steps"]),
             value["dots"][name],
@@ -84,23 +84,23 @@ def cells_of(value: Mapping[str, Any], press: str, indenter: str) -> list[Cell]:
     ]
 
 
-class Errors:
+class PatternErrors:
     """All cells of a study, joined as they are asked for."""
 
-    def __init__(self, printed: Sequence[Printed], cells: Sequence[Cell]) -> None:
+    def __init__(self, printed: Sequence[PrintedPattern], cells: Sequence[PressErrors]) -> None:
         self.printed = tuple(printed)
         self.cells = tuple(cells)
         self.methods = tuple(dict.fromkeys(m for cell in cells for m in cell.tallies))
         self.indenters = tuple(dict.fromkeys(cell.indenter for cell in cells))
-        self._joined: dict[tuple[str, str, str], Tally] = {}
+        self._joined: dict[tuple[str, str, str], ErrorTally] = {}
         for cell in cells:
             for method, tally in cell.tallies.items():
                 key = (cell.pattern, cell.indenter, method)
-                self._joined.setdefault(key, Tally()).join(tally)
+                self._joined.setdefault(key, ErrorTally()).join(tally)
 
-    def tally(self, pattern: str, method: str, indenter: str | None = None) -> Tally:
+    def tally(self, pattern: str, method: str, indenter: str | None = None) -> ErrorTally:
         """Of an indenter, or of all of them."""
-        whole = Tally()
+        whole = ErrorTally()
         for (p, i, m), tally in self._joined.items():
             if (p, m) == (pattern, method) and indenter in (None, i):
                 whole.join(tally)
@@ -134,8 +134,8 @@ class Errors:
         return intervals.mean(apart, self.indenters, "indenter")
 
     def best(
-        self, method: str, measure: Measure, among: Iterable[Printed] | None = None
-    ) -> Printed | None:
+        self, method: str, measure: Measure, among: Iterable[PrintedPattern] | None = None
+    ) -> PrintedPattern | None:
         """The pattern with the least error; None where none has one."""
         found = [
             (known.value, n, p)
@@ -144,7 +144,7 @@ class Errors:
         ]
         return min(found)[2] if found else None
 
-    def beside(self, best: Printed, method: str, measure: Measure) -> list[Printed]:
+    def beside(self, best: PrintedPattern, method: str, measure: Measure) -> list[PrintedPattern]:
         """Patterns that the indenters do not tell from the best one, at 95 %."""
         found = []
         for other in self.printed:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..analysis.tracking_error.follow import Follower
-from ..analysis.tracking_error.scene import Scene
+from ..analysis.tracking_error.scene import TrackingPlan
 from ..errors import SensorError
 from ..jobs import tell
 from ..patterns.recipe import PatternRecipe
@@ -18,7 +18,7 @@ from ..protocols.plan import Protocol
 from ..rig.config import VirtualConfig
 from ..shapes import SensorDimensions
 from ..virtual.presses import Presses, path_of
-from .stream import PressStream, Truth
+from .stream import PressStream, StreamTruth
 
 # CPU seconds on one core, about, for the time that is announced beforehand.
 GEOMETRY_S, PATTERN_S, PRINT_S, KNOT_S = 0.6, 0.34, 1.2, 10.0
@@ -82,12 +82,12 @@ def follow(given: dict[str, Any]) -> dict[str, Any]:
     cv2.setNumThreads(1)  # the other cores have jobs of their own
     sensor, protocol, config, source = _read(given)
     stream = PressStream(protocol, given["press"], sensor, config, source)
-    truth, seed = Truth(stream), given["seed"]
+    truth, seed = StreamTruth(stream), given["seed"]
     printed = []
     for name, data in given["patterns"].items():
         recipe = PatternRecipe.model_validate(data)
         marks = stream.marks(recipe)
-        scene = Scene(tuple(given["methods"]), bool(len(marks.dots_mm)), ())
+        scene = TrackingPlan(tuple(given["methods"]), bool(len(marks.dots_mm)), ())
         printed.append(
             (name, stream.picture(recipe, seed), stream.noise(seed), Follower(scene, marks), marks)
         )

@@ -15,24 +15,26 @@ import numpy as np
 
 from .. import record
 from ..analysis.frames import recorded
-from ..analysis.tracking_error.press import Job as PressJob
+from ..analysis.tracking_error.press import PressJob as PressJob
 from ..analysis.tracking_error.press import analyse_press
 from ..analysis.tracking_error.scene import ONLY_DOTS, scene_of
 from ..errors import InputError
 from ..patterns.series.job import recipes
 from ..record import Run
-from .grid import Job
-from .pattern_errors import Printed
+from .grid import GridJob
+from .pattern_errors import PrintedPattern
 from .pattern_press import FIGURES
 
 
-def jobs_of(folders: Sequence[Path], methods: Sequence[str]) -> list[tuple[Printed, str, Job]]:
+def jobs_of(
+    folders: Sequence[Path], methods: Sequence[str]
+) -> list[tuple[PrintedPattern, str, GridJob]]:
     """(pattern, indenter, job) for each press of the runs.
 
     Raises InputError for a run that is not finished, has no images, dots or dense pattern, and for
     two runs of one pattern.
     """
-    found: list[tuple[Printed, str, Job]] = []
+    found: list[tuple[PrintedPattern, str, GridJob]] = []
     taken: dict[str, Path] = {}
     for folder in folders:
         run = record.open(folder)
@@ -61,12 +63,12 @@ def jobs_of(folders: Sequence[Path], methods: Sequence[str]) -> list[tuple[Print
                 "content": hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest(),
             }
             indenter = str(part["indenter"].iloc[0])
-            job = Job(f"{printed.name} {press}", follow, told, float(len(part)))
+            job = GridJob(f"{printed.name} {press}", follow, told, float(len(part)))
             found.append((printed, indenter, job))
     return found
 
 
-def printed_of(run: Run) -> Printed:
+def printed_of(run: Run) -> PrintedPattern:
     """The pattern of a run: one of the paper's by its d and r, else by the run's name."""
     recipe = run.pattern["recipe"]
     d_mm, r = recipe.get("patch_mm"), recipe.get("r")
@@ -75,10 +77,10 @@ def printed_of(run: Run) -> Printed:
             entry.recipe.patch_mm,
             entry.recipe.r,
         ):
-            return Printed.of(entry)
+            return PrintedPattern.of(entry)
     if recipe["law"] == "algorithm1":
-        return Printed(f"d{d_mm:g}-r{r:g}".replace(".", "p"), d_mm, r)
-    return Printed(run.folder.name, None, None)
+        return PrintedPattern(f"d{d_mm:g}-r{r:g}".replace(".", "p"), d_mm, r)
+    return PrintedPattern(run.folder.name, None, None)
 
 
 def follow(given: dict[str, Any]) -> dict[str, Any]:

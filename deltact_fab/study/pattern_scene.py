@@ -22,10 +22,10 @@ from ..shapes import SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
 from ..virtual.paths import paths
 from ..virtual.presses import Presses
-from .grid import Job
+from .grid import GridJob
 from .pattern_press import KNOT_S, cost_s, follow, given, solve_gel
-from .request import Asked
-from .thinning import Part, part_of, thinned
+from .request import StudyRequest
+from .thinning import PathPart, part_of, thinned
 
 PROTOCOL, RIG = "pattern-selection", "virtual"
 SCALE = 0.04
@@ -39,7 +39,7 @@ class Selection:
     """The scene of one study: what is pressed, drawn and followed."""
 
     protocol: Protocol
-    part: Part
+    part: PathPart
     sensor: SensorDimensions
     config: VirtualConfig
     source: Path
@@ -47,7 +47,7 @@ class Selection:
     seed: int
 
     @classmethod
-    def of(cls, asked: Asked) -> Selection:
+    def of(cls, asked: StudyRequest) -> Selection:
         """As requested. Raises InputError for a real rig or unknown names."""
         whole, _ = plan.load(str(asked.more.get("protocol") or PROTOCOL))
         config, source = rig_config.load(asked.rig or RIG)
@@ -75,19 +75,21 @@ class Selection:
             asked.seed,
         )
 
-    def gel_jobs(self) -> list[Job]:
+    def gel_jobs(self) -> list[GridJob]:
         """A job for each press that is not in the store; one stands for its mirror images."""
         presses = Presses(self.protocol, self.sensor.skin, self.config.virtual.gel)
-        jobs: dict[str, Job] = {}
+        jobs: dict[str, GridJob] = {}
         for path in presses.paths:
             solver = presses.of(path).solver
             if solver.found is None and solver.stored_as is not None:
                 cost = KNOT_S * len(solver.poses)
                 told = self._given(path.press, ())
-                jobs.setdefault(solver.stored_as, Job(f"gel {path.press}", solve_gel, told, cost))
+                jobs.setdefault(
+                    solver.stored_as, GridJob(f"gel {path.press}", solve_gel, told, cost)
+                )
         return list(jobs.values())
 
-    def jobs(self) -> list[Job]:
+    def jobs(self) -> list[GridJob]:
         """A job a press, with all patterns; of an odd number of presses the last in two halves.
 
         So two processes have equal shares, and hardly any geometry is found twice.
@@ -102,7 +104,7 @@ class Selection:
                 name = f"{press} ({k} of {len(groups)})" if len(groups) > 1 else press
                 frames = self.part.frames // self.part.positions
                 cost = cost_s(frames, len(group))
-                found.append(Job(name, follow, self._given(press, group), cost))
+                found.append(GridJob(name, follow, self._given(press, group), cost))
         return found
 
     def _given(self, press: str, entries: Sequence[SeriesEntry]) -> dict[str, Any]:

@@ -6,12 +6,12 @@ from typing import Any
 
 from ..protocols import plan
 from ..report.result import StudyResult
-from .grid import Grid, Job
-from .request import Asked
+from .grid import Grid, GridJob
+from .request import StudyRequest
 from .search.candidates import Candidate, candidates
 from .search.confirm import confirm
 from .search.findings import Findings
-from .search.imager import Bench
+from .search.imager import PatternImager
 from .search.options import bench_of, rig_of
 from .search.probe import FIELD_PX, probe
 from .search.result import result
@@ -28,7 +28,7 @@ PROBE_S, FRAME_S = 1.9, 0.11
 """A candidate's cost, and a frame's of a pattern on the gel; measured on one core."""
 
 
-def run(asked: Asked) -> StudyResult:
+def run(asked: StudyRequest) -> StudyResult:
     """Search, then confirm. Raises InputError for a rig or option that cannot be, RunFailed."""
     rig = asked.rig or RIG
     bench = bench_of(rig, asked.more)
@@ -76,7 +76,7 @@ def run(asked: Asked) -> StudyResult:
     )
 
 
-def _probe(candidate: Candidate, k: int, bench: Bench, seed: int) -> Job:
+def _probe(candidate: Candidate, k: int, bench: PatternImager, seed: int) -> GridJob:
     """One candidate with one seed; motion and noise are the same for all of them."""
     own = seed_of(seed, f"search {k}")
     given = {
@@ -85,7 +85,7 @@ def _probe(candidate: Candidate, k: int, bench: Bench, seed: int) -> Job:
         "seed": own,
         "field_px": FIELD_PX,
     }
-    return Job(f"{candidate.name}, search {k + 1}", probe, given, PROBE_S)
+    return GridJob(f"{candidate.name}, search {k + 1}", probe, given, PROBE_S)
 
 
 def _confirm(
@@ -93,11 +93,11 @@ def _confirm(
     farneback: set[str],
     k: int,
     press: str,
-    bench: Bench,
+    bench: PatternImager,
     rig: str,
     protocol: plan.Protocol,
     seed: int,
-) -> Job:
+) -> GridJob:
     """All chosen patterns in one press, with a seed that the search has not seen."""
     own = seed_of(seed, f"held-out seed {k}")
     patterns = [
@@ -118,7 +118,7 @@ def _confirm(
     }
     frames = sum(step.frames for step in plan.expand(protocol) if step.press == press)
     cost = FRAME_S * frames * (len(chosen) + 6)  # geometry is one more, Farneback two or three
-    return Job(f"{press}, held out {k + 1}", confirm, given, cost)
+    return GridJob(f"{press}, held out {k + 1}", confirm, given, cost)
 
 
 def _plain(candidate: Candidate, seed: int) -> dict[str, Any]:

@@ -13,11 +13,11 @@ from ..report.result import LeftOut, StudyResult
 from ..units import MM_PER_INCH
 from . import modulus
 from .grid import Grid
-from .pattern_errors import Errors, Printed, cells_of
+from .pattern_errors import PatternErrors, PrintedPattern, cells_of
 from .pattern_scene import METHODS, Selection
 from .pattern_tables import charts, data_of, tables
 from .pattern_verdict import headlines, verdict
-from .request import Asked
+from .request import StudyRequest
 
 NAME, TITLE = "pattern-selection", "Which pattern is tracked best"
 NOTES = (
@@ -29,7 +29,7 @@ NOTES = (
 )
 
 
-def run(asked: Asked) -> StudyResult:
+def run(asked: StudyRequest) -> StudyResult:
     """The study. `asked.more`: "pattern" and "indenter", names of a part of them.
 
     Raises InputError for names that are not known, RunFailed where every job failed.
@@ -37,7 +37,7 @@ def run(asked: Asked) -> StudyResult:
     return _recorded(asked) if asked.runs else _simulated(asked)
 
 
-def _simulated(asked: Asked) -> StudyResult:
+def _simulated(asked: StudyRequest) -> StudyResult:
     scene = Selection.of(asked)
     part, protocol = scene.part, scene.protocol
     asked.say(
@@ -59,7 +59,7 @@ def _simulated(asked: Asked) -> StudyResult:
             grid[job.name], job.given["press"], indenters[job.given["press"].split("/")[0]]
         )
     ]
-    errors = Errors([Printed.of(entry) for entry in scene.entries], cells)
+    errors = PatternErrors([PrintedPattern.of(entry) for entry in scene.entries], cells)
     specimen, printer = protocol.specimen, scene.config.virtual.printer
     return _result(
         asked,
@@ -84,7 +84,7 @@ def _simulated(asked: Asked) -> StudyResult:
     )
 
 
-def _recorded(asked: Asked) -> StudyResult:
+def _recorded(asked: StudyRequest) -> StudyResult:
     from .pattern_recorded import jobs_of
 
     found = jobs_of(asked.runs, METHODS)
@@ -95,7 +95,7 @@ def _recorded(asked: Asked) -> StudyResult:
         if job.name in grid.partial()
         for cell in cells_of(grid[job.name], job.given["press"], indenter)
     ]
-    errors = Errors(list(dict.fromkeys(printed for printed, _, _ in found)), cells)
+    errors = PatternErrors(list(dict.fromkeys(printed for printed, _, _ in found)), cells)
     from .. import record
 
     runs = [record.open(folder) for folder in asked.runs]
@@ -118,8 +118,8 @@ def _recorded(asked: Asked) -> StudyResult:
 
 
 def _result(
-    asked: Asked,
-    errors: Errors,
+    asked: StudyRequest,
+    errors: PatternErrors,
     grid: Grid,
     *,
     bench: str,

@@ -7,8 +7,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from ..patterns.series.job import GRIDS
-from ..report.result import Drawn, Table
-from .pattern_errors import Errors, Measure, Printed
+from ..report.result import ReportFigure, ReportTable
+from .pattern_errors import Measure, PatternErrors, PrintedPattern
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,7 +21,7 @@ MEASURES: dict[Measure, str] = {
 KEYS: dict[Measure, str] = {"at_dots": "at_dots_mm", "off": "off_dots_mm"}
 
 
-def data_of(errors: Errors) -> dict[str, Any]:
+def data_of(errors: PatternErrors) -> dict[str, Any]:
     """All figures as plain data: patterns, each by tracker, by indenter and by depth; the best."""
     return {
         "patterns": [
@@ -47,14 +47,14 @@ def data_of(errors: Errors) -> dict[str, Any]:
     }
 
 
-def dots_lost(errors: Errors, printed: Printed) -> float | None:
+def dots_lost(errors: PatternErrors, printed: PrintedPattern) -> float | None:
     """Share of the dots that were not found in a frame; None where none was followed."""
     found = [c.dots for c in errors.cells if c.pattern == printed.name and c.dots]
     lost, seen = (sum(dots[key] for dots in found) for key in ("lost", "seen"))
     return lost / (lost + seen) if lost + seen else None
 
 
-def _tracker(errors: Errors, printed: Printed, method: str) -> dict[str, Any]:
+def _tracker(errors: PatternErrors, printed: PrintedPattern, method: str) -> dict[str, Any]:
     whole = errors.tally(printed.name, method).figures()
     found: dict[str, Any] = {}
     for measure, key in KEYS.items():
@@ -79,7 +79,9 @@ def _tracker(errors: Errors, printed: Printed, method: str) -> dict[str, Any]:
     }
 
 
-def tables(errors: Errors, part: dict[str, Any] | None, covers: str) -> tuple[Table, ...]:
+def tables(
+    errors: PatternErrors, part: dict[str, Any] | None, covers: str
+) -> tuple[ReportTable, ...]:
     """Patterns; and the same by indenter and by depth. part: of the path, a column each."""
     import pandas as pd
 
@@ -119,7 +121,7 @@ def tables(errors: Errors, part: dict[str, Any] | None, covers: str) -> tuple[Ta
                                ("off_dots_mm", "error off the dots, mm"),
                                ("coverage", "share confident"))}  # fmt: skip
     return (
-        Table(
+        ReportTable(
             "patterns",
             "Mean tracking error of each pattern. At the dots it is the paper's (Eq. 7); off the "
             "dots it is that of all moving visible pixels against the simulated truth. "
@@ -128,12 +130,12 @@ def tables(errors: Errors, part: dict[str, Any] | None, covers: str) -> tuple[Ta
             ("pattern", "round", "paper", *shown, "dots_lost_share"),
             {"paper": "the paper, mm", "dots_lost_share": "dots not found"} | words,
         ),
-        Table(
+        ReportTable(
             "indenters",
             f"The same by indenter. Over {covers}.",
             pd.DataFrame(by_indenter),
         ),
-        Table(
+        ReportTable(
             "depths",
             "The same by depth, means over frames. Summed flow keeps the errors of all frames "
             f"before, so the second depth has those of the first. Over {covers}.",
@@ -142,10 +144,10 @@ def tables(errors: Errors, part: dict[str, Any] | None, covers: str) -> tuple[Ta
     )
 
 
-def charts(errors: Errors, covers: str) -> tuple[Drawn, ...]:
+def charts(errors: PatternErrors, covers: str) -> tuple[ReportFigure, ...]:
     """The paper's chart, for each tracker and measure that was taken."""
     return tuple(
-        Drawn(
+        ReportFigure(
             f"{method}-{KEYS[measure].removesuffix('_mm').replace('_', '-')}",
             f"Mean error of {TRACKERS.get(method, method)}, {what}, indenter on indenter; upright: "
             f"95 % over indenters; across: the paper's, dashed where it says 'around'. {covers}.",
@@ -157,13 +159,13 @@ def charts(errors: Errors, covers: str) -> tuple[Drawn, ...]:
     )
 
 
-def _chart(errors: Errors, method: str, measure: Measure) -> Figure:
-    from ..report.selection_figures import Column, stacked
+def _chart(errors: PatternErrors, method: str, measure: Measure) -> Figure:
+    from ..report.selection_figures import PatternColumn, stacked
 
-    def column(p: Printed) -> Column:
+    def column(p: PrintedPattern) -> PatternColumn:
         whole = errors.over_indenters(p.name, method, measure)
         means = [errors.mean_mm(p.name, method, measure, i) for i in errors.indenters]
-        return Column(
+        return PatternColumn(
             p.words.replace(" r", "\nr"),
             tuple(None if v is None else v / len(means) for v in means),
             whole.low if whole else None,
@@ -176,7 +178,7 @@ def _chart(errors: Errors, method: str, measure: Measure) -> Figure:
     return stacked(panels, errors.indenters)
 
 
-def rounds(printed: Sequence[Printed]) -> list[tuple[str, list[Printed]]]:
+def rounds(printed: Sequence[PrintedPattern]) -> list[tuple[str, list[PrintedPattern]]]:
     """The paper's two rounds as far as their patterns are here, and the others; none empty."""
     names = ("First round", "Second round")
     found = [

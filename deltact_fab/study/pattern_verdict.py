@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..report.result import Headline
 from .intervals import Interval
-from .pattern_errors import Errors, Measure, Printed
+from .pattern_errors import Measure, PatternErrors, PrintedPattern
 from .pattern_tables import MEASURES, TRACKERS, rounds
 
 PAPER_BEST = ((0.1, 0.5), (0.075, 0.6))
@@ -12,7 +12,7 @@ PAPER_BEST = ((0.1, 0.5), (0.075, 0.6))
 TOO_SMALL_MM, SMALL_MM = 0.05, 0.075
 
 
-def verdict(errors: Errors, covers: str, bench: str = "") -> tuple[str, ...]:
+def verdict(errors: PatternErrors, covers: str, bench: str = "") -> tuple[str, ...]:
     """Sentences, the answer first. bench: of a simulated one in figures, empty for a real one."""
     if not any(errors.best(m, "at_dots") for m in errors.methods):
         return ("No pattern has an error under every indenter: nothing can be compared.",)
@@ -22,7 +22,7 @@ def verdict(errors: Errors, covers: str, bench: str = "") -> tuple[str, ...]:
     return tuple(line for line in lines if line)
 
 
-def _renewals(errors: Errors) -> str:
+def _renewals(errors: PatternErrors) -> str:
     """How often the summed flow took on the error of a frame for good, which no pattern helps."""
     if "paper" not in errors.methods:
         return ""
@@ -39,7 +39,7 @@ def _renewals(errors: Errors) -> str:
     )
 
 
-def _optimum(errors: Errors) -> str:
+def _optimum(errors: PatternErrors) -> str:
     """Whether the paper's best of each round is the best here, by its own tracker and error."""
     method = "paper" if "paper" in errors.methods else errors.methods[0]
     said = []
@@ -69,7 +69,7 @@ def _optimum(errors: Errors) -> str:
     return f"The paper's optimum {appears} by its own tracker and error: {'; '.join(said)}."
 
 
-def _of(errors: Errors, method: str) -> str:
+def _of(errors: PatternErrors, method: str) -> str:
     parts = []
     for measure, words in MEASURES.items():
         best = errors.best(method, measure)
@@ -87,7 +87,7 @@ def _of(errors: Errors, method: str) -> str:
     return f"{name[0].upper()}{name[1:]}: {'; '.join(parts)}." if parts else ""
 
 
-def _small(errors: Errors) -> str:
+def _small(errors: PatternErrors) -> str:
     """Whether the error rises where patches get too small for the printer."""
     sizes = [_mean_of(errors, d_mm, "paper") for d_mm in (TOO_SMALL_MM, SMALL_MM)]
     if any(v is None for v in sizes):
@@ -100,7 +100,7 @@ def _small(errors: Errors) -> str:
     )
 
 
-def _mean_of(errors: Errors, d_mm: float, method: str) -> float | None:
+def _mean_of(errors: PatternErrors, d_mm: float, method: str) -> float | None:
     """Mean error at the dots over the second round's patterns of a patch size."""
     values = [
         errors.over_indenters(p.name, method, "at_dots")
@@ -111,7 +111,7 @@ def _mean_of(errors: Errors, d_mm: float, method: str) -> float | None:
     return sum(known) / len(known) if known and len(known) == len(values) else None
 
 
-def headlines(errors: Errors) -> tuple[Headline, ...]:
+def headlines(errors: PatternErrors) -> tuple[Headline, ...]:
     """The paper's figures beside those found, by its tracker; then ours."""
     found: list[Headline] = []
     for method in errors.methods:
@@ -126,8 +126,8 @@ def headlines(errors: Errors) -> tuple[Headline, ...]:
 
 
 def _headline(
-    errors: Errors,
-    printed: Printed,
+    errors: PatternErrors,
+    printed: PrintedPattern,
     method: str,
     measure: Measure,
     paper_mm: float | None,

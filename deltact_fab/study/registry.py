@@ -10,12 +10,12 @@ from ..errors import InputError, did_you_mean
 
 if TYPE_CHECKING:
     from ..report.result import StudyResult
-    from .request import Asked
+    from .request import StudyRequest
 
 
 @dataclass(frozen=True)
 class Option:
-    """An option of one study only: `--name VALUE` of its command, `Asked.more["name"]` in it.
+    """An option of one study only: `--name VALUE` of its command, `StudyRequest.more["name"]` in it.
 
     name: with hyphens; in `more` with underscores. default: its type is the option's (True and
     False: a switch; a tuple: repeatable, a tuple of words arrives). None: no
@@ -147,7 +147,7 @@ def find(name: str) -> Study:
     return STUDIES[name]
 
 
-def run(name: str, asked: Asked) -> StudyResult:
+def run(name: str, asked: StudyRequest) -> StudyResult:
     """Run a study. Raises InputError for an unknown one or bad options, RunFailed.
 
     Jobs that were asked for and have no result stand in the result's `missing`, whatever the study

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..types import Progress
+from ..aliases import Progress
 
 if TYPE_CHECKING:
-    from .grid import Grid, Job
+    from .grid import Grid, GridJob
 
 
 def _silent(text: str) -> None:
@@ -19,7 +19,7 @@ def _silent(text: str) -> None:
 
 
 @dataclass(frozen=True)
-class Asked:
+class StudyRequest:
     """Common to all studies.
 
     scale: share of the paper's points or frames, in (0, 1]; None: the study's default. rig: a
@@ -38,7 +38,7 @@ class Asked:
     more: dict[str, Any] = field(default_factory=dict)
     grids: list[Grid] = field(default_factory=list, compare=False, repr=False)
 
-    def solve(self, jobs: Sequence[Job]) -> Grid:
+    def solve(self, jobs: Sequence[GridJob]) -> Grid:
         """A grid of jobs on what was asked for; what is missing in it gets into the result."""
         from .grid import solve
 

@@ -14,7 +14,7 @@ from .sensors import (
     IN_TABLE,
     PREDECESSOR,
     PREDECESSOR_DRAWN,
-    Sensor,
+    SensorRow,
     Size,
 )
 
@@ -34,7 +34,7 @@ MEASURES: dict[str, Callable[[Size], float]] = {
 
 
 @dataclass(frozen=True)
-class Claim:
+class PaperClaim:
     """A sentence of the paper, whether it holds, and by which figures."""
 
     claim: str
@@ -71,7 +71,7 @@ def rank(values: Sequence[float], own: float) -> int:
     return 1 + sum(value < own and not math.isclose(value, own) for value in values)
 
 
-def not_worse(one: Sensor, other: Sensor) -> bool:
+def not_worse(one: SensorRow, other: SensorRow) -> bool:
     """Whether one has no less area in no larger pixels than the other."""
     areas, pixels = (one.area_mm2, other.area_mm2), (one.true_pixel_mm, other.true_pixel_mm)
     if areas[0] is None or areas[1] is None or pixels[0] is None or pixels[1] is None:
@@ -79,11 +79,11 @@ def not_worse(one: Sensor, other: Sensor) -> bool:
     return areas[0] >= areas[1] and pixels[0] <= pixels[1]
 
 
-def _count(one: Sensor) -> int:
+def _count(one: SensorRow) -> int:
     return math.prod(one.pixels or (0,))
 
 
-def claims() -> dict[str, Claim]:
+def claims() -> dict[str, PaperClaim]:
     """Every claim by a short name, in the order in which a reader wants them."""
     drawn, printed = (reduction(s.size_mm) for s in (PREDECESSOR_DRAWN, PREDECESSOR))
     measure, near = nearest_measure()
@@ -96,7 +96,7 @@ def claims() -> dict[str, Claim]:
     better = [s.name for s in others if not_worse(s, DELTACT)]
     area = 1 - (DELTACT.area_mm2 or 0) / (PREDECESSOR.area_mm2 or 1)
     return {
-        "third": Claim(
+        "third": PaperClaim(
             "the size is reduced by one-third compared to the FingerVision sensor (du2021high)",
             "Discussion and Conclusion",
             "no",
@@ -104,20 +104,20 @@ def claims() -> dict[str, Claim]:
             f"{1 - printed:.1f} times as large as the table's 20 x 20 x 26 mm; a third is nearest "
             f"to the {measure} ({100 * near:.0f} %) of the figure's",
         ),
-        "smaller": Claim(
+        "smaller": PaperClaim(
             "the size is significantly reduced compared to the previous sensors",
             "Hardware Design, with the figure",
             "yes, by the figure; no, by the table",
             f"by volume {100 * drawn:.0f} % (FingerVision) and "
             f"{100 * reduction(GECKO.size_mm):.0f} % (Gecko-enhanced) smaller than drawn",
         ),
-        "same area": Claim(
+        "same area": PaperClaim(
             "the sensing area is almost maintained the same",
             "Hardware Design",
             "nearly",
             f"675 for 756 mm², {100 * area:.0f} % less",
         ),
-        "large area": Claim(
+        "large area": PaperClaim(
             "a large sensing area at a higher resolution",
             "Discussion and Conclusion",
             "no" if better else "yes",
@@ -129,13 +129,13 @@ def claims() -> dict[str, Claim]:
                 else "none of the others has as much area in pixels as small"
             ),
         ),
-        "compact": Claim(
+        "compact": PaperClaim(
             "with a compact size",
             "Discussion and Conclusion",
             "hardly",
             f"place {by_volume} of {len(IN_TABLE)} by volume; smaller: {', '.join(smaller)}",
         ),
-        "pixel": Claim(
+        "pixel": PaperClaim(
             "a pixel is 0.037 mm wide",
             "Sensor Comparison",
             "cut off, not rounded",

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import catalog, record
-from ..analysis.relaxation import Fitted, Rest, Series, fit, rests
+from ..analysis.relaxation import RelaxationFit, Rest, Series, fit, rests
 from ..cad.design import load_design
 from ..errors import InputError
 from ..protocols import plan
@@ -23,13 +23,13 @@ from ..report.result import Headline, StudyResult
 from ..rig import config as rig_config
 from ..rig.config import VirtualConfig
 from . import intervals
-from .grid import Job
+from .grid import GridJob
 from .settling_gel import follow
 from .settling_page import ASSUMED, result, words
 from .settling_stops import WAITS_S, Stop, judged, simulated
 
 if TYPE_CHECKING:
-    from .request import Asked
+    from .request import StudyRequest
 
 PROTOCOL = "settling"
 NO_BENCH = (PROTOCOL, "demo", "demo-calibration")  # the first is judged here, of the gel itself
@@ -39,7 +39,7 @@ FADE_S = np.concatenate([[0.0], np.geomspace(0.02, 2000.0, 120)])  # of a fitted
 RELAXED = 10.0  # x the slowest time: what is left then is e^-10 of its branch
 
 
-def run(asked: Asked) -> StudyResult:
+def run(asked: StudyRequest) -> StudyResult:
     """The study. Raises InputError for a bad series, rig or run; SolverError, RunFailed."""
     return _recorded(asked) if asked.runs else _simulated(asked)
 
@@ -47,7 +47,7 @@ def run(asked: Asked) -> StudyResult:
 # -- simulated -----------------------------------------------------------------------------------
 
 
-def _simulated(asked: Asked) -> StudyResult:
+def _simulated(asked: StudyRequest) -> StudyResult:
     protocol, _ = plan.load(PROTOCOL)
     series = series_of(asked.more.get("prony") or (), protocol)
     depths = _thinned(protocol.depths_mm, asked.scale or 1.0)
@@ -59,7 +59,7 @@ def _simulated(asked: Asked) -> StudyResult:
         pairs.append((f"{depth:g} mm, viscous", f"{depth:g} mm, elastic"))
         for name, one, cost in zip(pairs[-1], (viscous, elastic), (25.0, 8.0), strict=True):
             data = one.model_dump(mode="json", exclude={"description"})
-            jobs.append(Job(name, follow, {**given, "protocol": data, "press": press}, cost))
+            jobs.append(GridJob(name, follow, {**given, "protocol": data, "press": press}, cost))
     ways, way_jobs = shipped(given)
     grid = asked.solve([*jobs, *way_jobs])
     found = grid.partial()
@@ -154,7 +154,7 @@ def _off_closed_form(stop: Stop) -> float:
 # -- recorded ------------------------------------------------------------------------------------
 
 
-def _recorded(asked: Asked) -> StudyResult:
+def _recorded(asked: StudyRequest) -> StudyResult:
     if asked.more.get("prony"):
         raise InputError("--prony: the series of recorded runs is fitted; leave it out")
     runs = [record.open(folder) for folder in asked.runs]
@@ -203,7 +203,7 @@ def _recorded(asked: Asked) -> StudyResult:
     )  # fmt: skip
 
 
-def _stop(rest: Rest, fitted: Fitted, n: int) -> Stop:
+def _stop(rest: Rest, fitted: RelaxationFit, n: int) -> Stop:
     return Stop(
         rest.step_id, rest.kind, rest.depth_mm, rest.wait_s, rest.force_n, fitted.steady_n[n],
         fitted.left_n(n, rest.wait_s), f"{rest.way.press} {rest.depth_mm:g} mm",
@@ -214,7 +214,7 @@ def _stop(rest: Rest, fitted: Fitted, n: int) -> Stop:
 # -- what both give ------------------------------------------------------------------------------
 
 
-def shipped(given: dict[str, Any]) -> tuple[dict[str, float], list[Job]]:
+def shipped(given: dict[str, Any]) -> tuple[dict[str, float], list[GridJob]]:
     """Protocols whose stops rest, with their settle_s, and the jobs of their elastic ways.
 
     Of each that presses a ball the largest one's first press, on the linear layer: ratios along
@@ -241,7 +241,9 @@ def shipped(given: dict[str, Any]) -> tuple[dict[str, float], list[Job]]:
         )
         press = f"{layer.indenters[0].replace(':', '-')}/p1"
         data = layer.model_dump(mode="json", exclude={"description"})
-        jobs.append(Job(f"way of {name}", follow, {**given, "protocol": data, "press": press}, 8.0))
+        jobs.append(
+            GridJob(f"way of {name}", follow, {**given, "protocol": data, "press": press}, 8.0)
+        )
     return settle, jobs
 
 

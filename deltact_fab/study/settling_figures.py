@@ -15,8 +15,8 @@ from .settling_stops import SHARES, Stop
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LEAST_PCT = 0.05
-LEAST_N = 1e-4
+MIN_PCT = 0.05
+MIN_N = 1e-4
 TOTALS = (0.05, 0.1, 0.2, 0.4)
 
 
@@ -43,7 +43,7 @@ def curve(stops: Sequence[Stop], series: Series, marks: bool) -> Figure:
         axis.set_title(words, loc="left", fontweight="bold")
     axes[0].set_ylabel("force over its steady value, %")
     low, high = axes[0].get_ylim()
-    axes[0].set_ylim(max(low, LEAST_PCT), high)
+    axes[0].set_ylim(max(low, MIN_PCT), high)
     figures.legend_below(figure, axes[0])
     return figure
 
@@ -84,13 +84,13 @@ def judged(tables: dict[str, list[dict[str, float]]]) -> Figure:
         for colour, (name, rows) in zip(cycle(figures.COLOURS), tables.items(), strict=False):
             tried = sorted(rows, key=lambda row: row["settle_s"])
             rest, scatter = (np.array([row[key] for row in tried]) for key in ("settle_s", column))
-            if scatter.max() > LEAST_N:
+            if scatter.max() > MIN_N:
                 axis.plot(rest, scatter, color=colour, lw=1.4, label=name)
         axis.set_xscale("log")
         axis.set_yscale("log")
         axis.set_xlabel("settle_s, s")
         axis.set_title(words, loc="left", fontweight="bold")
     axes[0].set_ylabel("scatter among the stops, N")
-    axes[0].set_ylim(LEAST_N, None)
+    axes[0].set_ylim(MIN_N, None)
     figures.legend_below(figure, axes[0])
     return figure

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..analysis.relaxation import Series, time_to
 from ..protocols.plan import Protocol
-from ..report.result import Drawn, Headline, LeftOut, StudyResult, Table
+from ..report.result import Headline, LeftOut, ReportFigure, ReportTable, StudyResult
 from . import intervals, modulus
 from . import settling_figures as draw
 from .settling_stops import FORCES_N, SHARES, Stop, waits
@@ -18,7 +18,7 @@ from .settling_stops import FORCES_N, SHARES, Stop, waits
 if TYPE_CHECKING:
     import pandas as pd
 
-    from .request import Asked
+    from .request import StudyRequest
 
 ASSUMED = "assumed: no relaxation of Solaris was found measured"
 BOUND = 0.02  # of the headlines, of the steady force
@@ -43,7 +43,7 @@ PROTOCOL_WORDS = {
 
 
 def result(
-    asked: Asked, stops: Sequence[Stop], series: Series, protocol: Protocol,
+    asked: StudyRequest, stops: Sequence[Stop], series: Series, protocol: Protocol,
     protocols: dict[str, list[dict[str, float]]], notes: list[str], settings: dict[str, str],
     *, simulated_: bool, missing: tuple[str, ...], more: dict[str, Any],
     heads: tuple[Headline, ...] = (),
@@ -53,7 +53,7 @@ def result(
     judged_ = _protocol_table(protocols)
     ramp_s = max(protocol.depths_mm) / (protocol.motion.press_feed_mm_min / 60)
     figures = (
-        Drawn(
+        ReportFigure(
             "error-against-wait",
             "Force over its steady value against the wait, by depth: "
             + (
@@ -64,14 +64,14 @@ def result(
             + " Dotted: 5, 2, 1, 0.5 %.",
             partial(draw.curve, stops, series, not asked.runs),
         ),
-        Drawn(
+        ReportFigure(
             "wait-against-gel",
             f"How long to wait for {100 * BOUND:g} % in a gel of one time of relaxation, after a "
             f"ramp of {ramp_s:.2g} s, in closed form: read off your own.",
             partial(draw.sensitivity, ramp_s, BOUND),
             column=True,
         ),
-        Drawn(
+        ReportFigure(
             "protocols",
             "What the stops of the shipped protocols scatter by, the factor common to all of them "
             "taken out, against how long they rest.",
@@ -85,9 +85,9 @@ def result(
         },
         simulated_, asked.seed, asked.scale, heads,
         (
-            Table("waits", "Seconds of rest until the force is within a bound of its steady value. "
+            ReportTable("waits", "Seconds of rest until the force is within a bound of its steady value. "
                   "Empty: the rest was too short to tell.", table, words=WAIT_WORDS),
-            Table("protocols", "The shipped protocols with their settle_s, largest ball, on a gel "
+            ReportTable("protocols", "The shipped protocols with their settle_s, largest ball, on a gel "
                   "of this series. A common factor goes into a calibration's coefficients; scatter "
                   "is left as error.", judged_, words=PROTOCOL_WORDS),
         ),
@@ -149,7 +149,7 @@ def _protocol_table(protocols: dict[str, list[dict[str, float]]]) -> pd.DataFram
 
 
 def _verdict(
-    heads: Sequence[Headline], protocols: pd.DataFrame, series: Series, asked: Asked
+    heads: Sequence[Headline], protocols: pd.DataFrame, series: Series, asked: StudyRequest
 ) -> tuple[str, ...]:
     gel = f"the gel fitted to these runs ({words(series)})" if asked.runs else (
         f"a gel of {words(series)} ({ASSUMED})"

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..aliases import Field
 from ..analysis.relaxation import Series, time_to
-from ..arrays import Field
 
 SHARES = (0.05, 0.02, 0.01, 0.005)
 FORCES_N = (0.05, 0.02)

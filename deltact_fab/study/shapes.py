@@ -14,24 +14,24 @@ from typing import TYPE_CHECKING
 from ..errors import InputError
 from ..report.result import LeftOut, StudyResult
 from . import modulus
-from .request import Asked
+from .request import StudyRequest
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from ..analysis.shape import Picture, PressShape
+    from ..analysis.shape import PressShape, ShapeMaps
     from ..measure.sensor_id import Kind
     from ..record import Run
 
 STUDY, TITLE = "shapes", "Shapes and force distribution"
 
 
-def run(asked: Asked) -> StudyResult:
+def run(asked: StudyRequest) -> StudyResult:
     """The study, simulated or of recorded runs. Raises InputError, RunFailed."""
     return _recorded(asked) if asked.runs else _simulated(asked)
 
 
-def _simulated(asked: Asked) -> StudyResult:
+def _simulated(asked: StudyRequest) -> StudyResult:
     from .shape import summary
     from .shape.headlines import headlines
     from .shape.simulated import settings, simulate
@@ -93,7 +93,7 @@ def _seen(job: _Recorded) -> PressShape:
     return seen_of(record.open(job.folder), job.press, job.files)
 
 
-def _recorded(asked: Asked) -> StudyResult:
+def _recorded(asked: StudyRequest) -> StudyResult:
     from .. import record
     from ..analysis.frames import recorded
     from ..jobs import each
@@ -171,9 +171,9 @@ def _kind(file: Path) -> Kind:
     return read_calibration(file)[0].kind
 
 
-def _deepest(pictures: Sequence[Picture | None]) -> list[Picture]:
+def _deepest(pictures: Sequence[ShapeMaps | None]) -> list[ShapeMaps]:
     """The deepest of each indenter, in the order of the runs."""
-    found: dict[str, Picture] = {}
+    found: dict[str, ShapeMaps] = {}
     for picture in pictures:
         if picture is None or picture.tip_depth_mm == 0:
             continue
@@ -183,7 +183,7 @@ def _deepest(pictures: Sequence[Picture | None]) -> list[Picture]:
     return list(found.values())
 
 
-def _most_twisted(seen: dict[str, PressShape]) -> Picture | None:
+def _most_twisted(seen: dict[str, PressShape]) -> ShapeMaps | None:
     """Where the torque that was measured is largest; None without shear, or without torque."""
     twisted = [one.twisted for one in seen.values() if one.twisted is not None]
     return max(twisted, key=lambda p: abs(p.torque_z_nmm or 0.0), default=None)

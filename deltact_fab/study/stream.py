@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..aliases import Field
 from ..analysis.tracking_error.dots import Marks
 from ..analysis.tracking_error.truth import TrueFrame, off_dots, seen_by
-from ..arrays import Field
 from ..errors import SolverError
 from ..experiment.meta import pattern_of
 from ..gel.path.knots import CONTACT_EPS_MM, Increments, divide
@@ -31,7 +31,7 @@ from ..rig.config import VirtualConfig
 from ..shapes import SensorDimensions
 from ..virtual.drawing import crop_of, geometry_of, noise_of, printed
 from ..virtual.paths import PressPath
-from ..virtual.picture import Picture
+from ..virtual.picture import FrameRenderer
 from ..virtual.presses import Presses, path_of
 from ..virtual.rig import VirtualKind
 from ..virtual.seeds import stream_number
@@ -52,10 +52,10 @@ class Look:
 
 
 @dataclass(frozen=True)
-class Frame:
+class FaceFrame:
     """One moment of the face, before any pattern is on it.
 
-    at_px: (h + 2, w + 2, 2), what each pixel sees, for `Picture.expose`. displacement_mm: (ny, nx,
+    at_px: (h + 2, w + 2, 2), what each pixel sees, for `FrameRenderer.expose`. displacement_mm: (ny, nx,
     3) on the lattice, None at rest.
     """
 
@@ -101,21 +101,21 @@ class PressStream:
         """The moments of the protocol's frames."""
         return looks(self.protocol, self.path, self.increments)
 
-    def frames(self, looks: Iterable[Look] | None = None) -> Iterator[Frame]:
+    def frames(self, looks: Iterable[Look] | None = None) -> Iterator[FaceFrame]:
         """Each moment's geometry, one after the other; looks: None for the protocol's own.
 
         Raises SolverError where a pixel would see no point of the surface.
         """
         for number, look in enumerate(self.looks if looks is None else looks):
             u_mm = self._displacement_mm(look)
-            yield Frame(number, look, self.geometry.material_px(u_mm), u_mm)
+            yield FaceFrame(number, look, self.geometry.material_px(u_mm), u_mm)
 
-    def picture(self, recipe: PatternRecipe, seed: int) -> Picture:
+    def picture(self, recipe: PatternRecipe, seed: int) -> FrameRenderer:
         """The gel with that pattern printed on it, as the rig's own run with that seed has it."""
         return printed(self.config, recipe, self.geometry, seed)
 
     def noise(self, seed: int) -> np.random.Generator:
-        """What `Picture.expose` takes, one generator a pattern, from the first frame on."""
+        """What `FrameRenderer.expose` takes, one generator a pattern, from the first frame on."""
         return noise_of(seed, stream_number(self.press))
 
     def tracked(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -157,7 +157,7 @@ class PressStream:
         return field
 
 
-class Truth:
+class StreamTruth:
     """What is true of the frames of a stream; of a frame, once for all patterns with equal dots."""
 
     def __init__(self, stream: PressStream) -> None:
@@ -168,7 +168,7 @@ class Truth:
         self._motion: tuple[Field, Field] | None = None
         self._frames: dict[bytes, TrueFrame] = {}
 
-    def of(self, frame: Frame, marks: Marks) -> TrueFrame:
+    def of(self, frame: FaceFrame, marks: Marks) -> TrueFrame:
         """Motion of every pixel, and which of them move and lie on no dot of a pattern."""
         stream = self._stream
         if frame.number != self._number:

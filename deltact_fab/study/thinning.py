@@ -14,7 +14,7 @@ from ..protocols.plan import Protocol, expand
 
 
 @dataclass(frozen=True)
-class Part:
+class PathPart:
     """Which part of a whole protocol's path another one covers, and how densely it is filmed.
 
     shear_mm: its amplitude; frames: of one indenter; longest_step_mm: of the tip between two frames
@@ -92,10 +92,10 @@ def frames_an_indenter(protocol: Protocol) -> int:
     return sum(step.frames for step in expand(first))
 
 
-def part_of(whole: Protocol, protocol: Protocol) -> Part:
+def part_of(whole: Protocol, protocol: Protocol) -> PathPart:
     """The part of the whole protocol's path that a thinned one covers."""
     shear, of_shear = protocol.shear, whole.shear
-    return Part(
+    return PathPart(
         positions=len(protocol.positions_mm),
         of_positions=len(whole.positions_mm),
         depths_mm=protocol.depths_mm,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ..types import Vector
+from ..aliases import Vector
 
 
 def steps(mm: Vector, per_mm: Vector) -> tuple[int, int, int]:

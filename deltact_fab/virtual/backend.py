@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from ..optics import Fisheye, Pinhole, Rectified
 from ..rig.config import VirtualConfig
-from ..rig.job import Job
+from ..rig.job import RigSetup
 from .clock import VirtualClock
 from .firmware import board_of
 from .netft import NetFTBox
@@ -14,7 +14,7 @@ from .presses import Presses
 from .scene import GelScene, LatticeCrop
 
 if TYPE_CHECKING:
-    from .picture import Picture
+    from .picture import FrameRenderer
 
 
 class Below:
@@ -26,7 +26,7 @@ class Below:
     def __init__(
         self,
         config: VirtualConfig,
-        job: Job,
+        job: RigSetup,
         clock: VirtualClock,
         scene: type[GelScene] = GelScene,
     ) -> None:
@@ -53,7 +53,7 @@ class Below:
             self._config.force, self.clock, self._job.seed, self.scene.wrenches, noise_n
         )
 
-    def picture(self, view: Pinhole | Rectified) -> tuple[Picture, Fisheye | None]:
+    def picture(self, view: Pinhole | Rectified) -> tuple[FrameRenderer, Fisheye | None]:
         """What draws the printed gel, and the true lens it is drawn through; None: a pinhole.
 
         view: of the images that are tracked.

@@ -15,15 +15,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..aliases import Vector
 from ..elasticity import GelMaterial
 from ..gel.reference import flat_punch_factor, hertz_force_n
 from ..optics import StageFrame
 from ..shapes import Indenter, SkinDimensions, Tip
 from ..shapes.indenter import parse as parse_indenter
 from ..shapes.tips import EllipsoidTip, SphereTip
-from ..types import Vector
 from ..units import NS_PER_S
-from .board import Board
+from .board import SimulatedBoard
 
 HARD_N_PER_MM = 400.0
 CLEAR_MM = 1.0  # an axis so high has no tip at the face, tilted by degrees as it may be
@@ -53,7 +53,7 @@ class BenchFace:
 
     def __init__(
         self,
-        controller: Board,
+        controller: SimulatedBoard,
         frame: StageFrame,
         skin: SkinDimensions,
         material: GelMaterial | None = None,

@@ -5,14 +5,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 
-from ..types import Vector
+from ..aliases import Vector
 from ..units import NS_PER_S, to_ns
 from .carriage import Carriage
 from .clock import NsClock
 from .motion import Segment
 
 
-class Board(ABC):
+class SimulatedBoard(ABC):
     """No thread and no time of its own: each call first catches up with its clock.
 
     settings: of the carriage, as GRBL numbers them. start_mm: where it stands at power-on, in the

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ..arrays import Array, Float
+from ..aliases import Array, Float
 from ..errors import InputError
-from ..imaging import Sensor
-from ..measure.lens import Board
+from ..imaging import ImageSensor
+from ..measure.lens import Checkerboard
 from ..optics import Fisheye, Medium, Rectified
 from ..shapes import SensorDimensions
 from .raw_view import RawView
@@ -37,7 +37,7 @@ TRIES = 300
 
 
 @dataclass(frozen=True)
-class Pose:
+class BoardPose:
     """Where a board is in the sensor frame: a turn, then its middle moved to at_mm."""
 
     at_mm: tuple[float, float, float]
@@ -50,13 +50,13 @@ class Pose:
         return np.asarray(turned + self.at_mm)
 
 
-ON_FACE = Pose((0.0, 0.0, 0.0), Rotation.identity())
+ON_FACE = BoardPose((0.0, 0.0, 0.0), Rotation.identity())
 
 
 class Studio:
     """Takes photographs of boards with one camera."""
 
-    def __init__(self, lens: Fisheye, sensor: Sensor, design: SensorDimensions) -> None:
+    def __init__(self, lens: Fisheye, sensor: ImageSensor, design: SensorDimensions) -> None:
         self.lens, self.design = lens, design
         self._sensor = sensor
         self._shade = RawView(lens, Rectified.of(design, lens)).shade(sensor.shading)
@@ -64,7 +64,7 @@ class Studio:
         self._origin, self._slope = lens.ray(np.stack(np.meshgrid(columns, rows), -1), "air")
 
     def photograph(
-        self, board: Board, pose: Pose, rng: np.random.Generator, contact: bool = True
+        self, board: Checkerboard, pose: BoardPose, rng: np.random.Generator, contact: bool = True
     ) -> NDArray[np.uint8]:
         """Image (h, w, 3) BGR of a board on the face, or in the air beyond it."""
         turn = pose.turn.as_matrix()
@@ -103,7 +103,7 @@ class Studio:
         fine = cv2.resize(grid, None, fx=FINER, fy=FINER, interpolation=cv2.INTER_LINEAR)
         return np.asarray(fine[FINER:-FINER, FINER:-FINER], np.float32)
 
-    def sees(self, board: Board, pose: Pose, contact: bool) -> bool:
+    def sees(self, board: Checkerboard, pose: BoardPose, contact: bool) -> bool:
         """Whether all inner corners lie in the image and in the face's window, clear of it."""
         columns, rows = board.corners
         index = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1)
@@ -123,7 +123,9 @@ class Studio:
         inside = np.all((px >= BORDER_PX) & (px <= last)) and np.all(np.abs(crossing) <= half)
         return bool(inside)
 
-    def contact_poses(self, board: Board, n: int, rng: np.random.Generator) -> Iterator[Pose]:
+    def contact_poses(
+        self, board: Checkerboard, n: int, rng: np.random.Generator
+    ) -> Iterator[BoardPose]:
         """Of a board wetted onto the face: in the middle, then out to the corners of the view."""
         places = ((0, 0), (1, 1), (-1, 1), (1, -1), (-1, -1))
         for k in range(n):
@@ -132,21 +134,23 @@ class Studio:
             reach = np.array(self.design.skin.opening_half_mm) * rng.uniform(0.9, 1.0)
             for shrink in np.linspace(1, 0, 41):
                 x, y = out * reach * shrink
-                pose = Pose((float(x), float(y), 0.0), turn)
+                pose = BoardPose((float(x), float(y), 0.0), turn)
                 if self.sees(board, pose, contact=True):
                     yield pose
                     break
             else:
                 raise InputError(f"--board {board}: the camera does not see it whole on the face")
 
-    def air_poses(self, board: Board, n: int, rng: np.random.Generator) -> Iterator[Pose]:
+    def air_poses(
+        self, board: Checkerboard, n: int, rng: np.random.Generator
+    ) -> Iterator[BoardPose]:
         """Of a board in the air beyond the face, at random heights, places and tilts."""
         for _ in range(n):
             for _ in range(TRIES):
                 tilts = rng.uniform(-25, 25, 2)
                 turn = Rotation.from_euler("xyz", (*tilts, rng.uniform(-15, 15)), degrees=True)
                 x, y = rng.uniform(-5, 5, 2)
-                pose = Pose((float(x), float(y), float(rng.uniform(3, 20))), turn)
+                pose = BoardPose((float(x), float(y), float(rng.uniform(3, 20))), turn)
                 if self.sees(board, pose, contact=False):
                     yield pose
                     break
@@ -154,7 +158,7 @@ class Studio:
                 raise InputError(f"--air: the camera does not see a board of {board} whole")
 
 
-def _reflectance(board: Board, u_mm: Float, v_mm: Float, beyond: float) -> Float:
+def _reflectance(board: Checkerboard, u_mm: Float, v_mm: Float, beyond: float) -> Float:
     """Of the points of a board's plane; nan, where a pixel sees none, is black."""
     across = np.float32(board.nx * board.square_mm / 2), np.float32(board.ny * board.square_mm / 2)
     out = np.maximum(np.abs(u_mm) - across[0], np.abs(v_mm) - across[1])

@@ -12,8 +12,8 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+from ..aliases import Vector
 from ..protocols.motion import minus, plus
-from ..types import Vector
 from .axes import divide, steps
 from .motion import Path, Segment, along_line, brake, trapezoid
 

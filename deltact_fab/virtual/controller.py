@@ -20,15 +20,15 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Mapping
 from typing import Literal
 
+from ..aliases import Vector
 from ..protocols.motion import minus, plus
-from ..types import Vector
 from ..units import MM_PER_INCH, NS_PER_S, to_ns
 from . import grbl_report
 from .axes import replaced
-from .board import Board
+from .board import SimulatedBoard
 from .carriage import PLANNER_BLOCKS
 from .clock import NsClock
-from .gcode import Modal, Refused, parse
+from .gcode import GcodeError, Modal, parse
 from .grbl_settings import FACTORY, SETTINGS, change, listed
 
 BANNER = "Grbl 1.1h ['$' for help]"
@@ -44,7 +44,7 @@ Wait = Literal["slot", "sync", "still"] | int
 Task = Generator[Wait, None, int]
 
 
-class GrblController(Board):
+class GrblController(SimulatedBoard):
     """One simulated board with its three axes.
 
     settings: `$` numbers to values, over `SETTINGS`. start_mm: where the carriage stands at
@@ -293,7 +293,7 @@ class GrblController(Board):
             if self._state in ("Alarm", "Jog"):
                 return 9
             return (yield from self._gcode(line, jog=False))
-        except Refused as why:
+        except GcodeError as why:
             return why.code
 
     # ---- realtime bytes -----------------------------------------------------------------------
@@ -526,12 +526,12 @@ class GrblController(Board):
             axes = {a: v * MM_PER_INCH for a, v in axes.items()}
         moves = action not in (10, 92) and (bool(axes) or "motion" in groups)
         if jog and "F" not in values:
-            raise Refused(22)
+            raise GcodeError(22)
         feed = values["F"] * (MM_PER_INCH if inches else 1) if "F" in values else modal.feed_mm_min
         used = {"F", "N", "S", "T", "X", "Y", "Z"}
         if action == 4:
             if "P" not in values:
-                raise Refused(28)
+                raise GcodeError(28)
             used.add("P")
         coordinates: tuple[int, Vector] | None = None
         g92 = modal.g92_mm
@@ -540,25 +540,25 @@ class GrblController(Board):
             used |= {"L", "P"}
         elif action == 92:
             if not axes:
-                raise Refused(26)
+                raise GcodeError(26)
             base = minus(self._programmed_mm, self._systems[system])
             g92 = replaced(g92, {a: base[a] - v for a, v in axes.items()})
         elif action == 92.1:
             g92 = (0.0, 0.0, 0.0)
         if action == 53 and motion not in (0, 1):
-            raise Refused(30)
+            raise GcodeError(30)
         if moves and motion == 80 and axes:
-            raise Refused(31)
+            raise GcodeError(31)
         if moves and motion == 1 and feed == 0:
-            raise Refused(22)
+            raise GcodeError(22)
         if jog:
             used = {"F", "N", "X", "Y", "Z"}
         if set(values) - used:
-            raise Refused(36)
+            raise GcodeError(36)
         target = self._target(axes, system, absolute=action == 53, relative=relative)
         if jog:
             if set(groups) - {"distance", "units", "action"} or action not in (None, 53):
-                raise Refused(16)
+                raise GcodeError(16)
             return (yield from self._jog(target, feed))
 
         if "spindle" in groups or "S" in values or "system" in groups or coordinates is not None:
@@ -588,13 +588,13 @@ class GrblController(Board):
     ) -> tuple[int, Vector]:
         """G10 L2 sets a coordinate system, G10 L20 makes the present position read as given."""
         if not axes:
-            raise Refused(26)
+            raise GcodeError(26)
         if "P" not in values or "L" not in values:
-            raise Refused(28)
+            raise GcodeError(28)
         if values["P"] >= 7:
-            raise Refused(29)
+            raise GcodeError(29)
         if values["L"] not in (2, 20):
-            raise Refused(20)
+            raise GcodeError(20)
         chosen = 53 + int(values["P"]) if values["P"] >= 1 else system
         if values["L"] == 20:
             base = minus(self._programmed_mm, self._modal.g92_mm)
@@ -613,7 +613,7 @@ class GrblController(Board):
 
     def _jog(self, target_mm: Vector, feed_mm_min: float) -> Task:
         if feed_mm_min == 0:
-            raise Refused(22)
+            raise GcodeError(22)
         if self.settings[20] and self._carriage.outside(target_mm):
             return 15
         yield "slot"

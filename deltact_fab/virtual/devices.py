@@ -14,9 +14,9 @@ from ..errors import RunFailed
 from ..files import write_whole
 from ..optics import Fisheye, SurfaceLattice
 from ..record import lattice_file, lens_file, truth_file
-from ..rig.interface import Clock, Frame
+from ..rig.interface import CameraFrame, Clock
 from .drawing import noise_of
-from .picture import Picture
+from .picture import FrameRenderer
 from .scene import GelScene
 from .seeds import stream_number
 
@@ -28,7 +28,7 @@ class VirtualCamera:
 
     def __init__(
         self,
-        picture: Picture,
+        picture: FrameRenderer,
         scene: GelScene,
         clock: Clock,
         seed: int,
@@ -58,12 +58,14 @@ class VirtualCamera:
         self._scene.begin()
         self._rng = noise_of(self._seed, stream_number(stream))
 
-    def capture(self) -> Frame:
+    def capture(self) -> CameraFrame:
         """Draw the scene as it is now."""
         assert self._stream is not None, "begin() comes before the first frame"
         seen = self._scene.observe()
         self._seen.append((seen.a.index, seen.b.index, seen.fraction))
-        return Frame(self._picture.render(seen.displacement_mm(), self._rng), self._clock.now_s())
+        return CameraFrame(
+            self._picture.render(seen.displacement_mm(), self._rng), self._clock.now_s()
+        )
 
     def end(self, frames: Mapping[str, float]) -> None:
         """Store the press's knots and where each of its frames stands between which of them."""

@@ -6,18 +6,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..imaging import Printer, Sensor
+from ..imaging import ImageSensor, Printer
 from ..optics import Fisheye, Pinhole, Rectified, SurfaceLattice
 from ..patterns.raster import albedo
 from ..patterns.recipe import PatternRecipe
 from ..rig.config import VirtualConfig
 from ..shapes import SensorDimensions
-from .picture import MARGIN_PX, Geometry, Picture, Texture
+from .picture import MARGIN_PX, FrameRenderer, Geometry, Texture
 from .raw_view import BAND_PX, RawView
 from .scene import LatticeCrop
 
 if TYPE_CHECKING:
-    from ..arrays import Field
+    from ..aliases import Field
 
 
 def crop_of(
@@ -49,14 +49,16 @@ def geometry_of(
     return Geometry(RawView(lens, view), lattice), lens
 
 
-def printed(config: VirtualConfig, recipe: PatternRecipe, geometry: Geometry, seed: int) -> Picture:
+def printed(
+    config: VirtualConfig, recipe: PatternRecipe, geometry: Geometry, seed: int
+) -> FrameRenderer:
     """The gel with that pattern as the rig's printer made it, before the rig's camera."""
     simulator = config.virtual
     printer = Printer(**simulator.printer.model_dump())
     rng = np.random.default_rng(np.random.SeedSequence([seed, 3]))
     values = printer.print_(albedo(recipe, printer.mm_per_dot), rng)
-    exposure = Sensor(**simulator.camera.model_dump())
-    return Picture(geometry, Texture(values, printer.mm_per_dot), exposure)
+    exposure = ImageSensor(**simulator.camera.model_dump())
+    return FrameRenderer(geometry, Texture(values, printer.mm_per_dot), exposure)
 
 
 def noise_of(seed: int, stream: int) -> np.random.Generator:

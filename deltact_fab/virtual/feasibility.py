@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..errors import InputError
-from ..gel.finite.material import MOST_POISSON
+from ..gel.finite.material import MAX_POISSON
 from ..gel.linear.validity import DEPTH_LIMIT
 from ..protocols.plan import Protocol
 from ..rig.simulator import GelConfig
@@ -43,9 +43,9 @@ def require_gel_level(protocol: Protocol, sensor: SensorDimensions, source: str)
             f"{thickness_mm:g} mm: no level of the gel can be pressed that deep"
         )
     if level == "hyperelastic":
-        if specimen.poisson > MOST_POISSON:
+        if specimen.poisson > MAX_POISSON:
             raise InputError(
-                f"{source}: specimen.poisson: {specimen.poisson} is over {MOST_POISSON}: the level "
+                f"{source}: specimen.poisson: {specimen.poisson} is over {MAX_POISSON}: the level "
                 "'hyperelastic' stops there; .499 serves, and only the level 'layer' takes .5"
             )
         return

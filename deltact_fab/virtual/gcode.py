@@ -5,12 +5,12 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
-from ..types import Vector
+from ..aliases import Vector
 
 NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)")
 
 
-class Refused(Exception):
+class GcodeError(Exception):
     """A line that answers error:N."""
 
     def __init__(self, code: int) -> None:
@@ -36,7 +36,7 @@ class Modal:
 
 
 @dataclass
-class Words:
+class GcodeLine:
     """A parsed line: commands per modal group, values per letter."""
 
     groups: dict[str, float] = field(default_factory=dict)
@@ -62,42 +62,42 @@ _GROUPS: dict[str, dict[str, tuple[float, ...]]] = {
 _GROUP_OF = {(c, v): g for c, groups in _GROUPS.items() for g, vs in groups.items() for v in vs}
 
 
-def parse(line: str) -> Words:
+def parse(line: str) -> GcodeLine:
     """Split a line into words; raises Refused with the firmware's codes."""
-    words = Words()
+    words = GcodeLine()
     at = 0
     axis_command = False
     while at < len(line):
         letter = line[at]
         if not ("A" <= letter <= "Z"):
-            raise Refused(1)
+            raise GcodeError(1)
         number = NUMBER.match(line, at + 1)
         if number is None:
-            raise Refused(2)
+            raise GcodeError(2)
         at, value = number.end(), float(number[0])
         if letter in "GM":
             value = round(value, 2)
             group = _GROUP_OF.get((letter, value))
             if group is None:
                 whole = int(value) not in (90, 91, 92) and (letter, int(value)) in _GROUP_OF
-                raise Refused(23 if whole else 20)
+                raise GcodeError(23 if whole else 20)
             if letter == "G" and value in (0, 1, 10, 92):
                 if axis_command:
-                    raise Refused(24)
+                    raise GcodeError(24)
                 axis_command = True
             if group in words.groups:
-                raise Refused(21)
+                raise GcodeError(21)
             words.groups[group] = value
             continue
         if letter not in "FIJKLNPRSTXYZ":
-            raise Refused(20)
+            raise GcodeError(20)
         if letter in words.values:
-            raise Refused(25)
+            raise GcodeError(25)
         if letter in "FNPTS" and value < 0:
-            raise Refused(4)
+            raise GcodeError(4)
         if letter == "T" and value > 255:
-            raise Refused(38)
+            raise GcodeError(38)
         words.values[letter] = value
     if words.values.get("N", 0) > 10_000_000:
-        raise Refused(27)
+        raise GcodeError(27)
     return words

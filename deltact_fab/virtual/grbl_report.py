@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ..types import Vector
+from ..aliases import Vector
 from ..units import MM_PER_INCH
 from .gcode import Modal
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ..types import Vector
-from .gcode import NUMBER, Refused
+from ..aliases import Vector
+from .gcode import NUMBER, GcodeError
 
 SETTINGS: dict[int, float] = {
     0: 10, 1: 25, 2: 0, 3: 0, 4: 0, 5: 0, 6: 0,
@@ -40,24 +40,24 @@ def change(settings: dict[int, float], what: str) -> None:
     """`N=value`: numbers first, then the rules of the setting. Raises Refused, nothing changed."""
     key = NUMBER.match(what)
     if key is None:
-        raise Refused(2)
+        raise GcodeError(2)
     rest = what[key.end() :]
     if not rest.startswith("="):
-        raise Refused(3)
+        raise GcodeError(3)
     number = NUMBER.match(rest, 1)
     if number is None:
-        raise Refused(2)
+        raise GcodeError(2)
     if number.end() != len(rest):
-        raise Refused(3)
+        raise GcodeError(3)
     n, value = int(float(key[0])), float(number[0])
     if value < 0:
-        raise Refused(4)
+        raise GcodeError(4)
     if n not in SETTINGS:
-        raise Refused(3)
+        raise GcodeError(3)
     if n == 0 and value < 3:
-        raise Refused(6)
+        raise GcodeError(6)
     if n == 20 and value and not settings[22]:
-        raise Refused(10)
+        raise GcodeError(10)
     settings[n] = float(int(value)) if n in _WHOLE else value
     if n == 22 and not value:
         settings[20] = 0

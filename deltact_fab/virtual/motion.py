@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..types import Vector
+from ..aliases import Vector
 from ..units import NS_PER_S
 
 Phase = tuple[float, float, float, float]  # from t (s), travelled (mm), speed (mm/s), a (mm/s2)

@@ -28,7 +28,7 @@ STOP, STREAM, BIAS = 0x0000, 0x0002, 0x0042
 QUIET_S = 0.005  # records that were under way when the box was told to stop come within
 COUNTS_PER_N = 1_000_000.0
 COUNTS_PER_NMM = 100_000.0
-MOST_COUNTS = 1e9  # of a range: a record holds twice that, so a sample less its bias fits
+MAX_COUNTS = 1e9  # of a range: a record holds twice that, so a sample less its bias fits
 Wrenches = Callable[[NDArray[np.int64]], NDArray[np.float64]]
 
 
@@ -51,8 +51,8 @@ class NetFTBox:
         self._rate_hz = config.rate_hz
         self._noise_n = noise_n
         self.limits = np.array([*config.range_n, *config.range_nmm])
-        counts_per_n = min(COUNTS_PER_N, MOST_COUNTS / max(config.range_n))
-        counts_per_nmm = min(COUNTS_PER_NMM, MOST_COUNTS / max(config.range_nmm))
+        counts_per_n = min(COUNTS_PER_N, MAX_COUNTS / max(config.range_n))
+        counts_per_nmm = min(COUNTS_PER_NMM, MAX_COUNTS / max(config.range_nmm))
         self._per_unit = np.repeat([counts_per_n, counts_per_nmm], 3)
         self._clock = clock
         self._seed = seed

@@ -21,7 +21,7 @@ WAKE_S = 0.05  # how long a command or the end of the server may wait at most
 
 
 @dataclass
-class Page:
+class BoxPage:
     """What the box's page shows beside its scaling and rate; may be changed at any time.
 
     Fields of a Net F/T box: `cfgcalsn` is the transducer's serial number, `mfgdigsn` the box's.
@@ -61,7 +61,7 @@ class NetFTServer:
         self._clock.advance_to_ns(time.monotonic_ns())
         self._box = NetFTBox(config or ForceConfig(), self._clock, seed, wrenches, noise_n)
         self._sent = sent
-        self.page = Page()
+        self.page = BoxPage()
         self.host = host
         self._done = threading.Event()
         self._udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -72,14 +72,14 @@ class NetFTServer:
                 udp.setblocking(False)
             server = self
 
-            class Handler(BaseHTTPRequestHandler):
+            class BoxPageHandler(BaseHTTPRequestHandler):
                 def do_GET(self) -> None:
                     server._answer(self)
 
                 def log_message(self, format: str, *args: object) -> None:
                     """Nothing is printed."""
 
-            self._http = HTTPServer((host, 0), Handler)
+            self._http = HTTPServer((host, 0), BoxPageHandler)
         except OSError:
             self._udp.close()
             self._stray.close()

@@ -11,15 +11,15 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ..gel.path.knots import CONTACT_EPS_MM, Increments, Pose, divide
+from ..aliases import Point
+from ..gel.path.knots import CONTACT_EPS_MM, Increments, KnotPose, divide
 from ..protocols.plan import Protocol, expand
-from ..types import Point
 
 REST_GROWTH = 1.5
 
 
 @dataclass(frozen=True)
-class Line:
+class LineMove:
     """A straight way between two tip points (sensor frame), in seconds, and the rest at its end."""
 
     start_mm: Point
@@ -35,7 +35,7 @@ class PressPath:
     press: str
     indenter: str
     at_mm: tuple[float, float]
-    lines: tuple[Line, ...]
+    lines: tuple[LineMove, ...]
 
     @property
     def waypoints(self) -> tuple[Point, ...]:
@@ -60,12 +60,14 @@ def paths(protocol: Protocol) -> list[PressPath]:
         held = found.setdefault(step.press, PressPath(step.press, step.indenter, here[:2], ()))
         if here[2] < -CONTACT_EPS_MM:
             seconds = math.dist(start, here) / (step.feed_mm_min / 60)
-            line = Line(start, here, seconds, step.settle_s)
+            line = LineMove(start, here, seconds, step.settle_s)
             found[step.press] = replace(held, lines=(*held.lines, line))
     return list(found.values())
 
 
-def poses(path: PressPath, increments: Increments, relaxing_s: Sequence[float] = ()) -> list[Pose]:
+def poses(
+    path: PressPath, increments: Increments, relaxing_s: Sequence[float] = ()
+) -> list[KnotPose]:
     """All knots of a press that have to be solved, in order.
 
     relaxing_s: the times in which the gel relaxes; none: it does not, and rests do not count. Else
@@ -76,9 +78,9 @@ def poses(path: PressPath, increments: Increments, relaxing_s: Sequence[float] =
         at, where = divide(line.start_mm, line.end_mm, increments)
         for (a, b), tip in zip(itertools.pairwise(at), where[1:], strict=True):
             if tip[2] < 0:
-                found.append(Pose(tip, (b - a) * line.seconds, b))
+                found.append(KnotPose(tip, (b - a) * line.seconds, b))
         if relaxing_s and line.dwell_s > 0:
-            found += [Pose(line.end_mm, s, 0.0) for s in rest_s(line.dwell_s, relaxing_s)]
+            found += [KnotPose(line.end_mm, s, 0.0) for s in rest_s(line.dwell_s, relaxing_s)]
     return found
 
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..files import making, write_whole
-from ..imaging import Sensor
-from ..measure.lens import PHOTOGRAPHS, Board
+from ..imaging import ImageSensor
+from ..measure.lens import PHOTOGRAPHS, Checkerboard
 from ..optics import as_toml
 from ..record import encode_png
 from ..record.files import json_bytes
@@ -31,12 +31,12 @@ MOST = 200
 def take(
     config: VirtualConfig,
     design: SensorDimensions,
-    board: Board,
+    board: Checkerboard,
     folder: Path,
     *,
     contact: int = 1,
     air: int = 0,
-    air_board: Board | None = None,
+    air_board: Checkerboard | None = None,
     seed: int = 0,
 ) -> list[Path]:
     """Write the photographs, and return their files; the folder must be new or empty.
@@ -52,7 +52,7 @@ def take(
     if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
         raise InputError(f"{folder}: is there already; name a new folder")
     lens = true_lens(config, design)
-    studio = Studio(lens, Sensor(**config.virtual.camera.model_dump()), design)
+    studio = Studio(lens, ImageSensor(**config.virtual.camera.model_dump()), design)
     rng = np.random.default_rng(np.random.SeedSequence([seed, 5]))
     poses = [ON_FACE] if board.skin else list(studio.contact_poses(board, contact, rng))
     taken = {

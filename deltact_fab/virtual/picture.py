@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Float
+from ..aliases import Float
 from ..errors import SolverError
-from ..imaging import Sensor
+from ..imaging import ImageSensor
 from ..occlusion import in_dispute, nearest
 from ..optics import CameraModel, FaceMotion, LatticeSampler, SurfaceLattice, axes_mm
 from .raw_view import RawView
@@ -122,10 +122,10 @@ class Geometry:
         return at
 
 
-class Picture:
+class FrameRenderer:
     """Draws frames of one pattern through one camera; cheap where the geometry is shared."""
 
-    def __init__(self, geometry: Geometry, texture: Texture, sensor: Sensor) -> None:
+    def __init__(self, geometry: Geometry, texture: Texture, sensor: ImageSensor) -> None:
         self.geometry = geometry
         self._texture = texture
         self._sensor = sensor

@@ -12,11 +12,11 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from ..errors import DeltactFabError
-from ..jobs import Ended, run, tell
+from ..jobs import JobOutcome, run, tell
 from ..protocols.plan import Protocol
 from ..rig.simulator import GelConfig
 from ..shapes import SkinDimensions
-from .press import Press
+from .press import PlannedPress
 from .presses import Presses, path_of
 
 
@@ -107,7 +107,7 @@ def _solve(
             row.done, row.seconds = int(knot[0]), row.seconds + knot[1]
             told(row)
 
-    def heard(end: Ended[PressRow]) -> None:
+    def heard(end: JobOutcome[PressRow]) -> None:
         row = rows[end.index]
         ended.add(end.index)
         if end.value is not None:
@@ -140,7 +140,7 @@ def _one(job: tuple[Protocol, SkinDimensions, GelConfig, str]) -> PressRow:
     return row
 
 
-def _row(press: Press, modulus_mpa: float) -> PressRow:
+def _row(press: PlannedPress, modulus_mpa: float) -> PressRow:
     return PressRow(
         press.name,
         len(press.solver.poses),

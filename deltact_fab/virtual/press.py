@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..aliases import Point
 from ..gel.path.solver import PathSolver
-from ..types import Point
 
 SAME_MM = 2e-3  # a point of the stage is the plan's within a motor step and its rounding
 
 
 @dataclass(frozen=True, eq=False)
-class Press:
+class PlannedPress:
     """solver: of the path's knots. name: `indenter/position`. waypoints: ends of the planned lines.
 
     One that is not planned has neither name nor waypoints.

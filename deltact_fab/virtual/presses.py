@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from ..arrays import Field
+from ..aliases import Field
 from ..elasticity.material import GelMaterial
 from ..errors import InputError
 from ..gel.level import Reach
 from ..gel.level_selection import pick
-from ..gel.path.knots import Between, Increments, Observed, Pose
+from ..gel.path.knots import Increments, InterpolationError, KnotPose, ObservedChannels
 from ..gel.path.open import choose, open_path
 from ..gel.path.solver import PathSolver
 from ..levels import LINEAR
@@ -20,7 +20,7 @@ from ..rig.simulator import GelConfig
 from ..shapes import SkinDimensions
 from ..shapes.indenter import parse as parse_indenter
 from .paths import PressPath, paths, poses
-from .press import SAME_MM, Press
+from .press import SAME_MM, PlannedPress
 
 if TYPE_CHECKING:
     from ..gel.level import Choice, Level
@@ -45,7 +45,7 @@ class Presses:
         self.relaxing_s = tuple(tau for g, tau in specimen.prony if g > 0)
         self.material = GelMaterial(1.0, specimen.poisson, specimen.friction, specimen.prony)
         self.paths = paths(protocol)
-        self.opened: list[Press] = []
+        self.opened: list[PlannedPress] = []
         self._skin = skin
         finite = config.hyperelastic
         lattice_mm, self.increments = (
@@ -56,7 +56,7 @@ class Presses:
                 Increments(finite.press_increment_mm, finite.shear_increment_mm),
             )
         )
-        self._shown = Observed(
+        self._shown = ObservedChannels(
             "all" if self.fields else "none",
             traction=self.tractions,
             between=True,
@@ -72,7 +72,7 @@ class Presses:
         self._deepest_mm = max(protocol.depths_mm)
         shear = protocol.shear
         self._amplitude_mm = shear.at_depth_mm(self._deepest_mm) if shear else 0.0
-        self._waiting: dict[str, Press] = {}
+        self._waiting: dict[str, PlannedPress] = {}
 
     def axes_mm(self) -> tuple[Field, Field]:
         """The lattice's nodes along x and y, the same for all presses."""
@@ -80,7 +80,7 @@ class Presses:
         press = self._waiting[first.press] = self._press(first)
         return press.solver.axes_mm
 
-    def open(self, indenter: str, at_mm: tuple[float, float]) -> Press:
+    def open(self, indenter: str, at_mm: tuple[float, float]) -> PlannedPress:
         """The press of an indenter at a place; one that is not planned is solved and not kept."""
         for path in self.paths:
             there = all(abs(a - b) <= SAME_MM for a, b in zip(path.at_mm, at_mm, strict=True))
@@ -94,23 +94,23 @@ class Presses:
         shape = parse_indenter(indenter)
         reach = Reach((x0, x1), (y0, y1), self._deepest_mm)
         choice = pick(self._skin, self.material, shape, reach, **self._wishes)
-        return self._opened(Press(self._solver(indenter, (), choice, self._shown)))
+        return self._opened(PlannedPress(self._solver(indenter, (), choice, self._shown)))
 
-    def of(self, path: PressPath) -> Press:
+    def of(self, path: PressPath) -> PlannedPress:
         """A planned press."""
         waiting = self._waiting.pop(path.press, None)
         return self._opened(waiting or self._press(path))
 
-    def _opened(self, press: Press) -> Press:
+    def _opened(self, press: PlannedPress) -> PlannedPress:
         if self.opened:
             self.opened[-1].solver.close()
         self.opened.append(press)
         return press
 
     @property
-    def between(self) -> Between:
+    def between(self) -> InterpolationError:
         """Worst interpolation of the presses opened, forces for a modulus of 1 MPa."""
-        worst = Between()
+        worst = InterpolationError()
         for press in self.opened:
             worst = worst.joined(press.solver.between)
         return worst
@@ -119,21 +119,21 @@ class Presses:
         """Mesh and friction of a planned press. Raises InputError where the level has none."""
         return self._choose(path.indenter, poses(path, self.increments, self.relaxing_s))
 
-    def _press(self, path: PressPath) -> Press:
+    def _press(self, path: PressPath) -> PlannedPress:
         planned = poses(path, self.increments, self.relaxing_s)
         # Where lines are a knot long, solving them half-way as well doubles the work: one press
         # of an indenter speaks for its others.
         first = next(p for p in self.paths if p.indenter == path.indenter)
         shown = self._shown if path == first else replace(self._shown, between=False)
         solver = self._solver(path.indenter, planned, self._choose(path.indenter, planned), shown)
-        return Press(solver, path.press, path.waypoints)
+        return PlannedPress(solver, path.press, path.waypoints)
 
-    def _choose(self, indenter: str, planned: Sequence[Pose]) -> Choice:
+    def _choose(self, indenter: str, planned: Sequence[KnotPose]) -> Choice:
         shape = parse_indenter(indenter)
         return choose(self._skin, self.material, shape, planned, **self._wishes)
 
     def _solver(
-        self, indenter: str, planned: Sequence[Pose], choice: Choice, shown: Observed
+        self, indenter: str, planned: Sequence[KnotPose], choice: Choice, shown: ObservedChannels
     ) -> PathSolver:
         shape = parse_indenter(indenter)
         return open_path(self._skin, self.material, shape, planned, shown, choice)

@@ -15,7 +15,7 @@ class Serial(SerialBase):
     is_open: bool
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
-        self._link: wire.Link | None = None
+        self._link: wire.SerialLink | None = None
         super().__init__(*args, **kwargs)
 
     def open(self) -> None:
@@ -63,7 +63,7 @@ class Serial(SerialBase):
     def reset_output_buffer(self) -> None:
         """Nothing waits."""
 
-    def _open_link(self) -> wire.Link:
+    def _open_link(self) -> wire.SerialLink:
         if self._link is None:
             raise PortNotOpenError
         return self._link

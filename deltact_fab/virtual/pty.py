@@ -20,7 +20,7 @@ from types import TracebackType
 from typing import Self
 
 from ..units import NS_PER_S
-from .board import Board
+from .board import SimulatedBoard
 from .clock import NsClock
 
 IDLE_MS = 20  # between two looks when nothing is to happen
@@ -28,7 +28,7 @@ CLOSED_MS = 2  # between two looks whether a host has opened the port
 PIECE = 4096
 
 
-class Terminal:
+class PtyCable:
     """The cable between a host and one controller, served by a thread of its own.
 
     Whoever else uses the controller holds `lock`.
@@ -36,7 +36,7 @@ class Terminal:
 
     def __init__(
         self,
-        controller: Board,
+        controller: SimulatedBoard,
         clock: NsClock,
         *,
         resets_on_open: bool = False,

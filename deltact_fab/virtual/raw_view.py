@@ -9,7 +9,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from ..arrays import Float
+from ..aliases import Float
 from ..optics import Fisheye, Rectified
 
 BAND_PX = 40

@@ -13,7 +13,7 @@ from ..rig.camera.model import flat_field
 from ..rig.config import VirtualConfig
 from ..rig.force.netft import NetFTSensor
 from ..rig.interface import Camera
-from ..rig.job import Devices, Job
+from ..rig.job import Devices, RigSetup
 from ..rig.stage.firmware import open_stage
 from ..shapes import SensorDimensions
 from .backend import Below
@@ -61,7 +61,7 @@ class VirtualKind:
             return None
         return flat_field(self._config.camera.model, self._source)
 
-    def build(self, job: Job) -> VirtualRig:
+    def build(self, job: RigSetup) -> VirtualRig:
         """Everything below the wire that the protocol asks for, and the drivers above it."""
         return VirtualRig(self._config, job, self.camera(job.protocol, job.sensor))
 
@@ -86,7 +86,9 @@ class VirtualForce(NetFTSensor):
 class VirtualRig:
     """Clock, controller behind its wire, gel, camera and force box of one run."""
 
-    def __init__(self, config: VirtualConfig, job: Job, view: Pinhole | Rectified | None) -> None:
+    def __init__(
+        self, config: VirtualConfig, job: RigSetup, view: Pinhole | Rectified | None
+    ) -> None:
         """view: of the images that are tracked."""
         self._job = job
         self._config = config

@@ -15,14 +15,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..gel.path.knots import CONTACT_EPS_MM, Increments, Solved, divide
+from ..aliases import Point
+from ..gel.path.knots import CONTACT_EPS_MM, Increments, SolvedKnot, divide
 from ..optics import StageFrame, SurfaceLattice
-from ..types import Point
 from ..units import NS_PER_S
-from .board import Board
+from .board import SimulatedBoard
 from .clock import NsClock
 from .motion import Segment
-from .press import Press
+from .press import PlannedPress
 
 SQUARE = 1e-6  # of the spacing: rounding of a lattice
 
@@ -64,7 +64,7 @@ class Observation:
 
 
 @dataclass
-class Way:
+class MotionSegment:
     """One straight line of motion, its knots solved as far as they were needed.
 
     at: fractions of the line; where: tip positions there (x, y, z), those with z >= 0 at rest.
@@ -129,11 +129,11 @@ class GelScene:
 
     def __init__(
         self,
-        controller: Board,
+        controller: SimulatedBoard,
         clock: NsClock,
         frame: StageFrame,
         increments: Increments,
-        presses: Callable[[str, tuple[float, float]], Press],
+        presses: Callable[[str, tuple[float, float]], PlannedPress],
         crop: Callable[[NDArray[np.floating]], NDArray[np.float32]] | None,
         modulus_mpa: float = 1.0,
     ) -> None:
@@ -149,9 +149,9 @@ class GelScene:
         self._crop = crop
         self._modulus_mpa = modulus_mpa
         self._indenter = ""
-        self._press: Press | None = None
+        self._press: PlannedPress | None = None
         self._next_segment = 0
-        self._line: Way | None = None
+        self._line: MotionSegment | None = None
         self._rest = Knot(0, 0, None, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
         self._here = self._rest
         self._arrived_ns = 0
@@ -169,7 +169,7 @@ class GelScene:
         x, y, _ = self._frame.to_sensor_mm(self._controller.position_mm())
         self.take(self._presses(self._indenter, (x, y)))
 
-    def take(self, press: Press) -> None:
+    def take(self, press: PlannedPress) -> None:
         """Start this press, as `begin`; the tip stands above its place."""
         self._press = press
         rest = still = None
@@ -292,7 +292,7 @@ class GelScene:
         self._line = None
         self._arrived_ns = since_ns
 
-    def _line_of(self, segment: Segment) -> Way:
+    def _line_of(self, segment: Segment) -> MotionSegment:
         """The line of a segment; when it was cut short since, what was passed already is kept."""
         line = self._line
         if line is not None and line.segment == segment:
@@ -311,7 +311,7 @@ class GelScene:
             at = [line.at[i] / share for i in kept] + [1.0]
             where = [line.where[i] for i in kept] + [end]
             knots = [line.knots[i] for i in kept]
-        self._line = Way(segment, at, where, knots)
+        self._line = MotionSegment(segment, at, where, knots)
         return self._line
 
     def _planned(self, machine_mm: Point) -> Point:
@@ -319,7 +319,7 @@ class GelScene:
         point = self._frame.to_sensor_mm(machine_mm)
         return point if self._press is None else self._press.snapped(point)
 
-    def _between(self, line: Way, segment: Segment, now_ns: int) -> Observation:
+    def _between(self, line: MotionSegment, segment: Segment, now_ns: int) -> Observation:
         length = math.dist(segment.start_mm, segment.end_mm)
         done = math.dist(segment.start_mm, segment.position_mm(now_ns)) / length
         k = 0
@@ -329,7 +329,7 @@ class GelScene:
         fraction = (done - line.at[k]) / (line.at[k + 1] - line.at[k])
         return Observation(line.knots[k], line.knots[k + 1], min(max(fraction, 0.0), 1.0))
 
-    def _solve_up_to(self, line: Way, last: int) -> None:
+    def _solve_up_to(self, line: MotionSegment, last: int) -> None:
         while len(line.knots) <= last:
             k = len(line.knots)
             tip = line.where[k]
@@ -341,7 +341,7 @@ class GelScene:
             seconds = (line.at[k] - line.at[k - 1]) * whole_s
             line.knots.append(self._knot(self._press.solver.next(line.knots[-1].key, tip, seconds)))
 
-    def _knot(self, found: tuple[int, Solved]) -> Knot:
+    def _knot(self, found: tuple[int, SolvedKnot]) -> Knot:
         key, solved = found
         for knot in reversed(self.knots):
             if knot.key == key:

@@ -18,7 +18,7 @@ from weakref import WeakValueDictionary
 import serial
 
 from ..units import NS_PER_S, to_ns
-from .board import Board
+from .board import SimulatedBoard
 from .clock import VirtualClock
 
 SCHEME = "simgrbl"
@@ -35,12 +35,12 @@ class _Chunk:
     taken: int = 0
 
 
-class Link:
+class SerialLink:
     """The cable between a host and one controller. Keep it alive as long as the URL is used."""
 
     def __init__(
         self,
-        controller: Board,
+        controller: SimulatedBoard,
         clock: VirtualClock,
         name: str,
         *,
@@ -181,18 +181,18 @@ class Link:
             raise serial.SerialException(f"{self.url}: device disconnected")
 
 
-_LINKS: WeakValueDictionary[str, Link] = WeakValueDictionary()
+_LINKS: WeakValueDictionary[str, SerialLink] = WeakValueDictionary()
 
 
 def connect(
-    controller: Board,
+    controller: SimulatedBoard,
     clock: VirtualClock,
     name: str = "stage",
     *,
     baud: int = 115200,
     resets_on_open: bool = True,
     trace: list[Exchange] | None = None,
-) -> Link:
+) -> SerialLink:
     """Put a controller behind `simgrbl://NAME` and return the cable; it lives while you hold it.
 
     resets_on_open: opening the port restarts the controller, as an Arduino does. trace: a list that
@@ -201,12 +201,14 @@ def connect(
     package = __package__ or "deltact_fab.virtual"
     if package not in serial.protocol_handler_packages:
         serial.protocol_handler_packages.append(package)
-    link = Link(controller, clock, name, baud=baud, resets_on_open=resets_on_open, trace=trace)
+    link = SerialLink(
+        controller, clock, name, baud=baud, resets_on_open=resets_on_open, trace=trace
+    )
     _LINKS[name] = link
     return link
 
 
-def find(url: str) -> Link:
+def find(url: str) -> SerialLink:
     """The cable that a URL names. Raises SerialException listing the live ones."""
     name = url.partition("://")[2]
     link = _LINKS.get(name)

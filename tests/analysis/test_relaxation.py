@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 
 from deltact_fab.analysis.relaxation import Rest, Series, fit, rests, time_to
-from deltact_fab.analysis.relaxation.rests import BIN_S, Way
+from deltact_fab.analysis.relaxation.rests import BIN_S, ForceHistory
 from deltact_fab.errors import InputError
 from deltact_fab.record import Run
 
@@ -84,7 +84,7 @@ def stops(series: Series, noise_n: float, rest_s: float, seed: int = 0) -> list[
     t = np.arange(0.0, corners_s[-1], BIN_S) + BIN_S / 2
     steady = np.stack([np.interp(t, corners_s, f) for f in np.array(corners_n).T], axis=1)
     force = steady + series.excess(t, steady) + rng.normal(0, noise_n, steady.shape)
-    way = Way("sphere-15/p1", t, force)
+    way = ForceHistory("sphere-15/p1", t, force)
     found = []
     for kind, start in zip(("press", "shear", "shear"), starts, strict=True):
         at = np.searchsorted(t, [start + 0.1, start + rest_s])

@@ -13,7 +13,7 @@ import pytest
 from deltact_fab.analysis.shape import GOALS, calibrate_depth
 from deltact_fab.analysis.shape.ball import DepthCalibration
 from deltact_fab.errors import InputError
-from deltact_fab.measure.sensor_id import Head, Made, SensorId
+from deltact_fab.measure.sensor_id import CalibrationSource, Head, SensorId
 from deltact_fab.measure.shape import DepthModel
 
 
@@ -116,7 +116,7 @@ def test_a_ball_that_the_stage_had_elsewhere_is_no_calibration(
 
 def test_a_gain_far_from_one_is_doubted() -> None:
     def line(gain: float) -> str:
-        made = Made((), True, 0, "0")
+        made = CalibrationSource((), True, 0, "0")
         head = Head("depth", SensorId(None, "deltact", None, None), made)
         return DepthCalibration(head, DepthModel(gain, 1.0), 10.0, [1.0], 0.1).line
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from deltact_fab.analysis.tracking_error import shown
-from deltact_fab.analysis.tracking_error.tally import BIN_MM, END_MM, Tally
+from deltact_fab.analysis.tracking_error.tally import BIN_MM, END_MM, ErrorTally
 
 
 def test_the_figures_of_moving_pixels() -> None:
-    tally = Tally()
+    tally = ErrorTally()
     errors = np.array([0.01, 0.03, 0.2, 0.5])
     tally.take_moving(errors, np.array([True, True, True, False]))
     found = tally.figures()
@@ -26,7 +26,7 @@ def test_the_figures_of_moving_pixels() -> None:
 def test_two_parts_joined_are_the_whole() -> None:
     rng = np.random.default_rng(1)
     errors, sure = rng.gamma(2.0, 0.03, 5000), rng.random(5000) < 0.9
-    whole, one, two = Tally(), Tally(), Tally()
+    whole, one, two = ErrorTally(), ErrorTally(), ErrorTally()
     whole.take_moving(errors, sure)
     one.take_moving(errors[:2000], sure[:2000])
     two.take_moving(errors[2000:], sure[2000:])
@@ -38,7 +38,7 @@ def test_two_parts_joined_are_the_whole() -> None:
 
 def test_a_percentile_is_the_percentile() -> None:
     errors = np.random.default_rng(0).gamma(2.0, 0.01, 200_000)
-    tally = Tally()
+    tally = ErrorTally()
     tally.take_moving(errors, errors < 0)
     row = tally.figures()
     assert row["p95_off_dots_mm"] == pytest.approx(np.percentile(errors, 95), abs=BIN_MM)
@@ -49,7 +49,7 @@ def test_a_percentile_is_the_percentile() -> None:
 @pytest.mark.parametrize(("far", "beyond"), [(4, None), (6, END_MM)])
 def test_a_percentile_past_the_end_says_so(far: int, beyond: float | None) -> None:
     errors = np.r_[np.full(100 - far, 0.2), np.full(far, 7.0)]
-    tally = Tally()
+    tally = ErrorTally()
     tally.take_moving(errors, errors < 1)
     row = tally.figures()
     assert row["p95_off_dots_beyond_mm"] == beyond
@@ -60,14 +60,14 @@ def test_a_percentile_past_the_end_says_so(far: int, beyond: float | None) -> No
 
 
 def test_nothing_measured_is_none_and_never_nan() -> None:
-    figures = Tally().figures()
+    figures = ErrorTally().figures()
     json.dumps(figures, allow_nan=False)
     assert {k for k, v in figures.items() if isinstance(v, float)} == set()
     assert figures["cpu_ms"] == {"p50": None, "p95": None}
 
 
 def test_all_lost_has_an_error_and_a_coverage_of_nothing() -> None:
-    tally = Tally()
+    tally = ErrorTally()
     tally.take_moving(np.full(50, 0.3), np.zeros(50, bool))
     figures = tally.figures()
     json.dumps(figures, allow_nan=False)
@@ -79,7 +79,7 @@ def test_all_lost_has_an_error_and_a_coverage_of_nothing() -> None:
 
 
 def test_a_frame_in_which_nothing_moves_counts_as_a_frame_and_adds_no_pixel() -> None:
-    tally = Tally()
+    tally = ErrorTally()
     tally.take_moving(np.zeros(0), np.zeros(0, bool))
     tally.believed.take(1.0)
     figures = tally.figures()

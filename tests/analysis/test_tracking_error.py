@@ -104,7 +104,7 @@ def test_one_frame_recounted_by_hand(mini_run: Path, result: te.TrackingResult) 
     assert reported["mean_confident_mm"].iloc[0] == pytest.approx(error_mm[sure].mean(), rel=0.03)
 
 
-class Shelf(record.Truth):
+class Shelf(record.RunTruth):
     """A face whose columns up to 19 have moved 8 px to the right, over the next ones."""
 
     def __init__(self) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from deltact_fab.analysis.tracking_error import judge, percent
-from deltact_fab.analysis.tracking_error.tally import Tally
+from deltact_fab.analysis.tracking_error.tally import ErrorTally
 
 
 def row(name: str, error: float | None, ms: float, **more: Any) -> dict[str, Any]:
@@ -24,7 +24,7 @@ def row(name: str, error: float | None, ms: float, **more: Any) -> dict[str, Any
         "coverage": 0.95 if with_truth else None,
         "confident_wrong_share": 0.0005 if with_truth else None,
     }
-    return {**Tally().figures(), **told, **more}
+    return {**ErrorTally().figures(), **told, **more}
 
 
 def test_the_least_error_is_taken_and_a_cheaper_one_near_it_is_named() -> None:
@@ -85,7 +85,7 @@ def test_without_any_error_the_surest_is_taken_and_there_is_no_front() -> None:
 
 
 def test_a_run_of_one_frame_is_no_experiment() -> None:
-    verdict = judge([{"name": "a", **Tally().figures()}], simulated=True)
+    verdict = judge([{"name": "a", **ErrorTally().figures()}], simulated=True)
     assert not verdict.trusted
     assert "no frame after the first one" in verdict.line
     json.dumps(verdict.as_dict(), allow_nan=False)

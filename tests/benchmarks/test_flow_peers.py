@@ -10,12 +10,12 @@ import pytest
 
 from benchmarks import flow_peers, peer
 from deltact_fab.errors import RunFailed
-from deltact_fab.numerics.engines.flow_frames import Scene
+from deltact_fab.numerics.engines.flow_frames import FlowSequence
 
 SHIFT_PX = np.array([3.25, -1.5])
 
 
-def shifted() -> Scene:
+def shifted() -> FlowSequence:
     rest = np.random.default_rng(4).normal(128, 300, (256, 320))
     rest = 128 + cv2.GaussianBlur(rest - 128, (0, 0), 1.8)
     y, x = np.meshgrid(np.fft.fftfreq(256), np.fft.fftfreq(320), indexing="ij")
@@ -23,7 +23,7 @@ def shifted() -> Scene:
     moved = np.fft.ifft2(np.fft.fft2(rest) * turn).real
     truth = np.broadcast_to(SHIFT_PX, (256, 320, 2)).astype(np.float32)
     images = np.stack([rest, moved]).clip(0, 255).astype(np.uint8)
-    return Scene(images, truth, np.array([0.0, 1.0]))
+    return FlowSequence(images, truth, np.array([0.0, 1.0]))
 
 
 @pytest.mark.parametrize("method", flow_peers.PEERS)

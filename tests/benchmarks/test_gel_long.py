@@ -14,12 +14,12 @@ from deltact_fab.gel.finite import FinitePress, FiniteState
 from deltact_fab.gel.finite.state import with_diagnostics
 from deltact_fab.numerics.engine import Flagged
 from deltact_fab.numerics.engines import gel_scene
-from deltact_fab.numerics.engines.gel_scene import FiniteSolution, Scene
+from deltact_fab.numerics.engines.gel_scene import FiniteSolution, GelCase
 
 
 @pytest.fixture(scope="module")
 def found() -> FiniteSolution:
-    return gel_scene.solved(Scene(spacing_mm=3.0), 0.3, (0.0, 0.0, 3.0))
+    return gel_scene.solved(GelCase(spacing_mm=3.0), 0.3, (0.0, 0.0, 3.0))
 
 
 def test_energy_from_nowhere_is_seen_and_a_jump_s_loss_is_not_an_error(
@@ -27,7 +27,7 @@ def test_energy_from_nowhere_is_seen_and_a_jump_s_loss_is_not_an_error(
 ) -> None:
     def judged(states: tuple[FiniteState, ...]) -> tuple[float, str]:
         monkeypatch.setattr(gel_energy, "solved", lambda *_: FiniteSolution(found.press, states))
-        return gel_energy.work_but_jumps(Scene(), 2.0, Path())
+        return gel_energy.work_but_jumps(GelCase(), 2.0, Path())
 
     def scaled(factor: float, jumps: bool) -> tuple[FiniteState, ...]:
         last = replace(found.last, force_n=tuple(factor * f for f in found.last.force_n))
@@ -45,7 +45,7 @@ def test_energy_from_nowhere_is_seen_and_a_jump_s_loss_is_not_an_error(
 
 @pytest.mark.slow
 def test_only_a_mesh_that_is_no_mirror_makes_a_side_force(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = Scene("hexprism", 2.5, 0.5, mirrors=(False, False))
+    scene = GelCase("hexprism", 2.5, 0.5, mirrors=(False, False))
     none, told = gel_straight.worst_side_force(scene, 0.5, 1.5, 1e-6, Path())
     assert none < 1e-9
     assert "the largest to 1.5 mm" in told

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 KINDS = ("run", "study", "comparison", "index", "numerics", "patterns", "guide")
 SHEET_PX, TURNED_PX = 703, 1032  # an A4 sheet less its margins, upright and turned, at 96 dpi
-LEAST_LETTER_PX = 11.9
+MIN_LETTER_PX = 11.9
 
 # Words that are hard to read: contrast of text and ground by WCAG 2, less than 4.5 or, of large
 # letters, 3. A ground is that of the nearest element that has one, laid over those below.
@@ -130,7 +130,7 @@ def checked(tab: Page, out_of_sight: Callable[[Page], list[str]]) -> None:
 
     tab.set_viewport_size({"width": 390, "height": 900})
     assert out_of_sight(tab) == []
-    assert tab.evaluate(SMALL, LEAST_LETTER_PX) == []
+    assert tab.evaluate(SMALL, MIN_LETTER_PX) == []
 
     tab.emulate_media(media="print", color_scheme="dark")
     for turned, width_px in ((False, SHEET_PX), (True, TURNED_PX)):

@@ -18,7 +18,7 @@ import pytest
 from made_up_study import COLUMNS, study, wide
 
 from deltact_fab.report import figures, study_page
-from deltact_fab.report.result import Drawn, Table
+from deltact_fab.report.result import ReportFigure, ReportTable
 from deltact_fab.report.templating import named
 
 if TYPE_CHECKING:
@@ -131,7 +131,9 @@ def test_the_print_has_every_column_of_a_wide_table(
 ) -> None:
     many = pd.DataFrame({f"column_{i}_of_many_mm": [i + 0.5, 700.25 + i] for i in range(22)})
     page = study_page.write(
-        replace(study(), figures=(), tables=(*study().tables[:1], Table("many", "Many", many))),
+        replace(
+            study(), figures=(), tables=(*study().tables[:1], ReportTable("many", "Many", many))
+        ),
         tmp_path / "s",
     )
     words = words_of(printed(tabs(page, 1280), tmp_path / "p.pdf"))
@@ -169,7 +171,7 @@ def test_no_figure_is_split_between_two_sheets_or_from_its_words(
     heights_in = [2.6 + 0.17 * (7 * i % FIGURES) for i in range(FIGURES)]
     greens = [10 * i for i in range(FIGURES)]
     drawn = tuple(
-        Drawn(f"f{i}", f"Figure {i}: " + "words " * 80, bar(f"#c8{green:02x}c8", height_in))
+        ReportFigure(f"f{i}", f"Figure {i}: " + "words " * 80, bar(f"#c8{green:02x}c8", height_in))
         for i, (green, height_in) in enumerate(zip(greens, heights_in, strict=True))
     )
     page = study_page.write(replace(study(), figures=drawn, tables=()), tmp_path / "s")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from deltact_fab.cad.stiffness import Plate
+from deltact_fab.cad.stiffness import PlateShape
 
 # Corners, then middles of edges, in the order of C3D20R; in half steps of the element.
 NODES = (
@@ -34,7 +34,12 @@ class Solution:
 
 
 def solve(
-    plate: Plate, force_n: float, spread_mm: float, held: Held, folder: Path, step_mm: float = 1.0
+    plate: PlateShape,
+    force_n: float,
+    spread_mm: float,
+    held: Held,
+    folder: Path,
+    step_mm: float = 1.0,
 ) -> Solution:
     """The plate from z = 0 (back) to its thickness under a press on its front, towards -z.
 
@@ -83,7 +88,7 @@ def solve(
     return Solution(places, moved, stresses)
 
 
-def _lines(plate: Plate, axis: int, step_mm: float) -> np.ndarray:
+def _lines(plate: PlateShape, axis: int, step_mm: float) -> np.ndarray:
     """Planes between elements: at the notch, at the support, at the edge, and step_mm between."""
     half, support = plate.half_mm[axis], plate.support_mm[axis]
     marks = sorted({0.0, half - plate.notch_mm[axis], half} | ({support} if support else set()))

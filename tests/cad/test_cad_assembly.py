@@ -13,7 +13,7 @@ from threads import thread_overlap_mm3
 from deltact_fab.cad import registry
 from deltact_fab.cad.assembly import assemble
 from deltact_fab.cad.build import build_part
-from deltact_fab.cad.check.built import Built
+from deltact_fab.cad.check.built import BuiltDesign
 from deltact_fab.cad.check.pairs import pieces, shared
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.kernel import require
@@ -55,7 +55,7 @@ def hull(placed):
 
 def overlaps(design, solids):
     """Names and common volume of every pair of the sensor's pieces whose boxes meet."""
-    built = Built.make(design, solids)
+    built = BuiltDesign.make(design, solids)
     parts = [part for part in built.parts if part.group == "sensor"]
     return list(shared(built, "sensor", pieces(parts, built)))
 

@@ -12,11 +12,11 @@ import pytest
 
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.check import bench, electric, fits, stray_light
-from deltact_fab.cad.check.built import Built
+from deltact_fab.cad.check.built import BuiltDesign
 from deltact_fab.cad.check.row import Row
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.drafting.coverage import coverage
-from deltact_fab.cad.drafting.page import Lines, Text, meet, within
+from deltact_fab.cad.drafting.page import Polylines, Text, meet, within
 from deltact_fab.cad.drafting.wiring import wiring
 from deltact_fab.cad.export.formats import dxf
 from deltact_fab.cad.fabrication import quantities
@@ -28,14 +28,14 @@ NAMES = ("tool-holder", "nano17-adapter", "stage-plate")
 
 
 @pytest.fixture(scope="module")
-def built() -> Built:
+def built() -> BuiltDesign:
     pytest.importorskip("cadquery")
     design = load_design()
     parts = tuple(find(name) for name in (*NAMES, "testing-shell"))
-    return Built(design, parts, {part.name: build_part(part, design)[0] for part in parts})
+    return BuiltDesign(design, parts, {part.name: build_part(part, design)[0] for part in parts})
 
 
-def test_every_hole_of_the_bench_has_its_counterpart(built: Built) -> None:
+def test_every_hole_of_the_bench_has_its_counterpart(built: BuiltDesign) -> None:
     assert all(row.passed for row in bench.rows(built))
 
 
@@ -43,13 +43,13 @@ def test_every_hole_of_the_bench_has_its_counterpart(built: Built) -> None:
     ("part", "change"),
     [("nano17-adapter", "tool.bolt_circle_mm=24.4"), ("stage-plate", "table.hole_pitch_mm=17.5")],
 )
-def test_another_hole_pattern_on_one_side_fails(built: Built, part: str, change: str) -> None:
+def test_another_hole_pattern_on_one_side_fails(built: BuiltDesign, part: str, change: str) -> None:
     other = build_part(find(part), load_design(changes=[change]))[0]
     rows = list(bench.rows(built.replaced({part: other})))
     assert any(not row.passed and part in row.part for row in rows)
 
 
-def test_a_wrong_sensor_circle_fails(built: Built) -> None:
+def test_a_wrong_sensor_circle_fails(built: BuiltDesign) -> None:
     other = build_part(
         find("nano17-adapter"), load_design(changes=["adapter.bolt_circle_mm=12.5"])
     )[0]
@@ -57,7 +57,7 @@ def test_a_wrong_sensor_circle_fails(built: Built) -> None:
     assert not row.passed
 
 
-def test_the_stem_enters_the_holder_with_its_flat_at_plus_x_only(built: Built) -> None:
+def test_the_stem_enters_the_holder_with_its_flat_at_plus_x_only(built: BuiltDesign) -> None:
     from cadquery import Vector
 
     star = find("star")
@@ -184,7 +184,7 @@ def test_no_text_of_the_wiring_drawing_is_struck_or_leaves_the_sheet(
     assert not [pair for pair in itertools.combinations(boxes, 2) if meet(*pair)]
     assert all(x0 > 10 and x1 < 287 and y0 > 10 and y1 < 200 for x0, y0, x1, y1 in boxes)
     for mark in page.marks:
-        if isinstance(mark, Lines):
+        if isinstance(mark, Polylines):
             for line in mark.lines:
                 ends = [*line, line[0]] if mark.closed else line
                 for part in itertools.pairwise(ends):
@@ -203,10 +203,10 @@ def test_light_through_the_notch_needs_foam() -> None:
     design = load_design()
     parts = tuple(of_group("sensor"))
     solids = {part.name: build_part(part, design)[0] for part in parts}
-    (row,) = stray_light.rows(Built(design, parts, solids))
+    (row,) = stray_light.rows(BuiltDesign(design, parts, solids))
     assert row.passed
     # The ring stands before lens and view; beside it a little of the plate's rim is lit.
     assert "0 to the lens, 0 to the plate in view, 2 to its rim" in row.found
     bare = load_design(changes=["shell.cable_foam_mm=0"])
-    (row,) = stray_light.rows(Built(bare, parts, solids))
+    (row,) = stray_light.rows(BuiltDesign(bare, parts, solids))
     assert not row.passed

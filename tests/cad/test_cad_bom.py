@@ -181,7 +181,7 @@ def test_the_supply_follows_from_the_current(changes, sensors, ampere, takes):
 def test_the_csv_says_what_the_lines_say():
     lines = bom.lines(DEFAULT)
     rows = list(csv.DictReader(io.StringIO(bom.csv_text(lines))))
-    assert list(rows[0]) == [f.name for f in fields(bom.Line)]
+    assert list(rows[0]) == [f.name for f in fields(bom.BomLine)]
     for row, line in zip(rows, lines, strict=True):
         assert row["part"] == line.part
         assert row["note"] == line.note

@@ -10,7 +10,7 @@ import pytest
 
 from deltact_fab.cad import check
 from deltact_fab.cad.check import inequalities, pegs, rays, thickness, visibility
-from deltact_fab.cad.check.built import MESH_MM, Built
+from deltact_fab.cad.check.built import MESH_MM, BuiltDesign
 from deltact_fab.cad.check.cylinders import along_z, near
 from deltact_fab.cad.check.row import Row, at, open_keys
 from deltact_fab.cad.check.run import CHECKS
@@ -228,7 +228,7 @@ def inner(cq):
     design = load_design()
     names = ("skin", "acrylic", "camera", "light-holder", "camera-holder", "cover", "shell")
     parts = [find(name) for name in (*names, "skin-frame")]
-    return Built(design, tuple(parts), {p.name: build_part(p, design)[0] for p in parts})
+    return BuiltDesign(design, tuple(parts), {p.name: build_part(p, design)[0] for p in parts})
 
 
 def _on(built, **sections):
@@ -236,7 +236,7 @@ def _on(built, **sections):
     changed = {
         name: replace(getattr(built.design, name), **values) for name, values in sections.items()
     }
-    return Built(replace(built.design, **changed), built.parts, dict(built.solids))
+    return BuiltDesign(replace(built.design, **changed), built.parts, dict(built.solids))
 
 
 def test_the_view_cone_by_snell(inner):
@@ -309,5 +309,5 @@ def test_the_shipped_designs_pass(name):
 def test_the_foot_of_a_peg_s_leg_is_no_wall_of_the_cover(cq):
     """The mesh of this cover has a point of a leg .8 um above the floor."""
     changes = ["skin.width_mm=53.7", "skin.length_mm=41.5", "screw.length_mm=16"]
-    built = Built(load_design(changes=changes), (find("cover"),), {})
+    built = BuiltDesign(load_design(changes=changes), (find("cover"),), {})
     assert [row.found[:8] for row in thickness.rows(built)] == ["1.500 mm", "0.600 mm"]

@@ -11,10 +11,10 @@ import pytest
 
 from deltact_fab import cache, digest
 from deltact_fab.cad import check
-from deltact_fab.cad.check.built import Built
+from deltact_fab.cad.check.built import BuiltDesign
 from deltact_fab.cad.check.memo import KIND, Known, value_at, watched
 from deltact_fab.cad.check.run import CHECKS, of_built
-from deltact_fab.cad.check.table import Check
+from deltact_fab.cad.check.table import CheckKind
 from deltact_fab.cad.design import IndenterList, ListedIndenter, load_design
 from deltact_fab.cad.dimensions import Design
 
@@ -155,10 +155,10 @@ def test_a_check_that_declares_nothing_is_kept_by_what_it_reads():
         wide = built.design.frame_outer_mm[0]
         yield check.Row("own", f"{len(built.parts)} parts", f"{wide:g}", "", wide < 41)
 
-    own = [Check("own", "", "", rows)]
+    own = [CheckKind("own", "", "", rows)]
 
     def found(listed, *changes):
-        built = Built.make(load_design("deltact", changes), None, listed, kept=True)
+        built = BuiltDesign.make(load_design("deltact", changes), None, listed, kept=True)
         table = of_built(built, checks=own)
         built.known.save()
         return table, built.known.computed
@@ -180,7 +180,7 @@ def test_names_of_checks_are_their_keys():
 
 def _ran(changes):
     """Rows and the checks that ran, with the cache."""
-    built = Built.make(load_design("deltact", changes), None, LIST, kept=True)
+    built = BuiltDesign.make(load_design("deltact", changes), None, LIST, kept=True)
     rows = of_built(built)
     built.known.save()
     return rows, set(built.known.computed)
@@ -202,10 +202,12 @@ CHANGES = (
 @pytest.mark.slow
 def test_rows_from_the_cache_are_those_of_a_fresh_run():
     first, _ = _ran([])
-    assert first == of_built(Built.make(load_design(), None, LIST))
+    assert first == of_built(BuiltDesign.make(load_design(), None, LIST))
     for change in CHANGES:
         rows, ran = _ran(change)
-        assert rows == of_built(Built.make(load_design("deltact", change), None, LIST)), change
+        assert rows == of_built(BuiltDesign.make(load_design("deltact", change), None, LIST)), (
+            change
+        )
         # On the bench the one that hangs there meets whatever else has changed.
         own = [name for name in ran if not name.startswith("bench: ")]
         assert not any("indenter" in name for name in own), change

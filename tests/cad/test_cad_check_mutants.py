@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 import pytest
 
 from deltact_fab.cad.check import soundness
-from deltact_fab.cad.check.built import Built
+from deltact_fab.cad.check.built import BuiltDesign
 from deltact_fab.cad.check.row import Row
 from deltact_fab.cad.check.run import CHECKS, of_built
 from deltact_fab.cad.design import (
@@ -34,7 +34,7 @@ def cq():
     return require()
 
 
-class Watched(Built):
+class Watched(BuiltDesign):
     """Notes which parts a check looks at."""
 
     looked_at: set[str]
@@ -60,7 +60,7 @@ class Watched(Built):
 class Sound:
     """A design without a fault: its solids, and the rows and parts of each check."""
 
-    built: Built
+    built: BuiltDesign
     rows: dict[str, list[Row]]
     looked_at: dict[str, set[str]]
 
@@ -88,7 +88,7 @@ class Sound:
 @pytest.fixture(scope="module")
 def sound(cq):
     """Every part of the default design, with two indenters."""
-    built = Built.make(DESIGN, indenters=LIST)
+    built = BuiltDesign.make(DESIGN, indenters=LIST)
     watched = Watched(**{f.name: getattr(built, f.name) for f in fields(built)})
     rows, looked_at = {}, {}
     for check in CHECKS:
@@ -299,7 +299,9 @@ def test_an_indenter_of_another_stem_or_another_size(sound, cq):
 @pytest.mark.slow
 def test_a_part_that_cannot_be_built_fails_its_rows_and_stops_nothing(sound):
     solids = {name: solid for name, solid in sound.built.solids.items() if name != "cover"}
-    built = Built(DESIGN, sound.built.parts, solids, {"cover": "cover: the CAD kernel failed"})
+    built = BuiltDesign(
+        DESIGN, sound.built.parts, solids, {"cover": "cover: the CAD kernel failed"}
+    )
     rows = of_built(built)
     found = {(row.check, row.part): row.found for row in rows if not row.passed}
     assert found["one valid closed solid", "sensor"] == "1 of 10 not: cover: the CAD kernel failed"
@@ -313,7 +315,7 @@ def test_what_the_gate_refuses_becomes_a_row(sound, monkeypatch):
     wrong = dataclasses.replace(cover.PARTS[0], build=skin_frame.build)
     monkeypatch.setattr(cover, "PARTS", (wrong,))
     given = {name: solid for name, solid in sound.built.solids.items() if name != "cover"}
-    built = Built.make(DESIGN, given, LIST)
+    built = BuiltDesign.make(DESIGN, given, LIST)
     assert list(built.failed) == ["cover"]
     found = {row.part: row.found for row in soundness.rows(built)}
     assert found["sensor"].startswith("1 of 10 not: cover: volume ")
@@ -333,7 +335,7 @@ def test_the_bench_put_together_is_held_apart(cq, sound):
 
 def test_a_press_as_deep_as_the_tips_are_long_is_refused():
     stack = [check for check in CHECKS if check.name == "bench clear"]
-    built = Built.make(load_design(changes=["plate.depth_mm=11.5"]), indenters=LIST)
+    built = BuiltDesign.make(load_design(changes=["plate.depth_mm=11.5"]), indenters=LIST)
     reach = next(row for row in of_built(built, checks=stack) if row.check == "bench reach")
     assert not reach.passed
     assert "plate.depth_mm" in reach.limit

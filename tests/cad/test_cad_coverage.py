@@ -9,7 +9,7 @@ import pytest
 
 from deltact_fab.cad import registry
 from deltact_fab.cad.check import drawings
-from deltact_fab.cad.check.built import Built
+from deltact_fab.cad.check.built import BuiltDesign
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.drafting.coverage import coverage, variations
 from deltact_fab.cad.drafting.dimensioning import Leader, Linear
@@ -26,7 +26,7 @@ def test_every_drawing_says_each_dimension_once(design):
     dims = load_design(design)
     told = {name: coverage(registry.find(name), dims) for name in DRAWN}
     assert {name: found for name, found in told.items() if not found.complete} == {}
-    (row,) = drawings.rows(Built.make(dims))
+    (row,) = drawings.rows(BuiltDesign.make(dims))
     assert row.passed
     assert row.part == f"{len(DRAWN)} parts"
 
@@ -73,7 +73,7 @@ def test_a_length_left_out_is_told():
     dims = load_design()
     slot = without("cover", lambda i: isinstance(i, Linear) and i.after in SLOT)
     assert "cover.slot_mm" in coverage(slot, dims).unsaid
-    (row,) = drawings.rows(Built(dims, (slot,), {}))
+    (row,) = drawings.rows(BuiltDesign(dims, (slot,), {}))
     assert (row.part, row.passed) == ("cover", False)
     assert "not said: " in row.found
     assert "cover.slot_mm" in row.found

@@ -19,7 +19,15 @@ from deltact_fab.cad.drafting.dimensioning import Leader, Linear, shown, toleran
 from deltact_fab.cad.drafting.drawing import drawing, has_drawing
 from deltact_fab.cad.drafting.items import Callouts
 from deltact_fab.cad.drafting.layout import SCALES
-from deltact_fab.cad.drafting.page import CAP, GAP_MM, Lines, Page, meet, text_width_mm, within
+from deltact_fab.cad.drafting.page import (
+    CAP,
+    GAP_MM,
+    DrawingPage,
+    Polylines,
+    meet,
+    text_width_mm,
+    within,
+)
 from deltact_fab.cad.drafting.projection import View, project
 from deltact_fab.cad.drafting.sheet import BORDER_MM, SHEETS, block_rect, wrapped
 from deltact_fab.cad.drafting.views import FLIPPED, VIEWS, views_of
@@ -358,11 +366,11 @@ def test_the_shipped_variants_are_drawn_without_overlaps(made, design, name):
 
 
 def test_a_line_ends_at_a_text_and_a_text_through_a_wide_line_is_told():
-    page = Page((100, 50), "test")
+    page = DrawingPage((100, 50), "test")
     page.text((20, 25), "36", anchor="middle")
     page.line((10, 24), (30, 24))
     assert not struck(ET.fromstring(page.svg()))
-    (line,) = [mark for mark in page.broken() if isinstance(mark, Lines)]
+    (line,) = [mark for mark in page.broken() if isinstance(mark, Polylines)]
     ((_, (left, _)), ((right, _), _)) = line.lines
     width = text_width_mm("36")
     assert (left, right) == pytest.approx((20 - width / 2 - GAP_MM, 20 + width / 2 + GAP_MM))

@@ -20,7 +20,7 @@ from deltact_fab.cad.drafting.wiring import wiring
 from deltact_fab.cad.export import batch as export
 from deltact_fab.cad.export import folder as export_folder
 from deltact_fab.cad.export.batch import export_parts
-from deltact_fab.cad.export.part_files import DRAWN, FORMATS, Made, applicable
+from deltact_fab.cad.export.part_files import DRAWN, FORMATS, FileBytes, applicable
 from deltact_fab.cad.export.stored import Store, sources
 from deltact_fab.cad.parts import skin_frame
 from deltact_fab.cli.cad import cad
@@ -260,7 +260,7 @@ def test_without_the_cache_nothing_is_kept(tmp_path, monkeypatch):
     assert not (tmp_path / "store").exists()
 
 
-MADE = Made("step", b"bytes", 1.5, ((0.0, 0.0, 0.0), (1.0, 2.0, 3.0)), None)
+MADE = FileBytes("step", b"bytes", 1.5, ((0.0, 0.0, 0.0), (1.0, 2.0, 3.0)), None)
 
 
 @pytest.mark.parametrize(
@@ -303,7 +303,7 @@ def test_a_mesh_is_found_by_its_tolerance_and_an_indenter_by_its_own_numbers(tmp
 def test_a_new_title_makes_new_drawings_and_nothing_else(tmp_path):
     cover = registry.find("cover")
     issued = load_design("deltact", ["drawing.revision=B"])
-    made = Made("step", b"solid", 1.0, ((0, 0, 0), (1, 1, 1)), None)
+    made = FileBytes("step", b"solid", 1.0, ((0, 0, 0), (1, 1, 1)), None)
     Store(DESIGN, 0.01, True).put([cover], made)
     Store(DESIGN, 0.01, True).put([cover], replace(made, format="pdf"))
     assert Store(issued, 0.01, True).get([cover], "step") == made

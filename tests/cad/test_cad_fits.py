@@ -13,7 +13,7 @@ from deltact_fab.cad.build import build_part
 from deltact_fab.cad.check import fits, inequalities
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
-from deltact_fab.cad.fit import Fit, Length
+from deltact_fab.cad.fit import Length, PlayFit
 from deltact_fab.cad.parts.light_holder import led_room_mm
 from deltact_fab.cad.registry import find, of_design
 from deltact_fab.cli.main import main
@@ -21,7 +21,7 @@ from deltact_fab.cli.main import main
 SHIPPED = ("deltact", "screws-16mm", "skin-30x34", "skin-44x40", "franka")
 
 
-def every(design: Design) -> dict[str, Fit]:
+def every(design: Design) -> dict[str, PlayFit]:
     """Each fit of a design by its name."""
     found = [fit for part in of_design() for fit in part.fits(design)]
     assert len({fit.name for fit in found}) == len(found)
@@ -38,7 +38,7 @@ def failing(*changes: str) -> list[str]:
 
 def test_play_is_the_sum_of_what_is_left_and_of_what_each_may_be_off():
     hole, shank = Length("hole", 2.0, 0.1, ("a",)), Length("shank", 1.6, 0.02, ("b",))
-    fit = Fit("", "", (hole, Length("gap", 0.5)), (shank, Length("pitch", 0, 0.3, ("a",))), ())
+    fit = PlayFit("", "", (hole, Length("gap", 0.5)), (shank, Length("pitch", 0, 0.3, ("a",))), ())
     assert fit.range_mm == pytest.approx((0.9 - 0.42, 0.9 + 0.42))
     assert fit.rests_on == ("a", "b")
     assert fit.holds

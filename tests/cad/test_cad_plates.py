@@ -13,14 +13,14 @@ import trimesh
 from deltact_fab.cad import registry
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.check import printed
-from deltact_fab.cad.check.built import Built
+from deltact_fab.cad.check.built import BuiltDesign
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.export import export_parts
 from deltact_fab.cad.export.plates import arranged, bed_mm
 from deltact_fab.cad.mesh import mesh_solid
-from deltact_fab.cad.overhangs import LEAST_CONTACT_MM2, laid, stand
+from deltact_fab.cad.overhangs import MIN_CONTACT_MM2, laid, stand
 from deltact_fab.cad.planes import segment_mm2
-from deltact_fab.cad.print_orientation import Lying
+from deltact_fab.cad.print_orientation import PrintPose
 from deltact_fab.errors import InputError
 
 DESIGN = load_design()
@@ -41,7 +41,7 @@ def exported(tmp_path_factory):
 @pytest.mark.parametrize("down", ["-x", "+x", "-y", "+y", "-z", "+z"])
 @pytest.mark.parametrize("tilt_deg", [0, 30])
 def test_the_named_side_faces_the_platform_and_y_rises(down, tilt_deg):
-    turn = np.array(Lying(down, "side", tilt_deg, "outside" if tilt_deg else "").turn)
+    turn = np.array(PrintPose(down, "side", tilt_deg, "outside" if tilt_deg else "").turn)
     assert np.allclose(turn @ turn.T, np.eye(3), atol=1e-15)
     assert np.linalg.det(turn) == pytest.approx(1)
     side = np.zeros(3)
@@ -49,7 +49,7 @@ def test_the_named_side_faces_the_platform_and_y_rises(down, tilt_deg):
     angle = np.radians(tilt_deg)
     assert np.allclose(turn @ side, (0, np.sin(angle), -np.cos(angle)))
     with pytest.raises(ValueError, match="where its supports are"):
-        Lying(down, "side", 20)
+        PrintPose(down, "side", 20)
 
 
 def test_each_file_stands_on_the_platform_as_the_manifest_turns_it(exported):
@@ -120,7 +120,7 @@ def test_what_is_larger_than_the_bed_is_one_line(tmp_path):
 
 def test_a_sphere_on_its_tip_touches_nothing_and_fails():
     part = registry.find("sphere:10")
-    built = Built(DESIGN, (part,), {part.name: build_part(part, DESIGN)[0]})
+    built = BuiltDesign(DESIGN, (part,), {part.name: build_part(part, DESIGN)[0]})
     contact, ceilings = printed.rows(built)
     assert contact.passed
     # The stem's end with its flat, and the plate's ring around the stem.
@@ -128,8 +128,8 @@ def test_a_sphere_on_its_tip_touches_nothing_and_fails():
     assert float(contact.found.split()[0]) == pytest.approx(stem_mm2, abs=0.2)
     assert float(ceilings.found.split()[0]) == pytest.approx(plate_mm2 - stem_mm2, abs=0.3)
     assert "from 20.0 mm up, on supports" in ceilings.found
-    tip_down = replace(part, lies=Lying())
-    built = Built(DESIGN, (tip_down,), {part.name: build_part(part, DESIGN)[0]})
+    tip_down = replace(part, lies=PrintPose())
+    built = BuiltDesign(DESIGN, (tip_down,), {part.name: build_part(part, DESIGN)[0]})
     assert not next(iter(printed.rows(built))).passed
 
 
@@ -139,7 +139,7 @@ def test_a_shell_on_its_back_has_ceilings_and_none_as_it_is_tilted():
     mesh = mesh_solid(build_part(part, DESIGN)[0], TOLERANCE_MM, part.name)
     flat = stand(laid(mesh, replace(part.lies, tilt_deg=0.0)))
     assert flat.ceilings_mm2 > 100
-    assert flat.contact_mm2 > LEAST_CONTACT_MM2
+    assert flat.contact_mm2 > MIN_CONTACT_MM2
     tilted = stand(laid(mesh, part.lies))
     assert tilted.ceilings == ()
     assert tilted.contact_mm2 == 0

@@ -10,12 +10,12 @@ import pytest
 from plate_in_calculix import solve
 
 from deltact_fab.cad.check import bending
-from deltact_fab.cad.check.built import Built
+from deltact_fab.cad.check.built import BuiltDesign
 from deltact_fab.cad.design import load_design
-from deltact_fab.cad.stiffness import Plate, bend, plate_of, press
+from deltact_fab.cad.stiffness import PlateShape, bend, plate_of, press
 
 DEFAULT = load_design()
-SQUARE = Plate((10.0, 10.0), (0.0, 0.0), (10.0, 10.0), 1.0, 3000.0, 0.3)
+SQUARE = PlateShape((10.0, 10.0), (0.0, 0.0), (10.0, 10.0), 1.0, 3000.0, 0.3)
 
 
 def test_a_supported_square_is_that_of_the_textbook():
@@ -28,7 +28,7 @@ def test_a_supported_square_is_that_of_the_textbook():
 
 
 def test_two_free_edges_of_a_narrow_strip_are_a_beam():
-    strip = Plate((1.0, 20.0), (0.0, 0.0), (None, 20.0), 0.5, 3000.0, 0.0)
+    strip = PlateShape((1.0, 20.0), (0.0, 0.0), (None, 20.0), 0.5, 3000.0, 0.0)
     beam_mm = 40**3 / (48 * 3000 * 2 * 0.5**3 / 12)
     found = bend(strip, 0.5)
     assert found.deflection_mm == pytest.approx(beam_mm, rel=5e-3)
@@ -77,19 +77,19 @@ def test_a_press_goes_with_force_place_and_modulus():
     ],
 )
 def test_rows_hold_the_plate_against_its_limits(name, changes, fails):
-    built = Built(load_design(name, changes), (), {})
+    built = BuiltDesign(load_design(name, changes), (), {})
     checks = (bending.deflection, bending.clear, bending.stress)
     failing = [check.__name__ for check in checks if not next(check(built)).passed]
     assert failing == fails
 
 
 def test_a_row_says_when_it_rests_on_what_nobody_measured():
-    (row,) = bending.deflection(Built(DEFAULT, (), {}))
+    (row,) = bending.deflection(BuiltDesign(DEFAULT, (), {}))
     assert row.verdict == "pass (unverified: spread, youngs modulus)"
     assert row.found.startswith("0.199 mm under 49 N: 4.0 %")
     keys = '["spread_mm", "youngs_modulus_mpa", "stress_limit_mpa"]'
     known = load_design(changes=[f"plate.measured={keys}"])
-    assert next(bending.stress(Built(known, (), {}))).verdict == "pass"
+    assert next(bending.stress(BuiltDesign(known, (), {}))).verdict == "pass"
 
 
 @pytest.mark.slow

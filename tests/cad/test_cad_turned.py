@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from deltact_fab.arrays import Field
+from deltact_fab.aliases import Field
 from deltact_fab.cad import registry, solid_gate
 from deltact_fab.cad.design import IndenterBody, IndenterDimensions, load_indenters
 from deltact_fab.cad.kernel import require
@@ -18,7 +18,7 @@ from deltact_fab.cad.planes import segment_mm2
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.shapes import Indenter, SphereTip, TurnedTip
 from deltact_fab.shapes.indenter import parse
-from deltact_fab.shapes.turned import Piece
+from deltact_fab.shapes.turned import ProfilePiece
 
 
 @pytest.fixture(scope="module")
@@ -52,9 +52,9 @@ def cup() -> TurnedTip:
     joint = dip * math.sin(math.pi / 6), sunk + dip * math.cos(math.pi / 6)
     leave = middle + low * math.sin(math.pi / 4), low - low * math.cos(math.pi / 4)
     pieces = (
-        Piece(joint, (0.0, sunk)),
-        Piece(leave, (middle, low)),
-        Piece((leave[0] + 1.0, leave[1] + 1.0)),
+        ProfilePiece(joint, (0.0, sunk)),
+        ProfilePiece(leave, (middle, low)),
+        ProfilePiece((leave[0] + 1.0, leave[1] + 1.0)),
     )
     return TurnedTip(-1.0, 0.5, low, start, pieces)
 

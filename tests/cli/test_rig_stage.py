@@ -20,7 +20,7 @@ from deltact_fab.cli.rig import rig
 from deltact_fab.errors import DeltactFabError, InputError, StageError
 from deltact_fab.rig.clock import WallClock
 from deltact_fab.virtual.controller import GrblController
-from deltact_fab.virtual.pty import Terminal
+from deltact_fab.virtual.pty import PtyCable
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")
 
@@ -39,7 +39,7 @@ acceleration_mm_s2 = [2000.0, 2000.0, 2000.0]
 class Bench:
     """A rig file whose port is a board that does not restart on opening."""
 
-    def __init__(self, terminal: Terminal, file: Path) -> None:
+    def __init__(self, terminal: PtyCable, file: Path) -> None:
         self.terminal, self.file = terminal, file
 
     def does(self, *words: str) -> Any:
@@ -68,7 +68,7 @@ class Bench:
 def bench(folder: Path, settings: dict[int, float] | None = None) -> Iterator[Bench]:
     clock = WallClock()
     grbl = GrblController({**QUICK, **(settings or {})}, clock, start_mm=(-1, -1, -1), boot_s=0.1)
-    with Terminal(grbl, clock) as terminal:
+    with PtyCable(grbl, clock) as terminal:
         file = folder / "bench.toml"
         file.write_text(FILE.format(port=terminal.port))
         yield Bench(terminal, file)

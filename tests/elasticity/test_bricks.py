@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deltact_fab.elasticity.bricks import Box, stiffness
+from deltact_fab.elasticity.bricks import BrickBox, stiffness
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.finite import block_mesh
 from deltact_fab.gel.finite.assembly import BulkAssembly
@@ -18,7 +18,7 @@ from deltact_fab.shapes import SkinDimensions
 def test_it_is_the_tangent_of_the_finite_strain_bricks_at_rest(poisson: float) -> None:
     skin = SkinDimensions(width_mm=8, length_mm=6, thickness_mm=3, protrusion_mm=2.5)
     mesh = block_mesh(skin, 1.0)
-    box = Box((8, 6, 3), (1.0, 1.0, 1.0))
+    box = BrickBox((8, 6, 3), (1.0, 1.0, 1.0))
     free = np.ones((box.nodes, 3), bool)
     free[: box.nodes_a_layer] = False
     free[7::11, 1] = False
@@ -32,7 +32,7 @@ def test_it_is_the_tangent_of_the_finite_strain_bricks_at_rest(poisson: float) -
 
 
 def test_turning_a_box_takes_no_force_and_stretching_it_that_of_hookes_law() -> None:
-    box = Box((2, 3, 2), (0.5, 0.4, 0.3))
+    box = BrickBox((2, 3, 2), (0.5, 0.4, 0.3))
     free = np.ones((box.nodes, 3), bool)
     upper = stiffness(box, 0.3, free).toarray()
     whole = upper + np.triu(upper, 1).T

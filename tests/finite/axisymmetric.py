@@ -17,7 +17,7 @@ import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
-from deltact_fab.arrays import Field
+from deltact_fab.aliases import Field
 
 _P3 = np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
 _W3 = np.array([5.0, 8.0, 5.0]) / 9

@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from deltact_fab.arrays import Field
+from deltact_fab.aliases import Field
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.finite import HexMesh, block_mesh
 from deltact_fab.gel.finite.assembly import BulkAssembly

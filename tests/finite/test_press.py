@@ -9,7 +9,7 @@ from deltact_fab.errors import InputError, SolverError
 from deltact_fab.gel.finite import FinitePress, block_mesh
 from deltact_fab.gel.finite.descent import descend
 from deltact_fab.gel.finite.problem import Equilibrium
-from deltact_fab.gel.finite.surface import Grip
+from deltact_fab.gel.finite.surface import FrictionGrip
 from deltact_fab.shapes import SkinDimensions, indenter
 
 SKIN = SkinDimensions()
@@ -49,7 +49,7 @@ def test_contact_forces_and_tangent_are_derivatives():
     seen = surface.evaluate(u, tip)
     start = at + 0.01 * rng.standard_normal(at.shape)
     normal = seen.gap.normal.reshape(at.shape)
-    grip = Grip(start, 0 * at, normal, seen.pressure_mpa > 0, 0.5)
+    grip = FrictionGrip(start, 0 * at, normal, seen.pressure_mpa > 0, 0.5)
     v = rng.standard_normal(free.shape) * free
     h = 1e-6
     plus, minus = (surface.evaluate(u + s * h * v, tip, None, False) for s in (1, -1))
@@ -75,7 +75,7 @@ def test_friction_with_a_held_bound_has_a_potential(points):
     seen = surface.evaluate(u, tip)
     held = rng.random(seen.pressure_mpa.shape) < 0.5
     assert (held & (seen.pressure_mpa == 0)).any()
-    grip = Grip(
+    grip = FrictionGrip(
         at + 0.02 * rng.standard_normal(at.shape), 0 * at, seen.gap.normal.reshape(at.shape), held,
         0.5, 0.3 * rng.random(held.shape),
     )  # fmt: skip

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from deltact_fab.arrays import Field
+from deltact_fab.aliases import Field
 from deltact_fab.elasticity.material import GelMaterial
 
 

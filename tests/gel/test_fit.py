@@ -14,7 +14,7 @@ from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.gel.fit.fit import GelFit, fit_press
 from deltact_fab.gel.fit.force_curve import ForceCurve, force_curve, force_path
-from deltact_fab.gel.fit.measured import Measured, read_csv
+from deltact_fab.gel.fit.measured import MeasuredIndentation, read_csv
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 
@@ -29,12 +29,14 @@ def truth(friction: float = 0.0, spacing: float = COARSE) -> ForceCurve:
     return force_curve(SKIN, material, SPHERE, (0.0, 0.0), 4.5, spacing_mm=spacing)
 
 
-def pressed(depth_mm: np.ndarray, normal_n: np.ndarray) -> Measured:
+def pressed(depth_mm: np.ndarray, normal_n: np.ndarray) -> MeasuredIndentation:
     n = len(depth_mm)
-    return Measured("press.csv", depth_mm, normal_n, np.zeros((n, 2)), np.full((n, 2), np.nan))
+    return MeasuredIndentation(
+        "press.csv", depth_mm, normal_n, np.zeros((n, 2)), np.full((n, 2), np.nan)
+    )
 
 
-def fitted(data: Measured, **options: object) -> GelFit:
+def fitted(data: MeasuredIndentation, **options: object) -> GelFit:
     given = {"friction": 0.0, "spacing_mm": COARSE, "mesh_error": False, **options}
     return fit_press(data, SKIN, SPHERE, **given)  # type: ignore[arg-type]
 
@@ -147,7 +149,7 @@ def test_a_drag_determines_friction() -> None:
     drag = force_path(SKIN, material, SPHERE, tips, spacing_mm=COARSE, step_mm=0.25)[2:]
     normal = np.concatenate([truth(0.6).normal_n(d), -drag[:, 2]])
     side = np.concatenate([np.zeros((30, 2)), drag[:, :2]])
-    data = Measured(
+    data = MeasuredIndentation(
         "drag.csv",
         np.concatenate([d, np.full(20, 2.0)]),
         normal + rng.normal(0, 0.02, 50),

@@ -11,10 +11,17 @@ import pytest
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import SolverError
 from deltact_fab.gel import error_control, time_limit
-from deltact_fab.gel.error_control import EDGE, MOST_WORK, WORK_POWER, Ladder, SolvedPath, afforded
-from deltact_fab.gel.level import Choice, Diagnostics, Reach
+from deltact_fab.gel.error_control import (
+    EDGE,
+    MAX_WORK,
+    WORK_POWER,
+    MeshConvergence,
+    SolvedPath,
+    afforded,
+)
+from deltact_fab.gel.level import Choice, IncrementDiagnostics, Reach
 from deltact_fab.gel.level_selection import pick
-from deltact_fab.gel.path.knots import Pose
+from deltact_fab.gel.path.knots import KnotPose
 from deltact_fab.gel.path.solver import PathSolver
 from deltact_fab.gel.press import OBSERVED, press
 from deltact_fab.shapes import SkinDimensions
@@ -49,7 +56,7 @@ class Gel:
             torque_nmm=(0.0, 0.0, 0.0),
             contact_area_mm2=1.0,
             displacement_mm=np.zeros((3, 3, 3)),
-            diagnostics=Diagnostics(),
+            diagnostics=IncrementDiagnostics(),
         )
 
 
@@ -60,19 +67,19 @@ def chosen(friction: float, spacing_mm: float = 1.6) -> Choice:
     )  # fmt: skip
 
 
-def ladder(force: Any, dofs: int = 1000, edge_mm: float = 5.0) -> Ladder:
+def ladder(force: Any, dofs: int = 1000, edge_mm: float = 5.0) -> MeshConvergence:
     """Of a gel that is solved by formula, at the level of finite strain."""
-    down = Pose((0.0, 0.0, -DEPTH_MM), 0.0, 1.0)
+    down = KnotPose((0.0, 0.0, -DEPTH_MM), 0.0, 1.0)
 
     def opener(choice: Choice, like: PathSolver | None) -> PathSolver:
         gel: Any = Gel(choice, force, dofs)
         return PathSolver(lambda: gel, [down], observed=OBSERVED, like=like, keeps_states=True)
 
-    return Ladder(opener, RADIUS_MM, edge_mm, TOLERANCE)
+    return MeshConvergence(opener, RADIUS_MM, edge_mm, TOLERANCE)
 
 
 def test_the_first_mesh_that_keeps_to_the_tolerance_answers() -> None:
-    found = ladder(lambda h, step: 10.0).climb(chosen(0.0), free=True)
+    found = ladder(lambda h, step: 10.0).refine(chosen(0.0), free=True)
     edge = EDGE * (found.run.cell_mm / RADIUS_MM) ** 2
     assert found.estimate["force_rel"] == pytest.approx(edge)
     assert edge < TOLERANCE < edge * error_control.COARSER**2
@@ -81,15 +88,15 @@ def test_the_first_mesh_that_keeps_to_the_tolerance_answers() -> None:
 
 def test_a_mesh_that_was_asked_for_is_the_one() -> None:
     for spacing in (0.8, 2.4):
-        found = ladder(lambda h, step: 10.0).climb(chosen(0.0, spacing), free=False)
+        found = ladder(lambda h, step: 10.0).refine(chosen(0.0, spacing), free=False)
         assert found.run.cell_mm == pytest.approx(spacing)
 
 
 def test_a_mesh_that_rounds_an_edge_off_is_not_believed() -> None:
     sharp = ladder(lambda h, step: 10.0, edge_mm=0.3)
-    found = sharp.climb(chosen(0.0), free=False)
+    found = sharp.refine(chosen(0.0), free=False)
     assert found.estimate["force_rel"] == pytest.approx(error_control.BLUNTED * 1.6 / RADIUS_MM)
-    finer = sharp.climb(chosen(0.0, 0.55), free=False)
+    finer = sharp.refine(chosen(0.0, 0.55), free=False)
     assert finer.estimate["force_rel"] == pytest.approx(EDGE * (0.55 / RADIUS_MM) ** 2)
 
 
@@ -97,10 +104,10 @@ def test_an_error_of_second_order_is_what_is_told() -> None:
     def force(h: float, step: float) -> float:
         return 10 * (1 + 0.04 * h**2)
 
-    found = ladder(force).climb(chosen(0.0), free=False)
+    found = ladder(force).refine(chosen(0.0), free=False)
     true = 0.04 * 1.6**2 / (1 + 0.04 * 1.6**2)
     assert found.estimate["force_rel"] == pytest.approx(true, rel=1e-9)
-    finer = ladder(force).climb(chosen(0.0), free=True)
+    finer = ladder(force).refine(chosen(0.0), free=True)
     assert finer.estimate["force_rel"] <= TOLERANCE
     assert f"taken {finer.run.cell_mm:.3g} mm" in finer.run.choice.why
     assert finer.estimate["force_rel"] > TOLERANCE / 2  # no finer than needed
@@ -113,7 +120,7 @@ def test_steps_that_cost_too_much_are_made_smaller_on_the_coarsest_mesh() -> Non
         solved.append((h, step))
         return 10 * (1 - 0.06 * step)
 
-    found = ladder(force).climb(chosen(0.5), free=True)
+    found = ladder(force).refine(chosen(0.5), free=True)
     step = found.run.choice.step_mm
     assert step < chosen(0.5).step_mm
     assert {s for h, s in solved if h < max(h for h, _ in solved)} == {step}
@@ -128,11 +135,11 @@ def test_a_mesh_too_coarse_to_be_solved_is_passed_over() -> None:
             raise SolverError("hides")
         return 10.0
 
-    found = ladder(force).climb(chosen(0.0), free=True)
+    found = ladder(force).refine(chosen(0.0), free=True)
     assert found.run.cell_mm < 1.6
     assert found.estimate["force_rel"] <= TOLERANCE
     with pytest.raises(SolverError, match="hides"):
-        ladder(force).climb(chosen(0.0, 1.8), free=False)
+        ladder(force).refine(chosen(0.0, 1.8), free=False)
 
 
 @pytest.mark.parametrize("dofs", [2000, 20_000, 60_000])
@@ -144,7 +151,7 @@ def test_a_refinement_stays_within_the_work_and_coarsens_nothing(dofs: int, stat
     assert 0.7 <= factor <= 1
     done = states * dofs**WORK_POWER
     after = done / factor ** (error_control.DOFS_POWER * WORK_POWER)
-    assert after <= max(MOST_WORK, done) * (1 + 1e-9)
+    assert after <= max(MAX_WORK, done) * (1 + 1e-9)
 
 
 def test_a_limit_of_time_ends_with_the_best_mesh_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -157,10 +164,10 @@ def test_a_limit_of_time_ends_with_the_best_mesh_so_far(monkeypatch: pytest.Monk
         now[0] += 1.0
         return 10 * (1 + 0.1 * h**2)
 
-    def within(seconds: float) -> error_control.Answer:
+    def within(seconds: float) -> error_control.RefinedPress:
         now[0] = 0.0
         with time_limit.within(seconds):
-            return ladder(force).climb(chosen(0.0), free=True)
+            return ladder(force).refine(chosen(0.0), free=True)
 
     two, one = within(1.5), within(0.5)
     assert two.limited

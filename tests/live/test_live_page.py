@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
-from deltact_fab.live.page import Page, Shot
+from deltact_fab.live.page import LivePage, PageResult
 
 
 @pytest.fixture
@@ -23,20 +23,20 @@ def asked() -> list[str]:
 
 
 @pytest.fixture
-def page(asked: list[str]) -> Iterator[Page]:
-    made = Page({"source": "here"}, lambda: asked.append("reference"))
+def page(asked: list[str]) -> Iterator[LivePage]:
+    made = LivePage({"source": "here"}, lambda: asked.append("reference"))
     yield made
     made.close()
 
 
-def shot(k: int, size: int = 1) -> Shot:
+def shot(k: int, size: int = 1) -> PageResult:
     """A result of number k that weighs so many numbers."""
-    return Shot(
+    return PageResult(
         lambda: {"frame": k, "load": [k] * size}, lambda: np.full((8, 8, 3), 10 * k, np.uint8)
     )
 
 
-def ask(page: Page, path: str, method: str = "GET", **headers: str) -> tuple[int, bytes]:
+def ask(page: LivePage, path: str, method: str = "GET", **headers: str) -> tuple[int, bytes]:
     link = http.client.HTTPConnection("127.0.0.1", page.port, timeout=10)
     link.request(method, path, headers=headers)
     answer = link.getresponse()
@@ -45,7 +45,7 @@ def ask(page: Page, path: str, method: str = "GET", **headers: str) -> tuple[int
     return answer.status, body
 
 
-def events(page: Page) -> Iterator[dict[str, Any]]:
+def events(page: LivePage) -> Iterator[dict[str, Any]]:
     """The results that a browser is told."""
     link = http.client.HTTPConnection("127.0.0.1", page.port, timeout=10)
     link.request("GET", "/events")
@@ -59,7 +59,7 @@ def events(page: Page) -> Iterator[dict[str, Any]]:
             kind = "message"
 
 
-def test_a_browser_gets_the_page_the_newest_picture_and_the_traces_so_far(page: Page) -> None:
+def test_a_browser_gets_the_page_the_newest_picture_and_the_traces_so_far(page: LivePage) -> None:
     for k in range(3):
         page.show(shot(k), (float(k), 2.0 * k, 1.0))
     status, body = ask(page, "/")
@@ -74,7 +74,7 @@ def test_a_browser_gets_the_page_the_newest_picture_and_the_traces_so_far(page: 
 
 
 def test_only_this_computer_may_ask_and_no_page_of_another_server(
-    page: Page, asked: list[str]
+    page: LivePage, asked: list[str]
 ) -> None:
     with pytest.raises(ConnectionRefusedError):  # 127.0.0.2 is this computer too, and not asked
         socket.create_connection(("127.0.0.2", page.port))
@@ -85,7 +85,9 @@ def test_only_this_computer_may_ask_and_no_page_of_another_server(
     assert asked == ["reference"]
 
 
-def test_a_browser_that_reads_nothing_holds_up_neither_measurement_nor_others(page: Page) -> None:
+def test_a_browser_that_reads_nothing_holds_up_neither_measurement_nor_others(
+    page: LivePage,
+) -> None:
     """Every result is some megabytes: more than the buffers between server and browser take."""
     deaf = socket.create_connection(("127.0.0.1", page.port))
     deaf.sendall(f"GET /events HTTP/1.1\r\nHost: 127.0.0.1:{page.port}\r\n\r\n".encode())
@@ -100,7 +102,7 @@ def test_a_browser_that_reads_nothing_holds_up_neither_measurement_nor_others(pa
     deaf.close()
 
 
-def test_pause_and_end_are_told_to_every_browser(page: Page) -> None:
+def test_pause_and_end_are_told_to_every_browser(page: LivePage) -> None:
     told = [(e for e in events(page) if e["kind"] == "state") for _ in range(2)]
     assert [next(t)["paused"] for t in told] == [False, False]
     assert page.going(0.0)
@@ -116,6 +118,6 @@ def test_pause_and_end_are_told_to_every_browser(page: Page) -> None:
         assert last["health"] == "state of health: fit to use"
 
 
-def test_a_result_that_is_no_number_is_not_sent(page: Page) -> None:
+def test_a_result_that_is_no_number_is_not_sent(page: LivePage) -> None:
     with pytest.raises(ValueError, match="not JSON compliant"):
-        Shot(lambda: {"x": float("nan")}, lambda: np.zeros((1, 1, 3), np.uint8)).json()
+        PageResult(lambda: {"x": float("nan")}, lambda: np.zeros((1, 1, 3), np.uint8)).json()

@@ -14,9 +14,9 @@ from deltact_fab.analysis.measured import FORCE, calibrations_of, measured
 from deltact_fab.errors import InputError
 from deltact_fab.live import open_source
 from deltact_fab.live.calibrated import measurement_of
-from deltact_fab.live.outputs import Check, JsonLines, Lines
+from deltact_fab.live.outputs import HealthOutput, JsonLines, StatusLine
 from deltact_fab.live.picture import LOST, data
-from deltact_fab.live.session import Measured, Session
+from deltact_fab.live.session import MeasuredImage, Session
 
 PRESSED = 2
 """The image at the end of the first press: a ball of 10 mm, 1 mm deep, at (.5, -.5)."""
@@ -29,14 +29,14 @@ def session(mini_run: Path, calibrations: list[Path]) -> Session:
 
 
 @pytest.fixture(scope="module")
-def results(session: Session) -> list[Measured]:
+def results(session: Session) -> list[MeasuredImage]:
     return list(session.results())
 
 
-def test_each_output_says_force_contacts_and_health(results: list[Measured]) -> None:
+def test_each_output_says_force_contacts_and_health(results: list[MeasuredImage]) -> None:
     people, program, said = io.StringIO(), io.StringIO(), list[str]()
     origin = "simulated, seed 3"
-    outputs = (Lines(people, origin), JsonLines(program, origin), Check(said.append))
+    outputs = (StatusLine(people, origin), JsonLines(program, origin), HealthOutput(said.append))
     for output in outputs:
         for m in results:
             output.show(m)
@@ -54,7 +54,7 @@ def test_each_output_says_force_contacts_and_health(results: list[Measured]) -> 
 
 
 def test_the_report_says_what_the_command_says(
-    results: list[Measured], mini_run: Path, calibrations: list[Path]
+    results: list[MeasuredImage], mini_run: Path, calibrations: list[Path]
 ) -> None:
     run = record.open(mini_run)
     found = measured(run, calibrations)
@@ -96,7 +96,7 @@ def test_another_sensors_calibration_is_refused(mini_run: Path, calibrations: li
 
 
 def test_what_the_page_draws_is_what_was_measured(
-    results: list[Measured], session: Session
+    results: list[MeasuredImage], session: Session
 ) -> None:
     told = data(results[PRESSED], session.view)
     json.dumps(told, allow_nan=False)

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import pytest
 
-from deltact_fab.arrays import Array
+from deltact_fab.aliases import Array
 
 MM_PER_PX = 0.0378
 OVER = 3  # texture pixels per image pixel

@@ -7,16 +7,16 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.measure.lens import Board
+from deltact_fab.measure.lens import Checkerboard
 from deltact_fab.measure.lens.corners import Corners
-from deltact_fab.measure.lens.problem import Seen
+from deltact_fab.measure.lens.problem import BoardView
 from deltact_fab.measure.lens.trust import view_mm
 from deltact_fab.optics import Fisheye
 from deltact_fab.shapes import SensorDimensions
-from deltact_fab.virtual.boards import ON_FACE, Pose
+from deltact_fab.virtual.boards import ON_FACE, BoardPose
 
 DESIGN = SensorDimensions()
-SKIN = Board(23, 23, 1.5, skin=True)
+SKIN = Checkerboard(23, 23, 1.5, skin=True)
 LIMITS_PX: Mapping[float, float] = {0.0: 0.1, 3.0: 0.5, 6.0: 1.0}
 """At depths below the face: what a calibrated lens may be off by, at the view's 95th percentile."""
 
@@ -73,15 +73,15 @@ def p95_px(found: Fisheye, true: Fisheye, aligned: bool = False) -> dict[float, 
 
 def exact(
     true: Fisheye,
-    board: Board,
-    pose: Pose = ON_FACE,
+    board: Checkerboard,
+    pose: BoardPose = ON_FACE,
     *,
     contact: bool = True,
     noise_px: float = 0.05,
     outliers: int = 0,
     printed: tuple[float, float] = (1.0, 1.0),
     seed: int = 0,
-) -> Seen:
+) -> BoardView:
     """A board's corners where the lens sees them, with noise; some moved by 3 px.
 
     printed: what became of its sides in x and y.
@@ -94,4 +94,4 @@ def exact(
     seen = np.all((px >= 5) & (px <= last - 5), axis=1)
     px = px[seen] + noise_px * rng.standard_normal((int(seen.sum()), 2))
     px[rng.choice(len(px), outliers, replace=False)] += 3.0
-    return Seen(Corners("board.png", board, px, index[seen]), contact)
+    return BoardView(Corners("board.png", board, px, index[seen]), contact)

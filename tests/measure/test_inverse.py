@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter
 
 from deltact_fab.elasticity import FreeBlock, GelMaterial
 from deltact_fab.errors import InputError
-from deltact_fab.gel.path.knots import Observed, along
+from deltact_fab.gel.path.knots import ObservedChannels, along
 from deltact_fab.gel.path.open import choose, open_path
 from deltact_fab.measure.face import FaceFlow
 from deltact_fab.measure.force import ForceModel, SensorView, make_features
@@ -234,7 +234,9 @@ def test_a_ball_in_finite_strain_is_found_with_the_modulus_alone(features) -> No
     poses = along([(-3.0, 2.0, 0.0), (-3.0, 2.0, -1.2), (-2.5, 1.7, -1.2)], 1.3)
     gel, ball = GelMaterial(0.56, 0.49, 0.5), parse("sphere:15")
     choice = choose(SKIN, gel, ball, poses, 0.05, level="hyperelastic", most_unknowns=4000)
-    solver = open_path(SKIN, gel, ball, poses, Observed(fields="all", lattice_mm=0.5), choice)
+    solver = open_path(
+        SKIN, gel, ball, poses, ObservedChannels(fields="all", lattice_mm=0.5), choice
+    )
     for pose, knot in zip(poses, solver.solve_all(), strict=True):
         flow = _shown(*solver.axes_mm, knot.displacement_mm)
         force = 0.56 * np.array(knot.force_n)

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from deltact_fab.errors import InputError
-from deltact_fab.imaging import Sensor
-from deltact_fab.measure.lens import Board
+from deltact_fab.imaging import ImageSensor
+from deltact_fab.measure.lens import Checkerboard
 from deltact_fab.measure.lens.corners import find
 from deltact_fab.optics import Fisheye
-from deltact_fab.virtual.boards import ON_FACE, Pose, Studio
+from deltact_fab.virtual.boards import ON_FACE, BoardPose, Studio
 
-PLATE = Board(9, 7, 3.0)
+PLATE = Checkerboard(9, 7, 3.0)
 
 
 def small(true: Fisheye) -> Fisheye:
@@ -32,7 +32,7 @@ LENS = small(replace(lens_of(1), roll_deg=7.0))
 
 @pytest.fixture(scope="module")
 def studio() -> Studio:
-    return Studio(LENS, Sensor(), DESIGN)
+    return Studio(LENS, ImageSensor(), DESIGN)
 
 
 @pytest.fixture(scope="module")
@@ -63,9 +63,9 @@ def test_corners_hold_under_little_light(studio: Studio, skin: NDArray[np.uint8]
 @pytest.mark.parametrize("turn", [0.0, 80.0])
 def test_a_board_is_found_where_the_lens_has_it(studio: Studio, contact: bool, turn: float) -> None:
     tilts = (0.0, 0.0) if contact else (18.0, -12.0)
-    board = Board(7, 6, 3.0)
+    board = Checkerboard(7, 6, 3.0)
     turned = Rotation.from_euler("xyz", (*tilts, turn), degrees=True)
-    pose = Pose((1.0, -0.5, 0.0 if contact else 8.0), turned)
+    pose = BoardPose((1.0, -0.5, 0.0 if contact else 8.0), turned)
     image = studio.photograph(board, pose, np.random.default_rng(3), contact)
     found = find(image, board, "board")
     assert found is not None
@@ -85,7 +85,7 @@ def test_another_board_is_refused_and_none_is_none(studio: Studio, skin: NDArray
     rng = np.random.default_rng(4)
     assert find(studio.blank(rng), PLATE, "b.png") is None
     assert find(studio.blank(rng), SKIN, "b.png") is None
-    coarser = Board(9, 9, 1.5, skin=True)
+    coarser = Checkerboard(9, 9, 1.5, skin=True)
     with pytest.raises(InputError, match=r"a.png: .* and a board of 9x9x1.5 has 8 x 8"):
         find(skin, coarser, "a.png")
 

@@ -8,23 +8,23 @@ from lenses import DESIGN, LIMITS_PX, SKIN, exact, lens_of, p95_px
 from scipy.spatial.transform import Rotation
 
 from deltact_fab.errors import InputError
-from deltact_fab.measure.lens import Board, Calibration, calibrate, of_corners
-from deltact_fab.measure.lens.problem import Seen
-from deltact_fab.virtual.boards import Pose
+from deltact_fab.measure.lens import Calibration, Checkerboard, calibrate, of_corners
+from deltact_fab.measure.lens.problem import BoardView
+from deltact_fab.virtual.boards import BoardPose
 
 SIZE_PX = (1280, 720)
-PLATE = Board(9, 7, 3.0)
+PLATE = Checkerboard(9, 7, 3.0)
 
 
-def at(x: float, y: float, z: float = 0.0, tilt_x: float = 0.0, tilt_y: float = 0.0) -> Pose:
-    return Pose((x, y, z), Rotation.from_euler("xyz", (tilt_x, tilt_y, 4.0), degrees=True))
+def at(x: float, y: float, z: float = 0.0, tilt_x: float = 0.0, tilt_y: float = 0.0) -> BoardPose:
+    return BoardPose((x, y, z), Rotation.from_euler("xyz", (tilt_x, tilt_y, 4.0), degrees=True))
 
 
 WETTED = [at(0, 0), at(5, 4.5), at(-5, 4.5), at(5, -4.5), at(-5, -4.5)]
 HELD = [at(1, 0, 8, 20, 5), at(-2, 1, 12, -15, 18), at(0, -2, 16, 5, -24), at(2, 2, 6, -8, -12)]
 
 
-def fitted(*seen: Seen) -> Calibration:
+def fitted(*seen: BoardView) -> Calibration:
     return of_corners(seen, SIZE_PX, DESIGN)
 
 
@@ -72,8 +72,11 @@ def test_wetted_boards_and_boards_in_air_give_the_same_but_for_the_frame() -> No
     ("seen", "says"),
     [
         ({"pose": at(0, 0), "board": PLATE}, "cover 6.% of the view; at least 80%"),
-        ({"board": Board(5, 4, 7.0, skin=True)}, "air_gap_mm.*: known from a guess alone"),
-        ({"board": Board(7, 5, 5.0, skin=True)}, r"the face is known to 0.\d+ px .* at most 0.1"),
+        ({"board": Checkerboard(5, 4, 7.0, skin=True)}, "air_gap_mm.*: known from a guess alone"),
+        (
+            {"board": Checkerboard(7, 5, 5.0, skin=True)},
+            r"the face is known to 0.\d+ px .* at most 0.1",
+        ),
         ({"board": SKIN, "printed": (1.003, 1.0)}, "board.png: .* not a board of 23x23x1.5, or"),
         ({"board": SKIN, "outliers": 70}, "board.png: its corners miss the fit by 1.* px rms"),
         ({"board": SKIN, "noise_px": 0.3}, r"miss the fit by 0\.\d+ px rms; at most 0.25: blurred"),
@@ -85,7 +88,7 @@ def test_what_is_not_known_well_enough_is_refused(seen: dict[str, object], says:
     wrong = exact(lens_of(1), **seen)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=says) as refused:
         # As the user says: they are all contact images.
-        fitted(Seen(wrong.corners, contact=True))
+        fitted(BoardView(wrong.corners, contact=True))
     assert "\n" not in str(refused.value)
 
 
@@ -93,7 +96,7 @@ def test_a_contact_image_given_as_one_in_air_is_refused() -> None:
     true = lens_of(0)
     wrong = exact(true, PLATE, at(1, 1))
     with pytest.raises(InputError, match=r"touches the face.*is it a contact image"):
-        fitted(exact(true, SKIN), Seen(wrong.corners, contact=False))
+        fitted(exact(true, SKIN), BoardView(wrong.corners, contact=False))
 
 
 def test_boards_in_air_alone_are_refused() -> None:
@@ -104,11 +107,11 @@ def test_boards_in_air_alone_are_refused() -> None:
 @pytest.mark.parametrize("words", ["9x7", "9x7x", "9x7x0", "3x7x2", "9x7x3mm", "999x7x1", "skins"])
 def test_a_board_of_no_sense_is_refused(words: str) -> None:
     with pytest.raises(InputError, match="--board: "):
-        Board.parse(words)
+        Checkerboard.parse(words)
 
 
 def test_a_board_is_named_by_its_numbers() -> None:
-    board = Board.parse("9x7x2.5")
-    assert (board, str(board)) == (Board(9, 7, 2.5), "9x7x2.5")
+    board = Checkerboard.parse("9x7x2.5")
+    assert (board, str(board)) == (Checkerboard(9, 7, 2.5), "9x7x2.5")
     ends = board.at_mm(np.array([[0, 0], [7, 5]]))
     assert ends.tolist() == [[-8.75, -6.25], [8.75, 6.25]]

@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 from lenses import DESIGN, LIMITS_PX, SKIN, lens_of, p95_px
 
-from deltact_fab.imaging import Sensor
-from deltact_fab.measure.lens import Board, Calibration, of_corners
+from deltact_fab.imaging import ImageSensor
+from deltact_fab.measure.lens import Calibration, Checkerboard, of_corners
 from deltact_fab.measure.lens.corners import find
-from deltact_fab.measure.lens.problem import Seen
+from deltact_fab.measure.lens.problem import BoardView
 from deltact_fab.optics import Fisheye
 from deltact_fab.virtual.boards import ON_FACE, Studio
 
-PLATE = Board(9, 7, 3.0)
+PLATE = Checkerboard(9, 7, 3.0)
 SEEDS = range(10)
 
 
 def photographed(true: Fisheye, seed: int, skin: bool, air: int) -> Calibration:
     """One image of the skin, or five of a board wetted onto the face, and some in air."""
-    studio, rng = Studio(true, Sensor(), DESIGN), np.random.default_rng(seed)
+    studio, rng = Studio(true, ImageSensor(), DESIGN), np.random.default_rng(seed)
     board = SKIN if skin else PLATE
     poses = [ON_FACE] if skin else list(studio.contact_poses(PLATE, 5, rng))
     found = [(find(studio.photograph(board, p, rng), board, "contact"), True) for p in poses]
@@ -27,7 +27,7 @@ def photographed(true: Fisheye, seed: int, skin: bool, air: int) -> Calibration:
         found.append(
             (find(studio.photograph(PLATE, pose, rng, contact=False), PLATE, "air"), False)
         )
-    seen = [Seen(corners, contact) for corners, contact in found if corners is not None]
+    seen = [BoardView(corners, contact) for corners, contact in found if corners is not None]
     assert len(seen) >= len(found) - 1
     return of_corners(seen, (true.width_px, true.height_px), DESIGN)
 

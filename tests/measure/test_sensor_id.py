@@ -8,12 +8,18 @@ from pathlib import Path
 import pytest
 
 from deltact_fab.errors import InputError
-from deltact_fab.measure.sensor_id import Head, Made, SensorId, read_calibration, require_same
+from deltact_fab.measure.sensor_id import (
+    CalibrationSource,
+    Head,
+    SensorId,
+    read_calibration,
+    require_same,
+)
 from deltact_fab.optics import Pinhole
 
 CAMERA = Pinhole(mm_per_px=0.0378, width_px=798, height_px=586, eye_distance_mm=12.85)
 SENSOR = SensorId.of(CAMERA, {"law": "algorithm1", "seed": 7}, "deltact", "A1")
-HEAD = Head("force", SENSOR, Made(("run-1",), True, "0.1.0", 3))
+HEAD = Head("force", SENSOR, CalibrationSource(("run-1",), True, "0.1.0", 3))
 
 
 def test_a_file_gives_back_what_was_written(tmp_path: Path) -> None:

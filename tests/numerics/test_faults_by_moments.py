@@ -13,7 +13,7 @@ import pytest
 from deltact_fab.numerics.engines import bench
 from deltact_fab.numerics.faults.cell import Matrix
 from deltact_fab.numerics.faults.disk import Disk, small_disk
-from deltact_fab.numerics.faults.kinds import FAULTS, MOMENTS, PRESS, TRAVEL, WRITING, Fault
+from deltact_fab.numerics.faults.kinds import FAULTS, MOMENTS, PRESS, TRAVEL, WRITING, FaultKind
 from deltact_fab.numerics.judge import judge
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs POSIX limits and locks")
@@ -29,7 +29,7 @@ def matrix(scratch: Path) -> Matrix:
     return bench.matrix(scratch)
 
 
-def fault(name: str) -> Fault:
+def fault(name: str) -> FaultKind:
     return next(f for f in FAULTS if f.name == name)
 
 

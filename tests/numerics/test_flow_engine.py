@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from deltact_fab.imaging import Sensor
+from deltact_fab.imaging import ImageSensor
 from deltact_fab.measure.flow import FlowTracker
 from deltact_fab.numerics.engines import flow, flow_frames, flow_hard
-from deltact_fab.numerics.engines.flow_frames import CAMERA, STAR, Scene, Vectors
+from deltact_fab.numerics.engines.flow_frames import CAMERA, STAR, FlowSequence, Vectors
 from deltact_fab.numerics.judge import judge
 
 
@@ -64,7 +64,7 @@ def test_three_chips_see_every_colour_at_every_pixel() -> None:
     red[:, 32, 0] = 0.8  # the mosaic has red in odd columns only
     rng = np.random.default_rng(0)
     seen = {
-        mosaic: Sensor(mosaic=mosaic, blur_px=0.01).expose(red, np.float32(1), rng)[..., 2]
+        mosaic: ImageSensor(mosaic=mosaic, blur_px=0.01).expose(red, np.float32(1), rng)[..., 2]
         for mosaic in (True, False)
     }
     assert seen[False][8:-8, 32].min() > 150
@@ -90,7 +90,7 @@ def test_a_drawn_frame_moves_as_it_is_told(tmp_path: Path) -> None:
     assert seen.confident > 0.9
     assert seen.wrong == 0
     # The same against a truth that is 2 px elsewhere: every confident pixel is wrong.
-    false = Scene(given.images, given.truth_px + np.float32(2), given.parts)
+    false = FlowSequence(given.images, given.truth_px + np.float32(2), given.parts)
     assert flow_hard.judged(FlowTracker(), list(given.images), false).wrong == 1
 
 

@@ -10,7 +10,7 @@ import pytest
 from deltact_fab.numerics.engine import Flagged
 from deltact_fab.numerics.engines import gel_reference, gel_run, gel_scene
 from deltact_fab.numerics.engines.gel_finite import PressSetup
-from deltact_fab.numerics.engines.gel_scene import FiniteSolution, Scene
+from deltact_fab.numerics.engines.gel_scene import FiniteSolution, GelCase
 
 
 def test_extrapolation_removes_an_error_of_second_order() -> None:
@@ -30,7 +30,7 @@ def test_a_quarter_is_the_whole() -> None:
     one, four = (
         gel_run.solve(PressSetup("hyperelastic", 2.0, 0.0, 2.5, p)) for p in ("quarter", "whole")
     )
-    truth = gel_reference.Reference(four.normal_n, four.in_plane_mm, 0.0, 0.0)
+    truth = gel_reference.PunchReference(four.normal_n, four.in_plane_mm, 0.0, 0.0)
     force, in_plane = gel_reference.errors(one, truth)
     assert abs(force) < 1e-6
     assert in_plane < 1e-9
@@ -51,7 +51,7 @@ def test_linear_levels_answer_on_the_same_lattice() -> None:
 
 @pytest.fixture(scope="module")
 def found() -> FiniteSolution:
-    return gel_scene.solved(Scene(spacing_mm=3.0), 0.3, (0.0, 0.0, 3.0))
+    return gel_scene.solved(GelCase(spacing_mm=3.0), 0.3, (0.0, 0.0, 3.0))
 
 
 def test_the_judges_see_what_is_wrong(found: FiniteSolution) -> None:
@@ -73,7 +73,7 @@ def test_a_state_that_is_not_trusted_is_flagged(found: FiniteSolution) -> None:
 
 
 def test_shear_beyond_the_cone_is_seen() -> None:
-    scene = Scene(spacing_mm=3.0, friction=0.5, mirrors=(False, True))
+    scene = GelCase(spacing_mm=3.0, friction=0.5, mirrors=(False, True))
     rubbed = gel_scene.solved(scene, 1.5, (0.0, 0.0, 3.0), (1.0, 0.0, 3.0))
     assert gel_scene.cone_excess(rubbed) < 5e-3
     more = replace(rubbed.last, shear_mpa=1.1 * rubbed.last.shear_mpa)

@@ -10,12 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 from deltact_fab.errors import InputError
-from deltact_fab.imaging import Sensor
+from deltact_fab.imaging import ImageSensor
 from deltact_fab.optics import Fisheye, FlatField, Rectified, as_toml
 
 LENS = Fisheye(f_px=194, cx_px=319.5, cy_px=179.5, width_px=640, height_px=360)
 VIEW = Rectified(LENS, mm_per_px=0.0756, width_px=399, height_px=293)
-SENSOR = Sensor(shading=0.5)
+SENSOR = ImageSensor(shading=0.5)
 
 
 def lit(level: float, seed: int) -> NDArray[np.uint8]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from deltact_fab.arrays import Field
+from deltact_fab.aliases import Field
 from deltact_fab.optics import Fisheye, Pinhole, Rectified, half_angle_rad, reached_mm
 from deltact_fab.shapes import SensorDimensions
 

@@ -11,7 +11,7 @@ import pytest
 from scipy import stats
 
 from deltact_fab.errors import InputError
-from deltact_fab.imaging import Printer, Sensor
+from deltact_fab.imaging import ImageSensor, Printer
 from deltact_fab.patterns import centres_mm, load_recipe, recipe_from, recipe_from_options
 from deltact_fab.patterns.dots import to_px
 from deltact_fab.patterns.quality.figures import (
@@ -241,7 +241,7 @@ def test_the_photographed_gradient_ranks_the_error_of_a_small_motion():
 
     As designed the gradient does not rank them: printer and camera take from each its own share.
     """
-    printer, sensor, mm_per_px, size_px = Printer(), Sensor(), 0.0378, (240, 240)
+    printer, sensor, mm_per_px, size_px = Printer(), ImageSensor(), 0.0378, (240, 240)
     true_px = -printer.mm_per_dot / 2 / mm_per_px
     errors, after, before = [], [], []
     for d in (0.05, 0.075, 0.1, 0.2):
@@ -291,7 +291,7 @@ def test_the_photograph_shows_the_dots_where_they_are():
     """Centroids of 169 dots, printed and photographed without noise, against their places."""
     recipe = load_recipe("dots")
     printer = Printer(misregistration_um=0.0)
-    sensor = Sensor(shading=0.0, full_well_electrons=1e9, read_noise_electrons=0.0)
+    sensor = ImageSensor(shading=0.0, full_well_electrons=1e9, read_noise_electrons=0.0)
     size_px, mm_per_px = (586, 798), 0.0378
     rng = np.random.default_rng(0)
     image = sent(recipe, printer.dpi, (size_px[1] * mm_per_px, size_px[0] * mm_per_px))

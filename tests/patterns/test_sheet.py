@@ -16,7 +16,7 @@ from deltact_fab.errors import InputError
 from deltact_fab.patterns import draw_patches, load_recipe, raster, recipe_from, recipe_from_options
 from deltact_fab.patterns.sheet import job as sheet
 from deltact_fab.patterns.sheet.layout import Sheet
-from deltact_fab.patterns.sheet.marks import Picture, width_mm, wrapped
+from deltact_fab.patterns.sheet.marks import CellGrid, width_mm, wrapped
 from deltact_fab.patterns.sheet.pixels import NONE, SUB, packed, unfiltered
 from deltact_fab.pdf import width_em
 
@@ -38,7 +38,7 @@ MARKED = recipe_from(
 
 
 def picture(recipe, dpi, mirrored=False, scale=(1.0, 1.0)):
-    return Picture(
+    return CellGrid(
         key="",
         x_px=0,
         y_px=0,
@@ -197,7 +197,7 @@ def test_many_stickers_do_not_touch_and_stay_on_the_page(tmp_path):
 def test_nothing_is_drawn_over_anything_else(tmp_path, monkeypatch):
     """Words, codes, stickers and marks of a crowded page, by their boxes."""
     from deltact_fab.patterns.sheet import page_image as writer
-    from deltact_fab.patterns.sheet.marks import Box, Words
+    from deltact_fab.patterns.sheet.marks import FilledRectangle, TextLine
 
     pages = []
     real = writer.png
@@ -207,11 +207,11 @@ def test_nothing_is_drawn_over_anything_else(tmp_path, monkeypatch):
     page_px, dpi, marks, _ = pages[0]
     boxes = []
     for m in marks:
-        if isinstance(m, Words):
+        if isinstance(m, TextLine):
             wide, high = width_mm(m.text, m.size_pt) * dpi / 25.4, m.size_pt * dpi / 72
             boxes.append((m.x_px, m.y_px - 0.72 * high, m.x_px + wide, m.y_px, "words"))
         else:
-            kind = "box" if isinstance(m, Box) else "picture"
+            kind = "box" if isinstance(m, FilledRectangle) else "picture"
             boxes.append((m.x_px, m.y_px, m.x_px + m.width_px, m.y_px + m.height_px, kind))
     for k, a in enumerate(boxes):
         assert a[0] >= 0

@@ -13,7 +13,7 @@ from deltact_fab import experiment
 from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError
 from deltact_fab.protocols import budget, limits, plan
-from deltact_fab.protocols.limits import Check
+from deltact_fab.protocols.limits import LimitCheck
 from deltact_fab.protocols.plan import Protocol
 from deltact_fab.rig import config
 
@@ -28,7 +28,7 @@ def declare(**changes: object) -> Protocol:
     return Protocol.model_validate(data)
 
 
-def rows(protocol: Protocol, out: Path, **more: object) -> dict[str, Check]:
+def rows(protocol: Protocol, out: Path, **more: object) -> dict[str, LimitCheck]:
     box = config.load("virtual")[0].stage.box
     estimate = limits.estimate(protocol, 1280 * 720, box)
     arguments: dict[str, object] = {"held_hz": 50.0, **more}

@@ -9,7 +9,7 @@ import pytest
 from deltact_fab.errors import InputError
 from deltact_fab.optics import StageFrame
 from deltact_fab.protocols import limits, plan
-from deltact_fab.protocols.limits import Check, StageBox
+from deltact_fab.protocols.limits import LimitCheck, StageBox
 from deltact_fab.protocols.plan import Protocol, Step
 from deltact_fab.shapes import SensorDimensions, SkinDimensions
 
@@ -22,7 +22,7 @@ def protocol(**changes: object) -> Protocol:
     return Protocol.model_validate(smoke.model_dump() | changes)
 
 
-def row(rows: list[Check], what: str) -> Check:
+def row(rows: list[LimitCheck], what: str) -> LimitCheck:
     return next(r for r in rows if what in r.what)
 
 

@@ -11,7 +11,7 @@ from made_up_study import bars, picture, study
 from matplotlib.text import Text
 
 from deltact_fab.report import figures, paper_figures
-from deltact_fab.report.result import Drawn
+from deltact_fab.report.result import ReportFigure
 
 
 def width_pt(svg: bytes) -> float:
@@ -36,7 +36,7 @@ def test_every_figure_is_written_twice_and_the_same_again(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize(("column", "width_in"), [(True, 3.5), (False, 7.16)])
 def test_width_letters_and_fonts(tmp_path: Path, column: bool, width_in: float) -> None:
-    figure = paper_figures.draw(Drawn("bars", "", bars, column))
+    figure = paper_figures.draw(ReportFigure("bars", "", bars, column))
     assert figure.get_size_inches()[0] == pytest.approx(width_in)
     assert figure.get_size_inches()[1] <= 0.7 * width_in
     assert not paper_figures.runs_over(figure)
@@ -53,7 +53,7 @@ def test_width_letters_and_fonts(tmp_path: Path, column: bool, width_in: float) 
 
 
 def test_a_title_wider_than_its_axes_is_broken_and_no_word_is_lost() -> None:
-    figure = paper_figures.draw(Drawn("bars", "", bars, True))
+    figure = paper_figures.draw(ReportFigure("bars", "", bars, True))
     title = figure.axes[0].get_title(loc="left")
     assert "\n" in title
     assert title.replace("\n", " ") == bars().axes[0].get_title(loc="left")
@@ -66,13 +66,13 @@ def test_what_runs_over_makes_the_figure_larger() -> None:
         axis.set_ylabel("a label that nothing makes room for\n" * 8)
         return figure
 
-    figure = paper_figures.draw(Drawn("over", "", over, True))
+    figure = paper_figures.draw(ReportFigure("over", "", over, True))
     assert paper_figures.runs_over(figure)
     assert width_pt(paper_figures.as_bytes(figure, "svg")) > 72 * 3.5 + 5
 
 
 def test_a_picture_is_a_raster_in_the_vector() -> None:
-    figure = paper_figures.draw(Drawn("picture", "", picture, True))
+    figure = paper_figures.draw(ReportFigure("picture", "", picture, True))
     assert b"<image" in paper_figures.as_bytes(figure, "svg")
 
 

@@ -10,7 +10,7 @@ import pytest
 from matplotlib.collections import QuadMesh
 from matplotlib.quiver import Quiver
 
-from deltact_fab.analysis.shape import Picture
+from deltact_fab.analysis.shape import ShapeMaps
 from deltact_fab.report import force_map_figures, maps, shape_figures
 from deltact_fab.report.figures import to_svg
 
@@ -22,10 +22,10 @@ CELLS = np.arange(-6.5, 7)
 PRESSURE = np.exp(-(CELLS**2 + CELLS[:, None] ** 2) / 6)
 
 
-def picture(**changed: Any) -> Picture:
+def picture(**changed: Any) -> ShapeMaps:
     """A dent of 1 mm that the flow shows as motion outwards."""
     shift = np.stack((DENT * X / 10, DENT * Y[:, None] / 10), axis=-1)
-    one = Picture(
+    one = ShapeMaps(
         indenter="sphere:10",
         frame_id="p/1",
         tip_mm=np.array([0.0, 0, -1]),
@@ -43,7 +43,7 @@ def picture(**changed: Any) -> Picture:
     return replace(one, **changed)
 
 
-def with_field(**changed: Any) -> Picture:
+def with_field(**changed: Any) -> ShapeMaps:
     traction = np.stack((0.2 * PRESSURE, 0 * PRESSURE, -PRESSURE), axis=-1)
     return picture(
         traction_mpa=traction, cells_x_mm=CELLS, cells_y_mm=CELLS,
@@ -127,7 +127,7 @@ def test_no_field_no_figure() -> None:
 
 def test_a_picture_comes_back_from_what_is_kept_of_it() -> None:
     one = with_field(**WITH_TRUTH, outlines_mm=[SQUARE, SQUARE + 5])
-    again = Picture.of_value(one.as_value("deepest/"), "deepest/")
+    again = ShapeMaps.of_value(one.as_value("deepest/"), "deepest/")
     assert again.frame_id == one.frame_id
     assert again.true_traction_mpa is None
     np.testing.assert_array_equal(again.traction_mpa, one.traction_mpa)

@@ -18,7 +18,7 @@ from made_up_study import study
 
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.report import study_page, tables
-from deltact_fab.report.result import Drawn, Headline, LeftOut, StudyResult, Table
+from deltact_fab.report.result import Headline, LeftOut, ReportFigure, ReportTable, StudyResult
 from deltact_fab.report.study_folder import read_result
 
 
@@ -127,7 +127,7 @@ def test_goals_and_missing_jobs_put_the_verdict_in_doubt_and_nothing_else(tmp_pa
 
 def test_missing_jobs_are_named_up_to_a_point(page: str) -> None:
     part = section(page, "25 jobs are missing")
-    assert part.count("d0.1-r") == study_page.MOST_MISSING
+    assert part.count("d0.1-r") == study_page.MAX_MISSING
     assert "and 5 more" in part
 
 
@@ -143,7 +143,7 @@ def test_columns_without_a_value_are_left_out_and_rows_of_long_tables(page: str)
 
 
 def test_a_shown_column_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    wrong = Table("t", "T", pd.DataFrame({"a": [1]}), ("b",))
+    wrong = ReportTable("t", "T", pd.DataFrame({"a": [1]}), ("b",))
     with pytest.raises(ValueError, match="no column 'b'"):
         study_page.write(replace(plain(), tables=(wrong,)), tmp_path / "s")
     assert list((tmp_path / "s").iterdir()) == []
@@ -239,7 +239,7 @@ def test_what_fails_leaves_the_earlier_study_as_it_is(tmp_path: Path, what: str)
     study_page.write(plain(), tmp_path)
     before = state(tmp_path)
     if what == "figure":
-        bad = replace(plain(), figures=(Drawn("bad", "Bad.", _fails),))  # type: ignore[arg-type]
+        bad = replace(plain(), figures=(ReportFigure("bad", "Bad.", _fails),))  # type: ignore[arg-type]
     elif what == "number":
         bad = replace(plain(), data={"error_mm": float("nan")})
     else:

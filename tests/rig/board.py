@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 from deltact_fab.rig.clock import WallClock
 from deltact_fab.virtual.controller import GrblController
-from deltact_fab.virtual.pty import Terminal
+from deltact_fab.virtual.pty import PtyCable
 
 # Homed within a second or so.
 QUICK = {24: 1200, 25: 1200, 26: 5, 27: 0.2, 120: 2000, 121: 2000, 122: 2000}
@@ -23,7 +23,7 @@ class Board:
             {**QUICK, **(settings or {})}, clock, start_mm=(-1, -1, -1), boot_s=0.3
         )
         self.heard: list[tuple[float, bytes]] = []
-        self.terminal = Terminal(
+        self.terminal = PtyCable(
             self.grbl, clock, heard=lambda t_s, data: self.heard.append((t_s, data))
         )
         self.port = self.terminal.port

@@ -18,7 +18,7 @@ from deltact_fab.virtual.bench_face import BenchFace
 from deltact_fab.virtual.clock import VirtualClock
 from deltact_fab.virtual.controller import GrblController
 from deltact_fab.virtual.netft import LockstepLink, NetFTBox
-from deltact_fab.virtual.wire import Link, connect
+from deltact_fab.virtual.wire import SerialLink, connect
 
 EXPECTED = StageFrame((-60.0, -60.0, -40.0))
 _NUMBER = itertools.count(1)
@@ -35,7 +35,7 @@ class Bench:
     stage: GrblStage
     force: NetFTSensor
     guard: ForceGuard
-    link: Link
+    link: SerialLink
 
     def touch(self, config: TouchConfig | None = None) -> ForceTouch:
         """A touch-off on it."""

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from deltact_fab.errors import SensorError
-from deltact_fab.rig.interface import Camera, Frame
+from deltact_fab.rig.interface import Camera, CameraFrame
 
 MOST = 1000
 
 
-def to_the_end(camera: Camera) -> tuple[list[Frame], str]:
+def to_the_end(camera: Camera) -> tuple[list[CameraFrame], str]:
     """Every frame that comes, and the line that the camera ends with; it is closed."""
-    frames: list[Frame] = []
+    frames: list[CameraFrame] = []
     why = ""
     try:
         while len(frames) < MOST:

@@ -77,7 +77,7 @@ acceleration_mm_s2 = [2000.0, 2000.0, 2000.0]
 def _serve(reboot_at_jog: int | None) -> None:
     from deltact_fab.rig.clock import WallClock
     from deltact_fab.virtual.controller import GrblController
-    from deltact_fab.virtual.pty import Terminal
+    from deltact_fab.virtual.pty import PtyCable
 
     clock = WallClock()
     grbl = GrblController(QUICK, clock, start_mm=(-1, -1, -1), boot_s=0.2)
@@ -94,7 +94,7 @@ def _serve(reboot_at_jog: int | None) -> None:
     def opened(is_open: bool) -> None:
         links.append("opened" if is_open else "closed")
 
-    with Terminal(grbl, clock, resets_on_open=True, heard=heard, opened=opened) as terminal:
+    with PtyCable(grbl, clock, resets_on_open=True, heard=heard, opened=opened) as terminal:
         print(terminal.port, flush=True)
         sys.stdin.read()
         time.sleep(0.05)  # for a host that has only just closed it

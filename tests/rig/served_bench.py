@@ -65,7 +65,7 @@ def _serve() -> None:
     from deltact_fab.rig.force.priority import run_first
     from deltact_fab.virtual.controller import GrblController
     from deltact_fab.virtual.netft_server import NetFTServer
-    from deltact_fab.virtual.pty import Terminal
+    from deltact_fab.virtual.pty import PtyCable
 
     run_first()  # it stands for hardware of its own
     clock = WallClock()
@@ -74,7 +74,7 @@ def _serve() -> None:
     silent_s = 0.0
     with (
         NetFTServer(lambda t_ns: np.zeros((len(t_ns), 6)), ForceConfig()) as box,
-        Terminal(grbl, clock, heard=lambda t_s, data: heard.append((t_s, data))) as board,
+        PtyCable(grbl, clock, heard=lambda t_s, data: heard.append((t_s, data))) as board,
     ):
         ports = {"stage": board.port, "rdt_port": box.rdt_port, "http_port": box.http_port}
         print(json.dumps(ports), flush=True)

@@ -36,7 +36,7 @@ from deltact_fab.rig.config import ForceConfig
 from deltact_fab.rig.force.config import NetFTConfig
 from deltact_fab.rig.force.open import open_force
 from deltact_fab.rig.interface import Camera, Clock, ForceSensor, Stage
-from deltact_fab.rig.job import Devices, Job, Rig
+from deltact_fab.rig.job import Devices, Rig, RigSetup
 from deltact_fab.shapes import SensorDimensions
 
 # Each implementation, and the kind of rig that it is taken from.
@@ -69,7 +69,7 @@ def build(mini: tuple[Path, Path], tmp_path: Path) -> Iterator[Any]:
             settings, _ = config.load(str(path))
             recipe = load_recipe(protocol.specimen.pattern)
             air = kind != "virtual"
-            job = Job(protocol, SensorDimensions(), recipe, 3, tmp_path / "run", air=air)
+            job = RigSetup(protocol, SensorDimensions(), recipe, 3, tmp_path / "run", air=air)
             rig = kind_of(settings, path, realtime=kind == "realtime").build(job)
             open_.callback(rig.close)
             return rig

@@ -14,7 +14,7 @@ from deltact_fab.optics import StageFrame
 from deltact_fab.rig import config
 from deltact_fab.rig.tool.register import Registration
 from deltact_fab.rig.tool.session import write
-from deltact_fab.rig.tool.touch import Touch
+from deltact_fab.rig.tool.touch import FaceTouch
 
 PROTOCOL = """
 name = "poses"
@@ -98,7 +98,7 @@ def test_protocol_check_has_rows_for_it(tmp_path: Path) -> None:
 
 
 def test_a_registration_stands_for_what_the_rig_file_says_of_the_face(tmp_path: Path) -> None:
-    touch = Touch("force", (1.0, 2.0), 0.1, 0.004, 3)
+    touch = FaceTouch("force", (1.0, 2.0), 0.1, 0.004, 3)
     frame = StageFrame((-60.5, -59.0, -39.25), 0.0, (0.8, -0.5))
     rows = tuple((touch, (-60.0 + k, -60.0, -39.0)) for k in range(4))
     bench = tmp_path / "bench.toml"

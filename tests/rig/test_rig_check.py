@@ -18,7 +18,7 @@ from deltact_fab.errors import InputError
 from deltact_fab.rig.clock import WallClock
 from deltact_fab.virtual.controller import GrblController
 from deltact_fab.virtual.netft_server import NetFTServer
-from deltact_fab.virtual.pty import Terminal
+from deltact_fab.virtual.pty import PtyCable
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")
 
@@ -49,11 +49,11 @@ source = "images"
 
 
 @contextmanager
-def board(folder: Path, settings: dict[int, float] | None = None) -> Iterator[Terminal]:
+def board(folder: Path, settings: dict[int, float] | None = None) -> Iterator[PtyCable]:
     """A file of a stage alone, and its board."""
     clock = WallClock()
     grbl = GrblController({**SETTINGS, **(settings or {})}, clock, boot_s=0.1)
-    with Terminal(grbl, clock) as terminal:
+    with PtyCable(grbl, clock) as terminal:
         (folder / "bench.toml").write_text(FILE.format(port=terminal.port))
         yield terminal
         assert not list(grbl.segments)  # nothing has moved

@@ -18,7 +18,7 @@ from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError
 from deltact_fab.rig import config
 from deltact_fab.rig import new as rig_new
-from deltact_fab.rig.template import Device, rig_file
+from deltact_fab.rig.template import FoundDevice, rig_file
 
 EXAMPLE = re.compile(r"#(\[.*\]|[a-z0-9_]+ = .*)")
 OTHER = re.compile(r"#or (\[.*\]|[a-z0-9_]+ = .*)")
@@ -71,8 +71,8 @@ def test_the_shipped_bench_is_what_rig_new_writes() -> None:
 
 
 def test_it_loads_whatever_was_found(tmp_path: Path) -> None:
-    ports = [Device("/dev/ttyUSB3", "CH340"), Device('/dev/serial/by-id/a "b"')]
-    cameras = [Device("/dev/video2", "UVC"), Device("/dev/video4", "another")]
+    ports = [FoundDevice("/dev/ttyUSB3", "CH340"), FoundDevice('/dev/serial/by-id/a "b"')]
+    cameras = [FoundDevice("/dev/video2", "UVC"), FoundDevice("/dev/video4", "another")]
     bare = loaded(tmp_path, rig_file())
     assert bare.stage.port == "/dev/ttyACM0"
     assert (bare.force, bare.camera, bare.guard, bare.touch, bare.tools) == (None,) * 4 + ({},)
@@ -133,8 +133,8 @@ def test_ports_are_found_boards_first_by_lasting_names(
     monkeypatch.setattr(list_ports, "comports", lambda: listed)
     found = rig_new.ports(tmp_path / "by-id")
     assert found == [
-        Device(str(tmp_path / "by-id" / "usb-board"), "USB Serial (CH340)"),
-        Device("/dev/ttyUSB0", "a converter"),
+        FoundDevice(str(tmp_path / "by-id" / "usb-board"), "USB Serial (CH340)"),
+        FoundDevice("/dev/ttyUSB0", "a converter"),
     ]
 
 

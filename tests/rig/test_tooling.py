@@ -24,13 +24,13 @@ from deltact_fab.patterns.recipe import load_recipe
 from deltact_fab.protocols import plan
 from deltact_fab.record import RunWriter
 from deltact_fab.rig.config import ToolConfig
-from deltact_fab.rig.job import Devices, Job
+from deltact_fab.rig.job import Devices, RigSetup
 from deltact_fab.rig.run.runner import Runner
 from deltact_fab.rig.tool.config import JigConfig, TouchConfig
-from deltact_fab.rig.tool.feeler import Feeler
+from deltact_fab.rig.tool.feeler import ForceProbe
 from deltact_fab.rig.tool.homing import clear_the_face
-from deltact_fab.rig.tool.jig import JigTouch, Placed
-from deltact_fab.rig.tool.operator import Operator, Terminal, confirm
+from deltact_fab.rig.tool.jig import JigPlacement, JigTouch
+from deltact_fab.rig.tool.operator import Operator, TerminalOperator, confirm
 from deltact_fab.rig.tool.register import places_for, register, require_fit
 from deltact_fab.rig.tool.tooling import KEPT, Tooling
 from deltact_fab.shapes import SkinDimensions
@@ -65,9 +65,9 @@ def typing(*lines: str) -> Iterator[None]:
             sys.stdin = before
 
 
-def job(folder: Path, **more: Any) -> Job:
+def job(folder: Path, **more: Any) -> RigSetup:
     design = load_design("deltact")
-    return Job(PROTOCOL, design, load_recipe("dense-with-dots"), 1, folder, **more)
+    return RigSetup(PROTOCOL, design, load_recipe("dense-with-dots"), 1, folder, **more)
 
 
 def tooling(it: Bench, folder: Path, operator: Operator | None = None, **more: Any) -> Tooling:
@@ -144,7 +144,7 @@ def test_another_name_is_asked_again_and_silence_ends_the_run(
     assert "that was 'sphere:12', not 'sphere:10'" in asked
     assert it.face.deepest_mm < 0  # nothing was touched
     with typing(*["no"] * 9), pytest.raises(RunFailed, match="not confirmed in 5 answers"):
-        confirm(Terminal(), "star", "it is mounted")
+        confirm(TerminalOperator(), "star", "it is mounted")
 
 
 @pytest.mark.slow
@@ -212,7 +212,7 @@ def test_in_air_without_a_force_sensor_nothing_is_asked(tmp_path: Path) -> None:
         assert "in air" in mounted.begin()
         assert "in air" in mounted.change_indenter("sphere:10")
     with typing(), pytest.raises(RunFailed, match="nobody answered"):
-        clear_the_face(it.stage, it.clock, None, Terminal())
+        clear_the_face(it.stage, it.clock, None, TerminalOperator())
     with pytest.raises(StageError, match="no force sensor can tell"):
         clear_the_face(it.stage, it.clock, None, None)
 
@@ -225,7 +225,7 @@ def test_by_hand_a_force_ends_a_jog_and_only_a_way_up_is_free(
     low(it)
     by_hand = TouchConfig(by="hand", repeats=1)
     mounted = Tooling(
-        job(tmp_path), it.stage, it.clock, it.force, it.guard, by_hand, {}, Terminal()
+        job(tmp_path), it.stage, it.clock, it.force, it.guard, by_hand, {}, TerminalOperator()
     )
     down = [*["d"] * 6, "u", "0.1", *["d"] * 9, "help", "0.01", "d", "u", "ok"]
     with typing("sphere:10", *down):
@@ -243,7 +243,7 @@ def test_by_hand_a_force_ends_a_jog_and_only_a_way_up_is_free(
     low(short)
     mounted = Tooling(
         job(tmp_path / "x"), short.stage, short.clock, short.force, short.guard, by_hand, {},
-        Terminal(),
+        TerminalOperator(),
     )  # fmt: skip
     with typing("sphere:10", *["d"] * 12, "quit"), pytest.raises(RunFailed, match="given up"):
         mounted.change_indenter("sphere:10")
@@ -295,9 +295,9 @@ def test_a_jig_says_where_the_face_is_sideways() -> None:
         "sphere:10", (0.7, -0.4, 0.0), guard_n=10.0, block_mm=(24.0, 22.0, -2.0), turn_deg=1.2
     )
     low(it)
-    feeler = Feeler(it.stage, it.force, it.clock, it.guard)
+    feeler = ForceProbe(it.stage, it.force, it.clock, it.guard)
 
-    def find(half_x: float) -> Placed:
+    def find(half_x: float) -> JigPlacement:
         jig = JigConfig(half_mm=(half_x, 22.0), top_mm=-2.0)
         return JigTouch(it.stage, feeler, TOUCH, jig, parse("sphere:10")).find()
 

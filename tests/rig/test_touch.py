@@ -9,14 +9,14 @@ from felt import Bench, bench
 from deltact_fab.errors import SensorError
 from deltact_fab.rig.tool.config import TouchConfig
 from deltact_fab.rig.tool.contact import fit
-from deltact_fab.rig.tool.touch import Touch
+from deltact_fab.rig.tool.touch import FaceTouch
 from deltact_fab.shapes.indenter import parse
 
 HOST_MM = 0.5 / 60 * 30 * 0.03  # at the feed of the approach, in the time that a host takes
 QUICK = TouchConfig(repeats=1)
 
 
-def found(it: Bench, name: str, config: TouchConfig = QUICK) -> Touch:
+def found(it: Bench, name: str, config: TouchConfig = QUICK) -> FaceTouch:
     """From above the face, as after a change of indenter."""
     it.stage.start_move((0.0, 0.0, 10.0), 1200)
     it.stage.wait()

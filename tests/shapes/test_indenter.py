@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltact_fab.arrays import Field
+from deltact_fab.aliases import Field
 from deltact_fab.errors import InputError
 from deltact_fab.shapes import EllipsoidTip, Indenter, PrismTip, RidgeTip, SphereTip, Tip, TurnedTip
 from deltact_fab.shapes.indenter import KINDS, SIZE_MM, parse
 from deltact_fab.shapes.sensor import ShapeError
-from deltact_fab.shapes.turned import Piece
+from deltact_fab.shapes.turned import ProfilePiece
 
 PAPER = ("4dots", "edges", "ellipsoid", "hexprism", "star")
 RECONSTRUCTED = ("cylinder", "ring", "hat")
@@ -27,7 +27,7 @@ def dimpled() -> TurnedTip:
     middle = (low + dip) * math.sin(math.pi / 6)
     sunk = low - (low + dip) * math.cos(math.pi / 6)
     joint = dip * math.sin(math.pi / 6), sunk + dip * math.cos(math.pi / 6)
-    pieces = (Piece(joint, (0.0, sunk)), Piece((middle + low, low), (middle, low)))
+    pieces = (ProfilePiece(joint, (0.0, sunk)), ProfilePiece((middle + low, low), (middle, low)))
     return TurnedTip(0.3, -0.7, low, (0.0, sunk + dip), pieces)
 
 
@@ -434,18 +434,24 @@ def test_any_dimensions_make_a_tip_or_state_the_inequality(
         (lambda: TurnedTip.hat(4.5, 2.0, 3.6, 60.0, 0.3), "crown_mm < crown_radius_mm tan"),
         (lambda: TurnedTip.hat(4.5, 2.0, 0.5, 60.0, 0.3), "edge of the dome < crown_radius_mm"),
         (
-            lambda: turned((0, 0), Piece((2, 0), None), radius=2.1),
+            lambda: turned((0, 0), ProfilePiece((2, 0), None), radius=2.1),
             "ball that fits inside: 2.1 <= 2",
         ),
-        (lambda: turned((0, 0), Piece((2, 1))), r"ball that fits inside: 0.1 <= \S+ fails"),
-        (lambda: turned((0, 1), Piece((2, 1))), r"lowest z of the profile = 0: 1 fails"),
-        (lambda: turned((0, 0.1), Piece((2, 0.1), (1, 0.5))), "lowest z .* = 0: -0.577"),
-        (lambda: turned((0, -1), Piece((2, 0))), r"z >= 0 along the profile: \(0, -1\) fails"),
-        (lambda: turned((0, 0)), "pieces of the profile >= 1: 0 fails"),
-        (lambda: turned((1, 0), Piece((1, 1))), "d of a point < d of the next: 1 < 1"),
-        (lambda: turned((0, 0), Piece((1, 1), (0, 2))), "as far from its centre: 2 = 1.41421"),
+        (lambda: turned((0, 0), ProfilePiece((2, 1))), r"ball that fits inside: 0.1 <= \S+ fails"),
+        (lambda: turned((0, 1), ProfilePiece((2, 1))), r"lowest z of the profile = 0: 1 fails"),
+        (lambda: turned((0, 0.1), ProfilePiece((2, 0.1), (1, 0.5))), "lowest z .* = 0: -0.577"),
         (
-            lambda: turned((0.6, 0.2), Piece((0.8, 1.6), (0.0, 1.0))),
+            lambda: turned((0, -1), ProfilePiece((2, 0))),
+            r"z >= 0 along the profile: \(0, -1\) fails",
+        ),
+        (lambda: turned((0, 0)), "pieces of the profile >= 1: 0 fails"),
+        (lambda: turned((1, 0), ProfilePiece((1, 1))), "d of a point < d of the next: 1 < 1"),
+        (
+            lambda: turned((0, 0), ProfilePiece((1, 1), (0, 2))),
+            "as far from its centre: 2 = 1.41421",
+        ),
+        (
+            lambda: turned((0.6, 0.2), ProfilePiece((0.8, 1.6), (0.0, 1.0))),
             "below its centre or above it: 0.2 and 1.6 about 1 fails",
         ),
     ],
@@ -456,7 +462,7 @@ def test_dimensions_that_make_no_tip_state_the_inequality(make: object, says: st
         make()
 
 
-def turned(start: tuple[float, float], *pieces: Piece, radius: float = 0.1) -> TurnedTip:
+def turned(start: tuple[float, float], *pieces: ProfilePiece, radius: float = 0.1) -> TurnedTip:
     return TurnedTip(0.0, 0.0, radius, start, pieces)
 
 

@@ -16,7 +16,7 @@ from deltact_fab.errors import InputError
 from deltact_fab.report import paper_figures
 from deltact_fab.report.result import StudyResult
 from deltact_fab.study import comparison, sensor_claims, sensors
-from deltact_fab.study.request import Asked
+from deltact_fab.study.request import StudyRequest
 
 MINE = """
 base = "deltact"
@@ -31,7 +31,7 @@ image_width_px = 700
 def result(tmp_path_factory: pytest.TempPathFactory) -> StudyResult:
     mine = tmp_path_factory.mktemp("cad") / "mine.toml"
     mine.write_text(MINE)
-    return comparison.run(Asked(more={"design": (str(mine), "deltact")}))
+    return comparison.run(StudyRequest(more={"design": (str(mine), "deltact")}))
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_pixel_sizes_follow_from_area_and_pixels(cite: str, pixel_mm: float, pri
 
 
 def test_a_printed_size_that_fits_nothing_is_told() -> None:
-    odd = sensors.Sensor("x", "x", "x", (1, 1, 1), (100, 100), 100.0, "0.12")
+    odd = sensors.SensorRow("x", "x", "x", (1, 1, 1), (100, 100), 100.0, "0.12")
     assert odd.true_pixel_mm == pytest.approx(0.1)
     assert odd.printed == "differs"
 
@@ -167,17 +167,18 @@ def test_no_kernel_is_loaded_for_the_size() -> None:
 
 def test_a_design_that_is_none_is_bad_input(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such file"):
-        comparison.run(Asked(more={"design": (str(tmp_path / "none.toml"),)}))
+        comparison.run(StudyRequest(more={"design": (str(tmp_path / "none.toml"),)}))
     bad = tmp_path / "bad.toml"
     bad.write_text('base = "deltact"\n[skin]\nwidth_cm = 3\n')
     with pytest.raises(InputError, match=r"bad\.toml: skin\.width_cm"):
-        comparison.run(Asked(more={"design": (str(bad),)}))
+        comparison.run(StudyRequest(more={"design": (str(bad),)}))
 
 
 @pytest.mark.parametrize(
-    "asked", [Asked(scale=0.5), Asked(rig="virtual"), Asked(runs=(Path("run"),))]
+    "asked",
+    [StudyRequest(scale=0.5), StudyRequest(rig="virtual"), StudyRequest(runs=(Path("run"),))],
 )
-def test_what_it_does_not_depend_on_is_refused(asked: Asked) -> None:
+def test_what_it_does_not_depend_on_is_refused(asked: StudyRequest) -> None:
     with pytest.raises(InputError, match="the study comparison has no use for it"):
         comparison.run(asked)
 

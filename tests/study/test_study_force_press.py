@@ -16,10 +16,10 @@ from deltact_fab.experiment.presses import run_presses
 from deltact_fab.patterns.recipe import load_recipe
 from deltact_fab.protocols import plan
 from deltact_fab.rig import config
-from deltact_fab.rig.job import Job
+from deltact_fab.rig.job import RigSetup
 from deltact_fab.study.force_calibration import run
 from deltact_fab.study.grid import KIND
-from deltact_fab.study.request import Asked
+from deltact_fab.study.request import StudyRequest
 
 PROTOCOL = """
 name = "two-places"
@@ -47,7 +47,7 @@ def test_a_press_alone_is_the_whole_runs(
     assert isinstance(rig, config.VirtualConfig)
     sensor, recipe = load_design(protocol.specimen.design), load_recipe(protocol.specimen.pattern)
     press = "4dots/p1"  # the second one
-    run_presses(Job(protocol, sensor, recipe, 3, tmp_path / "alone"), rig, source, [press])
+    run_presses(RigSetup(protocol, sensor, recipe, 3, tmp_path / "alone"), rig, source, [press])
     whole, alone = record.open(mini_run), record.open(tmp_path / "alone")
     columns = ["frame_id", "sha256", "fx_n", "fy_n", "fz_n", "tx_nmm", "settled"]
     expected = whole.frames(press)[columns].reset_index(drop=True)
@@ -56,14 +56,14 @@ def test_a_press_alone_is_the_whole_runs(
 
 
 @pytest.fixture(scope="module")
-def asked(tmp_path_factory: pytest.TempPathFactory) -> Asked:
+def asked(tmp_path_factory: pytest.TempPathFactory) -> StudyRequest:
     protocol = tmp_path_factory.mktemp("protocol") / "two-places.toml"
     protocol.write_text(PROTOCOL)
-    return Asked(rig="virtual-coarse", seed=5, more={"protocol": str(protocol)})
+    return StudyRequest(rig="virtual-coarse", seed=5, more={"protocol": str(protocol)})
 
 
 @pytest.fixture(scope="module")
-def simulated(asked: Asked) -> dict[str, Any]:
+def simulated(asked: StudyRequest) -> dict[str, Any]:
     return json.loads(json.dumps(run(asked).data, allow_nan=False))
 
 
@@ -88,11 +88,11 @@ def test_the_study_is_simulated_judged_and_told(simulated: dict[str, Any]) -> No
 
 @pytest.mark.slow
 def test_a_recorded_run_of_the_protocol_says_the_same(
-    asked: Asked, simulated: dict[str, Any], tmp_path: Path
+    asked: StudyRequest, simulated: dict[str, Any], tmp_path: Path
 ) -> None:
     folder = tmp_path / "recorded"
     experiment.run(asked.more["protocol"], str(asked.rig), folder, seed=5)
-    recorded = run(Asked(runs=(folder,), seed=5)).data
+    recorded = run(StudyRequest(runs=(folder,), seed=5)).data
     assert recorded["models"] == simulated["models"]
     assert recorded["modulus"] == simulated["modulus"]
     assert recorded["runs"] == ["recorded"]
@@ -100,7 +100,7 @@ def test_a_recorded_run_of_the_protocol_says_the_same(
 
 @pytest.mark.slow
 def test_what_a_stopped_study_has_kept_is_taken_up_to_the_same_tables(
-    asked: Asked, simulated: dict[str, Any]
+    asked: StudyRequest, simulated: dict[str, Any]
 ) -> None:
     kept = sorted((cache.user_folder() / KIND).glob("*.bin"))
     assert len(kept) >= 2

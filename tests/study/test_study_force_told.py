@@ -14,7 +14,7 @@ from deltact_fab.analysis.force import PAPER, ForceData, ForceResult, compare, c
 from deltact_fab.errors import InputError
 from deltact_fab.measure.force import COMPONENTS, make_features
 from deltact_fab.measure.force.calibration import ForceCalibration
-from deltact_fab.measure.sensor_id import Head, Made, SensorId
+from deltact_fab.measure.sensor_id import CalibrationSource, Head, SensorId
 from deltact_fab.measure.view import SensorView
 from deltact_fab.optics import Pinhole
 from deltact_fab.report.result import StudyResult
@@ -23,7 +23,7 @@ from deltact_fab.study.force.reasons import parts, under_shear
 from deltact_fab.study.force.simulated import scene
 from deltact_fab.study.force.summary import modulus, told, with_modulus
 from deltact_fab.study.force_calibration import run
-from deltact_fab.study.request import Asked
+from deltact_fab.study.request import StudyRequest
 
 VIEW = SensorView(Pinhole(0.0378, 798, 586, 12.85), SkinDimensions())
 LAW = (2.0, 1.5, -6.0, 3.0, -3.0, 1.0)
@@ -59,7 +59,7 @@ def made(noise_n: float = 0.02, bent: float = 1.0, less_n: float = 0.0) -> Force
     data = ForceData(points, wrench, X, sets, [])
     judged, left_out = compare(data, 0)
     best = judged[0].name
-    head = Head("force", SensorId.of(VIEW.camera), Made(("r",), True, "0", 0))
+    head = Head("force", SensorId.of(VIEW.camera), CalibrationSource(("r",), True, "0", 0))
     kept = ForceCalibration(head, fit(data, best), VIEW.skin, VIEW.poisson)
     return ForceResult(data, judged, kept, 0, left_out, curves_of(data, best, 0))
 
@@ -180,13 +180,13 @@ def test_figures_are_drawn_with_where_they_are_from() -> None:
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
-        (Asked(rig="grbl-bench"), "a study simulates on a 'virtual' rig"),
-        (Asked(rig="virtul"), "did you mean 'virtual'"),
-        (Asked(more={"protocol": "deep-drag"}), "channels: without force"),
-        (Asked(scale=0.0), "expected above 0 and at most 1"),
+        (StudyRequest(rig="grbl-bench"), "a study simulates on a 'virtual' rig"),
+        (StudyRequest(rig="virtul"), "did you mean 'virtual'"),
+        (StudyRequest(more={"protocol": "deep-drag"}), "channels: without force"),
+        (StudyRequest(scale=0.0), "expected above 0 and at most 1"),
     ],
 )
-def test_a_scene_that_will_not_do_is_refused_in_one_line(asked: Asked, words: str) -> None:
+def test_a_scene_that_will_not_do_is_refused_in_one_line(asked: StudyRequest, words: str) -> None:
     with pytest.raises(InputError, match=words) as why:
         scene(asked)
     assert "\n" not in str(why.value)
@@ -196,20 +196,20 @@ def test_a_gel_that_no_tolerance_picks_is_refused(mini: tuple[Path, Path], mini_
     with pytest.raises(
         InputError, match=r"specimen.gel_model: 'layer'; a calibration needs .*'hyperelastic'"
     ):
-        scene(Asked(more={"protocol": str(mini[0])}))
+        scene(StudyRequest(more={"protocol": str(mini[0])}))
     with pytest.raises(InputError, match=r"gel_model = 'layer'.*judged on 'hyperelastic'"):
-        run(Asked(runs=(mini_run,)))
+        run(StudyRequest(runs=(mini_run,)))
 
 
 def test_recorded_runs_take_no_scale_and_no_rig(mini_run: Path, tmp_path: Path) -> None:
     for asked, words in (
-        (Asked(runs=(mini_run,), scale=0.1), "--scale: does not go with --from"),
-        (Asked(runs=(mini_run,), rig="virtual"), "--rig: does not go with --from"),
+        (StudyRequest(runs=(mini_run,), scale=0.1), "--scale: does not go with --from"),
+        (StudyRequest(runs=(mini_run,), rig="virtual"), "--rig: does not go with --from"),
         (
-            Asked(runs=(mini_run,), more={"protocol": "twist"}),
+            StudyRequest(runs=(mini_run,), more={"protocol": "twist"}),
             "--protocol: does not go with",
         ),
-        (Asked(runs=(tmp_path / "gone",)), "no such folder"),
+        (StudyRequest(runs=(tmp_path / "gone",)), "no such folder"),
     ):
         with pytest.raises(InputError, match=words):
             run(asked)

@@ -18,9 +18,9 @@ import tiny_study
 from deltact_fab import cache
 from deltact_fab.errors import InputError, RunFailed, SolverError
 from deltact_fab.study import grid as engine
-from deltact_fab.study.grid import Grid, Job
-from deltact_fab.study.pace import Pace, spelled
-from deltact_fab.study.request import Asked
+from deltact_fab.study.grid import Grid, GridJob
+from deltact_fab.study.pace import JobPace, spelled
+from deltact_fab.study.request import StudyRequest
 from deltact_fab.study.seeds import seed_of
 
 
@@ -33,7 +33,7 @@ def done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "done"
 
 
-def solve(jobs: list[Job], say: Callable[[str], None] | None = None) -> Grid:
+def solve(jobs: list[GridJob], say: Callable[[str], None] | None = None) -> Grid:
     """On threads, which start at once."""
     with ThreadPoolExecutor(2) as threads:
         return engine.solve(jobs, threads, say=say)
@@ -154,7 +154,7 @@ def test_when_all_fail_the_reason_is_the_error() -> None:
 
 
 def test_a_process_that_dies_each_time_costs_its_job_only() -> None:
-    grid = engine.solve([*tiny_study.jobs_of(7, 3), Job("dies", tiny_study.die)])
+    grid = engine.solve([*tiny_study.jobs_of(7, 3), GridJob("dies", tiny_study.die)])
     assert list(grid.missing) == ["dies"]
     assert grid.missing["dies"].startswith("its process died twice")
     assert len(grid.partial()) == 3
@@ -162,14 +162,14 @@ def test_a_process_that_dies_each_time_costs_its_job_only() -> None:
 
 def test_a_mistake_in_the_code_is_raised_with_the_job_that_it_was_in() -> None:
     with pytest.raises(KeyError) as why:
-        solve([Job("wrong", tiny_study.draw, {}), *tiny_study.jobs_of(7, 1)])
+        solve([GridJob("wrong", tiny_study.draw, {}), *tiny_study.jobs_of(7, 1)])
     assert why.value.__notes__ == ["in the job wrong"]
 
 
 @pytest.mark.parametrize("thing", ["numpy number", "objects"])
 def test_a_value_that_cannot_be_kept_is_a_mistake_and_not_a_failure(thing: str) -> None:
     with pytest.raises(TypeError) as why:
-        solve([Job("wrong", tiny_study.strange, {"thing": thing}), *tiny_study.jobs_of(7, 1)])
+        solve([GridJob("wrong", tiny_study.strange, {"thing": thing}), *tiny_study.jobs_of(7, 1)])
     assert why.value.__notes__ == ["in the job wrong"]
 
 
@@ -203,11 +203,11 @@ def test_what_a_study_forgets_is_in_its_result(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setitem(registry.STUDIES, "tiny", registry.Study("tiny_study", "Tiny."))
     monkeypatch.setitem(sys.modules, "deltact_fab.study.tiny_study", tiny_study)
     more = {"count": 3, "seconds": 0.0, "fails": "job-1", "partial": True}
-    assert registry.run("tiny", Asked(more=more)).missing == ("job-1",)
+    assert registry.run("tiny", StudyRequest(more=more)).missing == ("job-1",)
     with pytest.raises(RunFailed, match="1 of 3 jobs have no result"):
-        registry.run("tiny", Asked(more={**more, "partial": False}))
+        registry.run("tiny", StudyRequest(more={**more, "partial": False}))
     with pytest.raises(InputError, match="did you mean 'tiny'"):
-        registry.run("tinny", Asked())
+        registry.run("tinny", StudyRequest())
 
 
 def test_the_longest_jobs_are_begun_first() -> None:
@@ -233,7 +233,7 @@ def test_seeds_depend_on_the_study_and_the_name_and_nothing_else() -> None:
 
 
 def test_remaining_time_by_what_the_jobs_cost() -> None:
-    pace = Pace([30.0, 10.0, 10.0, 10.0], "work", 2)  # 30 s expected, which count as a tenth
+    pace = JobPace([30.0, 10.0, 10.0, 10.0], "work", 2)  # 30 s expected, which count as a tenth
     began = pace._began
     assert pace.left_s(began + 5) is None
     assert pace.left() == ""
@@ -250,13 +250,13 @@ def test_remaining_time_by_what_the_jobs_cost() -> None:
 
 
 def test_the_first_moments_do_not_upset_what_was_expected() -> None:
-    pace = Pace([600.0] * 4, "work", 2)
+    pace = JobPace([600.0] * 4, "work", 2)
     pace.share(0, 0.001)  # after half a minute of getting ready
     assert 1000 < (pace.left_s(pace._began + 30) or 0) < 1600
 
 
 def test_without_an_expectation_the_pace_counts_when_something_is_done() -> None:
-    pace = Pace([0.0] * 4, "work", 2)
+    pace = JobPace([0.0] * 4, "work", 2)
     began = pace._began
     pace.share(0, 0.01)
     assert pace.left_s(began + 5) is None
@@ -265,22 +265,24 @@ def test_without_an_expectation_the_pace_counts_when_something_is_done() -> None
 
 
 def test_jobs_count_alike_where_not_all_costs_are_known() -> None:
-    pace = Pace([30.0, 0.0], "work", 2)
+    pace = JobPace([30.0, 0.0], "work", 2)
     pace.ended(1)
     assert pace.done() == 0.5
 
 
 def test_time_is_told_beforehand() -> None:
-    assert Pace([60.0] * 20, "unknown", 2).beforehand() == "about 10 min"
-    assert Pace([0.0] * 20, "unknown", 2).beforehand() == ""
-    assert Pace([60.0, 600.0], "unknown", 2).beforehand() == "about 10 min"  # the longest
-    pace = Pace([60.0] * 20, "met", 2)
+    assert JobPace([60.0] * 20, "unknown", 2).beforehand() == "about 10 min"
+    assert JobPace([0.0] * 20, "unknown", 2).beforehand() == ""
+    assert JobPace([60.0, 600.0], "unknown", 2).beforehand() == "about 10 min"  # the longest
+    pace = JobPace([60.0] * 20, "met", 2)
     pace._began -= 100.0
     for index in range(20):
         pace.ended(index)
     pace.keep()
-    assert Pace([60.0] * 200, "met", 2).beforehand() == "about 17 min at the pace of earlier ones"
-    assert Pace([60.0] * 200, "met", 4).beforehand() == "about 8 min at the pace of earlier ones"
+    assert (
+        JobPace([60.0] * 200, "met", 2).beforehand() == "about 17 min at the pace of earlier ones"
+    )
+    assert JobPace([60.0] * 200, "met", 4).beforehand() == "about 8 min at the pace of earlier ones"
 
 
 @pytest.mark.parametrize(

@@ -15,24 +15,24 @@ import numpy as np
 import pytest
 
 from deltact_fab import cache, record
-from deltact_fab.analysis.tracking_error.tally import Tally
+from deltact_fab.analysis.tracking_error.tally import ErrorTally
 from deltact_fab.errors import InputError
 from deltact_fab.patterns.series.job import recipes
 from deltact_fab.report.result import StudyResult
 from deltact_fab.study import pattern_selection
 from deltact_fab.study.grid import KIND
-from deltact_fab.study.pattern_errors import Cell, Errors, Printed
+from deltact_fab.study.pattern_errors import PatternErrors, PressErrors, PrintedPattern
 from deltact_fab.study.pattern_scene import Selection
 from deltact_fab.study.pattern_tables import rounds
 from deltact_fab.study.pattern_verdict import verdict
-from deltact_fab.study.request import Asked
+from deltact_fab.study.request import StudyRequest
 
 TWO = ("d0p1-r0p5", "d0p2-r0p1")
 
 
-def asked(mini: tuple[Path, Path], **more: Any) -> Asked:
+def asked(mini: tuple[Path, Path], **more: Any) -> StudyRequest:
     chosen = {"protocol": str(mini[0]), "pattern": TWO, "indenter": ()} | more
-    return Asked(scale=1.0, seed=3, rig=str(mini[1]), more=chosen)
+    return StudyRequest(scale=1.0, seed=3, rig=str(mini[1]), more=chosen)
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +86,7 @@ def test_the_same_from_the_record_of_the_same_press(
     mini: tuple[Path, Path], mini_run: Path
 ) -> None:
     """A record has its own pattern, and here its truth: the stream's frames are micrometres off."""
-    found = pattern_selection.run(Asked(runs=(mini_run,)))
+    found = pattern_selection.run(StudyRequest(runs=(mini_run,)))
     (row,) = found.data["patterns"]
     held = record.open(mini_run).pattern["recipe"]
     assert (row["d_mm"], row["r"]) == (held["patch_mm"], held["r"])
@@ -98,7 +98,7 @@ def test_the_same_from_the_record_of_the_same_press(
 
 def test_two_runs_of_one_pattern_are_refused(mini_run: Path) -> None:
     with pytest.raises(InputError, match="expected one run per pattern") as caught:
-        pattern_selection.run(Asked(runs=(mini_run, mini_run)))
+        pattern_selection.run(StudyRequest(runs=(mini_run, mini_run)))
     assert "\n" not in str(caught.value)
 
 
@@ -117,7 +117,7 @@ def test_names_that_are_not_known_are_refused(
 
 
 def test_a_press_is_one_job_and_an_odd_one_is_shared_by_two() -> None:
-    jobs = Selection.of(Asked()).jobs()
+    jobs = Selection.of(StudyRequest()).jobs()
     assert [len(job.given["patterns"]) for job in jobs] == [17, 17, 17, 17, 9, 8]
     assert len({job.name for job in jobs}) == 6
     halves = {**jobs[4].given["patterns"], **jobs[5].given["patterns"]}
@@ -130,31 +130,33 @@ def test_a_press_is_one_job_and_an_odd_one_is_shared_by_two() -> None:
 
 
 def test_a_press_is_found_again_when_other_indenters_join() -> None:
-    few = Selection.of(Asked(more={"indenter": ("edges", "4dots")}))
-    every = {job.name: job.key() for job in Selection.of(Asked()).jobs()}
+    few = Selection.of(StudyRequest(more={"indenter": ("edges", "4dots")}))
+    every = {job.name: job.key() for job in Selection.of(StudyRequest()).jobs()}
     assert [job.key() for job in few.jobs()] == [every["4dots/p1"], every["edges/p1"]]
 
 
 def test_at_full_scale_the_gel_of_mirrored_positions_is_solved_once() -> None:
-    scene = Selection.of(Asked(scale=1.0))
+    scene = Selection.of(StudyRequest(scale=1.0))
     assert len(scene.jobs()) == 20
     assert len(scene.gel_jobs()) == 6  # the star has one mirror plane
 
 
-def made_up(errors_mm: dict[str, tuple[float, ...]]) -> Errors:
+def made_up(errors_mm: dict[str, tuple[float, ...]]) -> PatternErrors:
     """Errors of the paper's tracker at the dots, a value an indenter."""
-    printed = [Printed.of(e) for e in recipes() if e.name in errors_mm]
+    printed = [PrintedPattern.of(e) for e in recipes() if e.name in errors_mm]
     cells = []
     for p in printed:
         for k, value in enumerate(errors_mm[p.name]):
-            tally = Tally()
+            tally = ErrorTally()
             tally.believed.take(1.0)
             tally.at_dots.take(np.full(4, value))
             tally.take_moving(np.full(4, value), np.ones(4, bool))
             rows = {"paper": np.array([[value, value, 1.0]])}
             steps = (f"i{k}/p1/d5.00/press",)
-            cells.append(Cell(p.name, f"i{k}/p1", f"i{k}", {"paper": tally}, rows, steps, None, ()))
-    return Errors(printed, cells)
+            cells.append(
+                PressErrors(p.name, f"i{k}/p1", f"i{k}", {"paper": tally}, rows, steps, None, ())
+            )
+    return PatternErrors(printed, cells)
 
 
 def test_the_papers_optimum_appears_where_it_is_the_least_of_both_rounds() -> None:

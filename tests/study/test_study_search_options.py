@@ -9,8 +9,8 @@ import pytest
 from deltact_fab.errors import InputError
 from deltact_fab.patterns.raster import checked_mm_per_px
 from deltact_fab.protocols import plan
-from deltact_fab.study.search.candidates import LEAST_DOTS, MOST_PX, candidates
-from deltact_fab.study.search.imager import Bench
+from deltact_fab.study.search.candidates import MAX_PX, MIN_DOTS, candidates
+from deltact_fab.study.search.imager import PatternImager
 from deltact_fab.study.search.options import bench_of
 from deltact_fab.study.search.scale import shortened, size_of, thinned
 
@@ -64,9 +64,7 @@ def test_candidates_can_be_printed_and_seen(dpi: int, mm_per_px: float) -> None:
         if not c.is_paper:
             assert recipe.patch_mm is not None
             assert (
-                LEAST_DOTS * mm_per_dot
-                <= recipe.patch_mm * (1 + 1e-9)
-                <= 1.01 * MOST_PX * mm_per_px
+                MIN_DOTS * mm_per_dot <= recipe.patch_mm * (1 + 1e-9) <= 1.01 * MAX_PX * mm_per_px
             )
             checked_mm_per_px(recipe, dpi, whole=False)
         assert recipe.dots is None
@@ -78,7 +76,7 @@ def test_the_usual_bench_has_some_tens_of_candidates() -> None:
 
 def test_a_bench_is_plain_data_and_back() -> None:
     bench = bench_of("virtual", {"mm_per_px": 0.03})
-    assert Bench.from_dict(bench.as_dict()) == bench
+    assert PatternImager.from_dict(bench.as_dict()) == bench
 
 
 def test_the_view_is_the_sensors_whatever_the_scale() -> None:

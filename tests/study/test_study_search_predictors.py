@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from deltact_fab.imaging import Printer, Sensor
-from deltact_fab.study.search.imager import Bench
+from deltact_fab.imaging import ImageSensor, Printer
+from deltact_fab.study.search.imager import PatternImager
 from deltact_fab.study.search.probe import bias_figures, bridged, moving_px, probe, strides
 from deltact_fab.study.search.scenes import OUTWARD, SHIFTS_PX, at_rest, dragged, shifted, view_of
 
 FIELD_PX = 60_000
-BENCH = Bench(Printer(), Sensor(), 0.0378)
-QUIET = Bench(
-    Printer(), Sensor(full_well_electrons=1e6, read_noise_electrons=0, mosaic=False), 0.0378
+BENCH = PatternImager(Printer(), ImageSensor(), 0.0378)
+QUIET = PatternImager(
+    Printer(), ImageSensor(full_well_electrons=1e6, read_noise_electrons=0, mosaic=False), 0.0378
 )
 
 
-def probed(bench: Bench = BENCH, **keys: Any) -> dict[str, Any]:
+def probed(bench: PatternImager = BENCH, **keys: Any) -> dict[str, Any]:
     recipe = {"seed": 4, **keys}
     return probe({"bench": asdict(bench), "recipe": recipe, "seed": 9, "field_px": FIELD_PX})
 

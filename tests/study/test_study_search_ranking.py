@@ -8,7 +8,7 @@ from scipy import stats
 
 from deltact_fab.study.intervals import mean
 from deltact_fab.study.search.ranking import best_pair, rank_correlation, spearman
-from deltact_fab.study.search.verdict import Confirmed, chosen_by_others, gain
+from deltact_fab.study.search.verdict import ConfirmedPattern, chosen_by_others, gain
 
 
 def correlated(n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -72,9 +72,9 @@ def test_each_seed_is_judged_by_the_choice_of_the_others() -> None:
     assert chosen_by_others(errors[:, :1]).tolist() == [1.0]
 
 
-def one(name: str, errors: tuple[float, ...]) -> Confirmed:
+def one(name: str, errors: tuple[float, ...]) -> ConfirmedPattern:
     error = mean(errors, range(len(errors)), "seed")
-    return Confirmed(name, "fused", errors, (), error, None, None, 1.0)
+    return ConfirmedPattern(name, "fused", errors, (), error, None, None, 1.0)
 
 
 def test_the_gain_is_over_the_papers_pattern_seed_by_seed() -> None:

@@ -10,13 +10,13 @@ import pytest
 
 from deltact_fab.patterns.recipe import recipe_from
 from deltact_fab.study.registry import run
-from deltact_fab.study.request import Asked
+from deltact_fab.study.request import StudyRequest
 
 pytestmark = pytest.mark.slow
 
 
 def test_a_small_search_finds_a_better_pattern_than_the_papers() -> None:
-    found = run("pattern-search", Asked(scale=0.02, rig="virtual-coarse", seed=1))
+    found = run("pattern-search", StudyRequest(scale=0.02, rig="virtual-coarse", seed=1))
     data = json.loads(json.dumps(found.data, allow_nan=False))
     assert data["goal_met"]
     assert data["best_over_paper"]["value"] < 1 / 3

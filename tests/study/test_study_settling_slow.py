@@ -10,7 +10,7 @@ import pytest
 from deltact_fab import experiment
 from deltact_fab.protocols import plan
 from deltact_fab.study import registry
-from deltact_fab.study.request import Asked
+from deltact_fab.study.request import StudyRequest
 
 pytestmark = pytest.mark.slow
 
@@ -20,7 +20,7 @@ SERIES = ((0.1, 0.5), (0.08, 4.0))
 @pytest.fixture(scope="module")
 def found():
     typed = tuple(f"{g}:{tau}" for g, tau in SERIES)
-    return registry.run("settling", Asked(scale=0.3, more={"prony": typed}))
+    return registry.run("settling", StudyRequest(scale=0.3, more={"prony": typed}))
 
 
 def test_the_gel_fades_as_the_closed_form_says_and_the_face_stands_still(found) -> None:
@@ -50,7 +50,7 @@ def test_a_recorded_run_gives_back_the_gel_that_it_was_recorded_on(found, tmp_pa
     protocol = tmp_path / "short.toml"
     protocol.write_text("\n".join(text) + "\n")
     experiment.run(str(protocol), "virtual-coarse", tmp_path / "run", seed=1)
-    own = registry.run("settling", Asked(runs=(tmp_path / "run",), more={"prony": ()}))
+    own = registry.run("settling", StudyRequest(runs=(tmp_path / "run",), more={"prony": ()}))
     assert own.simulated
     told, true = own.data["prony"], SERIES
     assert len(told) == 2

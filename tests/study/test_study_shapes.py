@@ -12,7 +12,7 @@ import pytest
 from deltact_fab.analysis.shape import PressShape
 from deltact_fab.errors import InputError
 from deltact_fab.study import shapes
-from deltact_fab.study.request import Asked
+from deltact_fab.study.request import StudyRequest
 from deltact_fab.study.shape import summary
 from deltact_fab.study.shape.headlines import headlines
 from deltact_fab.study.shape.simulated import FORCE, OBJECTS, TWIST, scene
@@ -98,7 +98,7 @@ def test_two_presses_are_too_few_for_an_interval() -> None:
 
 
 def test_the_scale_thins_places_and_no_object() -> None:
-    whole, least = scene(Asked()), scene(Asked(scale=0.01))
+    whole, least = scene(StudyRequest()), scene(StudyRequest(scale=0.01))
     for name in OBJECTS:
         assert len(whole.protocols[name].positions_mm) == 3
         assert least.protocols[name].positions_mm == whole.protocols[name].positions_mm[:1]
@@ -116,14 +116,14 @@ def test_the_scale_thins_places_and_no_object() -> None:
 @pytest.mark.parametrize(
     ("asked", "says"),
     [
-        (Asked(scale=2.0), "--scale: 2"),
-        (Asked(rig="grbl-bench"), "'virtual' rig"),
-        (Asked(more={"depth": "d.toml", "force": None}), "--depth: only with --from"),
-        (Asked(runs=(Path("x"),), scale=0.5), "--scale: does not go with --from"),
-        (Asked(runs=(Path("x"),), rig="virtual"), "--rig: does not go with --from"),
+        (StudyRequest(scale=2.0), "--scale: 2"),
+        (StudyRequest(rig="grbl-bench"), "'virtual' rig"),
+        (StudyRequest(more={"depth": "d.toml", "force": None}), "--depth: only with --from"),
+        (StudyRequest(runs=(Path("x"),), scale=0.5), "--scale: does not go with --from"),
+        (StudyRequest(runs=(Path("x"),), rig="virtual"), "--rig: does not go with --from"),
     ],
 )
-def test_what_does_not_go_together_is_refused_in_one_line(asked: Asked, says: str) -> None:
+def test_what_does_not_go_together_is_refused_in_one_line(asked: StudyRequest, says: str) -> None:
     with pytest.raises(InputError, match=says) as refused:
         shapes.run(asked)
     assert "\n" not in str(refused.value)
@@ -138,7 +138,7 @@ def test_a_recorded_run_without_truth_gives_the_gallery_and_no_errors(
     shutil.rmtree(bench / "truth")
     shutil.rmtree(bench / "analysis", ignore_errors=True)
     force, depth = map(str, calibrations)
-    found = shapes.run(Asked(runs=(bench,), more={"depth": depth, "force": force}))
+    found = shapes.run(StudyRequest(runs=(bench,), more={"depth": depth, "force": force}))
     assert [figure.name for figure in found.figures] == [
         "shapes-gallery", "force-distribution-press", "force-distribution-twist",
     ]  # fmt: skip
@@ -150,7 +150,7 @@ def test_a_recorded_run_without_truth_gives_the_gallery_and_no_errors(
     assert found.settings["depth"] == depth
     assert any("bench knows no truth" in one.why for one in found.left_out)
 
-    bare = shapes.run(Asked(runs=(mini_run,), more={"depth": None, "force": None}))
+    bare = shapes.run(StudyRequest(runs=(mini_run,), more={"depth": None, "force": None}))
     assert [figure.name for figure in bare.figures] == ["shapes-gallery", "shapes-depth-error"]
     assert "found_normal_n" not in bare.tables[1].frame
     assert bare.headlines[0].value == pytest.approx(
@@ -164,4 +164,4 @@ def test_a_recorded_run_without_truth_gives_the_gallery_and_no_errors(
 def test_a_calibration_of_another_kind_is_refused(mini_run: Path, calibrations: list[Path]) -> None:
     force, _ = map(str, calibrations)
     with pytest.raises(InputError, match=r"force\.toml"):
-        shapes.run(Asked(runs=(mini_run,), more={"depth": force, "force": None}))
+        shapes.run(StudyRequest(runs=(mini_run,), more={"depth": force, "force": None}))

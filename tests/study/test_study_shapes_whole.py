@@ -10,7 +10,7 @@ import pytest
 
 from deltact_fab.catalog import shipped_dir
 from deltact_fab.study import registry
-from deltact_fab.study.request import Asked
+from deltact_fab.study.request import StudyRequest
 
 # What is thinned of the shipped protocols; those of the working folder are found first.
 FEWER = {
@@ -38,7 +38,7 @@ def test_the_study_is_whole_and_done_once(tmp_path: Path, monkeypatch: pytest.Mo
             text = text.replace(shipped, fewer)
         (tmp_path / "protocols" / f"{name}.toml").write_text(text)
     monkeypatch.chdir(tmp_path)
-    asked = Asked(scale=0.3, rig="virtual-coarse", seed=2)
+    asked = StudyRequest(scale=0.3, rig="virtual-coarse", seed=2)
     found = registry.run("shapes", asked)
     assert found.missing == ()
     assert found.simulated
@@ -64,7 +64,9 @@ def test_the_study_is_whole_and_done_once(tmp_path: Path, monkeypatch: pytest.Mo
     assert "of 1.1 to 2.1 mm" in found.settings["gel"]
 
     said: list[str] = []
-    again = registry.run("shapes", Asked(scale=0.3, rig="virtual-coarse", seed=2, say=said.append))
+    again = registry.run(
+        "shapes", StudyRequest(scale=0.3, rig="virtual-coarse", seed=2, say=said.append)
+    )
     assert said == []  # nothing was to do
     assert json.dumps(again.data) == json.dumps(found.data)
     first, second = (one.tables[1].frame for one in (found, again))

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from deltact_fab import record
-from deltact_fab.analysis.tracking_error.press import Job, analyse_press
-from deltact_fab.analysis.tracking_error.scene import Scene
+from deltact_fab.analysis.tracking_error.press import PressJob, analyse_press
+from deltact_fab.analysis.tracking_error.scene import TrackingPlan
 from deltact_fab.analysis.tracking_error.truth import TrueFrame, off_dots, seen_by
 from deltact_fab.cad.design import load_design
 from deltact_fab.patterns.recipe import PatternRecipe
 from deltact_fab.protocols import plan
 from deltact_fab.rig import config as rig_config
 from deltact_fab.rig.config import VirtualConfig
-from deltact_fab.study.stream import Look, PressStream, Truth
+from deltact_fab.study.stream import Look, PressStream, StreamTruth
 
 PRESS = "sphere-10/p1"
 
@@ -65,7 +65,7 @@ def test_its_images_are_the_bytes_that_the_rig_records(
 def test_its_truth_is_that_of_the_record(
     stream: PressStream, run: record.Run, recipe: PatternRecipe, recorded: list[Look]
 ) -> None:
-    truth, marks, held = Truth(stream), stream.marks(recipe), run.truth()
+    truth, marks, held = StreamTruth(stream), stream.marks(recipe), run.truth()
     assert held is not None
     off = off_dots(run.camera, run.dots_mm(), run.dot_diameter_mm())
     ids = run.frames(PRESS)["frame_id"]
@@ -96,7 +96,7 @@ def test_the_plan_has_the_rigs_frames_but_for_the_ramps_of_its_motors(
 
 @pytest.mark.slow
 def test_memory_does_not_grow_with_the_frames(stream: PressStream, recipe: PatternRecipe) -> None:
-    picture, noise, truth = stream.picture(recipe, 0), stream.noise(0), Truth(stream)
+    picture, noise, truth = stream.picture(recipe, 0), stream.noise(0), StreamTruth(stream)
     marks, looks = stream.marks(recipe), stream.looks
     held = []
     tracemalloc.start()
@@ -118,9 +118,9 @@ def test_followed_as_a_stream_a_press_has_the_errors_that_its_record_has(
 ) -> None:
     from deltact_fab.analysis.tracking_error.follow import Follower
 
-    scene = Scene(("fused",), True, ())
-    kept = analyse_press(Job(str(run.folder), PRESS, scene)).tallies["fused"].figures()
-    seed, truth, marks = int(run.meta["seed"]), Truth(stream), stream.marks(recipe)
+    scene = TrackingPlan(("fused",), True, ())
+    kept = analyse_press(PressJob(str(run.folder), PRESS, scene)).tallies["fused"].figures()
+    seed, truth, marks = int(run.meta["seed"]), StreamTruth(stream), stream.marks(recipe)
     picture, noise = stream.picture(recipe, seed), stream.noise(seed)
     follower = Follower(scene, marks)
     for frame in stream.frames(recorded):

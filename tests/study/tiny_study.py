@@ -13,10 +13,10 @@ import numpy as np
 
 from deltact_fab import jobs
 from deltact_fab.errors import SolverError
-from deltact_fab.report.result import StudyResult, Table
-from deltact_fab.study.grid import Job
+from deltact_fab.report.result import ReportTable, StudyResult
+from deltact_fab.study.grid import GridJob
 from deltact_fab.study.registry import STUDIES, Option, Study
-from deltact_fab.study.request import Asked
+from deltact_fab.study.request import StudyRequest
 from deltact_fab.study.seeds import seed_of
 
 OPTIONS = (
@@ -55,10 +55,10 @@ def strange(given: dict[str, Any]) -> dict[str, Any]:
     return {"a": np.float32(1)}
 
 
-def jobs_of(seed: int, count: int, seconds: float = 0.0, fails: str = "") -> list[Job]:
+def jobs_of(seed: int, count: int, seconds: float = 0.0, fails: str = "") -> list[GridJob]:
     names = [f"job-{n}" for n in range(count)]
     return [
-        Job(
+        GridJob(
             name,
             draw,
             {"name": name, "seed": seed_of(seed, name), "seconds": seconds, "fails": name == fails},
@@ -68,7 +68,7 @@ def jobs_of(seed: int, count: int, seconds: float = 0.0, fails: str = "") -> lis
     ]
 
 
-def run(asked: Asked) -> StudyResult:
+def run(asked: StudyRequest) -> StudyResult:
     import pandas as pd
 
     more = asked.more
@@ -83,7 +83,7 @@ def run(asked: Asked) -> StudyResult:
         simulated=True,
         seed=asked.seed,
         scale=asked.scale,
-        tables=(Table("means", "Means of draws.", frame),),
+        tables=(ReportTable("means", "Means of draws.", frame),),
     )
 
 

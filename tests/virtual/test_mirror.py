@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from deltact_fab.gel.path import open as open_module
-from deltact_fab.gel.path.knots import Increments, Pose, Solved
+from deltact_fab.gel.path.knots import Increments, KnotPose, SolvedKnot
 from deltact_fab.gel.path.mirror import Mirror, to_solved
 from deltact_fab.gel.path.solver import PathSolver
 from deltact_fab.protocols import plan
@@ -58,7 +58,7 @@ def whole(protocol: Protocol, number: int, level: str) -> PathSolver:
     return press
 
 
-def off(a: Solved, b: Solved) -> tuple[float, float, float]:
+def off(a: SolvedKnot, b: SolvedKnot) -> tuple[float, float, float]:
     """Largest difference of force, torque and displacement over the largest of each."""
     assert a.displacement_mm is not None
     assert b.displacement_mm is not None
@@ -109,7 +109,7 @@ def test_off_the_plan_an_image_is_solved_in_its_own_frame() -> None:
     assert b.torque_nmm == pytest.approx((a.torque_nmm[0], *(-t for t in a.torque_nmm[1:])))
 
 
-def way(path: PressPath) -> list[Pose]:
+def way(path: PressPath) -> list[KnotPose]:
     return poses(path, Increments(1.0, 1.0))
 
 

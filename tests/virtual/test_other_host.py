@@ -15,7 +15,7 @@ from deltact_fab.optics import StageFrame
 from deltact_fab.rig.clock import WallClock
 from deltact_fab.rig.stage.grbl import GrblStage
 from deltact_fab.virtual.controller import GrblController
-from deltact_fab.virtual.pty import Terminal
+from deltact_fab.virtual.pty import PtyCable
 
 streamer = pytest.importorskip("pygrbl_streamer")
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")
@@ -26,7 +26,7 @@ QUICK = {24: 1200, 25: 1200, 26: 5, 27: 0.2, 120: 2000, 121: 2000, 122: 2000}
 class Host:
     """The third-party host, connected, and all that it heard."""
 
-    def __init__(self, terminal: Terminal) -> None:
+    def __init__(self, terminal: PtyCable) -> None:
         self.terminal = terminal
         self.alarms: list[str] = []
         self.errors: list[str] = []
@@ -44,7 +44,7 @@ class Host:
 def host() -> Iterator[Host]:
     clock = WallClock()
     grbl = GrblController(QUICK, clock, start_mm=(-1, -1, -1), boot_s=0.05)
-    with Terminal(grbl, clock) as terminal:
+    with PtyCable(grbl, clock) as terminal:
         time.sleep(0.1)
         found = Host(terminal)
         try:

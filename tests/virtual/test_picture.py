@@ -7,13 +7,13 @@ import pytest
 from numpy.typing import NDArray
 
 from deltact_fab.errors import SolverError
-from deltact_fab.imaging import Sensor
+from deltact_fab.imaging import ImageSensor
 from deltact_fab.optics import LatticeSampler, Pinhole, PointSampler, SurfaceLattice
-from deltact_fab.virtual.picture import Geometry, Picture, Texture
+from deltact_fab.virtual.picture import FrameRenderer, Geometry, Texture
 
 CAMERA = Pinhole(0.0378, 160, 120, 12.85)
 LATTICE = SurfaceLattice(-7.0, -6.0, 0.25, 57, 49)
-NOISELESS = Sensor(blur_px=0.4, shading=0.0, full_well_electrons=1e9, read_noise_electrons=0.0)
+NOISELESS = ImageSensor(blur_px=0.4, shading=0.0, full_well_electrons=1e9, read_noise_electrons=0.0)
 
 
 def nodes() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -36,7 +36,7 @@ def ramp_texture() -> Texture:
 
 
 def test_every_pixel_sees_the_point_that_projects_there() -> None:
-    picture = Picture(Geometry(CAMERA, LATTICE), ramp_texture(), NOISELESS)
+    picture = FrameRenderer(Geometry(CAMERA, LATTICE), ramp_texture(), NOISELESS)
     u = bump(0.9)
     at = picture.geometry.material_px(u)[1:-1, 1:-1].astype(float)
     xy = CAMERA.rest_mm(at).reshape(-1, 2)[::37]
@@ -56,7 +56,7 @@ def test_a_skin_that_ends_within_the_margin_of_the_view_is_drawn_as_a_wider_one(
 
 
 def test_image_axes_are_sensor_axes() -> None:
-    image = Picture(Geometry(CAMERA, LATTICE), ramp_texture(), NOISELESS).render(
+    image = FrameRenderer(Geometry(CAMERA, LATTICE), ramp_texture(), NOISELESS).render(
         None, np.random.default_rng(0)
     )
     blue, green, red = (image[..., c].astype(int) for c in range(3))
@@ -66,7 +66,7 @@ def test_image_axes_are_sensor_axes() -> None:
 
 
 def test_a_push_to_plus_x_moves_the_picture_to_plus_x() -> None:
-    picture = Picture(Geometry(CAMERA, LATTICE), ramp_texture(), NOISELESS)
+    picture = FrameRenderer(Geometry(CAMERA, LATTICE), ramp_texture(), NOISELESS)
     still = np.zeros((LATTICE.ny, LATTICE.nx, 3))
     still[..., 0] = 0.4
     rng = np.random.default_rng(0)
@@ -84,7 +84,7 @@ def test_the_press_is_seen_larger() -> None:
 
 
 def test_noise_repeats_with_its_seed_and_not_with_another() -> None:
-    picture = Picture(Geometry(CAMERA, LATTICE), ramp_texture(), Sensor())
+    picture = FrameRenderer(Geometry(CAMERA, LATTICE), ramp_texture(), ImageSensor())
     first, again, other = (
         picture.render(bump(0.5), np.random.default_rng(seed)) for seed in (1, 1, 2)
     )
@@ -93,7 +93,7 @@ def test_noise_repeats_with_its_seed_and_not_with_another() -> None:
 
 
 def test_where_the_face_hides_a_part_of_itself_the_nearest_is_seen() -> None:
-    picture = Picture(Geometry(CAMERA, LATTICE), ramp_texture(), NOISELESS)
+    picture = FrameRenderer(Geometry(CAMERA, LATTICE), ramp_texture(), NOISELESS)
     u = bump(3.5)
     at = picture.geometry.material_px(u)[1:-1, 1:-1].astype(float)
     # All that could be seen, on a grid twelve times as fine as the pixels.
@@ -132,6 +132,6 @@ def test_a_face_turned_over_is_refused_not_drawn() -> None:
     x, _ = np.meshgrid(*nodes())
     mirrored = np.zeros((LATTICE.ny, LATTICE.nx, 3))
     mirrored[..., 0] = -2 * x
-    picture = Picture(Geometry(CAMERA, LATTICE), ramp_texture(), NOISELESS)
+    picture = FrameRenderer(Geometry(CAMERA, LATTICE), ramp_texture(), NOISELESS)
     with pytest.raises(SolverError, match="see no point of the surface"):
         picture.render(mirrored, np.random.default_rng(0))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from deltact_fab.imaging import GAMMA, Sensor
+from deltact_fab.imaging import GAMMA, ImageSensor
 from deltact_fab.optics import FaceMotion, Fisheye, PointSampler, Rectified, SurfaceLattice
-from deltact_fab.virtual.picture import Geometry, Picture, Texture
+from deltact_fab.virtual.picture import FrameRenderer, Geometry, Texture
 from deltact_fab.virtual.raw_view import BAND_PX, RawView
 
 LENS = Fisheye(
@@ -17,7 +17,7 @@ LENS = Fisheye(
 )  # fmt: skip
 VIEW = Rectified(LENS, 0.0378, 200, 150)
 LATTICE = SurfaceLattice(-10.0, -9.0, 0.25, 81, 73)
-NOISELESS = Sensor(blur_px=0.4, shading=0.0, full_well_electrons=1e9, read_noise_electrons=0.0)
+NOISELESS = ImageSensor(blur_px=0.4, shading=0.0, full_well_electrons=1e9, read_noise_electrons=0.0)
 TEXEL_MM = 0.01
 
 
@@ -58,7 +58,7 @@ def test_spots_are_drawn_where_the_lens_projects_them(pressed: bool) -> None:
     u = bump(1.0) if pressed else np.zeros((LATTICE.ny, LATTICE.nx, 3))
     moved = np.column_stack((at_mm, np.zeros(len(at_mm)))) + PointSampler(LATTICE, at_mm)(u)
     wanted_px = LENS.project_px(moved)
-    picture = Picture(Geometry(RawView(LENS, VIEW), LATTICE), dots(at_mm), NOISELESS)
+    picture = FrameRenderer(Geometry(RawView(LENS, VIEW), LATTICE), dots(at_mm), NOISELESS)
     image = picture.render(u if pressed else None, np.random.default_rng(0))
     assert image.shape == (340, 420, 3)
     off_px = middles(image, wanted_px) - wanted_px
@@ -74,7 +74,7 @@ def test_spots_are_drawn_where_the_lens_projects_them(pressed: bool) -> None:
 
 def test_every_raw_pixel_sees_the_point_that_projects_there() -> None:
     raw = RawView(LENS, VIEW)
-    picture = Picture(Geometry(raw, LATTICE), dots(np.zeros((1, 2))), NOISELESS)
+    picture = FrameRenderer(Geometry(raw, LATTICE), dots(np.zeros((1, 2))), NOISELESS)
     u = bump(1.2)
     columns, rows = np.meshgrid(np.arange(420.0), np.arange(340.0))
     here = np.stack((columns, rows), -1)
@@ -91,7 +91,9 @@ def test_every_raw_pixel_sees_the_point_that_projects_there() -> None:
 def test_a_band_around_the_view_is_drawn_and_beyond_it_all_is_dark() -> None:
     white = Texture(np.ones((1601, 1601, 3), np.float32), TEXEL_MM)
     raw = RawView(LENS, VIEW)
-    image = Picture(Geometry(raw, LATTICE), white, NOISELESS).render(None, np.random.default_rng(0))
+    image = FrameRenderer(Geometry(raw, LATTICE), white, NOISELESS).render(
+        None, np.random.default_rng(0)
+    )
     x, y = np.meshgrid(np.arange(420.0), np.arange(340.0))
     looks_px = VIEW.rest_px(LENS.rest_mm(np.stack((x, y), -1)))
     past = np.maximum(-looks_px, looks_px - (199, 149)).max(axis=-1)
@@ -106,7 +108,7 @@ def test_a_band_around_the_view_is_drawn_and_beyond_it_all_is_dark() -> None:
 
 def test_where_the_print_ends_it_is_dark() -> None:
     small = Texture(np.ones((301, 301, 3), np.float32), TEXEL_MM)  # 3 mm, in a view of 7.6 mm
-    image = Picture(Geometry(RawView(LENS, VIEW), LATTICE), small, NOISELESS).render(
+    image = FrameRenderer(Geometry(RawView(LENS, VIEW), LATTICE), small, NOISELESS).render(
         None, np.random.default_rng(0)
     )
     x, y = LENS.rest_px(np.array([1.4, 0.0])).round().astype(int)
@@ -116,7 +118,9 @@ def test_where_the_print_ends_it_is_dark() -> None:
 
 
 def test_a_deep_dent_hides_a_part_of_itself_and_is_drawn() -> None:
-    picture = Picture(Geometry(RawView(LENS, VIEW), LATTICE), dots(np.zeros((1, 2))), Sensor())
+    picture = FrameRenderer(
+        Geometry(RawView(LENS, VIEW), LATTICE), dots(np.zeros((1, 2))), ImageSensor()
+    )
     first, again = (picture.render(bump(4.0), np.random.default_rng(1)) for _ in range(2))
     assert np.array_equal(first, again)
 

@@ -12,20 +12,20 @@ from deltact_fab.optics import StageFrame
 from deltact_fab.rig.clock import WallClock
 from deltact_fab.rig.stage.grbl import GrblStage
 from deltact_fab.virtual.controller import GrblController
-from deltact_fab.virtual.pty import Terminal
+from deltact_fab.virtual.pty import PtyCable
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")
 QUICK = {24: 1200, 25: 3000, 26: 5, 27: 0.2, 120: 2000, 121: 2000, 122: 2000}
 
 
-def powered(resets_on_open: bool = False, opened: list[bool] | None = None) -> Terminal:
+def powered(resets_on_open: bool = False, opened: list[bool] | None = None) -> PtyCable:
     clock = WallClock()
     grbl = GrblController(QUICK, clock, start_mm=(-1, -1, -1), boot_s=0.1)
     note = None if opened is None else opened.append
-    return Terminal(grbl, clock, resets_on_open=resets_on_open, opened=note)
+    return PtyCable(grbl, clock, resets_on_open=resets_on_open, opened=note)
 
 
-def host(terminal: Terminal) -> GrblStage:
+def host(terminal: PtyCable) -> GrblStage:
     return GrblStage(terminal.port, WallClock(), StageFrame((0.0, 0.0, 0.0)))
 
 

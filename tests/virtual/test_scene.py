@@ -10,14 +10,14 @@ import pytest
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.level import GelContact, Reach, State
 from deltact_fab.gel.open import open_contact
-from deltact_fab.gel.path.knots import Increments, Observed, Pose
+from deltact_fab.gel.path.knots import Increments, KnotPose, ObservedChannels
 from deltact_fab.gel.path.solver import PathSolver
 from deltact_fab.optics import StageFrame
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 from deltact_fab.virtual.clock import VirtualClock
 from deltact_fab.virtual.controller import GrblController
-from deltact_fab.virtual.press import Press
+from deltact_fab.virtual.press import PlannedPress
 from deltact_fab.virtual.scene import GelScene, LatticeCrop
 
 FRAME = StageFrame((-60.0, -60.0, -40.0))
@@ -33,7 +33,7 @@ def layer(modulus_mpa: float) -> GelContact:
 
 
 UNIT = layer(1.0)  # what a press is solved with
-ALL = Observed("all")
+ALL = ObservedChannels("all")
 
 
 class Bench:
@@ -46,7 +46,7 @@ class Bench:
         self.line("$H")
         self.clock.sleep_s(60.0)
         crop = LatticeCrop(UNIT.x_mm, UNIT.y_mm, (12.0, 10.0)) if drawn else None
-        self.presses: list[Press] = []
+        self.presses: list[PlannedPress] = []
         self.scene = GelScene(
             self.controller, self.clock, FRAME, Increments(press_mm, shear_mm), self.press, crop,
             E_MPA,
@@ -55,9 +55,9 @@ class Bench:
         self.scene.mount("sphere:10")
         self.scene.begin()
 
-    def press(self, indenter: str, at_mm: tuple[float, float]) -> Press:
+    def press(self, indenter: str, at_mm: tuple[float, float]) -> PlannedPress:
         assert indenter == "sphere:10"
-        self.presses.append(Press(PathSolver(lambda: UNIT, observed=ALL)))
+        self.presses.append(PlannedPress(PathSolver(lambda: UNIT, observed=ALL)))
         return self.presses[-1]
 
     @property
@@ -262,8 +262,12 @@ def test_a_creeping_gel_goes_on_while_the_tip_rests() -> None:
         spacing_mm=3.0,
     )  # fmt: skip
     down = (0.0, 0.0, -1.0)
-    planned = [Pose((0.0, 0.0, -0.5), 0.05, 0.5), Pose(down, 0.05, 1.0), Pose(down, 4.0, 0.0)]
-    press = Press(PathSolver(lambda: contact, planned), "", ((0.0, 0.0, 0.0), down))
+    planned = [
+        KnotPose((0.0, 0.0, -0.5), 0.05, 0.5),
+        KnotPose(down, 0.05, 1.0),
+        KnotPose(down, 4.0, 0.0),
+    ]
+    press = PlannedPress(PathSolver(lambda: contact, planned), "", ((0.0, 0.0, 0.0), down))
     bench = Bench(drawn=False)
     bench.scene = GelScene(
         bench.controller, bench.clock, FRAME, Increments(0.5, 0.5), lambda name, at: press, None
@@ -287,13 +291,13 @@ def test_a_rest_of_several_knots_is_followed_and_is_over_when_the_next_line_star
     gel = GelMaterial(1.0, prony=((1.0, 2.0),))
     down = (0.0, 0.0, -1.0)
     parts = (0.25, 0.25, 0.5, 1.0)
-    planned = [Pose(down, 0.05, 1.0), *(Pose(down, s, 0.0) for s in parts)]
+    planned = [KnotPose(down, 0.05, 1.0), *(KnotPose(down, s, 0.0) for s in parts)]
     contact = open_contact(
         SkinDimensions(), gel, parse("sphere:15"),
         level="hyperelastic", reach=Reach((0.0, 0.5), (0.0, 0.0), 1.0), lattice_mm=1.0,
         spacing_mm=3.0,
     )  # fmt: skip
-    press = Press(PathSolver(lambda: contact, planned), "", ((0.0, 0.0, 0.0), down))
+    press = PlannedPress(PathSolver(lambda: contact, planned), "", ((0.0, 0.0, 0.0), down))
     bench = Bench(drawn=False)
     bench.scene = GelScene(
         bench.controller, bench.clock, FRAME, Increments(1.0, 0.5), lambda name, at: press, None

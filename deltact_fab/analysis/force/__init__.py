@@ -10,7 +10,7 @@ from .dataset import ForceData, PressPoints, gather, joined, points_of
 from .judge import FORCES, LEFT_OUT, SHOWN, component, figures, fit, judge, rmse, score
 from .learning import enough, learning_curve
 from .result import PAPER, PAPER_TABLE, ForceResult, errors_kept, write_calibration
-from .transfer import Transferred, transfer
+from .transfer import TransferredCalibration, transfer
 
 __all__ = [
     "FORCES",
@@ -21,7 +21,7 @@ __all__ = [
     "ForceData",
     "ForceResult",
     "PressPoints",
-    "Transferred",
+    "TransferredCalibration",
     "calibrate",
     "carry_over",
     "compare",

@@ -8,6 +8,7 @@ from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...aliases import Progress
 from ...errors import InputError
 from ...measure.force import (
     COMPONENTS,
@@ -19,15 +20,14 @@ from ...measure.force import (
 )
 from ...measure.force.calibration import ForceCalibration, load_force
 from ...record import Run, encode_png
-from ...types import Progress
 from ..frames import settled, settles
 from ..view import head_of, view_of
 from .dataset import ForceData, gather, opened, presses
 from .field import field_error
-from .judge import TEST_SHARE, Judged, figures, fit, judge, score
+from .judge import TEST_SHARE, EvaluatedModel, figures, fit, judge, score
 from .learning import LearningPoint, learning_curve
 from .result import PAPER, ForceResult, errors_kept
-from .transfer import Transferred, transfer
+from .transfer import TransferredCalibration, transfer
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -65,7 +65,7 @@ def calibrate(
 
 def compare(
     data: ForceData, seed: int, must: Sequence[str] = (PAPER,), source: str = "points"
-) -> tuple[list[Judged], list[str]]:
+) -> tuple[list[EvaluatedModel], list[str]]:
     """Every feature set of the points judged, best first, and which have too few points for it.
 
     must: those whose lack of points is an error; source: what it names. Raises InputError.
@@ -93,7 +93,7 @@ def carry_over(
     other: Path,
     executor: Executor | None = None,
     progress: Progress | None = None,
-) -> tuple[Transferred, ForceCalibration, list[str]]:
+) -> tuple[TransferredCalibration, ForceCalibration, list[str]]:
     """Another sensor's calibration on this one, from the few presses of runs; what was left out.
 
     Raises InputError as `opened`, `gather` and `load_force` do.

@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ... import cache, digest, record
-from ...arrays import Array
+from ...aliases import Array, Progress
 from ...errors import InputError, SolverError
 from ...jobs import each
 from ...measure.force import Features, make_features
 from ...measure.view import SensorView
 from ...record import Run
-from ...types import Progress
 from ..flows import PressFlows, flows_of
 from ..frames import settled
 from ..view import head_of, view_of
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-LEAST_COVER = 0.7
+MIN_COVER = 0.7
 """Of the view, known in a frame that is taken."""
 _GEL = ("gel_model", "modulus_mpa", "poisson", "prony")
 
@@ -54,7 +53,7 @@ class ForceData:
 
 
 @dataclass(frozen=True)
-class _Job:
+class _PointsJob:
     folder: str
     label: str
     press: str
@@ -112,7 +111,7 @@ def gather(
 ) -> ForceData:
     """The points of `opened` runs under feature sets. Raises InputError where none can be used."""
     jobs = [
-        _Job(str(run.folder), label, press, tuple(names))
+        _PointsJob(str(run.folder), label, press, tuple(names))
         for run, label in zip(runs, labels(runs), strict=True)
         for press in presses(run)
     ]
@@ -142,7 +141,7 @@ def joined(
     return ForceData(points, wrench, features, sets, left_out)
 
 
-def _press(job: _Job) -> PressPoints:
+def _press(job: _PointsJob) -> PressPoints:
     return points_of(record.open(job.folder), job.label, job.press, job.names)
 
 
@@ -163,8 +162,8 @@ def points_of(run: Run, label: str, press: str, names: Sequence[str]) -> PressPo
             refused[k] = "a gauge of the force sensor was out of range"
         elif not flow.trusted:
             refused[k] = "the flow is not trusted"
-        elif flow.cover < LEAST_COVER:
-            refused[k] = f"less than {LEAST_COVER:.0%} of the view is known"
+        elif flow.cover < MIN_COVER:
+            refused[k] = f"less than {MIN_COVER:.0%} of the view is known"
     values: dict[str, Array] = {}
     for one in sets:
         values[one.name], failed = _features(one, view, followed[one.every])

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...measure.force import LocalFeatures, TractionField
-from ...record import Run, Truth
+from ...record import Run, RunTruth
 from ..flows import flows_of
 from ..frames import settled
 from .dataset import ForceData, labels, presses
@@ -78,7 +78,7 @@ def field_error(runs: Sequence[Run], data: ForceData, name: str) -> FieldError |
 
 
 def frame_errors(
-    field: TractionField, truth: Truth, frame_id: str, force_n: Array
+    field: TractionField, truth: RunTruth, frame_id: str, force_n: Array
 ) -> tuple[float, ...] | None:
     """Pressure and traction of the peak, total and force in N; None where nothing presses."""
     from scipy.interpolate import RegularGridInterpolator

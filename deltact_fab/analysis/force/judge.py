@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError
 from ...measure.force import COMPONENTS, ForceModel
-from ...measure.regression import Fit
+from ...measure.regression import RegressionFit
 from .dataset import ForceData
 
 TEST_SHARE = 0.2
@@ -29,7 +29,7 @@ LEFT_OUT = ("position", "indenter", "run")
 
 
 @dataclass(frozen=True)
-class Judged:
+class EvaluatedModel:
     """One feature set's model under the paper's split and cross-validation.
 
     model, fits: of the training points; train, test: their indices. predicted: (n, 6) by what was
@@ -38,7 +38,7 @@ class Judged:
 
     name: str
     model: ForceModel
-    fits: dict[str, Fit]
+    fits: dict[str, RegressionFit]
     train: Array
     test: Array
     predicted: dict[str, Array]
@@ -56,11 +56,13 @@ def fit(data: ForceData, name: str, rows: Array | slice = slice(None)) -> ForceM
     return _fit(data, name, rows)[0]
 
 
-def _fit(data: ForceData, name: str, rows: Array | slice) -> tuple[ForceModel, dict[str, Fit]]:
+def _fit(
+    data: ForceData, name: str, rows: Array | slice
+) -> tuple[ForceModel, dict[str, RegressionFit]]:
     return ForceModel.fit(data.sets[name], data.features[name][rows], data.wrench[rows])
 
 
-def judge(data: ForceData, name: str, seed: int) -> Judged:
+def judge(data: ForceData, name: str, seed: int) -> EvaluatedModel:
     """Fit and cross-validate one feature set. Raises InputError for too few points."""
     train, test = split(len(data), seed)
     model, fits = _fit(data, name, train)
@@ -68,7 +70,7 @@ def judge(data: ForceData, name: str, seed: int) -> Judged:
     for group in LEFT_OUT:
         if data.points[group].nunique() > 1:
             predicted[group] = left_out(data, name, group)
-    return Judged(name, model, fits, train, test, predicted)
+    return EvaluatedModel(name, model, fits, train, test, predicted)
 
 
 def left_out(data: ForceData, name: str, group: str) -> Array:
@@ -99,7 +101,7 @@ def rmse(predicted: Array, wrench: Array, name: str) -> float | None:
     return None if np.isnan(error).any() else float(np.sqrt(np.mean(error**2)))
 
 
-def figures(judged: Judged, data: ForceData) -> dict[str, dict[str, Any]]:
+def figures(judged: EvaluatedModel, data: ForceData) -> dict[str, dict[str, Any]]:
     """Of each of SHOWN: errors in N or N mm, range, the regression and its intervals."""
     out = {}
     for name, of in SHOWN.items():
@@ -131,7 +133,7 @@ def force_error_n(predicted: Array, wrench: Array) -> float | None:
     return None if np.isnan(error).any() else float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
 
 
-def score(judged: Judged, data: ForceData) -> float:
+def score(judged: EvaluatedModel, data: ForceData) -> float:
     """What models are ranked by: the force's error, the worse of left-out position and indenter.
 
     With a single position and indenter, the error on the test points.

@@ -13,7 +13,7 @@ from .judge import FORCES, fit, force_error_n, rmse
 
 SIZES = (1, 2, 3, 5, 8, 12, 20, 30, 40)
 DRAWS = 12
-MOST_SHARE = 0.8
+MAX_SHARE = 0.8
 """Of the presses, the most that are used: what is left must judge."""
 ENOUGH = 1.1
 """The error that counts as no worse, over that from the most presses."""
@@ -43,7 +43,7 @@ def learning_curve(data: ForceData, name: str, seed: int) -> list[LearningPoint]
     presses = np.array(list(dict.fromkeys(of)))
     rng = np.random.default_rng(seed)
     curve = []
-    most = min(max(1, round(MOST_SHARE * len(presses))), len(presses) - 1)
+    most = min(max(1, round(MAX_SHARE * len(presses))), len(presses) - 1)
     for size in sorted({s for s in (*SIZES, most) if 0 < s <= most}):
         rows = []
         for _ in range(DRAWS):

@@ -14,7 +14,7 @@ from ...measure.force.calibration import ForceCalibration
 from ..frames import make_folder
 from .dataset import ForceData
 from .field import FieldError
-from .judge import FORCES, SHOWN, Judged, component, figures, score
+from .judge import FORCES, SHOWN, EvaluatedModel, component, figures, score
 from .learning import LearningPoint, as_rows, enough
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ class ForceResult:
     """
 
     data: ForceData
-    judged: list[Judged]
+    judged: list[EvaluatedModel]
     calibration: ForceCalibration
     seed: int
     left_out: list[str]
@@ -42,12 +42,12 @@ class ForceResult:
     field: FieldError | None = None
 
     @property
-    def best(self) -> Judged:
+    def best(self) -> EvaluatedModel:
         """The winner of the cross-validation."""
         return self.judged[0]
 
     @property
-    def paper(self) -> Judged | None:
+    def paper(self) -> EvaluatedModel | None:
         """The paper's model; None where it was not asked for."""
         return next((one for one in self.judged if one.name == PAPER), None)
 

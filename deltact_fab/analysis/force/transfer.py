@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError
 from ...measure.force import COMPONENTS, ForceModel
 from .dataset import ForceData
@@ -21,14 +21,14 @@ from .judge import fit, force_error_n
 
 _PRESSURE, _SHEAR = ("fz",), ("fx", "fy")
 _FOLLOWS = {"fz": 0, "tx": 0, "ty": 0, "fx": 1, "fy": 1, "tz": 1}
-LEAST_SURE = 0.1
+MIN_SURE = 0.1
 """Standard error of a factor above which the presses tell nothing of it."""
 CLEARLY = 0.8
 """Of the transfer's error, below which a fresh fit's is called better."""
 
 
 @dataclass(frozen=True)
-class Transferred:
+class TransferredCalibration:
     """A calibration carried over.
 
     pressure, shear: the factors. shear_known: False where the presses were not sheared enough, and
@@ -70,7 +70,7 @@ class Transferred:
         return {key: value for key, value in self.__dict__.items() if key != "model"}
 
 
-def transfer(model: ForceModel, data: ForceData) -> Transferred:
+def transfer(model: ForceModel, data: ForceData) -> TransferredCalibration:
     """Fit the two factors, and judge them place by place.
 
     Raises InputError for presses that say nothing of pressure.
@@ -93,7 +93,7 @@ def transfer(model: ForceModel, data: ForceData) -> Transferred:
     error_as_is = force_error_n(as_is, data.wrench)
     assert error_as_is is not None, "features are finite"
     scaled = replace(model, coefficients=model.coefficients * _each(pressure, shear)[:, None])
-    return Transferred(
+    return TransferredCalibration(
         scaled,
         pressure,
         shear,
@@ -113,13 +113,13 @@ def _each(pressure: float, shear: float) -> Array:
 def _factors(predicted: Array, wrench: Array) -> tuple[float, float, bool]:
     """Factors of pressure and shear, and whether the presses determined the second."""
     pressure, sure = _factor(predicted, wrench, _PRESSURE)
-    if sure > LEAST_SURE:
+    if sure > MIN_SURE:
         raise InputError(
             "transfer: the presses do not tell the normal force's factor "
             f"({pressure:.2f} +- {sure:.2f}); press deeper, or on more places"
         )
     shear, sure = _factor(predicted, wrench, _SHEAR)
-    return (pressure, shear, True) if sure <= LEAST_SURE else (pressure, pressure, False)
+    return (pressure, shear, True) if sure <= MIN_SURE else (pressure, pressure, False)
 
 
 def _factor(predicted: Array, wrench: Array, names: tuple[str, ...]) -> tuple[float, float]:

@@ -3,8 +3,8 @@
 Reading order: `series`, `rests`, `fit`.
 """
 
-from .fit import Fitted, fit
+from .fit import RelaxationFit, fit
 from .rests import Rest, rests
 from .series import Series, time_to
 
-__all__ = ["Fitted", "Rest", "Series", "fit", "rests", "time_to"]
+__all__ = ["RelaxationFit", "Rest", "Series", "fit", "rests", "time_to"]

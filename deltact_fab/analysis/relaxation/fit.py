@@ -16,12 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...arrays import Field
+from ...aliases import Field
 from ...errors import SolverError
-from .rests import BIN_S, Rest, Way
+from .rests import BIN_S, ForceHistory, Rest
 from .series import Series
 
-MOST_BRANCHES = 3
+MAX_BRANCHES = 3
 WORTH = 0.9  # a further branch is taken when it makes the blocks' residual this much smaller
 BLOCKS = 40  # of a rest, each as much later as the one before
 LONGEST = 2.0  # x the longest rest: slower branches cannot be told from a steady force
@@ -32,7 +32,7 @@ STILL_RESTS = 0.5  # a branch over this x the longest rest is poorly determined
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class RelaxationFit:
     """series: what was found. rms_n: of the residual. steady_n (rests, 3): each rest's end.
 
     arrived_n (rests, k, 3): what the force has too much, by branch, when the tip comes to rest.
@@ -53,13 +53,13 @@ class Fitted:
         return np.asarray(np.exp(-wait / np.array(self.series.times_s)) @ self.arrived_n[rest])
 
 
-def fit(rests: Sequence[Rest], branches: int | None = None) -> Fitted:
-    """The series of rests; branches None: the fewest, up to MOST_BRANCHES, that improve the fit.
+def fit(rests: Sequence[Rest], branches: int | None = None) -> RelaxationFit:
+    """The series of rests; branches None: the fewest, up to MAX_BRANCHES, that improve the fit.
 
     Raises SolverError where the search does not converge.
     """
     best = _best(rests, [(FIRST_S,)])
-    for _ in range(2, (branches or MOST_BRANCHES) + 1):
+    for _ in range(2, (branches or MAX_BRANCHES) + 1):
         if best is None:
             break
         more = _best(rests, _split(best.series.times_s, rests))
@@ -85,13 +85,13 @@ def _longest_s(rests: Sequence[Rest]) -> float:
     return max(float(rest.wait_s[-1]) for rest in rests)
 
 
-def _best(rests: Sequence[Rest], starts: Sequence[tuple[float, ...]]) -> Fitted | None:
+def _best(rests: Sequence[Rest], starts: Sequence[tuple[float, ...]]) -> RelaxationFit | None:
     """None where no search converged: a branch too many has nowhere to go."""
     found = [fitted for start in starts if (fitted := _from(rests, start)) is not None]
     return min(found, key=lambda fitted: fitted.blocks_n, default=None)
 
 
-def _from(rests: Sequence[Rest], times_s: Sequence[float]) -> Fitted | None:
+def _from(rests: Sequence[Rest], times_s: Sequence[float]) -> RelaxationFit | None:
     from scipy.optimize import least_squares
 
     count, longest = len(times_s), _longest_s(rests)
@@ -113,7 +113,7 @@ def _from(rests: Sequence[Rest], times_s: Sequence[float]) -> Fitted | None:
         for of in (np.asarray, _blocks)
     )
     unsure = tuple(tau for tau in series.times_s if tau > STILL_RESTS * longest)
-    return Fitted(series, rms, np.array(steady), np.array(arrived), unsure, blocks)
+    return RelaxationFit(series, rms, np.array(steady), np.array(arrived), unsure, blocks)
 
 
 def _blocks(misfit_n: Field) -> Field:
@@ -147,7 +147,7 @@ def _told(rests: Sequence[Rest], series: Series) -> tuple[list[Field], list[Fiel
     return steady, arrived, off
 
 
-def _branches(way: Way, series: Series) -> Field:
+def _branches(way: ForceHistory, series: Series) -> Field:
     """q (n, k, 3) of the slow gel's force, which is the measured one with the series undone."""
     from scipy.signal import lfilter
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field
 from ...errors import InputError
 from ...record import Run
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 BIN_S = 0.02  # samples are averaged over it: one of 1 kHz has seven times the noise
 ARRIVED_MM = 0.01  # a stage that reports this near its end has arrived
-LEAST_BINS = 25  # of a rest that says anything
+MIN_BINS = 25  # of a rest that says anything
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
+class ForceHistory:
     """All forces of one press, averaged: force_n (n, 3) at t_s (n,), BIN_S apart, from its tare."""
 
     press: str
@@ -33,7 +33,7 @@ class Way:
 class Rest:
     """One stop of a press. at: its bins in the way, a slice. kind: press or shear."""
 
-    way: Way
+    way: ForceHistory
     step_id: str
     kind: str
     depth_mm: float
@@ -74,13 +74,13 @@ def rests(run: Run) -> list[Rest]:
                 found.append(rest)
     if not found:
         raise InputError(
-            f"{run.folder}: no stop rests for {LEAST_BINS * BIN_S:g} s or more: settle_s = "
+            f"{run.folder}: no stop rests for {MIN_BINS * BIN_S:g} s or more: settle_s = "
             f"{settle_s:g}"
         )
     return found
 
 
-def _binned(press: str, samples: pd.DataFrame) -> Way:
+def _binned(press: str, samples: pd.DataFrame) -> ForceHistory:
     t = samples["t_press_s"].to_numpy()
     bins = np.floor((t - t[0]) / BIN_S).astype(int)
     counts = np.bincount(bins)
@@ -90,11 +90,11 @@ def _binned(press: str, samples: pd.DataFrame) -> Way:
     for name in ("fx_n", "fy_n", "fz_n"):
         sums = np.bincount(bins, samples[name].to_numpy())
         forces.append(np.interp(middle, middle[held], sums[held] / counts[held]))
-    return Way(press, middle, np.stack(forces, axis=1))
+    return ForceHistory(press, middle, np.stack(forces, axis=1))
 
 
 def _rest(
-    way: Way, step: object, samples: pd.DataFrame, pose: pd.DataFrame, settle_s: float
+    way: ForceHistory, step: object, samples: pd.DataFrame, pose: pd.DataFrame, settle_s: float
 ) -> Rest | None:
     """From the first report of the stage at its end; without reports, from the plan's time."""
     row = step._asdict()  # type: ignore[attr-defined]
@@ -109,6 +109,6 @@ def _rest(
             return None  # it was cut short
         start_s = max(start_s, float(reports["t_press_s"].iloc[first - 1 if first else 0]))
     first, last = np.searchsorted(way.t_s, [start_s + BIN_S, start_s + settle_s])
-    if last - first < LEAST_BINS:
+    if last - first < MIN_BINS:
         return None
     return Rest(way, row["step_id"], row["kind"], -float(row["z_mm"]), slice(int(first), int(last)))

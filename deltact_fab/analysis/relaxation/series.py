@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...arrays import Field
+from ...aliases import Field
 from ...errors import InputError
 
 

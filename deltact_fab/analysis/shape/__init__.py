@@ -1,7 +1,7 @@
 """Shape of the contact in a run: the depth calibrated on a ball, and the error against truth."""
 
 from .ball import DepthCalibration, calibrate_depth
-from .picture import Picture
+from .picture import ShapeMaps
 from .press import PressShape, press_shape
 from .result import FIGURES, GOALS, ShapeResult
 from .run import UNCALIBRATED, analyse
@@ -11,8 +11,8 @@ __all__ = [
     "GOALS",
     "UNCALIBRATED",
     "DepthCalibration",
-    "Picture",
     "PressShape",
+    "ShapeMaps",
     "ShapeResult",
     "analyse",
     "calibrate_depth",

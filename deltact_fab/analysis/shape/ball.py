@@ -21,10 +21,10 @@ EVERY_PX = 4
 """Between the points at which the shape is given."""
 SURE = 0.4
 """Of the press's depth: points of the ball that lie deeper certainly touch, the rim lies higher."""
-LEAST_MM = 0.3
+MIN_MM = 0.3
 """Of a press that says enough."""
-LEAST_COVER = 0.7
-DOUBTED_GAIN, MOST_GAIN = 2.0, 3.0
+MIN_COVER = 0.7
+DOUBTED_GAIN, MAX_GAIN = 2.0, 3.0
 """Or one over it: beyond, it is hardly, and not, the gel that differs."""
 
 
@@ -97,12 +97,12 @@ def calibrate_depth(folder: str | Path) -> DepthCalibration:
     press = str(balls["press"].iloc[0])
     diameter_mm = float(str(balls["indenter"].iloc[0]).removeprefix("sphere:"))
     view = view_of(run)
-    finder = DepthFinder(view, DepthModel(gain=1.0, deepest_mm=LEAST_MM))
+    finder = DepthFinder(view, DepthModel(gain=1.0, deepest_mm=MIN_MM))
     parts, depths = [], []
     rows = settled(run.frames(press))
     tips = rows[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
     for tip, flow in zip(tips, flows_of(run, press, EVERY_PX).flows, strict=True):
-        if not (-tip[2] >= LEAST_MM and flow.trusted and flow.cover >= LEAST_COVER):
+        if not (-tip[2] >= MIN_MM and flow.trusted and flow.cover >= MIN_COVER):
             continue
         wanted = ball_mm(flow, view, tip, diameter_mm / 2)
         sure = (wanted > -SURE * tip[2]) & flow.known
@@ -112,11 +112,11 @@ def calibrate_depth(folder: str | Path) -> DepthCalibration:
     found, wanted = np.concatenate(parts, axis=1) if parts else np.zeros((2, 0))
     if not found.any():
         raise InputError(
-            f"{folder}: press {press}: no frame in which the sphere is {LEAST_MM} mm deep or more "
+            f"{folder}: press {press}: no frame in which the sphere is {MIN_MM} mm deep or more "
             "and the flow is trusted"
         )
     gain = float(found @ wanted / (found @ found))
-    if not 1 / MOST_GAIN <= gain <= MOST_GAIN:
+    if not 1 / MAX_GAIN <= gain <= MAX_GAIN:
         raise InputError(
             f"{folder}: press {press}: the depth found is {1 / gain:.2g} times the sphere's; is "
             "its diameter, or where the stage has the face, wrong?"

@@ -8,13 +8,13 @@ from typing import Any, Self
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 
 _OUTLINE = "outline"
 
 
 @dataclass(frozen=True)
-class Picture:
+class ShapeMaps:
     """A frame of a press; maps (h, w) on x_mm (w,), y_mm (h,) of the resting face.
 
     tip_mm (3,): of the indenter, as the stage says. image (H, W, 3) BGR uint8 over edges_mm: left,

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError
 from ...measure.face import FaceFlow
 from ...measure.force import Features, LocalFeatures, TractionField, Wrench, features_of
 from ...measure.force.calibration import ForceCalibration
 from ...measure.shape import (
-    Contact,
+    ContactRegion,
     Density,
     Depth,
     DepthFinder,
@@ -23,7 +23,7 @@ from ...measure.shape import (
     contacts,
     relative_depth,
 )
-from ...record import Run, Truth
+from ...record import Run, RunTruth
 from ...shapes import Indenter
 from ...shapes.indenter import parse
 from ..flows import flows_of
@@ -31,7 +31,7 @@ from ..force.field import frame_errors
 from ..frames import settled
 from ..view import view_of
 from .ball import EVERY_PX
-from .picture import Picture
+from .picture import ShapeMaps
 from .truth import TrueShape, true_shape
 
 if TYPE_CHECKING:
@@ -53,8 +53,8 @@ class PressShape:
     """
 
     rows: list[dict[str, Any]]
-    deepest: Picture | None
-    twisted: Picture | None
+    deepest: ShapeMaps | None
+    twisted: ShapeMaps | None
     contact_by: str | None
 
 
@@ -65,7 +65,7 @@ class _Found:
     density: Density
     relative: Array
     depth: Depth
-    contacts: list[Contact]
+    contacts: list[ContactRegion]
     field: TractionField | None
     wrench: Wrench | None
 
@@ -90,7 +90,7 @@ def press_shape(
         features = features_of(force.model, force.view(view.camera), "force calibration")
     at_deepest, at_twisted = _shown(rows)
     told: list[dict[str, Any]] = []
-    pictures: dict[int, Picture] = {}
+    pictures: dict[int, ShapeMaps] = {}
     way = None
     followed = flows_of(run, press, EVERY_PX).flows
     for k, (row, flow) in enumerate(zip(rows.itertuples(), followed, strict=True)):
@@ -164,7 +164,7 @@ def _figures(indenter: Indenter, tip_mm: Array, flow: FaceFlow, found: _Found) -
     }
 
 
-def _place_error_mm(indenter: Indenter, tip_mm: Array, found: list[Contact]) -> float | None:
+def _place_error_mm(indenter: Indenter, tip_mm: Array, found: list[ContactRegion]) -> float | None:
     """From the contact to the axis of an indenter with one round tip that presses."""
     if not found or not indenter.name.startswith("sphere:") or tip_mm[2] >= 0:
         return None
@@ -205,7 +205,7 @@ def _correlation(a: Array, b: Array) -> float | None:
 
 
 def _forces(
-    found: _Found, force_n: Array | None, truth: Truth | None, frame_id: str
+    found: _Found, force_n: Array | None, truth: RunTruth | None, frame_id: str
 ) -> dict[str, Any]:
     """Force by sensor and by flow, and the field's error of the peak pressure against truth."""
     told: dict[str, Any] = {}
@@ -236,11 +236,11 @@ def _picture(
     found: _Found,
     true: TrueShape | None,
     force_n: Array | None,
-) -> Picture:
+) -> ShapeMaps:
     h, w = image.shape[:2]
     corners = camera.rest_mm(np.array([[-0.5, -0.5], [w - 0.5, h - 0.5]]))
     field = found.field
-    return Picture(
+    return ShapeMaps(
         indenter=str(row.indenter),
         frame_id=str(row.frame_id),
         tip_mm=tip_mm,
@@ -270,7 +270,7 @@ def _number(value: Any) -> float | None:
     return None if value is None or np.isnan(value) else float(value)
 
 
-def _with_truth(picture: Picture, truth: Truth | None) -> Picture:
+def _with_truth(picture: ShapeMaps, truth: RunTruth | None) -> ShapeMaps:
     """The same with the tractions that the run kept, if it did."""
     from dataclasses import replace
 

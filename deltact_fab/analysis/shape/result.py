@@ -11,7 +11,7 @@ import numpy as np
 
 from ...files import write_whole
 from ..frames import make_folder
-from .picture import Picture
+from .picture import ShapeMaps
 
 GOALS = {"depth_error_contact_mm": 0.25, "depth_error_face_mm": 0.03, "place_error_mm": 0.5}
 """At most, as means over the frames that press."""
@@ -37,7 +37,7 @@ class ShapeResult:
     """
 
     rows: list[dict[str, Any]]
-    pictures: list[Picture]
+    pictures: list[ShapeMaps]
     calibration: str | None
     contact_by: str | None
     simulated: bool

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ... import record
+from ...aliases import Progress
 from ...jobs import each
 from ...measure.sensor_id import require_same
 from ...measure.shape import DepthModel
-from ...types import Progress
 from ..frames import recorded
 from ..view import sensor_of
 from .press import PressShape, press_shape
@@ -20,7 +20,7 @@ UNCALIBRATED = DepthModel(gain=1.0, deepest_mm=20.0)
 
 
 @dataclass(frozen=True)
-class _Job:
+class _ShapeJob:
     folder: str
     press: str
     model: DepthModel
@@ -44,7 +44,7 @@ def analyse(
         head, model = DepthModel.load(depth)
         require_same(head.sensor, sensor_of(run), str(depth))
     presses = list(dict.fromkeys(frames["press"]))
-    jobs = [_Job(str(folder), press, model) for press in presses]
+    jobs = [_ShapeJob(str(folder), press, model) for press in presses]
     parts = each(_press, jobs, presses, executor, progress)
     ways = {part.contact_by for part in parts} - {None}
     return ShapeResult(
@@ -57,5 +57,5 @@ def analyse(
     )
 
 
-def _press(job: _Job) -> PressShape:
+def _press(job: _ShapeJob) -> PressShape:
     return press_shape(record.open(job.folder), job.press, job.model)

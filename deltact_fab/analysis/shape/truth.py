@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...measure.face import FaceFlow
 from ...optics import LatticeSampler
-from ...record import Truth
+from ...record import RunTruth
 from ...shapes import Indenter
 
 TOUCHING_MM = 0.06
@@ -29,7 +29,7 @@ class TrueShape:
 
 
 def true_shape(
-    truth: Truth, frame_id: str, flow: FaceFlow, indenter: Indenter, tip_mm: Array
+    truth: RunTruth, frame_id: str, flow: FaceFlow, indenter: Indenter, tip_mm: Array
 ) -> TrueShape:
     """Of a frame in which the indenter's tip stands at tip_mm (3,)."""
     sampler = LatticeSampler.make(truth.lattice, flow.x_mm, flow.y_mm)

@@ -11,9 +11,9 @@ the projected flow is taken for it stands in its own column.
 from .press import ARROW_STEP_PX
 from .result import PAPER_BEST_MM, TrackingResult
 from .run import analyse
-from .scene import DEFAULT_METHODS, Scene
+from .scene import DEFAULT_METHODS, TrackingPlan
 from .tally import MOVING_MM, WRONG_MM, shown
-from .verdict import RULE, Verdict, judge, percent
+from .verdict import RULE, TrackingVerdict, judge, percent
 
 __all__ = [
     "ARROW_STEP_PX",
@@ -22,9 +22,9 @@ __all__ = [
     "PAPER_BEST_MM",
     "RULE",
     "WRONG_MM",
-    "Scene",
+    "TrackingPlan",
     "TrackingResult",
-    "Verdict",
+    "TrackingVerdict",
     "analyse",
     "judge",
     "percent",

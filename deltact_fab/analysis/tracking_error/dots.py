@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Points
+from ...aliases import Points
 from ...measure.compose import inside
 from ...measure.dots import DotTracker, Polarity
 from ...optics import CameraModel
-from .tally import MOVING_MM, Tally, confident_figures, largest
+from .tally import MOVING_MM, ErrorTally, confident_figures, largest
 
 DOTS = "dots"
 """The method's name where there is nothing but dots to follow; its pixels are dots."""
@@ -90,7 +90,7 @@ class Marks:
         return cls(camera, dots_mm, float(pattern["dot_diameter_mm"]), polarity)
 
 
-class Dots:
+class DotFollower:
     """Follows the dots of one press, and counts them."""
 
     def __init__(self, marks: Marks) -> None:
@@ -124,7 +124,9 @@ class Dots:
         swapped = int((nearest != np.flatnonzero(known)).sum())
         self.tally.swapped = (self.tally.swapped or 0) + swapped
 
-    def as_method(self, tally: Tally, frame: DotFrame, true_px: Points | None) -> dict[str, Any]:
+    def as_method(
+        self, tally: ErrorTally, frame: DotFrame, true_px: Points | None
+    ) -> dict[str, Any]:
         """Count a frame as that of a method whose pixels are the dots; its figures.
 
         true_px: (n, 2) motion of the dots, None where no truth is known. A dot that is found is a

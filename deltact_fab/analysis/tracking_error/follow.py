@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Points
+from ...aliases import Points
 from ...errors import SensorError
 from ...measure.flow import FlowObservation, FlowState, named_tracker
-from .dots import DOTS, DotFrame, Dots, Marks
-from .scene import Scene
-from .tally import MOVING_MM, Tally, confident_figures, largest, ratio
+from .dots import DOTS, DotFollower, DotFrame, Marks
+from .scene import TrackingPlan
+from .tally import MOVING_MM, ErrorTally, confident_figures, largest, ratio
 from .truth import TrueFrame, sampled
 
 
@@ -27,9 +27,9 @@ class Follower:
     not be. flow_px: of the first method, after the last image, None before.
     """
 
-    def __init__(self, scene: Scene, marks: Marks) -> None:
-        self.tallies = {name: Tally() for name in scene.methods}
-        self.dots = Dots(marks) if scene.dots else None
+    def __init__(self, scene: TrackingPlan, marks: Marks) -> None:
+        self.tallies = {name: ErrorTally() for name in scene.methods}
+        self.dots = DotFollower(marks) if scene.dots else None
         self.left_out: list[str] = []
         self.flow_px: NDArray[np.float32] | None = None
         self._first = scene.methods[0]
@@ -80,7 +80,7 @@ class Follower:
 
 
 def _take(
-    tally: Tally,
+    tally: ErrorTally,
     observed: FlowObservation,
     dots: DotFrame | None,
     frame: TrueFrame | None,
@@ -114,7 +114,7 @@ def _take(
 
 
 def _at_dots(
-    tally: Tally, flow: NDArray[np.float32], dots: DotFrame, scale: float
+    tally: ErrorTally, flow: NDArray[np.float32], dots: DotFrame, scale: float
 ) -> dict[str, Any]:
     """The paper's error: the flow at the dots against the dots."""
     found = dots.found
@@ -127,7 +127,7 @@ def _at_dots(
 
 
 def _against_truth(
-    tally: Tally, observed: FlowObservation, frame: TrueFrame, scale: float
+    tally: ErrorTally, observed: FlowObservation, frame: TrueFrame, scale: float
 ) -> dict[str, Any]:
     flow = observed.flow_px
     errors = np.linalg.norm(flow - frame.flow_px, axis=-1) * scale

@@ -13,8 +13,8 @@ from ... import record
 from ...errors import RunFailed
 from .dots import DotTally, Marks
 from .follow import Follower
-from .scene import Scene
-from .tally import Tally
+from .scene import TrackingPlan
+from .tally import ErrorTally
 from .truth import TrueFrame, off_dots, seen_by
 
 ARROW_STEP_PX = 26
@@ -28,26 +28,26 @@ COLUMNS = [
 
 
 @dataclass(frozen=True)
-class Job:
+class PressJob:
     """What one process does."""
 
     folder: str
     press: str
-    scene: Scene
+    scene: TrackingPlan
 
 
 @dataclass
 class PressResult:
     """Sums by method, rows of the table of frames, arrows by frame id, and what was left out."""
 
-    tallies: dict[str, Tally]
+    tallies: dict[str, ErrorTally]
     dots: DotTally = field(default_factory=DotTally)
     left_out: list[str] = field(default_factory=list)
     rows: list[dict[str, Any]] = field(default_factory=list)
     arrows: dict[str, NDArray[np.float32]] = field(default_factory=dict)
 
 
-def analyse_press(job: Job) -> PressResult:
+def analyse_press(job: PressJob) -> PressResult:
     """All frames of one press: the first one is the reference of flow and dots.
 
     Raises RunFailed for an image of another size, SensorError for a first one without a pattern;

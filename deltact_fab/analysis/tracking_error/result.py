@@ -17,7 +17,7 @@ from ...errors import InputError
 from ...files import write_whole
 from ..frames import make_folder
 from .tally import MOVING_MM, WRONG_MM
-from .verdict import Verdict, judge
+from .verdict import TrackingVerdict, judge
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -44,7 +44,7 @@ class TrackingResult:
     seed: int
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> TrackingVerdict:
         """Which method to take, and whether to trust the experiment."""
         return judge(self.methods, self.simulated)
 

@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from ... import record
+from ...aliases import Progress
 from ...jobs import each
-from ...types import Progress
 from ..frames import recorded
 from .dots import DotTally
-from .press import COLUMNS, Job, PressResult, analyse_press
+from .press import COLUMNS, PressJob, PressResult, analyse_press
 from .result import TrackingResult
-from .scene import Scene, scene_of
-from .tally import Tally
+from .scene import TrackingPlan, scene_of
+from .tally import ErrorTally
 
 
 def analyse(
@@ -35,18 +35,18 @@ def analyse(
     scene = scene_of(run, methods)
     presses = list(dict.fromkeys(frames["press"]))
     indenter_of = dict(zip(frames["press"], frames["indenter"], strict=True))
-    jobs = [Job(str(folder), press, scene) for press in presses]
+    jobs = [PressJob(str(folder), press, scene) for press in presses]
     results = each(analyse_press, jobs, presses, executor, progress)
     return _assemble(run, scene, results, list(indenter_of.values()))
 
 
 def _assemble(
-    run: record.Run, scene: Scene, results: list[PressResult], indenters: list[str]
+    run: record.Run, scene: TrackingPlan, results: list[PressResult], indenters: list[str]
 ) -> TrackingResult:
     import pandas as pd
 
-    total = {name: Tally() for name in scene.methods}
-    parts: dict[tuple[str, str], Tally] = {}
+    total = {name: ErrorTally() for name in scene.methods}
+    parts: dict[tuple[str, str], ErrorTally] = {}
     dots = DotTally()
     rows: list[dict[str, Any]] = []
     left_out = list(scene.left_out)
@@ -54,7 +54,7 @@ def _assemble(
     for part, indenter in zip(results, indenters, strict=True):
         for name, tally in part.tallies.items():
             total[name].join(tally)
-            parts.setdefault((name, indenter), Tally()).join(tally)
+            parts.setdefault((name, indenter), ErrorTally()).join(tally)
         dots.join(part.dots)
         rows += part.rows
         left_out += part.left_out

@@ -23,7 +23,7 @@ ONLY_DOTS = "dot-matrix"  # the law of patterns with nothing between the dots
 
 
 @dataclass(frozen=True)
-class Scene:
+class TrackingPlan:
     """Which methods follow a run, whether its dots are followed, and a line a thing left out."""
 
     methods: tuple[str, ...]
@@ -36,7 +36,7 @@ class Scene:
         return tuple(name for name in self.methods if name != DOTS)
 
 
-def scene_of(run: record.Run, methods: Sequence[str] | None) -> Scene:
+def scene_of(run: record.Run, methods: Sequence[str] | None) -> TrackingPlan:
     """Of a run; methods: None for the default ones.
 
     Raises InputError for a method that is not known, or of dense flow where there are only dots.
@@ -50,7 +50,7 @@ def scene_of(run: record.Run, methods: Sequence[str] | None) -> Scene:
                 f"{run.folder}: the pattern has only dots (law {ONLY_DOTS!r}) and nothing between "
                 f"them that {methods[0]!r} could match; without --method the dots are followed"
             )
-        return Scene((DOTS,), True, ("dense flow: the pattern has only dots to follow",))
+        return TrackingPlan((DOTS,), True, ("dense flow: the pattern has only dots to follow",))
     left_out = []
     asked = "dots" in run.meta["protocol"]["channels"]
     if not n_dots:
@@ -59,4 +59,4 @@ def scene_of(run: record.Run, methods: Sequence[str] | None) -> Scene:
         left_out.append("error at the dots: the channel 'dots' is not asked for")
     if run.truth() is None:
         left_out.append("error against truth: a real rig knows none")
-    return Scene(tuple(methods or DEFAULT_METHODS), bool(n_dots and asked), tuple(left_out))
+    return TrackingPlan(tuple(methods or DEFAULT_METHODS), bool(n_dots and asked), tuple(left_out))

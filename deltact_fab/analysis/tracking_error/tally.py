@@ -49,7 +49,7 @@ _COUNTS = (
 
 
 @dataclass
-class Tally:
+class ErrorTally:
     """Sums over frames; lengths in mm. Percentiles come from a histogram of 0.1 um bins.
 
     off, confident: errors of all moving visible pixels, and of the confident ones of them.
@@ -90,7 +90,7 @@ class Tally:
         self.wrong_n += int((errors_mm > WRONG_MM).sum())
         self.worst_confident_mm = max(self.worst_confident_mm, float(errors_mm.max(initial=0.0)))
 
-    def join(self, other: Tally) -> None:
+    def join(self, other: ErrorTally) -> None:
         """Count in another part of the run."""
         for name in _MEANS:
             getattr(self, name).join(getattr(other, name))

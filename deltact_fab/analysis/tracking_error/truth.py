@@ -34,7 +34,7 @@ class TrueFrame:
     @classmethod
     def read(
         cls,
-        truth: record.Truth,
+        truth: record.RunTruth,
         frame_id: str,
         off: NDArray[np.bool_],
         seen: NDArray[np.bool_],

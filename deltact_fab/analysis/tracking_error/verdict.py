@@ -60,7 +60,7 @@ RULE = (
 
 
 @dataclass(frozen=True)
-class Verdict:
+class TrackingVerdict:
     """about: the method that the line speaks of: the one to take, or the nearest to be believed.
 
     take, cheaper: names or None. front: from the cheapest method on. doubts: by method, why it
@@ -87,7 +87,7 @@ class Verdict:
         return {**asdict(self), "front": list(self.front)}
 
 
-def judge(methods: Sequence[dict[str, Any]], simulated: bool) -> Verdict:
+def judge(methods: Sequence[dict[str, Any]], simulated: bool) -> TrackingVerdict:
     """The verdict on one or more methods over a whole run (`Tally.figures`, with `name`)."""
     doubts = {row["name"]: _doubts(row) for row in methods}
     error = next((key for key in ERRORS if any(row[key] is not None for row in methods)), None)
@@ -112,7 +112,7 @@ def judge(methods: Sequence[dict[str, Any]], simulated: bool) -> Verdict:
         )
     else:
         line = _to_take(take, cheaper, error, simulated)
-    return Verdict(
+    return TrackingVerdict(
         about=about["name"],
         take=take["name"] if take else None,
         cheaper=cheaper["name"] if cheaper else None,

@@ -10,8 +10,8 @@ from ..assembly import IN_PLACE_OF, ON_STAGE, ON_TABLE, mouth_mm
 from ..part import Part, Shift
 from ..parts.indenter import plate_half_mm
 from ..parts.nano17_adapter import BOLTS, KEYS, SIZE
-from .built import Built
-from .pairs import Piece, pieces, shared
+from .built import BuiltDesign
+from .pairs import PlacedSolid, pieces, shared
 from .row import Row, open_keys
 from .space import TOUCH_MM3
 
@@ -21,7 +21,7 @@ CLEAR, REACH = "bench clear", "bench reach"
 GAP_MM = 1.0  # least, from what hangs from the stage to what stands on the table
 
 
-def rows(built: Built) -> Iterator[Row]:
+def rows(built: BuiltDesign) -> Iterator[Row]:
     """A row a pair, from the solids: each hole of the first has one of the second on its axis."""
     tool, plate, table = built.design.tool, built.design.adapter, built.design.table
     pin = tool.pin_mm + tool.pin_fit_mm
@@ -32,7 +32,7 @@ def rows(built: Built) -> Iterator[Row]:
     yield _bolts(built)
 
 
-def stack(built: Built) -> Iterator[Row]:
+def stack(built: BuiltDesign) -> Iterator[Row]:
     """Stage plate and sensor, indenter, tool holder, adapter, force sensor, pressed together.
 
     The tip is as deep as the press that the design is made for (`plate.depth_mm`), where it shares
@@ -52,7 +52,7 @@ def stack(built: Built) -> Iterator[Row]:
         [p for p in built.parts if p.group == "sensor" and p.name != IN_PLACE_OF], built
     )
     held = [widest, *(named[name] for name in ON_STAGE)]
-    hanging = [Piece(part, 0, partial(_hung, part, widest)) for part in held]
+    hanging = [PlacedSolid(part, 0, partial(_hung, part, widest)) for part in held]
     standing, label = [*under, *sensor], "bench"
     shares = [
         *shared(built, label, under), *shared(built, label, under, sensor),
@@ -89,11 +89,11 @@ def stack(built: Built) -> Iterator[Row]:
     )
 
 
-def _plate_half_mm(built: Built, indenter: Part) -> tuple[float, float]:
+def _plate_half_mm(built: BuiltDesign, indenter: Part) -> tuple[float, float]:
     return plate_half_mm(built.source(indenter))
 
 
-def _hung(part: Part, indenter: Part, built: Built) -> Shift:
+def _hung(part: Part, indenter: Part, built: BuiltDesign) -> Shift:
     """Where a piece hangs: the tip plate.depth_mm in the gel, the holder's mouth on its plate."""
     built.source(indenter)
     depth_mm = built.design.plate.depth_mm
@@ -103,7 +103,7 @@ def _hung(part: Part, indenter: Part, built: Built) -> Shift:
     return x, y, z + mouth_mm(indenter) - depth_mm
 
 
-def _centres(built: Built, name: str, diameter_mm: float) -> list[tuple[float, float]]:
+def _centres(built: BuiltDesign, name: str, diameter_mm: float) -> list[tuple[float, float]]:
     """Axes of a part's holes of one diameter, each once."""
     found: list[tuple[float, float]] = []
     for c in built.cylinders(name):
@@ -114,7 +114,9 @@ def _centres(built: Built, name: str, diameter_mm: float) -> list[tuple[float, f
     return found
 
 
-def _pair(built: Built, first: tuple[str, float], second: tuple[str, float], count: int) -> Row:
+def _pair(
+    built: BuiltDesign, first: tuple[str, float], second: tuple[str, float], count: int
+) -> Row:
     one, other = _centres(built, *first), _centres(built, *second)
     parts = f"{first[0]}, {second[0]}"
     limit = f"{count} holes within {AXIS_MM:g} mm"
@@ -126,7 +128,7 @@ def _pair(built: Built, first: tuple[str, float], second: tuple[str, float], cou
     return Row(NAME, parts, f"{count} holes, {off:.1e} mm off", limit, off <= AXIS_MM)
 
 
-def _bolts(built: Built) -> Row:
+def _bolts(built: BuiltDesign) -> Row:
     """The force sensor's screws on their circle about the tool's axis."""
     plate = built.design.adapter
     found = _centres(built, "nano17-adapter", plate.bolt_hole_mm)

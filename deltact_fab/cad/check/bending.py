@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from ..parts.light_holder import below_plate
 from ..stiffness import press
-from .built import Built
+from .built import BuiltDesign
 from .row import Row, open_keys
 
 GEL = "plate.spread_mm"
@@ -14,7 +14,7 @@ MODULUS = "plate.youngs_modulus_mpa"
 LIMIT = "plate.stress_limit_mpa"
 
 
-def deflection(built: Built) -> Iterator[Row]:
+def deflection(built: BuiltDesign) -> Iterator[Row]:
     """By how much of the depth the plate yields: the depth that a stage counts is short of it."""
     design, plate = built.design, built.design.plate
     found_mm = press(design, plate.force_n).deflection_mm
@@ -30,7 +30,7 @@ def deflection(built: Built) -> Iterator[Row]:
     )
 
 
-def clear(built: Built) -> Iterator[Row]:
+def clear(built: BuiltDesign) -> Iterator[Row]:
     """The light holder bears no press: it would carry it on into the camera's board."""
     design, force_n = built.design, built.design.plate.force_n
     found_mm, room_mm = press(design, force_n).over_light_mm, below_plate(design).range_mm[0]
@@ -45,7 +45,7 @@ def clear(built: Built) -> Iterator[Row]:
     )
 
 
-def stress(built: Built) -> Iterator[Row]:
+def stress(built: BuiltDesign) -> Iterator[Row]:
     """Bending stress under the press."""
     design, plate = built.design, built.design.plate
     found_mpa = press(design, plate.force_n).stress_mpa

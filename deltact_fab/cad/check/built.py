@@ -25,7 +25,7 @@ Tell = Callable[[str], None]
 
 
 @dataclass
-class Built:
+class BuiltDesign:
     """Every part as the checks see it; a solid is made when it is first asked for.
 
     design: notes what is read from it (memo.py), and so do `parts` and everything that gives a
@@ -57,7 +57,7 @@ class Built:
         indenters: IndenterList | None = None,
         tell: Tell | None = None,
         kept: bool = False,
-    ) -> Built:
+    ) -> BuiltDesign:
         """The parts of a design and of a list of indenters; `solids` replace what would be built.
 
         tell: called with the name of each part before it is built. kept: results of earlier
@@ -67,13 +67,13 @@ class Built:
         known = Known(design, every, kept and not solids)
         return cls(design, every, dict(solids or {}), known=known, tell=tell)
 
-    def replaced(self, solids: Mapping[str, Any]) -> Built:
+    def replaced(self, solids: Mapping[str, Any]) -> BuiltDesign:
         """The same with other solids; what is known of the rest is kept."""
 
         def kept(known: dict[str, Any]) -> dict[str, Any]:
             return {name: value for name, value in known.items() if name not in solids}
 
-        return Built(
+        return BuiltDesign(
             self.design,
             self.every,
             {**self._solids, **solids},

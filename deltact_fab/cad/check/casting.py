@@ -10,7 +10,7 @@ import numpy as np
 from ..kernel import require
 from ..parts.mold import centres_mm
 from ..solid_gate import VOLUME_TOLERANCE, bounding_box
-from .built import Built
+from .built import BuiltDesign
 from .rays import ExactRays, first_hit, normals, samples
 from .row import Row
 from .space import TOUCH_MM3
@@ -19,7 +19,7 @@ DOWN = -1e-4  # z of a normal; single-precision corners tilt upright walls by 1e
 OFF_MM = 1e-3  # from the surface, to where a ray starts
 
 
-def closure(built: Built) -> Iterator[Row]:
+def closure(built: BuiltDesign) -> Iterator[Row]:
     """V(cavity) + V(the frame's window in front of the ledge) = V(skin), by filling the mold."""
     skin_mm3 = float(built.solid("skin").Volume())
     held = [_held_mm3(built, frame, at) for frame, at in _seated(built)]
@@ -33,7 +33,7 @@ def closure(built: Built) -> Iterator[Row]:
     )
 
 
-def _seated(built: Built) -> list[tuple[Any, tuple[float, float]]]:
+def _seated(built: BuiltDesign) -> list[tuple[Any, tuple[float, float]]]:
     """The frame, turned half about x, in each of the mold's seats."""
     cq = require()
     turned = built.solid("skin-frame").rotate(cq.Vector(), cq.Vector(1, 0, 0), 180)
@@ -43,7 +43,7 @@ def _seated(built: Built) -> list[tuple[Any, tuple[float, float]]]:
     ]
 
 
-def _held_mm3(built: Built, frame: Any, at_mm: tuple[float, float]) -> float:
+def _held_mm3(built: BuiltDesign, frame: Any, at_mm: tuple[float, float]) -> float:
     """What silicone takes when one cavity and the frame above it are filled to the ledge."""
     cq = require()
     design, mold = built.design, built.solid("mold")
@@ -61,7 +61,7 @@ def _held_mm3(built: Built, frame: Any, at_mm: tuple[float, float]) -> float:
     return float(sum(s.Volume() for s in free if bounding_box(s)[0][2] < front - OFF_MM))
 
 
-def undercut(built: Built) -> Iterator[Row]:
+def undercut(built: BuiltDesign) -> Iterator[Row]:
     """Nothing but the underside looks down, and every point of a cavity sees the sky."""
     mesh = built.mesh("mold")
     corners = mesh.corners_mm
@@ -86,7 +86,7 @@ def undercut(built: Built) -> Iterator[Row]:
     )
 
 
-def seat(built: Built) -> Iterator[Row]:
+def seat(built: BuiltDesign) -> Iterator[Row]:
     """The frame goes into each seat with the play it was given."""
     rays = ExactRays(built.solid("mold"))
     fit_mm = built.design.mold.fit_mm

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...types import Point
+from ...aliases import Point
 
 # A hole drilled further off than this is no hole for that screw.
 TILT_DEG = 5.0

@@ -9,14 +9,14 @@ from typing import Any
 
 from ..drafting.coverage import Coverage, coverage
 from ..part import Part
-from .built import Built
+from .built import BuiltDesign
 from .row import Row
 
 NAME = "drawings"
 LIMIT = "each dimension once"
 
 
-def rows(built: Built) -> Iterator[Row]:
+def rows(built: BuiltDesign) -> Iterator[Row]:
     """A row for each drawing with a fault, or one for all of them."""
     drawn = [part for part in built.parts if part.callouts is not None]
     found = {
@@ -31,7 +31,7 @@ def rows(built: Built) -> Iterator[Row]:
         yield Row(NAME, f"{len(drawn)} parts", f"{keys} keys of the tables followed", LIMIT, True)
 
 
-def _of_part(built: Built, part: Part) -> dict[str, Any]:
+def _of_part(built: BuiltDesign, part: Part) -> dict[str, Any]:
     built.source(part)  # an indenter's own numbers, which `coverage` takes from the part
     return asdict(coverage(part, built.design))
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...shapes import Indenter
 from ..part import Part
-from .built import Built
+from .built import BuiltDesign
 from .rays import ExactRays
 from .row import Row
 
@@ -19,7 +19,7 @@ FIELD_MM = 1e-5
 POINTS = 40
 
 
-def rows(built: Built) -> Iterator[Row]:
+def rows(built: BuiltDesign) -> Iterator[Row]:
     """One row for all stems, one for all height fields, each with the worst of them."""
     parts = [part for part in built.parts if part.indenter is not None]
     stems = {part.name: _stem_mm(built, part) for part in parts}
@@ -46,7 +46,7 @@ def rows(built: Built) -> Iterator[Row]:
     )
 
 
-def _stem_mm(built: Built, part: Part) -> float:
+def _stem_mm(built: BuiltDesign, part: Part) -> float:
     """Diameter of the cylinder about the axis that ends at the top; 0 when there is none."""
     top = built.box(part.name)[1][2]
     ends = [
@@ -57,7 +57,7 @@ def _stem_mm(built: Built, part: Part) -> float:
     return max(ends, default=0.0)
 
 
-def _miss_mm(built: Built, part: Part) -> float:
+def _miss_mm(built: BuiltDesign, part: Part) -> float:
     """Largest distance along z between solid and height field; inf where one of them is not.
 
     Beside the tips the solid must not lie below the free length of the tips.

@@ -10,28 +10,28 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import combinations, product
 
-from ..assembly import Placed, common_mm3, meet
+from ..assembly import PlacedPart, common_mm3, meet
 from ..part import Part, Shift
 from ..solid_gate import Box
-from .built import Built
+from .built import BuiltDesign
 
 Pair = tuple[str, str, float]
 
 
 @dataclass(frozen=True)
-class Piece:
+class PlacedSolid:
     """One piece of a part. place: by how much it is moved, read from the design each time."""
 
     part: Part
     index: int
-    place: Callable[[Built], Shift]
+    place: Callable[[BuiltDesign], Shift]
 
     @property
     def label(self) -> str:
         """Unique among the pieces."""
         return f"{self.part.name} {self.index + 1}"
 
-    def box(self, built: Built) -> Box:
+    def box(self, built: BuiltDesign) -> Box:
         """Its box where it stands."""
         name = self.part.name
         low, high = built.result(f"box: {name}", partial(built.box, name))
@@ -39,17 +39,20 @@ class Piece:
         return (low[0] + x, low[1] + y, low[2] + z), (high[0] + x, high[1] + y, high[2] + z)
 
 
-def pieces(parts: Sequence[Part], built: Built) -> list[Piece]:
+def pieces(parts: Sequence[Part], built: BuiltDesign) -> list[PlacedSolid]:
     """Every piece of the parts where `Part.places` puts it."""
     return [
-        Piece(part, index, partial(_own_place, part, index))
+        PlacedSolid(part, index, partial(_own_place, part, index))
         for part in parts
         for index in range(len(part.places(built.design)))
     ]
 
 
 def shared(
-    built: Built, label: str, some: Sequence[Piece], others: Sequence[Piece] | None = None
+    built: BuiltDesign,
+    label: str,
+    some: Sequence[PlacedSolid],
+    others: Sequence[PlacedSolid] | None = None,
 ) -> Iterator[Pair]:
     """Names of two parts and the volume in mm3 that their pieces share, where boxes meet.
 
@@ -64,16 +67,16 @@ def shared(
             yield first, second, built.result(name, partial(_common_mm3, built, a, b))
 
 
-def _own_place(part: Part, index: int, built: Built) -> Shift:
+def _own_place(part: Part, index: int, built: BuiltDesign) -> Shift:
     return part.places(built.design)[index]
 
 
-def _common_mm3(built: Built, a: Piece, b: Piece) -> float:
+def _common_mm3(built: BuiltDesign, a: PlacedSolid, b: PlacedSolid) -> float:
     """Everything it depends on is read here, so that it is noted."""
     from cadquery import Location
 
     one, other = (
-        Placed(piece.part, piece.index, built.solid(piece.part.name).moved(Location(at)), at)
+        PlacedPart(piece.part, piece.index, built.solid(piece.part.name).moved(Location(at)), at)
         for piece in (a, b)
         for at in (piece.place(built),)
     )

@@ -8,12 +8,12 @@ import numpy as np
 
 from ...errors import RunFailed
 from ..solid_gate import bounding_box
-from .built import Built
+from .built import BuiltDesign
 from .cylinders import near
 from .row import Row
 
 
-def rows(built: Built) -> Iterator[Row]:
+def rows(built: BuiltDesign) -> Iterator[Row]:
     """A leg is a cantilever that gives way by the lip: strain = 3 fibre lip / length^2."""
     strains = [_strain(built, x, y) for x, y in built.design.peg_centres_mm]
     worst = max(strains, key=lambda found: found[0])
@@ -28,7 +28,7 @@ def rows(built: Built) -> Iterator[Row]:
     )
 
 
-def _strain(built: Built, x: float, y: float) -> tuple[float, float, float, float]:
+def _strain(built: BuiltDesign, x: float, y: float) -> tuple[float, float, float, float]:
     """Strain, outermost fibre, lip, and length up to the lip's underside of the peg at (x, y)."""
     reach = built.design.screw.row.thread_mm
     outer = [c for c in near(built.cylinders("cover"), x, y, reach) if not c.hole]
@@ -53,7 +53,7 @@ def _strain(built: Built, x: float, y: float) -> tuple[float, float, float, floa
 
 
 def _fibre_mm(
-    built: Built, x: float, y: float, radius_mm: float, half_slot_mm: float, root_mm: float
+    built: BuiltDesign, x: float, y: float, radius_mm: float, half_slot_mm: float, root_mm: float
 ) -> float:
     """Outermost fibre of a leg from its centroid: that of a thin slice of the solid."""
     from ..kernel import require
@@ -71,7 +71,9 @@ def _fibre_mm(
     return float(max(outside - centroid, centroid - half_slot_mm))
 
 
-def _half_slot_mm(built: Built, x: float, y: float, radius_mm: float, root_mm: float) -> float:
+def _half_slot_mm(
+    built: BuiltDesign, x: float, y: float, radius_mm: float, root_mm: float
+) -> float:
     """Distance from a peg's axis to the flat of its slot; 0 for a peg without one."""
     flats = []
     for face in built.solid("cover").Faces():

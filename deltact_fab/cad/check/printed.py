@@ -6,15 +6,15 @@ from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
-from ..overhangs import LEAST_CONTACT_MM2, laid, stand
+from ..overhangs import MIN_CONTACT_MM2, laid, stand
 from ..part import Part
-from .built import Built
+from .built import BuiltDesign
 from .row import Row, from_plain, to_plain
 
 CONTACT, CEILINGS = "bed contact", "ceilings"
 
 
-def rows(built: Built) -> Iterator[Row]:
+def rows(built: BuiltDesign) -> Iterator[Row]:
     """What each part that stands straight has on the platform, and the ceilings of every part.
 
     A ceiling never fails: it is listed, for somebody has to look at it or support it.
@@ -25,17 +25,17 @@ def rows(built: Built) -> Iterator[Row]:
             yield from from_plain(built.result(name, partial(_kept, built, part)))
 
 
-def _kept(built: Built, part: Part) -> list[dict[str, Any]]:
+def _kept(built: BuiltDesign, part: Part) -> list[dict[str, Any]]:
     return to_plain(_of_part(built, part))
 
 
-def _of_part(built: Built, part: Part) -> Iterator[Row]:
+def _of_part(built: BuiltDesign, part: Part) -> Iterator[Row]:
     on = stand(laid(built.mesh(part.name), part.lies))
     if part.lies.tilt_deg:
         yield Row(CONTACT, part.name, "on supports", f"tilted by {part.lies.tilt_deg:g}°", True)
     else:
-        limit = f">= {LEAST_CONTACT_MM2:g} mm2"
-        passed = on.contact_mm2 >= LEAST_CONTACT_MM2
+        limit = f">= {MIN_CONTACT_MM2:g} mm2"
+        passed = on.contact_mm2 >= MIN_CONTACT_MM2
         yield Row(CONTACT, part.name, f"{on.contact_mm2:.1f} mm2", limit, passed)
     if on.ceilings:
         yield Row(CEILINGS, part.name, on.words(part.lies.supports), "listed", True)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Field
+from ...aliases import Field
 from ..mesh import Mesh
 
 # Faces that meet in an edge look past each other, and the distance between them ends in zero there:

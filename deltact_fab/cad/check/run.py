@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from ...aliases import Progress
 from ...errors import RunFailed
-from ...types import Progress
 from ..design import IndenterList
 from ..dimensions import Design
 from ..kernel import guarded
-from ..overhangs import LEAST_CONTACT_MM2
+from ..overhangs import MIN_CONTACT_MM2
 from . import (
     bench,
     bending,
@@ -29,33 +29,35 @@ from . import (
     thickness,
     visibility,
 )
-from .built import Built
+from .built import BuiltDesign
 from .row import Row
-from .table import Check
+from .table import CheckKind
 
 CHECKS = (
-    Check(drawings.NAME, "every part", drawings.LIMIT, drawings.rows),
-    Check(soundness.NAME, "every part", soundness.LIMIT, soundness.rows),
-    Check("envelope", "assembly", "design.envelope", space.envelope),
-    Check("interference", "assembly", f"<= {space.TOUCH_MM3:g} mm3 a pair", space.interference),
-    Check("axes coaxial", "screws, pegs", f"<= {screws.AXIS_MM:g} mm", screws.axes),
-    Check("engagement", "screws", f">= {screws.ENGAGEMENT_D:g} d", screws.engagement),
-    Check(thickness.NAME, "printed parts", "each part's wall", thickness.rows),
-    Check(printed.CONTACT, "printed parts", f">= {LEAST_CONTACT_MM2:g} mm2", printed.rows),
-    Check("snap strain", "cover, camera-holder", "cover.strain_limit", pegs.rows),
-    Check("plate deflection", "acrylic", "plate.deflection_share", bending.deflection),
-    Check("plate clear of the light", "acrylic, light-holder", "light.axial_fit_mm", bending.clear),
-    Check("plate stress", "acrylic", "plate.stress_limit_mpa", bending.stress),
-    Check("view cone", "camera", "the crop's half angle", visibility.view),
-    Check("light cone", "light-holder", "all rays reach the face", visibility.light_cone),
-    Check("LED strip length", "light-holder", "round the channel", visibility.strip),
-    Check(stray_light.NAME, "shell", "0 straight ways", stray_light.rows),
-    Check("mold volume closure", "mold, skin-frame, skin", "V(skin)", casting.closure),
-    Check("no undercut", "mold", "0 mm2, 0 rays", casting.undercut),
-    Check("frame fits its seat", "mold, skin-frame", "mold.fit_mm", casting.seat),
-    Check(bench.NAME, "bench", f"within {bench.AXIS_MM:g} mm", bench.rows),
-    Check(bench.CLEAR, "bench", "plate.depth_mm deep", bench.stack),
-    Check("indenters", "indenters", "stem and height field", indenters.rows),
+    CheckKind(drawings.NAME, "every part", drawings.LIMIT, drawings.rows),
+    CheckKind(soundness.NAME, "every part", soundness.LIMIT, soundness.rows),
+    CheckKind("envelope", "assembly", "design.envelope", space.envelope),
+    CheckKind("interference", "assembly", f"<= {space.TOUCH_MM3:g} mm3 a pair", space.interference),
+    CheckKind("axes coaxial", "screws, pegs", f"<= {screws.AXIS_MM:g} mm", screws.axes),
+    CheckKind("engagement", "screws", f">= {screws.ENGAGEMENT_D:g} d", screws.engagement),
+    CheckKind(thickness.NAME, "printed parts", "each part's wall", thickness.rows),
+    CheckKind(printed.CONTACT, "printed parts", f">= {MIN_CONTACT_MM2:g} mm2", printed.rows),
+    CheckKind("snap strain", "cover, camera-holder", "cover.strain_limit", pegs.rows),
+    CheckKind("plate deflection", "acrylic", "plate.deflection_share", bending.deflection),
+    CheckKind(
+        "plate clear of the light", "acrylic, light-holder", "light.axial_fit_mm", bending.clear
+    ),
+    CheckKind("plate stress", "acrylic", "plate.stress_limit_mpa", bending.stress),
+    CheckKind("view cone", "camera", "the crop's half angle", visibility.view),
+    CheckKind("light cone", "light-holder", "all rays reach the face", visibility.light_cone),
+    CheckKind("LED strip length", "light-holder", "round the channel", visibility.strip),
+    CheckKind(stray_light.NAME, "shell", "0 straight ways", stray_light.rows),
+    CheckKind("mold volume closure", "mold, skin-frame, skin", "V(skin)", casting.closure),
+    CheckKind("no undercut", "mold", "0 mm2, 0 rays", casting.undercut),
+    CheckKind("frame fits its seat", "mold, skin-frame", "mold.fit_mm", casting.seat),
+    CheckKind(bench.NAME, "bench", f"within {bench.AXIS_MM:g} mm", bench.rows),
+    CheckKind(bench.CLEAR, "bench", "plate.depth_mm deep", bench.stack),
+    CheckKind("indenters", "indenters", "stem and height field", indenters.rows),
 )
 
 
@@ -93,7 +95,7 @@ def run(
             progress(done, total, what)
         done += 1
 
-    built = Built.make(design, solids, indenters, tell, cached)
+    built = BuiltDesign.make(design, solids, indenters, tell, cached)
     total = len(built.every) + len(CHECKS)
     rows += of_built(built, tell)
     if built.known is not None:
@@ -104,7 +106,9 @@ def run(
 
 
 def of_built(
-    built: Built, tell: Callable[[str], None] | None = None, checks: Sequence[Check] = CHECKS
+    built: BuiltDesign,
+    tell: Callable[[str], None] | None = None,
+    checks: Sequence[CheckKind] = CHECKS,
 ) -> list[Row]:
     """The checks on what is built; a check that cannot be made is a failing row."""
     rows: list[Row] = []

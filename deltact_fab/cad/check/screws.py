@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...aliases import Point2
 from ...errors import RunFailed
-from ...types import Point2
 from ..parts.camera import BOARD_KEYS
-from .built import Built
+from .built import BuiltDesign
 from .cylinders import Cylinder, near
 from .pairs import pieces
 from .row import Row, at, open_keys
@@ -28,7 +28,7 @@ PEGS = "peg axes coaxial"
 
 
 @dataclass(frozen=True)
-class Grip:
+class ScrewGrip:
     """One screw in its pilot. tip_mm: room between the tip and the pilot's floor."""
 
     at_mm: Point2
@@ -38,7 +38,7 @@ class Grip:
     tip_mm: float
 
 
-def axes(built: Built) -> Iterator[Row]:
+def axes(built: BuiltDesign) -> Iterator[Row]:
     """Distance between the axes of holes and shanks that one screw or peg goes through."""
     design = built.design
     four, two, pegs = (
@@ -60,7 +60,7 @@ def axes(built: Built) -> Iterator[Row]:
 
 
 def _coaxial(
-    built: Built,
+    built: BuiltDesign,
     name: str,
     parts: Sequence[str],
     extra: Sequence[str],
@@ -98,7 +98,7 @@ def _coaxial(
     return Row(name, ", ".join(parts), found_text, f"<= {AXIS_MM:g} mm", passed)
 
 
-def engagement(built: Built) -> Iterator[Row]:
+def engagement(built: BuiltDesign) -> Iterator[Row]:
     """The length that grips, the room beyond the tip, and that the heads bear."""
     four = grips(built, "screw", "skin-frame")
     yield _grip_row("engagement", "screw, skin-frame", four, ENGAGEMENT_D)
@@ -116,7 +116,7 @@ def engagement(built: Built) -> Iterator[Row]:
     yield replace(row, rests_on=open_keys(built.design.unverified(), *BOARD_KEYS))
 
 
-def _grip_row(name: str, part: str, found: list[Grip], times: float) -> Row:
+def _grip_row(name: str, part: str, found: list[ScrewGrip], times: float) -> Row:
     least = min(found, key=lambda grip: grip.engagement_mm / grip.shank_mm)
     limit_mm = times * least.shank_mm
     return Row(
@@ -128,7 +128,7 @@ def _grip_row(name: str, part: str, found: list[Grip], times: float) -> Row:
     )
 
 
-def _heads(built: Built) -> Row:
+def _heads(built: BuiltDesign) -> Row:
     """Gap between a head's underside and the cover's floor of its bore; below zero it digs in."""
     gaps = []
     for shank in _shanks(built, "screw"):
@@ -144,7 +144,7 @@ def _heads(built: Built) -> Row:
     return Row("heads bear", "screw, cover", found, f"within {SEAT_MM:g} mm", passed)
 
 
-def grips(built: Built, screw: str, holder: str) -> list[Grip]:
+def grips(built: BuiltDesign, screw: str, holder: str) -> list[ScrewGrip]:
     """How each screw of a kind sits in its pilot; along z for the one, against it for the other.
 
     Raises RunFailed where a screw has no pilot.
@@ -159,7 +159,7 @@ def grips(built: Built, screw: str, holder: str) -> list[Grip]:
         low = max(shank.low_mm[2], pilot.low_mm[2])
         high = min(shank.high_mm[2], pilot.high_mm[2])
         found.append(
-            Grip(
+            ScrewGrip(
                 (x, y),
                 2 * shank.radius_mm,
                 2 * pilot.radius_mm,
@@ -170,7 +170,7 @@ def grips(built: Built, screw: str, holder: str) -> list[Grip]:
     return found
 
 
-def _shanks(built: Built, screw: str) -> list[Cylinder]:
+def _shanks(built: BuiltDesign, screw: str) -> list[Cylinder]:
     """The shank of each placed screw: the thinnest face that is no hole, out to the tip."""
     outer = [c for c in built.cylinders(screw) if not c.hole]
     if not outer:

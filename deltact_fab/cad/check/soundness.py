@@ -8,14 +8,14 @@ from typing import Any
 
 from ...errors import RunFailed
 from ..part import GROUPS
-from .built import MESH_MM, Built
+from .built import MESH_MM, BuiltDesign
 from .row import Row
 
 NAME = "one valid closed solid"
 LIMIT = "every part, and its mesh closed"
 
 
-def rows(built: Built) -> Iterator[Row]:
+def rows(built: BuiltDesign) -> Iterator[Row]:
     """A row for each group of parts, naming what is wrong with which."""
     for group in GROUPS:
         names = [part.name for part in built.parts if part.group == group]
@@ -31,7 +31,7 @@ def rows(built: Built) -> Iterator[Row]:
         yield Row(NAME, group, found, LIMIT, not wrong)
 
 
-def _seen(built: Built, name: str) -> tuple[str, int]:
+def _seen(built: BuiltDesign, name: str) -> tuple[str, int]:
     """What is wrong with a part, empty when nothing is, and the triangles of its mesh."""
     if why := built.why_not(name):
         return why, 0

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from .built import Built
-from .pairs import Piece, pieces, shared
+from .built import BuiltDesign
+from .pairs import PlacedSolid, pieces, shared
 from .row import Row, open_keys
 from .screws import grips
 
@@ -19,7 +19,7 @@ TOUCH_MM3 = 1e-3
 THREADED = {"screw": "skin-frame", "camera-screw": "camera-holder"}
 
 
-def envelope(built: Built) -> Iterator[Row]:
+def envelope(built: BuiltDesign) -> Iterator[Row]:
     """The box around all parts against design.envelope."""
     design = built.design
     boxes = np.array([piece.box(built) for piece in _sensor(built)])
@@ -40,7 +40,7 @@ def envelope(built: Built) -> Iterator[Row]:
     )
 
 
-def _sensor(built: Built) -> list[Piece]:
+def _sensor(built: BuiltDesign) -> list[PlacedSolid]:
     return pieces([part for part in built.parts if part.group == "sensor"], built)
 
 
@@ -48,7 +48,7 @@ def _by(*lengths_mm: float) -> str:
     return " x ".join(f"{v:.2f}".rstrip("0").rstrip(".") for v in lengths_mm)
 
 
-def interference(built: Built) -> Iterator[Row]:
+def interference(built: BuiltDesign) -> Iterator[Row]:
     """Common volume of each pair of parts: none, and of a screw in its pilot the thread alone."""
     sensor = _sensor(built)
     pairs = len(sensor) * (len(sensor) - 1) // 2
@@ -76,7 +76,7 @@ def interference(built: Built) -> Iterator[Row]:
         yield _thread(built, screw, frame, threads[screw])
 
 
-def _thread(built: Built, screw: str, holder: str, found_mm3: list[float]) -> Row:
+def _thread(built: BuiltDesign, screw: str, holder: str, found_mm3: list[float]) -> Row:
     """A thread cuts into its pilot: the ring between both diameters over the length that grips."""
     expected = [
         math.pi * (grip.shank_mm**2 - grip.pilot_mm**2) / 4 * grip.engagement_mm

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from .built import Built
+from .built import BuiltDesign
 from .rays import first_hit
 from .row import Row
 
@@ -22,7 +22,7 @@ FOAM_HEIGHTS = 2.0  # a plug shorter than that is pulled out with the cable
 SHORT = 1 - 1e-3
 
 
-def rows(built: Built) -> Iterator[Row]:
+def rows(built: BuiltDesign) -> Iterator[Row]:
     """Rays from the mouth of the open notch, without cable and foam."""
     design, (_, outer_y) = built.design, built.design.frame_outer_mm
     shell, low = design.shell, design.z_floor_mm

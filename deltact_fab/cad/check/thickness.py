@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..dimensions import Design
 from ..part import Part
-from .built import Built
+from .built import BuiltDesign
 from .rays import Thickness
 from .row import Row, at, from_plain, to_plain
 
@@ -19,7 +19,7 @@ NAME = "wall thickness"
 SLACK_MM = 1e-6
 
 
-def rows(built: Built) -> Iterator[Row]:
+def rows(built: BuiltDesign) -> Iterator[Row]:
     """The thinnest wall of each part with its place."""
     for part in built.parts:
         if part.wall_mm is not None:
@@ -27,11 +27,11 @@ def rows(built: Built) -> Iterator[Row]:
             yield from from_plain(built.result(name, partial(_kept, built, part)))
 
 
-def _kept(built: Built, part: Part) -> list[dict[str, Any]]:
+def _kept(built: BuiltDesign, part: Part) -> list[dict[str, Any]]:
     return to_plain(_of_part(built, part))
 
 
-def _of_part(built: Built, part: Part) -> Iterator[Row]:
+def _of_part(built: BuiltDesign, part: Part) -> Iterator[Row]:
     """Of the cover two rows: its pegs must bend."""
     assert part.wall_mm is not None
     walls, limit_mm = built.walls(part.name), part.wall_mm(built.design)

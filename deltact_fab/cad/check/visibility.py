@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...errors import RunFailed
 from ...optics import half_angle_rad, reached_mm
-from .built import Built
+from .built import BuiltDesign
 from .cylinders import Cylinder, near
 from .rays import first_hit
 from .row import Row, open_keys
@@ -18,7 +18,7 @@ from .row import Row, open_keys
 BORDER_RAYS = 96
 
 
-def _path_mm(built: Built) -> tuple[float, float, float]:
+def _path_mm(built: BuiltDesign) -> tuple[float, float, float]:
     """Air, acrylic and gel between lens and face, along the axis, from the solids."""
     acrylic, skin = built.box("acrylic"), built.box("skin")
     return (
@@ -28,7 +28,7 @@ def _path_mm(built: Built) -> tuple[float, float, float]:
     )
 
 
-def view(built: Built) -> Iterator[Row]:
+def view(built: BuiltDesign) -> Iterator[Row]:
     """The half angle under which the view's edges and corners stand, against what the crop sees."""
     design = built.design
     path = _path_mm(built)
@@ -52,7 +52,7 @@ def view(built: Built) -> Iterator[Row]:
         yield Row(f"view cone, {name}", "camera", found, limit, need <= have + 1e-9, keys)
 
 
-def light_cone(built: Built) -> Iterator[Row]:
+def light_cone(built: BuiltDesign) -> Iterator[Row]:
     """Rays from the lens to the border of the view, through air, acrylic and gel: none is met."""
     design = built.design
     path = _path_mm(built)
@@ -104,7 +104,7 @@ def _border_mm(view_x: float, view_y: float) -> NDArray[np.float64]:
     return np.column_stack([x * view_x / 2, y * view_y / 2])
 
 
-def strip(built: Built) -> Iterator[Row]:
+def strip(built: BuiltDesign) -> Iterator[Row]:
     """The LED strip on the outer wall of its channel, lying on the channel's floor."""
     design = built.design
     walls = [c for c in _rings(built) if c.hole]
@@ -131,6 +131,6 @@ def strip(built: Built) -> Iterator[Row]:
     )
 
 
-def _rings(built: Built) -> list[Cylinder]:
+def _rings(built: BuiltDesign) -> list[Cylinder]:
     """The light holder's cylinders about the lens's axis."""
     return near(built.cylinders("light-holder"), 0.0, 0.0, 0.1)

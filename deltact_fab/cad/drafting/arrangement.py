@@ -7,9 +7,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from ...types import Point2, Vector
+from ...aliases import Point2, Vector
 from .dimensioning import Axis, Centres, Circle, Detail, Item, Leader, Linear, Side, shown
-from .page import ARROW_MM, SMALL_MM, Page, Rect, meet, text_width_mm, within
+from .page import ARROW_MM, SMALL_MM, DrawingPage, Rect, meet, text_width_mm, within
 from .projection import View
 from .sheet import LINE_MM
 
@@ -46,7 +46,7 @@ class _Line:
 
 
 @dataclass
-class Arranged:
+class ArrangedView:
     """One view on paper: its items, and the room that they take beyond the view's box.
 
     box_mm: lower left and upper right corner on the model's plane. margins: left, top, right,
@@ -203,7 +203,7 @@ class Arranged:
         away = leader.radius_mm * self.scale / math.hypot(dx, dy)
         return (cx + dx * away, cy + dy * away), knee
 
-    def draw(self, page: Page, origin: Point2) -> None:
+    def draw(self, page: DrawingPage, origin: Point2) -> None:
         """Dimensions, labels and centre lines, the view's upper left corner at `origin`."""
         ox, oy = origin
 
@@ -236,7 +236,7 @@ class Arranged:
         if self.heading:
             page.text(at(self.size_mm[0] / 2, -self.margins[1] + 3.5), self.heading, 3.5, "middle")
 
-    def _draw_line(self, page: Page, origin: Point2, side: Side, line: _Line) -> None:
+    def _draw_line(self, page: DrawingPage, origin: Point2, side: Side, line: _Line) -> None:
         flat = side in ("top", "bottom")
         across = self._across(side, line.level)
         beyond = SHORT_MM if side in ("bottom", "right") else -SHORT_MM
@@ -258,7 +258,9 @@ class Arranged:
             page.arrow(at(end, across), (way, 0.0) if flat else (0.0, way))
         page.text(at(line.text_at, across - 1.0), line.words, SMALL_MM, "middle", upright=not flat)
 
-    def _draw_label(self, page: Page, origin: Point2, leader: Leader, x: float, y: float) -> None:
+    def _draw_label(
+        self, page: DrawingPage, origin: Point2, leader: Leader, x: float, y: float
+    ) -> None:
         tip, knee = self._leader(leader, x, y)
         way = -1.0 if leader.side == "left" else 1.0
         points = [tip, knee, (x - way * 0.8, knee[1])]
@@ -267,7 +269,7 @@ class Arranged:
         left = x - label_width_mm(leader) if leader.side == "left" else x
         _draw_words(page, (origin[0] + left, origin[1] + y), leader)
 
-    def _draw_cut(self, page: Page, origin: Point2) -> None:
+    def _draw_cut(self, page: DrawingPage, origin: Point2) -> None:
         """The cutting plane as ISO 128-44 has it: ends wide, arrows the way one looks."""
         if self.cut_x is None:
             return
@@ -296,7 +298,7 @@ def _roughness(leader: Leader) -> str:
     return f"Ra {shown(leader.roughness_um)}"
 
 
-def _draw_words(page: Page, at: Point2, leader: Leader) -> None:
+def _draw_words(page: DrawingPage, at: Point2, leader: Leader) -> None:
     """Words, flatness in its frame and the check mark of a surface's roughness, left to right."""
     x, y = at
     middle = y - SMALL_MM / 2

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import Points
+from ...aliases import Points
 from ..part import Part
 
 RADIUS_MM, BETWEEN_MM, ROW_MM = 3.2, 9.0, 11.0

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Points
+from ...aliases import Points
 
 SIDES = 120
 

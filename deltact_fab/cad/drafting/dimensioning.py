@@ -8,7 +8,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Literal
 
-from ...types import Vector
+from ...aliases import Vector
 from .projection import View
 
 Side = Literal["left", "right", "top", "bottom"]

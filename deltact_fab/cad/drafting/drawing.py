@@ -15,19 +15,18 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Points
+from ...aliases import Point2, Points
 from ...errors import InputError
-from ...types import Point2
 from ..dimensions import Design
 from ..kernel import guarded
 from ..part import LASER_CUT, PRINT, Part
-from .arrangement import Arranged
+from .arrangement import ArrangedView
 from .dimensioning import Detail
 from .items import GENERAL_TOLERANCE
 from .layout import Layout, free_square, laid_out
-from .page import LARGE_MM, SMALL_MM, Page, text_width_mm
+from .page import LARGE_MM, SMALL_MM, DrawingPage, text_width_mm
 from .sheet import LINE_MM, SHEETS, Title, draw_frame
-from .views import Drawn, enlarged, views
+from .views import DrawnView, enlarged, views
 
 PICTURE_MM = 22.0  # a smaller picture of the part is left out
 PICTURE_FILLS = 0.8
@@ -38,7 +37,7 @@ def has_drawing(part: Part) -> bool:
     return part.callouts is not None
 
 
-def drawing(part: Part, design: Design, solid: Any) -> Page:
+def drawing(part: Part, design: Design, solid: Any) -> DrawingPage:
     """The drawing of a part, its solid as built from the design. Same dimensions, same page.
 
     Raises InputError for a part without a drawing, and where no standard scale fits it on A3;
@@ -53,7 +52,7 @@ def drawing(part: Part, design: Design, solid: Any) -> Page:
     if open_keys := [key for key in said.rests_on if key in design.unverified()]:
         notes.append(f"Rests on unverified values: {', '.join(open_keys)}.")
     layout = laid_out(part.name, drawn, said, notes)
-    page = Page(SHEETS[layout.sheet], f"{part.name}, {layout.scale}")
+    page = DrawingPage(SHEETS[layout.sheet], f"{part.name}, {layout.scale}")
     title = Title(
         part.name, _belongs(part), part.material, part.process, part.quantity, layout.scale,
         layout.sheet, _general_tolerance(part, design), design.drawing,
@@ -88,7 +87,9 @@ def _belongs(part: Part) -> str:
             "indenters": "indenters"}[part.group]  # fmt: skip
 
 
-def _draw_view(page: Page, name: str, drawn: Drawn, arranged: Arranged, at: Point2) -> None:
+def _draw_view(
+    page: DrawingPage, name: str, drawn: DrawnView, arranged: ArrangedView, at: Point2
+) -> None:
     scale = arranged.scale
     (x0, _), (_, y1) = arranged.box_mm
 
@@ -118,7 +119,7 @@ def _paper(line: Points, corner_mm: Point2, scale: float, at: Point2) -> Points:
     )
 
 
-def _draw_mark(page: Page, detail: Detail, parent: Arranged, at: Point2) -> None:
+def _draw_mark(page: DrawingPage, detail: Detail, parent: ArrangedView, at: Point2) -> None:
     """The circle in the parent view that a detail shows, its letter where the page is free."""
     x, y = parent.local(detail.at)
     x, y, radius = at[0] + x, at[1] + y, detail.radius_mm * parent.scale
@@ -134,7 +135,7 @@ def _draw_mark(page: Page, detail: Detail, parent: Arranged, at: Point2) -> None
     page.close()
 
 
-def _draw_picture(page: Page, drawn: Drawn, layout: Layout) -> None:
+def _draw_picture(page: DrawingPage, drawn: DrawnView, layout: Layout) -> None:
     """The part seen from a corner, in the largest free rectangle; not to scale."""
     free = free_square(layout)
     (x0, y0), (x1, y1) = drawn.box_mm

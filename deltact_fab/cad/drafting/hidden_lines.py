@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Points
+from ...aliases import Points
 from .projection import View
 
 STEP_MM = 0.1  # on paper; a line is 0.25 wide

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from itertools import combinations
 
+from ...aliases import Point2
 from ...errors import InputError
-from ...types import Point2
-from .arrangement import Arranged
+from .arrangement import ArrangedView
 from .dimensioning import Detail
 from .items import Callouts
 from .page import Rect, meet
 from .sheet import BORDER_MM, LINE_MM, SHEETS, block_rect, wrapped
-from .views import Drawn, enlarged
+from .views import DrawnView, enlarged
 
 # ISO 5455, the largest first.
 DETAIL_SCALES = {"20:1": 20.0, "10:1": 10.0, "5:1": 5.0, "2:1": 2.0}
@@ -28,7 +28,7 @@ class Layout:
 
     sheet: str
     scale: str
-    arranged: dict[str, Arranged]
+    arranged: dict[str, ArrangedView]
     at: dict[str, Point2]
     notes: list[str] = field(default_factory=list)
 
@@ -64,7 +64,7 @@ class Layout:
         return inside and not any(meet(a, b) for a, b in combinations(rects, 2))
 
 
-def laid_out(part: str, drawn: dict[str, Drawn], said: Callouts, notes: list[str]) -> Layout:
+def laid_out(part: str, drawn: dict[str, DrawnView], said: Callouts, notes: list[str]) -> Layout:
     """The largest scale that fits a sheet, on the smallest sheet that takes it."""
     left, _, right, _ = block_rect("A4")
     lines = [line for note in notes for line in wrapped(note, right - left - 6)]
@@ -80,10 +80,10 @@ def laid_out(part: str, drawn: dict[str, Drawn], said: Callouts, notes: list[str
 
 
 def _placed(
-    sheet: str, scale: str, drawn: dict[str, Drawn], said: Callouts, notes: list[str]
+    sheet: str, scale: str, drawn: dict[str, DrawnView], said: Callouts, notes: list[str]
 ) -> Layout:
     arranged = {
-        name: Arranged(
+        name: ArrangedView(
             name,
             drawn[name].view,
             SCALES[scale],
@@ -122,7 +122,7 @@ def _placed(
     return layout
 
 
-def _place_detail(layout: Layout, detail: Detail, parent: Drawn, said: Callouts) -> None:
+def _place_detail(layout: Layout, detail: Detail, parent: DrawnView, said: Callouts) -> None:
     """Put a detail where the sheet is free, as large as goes; where nothing goes, off the sheet."""
     items = [item for item in said.items if item.view == detail.letter]
     drawn = enlarged(parent, detail)
@@ -131,7 +131,7 @@ def _place_detail(layout: Layout, detail: Detail, parent: Drawn, said: Callouts)
     for name, scale in larger.items():
         if 2 * detail.radius_mm * scale > DETAIL_MM and scale > min(larger.values()):
             continue
-        arranged = Arranged(
+        arranged = ArrangedView(
             detail.letter, drawn.view, scale, drawn.box_mm, items,
             heading=f"{detail.letter} ({name})",
         )  # fmt: skip
@@ -163,7 +163,7 @@ def _free_place(layout: Layout, room: Point2, but: str) -> Point2 | None:
     return min(found, key=lambda p: (round(p[1] - p[0], 3), p), default=None)
 
 
-def _over(left: Arranged, top: Arranged, apart: float) -> bool:
+def _over(left: ArrangedView, top: ArrangedView, apart: float) -> bool:
     """Whether the left view, `apart` to the right, stands over what is beside the top view."""
     return apart - left.margins[0] < top.size_mm[0] + top.margins[2] + GAP_MM
 

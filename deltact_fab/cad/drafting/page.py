@@ -14,8 +14,8 @@ from html import escape
 from typing import Any
 
 from ... import __version__
+from ...aliases import Point2
 from ...pdf import Document, glyphs, width_em
-from ...types import Point2
 from ...units import POINTS_PER_MM
 
 Rect = tuple[float, float, float, float]  # left, top, right, bottom
@@ -101,7 +101,7 @@ def within(line: tuple[Point2, Point2], rect: Rect) -> tuple[float, float] | Non
 
 
 @dataclass(frozen=True)
-class Lines:
+class Polylines:
     """Polylines of one style."""
 
     lines: tuple[tuple[Point2, ...], ...]
@@ -147,7 +147,7 @@ class Text:
 
 
 @dataclass(frozen=True)
-class Group:
+class MarkGroup:
     """Marks up to the next end belong together; what is told of them stands in the SVG."""
 
     name: str
@@ -159,11 +159,11 @@ class End:
     """The end of a group."""
 
 
-Mark = Lines | Ring | Text | Group | End
+Mark = Polylines | Ring | Text | MarkGroup | End
 
 
 @dataclass
-class Page:
+class DrawingPage:
     """Marks in the order they are drawn, on a sheet of size_mm."""
 
     size_mm: Point2
@@ -176,7 +176,7 @@ class Page:
         """Polylines of one style; nothing when there are none."""
         drawn = tuple(tuple((float(x), float(y)) for x, y in line) for line in lines)
         if drawn:
-            self.marks.append(Lines(drawn, style, closed))
+            self.marks.append(Polylines(drawn, style, closed))
 
     def line(self, a: Point2, b: Point2, style: str = "thin") -> None:
         """A straight line."""
@@ -209,7 +209,7 @@ class Page:
 
     def open(self, name: str, **data: Any) -> None:
         """Begin a group."""
-        self.marks.append(Group(name, tuple((key, str(value)) for key, value in data.items())))
+        self.marks.append(MarkGroup(name, tuple((key, str(value)) for key, value in data.items())))
 
     def close(self) -> None:
         """End the group."""
@@ -221,7 +221,7 @@ class Page:
         for mark in self.marks:
             if isinstance(mark, Text):
                 found += meet(mark.box, rect)
-            elif isinstance(mark, Lines):
+            elif isinstance(mark, Polylines):
                 found += sum(
                     within((a, b), rect) is not None
                     for line in mark.lines
@@ -244,10 +244,10 @@ class Page:
         ]
         drawn: list[Mark] = []
         for mark in self.marks:
-            if isinstance(mark, Lines) and mark.style in BROKEN and not mark.closed:
+            if isinstance(mark, Polylines) and mark.style in BROKEN and not mark.closed:
                 lines = tuple(part for line in mark.lines for part in _outside(line, boxes))
                 if lines:
-                    drawn.append(Lines(lines, mark.style))
+                    drawn.append(Polylines(lines, mark.style))
             else:
                 drawn.append(mark)
         return drawn
@@ -309,7 +309,7 @@ def _between(a: Point2, b: Point2, t: float) -> Point2:
 
 
 def _as_svg(mark: Mark) -> str:
-    if isinstance(mark, Lines):
+    if isinstance(mark, Polylines):
         return f'<path class="{mark.style}" d="{path_data(mark.lines, mark.closed)}"/>'
     if isinstance(mark, Ring):
         x, y = (number(v) for v in mark.at)
@@ -321,7 +321,7 @@ def _as_svg(mark: Mark) -> str:
             f'<text x="{x}" y="{y}" font-size="{number(mark.height_mm / CAP)}" '
             f'text-anchor="{mark.anchor}"{turn}>{escape(mark.words)}</text>'
         )
-    if isinstance(mark, Group):
+    if isinstance(mark, MarkGroup):
         more = "".join(f' data-{key}="{escape(value)}"' for key, value in mark.data)
         return f'<g id="{escape(mark.name)}"{more}>'
     return "</g>"
@@ -336,7 +336,7 @@ def _as_pdf(mark: Mark) -> Iterator[str]:
         yield f"BT /F {size} Tf {turn} {x} {y} Tm <{glyphs(mark.words)}> Tj ET"
     elif isinstance(mark, Ring):
         yield f"{_pen(mark.style)} {_round(mark.at, mark.radius)} S"
-    elif isinstance(mark, Lines):
+    elif isinstance(mark, Polylines):
         end = " h" if mark.closed else ""
         path = " ".join(
             " ".join(
@@ -374,7 +374,7 @@ def _round(at: Point2, radius: float) -> str:
     return " ".join(path)
 
 
-def _hatch(mark: Lines) -> str:
+def _hatch(mark: Polylines) -> str:
     """Lines at 45 degrees over everything that the mark holds, where the SVG's pattern has them."""
     points = [point for line in mark.lines for point in line]
     low, high = min(y for _, y in points), max(y for _, y in points)

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Points
-from ..assembly import Placed, assemble, bench, lifted
+from ...aliases import Points
+from ..assembly import PlacedPart, assemble, bench, lifted
 from ..build import build_part
 from ..dimensions import Design
 from ..kernel import guarded
@@ -26,7 +26,7 @@ from ..solid_gate import bounding_box
 from .balloons import RADIUS_MM, Balloon, arranged
 from .hidden_lines import regions
 from .page import FONT, LARGE_MM, SMALL_MM, number, path_data, text_width_mm
-from .projection import Projected, View, project
+from .projection import ProjectedLines, View, project
 
 CORNER = View((1, 1, -0.9), (0, 0, 1))
 TIPS_UP = View((1, -1, 0.9), (0, 0, -1))
@@ -90,7 +90,7 @@ def step_svg(
     places to one another. solids: as for exploded_svg.
     """
     parts = {part.name: part for part in of_group("sensor")}
-    placed: list[Placed] = []
+    placed: list[PlacedPart] = []
     top_mm = -math.inf
     for names in reversed(layers):
         layer = assemble(design, 0.0, [parts[name] for name in names], solids)
@@ -113,7 +113,7 @@ def bench_svg(design: Design, indenter: Part, solids: Mapping[str, Any] | None =
 
 def _numbered(
     title: str,
-    placed: Sequence[Placed],
+    placed: Sequence[PlacedPart],
     view: View,
     wide_mm: float,
     high_mm: float,
@@ -169,7 +169,7 @@ class Body:
 
     part: Part
     index: int
-    lines: Projected
+    lines: ProjectedLines
     triangles: Points
     view: View
 
@@ -351,7 +351,9 @@ def _legend(
     return items, rows * 5.0 + 2 + MARGIN_MM
 
 
-def _axes(placed: Sequence[Placed], bodies: Sequence[Body], design: Design, paper: _Paper) -> str:
+def _axes(
+    placed: Sequence[PlacedPart], bodies: Sequence[Body], design: Design, paper: _Paper
+) -> str:
     """The screws' axes from their tips to the frame, where nothing stands in front of them."""
     explode = {p.part.name: p.part.explode_mm for p in placed}
     low = design.z_head_mm + design.screw.length_mm + explode["screw"]

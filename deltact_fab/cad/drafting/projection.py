@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Points
-from ...types import Vector
+from ...aliases import Points, Vector
 
 CHORD_MM = 0.005
 ANGLE_RAD = 0.15
@@ -51,7 +50,7 @@ class View:
 
 
 @dataclass(frozen=True)
-class Projected:
+class ProjectedLines:
     """Lines of one solid, polylines (n, 2) in mm, right and up on the paper.
 
     visible, hidden: sharp edges and outlines. smooth: visible edges where two faces meet without
@@ -74,7 +73,7 @@ def project(
     direction: Vector,
     up: Vector,
     chord_mm: float = CHORD_MM,
-) -> list[Projected]:
+) -> list[ProjectedLines]:
     """Each solid's visible and hidden lines, the solids hiding one another.
 
     chord_mm: largest distance of a polyline from its curve. A straight hidden line is left out
@@ -106,7 +105,7 @@ def project(
         drawn.append((visible, hidden, smooth))
     covering = _Straights(line for visible, _, _ in drawn for line in visible)
     return [
-        Projected(_tidy(visible, None), _tidy(hidden, covering), _tidy(smooth, covering))
+        ProjectedLines(_tidy(visible, None), _tidy(hidden, covering), _tidy(smooth, covering))
         for visible, hidden, smooth in drawn
     ]
 

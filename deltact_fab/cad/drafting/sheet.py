@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ... import __version__
-from .page import LARGE_MM, SMALL_MM, Page, Rect, text_width_mm
+from .page import LARGE_MM, SMALL_MM, DrawingPage, Rect, text_width_mm
 from .title import TitleBlock
 
 SHEETS = {"A4": (297.0, 210.0), "A3": (420.0, 297.0)}
@@ -38,7 +38,7 @@ def block_rect(sheet: str) -> Rect:
     return right - BLOCK_MM[0], bottom - BLOCK_MM[1], right, bottom
 
 
-def draw_frame(page: Page, title: Title) -> None:
+def draw_frame(page: DrawingPage, title: Title) -> None:
     """Border, title block with the first-angle symbol, and the notes beside or above it."""
     width, height = SHEETS[title.sheet]
     b = BORDER_MM
@@ -80,7 +80,7 @@ def draw_frame(page: Page, title: Title) -> None:
     page.close()
 
 
-def _first_angle(page: Page, x: float, y: float) -> None:
+def _first_angle(page: DrawingPage, x: float, y: float) -> None:
     """The symbol of first-angle projection (ISO 5456-2): the cone, then its end seen from left."""
     h, r, length = 5.0, 1.25, 5.0
     cone = [(x - length, y - r), (x, y - h / 2), (x, y + h / 2), (x - length, y + r)]

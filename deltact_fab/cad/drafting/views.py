@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Points
-from ...types import Point2
+from ...aliases import Point2, Points
 from ..kernel import require
 from .detail import Circle2
 from .dimensioning import Detail
 from .items import Callouts
-from .projection import Projected, View, project, sampled
+from .projection import ProjectedLines, View, project, sampled
 
 VIEWS = {
     "front": View((0, 1, 0), (0, 0, 1)),
@@ -31,11 +30,11 @@ FLIPPED = {
 
 
 @dataclass(frozen=True)
-class Drawn:
+class DrawnView:
     """One view: its projection, its lines, the faces of a section; of a detail, its circle."""
 
     view: View
-    lines: Projected
+    lines: ProjectedLines
     hatched: Sequence[Sequence[Points]] = ()
     circle: Circle2 | None = None
 
@@ -54,7 +53,7 @@ def views_of(said: Callouts) -> dict[str, View]:
     return views | {detail.letter: views[detail.view] for detail in said.details}
 
 
-def views(solid: Any, said: Callouts) -> dict[str, Drawn]:
+def views(solid: Any, said: Callouts) -> dict[str, DrawnView]:
     """The four projections; the left one cut where the callouts ask for a section."""
     views = FLIPPED if said.flipped else VIEWS
     drawn = {}
@@ -62,22 +61,22 @@ def views(solid: Any, said: Callouts) -> dict[str, Drawn]:
         if name == "left" and said.cut is not None:
             drawn[name] = _section(solid, view, said.cut.x_mm)
         else:
-            drawn[name] = Drawn(view, project([solid], view.direction, view.up)[0])
+            drawn[name] = DrawnView(view, project([solid], view.direction, view.up)[0])
     return drawn
 
 
-def enlarged(parent: Drawn, detail: Detail) -> Drawn:
+def enlarged(parent: DrawnView, detail: Detail) -> DrawnView:
     """What a detail's circle holds of its view; hidden lines stay behind."""
     u, v = (float(c) for c in parent.view.flat(detail.at))
     circle = Circle2((u, v), detail.radius_mm)
-    lines = Projected(
+    lines = ProjectedLines(
         circle.of_lines(parent.lines.visible), (), circle.of_lines(parent.lines.smooth)
     )
     faces = [circle.of_face(face) for face in parent.hatched]
-    return Drawn(parent.view, lines, [face for face in faces if face], circle)
+    return DrawnView(parent.view, lines, [face for face in faces if face], circle)
 
 
-def _section(solid: Any, view: View, x_mm: float) -> Drawn:
+def _section(solid: Any, view: View, x_mm: float) -> DrawnView:
     """What is left on the far side of the plane x = x_mm, and the faces that the plane cuts."""
     cq = require()
     box = solid.BoundingBox()
@@ -91,7 +90,7 @@ def _section(solid: Any, view: View, x_mm: float) -> Drawn:
             wires = [face.outerWire(), *face.innerWires()]
             faces.append([view.flat(_outline(wire)) for wire in wires])
     faces.sort(key=lambda loops: [loop.min(axis=0).round(4).tolist() for loop in loops])
-    return Drawn(view, Projected(lines.visible, (), lines.smooth), faces)
+    return DrawnView(view, ProjectedLines(lines.visible, (), lines.smooth), faces)
 
 
 def _outline(wire: Any) -> Points:

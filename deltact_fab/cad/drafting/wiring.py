@@ -7,25 +7,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ...types import Point2
+from ...aliases import Point2
 from ..dimensions import Design
 from ..parts.camera import CABLE, COMPUTER
 from ..parts.light_holder import WIRE, WIRE_COLOURS
-from .page import LARGE_MM, SMALL_MM, Page
+from .page import LARGE_MM, SMALL_MM, DrawingPage
 from .sheet import LINE_MM, SHEETS, Title, draw_frame, wrapped
 
 SHEET = "A4"
-MOST_DRAWN = 6  # of more LEDs the first ones and the last stand for all
+MAX_DRAWN = 6  # of more LEDs the first ones and the last stand for all
 PLUS_Y, MINUS_Y, CABLE_Y = 48.0, 96.0, 126.0
 SUPPLY_X, WALL_X, RING_X = (18.0, 52.0), 142.0, 168.0
 RIGHT_X, TOP_Y, RING_END_Y, END_Y = 281.0, 24.0, 108.0, 144.0
 DOT_MM = 0.6
 
 
-def wiring(design: Design) -> Page:
+def wiring(design: Design) -> DrawingPage:
     """The drawing on a sheet of A4. Same dimensions, same page."""
     light, shell = design.light, design.shell
-    page = Page(SHEETS[SHEET], "wiring, not to scale")
+    page = DrawingPage(SHEETS[SHEET], "wiring, not to scale")
     title = Title(
         "wiring", "DelTact sensor", "see bill of materials", "soldered", 1, "", SHEET, "",
         design.drawing, "wiring",
@@ -44,7 +44,7 @@ def wiring(design: Design) -> Page:
     page.open("leads")
     plus, minus = WIRE_COLOURS
     resistor = (74.0, 94.0)
-    drawn = min(light.led_count, MOST_DRAWN)
+    drawn = min(light.led_count, MAX_DRAWN)
     xs = [RING_X + 14 + (RIGHT_X - RING_X - 30) * i / max(drawn - 1, 1) for i in range(drawn)]
     page.path([[(right, PLUS_Y), (resistor[0], PLUS_Y)]], "visible")
     page.path([[(resistor[1], PLUS_Y), (xs[-1], PLUS_Y)]], "visible")
@@ -131,7 +131,7 @@ def _notes(design: Design) -> Sequence[str]:
     )
 
 
-def _led(page: Page, x: float, name: str, own_ohm: float) -> None:
+def _led(page: DrawingPage, x: float, name: str, own_ohm: float) -> None:
     """A diode from plus to minus, its bar at minus; the strip's own resistor above, if any."""
     middle, half = (PLUS_Y + MINUS_Y) / 2 + 4, 3.0
     top = middle - half
@@ -154,18 +154,20 @@ def _led(page: Page, x: float, name: str, own_ohm: float) -> None:
     page.text((x - 2, bar + 8), name, SMALL_MM, "end")
 
 
-def _box(page: Page, x0: float, y0: float, x1: float, y1: float, style: str = "visible") -> None:
+def _box(
+    page: DrawingPage, x0: float, y0: float, x1: float, y1: float, style: str = "visible"
+) -> None:
     page.path([[(x0, y0), (x1, y0), (x1, y1), (x0, y1)]], style, closed=True)
 
 
-def _gate(page: Page, at: Point2) -> None:
+def _gate(page: DrawingPage, at: Point2) -> None:
     """A hole in a wall that a lead passes."""
     x, y = at
     page.path([[(x - 1.5, y - 2.5), (x + 1.5, y - 2.5)]], "visible")
     page.path([[(x - 1.5, y + 2.5), (x + 1.5, y + 2.5)]], "visible")
 
 
-def _stack(page: Page, x: float, y: float, lines: Sequence[str]) -> None:
+def _stack(page: DrawingPage, x: float, y: float, lines: Sequence[str]) -> None:
     """Lines of text below one another, the first one large."""
     for i, line in enumerate(lines):
         size = SMALL_MM if i else LARGE_MM

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from ...aliases import Progress
 from ...errors import InputError
 from ...jobs import arrivals, processors
-from ...types import Progress
 from ..build import expected
 from ..dimensions import Design
 from ..part import Part
@@ -23,7 +23,7 @@ from .part_files import (
     DRAWN,
     FORMATS,
     WIRING,
-    Made,
+    FileBytes,
     Task,
     applicable,
     checked_formats,
@@ -32,7 +32,7 @@ from .part_files import (
     whole,
     whole_name,
 )
-from .plates import Plate, arranged
+from .plates import PrintPlate, arranged
 from .stored import Store
 
 TOLERANCE_MM = (0.001, 1.0)
@@ -140,7 +140,7 @@ class _Batch:
 
     def __init__(self, folder: Path, store: Store, sensor: tuple[Part, ...]) -> None:
         self.folder, self.store, self.sensor = folder, store, sensor
-        self.held: dict[tuple[str, str], Made] = {}
+        self.held: dict[tuple[str, str], FileBytes] = {}
         self._entries: list[PartFile] = []
 
     def missing(self, part: Part | None, kinds: Sequence[str]) -> tuple[str, ...]:
@@ -154,12 +154,12 @@ class _Batch:
                 self.keep(part, made)
         return tuple(absent)
 
-    def add(self, part: Part | None, made: Made) -> None:
+    def add(self, part: Part | None, made: FileBytes) -> None:
         """Keep a file that was made now, also for the next time."""
         self.keep(part, made)
         self.store.put((part,) if part else self.sensor, made)
 
-    def keep(self, part: Part | None, made: Made) -> None:
+    def keep(self, part: Part | None, made: FileBytes) -> None:
         """Write one file and note what it is."""
         name = _name(part, made.format)
         self.held[name, made.format] = replace(made, data=b"")
@@ -171,19 +171,19 @@ class _Batch:
             )  # fmt: skip
         self._entries.append(entry)
 
-    def lay(self, name: str, plate: Plate) -> None:
+    def lay(self, name: str, plate: PrintPlate) -> None:
         """Put the parts' own 3MF files on one platform."""
         pieces, sizes, deviations_mm = [], [], []
         for part in dict.fromkeys(standing.part for standing in plate.pieces):
             held = self.held[part.name, "3mf"]
             places = tuple((s.x_mm, s.y_mm, 0.0) for s in plate.pieces if s.part is part)
             mesh = threemf.read_mesh((self.folder / f"{part.name}.3mf").read_bytes())
-            pieces.append(threemf.Piece(part.name, mesh, places))
+            pieces.append(threemf.ArchiveObject(part.name, mesh, places))
             sizes.append((held.volume_mm3, held.box_mm, places))
             deviations_mm.append(held.deviation_mm or 0.0)
         first = plate.pieces[0].part
         data = threemf.plate_bytes(pieces, name, plate.material, first.colour)
-        entry = self._written(name, Made("3mf", data, *whole(sizes), max(deviations_mm)))
+        entry = self._written(name, FileBytes("3mf", data, *whole(sizes), max(deviations_mm)))
         self._entries.append(
             replace(
                 entry,
@@ -193,7 +193,7 @@ class _Batch:
             )
         )
 
-    def _written(self, name: str, made: Made) -> PartFile:
+    def _written(self, name: str, made: FileBytes) -> PartFile:
         path = self.folder / f"{name}.{made.format}"
         path.write_bytes(made.data)
         low, high = (tuple(round(v, _DIGITS) + 0.0 for v in corner) for corner in made.box_mm)
@@ -237,7 +237,7 @@ def _make(
     done = len(units) - len(tasks)
     tell(done, len(units), names[0] if names else "cache")
 
-    def arrived(index: int, made: list[Made]) -> None:
+    def arrived(index: int, made: list[FileBytes]) -> None:
         nonlocal done
         for one in made:
             batch.add(tasks[index].part, one)
@@ -256,7 +256,7 @@ def _jobs(asked: int | None, tasks: int, tolerance_mm: float) -> int:
     return min(processors(), MAX_JOBS) if work_s >= least_s else 1
 
 
-def _assembly_glb(batch: _Batch, design: Design) -> Made:
+def _assembly_glb(batch: _Batch, design: Design) -> FileBytes:
     """The parts' own GLB files put in their places."""
     drawn, sizes, deviations_mm = [], [], []
     for part in batch.sensor:
@@ -266,4 +266,4 @@ def _assembly_glb(batch: _Batch, design: Design) -> Made:
         sizes.append((held.volume_mm3, held.box_mm, where))
         deviations_mm.append(held.deviation_mm or 0.0)
     data = glb.glb_bytes(drawn, ASSEMBLY)
-    return Made("glb", data, *whole(sizes), max(deviations_mm))
+    return FileBytes("glb", data, *whole(sizes), max(deviations_mm))

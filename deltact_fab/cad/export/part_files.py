@@ -6,18 +6,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ...aliases import Point
 from ...errors import InputError, RunFailed, did_you_mean
-from ...types import Point
 from ..build import build_part
 from ..dimensions import Design
 from ..drafting.drawing import drawing, has_drawing
-from ..drafting.page import Page
+from ..drafting.page import DrawingPage
 from ..drafting.wiring import wiring
 from ..kernel import guarded
 from ..mesh import Mesh, mesh_solid
 from ..overhangs import laid
 from ..part import BOUGHT, LASER_CUT, Part
-from ..solid_gate import Box, Measured
+from ..solid_gate import Box, SolidProperties
 from .formats import dxf, glb, step, stl, threemf
 
 ASSEMBLY, WIRING = "assembly", "wiring"
@@ -28,7 +28,7 @@ TO_PRINT = ("stl", "3mf")
 
 
 @dataclass(frozen=True)
-class Made:
+class FileBytes:
     """The bytes of one file. volume and box are the exact solid's, also for a mesh; the box of a
     file to print is the mesh's, as it lies on the platform.
 
@@ -86,7 +86,7 @@ def on_platform(part: Part, kind: str) -> bool:
     return part.printed and kind in TO_PRINT
 
 
-def make(task: Task) -> list[Made]:
+def make(task: Task) -> list[FileBytes]:
     """Build, gate and write to memory. Raises RunFailed naming the part."""
     if task.part is None:
         return [_of_sensor(task.design, task.sensor, kind) for kind in task.formats]
@@ -95,7 +95,7 @@ def make(task: Task) -> list[Made]:
     made = []
     mesh: Mesh | None = None
     lying: Mesh | None = None
-    page: Page | None = None
+    page: DrawingPage | None = None
     # Meshes last: they leave triangles on the solid.
     for kind in sorted(task.formats, key=lambda f: (f in MESHED, FORMATS.index(f))):
         with guarded(part.name, {"tolerance_mm": task.tolerance_mm}):
@@ -113,7 +113,7 @@ def make(task: Task) -> list[Made]:
             else:
                 data, box_mm = _solid_bytes(solid, part, task.design, kind), measured.box_mm
         deviation_mm = mesh.deviation_mm if mesh and kind in MESHED else None
-        made.append(Made(kind, data, measured.volume_mm3, box_mm, deviation_mm))
+        made.append(FileBytes(kind, data, measured.volume_mm3, box_mm, deviation_mm))
     return made
 
 
@@ -135,15 +135,15 @@ def whole_name(kind: str) -> str:
     return WIRING if kind in DRAWN else ASSEMBLY
 
 
-def _of_sensor(design: Design, parts: Sequence[Part], kind: str) -> Made:
+def _of_sensor(design: Design, parts: Sequence[Part], kind: str) -> FileBytes:
     if kind == "step":
         return _assembly_step(design, parts)
     page = wiring(design)
     data = page.svg().encode() if kind == "svg" else page.pdf()
-    return Made(kind, data, 0.0, ((0.0, 0.0, 0.0), (*page.size_mm, 0.0)), None)
+    return FileBytes(kind, data, 0.0, ((0.0, 0.0, 0.0), (*page.size_mm, 0.0)), None)
 
 
-def _assembly_step(design: Design, parts: Sequence[Part]) -> Made:
+def _assembly_step(design: Design, parts: Sequence[Part]) -> FileBytes:
     products = []
     sizes = []
     for part in parts:
@@ -153,7 +153,7 @@ def _assembly_step(design: Design, parts: Sequence[Part]) -> Made:
         sizes.append((measured.volume_mm3, measured.box_mm, where))
     with guarded(ASSEMBLY, {"parts": len(parts)}):
         data = step.assembly_bytes(products, ASSEMBLY)
-    return Made("step", data, *whole(sizes), None)
+    return FileBytes("step", data, *whole(sizes), None)
 
 
 def _solid_bytes(solid: Any, part: Part, design: Design, kind: str) -> bytes:
@@ -173,7 +173,7 @@ def _mesh_bytes(mesh: Mesh, part: Part, kind: str) -> bytes:
     return glb.glb_bytes([glb.drawn(mesh, part.name, part.colour)], part.name)
 
 
-def _mesh(solid: Any, measured: Measured, task: Task) -> Mesh:
+def _mesh(solid: Any, measured: SolidProperties, task: Task) -> Mesh:
     """A mesh within d of a surface of area A holds the volume to A d, if it looks outwards."""
     assert task.part is not None
     mesh = mesh_solid(solid, task.tolerance_mm, task.part.name)

@@ -24,7 +24,7 @@ def bed_mm(design: Design) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class Standing:
+class PlatePlacement:
     """One piece: the middle of its place from the platform's front left corner."""
 
     part: Part
@@ -33,11 +33,11 @@ class Standing:
 
 
 @dataclass
-class Plate:
+class PrintPlate:
     """What is printed at once, of one material."""
 
     material: str
-    pieces: list[Standing] = field(default_factory=list)
+    pieces: list[PlatePlacement] = field(default_factory=list)
 
 
 @dataclass
@@ -47,7 +47,7 @@ class _Row:
     x_mm: float = EDGE_MM
 
 
-def arranged(design: Design, parts: Iterable[Part]) -> list[Plate]:
+def arranged(design: Design, parts: Iterable[Part]) -> list[PrintPlate]:
     """Every printed piece of the parts on plates; the order of the parts does not count.
 
     Raises InputError naming a part that is larger than the platform.
@@ -56,21 +56,21 @@ def arranged(design: Design, parts: Iterable[Part]) -> list[Plate]:
         ((part, *_footprint_mm(design, part)) for part in parts if part.printed),
         key=lambda e: (e[0].material, -e[2], -e[1], e[0].name),
     )
-    plates: list[Plate] = []
+    plates: list[PrintPlate] = []
     rows: list[_Row] = []
     for part, wide_mm, deep_mm in sized:
         for _ in range(part.quantity):
             if not plates or plates[-1].material != part.material:
-                plates.append(Plate(part.material))
+                plates.append(PrintPlate(part.material))
                 rows = []
             row = _room(rows, wide_mm, deep_mm, bed_mm(design))
             if row is None:
-                plates.append(Plate(part.material))
+                plates.append(PrintPlate(part.material))
                 rows = []
                 row = _room(rows, wide_mm, deep_mm, bed_mm(design))
             assert row is not None
             middle = (row.x_mm + wide_mm / 2, row.y_mm + deep_mm / 2)
-            plates[-1].pieces.append(Standing(part, *middle))
+            plates[-1].pieces.append(PlatePlacement(part, *middle))
             row.x_mm += wide_mm + GAP_MM
     return plates
 

@@ -11,7 +11,7 @@ from ..dimensions import Design
 from ..drafting.title import TitleBlock
 from ..part import Part
 from ..provenance import libraries, plain
-from .part_files import DRAWN, MESHED, Made
+from .part_files import DRAWN, MESHED, FileBytes
 
 KIND = "cad"
 # About ten designs at 0.01 mm; the longest unused go first.
@@ -27,7 +27,7 @@ class Store:
         self._reading = self._writing = in_use
         self._grown = False
 
-    def get(self, parts: Sequence[Part], kind: str) -> Made | None:
+    def get(self, parts: Sequence[Part], kind: str) -> FileBytes | None:
         """The file of a part, or of an assembly of several, as it was made before; else None."""
         if not self._reading:
             return None
@@ -36,9 +36,9 @@ class Store:
             return None
         data, note = held
         low, high = (tuple(corner) for corner in note["box_mm"])
-        return Made(kind, data, note["volume_mm3"], (low, high), note["deviation_mm"])
+        return FileBytes(kind, data, note["volume_mm3"], (low, high), note["deviation_mm"])
 
-    def put(self, parts: Sequence[Part], made: Made) -> None:
+    def put(self, parts: Sequence[Part], made: FileBytes) -> None:
         """Keep a file for the next time."""
         if self._writing:
             note = {

@@ -24,7 +24,7 @@ JETSON_PIN_MA = 500.0  # ours, cautious: the pins share the board's supply
 
 
 @dataclass(frozen=True)
-class Line:
+class BomLine:
     """One line. item counts from 1. group: of the registry, `consumables` or `workshop`.
 
     quantity is what the order takes, in `unit`: pcs, g, ml, mm.
@@ -49,7 +49,7 @@ def lines(
     waste: float = 0.1,
     indenters: IndenterList | None = None,
     process: Process = DEFAULT,
-) -> list[Line]:
+) -> list[BomLine]:
     """Everything to order for a number of sensors, one mold, one test bench and the indenters.
 
     waste: share of silicone on top of what fills the mold. indenters: cad/indenters.toml unless
@@ -64,14 +64,14 @@ def lines(
         *((CONSUMABLES, *row) for row in _camera(sensors)),
         *((WORKSHOP, *row) for row in _workshop(design)),
     ]
-    return [Line(i, *row) for i, row in enumerate(rows, 1)]
+    return [BomLine(i, *row) for i, row in enumerate(rows, 1)]
 
 
-def csv_text(bom: Sequence[Line]) -> str:
+def csv_text(bom: Sequence[BomLine]) -> str:
     """The lines as CSV with a header; numbers without rounding noise."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow([f.name for f in fields(Line)])
+    writer.writerow([f.name for f in fields(BomLine)])
     for line in bom:
         writer.writerow([_plain(value) for value in astuple(line)])
     return out.getvalue()

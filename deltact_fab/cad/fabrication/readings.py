@@ -29,7 +29,7 @@ FEATURES = {
 }
 COLUMNS = ("coupon", "feature", "nominal_mm", "measured_mm", "pieces")
 LEAST = 3
-MOST_OFF = 0.5  # share of the nominal: beyond it two columns were confused
+MAX_OFF = 0.5  # share of the nominal: beyond it two columns were confused
 
 
 @dataclass(frozen=True)
@@ -107,9 +107,9 @@ def _reading(row: dict[str, str], where: str) -> Reading:
         raise InputError(f"{where}: pieces {pieces!r}: expected a whole number from 1")
     if pieces != "1" and feature != "strip":
         raise InputError(f"{where}: pieces {pieces!r}: expected 1 unless it is a strip")
-    if abs(measured - nominal) > MOST_OFF * nominal:
+    if abs(measured - nominal) > MAX_OFF * nominal:
         raise InputError(
-            f"{where}: measured_mm {measured:g}: expected within {MOST_OFF:.0%} of "
+            f"{where}: measured_mm {measured:g}: expected within {MAX_OFF:.0%} of "
             f"nominal_mm {nominal:g}"
         )
     return Reading(coupon, feature, nominal, measured, int(pieces))

@@ -14,10 +14,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from ...types import Point2
+from ...aliases import Point2
 from ..drafting.dimensioning import Item
 from ..drafting.items import Callouts, x_of, y_of, z_of
-from ..fit import Fit, Length
+from ..fit import Length, PlayFit
 from ..kernel import require
 from ..part import CLEAR, LASER_CUT, Part
 from ..rule import Rule
@@ -79,23 +79,23 @@ def rules(d: Design) -> Iterator[Rule]:
         )
 
 
-def fits(d: Design) -> Iterator[Fit]:
+def fits(d: Design) -> Iterator[PlayFit]:
     """In the frame's pocket, round its posts, and between the ledges of frame and shell."""
     parts, printer, laser, keys = "acrylic, skin-frame", d.resin_printer, d.laser, ("plate.fit_mm",)
     for i, axis in enumerate("xy"):
         pocket = printer.inner("pocket", 2 * d.seat_half_mm[i])
         plate = laser.cut("plate", 2 * d.acrylic_half_mm[i])
-        yield Fit(f"plate in its pocket, {axis}", parts, (pocket,), (plate,), keys)
+        yield PlayFit(f"plate in its pocket, {axis}", parts, (pocket,), (plate,), keys)
     for i, axis in enumerate("xy"):
         if d.acrylic_notch_mm[i] > 0:
             posts = printer.inner("between the posts", 2 * d.post_edge_mm[i])
             neck = laser.cut("neck", 2 * (d.acrylic_half_mm[i] - d.acrylic_notch_mm[i]))
-            yield Fit(f"plate between the posts, {axis}", parts, (posts,), (neck,), keys)
+            yield PlayFit(f"plate between the posts, {axis}", parts, (posts,), (neck,), keys)
     thick = laser.sheet("plate", d.optics.acrylic_mm)
     pocket = printer.tall("depth of the pocket", d.optics.acrylic_mm)
     drop = printer.tall("shell.ledge_drop_mm", d.shell.ledge_drop_mm)
     # A plate that is too thick would hold the joint open; a bead of adhesive fills what is left.
-    yield Fit(
+    yield PlayFit(
         "plate between the ledges, z",
         "acrylic, skin-frame, shell",
         (pocket, drop),
@@ -106,7 +106,7 @@ def fits(d: Design) -> Iterator[Fit]:
     pocket_y = printer.inner("pocket", 2 * d.seat_half_mm[1])
     plate_y = laser.cut("plate", 2 * d.acrylic_half_mm[1])
     # A plate that lies at one end of its pocket bears least at the other.
-    yield Fit(
+    yield PlayFit(
         "plate on the frame's ledge, y",
         parts,
         (plate_y,),
@@ -122,7 +122,7 @@ def fits(d: Design) -> Iterator[Fit]:
             continue
         behind = printer.inner("opening of the shell", 2 * d.ledge_half_mm[i])
         pocket = printer.inner("pocket", 2 * d.seat_half_mm[i])
-        yield Fit(
+        yield PlayFit(
             f"plate on the shell's ledge, {'xy'[i]}",
             "acrylic, shell",
             (laser.cut("plate", 2 * d.acrylic_half_mm[i]),),

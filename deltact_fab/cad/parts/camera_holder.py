@@ -22,10 +22,10 @@ from typing import TYPE_CHECKING
 
 from ..drafting.dimensioning import Axis, Item
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
-from ..fit import Fit, Length
+from ..fit import Length, PlayFit
 from ..kernel import require
 from ..part import BLACK, PRINT, RESIN, Part
-from ..print_orientation import Lying
+from ..print_orientation import PrintPose
 from ..rule import Rule
 from ..solid_gate import Expected
 from .camera import UPPER_HOLES, on_board
@@ -162,7 +162,7 @@ def _plate(d: Design) -> Iterator[Rule]:
     )
 
 
-def fits(d: Design) -> Iterator[Fit]:
+def fits(d: Design) -> Iterator[PlayFit]:
     """In the shell, between the cover's bosses, under the board."""
     part, printer, cam = "camera-holder", d.resin_printer, d.camera
     cavity_x, cavity_y = d.cavity_half_mm
@@ -171,15 +171,15 @@ def fits(d: Design) -> Iterator[Fit]:
     inner, outer = printer.inner, printer.outer
     room = inner("cavity of the shell", 2 * cavity_x)
     plate = outer("plate", 2 * d.holder_half_x_mm)
-    yield Fit("camera holder in the shell, x", f"{part}, shell", (room,), (plate,), keys)
+    yield PlayFit("camera holder in the shell, x", f"{part}, shell", (room,), (plate,), keys)
     beyond = inner("cavity behind the middle", cavity_y)
     reach = outer("tongue from the middle", max(top, d.holder_arm_mm))
-    yield Fit("camera holder in the shell, y", f"{part}, shell", (beyond,), (reach,), keys)
+    yield PlayFit("camera holder in the shell, y", f"{part}, shell", (beyond,), (reach,), keys)
     for i, (axis, half, key) in enumerate(
         (("x", tongue, "holder.wall_mm"), ("y", d.holder_arm_mm, "cover.peg_y_mm"))
     ):
         bosses = inner("between the bosses", 2 * d.post_edge_mm[i])
-        yield Fit(
+        yield PlayFit(
             f"camera holder between the bosses, {axis}",
             f"{part}, cover",
             (bosses,),
@@ -189,7 +189,7 @@ def fits(d: Design) -> Iterator[Fit]:
     off = cam.tolerance_mm
     connector = Length("connector", cam.connector_width_mm, off, ("camera.connector_width_mm",))
     window = inner("window", 2 * d.holder_window_half_mm)
-    yield Fit(
+    yield PlayFit(
         "connector in the window",
         f"{part}, camera",
         (window,),
@@ -200,7 +200,7 @@ def fits(d: Design) -> Iterator[Fit]:
     # Two screws in a row along x: only that pitch can disagree, and either end takes half of it.
     pitch = Length("both pitches", 0.0, printer.plane_mm + off, ("resin_printer.plane_mm",))
     screw = Length(d.holder.screw, d.holder.row.thread_mm)
-    yield Fit(
+    yield PlayFit(
         f"{d.holder.screw} through the board",
         f"camera, camera-screw, {part}",
         (hole,),
@@ -209,7 +209,7 @@ def fits(d: Design) -> Iterator[Fit]:
     )
     deep = printer.tall("holder", d.holder.clearance_mm)
     high = Length("connector", cam.connector_height_mm, off, ("camera.connector_height_mm",))
-    yield Fit(
+    yield PlayFit(
         "connector above the cover, z",
         "camera, camera-holder, cover",
         (deep,),
@@ -287,7 +287,7 @@ PARTS = (
         wall_keys=("holder.wall_mm",),
         in_view=True,
         callouts=callouts,
-        lies=Lying(face="back"),
+        lies=PrintPose(face="back"),
         look_for="flat to 0.1 mm on a glass plate",
     ),
 )  # fmt: skip

@@ -22,14 +22,14 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from ...types import Point2
+from ...aliases import Point2
 from ..drafting.dimensioning import Axis, Cut, Detail, Item, Linear, shown
 from ..drafting.items import Callouts, holes, x_of, y_of, z_of
-from ..fit import Fit, Length
+from ..fit import Length, PlayFit
 from ..kernel import require
 from ..part import BLACK, PRINT, RESIN, Part, shell_wall_mm
 from ..planes import cone_segment_mm3, segment_mm2
-from ..print_orientation import Lying
+from ..print_orientation import PrintPose
 from ..rule import Rule
 from ..solid_gate import Expected
 
@@ -183,19 +183,19 @@ def rules(d: Design) -> Iterator[Rule]:
     )
 
 
-def fits(d: Design) -> Iterator[Fit]:
+def fits(d: Design) -> Iterator[PlayFit]:
     """The pegs in the holder, their lips over its holes, the heads in their bores."""
     printer, cover, row = d.resin_printer, d.cover, d.screw.row
     parts, pitch = "cover, camera-holder", printer.pitch("both patterns")
     hole = printer.inner("hole", cover.hole_mm)
     peg = printer.outer("peg", cover.peg_mm)
-    yield Fit("peg in its hole", parts, (hole,), (peg, pitch), ("cover.peg_clearance_mm",))
+    yield PlayFit("peg in its hole", parts, (hole,), (peg, pitch), ("cover.peg_clearance_mm",))
     # Over both lips of a peg that stands in the middle of its hole.
     lips = printer.outer("over both lips", cover.hole_mm + 2 * cover.lip_mm)
-    yield Fit("lips over their hole", parts, (lips,), (hole,), ("cover.lip_mm",))
-    most_mm = Fit("", "", (lips,), (hole,), ()).range_mm[1] / 2
+    yield PlayFit("lips over their hole", parts, (lips,), (hole,), ("cover.lip_mm",))
+    most_mm = PlayFit("", "", (lips,), (hole,), ()).range_mm[1] / 2
     bends_mm = cover.strain_limit * d.peg_leg_mm**2 / (3 * cover.fibre_mm)
-    yield Fit(
+    yield PlayFit(
         "largest lip within the strain",
         parts,
         (Length("what a leg bends", bends_mm),),
@@ -204,9 +204,9 @@ def fits(d: Design) -> Iterator[Fit]:
     )
     legs = printer.tall("legs", d.peg_leg_mm)
     holder = printer.tall("holder", d.holder.clearance_mm)
-    yield Fit("legs through the holder, z", parts, (legs,), (holder,), ("cover.peg_play_mm",))
+    yield PlayFit("legs through the holder, z", parts, (legs,), (holder,), ("cover.peg_play_mm",))
     slot = printer.inner("slot", cover.slot_mm)
-    yield Fit(
+    yield PlayFit(
         "slot when both legs bend",
         "cover",
         (slot,),
@@ -215,7 +215,7 @@ def fits(d: Design) -> Iterator[Fit]:
     )
     head = Length("head", row.head_mm)
     bore = printer.inner("bore", row.bore_mm)
-    yield Fit(
+    yield PlayFit(
         "screw head in its bore",
         "cover, screw, skin-frame",
         (bore,),
@@ -296,7 +296,7 @@ PARTS = (
         fits=fits,
         wall_mm=shell_wall_mm,
         callouts=callouts,
-        lies=Lying(face="outer face"),
+        lies=PrintPose(face="outer face"),
         look_for="every peg has its slot open: a folded paper passes",
     ),
 )  # fmt: skip

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from ...aliases import Point2
 from ...shapes import EllipsoidTip, Indenter, PrismTip, RidgeTip, SphereTip
 from ...shapes.turned import TurnedTip
-from ...types import Point2
 from ..design import IndenterBody, IndenterDimensions
 from ..drafting.dimensioning import Axis, Centres, Circle, Detail, Item, Leader, Linear, shown
 from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..part import PRINT, RESIN, WHITE, Part
-from ..print_orientation import Lying
+from ..print_orientation import PrintPose
 from .indenter import build, corner_mm, expect, plate_half_mm
 
 SMALL_MM = 1.0  # what is smaller is drawn again in a detail
@@ -30,7 +30,7 @@ def part(indenter: Indenter, body: IndenterBody, quantity: int = 1) -> Part:
         "indenters",
         colour=WHITE,
         callouts=callouts,
-        lies=Lying("+z", "stem's end", supports="under the plate only"),
+        lies=PrintPose("+z", "stem's end", supports="under the plate only"),
         look_for="no mark on the tip; the stem enters the tool holder, flat at +x, by hand",
         indenter=IndenterDimensions(indenter, body),
     )

@@ -15,7 +15,7 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from ...types import Point2
+from ...aliases import Point2
 from ..kernel import require
 from ..part import AMBER, BOUGHT, Flat, Part
 from ..rule import Rule

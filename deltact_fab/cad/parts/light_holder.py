@@ -26,11 +26,11 @@ from typing import TYPE_CHECKING
 
 from ..drafting.dimensioning import Axis, Centres, Cut, Item, Leader, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, x_of, y_of, z_of
-from ..fit import Fit, Length
+from ..fit import Length, PlayFit
 from ..kernel import require
 from ..part import PRINT, RESIN, WHITE, Part
 from ..planes import band_mm2, common_circles_mm2
-from ..print_orientation import Lying
+from ..print_orientation import PrintPose
 from ..rule import Rule
 from ..solid_gate import Expected
 from .camera import UPPER_HOLES
@@ -195,15 +195,15 @@ def led_room_mm(d: Design) -> float:
     return light.strip_thickness_mm + light.led_height_mm + sagitta
 
 
-def fits(d: Design) -> Iterator[Fit]:
+def fits(d: Design) -> Iterator[PlayFit]:
     """In the shell, below the acrylic, round the lens, and with its LEDs."""
     part, printer, light, cam = "light-holder", d.resin_printer, d.light, d.camera
     ring = printer.outer("ring", 2 * d.light_radius_mm)
     opening = printer.inner("opening of the shell", 2 * min(d.ledge_half_mm))
-    yield Fit("ring in the shell", f"{part}, shell", (opening,), (ring,), ("light.fit_mm",))
+    yield PlayFit("ring in the shell", f"{part}, shell", (opening,), (ring,), ("light.fit_mm",))
     relief = printer.inner("relief", 2 * d.peg_relief_mm)
     lips = printer.outer("over both lips", d.cover.hole_mm + 2 * d.cover.lip_mm)
-    yield Fit(
+    yield PlayFit(
         "lips in the ring's reliefs",
         f"{part}, cover",
         (relief,),
@@ -212,7 +212,7 @@ def fits(d: Design) -> Iterator[Fit]:
     )
     led = Length("strip and LED on a chord", led_room_mm(d), light.led_tolerance_mm)
     channel = printer.inner("channel", light.channel_mm)
-    yield Fit(
+    yield PlayFit(
         "LED in its channel",
         f"{part}, LED strip",
         (channel,),
@@ -221,7 +221,7 @@ def fits(d: Design) -> Iterator[Fit]:
     )
     off = cam.tolerance_mm
     lens = Length("lens", cam.lens_diameter_mm, off, ("camera.lens_diameter_mm",))
-    yield Fit(
+    yield PlayFit(
         "lens in the bore",
         f"{part}, camera",
         (printer.inner("bore", 2 * d.light_bore_mm),),
@@ -231,7 +231,7 @@ def fits(d: Design) -> Iterator[Fit]:
     yield below_plate(d)
 
 
-def below_plate(d: Design) -> Fit:
+def below_plate(d: Design) -> PlayFit:
     """Room between ring and acrylic, for the plate to bend into under a press."""
     printer, cam = d.resin_printer, d.camera
     # The ring stands on the board, the board on its holder, the holder on the cover's floor.
@@ -245,7 +245,7 @@ def below_plate(d: Design) -> Fit:
         printer.tall("depth of the shell", d.shell_depth_mm),
         printer.tall("depth of the pocket", d.optics.acrylic_mm),
     )
-    return Fit(
+    return PlayFit(
         "ring below the acrylic, z",
         "light-holder, acrylic",
         room,
@@ -344,7 +344,7 @@ PARTS = (
         wall_keys=("light.wall_mm", "light.diffuser_mm", "light.floor_mm"),
         in_view=True,
         callouts=callouts,
-        lies=Lying(face="floor"),
+        lies=PrintPose(face="floor"),
         look_for="no resin left in the channel: blow it out before the post-cure",
     ),
 )  # fmt: skip

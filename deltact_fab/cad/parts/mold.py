@@ -24,10 +24,10 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from ...types import Point2
+from ...aliases import Point2
 from ..drafting.dimensioning import Axis, Cut, Item, Leader, Linear, shown
 from ..drafting.items import Callouts, x_of, y_of, z_of
-from ..fit import Fit
+from ..fit import PlayFit
 from ..kernel import require
 from ..part import AMBER, PRINT, RESIN, Part, shell_wall_mm
 from ..rule import Rule
@@ -127,13 +127,13 @@ def rules(d: Design) -> Iterator[Rule]:
     )
 
 
-def fits(d: Design) -> Iterator[Fit]:
+def fits(d: Design) -> Iterator[PlayFit]:
     """The frame in its seat."""
     printer = d.resin_printer
     for i, axis in enumerate("xy"):
         seat = printer.inner("seat", seat_mm(d)[i])
         frame = printer.outer("frame", d.frame_outer_mm[i])
-        yield Fit(
+        yield PlayFit(
             f"frame in its seat, {axis}", "mold, skin-frame", (seat,), (frame,), ("mold.fit_mm",)
         )
 

@@ -25,10 +25,10 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from ...types import Point, Vector
+from ...aliases import Point, Vector
 from ..drafting.dimensioning import Axis, Item, Leader, Linear, shown
 from ..drafting.items import holes, x_of, y_of, z_of
-from ..fit import Fit, Length
+from ..fit import Length, PlayFit
 from ..kernel import require
 from ..rule import Rule
 from ..solid_gate import Box, Expected
@@ -313,7 +313,7 @@ def rules(d: Design) -> Iterator[Rule]:
     )
 
 
-def fits(d: Design) -> Iterator[Fit]:
+def fits(d: Design) -> Iterator[PlayFit]:
     """The flange's two screws into a finger, whose own pitch is taken to be exact."""
     mount, printer = d.mount, d.resin_printer
     if mount.kind != "franka":
@@ -322,7 +322,7 @@ def fits(d: Design) -> Iterator[Fit]:
     screw = Length(mount.screw, float(mount.screw.removeprefix("M")))
     hole = printer.tall("hole", mount.hole_mm)
     parts, keys = "shell, finger", ("mount.screw", "mount.flange_pitch_mm")
-    yield Fit(f"{mount.screw} through the flange", parts, (hole,), (screw, pitch), keys)
+    yield PlayFit(f"{mount.screw} through the flange", parts, (hole,), (screw, pitch), keys)
 
 
 def callouts(d: Design) -> list[Item]:

@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING
 from ..bench_sections import BOLT, BOLTS
 from ..drafting.dimensioning import Cut, Item, Leader, shown
 from ..drafting.items import Callouts, holes, x_of, z_of
-from ..fit import Fit, Length
+from ..fit import Length, PlayFit
 from ..kernel import require
 from ..part import BLACK, PRINT, RESIN, Part, Shift, shell_wall_mm
-from ..print_orientation import Lying
+from ..print_orientation import PrintPose
 from ..rule import Rule
 from ..solid_gate import Expected
 from .tool_holder import SCREWS
@@ -93,12 +93,12 @@ def rules(d: Design) -> Iterator[Rule]:
     yield Rule(part, wall, "<=", ("wall between two heads", apart), KEYS)
 
 
-def fits(d: Design) -> Iterator[Fit]:
+def fits(d: Design) -> Iterator[PlayFit]:
     """Three screws into a sensor, whose own pattern is taken to be exact."""
     plate, printer = d.adapter, d.resin_printer
     hole = printer.inner("hole", plate.bolt_hole_mm)
     body = (Length("M2", BOLT.thread_mm, 0.0, KEYS), printer.pitch("pitch", 0.0))
-    yield Fit("M2 into the force sensor", "nano17-adapter", (hole,), body,
+    yield PlayFit("M2 into the force sensor", "nano17-adapter", (hole,), body,
               ("adapter.bolt_hole_mm",))  # fmt: skip
 
 
@@ -153,7 +153,7 @@ PARTS = (
         wall_mm=shell_wall_mm,
         callouts=callouts,
         note=note,
-        lies=Lying("+z", "force sensor's side"),
+        lies=PrintPose("+z", "force sensor's side"),
         look_for="flat on both sides; the force sensor's screws go in by hand",
     ),
 )

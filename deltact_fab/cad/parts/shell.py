@@ -27,10 +27,10 @@ from typing import TYPE_CHECKING, Any
 
 from ..drafting.dimensioning import Axis, Cut, Detail, Item, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
-from ..fit import Fit, Length
+from ..fit import Length, PlayFit
 from ..kernel import require
 from ..part import BLACK, PRINT, RESIN, Part, shell_wall_mm
-from ..print_orientation import Lying
+from ..print_orientation import PrintPose
 from ..rule import Rule
 from ..solid_gate import Box, Expected
 from . import mount
@@ -207,18 +207,18 @@ def rules(d: Design) -> Iterator[Rule]:
     yield from mount.rules(d)
 
 
-def fits(d: Design) -> Iterator[Fit]:
+def fits(d: Design) -> Iterator[PlayFit]:
     """Round the cover's bosses, and for the screws on their way into the frame."""
     printer, row = d.resin_printer, d.screw.row
     if d.z_boss_mm > d.z_floor_mm:
         corner = printer.inner("corner", d.boss_room_mm)
         boss = printer.outer("boss", d.post_mm)
-        yield Fit("boss in its corner", "shell, cover", (corner,), (boss,), ("cover.fit_mm",))
+        yield PlayFit("boss in its corner", "shell, cover", (corner,), (boss,), ("cover.fit_mm",))
     shank = Length(d.screw.thread, row.thread_mm)
     pitch = printer.pitch("both patterns")
     for name in ("shell", "cover"):
         hole = printer.inner("hole", row.clearance_mm)
-        yield Fit(
+        yield PlayFit(
             f"{d.screw.thread} through the {name}",
             f"{name}, screw, skin-frame",
             (hole,),
@@ -338,7 +338,7 @@ PARTS = (
         wall_mm=shell_wall_mm,
         in_view=True,
         callouts=callouts,
-        lies=Lying(face="back", tilt_deg=20, supports="outside only"),
+        lies=PrintPose(face="back", tilt_deg=20, supports="outside only"),
         look_for="the light holder slides in by hand; the four holes pass a screw without cutting",
     ),
 )  # fmt: skip

@@ -25,13 +25,13 @@ from collections.abc import Iterator
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
-from ...types import Point2
+from ...aliases import Point2
 from ..drafting.dimensioning import Axis, Cut, Item, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
-from ..fit import Fit, Length
+from ..fit import Length, PlayFit
 from ..kernel import require
 from ..part import BLACK, PRINT, RESIN, Part, no_fits, no_rules, shell_wall_mm
-from ..print_orientation import Lying
+from ..print_orientation import PrintPose
 from ..rule import Rule
 from ..solid_gate import Expected
 from ..standards import screw_tolerance_mm
@@ -139,18 +139,18 @@ def rules(d: Design) -> Iterator[Rule]:
     yield Rule(part, depth, "<=", cap)
 
 
-def fits(d: Design) -> Iterator[Fit]:
+def fits(d: Design) -> Iterator[PlayFit]:
     """Its pilots: the screws bite, can be driven, and end before the bottom."""
     printer, screw, row = d.resin_printer, d.screw, d.screw.row
     parts, keys = "skin-frame, screw", ("screw.thread", "resin_printer.plane_mm")
     pilot = printer.inner("pilot", row.pilot_mm)
     major = Length(screw.thread, row.thread_mm, 0.0)
-    yield Fit(f"{screw.thread} bites in its pilot", parts, (major,), (pilot,), keys)
+    yield PlayFit(f"{screw.thread} bites in its pilot", parts, (major,), (pilot,), keys)
     bottom = printer.tall("pilot", screw.pilot_depth_mm)
     stack = printer.tall("shell", d.z_joint_mm - d.z_boss_mm)
     boss = printer.tall("head to boss", d.z_boss_mm - d.z_head_mm)
     length = Length("screw", screw.length_mm, screw_tolerance_mm(screw.length_mm))
-    yield Fit(
+    yield PlayFit(
         "screw ends before the pilot, z",
         "skin-frame, screw, shell, cover",
         (boss, stack, bottom),
@@ -223,7 +223,7 @@ FRAME = Part(
     wall_mm=shell_wall_mm,
     in_view=True,
     callouts=callouts,
-    lies=Lying(
+    lies=PrintPose(
         face="back, where the pilot holes are,", tilt_deg=30,
         supports="on the rim of the back only, none on the front",
     ),

@@ -19,7 +19,7 @@ import math
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from ...types import Point2
+from ...aliases import Point2
 from ..drafting.dimensioning import Centres, Item, Leader, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..kernel import require

@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any
 
 from ..drafting.dimensioning import Cut, Linear, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
-from ..fit import Fit
+from ..fit import PlayFit
 from ..kernel import require
 from ..part import BLACK, PRINT, RESIN, Part, shell_wall_mm
-from ..print_orientation import Lying
+from ..print_orientation import PrintPose
 from ..rule import Rule
 from ..solid_gate import Expected
 from . import shell
@@ -137,12 +137,12 @@ def rules(d: Design) -> Iterator[Rule]:
         )
 
 
-def fits(d: Design) -> Iterator[Fit]:
+def fits(d: Design) -> Iterator[PlayFit]:
     """The cover between the tabs."""
     between = d.resin_printer.inner("between the tabs", d.frame_outer_mm[0] + 2 * d.cover.fit_mm)
     cover = d.resin_printer.outer("cover", d.frame_outer_mm[0])
     parts, keys = "testing-shell, cover", ("cover.fit_mm",)
-    yield Fit("cover between the tabs", parts, (between,), (cover,), keys)
+    yield PlayFit("cover between the tabs", parts, (between,), (cover,), keys)
 
 
 def note(d: Design) -> str:
@@ -198,7 +198,7 @@ PARTS = (
         wall_mm=shell_wall_mm,
         callouts=callouts,
         note=note,
-        lies=Lying(face="back", tilt_deg=20, supports="outside only"),
+        lies=PrintPose(face="back", tilt_deg=20, supports="outside only"),
         look_for="as the shell; tabs flat on the table",
     ),
 )  # fmt: skip

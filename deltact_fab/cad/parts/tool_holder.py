@@ -27,11 +27,11 @@ from ...shapes import Indenter
 from ..bench_sections import SCREW, ToolDimensions
 from ..drafting.dimensioning import Axis, Cut, Item, Leader, shown
 from ..drafting.items import Callouts, holes, x_of, z_of
-from ..fit import Fit, Length
+from ..fit import Length, PlayFit
 from ..kernel import require
 from ..part import BLACK, PRINT, RESIN, Part, shell_wall_mm
 from ..planes import segment_mm2
-from ..print_orientation import Lying
+from ..print_orientation import PrintPose
 from ..rule import Rule
 from ..solid_gate import Expected
 
@@ -128,23 +128,23 @@ def rules(d: Design) -> Iterator[Rule]:
     yield Rule(part, ("tool.roof_mm", tool.roof_mm), "<=", ("tool.flange_mm", tool.flange_mm))
 
 
-def fits(d: Design) -> Iterator[Fit]:
+def fits(d: Design) -> Iterator[PlayFit]:
     """Stem and flat in the D bore, and that a turned stem does not go in."""
     tool, printer = d.tool, d.resin_printer
     parts, keys = "tool-holder, indenters", ("tool.fit_mm",)
     stem = Indenter.stem_diameter_mm
     bore = printer.inner("bore", 2 * tool.bore_mm)
-    yield Fit("stem in the bore", parts, (bore,), (printer.outer("stem", stem),), keys)
+    yield PlayFit("stem in the bore", parts, (bore,), (printer.outer("stem", stem),), keys)
     flat = printer.inner("bore across its flat", tool.bore_mm + tool.flat_mm)
     across = printer.outer("stem across its flat", stem / 2 + Indenter.stem_flat_at_mm)
-    yield Fit("stem's flat in the bore", parts, (flat,), (across,), keys)
-    yield Fit("turned stem stays out", parts, (printer.outer("stem", stem),), (flat,), keys)
+    yield PlayFit("stem's flat in the bore", parts, (flat,), (across,), keys)
+    yield PlayFit("turned stem stays out", parts, (printer.outer("stem", stem),), (flat,), keys)
     screws = "tool-holder, nano17-adapter"
     hole, screw = printer.inner("hole", tool.screw_hole_mm), Length("M3", SCREW.thread_mm)
-    yield Fit("M3 through the flange", screws, (hole,), (screw, printer.pitch("pitch")),
+    yield PlayFit("M3 through the flange", screws, (hole,), (screw, printer.pitch("pitch")),
               ("tool.screw_hole_mm",))  # fmt: skip
     hole, pin = printer.inner("hole", tool.pin_mm + tool.pin_fit_mm), Length("pin", tool.pin_mm)
-    yield Fit("pin in the flange", screws, (hole,), (pin, printer.pitch("pitch")),
+    yield PlayFit("pin in the flange", screws, (hole,), (pin, printer.pitch("pitch")),
               ("tool.pin_fit_mm",))  # fmt: skip
 
 
@@ -198,7 +198,7 @@ PARTS = (
         wall_mm=shell_wall_mm,
         callouts=callouts,
         note=note,
-        lies=Lying("+z", "flange"),
+        lies=PrintPose("+z", "flange"),
         look_for="a stem slides in with its flat at +x and in no other way",
     ),
 )

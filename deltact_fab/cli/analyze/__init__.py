@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import click
 
-from ..group import Group
+from ..group import CommandGroup
 from .force import force
 from .shape import shape
 from .tracking import tracking
 
 
-@click.group(cls=Group)
+@click.group(cls=CommandGroup)
 def analyze() -> None:
     """Analyses of recorded runs: tracking error, force, shape."""
 

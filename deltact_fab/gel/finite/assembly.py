@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field
 from ...errors import InputError
 from .material import NeoHooke
 from .mesh import HexMesh

@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field
 from ...errors import SolverError
 from .. import time_limit
 from .linear import Solver
-from .newton import Problem, Solution, size_of
+from .newton import NewtonSolution, Problem, size_of
 from .pattern import Pattern
 
 FIRST, MOST = 0.05, 1e6  # damping: begun with, given up beyond
@@ -24,7 +24,7 @@ GOOD, POOR, TAKEN = 0.7, 0.2, 1e-3  # energy lowered over what the model promise
 NONE = 1e-3  # damping below which there is none
 ENOUGH = 1e-4  # of the residual: from there Newton's method goes on
 ROUNDING = 1e-12  # of the energy: changes that are not seen any more
-MOST_ITERATIONS = 150
+MAX_ITERATIONS = 150
 
 
 def descend(
@@ -34,20 +34,20 @@ def descend(
     pattern: Pattern,
     rest_data: Field,
     longest_mm: float,
-) -> Solution:
+) -> NewtonSolution:
     """From start_mm to a residual of ENOUGH, or as far as the energy's rounding lets see.
 
-    longest_mm: largest displacement in one iteration. Raises SolverError after MOST_ITERATIONS.
+    longest_mm: largest displacement in one iteration. Raises SolverError after MAX_ITERATIONS.
     """
     x = start_mm
     now = problem.evaluate(x, None, True, True)
     if now is None:
         raise SolverError("descent: the start turns a cell inside out")
-    done = Solution(x, now.pressure_mpa, size_of(now))
+    done = NewtonSolution(x, now.pressure_mpa, size_of(now))
     eta = 0.0
     while done.residual > ENOUGH:
         time_limit.check()
-        if done.iterations >= MOST_ITERATIONS or eta > MOST:
+        if done.iterations >= MAX_ITERATIONS or eta > MOST:
             raise SolverError(
                 f"descent: residual {done.residual:.1e} after {done.iterations} iterations, "
                 f"{ENOUGH:.0e} is needed"

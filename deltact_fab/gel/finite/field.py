@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field
 from ..lattice import hermite, means
 from .mesh import HexMesh
 

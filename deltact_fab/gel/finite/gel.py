@@ -9,12 +9,11 @@ from functools import cached_property
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field, Point
 from ...elasticity.material import GelMaterial
 from ...errors import InputError
 from ...shapes import Indenter, SkinDimensions
-from ...types import Point
-from ..level import Choice, Diagnostics, Level
+from ..level import Choice, IncrementDiagnostics, Level
 from .field import FaceLattice, tractions_mpa, whole_wrench
 from .mesh import block_mesh
 from .penalty_correction import lacking_n
@@ -40,7 +39,7 @@ class HyperelasticState:
     jumped: bool
     force_n: Point
     torque_nmm: Point
-    diagnostics: Diagnostics
+    diagnostics: IncrementDiagnostics
     _press: FinitePress
     _lattice: FaceLattice
 
@@ -224,7 +223,7 @@ class FiniteGel:
             jumped,
             (float(force[0]), float(force[1]), float(force[2])),
             (float(torque[0]), float(torque[1]), float(torque[2])),
-            Diagnostics(
+            IncrementDiagnostics(
                 d.iterations, d.cuts, d.residual, d.penetration_mm, d.least_j, d.most_stretch,
                 tuple(flags),
             ),

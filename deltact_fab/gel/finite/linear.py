@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
-from ...arrays import Field
+from ...aliases import Field
 from ...errors import InputError, MissingLibrary, SolverError
 from ...extras import require
 

@@ -24,12 +24,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field
 from ...elasticity.material import GelMaterial
 from ...errors import InputError
 
 LOCAL = 8.0  # b over mu
-MOST_POISSON = 0.49999  # beyond, rounding in U' spoils the residual
+MAX_POISSON = 0.49999  # beyond, rounding in U' spoils the residual
 
 
 @dataclass(frozen=True)
@@ -41,11 +41,11 @@ class NeoHooke:
 
     @classmethod
     def of(cls, material: GelMaterial) -> NeoHooke:
-        """From modulus and Poisson's ratio; InputError beyond MOST_POISSON."""
+        """From modulus and Poisson's ratio; InputError beyond MAX_POISSON."""
         nu, e = material.poisson, material.modulus_mpa
-        if nu > MOST_POISSON:
+        if nu > MAX_POISSON:
             raise InputError(
-                f"hyperelastic: poisson <= {MOST_POISSON} is needed: {nu} fails; .499 gives the "
+                f"hyperelastic: poisson <= {MAX_POISSON} is needed: {nu} fails; .499 gives the "
                 "force of .4999 within .5 %"
             )
         return cls(e / (2 * (1 + nu)), e * nu / ((1 + nu) * (1 - 2 * nu)))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Field, Index
+from ...aliases import Field, Index
 from ...errors import InputError
 from ...shapes import SkinDimensions
 

@@ -23,7 +23,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import scipy.sparse.linalg as spla
 
-from ...arrays import Field
+from ...aliases import Field
 from ...errors import SolverError
 from .. import time_limit
 from .linear import Solver
@@ -33,9 +33,9 @@ KEEP = 0.2  # a factor is kept while it reduces the residual at least to this
 HALVES = 3  # lengths that are tried of one direction
 SURE = 1e-6  # residual below which steps are taken whole: their growth is rounding
 NEAR = 1e-2  # residual below which negative eigenvalues may be the solution's own
-WEAK, MOST_WEAK = 0.7, 3  # a step that leaves more, and how many of them are a fold
+WEAK, MAX_WEAK = 0.7, 3  # a step that leaves more, and how many of them are a fold
 COUPLED = 1e-3  # of the residual: tolerance of GMRES, and most of its iterations
-MOST_COUPLED = 60
+MAX_COUPLED = 60
 
 
 class Evaluation(NamedTuple):
@@ -75,7 +75,7 @@ class Problem(Protocol):
 
 
 @dataclass
-class Solution:
+class NewtonSolution:
     """free_mm (size,). residual: |r| / scale. iterations, factorisations: work. damped:
     factorisations with damping. pressure_mpa (m,): of the cells, for the next tangent."""
 
@@ -86,7 +86,7 @@ class Solution:
     factorisations: int = 0
     damped: int = 0
 
-    def after(self, other: Solution) -> Solution:
+    def after(self, other: NewtonSolution) -> NewtonSolution:
         """The same, and the work of the one that it began from."""
         self.iterations += other.iterations
         self.factorisations += other.factorisations
@@ -103,7 +103,9 @@ class _Step(NamedTuple):
 class _Direction:
     """Factors of the tangent at one point after the other."""
 
-    def __init__(self, problem: Problem, solver: Solver, pattern: Pattern, done: Solution) -> None:
+    def __init__(
+        self, problem: Problem, solver: Solver, pattern: Pattern, done: NewtonSolution
+    ) -> None:
         self._problem, self._solver, self._pattern, self._done = problem, solver, pattern, done
         self.curved = True
         self.kept = False
@@ -130,8 +132,8 @@ class _Direction:
         self.kept = whole and now < KEEP * before
         self.curved = self.curved or now < NEAR
         self._weak = self._weak + 1 if now > max(WEAK * before, SURE) else 0
-        if self._weak >= MOST_WEAK:
-            raise SolverError(f"newton: {MOST_WEAK} steps left a residual of {now:.1e}")
+        if self._weak >= MAX_WEAK:
+            raise SolverError(f"newton: {MAX_WEAK} steps left a residual of {now:.1e}")
 
     def step_mm(self, residual_n: Field) -> Field:
         """The step (size,) against a residual."""
@@ -142,7 +144,7 @@ class _Direction:
             (n, n), dtype=np.float64,
             matvec=lambda y: y + self._problem.coupled(self._solver.solve(y)),
         )  # fmt: skip
-        y, _ = spla.gmres(whole, -residual_n, rtol=COUPLED, restart=MOST_COUPLED, maxiter=1)
+        y, _ = spla.gmres(whole, -residual_n, rtol=COUPLED, restart=MAX_COUPLED, maxiter=1)
         return self._solver.solve(y)
 
 
@@ -155,7 +157,7 @@ def solve(
     tolerance: float,
     longest_mm: float = np.inf,
     most_iterations: int = 60,
-) -> Solution:
+) -> NewtonSolution:
     """Equilibrium from start_mm on.
 
     pressure_mpa (m,): cell pressures for the first tangent.
@@ -167,7 +169,7 @@ def solve(
     now = problem.evaluate(x, pressure_mpa, False, True)
     if now is None:
         raise SolverError("newton: the start turns a cell inside out")
-    done = Solution(x, pressure_mpa, size_of(now))
+    done = NewtonSolution(x, pressure_mpa, size_of(now))
     direction = _Direction(problem, solver, pattern, done)
     while not done.residual <= tolerance:
         time_limit.check()
@@ -197,7 +199,7 @@ def size_of(e: Evaluation) -> float:
 
 def _step(
     problem: Problem, x: Field, now: Evaluation, direction: _Direction, longest_mm: float,
-    done: Solution,
+    done: NewtonSolution,
 ) -> _Step:  # fmt: skip
     """A step that is no longer than longest_mm and lowers the residual.
 

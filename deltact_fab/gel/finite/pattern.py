@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from ...arrays import Field, Index
+from ...aliases import Field, Index
 from .mesh import HexMesh
 
 CELL_DOFS = 24

@@ -9,11 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field, Point
 from ...elasticity.material import GelMaterial
 from ...errors import InputError, SolverError
 from ...shapes import Indenter
-from ...types import Point
 from ..footprint import edge_radius_mm
 from . import newton
 from .assembly import BulkAssembly
@@ -25,13 +24,13 @@ from .mesh import HexMesh
 from .pattern import Pattern
 from .predict import start_of
 from .problem import Equilibrium, bulk_at
-from .state import Diagnostics, FiniteState, sum_of, with_diagnostics
-from .surface import Grip, Surface
+from .state import FiniteState, PressDiagnostics, sum_of, with_diagnostics
+from .surface import FrictionGrip, Surface
 from .tip_rounding import blunted
 from .transfer import Guide
 from .viscous import Memory, Viscosity
 
-MOST_CUTS = 6  # halvings of one increment
+MAX_CUTS = 6  # halvings of one increment
 SHARP, MANY = 2.0, 5  # cells: least radius that 2 x 2 points a face can feel, and else how many
 LONGEST = 1.0  # cells that a node may move in one iteration, over twice the tip's own move
 FLOOR = 1e-2  # x E x thickness x cell size: least force that a residual is compared with
@@ -123,7 +122,7 @@ class FinitePress:
         seconds: that it takes, 0 (sudden) to infinity (long rest), evenly along the way; a gel with
         a Prony series needs it (InputError), to any other it makes no difference. The same tip
         again is a hold. guide: of a coarser mesh on the same way, to start from its increments.
-        Raises SolverError when MOST_CUTS do not help, when the tip slips through the mesh, and
+        Raises SolverError when MAX_CUTS do not help, when the tip slips through the mesh, and
         when contact is lost while the depth grows.
         """
         _require_finite(tip_mm)
@@ -135,7 +134,7 @@ class FinitePress:
         started = time.perf_counter()
         start, move = np.array(previous.tip_mm), np.array(tip_mm) - np.array(previous.tip_mm)
         done, part, cuts = 0.0, 1.0, 0
-        state, work = previous, Diagnostics()
+        state, work = previous, PressDiagnostics()
         change = None if guide is None else guide.change(previous.tip_mm, tip_mm)
         while done < 1.0:
             goal = min(1.0, done + part)
@@ -150,10 +149,10 @@ class FinitePress:
                     continue
                 cuts += 1
                 part /= 2
-                if part < 2.0**-MOST_CUTS and part * np.linalg.norm(move) < self._cell_mm:
+                if part < 2.0**-MAX_CUTS and part * np.linalg.norm(move) < self._cell_mm:
                     raise SolverError(
                         f"press: {self.indenter.name} at {_text(_point(tip))}: {why}; "
-                        f"{MOST_CUTS} halvings of the increment did not help"
+                        f"{MAX_CUTS} halvings of the increment did not help"
                     ) from why
                 continue
             change = None
@@ -161,7 +160,7 @@ class FinitePress:
             done = goal
         refuse_lost(self.surface, self.indenter, self._cell_mm, previous, state)
         last = state.diagnostics
-        diagnostics = Diagnostics(
+        diagnostics = PressDiagnostics(
             work.iterations, work.factorisations, work.damped, work.lagged, cuts,
             last.residual, last.penetration_mm, last.least_j, last.most_stretch,
             time.perf_counter() - started,
@@ -196,7 +195,7 @@ class FinitePress:
         grip = self._grip(previous, moved) if self.friction > 0 and tip_mm[2] > 0 else None
         longest = LONGEST * self._cell_mm + 2 * float(np.abs(moved).max())
 
-        def solved(grip: Grip | None, start: Field, cells: Field) -> newton.Solution:
+        def solved(grip: FrictionGrip | None, start: Field, cells: Field) -> newton.NewtonSolution:
             at = Equilibrium(self.bulk, self.surface, tip, grip, memory, self.floor_n)
             return newton.solve(
                 at, start, cells, self.solver, self.pattern, self.tolerance, longest
@@ -223,7 +222,7 @@ class FinitePress:
             previous, tip_mm, self.pattern.whole(found.free_mm), grip, found, memory, lagged
         )
 
-    def _grip(self, previous: FiniteState, move: Field) -> Grip:
+    def _grip(self, previous: FiniteState, move: Field) -> FrictionGrip:
         """What the points in contact remember, and from where those count that will come to it.
 
         A free point keeps its place until the tip has come the share t of its move that closes the
@@ -241,11 +240,11 @@ class FinitePress:
         coming = ~held & (t < 1)
         at = np.where(coming[..., None], at - t[..., None] * move, at)
         normal = self.surface.normals(at)
-        return Grip(at, previous.slip_mm, normal, held | coming, self.friction)
+        return FrictionGrip(at, previous.slip_mm, normal, held | coming, self.friction)
 
     def _state(
-        self, previous: FiniteState, tip_mm: Point, u: Field, grip: Grip | None,
-        found: newton.Solution, memory: Memory | None, lagged: int,
+        self, previous: FiniteState, tip_mm: Point, u: Field, grip: FrictionGrip | None,
+        found: newton.NewtonSolution, memory: Memory | None, lagged: int,
     ) -> FiniteState:  # fmt: skip
         tip = np.array(tip_mm)
         bulk = bulk_at(self.bulk, u, memory)
@@ -257,7 +256,7 @@ class FinitePress:
         where = self.mesh.nodes_mm + u
         touched = contact.pressure_mpa > 0
         present = self.surface.weights_mm2 * self.surface.area_ratio(u)
-        diagnostics = Diagnostics(
+        diagnostics = PressDiagnostics(
             iterations=found.iterations,
             factorisations=found.factorisations,
             damped=found.damped,

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field
 from .assembly import Bulk, BulkAssembly
 from .newton import Evaluation
-from .surface import Coupling, Grip, Surface
+from .surface import Coupling, FrictionGrip, Surface
 from .viscous import Memory
 
 
@@ -35,7 +35,7 @@ class Equilibrium:
         bulk: BulkAssembly,
         surface: Surface,
         tip_mm: Field,
-        grip: Grip | None,
+        grip: FrictionGrip | None,
         memory: Memory | None,
         floor_n: float,
     ) -> None:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from ...arrays import Field
-from ...types import Point
+from ...aliases import Field, Point
 
 PENETRATION_LIMIT = 0.05  # of the depth; beyond, a state is not `trusted`
 
 
 @dataclass(frozen=True)
-class Diagnostics:
+class PressDiagnostics:
     """Work and quality of the increment that led to a state; counts are sums over its parts.
 
     residual: norm of the unbalanced nodal forces over that of the contact's. cuts: halvings of the
@@ -58,7 +57,7 @@ class FiniteState:
     contact_area_mm2: float
     contact_points: int
     cell_pressure_mpa: Field
-    diagnostics: Diagnostics = field(default_factory=Diagnostics)
+    diagnostics: PressDiagnostics = field(default_factory=PressDiagnostics)
     rate: tuple[Field, Field, Field] | None = None
     overstress_mpa: Field | None = None
 
@@ -71,15 +70,15 @@ class FiniteState:
         return d.penetration_mm <= inside_mm and not d.lagged
 
 
-def with_diagnostics(state: FiniteState, diagnostics: Diagnostics) -> FiniteState:
+def with_diagnostics(state: FiniteState, diagnostics: PressDiagnostics) -> FiniteState:
     """The same state with other diagnostics."""
     values = {k: getattr(state, k) for k in state.__dataclass_fields__}
     return FiniteState(**{**values, "diagnostics": diagnostics})
 
 
-def sum_of(a: Diagnostics, b: Diagnostics) -> Diagnostics:
+def sum_of(a: PressDiagnostics, b: PressDiagnostics) -> PressDiagnostics:
     """Counts of work added; the rest is left at its default."""
-    return Diagnostics(
+    return PressDiagnostics(
         a.iterations + b.iterations,
         a.factorisations + b.factorisations,
         a.damped + b.damped,

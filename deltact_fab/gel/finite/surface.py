@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Field
+from ...aliases import Field
 from ...shapes import Indenter
 from .distance import Gap, gap
 from .mesh import HexMesh
@@ -33,7 +33,7 @@ SHALLOW = 0.2  # largest w over the depth
 
 
 @dataclass(frozen=True, eq=False)
-class Grip:
+class FrictionGrip:
     """What friction needs to know for one solve; arrays over (faces f, points q of a face).
 
     at_mm (f, q, 3): points relative to the indenter at the start of the increment.
@@ -60,7 +60,7 @@ class Coupling(NamedTuple):
     normal: Field
 
 
-class Contact(NamedTuple):
+class ContactEvaluation(NamedTuple):
     """One evaluation. energy_nmm: of the normal penalty, and of friction whose bound is
     held. force_n (n, 3): on the indenter.
     data: CSR entries of the tangent's symmetric part or None. coupling: the other part or None.
@@ -114,10 +114,10 @@ class Surface:
         self,
         displacement_mm: Field,
         tip_mm: Field,
-        grip: Grip | None = None,
+        grip: FrictionGrip | None = None,
         tangent: bool = True,
         curved: bool = True,
-    ) -> Contact:
+    ) -> ContactEvaluation:
         """Forces and tangent; `curved` False leaves out -p grad^2 g, which may be negative."""
         at = self.points(displacement_mm, tip_mm)
         near = self._near(at)
@@ -158,7 +158,7 @@ class Surface:
             # A bound that is held outlasts the contact.
             some = pressure + bound > 0
             data = self._matrix_entries(block * w[..., None, None], np.any(some, axis=1))
-        return Contact(energy, force, data, coupling, pressure, shear, near)
+        return ContactEvaluation(energy, force, data, coupling, pressure, shear, near)
 
     def give(self, displacement_mm: Field, tip_mm: Field) -> tuple[float, Field]:
         """Complementary energy (Nmm) of the penalty, and its slope (n, 3) over the displacements.
@@ -202,7 +202,7 @@ class Surface:
         curvature[some] = found.curvature_per_mm
         return Gap(distance, normal, curvature)
 
-    def released_slip(self, seen: Contact) -> Field:
+    def released_slip(self, seen: ContactEvaluation) -> Field:
         """Elastic slip (f, q, 3) that carries the shear of an evaluation on to the next step."""
         return -seen.shear_mpa / self.grip_stiffness[..., None]
 
@@ -249,7 +249,7 @@ class Surface:
         return k * psi, pressure, rise
 
     def _friction(
-        self, at: Field, grip: Grip, bound_mpa: Field, tangent: bool
+        self, at: Field, grip: FrictionGrip, bound_mpa: Field, tangent: bool
     ) -> tuple[Field, Field, NDArray[np.bool_], Field | None]:
         """Traction on the indenter (f, q, 3), slip with the elastic part (f, q), where the bound is
         reached (f, q), tangent (f, q, 3, 3) at a bound that is held."""

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from ...shapes import Indenter, PrismTip, RidgeTip, Tip, TurnedTip
 from ...shapes.bounded import ShapeError
-from ...shapes.turned import Piece
+from ...shapes.turned import ProfilePiece
 
 BLUNT = 0.5  # least radius over the cell size
 
@@ -46,7 +46,7 @@ def _with_radius(tip: Tip, radius_mm: float) -> Tip:
     return tip
 
 
-def _rounded_rim(tip: TurnedTip, radius_mm: float) -> tuple[Piece, ...]:
+def _rounded_rim(tip: TurnedTip, radius_mm: float) -> tuple[ProfilePiece, ...]:
     """The last arc, from a flat face up to the rim, made wider; other profiles as they are."""
     *inner, last = tip.pieces
     if last.centre_mm is None or not inner or inner[-1].centre_mm is not None:
@@ -59,4 +59,4 @@ def _rounded_rim(tip: TurnedTip, radius_mm: float) -> tuple[Piece, ...]:
         return tip.pieces
     start = (rim - radius_mm, foot[1])
     high = foot[1] + radius_mm
-    return (*inner[:-1], Piece(start), Piece((rim, high), (start[0], high)))
+    return (*inner[:-1], ProfilePiece(start), ProfilePiece((rim, high), (start[0], high)))

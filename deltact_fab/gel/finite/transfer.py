@@ -10,8 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...arrays import Field
-from ...types import Point
+from ...aliases import Field, Point
 from .mesh import HexMesh
 from .state import FiniteState
 

@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field
 from ...elasticity.material import GelMaterial
 from ...errors import InputError
 from .material import NeoHooke

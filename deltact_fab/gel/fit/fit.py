@@ -15,23 +15,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Field, Mask
+from ...aliases import Field, Mask, Point2, Progress
 from ...errors import InputError, RunFailed
 from ...shapes import Indenter, SkinDimensions
-from ...types import Point2, Progress
 from ..level_selection import SHARE, TOLERANCE
 from .force_curve import DEEPEST, cells_mm
 from .least_squares import (
     WIDER,
     Bounds,
     Estimate,
-    Solution,
+    FitSolution,
     best_touch,
     own_share,
     smooth_part,
     solve,
 )
-from .measured import Measured, before_drag
+from .measured import MeasuredIndentation, before_drag
 from .press_model import PressModel
 
 ASSUMED_FRICTION = 0.5
@@ -41,7 +40,7 @@ MODEL_REL = 0.01  # of the force: what the model itself may be off
 WIDEST = 0.5  # of friction: half an interval from which it counts as not determined
 TOUCHED = 0.02  # of the largest force, for a first guess of the first touch
 BEFORE, AFTER = 0.4, 0.15  # of the press, round that guess
-LEAST_SPREAD = 0.1  # of the deepest press: range of the depths
+MIN_SPREAD = 0.1  # of the deepest press: range of the depths
 USUAL_MPA = 0.01, 10.0  # silicone gels and rubbers, with room on both sides
 
 
@@ -94,7 +93,7 @@ class GelFit:
 
 
 def fit_press(
-    data: Measured,
+    data: MeasuredIndentation,
     skin: SkinDimensions,
     indenter: Indenter,
     at_mm: Point2 = (0.0, 0.0),
@@ -124,7 +123,7 @@ def fit_press(
     asked = cells_mm(skin, indenter, poisson, tips)
     h = asked if spacing_mm is None else spacing_mm
 
-    def model(what: Measured, spacing: float, touch_mm: float) -> PressModel:
+    def model(what: MeasuredIndentation, spacing: float, touch_mm: float) -> PressModel:
         return PressModel(
             what, skin, indenter, at_mm, poisson, deepest, spacing, touch_mm, progress
         )
@@ -184,7 +183,9 @@ def fit_press(
     )
 
 
-def _reach(data: Measured, skin: SkinDimensions, fit_offset: bool) -> tuple[Bounds | None, float]:
+def _reach(
+    data: MeasuredIndentation, skin: SkinDimensions, fit_offset: bool
+) -> tuple[Bounds | None, float]:
     """Bounds of the depth_mm of first touch, if it is fitted, and the deepest press they need."""
     most = float(data.depth_mm.max())
     limit = DEEPEST * skin.thickness_mm
@@ -207,17 +208,17 @@ def _reach(data: Measured, skin: SkinDimensions, fit_offset: bool) -> tuple[Boun
     return bounds, min(deepest, limit)
 
 
-def _require_spread(data: Measured) -> None:
+def _require_spread(data: MeasuredIndentation) -> None:
     """At one depth a force gives no more than one number, whatever it means."""
     low, high = float(data.depth_mm.min()), float(data.depth_mm.max())
-    if not high - low >= LEAST_SPREAD * high:
+    if not high - low >= MIN_SPREAD * high:
         raise InputError(
             f"{data.name}: column depth_mm: all rows are {low:.3g} to {high:.3g} mm deep; depths "
-            f"spread over at least {LEAST_SPREAD:.0%} of the deepest are needed"
+            f"spread over at least {MIN_SPREAD:.0%} of the deepest are needed"
         )
 
 
-def _modulus(solution: Solution, mesh_error: float | None) -> Estimate:
+def _modulus(solution: FitSolution, mesh_error: float | None) -> Estimate:
     """With its interval, the mesh's error added to the residuals' part."""
     found = solution.estimate("modulus").widened(mesh_error or 0.0)
     if not found.low > 0:
@@ -229,7 +230,7 @@ def _modulus(solution: Solution, mesh_error: float | None) -> Estimate:
     return found
 
 
-def _undetermined(solution: Solution) -> str | None:
+def _undetermined(solution: FitSolution) -> str | None:
     """Why friction does not follow from the data, or None."""
     found = solution.estimate("friction")
     half = found.high - found.value
@@ -244,7 +245,7 @@ def _undetermined(solution: Solution) -> str | None:
 
 
 def _mesh_error(
-    fine: PressModel, coarse: PressModel, solution: Solution, bounds: Bounds | None
+    fine: PressModel, coarse: PressModel, solution: FitSolution, bounds: Bounds | None
 ) -> float:
     """Relative error of the modulus by the mesh, for cells of second order."""
     mu = min(solution.coefficients, key=lambda c: abs(c - solution.friction))
@@ -253,7 +254,11 @@ def _mesh_error(
 
 
 def _trend(
-    data: Measured, fine: PressModel, solution: Solution, residual: Field, scale: float
+    data: MeasuredIndentation,
+    fine: PressModel,
+    solution: FitSolution,
+    residual: Field,
+    scale: float,
 ) -> tuple[float, list[str]]:
     """Smooth part of the normal residual over depth, relative, and what it means."""
     press = solution.used & (fine.channel == 0) & (data.depth_mm[fine.rows] > solution.touch_mm)
@@ -271,7 +276,7 @@ def _trend(
 
 
 def _remarks(
-    data: Measured, solution: Solution, modulus: Estimate, bounds: Bounds | None
+    data: MeasuredIndentation, solution: FitSolution, modulus: Estimate, bounds: Bounds | None
 ) -> list[str]:
     notes = []
     if not USUAL_MPA[0] <= modulus.value <= USUAL_MPA[1]:

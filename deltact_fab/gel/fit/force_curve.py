@@ -17,13 +17,12 @@ from functools import cached_property
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field, Point, Point2, Progress
 from ...elasticity.material import GelMaterial
 from ...errors import InputError
 from ...shapes import Indenter, SkinDimensions
-from ...types import Point, Point2, Progress
 from ..level import Choice
-from ..path.knots import Increments, Observed, Pose, divide
+from ..path.knots import Increments, KnotPose, ObservedChannels, divide
 from ..path.open import choose, open_path
 from .power_law import PowerLaw, evaluated, interpolant, left_out
 from .shallow import layer_forces, seen_from_mm
@@ -72,7 +71,7 @@ def cells_mm(skin: SkinDimensions, indenter: Indenter, poisson: float, tips_mm: 
 
     Raises InputError where finite strain has no mesh for it.
     """
-    poses = [Pose((x, y, -d), 0.0, 1.0) for x, y, d in tips_mm.tolist()]
+    poses = [KnotPose((x, y, -d), 0.0, 1.0) for x, y, d in tips_mm.tolist()]
     material = GelMaterial(1.0, poisson)
     return choose(skin, material, indenter, poses, level="hyperelastic").spacing_mm
 
@@ -115,9 +114,9 @@ def force_curve(
     depths = [step * k for k in range(first, min(last, limit) + 1)]
     if deepest_mm > depths[-1] * (1 + 1e-9):
         depths.append(deepest_mm)
-    poses = [Pose((*at_mm, -d), 0.0, 1.0) for d in depths]
+    poses = [KnotPose((*at_mm, -d), 0.0, 1.0) for d in depths]
     # Cells for any depth, so that a deeper press has the same numbers on the way.
-    whole = [*poses, Pose((*at_mm, -DEEPEST * thickness), 0.0, 1.0)]
+    whole = [*poses, KnotPose((*at_mm, -DEEPEST * thickness), 0.0, 1.0)]
     choice = choose(skin, unit, indenter, whole, level="hyperelastic", spacing_mm=h)
     forces = _forces(skin, unit, indenter, poses, choice, step, progress)
     shallow, small = np.empty(0), np.empty((0, 3))
@@ -159,12 +158,12 @@ def force_path(
     )
 
 
-def _way(tips: Sequence[Point], step_mm: float) -> tuple[list[Pose], list[int]]:
+def _way(tips: Sequence[Point], step_mm: float) -> tuple[list[KnotPose], list[int]]:
     """Poses from the first tip on, in the air too, and which of them are the tips."""
-    poses, met = [Pose(tips[0], 0.0, 1.0)], [0]
+    poses, met = [KnotPose(tips[0], 0.0, 1.0)], [0]
     for start, end in itertools.pairwise(tips):
         at, where = divide(start, end, Increments(step_mm, step_mm))
-        poses += [Pose(tip, 0.0, f) for f, tip in zip(at[1:], where[1:], strict=True)]
+        poses += [KnotPose(tip, 0.0, f) for f, tip in zip(at[1:], where[1:], strict=True)]
         met.append(len(poses) - 1)
     return poses, met
 
@@ -173,13 +172,15 @@ def _forces(
     skin: SkinDimensions,
     unit: GelMaterial,
     indenter: Indenter,
-    poses: Sequence[Pose],
+    poses: Sequence[KnotPose],
     choice: Choice,
     step_mm: float,
     progress: Progress | None,
 ) -> Field:
     """Forces (n, 3) at poses, none of them further apart than the solver may go at once."""
-    solver = open_path(skin, unit, indenter, poses, Observed(), replace(choice, step_mm=step_mm))
+    solver = open_path(
+        skin, unit, indenter, poses, ObservedChannels(), replace(choice, step_mm=step_mm)
+    )
     what = f"{indenter.name}, friction {unit.friction:g}"
     knots = solver.solve_all(progress and (lambda done, of, _: progress(done, of, what)))
     return np.array([knot.force_n for knot in knots])

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import Field, Mask
+from ...aliases import Field, Mask
 from ...errors import RunFailed
 from .press_model import PressModel
 
@@ -41,7 +41,7 @@ class Estimate:
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class FitSolution:
     """names: of the fitted values among modulus, friction, touch. covariance of `values`.
 
     jacobian (used, values) in N per unit. follow: lag-1 correlation of the residuals, 0 where it
@@ -83,7 +83,7 @@ def best_touch(model: PressModel, friction: float, bounds: Bounds) -> float:
 
 def solve(
     model: PressModel, friction: float | None, touch_bounds: Bounds | None, known_touch: float = 0.0
-) -> Solution:
+) -> FitSolution:
     """Fit the modulus and whatever is not given: friction None, first touch within its bounds.
 
     Raises RunFailed where the forces give no modulus above 0.
@@ -109,7 +109,7 @@ def _minimise(
     friction: float | None,
     touch_bounds: Bounds | None,
     known_touch: float,
-) -> Solution:
+) -> FitSolution:
     from scipy.optimize import least_squares
 
     start_friction = coefficients[len(coefficients) // 2]
@@ -167,7 +167,7 @@ def _minimise(
     covariance = variance * np.linalg.pinv(jacobian.T @ jacobian)
     to_mpa = np.ones(len(x))
     to_mpa[0] = modulus
-    return Solution(
+    return FitSolution(
         names=tuple(names),
         values=x * to_mpa,
         covariance=covariance * np.outer(to_mpa, to_mpa),
@@ -182,7 +182,7 @@ def _minimise(
     )
 
 
-def own_share(solution: Solution, name: str) -> float:
+def own_share(solution: FitSolution, name: str) -> float:
     """Size of what one value changes in the forces and no other value can, over the forces.
 
     Per unit of the value: the norm of its column across the others, over the model's norm.

@@ -11,17 +11,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Field
+from ...aliases import Field
 from ...errors import InputError, did_you_mean
 
 NEEDED = ("depth_mm", "normal_n")
 OPTIONAL = ("shear_x_mm", "shear_y_mm", "fx_n", "fy_n")
-LEAST_ROWS = 6
+MIN_ROWS = 6
 STILL_MM = 0.02  # a stage repeats no better: less is no shear
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class MeasuredIndentation:
     """Rows in the order measured. depth_mm (n,) into the gel; normal_n (n,) positive = pressed.
 
     shear_mm (n, 2): the indenter's move from where it touched, zeros without such columns.
@@ -44,12 +44,12 @@ class Measured:
         """Whether a row was measured along x or y after a move in plane."""
         return bool(np.isfinite(self.tangential_n[self.sheared]).any())
 
-    def shifted(self, touch_mm: float) -> Measured:
+    def shifted(self, touch_mm: float) -> MeasuredIndentation:
         """The same rows with depth counted from touch_mm."""
         return replace(self, depth_mm=self.depth_mm - touch_mm)
 
 
-def read_csv(path: Path | str) -> Measured:
+def read_csv(path: Path | str) -> MeasuredIndentation:
     """Read NEEDED and OPTIONAL columns; others are left alone, `#` starts a comment line.
 
     Raises InputError naming file, line and column.
@@ -75,13 +75,13 @@ def read_csv(path: Path | str) -> Measured:
                 "commas between values and points in numbers are needed"
             )
         rows.append([_number(path, number, name, cells[i]) for name, i in place.items()])
-    if len(rows) < LEAST_ROWS:
-        raise InputError(f"{path}: {len(rows)} rows; at least {LEAST_ROWS} are needed")
+    if len(rows) < MIN_ROWS:
+        raise InputError(f"{path}: {len(rows)} rows; at least {MIN_ROWS} are needed")
     data = dict(zip(place, np.array(rows).T, strict=True))
     n = len(rows)
     still, unknown = np.zeros(n), np.full(n, math.nan)
     _check_signs(path, data["depth_mm"], data["normal_n"])
-    return Measured(
+    return MeasuredIndentation(
         name=path.name,
         depth_mm=data["depth_mm"],
         normal_n=data["normal_n"],
@@ -90,20 +90,20 @@ def read_csv(path: Path | str) -> Measured:
     )
 
 
-def before_drag(data: Measured) -> Measured:
+def before_drag(data: MeasuredIndentation) -> MeasuredIndentation:
     """The rows before the first move in plane; the same object where there is none.
 
-    Raises InputError where fewer than LEAST_ROWS are left.
+    Raises InputError where fewer than MIN_ROWS are left.
     """
     keep = ~data.sheared
     if keep.all():
         return data
-    if keep.sum() < LEAST_ROWS:
+    if keep.sum() < MIN_ROWS:
         raise InputError(
-            f"{data.name}: {int(keep.sum())} rows before the first shear; at least {LEAST_ROWS} "
+            f"{data.name}: {int(keep.sum())} rows before the first shear; at least {MIN_ROWS} "
             "are needed to find the first touch"
         )
-    return Measured(
+    return MeasuredIndentation(
         data.name, data.depth_mm[keep], data.normal_n[keep], data.shear_mm[keep],
         data.tangential_n[keep],
     )  # fmt: skip

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field
 
 
 class PowerLaw(NamedTuple):

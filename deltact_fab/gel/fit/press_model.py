@@ -7,12 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Field
+from ...aliases import Field, Point2, Progress
 from ...elasticity.material import GelMaterial
 from ...shapes import Indenter, SkinDimensions
-from ...types import Point2, Progress
 from .force_curve import ForceCurve, force_curve, force_path
-from .measured import Measured
+from .measured import MeasuredIndentation
 
 ROUNDING_MM = 0.02  # from the straight line: less than that a row is on it
 STEP_MM = 0.25  # between solved points of a drag
@@ -27,7 +26,7 @@ class PressModel:
 
     def __init__(
         self,
-        data: Measured,
+        data: MeasuredIndentation,
         skin: SkinDimensions,
         indenter: Indenter,
         at_mm: Point2,

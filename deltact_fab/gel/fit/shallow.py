@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field
 from ...elasticity.material import GelMaterial
 from ...errors import InputError, SolverError
 from ...shapes import Indenter, SkinDimensions
-from ..path.knots import Observed, Pose
+from ..path.knots import KnotPose, ObservedChannels
 from ..path.open import choose, open_path
 
 CELLS = 3.0  # contact radius over cell size, from which a mesh is trusted
@@ -56,7 +56,7 @@ def layer_forces(
     None where the layer refuses that depth.
     """
     depths = [part * first_mm for part in (*PARTS, 1.0)]
-    poses = [Pose((*at_mm, -d), 0.0, 1.0) for d in depths]
+    poses = [KnotPose((*at_mm, -d), 0.0, 1.0) for d in depths]
     # Too light a touch hides in its grid: deeper ones may do.
     for skipped in range(len(PARTS) - 1):
         try:
@@ -64,7 +64,7 @@ def layer_forces(
                 skin, unit, indenter, poses[skipped:],
                 level="layer", friction=0.0, spacing_mm=SPACING_MM,
             )  # fmt: skip
-            solver = open_path(skin, unit, indenter, poses[skipped:], Observed(), choice)
+            solver = open_path(skin, unit, indenter, poses[skipped:], ObservedChannels(), choice)
             normal = np.array([-knot.force_n[2] for knot in solver.solve_all()])
         except (InputError, SolverError):
             continue

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from scipy.ndimage import binary_dilation
 
-from ...arrays import Field, Mask
+from ...aliases import Field, Mask
 from ...elasticity.face import PatchOperator
 from ...errors import SolverError
 from .. import time_limit
@@ -69,7 +69,7 @@ def normal_contact(
     )
 
 
-class Compliance:
+class ShearComplianceBound:
     """Largest eigenvalues of an operator's shear compliance, for sets of nodes that come and go."""
 
     def __init__(self, operator: PatchOperator) -> None:
@@ -103,7 +103,7 @@ def friction_contact(
     free_slip_mm: Field,
     bound_mpa: Field,
     goal_mm: float,
-    compliance: Compliance,
+    compliance: ShearComplianceBound,
     max_iterations: int = 4000,
 ) -> tuple[Field, Field, float, int]:
     """Minimise 1/2 q.C q + q.free_slip over |q| <= bound: accelerated gradient with restart.

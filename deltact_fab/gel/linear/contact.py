@@ -25,13 +25,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field, Point
 from ...elasticity.face import FaceOperator, PatchOperator
 from ...errors import InputError, SolverError
 from ...shapes import Indenter
-from ...types import Point
 from .anderson import Mixer
-from .complementarity import Compliance, friction_contact, normal_contact, normal_violation
+from .complementarity import (
+    ShearComplianceBound,
+    friction_contact,
+    normal_contact,
+    normal_violation,
+)
 from .patch import Patch, footprint, patch_below
 from .state import ContactState, untouched
 from .validity import least_det, refuse_bad_contact, refuse_out_of_range
@@ -168,7 +172,7 @@ class LayerContact:
         target, held = before + travel[:, None, None], before - dragged_before
         # What pressure and friction tell each other: drag in plane (2) and lift by shear (1).
         trial = np.concatenate([dragged_before, op.normal_of_shear(q)[None]])
-        mixer, compliance = Mixer(), Compliance(op)
+        mixer, compliance = Mixer(), ShearComplianceBound(op)
         inner = 1e-3 * depth
         for i in range(1, self.max_alternations + 1):
             gap = patch.height_mm(trial[:2]) - depth + trial[2]
@@ -210,7 +214,7 @@ class LayerContact:
         free_slip: Field,
         bound: Field,
         goal_mm: float,
-        compliance: Compliance,
+        compliance: ShearComplianceBound,
     ) -> tuple[Field, Field, float]:
         """Shear and slip (2, my, mx) and the worst violation (mm), counted."""
         q, slip, worst, used = friction_contact(

@@ -8,18 +8,17 @@ from functools import cached_property
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field, Point
 from ...elasticity.material import GelMaterial
 from ...errors import SolverError
 from ...levels import LINEAR
 from ...shapes import Indenter, SkinDimensions
-from ...types import Point
 from ..lattice import hermite, means
-from ..level import Choice, Diagnostics, Level
+from ..level import Choice, IncrementDiagnostics, Level
 from .contact import LayerContact
 from .state import ContactState
 
-MOST_CUTS = 2  # halvings of an increment
+MAX_CUTS = 2  # halvings of an increment
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +26,7 @@ class LinearState:
     """A state of a linear level; see `level.State`. inner: as the level has it."""
 
     inner: ContactState
-    diagnostics: Diagnostics
+    diagnostics: IncrementDiagnostics
     _sampled: tuple[Field, Field]
     _means: tuple[Field, Field]
 
@@ -106,7 +105,7 @@ class LinearGel:
 
         `seconds` makes no difference at a linear level.
         """
-        return self._state(self._cut(previous.inner, tip_mm, MOST_CUTS))
+        return self._state(self._cut(previous.inner, tip_mm, MAX_CUTS))
 
     def _cut(self, inner: ContactState, tip_mm: Point, left: int) -> ContactState:
         try:
@@ -143,7 +142,7 @@ class LinearGel:
                 f"small strain: depth {inner.tip_mm[2]:g} mm is over 10 % of the thickness; "
                 f"the in-plane field of the level {self.level} is not to be trusted there",
             )
-        diagnostics = Diagnostics(
+        diagnostics = IncrementDiagnostics(
             iterations=inner.iterations,
             residual=inner.residual,
             penetration_mm=inner.residual * max(inner.tip_mm[2], 0.0),

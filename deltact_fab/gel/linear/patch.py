@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import Field, Mask
+from ...aliases import Field, Mask, Point
 from ...elasticity.face import FaceOperator, PatchOperator
 from ...errors import SolverError
 from ...shapes import Indenter
-from ...types import Point
 
 MARGIN = 3  # nodes around those below the indenter
 

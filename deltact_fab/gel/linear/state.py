@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import Field
-from ...types import Point
+from ...aliases import Field, Point
 
 
 @dataclass(frozen=True, eq=False)

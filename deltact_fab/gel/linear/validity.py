@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from ...arrays import Field, Mask
+from ...aliases import Field, Mask, Point
 from ...elasticity.face import FaceOperator
 from ...errors import InputError, SolverError
 from ...shapes import Indenter
-from ...types import Point
 from .patch import span
 
 DEPTH_LIMIT = 0.25  # of the thickness: force is still within some per cent of finite strain there

@@ -15,8 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Field
-from ...types import Point
+from ...aliases import Field, Point
 
 CONTACT_EPS_MM = 1e-9  # rounding of a stage's transform; a motor step is 1e-3
 
@@ -30,7 +29,7 @@ class Increments:
 
 
 @dataclass(frozen=True)
-class Pose:
+class KnotPose:
     """Where and when a knot is solved: tip (x, y, z < 0), seconds since the knot before.
 
     part: the fraction of its line; 0 when the tip has rested since the end of the line before.
@@ -42,7 +41,7 @@ class Pose:
 
 
 @dataclass(frozen=True)
-class Observed:
+class ObservedChannels:
     """What is observed of a trajectory; nothing else is computed or kept.
 
     fields: of which knots the face's displacement is kept. traction: the face's traction of the
@@ -58,7 +57,7 @@ class Observed:
 
 
 @dataclass(frozen=True, eq=False)
-class Solved:
+class SolvedKnot:
     """What is kept of a solved pose, for a modulus of 1 MPa.
 
     displacement_mm, traction_mpa (ny, nx, 3): on the lattice, None unless observed. most_stretch:
@@ -79,7 +78,7 @@ class Solved:
 
 
 @dataclass(frozen=True)
-class Between:
+class InterpolationError:
     """How far linear interpolation was from a solve half-way between knots.
 
     samples: how many were tried; failed: of them did not converge. displacement_mm: largest, in
@@ -91,9 +90,9 @@ class Between:
     displacement_mm: float = 0.0
     force_n: float = 0.0
 
-    def joined(self, other: Between) -> Between:
+    def joined(self, other: InterpolationError) -> InterpolationError:
         """The worst of both."""
-        return Between(
+        return InterpolationError(
             self.samples + other.samples,
             self.failed + other.failed,
             max(self.displacement_mm, other.displacement_mm),
@@ -108,10 +107,10 @@ class Trajectory:
     ended: (kind of error, why) where the gel could not be solved at the knot after these.
     """
 
-    knots: tuple[Solved, ...]
+    knots: tuple[SolvedKnot, ...]
     x_mm: Field
     y_mm: Field
-    between: Between
+    between: InterpolationError
     seconds: float
     dofs: int = 0
     ended: tuple[str, str] | None = None
@@ -139,7 +138,7 @@ def divide(start: Point, end: Point, increments: Increments) -> tuple[list[float
     return at, where
 
 
-def along(corners_mm: Sequence[Point], step_mm: float) -> tuple[Pose, ...]:
+def along(corners_mm: Sequence[Point], step_mm: float) -> tuple[KnotPose, ...]:
     """Poses of a way with corners (x, y, z), straight between them, in increments of step_mm.
 
     The first corner is where the tip comes from. Ways through the air have no pose.
@@ -147,5 +146,7 @@ def along(corners_mm: Sequence[Point], step_mm: float) -> tuple[Pose, ...]:
     found = []
     for start, end in itertools.pairwise(corners_mm):
         at, where = divide(start, end, Increments(step_mm, step_mm))
-        found += [Pose(tip, 0.0, f) for f, tip in zip(at[1:], where[1:], strict=True) if tip[2] < 0]
+        found += [
+            KnotPose(tip, 0.0, f) for f, tip in zip(at[1:], where[1:], strict=True) if tip[2] < 0
+        ]
     return tuple(found)

@@ -12,10 +12,10 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from ...aliases import Point
 from ...shapes import Indenter
-from ...types import Point
 from ..footprint import is_mirrored
-from .knots import Pose, Solved
+from .knots import KnotPose, SolvedKnot
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Mirror:
                 u[..., axis] *= -1
         return u
 
-    def solved(self, knot: Solved) -> Solved:
+    def solved(self, knot: SolvedKnot) -> SolvedKnot:
         """The image of a solved knot."""
         u, t = knot.displacement_mm, knot.traction_mpa
         return replace(
@@ -58,7 +58,7 @@ class Mirror:
         )
 
 
-def to_solved(poses: Sequence[Pose], indenter: Indenter) -> Mirror:
+def to_solved(poses: Sequence[KnotPose], indenter: Indenter) -> Mirror:
     """What takes a press to the one of its images that is solved: it leaves 0 towards +x and +y."""
     flip = []
     for axis in (0, 1):

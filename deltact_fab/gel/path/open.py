@@ -10,7 +10,7 @@ from ...elasticity.material import GelMaterial
 from ...shapes import Indenter, SkinDimensions
 from ..level import Choice, GelContact, Reach
 from ..level_selection import TOLERANCE, pick
-from .knots import Observed, Pose
+from .knots import KnotPose, ObservedChannels
 from .mirror import to_solved
 from .solver import PathSolver
 from .store import key_of
@@ -20,7 +20,7 @@ def choose(
     skin: SkinDimensions,
     material: GelMaterial,
     indenter: Indenter,
-    poses: Sequence[Pose],
+    poses: Sequence[KnotPose],
     tolerance: float = TOLERANCE,
     **wishes: Any,
 ) -> Choice:
@@ -44,8 +44,8 @@ def open_path(
     skin: SkinDimensions,
     material: GelMaterial,
     indenter: Indenter,
-    poses: Sequence[Pose],
-    observed: Observed,
+    poses: Sequence[KnotPose],
+    observed: ObservedChannels,
     choice: Choice,
     like: PathSolver | None = None,
     keeps_states: bool = False,

@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Field
+from ...aliases import Field, Point
 from ...errors import DeltactFabError, InputError, SolverError
-from ...types import Point
 from . import store
-from .knots import Between, Observed, Pose, Solved, Trajectory
+from .knots import InterpolationError, KnotPose, ObservedChannels, SolvedKnot, Trajectory
 from .mirror import Mirror
 
 if TYPE_CHECKING:
@@ -42,9 +41,9 @@ class PathSolver:
     def __init__(
         self,
         contact: Callable[[], GelContact],
-        planned: Sequence[Pose] = (),
+        planned: Sequence[KnotPose] = (),
         key: dict[str, Any] | None = None,
-        observed: Observed | None = None,
+        observed: ObservedChannels | None = None,
         mirror: Mirror | None = None,
         floor_mm: float = math.inf,
         like: PathSolver | None = None,
@@ -52,17 +51,17 @@ class PathSolver:
     ) -> None:
         self.states: list[State] = []
         self._keeps_states, self._like, self._guide = keeps_states, like, None
-        self.poses, self.observed = tuple(planned), observed or Observed()
+        self.poses, self.observed = tuple(planned), observed or ObservedChannels()
         self._floor_mm = floor_mm
         self._mirror = mirror or Mirror()
         self._open = contact
         self._contact: GelContact | None = None
         self._key = key
-        self._knots: list[Solved] = []
+        self._knots: list[SolvedKnot] = []
         self._states: dict[int, State] = {}
         self._others = len(self.poses)
         self._closed = False
-        self.solves, self.seconds, self.between = 0, 0.0, Between()
+        self.solves, self.seconds, self.between = 0, 0.0, InterpolationError()
         self.found = self._load()
 
     @property
@@ -90,7 +89,7 @@ class PathSolver:
         return None if self._key is None else json.dumps(self._key)
 
     @property
-    def knots(self) -> tuple[Solved, ...]:
+    def knots(self) -> tuple[SolvedKnot, ...]:
         """The planned knots found or solved so far."""
         return tuple(self._knots)
 
@@ -105,7 +104,7 @@ class PathSolver:
         names = [flag.partition(":")[0] for knot in self._knots for flag in knot.flags]
         return {name: names.count(name) for name in sorted(set(names))}
 
-    def next(self, before: int, tip_mm: Point, seconds: float) -> tuple[int, Solved]:
+    def next(self, before: int, tip_mm: Point, seconds: float) -> tuple[int, SolvedKnot]:
         """The knot at tip (x, y, z < 0), coming straight from knot `before`, and its key.
 
         seconds: that it takes; those of the plan where it is planned. Raises SolverError and
@@ -116,12 +115,14 @@ class PathSolver:
             if before == len(self._knots):
                 self._solve_planned(before)
             return before + 1, self._knots[before]
-        state, solved = self._solve(self._state(before, tip_mm), Pose(tip_mm, seconds, 1.0), True)
+        state, solved = self._solve(
+            self._state(before, tip_mm), KnotPose(tip_mm, seconds, 1.0), True
+        )
         self._others += 1
         self._remember(before, self._others, state)
         return self._others, solved
 
-    def solve_all(self, told: Told | None = None) -> tuple[Solved, ...]:
+    def solve_all(self, told: Told | None = None) -> tuple[SolvedKnot, ...]:
         """Every planned knot. Raises as `next` does."""
         for k in range(len(self._knots), len(self.poses)):
             start_s = time.perf_counter()
@@ -161,7 +162,7 @@ class PathSolver:
         if last:
             self._keep(None)
 
-    def _solve(self, start: State, pose: Pose, last: bool) -> tuple[State, Solved]:
+    def _solve(self, start: State, pose: KnotPose, last: bool) -> tuple[State, SolvedKnot]:
         start_s = time.perf_counter()
         x, y, z = self._mirror.point(pose.tip_mm)
         if self._like is not None and self._guide is None and self._like.states:
@@ -178,14 +179,14 @@ class PathSolver:
         self.solves += 1
         self.seconds += time.perf_counter() - start_s
         d = state.diagnostics
-        solved = Solved(
+        solved = SolvedKnot(
             state.force_n, state.torque_nmm, state.contact_area_mm2, field, tuple(flags), traction,
             d.penetration_mm, d.most_stretch, d.cuts,
             self.contact.lacking_rel(state) if last and self.observed.lacking else 0.0,
         )  # fmt: skip
         return state, self._mirror.solved(solved)
 
-    def _compare(self, start: State, pose: Pose, before: int, after: Solved) -> None:
+    def _compare(self, start: State, pose: KnotPose, before: int, after: SolvedKnot) -> None:
         """A solve half-way between two knots against the mean of both."""
         a = np.array(start.tip_mm) * (1, 1, -1)
         x, y, z = ((a + self._mirror.point(pose.tip_mm)) / 2).tolist()
@@ -193,7 +194,7 @@ class PathSolver:
         try:
             half = self.contact.solve(start, (x, y, -z), pose.seconds / 2)
         except SolverError:
-            self.between = self.between.joined(Between(1, 1))
+            self.between = self.between.joined(InterpolationError(1, 1))
             return
         finally:
             self.seconds += time.perf_counter() - start_s
@@ -208,7 +209,7 @@ class PathSolver:
             off = self._mirror.field(half.displacement_mm) - mean / 2
             off_mm = float(np.hypot(off[..., 0], off[..., 1]).max())
         off_n = float(np.linalg.norm(force - half_n))
-        self.between = self.between.joined(Between(1, 0, off_mm, off_n))
+        self.between = self.between.joined(InterpolationError(1, 0, off_mm, off_n))
 
     # -- states ----------------------------------------------------------------------------------
 

@@ -11,12 +11,11 @@ from typing import Any, Literal
 import numpy as np
 
 from ... import cache, digest
-from ...arrays import Field
+from ...aliases import Field, Point
 from ...elasticity.material import GelMaterial
 from ...shapes import Indenter, SkinDimensions
-from ...types import Point
 from ..level import Choice
-from .knots import Between, Observed, Pose, Solved, Trajectory
+from .knots import InterpolationError, KnotPose, ObservedChannels, SolvedKnot, Trajectory
 
 KIND = "gel-trajectory"
 KEEP_BYTES = 8 * 10**9
@@ -30,7 +29,7 @@ def key_of(
     material: GelMaterial,
     indenter: Indenter,
     choice: Choice,
-    poses: Sequence[Pose],
+    poses: Sequence[KnotPose],
 ) -> dict[str, Any]:
     """All that a solved knot depends on but the modulus, with which forces are in proportion.
 
@@ -56,7 +55,7 @@ def key_of(
     }
 
 
-def load(key: dict[str, Any], observed: Observed, count: int) -> Trajectory | None:
+def load(key: dict[str, Any], observed: ObservedChannels, count: int) -> Trajectory | None:
     """A stored trajectory of `count` knots that shows what is observed, or one that ended early.
 
     None where there is no whole one.
@@ -68,7 +67,7 @@ def load(key: dict[str, Any], observed: Observed, count: int) -> Trajectory | No
     return None
 
 
-def keep(key: dict[str, Any], observed: Observed, made: Trajectory) -> bool:
+def keep(key: dict[str, Any], observed: ObservedChannels, made: Trajectory) -> bool:
     """Store a trajectory; False when the folder refuses. The longest unused make room."""
     numbers = [
         (*k.force_n, *k.torque_nmm, k.contact_area_mm2, k.penetration_mm,
@@ -100,7 +99,7 @@ def keep(key: dict[str, Any], observed: Observed, made: Trajectory) -> bool:
     return stored
 
 
-def _serving(observed: Observed) -> Iterator[Observed]:
+def _serving(observed: ObservedChannels) -> Iterator[ObservedChannels]:
     """What is asked for, then those that show more than that."""
     for fields in FIELDS[FIELDS.index(observed.fields) :]:
         for traction in dict.fromkeys((observed.traction, True)):
@@ -128,7 +127,7 @@ def _load(key: dict[str, Any], count: int) -> Trajectory | None:
         )
         kind, why = note["ended"] or ("", "")
         made = Trajectory(
-            knots, x_mm, y_mm, Between(**note["between"]), float(note["seconds"]),
+            knots, x_mm, y_mm, InterpolationError(**note["between"]), float(note["seconds"]),
             int(note["dofs"]), (kind, why) if kind else None,
         )  # fmt: skip
     except (ValueError, KeyError, TypeError, IndexError, zipfile.BadZipFile):
@@ -136,9 +135,9 @@ def _load(key: dict[str, Any], count: int) -> Trajectory | None:
     return made if len(knots) == count or made.ended is not None else None
 
 
-def _knot(numbers: Field, flags: Sequence[str], fields: dict[str, Any]) -> Solved:
+def _knot(numbers: Field, flags: Sequence[str], fields: dict[str, Any]) -> SolvedKnot:
     stretch = float(numbers[8])
-    return Solved(
+    return SolvedKnot(
         _point(numbers[:3]),
         _point(numbers[3:6]),
         float(numbers[6]),

@@ -10,7 +10,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ..compose import sample
 
 MAX_ALIKE = 0.3  # median correlation of the rings of different dots

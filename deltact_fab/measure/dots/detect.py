@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from .rule import DotRule, Polarity
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError, SensorError
 from .detect import Blobs, Detector
 from .rule import DotRule, Polarity

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from .colours import Rings
 from .detect import Blobs
 from .rule import DotRule

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 
 STRAY_FACTOR, STRAY_PITCH = 3.0, 0.25
 SMALL_STRAIN = 0.05  # up to which a dot may have it from further away

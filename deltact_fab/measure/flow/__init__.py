@@ -11,7 +11,7 @@ it with cv2.setNumThreads, and records it where bytes must repeat.
 from .confidence import ConfidenceRule, FlowState
 from .image import MIN_SIDE_PX, Sampled, to_gray
 from .method import DEFAULT_METHOD, FLOW_METHODS, FlowMethod, FlowPreset
-from .observation import FlowDiagnostics, FlowObservation, Ready
+from .observation import FlowDiagnostics, FlowObservation, PreparedImage
 from .registry import PAPER, REFERENCES, named_tracker
 from .renewed import Renewal, RenewalRule
 from .tracker import FlowTracker, Reference
@@ -29,7 +29,7 @@ __all__ = [
     "FlowPreset",
     "FlowState",
     "FlowTracker",
-    "Ready",
+    "PreparedImage",
     "Reference",
     "Renewal",
     "RenewalRule",

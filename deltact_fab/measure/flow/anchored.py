@@ -9,21 +9,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ..compose import landing_px, sample, shrunk
-from .confidence import Judge
+from .confidence import ConfidenceEstimator
 from .fill import filled
-from .fused import COARSE, Plane, Reference, predict
-from .observation import Followed, Ready
+from .fused import COARSE, Plane, RefinementReference, predict
+from .observation import PreparedImage, TrackedFrame
 
 
-class Anchored:
+class AnchoredTracker:
     """Follows one sequence.
 
     reference: of the first image. judge: of the same.
     """
 
-    def __init__(self, reference: Reference, judge: Judge) -> None:
+    def __init__(self, reference: RefinementReference, judge: ConfidenceEstimator) -> None:
         self._reference = reference
         self._judge = judge
         self._before = reference.plane
@@ -34,15 +34,15 @@ class Anchored:
         before, self._before = self._before, plane
         return shrunk(predict(before, plane), COARSE)
 
-    def step(self, ready: Ready) -> Followed:
+    def step(self, ready: PreparedImage) -> TrackedFrame:
         """Follow one more image."""
         assert ready.ahead_px is not None, "made by `ahead`"
         so_far = shrunk(self._flow, COARSE)
         at = landing_px(so_far * np.float32(0.5 / COARSE))
         start = so_far + sample(ready.ahead_px, at)
         match = self._reference.refine(ready.plane, start)
-        kept, agreeing = self._judge.look(ready.witness, match)
+        kept, agreeing = self._judge.look(ready.secondary_match, match)
         # Neighbours are asked only where they agree: a match that is kept and wrong would draw
         # others after it.
         self._flow = filled(match.flow_px, agreeing, kept)
-        return Followed(self._flow, kept, agreeing, match=match)
+        return TrackedFrame(self._flow, kept, agreeing, match=match)

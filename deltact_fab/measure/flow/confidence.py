@@ -14,7 +14,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError
 from ..compose import landing_px, sample, shrunk
 from . import kernel_cv2
@@ -23,7 +23,7 @@ from .image import Sampled
 
 _EDGE = cv2.BORDER_REPLICATE
 _COARSE_PX = 4  # windows are counted in cells of two nodes each way
-_LEAST_VARIANCE = 1.0  # grey levels^2: less than a camera's noise
+_MIN_VARIANCE = 1.0  # grey levels^2: less than a camera's noise
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class FlowState(IntEnum):
     """Found in this image."""
 
 
-class Verdict(NamedTuple):
+class FrameConfidence(NamedTuple):
     """Of one frame: confident (hh, ww) bool, and as in FlowDiagnostics."""
 
     confident: Array
@@ -99,7 +99,7 @@ class Verdict(NamedTuple):
     trusted: bool
 
 
-class Judge:
+class ConfidenceEstimator:
     """The first image's side of the rule, prepared once.
 
     image: (h, w, 3) BGR or (h, w) grey, uint8; plane: of the same. witness: False does without the
@@ -107,10 +107,14 @@ class Judge:
     """
 
     def __init__(
-        self, image: Array | Sampled, plane: Plane, rule: ConfidenceRule, witness: bool = True
+        self,
+        image: Array | Sampled,
+        plane: Plane,
+        rule: ConfidenceRule,
+        secondary_match: bool = True,
     ) -> None:
         self.rule = rule
-        self.name = "colour" if image.ndim == 3 and witness else "grey"
+        self.name = "colour" if image.ndim == 3 and secondary_match else "grey"
         self._shape = plane.shape
         self._window = (max(1, round(rule.window_px / _COARSE_PX)),) * 2
         self._fit = (max(1, round(rule.fit_px / _COARSE_PX)),) * 2
@@ -130,11 +134,11 @@ class Judge:
         """Which nodes land inside the image, (hh, ww) bool."""
         return kernel_cv2.within(flow_px, self._shape, 0.0)
 
-    def witness(self, image: Array | Sampled) -> list[Array]:
+    def secondary_match(self, image: Array | Sampled) -> list[Array]:
         """What `look` asks of the current image (h, w[, 3]), nothing of a grey one."""
         return _witness(image) if self.name == "colour" else []
 
-    def look(self, witness: list[Array], match: Refined) -> tuple[Array, Array]:
+    def look(self, secondary_match: list[Array], match: Refined) -> tuple[Array, Array]:
         """Nodes whose own flow stands, and those of them that the second witness bears out.
 
         Both (hh, ww) bool; witness: of the current image, of which the match is.
@@ -144,7 +148,7 @@ class Judge:
         flow, correlation, deviation, _ = match
         kept, agreeing = by.stands(flow, correlation, deviation, self.textured, least, self._shape)
         if self.name == "colour":
-            agreeing &= self._wide(self._chroma(witness, _landing(flow)) > rule.chroma_min)
+            agreeing &= self._wide(self._chroma(secondary_match, _landing(flow)) > rule.chroma_min)
         else:
             agreeing &= correlation > rule.grey_min
         return kept, agreeing
@@ -168,28 +172,28 @@ class Judge:
         left = self._wide(total / np.maximum(n, np.float32(1e-3)))
         return np.asarray(match.deviation_px**2 + left < self.rule.deviation_max_px**2)
 
-    def verdict(self, inside: Array, agreeing: Array) -> Verdict:
+    def verdict(self, inside: Array, agreeing: Array) -> FrameConfidence:
         """What is trusted; inside: as above, of the whole flow."""
         rule = self.rule
         confident = agreeing & (self._near(agreeing) >= rule.support_share * self._textured_near)
         n = int(np.count_nonzero(confident))
         n_seen = int(np.count_nonzero(self.textured & inside))
         share = n / max(1, int(np.count_nonzero(self.textured)))
-        return Verdict(
+        return FrameConfidence(
             confident,
             1 - n / n_seen if n_seen else 1.0,
             self.textured_share >= rule.textured_share and share >= rule.trusted_share,
         )
 
-    def _chroma(self, witness: list[Array], landing: Array) -> Array:
+    def _chroma(self, secondary_match: list[Array], landing: Array) -> Array:
         """Correlation, by coarse cell, of what the fit has not seen; both channels together."""
-        current = [sample(c, landing).astype(np.float32) - 128 for c in witness]
+        current = [sample(c, landing).astype(np.float32) - 128 for c in secondary_match]
         mean = [self._around(channel) for channel in current]
         power = self._around(_product(current, current)) - _product(mean, mean)
         shared = self._around(_product(self._witness, current)) - _product(self._mean, mean)
         return np.asarray(
             shared
-            / np.sqrt(np.maximum(self._power, _LEAST_VARIANCE) * np.maximum(power, _LEAST_VARIANCE))
+            / np.sqrt(np.maximum(self._power, _MIN_VARIANCE) * np.maximum(power, _MIN_VARIANCE))
         )
 
     def _around(self, nodes: Array) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ..compose import shrunk
 
 CELL = 4  # nodes to a side of a cell

@@ -22,12 +22,12 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError
 from ..compose import shrunk
 from . import kernel_cv2
 from .image import MIN_SIDE_PX, Sampled, require_image
-from .kernel_cv2 import LEAST_VARIANCE, around
+from .kernel_cv2 import MIN_VARIANCE, around
 
 STEPS = (6, 4, 2)  # on a quarter, half and the full size
 _LEVELS = 3
@@ -146,7 +146,7 @@ class _Level(NamedTuple):
     size_px: tuple[int, int]
 
 
-class Reference:
+class RefinementReference:
     """The reference's side of the refinement.
 
     plane: of the reference image. by: the kernel, `kernel()` by default.
@@ -158,7 +158,7 @@ class Reference:
         self._levels = [_prepared(plane, k, self._by) for k in range(_LEVELS)]
 
     @classmethod
-    def of(cls, image: Array | Plane, by: ModuleType | None = None) -> Reference:
+    def of(cls, image: Array | Plane, by: ModuleType | None = None) -> RefinementReference:
         """As `Plane.of`, which raises."""
         return cls(Plane.of(image), by)
 
@@ -249,7 +249,7 @@ class Reference:
             for a in sums
         )
         n = np.maximum(n, _PRIOR / r.size)
-        slope = (n * rd - r * d) / np.maximum(n * rr - r * r, LEAST_VARIANCE * n * n)
+        slope = (n * rd - r * d) / np.maximum(n * rr - r * r, MIN_VARIANCE * n * n)
         coarse = np.stack([(d - slope * r) / n, slope])
         return _resized(coarse, (planes.shape[2], planes.shape[1]), 1)
 
@@ -282,7 +282,7 @@ def _prepared(plane: Plane, k: int, by: ModuleType) -> _Level:
 
     n = np.maximum(around(pixels), 1)
     mean = around(planes[12]) / n
-    power = np.maximum(around(planes[13]) - n * mean**2, n * LEAST_VARIANCE)
+    power = np.maximum(around(planes[13]) - n * mean**2, n * MIN_VARIANCE)
     sx, sy = around(gx.sum(axis=0)), around(gy.sum(axis=0))
     kx, ky = box(gx, r) - mean * sx, box(gy, r) - mean * sy
     a11 = box(gx, gx) - sx * sx / n - kx * kx / power + _DAMPING * n

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ..compose import landing_px
 
 NAME = "cv2"
@@ -14,10 +14,10 @@ NAME = "cv2"
 WINDOW = np.array([1, 3, 5, 7, 9, 10, 9, 7, 5, 3, 1], np.float32)
 # Independent noise in the pixels weighs so much more, squared, than one pixel does.
 OWN_WEIGHT = float(np.sum(WINDOW**2) ** 2 / np.sum(WINDOW) ** 2)
-LEAST_VARIANCE = 0.25  # grey levels^2: less is no texture
+MIN_VARIANCE = 0.25  # grey levels^2: less is no texture
 ROUNDING = 1 / 6  # variance of the difference of two images of whole grey levels
 MAX_STEP_PX = 1.0
-LEAST_CONTRAST = 0.05  # of the current image to the reference
+MIN_CONTRAST = 0.05  # of the current image to the reference
 _ROWS = 32
 _SOFT = np.array([0.25, 0.5, 0.25], np.float32)
 
@@ -127,17 +127,17 @@ def _judged(
     total = weights * all_mean
     mean = (total - hidden_r) / n_seen
     power = all_power + total * all_mean - hidden_rr - n_seen * mean * mean
-    power = np.maximum(power, LEAST_VARIANCE * n_seen)
+    power = np.maximum(power, MIN_VARIANCE * n_seen)
     shared = sr - mean * sd
     rest = np.maximum(squares - sd * sd / n_seen, 0)
-    current_power = np.maximum(power - 2 * shared + rest, LEAST_VARIANCE * n_seen)
+    current_power = np.maximum(power - 2 * shared + rest, MIN_VARIANCE * n_seen)
     correlation = np.clip((power - shared) / np.sqrt(power * current_power), -1, 1)
     correlation[hidden_n >= weights - OWN_WEIGHT] = 0
     explained = (i22 * dx * dx - 2 * i12 * dx * dy + i11 * dy * dy) / (i11 * i22 - i12 * i12)
     left = np.maximum(rest - shared * shared / power - explained, 0)
     noise = left / np.maximum(weights - hidden_n - 4 * OWN_WEIGHT, OWN_WEIGHT) + ROUNDING
     spread = (i11 + i22) * weights / n_seen
-    contrast = np.maximum((power - shared) / power, LEAST_CONTRAST)
+    contrast = np.maximum((power - shared) / power, MIN_CONTRAST)
     ahead = (dx * dx + dy * dy) / (contrast * contrast)
     return correlation, np.sqrt(gain**2 * OWN_WEIGHT * noise * spread), ahead
 

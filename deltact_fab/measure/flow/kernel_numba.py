@@ -12,8 +12,8 @@ import cv2
 import numba
 import numpy as np
 
-from ...arrays import Array
-from .kernel_cv2 import LEAST_CONTRAST, LEAST_VARIANCE, OWN_WEIGHT, ROUNDING
+from ...aliases import Array
+from .kernel_cv2 import MIN_CONTRAST, MIN_VARIANCE, OWN_WEIGHT, ROUNDING
 
 NAME = "numba"
 _OUTER, _INNER = 6, 5  # the window is a box of 6 of a box of 5 of a box of 2
@@ -316,7 +316,7 @@ def _judge(
     b2, b3, b4, b5, b6, b7 = box[2], box[3], box[4], box[5], box[6], box[7]
     power, shared, rest = kept[0], kept[1], kept[2]
     all_mean, all_power, weights = nodes[i, 7], nodes[i, 8], nodes[i, 9]
-    least, own = np.float32(LEAST_VARIANCE), np.float32(OWN_WEIGHT)
+    least, own = np.float32(MIN_VARIANCE), np.float32(OWN_WEIGHT)
     for j in range(n):
         n_seen = max(weights[j] - b5[j], own)
         total = weights[j] * all_mean[j]
@@ -342,7 +342,7 @@ def _judge(
         noise = left / max(weights[j] - b5[j] - lost, own) + rounding
         spread = (i11[j] + i22[j]) * weights[j] / max(weights[j] - b5[j], own)
         deviation[j] = np.sqrt(factor * noise * spread)
-    least_contrast = np.float32(LEAST_CONTRAST)
+    least_contrast = np.float32(MIN_CONTRAST)
     for j in range(n):
         dx, dy = mx[j + 1] - ux[j], my[j + 1] - uy[j]
         contrast = max((power[j] - shared[j]) / power[j], least_contrast)

@@ -9,10 +9,10 @@ from typing import Any, Literal
 import cv2
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError, did_you_mean
 from .fused import Plane, to_full, to_half
-from .fused import Reference as FusedReference
+from .fused import RefinementReference as FusedReference
 from .image import MIN_SIDE_PX
 
 
@@ -96,7 +96,7 @@ class FlowMethod:
         """
         return self.prepare(ref_gray).to(cur_gray, initial)
 
-    def prepare(self, ref_gray: Array) -> Prepared:
+    def prepare(self, ref_gray: Array) -> PreparedReference:
         """A reference image (h, w) uint8 that many images are matched to; it must not change.
 
         Raises InputError for another shape or type.
@@ -106,7 +106,7 @@ class FlowMethod:
             raise InputError(
                 f"flow: the image is {ref_gray.shape}; sides of {MIN_SIDE_PX} px or more are needed"
             )
-        return Prepared(self, ref_gray)
+        return PreparedReference(self, ref_gray)
 
     def _calc(self, ref_gray: Array, cur_gray: Array, start: Any) -> Array:
         if self._dis is not None:
@@ -121,7 +121,7 @@ class FlowMethod:
         )
 
 
-class Prepared:
+class PreparedReference:
     """A reference image and all that a method computes of it alone; from `FlowMethod.prepare`."""
 
     def __init__(self, method: FlowMethod, ref_gray: Array) -> None:

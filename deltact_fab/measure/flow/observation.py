@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from ...arrays import Array
+from ...aliases import Array
 
 if TYPE_CHECKING:
-    from .confidence import Judge
+    from .confidence import ConfidenceEstimator
     from .fused import Plane, Refined
     from .image import Sampled
 
@@ -61,7 +61,7 @@ class FlowObservation:
 
 
 @dataclass(frozen=True)
-class Followed:
+class TrackedFrame:
     """What one way to follow a sequence says of one frame, before it is judged.
 
     flow_px, kept, agreeing: on the half grid, see `confidence`. full_px: (h, w, 2), where the way
@@ -86,22 +86,22 @@ class Follower(Protocol):
     def ahead(self, plane: Plane) -> Array | None:
         """The flow in px from the image before to this one, by coarse node, where it is asked."""
 
-    def step(self, ready: Ready) -> Followed:
+    def step(self, ready: PreparedImage) -> TrackedFrame:
         """Follow one more image."""
 
 
 class Sequence(NamedTuple):
     """What the first image of a sequence makes: its judge, its way to follow, and its shape."""
 
-    judge: Judge
+    judge: ConfidenceEstimator
     way: Follower
     shape: tuple[int, ...]
 
 
-class Ready(NamedTuple):
+class PreparedImage(NamedTuple):
     """An image of a sequence, made ready to be followed.
 
-    frame: 0 for the first. plane, witness: what is tracked of it and what `Judge.look` asks of it.
+    frame: 0 for the first. plane, witness: what is tracked of it and what `ConfidenceEstimator.look` asks of it.
     ahead_px: the way's look ahead, by coarse node. start_s: process time when it came.
     """
 
@@ -109,6 +109,6 @@ class Ready(NamedTuple):
     frame: int
     image: Array | Sampled
     plane: Plane
-    witness: list[Array]
+    secondary_match: list[Array]
     ahead_px: Array | None
     start_s: float

@@ -8,15 +8,15 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError
 from ..compose import block_ncc, compose, inside, landing_px, sample
-from .confidence import Judge
+from .confidence import ConfidenceEstimator
 from .fused import Plane, to_half
-from .fused import Reference as FirstImage
+from .fused import RefinementReference as FirstImage
 from .image import Sampled, to_gray
-from .method import FlowMethod, Prepared
-from .observation import Followed, Ready
+from .method import FlowMethod, PreparedReference
+from .observation import PreparedImage, TrackedFrame
 
 Sum = Literal["composed", "summed", "static"]
 Renewal = Literal["adaptive", "every-frame", "photometric"]
@@ -67,7 +67,7 @@ class RenewalRule:
 class _Keyframe:
     frame: int
     gray: Array
-    prepared: Prepared
+    prepared: PreparedReference
     flow_px: Array
     stayed: Array
 
@@ -80,7 +80,7 @@ class _Match:
     """Share of bad blocks, or the photometric error: what the rule in use looks at."""
 
 
-class Renewed:
+class RenewedTracker:
     """Follows one sequence from its first image on.
 
     total: "composed" F(x) = F_ref(x) + f(x + F_ref(x)); "summed" F_ref(x) + f(x), the plain
@@ -97,7 +97,7 @@ class Renewed:
         rule: RenewalRule,
         image: Array,
         first: FirstImage,
-        judge: Judge,
+        judge: ConfidenceEstimator,
     ) -> None:
         self._method, self._total, self._renew, self._rule = method, total, renew, rule
         self._first, self._judge = first, judge
@@ -112,7 +112,7 @@ class Renewed:
     def ahead(self, plane: Plane) -> None:
         """Nothing: each flow starts from the last one."""
 
-    def step(self, ready: Ready) -> Followed:
+    def step(self, ready: PreparedImage) -> TrackedFrame:
         """Follow one more image."""
         self._frame += 1
         assert not isinstance(ready.image, Sampled), "for the anchored reference only"
@@ -129,8 +129,10 @@ class Renewed:
         flow, stayed = self._sum(match)
         self._settle(match, gray, flow, stayed)
         nodes = to_half(flow)
-        kept, agreeing = self._judge.look(ready.witness, self._first.evaluate(ready.plane, nodes))
-        return Followed(
+        kept, agreeing = self._judge.look(
+            ready.secondary_match, self._first.evaluate(ready.plane, nodes)
+        )
+        return TrackedFrame(
             nodes,
             kept,
             agreeing,

@@ -7,16 +7,16 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError, SensorError, did_you_mean
-from .anchored import Anchored
-from .confidence import ConfidenceRule, Judge, Verdict
+from .anchored import AnchoredTracker
+from .confidence import ConfidenceEstimator, ConfidenceRule, FrameConfidence
 from .fused import Plane, to_full
-from .fused import Reference as FirstImage
+from .fused import RefinementReference as FirstImage
 from .image import Sampled
 from .method import FlowMethod
-from .observation import FlowDiagnostics, FlowObservation, Followed, Ready, Sequence
-from .renewed import Renewal, RenewalRule, Renewed
+from .observation import FlowDiagnostics, FlowObservation, PreparedImage, Sequence, TrackedFrame
+from .renewed import Renewal, RenewalRule, RenewedTracker
 
 ANCHORED = "fused"  # the one method that the anchored reference refines by
 Reference = Literal["anchored", "composed", "summed", "static"]
@@ -82,7 +82,7 @@ class FlowTracker:
     # The three parts of an update. Each may run in a thread of its own, as long as each takes the
     # images in their order; what a part needs of the image before, no later part changes.
 
-    def prepare(self, image: Array | Sampled) -> Ready:
+    def prepare(self, image: Array | Sampled) -> PreparedImage:
         """What can be done of an update before the image before is followed. Raises as `update`.
 
         Sampled: for the anchored reference only, and for all images of a sequence alike.
@@ -93,7 +93,7 @@ class FlowTracker:
         if sequence is None:
             sequence = self._begin(image, plane)
             self._sequence, self._frame = sequence, 0
-            return Ready(sequence, 0, image, plane, [], None, start_s)
+            return PreparedImage(sequence, 0, image, plane, [], None, start_s)
         if image.shape != sequence.shape:
             # Height and width say it, unless it is the channels that differ.
             size = slice(0, 2 if image.ndim == len(sequence.shape) else 3)
@@ -101,18 +101,18 @@ class FlowTracker:
                 f"flow: the image is {image.shape[size]}, the first one was {sequence.shape[size]}"
             )
         self._frame += 1
-        witness, ahead = sequence.judge.witness(image), sequence.way.ahead(plane)
-        return Ready(sequence, self._frame, image, plane, witness, ahead, start_s)
+        secondary_match, ahead = sequence.judge.secondary_match(image), sequence.way.ahead(plane)
+        return PreparedImage(sequence, self._frame, image, plane, secondary_match, ahead, start_s)
 
-    def follow(self, ready: Ready) -> Followed:
+    def follow(self, ready: PreparedImage) -> TrackedFrame:
         """What only the flow of the image before allows."""
         if ready.frame:
             return ready.sequence.way.step(ready)
         textured = ready.sequence.judge.textured
         nothing = np.zeros((*textured.shape, 2), np.float32)
-        return Followed(nothing, np.ones(textured.shape, bool), textured, n_flows=0)
+        return TrackedFrame(nothing, np.ones(textured.shape, bool), textured, n_flows=0)
 
-    def judge(self, ready: Ready, seen: Followed) -> FlowObservation:
+    def judge(self, ready: PreparedImage, seen: TrackedFrame) -> FlowObservation:
         """What the next image does not wait for."""
         judge = ready.sequence.judge
         inside, verdict = judge.inside(seen.flow_px), None
@@ -123,11 +123,11 @@ class FlowTracker:
             verdict = judge.verdict(inside, agreeing)
         elif self.confidence:
             trusted = judge.textured_share >= self.believe.textured_share
-            verdict = Verdict(judge.textured, 0.0, trusted)
+            verdict = FrameConfidence(judge.textured, 0.0, trusted)
         return self._observation(ready, seen, inside, verdict)
 
     def _begin(self, image: Array | Sampled, plane: Plane) -> Sequence:
-        judge = Judge(image, plane, self.believe, witness=self.confidence)
+        judge = ConfidenceEstimator(image, plane, self.believe, secondary_match=self.confidence)
         if not judge.textured.any():
             raise SensorError(
                 "flow: the first image has no texture anywhere (a standard deviation of "
@@ -135,16 +135,22 @@ class FlowTracker:
                 "or no pattern"
             )
         first = FirstImage(plane)
-        way: Anchored | Renewed
+        way: AnchoredTracker | RenewedTracker
         if self.reference == "anchored":
-            way = Anchored(first, judge)
+            way = AnchoredTracker(first, judge)
         else:
             assert not isinstance(image, Sampled), "for the anchored reference only"
-            way = Renewed(self.method, self.reference, self.renew, self.rule, image, first, judge)
+            way = RenewedTracker(
+                self.method, self.reference, self.renew, self.rule, image, first, judge
+            )
         return Sequence(judge, way, image.shape)
 
     def _observation(
-        self, ready: Ready, seen: Followed, inside: Array, verdict: Verdict | None
+        self,
+        ready: PreparedImage,
+        seen: TrackedFrame,
+        inside: Array,
+        verdict: FrameConfidence | None,
     ) -> FlowObservation:
         judge, stayed, flow = ready.sequence.judge, seen.stayed, seen.full_px
         state = judge.state(inside, seen.kept)
@@ -160,7 +166,7 @@ class FlowTracker:
             confident = None if verdict is None else verdict.confident
         if verdict is None or confident is None:
             confident = np.broadcast_to(np.False_, visible.shape)
-            verdict = Verdict(confident, 1.0, False)
+            verdict = FrameConfidence(confident, 1.0, False)
         n_visible = int(np.count_nonzero(visible))
         n_confident = int(np.count_nonzero(confident & visible))
         for out in (flow, visible, confident, state):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy import linalg
 
-from ...arrays import Array
+from ...aliases import Array
 
-MOST_STEPS = 200
+MAX_STEPS = 200
 PATIENCE = 3
 
 
@@ -40,7 +40,7 @@ def _not_positive(matrix: Array, right: Array) -> Array:
     free = np.ones(len(right), bool)
     least, patience = len(right) + 1, PATIENCE
     slack = 1e-9 * float(np.abs(right).max(initial=0.0))
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         t = np.zeros(len(right))
         at = np.flatnonzero(free)
         t[at] = linalg.solve(

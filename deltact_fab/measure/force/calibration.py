@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ... import catalog
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError
 from ...optics import CameraModel
 from ...shapes import SkinDimensions

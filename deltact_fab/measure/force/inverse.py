@@ -11,11 +11,11 @@ from functools import cached_property
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ..face import FaceFlow
 from ..view import SensorView
 from .model import ForceModel
-from .press import FaceInverse, Press, inverse_for
+from .press import FaceInverse, TractionPress, inverse_for
 from .wrench import TractionField
 
 _SUMS = ("Fx/E mm2", "Fy/E mm2", "Fz/E mm2", "Tx/E mm3", "Ty/E mm3", "Tz/E mm3")
@@ -80,7 +80,7 @@ class Inverse:
         field[..., :2] += share[..., None] * (total[:2] - own * raw.force_n[:2])
         return TractionField(field, raw.x_mm, raw.y_mm, press.cover)
 
-    def _field(self, press: Press) -> TractionField:
+    def _field(self, press: TractionPress) -> TractionField:
         return TractionField(press.traction, press.x_mm, press.y_mm, press.cover)
 
 

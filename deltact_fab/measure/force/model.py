@@ -12,10 +12,10 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError
 from ..face import FaceFlow
-from ..regression import Fit, least_squares, relative_leverage
+from ..regression import RegressionFit, least_squares, relative_leverage
 from .wrench import COMPONENTS, TractionField, Wrench
 
 REACH = 2.0  # times the largest leverage in training, beyond which a frame is extrapolated
@@ -75,7 +75,9 @@ class ForceModel:
     reach: Array
 
     @classmethod
-    def fit(cls, features: Features, X: Array, wrench: Array) -> tuple[ForceModel, dict[str, Fit]]:
+    def fit(
+        cls, features: Features, X: Array, wrench: Array
+    ) -> tuple[ForceModel, dict[str, RegressionFit]]:
         """From features X (n, k) and wrenches (n, 6) in N and N mm; with the six regressions.
 
         Raises InputError where `least_squares` does, naming the component.

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ..face import FaceFlow
 from ..hodge import decompose
 from ..hole_filling import whole

@@ -18,7 +18,7 @@ from functools import lru_cache
 import numpy as np
 from scipy import linalg, ndimage
 
-from ...arrays import Array
+from ...aliases import Array
 from ...elasticity.cells import FaceCells
 from ...optics import axes_mm
 from ..face import FaceFlow
@@ -34,7 +34,7 @@ MODEL = 0.02  # what linear elasticity leaves unexplained, of the largest shift
 FIRST = {"pressure": 0.1, "shear": 0.015, "reach_mm": 1.5, "error_mm": 0.01}
 ENOUGH = 0.25  # of the first look's peak: cells of the contact
 AROUND = 2  # cells around them
-MOST_CELLS = 300
+MAX_CELLS = 300
 ROUGH = {"pressure": 3e-3, "shear": 1.5e-2}
 LITTLE = {"pressure": 3e-4, "shear": 7e-3}
 LEAST = 0.05  # of the first look's peak, for cells that it saw nothing in
@@ -43,7 +43,7 @@ FLOOR = 5.0  # a peak of the first look this many times what noise makes of it i
 
 
 @dataclass(frozen=True)
-class Press:
+class TractionPress:
     """One frame's traction, for a modulus of 1 MPa, on cells of the resting face.
 
     traction (ny, nx, 3), x_mm (nx,), y_mm (ny,): on the sensor, 0 beside the contact, t_z <= 0.
@@ -108,43 +108,43 @@ class FaceInverse:
         self._told = np.ascontiguousarray(rows_of.T, np.float32)
         self._gram = (rows_of.T @ rows_of).astype(np.float32)
         self._first, self._floor = self._first_look(rows_of)
-        self._last: tuple[FaceFlow, Press] | None = None
+        self._last: tuple[FaceFlow, TractionPress] | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns of cells that may be loaded."""
         return len(self.y_mm), len(self.x_mm)
 
-    def of(self, flow: FaceFlow) -> Press:
+    def of(self, flow: FaceFlow) -> TractionPress:
         """The traction behind a frame's flow, found once and kept for the calls that follow."""
         last = self._last
         if last is None or last[0] is not flow:
             self._last = last = (flow, self._solved(flow))
         return last[1]
 
-    def _solved(self, flow: FaceFlow) -> Press:
+    def _solved(self, flow: FaceFlow) -> TractionPress:
         shift, known = self._cells(flow)
         traction = np.zeros((*self.shape, 3))
         cover = float(known.mean())
         look = (self._first @ shift.ravel().astype(np.float32)).reshape(self.shape)
         certain = look > self._floor
         if not certain.any():
-            return Press(traction, self.x_mm, self.y_mm, cover)
+            return TractionPress(traction, self.x_mm, self.y_mm, cover)
         mask = _around(look > ENOUGH * look[certain].max())
-        if np.count_nonzero(mask) > MOST_CELLS:
-            mask &= look >= np.sort(look[mask])[-MOST_CELLS]
+        if np.count_nonzero(mask) > MAX_CELLS:
+            mask &= look >= np.sort(look[mask])[-MAX_CELLS]
         at = np.flatnonzero(mask)
         found, foreign = self._restricted(shift, known, look, at)
         if foreign or not found[:, 2].any():
-            return Press(traction, self.x_mm, self.y_mm, 0.0)
+            return TractionPress(traction, self.x_mm, self.y_mm, 0.0)
         traction.reshape(-1, 3)[at] = found
         whole_view = np.zeros(self.shape)
         whole_view[self._inner] = known
         pressure = traction[..., 2]
         cover = float((whole_view * pressure).sum() / pressure.sum())
-        return Press(traction, self.x_mm, self.y_mm, cover)
+        return TractionPress(traction, self.x_mm, self.y_mm, cover)
 
-    def displacement_mm(self, press: Press, parts: Sequence[int] = (0, 1, 2)) -> Array:
+    def displacement_mm(self, press: TractionPress, parts: Sequence[int] = (0, 1, 2)) -> Array:
         """How the view's cells moved, those components, (len(seen_y_mm), len(seen_x_mm), n)."""
         at = np.flatnonzero(press.traction.any(axis=-1))
         columns = (3 * at[:, None] + np.arange(3)).ravel()
@@ -152,7 +152,7 @@ class FaceInverse:
         moved = np.stack([t @ self._moves[part, columns] for part in parts], axis=-1)
         return moved.reshape(len(self.seen_y_mm), len(self.seen_x_mm), len(parts))
 
-    def place_mm(self, press: Press) -> Array:
+    def place_mm(self, press: TractionPress) -> Array:
         """Where what presses is, (2,): the centre of the pressure, moved with the gel it holds.
 
         nan where nothing presses, or only out of the view.

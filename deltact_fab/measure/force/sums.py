@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ..face import FaceFlow
 from ..hodge import Hodge, decompose
 from ..hole_filling import whole

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 
 COMPONENTS = ("fx", "fy", "fz", "tx", "ty", "tz")
 """Order of a wrench (6,): N on the sensor, and N mm about the centre of its resting face."""

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from ...errors import InputError
 
 FORM = re.compile(r"(\d+)x(\d+)x(\d+(?:\.\d*)?|\.\d+)")
-MOST_SQUARES = 200
+MAX_SQUARES = 200
 
 
 @dataclass(frozen=True)
-class Board:
+class Checkerboard:
     """nx x ny squares of `square_mm`; the first square, at (-x, -y), is dark.
 
     `skin`: it is the sensor's own skin, which lies on the face with its middle at the sensor's
@@ -28,7 +28,7 @@ class Board:
     skin: bool = False
 
     @classmethod
-    def parse(cls, words: str, option: str = "--board") -> Board:
+    def parse(cls, words: str, option: str = "--board") -> Checkerboard:
         """Of NXxNYxMM, as in 9x7x3: squares along x and y and their side. Raises InputError."""
         found = FORM.fullmatch(words.strip())
         if found is None:
@@ -36,8 +36,8 @@ class Board:
                 f"{option}: {words!r}; as in 9x7x3: squares along x and y and their side in mm"
             )
         nx, ny, square_mm = int(found[1]), int(found[2]), float(found[3])
-        if not (min(nx, ny) >= 4 and max(nx, ny) <= MOST_SQUARES):
-            raise InputError(f"{option}: {words!r}: a board has 4 to {MOST_SQUARES} squares a side")
+        if not (min(nx, ny) >= 4 and max(nx, ny) <= MAX_SQUARES):
+            raise InputError(f"{option}: {words!r}: a board has 4 to {MAX_SQUARES} squares a side")
         if not 0.05 <= square_mm <= 100:
             raise InputError(f"{option}: {words!r}: a square has a side of 0.05 to 100 mm")
         return cls(nx, ny, square_mm)

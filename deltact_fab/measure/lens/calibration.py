@@ -16,9 +16,9 @@ from ...optics import Fisheye, FlatField, as_toml
 from ...shapes import SensorDimensions
 from ...shapes.bounded import ShapeError
 from . import trust
-from .board import Board
+from .board import Checkerboard
 from .corners import find, read_image
-from .problem import LensProblem, Prior, Seen, Solution, solve
+from .problem import BoardView, LensProblem, LensSolution, Prior, solve
 from .start import nominal, pose, priors
 
 PHOTOGRAPHS = "photographs.json"
@@ -113,9 +113,9 @@ class Calibration:
 
 def calibrate(
     contact: Sequence[Path],
-    board: Board,
+    board: Checkerboard,
     air: Sequence[Path] = (),
-    air_board: Board | None = None,
+    air_board: Checkerboard | None = None,
     sensor: SensorDimensions | None = None,
 ) -> Calibration:
     """The lens of a sensor from image files of boards on its face and in the air beyond.
@@ -132,7 +132,7 @@ def calibrate(
         )
     if air and (air_board or board).skin:
         raise InputError("--air: a skin is not held in the air; name the board with --air-board")
-    seen: list[Seen] = []
+    seen: list[BoardView] = []
     unread: list[str] = []
     size: tuple[tuple[int, int], Path] | None = None
     for path, which, touching in [
@@ -150,7 +150,7 @@ def calibrate(
         if corners is None:
             unread.append(str(path))
         else:
-            seen.append(Seen(corners, touching))
+            seen.append(BoardView(corners, touching))
     assert size is not None
     if not any(s.contact for s in seen):
         sides = "a skin" if board.skin else f"a board of {board}, seen whole,"
@@ -172,7 +172,7 @@ def flat_field(blank: Path, lens: Fisheye) -> FlatField:
 
 
 def of_corners(
-    seen: Sequence[Seen],
+    seen: Sequence[BoardView],
     size_px: tuple[int, int],
     sensor: SensorDimensions,
     unread: Sequence[str] = (),
@@ -215,7 +215,7 @@ def of_corners(
     )
 
 
-def _said(seen: Seen, fit: Solution, rows: slice) -> dict[str, Any]:
+def _said(seen: BoardView, fit: LensSolution, rows: slice) -> dict[str, Any]:
     kept = fit.kept[rows]
     return {
         "file": seen.corners.source,

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError
-from .board import Board
+from .board import Checkerboard
 
 FEWEST = 5
 """Inner corners each way that are looked for on a skin; the finder then grows the grid."""
@@ -33,7 +33,7 @@ class Corners:
     """
 
     source: str
-    board: Board
+    board: Checkerboard
     px: NDArray[np.float64]
     index: NDArray[np.int64]
 
@@ -53,7 +53,7 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     return np.asarray(image, np.uint8)
 
 
-def find(image: Array, board: Board, source: str) -> Corners | None:
+def find(image: Array, board: Checkerboard, source: str) -> Corners | None:
     """The board's inner corners in an image (h, w, 3) BGR, None where no board is found.
 
     Sector-based detection (Duda and Frese, 2018), each corner refined on its gradients in a window
@@ -140,7 +140,9 @@ def _refined(grey: Array, grid: Array, inside: Array) -> Array:
     return refined
 
 
-def _shift(grey: Array, grid: Array, inside: Array, board: Board, source: str) -> NDArray[np.int64]:
+def _shift(
+    grey: Array, grid: Array, inside: Array, board: Checkerboard, source: str
+) -> NDArray[np.int64]:
     """What to add to (column, row) in the rectangle to have the skin's own. Raises InputError."""
     rows, columns = grid.shape[:2]
     middle_px = (np.array(grey.shape[::-1]) - 1) / 2

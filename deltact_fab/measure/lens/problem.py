@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError, SolverError
 from ...optics import Fisheye
 from ...shapes.bounded import ShapeError
@@ -32,7 +32,7 @@ class Prior:
 
 
 @dataclass(frozen=True)
-class Seen:
+class BoardView:
     """A board in an image: lying on the face (contact), or held in the air beyond it."""
 
     corners: Corners
@@ -68,7 +68,9 @@ PRIOR_STEP = 1e-5  # of a prior's sigma
 class LensProblem:
     """Residuals and their derivatives, of a vector: parameters in sigmas off their prior, poses."""
 
-    def __init__(self, base: Fisheye, priors: Mapping[str, Prior], seen: Sequence[Seen]) -> None:
+    def __init__(
+        self, base: Fisheye, priors: Mapping[str, Prior], seen: Sequence[BoardView]
+    ) -> None:
         """base: has what no prior names. Parameters in the order of the priors."""
         self.base, self.priors, self.seen = base, dict(priors), tuple(seen)
         self.names = tuple(priors)
@@ -136,7 +138,7 @@ class LensProblem:
 
 
 @dataclass(frozen=True)
-class Solution:
+class LensSolution:
     """What fits: the vector, its covariance, and the weight of each corner (0: an outlier)."""
 
     x: NDArray[np.float64]
@@ -147,12 +149,12 @@ class Solution:
 
 
 NOISE_PX = 0.1
-LEAST_NOISE_PX = 0.02
+MIN_NOISE_PX = 0.02
 OUTLIER = 5.0
 """In robust sigmas of the residuals: beyond, a corner was misread."""
 
 
-def solve(problem: LensProblem, x: Array, scale_px: float = NOISE_PX) -> Solution:
+def solve(problem: LensProblem, x: Array, scale_px: float = NOISE_PX) -> LensSolution:
     """Fit, first with a soft-L1 loss; then, without its outliers, by least squares.
 
     scale_px: deviations beyond this are damped. Raises SolverError when the search does not end.
@@ -161,14 +163,14 @@ def solve(problem: LensProblem, x: Array, scale_px: float = NOISE_PX) -> Solutio
     x = _search(problem, x, everything, scale_px, soft=True)
     off = problem.off_px(x)
     size = np.abs(off)
-    noise_px = max(1.4826 * float(np.median(size)), LEAST_NOISE_PX)
+    noise_px = max(1.4826 * float(np.median(size)), MIN_NOISE_PX)
     kept = size.max(axis=1) <= OUTLIER * noise_px
     x = _search(problem, x, kept, noise_px, soft=False)
     off = problem.off_px(x)
     free = max(2 * int(kept.sum()) - problem.size, 1)
-    noise_px = max(float(np.sqrt(np.sum(off[kept] ** 2) / free)), LEAST_NOISE_PX)
+    noise_px = max(float(np.sqrt(np.sum(off[kept] ** 2) / free)), MIN_NOISE_PX)
     j = problem.jacobian(x)[kept].reshape(-1, problem.size) / noise_px
-    return Solution(x, covariance(problem, j), off, kept, noise_px)
+    return LensSolution(x, covariance(problem, j), off, kept, noise_px)
 
 
 def covariance(problem: LensProblem, j: Array) -> NDArray[np.float64]:

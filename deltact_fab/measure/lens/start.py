@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError
 from ...optics import Fisheye
 from ...shapes import SensorDimensions
 from .corners import Corners
-from .problem import Prior, Seen
+from .problem import BoardView, Prior
 
 HEIGHTS_MM = (3.0, 8.0, 16.0, 32.0)
 """Of a board in air, from which its pose is looked for."""
@@ -79,7 +79,7 @@ def priors(lens: Fisheye, placed: bool) -> dict[str, Prior]:
     return found | {n: Prior(getattr(lens, n), s, why) for n, (s, why) in LAYERS.items()}
 
 
-def pose(seen: Seen, lens: Fisheye) -> NDArray[np.float64]:
+def pose(seen: BoardView, lens: Fisheye) -> NDArray[np.float64]:
     """A first pose of a board under a lens. Raises InputError when none comes near."""
     if seen.dof == 0:
         return np.empty(0)
@@ -103,7 +103,9 @@ def _laid(board_mm: Array, at_mm: Array) -> tuple[Array, float]:
     return at_mm.mean(0) - board_mm.mean(0) @ np.array([[c, s], [-s, c]]), turn
 
 
-def _held(seen: Seen, board: Array, origin: Array, slope: Array, ok: Array) -> NDArray[np.float64]:
+def _held(
+    seen: BoardView, board: Array, origin: Array, slope: Array, ok: Array
+) -> NDArray[np.float64]:
     """The pose in air whose corners lie nearest to their rays, of the best of several starts."""
     from scipy.optimize import least_squares
 

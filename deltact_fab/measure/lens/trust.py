@@ -8,25 +8,25 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError
 from ...shapes import SensorDimensions
-from .problem import PRIOR_STEP, LensProblem, Solution
+from .problem import PRIOR_STEP, LensProblem, LensSolution
 
 DEPTHS_MM = (3.0, 6.0)
 """Below the face, at which the sigma is stated besides the face's own."""
 SYSTEMATIC_PX = 0.015
 """Smooth error of the corners that no residual shows, for the lens takes it up: curvature and
 shading within a corner's window. .01 to .02 px on rendered boards (decision 0019)."""
-LEAST_COVER = 0.8
-MOST_FACE_SIGMA_PX = 0.1
+MIN_COVER = 0.8
+MAX_FACE_SIGMA_PX = 0.1
 PRIOR_SHARE = 0.5
 """Of a weak prior's sigma: what is left of it must be less, or no image knows the parameter."""
-MOST_NOISE_PX = 0.25
-MOST_SMOOTH_PX = 0.08
+MAX_NOISE_PX = 0.25
+MAX_SMOOTH_PX = 0.08
 """Of a smooth pattern in one image's residuals: corners scatter, a wrong board does not."""
-MOST_OUTLIERS = 0.1
-LEAST_HEIGHT_MM = 0.05
+MAX_OUTLIERS = 0.1
+MIN_HEIGHT_MM = 0.05
 
 
 def view_mm(sensor: SensorDimensions) -> NDArray[np.float64]:
@@ -37,7 +37,7 @@ def view_mm(sensor: SensorDimensions) -> NDArray[np.float64]:
 
 
 def sigma_px(
-    problem: LensProblem, fit: Solution, sensor: SensorDimensions, depth_mm: float
+    problem: LensProblem, fit: LensSolution, sensor: SensorDimensions, depth_mm: float
 ) -> float:
     """Sigma of where the lens sees a point, px in the raw image; 95th percentile over the view.
 
@@ -58,7 +58,7 @@ def sigma_px(
     return float(np.percentile(np.sqrt(var), 95))
 
 
-def cover(problem: LensProblem, fit: Solution, sensor: SensorDimensions) -> float:
+def cover(problem: LensProblem, fit: LensSolution, sensor: SensorDimensions) -> float:
     """Share of the view inside the hulls of the contact images' corners, each half a square wider.
 
     The fit rests on them there; elsewhere it extrapolates.
@@ -96,16 +96,16 @@ def smooth_px(px: Array, off_px: Array) -> float:
 
 
 def refuse(
-    problem: LensProblem, fit: Solution, share: Sequence[float], covered: float, face_px: float
+    problem: LensProblem, fit: LensSolution, share: Sequence[float], covered: float, face_px: float
 ) -> None:
     """Raise InputError, in one line, for a calibration that must not be used.
 
     share: of each prior's sigma, what is left. covered: see `cover`. face_px: own sigma there.
     """
     _refuse_misfit(problem, fit)
-    if covered < LEAST_COVER:
+    if covered < MIN_COVER:
         raise InputError(
-            f"the contact corners cover {covered:.0%} of the view; at least {LEAST_COVER:.0%}: "
+            f"the contact corners cover {covered:.0%} of the view; at least {MIN_COVER:.0%}: "
             "add contact images nearer its edges, or use the chessboard skin"
         )
     unknown = [
@@ -118,18 +118,18 @@ def refuse(
             f"{', '.join(unknown)}: known from a guess alone, the images do not tell: add boards "
             "in air at several heights and tilts, or use the chessboard skin"
         )
-    if not face_px <= MOST_FACE_SIGMA_PX:
+    if not face_px <= MAX_FACE_SIGMA_PX:
         raise InputError(
-            f"the face is known to {face_px:.3f} px (one sigma); at most {MOST_FACE_SIGMA_PX:g}: "
+            f"the face is known to {face_px:.3f} px (one sigma); at most {MAX_FACE_SIGMA_PX:g}: "
             "more contact images, or sharper ones"
         )
 
 
-def _refuse_misfit(problem: LensProblem, fit: Solution) -> None:
+def _refuse_misfit(problem: LensProblem, fit: LensSolution) -> None:
     at = problem.points_mm(fit.x)
     for seen, rows in zip(problem.seen, problem.rows, strict=True):
         off, kept = fit.off_px[rows], fit.kept[rows]
-        if not seen.contact and at[rows, 2].min() < LEAST_HEIGHT_MM:
+        if not seen.contact and at[rows, 2].min() < MIN_HEIGHT_MM:
             raise InputError(
                 f"{seen.corners.source}: its board touches the face, and the image was given as "
                 "one in air: is it a contact image?"
@@ -137,15 +137,15 @@ def _refuse_misfit(problem: LensProblem, fit: Solution) -> None:
         rms = _rms(off)
         lost = 1 - kept.mean()
         smooth = smooth_px(seen.corners.px[kept], off[kept]) if kept.sum() > 3 else np.inf
-        if lost > MOST_OUTLIERS or smooth > MOST_SMOOTH_PX or rms > 10 * MOST_NOISE_PX:
+        if lost > MAX_OUTLIERS or smooth > MAX_SMOOTH_PX or rms > 10 * MAX_NOISE_PX:
             flat = "not flat on the face" if seen.contact else "not flat"
             raise InputError(
                 f"{seen.corners.source}: its corners miss the fit by {rms:.2f} px rms, and not at "
                 f"random: not a board of {seen.corners.board}, or {flat}"
             )
-    if fit.noise_px > MOST_NOISE_PX:
+    if fit.noise_px > MAX_NOISE_PX:
         raise InputError(
-            f"the corners miss the fit by {fit.noise_px:.2f} px rms; at most {MOST_NOISE_PX:g}: "
+            f"the corners miss the fit by {fit.noise_px:.2f} px rms; at most {MAX_NOISE_PX:g}: "
             "blurred images, or another board than was named"
         )
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError
 from ...optics import CameraModel
 from ...shapes import SkinDimensions

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...optics import CameraModel
-from ..flow import FlowTracker, Ready, named_tracker
+from ..flow import FlowTracker, PreparedImage, named_tracker
 from ..health import Health
 from ..view import SensorView
 from .calibrated import Calibrated, Calibration
@@ -20,7 +20,7 @@ from .plan import Plan
 from .rectify import Rectifier
 from .result import Result
 
-Step = Callable[["Job"], None]
+Step = Callable[["ImageTask"], None]
 
 
 @dataclass
@@ -33,7 +33,7 @@ class Since:
 
 
 @dataclass
-class Job:
+class ImageTask:
     """One image on its way. made: what the steps so far made of it."""
 
     since: Since
@@ -106,9 +106,9 @@ class Measurement:
         assert job.result is not None, "the last step makes it"
         return job.result
 
-    def job(self, image: Array, t_s: float | None = None) -> Job:
+    def job(self, image: Array, t_s: float | None = None) -> ImageTask:
         """An image to be measured against the reference of now."""
-        return Job(self._since, time.monotonic() if t_s is None else t_s, (image,))
+        return ImageTask(self._since, time.monotonic() if t_s is None else t_s, (image,))
 
     def steps(self) -> tuple[Step, ...]:
         """The parts that may run side by side, each taking the jobs in their order."""
@@ -121,11 +121,11 @@ class Measurement:
                 raise RuntimeError("another pipeline has this measurement")
             self._busy = busy
 
-    def _prepare(self, job: Job) -> None:
+    def _prepare(self, job: ImageTask) -> None:
         (image,) = job.made
         job.made = (self._ready(job.since, image),)
 
-    def _ready(self, since: Since, image: Array) -> Ready:
+    def _ready(self, since: Since, image: Array) -> PreparedImage:
         tracker, rectify = since.tracker, self._rectify
         anchored = tracker.reference == "anchored"
         ready = tracker.prepare((rectify.sampled if anchored else rectify.view)(image))
@@ -133,11 +133,11 @@ class Measurement:
             since.health, since.begun = self._calibrated.health(rectify.view(image)), True
         return ready
 
-    def _follow(self, job: Job) -> None:
+    def _follow(self, job: ImageTask) -> None:
         (ready,) = job.made
         job.made = (ready, job.since.tracker.follow(ready))
 
-    def _finish(self, job: Job) -> None:
+    def _finish(self, job: ImageTask) -> None:
         seen = job.since.tracker.judge(*job.made)
         job.made = ()
         made = self._plan.run(seen)

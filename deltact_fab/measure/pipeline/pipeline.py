@@ -7,9 +7,9 @@ from threading import Lock, Thread
 from types import TracebackType
 from typing import Literal
 
-from ...arrays import Array
+from ...aliases import Array
 from .bounded_queue import Belt, Closed
-from .measurement import Job, Measurement, Step
+from .measurement import ImageTask, Measurement, Step
 from .result import Result
 
 Policy = Literal["every", "newest"]
@@ -33,7 +33,7 @@ class Pipeline:
         self.measurement, self.policy = measurement, policy
         self._closing, self._closed = Lock(), False
         steps = measurement.steps()
-        self._belts: list[Belt[Job]] = [Belt(1) for _ in steps]
+        self._belts: list[Belt[ImageTask]] = [Belt(1) for _ in steps]
         self._belts.append(Belt(_KEPT if policy == "newest" else None))
         self._threads = [
             Thread(target=self._work, args=(step, *ends), daemon=True)
@@ -127,7 +127,7 @@ class Pipeline:
     ) -> None:
         self.close()
 
-    def _work(self, step: Step, before: Belt[Job], after: Belt[Job]) -> None:
+    def _work(self, step: Step, before: Belt[ImageTask], after: Belt[ImageTask]) -> None:
         # The last belt of a live source gives way as the first one does.
         live = self.policy == "newest" and after is self._belts[-1]
         try:

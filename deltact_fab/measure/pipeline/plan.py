@@ -11,9 +11,17 @@ from ...errors import InputError, did_you_mean
 from ..face import FaceFlow
 from ..force import Features, ForceModel, LocalFeatures, TractionField, features_of
 from ..force.inverse import Inverse
-from ..force.press import Press, inverse_for
+from ..force.press import TractionPress, inverse_for
 from ..hole_filling import whole
-from ..shape import Contact, Density, Depth, DepthFinder, by_jacobian, contacts, relative_depth
+from ..shape import (
+    ContactRegion,
+    Density,
+    Depth,
+    DepthFinder,
+    by_jacobian,
+    contacts,
+    relative_depth,
+)
 from .calibrated import Calibrated
 from .result import Output, Shape
 
@@ -24,7 +32,7 @@ OUTPUTS: tuple[Output, ...] = get_args(Output)
 
 
 @dataclass(frozen=True)
-class Stage:
+class PipelineStep:
     """name: what it makes. needs: what it is called with, in this order."""
 
     name: str
@@ -41,7 +49,7 @@ class Plan:
     """
 
     def __init__(self, include: Sequence[str], setup: Calibrated, every: int) -> None:
-        self.stages: dict[str, Stage] = {}
+        self.stages: dict[str, PipelineStep] = {}
         self._setup, self._every = setup, every
         self._made: Features | None = None
         self.sources: dict[str, str] = {}
@@ -58,7 +66,7 @@ class Plan:
         return made
 
     def _add(self, name: str, needs: tuple[str, ...], run: Callable[..., Any]) -> str:
-        self.stages.setdefault(name, Stage(name, needs, run))
+        self.stages.setdefault(name, PipelineStep(name, needs, run))
         return name
 
     def _makers(self) -> dict[Output, Callable[[], str]]:
@@ -103,7 +111,7 @@ class Plan:
         camera = self._setup.view.camera
         needs = (self._depth("contacts"), self._whole(SHAPE_EVERY), self._press())
 
-        def run(depth: Depth, flow: FaceFlow, press: Press) -> list[Contact]:
+        def run(depth: Depth, flow: FaceFlow, press: TractionPress) -> list[ContactRegion]:
             field = TractionField(press.traction, press.x_mm, press.y_mm, press.cover)
             return contacts(depth, flow, camera, field)
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from ...arrays import Array
+from ...aliases import Array
 from ..face import FaceFlow
 from ..flow import FlowObservation
 from ..force import TractionField, Wrench
 from ..health import Health
-from ..shape import Contact, Density, Depth
+from ..shape import ContactRegion, Density, Depth
 
 Output = Literal["flow", "observation", "shape", "contacts", "force", "traction"]
 
@@ -59,7 +59,7 @@ class Result:
     flow: FaceFlow | None = None
     observation: FlowObservation | None = None
     shape: Shape | None = None
-    contacts: list[Contact] | None = None
+    contacts: list[ContactRegion] | None = None
     force: Wrench | None = None
     traction: TractionField | None = None
 

@@ -1,13 +1,13 @@
 """Shape of the contact from the flow: density, relative depth, depth in mm, separate contacts."""
 
-from .contacts import Contact, contact_labels, contacts
+from .contacts import ContactRegion, contact_labels, contacts
 from .density import SIGMA_PX, Density, by_jacobian, by_splat
 from .depth import Depth, DepthFinder, DepthModel
 from .relative import relative_depth
 
 __all__ = [
     "SIGMA_PX",
-    "Contact",
+    "ContactRegion",
     "Density",
     "Depth",
     "DepthFinder",

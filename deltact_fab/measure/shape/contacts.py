@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...optics import CameraModel
 from ..face import FaceFlow
 from ..force import TractionField
@@ -16,7 +16,7 @@ from .depth import Depth
 
 RIM = 0.3
 """A contact ends where the depth falls below this share of its peak: of balls the rim is there."""
-LEAST_MM = 0.05
+MIN_MM = 0.05
 """A contact's peak is at least this deep. Noise makes no depth at all of a face at rest: without a
 pressure whose peak is `press.FLOOR` times what the flow's noise gives, the inverse finds none."""
 DIP = 0.75
@@ -25,7 +25,7 @@ FINE_MM = 0.08  # of the map on which outlines are drawn
 
 
 @dataclass(frozen=True)
-class Contact:
+class ContactRegion:
     """One region of contact.
 
     area_mm2, centroid_mm (2,), outline_mm (n, 2) closed, anticlockwise as the camera sees it: on
@@ -45,7 +45,7 @@ class Contact:
 
 def contacts(
     depth: Depth, flow: FaceFlow, camera: CameraModel, traction: TractionField | None = None
-) -> list[Contact]:
+) -> list[ContactRegion]:
     """The contacts of one frame, the deepest first; none at rest.
 
     flow: the depth was found from it. traction: for the share of the force.
@@ -81,7 +81,7 @@ def contact_labels(depth: Depth) -> Array:
 def _peaks(depth_mm: Array) -> list[tuple[int, int]]:
     """Places of the peaks that a dip parts from every deeper one."""
     around = cv2.dilate(depth_mm, np.ones((5, 5), np.uint8))
-    highest = (around == depth_mm) & (depth_mm >= LEAST_MM)
+    highest = (around == depth_mm) & (depth_mm >= MIN_MM)
     rows, columns = np.nonzero(highest)
     order = np.argsort(-depth_mm[rows, columns], kind="stable")
     kept: list[tuple[int, int]] = []
@@ -110,10 +110,10 @@ def _places(masks: list[Array], depth: Depth, flow: FaceFlow, camera: CameraMode
     return np.asarray(origin[:, :2] - way[:, :2] * sunk)
 
 
-def _contact(mask: Array, depth: Depth, place_mm: Array, share: float | None) -> Contact:
+def _contact(mask: Array, depth: Depth, place_mm: Array, share: float | None) -> ContactRegion:
     rows, columns = np.nonzero(mask)
     centroid = np.array([depth.x_mm[columns].mean(), depth.y_mm[rows].mean()])
-    return Contact(
+    return ContactRegion(
         float(len(rows)) * depth.cell_mm**2,
         centroid,
         _outline(mask, depth),

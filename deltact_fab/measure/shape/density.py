@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ..compose import sample
 from ..face import FaceFlow
 from ..hole_filling import whole

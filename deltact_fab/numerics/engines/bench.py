@@ -17,12 +17,12 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import RunFailed, SensorError
-from ..engine import Case, Engine, Setting, Table, Work
-from ..faults.bench import Bench
-from ..faults.cell import Cell, Matrix, travelled
+from ..engine import Case, CurveSetting, Engine, EngineTable, Work
+from ..faults.bench import FaultBench
+from ..faults.cell import FaultOutcome, Matrix, travelled
 from ..faults.disk import Disk, small_disk
 from ..faults.killed import kill_after
-from ..faults.kinds import DRAG, FAULTS, FORCE_N, MOMENTS, PRESS, TRAVEL, Fault
+from ..faults.kinds import DRAG, FAULTS, FORCE_N, MOMENTS, PRESS, TRAVEL, FaultKind
 
 KILLS = 20
 NAMED = "in its named error"
@@ -43,7 +43,7 @@ def matrix(scratch: Path) -> Matrix:
     return Matrix(folder)
 
 
-def _cell(fault: Fault, moment: str, scratch: Path) -> tuple[float, str]:
+def _cell(fault: FaultKind, moment: str, scratch: Path) -> tuple[float, str]:
     made = matrix(scratch)
     if "disk" in fault.name:
         with small_disk(scratch / "disk") as disk:
@@ -59,7 +59,7 @@ def _cell(fault: Fault, moment: str, scratch: Path) -> tuple[float, str]:
     raise RunFailed(f"{NAMED}: {cell.outcome}{_measured(cell)}")
 
 
-def _measured(cell: Cell) -> str:
+def _measured(cell: FaultOutcome) -> str:
     if cell.travel_mm is None:
         return " [nothing moved]"
     allowed = f" of {cell.allowed_mm:.3f} allowed" if cell.allowed_mm is not None else ""
@@ -120,8 +120,8 @@ def cases(quick: bool) -> Sequence[Case]:
 def _trip(feed_mm_min: float, scratch: Path) -> Work:
     """A press that the guard ends; error: how much further than its braking distance it went."""
 
-    def run() -> Bench:
-        bench = Bench()
+    def run() -> FaultBench:
+        bench = FaultBench()
         stage, force, guard = bench.armed()
         x, y, _ = bench.tip_mm()
         planned_s = stage.start_move((x, y, -5.0), feed_mm_min)
@@ -137,10 +137,12 @@ def _trip(feed_mm_min: float, scratch: Path) -> Work:
         stage.close()
         return bench
 
-    def error(bench: Bench) -> float:
+    def error(bench: FaultBench) -> float:
         fault = next(f for f in FAULTS if f.name == "force over the limit")
         at_s = bench.box_faults.first_bad_ns / 1e9
-        cell = travelled(bench, fault, Cell(fault.name, PRESS, ""), at_s, bench.clock.now_ns())
+        cell = travelled(
+            bench, fault, FaultOutcome(fault.name, PRESS, ""), at_s, bench.clock.now_ns()
+        )
         assert cell.travel_mm is not None
         speed_mm_s = feed_mm_min / 60
         return cell.travel_mm - speed_mm_s**2 / (2 * 50.0)
@@ -148,16 +150,16 @@ def _trip(feed_mm_min: float, scratch: Path) -> Work:
     return Work(run, error)
 
 
-def curves(quick: bool) -> Sequence[Setting]:
+def curves(quick: bool) -> Sequence[CurveSetting]:
     """How far beyond its braking distance a press goes that the force guard ends."""
     return [
-        Setting("a press that the force guard ends", "in lockstep", f"{feed:g} mm/min",
+        CurveSetting("a press that the force guard ends", "in lockstep", f"{feed:g} mm/min",
                 "mm beyond the braking distance", "v^2 / 2a", 0.0013, partial(_trip, feed))
         for feed in (FEEDS_MM_MIN[:2] if quick else FEEDS_MM_MIN)
     ]  # fmt: skip
 
 
-def tables(scratch: Path) -> Sequence[Table]:
+def tables(scratch: Path) -> Sequence[EngineTable]:
     """Faults by moments, as the cases found them."""
     path = scratch / CELLS
     if not path.exists():
@@ -167,11 +169,11 @@ def tables(scratch: Path) -> Sequence[Table]:
                     case.check(scratch)
     found = {}
     for line in path.read_text().splitlines():
-        cell = Cell(**json.loads(line))
+        cell = FaultOutcome(**json.loads(line))
         found[cell.fault, cell.moment] = cell.says
     rows = tuple((f.name, *(found.get((f.name, m), "-") for m in MOMENTS)) for f in FAULTS)
     return (
-        Table(
+        EngineTable(
             "Faults by moments",
             "What a run ends in, and how far the carriage goes after the error: from when the "
             "fault had come to the host, or from the stop byte where that had to wait for a "

@@ -23,8 +23,8 @@ from ...cad.dimensions import Design
 from ...cad.kernel import guarded, require
 from ...cad.registry import find, of_design
 from ...cad.solid_gate import Expected, gate
-from ...cad.stiffness import Plate, bend, plate_of
-from ..engine import Case, Engine, Setting, Table, Work
+from ...cad.stiffness import PlateShape, bend, plate_of
+from ..engine import Case, CurveSetting, Engine, EngineTable, Work
 
 BALL_MM = 22.0
 PARTS = of_design()
@@ -62,7 +62,7 @@ def _part(name: str, tolerance_mm: float, scratch: Path) -> Work:
     )
 
 
-def _plate_yields(plate: Plate, terms: int, spread_mm: float) -> float:
+def _plate_yields(plate: PlateShape, terms: int, spread_mm: float) -> float:
     """Deflection under 1 N, nothing of it from the store."""
     return bend.__wrapped__(plate, spread_mm, terms=terms).deflection_mm
 
@@ -76,22 +76,22 @@ def _plate(terms: int, scratch: Path) -> Work:
 def _square_plate(side_mm: float, thickness_mm: float, scratch: Path) -> float:
     """A load in the middle of a supported square: w D / (P a^2) over Timoshenko's .01160, - 1."""
     half = (side_mm / 2, side_mm / 2)
-    plate = Plate(half, (0.0, 0.0), half, thickness_mm, 3000.0, 0.3)
+    plate = PlateShape(half, (0.0, 0.0), half, thickness_mm, 3000.0, 0.3)
     yields = _plate_yields(plate, PLATE_TERMS_MOST, side_mm / 1000)
     return yields * plate.rigidity_nmm / side_mm**2 / 0.01160 - 1
 
 
 def _strip(scratch: Path) -> float:
     """A strip of 1 x 200 mm on its ends over the beam's F l^3 / (48 E I), - 1."""
-    plate = Plate((0.5, 100.0), (0.0, 0.0), (None, 100.0), 1.0, 3000.0, 0.0)
+    plate = PlateShape((0.5, 100.0), (0.0, 0.0), (None, 100.0), 1.0, 3000.0, 0.0)
     return _plate_yields(plate, PLATE_TERMS_MOST, 0.5) / (200**3 / (48 * 3000 / 12)) - 1
 
 
-def curves(quick: bool) -> Sequence[Setting]:
+def curves(quick: bool) -> Sequence[CurveSetting]:
     """Tolerance against measured distance and time."""
     float32_mm = 1e-6
     out = [
-        Setting(
+        CurveSetting(
             case=f"ball of {BALL_MM:g} mm",
             series=series,
             name=f"tolerance {tolerance:g} mm",
@@ -104,7 +104,7 @@ def curves(quick: bool) -> Sequence[Setting]:
         for tolerance in ((0.05,) if quick else TOLERANCES_MM)
     ]
     out += [
-        Setting(
+        CurveSetting(
             case="acrylic plate under 1 N",
             series="polynomials in each direction",
             name=f"{terms} terms",
@@ -118,7 +118,7 @@ def curves(quick: bool) -> Sequence[Setting]:
     if quick:
         return out
     return out + [
-        Setting(
+        CurveSetting(
             case=f"part: {name}",
             series="measured and asked again",
             name=f"tolerance {tolerance:g} mm",
@@ -299,7 +299,7 @@ def cases(quick: bool) -> Sequence[Case]:
     ]  # fmt: skip
 
 
-def tables(scratch: Path) -> Sequence[Table]:
+def tables(scratch: Path) -> Sequence[EngineTable]:
     """Tolerance, what was measured, triangles and seconds, part by part."""
     rows = []
     design = load_design()
@@ -313,7 +313,7 @@ def tables(scratch: Path) -> Sequence[Table]:
                 (name, tolerance, made.deviation_mm, len(made.triangles), round(seconds, 3))
             )
     return (
-        Table(
+        EngineTable(
             "Tessellation",
             "Tolerance asked for, distance measured, and what it costs. CPU seconds include the "
             "measurement and every repetition.",

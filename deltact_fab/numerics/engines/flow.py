@@ -14,10 +14,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ...arrays import Image
+from ...aliases import Image
 from ...measure.flow import FLOW_METHODS, FlowMethod, FlowTracker, to_gray
 from ...study.star import StarFigures
-from ..engine import Case, Engine, Table
+from ..engine import Case, Engine, EngineTable
 from . import flow_hard
 from .flow_curves import curves, found
 from .flow_frames import MM_PER_PX, STAR, STARS, scene
@@ -147,14 +147,14 @@ def cases(quick: bool) -> Sequence[Case]:
     return out
 
 
-def tables(scratch: Path) -> Sequence[Table]:
+def tables(scratch: Path) -> Sequence[EngineTable]:
     """The star by method and image source, and the spoilt images."""
     rows = []
     for method in FLOW_METHODS:
         stars = [_star(method, name, scratch) for name in STARS]
         rows.append((method, *(f"{s.noise_px:.4f} / {s.loss_px:.0f}" for s in stars)))
     return [
-        Table("Star: noise and detail",
+        EngineTable("Star: noise and detail",
               "px: standard deviation where the period is above 119 px / period at which 10 % of "
               "the amplitude is lost (291: all of them); green, blurred.",
               ("method", *STARS.values()), tuple(rows)),

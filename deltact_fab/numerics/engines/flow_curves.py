@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ...arrays import Image
+from ...aliases import Image
 from ...measure.flow import (
     FLOW_METHODS,
     PAPER,
@@ -20,10 +20,10 @@ from ...measure.flow import (
     named_tracker,
     to_gray,
 )
-from ...measure.flow.fused import Plane, Reference
+from ...measure.flow.fused import Plane, RefinementReference
 from ...virtual.picture import TOLERANCE_PX
-from ..engine import Setting, Work
-from .flow_frames import MM_PER_PX, STAR, Scene, Vectors, scene
+from ..engine import CurveSetting, Work
+from .flow_frames import MM_PER_PX, STAR, FlowSequence, Vectors, scene
 
 MOTIONS = {
     "press": "sphere:10, 1.2 mm deep and 1.5 mm of shear",
@@ -52,7 +52,7 @@ def between(method: str, rest: Image, moved: Image, half: bool = False) -> Vecto
     return np.asarray(wide * np.array([w / (w // 2), h / (h // 2)], np.float32))
 
 
-def found(method: str, pair: Scene, half: bool = False) -> Vectors:
+def found(method: str, pair: FlowSequence, half: bool = False) -> Vectors:
     """The flow of a pair as the tracker sees it."""
     return between(method, tracked(pair.images[0]), tracked(pair.last), half)
 
@@ -68,7 +68,7 @@ def _pair(
 def _prepared(name: str, stride: int, scratch: Path) -> Work:
     """The fused steps from a colour image to what a tracker keeps, the reference ready."""
     pair = scene(scratch, name)
-    reference, moved = Reference.of(pair.images[0]), pair.last
+    reference, moved = RefinementReference.of(pair.images[0]), pair.last
     if stride == 1:
         prepared = FlowMethod("fused").prepare(tracked(pair.images[0]))
         return Work(lambda: prepared.to(tracked(moved)), pair.mean_error_mm)
@@ -113,10 +113,10 @@ def trackers() -> dict[tuple[str, str], Callable[[], Any]]:
     return out
 
 
-def curves(quick: bool) -> Sequence[Setting]:
+def curves(quick: bool) -> Sequence[CurveSetting]:
     """All settings; a quick run has one motion and two methods."""
     millimetres = partial(
-        Setting, unit="mm, mean over moving pixels", reference=DRAWN,
+        CurveSetting, unit="mm, mean over moving pixels", reference=DRAWN,
         reference_error=TOLERANCE_PX * MM_PER_PX,
     )  # fmt: skip
     if quick:
@@ -151,7 +151,7 @@ def curves(quick: bool) -> Sequence[Setting]:
                 ("star: noise", "px, standard deviation above a period of 119 px"),
                 ("star: detail", "px, period at which 10 % of the amplitude is lost"),
             )):  # fmt: skip
-                out.append(Setting(
+                out.append(CurveSetting(
                     case=f"{case}, {about}", series="one pair", name=method, unit=unit,
                     reference="0.5 cos(2 pi y / p(x)) px", reference_error=TOLERANCE_PX,
                     build=partial(_star, method, source, i),

@@ -14,16 +14,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Field, Image
+from ...aliases import Field, Image
 from ...elasticity.material import GelMaterial
 from ...files import whole
-from ...imaging import Printer, Sensor
+from ...imaging import ImageSensor, Printer
 from ...optics import Pinhole, SurfaceLattice, axes_mm
 from ...patterns.raster import albedo
 from ...patterns.recipe import PatternRecipe, load_recipe
 from ...shapes import SensorDimensions
 from ...study.star import Star
-from ...virtual.picture import MARGIN_PX, Geometry, Picture, Texture
+from ...virtual.picture import MARGIN_PX, FrameRenderer, Geometry, Texture
 from ...virtual.scene import LatticeCrop
 
 Vectors = NDArray[np.float32]
@@ -42,7 +42,7 @@ COARSE = PatternRecipe(law="algorithm1", seed=23, patch_mm=0.15, r=0.1)
 FINE = PatternRecipe(law="algorithm1", seed=101, patch_mm=0.075, r=0.6)
 
 
-class Scene(NamedTuple):
+class FlowSequence(NamedTuple):
     """A sequence and its truth.
 
     images: (n, h, w, 3) BGR or (n, h, w) grey, the first at rest. truth_px: (h, w, 2) of the last.
@@ -58,11 +58,11 @@ class Scene(NamedTuple):
         """The frame with all of the motion."""
         return self.images[-1]
 
-    def every(self, step: int) -> Scene:
+    def every(self, step: int) -> FlowSequence:
         """The same motion in fewer frames."""
         return self._replace(images=self.images[::step], parts=self.parts[::step])
 
-    def nodes(self, step: int = 1) -> Scene:
+    def nodes(self, step: int = 1) -> FlowSequence:
         """The truth of every step-th node of the half grid, the middle of four pixels."""
         half = cv2.resize(self.truth_px, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
         return self._replace(truth_px=np.asarray(half[::step, ::step], np.float32))
@@ -91,7 +91,7 @@ class Scene(NamedTuple):
         return float(self.error_px(flow_px)[self.moving()].mean(dtype=np.float64) * MM_PER_PX)
 
 
-def scene(scratch: Path, name: str) -> Scene:
+def scene(scratch: Path, name: str) -> FlowSequence:
     """A scene by a name of `SCENES`, drawn once a scratch folder."""
     path = scratch / f"flow-{name}.npz"
     if not path.exists():
@@ -99,7 +99,7 @@ def scene(scratch: Path, name: str) -> Scene:
         with whole(path, sync=False) as part, part.open("wb") as out:
             np.savez(out, **SCENES[name]()._asdict())
     with np.load(path) as data:
-        return Scene(**{field: data[field] for field in Scene._fields})
+        return FlowSequence(**{field: data[field] for field in FlowSequence._fields})
 
 
 def drawn(
@@ -107,24 +107,24 @@ def drawn(
     lattice: SurfaceLattice,
     displacement_mm: Field,
     n_frames: int = 1,
-    sensor: Sensor | None = None,
-) -> Scene:
+    sensor: ImageSensor | None = None,
+) -> FlowSequence:
     """Rest and `n_frames` equal parts of a displacement (ny, nx, 3) on a lattice of the face."""
     rng = np.random.default_rng(SEED)
     printer = Printer()
     printed = printer.print_(albedo(recipe, printer.mm_per_dot), rng)
     texture = Texture(printed, printer.mm_per_dot)
-    picture = Picture(Geometry(CAMERA, lattice), texture, sensor or Sensor())
+    picture = FrameRenderer(Geometry(CAMERA, lattice), texture, sensor or ImageSensor())
     inner = slice(MARGIN_PX, -MARGIN_PX)
     truth = np.ascontiguousarray(picture.geometry.forward_px(displacement_mm)[inner, inner])
     parts = np.arange(n_frames + 1) / n_frames
     images = [picture.render(displacement_mm * part if part else None, rng) for part in parts]
-    return Scene(np.stack(images), truth, parts)
+    return FlowSequence(np.stack(images), truth, parts)
 
 
 def in_plane(
     recipe: PatternRecipe, motion: Motion, n_frames: int = 1, mosaic: bool = True
-) -> Scene:
+) -> FlowSequence:
     """A motion in the plane of the face, given in pixels at the pixels' places."""
     reach = MARGIN_PX + 2
     x_mm, y_mm = axes_mm(CAMERA, reach)
@@ -132,7 +132,7 @@ def in_plane(
     at = np.meshgrid(np.arange(len(x_mm)) - float(reach), np.arange(len(y_mm)) - float(reach))
     moved = motion(*at) * MM_PER_PX
     return drawn(recipe, lattice, np.dstack((moved, np.zeros(moved.shape[:2]))), n_frames,
-                 Sensor(mosaic=mosaic))  # fmt: skip
+                 ImageSensor(mosaic=mosaic))  # fmt: skip
 
 
 def bump(peak_px: float, front_px: float, back_px: float, x: Field, y: Field) -> Field:
@@ -154,7 +154,7 @@ far: Motion = partial(bump, 121.0, 105.0, 73.5)
 near: Motion = partial(bump, 12.0, 90.0, 90.0)
 
 
-def speckle_star() -> Scene:
+def speckle_star() -> FlowSequence:
     """The star on grey speckle, without printer, lens and mosaic, with the Challenge's noise.
 
     Speckle and noise as measured on its image "Star, noise": 118 +- 38 grey levels, correlation
@@ -178,17 +178,17 @@ def speckle_star() -> Scene:
         seen = cv2.remap(level, columns, at, cv2.INTER_CUBIC)
         noisy = seen + np.sqrt(0.5 + 0.031 * seen) * rng.standard_normal(seen.shape)
         images.append(np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
-    return Scene(np.stack(images), truth.astype(np.float32), np.array([0.0, 1.0]))
+    return FlowSequence(np.stack(images), truth.astype(np.float32), np.array([0.0, 1.0]))
 
 
-def _on_the_gel(make: Callable[[Any], Field], mosaic: bool = True) -> Scene:
+def _on_the_gel(make: Callable[[Any], Field], mosaic: bool = True) -> FlowSequence:
     from ...elasticity.layer import BondedLayer
 
     layer = BondedLayer.for_skin(SENSOR.skin, GelMaterial(), spacing_mm=0.25)
     view, margin_mm = SENSOR.optics.view_mm, MARGIN_PX * MM_PER_PX
     crop = LatticeCrop(layer.x_mm, layer.y_mm, (view[0] / 2 + margin_mm, view[1] / 2 + margin_mm))
     return drawn(DOTS, crop.lattice, crop(make(layer)).astype(np.float64),
-                 sensor=Sensor(mosaic=mosaic))  # fmt: skip
+                 sensor=ImageSensor(mosaic=mosaic))  # fmt: skip
 
 
 def _pressed(layer: Any) -> Field:
@@ -215,7 +215,7 @@ STARS = {
     "star: fine, three chips": "d 0.075 r 0.6, three chips",
     "star: fine": "d 0.075 r 0.6, Bayer mosaic",
 }
-SCENES: dict[str, Callable[[], Scene]] = {
+SCENES: dict[str, Callable[[], FlowSequence]] = {
     "press": partial(_on_the_gel, _pressed),
     "press, three chips": partial(_on_the_gel, _pressed, mosaic=False),
     "slide": partial(_on_the_gel, partial(_slid, (2.7, 1.35), 5.0)),

@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from ...arrays import Image
+from ...aliases import Image
 from ...measure.flow import ConfidenceRule, FlowTracker
-from ..engine import Flagged, Table
-from .flow_frames import Scene, scene
+from ..engine import EngineTable, Flagged
+from .flow_frames import FlowSequence, scene
 
 WRONG_PX = 1.0
 OTHER_SEEDS = {"near": "other seed", "near, fine": "other seed, fine"}
@@ -27,7 +27,7 @@ BLOCK_PX = 32
 CORNER = (4, 3)  # blocks in its two rows: 7 of the 432 of an image
 
 
-class Seen(NamedTuple):
+class TrackedPixels(NamedTuple):
     """What a tracker says of the last frame.
 
     confident: share of the visible pixels. wrong: share of the confident ones off by over 1 px.
@@ -38,14 +38,14 @@ class Seen(NamedTuple):
     wrong: float
 
 
-def judged(tracker: Any, frames: Sequence[Image], truth: Scene) -> Seen:
+def judged(tracker: Any, frames: Sequence[Image], truth: FlowSequence) -> TrackedPixels:
     """Follow frames, the first at rest, to the last, which has all of the motion of `truth`."""
     for image in frames[:-1]:
         tracker.update(image)
     seen = tracker.update(frames[-1])
     judged = seen.confident & seen.visible & truth.seen()
     off = truth.error_px(seen.flow_px)[judged] > WRONG_PX
-    return Seen(
+    return TrackedPixels(
         seen.diagnostics.confident_share,
         seen.diagnostics.trusted,
         float(off.mean()) if off.size else 0.0,
@@ -142,7 +142,7 @@ def spoilt(what: str, image: Image) -> Image:
 @cache
 def seen(
     what: str, names: tuple[str, ...], scratch: Path, rule: ConfidenceRule | None = None
-) -> dict[str, Seen]:
+) -> dict[str, TrackedPixels]:
     """What the default tracker says of one image in scenes by name, by place in the sequence."""
     out = {}
     for name in names:
@@ -199,13 +199,15 @@ def least_blind(what: str, names: tuple[str, ...], scratch: Path) -> tuple[float
     return 1 - s.confident, place
 
 
-def long_motion(name: str, frames: int, scratch: Path, rule: ConfidenceRule | None = None) -> Seen:
+def long_motion(
+    name: str, frames: int, scratch: Path, rule: ConfidenceRule | None = None
+) -> TrackedPixels:
     """What the default tracker says of 121 px in that many frames."""
     given = scene(scratch, name).every(10 // frames)
     return judged(FlowTracker(believe=rule), list(given.images), given)
 
 
-def rules(scratch: Path) -> Table:
+def rules(scratch: Path) -> EngineTable:
     """What the bound on the predicted deviation decides: cover against confident pixels off."""
     rows = []
     candidates = [ConfidenceRule(deviation_max_px=bound) for bound in DEVIATIONS_PX]
@@ -215,7 +217,7 @@ def rules(scratch: Path) -> Table:
     for frames in (5, 1):
         every = [[long_motion(name, frames, scratch, rule) for name in LONG] for rule in candidates]
         rows.append((f"121 px in {frames} frames", *map(_cell, every)))
-    return Table(
+    return EngineTable(
         "The bound on the predicted deviation",
         f"Least cover, % / most of the confident off by 1 px, %; by deviation_max_px of the rule, "
         f"now {ConfidenceRule().deviation_max_px:g}; frames that are not trusted in brackets.",
@@ -224,7 +226,7 @@ def rules(scratch: Path) -> Table:
     )
 
 
-def _cell(found: Collection[Seen]) -> str:
+def _cell(found: Collection[TrackedPixels]) -> str:
     refused = sum(not s.trusted for s in found)
     return (
         f"{100 * min(s.confident for s in found):.0f} / {100 * max(s.wrong for s in found):.2g}"
@@ -232,7 +234,7 @@ def _cell(found: Collection[Seen]) -> str:
     )
 
 
-def table(scratch: Path) -> Table:
+def table(scratch: Path) -> EngineTable:
     """Every image, the worst of its four: what decides whether a tracker can be believed."""
     rows = []
     for what in (*SPOILT, HALF_OTHER, ONE_CORNER, *UNRELATED, OTHER_SEED):
@@ -243,7 +245,7 @@ def table(scratch: Path) -> Table:
             sum(s.trusted for s in found), min(cover), max(cover),
             100 * max(s.wrong for s in found),
         ))  # fmt: skip
-    return Table(
+    return EngineTable(
         "Spoilt and unrelated images",
         "On two patterns (d 0.15 r 0.1, d 0.075 r 0.6), as the first frame after the reference and "
         "after three more, 12 px of motion. An unrelated image must not be trusted and has no "

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import MissingLibrary
-from ..engine import Case, Engine, Setting, Table, Work
+from ..engine import Case, CurveSetting, Engine, EngineTable, Work
 from . import gel_cases
 from .gel_finite import PressSetup
 from .gel_reference import FINE, OWN_ERROR, QUICK_FINE, errors, reference
@@ -24,7 +24,7 @@ from .gel_run import solve
 FORCE, IN_PLANE = "% of the force", "mm rms over the face"
 
 
-def curves(quick: bool) -> Sequence[Setting]:
+def curves(quick: bool) -> Sequence[CurveSetting]:
     """What can be repeated six times; the rest is left to `make evidence`."""
     if quick:
         runs = [PressSetup("hyperelastic", 2.0, 0.0, h) for h in (3.0, 2.0)]
@@ -43,10 +43,10 @@ def curves(quick: bool) -> Sequence[Setting]:
     return out
 
 
-def _setting(run: PressSetup, unit: str, quick: bool) -> Setting:
+def _setting(run: PressSetup, unit: str, quick: bool) -> CurveSetting:
     coarse, fine, *_ = QUICK_FINE if quick else FINE[run.friction == 0]
     own = OWN_ERROR[run.depth_mm, run.friction, quick]
-    return Setting(
+    return CurveSetting(
         case=f"{run.case}: {'force' if unit == FORCE else 'in plane'}",
         series=run.series,
         name=run.name,
@@ -71,7 +71,7 @@ def cases(quick: bool) -> Sequence[Case]:
 BASELINE = PressSetup("hyperelastic", 5.0, 0.0, 2.0, "whole", "superlu")
 
 
-def tables(scratch: Path) -> Sequence[Table]:
+def tables(scratch: Path) -> Sequence[EngineTable]:
     """Times of one press over the baseline's, in the same process and within a minute or two."""
     truth = reference(BASELINE.depth_mm, BASELINE.friction)
     runs = [
@@ -99,7 +99,7 @@ def tables(scratch: Path) -> Sequence[Table]:
              f"{in_plane:.4f} mm rms in plane, {answer.note.get('dofs')} unknowns")
         )  # fmt: skip
     return (
-        Table(
+        EngineTable(
             f"{BASELINE.case}: times against {BASELINE.series}, {BASELINE.name}",
             "One run each, one thread, after a warm-up, in one process.",
             ("series", "cells", "CPU s", "times as fast", "force error, %", "note"),

@@ -10,11 +10,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
-from ...types import Point
+from ...aliases import Point
 from ..engine import Case
 from . import gel_checks as checks
 from .gel_picks import opened
-from .gel_scene import Scene, down, solved
+from .gel_scene import GelCase, down, solved
 
 NUS = (0.3, 0.49, 0.499, 0.4999)
 FRICTIONS = (0.0, 0.5, 100.0)
@@ -22,9 +22,9 @@ FRICTIONS = (0.0, 0.5, 100.0)
 
 def quick_cases() -> Sequence[Case]:
     """A few seconds' worth: one of each kind."""
-    coarse = Scene(spacing_mm=3.0)
+    coarse = GelCase(spacing_mm=3.0)
     drag = replace(coarse, spacing_mm=2.0, friction=0.5, mirrors=(False, True))
-    tiny = Scene("sphere:0.5", 3.0)
+    tiny = GelCase("sphere:0.5", 3.0)
     return [
         Case("nu 0.4999 to 2 mm: work of the indenter", "right",
              partial(checks.work, replace(coarse, nu=0.4999), 2.0), 0.5, "% of the energy"),
@@ -58,10 +58,10 @@ def cases() -> Sequence[Case]:
         for against, words in (("mesh", "finer mesh"), ("steps", "half the steps"))
     ]  # fmt: skip
     out.append(Case("friction 100 against 1000", "right", checks.stick, 1e-3, force))
-    ball = Scene("sphere:10", 2.0, 0.5, mirrors=(False, True))
+    ball = GelCase("sphere:10", 2.0, 0.5, mirrors=(False, True))
     out.append(Case("sphere:10, friction 0.5, 3 mm deep: drag to + mirrors -", "right",
                     partial(checks.drag, ball, 3.0, 2.0, 0), 1e-6, force))  # fmt: skip
-    coarse = Scene(spacing_mm=2.0)
+    coarse = GelCase(spacing_mm=2.0)
     out += [
         Case("10 mm in one increment, friction 0: against 10", "right",
              partial(checks.one_increment, coarse, 10.0), 1e-6, force),
@@ -71,7 +71,7 @@ def cases() -> Sequence[Case]:
             for mu in (0.0, 0.5)
         ),
         Case("whole against quarter", "right",
-             partial(checks.same, Scene(spacing_mm=2.0, mirrors=(False, False)), coarse), 1e-6,
+             partial(checks.same, GelCase(spacing_mm=2.0, mirrors=(False, False)), coarse), 1e-6,
              force),
         Case("SuperLU against the default solver", "right",
              partial(checks.same, replace(coarse, solver="superlu"), coarse), 1e-6, force),
@@ -88,7 +88,7 @@ def cases() -> Sequence[Case]:
     ]  # fmt: skip
     out += [
         _refused(f"{name} on cells of {h:g} mm at {x:g}, {y:g}", "hides between",
-                 Scene(name, h, mirrors=(False, False), focus=None), (x, y, depth))
+                 GelCase(name, h, mirrors=(False, False), focus=None), (x, y, depth))
         for name, h, x, y, depth in (
             ("sphere:0.5", 2.0, 1.0, 1.0, 0.2), ("sphere:0.5", 2.0, 0.0, 0.0, 0.2),
             ("sphere:0.5", 3.0, 0.7, 0.2, 0.5), ("sphere:1", 4.0, 2.0, 2.0, 0.5),
@@ -101,12 +101,12 @@ def of_nu(nus: Sequence[float]) -> list[Case]:
     """Presses to 5 mm at these Poisson's ratios, against a finer mesh and the energy stored."""
     finer = [
         Case(f"nu {nu:g} to 5 mm: finer mesh", "right",
-             partial(checks.finer, Scene(nu=nu), 0.5, (down(5.0),)), 1.0, "% of the force")
+             partial(checks.finer, GelCase(nu=nu), 0.5, (down(5.0),)), 1.0, "% of the force")
         for nu in nus
     ]  # fmt: skip
     return finer + [
         Case(f"nu {nu:g} to 5 mm: work of the indenter", "right",
-             partial(checks.work, Scene(nu=nu), 5.0), 0.5, "% of the energy")
+             partial(checks.work, GelCase(nu=nu), 5.0), 0.5, "% of the energy")
         for nu in nus
     ]  # fmt: skip
 
@@ -116,7 +116,7 @@ def of_friction(frictions: Sequence[float]) -> list[Case]:
     out = []
     tips = (down(3.0), (3.0, 0.0, 3.0))
     for mu in frictions:
-        scene = Scene(spacing_mm=2.0, friction=mu, mirrors=(False, True))
+        scene = GelCase(spacing_mm=2.0, friction=mu, mirrors=(False, True))
         head = f"friction {mu:g}, 3 mm deep, dragged 3 mm"
         if mu > 0:
             out.append(Case(f"{head}: cone", "right or refused",
@@ -128,7 +128,7 @@ def of_friction(frictions: Sequence[float]) -> list[Case]:
     return out
 
 
-def _refused(name: str, says: str, scene: Scene, *tips: Point, step_mm: float = 1.0) -> Case:
+def _refused(name: str, says: str, scene: GelCase, *tips: Point, step_mm: float = 1.0) -> Case:
     return Case(
         name, "refused", partial(checks.run, partial(solved, scene, step_mm, *tips)), says=says
     )

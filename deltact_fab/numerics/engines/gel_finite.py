@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field
 from ...elasticity.material import GelMaterial
 from ...gel.finite import FinitePress, block_mesh
 from ...gel.finite.field import FaceLattice, whole_wrench
@@ -66,7 +66,7 @@ class PressSetup:
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class GelAnswer:
     """normal_n: positive when pressed. in_plane_mm (ny, nx, 2) on the lattice. note: what it took.
 
     inner_s: seconds without the start of a process, where a process of its own was needed.
@@ -97,7 +97,7 @@ def prepared(run: PressSetup) -> tuple[FinitePress, FaceLattice]:
     return press, FaceLattice(mesh, *lattice_mm(skin))
 
 
-def solve(run: PressSetup) -> Answer:
+def solve(run: PressSetup) -> GelAnswer:
     """The press from nothing: mesh, factors and path. Raises what the gel raises."""
     press, lattice = prepared(run)
     states = list(press.path(press.rest(), (0.0, 0.0, run.depth_mm), run.step_mm))
@@ -112,4 +112,4 @@ def solve(run: PressSetup) -> Answer:
         "solver": press.solver.name,
     }
     u = lattice.displacement_mm(states[-1].displacement_mm)[..., :2]
-    return Answer(-float(force[2]), u, note)
+    return GelAnswer(-float(force[2]), u, note)

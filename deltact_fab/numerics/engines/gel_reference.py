@@ -9,12 +9,12 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from ... import cache, digest
-from ...arrays import Field
-from .gel_finite import LATTICE_MM, Answer, PressSetup, solve
+from ...aliases import Field
+from .gel_finite import LATTICE_MM, GelAnswer, PressSetup, solve
 
 
 @dataclass(frozen=True, eq=False)
-class Reference:
+class PunchReference:
     """The truth, and its own errors: in % of the force and in mm rms."""
 
     normal_n: float
@@ -40,7 +40,7 @@ OWN_ERROR: dict[tuple[float, float, bool], tuple[float, float]] = {
 }
 
 
-def reference(depth_mm: float, friction: float, quick: bool = False) -> Reference:
+def reference(depth_mm: float, friction: float, quick: bool = False) -> PunchReference:
     """Extrapolated from two meshes of a quarter, and two steps; kept in the user's cache."""
     coarse, fine, step, half = QUICK_FINE if quick else FINE[friction == 0]
     made = [(coarse, step), (fine, step), *([] if half is None else [(coarse, half)])]
@@ -64,7 +64,7 @@ def reference(depth_mm: float, friction: float, quick: bool = False) -> Referenc
 
 def extrapolated(
     normal_n: Sequence[float], in_plane_mm: Sequence[Field], ratio: float
-) -> Reference:
+) -> PunchReference:
     """From a coarser and a finer mesh, their cells in this ratio, and, where there is a third, the
     coarser one in half the steps. Its error: how far it lies from the finer mesh."""
     weight = 1 / (ratio**2 - 1)
@@ -74,7 +74,7 @@ def extrapolated(
         force += 2 * (normal_n[2] - normal_n[0])
         u = u + 2 * (in_plane_mm[2] - in_plane_mm[0])
     off = rms_mm(u - in_plane_mm[1])
-    return Reference(force, u, 100 * abs(force / normal_n[1] - 1), off)
+    return PunchReference(force, u, 100 * abs(force / normal_n[1] - 1), off)
 
 
 def rms_mm(off: Field) -> float:
@@ -82,7 +82,7 @@ def rms_mm(off: Field) -> float:
     return math.sqrt(float((off**2).sum(axis=-1).mean()))
 
 
-def errors(answer: Answer, truth: Reference) -> tuple[float, float]:
+def errors(answer: GelAnswer, truth: PunchReference) -> tuple[float, float]:
     """Signed, in % of the force; in mm rms."""
     force = 100 * (answer.normal_n / truth.normal_n - 1)
     return force, rms_mm(answer.in_plane_mm - truth.in_plane_mm)

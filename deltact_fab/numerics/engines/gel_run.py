@@ -11,17 +11,17 @@ from ...gel.press import press
 from ...shapes import SkinDimensions
 from ...shapes.indenter import parse
 from . import gel_finite
-from .gel_finite import INDENTER, LATTICE_MM, Answer, PressSetup
+from .gel_finite import INDENTER, LATTICE_MM, GelAnswer, PressSetup
 
 
-def solve(run: PressSetup) -> Answer:
+def solve(run: PressSetup) -> GelAnswer:
     """The press from nothing: mesh, factors and path. Raises what the gel raises."""
     if run.level == "hyperelastic":
         return gel_finite.solve(run)
     return solve_auto(run) if run.level == "auto" else solve_linear(run)
 
 
-def solve_auto(run: PressSetup) -> Answer:
+def solve_auto(run: PressSetup) -> GelAnswer:
     """As `gel press` does it, with its estimate."""
     material, indenter = GelMaterial(friction=run.friction), parse(INDENTER)
     found = press(SkinDimensions(), material, indenter, (0.0, 0.0), run.depth_mm,
@@ -31,10 +31,10 @@ def solve_auto(run: PressSetup) -> Answer:
     step = round(LATTICE_MM / float(found.x_mm[1] - found.x_mm[0]))
     u = found.displacement_mm[::step, ::step, :2]
     kept = ("model", "error_estimate", "picked", "within_tolerance")
-    return Answer(-found.result["force_n"][2], u, {k: found.result[k] for k in kept})
+    return GelAnswer(-found.result["force_n"][2], u, {k: found.result[k] for k in kept})
 
 
-def solve_linear(run: PressSetup) -> Answer:
+def solve_linear(run: PressSetup) -> GelAnswer:
     """By the layer or the block, on a grid of the run's spacing."""
     assert run.level in ("layer", "block")
     skin, material, indenter = SkinDimensions(), GelMaterial(friction=run.friction), parse(INDENTER)
@@ -42,4 +42,4 @@ def solve_linear(run: PressSetup) -> Answer:
                   spacing_mm=run.spacing_mm)  # fmt: skip
     contact = contact_of(skin, material, indenter, choice, LATTICE_MM)
     *_, last = contact.path(contact.rest(), (0.0, 0.0, run.depth_mm))
-    return Answer(-last.force_n[2], last.displacement_mm[..., :2], {"dofs": contact.dofs})
+    return GelAnswer(-last.force_n[2], last.displacement_mm[..., :2], {"dofs": contact.dofs})

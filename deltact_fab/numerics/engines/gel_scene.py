@@ -10,12 +10,12 @@ from functools import cache
 
 import numpy as np
 
+from ...aliases import Point
 from ...elasticity.material import GelMaterial
 from ...gel.finite import FinitePress, FiniteState, block_mesh
 from ...gel.finite.linear import Name
 from ...shapes import SkinDimensions
 from ...shapes.indenter import parse
-from ...types import Point
 from ..engine import Flagged
 
 Box = tuple[float, float, float, float]
@@ -25,7 +25,7 @@ FINER = 1.5  # ratio of the mesh that a force is held against
 
 
 @dataclass(frozen=True)
-class Scene:
+class GelCase:
     """One indenter on one gel with its mesh; hashable, so that what is solved is solved once."""
 
     indenter: str = SPHERE
@@ -50,7 +50,7 @@ class Scene:
         material = GelMaterial(self.modulus_mpa, self.nu, self.friction)
         return FinitePress(mesh, material, parse(self.indenter), solver=self.solver)
 
-    def finer(self) -> Scene:
+    def finer(self) -> GelCase:
         """The same on a finer mesh."""
         return replace(self, spacing_mm=self.spacing_mm / FINER)
 
@@ -88,7 +88,7 @@ class FiniteSolution:
 
 
 @cache
-def solved(scene: Scene, step_mm: float, *tips: Point) -> FiniteSolution:
+def solved(scene: GelCase, step_mm: float, *tips: Point) -> FiniteSolution:
     """From above the first tip through all tips in steps. Raises what the solver raises."""
     press = scene.press()
     states = [press.rest((tips[0][0], tips[0][1], 0.0))]
@@ -156,7 +156,7 @@ def work_error(found: FiniteSolution) -> float:
     return work / energy_nmm(found.press, found.last) - 1
 
 
-def mesh_change(scene: Scene, step_mm: float, *tips: Point) -> tuple[float, str]:
+def mesh_change(scene: GelCase, step_mm: float, *tips: Point) -> tuple[float, str]:
     """Force of the mesh over that of the finer one, less 1, in %."""
     found = trusted(solved(scene, step_mm, *tips))
     fine = solved(scene.finer(), step_mm, *tips)

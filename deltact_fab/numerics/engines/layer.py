@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..engine import Engine, Table
+from ..engine import Engine, EngineTable
 from .layer_cases import cases
 from .layer_curves import (
     PLACES,
@@ -18,7 +18,7 @@ from .layer_curves import (
 )
 
 
-def tables(scratch: Path) -> Sequence[Table]:
+def tables(scratch: Path) -> Sequence[EngineTable]:
     """The flat punch, every way of reading it."""
     grids = (128, 256, 512)
     rows = []
@@ -29,7 +29,7 @@ def tables(scratch: Path) -> Sequence[Table]:
         cells = [round(punch_error_percent(nu, n, cells=True), 3) for n in grids]
         rows.append((nu, *nominal, *equal, round(punch_order(nu, 512), 2), *both, *cells))
     return (
-        Table(
+        EngineTable(
             "Flat punch against the Fredholm equation, % of the force",
             f"Radius {PUNCH_RATIO:g} thicknesses, period {PUNCH_PERIOD:g}, mean of {PLACES} places "
             "between the nodes. By nodes one grid of 256 x 256 does not reach 0.5 %: the edge is a "

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from ...aliases import Point
 from ...elasticity.layer import BondedLayer
 from ...elasticity.material import GelMaterial
 from ...gel.linear.contact import LayerContact
 from ...gel.linear.state import ContactState
 from ...shapes import SkinDimensions
 from ...shapes.indenter import parse
-from ...types import Point
 from ..engine import Case
 from .gel_checks import run
 from .layer_curves import (

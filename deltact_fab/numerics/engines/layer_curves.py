@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field
 from ...elasticity.layer import BondedLayer
 from ...elasticity.material import GelMaterial
 from ...gel import reference
@@ -28,7 +28,7 @@ from ...gel.linear.complementarity import normal_contact
 from ...gel.linear.contact import LayerContact
 from ...shapes import SkinDimensions
 from ...shapes.indenter import Indenter, parse
-from ..engine import Setting, Work
+from ..engine import CurveSetting, Work
 
 SEED = 5
 SPHERE_MM = 10.0
@@ -144,7 +144,7 @@ def _build_punch(nu: float, n: int, way: str, scratch: Path) -> Work:
     return Work(lambda: [p.press() for p in punches], error)
 
 
-def curves(quick: bool) -> Sequence[Setting]:
+def curves(quick: bool) -> Sequence[CurveSetting]:
     """Spheres by spacing and padding; the flat punch by grid, alone and extrapolated."""
     out = []
     plan: dict[float, tuple[float, ...]] = {0.49: (2.0, 3.0, 4.0), 0.3: (3.0,), 0.5: (3.0,)}
@@ -152,7 +152,7 @@ def curves(quick: bool) -> Sequence[Setting]:
         for padding in paddings:
             for spacing_mm in (0.5, 0.25) if quick else (0.5, 0.25, 0.18, 0.125):
                 out.append(
-                    Setting(
+                    CurveSetting(
                         case=f"sphere:{SPHERE_MM:g} pressed {DEPTH_MM:g} mm, nu {nu:g}",
                         series=f"padding {padding:g}",
                         name=f"{spacing_mm:g} mm",
@@ -166,7 +166,7 @@ def curves(quick: bool) -> Sequence[Setting]:
         for series in (NODES, CELLS, BOTH):
             for n in (256, 512) if series == BOTH else (128, 256, 512):
                 out.append(
-                    Setting(
+                    CurveSetting(
                         case=f"flat punch, radius {PUNCH_RATIO:g} thicknesses, nu {nu:g}",
                         series=series,
                         name=f"{n} x {n}",

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...measure.face import FaceFlow
 from ...measure.force import ForceModel, make_features
 from ...measure.hodge import Hodge, curl, decompose, divergence
 from ...measure.hole_filling import whole
-from ...measure.regression import Fit, least_squares
+from ...measure.regression import RegressionFit, least_squares
 from ...measure.shape.density import Density, by_jacobian, by_splat
-from ..engine import Case, Engine, Flagged, Setting, Work
+from ..engine import Case, CurveSetting, Engine, Flagged, Work
 from .measure_faces import MM_PER_PX, VIEW, dent, dent_density, face, means, parts
 
 SMOOTH_MM, FINE_MM = 2.0, 0.5
@@ -71,27 +71,27 @@ def _features(name: str, every: int, scratch: Path) -> Work:
     )
 
 
-def curves(quick: bool) -> Sequence[Setting]:
+def curves(quick: bool) -> Sequence[CurveSetting]:
     """Points from every pixel to every 16th."""
     exact, strides = "closed form", (4, 8) if quick else EVERY
     out = []
     for sigma_mm in (SMOOTH_MM,) if quick else (SMOOTH_MM, FINE_MM):
         for series, names in (("d", ("d",)), ("h + r", ("hr",)), ("d, r, h", ("d", "r", "h"))):
             for every in strides:
-                out.append(Setting(
+                out.append(CurveSetting(
                     f"parts of a flow whose features have sigma {sigma_mm:g} mm", series,
                     f"every {every} px", "% of the field, rms", exact, 0.0,
                     partial(_parts, sigma_mm, every, names)))  # fmt: skip
     for series, of, last in (("Jacobian", by_jacobian, 16), ("splat", by_splat, 2)):
         for every in strides:
             if every <= last:
-                out.append(Setting(
+                out.append(CurveSetting(
                     "Gaussian density of a dent", series, f"every {every} px",
                     "% of its range, rms", exact, 0.0, partial(_density, of, every)))  # fmt: skip
     for name in SETS:
         for every in strides:
             if 1 < every <= 8:
-                out.append(Setting(
+                out.append(CurveSetting(
                     "features of the force", name, f"every {every} px", "% of the largest",
                     "every pixel", 0.0, partial(_features, name, every)))  # fmt: skip
     return out
@@ -196,7 +196,7 @@ def _folded_is_finite(scratch: Path) -> float:
     return float(sum((~np.isfinite(make_features(name, VIEW).of(flow))).sum() for name in SETS))
 
 
-def _fit(columns: Array, y: Array, **how: Any) -> Fit:
+def _fit(columns: Array, y: Array, **how: Any) -> RegressionFit:
     return least_squares(columns, y, [f"x{i}" for i in range(columns.shape[1])], **how)
 
 

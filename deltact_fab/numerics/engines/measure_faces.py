@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from ...arrays import Array
+from ...aliases import Array
 from ...measure.face import FaceFlow
 from ...measure.force import SensorView
 from ...measure.shape.density import SIGMA_PX

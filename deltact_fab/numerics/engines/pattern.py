@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Field
+from ...aliases import Field
 from ...errors import RunFailed
 from ...patterns.laws import patches
 from ...patterns.recipe import recipe_from_options
-from ..engine import Case, Engine, Setting, Table, Work
+from ..engine import Case, CurveSetting, Engine, EngineTable, Work
 
 SEED = 20210
 MAX_TRIES = 20_000
@@ -99,7 +99,7 @@ def _by_rejection(n: int, r: float, scratch: Path) -> Work:
     return Work(run, error)
 
 
-def curves(quick: bool) -> Sequence[Setting]:
+def curves(quick: bool) -> Sequence[CurveSetting]:
     """Exact, patch by patch, and the printed algorithm where it ends (r <= 1/4)."""
     out = []
     for r in (0.1,) if quick else (0.1, 0.6):
@@ -112,7 +112,7 @@ def curves(quick: bool) -> Sequence[Setting]:
         for series, build, sizes in kinds:
             for n in sizes[1:2] if quick else sizes:
                 out.append(
-                    Setting(
+                    CurveSetting(
                         case=f"law of Algorithm 1 at r = {r:g}, n x n patches",
                         series=series,
                         name=f"n = {n}",
@@ -274,7 +274,7 @@ def wilson(hits: int, n: int) -> tuple[float, float]:
     return max(0.0, middle - half), min(1.0, middle + half)
 
 
-def tables(scratch: Path) -> Sequence[Table]:
+def tables(scratch: Path) -> Sequence[EngineTable]:
     """The printed algorithm, bounded: how often it hangs, and what it costs where it does not."""
     patterns = 120
     rows = []
@@ -292,7 +292,7 @@ def tables(scratch: Path) -> Sequence[Table]:
              round(high, 4), round(tries / placed, 1) if placed else None, placed)
         )  # fmt: skip
     return (
-        Table(
+        EngineTable(
             "Algorithm 1 as printed",
             f"{patterns} patterns of 4 x 4 patches, at most {MAX_TRIES} tries a patch; a pattern "
             "that uses them up counts as hung, so from r = 0.7 on bad luck is in the share too. "

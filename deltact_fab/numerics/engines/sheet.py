@@ -29,7 +29,7 @@ from ...patterns.recipe import PatternRecipe, recipe_from_options
 from ...patterns.sheet import job as sheet
 from ...patterns.sheet.pixels import unfiltered
 from ...units import MM_PER_INCH
-from ..engine import Case, Engine, Setting, Table, Work
+from ..engine import Case, CurveSetting, Engine, EngineTable, Work
 
 MM_PER_POINT = MM_PER_INCH / 72
 NUMBER_MM = 1e-6 * MM_PER_POINT
@@ -110,10 +110,10 @@ def _written(d_mm: float, dpi: float, embed: sheet.Embedding, scratch: Path) -> 
     return Work(run, lambda report: edge_error_mm(recipe, read_back(report.out)))
 
 
-def curves(quick: bool) -> Sequence[Setting]:
+def curves(quick: bool) -> Sequence[CurveSetting]:
     """Both ways of embedding over the printer's resolution."""
     return [
-        Setting(
+        CurveSetting(
             case=f"35 mm sticker of d = {d_mm:g} mm on A4, PDF",
             series=series,
             name=f"{dpi} dpi",
@@ -261,7 +261,7 @@ def cases(quick: bool) -> Sequence[Case]:
     return out
 
 
-def tables(scratch: Path) -> Sequence[Table]:
+def tables(scratch: Path) -> Sequence[EngineTable]:
     """What the automatic choice writes: size, time and edges."""
     import tempfile
 
@@ -281,7 +281,7 @@ def tables(scratch: Path) -> Sequence[Table]:
                      round(1000 * sticker.print_error_mm, 2))
                 )  # fmt: skip
     return (
-        Table(
+        EngineTable(
             "One sticker of 35 mm on A4",
             "r = 0.6, embedded as the writer chooses: one pixel a patch from 5 printer dots a "
             "patch on. Edges in print: on the printer's dots, where one pixel a patch leaves "

@@ -61,7 +61,7 @@ def steps() -> list[plan.Step]:
     return plan.expand(plan.Protocol.model_validate(tomllib.loads(PROTOCOL)))
 
 
-class Bench:
+class FaultBench:
     """Board, force box and camera on one virtual clock; each session opens them anew."""
 
     def __init__(self) -> None:

@@ -18,9 +18,9 @@ from ...errors import DeltactFabError
 from ...record import CLOCK_COLUMNS, PRESS_TABLES
 from ...record import open as open_run
 from ...virtual.motion import Segment
-from .bench import Bench
+from .bench import FaultBench
 from .disk import Disk
-from .kinds import BEFORE, DRAG, HOMING, PRESS, TRAVEL, WRITING, Fault
+from .kinds import BEFORE, DRAG, HOMING, PRESS, TRAVEL, WRITING, FaultKind
 
 SECOND = "sphere-6/p2"
 REACTION_S = 0.010  # of motion, beyond the braking distance
@@ -32,7 +32,7 @@ Rows = dict[str, list[tuple[Any, ...]]]
 
 
 @dataclass(frozen=True)
-class Cell:
+class FaultOutcome:
     """outcome: "success" or the error. travel_mm, allowed_mm: after the error; None where nothing
     moved or nothing failed. known_s: from the fault until the host could know, or knew. wrong: what
     is not as it must be, "" when all is."""
@@ -69,10 +69,10 @@ class Matrix:
         self.folder = folder
         self._undisturbed = folder / "undisturbed"
         self.begun = folder / "begun"
-        bench = Bench()
+        bench = FaultBench()
         bench.run(self._undisturbed)
         self.whole = rows(self._undisturbed)
-        self._begin(Bench())
+        self._begin(FaultBench())
         # The press that was cut off is done again whole: none of its rows is to be kept.
         self.committed = {
             table: [row for row in part if not str(row[0]).startswith(SECOND)]
@@ -80,7 +80,7 @@ class Matrix:
         }
         self.at_s = self._moments()
 
-    def cell(self, fault: Fault, moment: str, disk: Disk) -> Cell:
+    def cell(self, fault: FaultKind, moment: str, disk: Disk) -> FaultOutcome:
         """Strike, end, mend, resume, compare. disk: where the run is, and what may fill up."""
         folder = disk.folder / "cell"
         shutil.copytree(self.begun, folder)
@@ -92,7 +92,7 @@ class Matrix:
 
     def resumed_from_disk(self, folder: Path) -> str:
         """Go on with what a killed process left; what is wrong with that."""
-        return self._resumed(Bench(), folder, "killed")
+        return self._resumed(FaultBench(), folder, "killed")
 
     def wrong(self, folder: Path, tables: Sequence[str] = PRESS_TABLES) -> str:
         """What of a finished record is not as in the undisturbed one, "" if nothing is."""
@@ -119,8 +119,8 @@ class Matrix:
                     return f"a committed row of {table} is lost or changed: {row[0]}"
         return ""
 
-    def _cell(self, fault: Fault, moment: str, folder: Path, disk: Disk) -> Cell:
-        bench, at_s = Bench(), self.at_s[moment]
+    def _cell(self, fault: FaultKind, moment: str, folder: Path, disk: Disk) -> FaultOutcome:
+        bench, at_s = FaultBench(), self.at_s[moment]
         fault.strike(bench, disk, at_s)
         outcome = "success"
         try:
@@ -130,7 +130,7 @@ class Matrix:
         ended_ns = bench.clock.now_ns()
         disk.free()
         bench.clock.sleep_s(60.0)  # all rests, and silence is over
-        found = Cell(fault.name, moment, outcome)
+        found = FaultOutcome(fault.name, moment, outcome)
         wrong = ""
         if outcome != "success":
             named = any(words in outcome for words in fault.says)
@@ -148,9 +148,9 @@ class Matrix:
         elif not fault.success:
             wrong = "success, and an error was due"
         wrong = wrong or self._resumed(bench, folder, outcome)
-        return Cell(**{**found.as_dict(), "wrong": wrong})
+        return FaultOutcome(**{**found.as_dict(), "wrong": wrong})
 
-    def _resumed(self, bench: Bench, folder: Path, outcome: str) -> str:
+    def _resumed(self, bench: FaultBench, folder: Path, outcome: str) -> str:
         """The fault is gone; the same board, as it was left, serves another session."""
         before = self.committed
         if lost := self.lost(folder, before):
@@ -165,7 +165,7 @@ class Matrix:
         tables = () if outcome == "success" else PRESS_TABLES
         return self.lost(folder, before) or self.wrong(folder, tables)
 
-    def _begin(self, bench: Bench) -> None:
+    def _begin(self, bench: FaultBench) -> None:
         """A run that was stopped in its second press."""
 
         def stop(done: int, total: int, what: str) -> None:
@@ -182,7 +182,7 @@ class Matrix:
         """When they are in the session of a cell, in which nothing goes wrong."""
         folder = self.folder / "timed"
         shutil.copytree(self.begun, folder)
-        bench = Bench()
+        bench = FaultBench()
         bench.run(folder)
         run = open_run(folder)
         began_ns = next(t for t, who, data in bench.trace if who == "host" and data == b"$H\n")
@@ -206,7 +206,9 @@ class Matrix:
         }
 
 
-def travelled(bench: Bench, fault: Fault, found: Cell, at_s: float, ended_ns: int) -> Cell:
+def travelled(
+    bench: FaultBench, fault: FaultKind, found: FaultOutcome, at_s: float, ended_ns: int
+) -> FaultOutcome:
     """How far the carriage went after the error, and how far it may have.
 
     Counted from when the fault had come to the host, or from its stop byte where that had to wait
@@ -234,7 +236,7 @@ def travelled(bench: Bench, fault: Fault, found: Cell, at_s: float, ended_ns: in
             made["allowed_mm"] = speed**2 / (2 * accel) + speed * REACTION_S + ROUNDING_MM
     if fault.carries and not all(rises(s) for s in later):
         made["wrong"] = "it moved again after the stop, and not straight up"
-    return Cell(**made)
+    return FaultOutcome(**made)
 
 
 def rises(segment: Segment) -> bool:

@@ -10,7 +10,7 @@ import sys
 import time
 from pathlib import Path
 
-from .bench import Bench
+from .bench import FaultBench
 
 
 def kill_after(folder: Path, seconds: float) -> float | None:
@@ -33,6 +33,6 @@ def kill_after(folder: Path, seconds: float) -> float | None:
 
 
 if __name__ == "__main__":
-    bench = Bench()
+    bench = FaultBench()
     print("begins", flush=True)
     bench.run(Path(sys.argv[1]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from .bench import Bench
+from .bench import FaultBench
 from .disk import Disk
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
@@ -17,11 +17,11 @@ HOMING, BEFORE, TRAVEL, PRESS, DRAG, WRITING = (
     "homing", "before the first move", "travel", "press", "drag", "writing",
 )  # fmt: skip
 MOMENTS = (HOMING, BEFORE, TRAVEL, PRESS, DRAG, WRITING)
-Strike = Callable[[Bench, Disk, float], None]
+Strike = Callable[[FaultBench, Disk, float], None]
 
 
 @dataclass(frozen=True)
-class Fault:
+class FaultKind:
     """strike: arranges it for a time of the clock, s. says: the named errors; one of them must
     stand in what the run ends in. success: whether the run may also do well, as if nothing were.
 
@@ -61,7 +61,7 @@ def _unplug(for_s: float) -> Strike:
 
 
 def _box(field: str, value: float, for_s: float = 1e6) -> Strike:
-    def strike(bench: Bench, disk: Disk, at_s: float) -> None:
+    def strike(bench: FaultBench, disk: Disk, at_s: float) -> None:
         bench.at(at_s, lambda: setattr(bench.box_faults, field, value))
         bench.at(at_s + for_s, lambda: setattr(bench.box_faults, field, 0))
 
@@ -72,45 +72,45 @@ def _camera(field: str, for_s: float = 1e6) -> Strike:
     return lambda bench, disk, at_s: bench.camera_faults.update({field: (at_s, at_s + for_s)})
 
 
-def _push(bench: Bench, disk: Disk, at_s: float) -> None:
+def _push(bench: FaultBench, disk: Disk, at_s: float) -> None:
     bench.extra_n = (at_s * 1e9, FORCE_N)
 
 
 SENSED = (BEFORE, TRAVEL, PRESS, DRAG, WRITING)
-FAULTS: tuple[Fault, ...] = (
-    Fault("lost ok",
+FAULTS: tuple[FaultKind, ...] = (
+    FaultKind("lost ok",
           lambda b, d, at_s: b.board.lose(b"ok", at_s, most=1),
           ("no answer to $",), success=True, within_s=0.6),
-    Fault("doubled ok",
+    FaultKind("doubled ok",
           lambda b, d, at_s: b.board.change(lambda s: s + s, b"ok", at_s), (), success=True),
-    Fault("false banner", _invent(BANNER), ("restarted",)),
-    Fault("false alarm", _invent(b"ALARM:3\r\n"), ("ALARM:3",)),
-    Fault("garbage, 0xFF and NUL", _invent(GARBAGE), ("no answer to", "not understood"),
+    FaultKind("false banner", _invent(BANNER), ("restarted",)),
+    FaultKind("false alarm", _invent(b"ALARM:3\r\n"), ("ALARM:3",)),
+    FaultKind("garbage, 0xFF and NUL", _invent(GARBAGE), ("no answer to", "not understood"),
           success=True, within_s=1.2),
-    Fault("half lines",
+    FaultKind("half lines",
           lambda b, d, at_s: b.board.change(_cut, b"", at_s, most=3),
           ("no answer to",), success=True, within_s=1.2),
-    Fault("limit switch", _board("limit"), ("ALARM:1",)),
-    Fault("soft limit", _board("soft limit"), ("ALARM:2",)),
-    Fault("safety door", _board("door"), ("Door", "door", "ALARM:6", "ALARM:7"), success=True),
-    Fault("reboot", _board("reboot"), ("restarted", "no answer to"), within_s=1.2),
-    Fault("unplugged for 0.5 s", _unplug(0.5), ("the link is lost",), success=True, within_s=0.7),
-    Fault("unplugged for good", _unplug(1e9), ("the link is lost",), carries=False),
-    Fault("silent for 1 s", _silence(1.0), ("no answer to",), success=True, within_s=1.2),
-    Fault("silent for 30 s", _silence(30.0), ("no answer to",), within_s=1.2),
-    Fault("disk full", lambda b, d, at_s: d.fill_at(b.clock, at_s),
+    FaultKind("limit switch", _board("limit"), ("ALARM:1",)),
+    FaultKind("soft limit", _board("soft limit"), ("ALARM:2",)),
+    FaultKind("safety door", _board("door"), ("Door", "door", "ALARM:6", "ALARM:7"), success=True),
+    FaultKind("reboot", _board("reboot"), ("restarted", "no answer to"), within_s=1.2),
+    FaultKind("unplugged for 0.5 s", _unplug(0.5), ("the link is lost",), success=True, within_s=0.7),
+    FaultKind("unplugged for good", _unplug(1e9), ("the link is lost",), carries=False),
+    FaultKind("silent for 1 s", _silence(1.0), ("no answer to",), success=True, within_s=1.2),
+    FaultKind("silent for 30 s", _silence(30.0), ("no answer to",), within_s=1.2),
+    FaultKind("disk full", lambda b, d, at_s: d.fill_at(b.clock, at_s),
           ("No space left", "disk is full", "disk I/O error"), within_s=3.0),
-    Fault("force over the limit", _push, ("over the guard's",), at=SENSED),
-    Fault("force silent", _box("silent", True), ("no sample within",), within_s=0.2, at=SENSED),
-    Fault("force late by 0.15 s", _box("late_s", 0.15), ("no sample within", "late"),
+    FaultKind("force over the limit", _push, ("over the guard's",), at=SENSED),
+    FaultKind("force silent", _box("silent", True), ("no sample within",), within_s=0.2, at=SENSED),
+    FaultKind("force late by 0.15 s", _box("late_s", 0.15), ("no sample within", "late"),
           within_s=0.2, at=SENSED, success=True),
-    Fault("force late by 0.03 s", _box("late_s", 0.03), ("late",), at=SENSED, success=True),
-    Fault("force faulted", _box("error", True), ("fault, status word",), at=SENSED),
-    Fault("force saturated", _box("saturated", True), ("saturated",), at=SENSED),
-    Fault("force gaps of 20 ms", _box("silent", True, 0.02), ("missing",), success=True,
+    FaultKind("force late by 0.03 s", _box("late_s", 0.03), ("late",), at=SENSED, success=True),
+    FaultKind("force faulted", _box("error", True), ("fault, status word",), at=SENSED),
+    FaultKind("force saturated", _box("saturated", True), ("saturated",), at=SENSED),
+    FaultKind("force gaps of 20 ms", _box("silent", True, 0.02), ("missing",), success=True,
           at=SENSED),
-    Fault("camera stalled", _camera("stalled_s"), ("stalled, no image within",), within_s=1.2,
+    FaultKind("camera stalled", _camera("stalled_s"), ("stalled, no image within",), within_s=1.2,
           at=SENSED),
-    Fault("camera repeating", _camera("hung_s"), ("the same image over and over",), within_s=1.2,
+    FaultKind("camera repeating", _camera("hung_s"), ("the same image over and over",), within_s=1.2,
           at=SENSED),
 )  # fmt: skip

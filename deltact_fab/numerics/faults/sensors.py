@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Image
+from ...aliases import Image
 from ...errors import SensorError
-from ...rig.camera.stream import Arrived, StreamCamera
+from ...rig.camera.stream import ArrivedImage, StreamCamera
 from ...rig.force.netft import NetFTSensor
-from ...rig.interface import Frame
+from ...rig.interface import CameraFrame
 from ...virtual.clock import VirtualClock
 from ...virtual.netft import LockstepLink, NetFTBox
 from ...virtual.netft_faults import BoxFaults, Datagram
@@ -79,19 +79,19 @@ class BenchFeed:
         self.hangs = hangs
         self._told.release()
 
-    def next(self, timeout_s: float) -> Arrived | None:
+    def next(self, timeout_s: float) -> ArrivedImage | None:
         """As rig.camera.stream.Feed."""
         if not self.hangs and not self._told.acquire(timeout=timeout_s):
             return None
         if self.hangs and self._last is not None:
             threading.Event().wait(0.01)
-            return Arrived(self._last, self._clock.now_s())
+            return ArrivedImage(self._last, self._clock.now_s())
         self._k += 1
         seed = [stream_number(self._press), self._k]
         image = np.random.default_rng(seed).integers(0, 200, (24, 32, 3), np.uint8)
         image[0, :3, 0] = [round(200 + 20 * p) % 256 for p in self._tip_mm()]
         self._last = image
-        return Arrived(image, self._clock.now_s())
+        return ArrivedImage(image, self._clock.now_s())
 
     def identity(self) -> dict[str, Any]:
         """As Feed."""
@@ -121,7 +121,7 @@ class BenchCamera:
         self._feed.press(stream)
         self._camera.begin(stream)
 
-    def capture(self) -> Frame:
+    def capture(self) -> CameraFrame:
         """The next image. What the camera waits in vain on the wall clock passes on the bench's."""
         stalled, hung = (
             a <= self._clock.now_s() < b for a, b in (self.stalled_s, self.hung_s)

@@ -21,7 +21,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Field
+from ...aliases import Field
 from .algorithm1 import FILE_LEVELS
 from .law import Law, Patches, PatchRecipe
 

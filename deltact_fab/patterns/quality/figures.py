@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Array, Field
+from ...aliases import Array, Field
 
 LUMA = (0.299, 0.587, 0.114)
 SUBSET_PX = 15

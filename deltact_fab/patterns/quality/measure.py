@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Array
+from ...aliases import Array
 from ...errors import InputError
 from ...shapes import SensorDimensions
 from ...units import MM_PER_INCH
@@ -26,7 +26,7 @@ from .figures import Figures, agreement, figures
 from .photo import has_raster, photograph, sent
 
 if TYPE_CHECKING:
-    from ...imaging import Printer, Sensor
+    from ...imaging import ImageSensor, Printer
 
 
 MM_PER_PX = SensorDimensions().optics.mm_per_px
@@ -76,7 +76,7 @@ class Quality:
 def measure(
     recipe: PatternRecipe,
     printer: Printer | None = None,
-    sensor: Sensor | None = None,
+    sensor: ImageSensor | None = None,
     mm_per_px: float = MM_PER_PX,
     seed: int = 0,
     view_mm: tuple[float, float] | None = None,
@@ -89,7 +89,7 @@ def measure(
     """
     from ... import imaging
 
-    printer, sensor = printer or imaging.Printer(), sensor or imaging.Sensor()
+    printer, sensor = printer or imaging.Printer(), sensor or imaging.ImageSensor()
     for name, value in (("mm_per_px", mm_per_px), ("dpi", printer.dpi)):
         if not (math.isfinite(value) and value > 0):
             raise InputError(f"{name}: {value:g} must be above 0")

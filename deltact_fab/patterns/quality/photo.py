@@ -17,8 +17,8 @@ from ..raster import albedo, cell_means, checked_mm_per_px, raster_window
 from ..recipe import PatternRecipe
 
 if TYPE_CHECKING:
-    from ...arrays import Float
-    from ...imaging import Sensor
+    from ...aliases import Float
+    from ...imaging import ImageSensor
 
 MARGIN_MM = 0.3
 """Printed around the field: misplaced ink (15 um) and its spread (20 um) come from there too."""
@@ -58,7 +58,7 @@ def has_raster(recipe: PatternRecipe, dpi: float) -> bool:
 def photograph(
     printed: Float,
     mm_per_dot: float,
-    sensor: Sensor,
+    sensor: ImageSensor,
     mm_per_px: float,
     size_px: tuple[int, int],
     rng: np.random.Generator,

@@ -25,7 +25,7 @@ from ..recipe import PatternRecipe
 if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw
 
-    from ...imaging import Printer, Sensor
+    from ...imaging import ImageSensor, Printer
 
 Pixels = NDArray[np.uint8]
 
@@ -51,7 +51,7 @@ class Tile:
     mark: str = ""
 
 
-def view(recipe: PatternRecipe, printer: Printer, sensor: Sensor, seed: int) -> Pixels:
+def view(recipe: PatternRecipe, printer: Printer, sensor: ImageSensor, seed: int) -> Pixels:
     """The middle of the camera's image of a sticker at rest, (h, h, 3) uint8 RGB; simulated.
 
     h: VIEW_MM, or what the sticker has of it, in whole pairs of pixels. seed: of halftone,

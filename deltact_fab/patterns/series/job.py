@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import __version__
-from ...types import Progress
+from ...aliases import Progress
 from ..code import encode
 from ..quality.measure import MM_PER_PX, measure
 from ..recipe import DEFAULT_SEED, PatternRecipe, recipe_from
@@ -149,7 +149,7 @@ def write(
     Raises InputError for a folder that holds anything else, for a seed below 0 and for what
     `sheet.write` refuses, RunFailed when the disk refuses, and whatever `page` raises.
     """
-    from ...imaging import Printer, Sensor
+    from ...imaging import ImageSensor, Printer
 
     chosen = recipes(seed, with_dots) if entries is None else list(entries)
     tell = progress or (lambda done, total, what: None)
@@ -178,7 +178,7 @@ def write(
             "pages": job.pages,
             "mm_per_px": MM_PER_PX,
             "printer": asdict(Printer(dpi=dpi)),
-            "sensor": asdict(Sensor()),
+            "sensor": asdict(ImageSensor()),
             "patterns": rows,
         }
         (folder / FIGURES).write_bytes(index.to_json(data))
@@ -193,9 +193,9 @@ def write(
 
 def _judge(entry: SeriesEntry, dpi: int, seed: int) -> tuple[dict[str, Any], NDArray[np.uint8]]:
     """A pattern's figures and its view for the contact sheet."""
-    from ...imaging import Printer, Sensor
+    from ...imaging import ImageSensor, Printer
 
-    printer, sensor = Printer(dpi=dpi), Sensor()
+    printer, sensor = Printer(dpi=dpi), ImageSensor()
     # Dots are the same on every pattern, and on coarse levels their contrast would hide its own.
     bare = entry.recipe.model_copy(update={"dots": None})
     figures = measure(bare, printer, sensor, MM_PER_PX, seed).as_dict()

@@ -30,17 +30,17 @@ from pathlib import Path
 from typing import Any, Literal
 
 from ... import __version__
+from ...aliases import Progress
 from ...errors import InputError, did_you_mean
 from ...files import check_place, write_together
 from ...shapes import SensorDimensions
-from ...types import Progress
 from ..code import encode
 from ..raster import check_seen
 from ..recipe import PatternRecipe
 from . import layout, page_image, page_marks, stickers
-from .layout import Cell, Sheet
-from .marks import Mark, Picture
-from .pdf import INSET_MM, LEAST_DOTS, Pdf
+from .layout import Sheet, StickerCell
+from .marks import CellGrid, Mark
+from .pdf import INSET_MM, MIN_DOTS, Pdf
 
 Transfer = Literal["face-down", "slide"]
 Embedding = Literal["auto", "patches", "dots"]
@@ -188,14 +188,14 @@ def write(
         )
     if kind != "pdf":
         page_image.check_size(sheet.page_px, dpi)
-    least = {"auto": LEAST_DOTS, "patches": 0.0, "dots": math.inf}[embed]
+    least = {"auto": MIN_DOTS, "patches": 0.0, "dots": math.inf}[embed]
     if kind != "pdf":
         least = math.inf  # a page's image is in printer dots
     tell = progress or (lambda done, total, what: None)
     sensor = sensor or SensorDimensions()
     view_mm, film_mm = sensor.optics.view_mm, sensor.skin.film_mm()
     total = len(recipes) + 1
-    cells: list[Cell] = []
+    cells: list[StickerCell] = []
     codes: list[str] = []
     printed: list[PatternRecipe] = []
     for k, asked in enumerate(recipes):
@@ -313,7 +313,7 @@ def _checked_sheet(
 
 def _sticker(
     page: int,
-    picture: Picture,
+    picture: CellGrid,
     by_cells: bool,
     inset_mm: float,
     scale: tuple[float, float],

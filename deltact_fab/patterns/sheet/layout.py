@@ -25,7 +25,7 @@ from dataclasses import dataclass
 
 from ...errors import InputError
 from ...units import MM_PER_INCH
-from .marks import Box, Picture, Words, width_mm
+from .marks import CellGrid, FilledRectangle, TextLine, width_mm
 
 PAPERS = {
     "A5": (148.0, 210.0),
@@ -98,19 +98,19 @@ class Sheet:
         w_mm: float,
         h_mm: float,
         ink: int | tuple[int, int, int] = 0,
-    ) -> Box:
+    ) -> FilledRectangle:
         """A box with every edge at its nearest dot, at least a dot wide."""
         x_px, y_px = self.x_px(x_mm), self.y_px(y_mm)
         width_px = max(1, self.x_px(x_mm + w_mm) - x_px)
-        return Box(x_px, y_px, width_px, max(1, self.y_px(y_mm + h_mm) - y_px), ink)
+        return FilledRectangle(x_px, y_px, width_px, max(1, self.y_px(y_mm + h_mm) - y_px), ink)
 
-    def words(self, x_mm: float, y_mm: float, text: str, size_pt: float = TEXT_PT) -> Words:
+    def words(self, x_mm: float, y_mm: float, text: str, size_pt: float = TEXT_PT) -> TextLine:
         """A line of text with its baseline's left end at a place."""
-        return Words(self.x_px(x_mm), self.y_px(y_mm), size_pt, text)
+        return TextLine(self.x_px(x_mm), self.y_px(y_mm), size_pt, text)
 
 
 @dataclass(frozen=True, eq=False)
-class Cell:
+class StickerCell:
     """A sticker with all that belongs to it, before it has a place.
 
     side_mm: of the printed square. film_mm: sides of the piece of film that the sensor takes.
@@ -119,8 +119,8 @@ class Cell:
 
     side_mm: float
     film_mm: tuple[float, float]
-    sticker: Picture
-    code: Picture
+    sticker: CellGrid
+    code: CellGrid
     label: tuple[str, ...]
     mirrored: bool
 
@@ -163,7 +163,9 @@ def line_mm(size_pt: float) -> float:
     return size_pt * LEADING * MM_PER_INCH / 72
 
 
-def placed(sheet: Sheet, cells: Sequence[Cell], names: Sequence[str], top_mm: float) -> list[Place]:
+def placed(
+    sheet: Sheet, cells: Sequence[StickerCell], names: Sequence[str], top_mm: float
+) -> list[Place]:
     """Cells row by row on as many pages as they take, in the order given.
 
     Raises InputError for a cell that no page can hold.

@@ -24,7 +24,7 @@ BAND_ROWS = 128
 
 
 @dataclass(frozen=True)
-class Box:
+class FilledRectangle:
     """A filled rectangle. ink: one byte of grey (black ink alone), or three of RGB."""
 
     x_px: int
@@ -35,7 +35,7 @@ class Box:
 
 
 @dataclass(frozen=True)
-class Words:
+class TextLine:
     """A line in black; (x, y) is the left end of its baseline. ASCII only."""
 
     x_px: int
@@ -45,7 +45,7 @@ class Words:
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class CellGrid:
     """Coloured cells on a grid, with its top left corner on a printer dot.
 
     cells: (rows, columns, 3) RGB or (rows, columns) grey, uint8, as the camera or a person sees
@@ -159,7 +159,7 @@ class Picture:
             band[:, left:right][inked] = self.grid.rgb
 
 
-Mark = Box | Words | Picture
+Mark = FilledRectangle | TextLine | CellGrid
 
 
 def snapped(count: int, size_mm: float, pitch_mm: float) -> NDArray[np.int64]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...units import MM_PER_INCH
-from .marks import BAND_ROWS, Box, Mark, Picture, Words, grey_bytes, width_mm
+from .marks import BAND_ROWS, CellGrid, FilledRectangle, Mark, TextLine, grey_bytes, width_mm
 from .pixels import LEVEL, packed
 
 MAX_PAGE_PX = 150_000_000
@@ -101,7 +101,7 @@ def _bands(page_px: tuple[int, int], dpi: float, marks: Iterable[Mark]) -> Itera
     """The page, (rows, width, 3), BAND_ROWS at a time."""
     width, height = page_px
     drawn = [(mark, *_extent(mark, dpi)) for mark in marks]
-    glyphs: dict[Words, Band] = {}
+    glyphs: dict[TextLine, Band] = {}
     for first in range(0, height, BAND_ROWS):
         stop = min(first + BAND_ROWS, height)
         band = np.full((stop - first, width, 3), 255, np.uint8)
@@ -110,9 +110,9 @@ def _bands(page_px: tuple[int, int], dpi: float, marks: Iterable[Mark]) -> Itera
             if low >= high:
                 continue
             rows = slice(low - first, high - first)
-            if isinstance(mark, Box):
+            if isinstance(mark, FilledRectangle):
                 band[rows, mark.x_px : mark.x_px + mark.width_px] = mark.ink
-            elif isinstance(mark, Picture):
+            elif isinstance(mark, CellGrid):
                 drawn_rows = mark.rows(low - top, high - top)
                 band[rows, mark.x_px : mark.x_px + mark.width_px] = grey_bytes(drawn_rows)
             else:
@@ -126,14 +126,14 @@ def _bands(page_px: tuple[int, int], dpi: float, marks: Iterable[Mark]) -> Itera
 
 def _extent(mark: Mark, dpi: float) -> tuple[int, int]:
     """First row of a mark and the one after its last."""
-    if isinstance(mark, Words):
+    if isinstance(mark, TextLine):
         em_px = mark.size_pt * dpi / 72
         top = mark.y_px - math.ceil(em_px)
         return top, top + math.ceil(em_px) + math.ceil(em_px / 3)
     return mark.y_px, mark.y_px + mark.height_px
 
 
-def _glyphs(words: Words, dpi: float) -> Band:
+def _glyphs(words: TextLine, dpi: float) -> Band:
     """A line of text as a mask, inked or not, at most as wide as the PDF has it."""
     from PIL import Image, ImageDraw, ImageFont
 

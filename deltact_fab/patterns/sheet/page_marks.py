@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from ... import __version__
 from ...errors import InputError
 from .layout import HEAD_PT, LEFT_BAND_MM, REGISTER_MM, Sheet, line_mm
-from .marks import Box, Mark, width_mm, wrapped
+from .marks import FilledRectangle, Mark, width_mm, wrapped
 
 RULER_MM = 100.0
 LINE_MM = 0.1
@@ -109,7 +109,7 @@ def corner_mark(sheet: Sheet, x_px: int, y_px: int, mirrored: bool) -> list[Mark
         near, far = round((3.6 - x_mm - w_mm) / pitch_x_mm), round((3.6 - x_mm) / pitch_x_mm)
         top, end = round((4.2 - y_mm) / pitch_y_mm), round((4.2 - y_mm - h_mm) / pitch_y_mm)
         left = x_px + near if mirrored else x_px - far
-        out.append(Box(left, y_px - top, max(1, far - near), max(1, top - end)))
+        out.append(FilledRectangle(left, y_px - top, max(1, far - near), max(1, top - end)))
     return out
 
 
@@ -142,10 +142,10 @@ def edge_ticks(sheet: Sheet, x_px: int, y_px: int, width_px: int, height_px: int
     out: list[Mark] = []
     for x in (x_px, x_px + width_px):
         for y in (y_px - gap_y - long_y, y_px + height_px + gap_y):
-            out.append(Box(x - thick_x // 2, y, thick_x, long_y))
+            out.append(FilledRectangle(x - thick_x // 2, y, thick_x, long_y))
     for y in (y_px, y_px + height_px):
         for x in (x_px - gap_x - long_x, x_px + width_px + gap_x):
-            out.append(Box(x, y - thick_y // 2, long_x, thick_y))
+            out.append(FilledRectangle(x, y - thick_y // 2, long_x, thick_y))
     return out
 
 
@@ -169,7 +169,7 @@ def _ruler_x(sheet: Sheet, x_mm: float, y_mm: float) -> list[Mark]:
     for k in range(101):
         long_mm = 4.0 if k % 10 == 0 else 2.8 if k % 5 == 0 else 1.8
         tick = sheet.box(x_mm + k, y_mm, LINE_MM, long_mm)
-        marks.append(Box(tick.x_px, tick.y_px, thick, tick.height_px))
+        marks.append(FilledRectangle(tick.x_px, tick.y_px, thick, tick.height_px))
         if k % 10 == 0:
             text = f"{k}" if k < 100 else "100 mm x"
             marks.append(sheet.words(x_mm + k + 0.4, y_mm + 5.2, text, SMALL_PT))
@@ -183,7 +183,7 @@ def _ruler_y(sheet: Sheet, x_mm: float, y_mm: float) -> list[Mark]:
     for k in range(101):
         long_mm = 4.0 if k % 10 == 0 else 2.8 if k % 5 == 0 else 1.8
         tick = sheet.box(x_mm, y_mm + k, long_mm, LINE_MM)
-        marks.append(Box(tick.x_px, tick.y_px, tick.width_px, thick))
+        marks.append(FilledRectangle(tick.x_px, tick.y_px, tick.width_px, thick))
         if k % 10 == 0:
             marks.append(sheet.words(x_mm + 2.4, y_mm + k + 2.3, f"{k}", SMALL_PT))
     marks.append(sheet.words(x_mm + 2.4, y_mm + RULER_MM + 4.6, "mm y", SMALL_PT))

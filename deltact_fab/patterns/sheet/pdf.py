@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 
 from ...pdf import Document, figure, glyphs
 from ...units import POINTS_PER_MM
-from .marks import Box, Mark, Picture, Words
+from .marks import CellGrid, FilledRectangle, Mark, TextLine
 from .pixels import NONE, SUB, packed
 
 INSET_MM = 1e-4
@@ -21,7 +21,7 @@ Renderers take every dot that a picture's box touches, and a box that ends exact
 touches the next one by rounding: the picture would grow by a dot and be resampled.
 """
 
-LEAST_DOTS = 5.0
+MIN_DOTS = 5.0
 """Printer dots a cell from which one pixel a cell is right in every renderer tried."""
 
 
@@ -32,7 +32,7 @@ class Pdf:
     picture is embedded with one pixel a cell.
     """
 
-    def __init__(self, page_px: tuple[int, int], dpi: float, least_dots: float = LEAST_DOTS):
+    def __init__(self, page_px: tuple[int, int], dpi: float, least_dots: float = MIN_DOTS):
         self._dpi = dpi
         self._least_dots = least_dots
         # Rounded down: a renderer counts a dot's fraction at the page's edge as one more
@@ -45,9 +45,9 @@ class Pdf:
         content: list[str] = []
         used: dict[str, int] = {}
         for mark in marks:
-            if isinstance(mark, Box):
+            if isinstance(mark, FilledRectangle):
                 content.append(self._box(mark))
-            elif isinstance(mark, Words):
+            elif isinstance(mark, TextLine):
                 content.append(self._words(mark))
             else:
                 number = self._image(mark)
@@ -59,7 +59,7 @@ class Pdf:
         """The file."""
         return self._file.finish(title, producer, keywords)
 
-    def _image(self, picture: Picture) -> int:
+    def _image(self, picture: CellGrid) -> int:
         if picture.key in self._images:
             return self._images[picture.key]
         if picture.by_cells(self._least_dots):
@@ -80,7 +80,7 @@ class Pdf:
         number = self._images[picture.key] = self._file.stream(opening, data)
         return number
 
-    def _placed(self, picture: Picture, number: int) -> str:
+    def _placed(self, picture: CellGrid, number: int) -> str:
         inset = INSET_MM * POINTS_PER_MM
         if picture.by_cells(self._least_dots):
             # The file is longer than the real print by the scale, as the pitch is shorter
@@ -97,7 +97,7 @@ class Pdf:
             f"q {wide} 0 0 {high} {figure(left + inset)} {figure(low + inset)} cm /I{number} Do Q"
         )
 
-    def _box(self, box: Box) -> str:
+    def _box(self, box: FilledRectangle) -> str:
         # A box's edges are kept off the dots' edges by the same inset
         left, low = self._at(box.x_px, box.y_px + box.height_px)
         inset = INSET_MM * POINTS_PER_MM
@@ -110,7 +110,7 @@ class Pdf:
         place = " ".join(figure(v) for v in (left + inset, low + inset, wide, high))
         return f"{ink} {place} re f"
 
-    def _words(self, words: Words) -> str:
+    def _words(self, words: TextLine) -> str:
         x, y = (figure(v) for v in self._at(words.x_px, words.y_px))
         return f"BT 0 g /F {figure(words.size_pt)} Tf {x} {y} Td <{glyphs(words.text)}> Tj ET"
 

@@ -11,8 +11,8 @@ from ...errors import InputError
 from ..laws.patches import draw_patches
 from ..recipe import PatternRecipe, recipe_from
 from . import layout, page_marks
-from .layout import Cell, Sheet
-from .marks import Mark, Picture, printable, wrapped
+from .layout import Sheet, StickerCell
+from .marks import CellGrid, Mark, printable, wrapped
 
 MAX_STICKER_PX = 120_000_000
 """Largest raster of a sticker: some seconds; bands keep its memory small at any size."""
@@ -70,11 +70,11 @@ def cell(
     mirrored: bool,
     least_dots: float,
     film_mm: tuple[float, float],
-) -> Cell:
+) -> StickerCell:
     """The sticker without a place. Raises InputError when the printer cannot show it."""
     check_dots(recipe, sheet)
     side_mm = recipe.printed_mm
-    sticker = Picture(
+    sticker = CellGrid(
         key=code,
         x_px=0,
         y_px=0,
@@ -94,11 +94,11 @@ def cell(
         )
     facts = _facts(recipe, asked, code, sticker, least_dots)
     label = wrapped(facts, layout.LABEL_MM, layout.TEXT_PT)
-    return Cell(side_mm, film_mm, sticker, _qr(code, sheet), tuple(label), mirrored)
+    return StickerCell(side_mm, film_mm, sticker, _qr(code, sheet), tuple(label), mirrored)
 
 
 def _facts(
-    recipe: PatternRecipe, asked: PatternRecipe, code: str, sticker: Picture, least_dots: float
+    recipe: PatternRecipe, asked: PatternRecipe, code: str, sticker: CellGrid, least_dots: float
 ) -> list[str]:
     """What the label says, in pieces that stay together."""
     data = recipe.model_dump(mode="json", exclude_none=True)
@@ -132,7 +132,7 @@ def _facts(
     return [printable(fact) for fact in facts]
 
 
-def _qr(code: str, sheet: Sheet) -> Picture:
+def _qr(code: str, sheet: Sheet) -> CellGrid:
     """The code as a QR symbol, level M, modules of whole printer dots."""
     import segno
 
@@ -143,7 +143,7 @@ def _qr(code: str, sheet: Sheet) -> Picture:
         modules * max(1, math.ceil(layout.MODULE_MM / pitch_mm - 1e-9)) * pitch_mm
         for pitch_mm in sheet.pitch_mm
     )
-    return Picture(
+    return CellGrid(
         key=f"qr {code}",
         x_px=0,
         y_px=0,
@@ -153,7 +153,7 @@ def _qr(code: str, sheet: Sheet) -> Picture:
     )
 
 
-def put(sheet: Sheet, cell: Cell, x_mm: float, y_mm: float) -> tuple[list[Mark], Picture]:
+def put(sheet: Sheet, cell: StickerCell, x_mm: float, y_mm: float) -> tuple[list[Mark], CellGrid]:
     """A cell's marks at its place, and its sticker among them."""
     cut_x_mm, cut_y_mm = cell.cut_mm
     sticker = replace(

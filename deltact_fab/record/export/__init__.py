@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from ...aliases import Progress
 from ...errors import InputError
 from ...extras import require
 from ...files import disk_errors, whole
-from ...types import Progress
 from ..run import Run
 
 FORMATS = ("csv", "parquet", "mcap")

@@ -7,12 +7,12 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...types import Progress
+from ...aliases import Progress
 from ..files import json_bytes
 from ..run import Run
 from ..timeline import TimeLine
 from .source import described, presses
-from .tables import LINE, TABLES, Column, chunks
+from .tables import LINE, TABLES, TableColumn, chunks
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,7 +36,7 @@ class _Csv:
 class _Parquet:
     """One table as Parquet, a row group a press; units stand with the columns."""
 
-    def __init__(self, path: Path, columns: list[Column], about: dict[str, Any]) -> None:
+    def __init__(self, path: Path, columns: list[TableColumn], about: dict[str, Any]) -> None:
         import pyarrow as pa
         import pyarrow.parquet as pq
 

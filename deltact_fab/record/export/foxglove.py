@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ...types import Progress
+from ...aliases import Progress
 from ..images import encode_png
 from ..run import Run
 from ..timeline import TimeLine

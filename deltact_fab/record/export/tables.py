@@ -18,7 +18,7 @@ LINE = "time_ns"  # the column of every table that puts it on the time line
 
 
 @dataclass(frozen=True)
-class Column:
+class TableColumn:
     """One column. kind: string, int64, float64 or bool."""
 
     name: str
@@ -27,14 +27,16 @@ class Column:
     text: str
 
 
-def _numbers(names: str, unit: str, text: str) -> list[Column]:
-    return [Column(name, "float64", unit, text) for name in names.split()]
+def _numbers(names: str, unit: str, text: str) -> list[TableColumn]:
+    return [TableColumn(name, "float64", unit, text) for name in names.split()]
 
 
-_TIME = Column(LINE, "int64", "ns", "since 1970-01-01 UTC, one line over all sessions of the run")
+_TIME = TableColumn(
+    LINE, "int64", "ns", "since 1970-01-01 UTC, one line over all sessions of the run"
+)
 _PRESS = [
-    Column("press", "string", "", "indenter/position"),
-    Column("step_id", "string", "", "indenter/position/depth/leg"),
+    TableColumn("press", "string", "", "indenter/position"),
+    TableColumn("step_id", "string", "", "indenter/position/depth/leg"),
 ]
 _CLOCKS = [
     *_numbers("t_s", "s", "on the rig's clock, which starts anew with each session"),
@@ -49,21 +51,21 @@ _FORCE = [
     *_numbers("tx_nmm ty_nmm tz_nmm", "N mm", "about the centre of the resting face"),
 ]
 _STEP = [
-    Column("indenter", "string", "", "which was mounted"),
-    Column("kind", "string", "", "change, travel, approach, press, shear or retract"),
+    TableColumn("indenter", "string", "", "which was mounted"),
+    TableColumn("kind", "string", "", "change, travel, approach, press, shear or retract"),
 ]
 
-TABLES: dict[str, list[Column]] = {
+TABLES: dict[str, list[TableColumn]] = {
     "frames": [
         _TIME,
-        Column("frame_id", "string", "", "step_id#k"),
-        Column("seq", "int64", "", "place in the plan"),
+        TableColumn("frame_id", "string", "", "step_id#k"),
+        TableColumn("seq", "int64", "", "place in the plan"),
         *_PRESS,
         *_STEP,
-        Column("k", "int64", "", "number in its step, from 1"),
-        Column("settled", "bool", "", "taken at rest, as the protocol settles"),
-        Column("file", "string", "", "image, from the run's folder"),
-        Column("sha256", "string", "", "of that file"),
+        TableColumn("k", "int64", "", "number in its step, from 1"),
+        TableColumn("settled", "bool", "", "taken at rest, as the protocol settles"),
+        TableColumn("file", "string", "", "image, from the run's folder"),
+        TableColumn("sha256", "string", "", "of that file"),
         *_numbers("t_s", "s", "on the rig's clock, which starts anew with each session"),
         *_numbers("t_step_s", "s", "since the step began"),
         *_numbers("t_press_s", "s", "since the press was tared"),
@@ -71,9 +73,9 @@ TABLES: dict[str, list[Column]] = {
         *_FORCE,
         *_numbers("pose_skew_s force_skew_s", "s", "from the nearest sample"),
         *_numbers("late_s", "s", "exposed after it was wanted"),
-        Column("late", "bool", "", "by more than half of what lies between two frames"),
-        Column("dropped", "int64", "", "frames that the camera lost since the one before"),
-        Column("repeated", "int64", "", "frames that it gave again since the one before"),
+        TableColumn("late", "bool", "", "by more than half of what lies between two frames"),
+        TableColumn("dropped", "int64", "", "frames that the camera lost since the one before"),
+        TableColumn("repeated", "int64", "", "frames that it gave again since the one before"),
         *_WALL,
     ],
     "force": [
@@ -81,27 +83,27 @@ TABLES: dict[str, list[Column]] = {
         *_PRESS,
         *_CLOCKS,
         *_FORCE,
-        Column("saturated", "bool", "", "a gauge was out of range"),
+        TableColumn("saturated", "bool", "", "a gauge was out of range"),
     ],
     "pose": [_TIME, *_PRESS, *_CLOCKS, *_POSE],
     "steps": [
-        Column("time_ns", "int64", "ns", f"of its start; {_TIME.text}"),
-        Column("seq", "int64", "", "place in the plan"),
+        TableColumn("time_ns", "int64", "ns", f"of its start; {_TIME.text}"),
+        TableColumn("seq", "int64", "", "place in the plan"),
         *_PRESS,
         *_STEP,
         *_numbers("x_mm y_mm z_mm", "mm", "target of the tip in the sensor frame"),
         *_numbers("feed_mm_min", "mm/min", "as it was asked for"),
         *_numbers("planned_s", "s", "of motion"),
-        Column("missed", "int64", "", "frames that did not come"),
+        TableColumn("missed", "int64", "", "frames that did not come"),
         *_numbers("t_start_s t_end_s", "s", "on the rig's clock"),
         *_WALL,
     ],
     "events": [
         _TIME,
-        Column("seq", "int64", "", "order of writing; 0: an operator's note"),
-        Column("kind", "string", "", "session, homed, begun, complete, fault, stop, note ..."),
+        TableColumn("seq", "int64", "", "order of writing; 0: an operator's note"),
+        TableColumn("kind", "string", "", "session, homed, begun, complete, fault, stop, note ..."),
         *_PRESS,
-        Column("text", "string", "", "what happened"),
+        TableColumn("text", "string", "", "what happened"),
         *_numbers("t_s", "s", "on the rig's clock"),
         *_WALL,
     ],

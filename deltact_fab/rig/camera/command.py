@@ -18,7 +18,7 @@ import numpy as np
 
 from ...errors import InputError, SensorError
 from ..interface import Clock
-from .stream import Arrived
+from .stream import ArrivedImage
 
 HEADER = struct.Struct("<qII")  # monotonic nanoseconds, number, nothing
 PIPE_BYTES = 1 << 20
@@ -73,7 +73,7 @@ class CommandFeed:
         self._poll.register(self._err, select.POLLIN)
         self._start()
 
-    def next(self, timeout_s: float) -> Arrived | None:
+    def next(self, timeout_s: float) -> ArrivedImage | None:
         """As Feed; what has come of an image is kept for the next call."""
         until_s = time.monotonic() + timeout_s
         while not self._whole():
@@ -85,7 +85,7 @@ class CommandFeed:
         if self._header:
             t_ns, number, _ = HEADER.unpack(self._header)
             t_s = t_ns / 1e9
-        arrived = Arrived(self._image, t_s, number)
+        arrived = ArrivedImage(self._image, t_s, number)
         self._start()
         return arrived
 

@@ -10,13 +10,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Image
+from ...aliases import Image
 from ...errors import InputError, SensorError
 from ..interface import Clock
 from .config import CameraConfig
 from .locks import changed, held, locked
-from .stream import Arrived
-from .v4l2 import Device, Filled
+from .stream import ArrivedImage
+from .v4l2 import FilledBuffer, V4l2Device
 
 LOOK_S = 1.0
 """So often it is asked whether it still has what was locked."""
@@ -66,7 +66,7 @@ class DeviceFeed:
         self.name = config.name
         self._clock = clock
         try:
-            self._device = Device(self.name)
+            self._device = V4l2Device(self.name)
         except OSError as why:
             hint = "; who uses it belongs to the group 'video'" if why.errno == EACCES else ""
             raise InputError(
@@ -118,7 +118,7 @@ class DeviceFeed:
         self._decode, self._size_px = CODINGS[fourcc], size_px
         device.start()
 
-    def next(self, timeout_s: float) -> Arrived | None:
+    def next(self, timeout_s: float) -> ArrivedImage | None:
         """As Feed. A damaged image is left out; the numbers tell that it is missing."""
         try:
             if self._locks and self._clock.now_s() >= self._look_s:
@@ -132,7 +132,7 @@ class DeviceFeed:
                 f"camera {self.name}: is gone: {why.strerror}; check {self.check}"
             ) from why
 
-    def _arrived(self, buffer: Filled) -> Arrived | None:
+    def _arrived(self, buffer: FilledBuffer) -> ArrivedImage | None:
         t_s = buffer.t_s
         if t_s is None:
             t_s, self.stamps = self._clock.now_s(), "arrival"
@@ -143,7 +143,7 @@ class DeviceFeed:
             return None
         finally:
             del data  # the buffer is about to be given back
-        return Arrived(image, t_s, buffer.number)
+        return ArrivedImage(image, t_s, buffer.number)
 
     def identity(self) -> dict[str, Any]:
         """What the device keeps of what it was asked for."""

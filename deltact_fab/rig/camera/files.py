@@ -10,9 +10,9 @@ from typing import Any, Protocol
 import cv2
 import numpy as np
 
-from ...arrays import Image
+from ...aliases import Image
 from ...errors import InputError, RunFailed, SensorError
-from ..interface import Clock, Frame
+from ..interface import CameraFrame, Clock
 from .network import quietly_opened
 
 IMAGE_NAMES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
@@ -132,7 +132,7 @@ class FileCamera:
     def begin(self, stream: str) -> None:
         """Nothing waits in a file, and none of its images is too old."""
 
-    def capture(self) -> Frame:
+    def capture(self) -> CameraFrame:
         """The next image, not before a period has passed. Raises SensorError after the last."""
         try:
             image = next(self._left)
@@ -155,7 +155,7 @@ class FileCamera:
             now_s = self._clock.now_s()
         self._due_s = max(now_s, self._due_s or now_s) + 1 / self._rate_hz
         self._number += 1
-        return Frame(image, now_s, self._number - 1)
+        return CameraFrame(image, now_s, self._number - 1)
 
     def end(self, frames: Mapping[str, float]) -> None:
         """Nothing is kept of a stream."""

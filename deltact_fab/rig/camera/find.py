@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from .v4l2 import Device
+from .v4l2 import V4l2Device
 
 SYSFS = Path("/sys/class/video4linux")
 DEV = Path("/dev")
@@ -40,7 +40,7 @@ def cameras(sysfs: Path = SYSFS, dev: Path = DEV) -> list[FoundCamera]:
 def _captures(device: Path, node: Path) -> bool:
     """Whether a node gives images."""
     try:
-        opened = Device(str(device))
+        opened = V4l2Device(str(device))
     except OSError:
         return _said(node, "index") == "0"
     try:

@@ -9,7 +9,7 @@ from contextlib import suppress
 
 from ...errors import InputError
 from .config import CameraConfig
-from .v4l2 import Device
+from .v4l2 import V4l2Device
 
 # include/uapi/linux/v4l2-controls.h
 MANUAL = 1  # V4L2_EXPOSURE_MANUAL
@@ -30,7 +30,7 @@ AUTOMATIC = {
 """What has to be switched off, and by which value."""
 
 
-def locked(device: Device, config: CameraConfig) -> dict[str, int | None]:
+def locked(device: V4l2Device, config: CameraConfig) -> dict[str, int | None]:
     """Lock all that the rig file asks for; then what the device has of each, None for nothing.
 
     Raises InputError, one line, for all that it keeps otherwise.
@@ -72,7 +72,7 @@ def held(config: CameraConfig, found: dict[str, int | None]) -> dict[str, int]:
     return {key: value for key in keys if (value := found[key]) is not None}
 
 
-def changed(device: Device, locks: dict[str, int]) -> str:
+def changed(device: V4l2Device, locks: dict[str, int]) -> str:
     """The first of them that is another now, in words; "" where all are kept."""
     for key, value in locks.items():
         setting = device.setting(CONTROLS[key])
@@ -81,7 +81,7 @@ def changed(device: Device, locks: dict[str, int]) -> str:
     return ""
 
 
-def _ask(device: Device, key: str, value: int) -> None:
+def _ask(device: V4l2Device, key: str, value: int) -> None:
     """Whether it was taken is read back afterwards."""
     automatic, off = AUTOMATIC.get(key, (None, 0))
     if automatic is not None:

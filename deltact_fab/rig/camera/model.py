@@ -21,7 +21,7 @@ from ...optics import (
     load_camera,
     raw_mm_per_px,
 )
-from ...optics.sampling import LEAST_PX
+from ...optics.sampling import MIN_PX
 from ...reading import is_file
 from ...shapes import SensorDimensions
 from .config import CameraConfig
@@ -90,7 +90,7 @@ def view_notes(view: CameraModel | None, patch_mm: float | None) -> list[str]:
     if aliased >= NOTICED:
         lines.append(
             f"WARNING: patches of {patch_mm:g} mm alias over {aliased:.0%} of the view: the lens "
-            f"has less than {LEAST_PX:g} pixels for one there"
+            f"has less than {MIN_PX:g} pixels for one there"
         )
     blank = np.zeros((view.lens.height_px, view.lens.width_px, 3), np.uint8)
     view.rectify(blank)

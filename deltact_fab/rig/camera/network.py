@@ -11,7 +11,7 @@ import numpy as np
 
 from ...errors import InputError, SensorError
 from ..interface import Clock
-from .stream import Arrived
+from .stream import ArrivedImage
 
 OPEN_MS = 10_000
 READ_MS = 2_000
@@ -35,7 +35,7 @@ class UrlFeed:
             raise InputError(f"camera.source: {url}: no stream of images; check {self.check}")
         self.rate_hz = self._capture.get(cv2.CAP_PROP_FPS) or None
 
-    def next(self, timeout_s: float) -> Arrived | None:
+    def next(self, timeout_s: float) -> ArrivedImage | None:
         """As Feed, but that it waits for READ_MS at most."""
         if not self._capture.grab():
             raise SensorError(f"camera {self.name}: gives no more images; check {self.check}")
@@ -43,7 +43,7 @@ class UrlFeed:
         done, image = self._capture.retrieve()
         if not done:
             raise SensorError(f"camera {self.name}: an image that cannot be decoded")
-        return Arrived(np.asarray(image, np.uint8), t_s)
+        return ArrivedImage(np.asarray(image, np.uint8), t_s)
 
     def identity(self) -> dict[str, Any]:
         """The address."""

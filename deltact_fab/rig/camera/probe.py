@@ -10,8 +10,8 @@ import numpy as np
 
 from ...errors import InputError, SensorError
 from ..clock import WallClock
-from ..finding import Finding
-from ..interface import Camera, Frame
+from ..finding import BenchFinding
+from ..interface import Camera, CameraFrame
 from .config import CameraConfig
 from .model import calibrated, raw_size_px
 from .open import open_camera
@@ -27,7 +27,7 @@ _SLOW_SENDER = "what sends them is slow, or this computer is busy"
 HOLDS = {"exposure": "auto_exposure", "gain": None, "white_balance_k": "auto_white_balance"}
 
 
-def probe(config: CameraConfig, folder: Path, seconds: float = LOOK_S) -> list[Finding]:
+def probe(config: CameraConfig, folder: Path, seconds: float = LOOK_S) -> list[BenchFinding]:
     """Open the camera of a rig file, look through it for so long, and judge what comes.
 
     folder: of the rig file. Raises nothing that a camera can cause: it is a finding.
@@ -36,12 +36,12 @@ def probe(config: CameraConfig, folder: Path, seconds: float = LOOK_S) -> list[F
     try:
         camera = open_camera(config, folder, WallClock())
     except InputError as why:
-        return [*findings, Finding(False, str(why))]
+        return [*findings, BenchFinding(False, str(why))]
     try:
         seen = _seen(camera, seconds)
         told = camera.identity()
     except SensorError as why:
-        return [*findings, Finding(False, str(why))]
+        return [*findings, BenchFinding(False, str(why))]
     finally:
         camera.close()
     return [*findings, *_images(seen, told, config), *_locks(config, told)]
@@ -50,7 +50,7 @@ def probe(config: CameraConfig, folder: Path, seconds: float = LOOK_S) -> list[F
 class _Seen(NamedTuple):
     """What came; an image for all of them, or they would fill the memory."""
 
-    last: Frame
+    last: CameraFrame
     hz: float
     dropped: int
     repeated: int
@@ -71,9 +71,9 @@ def _seen(camera: Camera, seconds: float) -> _Seen:
     return _Seen(last, n / took_s if took_s > 0 else 0.0, dropped, repeated)
 
 
-def _model(config: CameraConfig, folder: Path) -> Finding:
+def _model(config: CameraConfig, folder: Path) -> BenchFinding:
     if config.model is None:
-        return Finding(
+        return BenchFinding(
             False,
             "camera.model: not calibrated, nothing can be tracked; `deltact-fab calibrate` makes "
             "the file",
@@ -82,36 +82,38 @@ def _model(config: CameraConfig, folder: Path) -> Finding:
     try:
         size_px = raw_size_px(calibrated(path))
     except InputError as why:
-        return Finding(False, str(why))
+        return BenchFinding(False, str(why))
     asked = (config.width_px, config.height_px)
     if config.width_px is not None and asked != size_px:
-        return Finding(False, f"camera.model: of images of {size_px[0]} x {size_px[1]} px")
-    return Finding(True, f"calibrated: {path}")
+        return BenchFinding(False, f"camera.model: of images of {size_px[0]} x {size_px[1]} px")
+    return BenchFinding(True, f"calibrated: {path}")
 
 
-def _images(seen: _Seen, told: dict[str, Any], config: CameraConfig) -> list[Finding]:
+def _images(seen: _Seen, told: dict[str, Any], config: CameraConfig) -> list[BenchFinding]:
     image = seen.last.image
     h, w = image.shape[:2]
     stamped = told["stamped_by"]
     after = f", {config.latency_ms:g} ms after its exposure" if stamped == "arrival" else ""
-    findings = [Finding(True, f"images of {w} x {h} px, stamped by {stamped}{after}")]
+    findings = [BenchFinding(True, f"images of {w} x {h} px, stamped by {stamped}{after}")]
     nominal = told["rate_hz"]
     slow = nominal is not None and seen.hz < SLOW * nominal
     asked = "" if nominal is None else f" of {nominal:g}"
     why = f"; {_SLOW_DEVICE if config.is_device else _SLOW_SENDER}" if slow else ""
-    findings.append(Finding(not slow, f"{seen.hz:.1f} images a second{asked}{why}"))
+    findings.append(BenchFinding(not slow, f"{seen.hz:.1f} images a second{asked}{why}"))
     lost = seen.dropped or seen.repeated
-    findings.append(Finding(not lost, f"{seen.dropped} lost, {seen.repeated} repeated"))
+    findings.append(BenchFinding(not lost, f"{seen.dropped} lost, {seen.repeated} repeated"))
     bright = float(np.mean(image == 255))
     if bright > BRIGHT:
         text = f"{bright:.0%} of the image is over-exposed; less light or a shorter exposure"
-        findings.append(Finding(False, text))
+        findings.append(BenchFinding(False, text))
     elif image.mean() < DARK:
-        findings.append(Finding(False, "the image is dark; is the light on, the lens uncovered?"))
+        findings.append(
+            BenchFinding(False, "the image is dark; is the light on, the lens uncovered?")
+        )
     return findings
 
 
-def _locks(config: CameraConfig, told: dict[str, Any]) -> list[Finding]:
+def _locks(config: CameraConfig, told: dict[str, Any]) -> list[BenchFinding]:
     """Of a V4L2 device: what it would change by itself."""
     controls = told.get("controls")
     if controls is None:
@@ -120,9 +122,11 @@ def _locks(config: CameraConfig, told: dict[str, Any]) -> list[Finding]:
     for key, automatic in HOLDS.items():
         has = controls[key]
         if getattr(config, key) is not None:
-            findings.append(Finding(True, f"{key} locked at {has:g}"))
+            findings.append(BenchFinding(True, f"{key} locked at {has:g}"))
         elif has is not None and (automatic is None or controls[automatic] is not None):
             findings.append(
-                Finding(False, f"camera.{key}: not locked; `{key} = {has:.0f}` keeps what it has")
+                BenchFinding(
+                    False, f"camera.{key}: not locked; `{key} = {has:.0f}` keeps what it has"
+                )
             )
     return findings

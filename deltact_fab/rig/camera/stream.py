@@ -14,17 +14,17 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ...arrays import Image
+from ...aliases import Image
 from ...errors import DeltactFabError, SensorError
-from ..interface import Clock, Frame
+from ..interface import CameraFrame, Clock
 
 DEPTH = 8
 """Images that wait to be taken. The oldest gives way, and counts as dropped."""
 FIRST_S = 10.0
 """So long a camera may take for its first image: an address is found, a lens comes up."""
-LEAST_S = 0.5
+MIN_S = 0.5
 PERIODS = 5.0
-"""A camera that is silent for so many periods, and LEAST_S, has stalled."""
+"""A camera that is silent for so many periods, and MIN_S, has stalled."""
 LOOK_S = 0.05
 """A feed is waited for no longer at a time, so that `close` is heard."""
 OTHER_CLOCK_S = 5.0
@@ -34,7 +34,7 @@ WRAP = 1 << 32
 
 
 @dataclass(frozen=True)
-class Arrived:
+class ArrivedImage:
     """An image as it comes. t_s: what stamps it; number: of the sender's count, None without."""
 
     image: Image
@@ -51,7 +51,7 @@ class Feed(Protocol):
     check: str
     """What to look at when nothing comes."""
 
-    def next(self, timeout_s: float) -> Arrived | None:
+    def next(self, timeout_s: float) -> ArrivedImage | None:
         """The next image, None when none comes in time. Raises SensorError when none ever will."""
 
     def identity(self) -> dict[str, Any]:
@@ -65,7 +65,7 @@ class StreamCamera:
     """Implements rig.interface.Camera over a feed: each capture is the next image after the last.
 
     A consumer that takes every image gets every image; one that is slow loses the oldest, and they
-    are counted in `Frame.dropped` with those that the device lost: by its own numbers where it
+    are counted in `CameraFrame.dropped` with those that the device lost: by its own numbers where it
     counts, else by gaps between stamps at the nominal rate. Images that equal the one before them
     byte by byte are left out and counted, for no sensor without a fault is free of noise.
     """
@@ -89,13 +89,13 @@ class StreamCamera:
         self._size_px = size_px
         self._rate_hz = rate_hz
         self._latency_s = latency_s
-        self.timeout_s = max(LEAST_S, PERIODS / rate_hz if rate_hz else 0.0)
+        self.timeout_s = max(MIN_S, PERIODS / rate_hz if rate_hz else 0.0)
         self._has_come = threading.Condition()
-        self._waiting: deque[Frame] = deque()
+        self._waiting: deque[CameraFrame] = deque()
         self._over: Exception | None = None
         self._closing = threading.Event()
         self._not_before_s = -np.inf
-        self._last: Arrived | None = None
+        self._last: ArrivedImage | None = None
         self._dropped = self._repeated = 0  # since the last image that was put to wait
         self._in_a_row = 0  # repeats
         self._counts = {"images": 0, "dropped": 0, "repeated": 0, "stale": 0}
@@ -110,7 +110,7 @@ class StreamCamera:
             self._waiting.clear()
             self._dropped = self._repeated = 0
 
-    def capture(self) -> Frame:
+    def capture(self) -> CameraFrame:
         """The next image; raises SensorError, one line, when the camera has stalled or is gone."""
         with self._has_come:
             patience_s = self.timeout_s if self._last is not None else FIRST_S
@@ -171,7 +171,7 @@ class StreamCamera:
                 self._over = SensorError(str(text))
                 self._has_come.notify_all()
 
-    def _take(self, arrived: Arrived) -> None:
+    def _take(self, arrived: ArrivedImage) -> None:
         """Judge one image and put it where `capture` takes it. Raises SensorError."""
         self._judge(arrived)
         before = self._last
@@ -188,10 +188,12 @@ class StreamCamera:
             if same:
                 self._repeated += 1
                 return
-            self._put(Frame(arrived.image, t_s, arrived.number, self._dropped, self._repeated))
+            self._put(
+                CameraFrame(arrived.image, t_s, arrived.number, self._dropped, self._repeated)
+            )
             self._dropped = self._repeated = 0
 
-    def _put(self, frame: Frame) -> None:
+    def _put(self, frame: CameraFrame) -> None:
         self._waiting.append(frame)
         if len(self._waiting) > DEPTH:
             gone = self._waiting.popleft()
@@ -203,7 +205,7 @@ class StreamCamera:
             )
         self._has_come.notify_all()
 
-    def _judge(self, arrived: Arrived) -> None:
+    def _judge(self, arrived: ArrivedImage) -> None:
         """Refuse another size and another clock."""
         h, w = arrived.image.shape[:2]
         if self._size_px is None:
@@ -220,7 +222,7 @@ class StreamCamera:
                 "clock; stamp with CLOCK_MONOTONIC of this computer"
             )
 
-    def _lost(self, before: Arrived | None, now: Arrived) -> tuple[int, bool]:
+    def _lost(self, before: ArrivedImage | None, now: ArrivedImage) -> tuple[int, bool]:
         """Images that are missing between two, and whether both are the same by number."""
         if before is None:
             return 0, False

@@ -97,7 +97,7 @@ G_CTRL, S_CTRL, QUERYCTRL = _code(27, _Control), _code(28, _Control), _code(36, 
 
 
 @dataclass(frozen=True)
-class Setting:
+class ControlSetting:
     """A control's value and what it may be."""
 
     value: int
@@ -107,7 +107,7 @@ class Setting:
 
 
 @dataclass(frozen=True)
-class Filled:
+class FilledBuffer:
     """A buffer that the driver has filled; what it holds is valid until it is given back."""
 
     data: memoryview
@@ -117,7 +117,7 @@ class Filled:
     damaged: bool
 
 
-class Device:
+class V4l2Device:
     """An open device. Every method raises OSError as the kernel refuses."""
 
     def __init__(self, path: str) -> None:
@@ -159,7 +159,7 @@ class Device:
             return None
         return rate.denominator / rate.numerator if rate.numerator else None
 
-    def setting(self, control: int) -> Setting | None:
+    def setting(self, control: int) -> ControlSetting | None:
         """A control as it is; None where the device has not got it."""
         try:
             limits = self._ask(QUERYCTRL, _Range(control))
@@ -168,7 +168,7 @@ class Device:
             value = self._ask(G_CTRL, _Control(control)).value
         except OSError:
             return None
-        return Setting(value, limits.least, limits.most, limits.step)
+        return ControlSetting(value, limits.least, limits.most, limits.step)
 
     def set(self, control: int, value: int) -> None:
         """Ask for a value, which the driver may round."""
@@ -189,7 +189,7 @@ class Device:
         self._ask(STREAMON, S32(CAPTURE))
 
     @contextmanager
-    def filled(self, timeout_s: float) -> Iterator[Filled | None]:
+    def filled(self, timeout_s: float) -> Iterator[FilledBuffer | None]:
         """The next buffer, None when none is filled in time; it is given back afterwards."""
         if not self._poll.poll(timeout_s * 1e3):
             yield None
@@ -199,7 +199,7 @@ class Device:
         if buffer.flags & CLOCK == MONOTONIC:
             t_s = buffer.seconds + buffer.microseconds / 1e6
         with memoryview(self._maps[buffer.index])[: buffer.used] as data:
-            yield Filled(data, buffer.sequence, t_s, bool(buffer.flags & DAMAGED))
+            yield FilledBuffer(data, buffer.sequence, t_s, bool(buffer.flags & DAMAGED))
         self._ask(QBUF, buffer)
 
     def close(self) -> None:

@@ -9,12 +9,12 @@ from math import inf
 
 import numpy as np
 
+from ...aliases import Vector
 from ...errors import InputError
-from ...types import Vector
 from ...units import to_ns
 from ..interface import Clock, ForceSamples, Stage
 from .config import ForceConfig, GuardConfig
-from .notes import Tally
+from .notes import NoteCounts
 
 SHARE = 0.8  # of the sensor's range, where the rig file sets no limit
 AGAIN_NS = (
@@ -101,7 +101,7 @@ class ForceGuard:
         self._byte_ns = 0
         self._behind_s = behind_s
         self._behind_ns: int | None = None  # since when it looks at old samples
-        self.tally = Tally()
+        self.tally = NoteCounts()
         self.trip: Trip | None = None
 
     @property

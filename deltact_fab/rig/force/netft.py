@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ...errors import SensorError
 from ...units import to_ns
 from ..interface import Clock, ForceSamples
-from .notes import Tally
+from .notes import NoteCounts
 
 ARRIVAL = np.dtype([("at_ns", "i8"), ("rdt", "u4"), ("status", "u4"), ("counts", "i4", 6)])
 """A record as it came: at_ns of the host's clock, its number in the stream, status word, counts."""
@@ -40,7 +40,7 @@ class NetFTSettings:
     """More that the record keeps of the box: name and value."""
 
 
-class Link(Protocol):
+class BoxLink(Protocol):
     """The way to a box. Raises SensorError where the box cannot be reached."""
 
     def settings(self) -> NetFTSettings: ...
@@ -70,7 +70,7 @@ class NetFTSensor:
     at which it was taken; that it came late is told in the notes.
     """
 
-    def __init__(self, link: Link, clock: Clock, timeout_s: float = SILENT_S):
+    def __init__(self, link: BoxLink, clock: Clock, timeout_s: float = SILENT_S):
         self._link = link
         self._clock = clock
         self._timeout_s = timeout_s
@@ -81,7 +81,7 @@ class NetFTSensor:
         self._zero_ns: int | None = None  # when record 0 of the stream would have come
         self._heard_ns = self._last_ns = 0
         self._fault = ""  # what the box said of itself; nothing more is read of this stream
-        self.tally = Tally()
+        self.tally = NoteCounts()
         self.stop()  # whatever the box did for whoever asked before
 
     def begin(self, stream: str) -> None:

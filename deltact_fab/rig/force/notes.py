@@ -20,7 +20,7 @@ TEXTS = {
 }
 
 
-class Tally:
+class NoteCounts:
     """Counts by name, each of `TEXTS`. total: since the sensor was opened."""
 
     def __init__(self) -> None:

@@ -13,7 +13,7 @@ from ...errors import InputError, SensorError
 from .config import NetFTConfig
 from .netft import NetFTSettings
 
-MOST_BYTES = 1 << 18
+MAX_BYTES = 1 << 18
 ANSWER_S = 3.0
 # Newtons in a unit of force, newton millimetres in a unit of torque, as the box writes them.
 FORCE_N = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "klbf": 4448.2216152605}
@@ -40,7 +40,7 @@ def fetch(config: NetFTConfig) -> NetFTPage:
     opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
     try:
         with opener.open(where, timeout=ANSWER_S) as answer:
-            text = answer.read(MOST_BYTES)
+            text = answer.read(MAX_BYTES)
     except (OSError, http.client.HTTPException, ValueError) as why:
         if isinstance(why, urllib.error.HTTPError):
             why.close()

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...errors import DeltactFabError
 from ..clock import WallClock
-from ..finding import Finding
+from ..finding import BenchFinding
 from ..interface import ForceSensor
 from .config import ForceConfig, GuardConfig
 from .guard import GuardLimits
@@ -29,7 +29,7 @@ def probe(
     guard: GuardConfig | None = None,
     seconds: float = LISTEN_S,
     silent_s: float = SILENT_S,
-) -> list[Finding]:
+) -> list[BenchFinding]:
     """Open the sensor, tare it with nothing touching, listen for so long, and judge what it says.
 
     silent_s: see `open_force`. Raises nothing that a sensor can cause: it is a finding.
@@ -38,17 +38,17 @@ def probe(
         findings = _page(config)
         sensor = open_force(config, WallClock(), silent_s)
     except DeltactFabError as why:
-        return [Finding(False, str(why))]
+        return [BenchFinding(False, str(why))]
     try:
         findings += _heard(sensor, config, seconds)
     except DeltactFabError as why:
-        return [*findings, Finding(False, str(why))]
+        return [*findings, BenchFinding(False, str(why))]
     finally:
         sensor.close()
     return [*findings, _guard(config, guard)]
 
 
-def _page(config: ForceConfig) -> list[Finding]:
+def _page(config: ForceConfig) -> list[BenchFinding]:
     """What the box says of itself, against the rig file. Raises SensorError, InputError."""
     if config.netft is None:
         return []
@@ -58,8 +58,8 @@ def _page(config: ForceConfig) -> list[Finding]:
     s = page.settings
     about = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in s.about)
     findings = [
-        Finding(True, f"{config.netft.host}: transducer {s.serial}, {about}"),
-        Finding(
+        BenchFinding(True, f"{config.netft.host}: transducer {s.serial}, {about}"),
+        BenchFinding(
             True,
             f"{s.counts_per_n:g} counts a newton, {s.counts_per_nmm:g} a newton millimetre (the "
             f"box is set to {page.force_unit} and {page.torque_unit})",
@@ -68,17 +68,19 @@ def _page(config: ForceConfig) -> list[Finding]:
     for key, told in (("range_n", page.range_n), ("range_nmm", page.range_nmm)):
         written = getattr(config, key)
         if told is None:
-            findings.append(Finding(True, f"force.{key}: {written}, which the box does not tell"))
+            findings.append(
+                BenchFinding(True, f"force.{key}: {written}, which the box does not tell")
+            )
         else:
             same = np.allclose(written, told, rtol=NEAR)
             right = [round(value, 3) for value in told]
             text = f"force.{key} = {right}, as the transducer's"
             wrong = f"force.{key}: {list(written)}; the transducer's is {right}: write that"
-            findings.append(Finding(same, text if same else wrong))
+            findings.append(BenchFinding(same, text if same else wrong))
     return findings
 
 
-def _heard(sensor: ForceSensor, config: ForceConfig, seconds: float) -> list[Finding]:
+def _heard(sensor: ForceSensor, config: ForceConfig, seconds: float) -> list[BenchFinding]:
     """Rate, losses, tare and noise. Raises SensorError."""
     sensor.begin("probe")
     until_s = time.monotonic() + seconds
@@ -93,15 +95,15 @@ def _heard(sensor: ForceSensor, config: ForceConfig, seconds: float) -> list[Fin
     of = f" of {told_hz:g}" if config.netft is not None else ""
     lost, late = sum(part.lost for part in parts), sum(part.late for part in parts)
     findings = [
-        Finding(not slow, f"{hz:.0f}{of} samples a second"),
-        Finding(not lost and not late, f"{lost} samples lost, {late} late"),
+        BenchFinding(not slow, f"{hz:.0f}{of} samples a second"),
+        BenchFinding(not lost and not late, f"{lost} samples lost, {late} late"),
     ]
     if any(part.saturated.any() for part in parts):
-        findings.append(Finding(False, "saturated with nothing touching: is the tip free?"))
+        findings.append(BenchFinding(False, "saturated with nothing touching: is the tip free?"))
     ranges = np.array([*config.range_n, *config.range_nmm])
     mean, noise = np.abs(values.mean(axis=0)), values.std(axis=0)
     text = f"{mean[:3].max():.3f} N and {mean[3:].max():.2f} N mm are left after the tare"
-    findings.append(Finding(bool((mean <= NOISY * ranges).all()), text))
+    findings.append(BenchFinding(bool((mean <= NOISY * ranges).all()), text))
     quiet = bool((noise <= NOISY * ranges).all())
     dead = config.netft is not None and not noise.any()
     text = f"noise at rest {noise[:3].max():.4f} N, {noise[3:].max():.3f} N mm (one deviation)"
@@ -109,16 +111,16 @@ def _heard(sensor: ForceSensor, config: ForceConfig, seconds: float) -> list[Fin
         text = "the readings do not change at all: is the transducer plugged in?"
     elif not quiet:
         text += ": does something touch or shake it?"
-    findings.append(Finding(quiet and not dead, text))
+    findings.append(BenchFinding(quiet and not dead, text))
     return findings
 
 
-def _guard(config: ForceConfig, guard: GuardConfig | None) -> Finding:
+def _guard(config: ForceConfig, guard: GuardConfig | None) -> BenchFinding:
     """Where the guard stops the stage."""
     try:
         limits = GuardLimits.of(guard, config)
     except DeltactFabError as why:
-        return Finding(False, str(why))
+        return BenchFinding(False, str(why))
     force = ", ".join(f"{value:g}" for value in limits.force_n)
     torque = ", ".join(f"{value:g}" for value in limits.torque_nmm)
-    return Finding(True, f"the guard stops the stage at {force} N and {torque} N mm")
+    return BenchFinding(True, f"the guard stops the stage at {force} N and {torque} N mm")

@@ -17,7 +17,7 @@ from ...errors import InputError, SensorError
 from ...units import to_ns
 from ..interface import Clock, ForceSamples
 from .config import ForceConfig, SerialScaleConfig
-from .notes import Tally
+from .notes import NoteCounts
 
 NUMBER = re.compile(rb"[-+]?[ \t]*(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
@@ -27,7 +27,7 @@ COUNTS_PER_N, COUNTS_PER_NMM = 1e6, 1e5  # finer than any scale writes
 MOST = 2**31 - 1  # of a count
 FIRST_S = 3.0  # an Arduino restarts when its port is opened
 TARE_S = 0.3
-LEAST_TARE = 3  # samples
+MIN_TARE = 3  # samples
 LONGEST = 1024  # bytes of a line
 
 
@@ -57,7 +57,7 @@ class SerialScale:
         self._last_ns = 0
         self._since: tuple[int, int] = (0, 0)  # first stamp of the stream, samples since
         self._period_ns = 0.0
-        self.tally = Tally()
+        self.tally = NoteCounts()
         exclusive = {} if "://" in own.port else {"exclusive": True}
         try:
             self._port = serial.serial_for_url(
@@ -77,7 +77,7 @@ class SerialScale:
         first_ns = int(parts[0].t_ns[0])
         while (
             parts[-1].t_ns[-1] - first_ns < TARE_S * 1e9
-            or sum(len(part.t_ns) for part in parts) < LEAST_TARE
+            or sum(len(part.t_ns) for part in parts) < MIN_TARE
         ):
             parts.append(self.read())
         counts = np.concatenate([part.counts for part in parts])

@@ -16,7 +16,7 @@ from ...protocols.pace import ARRIVAL_S
 from ...protocols.plan import Step
 from ...units import to_ns
 from .schedule import LOOK_NS, Schedule, in_step
-from .streams import Wanted
+from .streams import FrameRequest
 
 GUARD_NS = 8_000_000  # between two looks of the guard
 SAMPLE_NS = 1_000_000  # a reading waits for the next sample
@@ -51,7 +51,7 @@ class Lockstep(Schedule):
     def set_out(self, step: Step) -> None:
         """Nothing: the stage is asked when its time comes."""
 
-    def film(self, wanted: Wanted) -> None:
+    def film(self, wanted: FrameRequest) -> None:
         """Take the frame, and pose and force with it."""
         self._until(wanted.step, wanted.t_ns)
         self.frames.want(wanted)
@@ -123,7 +123,7 @@ class Lockstep(Schedule):
     def _guarded(self) -> bool:
         return self._d.guard is not None
 
-    def _waits(self, wanted: Wanted) -> bool:
+    def _waits(self, wanted: FrameRequest) -> bool:
         return True
 
     def _until(self, step: Step, t_ns: int) -> None:

@@ -10,10 +10,10 @@ from ...units import to_ns
 from ..interface import Stage
 from ..stage.moves import LIFT_FEED_MM_MIN, rise
 from .schedule import Schedule
-from .streams import Wanted
+from .streams import FrameRequest
 
 
-class Motion:
+class StageMotion:
     """Moves the stage by the steps of a protocol, and has the streams take what goes with them."""
 
     def __init__(self, stage: Stage, streams: Schedule) -> None:
@@ -49,7 +49,7 @@ class Motion:
             # Whole nanoseconds from the start of the move, so that a frame is taken at the same
             # pose at any time of day.
             at_ns = start_ns + to_ns(planned_s * k / step.frames)
-            streams.film(Wanted(step, k, at_ns, start_ns, planned_ns // step.frames))
+            streams.film(FrameRequest(step, k, at_ns, start_ns, planned_ns // step.frames))
         streams.arrive(step, start_ns + planned_ns)
         if step.kind == "change":
             self._change(step)
@@ -57,7 +57,7 @@ class Motion:
             streams.begin(step)
         if step.frames:
             at_ns = streams.now_ns() + to_ns(step.settle_s)
-            streams.film(Wanted(step, step.frames, at_ns, start_ns))
+            streams.film(FrameRequest(step, step.frames, at_ns, start_ns))
         streams.complete(step)
         streams.finish(step, planned_s, start_ns, last)
 

@@ -11,17 +11,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
+from ...aliases import Progress
 from ...errors import DeltactFabError, StageError, Stopped
 from ...protocols.plan import Step
 from ...record import RunWriter
-from ...types import Progress
 from ..job import Devices
 from .interrupt import interruptible
 from .live import Live, Remaining
 from .lockstep import Lockstep
-from .motion import Motion
+from .motion import StageMotion
 from .schedule import DROPPED, LATE, MISSED, TAKEN, UNWRITTEN, Schedule
-from .wallclock import WallClock
+from .wallclock import ThreadedSchedule
 
 GO_ON = "complete presses are kept: go on with --resume"
 
@@ -43,9 +43,9 @@ class Runner:
         self._writer = writer
         self._progress = progress or (lambda done, total, what: None)
         self._live = live
-        kind = WallClock if devices.wall_clock else Lockstep
+        kind = ThreadedSchedule if devices.wall_clock else Lockstep
         self._streams: Schedule = kind(devices, writer, self._tell)
-        self._motion = Motion(devices.stage, self._streams)
+        self._motion = StageMotion(devices.stage, self._streams)
         self._kept = self._total = 0  # frames
         self._remaining: Remaining | None = None
 

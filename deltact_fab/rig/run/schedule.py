@@ -12,9 +12,9 @@ from ...protocols.pace import LOOK_S
 from ...protocols.plan import Step
 from ...record import Chunk, RunWriter
 from ...units import to_ns
-from ..interface import Frame
+from ..interface import CameraFrame
 from ..job import Devices
-from .streams import ForceStream, FrameStream, PoseStream, Wanted, now_ns
+from .streams import ForceStream, FrameRequest, FrameStream, PoseStream, now_ns
 
 LOOK_NS = to_ns(LOOK_S)
 TAKEN = "taken"
@@ -61,7 +61,7 @@ class Schedule(ABC):
         """Its move has just been sent."""
 
     @abstractmethod
-    def film(self, wanted: Wanted) -> None:
+    def film(self, wanted: FrameRequest) -> None:
         """Have a frame taken at that moment; in lockstep it is there on return."""
 
     @abstractmethod
@@ -147,7 +147,7 @@ class Schedule(ABC):
     @abstractmethod
     def _end_devices(self) -> None: ...
     @abstractmethod
-    def _waits(self, wanted: Wanted) -> bool:
+    def _waits(self, wanted: FrameRequest) -> bool:
         """Whether a frame waits for room in the queue, or is dropped."""
 
     def _note(self, kind: str, text: str) -> None:
@@ -160,7 +160,12 @@ class Schedule(ABC):
         return chunks + (self.force.take(self._origin_ns) if self.force is not None else [])
 
     def _keep(
-        self, wanted: Wanted, frame: Frame | None, t_ns: int, dropped: int, repeated: int
+        self,
+        wanted: FrameRequest,
+        frame: CameraFrame | None,
+        t_ns: int,
+        dropped: int,
+        repeated: int,
     ) -> None:
         """One frame that was wanted goes into the record."""
         assert self._origin_ns is not None, "a press begins before its first frame"

@@ -19,7 +19,7 @@ from ...protocols.plan import Step
 from ...record import Chunk
 from ...units import to_ns
 from ..force.guard import ForceGuard
-from ..interface import Camera, Clock, ForceSamples, ForceSensor, Frame, Stage
+from ..interface import Camera, CameraFrame, Clock, ForceSamples, ForceSensor, Stage
 
 
 def now_ns(clock: Clock) -> int:
@@ -127,7 +127,7 @@ class ForceStream:
 
 
 @dataclass(frozen=True)
-class Wanted:
+class FrameRequest:
     """The k-th frame of a step, to be exposed at t_ns or as soon as it can be after that.
 
     start_ns: of the step. period_ns: to the next frame of a sweep; 0 for a frame at a stop.
@@ -149,7 +149,7 @@ class Wanted:
         return self.period_ns > 0 and t_ns - self.t_ns > self.period_ns / 2
 
 
-Keep = Callable[[Wanted, "Frame | None", int, int, int], None]
+Keep = Callable[[FrameRequest, "CameraFrame | None", int, int, int], None]
 
 
 class FrameStream:
@@ -165,10 +165,10 @@ class FrameStream:
         self._clock = clock
         self._keep = keep
         self._lock = threading.Lock()
-        self._wanted: deque[Wanted] = deque()
+        self._wanted: deque[FrameRequest] = deque()
         self._busy = False
         self._dropped = self._repeated = 0
-        self.missed: list[Wanted] = []
+        self.missed: list[FrameRequest] = []
 
     def forget(self) -> None:
         """A new press: what was wanted or counted before is no concern of it."""
@@ -177,7 +177,7 @@ class FrameStream:
             self.missed = []
             self._dropped = self._repeated = 0
 
-    def want(self, wanted: Wanted) -> None:
+    def want(self, wanted: FrameRequest) -> None:
         """Moments come in their order."""
         with self._lock:
             self._wanted.append(wanted)

@@ -21,7 +21,7 @@ from ...units import to_ns
 from ..job import Devices
 from .loop import Loop
 from .schedule import LOOK_NS, Schedule
-from .streams import Wanted
+from .streams import FrameRequest
 
 ANSWER_S = 10.0  # a camera that is opened anew, a tare
 FRAME_S = 10.0  # from the moment that a frame is wanted; a stalled camera says so before
@@ -30,7 +30,7 @@ END_S = 5.0
 HEAR_S = 0.02  # the stage is heard meanwhile; another thread that fails has stopped it itself
 
 
-class WallClock(Schedule):
+class ThreadedSchedule(Schedule):
     """Every device in a thread of its own. `check` raises the first failure of one of them."""
 
     def __init__(self, devices: Devices, writer: RunWriter, tell: Callable[[Step], None]) -> None:
@@ -67,7 +67,7 @@ class WallClock(Schedule):
         if self.in_press:
             self.pose.step()
 
-    def film(self, wanted: Wanted) -> None:
+    def film(self, wanted: FrameRequest) -> None:
         """Leave it to the camera's thread; without a camera a frame is a moment to wait for."""
         self._last_frame_ns = wanted.t_ns
         self.frames.want(wanted)
@@ -155,7 +155,7 @@ class WallClock(Schedule):
         if self.force is not None:
             self.force.keeping = False
 
-    def _waits(self, wanted: Wanted) -> bool:
+    def _waits(self, wanted: FrameRequest) -> bool:
         return wanted.at_stop
 
     def _until(self, t_ns: int) -> None:

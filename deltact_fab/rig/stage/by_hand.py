@@ -9,15 +9,15 @@ import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from ...aliases import Vector
 from ...errors import InputError, Stopped
 from ...protocols.motion import plus
-from ...types import Vector
 from ..interface import Stage
 from ..run.interrupt import interruptible
 from .moves import go
 
 CLEARANCE_MM = 5.0
-MOST_MM = 10.0
+MAX_MM = 10.0
 FEED_MM_MIN = 300.0
 NEAR_FEED_MM_MIN = 30.0
 """Below the clearance height."""
@@ -41,7 +41,7 @@ def jog(
     by_mm: Vector,
     feed_mm_min: float = FEED_MM_MIN,
     *,
-    most_mm: float = MOST_MM,
+    most_mm: float = MAX_MM,
     clearance_mm: float = CLEARANCE_MM,
     into_gel: bool = False,
 ) -> Vector:
@@ -61,7 +61,7 @@ def jog(
     return stage.position_mm()
 
 
-def require_short(by_mm: Vector, most_mm: float = MOST_MM) -> None:
+def require_short(by_mm: Vector, most_mm: float = MAX_MM) -> None:
     """Raise InputError for a way that is longer than most_mm, or none."""
     length_mm = math.hypot(*by_mm)
     if not length_mm <= most_mm:

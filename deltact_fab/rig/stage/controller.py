@@ -12,10 +12,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import NoReturn
 
+from ...aliases import Vector
 from ...errors import StageError
-from ...types import Vector
 from ..interface import Clock, StageState
-from .exchange import BANNER_S, RESET, Fault, Talk
+from .exchange import BANNER_S, RESET, Talk, TalkFault
 from .grbl_messages import ALARMS, explain, state_in_words
 from .limits import Limits
 from .port import LinkLost, Port
@@ -81,7 +81,7 @@ class Controller:
         with self._lock:
             try:
                 yield
-            except Fault as fault:
+            except TalkFault as fault:
                 if fault.lost:
                     self.lose(fault.why)
                 self._raise(fault.why, fault)
@@ -108,7 +108,7 @@ class Controller:
     def require_position(self, state: StageState) -> None:
         """Raise Fault for a state in which there is none."""
         if state.state.partition(":")[0] in ("Alarm", "Sleep"):
-            raise Fault(
+            raise TalkFault(
                 f"the controller is in {state_in_words(state.state)}: its position is lost, home "
                 "again",
                 lost=True,
@@ -117,11 +117,11 @@ class Controller:
     def require_ready(self) -> None:
         """Raise Fault unless it is homed and nothing has gone wrong since."""
         if self.trouble:
-            raise Fault(f"no motion after a fault ({self.trouble})")
+            raise TalkFault(f"no motion after a fault ({self.trouble})")
         if not self.port.is_open:
-            raise Fault("not connected")
+            raise TalkFault("not connected")
         if not self.homed:
-            raise Fault("its position is not known: home first")
+            raise TalkFault("its position is not known: home first")
 
     # ---- bringing it to rest ------------------------------------------------------------------
 
@@ -132,7 +132,7 @@ class Controller:
         state = "" if heard else self.talk.state()
         if not heard and state.partition(":")[0] in ("", "Sleep"):
             if not (heard := self.talk.greet()):
-                raise Fault(
+                raise TalkFault(
                     f"no banner within {BANNER_S:g} s and no answer to '?' at {self.port.baud} "
                     "baud, nor to a reset (0x18); expected a GRBL 1.1 controller"
                 )
@@ -154,14 +154,16 @@ class Controller:
                 return state
             self.require_position(state)
             if self.port.now_ns() > deadline:
-                raise Fault(f"still {state.state} at {in_mm(state.machine_mm)} after a stop")
+                raise TalkFault(f"still {state.state} at {in_mm(state.machine_mm)} after a stop")
             if state.state in HELD:
                 self._release(state)
                 continue
             if state.state == "Door:1":
-                raise Fault("the safety door is open: close it, then try again")
+                raise TalkFault("the safety door is open: close it, then try again")
             if name not in ("Jog", "Run", "Hold", "Door"):
-                raise Fault(f"the controller is in {state_in_words(state.state)}; reset it first")
+                raise TalkFault(
+                    f"the controller is in {state_in_words(state.state)}; reset it first"
+                )
             self.clock.sleep_s(POLL_END_S)
             if name in ("Jog", "Run"):  # the first byte came to nothing if the jog had not begun
                 self.port.write(JOG_CANCEL if name == "Jog" else HOLD)
@@ -171,19 +173,19 @@ class Controller:
         reset_due = self.reset_due
         for text in self.greet():
             if text.startswith("ALARM:"):
-                raise Fault(f"{explain(text, ALARMS)}; home again", lost=True)
+                raise TalkFault(f"{explain(text, ALARMS)}; home again", lost=True)
         self.reset_due = reset_due
         if self.homed:
             after = self.status()
             kept = self.limits.same_place(before.machine_mm, after.machine_mm)
             if not kept or after.state.startswith("Alarm"):
-                raise Fault(f"its position was lost as {before.state} was ended", lost=True)
+                raise TalkFault(f"its position was lost as {before.state} was ended", lost=True)
 
     def greet(self) -> list[str]:
         """Reset it and hear what it says, the banner first. Raises Fault when none comes."""
         heard = self.talk.greet()
         if not heard:
-            raise Fault("no banner after a reset (0x18)", lost=True)
+            raise TalkFault("no banner after a reset (0x18)", lost=True)
         self.banner, self.reset_due = heard[0], False
         return heard
 

@@ -1,6 +1,6 @@
 """What is said to a GRBL controller and heard from it: one line outstanding, every line answered.
 
-Nothing here knows of moves. What a host must react to is a `Fault`.
+Nothing here knows of moves. What a host must react to is a `TalkFault`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ STATUS_S = 0.5  # a `?` is answered within milliseconds
 LISTEN_S = 2.0  # after silence: time for a restarting controller to say so
 
 
-class Fault(Exception):
+class TalkFault(Exception):
     """What goes wrong in a talk. lost: it leaves the position in doubt."""
 
     def __init__(self, why: str, *, lost: bool = False) -> None:
@@ -29,7 +29,7 @@ class Fault(Exception):
         self.lost = lost
 
 
-class NoAnswer(Fault):
+class NoAnswer(TalkFault):
     """A line was sent and neither its ok nor an error came back in time."""
 
 
@@ -85,7 +85,7 @@ class Talk:
                 self._swift |= self._port.now_ns() - sent_ns < self._port.on_wire_ns(length)
                 return data
             if text.startswith("error:"):
-                raise Fault(f"{line} was refused: {explain(text, ERRORS)}")
+                raise TalkFault(f"{line} was refused: {explain(text, ERRORS)}")
             _watch(text)
             data.append(text)
         raise NoAnswer(f"no answer to {line} within {limit_s:.1f} s", lost=True)
@@ -111,7 +111,7 @@ class Talk:
                 if found is None:
                     _watch(text)
                 elif found[2] == "W":
-                    raise Fault("status reports give the work position; set $10=1 or $10=3")
+                    raise TalkFault("status reports give the work position; set $10=1 or $10=3")
                 elif not stopped:
                     rate = RATE.search(text)
                     t_s, within_s = self._true_at(asked_ns, len(text) + len("\r\n"))
@@ -122,7 +122,7 @@ class Talk:
                         t_s,
                         within_s,
                     )
-        raise Fault(f"no answer to '?' within {2 * STATUS_S:g} s{stopped}", lost=True)
+        raise TalkFault(f"no answer to '?' within {2 * STATUS_S:g} s{stopped}", lost=True)
 
     def overhear(self) -> None:
         """What has come in whole lines, without any wait."""
@@ -159,8 +159,8 @@ class Talk:
 def _watch(text: str) -> None:
     """Raise for what nobody asked to hear: an alarm, or the banner of a restart."""
     if text.startswith("ALARM:"):
-        raise Fault(f"{explain(text, ALARMS)}; home again", lost=True)
+        raise TalkFault(f"{explain(text, ALARMS)}; home again", lost=True)
     if found := BANNER.search(text):
-        raise Fault(
+        raise TalkFault(
             f"the controller restarted ({found[0]}): its position is lost, home again", lost=True
         )

@@ -21,14 +21,14 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING, Any
 
+from ...aliases import Vector
 from ...errors import InputError
 from ...optics import StageFrame
-from ...types import Vector
 from ...units import to_ns
 from ..interface import Clock, StageState
 from . import jogs
 from .controller import JOG_CANCEL, Controller
-from .exchange import RESET, Fault
+from .exchange import RESET, TalkFault
 from .grbl_messages import BANNER, SETTING, state_in_words
 from .limits import Limits
 from .settings import Needs, SettingRow, judge, refusal
@@ -107,7 +107,7 @@ class GrblStage:
             self._c.meet()
             version = BANNER.search(self._c.banner)
             if version is not None and (int(version[1]), int(version[2])) < (1, 1):
-                raise Fault(f"found {version[0]!r}; jogging needs GRBL 1.1 or later")
+                raise TalkFault(f"found {version[0]!r}; jogging needs GRBL 1.1 or later")
             self._info = [d for d in self._c.talk.command("$I") if d.startswith("[")]
             found = (SETTING.match(d) for d in self._c.talk.command("$$"))
             settings = {int(m[1]): float(m[2]) for m in found if m}
@@ -115,7 +115,7 @@ class GrblStage:
             self.judged = judge(settings, self._info, self._needs)
             self._unfit = "its settings were refused: set them right and connect again"
             if why := refusal(self.judged):
-                raise Fault(why)
+                raise TalkFault(why)
             self._unfit = ""
 
     def home(self) -> None:
@@ -127,19 +127,19 @@ class GrblStage:
         self._c.cancelled = False
         with self._c.exchange():
             if not self._c.port.is_open or self._unfit:
-                raise Fault(self._c.trouble or self._unfit)
+                raise TalkFault(self._c.trouble or self._unfit)
             if self._c.reset_due:
                 self.reset()
             self._c.forget()
             self._c.rest(alarmed=True)
             self._c.homing = True
             if self._c.cancelled:
-                raise Fault("stopped before homing")
+                raise TalkFault("stopped before homing")
             self._c.talk.command("$H", self._c.limits.homing_s())
             self._c.homing = False
             state = self._c.status()
             if state.state != "Idle":
-                raise Fault(f"{state_in_words(state.state)} after homing, expected Idle")
+                raise TalkFault(f"{state_in_words(state.state)} after homing, expected Idle")
             self._c.at_mm = state.machine_mm
             self._c.homed = True
 
@@ -154,7 +154,7 @@ class GrblStage:
         with self._c.exchange():
             self._c.require_ready()
             if self._c.move is not None:
-                raise Fault("a move is under way: wait for it or stop it first")
+                raise TalkFault("a move is under way: wait for it or stop it first")
             if self._c.stopping:
                 self.stop()
             return jogs.begin(self._c, self._frame.to_machine_mm(target_mm), feed_mm_min)
@@ -168,7 +168,7 @@ class GrblStage:
         with self._c.exchange():
             self._c.require_ready()
             if self._c.move is None and self._c.stopping:
-                raise Fault("the last move was told to stop")
+                raise TalkFault("the last move was told to stop")
         move = self._c.move
         return self.poll() if move is None else jogs.follow(self._c, move)
 
@@ -212,7 +212,7 @@ class GrblStage:
         self._c.port.blurt(JOG_CANCEL)
         with self._c.exchange():
             if self._c.trouble:
-                raise Fault(self._c.trouble)
+                raise TalkFault(self._c.trouble)
             if not self._c.homed:
                 return  # no move was begun
             self._c.rest()

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from ...aliases import Vector
 from ...errors import InputError
 from ...protocols.motion import minus, move_duration_s
-from ...types import Vector
 from ..interface import StageState
 from .controller import JOG_CANCEL, MARGIN_S, POLL_END_S, Controller, Move, in_mm
-from .exchange import Fault, NoAnswer
+from .exchange import NoAnswer, TalkFault
 from .grbl_messages import state_in_words
 from .settings import AXES
 
@@ -32,7 +32,7 @@ def begin(c: Controller, target_mm: Vector, feed_mm_min: float) -> float:
     c.talk.drain()
     c.move = Move(machine, c.port.now_ns(), planned_s)
     if c.cancelled:
-        raise Fault("stopped before it moved")
+        raise TalkFault("stopped before it moved")
     _send(c, f"$J=G90G21G53{words}F{feed_mm_min:.3f}")
     if c.cancelled:  # while the line was read, which drops the byte
         c.port.write(JOG_CANCEL)
@@ -58,16 +58,16 @@ def follow(c: Controller, move: Move) -> StageState:
                 idle_short += 1
                 if idle_short == 2:
                     c.move = None
-                    raise Fault(
+                    raise TalkFault(
                         f"stopped at {in_mm(state.machine_mm)} short of {in_mm(move.target_mm)}"
                     )
             elif state.state != "Jog":
-                raise Fault(
+                raise TalkFault(
                     f"{state_in_words(state.state)} during a move to {in_mm(move.target_mm)}, "
                     "expected Jog"
                 )
             if move.since_s(c.port.now_ns()) > limit_s:
-                raise Fault(
+                raise TalkFault(
                     f"still {state.state} at {in_mm(state.machine_mm)} after {limit_s:.1f} s; the "
                     f"move to {in_mm(move.target_mm)} was planned to take {move.planned_s:.1f} s"
                 )
@@ -92,7 +92,7 @@ def poll(c: Controller) -> StageState:
     """Ask once. Raises StageError for an alarm, a restart or silence: the first reason is told."""
     with c.exchange():
         if c.trouble:
-            raise Fault(c.trouble)
+            raise TalkFault(c.trouble)
         state = c.status()
         c.at_mm = state.machine_mm
         c.require_position(state)
@@ -109,6 +109,6 @@ def _send(c: Controller, line: str) -> None:
         halted = c.halt()
         state = c.status().state
         if state.partition(":")[0] not in ("Hold", "Door"):
-            raise Fault(f"{why.why}{halted}", lost=True) from why
+            raise TalkFault(f"{why.why}{halted}", lost=True) from why
         # The line waits in the controller: the reset of the next `stop` is what forgets it.
-        raise Fault(f"{state_in_words(state)}: no move begins{halted}") from why
+        raise TalkFault(f"{state_in_words(state)}: no move begins{halted}") from why

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from ...types import Vector
+from ...aliases import Vector
 from .settings import AXES
 
 HOMING_MARGIN_S = 10.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...types import Vector
+from ...aliases import Vector
 from ..interface import Stage
 
 LIFT_FEED_MM_MIN = 120.0

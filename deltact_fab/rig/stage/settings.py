@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from ...types import Vector
+from ...aliases import Vector
 from .grbl_messages import OPTIONS
 
 AXES = "XYZ"

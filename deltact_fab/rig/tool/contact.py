@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import Field
+from ...aliases import Field
 from ...shapes import Indenter
 from ...shapes.tips import EllipsoidTip, SphereTip
 
@@ -16,7 +16,7 @@ ROUNDS = 4
 
 
 @dataclass(frozen=True)
-class Contact:
+class ContactFit:
     """Height of the face (mm), the power of the depth that the force rises with, what is left."""
 
     z_mm: float
@@ -35,7 +35,7 @@ def powers_of(indenter: Indenter) -> tuple[float, ...]:
     return (1.0, 1.25, 1.5)
 
 
-def fit(z_mm: Sequence[float], force_n: Sequence[float], powers: Sequence[float]) -> Contact:
+def fit(z_mm: Sequence[float], force_n: Sequence[float], powers: Sequence[float]) -> ContactFit:
     """The height from which down the force rises: b + a (z0 - z)^power below z0, b above.
 
     z_mm, force_n: (n,) going down, the first ones clear of the face. a and b follow from z0 by
@@ -47,7 +47,7 @@ def fit(z_mm: Sequence[float], force_n: Sequence[float], powers: Sequence[float]
     return min(found, key=lambda contact: contact.residual_n)
 
 
-def _fitted(z: Field, force: Field, power: float) -> Contact:
+def _fitted(z: Field, force: Field, power: float) -> ContactFit:
     low, high = float(z.min()), float(z.max())
     best, residual = high, np.inf
     for _ in range(ROUNDS):
@@ -59,7 +59,7 @@ def _fitted(z: Field, force: Field, power: float) -> Contact:
         best, residual = float(candidates[same].mean()), float(left[k])
         step = candidates[1] - candidates[0]
         low, high = float(candidates[same[0]] - step), float(candidates[same[-1]] + step)
-    return Contact(best, power, float(np.sqrt(residual / len(z))))
+    return ContactFit(best, power, float(np.sqrt(residual / len(z))))
 
 
 def _left_n2(z: Field, force: Field, power: float, candidates: Field) -> Field:

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Field
+from ...aliases import Field, Vector
 from ...errors import SensorError
-from ...types import Vector
 from ...units import to_ns
 from ..interface import Clock, ForceSamples, ForceSensor, Stage
 
@@ -25,7 +24,7 @@ MEAN_S = 0.05
 LEAST = 3  # samples in a mean
 
 
-class Feeler:
+class ForceProbe:
     """Moves a stage with the force sensor read all the while, and the guard looking on.
 
     Forces are those since `tare` (N, on the sensor). Raises SensorError for a saturated sample or a

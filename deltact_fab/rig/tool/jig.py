@@ -13,13 +13,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from ...aliases import Vector
 from ...errors import RunFailed, SensorError
 from ...optics import StageFrame
-from ...types import Vector
 from ..interface import Stage
 from ..stage.moves import go
 from .config import JigConfig, TouchConfig
-from .feeler import Feeler
+from .feeler import ForceProbe
 from .touch import LOWERING, MOST, STEP_MM
 
 if TYPE_CHECKING:
@@ -29,14 +29,14 @@ STRIDE_MM = 0.2
 BELOW_MM = 1.0  # the ball's widest place under the jig's top
 BACK_MM = 0.1
 OFF_MM = 0.5  # of the declared size, at most
-MOST_TURN_DEG = 5.0
+MAX_TURN_DEG = 5.0
 
 At = Callable[[float, float], Vector]
 Side = tuple[float, float]  # a unit vector out of the block
 
 
 @dataclass(frozen=True)
-class Placed:
+class JigPlacement:
     """By how much the block lies off the frame, in its own axes (mm, degrees), and its size."""
 
     x_mm: float
@@ -55,7 +55,7 @@ class JigTouch:
     """Touches the sides of a block with a ball, in the stage's frame, whose z = 0 is the face."""
 
     def __init__(
-        self, stage: Stage, feeler: Feeler, config: TouchConfig, jig: JigConfig, ball: Indenter
+        self, stage: Stage, feeler: ForceProbe, config: TouchConfig, jig: JigConfig, ball: Indenter
     ) -> None:
         self._stage = stage
         self._feeler = feeler
@@ -64,7 +64,7 @@ class JigTouch:
         self._radius_mm = ball.footprint_half_mm[0]
         self._low_mm = jig.top_mm - BELOW_MM - self._radius_mm
 
-    def find(self) -> Placed:
+    def find(self) -> JigPlacement:
         """Touch all sides, one of them twice. Raises SensorError or RunFailed; the tip is up then,
         unless the stage is at fault."""
         half_x, half_y = self._jig.half_mm
@@ -89,12 +89,12 @@ class JigTouch:
                     f"the jig is {2 * got:.2f} mm wide along {axis}, and touch.jig.half_mm says "
                     f"{2 * said:g}: another jig, or another ball"
                 )
-        if abs(math.degrees(turn)) > MOST_TURN_DEG:
+        if abs(math.degrees(turn)) > MAX_TURN_DEG:
             raise RunFailed(
                 f"the jig is turned by {math.degrees(turn):.1f} degrees, more than "
-                f"{MOST_TURN_DEG:g}: put it straight"
+                f"{MAX_TURN_DEG:g}: put it straight"
             )
-        return Placed(*middle, math.degrees(turn), (size[0], size[1]))
+        return JigPlacement(*middle, math.degrees(turn), (size[0], size[1]))
 
     def _touch(self, side: Side, along_mm: float, high_mm: float) -> float:
         """One side at a place along it; where the ball's middle met it, on that side's axis.

@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 
+from ...aliases import Vector
 from ...errors import DeltactFabError, RunFailed
 from ...shapes import Indenter
-from ...types import Vector
 from ..interface import Stage
 from ..stage.moves import go, rise
 from .config import TouchConfig
-from .feeler import Feeler
+from .feeler import ForceProbe
 from .operator import Operator
-from .touch import LOWERING, MOST, Touch
+from .touch import LOWERING, MOST, FaceTouch
 
 STEPS_MM = (1.0, 0.1, 0.01)
 HELP = (
@@ -29,14 +29,14 @@ class HandTouch:
     """
 
     def __init__(
-        self, stage: Stage, feeler: Feeler, operator: Operator, config: TouchConfig
+        self, stage: Stage, feeler: ForceProbe, operator: Operator, config: TouchConfig
     ) -> None:
         self._stage = stage
         self._feeler = feeler
         self._operator = operator
         self._config = config
 
-    def find(self, indenter: Indenter, at_mm: tuple[float, float]) -> Touch:
+    def find(self, indenter: Indenter, at_mm: tuple[float, float]) -> FaceTouch:
         """Go above the point, let the operator step down, and up again to the height of the start.
 
         Heights are those of the stage's frame. Raises RunFailed when the operator gives up; the tip
@@ -68,7 +68,7 @@ class HandTouch:
                 f"at most {config.spread_mm:g} (touch.spread_mm); begin again"
             )
         z_mm = sum(found) / len(found) - config.gauge_mm
-        return Touch("hand", at_mm, round(z_mm, 4), round(spread_mm, 4), len(found))
+        return FaceTouch("hand", at_mm, round(z_mm, 4), round(spread_mm, 4), len(found))
 
     def _once(self, indenter: Indenter, at_mm: tuple[float, float]) -> float:
         """One touch; height of the tip when the operator says that it drags."""

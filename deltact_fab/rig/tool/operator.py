@@ -20,7 +20,7 @@ class Operator(Protocol):
         """Wait for a line, without blanks at its ends. Raises RunFailed when none can come."""
 
 
-class Terminal:
+class TerminalOperator:
     """Asks on standard error and reads lines of standard input."""
 
     def tell(self, text: str) -> None:

@@ -13,18 +13,18 @@ from itertools import combinations
 
 import numpy as np
 
+from ...aliases import Vector
 from ...errors import InputError, RunFailed
 from ...optics import StageFrame
 from ...shapes import Indenter, SkinDimensions
-from ...types import Vector
 from .contact import powers_of
-from .jig import Placed
-from .touch import Touch
+from .jig import JigPlacement
+from .touch import FaceTouch
 
-MOST_TILT_DEG = 2.0
-MOST_RESIDUAL_MM = 0.1
+MAX_TILT_DEG = 2.0
+MAX_RESIDUAL_MM = 0.1
 REACH = 0.7  # of what the face leaves to the indenter's middle
-LEAST_AREA = 0.05  # of the face, of the largest triangle among the places
+MIN_AREA = 0.05  # of the face, of the largest triangle among the places
 
 Place = tuple[float, float]
 
@@ -39,9 +39,9 @@ class Registration:
     frame: StageFrame
     indenter: str
     by: str
-    touches: tuple[tuple[Touch, Vector], ...]
+    touches: tuple[tuple[FaceTouch, Vector], ...]
     residual_mm: float
-    placed: Placed | None = None
+    placed: JigPlacement | None = None
     """By a jig; None: x, y and angle_deg are the rig file's."""
 
     @property
@@ -109,7 +109,7 @@ def require_fit(skin: SkinDimensions, indenter: Indenter, places: Sequence[Place
                 f"--at {place[0]:g},{place[1]:g}: {indenter.name} does not fit on the face of "
                 f"{2 * half[0]:g} x {2 * half[1]:g} mm there"
             )
-    least_mm2 = LEAST_AREA * 4 * half[0] * half[1]
+    least_mm2 = MIN_AREA * 4 * half[0] * half[1]
     if len(places) < 3 or _largest_mm2(places) < least_mm2:
         raise InputError(
             "--at: three places at least are needed, and not in a line: the largest triangle of "
@@ -118,7 +118,7 @@ def require_fit(skin: SkinDimensions, indenter: Indenter, places: Sequence[Place
 
 
 def register(
-    find: Callable[[Place], Touch],
+    find: Callable[[Place], FaceTouch],
     frame: StageFrame,
     longer_mm: float,
     indenter: Indenter,
@@ -127,8 +127,8 @@ def register(
     """Touch at each place, and fit the plane.
 
     find: touches there, with heights in `frame`, which is that of the mounted tool; longer_mm: than
-    the reference tool it is. Raises RunFailed for a tilt over MOST_TILT_DEG, or touches that lie
-    further than MOST_RESIDUAL_MM from their plane.
+    the reference tool it is. Raises RunFailed for a tilt over MAX_TILT_DEG, or touches that lie
+    further than MAX_RESIDUAL_MM from their plane.
     """
     touches = [find(place) for place in places]
     machine = [frame.to_machine_mm((*t.at_mm, t.z_mm)) for t in touches]
@@ -141,15 +141,15 @@ def register(
     found = replace(frame, origin_machine_mm=(x, y, z)).facing((-along_x, -along_y, 1.0))
     rows = tuple(zip(touches, machine, strict=True))
     result = Registration(found, indenter.name, touches[0].by, rows, residual_mm)
-    if result.tilt_deg > MOST_TILT_DEG:
+    if result.tilt_deg > MAX_TILT_DEG:
         raise RunFailed(
             f"the face is tilted by {result.tilt_deg:.2f} degrees against the stage, more than "
-            f"{MOST_TILT_DEG:g}: put the sensor level and register again"
+            f"{MAX_TILT_DEG:g}: put the sensor level and register again"
         )
-    if residual_mm > MOST_RESIDUAL_MM:
+    if residual_mm > MAX_RESIDUAL_MM:
         raise RunFailed(
             f"the touches lie up to {residual_mm:.3f} mm from one plane, more than "
-            f"{MOST_RESIDUAL_MM:g}: something moved, or the face is not flat"
+            f"{MAX_RESIDUAL_MM:g}: something moved, or the face is not flat"
         )
     return result
 

@@ -20,13 +20,13 @@ from ..run.interrupt import interruptible
 from ..stage.firmware import open_stage
 from ..stage.moves import LIFT_FEED_MM_MIN
 from .config import JigConfig, TouchConfig
-from .feeler import Feeler
+from .feeler import ForceProbe
 from .homing import LIFT_MM, home_safely
 from .jig import JigTouch
 from .operator import Operator, confirm
 from .register import Place, Registration, places_for, register, require_fit
 from .tooling import raised
-from .touch import Touch
+from .touch import FaceTouch
 from .touch_off import find_face
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 @dataclass
-class Bench:
+class GuardedStage:
     """A stage that is homed, with its force sensor and the guard on it."""
 
     clock: Clock
@@ -46,7 +46,7 @@ class Bench:
 @contextmanager
 def homed(
     config: GrblConfig, source: Path, operator: Operator, tip_is_clear: bool = False
-) -> Iterator[Bench]:
+) -> Iterator[GuardedStage]:
     """Open and home the bench of a rig file; lift the tip and close all, however it ends.
 
     Raises InputError for a rig without a force sensor, and whatever the devices raise; Stopped
@@ -72,7 +72,7 @@ def homed(
             try:
                 stage.connect()
                 home_safely(stage, clock, force, operator, tip_is_clear=tip_is_clear, guard=guard)
-                yield Bench(clock, stage, force, guard)
+                yield GuardedStage(clock, stage, force, guard)
             except StageError:
                 raise
             except BaseException as why:
@@ -85,7 +85,7 @@ def homed(
 
 
 @dataclass(frozen=True)
-class Wanted:
+class RegistrationRequest:
     """A registration as it was asked for, judged: a ball, places that it fits at, how it touches.
 
     longer_mm: than the reference tool it is. jig: None where its sides are not touched.
@@ -106,7 +106,7 @@ def wanted(
     places: tuple[Place, ...] = (),
     by: str | None = None,
     jig: bool = False,
-) -> Wanted:
+) -> RegistrationRequest:
     """Judge what was asked for, before a device is opened. Raises InputError.
 
     places: none is four of them. by: instead of the rig file's. jig: touch its sides too, for place
@@ -123,10 +123,12 @@ def wanted(
     places = places or places_for(sensor.skin, ball)
     require_fit(sensor.skin, ball, places)
     longer_mm = config.tools[ball.name].length_mm if ball.name in config.tools else 0.0
-    return Wanted(ball, places, touch, longer_mm, touch.jig if jig else None)
+    return RegistrationRequest(ball, places, touch, longer_mm, touch.jig if jig else None)
 
 
-def register_face(bench: Bench, asked: Wanted, operator: Operator) -> Registration:
+def register_face(
+    bench: GuardedStage, asked: RegistrationRequest, operator: Operator
+) -> Registration:
     """Have the ball mounted, touch the face at each place, and fit where it lies.
 
     Raises RunFailed, SensorError, StageError.
@@ -136,14 +138,14 @@ def register_face(bench: Bench, asked: Wanted, operator: Operator) -> Registrati
     frame = raised(stage.frame, asked.longer_mm)
     stage.set_frame(frame)
 
-    def find(place: Place) -> Touch:
+    def find(place: Place) -> FaceTouch:
         return find_face(stage, bench.force, bench.clock, bench.guard, touch, operator, ball, place)
 
     found = register(find, frame, asked.longer_mm, ball, asked.places)
     if asked.jig is None:
         return found
     stage.set_frame(raised(found.frame, asked.longer_mm))
-    feeler = Feeler(stage, bench.force, bench.clock, bench.guard)
+    feeler = ForceProbe(stage, bench.force, bench.clock, bench.guard)
     placed = JigTouch(stage, feeler, touch, asked.jig, ball).find()
     return replace(found, frame=placed.frame(found.frame), placed=placed)
 

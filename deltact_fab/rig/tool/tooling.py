@@ -18,12 +18,12 @@ from ...errors import InputError, RunFailed
 from ...files import write_whole
 from ...shapes.indenter import parse as parse_indenter
 from ..interface import Clock, ForceSensor, Stage
-from ..job import Job
+from ..job import RigSetup
 from ..stage.moves import go
 from .config import ToolConfig, TouchConfig
 from .homing import clear_the_face
-from .operator import Operator, Terminal, confirm
-from .touch import TRAVEL_FEED_MM_MIN, Touch
+from .operator import Operator, TerminalOperator, confirm
+from .touch import TRAVEL_FEED_MM_MIN, FaceTouch
 from .touch_off import find_face
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class Tooling:
 
     def __init__(
         self,
-        job: Job,
+        job: RigSetup,
         stage: Stage,
         clock: Clock,
         force: ForceSensor | None = None,
@@ -60,7 +60,7 @@ class Tooling:
         self._guard = guard
         self._touch = touch
         self._tools = dict(tools or {})
-        self._operator = None if job.unattended else operator or Terminal()
+        self._operator = None if job.unattended else operator or TerminalOperator()
         self._frame: StageFrame = stage.frame  # of the tool that the origin was measured with
         self._base = ""
         self._mounted: dict[str, dict[str, Any]] = {}  # of this session, by indenter
@@ -113,7 +113,7 @@ class Tooling:
             "indenters": dict(self._mounted),
         }
 
-    def _find(self, name: str) -> Touch:
+    def _find(self, name: str) -> FaceTouch:
         config = self._touch
         if config is None:
             raise InputError("[touch] is missing in the rig file: nothing says where the face is")
@@ -141,7 +141,7 @@ class Tooling:
         return moved_mm
 
     def _keep(
-        self, name: str, touch: Touch, machine_mm: tuple[float, float, float], longer_mm: float
+        self, name: str, touch: FaceTouch, machine_mm: tuple[float, float, float], longer_mm: float
     ) -> None:
         row = {
             "indenter": name,

@@ -12,14 +12,14 @@ from contextlib import nullcontext, suppress
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
+from ...aliases import Vector
 from ...errors import DeltactFabError, SensorError, StageError
 from ...shapes import Indenter
-from ...types import Vector
 from ..interface import Clock, ForceSensor, Stage
 from ..stage.moves import go, rise
 from .config import TouchConfig
-from .contact import Contact, fit, powers_of
-from .feeler import Feeler
+from .contact import ContactFit, fit, powers_of
+from .feeler import ForceProbe
 
 if TYPE_CHECKING:
     from ..force.guard import ForceGuard
@@ -37,7 +37,7 @@ MOST = 5.0  # times the threshold: no deeper, however few the poses
 
 
 @dataclass(frozen=True)
-class Touch:
+class FaceTouch:
     """Where a tip met the face, and how well that is known.
 
     z_mm: height of the face in the frame that the stage had, at at_mm. spread_mm: between repeats.
@@ -81,7 +81,7 @@ class ForceTouch:
         self._guard = guard
         self._config = config
 
-    def find(self, indenter: Indenter, at_mm: tuple[float, float]) -> Touch:
+    def find(self, indenter: Indenter, at_mm: tuple[float, float]) -> FaceTouch:
         """Go there, touch as often as configured, and up again to the height of the start.
 
         Heights are those of the stage's frame, whose z = 0 is where the face is expected. Raises
@@ -90,7 +90,7 @@ class ForceTouch:
         """
         x, y, start_mm = self._stage.position_mm()
         high_mm = max(start_mm, self._config.clear_mm)
-        feeler = Feeler(self._stage, self._force, self._clock, self._guard)
+        feeler = ForceProbe(self._stage, self._force, self._clock, self._guard)
         try:
             noise_n = self._tare(feeler, (x, y), at_mm, high_mm)
             found = self._touches(feeler, indenter, at_mm)
@@ -113,14 +113,18 @@ class ForceTouch:
                 f"apart, at most {self._config.spread_mm:g} (touch.spread_mm): is the indenter "
                 "loose, or the sensor?"
             )
-        return Touch(
+        return FaceTouch(
             "force", at_mm, round(sum(heights) / len(heights), 4), round(spread_mm, 4),
             len(heights), round(noise_n, 5), round(max(c.residual_n for c in found), 5),
             round(feeler.most_n, 3),
         )  # fmt: skip
 
     def _tare(
-        self, feeler: Feeler, here: tuple[float, float], at_mm: tuple[float, float], high_mm: float
+        self,
+        feeler: ForceProbe,
+        here: tuple[float, float],
+        at_mm: tuple[float, float],
+        high_mm: float,
     ) -> float:
         """Above the point, tare; returns the noise."""
         self._go((*here, high_mm))
@@ -135,8 +139,8 @@ class ForceTouch:
         return noise_n
 
     def _touches(
-        self, feeler: Feeler, indenter: Indenter, at_mm: tuple[float, float]
-    ) -> list[Contact]:
+        self, feeler: ForceProbe, indenter: Indenter, at_mm: tuple[float, float]
+    ) -> list[ContactFit]:
         config = self._config
         if self._descend(feeler, at_mm, config.clear_mm, config.feed_mm_min * LOWERING):
             self._too_early()
@@ -156,7 +160,7 @@ class ForceTouch:
         return found
 
     def _descend(
-        self, feeler: Feeler, at_mm: tuple[float, float], to_mm: float, feed_mm_min: float
+        self, feeler: ForceProbe, at_mm: tuple[float, float], to_mm: float, feed_mm_min: float
     ) -> bool:
         """Down by strides; True as soon as a contact is felt."""
         z = self._stage.position_mm()[2]
@@ -174,7 +178,7 @@ class ForceTouch:
             "in the way?"
         )
 
-    def _require_a_press(self, feeler: Feeler) -> None:
+    def _require_a_press(self, feeler: ForceProbe) -> None:
         force = feeler.at_rest()
         if -force[2] < 0.5 * float((force**2).sum()) ** 0.5:
             raise SensorError(
@@ -184,7 +188,7 @@ class ForceTouch:
                 )
             )
 
-    def _back_off(self, feeler: Feeler) -> None:
+    def _back_off(self, feeler: ForceProbe) -> None:
         """Up until nothing is felt, and a little more."""
         for _ in range(OFF_TIMES):
             x, y, z = self._stage.position_mm()
@@ -198,7 +202,7 @@ class ForceTouch:
             "sensor drifts, or the gel sticks to the indenter"
         )
 
-    def _step_down(self, feeler: Feeler, powers: tuple[float, ...]) -> Contact:
+    def _step_down(self, feeler: ForceProbe, powers: tuple[float, ...]) -> ContactFit:
         """Down by steps through the face; its height."""
         config = self._config
         heights: list[float] = []

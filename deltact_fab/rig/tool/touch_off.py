@@ -8,10 +8,10 @@ from ...errors import InputError
 from ...shapes import Indenter
 from ..interface import Clock, ForceSensor, Stage
 from .config import TouchConfig
-from .feeler import Feeler
+from .feeler import ForceProbe
 from .manual_touch import HandTouch
 from .operator import Operator
-from .touch import ForceTouch, Touch
+from .touch import FaceTouch, ForceTouch
 
 if TYPE_CHECKING:
     from ..force.guard import ForceGuard
@@ -26,7 +26,7 @@ def find_face(
     operator: Operator | None,
     indenter: Indenter,
     at_mm: tuple[float, float],
-) -> Touch:
+) -> FaceTouch:
     """Where the face is below a point of it (mm, the stage's frame). operator: None is nobody.
 
     Raises InputError, RunFailed, SensorError, StageError.
@@ -35,5 +35,5 @@ def find_face(
         return ForceTouch(stage, force, clock, guard, config).find(indenter, at_mm)
     if operator is None:
         raise InputError("touch.by = 'hand' needs somebody there: not with --unattended")
-    feeler = Feeler(stage, force, clock, guard)
+    feeler = ForceProbe(stage, force, clock, guard)
     return HandTouch(stage, feeler, operator, config).find(indenter, at_mm)

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...aliases import Array
 from ...analysis.force import FORCES, ForceData, ForceResult, component, fit
-from ...analysis.force.judge import Judged
-from ...arrays import Array
+from ...analysis.force.judge import EvaluatedModel
 from ...errors import InputError
 from ...measure.force import ForceModel
 
@@ -20,12 +20,12 @@ BIASED = 0.5
 """Of the square of an error, from which on its mean over a group is most of it."""
 
 
-def error(judged: Judged, data: ForceData, left_out: str, name: str) -> Array:
+def error(judged: EvaluatedModel, data: ForceData, left_out: str, name: str) -> Array:
     """Predicted less measured (n,) of a component of `FORCES`, N; left_out: a key of predicted."""
     return component(judged.predicted[left_out], name) - component(data.wrench, name)
 
 
-def by_group(result: ForceResult, models: dict[str, Judged]) -> pd.DataFrame:
+def by_group(result: ForceResult, models: dict[str, EvaluatedModel]) -> pd.DataFrame:
     """Error on each position and indenter when it was left out, a row a model, group and force."""
     import pandas as pd
 
@@ -110,7 +110,7 @@ def _row(fitted_to: str, judged_on: str, fits: int, off: Array) -> dict[str, Any
             "normal_n": fz, "shear_x_n": fx, "shear_y_n": fy, "normal_mean_n": mean_n}  # fmt: skip
 
 
-def under_shear(judged: Judged, data: ForceData) -> tuple[float, float] | None:
+def under_shear(judged: EvaluatedModel, data: ForceData) -> tuple[float, float] | None:
     """How much normal force varies at one depth of a press, where only shear changes, N.
 
     Measured, and as the model says it: standard deviations about the mean of the stops there. None

@@ -25,7 +25,7 @@ from ...gel.level import Choice, Reach
 from ...gel.level_selection import SHARE, pick
 from ...measure.force import FEATURES
 from ...measure.force.calibration import ForceCalibration
-from ...measure.sensor_id import Head, Made, SensorId
+from ...measure.sensor_id import CalibrationSource, Head, SensorId
 from ...measure.view import SensorView
 from ...patterns.recipe import load_recipe
 from ...protocols import limits, plan
@@ -38,8 +38,8 @@ from ...virtual.paths import PressPath, poses
 from ...virtual.presses import Presses
 from ...virtual.rig import VirtualKind
 from ..gel_summary import interpolation
-from ..grid import Job
-from ..request import Asked
+from ..grid import GridJob
+from ..request import StudyRequest
 from . import press
 from .scaled import scaled
 
@@ -52,7 +52,7 @@ KNOT_S, FRAME_S = 2.0, 0.25
 
 
 @dataclass(frozen=True)
-class Scene:
+class ForceScene:
     """A protocol on a virtual rig, checked; nothing has run yet. source: of the rig file."""
 
     protocol: Protocol
@@ -78,19 +78,19 @@ class Scene:
 
 
 @dataclass(frozen=True)
-class Simulated:
+class SimulatedForces:
     """The results of a scene. gel: of every job, what `press.points` reports of its gel.
 
     missing: the jobs without a result, by name, and why.
     """
 
-    scene: Scene
+    scene: ForceScene
     result: ForceResult
     gel: list[dict[str, Any]]
     missing: dict[str, str]
 
 
-def scene(asked: Asked) -> Scene:
+def scene(asked: StudyRequest) -> ForceScene:
     """The scene that was asked for. Raises InputError, one line, for one that cannot be used."""
     protocol, source = plan.load(asked.more.get("protocol") or PROTOCOL)
     rig, rig_path = rig_config.load(asked.rig or RIG)
@@ -118,15 +118,15 @@ def scene(asked: Asked) -> Scene:
     if refused := kind.refusals(protocol, sensor, str(source)):
         raise InputError(refused[0])
     chosen = tuple(_picked(protocol, sensor, rig, name) for name in protocol.indenters)
-    return Scene(protocol, rig, asked.rig or RIG, rig_path, sensor, chosen)
+    return ForceScene(protocol, rig, asked.rig or RIG, rig_path, sensor, chosen)
 
 
-def simulate(asked: Asked) -> Simulated:
+def simulate(asked: StudyRequest) -> SimulatedForces:
     """Every point of the scene that was asked for, judged. Raises InputError, RunFailed."""
     of = scene(asked)
     recipe = load_recipe(of.protocol.specimen.pattern)
     jobs = [
-        Job(
+        GridJob(
             name,
             press.points,
             press.given(
@@ -149,9 +149,9 @@ def simulate(asked: Asked) -> Simulated:
             view.camera, recipe.model_dump(mode="json"), of.protocol.specimen.design,
             of.protocol.specimen.serial,
         ),
-        Made((of.protocol.name,), True, __version__, asked.seed),
+        CalibrationSource((of.protocol.name,), True, __version__, asked.seed),
     )  # fmt: skip
-    return Simulated(of, _judged(data, head, view, asked.seed), done, dict(grid.missing))
+    return SimulatedForces(of, _judged(data, head, view, asked.seed), done, dict(grid.missing))
 
 
 def _judged(data: ForceData, head: Head, view: SensorView, seed: int) -> ForceResult:
@@ -164,7 +164,7 @@ def _judged(data: ForceData, head: Head, view: SensorView, seed: int) -> ForceRe
     return ForceResult(data, judged, kept, seed, left_out, curves_of(data, best, seed))
 
 
-def _seconds(of: Scene, paths: Sequence[PressPath]) -> float:
+def _seconds(of: ForceScene, paths: Sequence[PressPath]) -> float:
     """What a job takes on one core: its gel, solved half-way between too at a first place."""
     presses = Presses(of.protocol, of.sensor.skin, of.rig.virtual.gel)
     first = next(path for path in presses.paths if path.indenter == paths[0].indenter)
@@ -174,7 +174,7 @@ def _seconds(of: Scene, paths: Sequence[PressPath]) -> float:
     return KNOT_S * knots * (2 if first == paths[0] else 1) + FRAME_S * frames
 
 
-def _view(of: Scene) -> SensorView:
+def _view(of: ForceScene) -> SensorView:
     camera = of.kind.camera(of.protocol, of.sensor)
     assert camera is not None, "images are asked for"
     return SensorView(camera, of.sensor.skin, of.protocol.specimen.poisson)
@@ -196,7 +196,7 @@ def _picked(protocol: Protocol, sensor: SensorDimensions, rig: VirtualConfig, na
     )
 
 
-def settings(of: Scene, gel: Sequence[dict[str, Any]]) -> dict[str, str]:
+def settings(of: ForceScene, gel: Sequence[dict[str, Any]]) -> dict[str, str]:
     """What the points were made with, as a reader is shown it."""
     protocol, force = of.protocol, of.rig.force
     specimen, capture = protocol.specimen, protocol.capture
@@ -234,7 +234,7 @@ def settings(of: Scene, gel: Sequence[dict[str, Any]]) -> dict[str, str]:
     return found | interpolation(gel, "points")
 
 
-def _gel(of: Scene) -> str:
+def _gel(of: ForceScene) -> str:
     """Level and cells, and what the rig's cap on unknowns may make of the mesh's error."""
     tolerance = of.rig.virtual.gel.hyperelastic.tolerance
     levels = sorted({choice.level for choice in of.choices})

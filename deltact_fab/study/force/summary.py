@@ -16,10 +16,10 @@ from ...analysis.force import (
     component,
     enough,
 )
-from ...analysis.force.judge import Judged
+from ...analysis.force.judge import EvaluatedModel
 from ...analysis.force.learning import as_rows
 from ...report.force_figures import drawn
-from ...report.result import Headline, StudyResult, Table
+from ...report.result import Headline, ReportTable, StudyResult
 from ..intervals import Interval, rmse
 from ..modulus import MODULUS_FACTOR, remark
 from .reasons import by_group, error, parts, why_missed, why_not_the_papers
@@ -33,7 +33,7 @@ WORDS = {"normal": "normal force", "shear_x": "shear along x", "shear_y": "shear
 LEFT_OUT = {"position": "a position left out", "indenter": "an indenter left out"}
 
 
-def models(result: ForceResult) -> dict[str, Judged]:
+def models(result: ForceResult) -> dict[str, EvaluatedModel]:
     """The two that the study shows."""
     assert result.paper is not None, "it was asked for"
     return {"paper": result.paper, "best": result.best}
@@ -57,7 +57,7 @@ def told(result: ForceResult, study: str, scale: float | None) -> StudyResult:
         tables=(
             _compared(result),
             _left_out(where),
-            Table(
+            ReportTable(
                 "force-paper-refits",
                 "The paper's model fitted to parts. What it gains on a part of the points alone "
                 "is what one linear model of its sums cannot say of all. The last row is of "
@@ -72,7 +72,7 @@ def told(result: ForceResult, study: str, scale: float | None) -> StudyResult:
     )
 
 
-def with_modulus(told: StudyResult, modulus_mpa: float, table: Table) -> StudyResult:
+def with_modulus(told: StudyResult, modulus_mpa: float, table: ReportTable) -> StudyResult:
     """With what the modulus's factor changes."""
     rows = table.frame.to_dict(orient="records")
     note = remark(told.study, modulus_mpa)
@@ -87,7 +87,7 @@ def with_modulus(told: StudyResult, modulus_mpa: float, table: Table) -> StudyRe
 def modulus(
     result: ForceResult, modulus_mpa: float, range_n: tuple[float, ...],
     range_nmm: tuple[float, ...],
-) -> Table:  # fmt: skip
+) -> ReportTable:  # fmt: skip
     """Ranges, errors and the load on the force sensor, at the modulus and its two ends."""
     import pandas as pd
 
@@ -106,7 +106,7 @@ def modulus(
         row["of_sensor_force_range"] = float(share[:3].max())
         row["of_sensor_moment_range"] = float(share[3:].max())
         rows.append(row)
-    return Table(
+    return ReportTable(
         "force-modulus",
         "What the modulus's factor of 2 changes. Newtons, all alike, and how much of the force "
         "sensor's range the settled points take (above 1 they would be refused as saturated).",
@@ -114,7 +114,7 @@ def modulus(
     )
 
 
-def _interval(result: ForceResult, judged: Judged, left_out: str, name: str) -> Interval:
+def _interval(result: ForceResult, judged: EvaluatedModel, left_out: str, name: str) -> Interval:
     """RMSE of a component over what was left out; of test points over distinct presses."""
     points, off = result.data.points, error(judged, result.data, left_out, name)
     if left_out != "test":
@@ -219,7 +219,7 @@ def _data(result: ForceResult, heads: list[Headline]) -> dict[str, Any]:
     }
 
 
-def _compared(result: ForceResult) -> Table:
+def _compared(result: ForceResult) -> ReportTable:
     """Every feature set and the paper's table."""
     import pandas as pd
 
@@ -243,7 +243,7 @@ def _compared(result: ForceResult) -> Table:
     for name, (r2, rmse_n) in PAPER_TABLE.items():
         rows.append({"model": "as printed", "component": name, "unit": "N", "adjusted_r2": r2,
                      "rmse": rmse_n})  # fmt: skip
-    return Table(
+    return ReportTable(
         "force-models",
         "Every model. Ranked by what it makes of a left-out position and indenter; RMSE without "
         "more is of the test points. The last rows are the paper's table, of a real sensor.",
@@ -251,7 +251,7 @@ def _compared(result: ForceResult) -> Table:
     )
 
 
-def _left_out(where: pd.DataFrame) -> Table:
+def _left_out(where: pd.DataFrame) -> ReportTable:
     """A row a model and what was left out; columns as in normal_rmse_n."""
     keys = ["model", "left_out", "which", "points"]
     wide = where.pivot(index=keys, columns="force", values=["rmse_n", "mean_error_n", "gain"])
@@ -259,7 +259,7 @@ def _left_out(where: pd.DataFrame) -> Table:
     order = [f"{name}_{value}" for name in FORCES for value in ("rmse_n", "mean_error_n", "gain")]
     frame = wide[order].reset_index().sort_values(["model", "left_out"], ascending=[True, False])
     shown = (*keys, *(column for column in order if not column.endswith("gain")), "normal_gain")
-    return Table(
+    return ReportTable(
         "force-left-out",
         "What was left out. Error on each position (its mirror images with it) and each indenter "
         "by a model that never saw it; gain: predicted over measured.",
@@ -273,13 +273,13 @@ def _joined_names(columns: pd.Index) -> list[str]:
     return [f"{force}_{value}" for value, force in columns]
 
 
-def _learning(result: ForceResult) -> Table:
+def _learning(result: ForceResult) -> ReportTable:
     import pandas as pd
 
     rows = [
         {"model": name, **row} for name, curve in result.curves.items() for row in as_rows(curve)
     ]
-    return Table(
+    return ReportTable(
         "force-learning",
         "How many presses. Error on all other presses when a model is fitted to few, drawn at "
         "random; low and high are the 10th and 90th percentile of the draws.",

@@ -13,14 +13,14 @@ from typing import Any
 from ...patterns.recipe import PatternRecipe
 
 SIZES_MM = (0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6)
-LEAST_DOTS = 3.0
+MIN_DOTS = 3.0
 """Printer dots a patch: fewer, and halftone and misplaced ink leave none of its own colour."""
-LEAST_PX, MOST_PX = 1.5, 16.0
+MIN_PX, MAX_PX = 1.5, 16.0
 """Camera pixels a patch: fewer alias; in larger ones a matching window has no edge in it."""
 R = (0.1, 0.3, 0.6)
 SCALES = ((1, 2), (1, 2, 4), (1, 2, 4, 8))
 """Sides of octave noise's blocks, in patches."""
-MOST_OCTAVE_MM, MOST_RANDOM_MM = 0.2, 0.3
+MAX_OCTAVE_MM, MAX_RANDOM_MM = 0.2, 0.3
 """The one's coarse blocks give what larger patches would; of the other, larger ones are worse:
 where neighbours happen to be alike, there is nothing to follow."""
 PAPER = {"law": "algorithm1", "patch_mm": 0.075, "r": 0.6}
@@ -50,8 +50,8 @@ def candidates(mm_per_dot: float, mm_per_px: float) -> list[Candidate]:
     found = []
     for candidate in _all():
         size_mm = dict(candidate.keys)["patch_mm"]
-        printed = size_mm >= LEAST_DOTS * mm_per_dot * (1 - 1e-9)
-        seen = LEAST_PX * mm_per_px <= size_mm * (1 + 1e-9) and size_mm <= MOST_PX * mm_per_px
+        printed = size_mm >= MIN_DOTS * mm_per_dot * (1 - 1e-9)
+        seen = MIN_PX * mm_per_px <= size_mm * (1 + 1e-9) and size_mm <= MAX_PX * mm_per_px
         if (printed and seen) or candidate.is_paper:
             found.append(candidate)
     return found
@@ -62,9 +62,9 @@ def _all() -> Iterator[Candidate]:
         for r in R:
             yield _made(f"algorithm1 d {d:g} r {r:g}", "Algorithm 1",
                         law="algorithm1", patch_mm=d, r=r)  # fmt: skip
-        for law in ("iid", "binary") if d <= MOST_RANDOM_MM else ():
+        for law in ("iid", "binary") if d <= MAX_RANDOM_MM else ():
             yield _made(f"{law} d {d:g}", law, law=law, patch_mm=d)
-        for blocks in SCALES if d <= MOST_OCTAVE_MM else ():
+        for blocks in SCALES if d <= MAX_OCTAVE_MM else ():
             scales = tuple(round(d * side, 9) for side in blocks)
             words = "/".join(f"{scale:g}" for scale in scales)
             yield _made(f"octave {words}", "octave", law="octave", patch_mm=d, scales_mm=scales)

@@ -12,14 +12,14 @@ import numpy as np
 
 from ... import jobs
 from ...analysis.tracking_error.follow import Follower
-from ...analysis.tracking_error.scene import Scene
+from ...analysis.tracking_error.scene import TrackingPlan
 from ...catalog import validate
 from ...errors import SensorError
 from ...patterns.recipe import recipe_from
 from ...protocols.plan import Protocol
 from ...rig.config import VirtualConfig
-from ..stream import PressStream, Truth
-from .imager import Bench
+from ..stream import PressStream, StreamTruth
+from .imager import PatternImager
 
 SHOWN_MM = 3.0
 """Side of the square of the resting face that a picture shows."""
@@ -33,17 +33,17 @@ def confirm(given: dict[str, Any]) -> dict[str, Any]:
     `picture/NAME`: (side, side, 3) RGB of the resting face.
     """
     cv2.setNumThreads(1)  # DIS splits the image by thread
-    bench = Bench.from_dict(given["bench"])
+    bench = PatternImager.from_dict(given["bench"])
     config = with_bench(validate(VirtualConfig, given["rig"], "rig"), bench)
     protocol = validate(Protocol, given["protocol"], "pattern-search")
     stream = PressStream(protocol, given["press"], bench.design(), config)
-    truth, seed = Truth(stream), given["seed"]
+    truth, seed = StreamTruth(stream), given["seed"]
     out: dict[str, Any] = {"figures": {}}
     drawn = {}
     for pattern in given["patterns"]:
         recipe = recipe_from(pattern["recipe"], pattern["name"])
         marks = stream.marks(recipe)
-        follower = Follower(Scene(tuple(pattern["methods"]), False, ()), marks)
+        follower = Follower(TrackingPlan(tuple(pattern["methods"]), False, ()), marks)
         drawn[pattern["name"]] = (
             stream.picture(recipe, seed), stream.noise(seed), marks, follower
         )  # fmt: skip
@@ -65,7 +65,7 @@ def confirm(given: dict[str, Any]) -> dict[str, Any]:
     return out | {"frames": n - 1}
 
 
-def with_bench(config: VirtualConfig, bench: Bench) -> VirtualConfig:
+def with_bench(config: VirtualConfig, bench: PatternImager) -> VirtualConfig:
     """A virtual rig with that printer and camera, and no lens but a pinhole."""
     simulator = config.virtual
     printer = simulator.printer.model_copy(update=vars(bench.printer))

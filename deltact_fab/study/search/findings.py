@@ -11,18 +11,18 @@ from ...catalog import as_toml
 from ...protocols.plan import Protocol
 from ..intervals import Interval
 from .candidates import Candidate
-from .imager import Bench
+from .imager import PatternImager
 from .ranking import Pair
 from .scale import Size
 from .search import order
-from .verdict import DEFAULT, FARNEBACK, Confirmed, best_of, confirmed, gain
+from .verdict import DEFAULT, FARNEBACK, ConfirmedPattern, best_of, confirmed, gain
 
 if TYPE_CHECKING:
     import pandas as pd
 
 UM = 1000.0
 RECIPE_SEED = 7
-LEAST_ORDERED = 6
+MIN_ORDERED = 6
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Findings:
     name. confirmations: by held-out seed, what `confirm` gave of each press.
     """
 
-    bench: Bench
+    bench: PatternImager
     rig: str
     seed: int
     scale: float | None
@@ -55,7 +55,7 @@ class Findings:
     missing: tuple[str, ...]
 
     @cached_property
-    def ours(self) -> list[Confirmed]:
+    def ours(self) -> list[ConfirmedPattern]:
         """With the default tracker, best first."""
         return confirmed(self.confirmations, self.confirmed_names, DEFAULT)[0]
 
@@ -65,12 +65,12 @@ class Findings:
         return confirmed(self.confirmations, self.confirmed_names, DEFAULT)[1]
 
     @cached_property
-    def farneback(self) -> list[Confirmed]:
+    def farneback(self) -> list[ConfirmedPattern]:
         """With the paper's own tracker."""
         return confirmed(self.confirmations, self.confirmed_names, FARNEBACK)[0]
 
     @cached_property
-    def best(self) -> Confirmed:
+    def best(self) -> ConfirmedPattern:
         """The pattern to print. Raises RunFailed where no finalist was tracked."""
         return best_of(self.ours, self.finalists)
 
@@ -84,9 +84,9 @@ class Findings:
         """Of predictors, by the error on the gel; None where too few patterns were confirmed."""
         errors = {one.pattern: one.error.value for one in self.ours}
         part = self.frame.assign(confirmed_mm=self.frame["pattern"].map(errors))
-        return order(part, "confirmed_mm") if len(errors) >= LEAST_ORDERED else None
+        return order(part, "confirmed_mm") if len(errors) >= MIN_ORDERED else None
 
-    def of(self, found: list[Confirmed], name: str | None) -> Confirmed | None:
+    def of(self, found: list[ConfirmedPattern], name: str | None) -> ConfirmedPattern | None:
         """A confirmed pattern by its name."""
         return next((one for one in found if one.pattern == name), None)
 

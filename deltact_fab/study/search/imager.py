@@ -6,17 +6,17 @@ import math
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from ...imaging import Printer, Sensor
+from ...imaging import ImageSensor, Printer
 from ...optics import Pinhole
 from ...shapes import SensorDimensions
 
 
 @dataclass(frozen=True)
-class Bench:
+class PatternImager:
     """printer, sensor: models with assumed parameters. mm_per_px: of the resting face."""
 
     printer: Printer
-    sensor: Sensor
+    sensor: ImageSensor
     mm_per_px: float
 
     def view(self, field_px: int | None = None) -> Pinhole:
@@ -51,9 +51,9 @@ class Bench:
         return asdict(self)
 
     @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> Bench:
+    def from_dict(cls, data: dict[str, Any]) -> PatternImager:
         """What `as_dict` gave."""
-        return cls(Printer(**data["printer"]), Sensor(**data["sensor"]), data["mm_per_px"])
+        return cls(Printer(**data["printer"]), ImageSensor(**data["sensor"]), data["mm_per_px"])
 
     def words(self) -> dict[str, str]:
         """Printer and camera for people."""

@@ -6,13 +6,13 @@ from typing import Any
 
 from ...catalog import validate
 from ...errors import InputError
-from ...imaging import Printer, Sensor
+from ...imaging import ImageSensor, Printer
 from ...rig.config import VirtualConfig, load
-from ...rig.simulator import CameraConfig, PrinterConfig
+from ...rig.simulator import PrinterConfig, SimulatedCameraConfig
 from ...shapes import SensorDimensions
-from .imager import Bench
+from .imager import PatternImager
 
-LEAST_MM_PER_PX, MOST_MM_PER_PX = 0.012, 0.1
+MIN_MM_PER_PX, MAX_MM_PER_PX = 0.012, 0.1
 """2500 px across the view take minutes a pattern; 300 px are too few to track in."""
 OPTIONS = ("mm_per_px", *PrinterConfig.model_fields, "blur_px", "full_well_electrons",
            "read_noise_electrons")  # fmt: skip
@@ -29,7 +29,7 @@ def rig_of(name: str) -> VirtualConfig:
     return config
 
 
-def bench_of(rig: str, more: dict[str, Any]) -> Bench:
+def bench_of(rig: str, more: dict[str, Any]) -> PatternImager:
     """Printer and camera of a virtual rig's file, changed by the given options.
 
     more: values of OPTIONS by name, None where nothing was asked. Raises InputError for a rig that
@@ -39,9 +39,9 @@ def bench_of(rig: str, more: dict[str, Any]) -> Bench:
     if unknown := sorted(set(asked) - set(OPTIONS)):
         raise InputError(f"pattern-search: {unknown[0]}: no such option; {', '.join(OPTIONS)}")
     mm_per_px = asked.pop("mm_per_px", SensorDimensions().optics.mm_per_px)
-    if not LEAST_MM_PER_PX <= mm_per_px <= MOST_MM_PER_PX:  # NaN fails too
+    if not MIN_MM_PER_PX <= mm_per_px <= MAX_MM_PER_PX:  # NaN fails too
         raise InputError(
-            f"pattern-search: mm_per_px: {mm_per_px:g}; {LEAST_MM_PER_PX} to {MOST_MM_PER_PX} mm "
+            f"pattern-search: mm_per_px: {mm_per_px:g}; {MIN_MM_PER_PX} to {MAX_MM_PER_PX} mm "
             "of the face a pixel can be simulated"
         )
     tables = rig_of(rig).virtual
@@ -51,6 +51,8 @@ def bench_of(rig: str, more: dict[str, Any]) -> Bench:
             table.model_dump() | {k: v for k, v in asked.items() if k in kind.model_fields},
             "pattern-search",
         )
-        for kind, table in ((PrinterConfig, tables.printer), (CameraConfig, tables.camera))
+        for kind, table in ((PrinterConfig, tables.printer), (SimulatedCameraConfig, tables.camera))
     )
-    return Bench(Printer(**printer.model_dump()), Sensor(**camera.model_dump()), float(mm_per_px))
+    return PatternImager(
+        Printer(**printer.model_dump()), ImageSensor(**camera.model_dump()), float(mm_per_px)
+    )

@@ -5,11 +5,11 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-from ...report.result import Drawn, Table
+from ...report.result import ReportFigure, ReportTable
 from . import figures
 from .findings import Findings
 from .search import PREDICTORS
-from .verdict import DEFAULT, Confirmed
+from .verdict import DEFAULT, ConfirmedPattern
 
 WORDS = {
     "error_mm": "mean error, mm",
@@ -42,7 +42,7 @@ ORDER_WORDS = {
 }
 
 
-def tables(found: Findings) -> tuple[Table, ...]:
+def tables(found: Findings) -> tuple[ReportTable, ...]:
     import pandas as pd
 
     rows = [c.as_row() | _by_press(found, c) for c in (*found.ours, *found.farneback)]
@@ -69,14 +69,14 @@ def tables(found: Findings) -> tuple[Table, ...]:
             )  # fmt: skip
     seeds = f"{found.size.seeds} seed{'s' * (found.size.seeds > 1)}"
     out = [
-        Table("confirmed", "Confirmed on the finite-strain gel. Means over "
+        ReportTable("confirmed", "Confirmed on the finite-strain gel. Means over "
               f"{found.size.held_out} seeds that the search has not seen.", confirmed_rows,
               words=CONFIRMED_WORDS),
-        Table("candidates", f"The candidates. Means over {seeds}, best first; of the longest step "
+        ReportTable("candidates", f"The candidates. Means over {seeds}, best first; of the longest step "
               "that is bridged the least; leap: all of the motion in one step.", found.frame,
               tuple(c for c in columns if c in found.frame),
               WORDS | {p.column: p.words for p in PREDICTORS}),
-        Table("predictors", "What orders them. Rank correlation with the candidates' mean error, "
+        ReportTable("predictors", "What orders them. Rank correlation with the candidates' mean error, "
               "with that of the pixels that the tracker is sure of, with the share that it is not "
               "sure of, and with the mean error on the gel where it is known; 1: what it calls "
               "better is better.", orders,
@@ -88,14 +88,14 @@ def tables(found: Findings) -> tuple[Table, ...]:
             for name, (names, rho) in found.pair.left_out.items()
         ]
         out.append(
-            Table("families-left-out", "Two predictors together. By their mean rank, picked "
+            ReportTable("families-left-out", "Two predictors together. By their mean rank, picked "
                   "without the family that they then order.", pd.DataFrame(left_out),
                   words={"rho_within": "rank correlation in it"})
         )  # fmt: skip
     return tuple(out)
 
 
-def _by_press(found: Findings, one: Confirmed) -> dict[str, float]:
+def _by_press(found: Findings, one: ConfirmedPattern) -> dict[str, float]:
     """The error of each press, where there are several."""
     if len(found.presses) == 1:
         return {}
@@ -103,19 +103,19 @@ def _by_press(found: Findings, one: Confirmed) -> dict[str, float]:
     return dict(zip(names, one.by_press_mm, strict=True))
 
 
-def drawn(found: Findings) -> tuple[Drawn, ...]:
+def drawn(found: Findings) -> tuple[ReportFigure, ...]:
     pictures = _pictures(found)
     words = {found.paper: f"the paper's: {found.paper}"}
     out = [
-        Drawn("confirmed", "Mean error on the finite-strain gel with its 95 % interval over the "
+        ReportFigure("confirmed", "Mean error on the finite-strain gel with its 95 % interval over the "
               "seeds; simulated.",
               partial(figures.confirmed_errors, [c.as_row() for c in found.ours],
                       found.best.pattern, found.paper)),
-        Drawn("predictors-against-error", "Each predictor against the candidates' error, in the "
+        ReportFigure("predictors-against-error", "Each predictor against the candidates' error, in the "
               f"search; rings: the paper's and the finalists, {_numbered(found)}.",
               partial(figures.predictors_against_error, found.frame, found.finalists,
                       found.paper)),
-        Drawn("rank-correlations", "How well each predictor orders the candidates, with its 95 % "
+        ReportFigure("rank-correlations", "How well each predictor orders the candidates, with its 95 % "
               "interval over kinds of pattern: by their mean error, by that of the pixels that the "
               "tracker is sure of, and by the share that it is not sure of.",
               partial(figures.correlations,
@@ -124,7 +124,7 @@ def drawn(found: Findings) -> tuple[Drawn, ...]:
     ]  # fmt: skip
     if pictures:
         out.append(
-            Drawn("seen", "Patterns at rest as the camera sees them.",
+            ReportFigure("seen", "Patterns at rest as the camera sees them.",
                   partial(figures.strip, pictures, words))
         )  # fmt: skip
     return tuple(out)

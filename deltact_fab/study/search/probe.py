@@ -17,20 +17,20 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ...aliases import Image
 from ...analysis.tracking_error.tally import MOVING_MM, Mean
-from ...arrays import Image
 from ...errors import SensorError
 from ...measure.flow import FlowObservation, named_tracker
 from ...patterns.quality.figures import figures
 from ...patterns.recipe import PatternRecipe
-from ...virtual.picture import Picture, Texture
-from .imager import Bench
+from ...virtual.picture import FrameRenderer, Texture
+from .imager import PatternImager
 from .scenes import (
     OUTWARD,
     SHIFTS_PX,
     STEP_MM,
     CameraView,
-    Drawn,
+    FaceSampling,
     at_rest,
     dragged,
     shifted,
@@ -43,7 +43,7 @@ FIELD_PX = 200_000
 TRACKER = "fused"
 EDGE_PX = 12
 """Left out at the border, where half of a matching window sees nothing."""
-MOST_LOSS = 2.0
+MAX_LOSS = 2.0
 """Times the error of short steps: beyond it a step counts as not bridged."""
 
 Vectors = NDArray[Any]
@@ -59,7 +59,7 @@ def probe(given: dict[str, Any]) -> dict[str, Any]:
     saying why.
     """
     cv2.setNumThreads(1)  # DIS splits the image by thread
-    bench = Bench.from_dict(given["bench"])
+    bench = PatternImager.from_dict(given["bench"])
     recipe = PatternRecipe.model_validate_json(json.dumps(given["recipe"]))
     view = view_of(bench, given["field_px"])
     rng = np.random.default_rng([given["seed"], 5])
@@ -101,7 +101,7 @@ def flow_px(images: list[Image]) -> tuple[Vectors, NDArray[np.bool_]]:
 
 
 def _of_shifts(
-    picture: Picture, view: CameraView, rest: list[Image], rng: np.random.Generator
+    picture: FrameRenderer, view: CameraView, rest: list[Image], rng: np.random.Generator
 ) -> dict[str, Any]:
     """Mean error, its part that stays at a place, and noise, over all shifts; root mean squares."""
     offs = []
@@ -131,7 +131,7 @@ def bias_figures(offs_px: NDArray[np.float64]) -> dict[str, float]:
 
 
 def _of_star(
-    picture: Picture, view: CameraView, rest: Image, rng: np.random.Generator
+    picture: FrameRenderer, view: CameraView, rest: Image, rng: np.random.Generator
 ) -> dict[str, Any]:
     star = star_of(view)
     found = star.figures(flow_px([rest, picture.expose(starred(view).at_px, rng)])[0])
@@ -141,7 +141,7 @@ def _of_star(
 
 
 def _of_drag(
-    picture: Picture, view: CameraView, rest: Image, seed: int, rng: np.random.Generator
+    picture: FrameRenderer, view: CameraView, rest: Image, seed: int, rng: np.random.Generator
 ) -> dict[str, Any]:
     """The drag there and back, and the way there in ever fewer frames."""
     frames = dragged(view, seed)
@@ -174,7 +174,7 @@ def _of_drag(
 
 
 def _judged(
-    seen: FlowObservation, drawn: Drawn, mm_per_px: float
+    seen: FlowObservation, drawn: FaceSampling, mm_per_px: float
 ) -> tuple[NDArray[np.bool_], Vectors, NDArray[np.bool_]]:
     """Which pixels (h, w) move, the error (h, w) mm, and where the tracker is confident."""
     off_mm = np.hypot(*np.moveaxis(seen.flow_px - drawn.truth_px, -1, 0)) * mm_per_px
@@ -187,10 +187,10 @@ def strides(n: int) -> list[int]:
 
 
 def bridged(errors: dict[int, float]) -> int:
-    """The longest stride up to which the error stays within MOST_LOSS of that at stride 1."""
+    """The longest stride up to which the error stays within MAX_LOSS of that at stride 1."""
     longest = 1
     for stride in sorted(errors):
-        if errors[stride] > MOST_LOSS * errors[1]:
+        if errors[stride] > MAX_LOSS * errors[1]:
             break
         longest = stride
     return longest

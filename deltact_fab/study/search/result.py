@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 from ...protocols.plan import expand
 from ...report.result import Headline, LeftOut, StudyResult
 from ..intervals import Interval
-from .candidates import LEAST_DOTS, LEAST_PX, MOST_PX
+from .candidates import MAX_PX, MIN_DOTS, MIN_PX
 from .findings import RECIPE_SEED, UM, Findings, recipe_text
 from .presentation import drawn, tables
-from .search import LEAST_BRIDGED_MM, LEAST_COVERAGE
+from .search import MIN_BRIDGED_MM, MIN_COVERAGE
 from .verdict import GOAL, ratio
 
 if TYPE_CHECKING:
@@ -165,10 +165,10 @@ def _settings(found: Findings) -> dict[str, str]:
     frames = sum(step.frames for step in expand(p))
     return {
         **found.bench.words(),
-        "candidates": f"{len(found.among)}, of at least {LEAST_DOTS:g} printer dots and "
-        f"{LEAST_PX:g} to {MOST_PX:g} camera pixels a patch (the paper's in any case)",
-        "to be a finalist": f"the tracker is sure of {100 * LEAST_COVERAGE:.0f} % of the moving "
-        f"pixels and bridges steps of {LEAST_BRIDGED_MM:.1f} mm; one of each law and patch size",
+        "candidates": f"{len(found.among)}, of at least {MIN_DOTS:g} printer dots and "
+        f"{MIN_PX:g} to {MAX_PX:g} camera pixels a patch (the paper's in any case)",
+        "to be a finalist": f"the tracker is sure of {100 * MIN_COVERAGE:.0f} % of the moving "
+        f"pixels and bridges steps of {MIN_BRIDGED_MM:.1f} mm; one of each law and patch size",
         "confirmed on": f"{' and '.join(p.indenters)}, {max(p.depths_mm):g} mm deep, "
         f"{p.shear.at_depth_mm(max(p.depths_mm)):g} mm of drag each way in "
         f"{' and '.join(p.shear.axes)}, {frames} frames, finite-strain gel of the rig "

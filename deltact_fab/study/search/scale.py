@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from ...protocols.plan import Protocol
 from .candidates import PAPER, Candidate
 
-LEAST_CANDIDATES = 8
+MIN_CANDIDATES = 8
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Size:
 def size_of(scale: float, whole: int) -> Size:
     """At scale 1: all candidates with 2 seeds; 4 finalists and 2 others with 5 held-out seeds."""
     return Size(
-        candidates=min(whole, max(LEAST_CANDIDATES, round(scale * whole))),
+        candidates=min(whole, max(MIN_CANDIDATES, round(scale * whole))),
         seeds=max(1, round(2 * scale)),
         held_out=max(2, round(5 * scale)),
         finalists=max(2, round(4 * scale)),

@@ -13,21 +13,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...arrays import Field, Float
-from ...imaging import Printer, Sensor
+from ...aliases import Field, Float
+from ...imaging import ImageSensor, Printer
 from ...optics import Pinhole, SurfaceLattice, axes_mm
 from ...patterns.raster import albedo
 from ...patterns.recipe import PatternRecipe
-from ...virtual.picture import MARGIN_PX, Geometry, Picture, Texture
+from ...virtual.picture import MARGIN_PX, FrameRenderer, Geometry, Texture
 from ..star import Star
-from .imager import Bench
+from .imager import PatternImager
 
 BEYOND_MM = 1.0
 """Printed around what moves into the view: spread and misplaced ink come from there too."""
 LATTICE_MM = 0.3
 SHIFTS_PX = ((0.25, 0.0), (0.0, 0.75), (0.5, 0.25), (0.75, 0.5), (1.25, 1.0), (1.0, 1.5))
 """Quarters of a pixel each way, and both phases of the mosaic, which has a period of two."""
-MOST_STAR_PX = 190.0
+MAX_STAR_PX = 190.0
 """Longest period of the star: the view that is judged is smaller than the DIC Challenge's."""
 
 DRAG_MM = 2.4
@@ -42,7 +42,7 @@ WAVES = ((1.5, 0.015), (2.5, 0.03), (4.0, 0.06))
 """Wavelength and amplitude (mm) of smooth waves on top: a slope of .06 to .09 each."""
 
 
-class Drawn(NamedTuple):
+class FaceSampling(NamedTuple):
     """What pixels see of the face (h + 2, w + 2, 2), and where rest pixels go (h, w, 2), px."""
 
     at_px: Float
@@ -54,7 +54,7 @@ class CameraView:
     """A camera and its sensor; it keeps what was solved for a motion, for any print."""
 
     camera: Pinhole
-    sensor: Sensor
+    sensor: ImageSensor
 
     def printed(self, recipe: PatternRecipe, printer: Printer, rng: np.random.Generator) -> Texture:
         """The part of the print that can come into view."""
@@ -66,9 +66,9 @@ class CameraView:
         colours = albedo(recipe, printer.mm_per_dot, (height, width))
         return Texture(printer.print_(colours, rng), printer.mm_per_dot)
 
-    def picture(self, texture: Texture, sensor: Sensor | None = None) -> Picture:
+    def picture(self, texture: Texture, sensor: ImageSensor | None = None) -> FrameRenderer:
         """What draws a print; sensor: None for the view's own."""
-        return Picture(geometry(self, LATTICE_MM), texture, sensor or self.sensor)
+        return FrameRenderer(geometry(self, LATTICE_MM), texture, sensor or self.sensor)
 
 
 def lattice(camera: Pinhole, spacing_mm: float) -> SurfaceLattice:
@@ -84,11 +84,11 @@ def geometry(view: CameraView, spacing_mm: float) -> Geometry:
     return Geometry(view.camera, lattice(view.camera, spacing_mm))
 
 
-def _drawn(view: CameraView, fields_mm: Sequence[Field], spacing_mm: float) -> list[Drawn]:
+def _drawn(view: CameraView, fields_mm: Sequence[Field], spacing_mm: float) -> list[FaceSampling]:
     seen = geometry(view, spacing_mm)
     inner = slice(MARGIN_PX, -MARGIN_PX)
     return [
-        Drawn(seen.material_px(u), np.ascontiguousarray(seen.forward_px(u)[inner, inner]))
+        FaceSampling(seen.material_px(u), np.ascontiguousarray(seen.forward_px(u)[inner, inner]))
         for u in fields_mm
     ]
 
@@ -98,14 +98,14 @@ def _grid(view: CameraView, spacing_mm: float) -> tuple[Field, Field]:
 
 
 @lru_cache(maxsize=2)
-def at_rest(view: CameraView) -> Drawn:
+def at_rest(view: CameraView) -> FaceSampling:
     """No motion."""
     x, _ = _grid(view, LATTICE_MM)
     return _drawn(view, [np.zeros((*x.shape, 3))], LATTICE_MM)[0]
 
 
 @lru_cache(maxsize=2)
-def shifted(view: CameraView) -> list[Drawn]:
+def shifted(view: CameraView) -> list[FaceSampling]:
     """The print moved as a whole, by SHIFTS_PX."""
     x, _ = _grid(view, LATTICE_MM)
     scale = view.camera.mm_per_px
@@ -119,12 +119,12 @@ def shifted(view: CameraView) -> list[Drawn]:
 def star_of(view: CameraView) -> Star:
     """The star over a view."""
     camera = view.camera
-    most_px = min(MOST_STAR_PX, 0.45 * camera.height_px)
+    most_px = min(MAX_STAR_PX, 0.45 * camera.height_px)
     return Star(camera.width_px, camera.height_px, most_px=most_px)
 
 
 @lru_cache(maxsize=2)
-def starred(view: CameraView) -> Drawn:
+def starred(view: CameraView) -> FaceSampling:
     """The star as a motion of the face."""
     spacing_mm = view.camera.mm_per_px
     x, y = _grid(view, spacing_mm)
@@ -134,7 +134,7 @@ def starred(view: CameraView) -> Drawn:
 
 
 @lru_cache(maxsize=2)
-def dragged(view: CameraView, seed: int) -> list[Drawn]:
+def dragged(view: CameraView, seed: int) -> list[FaceSampling]:
     """Frames of a press that is dragged and goes back, with waves on the skin.
 
     In steps of STEP_MM; the first half and one more, OUTWARD, lead to the largest motion.
@@ -162,6 +162,6 @@ def drag_mm(x: Field, y: Field, rng: np.random.Generator) -> Field:
     return np.asarray(u)
 
 
-def view_of(bench: Bench, field_px: int) -> CameraView:
+def view_of(bench: PatternImager, field_px: int) -> CameraView:
     """The middle of the bench's view, with at most this many pixels."""
     return CameraView(bench.view(field_px), bench.sensor)

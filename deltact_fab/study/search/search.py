@@ -40,9 +40,9 @@ PREDICTORS = (
 )
 ERROR, LEAP = "error_mm", "leap_error_mm"
 ERRORS = (ERROR, "coverage", "bridged_mm", LEAP, "leap_coverage")
-LEAST_COVERAGE = 0.9
+MIN_COVERAGE = 0.9
 """Share of the moving pixels that a pattern's tracker must be sure of, to be recommended."""
-LEAST_BRIDGED_MM = 0.39
+MIN_BRIDGED_MM = 0.39
 """Twice the step between frames that the protocols have: a press may be quicker than planned."""
 
 
@@ -118,7 +118,7 @@ def combined(frame: pd.DataFrame) -> Pair | None:
 
 def finalists(frame: pd.DataFrame, count: int) -> list[str]:
     """The best of different kinds that can be recommended; fewer where there are no more."""
-    sure = (frame["coverage"] >= LEAST_COVERAGE) & (frame["bridged_mm"] >= LEAST_BRIDGED_MM)
+    sure = (frame["coverage"] >= MIN_COVERAGE) & (frame["bridged_mm"] >= MIN_BRIDGED_MM)
     return list(frame[frame[ERROR].notna() & sure].drop_duplicates("kind")["pattern"])[:count]
 
 

@@ -19,7 +19,7 @@ GOAL = 1 / 3
 
 
 @dataclass(frozen=True)
-class Confirmed:
+class ConfirmedPattern:
     """A pattern on the finite-strain gel: means over seeds and presses.
 
     errors_mm: by seed; by_press_mm: of each press, over the seeds; in their order.
@@ -51,7 +51,7 @@ class Confirmed:
 
 def confirmed(
     results: Sequence[Sequence[Mapping[str, Any]]], names: Sequence[str], method: str
-) -> tuple[list[Confirmed], dict[str, str]]:
+) -> tuple[list[ConfirmedPattern], dict[str, str]]:
     """Patterns that a method tracked with every seed, best first; why not, of the others.
 
     results: by seed, what `confirm` returned of each press. A press counts as much as another.
@@ -67,12 +67,12 @@ def confirmed(
     return sorted(found, key=lambda c: c.error.value), refused
 
 
-def _one(name: str, method: str, figures: list[list[dict[str, Any]]]) -> Confirmed:
+def _one(name: str, method: str, figures: list[list[dict[str, Any]]]) -> ConfirmedPattern:
     """figures: by seed, of each press."""
     by_press = np.array([[f["mean_off_dots_mm"] for f in presses] for presses in figures])
     flat = [f for presses in figures for f in presses]
     errors = tuple(float(v) for v in by_press.mean(axis=1))
-    return Confirmed(
+    return ConfirmedPattern(
         name,
         method,
         errors,
@@ -89,7 +89,7 @@ def _mean(values: Any) -> float | None:
     return float(np.mean(known)) if known else None
 
 
-def best_of(found: Sequence[Confirmed], finalists: Sequence[str]) -> Confirmed:
+def best_of(found: Sequence[ConfirmedPattern], finalists: Sequence[str]) -> ConfirmedPattern:
     """The finalist with the least mean error. Raises RunFailed where none was confirmed."""
     for one in found:
         if one.pattern in finalists:
@@ -97,7 +97,9 @@ def best_of(found: Sequence[Confirmed], finalists: Sequence[str]) -> Confirmed:
     raise RunFailed("pattern-search: no finalist could be tracked on the gel")
 
 
-def gain(found: Sequence[Confirmed], finalists: Sequence[str], paper: str) -> Interval | None:
+def gain(
+    found: Sequence[ConfirmedPattern], finalists: Sequence[str], paper: str
+) -> Interval | None:
     """Error of the finalist to print over the paper's pattern's, by the seeds, with its interval.
 
     For each seed the finalist is the best of the *other* seeds, so that having chosen it among
@@ -111,7 +113,7 @@ def gain(found: Sequence[Confirmed], finalists: Sequence[str], paper: str) -> In
     return estimate(rows, range(len(rows)), _ratio, "seed", "positive")
 
 
-def ratio(a: Confirmed, b: Confirmed) -> Interval:
+def ratio(a: ConfirmedPattern, b: ConfirmedPattern) -> Interval:
     """Mean error of one pattern over that of another, seed by seed, with its interval."""
     rows = np.column_stack((a.errors_mm, b.errors_mm))
     return estimate(rows, range(len(rows)), _ratio, "seed", "positive")

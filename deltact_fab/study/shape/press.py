@@ -10,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from ...analysis.shape import UNCALIBRATED, Picture, PressShape, calibrate_depth, press_shape
+from ...analysis.shape import UNCALIBRATED, PressShape, ShapeMaps, calibrate_depth, press_shape
 from ...measure.force.calibration import ForceCalibration, load_force
 from ...measure.sensor_id import Kind
 from ...measure.shape import DepthModel
@@ -65,7 +65,7 @@ def unpacked(value: Mapping[str, Any]) -> PressShape:
     """What `packed` gave."""
     rows: Sequence[dict[str, Any]] = value["rows"]
     pictures = [
-        Picture.of_value(value, f"{name}/") if f"{name}/frame_id" in value else None
+        ShapeMaps.of_value(value, f"{name}/") if f"{name}/frame_id" in value else None
         for name in SHOWN
     ]
     return PressShape(list(rows), pictures[0], pictures[1], value["contact_by"])

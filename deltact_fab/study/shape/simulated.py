@@ -20,7 +20,7 @@ from ...cad.design import load_design
 from ...errors import InputError
 from ...gel.level_selection import SHARE
 from ...measure.force.calibration import ForceCalibration
-from ...measure.sensor_id import Head, Made, SensorId
+from ...measure.sensor_id import CalibrationSource, Head, SensorId
 from ...measure.view import SensorView
 from ...patterns.recipe import PatternRecipe, load_recipe
 from ...protocols import limits, plan
@@ -34,8 +34,8 @@ from ...virtual.rig import VirtualKind
 from .. import press_jobs
 from ..force import press as force_press
 from ..gel_summary import interpolation
-from ..grid import Job
-from ..request import Asked
+from ..grid import GridJob
+from ..request import StudyRequest
 from . import press
 
 OBJECTS = ("shapes", "shapes-hat")
@@ -51,7 +51,7 @@ KNOT_S, FRAME_S = 1.5, 0.25
 
 
 @dataclass(frozen=True)
-class Scene:
+class ShapeScene:
     """One sensor, pattern and gel on a virtual rig, checked; nothing has run yet.
 
     protocols: by name, thinned to what was asked for. source: of the rig file.
@@ -91,14 +91,14 @@ class Scene:
 
 
 @dataclass(frozen=True)
-class Simulated:
+class SimulatedShapes:
     """The results of a scene. objects, twist: by press. gel: what every job reports of its gel.
 
     depth_line: of the calibration of depth. force_error_n: of that of force, by component, on a
     place left out; None with one place. missing: the jobs without a result.
     """
 
-    scene: Scene
+    scene: ShapeScene
     objects: dict[str, PressShape]
     twist: PressShape | None
     depth_line: str
@@ -107,7 +107,7 @@ class Simulated:
     missing: tuple[str, ...]
 
 
-def scene(asked: Asked) -> Scene:
+def scene(asked: StudyRequest) -> ShapeScene:
     """The scene that was asked for. Raises InputError, one line, for one that cannot be used."""
     rig, source = rig_config.load(asked.rig or RIG)
     if not isinstance(rig, VirtualConfig):
@@ -139,10 +139,10 @@ def scene(asked: Asked) -> Scene:
         if refused := kind.refusals(protocol, sensor, name):
             raise InputError(refused[0])
     recipe = load_recipe(specimen.pattern)
-    return Scene(loaded, rig, asked.rig or RIG, source, sensor, recipe, asked.seed)
+    return ShapeScene(loaded, rig, asked.rig or RIG, source, sensor, recipe, asked.seed)
 
 
-def simulate(asked: Asked) -> Simulated:
+def simulate(asked: StudyRequest) -> SimulatedShapes:
     """Everything, calibrations first. Raises InputError, RunFailed."""
     of = scene(asked)
     depth_job = _job(of, "depth", BALL, of.presses(BALL)[:1], press.ball)
@@ -163,7 +163,7 @@ def simulate(asked: Asked) -> Simulated:
     found = second.partial()
     seen = {name: press.unpacked(value) for name, value in found.items()}
     twists = [one for name, one in seen.items() if name.startswith(f"{TWIST} ")]
-    return Simulated(
+    return SimulatedShapes(
         of,
         {name: one for name, one in seen.items() if not name.startswith(f"{TWIST} ")},
         twists[0] if twists else None,
@@ -175,12 +175,12 @@ def simulate(asked: Asked) -> Simulated:
 
 
 def _job(
-    of: Scene, name: str, protocol: str, presses: Sequence[str], work: Any, **more: Any
-) -> Job:
-    return Job(name, work, of.given(protocol, presses) | more, of.seconds(protocol, presses))
+    of: ShapeScene, name: str, protocol: str, presses: Sequence[str], work: Any, **more: Any
+) -> GridJob:
+    return GridJob(name, work, of.given(protocol, presses) | more, of.seconds(protocol, presses))
 
 
-def _calibrated(of: Scene, values: Sequence[dict[str, Any]]) -> ForceCalibration:
+def _calibrated(of: ShapeScene, values: Sequence[dict[str, Any]]) -> ForceCalibration:
     """The calibration of force, from the points of its presses."""
     specimen = of.protocols[FORCE].specimen
     camera = VirtualKind(of.rig, of.source).camera(of.protocols[FORCE], of.sensor)
@@ -190,7 +190,7 @@ def _calibrated(of: Scene, values: Sequence[dict[str, Any]]) -> ForceCalibration
     head = Head(
         "force",
         SensorId.of(camera, of.recipe.model_dump(mode="json"), specimen.design, specimen.serial),
-        Made((FORCE,), True, __version__, of.seed),
+        CalibrationSource((FORCE,), True, __version__, of.seed),
     )
     errors = errors_kept(figures(judge(data, FORCE_MODEL, of.seed), data))
     model = fit(data, FORCE_MODEL)
@@ -201,7 +201,7 @@ def _with(protocol: Protocol, **changed: Any) -> Protocol:
     return Protocol.model_validate(protocol.model_dump(mode="json") | changed)
 
 
-def settings(of: Scene, gel: Sequence[dict[str, Any]]) -> dict[str, str]:
+def settings(of: ShapeScene, gel: Sequence[dict[str, Any]]) -> dict[str, str]:
     """What the presses were made with, as a reader is shown it."""
     first, ball = of.protocols[OBJECTS[0]], of.protocols[BALL]
     hat, force, twist = (of.protocols[name] for name in (OBJECTS[1], FORCE, TWIST))

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...analysis.shape import GOALS, Picture, PressShape
+from ...analysis.shape import GOALS, PressShape, ShapeMaps
 from ...report import force_map_figures, shape_figures
-from ...report.result import Drawn, Headline, Table
+from ...report.result import Headline, ReportFigure, ReportTable
 from .headlines import GOAL_FIELD, GOAL_N, NINE_D_TACT_MM
 
 if TYPE_CHECKING:
@@ -72,11 +72,11 @@ def by_object(frames: pd.DataFrame) -> pd.DataFrame:
     return table.reset_index()
 
 
-def tables(frames: pd.DataFrame) -> tuple[Table, ...]:
+def tables(frames: pd.DataFrame) -> tuple[ReportTable, ...]:
     """By object and depth, and every frame."""
     objects = by_object(frames)
     return (
-        Table(
+        ReportTable(
             "shapes-by-object",
             "Means over the places at which each object was pressed. Contact: where the true depth "
             "or pressure says so, and what was found; overlap: of both, of all that either has; "
@@ -86,7 +86,7 @@ def tables(frames: pd.DataFrame) -> tuple[Table, ...]:
             shown=tuple(name for name in map(str, objects) if name not in _ONLY_KEPT),
             words={name: words for name, words in WORDS.items() if name in objects},
         ),
-        Table(
+        ReportTable(
             "shapes-frames",
             "Every settled frame.",
             frames,
@@ -101,13 +101,13 @@ def tables(frames: pd.DataFrame) -> tuple[Table, ...]:
 
 
 def drawn(
-    pictures: Sequence[Picture], press: Picture | None, twist: Picture | None, note: str
-) -> tuple[Drawn, ...]:
+    pictures: Sequence[ShapeMaps], press: ShapeMaps | None, twist: ShapeMaps | None, note: str
+) -> tuple[ReportFigure, ...]:
     """The gallery, the depth against truth where there is one, forces where there is a field."""
     found = []
     if pictures:
         found.append(
-            Drawn(
+            ReportFigure(
                 "shapes-gallery",
                 "The paper's gallery: object; camera image with the flow; Gaussian density of 3 px "
                 "as a hot map, redder where it is deeper; the face, deepest upwards.",
@@ -116,7 +116,7 @@ def drawn(
         )
     if any(picture.true_depth_mm is not None for picture in pictures):
         found.append(
-            Drawn(
+            ReportFigure(
                 "shapes-depth-error",
                 "Above: sections through the tip. Below: measured less true depth; black the "
                 "contact found, dashed the true one.",
@@ -129,7 +129,7 @@ def drawn(
     ):
         if picture is not None and force_map_figures.has_field(picture):
             found.append(
-                Drawn(
+                ReportFigure(
                     name,
                     f"The paper's force distribution, {what}: flow, normal force and shear, with "
                     "the contact in white, and below what is true where that is known.",

@@ -10,15 +10,15 @@ from ...errors import InputError, did_you_mean
 
 if TYPE_CHECKING:
     from ...rig.config import StageConfig
-    from ..board import Board
+    from ..board import SimulatedBoard
     from ..clock import NsClock
 
-BOARDS: dict[str, Callable[[StageConfig, NsClock], Board]] = entries(
+BOARDS: dict[str, Callable[[StageConfig, NsClock], SimulatedBoard]] = entries(
     modules_in(__package__), "BOARDS"
 )
 
 
-def board_of(config: StageConfig, clock: NsClock) -> Board:
+def board_of(config: StageConfig, clock: NsClock) -> SimulatedBoard:
     """The simulated board of a rig file. Raises InputError where there is none."""
     if config.firmware not in BOARDS:
         raise InputError(

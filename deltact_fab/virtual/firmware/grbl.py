@@ -9,11 +9,11 @@ from ..grbl_settings import settings_for
 
 if TYPE_CHECKING:
     from ...rig.config import StageConfig
-    from ..board import Board
+    from ..board import SimulatedBoard
     from ..clock import NsClock
 
 
-def _board(config: StageConfig, clock: NsClock) -> Board:
+def _board(config: StageConfig, clock: NsClock) -> SimulatedBoard:
     limits = config.travel_mm, config.max_feed_mm_min, config.acceleration_mm_s2
     return GrblController(settings_for(*limits), clock)
 

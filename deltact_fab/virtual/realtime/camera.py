@@ -17,7 +17,7 @@ from ...errors import DeltactFabError
 from ...optics import Fisheye
 from ...rig.camera.command import HEADER
 from ..devices import Seen, write_truth
-from ..picture import Picture
+from ..picture import FrameRenderer
 from ..scene import LatticeCrop, Observation
 from .scene import LiveScene
 
@@ -35,7 +35,7 @@ class LiveCamera:
 
     def __init__(
         self,
-        picture: Picture,
+        picture: FrameRenderer,
         look: Callable[[], tuple[int, Observation]],
         fifo: Path,
         rate_hz: float,

@@ -17,7 +17,7 @@ END_S = 10.0
 MAIN = "from deltact_fab.virtual.realtime.process import main; main()"
 
 
-class Hands:
+class RemoteBench:
     """The process below the wires, and what its host sends it outside them.
 
     Raises RunFailed when it cannot be started or has ended, and what it raises itself.
@@ -39,7 +39,7 @@ class Hands:
             raise
 
     def ask(self, what: str, **told: object) -> Any:
-        """One request; see `process.Bench`."""
+        """One request; see `process.LiveBench`."""
         return self._ask((what, told))
 
     def close(self) -> None:

@@ -23,12 +23,12 @@ from ...elasticity import GelMaterial
 from ...errors import DeltactFabError
 from ...optics import Rectified, StageFrame
 from ...rig.config import VirtualConfig
-from ...rig.job import Job
+from ...rig.job import RigSetup
 from ..backend import Below
 from ..bench_face import BenchFace
 from ..gel_summary import gel_left_out, gel_notes
 from ..netft_server import NetFTServer
-from ..pty import Terminal
+from ..pty import PtyCable
 from ..rig import VirtualKind
 from ..scene import Observation
 from .camera import LiveCamera
@@ -45,7 +45,7 @@ class Order:
 
     config: VirtualConfig
     source: Path
-    job: Job
+    job: RigSetup
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Ports:
     pid: int
 
 
-class Bench:
+class LiveBench:
     """The devices, and the hands that mount an indenter under them."""
 
     def __init__(self, order: Order, open_: ExitStack) -> None:
@@ -94,7 +94,7 @@ class Bench:
         )
         self._force.page.serial = "simulated"
         terminal = open_.enter_context(
-            Terminal(below.controller, self.clock, lock=self._lock, passing=self.clock.catch_up)
+            PtyCable(below.controller, self.clock, lock=self._lock, passing=self.clock.catch_up)
         )
         images = None if self.camera is None else str(folder / "images")
         self.ports = Ports(
@@ -186,7 +186,7 @@ def serve(asked: BinaryIO, answers: BinaryIO) -> None:
     """Build the requested bench, then answer until `asked` ends."""
     with ExitStack() as open_:
         try:
-            bench = Bench(pickle.load(asked), open_)
+            bench = LiveBench(pickle.load(asked), open_)
         except DeltactFabError as why:
             _say(answers, why)
             return

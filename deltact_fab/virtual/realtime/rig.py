@@ -7,16 +7,16 @@ from contextlib import ExitStack
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from ...aliases import Progress
 from ...rig.bench import GrblRig
 from ...rig.camera.config import CameraConfig
 from ...rig.config import GrblConfig, VirtualConfig
 from ...rig.force.config import NetFTConfig
 from ...rig.interface import Camera, ForceSensor
-from ...rig.job import Devices, Job
-from ...types import Progress
+from ...rig.job import Devices, RigSetup
 from ..presolve import PressRow, solve_ahead
 from ..rig import VirtualKind
-from .host_link import Hands
+from .host_link import RemoteBench
 from .process import Order, Ports
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ class RealtimeKind(VirtualKind):
         super().__init__(config, source)
         self._progress = progress or (lambda done, total, what: None)
 
-    def build(self, job: Job) -> RealtimeRig:  # type: ignore[override]
+    def build(self, job: RigSetup) -> RealtimeRig:  # type: ignore[override]
         """Solve what is not in the store, start the process, and open its devices."""
         protocol, skin = job.protocol, job.sensor.skin
         if not job.air and not protocol.channels.isdisjoint(("image", "force")):
@@ -59,7 +59,7 @@ class RealtimeRig:
         self._open = ExitStack()
         self._told: dict[str, Any] = {}
         try:
-            self._hands = Hands(order)
+            self._hands = RemoteBench(order)
             self._open.callback(self._hands.close)
             config = bench_config(order.config, self._hands.ports)
             # The process mounts what it is told to: no confirmation is needed.
@@ -72,7 +72,7 @@ class RealtimeRig:
         self._begun = ""
 
     @property
-    def hands(self) -> Hands:
+    def hands(self) -> RemoteBench:
         """What mounts the indenters, and knows where the carriage is."""
         return self._hands
 

@@ -15,10 +15,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ...aliases import Point
 from ...optics import StageFrame
-from ...types import Point
 from ..motion import Segment
-from ..scene import GelScene, Knot, Observation, Way
+from ..scene import GelScene, Knot, MotionSegment, Observation
 
 HERTZ = 1.5  # force goes with this power of the depth
 OFF_PLAN, BARE = -1, -2  # keys of knots that no one solved; of a bare face nothing is drawn
@@ -72,14 +72,14 @@ class LiveScene(GelScene):
             return np.zeros((len(places), 6))
         return np.stack([self.felt(place) for place in places])
 
-    def _line_of(self, segment: Segment) -> Way:
+    def _line_of(self, segment: Segment) -> MotionSegment:
         before = self._line
         line = super()._line_of(segment)
         if before is None:  # else it is the same, or what a stop left of it
             self._bare = self._is_bare(line)
         return line
 
-    def _is_bare(self, line: Way) -> bool:
+    def _is_bare(self, line: MotionSegment) -> bool:
         """Whether it starts off the gel, or leads into it where no press was planned."""
         start = line.knots[0]
         deep = next((tip for tip in line.where if tip[2] < 0), None)
@@ -97,7 +97,7 @@ class LiveScene(GelScene):
             return None
         return self._press.solver.poses[before.key].tip_mm
 
-    def _solve_up_to(self, line: Way, last: int) -> None:
+    def _solve_up_to(self, line: MotionSegment, last: int) -> None:
         while len(line.knots) <= last:
             k = len(line.knots)
             before, tip = line.knots[-1], line.where[k]

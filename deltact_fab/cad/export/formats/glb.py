@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .... import __version__
-from ....types import Point
+from ....aliases import Point
 from ...mesh import Mesh
 
 _MAGIC, _JSON, _BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
@@ -27,7 +27,7 @@ _ROOT = (0.001, 0, 0, 0, 0, 0, -0.001, 0, 0, 0.001, 0, 0, 0, 0, 0, 1)
 
 
 @dataclass(frozen=True)
-class Drawn:
+class GlbPart:
     """One part as it is drawn: its triangles, colour and places.
 
     points_mm, normals: (n, 3) float32; a point stands once for each CAD face that meets there, so
@@ -43,7 +43,7 @@ class Drawn:
     places_mm: tuple[Point, ...] = ((0.0, 0.0, 0.0),)
 
 
-def drawn(mesh: Mesh, name: str, colour: tuple[float, float, float, float]) -> Drawn:
+def drawn(mesh: Mesh, name: str, colour: tuple[float, float, float, float]) -> GlbPart:
     """A mesh with a normal at every corner: the mean over its CAD face, weighted by the angle."""
     corners = mesh.corners_mm
     ahead = np.roll(corners, -1, axis=1) - corners
@@ -59,7 +59,7 @@ def drawn(mesh: Mesh, name: str, colour: tuple[float, float, float, float]) -> D
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     # A point of slivers alone has no direction, and glTF wants one.
     normals = np.where(length > 0, normals / np.where(length > 0, length, 1), (0.0, 0.0, 1.0)) + 0.0
-    return Drawn(
+    return GlbPart(
         name,
         mesh.vertices_mm[at % len(mesh.vertices_mm)],
         normals.astype(np.float32),
@@ -68,7 +68,7 @@ def drawn(mesh: Mesh, name: str, colour: tuple[float, float, float, float]) -> D
     )
 
 
-def glb_bytes(parts: Sequence[Drawn], name: str) -> bytes:
+def glb_bytes(parts: Sequence[GlbPart], name: str) -> bytes:
     """A GLB of parts in the order given, all under one node called `name`."""
     binary = bytearray()
     views: list[dict[str, Any]] = []
@@ -126,7 +126,7 @@ def glb_bytes(parts: Sequence[Drawn], name: str) -> bytes:
     return struct.pack("<III", _MAGIC, 2, 12 + len(chunks)) + chunks
 
 
-def read_part(data: bytes, places_mm: Sequence[Point]) -> Drawn:
+def read_part(data: bytes, places_mm: Sequence[Point]) -> GlbPart:
     """The one part of a GLB that glb_bytes wrote, to be put in several places."""
     (length,) = struct.unpack_from("<I", data, 12)
     document = json.loads(data[20 : 20 + length])
@@ -142,7 +142,7 @@ def read_part(data: bytes, places_mm: Sequence[Point]) -> Drawn:
     mesh = document["meshes"][0]
     (primitive,) = mesh["primitives"]
     colour = document["materials"][0]["extras"]["srgb"]
-    return Drawn(
+    return GlbPart(
         mesh["name"],
         read(primitive["attributes"]["POSITION"], 3),
         read(primitive["attributes"]["NORMAL"], 3),
@@ -152,7 +152,7 @@ def read_part(data: bytes, places_mm: Sequence[Point]) -> Drawn:
     )
 
 
-def _material(part: Drawn) -> dict[str, Any]:
+def _material(part: GlbPart) -> dict[str, Any]:
     *shade, opacity = part.colour
     # glTF's factors are linear light; the registry's colours are sRGB.
     linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in shade]

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from .... import __version__
+from ....aliases import Point
 from ....errors import RunFailed
-from ....types import Point
 
 
 def part_bytes(solid: Any, name: str) -> bytes:

@@ -51,11 +51,11 @@ def threemf_bytes(
         f"<mesh>\n<vertices>\n{vertices}\n</vertices>\n"
         f"<triangles>\n{triangles}\n</triangles>\n</mesh>"
     )
-    return _archive(name, material, colour, [Piece(name, body, ((x, y, z),))])
+    return _archive(name, material, colour, [ArchiveObject(name, body, ((x, y, z),))])
 
 
 @dataclass(frozen=True)
-class Piece:
+class ArchiveObject:
     """One object of an archive: its `<mesh>` as text, and where its copies stand."""
 
     name: str
@@ -71,7 +71,10 @@ def read_mesh(data: bytes) -> str:
 
 
 def plate_bytes(
-    pieces: Sequence[Piece], name: str, material: str, colour: tuple[float, float, float, float]
+    pieces: Sequence[ArchiveObject],
+    name: str,
+    material: str,
+    colour: tuple[float, float, float, float],
 ) -> bytes:
     """Several parts of one material as they stand on one platform, each under its own name."""
     return _archive(name, material, colour, pieces)
@@ -81,7 +84,7 @@ def _archive(
     title: str,
     material: str,
     colour: tuple[float, float, float, float],
-    pieces: Sequence[Piece],
+    pieces: Sequence[ArchiveObject],
 ) -> bytes:
     shade = "#" + "".join(f"{round(255 * c):02X}" for c in colour)
     objects = "\n".join(

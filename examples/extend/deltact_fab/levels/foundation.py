@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .linear import Errors, LinearLevel, Touch
+from .linear import Errors, LinearLevel, PressScales
 
 if TYPE_CHECKING:
     from ..elasticity.face import FaceOperator, Field
@@ -81,7 +81,7 @@ def _face(skin: SkinDimensions, material: GelMaterial, spacing_mm: float) -> Fac
     return Springs(skin, material, spacing_mm)
 
 
-def _errors(touch: Touch) -> Errors:
+def _errors(touch: PressScales) -> Errors:
     return 1.0, touch.depth_mm  # it may be off by all that there is
 
 

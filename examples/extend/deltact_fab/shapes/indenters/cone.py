@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ..rigid import Indenter
-from ..turned import Piece, TurnedTip
+from ..turned import ProfilePiece, TurnedTip
 
 
 def cone(radius_mm: float = 4.5, nose_mm: float = 0.6, flank_deg: float = 45.0) -> Indenter:
@@ -16,7 +16,7 @@ def cone(radius_mm: float = 4.5, nose_mm: float = 0.6, flank_deg: float = 45.0) 
     flank = math.radians(flank_deg)
     leaves = nose_mm * math.sin(flank), nose_mm * (1 - math.cos(flank))
     rim = leaves[1] + (radius_mm - leaves[0]) * math.tan(flank)
-    profile = (Piece(leaves, centre_mm=(0.0, nose_mm)), Piece((radius_mm, rim)))
+    profile = (ProfilePiece(leaves, centre_mm=(0.0, nose_mm)), ProfilePiece((radius_mm, rim)))
     return Indenter("cone", (TurnedTip(0.0, 0.0, nose_mm, (0.0, 0.0), profile),))
 
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from ...units import NS_PER_S
-from ..board import Board
+from ..board import SimulatedBoard
 from ..grbl_settings import settings_for
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ WORD = re.compile(r"([XYZF])(-?[\d.]+)")
 BOOT_NS = NS_PER_S
 
 
-class MarlinBoard(Board):
+class MarlinBoard(SimulatedBoard):
     """Marlin's answers on the carriage of every simulated board."""
 
     def __init__(self, config: StageConfig, clock: NsClock) -> None:

@@ -13,10 +13,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from ....aliases import Vector
 from ....errors import InputError, StageError
 from ....optics import StageFrame
 from ....protocols.motion import minus, move_duration_s
-from ....types import Vector
 from ...interface import Clock, StageState
 from ..limits import Limits
 from ..port import LinkLost, Port
