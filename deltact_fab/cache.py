@@ -1,8 +1,8 @@
 """The one content-hash store: what was measured or computed once, found again by what it was from.
 
-An entry lies in the user's cache folder under the SHA-256 of its key, and the key stands in it
-too: plain data as JSON, a file's bytes behind one line of JSON. Losing the folder costs time and
-nothing else.
+An entry lies in the user's cache folder under the SHA-256 of its key: one line of JSON with the key
+and plain data, then the bytes of a file where there is one, all held against a SHA-256. Losing the
+folder costs time and nothing else.
 """
 
 from __future__ import annotations
@@ -37,16 +37,13 @@ def user_folder() -> Path:
 
 def get(kind: str, key: dict[str, Any]) -> Any | None:
     """The value stored under a key, or None; a damaged entry counts as none."""
-    try:
-        entry = json.loads(_path(kind, key).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    return entry["value"] if isinstance(entry, dict) and entry.get("key") == key else None
+    found = get_file(kind, key)
+    return None if found is None else found[1]
 
 
 def put(kind: str, key: dict[str, Any], value: Any) -> bool:
     """Store plain data under a key, whole or not at all; False when the folder refuses."""
-    return _write(_path(kind, key), json.dumps({"key": key, "value": value}, indent=1).encode())
+    return put_file(kind, key, b"", value)
 
 
 def get_file(kind: str, key: dict[str, Any]) -> tuple[bytes, Any] | None:
@@ -54,7 +51,7 @@ def get_file(kind: str, key: dict[str, Any]) -> tuple[bytes, Any] | None:
 
     Both are held against the SHA-256 they were stored with; a damaged entry counts as none.
     """
-    path = _path(kind, key, ".bin")
+    key, path = _place(kind, key)
     try:
         head, newline, data = path.read_bytes().partition(b"\n")
         entry = json.loads(head)
@@ -73,16 +70,24 @@ def get_file(kind: str, key: dict[str, Any]) -> tuple[bytes, Any] | None:
 def put_file(kind: str, key: dict[str, Any], data: bytes, note: Any = None) -> bool:
     """Store a file's bytes and a note of plain data under a key, whole or not at all.
 
-    False when the folder refuses.
+    False when the folder refuses. Key and note come back as JSON has them: tuples are lists.
     """
+    key, path = _place(kind, key)
+    note = _plain(note)
     head = {"key": key, "note": note, "sha256": _seal(key, note, data)}
-    return _write(_path(kind, key, ".bin"), json.dumps(head).encode() + b"\n" + data)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole(path, sync=False) as part:
+            part.write_bytes(json.dumps(head).encode() + b"\n" + data)
+    except OSError:
+        return False
+    return True
 
 
 def file_bytes(kind: str, key: dict[str, Any]) -> int:
     """What `put_file` under a key takes of the disk; 0 where there is nothing."""
     try:
-        return _path(kind, key, ".bin").stat().st_size
+        return _place(kind, key)[1].stat().st_size
     except OSError:
         return 0
 
@@ -112,20 +117,18 @@ def trim(kind: str, limit_bytes: int) -> int:
 
 
 def _seal(key: Any, note: Any, data: bytes) -> str:
-    text = json.dumps([key, note], sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode() + b"\n" + data).hexdigest()
+    return hashlib.sha256(_text([key, note]) + b"\n" + data).hexdigest()
 
 
-def _write(path: Path, data: bytes) -> bool:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with whole(path, sync=False) as part:
-            part.write_bytes(data)
-    except OSError:
-        return False
-    return True
+def _place(kind: str, key: dict[str, Any]) -> tuple[dict[str, Any], Path]:
+    """A key as JSON gives it back, and where its entry lies."""
+    name = hashlib.sha256(_text(key)).hexdigest()
+    return _plain(key), user_folder() / kind / f"{name}.bin"
 
 
-def _path(kind: str, key: dict[str, Any], suffix: str = ".json") -> Path:
-    text = json.dumps(key, sort_keys=True, separators=(",", ":"))
-    return user_folder() / kind / f"{hashlib.sha256(text.encode()).hexdigest()}{suffix}"
+def _text(data: Any) -> bytes:
+    return json.dumps(data, sort_keys=True, separators=(",", ":")).encode()
+
+
+def _plain(data: Any) -> Any:
+    return json.loads(json.dumps(data))

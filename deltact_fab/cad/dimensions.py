@@ -20,25 +20,29 @@ from dataclasses import dataclass, field, fields
 
 from ..aliases import Point2
 from ..shapes.sensor import SensorDimensions
+from .bench_sections import (
+    AdapterDimensions,
+    CouponDimensions,
+    FitCouponDimensions,
+    KerfCouponDimensions,
+    MoldDimensions,
+    StagePlateDimensions,
+    TableDimensions,
+    ToolDimensions,
+)
 from .drafting.title import TitleBlock
-from .parts.acrylic import PlateDimensions
-from .parts.camera import CameraDimensions
-from .parts.camera_holder import HolderDimensions
-from .parts.coupon_mold import CouponDimensions
-from .parts.cover import CoverDimensions
-from .parts.fit_coupon import FitCouponDimensions
-from .parts.kerf_coupon import KerfCouponDimensions
-from .parts.light_holder import LightDimensions
-from .parts.mold import MoldDimensions
-from .parts.mount import MountDimensions
-from .parts.nano17_adapter import AdapterDimensions
-from .parts.screw import ScrewDimensions
-from .parts.shell import ShellDimensions
-from .parts.stage_plate import StagePlateDimensions
-from .parts.testing_shell import TableDimensions
-from .parts.tool_holder import ToolDimensions
 from .process import LaserDimensions, ResinPrinterDimensions
 from .record import Record, number
+from .sensor_sections import (
+    CameraDimensions,
+    CoverDimensions,
+    HolderDimensions,
+    LightDimensions,
+    MountDimensions,
+    PlateDimensions,
+    ScrewDimensions,
+    ShellDimensions,
+)
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """What a part is: everything the toolchain asks of one, in one value. Imports no CAD kernel.
 
 A file of parts/ makes its `PARTS` from it: whatever lists, shows, checks, draws, weighs, places,
-explains or exports a part asks here, so that a new part is its own file, and one field of Design
-when it brings dimensions.
+explains or exports a part asks here, so that a new part is its own file. The dimensions that it
+brings are a record among the sections, and a field of Design.
 """
 
 from __future__ import annotations

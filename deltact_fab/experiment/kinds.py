@@ -7,7 +7,7 @@ from pathlib import Path
 from ..aliases import Progress
 from ..errors import InputError
 from ..rig.config import RigConfig
-from ..rig.interface import RigKind
+from ..rig.job import RigKind
 
 
 def kind_of(

@@ -16,7 +16,7 @@ from ..aliases import Progress
 from ..protocols import plan
 from ..record import RunWriter
 from ..rig.config import VirtualConfig
-from ..rig.interface import RigSetup
+from ..rig.job import RigSetup
 from ..rig.run.runner import Runner
 from ..virtual.rig import VirtualKind, VirtualRig
 from .meta import meta_of, pattern_of

@@ -14,7 +14,7 @@ from ..protocols import limits, plan
 from ..protocols.plan import Protocol, Step
 from ..rig import config as rig_config
 from ..rig.config import RigConfig
-from ..rig.interface import RigKind, RigSetup
+from ..rig.job import RigKind, RigSetup
 from ..rig.tool import requirements
 from ..shapes import SensorDimensions
 from .kinds import kind_of

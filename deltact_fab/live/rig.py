@@ -20,7 +20,8 @@ from ..protocols import limits, plan
 from ..protocols.plan import Step
 from ..rig import config
 from ..rig.camera.model import flat_field, tracked_view
-from ..rig.interface import CameraFrame, Devices, RigSetup
+from ..rig.interface import CameraFrame
+from ..rig.job import Devices, RigSetup
 from .camera import camera_source
 from .source import KnownSensor, Source
 

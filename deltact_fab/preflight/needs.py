@@ -9,7 +9,7 @@ from ..optics import Rectified
 from ..protocols import budget, limits
 from ..protocols.plan import Protocol, Step
 from ..rig.config import RigConfig
-from ..rig.interface import RigKind
+from ..rig.job import RigKind
 from ..shapes import SensorDimensions
 
 USUAL_PX = (1280, 720)  # of a camera that does not say how large its images are

@@ -17,7 +17,8 @@ from ..shapes import SensorDimensions
 from .clock import WallClock
 from .config import GrblConfig
 from .force.netft import SILENT_S
-from .interface import Camera, Devices, ForceSensor, RigSetup
+from .interface import Camera, ForceSensor
+from .job import Devices, RigSetup
 from .stage.firmware import open_stage
 from .tool.tooling import Tooling
 

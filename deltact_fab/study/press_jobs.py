@@ -19,7 +19,7 @@ from ..jobs import tell
 from ..patterns.recipe import PatternRecipe
 from ..protocols.plan import Protocol
 from ..rig.config import VirtualConfig
-from ..rig.interface import RigSetup as RigJob
+from ..rig.job import RigSetup as RigJob
 from ..shapes import SensorDimensions
 from ..virtual.rig import VirtualKind
 

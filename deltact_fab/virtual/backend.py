@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from ..optics import Fisheye, Pinhole, Rectified
 from ..rig.config import VirtualConfig
-from ..rig.interface import RigSetup
+from ..rig.job import RigSetup
 from .clock import VirtualClock
 from .firmware import board_of
 from .netft import NetFTBox

@@ -12,7 +12,8 @@ from ..protocols.plan import Protocol
 from ..rig.camera.model import flat_field
 from ..rig.config import VirtualConfig
 from ..rig.force.netft import NetFTSensor
-from ..rig.interface import Camera, Devices, RigSetup
+from ..rig.interface import Camera
+from ..rig.job import Devices, RigSetup
 from ..rig.stage.firmware import open_stage
 from ..shapes import SensorDimensions
 from .backend import Below

@@ -21,8 +21,8 @@ from deltact_fab.cad.drafting.wiring import wiring
 from deltact_fab.cad.export.formats import dxf
 from deltact_fab.cad.fabrication import quantities
 from deltact_fab.cad.parts import led_strip
-from deltact_fab.cad.parts.light_holder import LightDimensions
 from deltact_fab.cad.registry import find, of_group
+from deltact_fab.cad.sensor_sections import LightDimensions
 
 NAMES = ("tool-holder", "nano17-adapter", "stage-plate")
 

@@ -13,15 +13,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from deltact_fab.cad.bench_sections import MoldDimensions
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
 from deltact_fab.cad.fabrication import bom, quantities
 from deltact_fab.cad.fabrication.paper_gaps import gaps
 from deltact_fab.cad.fabrication.quantities import Process
-from deltact_fab.cad.parts.light_holder import LightDimensions
-from deltact_fab.cad.parts.mold import MoldDimensions
 from deltact_fab.cad.parts.screw import stock_note
 from deltact_fab.cad.registry import listed, of_group
+from deltact_fab.cad.sensor_sections import LightDimensions
 from deltact_fab.cad.standards import E24
 from deltact_fab.errors import InputError
 

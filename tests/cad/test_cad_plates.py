@@ -19,7 +19,7 @@ from deltact_fab.cad.export import export_parts
 from deltact_fab.cad.export.plates import arranged, bed_mm
 from deltact_fab.cad.mesh import mesh_solid
 from deltact_fab.cad.overhangs import MIN_CONTACT_MM2, laid, stand
-from deltact_fab.cad.parts.planes import segment_mm2
+from deltact_fab.cad.planes import segment_mm2
 from deltact_fab.cad.print_orientation import PrintPose
 from deltact_fab.errors import InputError
 

@@ -10,9 +10,10 @@ import pytest
 from deltact_fab.cad import feasibility
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.dimensions import Design
-from deltact_fab.cad.parts.camera import BOARD_KEYS, CameraDimensions
-from deltact_fab.cad.parts.screw import ScrewDimensions, stock_note
+from deltact_fab.cad.parts.camera import BOARD_KEYS
+from deltact_fab.cad.parts.screw import stock_note
 from deltact_fab.cad.rule import Rule
+from deltact_fab.cad.sensor_sections import CameraDimensions, ScrewDimensions
 from deltact_fab.errors import InputError
 from deltact_fab.shapes.bounded import ShapeError
 

@@ -14,7 +14,7 @@ from deltact_fab.cad.design import IndenterBody, IndenterDimensions, load_indent
 from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import is_closed, mesh_solid
 from deltact_fab.cad.parts import indenter as indenter_part
-from deltact_fab.cad.parts.planes import segment_mm2
+from deltact_fab.cad.planes import segment_mm2
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.shapes import Indenter, SphereTip, TurnedTip
 from deltact_fab.shapes.indenter import parse

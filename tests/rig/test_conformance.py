@@ -28,14 +28,15 @@ from deltact_fab.errors import DeltactFabError, InputError, RunFailed, SensorErr
 from deltact_fab.experiment import kind_of
 from deltact_fab.patterns.recipe import load_recipe
 from deltact_fab.protocols import plan
-from deltact_fab.rig import config, interface
+from deltact_fab.rig import config
 from deltact_fab.rig.camera.config import CameraConfig
 from deltact_fab.rig.camera.open import open_camera
 from deltact_fab.rig.clock import WallClock
 from deltact_fab.rig.config import ForceConfig
 from deltact_fab.rig.force.config import NetFTConfig
 from deltact_fab.rig.force.open import open_force
-from deltact_fab.rig.interface import Camera, Clock, Devices, ForceSensor, Rig, RigSetup, Stage
+from deltact_fab.rig.interface import Camera, Clock, ForceSensor, Stage
+from deltact_fab.rig.job import Devices, Rig, RigSetup
 from deltact_fab.shapes import SensorDimensions
 
 # Each implementation, and the kind of rig that it is taken from.
@@ -49,6 +50,7 @@ FORCE_SENSORS = {
     "SerialScale": ("pty",),
 }
 RIGS = {"VirtualRig": ("virtual",), "GrblRig": ("grbl",), "RealtimeRig": ("realtime",)}
+INTERFACES = {"Stage": Stage, "Camera": Camera, "ForceSensor": ForceSensor, "Rig": Rig}
 CASES = {"Stage": STAGES, "Camera": CAMERAS, "ForceSensor": FORCE_SENSORS, "Rig": RIGS}
 
 
@@ -85,7 +87,7 @@ def cases(table: dict[str, tuple[str, ...]]) -> list[Any]:
 
 @pytest.mark.parametrize("name", CASES)
 def test_every_implementation_is_held_against_its_interface(name: str) -> None:
-    members = {m for m in vars(getattr(interface, name)) if not m.startswith("_")}
+    members = {m for m in vars(INTERFACES[name]) if not m.startswith("_")}
     found = set()
     for module in pkgutil.walk_packages(deltact_fab.__path__, "deltact_fab."):
         if module.name.startswith(("deltact_fab.rig.", "deltact_fab.virtual.")):

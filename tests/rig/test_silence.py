@@ -19,7 +19,7 @@ from deltact_fab.rig.clock import WallClock
 from deltact_fab.rig.force.config import ForceConfig, NetFTConfig
 from deltact_fab.rig.force.guard import BEHIND_S, ForceGuard, GuardLimits
 from deltact_fab.rig.force.open import open_force
-from deltact_fab.rig.interface import Devices
+from deltact_fab.rig.job import Devices
 from deltact_fab.rig.run.live import Live
 from deltact_fab.rig.run.runner import Runner
 from deltact_fab.rig.stage.grbl import GrblStage

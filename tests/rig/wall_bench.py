@@ -21,7 +21,7 @@ from deltact_fab.rig.clock import WallClock
 from deltact_fab.rig.force.config import ForceConfig, GuardConfig, NetFTConfig
 from deltact_fab.rig.force.guard import ForceGuard, GuardLimits
 from deltact_fab.rig.force.open import open_force
-from deltact_fab.rig.interface import Devices
+from deltact_fab.rig.job import Devices
 from deltact_fab.rig.run.runner import Runner
 from deltact_fab.rig.stage.grbl import GrblStage
 from deltact_fab.virtual.netft_server import NetFTServer

@@ -16,7 +16,7 @@ from deltact_fab.experiment.presses import run_presses
 from deltact_fab.patterns.recipe import load_recipe
 from deltact_fab.protocols import plan
 from deltact_fab.rig import config
-from deltact_fab.rig.interface import RigSetup
+from deltact_fab.rig.job import RigSetup
 from deltact_fab.study.force_calibration import run
 from deltact_fab.study.grid import KIND
 from deltact_fab.study.request import StudyRequest

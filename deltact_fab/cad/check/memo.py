@@ -1,8 +1,12 @@
 """Results that were found before, for every design from which they would read the same values.
 
-Nothing says beforehand what a check depends on: what it read was noted when it ran
-(dependencies.py), and its result holds again where every one of these values is found again.
-Whatever a check reads, it reads through here, so that a check which declares nothing is right too.
+Nothing says beforehand what a check depends on: what it read was noted when it ran, and its result
+holds again where every one of these values is found again. Whatever a check reads, it reads through
+here, so that a check which declares nothing is right too.
+
+A design is handed out as one that notes each value that is read from it; a derived length counts
+as one value, whatever it follows from. Code that is the same and reads the same values cannot do
+anything else: the first value that differs would have to be read before anything differs.
 """
 
 from __future__ import annotations
@@ -11,14 +15,16 @@ import json
 import pkgutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from dataclasses import is_dataclass
+from functools import cache as once
+from types import MethodType
+from typing import Any, TypeVar, cast
 
 from ... import cache, digest
 from .. import parts as parts_package
 from ..dimensions import Design
 from ..part import Part
 from ..provenance import libraries, plain
-from .dependencies import value_at, watched
 
 KIND = "cad-check"
 LIMIT_BYTES = 64 * 2**20
@@ -29,6 +35,8 @@ _DESIGN, _PARTS, _INDENTER = "design.", "parts", "indenter."
 _GONE = object()
 
 Result = dict[str, Any]
+T = TypeVar("T")
+Note = Callable[[str, Any], None]
 
 
 class Known:
@@ -109,7 +117,7 @@ class Known:
 
     def save(self) -> None:
         """Store what is new for the next time; a folder that refuses costs time and no more."""
-        if self._grown and cache.put_file(KIND, _key(), _text(self._stored).encode()):
+        if self._grown and cache.put(KIND, _key(), _data(self._stored)):
             cache.trim(KIND, LIMIT_BYTES)
 
     def _note(self, path: str, value: Any) -> None:
@@ -137,25 +145,59 @@ class Known:
                 return _GONE
             value = plain(made_from[0])
         # As it comes back from the file: tuples are lists there.
-        return json.loads(_text(value))
+        return _data(value)
 
 
-def _text(value: Any) -> str:
-    return json.dumps(value, default=repr)
+def _data(value: Any) -> Any:
+    return json.loads(json.dumps(value, default=repr))
 
 
 def _load() -> dict[str, list[Result]]:
-    held = cache.get_file(KIND, _key())
-    if held is None:
-        return {}
-    try:
-        stored = json.loads(held[0])
-    except ValueError:
-        return {}
-    return stored if isinstance(stored, dict) else {}
+    return cache.get(KIND, _key()) or {}
 
 
 def _key() -> dict[str, Any]:
     """All code that any check runs, each part's file included, and the libraries."""
     files = (f"cad.parts.{module.name}" for module in pkgutil.iter_modules(parts_package.__path__))
     return {"sources": digest.of("cad.check.run", *files), "made_by": libraries()}
+
+
+def watched(record: T, path: str, note: Note) -> T:
+    """The record as one of a subclass that calls note(path, value) for each value read from it.
+
+    Records inside are watched in turn; of everything else `value` is the plain data. A method
+    runs on the watched record.
+    """
+    made: Any = object.__new__(_class(cast(Any, type(record))))
+    for name, value in (("_real", record), ("_path", path), ("_note", note)):
+        object.__setattr__(made, name, value)
+    return cast(T, made)
+
+
+def value_at(record: Any, path: str) -> Any:
+    """The plain data at a path of `watched`. Raises AttributeError where there is none."""
+    for name in path.split("."):
+        record = getattr(record, name)
+    return plain(record)
+
+
+@once
+def _class(real: type) -> type:
+    return type(real.__name__, (real,), {"__getattribute__": _read})
+
+
+def _read(self: Any, name: str) -> Any:
+    state = object.__getattribute__(self, "__dict__")
+    real = state["_real"]
+    if name == "__class__":
+        return type(real)
+    if name.startswith("__") and name != "__dict__":
+        return object.__getattribute__(self, name)
+    value = getattr(real, name)
+    path = f"{state['_path']}.{name}" if state["_path"] else name
+    if isinstance(value, MethodType) and value.__self__ is real:
+        return MethodType(value.__func__, self)
+    if is_dataclass(value) and not isinstance(value, type):
+        return watched(value, path, state["_note"])
+    state["_note"](path, plain(value))
+    return value

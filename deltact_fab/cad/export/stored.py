@@ -71,6 +71,6 @@ class Store:
 
 
 def sources(parts: Sequence[Part]) -> str:
-    """The digest of what makes these parts' solids and files; a Design brings most parts' files."""
+    """The digest of what makes these parts' solids and files; a Design brings no part's file."""
     builders = {part.build.__module__.removeprefix("deltact_fab.") for part in parts}
     return digest.of("cad.export.part_files", *builders)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ..dimensions import Design
-from ..parts.light_holder import LightDimensions
 from ..parts.screw import stock_note
+from ..sensor_sections import LightDimensions
 from ..standards import CAP_SCREWS
 from ..stiffness import press
 from . import quantities

@@ -13,7 +13,7 @@ from typing import Any, Literal
 from ...errors import InputError
 from ...shapes.sensor import FILM_MARGIN_MM
 from ..dimensions import Design
-from ..parts.light_holder import LightDimensions
+from ..sensor_sections import LightDimensions
 from ..standards import next_e24
 
 Basis = Literal["paper", "maker", "assumed"]

@@ -12,7 +12,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from ...aliases import Point2
@@ -21,7 +20,6 @@ from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..fit import Length, PlayFit
 from ..kernel import require
 from ..part import CLEAR, LASER_CUT, Part
-from ..record import Record, number
 from ..rule import Rule
 from ..solid_gate import Expected
 
@@ -29,27 +27,6 @@ if TYPE_CHECKING:
     from cadquery import Shape
 
     from ..dimensions import Design
-
-
-@dataclass(frozen=True)
-class PlateDimensions(Record):
-    """The acrylic plate (part 2): how it lies, what it must bear under a press, its material.
-
-    measured: keys that a lab knows of its own plate; they no longer count as unverified.
-    """
-
-    fit_mm: float = number(0.1, "clearance in the frame's pocket, per side", 0.02, 2)
-    ledge_mm: float = number(0.5, "least width that lies on a ledge", 0.1, 10)
-    force_n: float = number(49.0, "press it is made for", 0.1, 5000)
-    depth_mm: float = number(5.0, "depth of that press", 0.1, 60)
-    spread_mm: float = number(22.0, "disc that the gel spreads it on", 1, 100, unverified=True)
-    deflection_share: float = number(0.05, "of the depth, by which it may yield", 1e-3, 1)
-    youngs_modulus_mpa: float = number(3000.0, "of cast PMMA", 100, 1e5, unverified=True)
-    poisson: float = number(0.37, "of cast PMMA", 0.0, 0.49)
-    stress_limit_mpa: float = number(35.0, "half of what breaks PMMA", 1, 1000, unverified=True)
-    measured: tuple[str, ...] = field(
-        default=(), metadata={"meaning": "keys measured on the lab's own plate"}
-    )
 
 
 def notched(half_mm: Point2, notch_mm: Point2) -> list[Point2]:

@@ -19,14 +19,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING
 
-from ...aliases import Point2
 from ..kernel import require
 from ..part import BOUGHT, GREEN, Part
-from ..record import Record, number
 from ..rule import Rule
+from ..sensor_sections import CameraDimensions
 from ..solid_gate import Expected
 from . import view
 
@@ -37,60 +36,6 @@ if TYPE_CHECKING:
 
 CABLE = "flat, 15 way, 1.0 mm pitch, 16 mm wide"
 COMPUTER = "Nvidia Jetson Nano B01"
-
-
-@dataclass(frozen=True)
-class CameraDimensions(Record):
-    """The camera (part 5) as an envelope: an IMX219 board in the outline of a Raspberry Pi
-    camera, and a fisheye lens. No drawing of the paper's module was found.
-
-    measured: keys that a lab has measured on its own module; they no longer count as unverified.
-    """
-
-    board_width_mm: float = number(25.0, "board along x", 5, 100, unverified=True)
-    board_length_mm: float = number(23.862, "board along y", 5, 100, unverified=True)
-    board_mm: float = number(1.0, "thickness of the board", 0.4, 5, unverified=True)
-    hole_mm: float = number(2.2, "holes of the board", 0.5, 10, unverified=True)
-    hole_pitch_x_mm: float = number(21.0, "between the holes in x", 3, 100, unverified=True)
-    hole_pitch_y_mm: float = number(12.5, "between the holes in y", 3, 100, unverified=True)
-    hole_edge_mm: float = number(2.0, "upper holes to the +y edge", 0.5, 50, unverified=True)
-    lens_offset_mm: float = number(2.4, "lens from the middle, to -y", 0, 50, unverified=True)
-    lens_diameter_mm: float = number(12.0, "lens barrel", 2, 60, unverified=True)
-    lens_height_mm: float = number(7.5, "lens above the board", 0.5, 60, unverified=True)
-    focal_length_mm: float = number(0.87, "equidistant lens", 0.05, 50, unverified=True)
-    pixel_um: float = number(1.12, "pixel of the chip (IMX219)", 0.1, 50)
-    binning: int = number(2, "chip pixels a picture's pixel, per side", 1, 8)
-    crop_width_px: int = number(1280, "picture along x", 8, 10_000)
-    crop_height_px: int = number(720, "picture along y", 8, 10_000)
-    connector_width_mm: float = number(23.0, "connector along x", 1, 100, unverified=True)
-    connector_length_mm: float = number(6.0, "connector along y", 1, 50, unverified=True)
-    connector_height_mm: float = number(2.65, "connector along z", 0.2, 20, unverified=True)
-    tolerance_mm: float = number(0.05, "spread of board and lens, +-", 0.0, 1, unverified=True)
-    measured: tuple[str, ...] = field(
-        default=(), metadata={"meaning": "keys measured on the lab's own module"}
-    )
-
-    @property
-    def board_top_mm(self) -> float:
-        """y of the board's +y edge with the lens on the axis = length / 2 + offset: 14.33."""
-        return self.board_length_mm / 2 + self.lens_offset_mm
-
-    @property
-    def board_bottom_mm(self) -> float:
-        """y of the board's -y edge, where the cable leaves = offset - length / 2: -9.53."""
-        return self.lens_offset_mm - self.board_length_mm / 2
-
-    @property
-    def hole_rows_mm(self) -> Point2:
-        """y of the upper and lower holes: top - edge = 12.33, and a pitch less = -0.17."""
-        upper = self.board_top_mm - self.hole_edge_mm
-        return upper, upper - self.hole_pitch_y_mm
-
-    @property
-    def crop_half_mm(self) -> Point2:
-        """Half the picture on the chip = px x binning x pixel / 2: (1.434, 0.806)."""
-        per_px = self.binning * self.pixel_um / 1000 / 2
-        return self.crop_width_px * per_px, self.crop_height_px * per_px
 
 
 # What lies in the board's plane; a camera from another maker has another one.

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from ..drafting.dimensioning import Axis, Item
@@ -26,39 +26,14 @@ from ..fit import Length, PlayFit
 from ..kernel import require
 from ..part import BLACK, PRINT, RESIN, Part
 from ..print_orientation import PrintPose
-from ..record import Record, number, standard_row
 from ..rule import Rule
 from ..solid_gate import Expected
-from ..standards import CHEESE_SCREWS, CheeseScrew
 from .camera import UPPER_HOLES, on_board
 
 if TYPE_CHECKING:
     from cadquery import Shape
 
     from ..dimensions import Design
-
-
-@dataclass(frozen=True)
-class HolderDimensions(Record):
-    """The camera holder (part 6) behind the board; the board is locked by two screws."""
-
-    clearance_mm: float = number(3.0, "thickness, and room for the connector", 1, 30)
-    fit_mm: float = number(0.2, "clearance to the shell", 0.02, 2)
-    window_fit_mm: float = number(0.1, "connector in the window, per side", 0.02, 2)
-    window_rest_mm: float = number(0.5, "board on the plate beside the window", 0.1, 5)
-    wall_mm: float = number(1.5, "least wall beside a hole", 0.5, 10)
-    screw: str = field(default="M2", metadata={"meaning": "ISO 1207 thread"})
-    screw_length_mm: float = number(4.0, "below the head", 2, 20)
-    head_clearance_mm: float = number(0.3, "around the heads, below the light holder", 0.02, 2)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        standard_row(CHEESE_SCREWS, "screw", self.screw)
-
-    @property
-    def row(self) -> CheeseScrew:
-        """The screw's row in the table of standards."""
-        return CHEESE_SCREWS[self.screw]
 
 
 def expect(design: Design) -> Expected:

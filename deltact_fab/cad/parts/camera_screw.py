@@ -19,10 +19,10 @@ from typing import TYPE_CHECKING
 
 from ..kernel import require
 from ..part import BOUGHT, STEEL, Part, Shift
+from ..planes import band_mm2
 from ..rule import Rule
 from ..solid_gate import Expected
 from .camera import on_board
-from .planes import band_mm2
 
 if TYPE_CHECKING:
     from cadquery import Shape

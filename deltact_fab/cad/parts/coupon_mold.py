@@ -15,14 +15,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from ..drafting.dimensioning import Cut, Item, shown
 from ..drafting.items import Callouts, holes, x_of, y_of, z_of
 from ..kernel import require
 from ..part import AMBER, PRINT, RESIN, Part, shell_wall_mm
-from ..record import Record, number
 from ..rule import Rule
 from ..solid_gate import Expected
 
@@ -30,17 +29,6 @@ if TYPE_CHECKING:
     from cadquery import Shape
 
     from ..dimensions import Design
-
-
-@dataclass(frozen=True)
-class CouponDimensions(Record):
-    """Open wells of the same resin, to see whether it inhibits the cure of the silicone."""
-
-    wells: int = number(4, "wells in a row", 1, 12)
-    diameter_mm: float = number(15.0, "of a well", 3, 100)
-    depth_mm: float = number(4.0, "of a well", 0.5, 50)
-    wall_mm: float = number(3.0, "between and around the wells", 1.5, 50)
-    base_mm: float = number(2.0, "below the wells", 1.5, 50)
 
 
 def well_volume_mm3(design: Design) -> float:

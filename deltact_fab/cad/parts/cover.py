@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from ...aliases import Point2
@@ -28,52 +28,15 @@ from ..drafting.items import Callouts, holes, x_of, y_of, z_of
 from ..fit import Length, PlayFit
 from ..kernel import require
 from ..part import BLACK, PRINT, RESIN, Part, shell_wall_mm
+from ..planes import cone_segment_mm3, segment_mm2
 from ..print_orientation import PrintPose
-from ..record import Record, number
 from ..rule import Rule
 from ..solid_gate import Expected
-from .planes import cone_segment_mm3, segment_mm2
 
 if TYPE_CHECKING:
     from cadquery import Shape
 
     from ..dimensions import Design
-
-
-@dataclass(frozen=True)
-class CoverDimensions(Record):
-    """The cover (part 7): floor, four bosses for the screw heads, four snap-fit pegs."""
-
-    floor_mm: float = number(1.5, "floor (paper: walls of 1.5)", 0.5, 20)
-    peg_mm: float = number(2.7, "diameter of a peg", 1, 10)
-    peg_y_mm: float = number(8.0, "pegs at +-y", 1, 90)
-    peg_clearance_mm: float = number(0.25, "radial clearance of a peg in its hole", 0.01, 1)
-    slot_mm: float = number(1.0, "slot that splits a peg", 0.2, 5)
-    leg_mm: float = number(0.6, "thickness of a leg, flat on both sides", 0.2, 5)
-    lip_mm: float = number(0.12, "lip of a peg beyond its hole", 0.01, 2)
-    peg_play_mm: float = number(0.3, "legs beyond the camera holder, for a thick one", 0.0, 5)
-    lip_height_mm: float = number(0.8, "height of the lip", 0.2, 5)
-    strain_limit: float = number(0.02, "what the resin bears once (Tough resins: 2 %)", 1e-3, 0.2)
-    fit_mm: float = number(0.2, "clearance between bosses and shell", 0.02, 2)
-
-    @property
-    def fibre_mm(self) -> float:
-        """Outermost fibre of a leg from its centroid; a leg is a slab of the peg's circle: 0.26.
-
-        Between the chords at a = slot / 2 and b = a + leg: centroid at 2/3 ((R^2 - a^2)^1.5 -
-        (R^2 - b^2)^1.5) / A, A the area between them.
-        """
-        r, a, b = self.peg_mm / 2, self.slot_mm / 2, self.slot_mm / 2 + self.leg_mm
-        if not b <= r:
-            return math.nan
-        moment = 2 / 3 * ((r**2 - a**2) ** 1.5 - (r**2 - b**2) ** 1.5)
-        centroid = moment / (segment_mm2(a, r) - segment_mm2(b, r))
-        return max(b - centroid, centroid - a)
-
-    @property
-    def hole_mm(self) -> float:
-        """Hole in the camera holder = peg + 2 clearance: 3.2."""
-        return self.peg_mm + 2 * self.peg_clearance_mm
 
 
 def expect(design: Design) -> Expected:

@@ -17,15 +17,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from ...aliases import Point2
 from ..drafting.dimensioning import Cut, Item, Leader, shown
 from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..kernel import require
 from ..part import AMBER, PRINT, RESIN, Part, shell_wall_mm
-from ..record import Record, number
 from ..rule import Rule
 from ..solid_gate import Expected
 
@@ -33,48 +31,6 @@ if TYPE_CHECKING:
     from cadquery import Shape
 
     from ..dimensions import Design
-
-
-@dataclass(frozen=True)
-class FitCouponDimensions(Record):
-    """Holes, slots, a block and a peg, by which a printer is measured."""
-
-    count: int = number(6, "holes, and slots", 3, 20)
-    first_mm: float = number(3.0, "smallest hole and slot", 1, 20)
-    step_mm: float = number(0.1, "from one to the next", 0.02, 1)
-    pitch_mm: float = number(7.0, "between two of them", 3, 50)
-    slot_mm: float = number(8.0, "depth of the slots, from the edge", 2, 50)
-    base_mm: float = number(3.0, "thickness of the base", 1.5, 20)
-    block_mm: float = number(8.0, "side of the block", 4, 50)
-    block_height_mm: float = number(10.0, "block above the base", 2, 50)
-    peg_mm: float = number(3.0, "diameter of the peg", 1, 20)
-    peg_height_mm: float = number(5.0, "peg above the block", 1, 20)
-
-    @property
-    def sizes_mm(self) -> tuple[float, ...]:
-        """Holes and slots = first + i step: 3.0 to 3.5."""
-        return tuple(self.first_mm + i * self.step_mm for i in range(self.count))
-
-    @property
-    def outer_mm(self) -> Point2:
-        """Sides of the base = pitches and block, slots and the row of holes: 53.5 x 23."""
-        row = max(self.sizes_mm[-1], self.block_mm) + self.pitch_mm
-        return self.count * self.pitch_mm + self.block_mm + self.pitch_mm / 2, self.slot_mm + row
-
-    @property
-    def row_y_mm(self) -> float:
-        """y of the holes and of the block, midway between the slots' ends and the edge."""
-        return self.slot_mm / 2
-
-    @property
-    def at_x_mm(self) -> tuple[float, ...]:
-        """x of the holes and slots."""
-        return tuple(self.pitch_mm * (i + 0.5) - self.outer_mm[0] / 2 for i in range(self.count))
-
-    @property
-    def block_x_mm(self) -> float:
-        """x of the block's middle, half a pitch from the end."""
-        return self.outer_mm[0] / 2 - (self.pitch_mm + self.block_mm) / 2
 
 
 def expect(design: Design) -> Expected:

@@ -23,9 +23,9 @@ from typing import TYPE_CHECKING, Any
 from ...shapes import EllipsoidTip, PrismTip, RidgeTip, SphereTip, Tip, TurnedTip
 from ..design import IndenterDimensions
 from ..kernel import require
+from ..planes import segment_mm2
 from ..solid_gate import Expected, less
 from .outline import closed
-from .planes import segment_mm2
 
 if TYPE_CHECKING:
     from cadquery import Shape

@@ -10,13 +10,12 @@ Frame: z = 0 is the underside, z up, x and y from the middle of the strip.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..kernel import require
 from ..part import CLEAR, LASER_CUT, Part
-from ..record import Record, number
 from ..rule import Rule
 from ..solid_gate import Expected
 
@@ -26,14 +25,6 @@ if TYPE_CHECKING:
     from ..dimensions import Design
 
 PIECES = 10
-
-
-@dataclass(frozen=True)
-class KerfCouponDimensions(Record):
-    """A strip of the plate's own sheet, by which a laser is measured."""
-
-    length_mm: float = number(40.0, "strip along x", 5, 200)
-    width_mm: float = number(10.0, "strip along y, measured as a stack", 2, 100)
 
 
 def expect(design: Design) -> Expected:

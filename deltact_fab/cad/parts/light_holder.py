@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from ..drafting.dimensioning import Axis, Centres, Cut, Item, Leader, shown
@@ -29,13 +29,11 @@ from ..drafting.items import SQUARE_EDGES, Callouts, x_of, y_of, z_of
 from ..fit import Length, PlayFit
 from ..kernel import require
 from ..part import PRINT, RESIN, WHITE, Part
+from ..planes import band_mm2, common_circles_mm2
 from ..print_orientation import PrintPose
-from ..record import Record, number
 from ..rule import Rule
 from ..solid_gate import Expected
-from ..standards import next_e24
 from .camera import UPPER_HOLES
-from .planes import band_mm2, common_circles_mm2
 
 if TYPE_CHECKING:
     from cadquery import Shape
@@ -44,113 +42,6 @@ if TYPE_CHECKING:
 
 WIRE = "0.08 mm²"
 WIRE_COLOURS = ("red", "black")  # plus, minus
-
-
-@dataclass(frozen=True)
-class LightDimensions(Record):
-    """The light holder (part 4): a translucent ring with a channel for the LED strip."""
-
-    led_count: int = number(5, "LEDs (paper: five 5050)", 1, 200)
-    leds_per_m: float = number(60.0, "LEDs of a metre of strip", 10, 400)
-    strip_width_mm: float = number(8.0, "width of the strip", 3, 20)
-    strip_thickness_mm: float = number(0.3, "strip with its adhesive", 0.05, 2)
-    led_width_mm: float = number(5.0, "LED along the strip (5050: 5)", 0.5, 20)
-    led_height_mm: float = number(1.6, "LED above the strip (5050: 1.6)", 0.2, 10)
-    led_tolerance_mm: float = number(0.1, "spread of LED and strip, +-", 0.0, 1)
-    channel_mm: float = number(2.4, "radial room for strip and LED", 1, 10)
-    diffuser_mm: float = number(1.5, "wall between LED and camera", 0.4, 10)
-    wall_mm: float = number(1.5, "outer wall", 0.4, 10)
-    floor_mm: float = number(1.5, "floor below the strip", 0.4, 10)
-    fit_mm: float = number(0.2, "radial clearance in the shell", 0.02, 2)
-    axial_fit_mm: float = number(1.0, "play below the acrylic, so that it bears no press", 0.02, 5)
-    lens_clearance_mm: float = number(0.3, "between lens and bore, radial", 0.02, 5)
-    lip_clearance_mm: float = number(0.25, "around the lips of the cover's pegs", 0.02, 2)
-    head_room_mm: float = number(0.1, "floor above the heads of the camera's screws", 0.0, 5)
-    slot_mm: float = number(3.0, "slot for the wires", 0.5, 20)
-    resistor_ohm: float = number(750.0, "in series (paper: 750)", 20, 1e5)
-    supply_v: float = number(5.0, "supply of a strip that is cut at every LED", 4.5, 5.5)
-    supply_tolerance: float = number(
-        0.05, "share by which it may be off (USB 2.0: 0.05)", 0, 0.2, unverified=True
-    )
-    supply_rating_ma: float = number(
-        500.0, "what it may give the LEDs of a sensor (a port of USB 2.0)", 1, 1e5, unverified=True
-    )
-    resistor_rating_w: float = number(
-        0.25, "rating of the resistor, of which half is used", 0.01, 100, unverified=True
-    )
-    strip_resistor_ohm: float = number(
-        0.0, "the strip's own at each LED; 0, the worst case", 0, 1e4, unverified=True
-    )
-    led_v: float = number(
-        2.95, "forward voltage of a white chip at a few mA", 0.1, 10, unverified=True
-    )
-    led_spread_v: float = number(0.2, "that voltage may be so much off", 0, 2, unverified=True)
-    led_chips: int = number(3, "chips of a LED, in parallel on such a strip", 1, 12)
-    led_limit_ma: float = number(
-        20.0, "continuous current of a chip, by its data sheet", 0.1, 1000, unverified=True
-    )
-    wire_mm: float = number(500.0, "each of the two wires, from ring to supply", 50, 10_000)
-    measured: tuple[str, ...] = field(
-        default=(), metadata={"meaning": "keys measured, or read off a data sheet"}
-    )
-
-    @property
-    def pitch_mm(self) -> float:
-        """Between two LEDs = 1000 / LEDs per metre: 16.67."""
-        return 1000 / self.leds_per_m
-
-    @property
-    def strip_mm(self) -> float:
-        """Length of strip = count x pitch: 83.3."""
-        return self.led_count * self.pitch_mm
-
-    @property
-    def most_v(self) -> float:
-        """Most over the resistors = supply (1 + tolerance) - led_v + spread: 2.5."""
-        return self.supply_v * (1 + self.supply_tolerance) - self.led_v + self.led_spread_v
-
-    @property
-    def least_v(self) -> float:
-        """Least over the resistors = supply (1 - tolerance) - led_v - spread, at least 0: 1.6."""
-        v = self.supply_v * (1 - self.supply_tolerance) - self.led_v - self.led_spread_v
-        return max(v, 0.0)
-
-    @property
-    def circuit_ohm(self) -> float:
-        """All resistors = resistor + strip's own / count (in parallel): 750."""
-        return self.resistor_ohm + self.strip_resistor_ohm / self.led_count
-
-    @property
-    def total_ma(self) -> float:
-        """Current of all LEDs = (supply - led_v) / all resistors, at least 0: 2.73."""
-        return max(self.supply_v - self.led_v, 0.0) / self.circuit_ohm * 1000
-
-    @property
-    def least_ma(self) -> float:
-        """Least current of all LEDs = least over the resistors / all resistors: 2.13."""
-        return self.least_v / self.circuit_ohm * 1000
-
-    @property
-    def most_ma(self) -> float:
-        """Most current of all LEDs = most over the resistors / all resistors, at least 0: 3.33."""
-        return max(self.most_v, 0.0) / self.circuit_ohm * 1000
-
-    @property
-    def chip_most_ma(self) -> float:
-        """Most current of a chip, shared evenly = most current / count / chips: 0.222."""
-        return self.most_ma / self.led_count / self.led_chips
-
-    @property
-    def resistor_most_w(self) -> float:
-        """Most heat in the resistor = most current squared x resistor: 0.00833."""
-        return (self.most_ma / 1000) ** 2 * self.resistor_ohm
-
-    @property
-    def least_resistor_ohm(self) -> float:
-        """Least of E24 that keeps led_limit_ma and supply_rating_ma at worst: 9.1."""
-        most_ma = min(self.led_limit_ma * self.led_count * self.led_chips, self.supply_rating_ma)
-        own_ohm = self.strip_resistor_ohm / self.led_count
-        return next_e24(max(self.most_v, 0.0) / most_ma * 1000 - own_ohm)
 
 
 def expect(design: Design) -> Expected:

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from ...aliases import Point2
@@ -30,7 +30,6 @@ from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..fit import PlayFit
 from ..kernel import require
 from ..part import AMBER, PRINT, RESIN, Part, shell_wall_mm
-from ..record import Record, number
 from ..rule import Rule
 from ..solid_gate import Expected
 from .skin_frame import window_area_mm2
@@ -42,22 +41,6 @@ if TYPE_CHECKING:
 
 # The mold's drawing and the guide say the same.
 RELEASE_AGENT = "No release agent: it would lie between skin, film and coats."
-
-
-@dataclass(frozen=True)
-class MoldDimensions(Record):
-    """The mold (paper: four at a time); each frame is an insert, outer face down."""
-
-    columns: int = number(2, "cavities along x", 1, 8)
-    rows: int = number(2, "cavities along y", 1, 8)
-    web_mm: float = number(8.0, "between two frames, and around them", 1, 100)
-    base_mm: float = number(3.0, "below the cavities", 1.5, 50)
-    seat_mm: float = number(3.0, "depth by which a frame is let in", 0.5, 30)
-    fit_mm: float = number(0.1, "clearance of a frame, per side", 0.02, 2)
-    floor_flatness_mm: float = number(0.05, "flatness of a floor, the touched face", 0.005, 1)
-    floor_roughness_um: float = number(0.8, "Ra of a floor, the touched face", 0.01, 12.5)
-    pry_width_mm: float = number(10.0, "notch to lift a frame out, along x", 2, 100)
-    pry_mm: float = number(2.5, "that notch along y", 0.5, 20)
 
 
 def centres_mm(design: Design) -> list[Point2]:

@@ -23,77 +23,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from ...aliases import Point, Vector
 from ..drafting.dimensioning import Axis, Item, Leader, Linear, shown
 from ..drafting.items import holes, x_of, y_of, z_of
 from ..fit import Length, PlayFit
 from ..kernel import require
-from ..record import Record, number, standard_row
 from ..rule import Rule
 from ..solid_gate import Box, Expected
-from ..standards import CLEARANCE_MM, WASHER_MM
 
 if TYPE_CHECKING:
     from cadquery import Workplane
 
     from ..dimensions import Design
-
-
-@dataclass(frozen=True)
-class MountDimensions(Record):
-    """The end-effector mount on the shell's +y side (paper: 20 mm long).
-
-    kind: `block`, a bar with two through holes along z; `franka`, a bar with a flange for a finger
-    of the Franka hand (hole pattern unverified); `plate`, a blank plate to be drilled.
-    """
-
-    kind: Literal["block", "franka", "plate"] = field(
-        default="block", metadata={"meaning": "block, franka or plate"}
-    )
-    length_mm: float = number(20.0, "along y, from the shell, flange and all", 2, 100)
-    width_mm: float = number(20.0, "along x", 4, 200)
-    height_mm: float = number(10.0, "along z, from the shell's back", 3, 60)
-    screw: str = field(default="M3", metadata={"meaning": "screws through the mount"})
-    hole_pitch_mm: float = number(10.0, "between the two holes", 3, 100)
-    flange_mm: float = number(6.5, "franka: thickness of the flange", 1, 50)
-    flange_width_mm: float = number(30.0, "franka: flange along x", 4, 200, unverified=True)
-    flange_height_mm: float = number(23.0, "franka: flange along z", 4, 200, unverified=True)
-    flange_pitch_mm: float = number(
-        12.0, "franka: between the two holes along z", 3, 100, unverified=True
-    )
-    flange_hole_mm: float = number(4.3, "franka: those holes", 1, 20, unverified=True)
-    counterbore_mm: float = number(8.0, "franka: room of a head, diameter", 2, 40)
-    counterbore_depth_mm: float = number(4.0, "franka: depth of that room", 0.5, 40)
-    arm_mm: float = number(3.6, "franka: height of the arm, between the heads", 1, 60)
-    stress_limit_mpa: float = number(
-        40.0, "franka: bending stress that the arm may take", 1, 500, unverified=True
-    )
-
-    measured: tuple[str, ...] = field(
-        default=(), metadata={"meaning": "keys measured on the lab's own finger"}
-    )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        standard_row(CLEARANCE_MM, "screw", self.screw)
-
-    @property
-    def hole_mm(self) -> float:
-        """Through hole of the mount's screws: ISO 273 medium, in a flange what its finger has."""
-        return self.flange_hole_mm if self.kind == "franka" else CLEARANCE_MM[self.screw]
-
-    @property
-    def head_mm(self) -> float:
-        """Head of a cap screw = 1.5 d + 1, as ISO 4762 has it from M3 to M5: 7 for M4."""
-        return 1.5 * float(self.screw.removeprefix("M")) + 1.0
-
-    @property
-    def washer_mm(self) -> float:
-        """Washer of the mount's screws (ISO 7089): what a head or a nut needs around its hole."""
-        return WASHER_MM[self.screw]
 
 
 def bars(design: Design) -> list[Box]:

@@ -12,20 +12,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from ...aliases import Point2
+from ..bench_sections import BOLT, BOLTS
 from ..drafting.dimensioning import Cut, Item, Leader, shown
 from ..drafting.items import Callouts, holes, x_of, z_of
 from ..fit import Length, PlayFit
 from ..kernel import require
 from ..part import BLACK, PRINT, RESIN, Part, Shift, shell_wall_mm
 from ..print_orientation import PrintPose
-from ..record import Record, number
 from ..rule import Rule
 from ..solid_gate import Expected
-from ..standards import CAP_SCREWS
 from .tool_holder import SCREWS
 
 if TYPE_CHECKING:
@@ -33,37 +31,8 @@ if TYPE_CHECKING:
 
     from ..dimensions import Design
 
-BOLTS = 3
-BOLT = CAP_SCREWS["M2"]  # into the sensor
 SIZE = ("adapter.sensor_mm", "adapter.sensor_height_mm")
 KEYS = ("adapter.sensor_mm", "adapter.bolt_circle_mm", "adapter.bolt_turn_deg")
-
-
-@dataclass(frozen=True)
-class AdapterDimensions(Record):
-    """The plate between tool holder and force sensor (ATI Nano17: measure yours)."""
-
-    thickness_mm: float = number(8.0, "of the plate", 3, 40)
-    sensor_mm: float = number(17.0, "diameter of the force sensor", 8, 100, unverified=True)
-    sensor_height_mm: float = number(14.5, "height of the force sensor", 5, 100, unverified=True)
-    bolt_circle_mm: float = number(
-        12.7, "of the sensor's three screws (M2)", 4, 90, unverified=True
-    )
-    bolt_turn_deg: float = number(90.0, "first screw from +x", -360, 360, unverified=True)
-    bolt_hole_mm: float = number(BOLT.clearance_mm, "through hole of the sensor's screws", 1, 8)
-    bolt_bore_mm: float = number(BOLT.bore_mm, "room for their heads", 2, 15)
-    bolt_bore_depth_mm: float = number(3.0, "of that room, from the flange's side", 1, 30)
-    pilot_mm: float = number(2.5, "holes in which the flange's screws (M3) cut a thread", 1, 6)
-    measured: tuple[str, ...] = field(
-        default=(), metadata={"meaning": "keys measured on the lab's own sensor"}
-    )
-
-    @property
-    def bolt_centres_mm(self) -> list[Point2]:
-        """The sensor's three screws."""
-        turns = [math.radians(self.bolt_turn_deg + 360 / BOLTS * k) for k in range(BOLTS)]
-        r = self.bolt_circle_mm / 2
-        return [(r * math.cos(t), r * math.sin(t)) for t in turns]
 
 
 def expect(design: Design) -> Expected:

@@ -16,44 +16,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from ..kernel import require
 from ..part import BOUGHT, STEEL, Part, Shift
-from ..record import Record, number, standard_row
 from ..rule import Rule
 from ..solid_gate import Expected
-from ..standards import CAP_SCREWS, CapScrew
 
 if TYPE_CHECKING:
     from cadquery import Shape
 
     from ..dimensions import Design
-
-
-@dataclass(frozen=True)
-class ScrewDimensions(Record):
-    """The four screws that hold cover, shell and frame together (paper: M1.6, 19 mm)."""
-
-    thread: str = field(default="M1.6", metadata={"meaning": "ISO 4762 thread"})
-    length_mm: float = number(19.0, "below the head; 16 is the longest M1.6 sold", 3, 60)
-    engagement_mm: float = number(4.6, "length that grips the frame", 1, 20)
-    tip_clearance_mm: float = number(1.0, "pilot hole beyond the tip", 0.5, 10)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        standard_row(CAP_SCREWS, "thread", self.thread)
-
-    @property
-    def row(self) -> CapScrew:
-        """The screw's row in the table of standards."""
-        return CAP_SCREWS[self.thread]
-
-    @property
-    def pilot_depth_mm(self) -> float:
-        """Depth of the frame's blind holes = engagement + tip clearance: 4.6 + 1 = 5.6."""
-        return self.engagement_mm + self.tip_clearance_mm
 
 
 def expect(design: Design) -> Expected:

@@ -23,7 +23,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..drafting.dimensioning import Axis, Cut, Detail, Item, shown
@@ -32,7 +31,6 @@ from ..fit import Length, PlayFit
 from ..kernel import require
 from ..part import BLACK, PRINT, RESIN, Part, shell_wall_mm
 from ..print_orientation import PrintPose
-from ..record import Record, number
 from ..rule import Rule
 from ..solid_gate import Box, Expected
 from . import mount
@@ -43,22 +41,6 @@ if TYPE_CHECKING:
     from cadquery import Shape, Workplane
 
     from ..dimensions import Design
-
-
-@dataclass(frozen=True)
-class ShellDimensions(Record):
-    """The sensor shell (part 3): opaque, 1.5 mm walls."""
-
-    wall_mm: float = number(1.5, "wall of shell, cover and bosses (paper: 1.5)", 0.5, 20)
-    ledge_mm: float = number(1.5, "ledge in y behind the acrylic's pocket", 0.2, 20)
-    ledge_x_mm: float = number(1.15, "the same in x, 0 for none", 0, 20)
-    ledge_height_mm: float = number(2.0, "height of the ledges", 0.5, 20)
-    ledge_drop_mm: float = number(
-        0.5, "ledges behind the joint, for a thick plate; adhesive fills it", 0.0, 5
-    )
-    cable_width_mm: float = number(17.0, "notch for the camera's flat cable (16 mm)", 1, 60)
-    cable_height_mm: float = number(2.0, "height of that notch", 0.5, 20)
-    cable_foam_mm: float = number(5.0, "black foam around the cable in that notch, 0: none", 0, 30)
 
 
 def expect(design: Design) -> Expected:

@@ -16,7 +16,7 @@ Frame: the sensor's; its top is the plane of the sensor's back.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from ...aliases import Point2
@@ -24,7 +24,6 @@ from ..drafting.dimensioning import Centres, Item, Leader, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..kernel import require
 from ..part import STEEL, Part
-from ..record import Record, number
 from ..solid_gate import Expected
 
 if TYPE_CHECKING:
@@ -33,26 +32,6 @@ if TYPE_CHECKING:
     from ..dimensions import Design
 
 KEYS = ("stage_plate.grid_mm", "stage_plate.slot_mm")
-
-
-@dataclass(frozen=True)
-class StagePlateDimensions(Record):
-    """The plate between the stage's table and the testing shell; it grows with the sensor."""
-
-    grid_mm: float = number(25.0, "of the table's threads or T-slots", 5, 200, unverified=True)
-    slot_mm: float = number(6.6, "width of a slot (M6)", 2, 20, unverified=True)
-    slot_travel_mm: float = number(10.0, "from end centre to end centre of a slot", 1, 100)
-    edge_mm: float = number(7.0, "around slots and testing shell", 2, 100)
-    thickness_mm: float = number(6.0, "of the plate", 3, 30)
-    thread_hole_mm: float = number(3.3, "tapping drill of the tabs' screws (M4)", 1, 10)
-    measured: tuple[str, ...] = field(
-        default=(), metadata={"meaning": "keys measured on the lab's own table"}
-    )
-
-    @property
-    def slot_length_mm(self) -> float:
-        """A slot from end to end = travel + width."""
-        return self.slot_travel_mm + self.slot_mm
 
 
 def slot_pitch_mm(design: Design) -> Point2:

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from ..drafting.dimensioning import Cut, Linear, shown
@@ -22,10 +21,8 @@ from ..fit import PlayFit
 from ..kernel import require
 from ..part import BLACK, PRINT, RESIN, Part, shell_wall_mm
 from ..print_orientation import PrintPose
-from ..record import Record, number, standard_row
 from ..rule import Rule
 from ..solid_gate import Expected
-from ..standards import CLEARANCE_MM
 from . import shell
 from .mount import boss_room, cuboid
 
@@ -33,27 +30,6 @@ if TYPE_CHECKING:
     from cadquery import Shape, Workplane
 
     from ..dimensions import Design
-
-
-@dataclass(frozen=True)
-class TableDimensions(Record):
-    """Tabs of the testing shell, by which it is screwed to a table, one on each x side."""
-
-    screw: str = field(default="M4", metadata={"meaning": "screws into the table"})
-    tab_mm: float = number(14.0, "along x, from the shell", 4, 100)
-    width_mm: float = number(30.0, "along y", 4, 200)
-    height_mm: float = number(6.0, "along z, from the plane of the sensor's back", 2, 60)
-    edge_mm: float = number(3.0, "around a hole", 0.5, 20)
-    hole_pitch_mm: float = number(18.0, "between the two holes of a tab, along y", 3, 190)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        standard_row(CLEARANCE_MM, "screw", self.screw)
-
-    @property
-    def hole_mm(self) -> float:
-        """Through hole of the table's screws (ISO 273 medium)."""
-        return CLEARANCE_MM[self.screw]
 
 
 def expect(design: Design) -> Expected:

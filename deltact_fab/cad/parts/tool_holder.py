@@ -18,24 +18,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...aliases import Point2
 from ...shapes import Indenter
+from ..bench_sections import SCREW, ToolDimensions
 from ..drafting.dimensioning import Axis, Cut, Item, Leader, shown
 from ..drafting.items import Callouts, holes, x_of, z_of
 from ..fit import Length, PlayFit
 from ..kernel import require
 from ..part import BLACK, PRINT, RESIN, Part, shell_wall_mm
+from ..planes import segment_mm2
 from ..print_orientation import PrintPose
-from ..record import Record, number
 from ..rule import Rule
 from ..solid_gate import Expected
-from ..standards import CAP_SCREWS
-from .planes import segment_mm2
 
 if TYPE_CHECKING:
     from cadquery import Shape
@@ -43,59 +42,6 @@ if TYPE_CHECKING:
     from ..dimensions import Design
 
 SCREWS = 4
-SCREW = CAP_SCREWS["M3"]  # of the flange
-
-
-@dataclass(frozen=True)
-class ToolDimensions(Record):
-    """The tool holder: what takes an indenter's stem, and the flange that it hangs from."""
-
-    fit_mm: float = number(0.2, "between stem and bore, radial, and between flats", 0.02, 1)
-    depth_mm: float = number(21.0, "of the bore, more than the stem is long", 5, 100)
-    body_mm: float = number(16.0, "diameter of the body", 8, 60)
-    flange_mm: float = number(5.0, "thickness of the flange", 2, 30)
-    flange_diameter_mm: float = number(32.0, "of the flange", 15, 120)
-    bolt_circle_mm: float = number(24.0, "of the flange's four screws", 10, 110)
-    roof_mm: float = number(3.0, "above the bore", 1.5, 30)
-    clamp_z_mm: float = number(8.0, "set screw above the mouth", 2, 90)
-    clamp_mm: float = number(2.5, "hole in which the set screw (M3) cuts its thread", 1, 6)
-    screw_hole_mm: float = number(
-        SCREW.clearance_mm, "through hole of the flange's screws (M3)", 2, 8
-    )
-    pin_mm: float = number(2.0, "dowel pin on the bolt circle at +x", 1, 6)
-    pin_fit_mm: float = number(0.4, "pin's hole in the flange over the pin", 0.02, 1)
-
-    @property
-    def height_mm(self) -> float:
-        """Mouth to flange = depth + roof."""
-        return self.depth_mm + self.roof_mm
-
-    @property
-    def bore_mm(self) -> float:
-        """Radius of the bore = half the stem + fit."""
-        return Indenter.stem_diameter_mm / 2 + self.fit_mm
-
-    @property
-    def flat_mm(self) -> float:
-        """Bore's flat from the axis = stem's flat + fit."""
-        return Indenter.stem_flat_at_mm + self.fit_mm
-
-    @property
-    def screw_centres_mm(self) -> list[Point2]:
-        """The flange's screws, between the axes, as the adapter's pilots."""
-        at = self.bolt_circle_mm / 2 * math.sqrt(0.5)
-        return [(sx * at, sy * at) for sy in (-1, 1) for sx in (-1, 1)]
-
-    @property
-    def pin_at_mm(self) -> Point2:
-        """The pin's place."""
-        return self.bolt_circle_mm / 2, 0.0
-
-    @property
-    def clocking_deg(self) -> float:
-        """Turn of the stem per 0.1 mm that the two flats are out of parallel."""
-        half = math.sqrt((Indenter.stem_diameter_mm / 2) ** 2 - Indenter.stem_flat_at_mm**2)
-        return math.degrees(math.atan2(0.1, 2 * half))
 
 
 def _clamp_mm3(tool: ToolDimensions) -> float:

@@ -24,6 +24,9 @@ _CORNER = np.array(
      [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]], dtype=np.float64,
 )  # fmt: skip
 POINTS = 8
+# Empty arrays stand for None in machine code.
+_NO_PRESSURE = np.empty(0)
+_NO_MEMORY = np.empty((0, POINTS, 6))
 
 
 class Bulk(NamedTuple):
@@ -82,10 +85,28 @@ class BulkAssembly:
         energy is scale mu[...] + h:(C - I)/2, see `viscous`.
         """
         if self._compiled:
-            return Bulk(
-                *compiled.evaluate(self, displacement_mm, tangent, pressure_mpa, scale, memory_mpa)
-            )
+            return self._in_machine_code(displacement_mm, tangent, pressure_mpa, scale, memory_mpa)
         return self._evaluate(displacement_mm, tangent, pressure_mpa, scale, memory_mpa)
+
+    def _in_machine_code(
+        self, displacement_mm: Field, tangent: bool, pressure_mpa: Field | None,
+        scale: float, memory_mpa: Field | None,
+    ) -> Bulk:  # fmt: skip
+        m = len(self.mesh.cells)
+        force = np.zeros_like(displacement_mm)
+        data = np.zeros(self.pattern.entries + 1 if tangent else 0)
+        jbar, whole = np.empty(m), np.empty((m, 24))
+        energy, least = compiled.loop(
+            np.ascontiguousarray(displacement_mm), self.mesh.cells, self.gradients_per_mm,
+            self.weights_mm3, self.pattern.slots, self.law.mu_mpa,
+            self.law.lambda_mpa, self.law.local_mpa,
+            tangent, force, data, jbar, whole,
+            _NO_PRESSURE if pressure_mpa is None else pressure_mpa, scale,
+            _NO_MEMORY if memory_mpa is None else memory_mpa,
+        )  # fmt: skip
+        if not least > 0:
+            return Bulk(np.inf, None, None, least)
+        return Bulk(energy, force, data[:-1] if tangent else None, least, jbar, whole)
 
     def deformation_gradient(self, displacement_mm: Field) -> Field:
         """F (m, 8 points, 3, 3)."""

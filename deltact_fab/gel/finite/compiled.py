@@ -5,44 +5,14 @@ Importing it needs numba, which the extra `fast` brings.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numba
 import numpy as np
 
-from ...aliases import Field
-
-if TYPE_CHECKING:
-    from .assembly import BulkAssembly
-
-_NOTHING = np.empty(0)
-_NO_MEMORY = np.empty((0, 8, 6))
-
-
-def evaluate(
-    bulk: BulkAssembly, displacement_mm: Field, tangent: bool, pressure_mpa: Field | None,
-    scale: float, memory_mpa: Field | None,
-) -> tuple[float, Field | None, Field | None, float, Field | None, Field | None]:  # fmt: skip
-    """The values of `assembly.Bulk`."""
-    m = len(bulk.mesh.cells)
-    force = np.zeros_like(displacement_mm)
-    data = np.zeros(bulk.pattern.entries + 1 if tangent else 0)
-    jbar, whole = np.empty(m), np.empty((m, 24))
-    energy, least = _loop(
-        np.ascontiguousarray(displacement_mm), bulk.mesh.cells, bulk.gradients_per_mm,
-        bulk.weights_mm3, bulk.pattern.slots, bulk.law.mu_mpa,
-        bulk.law.lambda_mpa, bulk.law.local_mpa,
-        tangent, force, data, jbar, whole,
-        _NOTHING if pressure_mpa is None else pressure_mpa, scale,
-        _NO_MEMORY if memory_mpa is None else memory_mpa,
-    )  # fmt: skip
-    if not least > 0:
-        return np.inf, None, None, least, None, None
-    return energy, force, data[:-1] if tangent else None, least, jbar, whole
-
 
 @numba.njit(cache=True, fastmath={"contract", "reassoc", "nsz"})
-def _loop(  # noqa: C901 - one kernel, compiled as a whole
+def loop(  # noqa: C901 - one kernel, compiled as a whole
     displacement: Any, cells: Any, gradients: Any, weights: Any, slots: Any, mu: float,
     lam: float, local: float, tangent: bool, force: Any, data: Any, jbars: Any, wholes: Any,
     pressures: Any, scale: float, memory: Any,

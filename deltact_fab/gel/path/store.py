@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import zipfile
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
@@ -95,7 +94,7 @@ def keep(key: dict[str, Any], observed: ObservedChannels, made: Trajectory) -> b
         "dofs": made.dofs,
         "ended": None if made.ended is None else list(made.ended),
     }
-    stored = cache.put_file(KIND, _plain(key | asdict(observed)), packed.getvalue(), note)
+    stored = cache.put_file(KIND, key | asdict(observed), packed.getvalue(), note)
     cache.trim(KIND, KEEP_BYTES)
     return stored
 
@@ -109,7 +108,7 @@ def _serving(observed: ObservedChannels) -> Iterator[ObservedChannels]:
 
 
 def _load(key: dict[str, Any], count: int) -> Trajectory | None:
-    found = cache.get_file(KIND, _plain(key))
+    found = cache.get_file(KIND, key)
     if found is None:
         return None
     data, note = found
@@ -150,12 +149,6 @@ def _knot(numbers: Field, flags: Sequence[str], fields: dict[str, Any]) -> Solve
         int(numbers[9]),
         float(numbers[10]),
     )
-
-
-def _plain(key: dict[str, Any]) -> dict[str, Any]:
-    """As JSON gives it back: the store compares."""
-    plain: dict[str, Any] = json.loads(json.dumps(key))
-    return plain
 
 
 def _point(values: Sequence[float] | Field) -> Point:

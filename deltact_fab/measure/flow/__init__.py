@@ -8,10 +8,10 @@ Results of DIS depend on cv2's number of threads (it splits the image by thread)
 it with cv2.setNumThreads, and records it where bytes must repeat.
 """
 
-from .confidence import ConfidenceRule
+from .confidence import ConfidenceRule, FlowState
 from .image import MIN_SIDE_PX, Sampled, to_gray
 from .method import DEFAULT_METHOD, FLOW_METHODS, FlowMethod, FlowPreset
-from .observation import FlowDiagnostics, FlowObservation, FlowState, PreparedImage
+from .observation import FlowDiagnostics, FlowObservation, PreparedImage
 from .registry import PAPER, REFERENCES, named_tracker
 from .renewed import Renewal, RenewalRule
 from .tracker import FlowTracker, Reference

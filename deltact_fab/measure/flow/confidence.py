@@ -8,6 +8,7 @@ over.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import NamedTuple
 
 import cv2
@@ -19,7 +20,6 @@ from ..compose import landing_px, sample, shrunk
 from . import kernel_cv2
 from .fused import Plane, Refined, kernel
 from .image import Sampled
-from .observation import FlowState
 
 _EDGE = cv2.BORDER_REPLICATE
 _COARSE_PX = 4  # windows are counted in cells of two nodes each way
@@ -80,6 +80,17 @@ class ConfidenceRule:
                 raise InputError(f"confidence: {name} = {getattr(self, name)}; above 0")
 
 
+class FlowState(IntEnum):
+    """What stands behind one pixel's flow."""
+
+    LOST = 0
+    """Hidden or out of view, and no trustworthy neighbour near: a guess."""
+    PREDICTED = 1
+    """Not found in this image; filled from trustworthy neighbours."""
+    MATCHED = 2
+    """Found in this image."""
+
+
 class FrameConfidence(NamedTuple):
     """Of one frame: confident (hh, ww) bool, and as in FlowDiagnostics."""
 
@@ -128,7 +139,7 @@ class ConfidenceEstimator:
         return _secondary(image) if self.name == "colour" else []
 
     def look(self, secondary_match: list[Array], match: Refined) -> tuple[Array, Array]:
-        """Nodes whose own flow stands, and those of them that the secondary match bears out.
+        """Nodes whose own flow stands, and those of them that the second witness bears out.
 
         Both (hh, ww) bool; secondary_match: of the current image, of which the match is.
         """

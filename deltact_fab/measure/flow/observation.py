@@ -3,28 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from ...aliases import Array
 
 if TYPE_CHECKING:
-    from .anchored import AnchoredTracker
     from .confidence import ConfidenceEstimator
     from .fused import Plane, Refined
     from .image import Sampled
-    from .renewed import RenewedTracker
-
-
-class FlowState(IntEnum):
-    """What stands behind one pixel's flow."""
-
-    LOST = 0
-    """Hidden or out of view, and no trustworthy neighbour near: a guess."""
-    PREDICTED = 1
-    """Not found in this image; filled from trustworthy neighbours."""
-    MATCHED = 2
-    """Found in this image."""
 
 
 @dataclass(frozen=True)
@@ -94,20 +80,29 @@ class TrackedFrame:
     match: Refined | None = None
 
 
+class Follower(Protocol):
+    """A way to follow a sequence from its first image on."""
+
+    def ahead(self, plane: Plane) -> Array | None:
+        """The flow in px from the image before to this one, by coarse node, where it is asked."""
+
+    def step(self, ready: PreparedImage) -> TrackedFrame:
+        """Follow one more image."""
+
+
 class Sequence(NamedTuple):
     """What the first image of a sequence makes: its judge, its way to follow, and its shape."""
 
     judge: ConfidenceEstimator
-    way: AnchoredTracker | RenewedTracker
+    way: Follower
     shape: tuple[int, ...]
 
 
 class PreparedImage(NamedTuple):
     """An image of a sequence, made ready to be followed.
 
-    frame: 0 for the first. plane, secondary_match: what is tracked of it and what
-    `ConfidenceEstimator.look` asks of it. ahead_px: the way's look ahead, by coarse node.
-    start_s: process time when it came.
+    frame: 0 for the first. plane, witness: what is tracked of it and what `ConfidenceEstimator.look` asks of it.
+    ahead_px: the way's look ahead, by coarse node. start_s: process time when it came.
     """
 
     sequence: Sequence

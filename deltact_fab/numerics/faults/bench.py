@@ -20,7 +20,7 @@ from ...protocols import plan
 from ...record import RunWriter
 from ...rig.config import ForceConfig
 from ...rig.force.guard import ForceGuard, GuardLimits
-from ...rig.interface import Devices
+from ...rig.job import Devices
 from ...rig.run.runner import Runner
 from ...rig.stage.grbl import GrblStage
 from ...virtual import wire

@@ -22,15 +22,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .law import Law, Patches, uniforms
-
-if TYPE_CHECKING:
-    from ..recipe import PatternRecipe
+from .law import Law, Patches, PatchRecipe, uniforms
 
 Levels = NDArray[Any]
 Uniforms = NDArray[np.float64]
@@ -186,7 +183,7 @@ def _pick(uniforms: Uniforms, low: Levels, high: Levels, step: int, levels: int)
     return picked
 
 
-def _draw(recipe: PatternRecipe) -> Patches:
+def _draw(recipe: PatchRecipe) -> Patches:
     assert recipe.r is not None  # the recipe's own check
     return fill(uniforms(recipe), recipe.r).astype(np.uint8)
 

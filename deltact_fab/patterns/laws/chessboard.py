@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from .law import Law, Patches
-
-if TYPE_CHECKING:
-    from ..recipe import PatternRecipe
+from .law import Law, Patches, PatchRecipe
 
 SLACK_MM = 1e-9
 
 
-def corners_mm(recipe: PatternRecipe, view_mm: tuple[float, float]) -> NDArray[np.float64]:
+def corners_mm(recipe: PatchRecipe, view_mm: tuple[float, float]) -> NDArray[np.float64]:
     """Inner corners in a centred view (x, y), (rows, columns, 2) mm in the sensor frame.
 
     A corner is where four squares meet. Row 0 is at -y, column 0 at -x.
@@ -27,13 +22,13 @@ def corners_mm(recipe: PatternRecipe, view_mm: tuple[float, float]) -> NDArray[n
     return np.stack(np.meshgrid(x_mm, y_mm), axis=-1)
 
 
-def inner_corners(recipe: PatternRecipe, view_mm: tuple[float, float]) -> tuple[int, int]:
+def inner_corners(recipe: PatchRecipe, view_mm: tuple[float, float]) -> tuple[int, int]:
     """How many inner corners a centred view holds, along x and along y."""
     rows, columns = corners_mm(recipe, view_mm).shape[:2]
     return columns, rows
 
 
-def check_covers(recipe: PatternRecipe, view_mm: tuple[float, float]) -> None:
+def check_covers(recipe: PatchRecipe, view_mm: tuple[float, float]) -> None:
     """Raise InputError unless the board fills the view and shows three corners each way.
 
     A lens is worst at the edge of its view: corners must reach there. Three is what OpenCV's
@@ -53,7 +48,7 @@ def check_covers(recipe: PatternRecipe, view_mm: tuple[float, float]) -> None:
         )
 
 
-def _draw(recipe: PatternRecipe) -> Patches:
+def _draw(recipe: PatchRecipe) -> Patches:
     place = np.arange(recipe.n)
     return ((place[:, None] + place) % 2 * 255).astype(np.uint8)[..., None]
 

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from .law import Law, Patches
-
-if TYPE_CHECKING:
-    from ..recipe import PatternRecipe
+from .law import Law, Patches, PatchRecipe
 
 
-def _draw(recipe: PatternRecipe) -> Patches:
+def _draw(recipe: PatchRecipe) -> Patches:
     return np.full((recipe.n, recipe.n, 1), 255, np.uint8)
 
 

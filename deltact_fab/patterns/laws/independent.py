@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from .law import Law, Patches, uniforms
-
-if TYPE_CHECKING:
-    from ..recipe import PatternRecipe
+from .law import Law, Patches, PatchRecipe, uniforms
 
 
-def _iid(recipe: PatternRecipe) -> Patches:
+def _iid(recipe: PatchRecipe) -> Patches:
     return (uniforms(recipe) * 256).astype(np.uint8)
 
 
-def _binary(recipe: PatternRecipe) -> Patches:
+def _binary(recipe: PatchRecipe) -> Patches:
     return (uniforms(recipe) >= 0.5).astype(np.uint8) * np.uint8(255)
 
 

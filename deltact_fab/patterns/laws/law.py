@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    from ..recipe import PatternRecipe
 
 Patches = NDArray[np.uint8]
 
@@ -18,12 +15,33 @@ KEYS = ("patch_mm", "r", "channels", "scales_mm", "weights", "dots")
 """The keys of a recipe that belong to some laws only."""
 
 
+class PatchRecipe(Protocol):
+    """What a law reads of a `PatternRecipe`, which says what each is."""
+
+    @property
+    def seed(self) -> int: ...
+    @property
+    def n(self) -> int: ...
+    @property
+    def channels(self) -> int: ...
+    @property
+    def printed_mm(self) -> float: ...
+    @property
+    def patch_mm(self) -> float | None: ...
+    @property
+    def r(self) -> float | None: ...
+    @property
+    def scales_mm(self) -> tuple[float, ...] | None: ...
+    @property
+    def weights(self) -> tuple[float, ...] | None: ...
+
+
 @dataclass(frozen=True)
 class Law:
     """draw: a recipe to (n, n, 1 or 3) uint8. needs, may: keys of KEYS it must and can have."""
 
     about: str
-    draw: Callable[[PatternRecipe], Patches]
+    draw: Callable[[PatchRecipe], Patches]
     needs: tuple[str, ...] = ("patch_mm",)
     may: tuple[str, ...] = ("dots",)
 
@@ -33,7 +51,7 @@ class Law:
         return "patch_mm" in self.needs
 
 
-def uniforms(recipe: PatternRecipe) -> NDArray[np.float64]:
+def uniforms(recipe: PatchRecipe) -> NDArray[np.float64]:
     """One draw in [0, 1) a patch and channel by the recipe's seed, (n, n, channels)."""
     shape = (recipe.n, recipe.n, recipe.channels)
     return np.random.Generator(np.random.PCG64(recipe.seed)).random(shape)

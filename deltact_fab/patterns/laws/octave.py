@@ -17,17 +17,13 @@ from collections.abc import Sequence
 from fractions import Fraction
 from functools import cache
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...aliases import Field
 from .algorithm1 import FILE_LEVELS
-from .law import Law, Patches
-
-if TYPE_CHECKING:
-    from ..recipe import PatternRecipe
+from .law import Law, Patches, PatchRecipe
 
 MAX_SCALES = 6
 """2^k pieces at most, each from 2^k terms in fractions: 64 take some hundredths of a second."""
@@ -110,7 +106,7 @@ class SumOfUniforms:
         return np.clip(value, 0.0, 1.0)
 
 
-def _draw(recipe: PatternRecipe) -> Patches:
+def _draw(recipe: PatchRecipe) -> Patches:
     assert recipe.scales_mm is not None  # the recipe's own checks
     assert recipe.patch_mm is not None
     blocks = [round(scale_mm / recipe.patch_mm) for scale_mm in recipe.scales_mm]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..interface import Devices
+from ..job import Devices
 
 
 def devices(found: Devices) -> list[str]:

@@ -12,7 +12,8 @@ from ...protocols.pace import LOOK_S
 from ...protocols.plan import Step
 from ...record import Chunk, RunWriter
 from ...units import to_ns
-from ..interface import CameraFrame, Devices
+from ..interface import CameraFrame
+from ..job import Devices
 from .streams import ForceStream, FrameRequest, FrameStream, PoseStream, now_ns
 
 LOOK_NS = to_ns(LOOK_S)

@@ -34,7 +34,7 @@ from .limits import Limits
 from .settings import Needs, SettingRow, judge, refusal
 
 if TYPE_CHECKING:
-    from ..config import StageConfig
+    from .config import StageSettings
 
 
 class GrblStage:
@@ -67,7 +67,7 @@ class GrblStage:
         """The controller's settings, rule by rule, as `connect` found them."""
 
     @classmethod
-    def of(cls, config: StageConfig, clock: Clock, url: str | None = None) -> GrblStage:
+    def of(cls, config: StageSettings, clock: Clock, url: str | None = None) -> GrblStage:
         """The stage of a rig file, its port not yet open; url: in place of the file's port.
 
         Raises InputError for a controller that speaks something else.

@@ -17,7 +17,8 @@ from ... import reading
 from ...errors import InputError, RunFailed
 from ...files import write_whole
 from ...shapes.indenter import parse as parse_indenter
-from ..interface import Clock, ForceSensor, RigSetup, Stage
+from ..interface import Clock, ForceSensor, Stage
+from ..job import RigSetup
 from ..stage.moves import go
 from .config import ToolConfig, TouchConfig
 from .homing import clear_the_face

@@ -23,7 +23,7 @@ from ...elasticity import GelMaterial
 from ...errors import DeltactFabError
 from ...optics import Rectified, StageFrame
 from ...rig.config import VirtualConfig
-from ...rig.interface import RigSetup
+from ...rig.job import RigSetup
 from ..backend import Below
 from ..bench_face import BenchFace
 from ..gel_summary import gel_left_out, gel_notes

@@ -12,7 +12,8 @@ from ...rig.bench import GrblRig
 from ...rig.camera.config import CameraConfig
 from ...rig.config import GrblConfig, VirtualConfig
 from ...rig.force.config import NetFTConfig
-from ...rig.interface import Camera, Devices, ForceSensor, RigSetup
+from ...rig.interface import Camera, ForceSensor
+from ...rig.job import Devices, RigSetup
 from ..presolve import PressRow, solve_ahead
 from ..rig import VirtualKind
 from .host_link import RemoteBench

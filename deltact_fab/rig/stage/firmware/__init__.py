@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING
 from ....discover import entries, modules_in
 
 if TYPE_CHECKING:
-    from ...config import StageConfig
     from ...interface import Clock, Stage
+    from ..config import StageSettings
 
-FIRMWARE: dict[str, Callable[[StageConfig, Clock, str], Stage]] = entries(
+FIRMWARE: dict[str, Callable[[StageSettings, Clock, str], Stage]] = entries(
     modules_in(__package__), "FIRMWARE"
 )
 
 
-def open_stage(config: StageConfig, clock: Clock, url: str | None = None) -> Stage:
+def open_stage(config: StageSettings, clock: Clock, url: str | None = None) -> Stage:
     """The stage of a rig file, its port not yet open; url: in place of the file's port."""
     where = url if url is not None else config.port
     assert where is not None, "the configuration has a port"

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ...config import StageConfig
     from ...interface import Clock, Stage
+    from ..config import StageSettings
 
 
-def _stage(config: StageConfig, clock: Clock, url: str) -> Stage:
+def _stage(config: StageSettings, clock: Clock, url: str) -> Stage:
     from ..grbl import GrblStage
 
     return GrblStage.of(config, clock, url)

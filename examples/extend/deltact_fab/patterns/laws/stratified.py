@@ -6,19 +6,14 @@ follow; here no place is without contrast.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from .law import Law, Patches
-
-if TYPE_CHECKING:
-    from ..recipe import PatternRecipe
+from .law import Law, Patches, PatchRecipe
 
 SIDE = 4  # patches of a block
 
 
-def _draw(recipe: PatternRecipe) -> Patches:
+def _draw(recipe: PatchRecipe) -> Patches:
     rng = np.random.Generator(np.random.PCG64(recipe.seed))
     blocks = -(-recipe.n // SIDE)
     strata = np.tile(np.arange(SIDE**2), (blocks, blocks, 1))

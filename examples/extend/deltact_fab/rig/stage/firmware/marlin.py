@@ -22,7 +22,7 @@ from ..limits import Limits
 from ..port import LinkLost, Port
 
 if TYPE_CHECKING:
-    from ...config import StageConfig
+    from ..config import StageSettings
 
 AT = re.compile(r"X:(-?[\d.]+) Y:(-?[\d.]+) Z:(-?[\d.]+)")
 BOOT_S, ANSWER_S, HOMING_S, LATE_S = 5.0, 1.0, 120.0, 2.0
@@ -37,7 +37,7 @@ class MarlinStage:
     from then on, and nothing but `home` moves. Another thread may ask where it is or stop it.
     """
 
-    def __init__(self, config: StageConfig, clock: Clock, url: str) -> None:
+    def __init__(self, config: StageSettings, clock: Clock, url: str) -> None:
         self.frame: StageFrame = config.frame
         self._url, self._clock = url, clock
         self._port = Port(url, clock, config.baud)

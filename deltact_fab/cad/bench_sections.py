@@ -1,0 +1,217 @@
+"""The sections of a design that tools, coupons and the bench are made from, a record each."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from ..aliases import Point2
+from ..shapes import Indenter
+from .record import Record, number, standard_row
+from .standards import CAP_SCREWS, CLEARANCE_MM
+
+
+@dataclass(frozen=True)
+class CouponDimensions(Record):
+    """Open wells of the same resin, to see whether it inhibits the cure of the silicone."""
+
+    wells: int = number(4, "wells in a row", 1, 12)
+    diameter_mm: float = number(15.0, "of a well", 3, 100)
+    depth_mm: float = number(4.0, "of a well", 0.5, 50)
+    wall_mm: float = number(3.0, "between and around the wells", 1.5, 50)
+    base_mm: float = number(2.0, "below the wells", 1.5, 50)
+
+
+@dataclass(frozen=True)
+class FitCouponDimensions(Record):
+    """Holes, slots, a block and a peg, by which a printer is measured."""
+
+    count: int = number(6, "holes, and slots", 3, 20)
+    first_mm: float = number(3.0, "smallest hole and slot", 1, 20)
+    step_mm: float = number(0.1, "from one to the next", 0.02, 1)
+    pitch_mm: float = number(7.0, "between two of them", 3, 50)
+    slot_mm: float = number(8.0, "depth of the slots, from the edge", 2, 50)
+    base_mm: float = number(3.0, "thickness of the base", 1.5, 20)
+    block_mm: float = number(8.0, "side of the block", 4, 50)
+    block_height_mm: float = number(10.0, "block above the base", 2, 50)
+    peg_mm: float = number(3.0, "diameter of the peg", 1, 20)
+    peg_height_mm: float = number(5.0, "peg above the block", 1, 20)
+
+    @property
+    def sizes_mm(self) -> tuple[float, ...]:
+        """Holes and slots = first + i step: 3.0 to 3.5."""
+        return tuple(self.first_mm + i * self.step_mm for i in range(self.count))
+
+    @property
+    def outer_mm(self) -> Point2:
+        """Sides of the base = pitches and block, slots and the row of holes: 53.5 x 23."""
+        row = max(self.sizes_mm[-1], self.block_mm) + self.pitch_mm
+        return self.count * self.pitch_mm + self.block_mm + self.pitch_mm / 2, self.slot_mm + row
+
+    @property
+    def row_y_mm(self) -> float:
+        """y of the holes and of the block, midway between the slots' ends and the edge."""
+        return self.slot_mm / 2
+
+    @property
+    def at_x_mm(self) -> tuple[float, ...]:
+        """x of the holes and slots."""
+        return tuple(self.pitch_mm * (i + 0.5) - self.outer_mm[0] / 2 for i in range(self.count))
+
+    @property
+    def block_x_mm(self) -> float:
+        """x of the block's middle, half a pitch from the end."""
+        return self.outer_mm[0] / 2 - (self.pitch_mm + self.block_mm) / 2
+
+
+@dataclass(frozen=True)
+class KerfCouponDimensions(Record):
+    """A strip of the plate's own sheet, by which a laser is measured."""
+
+    length_mm: float = number(40.0, "strip along x", 5, 200)
+    width_mm: float = number(10.0, "strip along y, measured as a stack", 2, 100)
+
+
+@dataclass(frozen=True)
+class MoldDimensions(Record):
+    """The mold (paper: four at a time); each frame is an insert, outer face down."""
+
+    columns: int = number(2, "cavities along x", 1, 8)
+    rows: int = number(2, "cavities along y", 1, 8)
+    web_mm: float = number(8.0, "between two frames, and around them", 1, 100)
+    base_mm: float = number(3.0, "below the cavities", 1.5, 50)
+    seat_mm: float = number(3.0, "depth by which a frame is let in", 0.5, 30)
+    fit_mm: float = number(0.1, "clearance of a frame, per side", 0.02, 2)
+    floor_flatness_mm: float = number(0.05, "flatness of a floor, the touched face", 0.005, 1)
+    floor_roughness_um: float = number(0.8, "Ra of a floor, the touched face", 0.01, 12.5)
+    pry_width_mm: float = number(10.0, "notch to lift a frame out, along x", 2, 100)
+    pry_mm: float = number(2.5, "that notch along y", 0.5, 20)
+
+
+BOLTS = 3
+
+
+BOLT = CAP_SCREWS["M2"]  # into the sensor
+
+
+@dataclass(frozen=True)
+class AdapterDimensions(Record):
+    """The plate between tool holder and force sensor (ATI Nano17: measure yours)."""
+
+    thickness_mm: float = number(8.0, "of the plate", 3, 40)
+    sensor_mm: float = number(17.0, "diameter of the force sensor", 8, 100, unverified=True)
+    sensor_height_mm: float = number(14.5, "height of the force sensor", 5, 100, unverified=True)
+    bolt_circle_mm: float = number(
+        12.7, "of the sensor's three screws (M2)", 4, 90, unverified=True
+    )
+    bolt_turn_deg: float = number(90.0, "first screw from +x", -360, 360, unverified=True)
+    bolt_hole_mm: float = number(BOLT.clearance_mm, "through hole of the sensor's screws", 1, 8)
+    bolt_bore_mm: float = number(BOLT.bore_mm, "room for their heads", 2, 15)
+    bolt_bore_depth_mm: float = number(3.0, "of that room, from the flange's side", 1, 30)
+    pilot_mm: float = number(2.5, "holes in which the flange's screws (M3) cut a thread", 1, 6)
+    measured: tuple[str, ...] = field(
+        default=(), metadata={"meaning": "keys measured on the lab's own sensor"}
+    )
+
+    @property
+    def bolt_centres_mm(self) -> list[Point2]:
+        """The sensor's three screws."""
+        turns = [math.radians(self.bolt_turn_deg + 360 / BOLTS * k) for k in range(BOLTS)]
+        r = self.bolt_circle_mm / 2
+        return [(r * math.cos(t), r * math.sin(t)) for t in turns]
+
+
+@dataclass(frozen=True)
+class StagePlateDimensions(Record):
+    """The plate between the stage's table and the testing shell; it grows with the sensor."""
+
+    grid_mm: float = number(25.0, "of the table's threads or T-slots", 5, 200, unverified=True)
+    slot_mm: float = number(6.6, "width of a slot (M6)", 2, 20, unverified=True)
+    slot_travel_mm: float = number(10.0, "from end centre to end centre of a slot", 1, 100)
+    edge_mm: float = number(7.0, "around slots and testing shell", 2, 100)
+    thickness_mm: float = number(6.0, "of the plate", 3, 30)
+    thread_hole_mm: float = number(3.3, "tapping drill of the tabs' screws (M4)", 1, 10)
+    measured: tuple[str, ...] = field(
+        default=(), metadata={"meaning": "keys measured on the lab's own table"}
+    )
+
+    @property
+    def slot_length_mm(self) -> float:
+        """A slot from end to end = travel + width."""
+        return self.slot_travel_mm + self.slot_mm
+
+
+@dataclass(frozen=True)
+class TableDimensions(Record):
+    """Tabs of the testing shell, by which it is screwed to a table, one on each x side."""
+
+    screw: str = field(default="M4", metadata={"meaning": "screws into the table"})
+    tab_mm: float = number(14.0, "along x, from the shell", 4, 100)
+    width_mm: float = number(30.0, "along y", 4, 200)
+    height_mm: float = number(6.0, "along z, from the plane of the sensor's back", 2, 60)
+    edge_mm: float = number(3.0, "around a hole", 0.5, 20)
+    hole_pitch_mm: float = number(18.0, "between the two holes of a tab, along y", 3, 190)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        standard_row(CLEARANCE_MM, "screw", self.screw)
+
+    @property
+    def hole_mm(self) -> float:
+        """Through hole of the table's screws (ISO 273 medium)."""
+        return CLEARANCE_MM[self.screw]
+
+
+SCREW = CAP_SCREWS["M3"]  # of the flange
+
+
+@dataclass(frozen=True)
+class ToolDimensions(Record):
+    """The tool holder: what takes an indenter's stem, and the flange that it hangs from."""
+
+    fit_mm: float = number(0.2, "between stem and bore, radial, and between flats", 0.02, 1)
+    depth_mm: float = number(21.0, "of the bore, more than the stem is long", 5, 100)
+    body_mm: float = number(16.0, "diameter of the body", 8, 60)
+    flange_mm: float = number(5.0, "thickness of the flange", 2, 30)
+    flange_diameter_mm: float = number(32.0, "of the flange", 15, 120)
+    bolt_circle_mm: float = number(24.0, "of the flange's four screws", 10, 110)
+    roof_mm: float = number(3.0, "above the bore", 1.5, 30)
+    clamp_z_mm: float = number(8.0, "set screw above the mouth", 2, 90)
+    clamp_mm: float = number(2.5, "hole in which the set screw (M3) cuts its thread", 1, 6)
+    screw_hole_mm: float = number(
+        SCREW.clearance_mm, "through hole of the flange's screws (M3)", 2, 8
+    )
+    pin_mm: float = number(2.0, "dowel pin on the bolt circle at +x", 1, 6)
+    pin_fit_mm: float = number(0.4, "pin's hole in the flange over the pin", 0.02, 1)
+
+    @property
+    def height_mm(self) -> float:
+        """Mouth to flange = depth + roof."""
+        return self.depth_mm + self.roof_mm
+
+    @property
+    def bore_mm(self) -> float:
+        """Radius of the bore = half the stem + fit."""
+        return Indenter.stem_diameter_mm / 2 + self.fit_mm
+
+    @property
+    def flat_mm(self) -> float:
+        """Bore's flat from the axis = stem's flat + fit."""
+        return Indenter.stem_flat_at_mm + self.fit_mm
+
+    @property
+    def screw_centres_mm(self) -> list[Point2]:
+        """The flange's screws, between the axes, as the adapter's pilots."""
+        at = self.bolt_circle_mm / 2 * math.sqrt(0.5)
+        return [(sx * at, sy * at) for sy in (-1, 1) for sx in (-1, 1)]
+
+    @property
+    def pin_at_mm(self) -> Point2:
+        """The pin's place."""
+        return self.bolt_circle_mm / 2, 0.0
+
+    @property
+    def clocking_deg(self) -> float:
+        """Turn of the stem per 0.1 mm that the two flats are out of parallel."""
+        half = math.sqrt((Indenter.stem_diameter_mm / 2) ** 2 - Indenter.stem_flat_at_mm**2)
+        return math.degrees(math.atan2(0.1, 2 * half))

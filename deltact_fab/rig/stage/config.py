@@ -1,0 +1,74 @@
+"""What a stage is and can do, whatever its controller speaks."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pydantic import Field
+
+from ..toml_model import Acceleration, Feed, Force, Place, Strict, Tilt, Travel
+
+if TYPE_CHECKING:
+    from ...optics import StageFrame
+    from ...protocols.limits import StageBox
+
+
+class StageSettings(Strict):
+    """The 3-axis stage; machine coordinates are 0 at an axis' positive end and negative below.
+
+    Z homes up, away from the gel; X and Y at 0 too, but for `homing_direction_mask`.
+    """
+
+    port: str | None = Field(default=None, min_length=1)
+    """Serial device of the controller, as /dev/ttyACM0; the virtual rig has its own wire."""
+    origin_machine_mm: tuple[Place, Place, Place]
+    """Where the reference tip meets the centre of the resting face, in machine coordinates."""
+    angle_deg: float = Field(default=0.0, ge=-360, le=360)
+    """How the sensor is turned about z on the stage."""
+    tilt_deg: tuple[Tilt, Tilt] = (0.0, 0.0)
+    """Of the face as it was registered, about the sensor's x, then about y."""
+    registration: str | None = Field(default=None, min_length=1, max_length=4096)
+    """File that `rig register` wrote, from this file's folder: it stands for the three above."""
+    travel_mm: tuple[Travel, Travel, Travel]
+    """How far each axis goes: x, y, z."""
+    max_feed_mm_min: tuple[Feed, Feed, Feed]
+    """The fastest that each axis goes; more is never asked for."""
+    acceleration_mm_s2: tuple[Acceleration, Acceleration, Acceleration]
+    """Acceleration of each axis."""
+    baud: int = Field(default=115200, ge=1200, le=10_000_000)
+    """Of the serial port."""
+    firmware: str = "grbl"
+    """What the controller speaks; a rig file's is one of `firmware.FIRMWARE`."""
+    direction_mask: int = Field(default=0, ge=0, le=7)
+    """Axes whose motor turns the other way (GRBL's $3): 1 for x, 2 for y, 4 for z, added up."""
+    homing_direction_mask: int = Field(default=0, ge=0, le=3)
+    """Axes with their switch at the negative end (GRBL's $23): 1 for x, 2 for y."""
+    homing_s: float | None = Field(default=None, ge=1, le=1000)
+    """How long homing takes, for estimates; `rig home` says it. None: taken from travel_mm."""
+    max_force_n: tuple[Force, Force, Force] | None = None
+    """What the axes can push without losing steps, x, y, z; None: not declared."""
+
+    @property
+    def frame(self) -> StageFrame:
+        """The rigid transform of this stage."""
+        from ...optics import StageFrame
+
+        return StageFrame(self.origin_machine_mm, self.angle_deg, self.tilt_deg)
+
+    @property
+    def box(self) -> StageBox:
+        """What the static checks need to know of this stage."""
+        from ...protocols.limits import StageBox
+
+        x, y, z = (
+            -travel if self.homing_direction_mask >> axis & 1 else 0.0
+            for axis, travel in enumerate(self.travel_mm)
+        )
+        return StageBox(
+            self.frame,
+            self.travel_mm,
+            self.max_feed_mm_min,
+            self.acceleration_mm_s2,
+            (x, y, z),
+            self.homing_s,
+        )
