@@ -85,11 +85,11 @@ def result(
         },
         simulated_, asked.seed, asked.scale, heads,
         (
-            ReportTable("waits", "Seconds of rest until the force is within a bound of its steady value. "
-                  "Empty: the rest was too short to tell.", table, words=WAIT_WORDS),
-            ReportTable("protocols", "The shipped protocols with their settle_s, largest ball, on a gel "
-                  "of this series. A common factor goes into a calibration's coefficients; scatter "
-                  "is left as error.", judged_, words=PROTOCOL_WORDS),
+            ReportTable("waits", "Seconds of rest until the force is within a bound of its steady "
+                  "value. Empty: the rest was too short to tell.", table, words=WAIT_WORDS),
+            ReportTable("protocols", "The shipped protocols with their settle_s, largest ball, on "
+                  "a gel of this series. A common factor goes into a calibration's "
+                  "coefficients; scatter is left as error.", judged_, words=PROTOCOL_WORDS),
         ),
         figures, settings,
         (*notes, "Nothing is drawn at random: the seed does not matter.",

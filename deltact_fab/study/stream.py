@@ -55,8 +55,8 @@ class Look:
 class FaceFrame:
     """One moment of the face, before any pattern is on it.
 
-    at_px: (h + 2, w + 2, 2), what each pixel sees, for `FrameRenderer.expose`. displacement_mm: (ny, nx,
-    3) on the lattice, None at rest.
+    at_px: (h + 2, w + 2, 2), what each pixel sees, for `FrameRenderer.expose`. displacement_mm:
+    (ny, nx, 3) on the lattice, None at rest.
     """
 
     number: int

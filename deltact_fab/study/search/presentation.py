@@ -72,14 +72,14 @@ def tables(found: Findings) -> tuple[ReportTable, ...]:
         ReportTable("confirmed", "Confirmed on the finite-strain gel. Means over "
               f"{found.size.held_out} seeds that the search has not seen.", confirmed_rows,
               words=CONFIRMED_WORDS),
-        ReportTable("candidates", f"The candidates. Means over {seeds}, best first; of the longest step "
-              "that is bridged the least; leap: all of the motion in one step.", found.frame,
+        ReportTable("candidates", f"The candidates. Means over {seeds}, best first; of the longest "
+              "step that is bridged the least; leap: all of the motion in one step.", found.frame,
               tuple(c for c in columns if c in found.frame),
               WORDS | {p.column: p.words for p in PREDICTORS}),
-        ReportTable("predictors", "What orders them. Rank correlation with the candidates' mean error, "
-              "with that of the pixels that the tracker is sure of, with the share that it is not "
-              "sure of, and with the mean error on the gel where it is known; 1: what it calls "
-              "better is better.", orders,
+        ReportTable("predictors", "What orders them. Rank correlation with the candidates' mean "
+              "error, with that of the pixels that the tracker is sure of, with the share that it "
+              "is not sure of, and with the mean error on the gel where it is known; 1: what it "
+              "calls better is better.", orders,
               tuple(str(c) for c in orders if c not in NOT_SHOWN), ORDER_WORDS),
     ]  # fmt: skip
     if found.pair is not None:
@@ -107,17 +107,17 @@ def drawn(found: Findings) -> tuple[ReportFigure, ...]:
     pictures = _pictures(found)
     words = {found.paper: f"the paper's: {found.paper}"}
     out = [
-        ReportFigure("confirmed", "Mean error on the finite-strain gel with its 95 % interval over the "
-              "seeds; simulated.",
+        ReportFigure("confirmed", "Mean error on the finite-strain gel with its 95 % interval over "
+              "the seeds; simulated.",
               partial(figures.confirmed_errors, [c.as_row() for c in found.ours],
                       found.best.pattern, found.paper)),
-        ReportFigure("predictors-against-error", "Each predictor against the candidates' error, in the "
-              f"search; rings: the paper's and the finalists, {_numbered(found)}.",
+        ReportFigure("predictors-against-error", "Each predictor against the candidates' error, in "
+              f"the search; rings: the paper's and the finalists, {_numbered(found)}.",
               partial(figures.predictors_against_error, found.frame, found.finalists,
                       found.paper)),
-        ReportFigure("rank-correlations", "How well each predictor orders the candidates, with its 95 % "
-              "interval over kinds of pattern: by their mean error, by that of the pixels that the "
-              "tracker is sure of, and by the share that it is not sure of.",
+        ReportFigure("rank-correlations", "How well each predictor orders the candidates, with its "
+              "95 % interval over kinds of pattern: by their mean error, by that of the pixels "
+              "that the tracker is sure of, and by the share that it is not sure of.",
               partial(figures.correlations,
                       {"mean error": found.order, "error of the sure": found.sure_order,
                        "share not sure of": found.lost_order})),
