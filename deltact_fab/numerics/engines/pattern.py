@@ -228,10 +228,10 @@ def cases(quick: bool) -> Sequence[Case]:
         for r in (0.0, 0.1, 0.2500001, 0.6, 0.9)
     ]
     out += [
-        Case("r = 1", "refused", partial(_recipe, d=0.5, r=1.0), says="0 <= r < 1"),
+        Case("r = 1", "refused", partial(_recipe, d=0.5, r=1.0), says="r: Input should be"),
         Case("r = NaN", "refused", partial(_recipe, d=0.5, r=math.nan), says="r"),
-        Case("r = -0.1", "refused", partial(_recipe, d=0.5, r=-0.1), says="0 <= r < 1"),
-        Case("d = 0", "refused", partial(_recipe, d=0.0, r=0.1), says="above 0"),
+        Case("r = -0.1", "refused", partial(_recipe, d=0.5, r=-0.1), says="r: Input should be"),
+        Case("d = 0", "refused", partial(_recipe, d=0.0, r=0.1), says="greater than 0"),
         Case("2001 x 2001 patches", "refused", partial(_recipe, d=35 / 2001, r=0.1), says="2000"),
         Case(f"printed algorithm, r = 0.6, {MAX_TRIES} tries a patch", "refused",
              partial(_as_printed, 0.6), says="no colour"),
