@@ -17,8 +17,8 @@ from .options import ENGINE_NAME, JSON, out_folder
 def numerics(engines: tuple[str, ...], quick: bool, out: Path | None, as_json: bool) -> None:
     """Error against CPU time, and stability, of the numerical engines.
 
-    ENGINE is pattern, flow, layer, gel, cad, sheet, measure, or bench: what each fault does to a
-    run on a simulated bench, at each moment of it. The default is all of them. Each time is the
+    ENGINE is pattern, flow, layer, gel, measure, or bench: what each fault does to a run on a
+    simulated bench, at each moment of it. The default is all of them. Each time is the
     best of several runs, with the slowest beside it. Nothing is measured on hardware. Exit code 1
     when a row is wrong.
     """

@@ -13,8 +13,6 @@ REGISTRY = {
     "flow": "deltact_fab.numerics.engines.flow",
     "layer": "deltact_fab.numerics.engines.layer",
     "gel": "deltact_fab.numerics.engines.gel",
-    "cad": "deltact_fab.numerics.engines.cad",
-    "sheet": "deltact_fab.numerics.engines.sheet",
     "measure": "deltact_fab.numerics.engines.measure",
     "bench": "deltact_fab.numerics.engines.bench",
 }
