@@ -126,7 +126,7 @@ def run(
 
     return Numerics(
         engines=[{"name": e.name, "title": e.title, "about": e.about} for e in engines.values()],
-        curves=work_precision.with_pareto(curves),
+        curves=work_precision.compared(curves),
         stability=judged,
         tables=tables,
         scenes=costs,

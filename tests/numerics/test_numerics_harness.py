@@ -138,8 +138,11 @@ def test_pareto_front() -> None:
 
     rows = [row("a", 1, 4), row("a", 2, 2), row("a", 3, 3), row("a", 4, 1), row("a", 0.5, None),
             row("b", 9, 9)]  # fmt: skip
-    marks = [r.pareto for r in work_precision.with_pareto(rows)]
+    marks = [r.pareto for r in work_precision.compared(rows)]
     assert marks == [True, True, False, True, False, True]
+    ratios = [r.times_as_fast for r in work_precision.compared(rows)]
+    assert ratios == [1, 0.5, pytest.approx(1 / 3), 0.25, 2, 1]
+    assert {r.baseline for r in work_precision.compared(rows)} == {"s, n"}
 
 
 def test_a_wrong_row_fails_the_command_and_stays_in_every_file(toy: str, tmp_path: Path) -> None:

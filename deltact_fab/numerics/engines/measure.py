@@ -13,6 +13,7 @@ import numpy as np
 from ...arrays import Array
 from ...measure.face import FaceFlow
 from ...measure.force import ForceModel, make_features
+from ...measure.force.wrench import COMPONENTS
 from ...measure.hodge import Hodge, curl, decompose, divergence
 from ...measure.hole_filling import whole
 from ...measure.regression import RegressionFit, least_squares
@@ -24,6 +25,7 @@ SMOOTH_MM, FINE_MM = 2.0, 0.5
 EVERY = (1, 2, 4, 8, 16)
 PUSH = 0.3  # of the dent that the curves see: det from 1.7 to about .94
 SETS = ("sums", "paper")
+LEFT_OUT, NOISE = 40, 0.01
 
 
 def _rms(values: Array) -> float:
@@ -71,6 +73,37 @@ def _features(name: str, every: int, scratch: Path) -> Work:
     )
 
 
+def _presses(name: str, n: int, seed: int) -> tuple[Array, Array]:
+    """Features (n, k) of random presses and twists, and wrenches (n, 6) that follow from them."""
+    rng = np.random.default_rng(seed)
+    features = make_features(name, VIEW)
+    known = parts(SMOOTH_MM)
+    bases = [means(field, 8) for field in (dent(PUSH), known.d, known.r, known.h)]
+    at = face(dent(PUSH), 8)
+    shifts = [np.tensordot(rng.uniform(0.1, 1.0, 4), bases, axes=1) for _ in range(n)]
+    X = np.stack([features.of(replace(at, shift_mm=u.astype(np.float32))) for u in shifts])
+    # One press a unit, so that no term of another size decides alone.
+    size = np.abs(features.of(at)) + 1.0
+    weights = np.random.default_rng(1).normal(size=(X.shape[1], 6)) / size[:, None]
+    for i, component in enumerate(COMPONENTS):
+        unused = [j for j, term in enumerate(features.names)
+                  if term not in features.explains[component]]  # fmt: skip
+        weights[unused, i] = 0.0
+    return X, X @ weights
+
+
+def _wrenches(name: str, n: int, scratch: Path) -> Work:
+    X, wrench = _presses(name, n, 11)
+    new, true = _presses(name, LEFT_OUT, 12)
+    noise = np.random.default_rng(13).normal(size=wrench.shape)
+    seen = wrench + NOISE * np.std(wrench, axis=0) * noise
+    features = make_features(name, VIEW)
+    return Work(
+        lambda: ForceModel.fit(features, X, seen)[0],
+        lambda model: 100 * _rms((model.predict(new) - true) / np.std(true, axis=0)),
+    )
+
+
 def curves(quick: bool) -> Sequence[CurveSetting]:
     """Points from every pixel to every 16th."""
     exact, strides = "closed form", (4, 8) if quick else EVERY
@@ -93,7 +126,14 @@ def curves(quick: bool) -> Sequence[CurveSetting]:
             if 1 < every <= 8:
                 out.append(CurveSetting(
                     "features of the force", name, f"every {every} px", "% of the largest",
-                    "every pixel", 0.0, partial(_features, name, every)))  # fmt: skip
+                    "every pixel", 0.0, partial(_features, name, every),
+                    kind="self-test"))  # fmt: skip
+    for name in SETS:
+        for n in (15, 60) if quick else (15, 30, 60, 120):
+            out.append(CurveSetting(
+                f"wrench of {LEFT_OUT} presses left out, {NOISE:.0%} of noise in training", name,
+                f"{n} presses", "% of the wrench, rms", "the wrenches that were put in", 0.0,
+                partial(_wrenches, name, n)))  # fmt: skip
     return out
 
 
