@@ -175,6 +175,7 @@ def cases(quick: bool) -> Sequence[Case]:
     """What may not be answered silently: no texture, no relation, too much motion."""
     out = [
         Case("a first image without texture", "refused", partial(_first, 90), says="texture"),
+        Case("a first image all white", "refused", partial(_first, 255), says="texture"),
         Case("one frame alone", "right", _one_frame, 0.0, "px"),
         Case("nothing moves", "right", _still, 0.01, "mm"),
         Case("another image size", "refused", _other_size, says="the first one was"),
@@ -182,6 +183,8 @@ def cases(quick: bool) -> Sequence[Case]:
              says="one size is needed"),
         Case("an image of 40 px", "refused",
              partial(_method, lambda g: g[:40, :40], lambda g: g[:40, :40]), says="64 px or more"),
+        Case("float images", "refused",
+             partial(_method, lambda g: g.astype(float), lambda g: g.astype(float)), says="uint8"),
     ]  # fmt: skip
     for method in ("fused", "dis-fast") if quick else FLOW_METHODS:
         # Half the pixels may cost no more than a doubled error.
