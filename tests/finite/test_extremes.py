@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from deltact_fab.numerics.engine import Case
-from deltact_fab.numerics.engines.gel_cases import cases
+from deltact_fab.numerics.engines.gel import full_cases
 from deltact_fab.numerics.judge import judge
 
 CHEAP = (
@@ -21,7 +21,7 @@ CHEAP = (
     "nu 0.5",
     "sphere:0.5 on cells of 2 mm at 1, 1",
 )
-TABLE = {case.name: case for case in cases()}
+TABLE = {case.name: case for case in full_cases()}
 
 
 def test_the_cheap_ones_are_in_the_table() -> None:
