@@ -74,8 +74,6 @@ press_increment_mm = 0.2
 """
 RAISED_MM = 0.35
 HOST = """
-import signal
-signal.signal(signal.SIGINT, signal.default_int_handler)
 from deltact_fab.cli.main import entry
 entry()
 """
