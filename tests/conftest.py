@@ -101,7 +101,11 @@ def mini_run(mini: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) 
     from deltact_fab import experiment
 
     protocol, rig = map(str, mini)
-    return common(tmp_path_factory, "run", lambda out: experiment.run(protocol, rig, out, seed=3))
+    return common(
+        tmp_path_factory,
+        "run",
+        lambda out: experiment.run(experiment.RunRequest(protocol, rig, out, seed=3)),
+    )
 
 
 @pytest.fixture(scope="session")

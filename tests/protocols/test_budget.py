@@ -118,5 +118,5 @@ def test_check_has_the_rows_and_run_refuses(tmp_path: Path) -> None:
     assert not found["least feed"]
     assert {"time", "disk", "camera rate"} <= found.keys()
     with pytest.raises(InputError, match="least feed"):
-        experiment.run(str(slow), "virtual", tmp_path / "run")
+        experiment.run(experiment.RunRequest(str(slow), "virtual", tmp_path / "run"))
     assert not (tmp_path / "run").exists()
