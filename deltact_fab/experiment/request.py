@@ -13,7 +13,7 @@ from ..cad.dimensions import Design
 from ..errors import InputError, MissingLibrary
 from ..patterns.recipe import PatternRecipe, load_recipe
 from ..protocols import limits, plan
-from ..protocols.pace import LOCKSTEP, SIMULATED, WALL_CLOCK
+from ..protocols.motion import LOCKSTEP, SIMULATED, WALL_CLOCK
 from ..protocols.plan import Protocol, Step
 from ..rig import config as rig_config
 from ..rig.config import RigConfig
