@@ -7,11 +7,10 @@ lens as it is, behind air, acrylic and gel, and `Rectified` the view of the face
 
 from .camera import CameraModel, Medium, axes_mm
 from .camera_file import as_toml, camera_from_dict, load_camera
-from .face import SeenFace
+from .face import FaceMotion, SeenFace
 from .fisheye import Fisheye
 from .flat import FlatField
 from .lattice import LatticeSampler, PointSampler, SurfaceLattice
-from .motion import FaceMotion
 from .pinhole import Pinhole
 from .rectified import Rectified
 from .sampling import aliased_share, raw_mm_per_px

@@ -22,7 +22,7 @@ from ..aliases import Field
 from ..analysis.tracking_error.dots import Marks
 from ..analysis.tracking_error.truth import TrueFrame, off_dots, seen_by
 from ..errors import SolverError
-from ..experiment.meta import pattern_of
+from ..experiment.session import pattern_of
 from ..gel.path.knots import CONTACT_EPS_MM, Increments, divide
 from ..optics import FlatField, Pinhole, Rectified, SeenFace
 from ..patterns.recipe import PatternRecipe

@@ -158,7 +158,9 @@ def test_a_run_in_which_nothing_moved_enough_still_has_a_report(
     text = mini[0].read_text().replace('"sphere:10", "4dots"', '"sphere:10"')
     text = text.replace('[shear]\namplitude_mm = 1.5\naxes = ["x"]\n', "").replace(', "shear"', "")
     (tmp_path / "touch.toml").write_text(text.replace("[1.0]", "[0.3]"))
-    experiment.run(str(tmp_path / "touch.toml"), str(mini[1]), tmp_path / "r", seed=3)
+    experiment.run(
+        experiment.RunRequest(str(tmp_path / "touch.toml"), str(mini[1]), tmp_path / "r", seed=3)
+    )
     touched = analyse(tmp_path / "r", ["dis-fast"])
     assert touched.methods[0]["mean_off_dots_mm"] is None
     page = write(tmp_path / "r", tmp_path / "r.html", touched).read_text()
