@@ -19,7 +19,7 @@ from ...measure.lens.problem import BoardView
 from ...measure.lens.trust import view_mm
 from ...optics import Fisheye
 from ...shapes import SensorDimensions
-from ...virtual.boards import ON_FACE, BoardPose
+from ...virtual.photographs import ON_FACE, BoardPose
 from ..engine import Case, CurveSetting, Engine, Work
 
 SEED, NOISE_PX, DEPTH_MM = 7, 0.05, 3.0

@@ -33,8 +33,7 @@ from ..netft_server import NetFTServer
 from ..pty import PtyCable
 from ..rig import VirtualKind
 from ..scene import Observation
-from .camera import LiveCamera
-from .scene import LiveScene
+from .scene import LiveCamera, LiveScene
 
 
 class LiveClock(VirtualClock):
