@@ -27,7 +27,7 @@ from deltact_fab.numerics.engines.flow_frames import (
     far,
     in_plane,
 )
-from deltact_fab.numerics.judge import plain
+from deltact_fab.numerics.stability import plain
 
 from . import peer
 

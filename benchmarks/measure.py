@@ -18,8 +18,8 @@ from deltact_fab.numerics.engines.gel_press import (
     reference,
     solve_finite,
 )
-from deltact_fab.numerics.judge import judge
 from deltact_fab.numerics.memory import peak_resident_mb, reset_peak_mb
+from deltact_fab.numerics.stability import judge
 
 
 def case_row(case: Case) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import pytest
 
 from deltact_fab.numerics.engine import Case
 from deltact_fab.numerics.engines.gel import full_cases
-from deltact_fab.numerics.judge import judge
+from deltact_fab.numerics.stability import judge
 
 CHEAP = (
     "E x 0.001: iterations",

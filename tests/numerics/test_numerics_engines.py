@@ -10,7 +10,7 @@ import pytest
 
 from deltact_fab.numerics.engine import Case, Engine
 from deltact_fab.numerics.engines import REGISTRY, load
-from deltact_fab.numerics.judge import judge
+from deltact_fab.numerics.stability import judge
 from deltact_fab.patterns.laws import patches
 
 

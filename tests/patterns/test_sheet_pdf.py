@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 import pytest
+from png_rows import unfiltered
 
 from deltact_fab.patterns import draw_patches, load_recipe, raster, recipe_from, recipe_from_options
 from deltact_fab.patterns.code import decode
 from deltact_fab.patterns.sheet import job as sheet
 from deltact_fab.patterns.sheet.page_marks import COLOURS
-from deltact_fab.patterns.sheet.pixels import unfiltered
 
 needs_poppler = pytest.mark.skipif(
     shutil.which("pdftoppm") is None, reason="pdftoppm (poppler-utils) is not installed"
