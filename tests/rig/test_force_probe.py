@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scale_on_pty import scale
 
 from deltact_fab.rig.config import ForceConfig, GuardConfig
@@ -52,6 +53,7 @@ def test_what_is_wrong_says_what_would_be_right() -> None:
         assert list(found(box).values()) == [False]
 
 
+@pytest.mark.slow
 def test_a_scale_is_listened_to_as_well() -> None:
     with scale() as it:
         config = ForceConfig(serial=SerialScaleConfig(port=it.port))
