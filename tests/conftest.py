@@ -65,6 +65,16 @@ def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="module")
+def no_boot_loader() -> Iterator[None]:
+    """A simulated board is no Arduino: no boot loader's 2.5 s are waited for its banner."""
+    from deltact_fab.rig.stage.exchange import Talk
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Talk.banner, "__defaults__", (0.4,))
+        yield
+
+
 @pytest.fixture(scope="session")
 def mini(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """Paths of a short protocol and of a rig file."""

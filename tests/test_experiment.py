@@ -155,6 +155,7 @@ def test_ctrl_c_stops_lifts_the_tip_and_keeps_the_frames(
     assert record.open(tmp_path / "r").summary() == {}
 
 
+@pytest.mark.slow
 def test_sigterm_does_the_same(mini: tuple[Path, Path], tmp_path: Path) -> None:
     def kill(done: int, total: int, what: str) -> None:
         if what.endswith("press"):
@@ -189,6 +190,7 @@ def test_an_overloaded_force_sensor_stops_and_lifts(
     assert "lifted" in last.text
 
 
+@pytest.mark.slow
 def test_a_force_only_scene_has_no_images_and_no_truth(
     mini: tuple[Path, Path], tmp_path: Path
 ) -> None:
@@ -216,6 +218,7 @@ def test_without_shear_no_friction_is_solved(mini: tuple[Path, Path], tmp_path: 
     assert any("friction" in line for line in summary["left_out"])
 
 
+@pytest.mark.slow
 def test_in_air_the_virtual_rig_touches_nothing_and_says_so(
     mini: tuple[Path, Path], tmp_path: Path
 ) -> None:

@@ -113,6 +113,7 @@ def test_one_that_kills_its_process_each_time_fails_alone() -> None:
     assert "\n" not in str(why)
 
 
+@pytest.mark.slow
 def test_an_idle_process_that_dies_costs_no_job_a_try() -> None:
     with jobs.executor(workers=1) as own:
         for _ in range(TRIES + 1):
@@ -142,6 +143,7 @@ def threads_of(_: int) -> tuple[list[str | None], int, int]:
     return found, cv2.getNumThreads(), jobs.processors()
 
 
+@pytest.mark.slow
 def test_workers_share_the_processors(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in jobs.THREAD_VARIABLES:
         monkeypatch.delenv(name, raising=False)
@@ -151,6 +153,7 @@ def test_workers_share_the_processors(monkeypatch: pytest.MonkeyPatch) -> None:
         assert (of_cv2, inside) == (3, 3)
 
 
+@pytest.mark.slow
 def test_who_sets_a_number_of_threads_means_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OMP_NUM_THREADS", "5")
     found = jobs.each(threads_of, [0, 1], ["a", "b"], workers=2)
@@ -190,6 +193,7 @@ def slow_count(upto: int) -> int:
     return upto
 
 
+@pytest.mark.slow
 def test_words_from_processes_come_while_the_job_runs_and_in_the_callers_thread() -> None:
     order: list[str] = []
 

@@ -196,6 +196,7 @@ def test_a_force_only_scene_never_draws(
     assert (calls["friction"] > 0) == (name == "force and shear")
 
 
+@pytest.mark.slow
 def test_a_tracking_scene_without_shear_solves_no_friction_and_asks_no_force(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -286,9 +287,12 @@ write("run", Path("page.html"), result)
     "words",
     [
         ["cad", "list"],
-        ["protocol", "show", "smoke"],
+        pytest.param(["protocol", "show", "smoke"], marks=pytest.mark.slow),
         ["pattern", "make", "-d", "0.3", "-r", "0.1", "--size", "6", "-o", "x.png"],
-        ["gel", "press", "--depth", "0.6", "--spacing", "0.5", "--model", "layer"],
+        pytest.param(
+            ["gel", "press", "--depth", "0.6", "--spacing", "0.5", "--model", "layer"],
+            marks=pytest.mark.slow,
+        ),
     ],
     ids=lambda w: "-".join(w[:2]),
 )
@@ -298,6 +302,7 @@ def test_a_command_of_numbers_loads_no_kernel_no_pages_and_no_opencv(
     assert loaded_by(COMMAND.format(words=words, code=0), cwd=tmp_path) == [set()]
 
 
+@pytest.mark.slow
 def test_the_parts_are_listed_where_cadquery_is_absent_and_export_says_so(tmp_path: Path) -> None:
     # None in sys.modules is an import that fails: the list must not even try.
     absent = "".join(f"sys.modules[{name!r}] = None\n" for name in CAD)

@@ -99,6 +99,7 @@ def deepest(run: record.Run) -> str:
     return str(frames["frame_id"].iloc[int(frames["x_mm"].argmax())])
 
 
+@pytest.mark.slow
 def test_frames_are_stored_raw_and_read_as_the_calibrated_lens_has_them(run: Path) -> None:
     opened = record.open(run)
     row = opened.frames().iloc[3]
@@ -216,6 +217,7 @@ class Stop(Exception):
     pass
 
 
+@pytest.mark.slow
 def test_a_run_that_was_cut_off_ends_as_the_undisturbed_one(run: Path, tmp_path: Path) -> None:
     words = written(tmp_path / "given")
     out = tmp_path / "out"
@@ -288,6 +290,7 @@ def test_frames_of_another_size_than_the_lens_are_not_rectified(run: Path, tmp_p
         opened.image(opened.frames()["file"].iloc[0])
 
 
+@pytest.mark.slow
 def test_a_lens_that_was_not_calibrated_is_the_designs_with_a_warning(tmp_path: Path) -> None:
     protocol, rig = written(tmp_path, '["image"]')
     text = Path(protocol).read_text()

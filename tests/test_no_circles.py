@@ -62,6 +62,7 @@ def behind(module: Path, name: str, package: Path) -> Iterator[Path]:
         yield face
 
 
+@pytest.mark.slow
 def test_no_circle_among_files() -> None:
     """Imports in functions count, and those for type checking alone."""
     needs = graph(digest.PACKAGE)

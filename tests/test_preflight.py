@@ -218,6 +218,7 @@ def test_a_gel_that_relaxes_is_taken_as_pressed_at_once(smoke: Protocol) -> None
         assert sudden.normal_n == pytest.approx(1.5 * elastic.normal_n, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_shear_and_moments_are_never_less_than_the_linear_drag(smoke: Protocol) -> None:
     for peak in _peaks(smoke):
         layer = BondedLayer.for_skin(SENSOR.skin, GelMaterial(), spacing_mm=0.25)
@@ -243,6 +244,7 @@ def test_moments_count_from_the_declared_origin(smoke: Protocol) -> None:
         assert there.moment_nmm[0] - near.moment_nmm[0] == pytest.approx(more, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_finite_strain_agrees_with_the_facts_at_5_mm(deep: PressCurve) -> None:
     """Axisymmetric twin: 48.8 N without friction, 57.2 N with 1; a coarse mesh adds up to 10 %."""
     force, level = deep.normal_n(5.0)

@@ -89,6 +89,7 @@ def test_mcap_has_every_message_at_its_time(run: Run, tmp_path: Path) -> None:
     assert [about["id"] for _, about in found["/camera/frame"]] == frames["frame_id"].tolist()
 
 
+@pytest.mark.slow
 def test_mcap_is_in_order_and_says_what_it_is(run: Run, tmp_path: Path) -> None:
     out = tmp_path / "run.mcap"
     export(run, "mcap", out)

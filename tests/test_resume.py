@@ -309,6 +309,7 @@ def resume(
     )
 
 
+@pytest.mark.slow
 def test_the_indenter_is_mounted_again_without_a_second_row(tiny: Bench, tmp_path: Path) -> None:
     out = tmp_path / "r"
     cut_off(tiny, out, "sphere-8/p2")  # its change is journalled, and so is the press before it
@@ -410,6 +411,7 @@ def test_a_force_only_run_is_resumed_too(tiny: Bench, tmp_path: Path) -> None:
         assert rows(out, table) == rows(tmp_path / "whole", table)
 
 
+@pytest.mark.slow
 def test_other_conditions_are_refused_by_name(tiny: Bench, tmp_path: Path) -> None:
     out = tmp_path / "r"
     cut_off(tiny, out, "sphere-6/p2")

@@ -64,6 +64,7 @@ def test_settled_frames_are_the_last_of_each_stop(files: tuple[str, str], folder
         assert (row.x_mm, row.y_mm, row.z_mm) == pytest.approx(step.target_mm, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_the_tip_has_stood_still_for_as_long_as_the_protocol_settles(folder: Path) -> None:
     run = record.open(folder)
     frames, pose = run.frames(), run.pose()

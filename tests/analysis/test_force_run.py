@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 import shutil
 import sqlite3
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
 import pytest
+from called import called
 
 from deltact_fab import experiment, record
 from deltact_fab.analysis.force import calibrate, carry_over
@@ -34,17 +33,10 @@ serial = "A1"
 """
 
 
-def call(*words: str | Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "deltact_fab.cli.main", "analyze", "force", *map(str, words)],
-        capture_output=True, text=True, check=False, timeout=600,
-    )  # fmt: skip
-
-
 @pytest.mark.slow
 def test_too_few_points_are_refused_with_the_number_needed(mini_run: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    done = call(mini_run, "--out", out, "--model", "sums")
+    done = called("analyze", "force", mini_run, "--out", out, "--model", "sums")
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr.count("\n") == 1, done.stderr
@@ -97,7 +89,7 @@ def test_a_calibration_is_made_kept_and_carried_over(
     protocol, run, out = tmp_path / "presses.toml", tmp_path / "run", tmp_path / "out"
     protocol.write_text(PROTOCOL)
     experiment.run(experiment.RunRequest(str(protocol), str(mini[1]), run, seed=3))
-    done = call(run, "--out", out, "--model", "sums", "--json")
+    done = called("analyze", "force", run, "--out", out, "--model", "sums", "--json")
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     # One at rest and nine stops that settle, at each of two places; one ball, one run.
@@ -126,7 +118,7 @@ def test_a_calibration_is_made_kept_and_carried_over(
     files = opened.frames()["file"]
     for file in files[1:]:
         (run / file).unlink()
-    again = call(run, "--out", tmp_path / "again", "--model", "sums")
+    again = called("analyze", "force", run, "--out", tmp_path / "again", "--model", "sums")
     assert again.returncode == 0, again.stderr
     assert again.stdout.startswith(f"{told['best']} is taken: normal force to ")
     one, two = (
@@ -137,7 +129,15 @@ def test_a_calibration_is_made_kept_and_carried_over(
         ".svg", ".json", ".csv", ".toml", ".png",
     }  # fmt: skip
 
-    moved = call(run, "--transfer", out / "calibration.toml", "-o", tmp_path / "moved.toml")
+    moved = called(
+        "analyze",
+        "force",
+        run,
+        "--transfer",
+        out / "calibration.toml",
+        "-o",
+        tmp_path / "moved.toml",
+    )
     assert moved.returncode == 0, moved.stderr
     assert moved.stdout.startswith("carried over from 2 presses: pressure x ")
     carried = load_force(tmp_path / "moved.toml")

@@ -92,6 +92,7 @@ def stops(series: Series, noise_n: float, rest_s: float, seed: int = 0) -> list[
     return found
 
 
+@pytest.mark.slow
 def test_the_series_is_found_again_from_rests_that_follow_each_other():
     fitted = fit(stops(GEL, noise_n=0.002, rest_s=30.0))
     assert len(fitted.series.shares) == 2

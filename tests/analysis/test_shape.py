@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from called import called
 
 from deltact_fab.analysis.shape import GOALS, calibrate_depth
 from deltact_fab.analysis.shape.ball import DepthCalibration
@@ -17,15 +16,8 @@ from deltact_fab.measure.sensor_id import CalibrationSource, Head, SensorId
 from deltact_fab.measure.shape import DepthModel
 
 
-def call(*words: str | Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "deltact_fab.cli.main", *map(str, words)],
-        capture_output=True, text=True, check=False, timeout=600,
-    )  # fmt: skip
-
-
 def refused(*words: str | Path) -> str:
-    done = call(*words)
+    done = called(*words)
     assert done.returncode == 2, done.stderr
     assert done.stdout == ""
     assert done.stderr.count("\n") == 1, done.stderr
@@ -47,7 +39,7 @@ def test_a_depth_is_calibrated_on_the_ball_and_shape_is_judged_by_it(
     mini_run: Path, tmp_path: Path
 ) -> None:
     file, out = tmp_path / "depth.toml", tmp_path / "out"
-    done = call("calibrate-depth", mini_run, "-o", file)
+    done = called("calibrate-depth", mini_run, "-o", file)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("Depth calibrated on a sphere of 10 mm at 1.00")
     head, model = DepthModel.load(file)
@@ -55,7 +47,7 @@ def test_a_depth_is_calibrated_on_the_ball_and_shape_is_judged_by_it(
     assert head.made.simulated
     assert model.deepest_mm == pytest.approx(1.0, abs=0.01)
 
-    done = call("analyze", "shape", mini_run, "--depth", file, "--out", out, "--json")
+    done = called("analyze", "shape", mini_run, "--depth", file, "--out", out, "--json")
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     assert told == json.loads((out / "shape.json").read_text())
@@ -70,7 +62,7 @@ def test_a_depth_is_calibrated_on_the_ball_and_shape_is_judged_by_it(
     assert ball["depth_error_contact_mm"] < ball["zero_error_contact_mm"]
     # On the axis a press hardly shows, and this gel's level moves otherwise in plane than a real
     # one: the figures of the claim are of the finite-strain gel (docs/decisions/0025-*).
-    again = call("analyze", "shape", mini_run, "--out", out)
+    again = called("analyze", "shape", mini_run, "--out", out)
     assert again.returncode == 0, again.stderr
     assert again.stdout.startswith("Mean error of ")
     assert "uncalibrated" in again.stdout.splitlines()[0]

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 import shutil
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
+from called import called
 from numpy.typing import NDArray
 
 from deltact_fab import record
@@ -41,6 +40,7 @@ def test_the_json_has_every_figure(result: te.TrackingResult) -> None:
     assert data["paper"]["best_mean_at_dots_mm"] == 0.08
 
 
+@pytest.mark.slow
 def test_the_default_and_the_dots_hold_the_bounds(result: te.TrackingResult) -> None:
     best = result.methods[0]
     assert best["mean_off_dots_mm"] <= 0.004
@@ -136,6 +136,7 @@ def test_what_the_camera_does_not_see_is_not_counted_before_or_after() -> None:
     assert (np.flatnonzero(frame.still[5]) == np.arange(28, 50)).all()
 
 
+@pytest.mark.slow
 def test_without_truth_the_error_at_the_dots_remains(mini_run: Path, tmp_path: Path) -> None:
     """A real rig has no truth folder; nothing may be invented for it."""
     shutil.copytree(mini_run, tmp_path / "r", ignore=shutil.ignore_patterns("truth", "analysis"))
@@ -195,10 +196,8 @@ def test_an_unfinished_run_is_not_analysed(mini_run: Path, tmp_path: Path) -> No
 @pytest.mark.slow
 def test_the_command_says_first_which_method_to_take(mini_run: Path, tmp_path: Path) -> None:
     words = ["analyze", "tracking", str(mini_run), "--method", "fused", "--out", str(tmp_path)]
-    program = [sys.executable, "-m", "deltact_fab.cli.main"]
-    done = subprocess.run(
-        [*program, *words], capture_output=True, text=True, check=True, timeout=300
-    )
+    done = called(*words)
+    assert done.returncode == 0, done.stderr
     stored = json.loads((tmp_path / "tracking.json").read_text())
     first = done.stdout.splitlines()[0]
     assert first == stored["verdict"]["line"]

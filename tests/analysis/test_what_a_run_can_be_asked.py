@@ -58,6 +58,7 @@ def test_a_pattern_without_dots_is_held_against_truth_alone(
     assert "at moving dots" not in page
 
 
+@pytest.mark.slow
 def test_a_skin_of_dots_alone_is_followed_by_its_dots(
     mini: tuple[Path, Path], tmp_path: Path
 ) -> None:

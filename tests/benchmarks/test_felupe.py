@@ -33,6 +33,7 @@ def test_a_variable_that_points_nowhere_is_an_error(monkeypatch, tmp_path):
         peer.python()
 
 
+@pytest.mark.slow
 def test_a_script_that_breaks_is_an_error(monkeypatch):
     """Our own interpreter has no felupe."""
     monkeypatch.setenv(peer.VARIABLE, sys.executable)

@@ -22,6 +22,7 @@ def found() -> FiniteSolution:
     return gel_scene.solved(GelCase(spacing_mm=3.0), 0.3, (0.0, 0.0, 3.0))
 
 
+@pytest.mark.slow
 def test_energy_from_nowhere_is_seen_and_a_jump_s_loss_is_not_an_error(
     found: FiniteSolution, monkeypatch: pytest.MonkeyPatch
 ) -> None:

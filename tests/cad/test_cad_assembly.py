@@ -74,6 +74,7 @@ def test_every_piece_that_is_counted_has_a_place(design):
     assert registry.find("shell").places(design) == [(0.0, 0.0, 0.0)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DESIGNS)
 def test_pieces_share_nothing_but_the_threads_and_fill_the_envelope(cq, name):
     design = load_design(name.split()[0], DESIGNS[name])
@@ -129,6 +130,7 @@ def test_a_part_out_of_place_is_found_with_its_volume(cq, design, solids):
     assert into == pytest.approx(0.5 * plan_mm2, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_thicker_board_meets_what_was_made_for_a_thin_one(cq, design, solids):
     thick = load_design("deltact", ["camera.board_mm=1.2"])
     camera = build_part(registry.find("camera"), thick)[0]

@@ -229,6 +229,7 @@ def test_the_gaps_carry_the_figures_of_the_design():
     assert any("within the 40 mm side" in g.found for g in wide)
 
 
+@pytest.mark.slow
 def test_no_cad_kernel_is_imported():
     code = (
         "import sys; from deltact_fab.cad import registry, show;"

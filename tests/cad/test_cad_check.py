@@ -239,6 +239,7 @@ def _on(built, **sections):
     return BuiltDesign(replace(built.design, **changed), built.parts, dict(built.solids))
 
 
+@pytest.mark.slow
 def test_the_view_cone_by_snell(inner):
     x, y, corner = visibility.view(inner)
     # The facts give 58, 45 and 67 degrees for a gap of 3 and the paper's 675 mm2.
@@ -306,6 +307,7 @@ def test_the_shipped_designs_pass(name):
     assert any(row.verdict.startswith("pass (unverified: ") for row in rows)
 
 
+@pytest.mark.slow
 def test_the_foot_of_a_peg_s_leg_is_no_wall_of_the_cover(cq):
     """The mesh of this cover has a point of a leg .8 um above the floor."""
     changes = ["skin.width_mm=53.7", "skin.length_mm=41.5", "screw.length_mm=16"]

@@ -118,6 +118,7 @@ def test_without_a_fault_nothing_fails(sound):
     assert found["wall thickness", "shell"].startswith("1.500 mm")
 
 
+@pytest.mark.slow
 def test_a_wall_thinned_by_a_cut(sound, cq):
     x = DESIGN.frame_outer_mm[0] / 2
     cut = _box(cq, (-x - 1, -3, -22), (-x + 0.7, 3, -18))
@@ -166,6 +167,7 @@ def test_a_hole_that_was_forgotten(sound, cq):
     assert set(found) == {("screw axes coaxial", SCREWS), ("interference", "assembly")}
 
 
+@pytest.mark.slow
 def test_an_undercut_milled_into_the_mold(sound, cq):
     (x, y), mold, skin = centres_mm(DESIGN)[0], DESIGN.mold, DESIGN.skin
     edge = x + skin.width_mm / 2
@@ -235,6 +237,7 @@ def test_two_solids_and_none(sound, cq):
     )
 
 
+@pytest.mark.slow
 def test_a_part_that_pokes_into_another(sound, cq):
     low = DESIGN.z_floor_mm
     peak = _box(cq, (12, -3, low - 0.4), (14, 3, low + 1))
@@ -246,6 +249,7 @@ def test_a_part_that_pokes_into_another(sound, cq):
     }
 
 
+@pytest.mark.slow
 def test_an_oversized_part(sound, cq):
     end = DESIGN.frame_outer_mm[1] / 2 + DESIGN.mount.length_mm
     low, half = DESIGN.z_floor_mm, DESIGN.mount.width_mm / 2
@@ -285,6 +289,7 @@ def test_the_legs_of_a_peg_thinned(sound, cq):
     assert list(found) == [("wall thickness", "cover, legs of the pegs")]
 
 
+@pytest.mark.slow
 def test_an_indenter_of_another_stem_or_another_size(sound, cq):
     top = sound.box("indenter-sphere-10")[1][2]
     thick = sound.solid("indenter-sphere-10").fuse(_rod(cq, 3.2, top - 15, top)).clean().Solids()[0]
@@ -321,6 +326,7 @@ def test_what_the_gate_refuses_becomes_a_row(sound, monkeypatch):
     assert found["sensor"].startswith("1 of 10 not: cover: volume ")
 
 
+@pytest.mark.slow
 def test_the_bench_put_together_is_held_apart(cq, sound):
     """A plate that reaches into the sensor, a bore that is too short, a holder that hangs low."""
     high = sound.solid("stage-plate").moved(cq.Location((0, 0, 0.5)))
@@ -333,6 +339,7 @@ def test_the_bench_put_together_is_held_apart(cq, sound):
     assert "skin in tool-holder: " in low[BENCH]
 
 
+@pytest.mark.slow
 def test_a_press_as_deep_as_the_tips_are_long_is_refused():
     stack = [check for check in CHECKS if check.name == "bench clear"]
     built = BuiltDesign.make(load_design(changes=["plate.depth_mm=11.5"]), indenters=LIST)

@@ -21,6 +21,7 @@ DESIGNS = ("deltact", "franka", "screws-16mm", "skin-30x34", "skin-44x40")
 DRAWN = [part.name for part in registry.listed() if part.callouts is not None]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("design", DESIGNS)
 def test_every_drawing_says_each_dimension_once(design):
     dims = load_design(design)
@@ -134,6 +135,7 @@ def test_a_boss_as_high_as_the_pegs_is_said():
     assert coverage(registry.find("cover"), dims).unsaid == ()
 
 
+@pytest.mark.slow
 def test_a_key_may_be_silent_with_a_reason():
     dims = load_design()
     slot = without("cover", lambda i: isinstance(i, Linear) and i.after in SLOT)

@@ -488,6 +488,7 @@ def test_nothing_lies_on_the_title_block(made):
                     assert not ((points > (left, top)).all(axis=1)).any(), (name, group.get("id"))
 
 
+@pytest.mark.slow
 def test_a_mesh_left_on_the_solid_changes_no_byte(made):
     part, design, solid, *_ = made("cover")
     before = drawing(part, design, solid)

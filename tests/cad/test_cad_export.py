@@ -104,6 +104,7 @@ def test_the_folder_holds_what_applies_and_a_manifest_without_times_or_paths(exp
     assert calls[-1] == (12, 12, "done")
 
 
+@pytest.mark.slow
 def test_the_assembly_is_the_sum_of_its_parts(exported):
     import cadquery as cq
 
@@ -220,6 +221,7 @@ def test_an_export_from_the_cache_is_the_same_and_loads_no_kernel(exported, tmp_
     _same(exported[0], tmp_path / "o")
 
 
+@pytest.mark.slow
 def test_the_cache_does_not_hide_a_broken_rule_nor_a_change(exported, tmp_path):
     done = _from_cache(tmp_path / "o", "skin.width_mm=24 skin.length_mm=24")
     assert done.returncode == 1
@@ -609,6 +611,7 @@ def test_list_does_not_load_the_kernel(tmp_path):
     assert done.stdout.splitlines()[-1] == "False"
 
 
+@pytest.mark.slow
 def test_a_missing_system_library_is_one_line_that_says_what_to_install(tmp_path):
     done = _run("cad", "export", "mold", "--out", "o", cwd=tmp_path, hook=BROKEN)
     assert done.returncode == 2

@@ -159,6 +159,7 @@ def common_mm3(first, second, at=(0.0, 0.0, 0.0)) -> float:
     return float(first.intersect(second.moved(require().Location(at))).Volume())
 
 
+@pytest.mark.slow
 def test_solids_at_their_limits_share_no_volume():
     """Plate in the frame's pocket, ring in the shell, frame in the mold: built as they may come."""
     design, off = Design(), Design().resin_printer.plane_mm

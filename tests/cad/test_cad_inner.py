@@ -188,6 +188,7 @@ def test_what_cannot_be_mounted_is_refused_with_its_inequality(changes, says):
 # Light holder.
 
 
+@pytest.mark.slow
 def test_the_channel_is_open_in_front_and_the_slot_at_minus_y(cq, design, solids):
     ring, floor = solids["light-holder"], design.z_board_front_mm + design.light.floor_mm
     radius, strip = design.light_radius_mm, design.strip_radius_mm

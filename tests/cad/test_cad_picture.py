@@ -118,6 +118,7 @@ def test_a_point_is_hidden_only_behind_something(cq):
     assert picture.hidden(points, [body]).tolist() == [False, True, True, False]
 
 
+@pytest.mark.slow
 def test_every_part_has_one_balloon_with_the_paper_s_number(exploded):
     found = {c.get("data-balloon") for c in exploded.iter(f"{SVG}circle")} - {None}
     assert found == {part.name for part in registry.of_group("sensor")}
@@ -241,6 +242,7 @@ def test_balloons_keep_their_order_and_their_distance(wanted):
         assert np.allclose(at, wanted)
 
 
+@pytest.mark.slow
 def test_a_mesh_left_on_the_solid_changes_no_byte(cq):
     part, design = registry.find("light-holder"), load_design()
     solid, _ = build_part(part, design)

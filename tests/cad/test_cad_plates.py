@@ -52,6 +52,7 @@ def test_the_named_side_faces_the_platform_and_y_rises(down, tilt_deg):
         PrintPose(down, "side", 20)
 
 
+@pytest.mark.slow
 def test_each_file_stands_on_the_platform_as_the_manifest_turns_it(exported):
     folder, entries = exported
     for part in registry.select(NAMES):

@@ -50,6 +50,7 @@ def outcome(change: list[str], parts: tuple) -> str:
     return "built"
 
 
+@pytest.mark.slow
 @settings(
     max_examples=40, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
 )
@@ -81,6 +82,7 @@ def test_many_random_designs_give_gated_solids_or_one_line(sets):
     assert seen["built"] >= 2 * sets // 11, "most sets are refused: the draw tests little"
 
 
+@pytest.mark.slow
 def test_the_draw_is_the_same_again_and_goes_far():
     assert drawn(3) == drawn(3)
     widths = [float(drawn(i)[0].partition("=")[2]) for i in range(40)]

@@ -59,7 +59,13 @@ def cylinder(cq, diameter_mm, start, end):
     return cq.Solid.makeCylinder(diameter_mm / 2, axis.Length, cq.Vector(*start), axis.normalized())
 
 
-@pytest.mark.parametrize("design", DESIGNS)
+@pytest.mark.parametrize(
+    "design",
+    [
+        pytest.param(name, marks=() if name in ("deltact", "screws-16mm") else pytest.mark.slow)
+        for name in DESIGNS
+    ],
+)
 def test_every_variant_passes_the_gate_and_overlaps_nothing(design, built):
     names = ("skin", "skin-frame", "acrylic", *SHELLS)
     for a, b in itertools.combinations(names, 2):

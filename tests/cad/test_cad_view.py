@@ -5,6 +5,8 @@ from __future__ import annotations
 import runpy
 from pathlib import Path
 
+import pytest
+
 from deltact_fab import catalog
 
 VIEW = catalog.shipped_dir("cad") / "view.py"
@@ -22,6 +24,7 @@ def _shown(source: Path) -> dict[str, dict]:
     return seen
 
 
+@pytest.mark.slow
 def test_the_viewer_is_handed_every_piece_with_its_colour():
     seen = _shown(VIEW)
     assert len(seen) == 10 + 3 + 1  # ten parts, of which four screws and two camera screws
@@ -39,6 +42,7 @@ def test_chosen_parts_with_own_dimensions(tmp_path):
     assert set(_shown(own)) == {"shell", "sphere:12.5"}
 
 
+@pytest.mark.slow
 def test_the_bench_with_an_indenter(tmp_path):
     own = tmp_path / "view.py"
     own.write_text(VIEW.read_text(encoding="utf-8").replace('BENCH = ""', 'BENCH = "star"'))
@@ -48,6 +52,7 @@ def test_the_bench_with_an_indenter(tmp_path):
     assert "shell-0" not in seen
 
 
+@pytest.mark.slow
 def test_outside_a_viewer_it_prints(capsys):
     runpy.run_path(str(VIEW))
     lines = capsys.readouterr().out.splitlines()

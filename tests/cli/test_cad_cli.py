@@ -68,6 +68,7 @@ def test_a_place_that_cannot_be_a_file_is_refused_before_the_work(
     assert sorted(p.name for p in Path().iterdir()) == ["file", "held"]
 
 
+@pytest.mark.slow
 def test_the_program_ends_with_2_and_the_kernel_is_not_loaded() -> None:
     code = """
 import sys
@@ -126,6 +127,7 @@ def test_a_plate_outside_its_limits_is_refused(value: str) -> None:
     assert not Path("o").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("value", ["1", "50.0"])
 def test_a_plate_at_its_limits_is_made(value: str) -> None:
     _plate(value)

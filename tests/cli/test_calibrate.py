@@ -61,6 +61,7 @@ def place(photos: Path, tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_photographs_are_labelled_and_name_no_truth(photos: Path) -> None:
     found = sorted(str(p.relative_to(photos)) for p in photos.rglob("*") if p.is_file())
     assert found == [

@@ -213,6 +213,7 @@ def test_no_colour_is_drawn_where_none_is_wanted(tmp_path: Path, no_color: bool)
     assert (b"\x1b[38;5;" in drawn) is not no_color
 
 
+@pytest.mark.slow
 def test_ctrl_c_is_130(tmp_path: Path) -> None:
     with subprocess.Popen(
         [sys.executable, "-m", "deltact_fab.cli.main", "measure", "virtual:smoke", "--json"],

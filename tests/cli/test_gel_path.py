@@ -65,6 +65,7 @@ def ask(protocol: str, rig: str, *more: str) -> Result:
     return CliRunner().invoke(command, [protocol, "--rig", rig, *more])
 
 
+@pytest.mark.slow
 def test_what_is_solved_ahead_is_found_again_and_by_run(tmp_path: Path) -> None:
     protocol, rig = files(tmp_path, "hyperelastic")
     first = ask(protocol, rig, "--jobs", "1", "--json")

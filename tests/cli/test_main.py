@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from called import called
 
 from deltact_fab import catalog
 from deltact_fab.cli.main import COMMANDS, entry
@@ -36,13 +37,6 @@ SUBCOMMANDS = [
     ["study", "list"], ["study", "index"], ["study", "run"],
     *(["study", "run", name] for name in STUDIES),
 ]  # fmt: skip
-
-
-def call(*words: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "deltact_fab", *words],
-        capture_output=True, text=True, cwd=cwd, check=False, timeout=120,
-    )  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -134,23 +128,23 @@ def test_bad_input_is_one_line_and_exit_2(
 def test_a_sensor_s_number_is_shown_with_its_protocol(tmp_path: Path) -> None:
     text = catalog.find("protocols", "smoke").read_text()
     (tmp_path / "mine.toml").write_text(text.replace("[specimen]", '[specimen]\nserial = "DT-007"'))
-    shown = call("protocol", "show", "mine.toml", cwd=tmp_path).stdout
+    shown = called("protocol", "show", "mine.toml", cwd=tmp_path).stdout
     assert shown.startswith(
         "specimen: design deltact, pattern dense-with-dots, serial number DT-007\n"
     )
-    data = json.loads(call("protocol", "show", "mine.toml", "--json", cwd=tmp_path).stdout)
+    data = json.loads(called("protocol", "show", "mine.toml", "--json", cwd=tmp_path).stdout)
     assert data["specimen"]["serial"] == "DT-007"
 
 
 def test_debug_shows_the_traceback(tmp_path: Path) -> None:
-    done = call("--debug", "protocol", "check", "smok", cwd=tmp_path)
+    done = called("--debug", "protocol", "check", "smok", cwd=tmp_path)
     assert "Traceback" in done.stderr
 
 
 def test_an_unknown_key_names_file_key_and_the_right_one(tmp_path: Path) -> None:
     text = (Path(__file__).parents[2] / "protocols" / "smoke.toml").read_text()
     (tmp_path / "p.toml").write_text(text.replace("depths_mm", "depth_mm"))
-    done = call("protocol", "check", "p.toml", cwd=tmp_path)
+    done = called("protocol", "check", "p.toml", cwd=tmp_path)
     assert done.returncode == 2
     assert "p.toml: depth_mm: unknown key; did you mean 'depths_mm'?" in done.stderr
 
@@ -160,7 +154,7 @@ def test_a_local_file_shadows_the_shipped_one(tmp_path: Path) -> None:
     text = (Path(__file__).parents[2] / "protocols" / "smoke.toml").read_text()
     (tmp_path / "protocols").mkdir()
     (tmp_path / "protocols" / "smoke.toml").write_text(text.replace("[1.2]", "[0.7]"))
-    done = call("protocol", "show", "smoke", "--json", cwd=tmp_path)
+    done = called("protocol", "show", "smoke", "--json", cwd=tmp_path)
     steps = json.loads(done.stdout)["steps"]
     assert min(s["target_mm"][2] for s in steps) == -0.7
 
@@ -169,7 +163,7 @@ def test_a_local_file_shadows_the_shipped_one(tmp_path: Path) -> None:
 def test_a_check_that_fails_is_exit_1(tmp_path: Path) -> None:
     text = (Path(__file__).parents[2] / "protocols" / "smoke.toml").read_text()
     (tmp_path / "p.toml").write_text(text.replace("[1.2]", "[11.5]"))
-    done = call("protocol", "check", "p.toml", cwd=tmp_path)
+    done = called("protocol", "check", "p.toml", cwd=tmp_path)
     assert done.returncode == 1
     assert "FAIL  depth against the gel: depth (mm) 11.5 (limit 11)" in done.stdout
 
@@ -179,7 +173,7 @@ def test_the_layer_refuses_a_depth_and_names_the_level_that_would_do(tmp_path: P
     text = (Path(__file__).parents[2] / "protocols" / "smoke.toml").read_text()
     text = text.replace("[1.2]", "[3.5]").replace('"sphere:10", "4dots"', '"sphere:10"')
     (tmp_path / "p.toml").write_text(text)
-    done = call("run", "p.toml", "--out", "r", cwd=tmp_path)
+    done = called("run", "p.toml", "--out", "r", cwd=tmp_path)
     assert done.returncode == 2
     assert "hyperelastic" in done.stderr
     assert not (tmp_path / "r").exists()
@@ -188,11 +182,11 @@ def test_the_layer_refuses_a_depth_and_names_the_level_that_would_do(tmp_path: P
 @pytest.mark.slow
 def test_gel_press_prints_what_the_json_says(tmp_path: Path) -> None:
     words = ["gel", "press", "--depth", "0.6", "--model", "layer", "--spacing", "0.4"]
-    data = json.loads(call(*words, "--json", cwd=tmp_path).stdout)
+    data = json.loads(called(*words, "--json", cwd=tmp_path).stdout)
     assert data["converged"] is True
     assert data["force_n"][2] < 0
     assert data["max_stretch"] is None
-    shown = call(*words, cwd=tmp_path).stdout
+    shown = called(*words, cwd=tmp_path).stdout
     assert f"{data['force_n'][2]:+.3f} N (simulated)" in shown
     assert "chosen: layer (asked for): grid 0.4 mm" in shown
 
@@ -205,7 +199,7 @@ PRESS_KEYS = {
 
 @pytest.mark.slow
 def test_gel_press_refused_has_the_same_keys_and_exit_1(tmp_path: Path) -> None:
-    done = call("gel", "press", "--depth", "4", "--model", "layer", "--json", cwd=tmp_path)
+    done = called("gel", "press", "--depth", "4", "--model", "layer", "--json", cwd=tmp_path)
     data = json.loads(done.stdout)
     assert done.returncode == 1
     assert data["converged"] is False
@@ -213,7 +207,7 @@ def test_gel_press_refused_has_the_same_keys_and_exit_1(tmp_path: Path) -> None:
     assert "25%" in data["reason"]
     assert "hyperelastic can" in data["reason"]
     assert set(data) == PRESS_KEYS | {"reason"}
-    done = call("gel", "press", "--depth", "12", cwd=tmp_path)
+    done = called("gel", "press", "--depth", "12", cwd=tmp_path)
     assert done.returncode == 1
     assert done.stdout == ""
     assert done.stderr.splitlines() == [
@@ -224,7 +218,7 @@ def test_gel_press_refused_has_the_same_keys_and_exit_1(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_gel_press_ends_at_its_limit_of_time(tmp_path: Path) -> None:
     words = ["gel", "press", "--indenter", "star", "--at", "1,0", "--depth", "3"]
-    done = call(*words, "--tolerance", "0.005", "--limit-s", "0.01", cwd=tmp_path)
+    done = called(*words, "--tolerance", "0.005", "--limit-s", "0.01", cwd=tmp_path)
     assert done.returncode == 1
     assert done.stdout == ""
     assert done.stderr.splitlines() == [
@@ -241,7 +235,7 @@ def test_gel_refuses_a_figures_place_before_it_solves(
 ) -> None:
     (tmp_path / "press.csv").write_text("depth_mm,normal_n\n")  # fit would refuse it, later
     for words in (["press", "--depth", "11.9"], ["fit", "press.csv", "--indenter", "sphere:10"]):
-        done = call("gel", *words, "--plot", place, cwd=tmp_path)
+        done = called("gel", *words, "--plot", place, cwd=tmp_path)
         assert done.returncode == 2
         assert done.stdout == ""
         assert done.stderr.splitlines() == [f"deltact-fab: --plot {place}: {says}"]
@@ -250,7 +244,7 @@ def test_gel_refuses_a_figures_place_before_it_solves(
 @pytest.mark.slow
 def test_gel_press_picks_finite_strain_and_estimates_its_error(tmp_path: Path) -> None:
     words = ["--depth", "2", "--shear-x", "1", "--tolerance", "0.15", "--plot", "f.png"]
-    done = call("gel", "press", "--model", "hyperelastic", *words, "--json", cwd=tmp_path)
+    done = called("gel", "press", "--model", "hyperelastic", *words, "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     data = json.loads(done.stdout)
     assert set(data) == PRESS_KEYS

@@ -22,7 +22,10 @@ from deltact_fab.rig.clock import WallClock
 from deltact_fab.virtual.controller import GrblController
 from deltact_fab.virtual.pty import PtyCable
 
-pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")
+pytestmark = [
+    pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals"),
+    pytest.mark.usefixtures("no_boot_loader"),
+]
 
 QUICK = {1: 255, 24: 1200, 25: 1200, 26: 5, 27: 0.2, 120: 2000, 121: 2000, 122: 2000}
 FILE = """
@@ -101,6 +104,7 @@ def test_probe_of_a_board_set_up_wrongly(tmp_path: Path) -> None:
         assert it.segments() == []
 
 
+@pytest.mark.slow
 def test_home_jog_goto(tmp_path: Path) -> None:
     with bench(tmp_path) as it:
         with pytest.raises(StageError, match="locked, its position is lost: `rig home` first"):
@@ -124,6 +128,15 @@ def test_home_jog_goto(tmp_path: Path) -> None:
         )
 
 
+@pytest.fixture(scope="module")
+def waiting(no_boot_loader: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    """Homed, 6 mm over the face."""
+    with bench(tmp_path_factory.mktemp("waiting")) as it:
+        it.does("home", "--yes", "--tip-is-clear")
+        it.does("goto", "0", "0", "6", "--as-counted", "--feed", "1200")
+        yield it
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -136,17 +149,15 @@ def test_home_jog_goto(tmp_path: Path) -> None:
         (("goto", "0", "500", "6", "--as-counted"), "target Y .* is outside"),
     ],
 )
-def test_what_is_refused_moves_nothing(words: tuple[str, ...], said: str, tmp_path: Path) -> None:
-    with bench(tmp_path) as it:
-        it.does("home", "--yes", "--tip-is-clear")
-        it.does("goto", "0", "0", "6", "--as-counted", "--feed", "1200")
-        before = len(it.segments())
-        with pytest.raises(InputError, match=said) as why:
-            it.does(*words)
-        assert "\n" not in str(why.value)
-        assert len(it.segments()) == before
+def test_what_is_refused_moves_nothing(words: tuple[str, ...], said: str, waiting: Bench) -> None:
+    before = len(waiting.segments())
+    with pytest.raises(InputError, match=said) as why:
+        waiting.does(*words)
+    assert "\n" not in str(why.value)
+    assert len(waiting.segments()) == before
 
 
+@pytest.mark.slow
 def test_into_the_gel_only_when_asked_for_and_out_first(tmp_path: Path) -> None:
     with bench(tmp_path) as it:
         it.does("home", "--yes", "--tip-is-clear")
@@ -162,6 +173,7 @@ def test_into_the_gel_only_when_asked_for_and_out_first(tmp_path: Path) -> None:
         it.does("jog", "0", "0", "0.5")
 
 
+@pytest.mark.slow
 def test_reset_of_a_deaf_board(tmp_path: Path) -> None:
     with bench(tmp_path) as it:
         it.does("home", "--yes", "--tip-is-clear")
@@ -172,6 +184,7 @@ def test_reset_of_a_deaf_board(tmp_path: Path) -> None:
         assert it.does("status")["state"] == "Alarm"
 
 
+@pytest.mark.slow
 def test_ctrl_c_stops_a_jog(tmp_path: Path) -> None:
     with bench(tmp_path) as it:
         it.does("home", "--yes", "--tip-is-clear")

@@ -61,6 +61,7 @@ def test_force_grows_with_hertz_and_a_little_more(mini_run: Path) -> None:
     assert at_1_mm_n == pytest.approx(2.70, rel=0.03)
 
 
+@pytest.mark.slow
 def test_half_the_thickness_is_stiffer_and_only_some_can_be_built() -> None:
     rows = {row.thickness_mm: row for row in load("sweep_a_design").main()}
     forces = [row.normal_n for row in rows.values()]

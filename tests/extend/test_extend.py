@@ -92,6 +92,7 @@ def good(answer: tuple[int, str, str]) -> Any:
     return json.loads(out) if out.startswith("{") else out
 
 
+@pytest.mark.slow
 def test_a_law_leaves_no_place_without_contrast(answers: Any, home: Path) -> None:
     assert "stratified" in good(answers["law"])["properties"]["law"]["enum"]
     good(answers["pattern"])

@@ -12,14 +12,9 @@ from deltact_fab.numerics.engines.gel import full_cases
 from deltact_fab.numerics.stability import judge
 
 CHEAP = (
-    "E x 0.001: iterations",
-    "friction 100 against 1000",
-    "10 mm in one increment, friction 0: against 10",
-    "whole against quarter",
     "depth 13 of 12 mm, announced",
     "depth 13 of 12 mm, unannounced",
     "nu 0.5",
-    "sphere:0.5 on cells of 2 mm at 1, 1",
 )
 TABLE = {case.name: case for case in full_cases()}
 

@@ -45,6 +45,7 @@ def force_n(level: str, skin: SkinDimensions, nu: float, name: str, depth: float
     return -state.force_n[2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("nu", [0.35, 0.42, 0.49, 0.499])
 def test_the_layer_is_the_integral_equation_and_the_disc(nu: float) -> None:
     """Two solutions that share nothing, and what the interface of the levels gives."""
@@ -96,8 +97,8 @@ def held(level: str, nu: float, thickness: float, radius: float, depth: float) -
         ("block", 0.35, 9.0, 8.0, 0.45),
         ("block", 0.406, 7.4, 13.2, 0.59),
         ("block", 0.485, 9.7, 11.8, 0.6),
-        ("block", 0.46, 12.0, 3.0, 0.5),
-        ("layer", 0.499, 8.0, 6.0, 0.4),
+        pytest.param("block", 0.46, 12.0, 3.0, 0.5, marks=pytest.mark.slow),
+        pytest.param("layer", 0.499, 8.0, 6.0, 0.4, marks=pytest.mark.slow),
     ],
 )
 def test_a_linear_level_is_within_its_estimate(

@@ -142,6 +142,7 @@ def test_the_loads_balance_what_the_base_must_carry() -> None:
     assert np.linalg.norm(load.sum(axis=0) + base) < 1e-4 * np.linalg.norm(base)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("nu", [0.3, 0.49])
 def test_displacements_converge_with_order_two(nu: float) -> None:
     law = NeoHooke.of(GelMaterial(poisson=nu))

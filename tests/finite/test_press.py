@@ -131,6 +131,7 @@ def test_forces_of_a_sphere(pressed):
     assert -deep.force_n[2] == pytest.approx(48.4, rel=0.02)
 
 
+@pytest.mark.slow
 def test_the_base_carries_what_the_face_is_given(pressed):
     _, s = pressed
     assert np.add(s.force_n, s.base_force_n) == pytest.approx(np.zeros(3), abs=1e-6 * 48)
@@ -205,12 +206,14 @@ def test_a_drag_goes_on_where_the_gel_folds():
     assert not path[-1].trusted
 
 
+@pytest.mark.slow
 def test_a_thin_indenter_that_passed_through_the_gel_is_refused():
     press = pressing("edges", block_mesh(SKIN, 3.0, mirrors=(True, True)))  # between its points
     with pytest.raises(SolverError, match="hides between"):
         last(press, press.rest(), (0.0, 0.0, 11.0))
 
 
+@pytest.mark.slow
 def test_scaling_the_modulus_scales_forces_and_changes_no_count():
     soft, hard = (pressing(mesh=ROUGH, material=GelMaterial(modulus_mpa=e)) for e in (0.56, 560.0))
     s, t = (last(press, press.rest(), (0.0, 0.0, 5.0)) for press in (soft, hard))

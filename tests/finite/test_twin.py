@@ -65,6 +65,7 @@ def test_the_twin_is_exact_where_strain_is_homogeneous():
     assert total[z == 0, 1].sum() == pytest.approx(axial * np.pi * 16, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_the_twin_in_the_limit_of_a_light_touch_on_a_thick_cylinder_is_hertz():
     """a/h = 1/160: F = 4/3 E/(1 - nu^2) sqrt(R) d^1.5; the base adds about a / h to it."""
     lines = np.append(graded(72.0, 0.1, 1.0, growth=1.4, most=200.0), 80.0)

@@ -157,6 +157,7 @@ def test_turning_the_gel_changes_nothing():
         assert one.go(f, t) == pytest.approx(two.go(turn @ f, t), abs=1e-13)
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None, derandomize=True)
 @given(
     st.integers(0, 2**32 - 1),

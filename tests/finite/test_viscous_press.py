@@ -38,6 +38,7 @@ def sudden() -> tuple[FinitePress, FiniteState]:
     return press, last(press, 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 def test_a_press_without_end_is_the_elastic_one(friction):
     elastic, relaxing = pressing(SOFT, friction), pressing(GEL, friction)
@@ -46,6 +47,7 @@ def test_a_press_without_end_is_the_elastic_one(friction):
     same(last(relaxing, 1e15), one, 1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 def test_a_sudden_press_is_elastic_with_the_stiff_shear_modulus(friction):
     law = NeoHooke.of(SOFT)
@@ -60,6 +62,7 @@ def test_a_sudden_press_is_elastic_with_the_stiff_shear_modulus(friction):
     same(last(relaxing, 1e-15), one, 1e-9)
 
 
+@pytest.mark.slow
 def test_a_hold_relaxes_from_stiff_to_soft_along_the_series(sudden):
     press, state = sudden
     soft = -last(pressing(SOFT), None).force_n[2]
@@ -78,6 +81,7 @@ def test_a_hold_relaxes_from_stiff_to_soft_along_the_series(sudden):
     assert -state.force_n[2] == pytest.approx(soft, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_hold_in_parts_converges_with_second_order(sudden):
     press, start = sudden
     press = pressing(tolerance=1e-10)
@@ -92,6 +96,7 @@ def test_a_hold_in_parts_converges_with_second_order(sudden):
     assert (change[:-1] / change[1:] > 3.5).all()
 
 
+@pytest.mark.slow
 def test_slower_presses_are_softer():
     press = pressing()
     forces = [-last(press, t, (0.0, 0.0, 2.0)).force_n[2] for t in np.logspace(-12, 12, 7)]

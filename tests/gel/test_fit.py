@@ -82,6 +82,7 @@ def test_first_touch_is_found_wherever_the_stage_counts_from(touch: float) -> No
     assert found.modulus_mpa.value == pytest.approx(TRUTH, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_a_finer_meshs_data_are_met_within_the_told_mesh_error() -> None:
     d = np.linspace(0.0, 3.0, 60)
     n = truth(spacing=1.8).normal_n(d) + np.random.default_rng(2).normal(0, 0.02, len(d))
@@ -108,6 +109,7 @@ def test_an_outlier_is_left_out_and_told() -> None:
     assert any("1 of 50 values left out" in note for note in found.notes)
 
 
+@pytest.mark.slow
 def test_a_wrong_thickness_leaves_a_trend_that_is_told() -> None:
     d = np.linspace(0.0, 3.5, 60)
     thin = SkinDimensions(thickness_mm=7.0, protrusion_mm=4.0)
@@ -239,6 +241,7 @@ def test_no_modulus_above_zero() -> None:
         fitted(pressed(d, -(d**1.5)))
 
 
+@pytest.mark.slow
 def test_the_command(tmp_path: Path) -> None:
     d = np.linspace(0.0, 3.0, 30)
     n = truth().normal_n(d) + np.random.default_rng(9).normal(0, 0.02, len(d))

@@ -25,6 +25,7 @@ def curve(modulus: float = 0.56, deepest: float = 4.0, **more: float) -> ForceCu
     return force_curve(SKIN, material, SPHERE, (0.0, 0.0), deepest, spacing_mm=COARSE, **more)
 
 
+@pytest.mark.slow
 def test_forces_scale_with_the_modulus_in_the_engine_itself() -> None:
     forces = []
     for modulus in (1e-3, 50.0):
@@ -53,6 +54,7 @@ def test_a_deeper_curve_has_the_same_numbers_on_the_way() -> None:
     assert short.force_n.tobytes() == deep.force_n[:n].tobytes()
 
 
+@pytest.mark.slow
 def test_solved_depths_are_met_and_between_them_the_bound_holds() -> None:
     c = curve()
     np.testing.assert_allclose(c.normal_n(c.depth_mm), -c.force_n[:, 2], rtol=1e-9)
@@ -93,6 +95,7 @@ def test_refusals() -> None:
         curve().normal_n(np.array([4.5]))
 
 
+@pytest.mark.slow
 def test_path_is_the_engines_own_and_cached(monkeypatch: pytest.MonkeyPatch) -> None:
     material = GelMaterial(0.7, 0.49, 0.4)
     tips = np.array([[0.0, 0, 0], [0, 0, 1.5], [1.0, 0, 1.5], [1.0, 0, 0]])

@@ -36,7 +36,9 @@ def end(contact: GelContact, *tips: tuple[float, float, float]) -> State:
     return state
 
 
-@pytest.mark.parametrize("level", ["layer", "block", "hyperelastic"])
+@pytest.mark.parametrize(
+    "level", ["layer", "block", pytest.param("hyperelastic", marks=pytest.mark.slow)]
+)
 def test_every_level_gives_a_light_touch_the_same_force_on_the_same_lattice(level: Level) -> None:
     tip = (0.0, 0.0, 0.5)
     spacing = 0.75 if level == "hyperelastic" else 0.5
@@ -54,7 +56,13 @@ def test_every_level_gives_a_light_touch_the_same_force_on_the_same_lattice(leve
 
 
 @pytest.mark.parametrize(
-    ("level", "lattice_mm"), [("layer", 0.5), ("block", 0.2), ("block", 1.5), ("hyperelastic", 0.3)]
+    ("level", "lattice_mm"),
+    [
+        ("layer", 0.5),
+        ("block", 0.2),
+        ("block", 1.5),
+        pytest.param("hyperelastic", 0.3, marks=pytest.mark.slow),
+    ],
 )
 def test_the_lattice_of_tractions_adds_up_to_the_wrench(level: Level, lattice_mm: float) -> None:
     """Off the middle, off the nodes and dragged; lattices finer and coarser than grid and mesh."""
@@ -119,6 +127,7 @@ def both() -> tuple[GelContact, State, GelContact, State]:
     return part, end(part, tip), whole, end(whole, tip)
 
 
+@pytest.mark.slow
 def test_a_mirrored_mesh_gives_the_wrench_of_the_whole(
     both: tuple[GelContact, State, GelContact, State],
 ) -> None:
@@ -243,6 +252,7 @@ def test_a_long_increment_without_friction_is_one() -> None:
     assert one.diagnostics.iterations == bare.diagnostics.iterations
 
 
+@pytest.mark.slow
 def test_a_long_increment_from_above_is_parted_from_first_touch_on() -> None:
     tip = (0.0, 0.0, 4.0)
     contact = opened("hyperelastic", [tip], spacing_mm=3.0)

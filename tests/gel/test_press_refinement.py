@@ -189,6 +189,7 @@ def test_a_press_that_no_mesh_ends_in_time_is_refused_and_one_is_flagged() -> No
     assert "\n" not in result["reason"]
 
 
+@pytest.mark.slow
 def test_a_start_from_a_coarser_mesh_changes_the_work_and_not_the_answer() -> None:
     from deltact_fab.gel.open import contact_of
 
@@ -212,6 +213,7 @@ def test_a_start_from_a_coarser_mesh_changes_the_work_and_not_the_answer() -> No
     assert work[1] < 0.7 * work[0]
 
 
+@pytest.mark.slow
 def test_what_the_contacts_give_takes_of_the_force_is_its_energys_slope() -> None:
     from deltact_fab.gel.finite.gel import lacking_n
     from deltact_fab.gel.open import contact_of
@@ -236,7 +238,8 @@ def test_what_the_contacts_give_takes_of_the_force_is_its_energys_slope() -> Non
 
 
 @pytest.mark.parametrize(
-    ("depth_mm", "shear_mm", "model"), [(0.6, 0.0, "layer"), (1.2, 0.5, "hyperelastic")]
+    ("depth_mm", "shear_mm", "model"),
+    [(0.6, 0.0, "layer"), pytest.param(1.2, 0.5, "hyperelastic", marks=pytest.mark.slow)],
 )
 def test_every_mesh_tells_its_increments_to_the_last(
     depth_mm: float, shear_mm: float, model: Any

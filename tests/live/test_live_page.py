@@ -85,6 +85,7 @@ def test_only_this_computer_may_ask_and_no_page_of_another_server(
     assert asked == ["reference"]
 
 
+@pytest.mark.slow
 def test_a_browser_that_reads_nothing_holds_up_neither_measurement_nor_others(
     page: LivePage,
 ) -> None:

@@ -33,6 +33,7 @@ def results(session: Session) -> list[MeasuredImage]:
     return list(session.results())
 
 
+@pytest.mark.slow
 def test_each_output_says_force_contacts_and_health(results: list[MeasuredImage]) -> None:
     people, program, said = io.StringIO(), io.StringIO(), list[str]()
     origin = "simulated, seed 3"
@@ -53,6 +54,7 @@ def test_each_output_says_force_contacts_and_health(results: list[MeasuredImage]
     assert said == ["state of health: fit to use"]
 
 
+@pytest.mark.slow
 def test_the_report_says_what_the_command_says(
     results: list[MeasuredImage], mini_run: Path, calibrations: list[Path]
 ) -> None:

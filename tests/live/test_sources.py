@@ -77,6 +77,7 @@ def test_a_run_knows_its_camera_pattern_and_seed_and_gives_raw_images(mini_run: 
     assert known.recipe == run.pattern["recipe"]
 
 
+@pytest.mark.slow
 def test_a_rig_shows_what_a_run_on_it_records(mini: tuple[Path, Path], mini_run: Path) -> None:
     """Through the camera's interface: the same images, at rest and on the way down."""
     protocol, rig = mini

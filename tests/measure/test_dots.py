@@ -24,6 +24,7 @@ def in_view(scene: Any, bump: Any, border: float = 11.0) -> Any:
     return ((position > border) & (position < [scene.width - border, scene.height - border])).all(1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("patch_mm", "noise", "blur_px"),
     [(0.075, 2.0, 0.6), (0.1, 6.0, 0.6), (0.15, 2.0, 1.2), (0.2, 2.0, 0.6)],
@@ -78,6 +79,7 @@ def small(make_scene):
     return scene
 
 
+@pytest.mark.slow
 def test_dots_that_leave_the_view_are_lost_and_found_again(small, make_bump):
     tracker = DotTracker(small.rest_px, DIAMETER_PX)
     tracker.update(small.picture())

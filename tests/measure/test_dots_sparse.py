@@ -81,6 +81,7 @@ def test_10_mm_of_shear_swaps_none(layout, make_bump):
     assert np.hypot(*moved.T).max() * MM_PER_PX > 9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [21, 22])
 def test_10_mm_of_shear_and_back_with_dropouts_and_specks(seed, make_bump):
     rest = grid((2.2, 1.6), 13, 13)

@@ -296,6 +296,7 @@ def test_a_wrong_match_stays_marked_in_what_is_composed_from_it(reference, make_
     assert last.diagnostics.confident_share < 0.95
 
 
+@pytest.mark.slow
 def test_a_lasting_speck_does_not_stop_the_renewal(extreme):
     bump, clean = extreme
     images = [image.copy() for image in clean[::2]]

@@ -56,6 +56,7 @@ def test_one_image_of_the_skin_gives_the_lens_and_says_how_well() -> None:
     assert sigma == pytest.approx(found.sigma["f_px"])
 
 
+@pytest.mark.slow
 def test_wetted_boards_and_boards_in_air_give_the_same_but_for_the_frame() -> None:
     true = lens_of(2)
     touching = [exact(true, PLATE, p, seed=k, noise_px=0.03) for k, p in enumerate(WETTED)]
@@ -92,6 +93,7 @@ def test_what_is_not_known_well_enough_is_refused(seen: dict[str, object], says:
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.slow
 def test_a_contact_image_given_as_one_in_air_is_refused() -> None:
     true = lens_of(0)
     wrong = exact(true, PLATE, at(1, 1))

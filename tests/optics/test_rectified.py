@@ -19,6 +19,7 @@ LENS = Fisheye(
 VIEW = Rectified.of(SENSOR, LENS)
 
 
+@pytest.mark.slow
 def test_a_picture_of_the_face_comes_out_at_one_scale():
     def shade(xy_mm):
         return 128 + 60 * np.cos(2 * np.pi * xy_mm[..., 0] / 2.1) * np.sin(xy_mm[..., 1] * 2.3)

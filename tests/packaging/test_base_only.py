@@ -90,6 +90,7 @@ LACKS = {
 }
 
 
+@pytest.mark.slow
 def test_a_command_that_lacks_its_extra_names_it_and_writes_nothing(
     base: Path, mini_run: Path, tmp_path: Path
 ) -> None:
@@ -107,6 +108,7 @@ def test_a_command_that_lacks_its_extra_names_it_and_writes_nothing(
     assert list((tmp_path / "here").iterdir()) == []
 
 
+@pytest.mark.slow
 def test_measure_pattern_protocol_and_doctor_need_no_extra(
     base: Path, mini_run: Path, tmp_path: Path
 ) -> None:

@@ -66,6 +66,7 @@ def imported(*folders: str) -> dict[str, str]:
     return found
 
 
+@pytest.mark.slow
 def test_what_the_package_imports_is_what_is_declared() -> None:
     used = {**imported("deltact_fab"), VIEWER_PACKAGE: "report/guide.py reads a file of it"}
     extras = set().union(*(declared(extra) for extra in EXTRAS))
@@ -94,6 +95,7 @@ def test_the_extra_that_a_message_names_brings_the_module() -> None:
     assert seen == set(EXTRAS)
 
 
+@pytest.mark.slow
 def test_what_the_tests_need_is_used() -> None:
     tools = "\n".join(
         (ROOT / name).read_text() for name in ("Makefile", "pyproject.toml", "tests/conftest.py")

@@ -153,6 +153,7 @@ def test_a_lab_begins_from_the_wheel(borrowed: Installed, tmp_path: Path) -> Non
     )
 
 
+@pytest.mark.slow
 def test_the_sdist_holds_what_builds_tests_and_reads_and_nothing_else(built: Path) -> None:
     with tarfile.open(next(built.glob("*.tar.gz"))) as archive:
         names = {name.split("/", 1)[1] for name in archive.getnames()}
@@ -179,6 +180,7 @@ def test_the_wheel_holds_the_package_the_catalogue_and_no_more(wheel: Path) -> N
     )
 
 
+@pytest.mark.slow
 def test_the_environment_knows_the_wheel_and_not_the_checkout(borrowed: Installed) -> None:
     seen = json.loads(call(borrowed.bin / "python", "-c", WHERE, cwd=borrowed.folder).stdout)
     inside = str(borrowed.environment)

@@ -128,6 +128,7 @@ def test_binary_is_a_fair_coin():
     assert (np.abs(share - 0.5) < 4 * 0.5 / 700).all()
 
 
+@pytest.mark.slow
 def test_octave_uses_all_levels_equally():
     """One value of each largest block is independent of the next: 40 stickers of 25 x 25 x 3."""
     weights = [1.0, 0.5, 2.0, 0.25]

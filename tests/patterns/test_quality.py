@@ -209,6 +209,7 @@ def test_a_large_r_is_a_checkerboard(r, share):
     assert found.designed.peak > 0.95
 
 
+@pytest.mark.slow
 def test_the_scan_of_algorithm_1_streaks_between_r_05_and_24():
     by_r = {r: measure(dense(WHOLE_PX_MM, r), view_mm=VIEW_MM) for r in (0, 0.05, 0.1, 0.15, 0.3)}
     for r, found in by_r.items():
@@ -219,6 +220,7 @@ def test_the_scan_of_algorithm_1_streaks_between_r_05_and_24():
                 assert seen > 0.1
 
 
+@pytest.mark.slow
 def test_fine_patches_lose_their_contrast_on_the_way():
     """d = .05 at 1200 dpi is 2.4 printer dots and 1.3 camera pixels a patch."""
     by_d = {d: measure(dense(d, 0.3), view_mm=VIEW_MM) for d in (0.05, 0.075, 0.1, 0.15, 0.2)}
@@ -276,6 +278,7 @@ def test_octaves_keep_contrast_on_coarse_levels():
     assert octave.photographed.peak < 0.1 < checker.photographed.peak
 
 
+@pytest.mark.slow
 def test_equal_arguments_give_equal_numbers_and_plain_data():
     marked = load_recipe("dense-with-dots")
     one, two, other = (measure(marked, view_mm=VIEW_MM, seed=s) for s in (1, 1, 2))

@@ -94,6 +94,7 @@ def test_row_0_column_0_is_the_corner_at_minus_x_minus_y():
     assert np.abs(y_mm).max() <= 0.3
 
 
+@pytest.mark.slow
 def test_dots_are_where_the_table_says(tmp_path):
     made = make(load_recipe("dots"), tmp_path / "q.png")
     assert made.dots_csv == tmp_path / "q.dots.csv"
@@ -292,6 +293,7 @@ def test_albedo_is_exact_by_area():
     assert coarse.max() <= 1
 
 
+@pytest.mark.slow
 def test_albedo_agrees_with_the_raster_where_no_edge_is():
     """The picture as designed and the printer's raster differ on edges alone."""
     printed = raster(MARKED, 1200) / 255.0

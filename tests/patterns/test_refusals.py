@@ -190,6 +190,7 @@ def test_a_pair_replaces_a_pair_and_leaves_nothing_else(tmp_path):
     assert {p: p.read_bytes() for p in tmp_path.iterdir()} == pair
 
 
+@pytest.mark.slow
 def test_a_table_too_long_for_readers_is_recovered_from_the_recipe(tmp_path):
     recipe = with_dots(columns=130, rows=130, pitch_x_mm=0.2, pitch_y_mm=0.16, diameter_mm=0.12)
     made = make(recipe, tmp_path / "q.png")

@@ -104,6 +104,7 @@ def test_its_first_line_says_which_method_to_take(page: str, result: TrackingRes
         assert (f"<b>{name}</b> cannot be believed here" in page) == bool(why)
 
 
+@pytest.mark.slow
 def test_a_percentile_past_the_end_is_told_as_such(
     mini_run: Path, result: TrackingResult, tmp_path: Path
 ) -> None:
@@ -167,6 +168,7 @@ def test_a_run_in_which_nothing_moved_enough_still_has_a_report(
     assert "(at the dots)" in page
 
 
+@pytest.mark.slow
 def test_it_names_the_sensor_that_was_pressed(
     mini_run: Path, result: TrackingResult, page: str, tmp_path: Path
 ) -> None:
@@ -180,6 +182,7 @@ def test_it_names_the_sensor_that_was_pressed(
     assert "sensor <b>DT-007 &lt;i&gt;</b>" in write(run, tmp_path / "r.html", result).read_text()
 
 
+@pytest.mark.slow
 def test_columns_and_costs_that_nobody_measured_are_not_in_the_page(
     mini_run: Path, result: TrackingResult, page: str, tmp_path: Path
 ) -> None:

@@ -34,6 +34,7 @@ def test_every_figure_is_written_twice_and_the_same_again(tmp_path: Path) -> Non
     assert [p.read_bytes() for p in files] == [p.read_bytes() for p in again]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("column", "width_in"), [(True, 3.5), (False, 7.16)])
 def test_width_letters_and_fonts(tmp_path: Path, column: bool, width_in: float) -> None:
     figure = figures.draw(ReportFigure("bars", "", bars, column))

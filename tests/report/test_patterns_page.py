@@ -75,6 +75,7 @@ def seen(page: str) -> Seen:
     return parsed
 
 
+@pytest.mark.slow
 def test_the_page_is_part_of_the_folder(report: series.SeriesReport) -> None:
     assert report.out / "patterns.html" in report.files
     assert not list(report.out.glob(".*"))

@@ -68,6 +68,7 @@ def test_the_gallery_has_a_column_a_press_and_no_more_than_fit() -> None:
     assert "true, to" not in drawn
 
 
+@pytest.mark.slow
 def test_the_density_drawn_is_the_density_that_was_found() -> None:
     figure = shape_figures.gallery([picture(), picture(**WITH_TRUTH)], "")
     drawn = [mesh for axis in figure.axes for mesh in meshes(axis)]

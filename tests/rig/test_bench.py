@@ -55,6 +55,7 @@ def files(folder: Path, board: Board, channels: str = "[]") -> tuple[str, str]:
     return str(protocol), str(rig_file(folder, board.port))
 
 
+@pytest.mark.slow
 def test_a_protocol_runs_from_end_to_end_in_air_without_the_simulator(tmp_path: Path) -> None:
     with powered() as board:
         protocol, rig = files(tmp_path, board)
@@ -107,6 +108,7 @@ def test_without_a_force_sensor_or_a_device_asked_for_nothing_is_opened(tmp_path
     assert not (tmp_path / "r").exists()
 
 
+@pytest.mark.slow
 def test_the_port_is_closed_after_an_operator_s_stop_too(tmp_path: Path) -> None:
     def press_ctrl_c(done: int, total: int, what: str) -> None:
         if what.endswith("/press"):
@@ -124,6 +126,7 @@ def test_the_port_is_closed_after_an_operator_s_stop_too(tmp_path: Path) -> None
     assert board.saw["links"] == ["opened", "closed"]
 
 
+@pytest.mark.slow
 def test_a_run_that_a_reboot_broke_off_goes_on_at_another_port(tmp_path: Path) -> None:
     """Six jogs a press and one to change: the tenth is in the second press."""
     with powered(reboot_at_jog=10) as board:
@@ -160,6 +163,7 @@ def test_a_dry_run_asks_the_devices_and_moves_nothing(tmp_path: Path) -> None:
     assert board.saw["links"] == ["opened", "closed"]
 
 
+@pytest.mark.slow
 def test_an_operator_s_word_is_kept_with_the_run(tmp_path: Path) -> None:
     with powered() as board:
         protocol, rig = files(tmp_path, board)

@@ -159,6 +159,7 @@ def test_a_camera_that_stalls_is_told_in_time() -> None:
     assert 0.4 < time.monotonic() - started_s < 5
 
 
+@pytest.mark.slow
 def test_a_slow_camera_has_longer() -> None:
     camera = opened([*sent(0), ["wait", 1.0], *sent(1), ["exit", 0]], rate_hz=2.0)
     assert len(to_the_end(camera)[0]) == 2

@@ -96,6 +96,7 @@ def look(driver: Path) -> Any:
     return looked
 
 
+@pytest.mark.slow
 def test_a_device_gives_every_image_with_the_driver_s_number_and_stamp(look: Any) -> None:
     (seen,) = look({"V4L2_SKIP": 8, "V4L2_BAD": 11})
     numbers = [frame[0] for frame in seen["frames"]]
@@ -157,6 +158,7 @@ FAILS = [
 ]
 
 
+@pytest.mark.slow
 def test_a_device_that_fails_is_told(look: Any) -> None:
     """Up to n images come before; those that wait when it is unplugged are gone with it."""
     seen = look(*({"n": 200, **case} for case, _, _ in FAILS))
@@ -168,12 +170,14 @@ def test_a_device_that_fails_is_told(look: Any) -> None:
         assert len(one["frames"]) <= n
 
 
+@pytest.mark.slow
 def test_stamps_of_another_clock_are_not_used(look: Any) -> None:
     (seen,) = look({"V4L2_CLOCK": 1})
     assert seen["identity"]["stamped_by"] == "arrival"
     assert all(0 <= f[3] < 5 for f in seen["frames"])
 
 
+@pytest.mark.slow
 def test_lines_may_be_longer_than_their_pixels_and_a_jpeg_is_decoded(
     look: Any, tmp_path: Path
 ) -> None:
@@ -187,6 +191,7 @@ def test_lines_may_be_longer_than_their_pixels_and_a_jpeg_is_decoded(
     assert [abs(grey - 100) <= 1 for grey in jpeg["frames"][0][-2:]] == [True, True]
 
 
+@pytest.mark.slow
 def test_what_is_not_locked_is_found_with_the_value_to_write_down(
     look: Any, tmp_path: Path
 ) -> None:

@@ -184,6 +184,7 @@ def test_a_camera_without_a_size_is_asked_for_that_of_its_calibration(folder: Pa
     camera.close()
 
 
+@pytest.mark.slow
 def test_what_is_wrong_with_a_camera_is_said_and_how_to_put_it_right(folder: Path) -> None:
     def lines(expression: str, **options: Any) -> dict[bool, str]:
         """A command that draws 60 images a second from a random k."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scale_on_pty import scale
 
 from deltact_fab.rig.config import ForceConfig, GuardConfig
@@ -39,6 +40,7 @@ def test_a_good_box_passes_with_what_it_is() -> None:
         assert part in text
 
 
+@pytest.mark.slow
 def test_what_is_wrong_says_what_would_be_right() -> None:
     with served(0.0) as box:
         lines = found(box, GuardConfig(force_n=60.0), range_n=(50.0, 50.0, 70.0))
@@ -52,6 +54,7 @@ def test_what_is_wrong_says_what_would_be_right() -> None:
         assert list(found(box).values()) == [False]
 
 
+@pytest.mark.slow
 def test_a_scale_is_listened_to_as_well() -> None:
     with scale() as it:
         config = ForceConfig(serial=SerialScaleConfig(port=it.port))

@@ -75,6 +75,7 @@ def test_every_line_has_its_own_time_and_the_rate_is_measured() -> None:
         sensor.close()
 
 
+@pytest.mark.slow
 def test_garbage_is_counted_and_never_a_reading() -> None:
     with scale() as it:
         sensor = it.opened()

@@ -214,6 +214,7 @@ def test_wall_clock() -> None:
     assert abs(time.monotonic_ns() - clock.now_ns()) < 10**9
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")
 def test_over_a_real_terminal_in_real_time() -> None:
     """The same host and controller with pyserial's own port between them, on the wall clock."""

@@ -24,7 +24,10 @@ from deltact_fab.rig.stage.grbl import GrblStage
 from deltact_fab.rig.tool.homing import home_safely
 from deltact_fab.virtual.netft_server import NetFTServer
 
-pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")
+pytestmark = [
+    pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals"),
+    pytest.mark.usefixtures("no_boot_loader"),
+]
 
 
 @dataclass
@@ -72,6 +75,7 @@ def fall_silent(it: Bench) -> None:
     it.server.faults.silent = True
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("what", "words"), [(push, "Fz = -9.00 N, over the guard"), (fall_silent, "no sample within")]
 )

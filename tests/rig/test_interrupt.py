@@ -45,6 +45,7 @@ with interruptible(stage.abort):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("first", "second"),
     [(signal.SIGINT, signal.SIGINT), (signal.SIGTERM, signal.SIGHUP)],
@@ -85,6 +86,7 @@ def test_the_second_signal_resets_in_the_lift_and_ends_with_one_line(
     assert err.startswith("deltact-fab: stopped at once by a second signal")
 
 
+@pytest.mark.slow
 def test_the_first_signal_stops_and_lets_the_lift_go_on() -> None:
     with board() as it:
         fast = HOST.replace("20.0)", "1000.0)")

@@ -131,7 +131,7 @@ def test_late_datagrams_are_told_and_keep_their_time() -> None:
         sensor.close()
 
 
-@pytest.mark.parametrize("fault", ["error", "saturated"])
+@pytest.mark.parametrize("fault", ["error", pytest.param("saturated", marks=pytest.mark.slow)])
 def test_a_faulted_box_gives_no_reading(fault: str) -> None:
     hand = Hand()
     hand.wrench = np.array([0.0, 0.0, -2.0, 0.0, 0.0, 0.0])
@@ -151,6 +151,7 @@ def test_a_faulted_box_gives_no_reading(fault: str) -> None:
         sensor.close()
 
 
+@pytest.mark.slow
 def test_silence_is_an_error_within_its_time() -> None:
     with NetFTServer(Hand()) as box:
         sensor = opened(box, 0.3)
@@ -223,6 +224,7 @@ def test_without_pynetft_one_line_says_how_to_get_it(monkeypatch: pytest.MonkeyP
 # ---- pynetft by itself, which knows nothing of ours ----
 
 
+@pytest.mark.slow
 def test_pynetft_reads_the_simulated_box() -> None:
     hand = Hand()
     hand.wrench = np.array([1.5, -0.25, -2.0, 10.0, 0.0, 5.0])

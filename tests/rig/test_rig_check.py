@@ -20,7 +20,10 @@ from deltact_fab.virtual.controller import GrblController
 from deltact_fab.virtual.netft_server import NetFTServer
 from deltact_fab.virtual.pty import PtyCable
 
-pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")
+pytestmark = [
+    pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals"),
+    pytest.mark.usefixtures("no_boot_loader"),
+]
 
 SETTINGS = {1: 255, 120: 2000, 121: 2000, 122: 2000}
 FILE = """

@@ -19,7 +19,10 @@ from deltact_fab.optics import StageFrame
 from deltact_fab.rig.clock import WallClock
 from deltact_fab.rig.stage.grbl import GrblStage
 
-pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")
+pytestmark = [
+    pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals"),
+    pytest.mark.usefixtures("no_boot_loader"),
+]
 
 END_MM = (-100.0, -1.0, -1.0)  # some 5 s away
 
@@ -59,6 +62,7 @@ class Other(threading.Thread):
         return str(self.raised or "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["stop", "cancel"])
 def test_a_move_that_another_thread_ends(how: str) -> None:
     with homed() as (it, stage):
@@ -72,7 +76,9 @@ def test_a_move_that_another_thread_ends(how: str) -> None:
         assert stage.wait().machine_mm == (-1.0, -1.0, -1.0)
 
 
-@pytest.mark.parametrize("how", ["stop", "cancel", "abort"])
+@pytest.mark.parametrize(
+    "how", ["stop", *(pytest.param(how, marks=pytest.mark.slow) for how in ("cancel", "abort"))]
+)
 def test_homing_that_another_thread_ends(how: str) -> None:
     with homed({25: 300.0}) as (it, stage):
         stage.start_move((-30.0, -30.0, -30.0), 1200.0)
@@ -90,6 +96,7 @@ def test_homing_that_another_thread_ends(how: str) -> None:
         assert it.at_mm() == (-0.2, -0.2, -0.2)
 
 
+@pytest.mark.slow
 def test_an_abort_in_a_move() -> None:
     with homed() as (it, stage):
         stage.start_move(END_MM, 1200.0)
@@ -132,6 +139,7 @@ def test_a_cancel_before_the_line_is_sent_keeps_it_from_being_sent() -> None:
         assert not any(b"$J=" in data for _, data in it.heard)
 
 
+@pytest.mark.slow
 def test_many_threads_ask_while_one_drives_and_none_hears_another_s_answer() -> None:
     """No 'multiple access on port': one exchange at a time."""
     with homed() as (it, stage):
@@ -171,6 +179,7 @@ except StageError as why:
 """
 
 
+@pytest.mark.slow
 def test_the_second_of_two_hosts_refuses() -> None:
     with homed() as (it, stage):
         stage.start_move((-20.0, -1.0, -1.0), 1200.0)

@@ -113,6 +113,7 @@ def low(it: Bench) -> None:
     it.stage.wait()
 
 
+@pytest.mark.slow
 def test_a_press_goes_as_deep_as_declared_on_a_face_that_is_elsewhere(tmp_path: Path) -> None:
     """The face .4 mm lower, the indenter 1.3 mm longer where the file says 1."""
     it = bench("sphere:10", (0.0, 0.0, -0.4), 1.3, homed=False)
@@ -217,6 +218,7 @@ def test_in_air_without_a_force_sensor_nothing_is_asked(tmp_path: Path) -> None:
         clear_the_face(it.stage, it.clock, None, None)
 
 
+@pytest.mark.slow
 def test_by_hand_a_force_ends_a_jog_and_only_a_way_up_is_free(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -267,6 +269,7 @@ def test_the_tilt_of_a_face_is_found() -> None:
     assert "by 4 touches" in found.line()
 
 
+@pytest.mark.slow
 def test_a_face_that_lies_too_askew_is_refused() -> None:
     ball = parse("sphere:10")
     it = bench("sphere:10", tilt_deg=(2.5, 0.0))

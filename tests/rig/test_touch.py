@@ -57,6 +57,7 @@ def test_the_height_is_right_within_a_fiftieth(name: str, noise_n: float, longer
     assert it.stage.position_mm()[2] == pytest.approx(10.0, abs=0.002)
 
 
+@pytest.mark.slow
 def test_repeats_are_compared_and_the_guard_looks_on() -> None:
     it = bench("sphere:10")
     touch = found(it, "sphere:10", TouchConfig(repeats=3))
@@ -78,6 +79,7 @@ def fails(it: Bench, config: TouchConfig = QUICK, name: str = "sphere:10") -> st
     return text
 
 
+@pytest.mark.slow
 def test_nothing_there_is_never_sought_beyond_the_range() -> None:
     it = bench("sphere:10", longer_mm=-3.5)
     assert "nothing was met down to 3 mm below" in fails(it)
@@ -98,6 +100,7 @@ def test_noise_over_the_threshold_is_told_before_anything_goes_down() -> None:
     assert it.lowest_mm() == pytest.approx(-30.0, abs=0.002)
 
 
+@pytest.mark.slow
 def test_a_loose_tool_is_told_by_its_spread(monkeypatch: pytest.MonkeyPatch) -> None:
     it = bench("sphere:10")
     touch = it.touch(TouchConfig(repeats=2))
@@ -123,6 +126,7 @@ def test_the_guard_trips_in_a_touch() -> None:
     assert it.guard.tripped
 
 
+@pytest.mark.slow
 def test_a_sensor_whose_axes_are_others_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     it = bench("sphere:10")
     wrenches = it.face.wrenches

@@ -79,7 +79,7 @@ def test_a_guard_that_trips_stops_lifts_and_says_why(tmp_path: Path) -> None:
     assert run.frames()["frame_id"].is_unique
 
 
-@pytest.mark.parametrize("what", ["silent", "error"])
+@pytest.mark.parametrize("what", ["silent", pytest.param("error", marks=pytest.mark.slow)])
 def test_a_force_sensor_that_is_lost_stops_the_run(tmp_path: Path, what: str) -> None:
     with wall_bench(tmp_path) as bench:
 
@@ -109,6 +109,7 @@ def test_a_guard_that_looks_at_old_samples_stops_the_run(tmp_path: Path) -> None
     assert "behind" in set(told["kind"])
 
 
+@pytest.mark.slow
 def test_a_camera_that_stalls_stops_the_run(tmp_path: Path) -> None:
     with wall_bench(tmp_path) as bench:
 
@@ -143,6 +144,7 @@ def test_a_guard_that_trips_while_homing_moves_nothing_any_more(tmp_path: Path) 
     assert not threads()
 
 
+@pytest.mark.slow
 def test_a_disk_that_refuses_in_an_encoder_s_thread_stops_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -164,6 +166,7 @@ def test_a_disk_that_refuses_in_an_encoder_s_thread_stops_the_run(
     assert not threads()
 
 
+@pytest.mark.slow
 def test_an_alarm_leaves_the_tip_where_it_is(tmp_path: Path) -> None:
     with wall_bench(tmp_path) as bench:
 

@@ -157,6 +157,7 @@ def test_the_size_is_that_of_the_parts() -> None:
     assert size_mm(higher) == pytest.approx((39, 65, 30))
 
 
+@pytest.mark.slow
 def test_no_kernel_is_loaded_for_the_size() -> None:
     code = (
         "import sys; from deltact_fab.study import comparison; comparison.sensor_of('deltact'); "

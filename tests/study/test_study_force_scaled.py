@@ -46,6 +46,7 @@ def test_any_scale_keeps_the_indenters_the_range_and_places_to_leave_out(scale: 
         assert 1 / ABOVE <= points_of(thin) / wanted <= ABOVE
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(st.floats(1e-3, 1.0))
 def test_any_scale_is_a_protocol_that_the_checks_pass(scale: float) -> None:

@@ -105,6 +105,7 @@ def test_every_headline_has_an_interval_that_holds_it_and_says_over_what() -> No
     assert [head.paper for head in heads[6:]] == [0.3, 0.14, 0.17]
 
 
+@pytest.mark.slow
 def test_a_goal_that_is_met_is_met_and_one_that_is_missed_has_its_reason() -> None:
     good = said(made())
     assert all(head.met for head in good.headlines[:6])

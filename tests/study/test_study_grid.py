@@ -152,6 +152,7 @@ def test_when_all_fail_the_reason_is_the_error() -> None:
         solve(job)
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_each_time_costs_its_job_only() -> None:
     grid = engine.solve([*tiny_study.jobs_of(7, 3), GridJob("dies", tiny_study.die)])
     assert list(grid.missing) == ["dies"]

@@ -89,6 +89,7 @@ def test_good_light_and_three_chips_leave_next_to_no_error() -> None:
     assert quiet["error_mm"] < usual["error_mm"] < 0.005
 
 
+@pytest.mark.slow
 def test_resolution_is_lost_where_patches_are_larger_than_the_window() -> None:
     fine, coarse = (probed(QUIET, law="binary", patch_mm=d)["resolution_px"] for d in (0.1, 0.8))
     assert coarse > 1.3 * fine
@@ -100,6 +101,7 @@ def test_a_blank_sticker_is_refused_with_the_reason() -> None:
     assert "error_mm" not in found
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_figures() -> None:
     keys = {"law": "iid", "patch_mm": 0.2}
     assert probed(**keys) == probed(**keys)

@@ -62,6 +62,7 @@ def test_its_images_are_the_bytes_that_the_rig_records(
         assert np.array_equal(drawn, run.raw(str(file))), frame.look
 
 
+@pytest.mark.slow
 def test_its_truth_is_that_of_the_record(
     stream: PressStream, run: record.Run, recipe: PatternRecipe, recorded: list[Look]
 ) -> None:

@@ -66,6 +66,7 @@ def at_rest(host: Host) -> bool:
     return host.at_mm() == before_mm
 
 
+@pytest.mark.slow
 def test_a_job_is_homed_streamed_and_done(host: Host) -> None:
     assert not host.it.command("G1X-2F600")  # locked, as it was switched on
     assert host.it.home(wait_idle=True)
@@ -82,6 +83,7 @@ def test_a_job_is_homed_streamed_and_done(host: Host) -> None:
     assert (host.errors, host.alarms) == (["error:9"], [])
 
 
+@pytest.mark.slow
 def test_errors_holds_and_alarms_are_as_that_host_expects_them(host: Host) -> None:
     assert host.it.home(wait_idle=True)
     assert not host.it.stream(["G1X-2F600", "G7", "G1X-3"], stop_on_error=True, ack_timeout=10)
@@ -113,6 +115,7 @@ def test_errors_holds_and_alarms_are_as_that_host_expects_them(host: Host) -> No
     assert host.at_mm() == stopped_mm
 
 
+@pytest.mark.slow
 def test_our_host_is_refused_while_that_one_has_the_port(host: Host) -> None:
     ours = GrblStage(host.terminal.port, WallClock(), StageFrame((0.0, 0.0, 0.0)))
     with pytest.raises(StageError, match="another program drives this stage; end it first"):

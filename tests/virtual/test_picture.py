@@ -92,6 +92,7 @@ def test_noise_repeats_with_its_seed_and_not_with_another() -> None:
     assert not np.array_equal(first, other)
 
 
+@pytest.mark.slow
 def test_where_the_face_hides_a_part_of_itself_the_nearest_is_seen() -> None:
     picture = FrameRenderer(Geometry(CAMERA, LATTICE), ramp_texture(), NOISELESS)
     u = bump(3.5)

@@ -141,6 +141,7 @@ def test_only_what_changes_the_mechanics_is_solved_again(
     assert (presses.of(presses.paths[0]).solver.found is not None) == shared
 
 
+@pytest.mark.slow
 def test_forces_are_in_proportion_to_the_modulus() -> None:
     """What lets all moduli share a trajectory: the solver itself, with another one."""
     from deltact_fab.elasticity.material import GelMaterial
@@ -170,6 +171,7 @@ def finite(cell_mm: float) -> GelConfig:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", ["cut", "flipped", "empty"])
 def test_a_damaged_entry_is_solved_again(damage: str) -> None:
     first = solved(declared())
@@ -191,6 +193,7 @@ def test_an_entry_of_another_length_is_none() -> None:
     assert load(press._key, press.observed, len(press.poses) + 1) is None
 
 
+@pytest.mark.slow
 def test_without_images_no_field_is_kept_and_one_with_fields_serves() -> None:
     blind = declared(channels=["force", "shear"])
     alone = solved(blind)

@@ -14,7 +14,10 @@ from deltact_fab.rig.stage.grbl import GrblStage
 from deltact_fab.virtual.controller import GrblController
 from deltact_fab.virtual.pty import PtyCable
 
-pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")
+pytestmark = [
+    pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals"),
+    pytest.mark.usefixtures("no_boot_loader"),
+]
 QUICK = {24: 1200, 25: 3000, 26: 5, 27: 0.2, 120: 2000, 121: 2000, 122: 2000}
 
 
@@ -47,6 +50,7 @@ def test_noise_changes_nothing_and_a_port_that_is_closed_is_seen() -> None:
     assert opened == [True, False]
 
 
+@pytest.mark.slow
 def test_a_cable_that_is_pulled_is_an_error_and_the_port_comes_back_where_it_was() -> None:
     with powered() as terminal:
         stage = host(terminal)
@@ -72,6 +76,7 @@ def test_a_cable_that_is_pulled_is_an_error_and_the_port_comes_back_where_it_was
         again.close()
 
 
+@pytest.mark.slow
 def test_silence_is_an_error_and_over_when_it_is_over() -> None:
     with powered() as terminal:
         stage = host(terminal)

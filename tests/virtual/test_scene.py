@@ -119,6 +119,7 @@ def test_only_the_knots_around_the_present_are_solved() -> None:
     assert bench.solves == at_quarter
 
 
+@pytest.mark.slow
 def test_between_knots_the_force_is_close_to_the_solver_s() -> None:
     """The stated bound of the interpolation at the default increments: 1 % of the peak force."""
     wide, fine = Bench(0.1), Bench(0.025)
@@ -136,6 +137,7 @@ def test_between_knots_the_force_is_close_to_the_solver_s() -> None:
     assert worst < 0.01 * peak
 
 
+@pytest.mark.slow
 def test_a_jog_that_is_cancelled_keeps_the_true_path() -> None:
     """Stopped between two knots, the gel is where the tip is, not where the plan led."""
     bench = Bench()
@@ -158,6 +160,7 @@ def test_a_jog_that_is_cancelled_keeps_the_true_path() -> None:
     assert peak == pytest.approx(float(np.abs(state.displacement_mm[..., 0]).max()), rel=0.01)
 
 
+@pytest.mark.slow
 def test_wrenches_of_many_times_are_those_of_single_looks() -> None:
     many, single = Bench(drawn=False), Bench(drawn=False)
     for bench in (many, single):

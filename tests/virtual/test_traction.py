@@ -82,6 +82,7 @@ def test_tractions_of_a_frame_add_up_to_its_force(level: str, tmp_path: Path) ->
     )).max()  # fmt: skip
 
 
+@pytest.mark.slow
 def test_what_was_not_asked_for_is_neither_kept_nor_found(tmp_path: Path) -> None:
     found = run(tmp_path, "layer", '["image", "force", "shear"]')
     truth = found.truth()
