@@ -52,9 +52,9 @@ def numbers() -> list[tuple[str, float, float, float, bool]]:
     for section in fields(design):
         record = getattr(design, section.name)
         for f in fields(record):
-            if "low" in f.metadata:
+            if "ge" in f.metadata:
                 default = getattr(record, f.name)
-                ends = f.metadata["low"], f.metadata["high"]
+                ends = f.metadata["ge"], f.metadata["le"]
                 key = f"{section.name}.{f.name}"
                 found.append((key, float(default), *ends, isinstance(default, int)))
     return found

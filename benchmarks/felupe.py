@@ -18,7 +18,7 @@ from deltact_fab.aliases import Field, Index
 from deltact_fab.errors import InputError, RunFailed
 from deltact_fab.gel.finite import FinitePress
 from deltact_fab.gel.finite.surface import HARDENING, HARDEST, SHALLOW
-from deltact_fab.numerics.engines.gel_finite import GelAnswer, PressSetup, prepared
+from deltact_fab.numerics.engines.gel_press import GelAnswer, PressSetup, prepared
 from deltact_fab.shapes import SphereTip
 
 from . import peer

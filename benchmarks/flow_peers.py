@@ -16,7 +16,7 @@ import numpy as np
 
 from deltact_fab.errors import RunFailed
 from deltact_fab.measure.flow import FLOW_METHODS
-from deltact_fab.numerics.engines.flow_curves import found, tracked
+from deltact_fab.numerics.engines.flow import found, tracked
 from deltact_fab.numerics.engines.flow_frames import (
     COARSE,
     SCENES,
@@ -27,7 +27,7 @@ from deltact_fab.numerics.engines.flow_frames import (
     far,
     in_plane,
 )
-from deltact_fab.numerics.judge import plain
+from deltact_fab.numerics.stability import plain
 
 from . import peer
 

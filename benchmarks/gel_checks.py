@@ -13,8 +13,8 @@ from deltact_fab.numerics.engines.gel_scene import (
     GelCase,
     cone_excess,
     down,
+    finer,
     imbalance,
-    mesh_change,
     solved,
     trusted,
 )
@@ -23,10 +23,10 @@ from deltact_fab.numerics.engines.gel_scene import (
 def thickness(
     scene: GelCase, step_mm: float, depth_mm: float, what: str, scratch: Path
 ) -> tuple[float, str]:
-    """`mesh_change` of a press, or the worse of a fall of its force and `imbalance`."""
+    """`finer` of a press, or the worse of a fall of its force and `imbalance`."""
     tip = down(depth_mm)
     if what == "force":
-        return mesh_change(scene, step_mm, tip)
+        return finer(scene, step_mm, (tip,), scratch)
     found = trusted(solved(scene, step_mm, tip))
     force = np.array([-s.force_n[2] for s in found.states])
     fall = max(0.0, -float(np.diff(force).min())) / force[-1]

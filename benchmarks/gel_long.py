@@ -10,8 +10,8 @@ from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.level import Reach
 from deltact_fab.gel.level_selection import TOLERANCE, pick
 from deltact_fab.numerics.engine import Case
-from deltact_fab.numerics.engines import gel_checks as checks
-from deltact_fab.numerics.engines.gel_cases import of_friction, of_nu
+from deltact_fab.numerics.engines import gel_scene as checks
+from deltact_fab.numerics.engines.gel import of_friction, of_nu
 from deltact_fab.numerics.engines.gel_scene import GelCase, down
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse

@@ -45,7 +45,7 @@ def serve(rate_hz: float) -> None:
     """Print the ports, then for every line "over" what became of it: ns of record and byte."""
     from deltact_fab.rig.clock import WallClock
     from deltact_fab.rig.config import ForceConfig
-    from deltact_fab.rig.force.priority import run_first
+    from deltact_fab.rig.run.loop import run_first
     from deltact_fab.virtual.controller import GrblController
     from deltact_fab.virtual.netft_server import NetFTServer
     from deltact_fab.virtual.pty import PtyCable
@@ -168,8 +168,8 @@ def measure(
     from deltact_fab.rig.force.config import NetFTConfig
     from deltact_fab.rig.force.guard import ForceGuard, GuardLimits
     from deltact_fab.rig.force.open import open_force
-    from deltact_fab.rig.force.priority import run_first
     from deltact_fab.rig.interface import ForceSamples
+    from deltact_fab.rig.run.loop import run_first
     from deltact_fab.rig.stage.grbl import GrblStage
 
     clock, draw = WallClock(), random.Random(seed)

@@ -10,11 +10,16 @@ from pathlib import Path
 from typing import Any
 
 from deltact_fab.numerics.engine import Case
-from deltact_fab.numerics.engines import gel_finite
-from deltact_fab.numerics.engines.gel_finite import GelAnswer, PressSetup
-from deltact_fab.numerics.engines.gel_reference import FINE, errors, reference
-from deltact_fab.numerics.judge import judge
+from deltact_fab.numerics.engines.gel_press import (
+    FINE,
+    GelAnswer,
+    PressSetup,
+    errors,
+    reference,
+    solve_finite,
+)
 from deltact_fab.numerics.memory import peak_resident_mb, reset_peak_mb
+from deltact_fab.numerics.stability import judge
 
 
 def case_row(case: Case) -> dict[str, Any]:
@@ -37,7 +42,7 @@ def reference_row(depth_mm: float, friction: float) -> dict[str, Any]:
 def curve_row(solve: Callable[[Any], GelAnswer], run: PressSetup) -> dict[str, Any]:
     """A point on a curve: time, memory and error, once after a warm-up."""
     truth = reference(run.depth_mm, run.friction)
-    gel_finite.solve(PressSetup("hyperelastic", 0.5, run.friction, 3.0))
+    solve_finite(PressSetup("hyperelastic", 0.5, run.friction, 3.0))
     if run.level in ("layer", "block"):
         solve(replace(run, depth_mm=0.5, spacing_mm=1.0))
     before = reset_peak_mb()

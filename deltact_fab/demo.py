@@ -130,7 +130,9 @@ def _calibrate(stage: _DemoStage) -> tuple[str, str]:
 
     folder, (force_file, depth_file) = stage.calibration, stage.files
     # Another noise than that of the run that is measured.
-    experiment.run(CALIBRATION, RIG, folder, seed=stage.seed + 1, progress=stage.tick)
+    experiment.run(
+        experiment.RunRequest(CALIBRATION, RIG, folder, seed=stage.seed + 1, progress=stage.tick)
+    )
     force = calibrate([folder], (FORCE_MODEL,), stage.seed)
     write_calibration(force.calibration, force_file)
     depth = calibrate_depth(folder)
@@ -143,7 +145,9 @@ def _calibrate(stage: _DemoStage) -> tuple[str, str]:
 
 
 def _indent(stage: _DemoStage) -> dict[str, Any]:
-    return experiment.run(PROTOCOL, RIG, stage.folder, seed=stage.seed, progress=stage.tick)
+    return experiment.run(
+        experiment.RunRequest(PROTOCOL, RIG, stage.folder, seed=stage.seed, progress=stage.tick)
+    )
 
 
 def _track(stage: _DemoStage) -> Any:

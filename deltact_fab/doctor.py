@@ -83,8 +83,8 @@ def _packages(deep: bool) -> Iterator[InstalledItem]:
     try:
         version, wanted = metadata.version(PACKAGE), metadata.requires(PACKAGE) or []
     except metadata.PackageNotFoundError:
-        yield InstalledItem(NEEDED, PACKAGE, "broken", "runs, and is not installed", "its requirements",
-                      "pip install -e .")  # fmt: skip
+        yield InstalledItem(NEEDED, PACKAGE, "broken", "runs, and is not installed",
+                            "its requirements", "pip install -e .")  # fmt: skip
         return
     yield InstalledItem(NEEDED, PACKAGE, "ok", version)
     for line in wanted:

@@ -29,7 +29,7 @@ def main(out: Path, rig: str = "virtual") -> dict[float, tuple[float, float]]:
     out.mkdir(parents=True)
     protocol = out / "two-depths.toml"
     protocol.write_text(PROTOCOL)
-    experiment.run(str(protocol), rig, out / "run", seed=1)
+    experiment.run(experiment.RunRequest(str(protocol), rig, out / "run", seed=1))
     frames = record.open(out / "run").frames()
     found = {}
     for row in frames[frames["settled"] & (frames["z_mm"] < 0)].itertuples():

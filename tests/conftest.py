@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -43,6 +44,17 @@ spacing_mm = 0.4
 press_increment_mm = 0.2
 shear_increment_mm = 0.5
 """
+
+
+def pytest_configure() -> None:
+    """Ctrl-C and a hang-up are heard here and in what tests start.
+
+    A shell, or nohup, starts what it puts in the background with them ignored, and a process hands
+    that on to its children.
+    """
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    if hasattr(signal, "SIGHUP"):
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -99,7 +111,11 @@ def mini_run(mini: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) 
     from deltact_fab import experiment
 
     protocol, rig = map(str, mini)
-    return common(tmp_path_factory, "run", lambda out: experiment.run(protocol, rig, out, seed=3))
+    return common(
+        tmp_path_factory,
+        "run",
+        lambda out: experiment.run(experiment.RunRequest(protocol, rig, out, seed=3)),
+    )
 
 
 @pytest.fixture(scope="session")
@@ -109,7 +125,7 @@ def calibrations(mini_run: Path, tmp_path_factory: pytest.TempPathFactory) -> li
 
     from deltact_fab import record
     from deltact_fab.analysis.force import write_calibration
-    from deltact_fab.analysis.force.wrenches import WRENCH
+    from deltact_fab.analysis.force.dataset import WRENCH
     from deltact_fab.analysis.view import head_of, view_of
     from deltact_fab.measure.face import FaceFlow
     from deltact_fab.measure.flow import FlowTracker

@@ -70,12 +70,14 @@ def study(missing: int = 0) -> StudyResult:
         tables=(
             ReportTable("wide", "Twelve columns", table),
             ReportTable("points", "Every point", long.assign(nothing=np.nan)),
-            ReportTable("part", "Two of them", table, ("indenter", "solved"), {"solved": "was solved"}),
+            ReportTable("part", "Two of them", table, ("indenter", "solved"),
+                        {"solved": "was solved"}),
         ),
         figures=(
             ReportFigure("bars", "Bars of three tools.", bars),
             ReportFigure("picture", "A field.", picture, column=True),
-            *(ReportFigure(f"again-{i}", "The same once more.", bars, column=True) for i in range(4)),
+            *(ReportFigure(f"again-{i}", "The same once more.", bars, column=True)
+              for i in range(4)),
         ),
         settings={"friction": "1.0", "noise": "2 grey values"},
         notes=("The modulus is uncertain by a factor of 2.",),

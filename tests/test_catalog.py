@@ -45,7 +45,11 @@ class Plain:
         (Outer, {"inner": {"depth_mm": True}}, "f: inner.depth_mm: "),
         (Outer, {"pair_mm": [1.0]}, "f: pair_mm"),
         (Plain, {"sensor": {"frame": {"seat_mm": 6}}}, "unknown key; did you mean 'seat_y_mm'?"),
-        (Plain, {"sensor": {"skin": {"width_mm": -1}}}, "5 <= width_mm <= 200: -1 fails"),
+        (
+            Plain,
+            {"sensor": {"skin": {"width_mm": -1}}},
+            "skin.width_mm: Input should be greater than or equal to 5 (got -1)",
+        ),
         (Plain, {"sensor": {"skin": {"width_mm": float("nan")}}}, "width_mm"),
         (SensorDimensions, {"skin": {"edge_fillet_mm": 18}}, "18.0 < 17.0 fails"),
     ],

@@ -35,8 +35,8 @@ def test_within_5_percent_of_the_run(name: str, rig: str, tmp_path: Path) -> Non
         text = text.replace('["image", "dots", "force", "shear"]', '["shear"]')
     protocol = tmp_path / "p.toml"
     protocol.write_text(text)
-    summary = experiment.run(str(protocol), rig, tmp_path / "r")
-    _, estimate = experiment.show(str(protocol), rig)
+    summary = experiment.run(experiment.RunRequest(str(protocol), rig, tmp_path / "r"))
+    estimate = experiment.RunRequest(str(protocol), rig).estimate()
     assert estimate.seconds == pytest.approx(summary["rig_seconds"], rel=0.01)
 
 
@@ -44,7 +44,10 @@ def test_within_5_percent_of_the_run(name: str, rig: str, tmp_path: Path) -> Non
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")
 def test_on_the_wall_clock_too(tmp_path: Path) -> None:
     """Within 5 % where the machine is idle."""
-    summary = experiment.run("first-moves", "virtual", tmp_path / "r", air=True, realtime=True)
-    _, estimate = experiment.show("first-moves", "virtual", air=True, realtime=True)
+    request = experiment.RunRequest(
+        "first-moves", "virtual", tmp_path / "r", air=True, realtime=True
+    )
+    summary = experiment.run(request)
+    estimate = request.estimate()
     print(f"{estimate.seconds:.2f} s told, {summary['rig_seconds']:.2f} s taken")
     assert estimate.seconds == pytest.approx(summary["rig_seconds"], rel=0.2)

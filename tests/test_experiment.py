@@ -113,7 +113,7 @@ def test_the_record_says_it_is_simulated_with_its_seed(mini_run: Path) -> None:
 def test_two_runs_are_the_same_but_for_wall_time(
     mini: tuple[Path, Path], mini_run: Path, tmp_path: Path
 ) -> None:
-    experiment.run(str(mini[0]), str(mini[1]), tmp_path / "again", seed=3)
+    experiment.run(experiment.RunRequest(str(mini[0]), str(mini[1]), tmp_path / "again", seed=3))
     for table in ("frames", "samples", "events", "steps"):
         rows = []
         for folder in (mini_run, tmp_path / "again"):
@@ -132,7 +132,9 @@ def test_another_seed_gives_other_images(mini: tuple[Path, Path], tmp_path: Path
     short.write_text(text.replace("amplitude_mm = 1.5", "amplitude_mm = 0.25"))
     hashes = []
     for seed in (1, 2):
-        experiment.run(str(short), str(mini[1]), tmp_path / f"s{seed}", seed=seed)
+        experiment.run(
+            experiment.RunRequest(str(short), str(mini[1]), tmp_path / f"s{seed}", seed=seed)
+        )
         hashes.append(list(record.open(tmp_path / f"s{seed}").frames()["sha256"]))
     assert not set(hashes[0]) & set(hashes[1])
 
@@ -145,7 +147,9 @@ def test_ctrl_c_stops_lifts_the_tip_and_keeps_the_frames(
             raise KeyboardInterrupt
 
     with pytest.raises(RunFailed, match=r"shear-x\+; the tip was lifted"):
-        experiment.run(str(mini[0]), str(mini[1]), tmp_path / "r", progress=press_ctrl_c)
+        experiment.run(
+            experiment.RunRequest(str(mini[0]), str(mini[1]), tmp_path / "r", progress=press_ctrl_c)
+        )
     frames = record.open(tmp_path / "r").frames()
     assert list(frames["kind"])[-1] == "shear"
     assert record.open(tmp_path / "r").summary() == {}
@@ -159,7 +163,9 @@ def test_sigterm_does_the_same(mini: tuple[Path, Path], tmp_path: Path) -> None:
 
     before = signal.getsignal(signal.SIGTERM)
     with pytest.raises(RunFailed, match="the tip was lifted"):
-        experiment.run(str(mini[0]), str(mini[1]), tmp_path / "r", progress=kill)
+        experiment.run(
+            experiment.RunRequest(str(mini[0]), str(mini[1]), tmp_path / "r", progress=kill)
+        )
     assert signal.getsignal(signal.SIGTERM) is before
 
 
@@ -169,7 +175,7 @@ def test_an_overloaded_force_sensor_stops_and_lifts(
     weak = tmp_path / "weak.toml"
     weak.write_text(mini[1].read_text().replace("[25.0, 25.0, 35.0]", "[25.0, 25.0, 0.5]"))
     with pytest.raises(RunFailed, match=r"saturated .*the tip was lifted"):
-        experiment.run(str(mini[0]), str(weak), tmp_path / "r")
+        experiment.run(experiment.RunRequest(str(mini[0]), str(weak), tmp_path / "r"))
     run = record.open(tmp_path / "r")
     # Between two frames, and what was felt until then is kept.
     assert run.frames()["frame_id"].tolist()[1:] == ["sphere-10/p1/d1.00/press#001"]  # of two
@@ -191,7 +197,9 @@ def test_a_force_only_scene_has_no_images_and_no_truth(
     text = mini[0].read_text().replace('["image", "dots", "force", "shear"]', '["force", "shear"]')
     quiet = tmp_path / "quiet.toml"
     quiet.write_text(text)
-    summary = experiment.run(str(quiet), str(mini[1]), tmp_path / "r", seed=3)
+    summary = experiment.run(
+        experiment.RunRequest(str(quiet), str(mini[1]), tmp_path / "r", seed=3)
+    )
     frames = record.open(tmp_path / "r").frames()
     assert frames["file"].isna().all()
     assert frames["fz_n"].min() < -1.0
@@ -204,7 +212,9 @@ def test_without_shear_no_friction_is_solved(mini: tuple[Path, Path], tmp_path: 
     text = text.replace('[shear]\namplitude_mm = 1.5\naxes = ["x"]\n', "")
     plain = tmp_path / "plain.toml"
     plain.write_text(text)
-    summary = experiment.run(str(plain), str(mini[1]), tmp_path / "r", seed=3)
+    summary = experiment.run(
+        experiment.RunRequest(str(plain), str(mini[1]), tmp_path / "r", seed=3)
+    )
     assert any("friction" in line for line in summary["left_out"])
 
 
@@ -220,10 +230,10 @@ def test_in_air_the_virtual_rig_touches_nothing_and_says_so(
     protocol.write_text(mini[0].read_text().replace('"image", "dots", ', ""))
     out, words = tmp_path / "r", (str(protocol), str(mini[1]))
     with pytest.raises(RunFailed):
-        experiment.run(*words, out, seed=3, progress=press_ctrl_c, air=True)
+        experiment.run(experiment.RunRequest(*words, out, seed=3, progress=press_ctrl_c, air=True))
     with pytest.raises(InputError, match="air: true in the folder, false now"):
-        experiment.run(*words, out, seed=3, resume=True)
-    summary = experiment.run(*words, out, seed=3, resume=True, air=True)
+        experiment.run(experiment.RunRequest(*words, out, seed=3), resume=True)
+    summary = experiment.run(experiment.RunRequest(*words, out, seed=3, air=True), resume=True)
     run = record.open(out)
     declared = plan.load(str(protocol))[0]
     steps = plan.expand(declared, air=True)
@@ -244,7 +254,7 @@ def test_without_any_channel_poses_are_recorded_and_no_gel_is_solved(
     text = mini[0].read_text().replace('["image", "dots", "force", "shear"]', "[]")
     bare = tmp_path / "bare.toml"
     bare.write_text(text.replace('[shear]\namplitude_mm = 1.5\naxes = ["x"]\n', ""))
-    summary = experiment.run(str(bare), str(mini[1]), tmp_path / "r")
+    summary = experiment.run(experiment.RunRequest(str(bare), str(mini[1]), tmp_path / "r"))
     assert any(line.startswith("gel: ") for line in summary["left_out"])
     assert not any("solved" in note for note in summary["notes"])
     frames = record.open(tmp_path / "r").frames()
@@ -257,7 +267,7 @@ def test_nothing_is_made_when_a_check_fails(mini: tuple[Path, Path], tmp_path: P
     bad = tmp_path / "bad.toml"
     bad.write_text(mini[0].read_text().replace("[[0.5, -0.5]]", "[[15.0, 0.0]]"))
     with pytest.raises(InputError, match="footprint"):
-        experiment.run(str(bad), str(mini[1]), tmp_path / "r")
+        experiment.run(experiment.RunRequest(str(bad), str(mini[1]), tmp_path / "r"))
     assert not (tmp_path / "r").exists()
 
 
@@ -267,10 +277,14 @@ def test_a_press_that_no_mesh_serves_is_told_by_the_check_and_before_a_run(
     bad = tmp_path / "bad.toml"
     text = mini[0].read_text() + '[specimen]\ngel_model = "hyperelastic"\n'
     bad.write_text(text.replace("sphere:10", "sphere:0.5"))
-    row = next(r for r in experiment.checks(str(bad), str(mini[1])) if r.name == "simulated gel")
+    row = next(
+        r
+        for r in experiment.RunRequest(str(bad), str(mini[1])).checks()
+        if r.name == "simulated gel"
+    )
     assert not row.ok
     assert "sphere-0p5/p1" in row.where
     assert "hides between cells" in row.where
     with pytest.raises(InputError, match="hides between cells"):
-        experiment.run(str(bad), str(mini[1]), tmp_path / "r")
+        experiment.run(experiment.RunRequest(str(bad), str(mini[1]), tmp_path / "r"))
     assert not (tmp_path / "r").exists()

@@ -52,7 +52,7 @@ class Short:
     @cached_property
     def finished(self) -> Path:
         out = self.folder / "finished"
-        experiment.run(str(self.protocol), str(self.rig), out, seed=3)
+        experiment.run(experiment.RunRequest(str(self.protocol), str(self.rig), out, seed=3))
         return out
 
     def arguments(self, out: Path, *more: str) -> list[str]:
@@ -157,7 +157,9 @@ def assert_nothing_half_written(out: Path) -> None:
 
 def assert_completes(short: Short, out: Path) -> None:
     """The run that failed goes on to the same images as the undisturbed one."""
-    experiment.run(str(short.protocol), str(short.rig), out, seed=3, resume=True)
+    experiment.run(
+        experiment.RunRequest(str(short.protocol), str(short.rig), out, seed=3), resume=True
+    )
     wanted, found = (record.open(p).frames()["sha256"] for p in (short.finished, out))
     assert list(found) == list(wanted)
 
@@ -305,7 +307,9 @@ def test_a_folder_that_is_no_run(short: Short, tmp_path: Path, text: str) -> Non
     run = short.unfinished(tmp_path / "run")
     (run / "run.json").write_text(text)
     with pytest.raises(InputError, match=r"run\.json"):
-        experiment.run(str(short.protocol), str(short.rig), run, seed=3, resume=True)
+        experiment.run(
+            experiment.RunRequest(str(short.protocol), str(short.rig), run, seed=3), resume=True
+        )
 
 
 # ---- the input --------------------------------------------------------------------------------

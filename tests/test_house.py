@@ -146,6 +146,18 @@ def test_what_the_package_defines_is_used_there_or_documented(sources: Sources) 
     assert sorted(left) == []
 
 
+def test_a_class_name_has_one_meaning(sources: Sources) -> None:
+    """A reader who finds a class by its name finds one."""
+    homes: dict[str, list[str]] = {}
+    for module, nodes in sources.nodes.items():
+        if module.startswith("deltact_fab"):
+            for node in nodes:
+                if isinstance(node, ast.ClassDef):
+                    homes.setdefault(node.name, []).append(module)
+    assert len(homes) > 400
+    assert {name: found for name, found in homes.items() if len(found) > 1} == {}
+
+
 def test_both_rules_find_what_breaks_them() -> None:
     found = Sources(
         {

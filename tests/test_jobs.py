@@ -287,9 +287,8 @@ def test_workers_die_with_their_parent() -> None:
 
 @LISTED
 def test_ctrl_c_ends_the_workers_and_keeps_the_exception() -> None:
-    # A shell starts what it puts in the background, this test perhaps, with Ctrl-C ignored.
     script = (
-        "import signal, time\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "import time\n"
         "from deltact_fab import jobs\n"
         "try:\n    jobs.each(time.sleep, [60, 60, 60], 'abc', workers=2)\n"
         "except KeyboardInterrupt:\n    print('stopped')\n"

@@ -73,7 +73,7 @@ print("@@" + json.dumps([name for name in {watched!r} if name in sys.modules]))
 RUN = """
 from pathlib import Path
 from deltact_fab import experiment
-experiment.run({protocol!r}, {rig!r}, Path("run"), seed=3)
+experiment.run(experiment.RunRequest({protocol!r}, {rig!r}, Path("run"), seed=3))
 """
 COMMAND = """
 sys.argv = ["deltact-fab", *{words!r}]
@@ -158,7 +158,9 @@ def calls_of(
     from deltact_fab import experiment
 
     calls = counted(monkeypatch)
-    summary = experiment.run(*scene(name, folder, lens), folder / "run", seed=3)
+    summary = experiment.run(
+        experiment.RunRequest(*scene(name, folder, lens), folder / "run", seed=3)
+    )
     calls["frames"] = summary["frames"]
     said = [line for line in summary["left_out"] if line.startswith("lens, its maps")]
     assert len(said) == (calls["raw view"] == 0)

@@ -90,7 +90,7 @@ def written(folder: Path, channels: str = '["image", "dots", "shear"]') -> tuple
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("lens")
-    experiment.run(*written(folder), folder / "run", seed=3)
+    experiment.run(experiment.RunRequest(*written(folder), folder / "run", seed=3))
     return folder / "run"
 
 
@@ -120,7 +120,7 @@ def test_the_flat_field_of_the_camera_file_is_frozen_and_applied(tmp_path: Path)
     share = np.full((340, 420, 3), 0.5, np.float32)
     (tmp_path / "light.png").write_bytes(FlatField(share).png())
     (tmp_path / "camera.toml").write_text(as_toml(CALIBRATED, {"flat": {"file": "light.png"}}))
-    experiment.run(protocol, rig, tmp_path / "run")
+    experiment.run(experiment.RunRequest(protocol, rig, tmp_path / "run"))
     (tmp_path / "light.png").unlink()
     opened = record.open(tmp_path / "run")
     file = opened.frames().iloc[0].file
@@ -227,12 +227,12 @@ def test_a_run_that_was_cut_off_ends_as_the_undisturbed_one(run: Path, tmp_path:
             raise Stop
 
     with pytest.raises(Stop):
-        experiment.run(*words, out, seed=3, progress=stop)
+        experiment.run(experiment.RunRequest(*words, out, seed=3, progress=stop))
     # A file of another name with the same lens is the same lens.
     rig = Path(words[1])
     shutil.move(tmp_path / "given" / "camera.toml", tmp_path / "given" / "again.toml")
     rig.write_text(RIG.format(model="again.toml", f_px=TRUE_F_PX))
-    summary = experiment.run(*words, out, seed=3, resume=True)
+    summary = experiment.run(experiment.RunRequest(*words, out, seed=3), resume=True)
     assert summary["kept_frames"] > 0
     for part in ("images", "truth"):
         names = {p.name for p in (run / part).iterdir()}
@@ -259,7 +259,7 @@ def test_another_lens_goes_on_with_no_run(
     text = as_toml(CALIBRATED).replace("f_px = 396.0", f"f_px = {calibrated_f_px}")
     (tmp_path / "camera.toml").write_text(text)
     with pytest.raises(InputError, match=f"cannot be resumed: {says}"):
-        experiment.run(protocol, rig, tmp_path / "out", seed=3, resume=True)
+        experiment.run(experiment.RunRequest(protocol, rig, tmp_path / "out", seed=3), resume=True)
 
 
 @pytest.mark.parametrize(
@@ -297,7 +297,7 @@ def test_a_lens_that_was_not_calibrated_is_the_designs_with_a_warning(tmp_path: 
     Path(protocol).write_text(text.replace('[shear]\namplitude_mm = 0.5\naxes = ["x"]\n', ""))
     text = Path(rig).read_text().replace('[camera]\nmodel = "camera.toml"\n', "")
     Path(rig).write_text(text.split("[virtual.lens]")[0] + "[virtual.lens]\nf_px = 390.0\n")
-    summary = experiment.run(protocol, rig, tmp_path / "out", seed=3)
+    summary = experiment.run(experiment.RunRequest(protocol, rig, tmp_path / "out", seed=3))
     (line,) = [note for note in summary["notes"] if "not calibrated" in note]
     assert line.startswith("WARNING: the lens is not calibrated, the design's stands for it: ")
     assert record.open(tmp_path / "out").camera.lens == Fisheye()
@@ -323,11 +323,11 @@ def test_a_camera_file_that_cannot_serve_is_one_line_and_leaves_no_folder(
     if camera is not None:
         (tmp_path / "camera.toml").write_text(camera)
     with pytest.raises(InputError, match=says) as why:
-        experiment.run(*words, tmp_path / "out")
+        experiment.run(experiment.RunRequest(*words, tmp_path / "out"))
     assert "\n" not in str(why.value)
     assert not (tmp_path / "out").exists()
     with pytest.raises(InputError, match=says):  # `protocol check` says so too
-        experiment.checks(*words)
+        experiment.RunRequest(*words).checks()
 
 
 def test_the_shipped_fisheye_is_tracked_by_a_calibration_of_its_own() -> None:
@@ -374,7 +374,7 @@ def test_tracking_through_the_fisheye_is_as_good_as_through_a_pinhole(
         text = catalog.find("protocols/rigs", name).read_text()
         cameras = catalog.find("protocols/rigs", "fisheye").resolve().parent / "cameras"
         rig.write_text(text.replace('"cameras/', f'"{cameras}/').replace("= 0.25 ", "= 0.4 "))
-        experiment.run(str(mini[0]), str(rig), tmp_path / name, seed=3)
+        experiment.run(experiment.RunRequest(str(mini[0]), str(rig), tmp_path / name, seed=3))
         found[name] = error_mm(tmp_path / name)
     (pinhole_mm, of), (fisheye_mm, as_many) = found.values()
     assert min(of, as_many) > 500_000

@@ -181,7 +181,7 @@ def test_a_run_on_a_weak_virtual_rig_keeps_the_warning(
     protocol = tmp_path / "force.toml"
     words = mini[0].read_text().replace('"image", "dots", ', "").replace(', "4dots"', "")
     protocol.write_text(words)
-    summary = experiment.run(str(protocol), str(rig), tmp_path / "run")
+    summary = experiment.run(experiment.RunRequest(str(protocol), str(rig), tmp_path / "run"))
     warned = [n for n in summary["notes"] if n.startswith("WARNING: mini:")]
     # The stage is too weak, and the rig file does not write the sensor's range down.
     assert len(warned) == 2

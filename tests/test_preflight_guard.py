@@ -94,8 +94,8 @@ def test_a_real_rig_and_realtime_have_a_guard_and_lockstep_has_none(tmp_path: Pa
     found = limits_of(config.load(str(rig))[0], "bench.toml", smoke)
     assert found.guard is not None
     assert found.guard_keys[0] == "[guard] force_n"
-    _, findings = experiment.forces("smoke", str(rig)) or ([], [])
+    _, findings = experiment.RunRequest("smoke", str(rig)).forces() or ([], [])
     assert any("of [guard] force_n" in line for line in findings)
     rig.write_text(text + "[guard]\nforce_n = 30.0\n")
     with pytest.raises(InputError, match=r"bench.toml: guard: the limit 30 of Fx"):
-        experiment.forces("smoke", str(rig))
+        experiment.RunRequest("smoke", str(rig)).forces()

@@ -173,7 +173,7 @@ def test_a_run_of_format_2_is_not_gone_on_with(tmp_path: Path) -> None:
         RunWriter.resume(out, [STEP])
     protocol = str(out / "protocol.toml")
     with pytest.raises(InputError, match=r"capture\.mode: unknown key"):  # it films or settles now
-        experiment.run(protocol, "virtual", out, seed=3, resume=True)
+        experiment.run(experiment.RunRequest(protocol, "virtual", out, seed=3), resume=True)
 
 
 @pytest.mark.parametrize(("mode", "settled"), [("sweep", [True, False]), ("step", [True, True])])

@@ -162,14 +162,14 @@ def test_a_finished_run_that_has_lost_an_image_says_so_on_resume(
     mini: tuple[Path, Path], copy: Path
 ) -> None:
     protocol, rig = map(str, mini)
-    summary = experiment.run(protocol, rig, copy, seed=3, resume=True)
+    summary = experiment.run(experiment.RunRequest(protocol, rig, copy, seed=3), resume=True)
     assert summary["already_finished"]
     lost = first_image(copy)
     lost.unlink()
     with pytest.raises(RunFailed, match=rf"damaged since: .*{lost.name}: No such file.*--resume"):
-        experiment.run(protocol, rig, copy, seed=3, resume=True)
+        experiment.run(experiment.RunRequest(protocol, rig, copy, seed=3), resume=True)
     (copy / "summary.json").unlink()  # as the error advises
-    summary = experiment.run(protocol, rig, copy, seed=3, resume=True)
+    summary = experiment.run(experiment.RunRequest(protocol, rig, copy, seed=3), resume=True)
     assert list(summary["redone"]) == ["4dots/p1"]
     assert record.check(copy).whole
 

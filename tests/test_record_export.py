@@ -218,7 +218,7 @@ def test_the_time_line_is_one_over_sessions(
     (again / "summary.json").unlink()
     sorted((again / "images").glob("sphere-10*"))[0].unlink()
     protocol, rig = map(str, mini)
-    experiment.run(protocol, rig, again, seed=3, resume=True)
+    experiment.run(experiment.RunRequest(protocol, rig, again, seed=3), resume=True)
     resumed = record.open(again)
     line = TimeLine.of(resumed)
     assert len(line.offsets_ns) == 2

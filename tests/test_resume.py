@@ -304,7 +304,8 @@ def resume(
     tiny: Bench, out: Path, seed: int = 3, protocol: Path | None = None
 ) -> dict[str, object]:
     return experiment.run(
-        str(protocol or tiny.protocol), str(tiny.rig), out, seed=seed, resume=True
+        experiment.RunRequest(str(protocol or tiny.protocol), str(tiny.rig), out, seed=seed),
+        resume=True,
     )
 
 
@@ -381,7 +382,9 @@ def test_ctrl_c_and_resume(tiny: Bench, tmp_path: Path) -> None:
 
     with pytest.raises(RunFailed, match="go on with --resume"):
         experiment.run(
-            str(tiny.protocol), str(tiny.rig), tmp_path / "r", seed=3, progress=press_ctrl_c
+            experiment.RunRequest(
+                str(tiny.protocol), str(tiny.rig), tmp_path / "r", seed=3, progress=press_ctrl_c
+            )
         )
     resume(tiny, tmp_path / "r")
     assert_equal(tiny, tmp_path / "r")
@@ -392,7 +395,7 @@ def test_a_force_only_run_is_resumed_too(tiny: Bench, tmp_path: Path) -> None:
     quiet = tmp_path / "quiet.toml"
     text = tiny.protocol.read_text()
     quiet.write_text(text.replace('["image", "dots", "force", "shear"]', '["force", "shear"]'))
-    experiment.run(str(quiet), str(tiny.rig), tmp_path / "whole", seed=3)
+    experiment.run(experiment.RunRequest(str(quiet), str(tiny.rig), tmp_path / "whole", seed=3))
 
     def press_ctrl_c(done: int, total: int, what: str) -> None:
         if done == 21:
@@ -400,7 +403,9 @@ def test_a_force_only_run_is_resumed_too(tiny: Bench, tmp_path: Path) -> None:
 
     out = tmp_path / "r"
     with pytest.raises(RunFailed, match="go on with --resume"):
-        experiment.run(str(quiet), str(tiny.rig), out, seed=3, progress=press_ctrl_c)
+        experiment.run(
+            experiment.RunRequest(str(quiet), str(tiny.rig), out, seed=3, progress=press_ctrl_c)
+        )
     assert resume(tiny, out, protocol=quiet)["kept_frames"] == 16
     for table in PRESS_TABLES:
         assert rows(out, table) == rows(tmp_path / "whole", table)
@@ -426,10 +431,14 @@ def test_other_conditions_are_refused_by_name(tiny: Bench, tmp_path: Path) -> No
     with pytest.raises(
         InputError, match=r"rig\.virtual\.gel\.spacing_mm: 0\.5 in the folder, 0\.4 now"
     ):
-        experiment.run(str(tiny.protocol), str(rig), out, seed=3, resume=True)
+        experiment.run(
+            experiment.RunRequest(str(tiny.protocol), str(rig), out, seed=3), resume=True
+        )
     assert files(out) == before
     # The frozen copy is the protocol, so it may be given instead of the original.
-    experiment.run(str(out / "protocol.toml"), str(tiny.rig), out, seed=3, resume=True)
+    experiment.run(
+        experiment.RunRequest(str(out / "protocol.toml"), str(tiny.rig), out, seed=3), resume=True
+    )
     assert_equal(tiny, out)
 
 
@@ -468,6 +477,8 @@ def test_an_existing_folder_names_resume_when_it_would_help(tiny: Bench, tmp_pat
     out = tmp_path / "r"
     cut_off(tiny, out, "sphere-8/p2")
     with pytest.raises(InputError, match="unfinished run of this protocol: go on with --resume"):
-        experiment.run(str(tiny.protocol), str(tiny.rig), out, seed=3)
+        experiment.run(experiment.RunRequest(str(tiny.protocol), str(tiny.rig), out, seed=3))
     with pytest.raises(InputError, match="already there; name a new --out folder"):
-        experiment.run(str(tiny.protocol), str(tiny.rig), tiny.undisturbed, seed=3)
+        experiment.run(
+            experiment.RunRequest(str(tiny.protocol), str(tiny.rig), tiny.undisturbed, seed=3)
+        )

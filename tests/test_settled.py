@@ -45,7 +45,7 @@ def files(mini: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> 
 @pytest.fixture(scope="module")
 def folder(files: tuple[str, str], tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("settled") / "run"
-    experiment.run(*files, out, seed=3)
+    experiment.run(experiment.RunRequest(*files, out, seed=3))
     return out
 
 
@@ -87,7 +87,7 @@ def test_between_two_frames_in_the_gel_the_tip_goes_a_short_way(folder: Path) ->
 
 def assert_goes_on(files: tuple[str, str], folder: Path, out: Path) -> None:
     """What was stopped ends as the undisturbed run, which is in folder."""
-    experiment.run(*files, out, seed=3, resume=True)
+    experiment.run(experiment.RunRequest(*files, out, seed=3), resume=True)
     wanted, found = (
         record.open(p).frames().drop(columns=list(CLOCK_COLUMNS), errors="ignore")
         for p in (folder, out)
@@ -104,7 +104,7 @@ def test_stopped_while_it_is_filmed_it_goes_on_to_the_same_bytes(
             raise KeyboardInterrupt
 
     with pytest.raises(RunFailed, match=r"stopped by the operator .* the tip was lifted"):
-        experiment.run(*files, tmp_path / "r", seed=3, progress=press_ctrl_c)
+        experiment.run(experiment.RunRequest(*files, tmp_path / "r", seed=3, progress=press_ctrl_c))
     last = record.open(tmp_path / "r").frames().iloc[-1]
     assert (last.k, last.settled) == (1, False)
     assert_goes_on(files, folder, tmp_path / "r")
@@ -126,7 +126,7 @@ def test_stopped_while_it_settles_there_is_no_settled_frame_and_it_goes_on(
 
     monkeypatch.setattr(VirtualClock, "sleep_s", press_ctrl_c)
     with pytest.raises(RunFailed, match=r"stopped by the operator .* the tip was lifted"):
-        experiment.run(*files, tmp_path / "r", seed=3)
+        experiment.run(experiment.RunRequest(*files, tmp_path / "r", seed=3))
     run = record.open(tmp_path / "r")
     assert run.events().iloc[-1]["step_id"] == stop.step_id
     assert stop.frame_id not in run.frames()["frame_id"].tolist()

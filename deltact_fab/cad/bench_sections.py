@@ -110,7 +110,7 @@ class AdapterDimensions(Record):
     bolt_bore_depth_mm: float = number(3.0, "of that room, from the flange's side", 1, 30)
     pilot_mm: float = number(2.5, "holes in which the flange's screws (M3) cut a thread", 1, 6)
     measured: tuple[str, ...] = field(
-        default=(), metadata={"meaning": "keys measured on the lab's own sensor"}
+        default=(), metadata={"description": "keys measured on the lab's own sensor"}
     )
 
     @property
@@ -132,7 +132,7 @@ class StagePlateDimensions(Record):
     thickness_mm: float = number(6.0, "of the plate", 3, 30)
     thread_hole_mm: float = number(3.3, "tapping drill of the tabs' screws (M4)", 1, 10)
     measured: tuple[str, ...] = field(
-        default=(), metadata={"meaning": "keys measured on the lab's own table"}
+        default=(), metadata={"description": "keys measured on the lab's own table"}
     )
 
     @property
@@ -145,7 +145,7 @@ class StagePlateDimensions(Record):
 class TableDimensions(Record):
     """Tabs of the testing shell, by which it is screwed to a table, one on each x side."""
 
-    screw: str = field(default="M4", metadata={"meaning": "screws into the table"})
+    screw: str = field(default="M4", metadata={"description": "screws into the table"})
     tab_mm: float = number(14.0, "along x, from the shell", 4, 100)
     width_mm: float = number(30.0, "along y", 4, 200)
     height_mm: float = number(6.0, "along z, from the plane of the sensor's back", 2, 60)

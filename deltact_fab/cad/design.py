@@ -38,7 +38,7 @@ class ListedIndenter:
     quantity: int = 1
     """How many of it are made; at least 1."""
 
-    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012
+    __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
 
     def __post_init__(self) -> None:
         if self.quantity < 1:
@@ -53,7 +53,7 @@ class IndenterList:
     indenter: tuple[ListedIndenter, ...] = ()
     """One `[[indenter]]` table each."""
 
-    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012
+    __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ import math
 from dataclasses import dataclass, field, fields
 
 from ..aliases import Point2
+from ..shapes.bounded import is_unverified
 from ..shapes.sensor import SensorDimensions
 from .bench_sections import (
     AdapterDimensions,
@@ -383,7 +384,7 @@ class Design(SensorDimensions):
         for section in fields(self):
             record = getattr(self, section.name)
             for f in fields(record):
-                if not f.metadata.get("unverified") or f.name in getattr(record, "measured", ()):
+                if not is_unverified(f) or f.name in getattr(record, "measured", ()):
                     continue
                 if section.name == "mount" and self.mount.kind != "franka":
                     continue

@@ -35,7 +35,7 @@ class ResinPrinterDimensions(Record):
     bed_y_mm: float = number(145.0, "platform, other side", 20, 2000, unverified=True)
     bed_z_mm: float = number(175.0, "height of the build room", 20, 2000, unverified=True)
     measured: tuple[str, ...] = field(
-        default=(), metadata={"meaning": "keys measured on the lab's own printer"}
+        default=(), metadata={"description": "keys measured on the lab's own printer"}
     )
 
     @property
@@ -93,13 +93,13 @@ class LaserDimensions(Record):
     )
     compensate: bool = field(
         default=False,
-        metadata={"meaning": "the DXF is the laser's path: half a kerf outside the part"},
+        metadata={"description": "the DXF is the laser's path: half a kerf outside the part"},
     )
     sheet_tolerance: float = number(
         0.1, "thickness of the sheet, share, +-; measure yours", 0.001, 0.3, unverified=True
     )
     measured: tuple[str, ...] = field(
-        default=(), metadata={"meaning": "keys measured on the lab's own laser and sheet"}
+        default=(), metadata={"description": "keys measured on the lab's own laser and sheet"}
     )
 
     @property

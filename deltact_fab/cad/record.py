@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from typing import Any, TypeVar
 
 from ..aliases import Point2
-from ..shapes.bounded import ShapeError, check_limits, number
+from ..shapes.bounded import ShapeError, check_limits, is_unverified, number
 
 __all__ = ["Point2", "Record", "check_measured", "number", "standard_row"]
 
@@ -38,7 +38,7 @@ def standard_row(table: Mapping[str, StandardRow], key: str, name: str) -> Stand
 
 def check_measured(record: Any) -> None:
     """Raise ShapeError unless `measured` names only keys of the record that count as unverified."""
-    open_keys = [f.name for f in fields(record) if f.metadata.get("unverified")]
+    open_keys = [f.name for f in fields(record) if is_unverified(f)]
     for key in record.measured:
         if key not in open_keys:
             raise ShapeError(f"measured: of {', '.join(open_keys)}: {key!r} fails")

@@ -37,7 +37,7 @@ class PlateDimensions(Record):
     poisson: float = number(0.37, "of cast PMMA", 0.0, 0.49)
     stress_limit_mpa: float = number(35.0, "half of what breaks PMMA", 1, 1000, unverified=True)
     measured: tuple[str, ...] = field(
-        default=(), metadata={"meaning": "keys measured on the lab's own plate"}
+        default=(), metadata={"description": "keys measured on the lab's own plate"}
     )
 
 
@@ -69,7 +69,7 @@ class CameraDimensions(Record):
     connector_height_mm: float = number(2.65, "connector along z", 0.2, 20, unverified=True)
     tolerance_mm: float = number(0.05, "spread of board and lens, +-", 0.0, 1, unverified=True)
     measured: tuple[str, ...] = field(
-        default=(), metadata={"meaning": "keys measured on the lab's own module"}
+        default=(), metadata={"description": "keys measured on the lab's own module"}
     )
 
     @property
@@ -104,7 +104,7 @@ class HolderDimensions(Record):
     window_fit_mm: float = number(0.1, "connector in the window, per side", 0.02, 2)
     window_rest_mm: float = number(0.5, "board on the plate beside the window", 0.1, 5)
     wall_mm: float = number(1.5, "least wall beside a hole", 0.5, 10)
-    screw: str = field(default="M2", metadata={"meaning": "ISO 1207 thread"})
+    screw: str = field(default="M2", metadata={"description": "ISO 1207 thread"})
     screw_length_mm: float = number(4.0, "below the head", 2, 20)
     head_clearance_mm: float = number(0.3, "around the heads, below the light holder", 0.02, 2)
 
@@ -199,7 +199,7 @@ class LightDimensions(Record):
     )
     wire_mm: float = number(500.0, "each of the two wires, from ring to supply", 50, 10_000)
     measured: tuple[str, ...] = field(
-        default=(), metadata={"meaning": "keys measured, or read off a data sheet"}
+        default=(), metadata={"description": "keys measured, or read off a data sheet"}
     )
 
     @property
@@ -270,12 +270,12 @@ class MountDimensions(Record):
     """
 
     kind: Literal["block", "franka", "plate"] = field(
-        default="block", metadata={"meaning": "block, franka or plate"}
+        default="block", metadata={"description": "block, franka or plate"}
     )
     length_mm: float = number(20.0, "along y, from the shell, flange and all", 2, 100)
     width_mm: float = number(20.0, "along x", 4, 200)
     height_mm: float = number(10.0, "along z, from the shell's back", 3, 60)
-    screw: str = field(default="M3", metadata={"meaning": "screws through the mount"})
+    screw: str = field(default="M3", metadata={"description": "screws through the mount"})
     hole_pitch_mm: float = number(10.0, "between the two holes", 3, 100)
     flange_mm: float = number(6.5, "franka: thickness of the flange", 1, 50)
     flange_width_mm: float = number(30.0, "franka: flange along x", 4, 200, unverified=True)
@@ -292,7 +292,7 @@ class MountDimensions(Record):
     )
 
     measured: tuple[str, ...] = field(
-        default=(), metadata={"meaning": "keys measured on the lab's own finger"}
+        default=(), metadata={"description": "keys measured on the lab's own finger"}
     )
 
     def __post_init__(self) -> None:
@@ -319,7 +319,7 @@ class MountDimensions(Record):
 class ScrewDimensions(Record):
     """The four screws that hold cover, shell and frame together (paper: M1.6, 19 mm)."""
 
-    thread: str = field(default="M1.6", metadata={"meaning": "ISO 4762 thread"})
+    thread: str = field(default="M1.6", metadata={"description": "ISO 4762 thread"})
     length_mm: float = number(19.0, "below the head; 16 is the longest M1.6 sold", 3, 60)
     engagement_mm: float = number(4.6, "length that grips the frame", 1, 20)
     tip_clearance_mm: float = number(1.0, "pilot hole beyond the tip", 0.5, 10)

@@ -131,9 +131,9 @@ def _sections(part: Part, design: Design) -> Iterator[Dimension]:
             yield Dimension(
                 key,
                 getattr(record, f.name),
-                meta.get("meaning", ""),
-                meta.get("low"),
-                meta.get("high"),
+                meta.get("description", ""),
+                meta.get("ge"),
+                meta.get("le"),
                 key in unverified,
             )
 

@@ -17,8 +17,8 @@ from .options import ENGINE_NAME, JSON, out_folder
 def numerics(engines: tuple[str, ...], quick: bool, out: Path | None, as_json: bool) -> None:
     """Error against CPU time, and stability, of the numerical engines.
 
-    ENGINE is pattern, flow, layer, gel, cad, sheet, measure, or bench: what each fault does to a
-    run on a simulated bench, at each moment of it. The default is all of them. Each time is the
+    ENGINE is pattern, flow, layer, gel, lens, measure, or bench: what each fault does to a run on a
+    simulated bench, at each moment of it. The default is all of them. Each time is the
     best of several runs, with the slowest beside it. Nothing is measured on hardware. Exit code 1
     when a row is wrong.
     """
@@ -39,9 +39,11 @@ def numerics(engines: tuple[str, ...], quick: bool, out: Path | None, as_json: b
     else:
         echo_table(
             ("engine", "case", "series", "setting", "threads", "cpu_s", "to, s", "wall_s",
-             "compile_s", "peak_mb", "error", "unit", "of the reference", "pareto"),
+             "compile_s", "peak_mb", "error", "unit", "reference", "of the reference",
+             "times as fast", "as", "pareto"),
             [(r.engine, r.case, r.series, r.setting, r.threads, r.cpu_s, r.cpu_most_s,
-              r.wall_s, r.compile_s, r.peak_mb, r.error, r.unit, r.reference_error,
+              r.wall_s, r.compile_s, r.peak_mb, r.error, r.unit,
+              f"{r.kind}: {r.reference}", r.reference_error, r.times_as_fast, r.baseline,
               "*" if r.pareto else "")
              for r in found.curves],
             names=4,

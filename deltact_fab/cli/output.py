@@ -164,7 +164,7 @@ def save_figures(folder: Path, drawn: Callable[[], Mapping[str, Any]]) -> list[P
 
     files = []
     try:
-        from ..report.paper_figures import as_bytes
+        from ..report.figures import as_bytes
 
         for name, figure in drawn().items():
             if figure is not None:

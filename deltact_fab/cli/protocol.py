@@ -72,11 +72,12 @@ def check(name: str, rig_name: str, air: bool, unattended: bool, out: Path, as_j
 
     For a real rig, peak forces that are not known yet are solved once, which takes minutes.
     """
-    from ..experiment import checks
+    from ..experiment import RunRequest
     from .output import echo_json, progress
 
     with progress("check") as report:
-        rows = checks(name, rig_name, air, unattended, out, report)
+        asked = RunRequest(name, rig_name, out, progress=report, air=air, unattended=unattended)
+        rows = asked.checks()
     if as_json:
         echo_json([r.as_dict() for r in rows])
     else:
@@ -99,16 +100,14 @@ def show(name: str, rig_name: str, forces: bool, as_json: bool) -> None:
     """
     from dataclasses import asdict
 
-    from ..experiment import forces as predict
-    from ..experiment import show as expand
+    from ..experiment import RunRequest
     from ..preflight import PAPER_REMARK
-    from ..protocols import plan
     from .output import echo_json, echo_table, progress
 
-    specimen = plan.load(name)[0].specimen
-    steps, estimate = expand(name, rig_name)
     with progress("peak forces") as report:
-        predicted = predict(name, rig_name, report, solve=forces)
+        request = RunRequest(name, rig_name, progress=report)
+        specimen, steps, estimate = request.protocol.specimen, request.steps, request.estimate()
+        predicted = request.forces(solve=forces)
     if as_json:
         peaks, findings = predicted or (None, None)
         echo_json(

@@ -62,22 +62,23 @@ def run(
     from .. import experiment
     from .output import echo_json, progress
 
-    if dry_run:
-        with progress("dry run") as report:
-            found = experiment.dry_run(
-                protocol, rig_name, report, air,
-                realtime=realtime, unattended=unattended, out=out,
+    if out is None and not dry_run:
+        raise click.UsageError("Missing option '--out': the folder of the new run.")
+    with progress("dry run" if dry_run else "run") as report:
+        request = experiment.RunRequest(
+            protocol, rig_name, out or Path(), 0 if dry_run else seed, report, air,
+            realtime=realtime, unattended=unattended, tip_is_clear=tip_is_clear,
+        )  # fmt: skip
+        if dry_run:
+            found = experiment.dry_run(request)
+        else:
+            summary = experiment.run(
+                request, resume=resume, note=note,
+                live=lambda it: report(it.done, it.total, it.line()),
             )  # fmt: skip
+    if dry_run:
         echo_json(found) if as_json else _tell_dry_run(found, protocol, rig_name)
         return
-    if out is None:
-        raise click.UsageError("Missing option '--out': the folder of the new run.")
-    with progress("run") as report:
-        summary = experiment.run(
-            protocol, rig_name, out, seed, report, resume, air,
-            realtime=realtime, unattended=unattended, tip_is_clear=tip_is_clear, note=note,
-            live=lambda it: report(it.done, it.total, it.line()),
-        )  # fmt: skip
     if as_json:
         echo_json(summary)
         return

@@ -23,7 +23,8 @@ def run(name: str, one: Study, given: dict[str, Any]) -> None:
 
     What would keep its page from being written is said before anything is computed.
     """
-    from ..report import paper_figures, study_page
+    from ..report import study_page
+    from ..report.figures import save
     from ..study.request import StudyRequest
     from .output import echo_json, progress
 
@@ -49,7 +50,7 @@ def run(name: str, one: Study, given: dict[str, Any]) -> None:
         )
     click.echo(f"report: {study_page.write(found, out, _layer_costs(found))}", err=True)
     if figures is not None:
-        files = paper_figures.save(found, figures)
+        files = save(found, figures)
         click.echo(f"figures: {len(files)} files in {figures}", err=True)
     if given["as_json"]:
         echo_json(found.data)

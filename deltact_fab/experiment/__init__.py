@@ -1,9 +1,6 @@
 """Where protocol, sensor and rig meet: checks before motion, then the run and its record."""
 
-from ..aliases import Progress
-from .kinds import kind_of
-from .meta import versions
-from .preview import checks, forces, show
-from .session import dry_run, run
+from .request import RunRequest, kind_of
+from .session import dry_run, run, versions
 
-__all__ = ["Progress", "checks", "dry_run", "forces", "kind_of", "run", "show", "versions"]
+__all__ = ["RunRequest", "dry_run", "kind_of", "run", "versions"]

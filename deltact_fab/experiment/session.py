@@ -1,62 +1,58 @@
-"""Carrying out a protocol on whatever rig, and its record; or all of it but the motion."""
+"""Carrying out a protocol on whatever rig, and its record; some presses, or all but the motion."""
 
 from __future__ import annotations
 
+import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import closing
+from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from .. import record
+from .. import __version__, catalog, record
 from ..aliases import Progress
 from ..errors import InputError
+from ..patterns.dots import centres_mm
+from ..patterns.recipe import PatternRecipe
+from ..protocols import plan
 from ..record import RunWriter
 from ..record import open as open_run
+from ..rig.config import RigConfig, VirtualConfig
+from ..rig.job import RigKind, RigSetup
 from ..rig.run import query
 from ..rig.run.live import Live
 from ..rig.run.runner import Runner
-from .meta import meta_of, pattern_of
-from .preview import show
-from .request import asked_for
+from .request import RunRequest
+
+if TYPE_CHECKING:
+    from ..virtual.rig import VirtualRig
 
 
 def run(
-    protocol_name: str,
-    rig_name: str,
-    out: Path,
-    seed: int = 0,
-    progress: Progress | None = None,
-    resume: bool = False,
-    air: bool = False,
+    request: RunRequest,
     *,
-    realtime: bool = False,
-    unattended: bool = False,
-    tip_is_clear: bool = False,
+    resume: bool = False,
     note: str | None = None,
     live: Callable[[Live], None] | None = None,
 ) -> dict[str, Any]:
     """Check everything, run every step, return the summary.
 
-    resume: continue the unfinished run in `out`, or start it when there is none; a finished one is
-    verified (every hash) and left as it is, and its summary comes with "already_finished" true.
-    The summary's times, counts, notes and devices are those of the last session. air: nothing goes
-    below the clearance plane, and no force is predicted. realtime: a virtual rig runs on the wall
-    clock, in a process of its own behind real wires. unattended: nobody is asked anything, and what
-    would need that is refused. tip_is_clear: the operator's word, where the position is lost. note:
-    kept with the run. live: shown what goes on. Raises InputError or RunFailed.
+    resume: continue the unfinished run in the request's folder, or start it when there is none; a
+    finished one is verified (every hash) and left as it is, and its summary comes with
+    "already_finished" true. The summary's times, counts, notes and devices are those of the last
+    session. note: kept with the run. live: shown what goes on. Raises InputError or RunFailed.
     """
     started = time.monotonic()
     if note is not None:
         note = record.usable_note(note)
-    asked = asked_for(
-        protocol_name, rig_name, out, seed, progress, air, realtime, unattended, tip_is_clear
-    )
-    job, rig, steps, protocol = asked.job, asked.rig, asked.steps, asked.job.protocol
-    text = asked.source.read_bytes()
-    meta = meta_of(asked, rig_name)
-    if realtime:
+    request.require()
+    out, rig, steps, protocol = request.out, request.rig, request.steps, request.protocol
+    job = request.setup(out)
+    text = request.source.read_bytes()
+    meta = meta_of(job, rig, request.rig_name, request.kind)
+    if request.realtime:
         meta["realtime"] = True
     pattern = pattern_of(job.recipe)
     resuming = out.exists() and resume
@@ -66,31 +62,31 @@ def run(
         if found.finished and note is not None:
             raise InputError(f"--note: {out} has finished; `deltact-fab record note` adds to it")
         if found.finished:
-            record.require_whole(found, progress)
+            record.require_whole(found, request.progress)
             return {**found.summary(), "already_finished": True}
     else:
         _require_new(out, text)
-    warnings = asked.warnings(progress)
+    warnings = request.warnings()
     if resuming:
-        writer = RunWriter.resume(out, steps, progress)
+        writer = RunWriter.resume(out, steps, request.progress)
     else:
-        writer = RunWriter.create(out, meta, text, pattern, steps, asked.kind.flat(protocol))
+        writer = RunWriter.create(out, meta, text, pattern, steps, request.kind.flat(protocol))
     try:
         if note is not None:
             record.add_note(out, note)
-        with closing(asked.kind.build(job)) as bench:
+        with closing(request.kind.build(job)) as bench:
             devices = bench.devices()
             start_s = devices.clock.now_s()
-            runner = Runner(devices, writer, progress, live)
+            runner = Runner(devices, writer, request.progress, live)
             runner.run(steps)
             kept = sum(step.frames for step in steps if step.press in writer.kept)
             summary = {
                 "protocol": protocol.name,
-                "rig": rig_name,
+                "rig": request.rig_name,
                 "simulated": rig.simulated,
-                "realtime": realtime,
-                "air": air,
-                "seed": seed,
+                "realtime": request.realtime,
+                "air": request.air,
+                "seed": request.seed,
                 "steps": len(steps),
                 "frames": sum(step.frames for step in steps) - writer.missed,
                 "missed_frames": writer.missed,
@@ -102,7 +98,7 @@ def run(
                 "wall_seconds": time.monotonic() - started,
                 "left_out": bench.left_out(),
                 "notes": [
-                    *_air_note(air), *bench.notes(), *warnings,
+                    *_air_note(request.air), *bench.notes(), *warnings,
                     *_resumed(writer.session, kept),
                 ],
                 "devices": bench.identity(),
@@ -114,33 +110,102 @@ def run(
     return {**summary, "already_finished": False}
 
 
-def dry_run(
-    protocol_name: str,
-    rig_name: str,
-    progress: Progress | None = None,
-    air: bool = False,
-    *,
-    realtime: bool = False,
-    unattended: bool = False,
-    out: Path | None = None,
-) -> dict[str, Any]:
+def dry_run(request: RunRequest) -> dict[str, Any]:
     """Check all that a run checks, and ask the devices of a rig that has any; nothing moves.
 
     Returns steps, frames, seconds and disk_mb of the estimate, devices (a line each, empty on a
     rig in lockstep) and notes. Raises InputError or RunFailed, as the run would.
     """
-    with TemporaryDirectory() as folder:
-        asked = asked_for(
-            protocol_name, rig_name, Path(folder) / "dry-run", 0, progress, air, realtime,
-            unattended, False, out or Path(),
-        )  # fmt: skip
-        notes = [*_air_note(air), *asked.warnings(progress)]
-        _, estimate = show(protocol_name, rig_name, air, realtime)
-        lines: list[str] = []
-        if realtime or not asked.rig.simulated:
-            with closing(asked.kind.build(asked.job)) as bench:
+    request.require()
+    notes = [*_air_note(request.air), *request.warnings()]
+    lines: list[str] = []
+    if request.realtime or not request.rig.simulated:
+        with TemporaryDirectory() as folder:
+            job = request.setup(Path(folder) / "dry-run")
+            with closing(request.kind.build(job)) as bench:
                 lines = query.devices(bench.devices())
-    return {**estimate.as_dict(), "devices": lines, "notes": notes}
+    return {**request.estimate().as_dict(), "devices": lines, "notes": notes}
+
+
+def run_presses(
+    job: RigSetup,
+    rig: VirtualConfig,
+    source: Path,
+    presses: Collection[str],
+    progress: Progress | None = None,
+) -> VirtualRig:
+    """Carry out presses (`indenter/position`) of a job alone, as the whole run has them.
+
+    What a press gives depends on the seed and its name, not on what came before it; so presses can
+    be carried out anywhere, in any order, and are those of the whole run but for the time of day.
+    They are recorded into the job's folder. source: of the rig file, from which the paths in it
+    count. What a run is checked for is left to the caller. Returns the rig, closed, for what it has
+    to say of its gel. Raises InputError for a folder that is there, RunFailed.
+    """
+    from ..virtual.rig import VirtualKind
+
+    every = plan.expand(job.protocol)
+    mounted = {step.indenter for step in every if step.press in presses}
+    steps = [
+        step
+        for step in every
+        if step.press in presses or (step.kind == "change" and step.indenter in mounted)
+    ]
+    kind = VirtualKind(rig, source)
+    meta = meta_of(job, rig, source.stem, kind)
+    text = catalog.as_toml(meta["protocol"]).encode()
+    flat = kind.flat(job.protocol)
+    writer = RunWriter.create(job.folder, meta, text, pattern_of(job.recipe), steps, flat)
+    try:
+        with closing(kind.build(job)) as bench:
+            Runner(bench.devices(), writer, progress).run(steps)
+        writer.close({"presses": sorted(presses)})
+    except BaseException:
+        writer.abandon()
+        raise
+    return bench
+
+
+def meta_of(job: RigSetup, rig: RigConfig, rig_name: str, kind: RigKind) -> dict[str, Any]:
+    """What `run.json` keeps: protocol, rig, sensor, camera, seed, versions."""
+    dumped = job.protocol.model_dump(mode="json")
+    dumped["channels"] = sorted(dumped["channels"])
+    camera = kind.camera(job.protocol, job.sensor)
+    return {
+        "name": job.folder.name,
+        "protocol": dumped,
+        "rig_name": rig_name,
+        "rig": rig.recorded(),
+        "sensor": asdict(job.sensor),
+        "camera": camera.as_dict() if camera is not None else None,
+        "simulated": rig.simulated,
+        "air": job.air,
+        "seed": job.seed,
+        "versions": versions(),
+    }
+
+
+def pattern_of(recipe: PatternRecipe) -> dict[str, Any]:
+    """Recipe and dot centres as data, so that analysis needs no maker of patterns."""
+    dots = recipe.dots
+    return {
+        "recipe": recipe.model_dump(mode="json"),
+        "dots_mm": centres_mm(dots).tolist() if dots is not None else [],
+        "dot_diameter_mm": dots.diameter_mm if dots is not None else 0.0,
+    }
+
+
+def versions() -> dict[str, str]:
+    """Versions that can change a number."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    found = {"deltact-fab": __version__, "python": platform.python_version()}
+    for name in ("numpy", "scipy", "opencv-contrib-python-headless", "cadquery"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found
 
 
 def _air_note(air: bool) -> list[str]:

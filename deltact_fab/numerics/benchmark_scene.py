@@ -56,7 +56,10 @@ def scene(pattern: str, progress: Progress | None = None) -> BenchmarkScene:
             shutil.rmtree(old, ignore_errors=True)
     protocol = _protocol(home, name, *PATTERNS[pattern])
     if not (folder.is_dir() and record.open(folder).finished):
-        experiment.run(str(protocol), RIG, folder, seed=0, progress=progress, resume=True)
+        experiment.run(
+            experiment.RunRequest(str(protocol), RIG, folder, seed=0, progress=progress),
+            resume=True,
+        )
     run = record.open(folder)
     frames, truth = run.frames().iloc[:FRAMES], run.truth()
     assert truth is not None, "the virtual rig writes it"

@@ -31,7 +31,9 @@ class CurveSetting:
     case: what is computed; one panel a case. series, name: how it is set; a series is joined by a
     line. unit: of the error. reference: what the error is against; reference_error: its own error
     in the same unit. build: called in a fresh process with a scratch folder that all settings of
-    one command share. threads: given to every library.
+    one command share. threads: given to every library. kind: whether the reference is a closed
+    form, a truth that was put in or another method's, or our own solver at a finer setting. The
+    first setting of a case is the baseline of its times.
     """
 
     case: str
@@ -42,6 +44,7 @@ class CurveSetting:
     reference_error: float
     build: Callable[[Path], Work]
     threads: int = 1
+    kind: Literal["independent", "self-test"] = "independent"
 
     @property
     def key(self) -> str:

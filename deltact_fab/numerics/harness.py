@@ -14,7 +14,6 @@ from typing import Any
 
 from ..aliases import Progress
 from ..errors import InputError, RunFailed
-from ..extras import require
 from . import scenes, stability, work_precision
 from .engines import REGISTRY, check_names, load
 from .process import WorkerDied, answers
@@ -86,14 +85,11 @@ def run(
     """Curves, stability and tables of the named engines (all by default), and the scenes.
 
     quick: a few settings and cases a engine, and the scenes' cost only when it is known already.
-    Raises InputError for an unknown engine, MissingLibrary for the engine `cad` without the extra
-    `cad`, RunFailed when a setting cannot be timed.
+    Raises InputError for an unknown engine, RunFailed when a setting cannot be timed.
     """
     started = time.monotonic()
     tell = progress or (lambda done, total, what: None)
     chosen = check_names(tuple(names))
-    if "cad" in chosen:
-        require("cad", "the engine cad", "cadquery")
     engines = {name: load(REGISTRY[name]) for name in chosen}
     settings = {name: list(e.curves(quick)) for name, e in engines.items()}
     cases = {name: list(e.cases(quick)) for name, e in engines.items()}
@@ -130,7 +126,7 @@ def run(
 
     return Numerics(
         engines=[{"name": e.name, "title": e.title, "about": e.about} for e in engines.values()],
-        curves=work_precision.with_pareto(curves),
+        curves=work_precision.compared(curves),
         stability=judged,
         tables=tables,
         scenes=costs,

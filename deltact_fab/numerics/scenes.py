@@ -152,7 +152,7 @@ def _press(name: str) -> None:
         protocol = Path(folder) / "scene.toml"
         protocol.write_text("\n".join(lines) + "\n")
         rig = "fisheye" if name.endswith("lens") else "virtual"
-        experiment.run(str(protocol), rig, Path(folder) / "run", seed=0)
+        experiment.run(experiment.RunRequest(str(protocol), rig, Path(folder) / "run", seed=0))
 
 
 def _knots(name: str) -> None:

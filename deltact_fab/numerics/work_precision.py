@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,9 @@ class CurveRow:
 
     All threads' together. wall_s: best. compile_s: CPU time of the warm-up beyond the best
     (compiling, plans, caches). peak_mb: memory above what libraries and inputs hold. error,
-    reference_error: in `unit`. pareto: no setting of the case takes less CPU time and is nearer.
+    reference_error: in `unit`. kind: of the reference. times_as_fast: CPU time of the baseline, the
+    first setting of the case, over its own. pareto: no setting of the case takes less CPU time and
+    is nearer.
     """
 
     engine: str
@@ -36,6 +39,9 @@ class CurveRow:
     reference: str
     reference_error: float
     repeats: int
+    kind: str = "independent"
+    baseline: str = ""
+    times_as_fast: float = 1.0
     pareto: bool = False
 
     def as_dict(self) -> dict[str, Any]:
@@ -69,13 +75,26 @@ def measure(
             unit=setting.unit,
             reference=setting.reference,
             reference_error=setting.reference_error,
+            kind=setting.kind,
             **found,
         )
 
 
-def with_pareto(rows: list[CurveRow]) -> list[CurveRow]:
-    """The rows with their front marked, case by case."""
-    return [CurveRow(**{**r.as_dict(), "pareto": not _dominated(r, rows)}) for r in rows]
+def compared(rows: list[CurveRow]) -> list[CurveRow]:
+    """The rows beside the first of their case, and with their front marked, case by case."""
+    first: dict[tuple[str, str], CurveRow] = {}
+    for row in rows:
+        first.setdefault((row.engine, row.case), row)
+    return [
+        replace(
+            row,
+            baseline=f"{base.series}, {base.setting}",
+            times_as_fast=base.cpu_s / row.cpu_s if row.cpu_s else math.inf,
+            pareto=not _dominated(row, rows),
+        )
+        for row in rows
+        for base in [first[row.engine, row.case]]
+    ]
 
 
 def _dominated(row: CurveRow, rows: list[CurveRow]) -> bool:

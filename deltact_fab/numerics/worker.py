@@ -14,7 +14,6 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .judge import judge, plain
 from .memory import peak_resident_mb, reset_peak_mb
 
 if TYPE_CHECKING:
@@ -43,6 +42,7 @@ def _answers(job: dict[str, Any]) -> Any:
         yield probe(job["probe"])
         return
     from .engines import load
+    from .stability import judge, plain
 
     engine = load(job["module"])
     scratch, quick = Path(job["scratch"]), job["quick"]
@@ -67,6 +67,8 @@ def time_setting(setting: CurveSetting, scratch: Path) -> dict[str, Any]:
 
     The best of several runs, for whatever else is at work only ever adds, and the slowest.
     """
+    from .stability import plain
+
     work = setting.build(scratch)
     before_mb = reset_peak_mb()
     start_s = time.process_time()

@@ -5,17 +5,13 @@ draws, records and analyses knows a `CameraModel`. `Pinhole` is the simple one. 
 lens as it is, behind air, acrylic and gel, and `Rectified` the view of the face out of its image.
 """
 
-from .camera import CameraModel, Medium, axes_mm
+from .camera import CameraModel, Medium, Pinhole, axes_mm
 from .camera_file import as_toml, camera_from_dict, load_camera
 from .face import SeenFace
-from .fisheye import Fisheye
+from .fisheye import Fisheye, half_angle_rad, reached_mm
 from .flat import FlatField
-from .lattice import LatticeSampler, PointSampler, SurfaceLattice
-from .motion import FaceMotion
-from .pinhole import Pinhole
-from .rectified import Rectified
-from .sampling import aliased_share, raw_mm_per_px
-from .snell import half_angle_rad, reached_mm
+from .lattice import FaceMotion, LatticeSampler, PointSampler, SurfaceLattice
+from .rectified import Rectified, aliased_share, raw_mm_per_px
 from .stage import StageFrame
 
 __all__ = [

@@ -8,9 +8,8 @@ from typing import Any
 
 from .. import catalog
 from ..errors import InputError, did_you_mean
-from .camera import CameraModel
+from .camera import CameraModel, Pinhole
 from .fisheye import Fisheye
-from .pinhole import Pinhole
 from .rectified import Rectified
 
 _MODELS: dict[str, type[Pinhole | Fisheye | Rectified]] = {

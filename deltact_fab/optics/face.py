@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from .camera import CameraModel, axes_mm
 from .fisheye import Fisheye
-from .lattice import LatticeSampler, PointSampler, SurfaceLattice
-from .motion import FaceMotion
+from .lattice import FaceMotion, LatticeSampler, PointSampler, SurfaceLattice
 from .rectified import Rectified
 
 

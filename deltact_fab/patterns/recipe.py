@@ -9,30 +9,23 @@ import itertools
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from .. import catalog
+from ..configuration import Table
 from ..errors import InputError
 from .laws import LAWS, check_key, check_law, octave
 
 MAX_PATCHES = 2000
 """Patches along a side: the uniforms of a larger sticker would need more than 100 MB."""
 
-Length = Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
-Offset = Annotated[float, Field(ge=-150, le=150, allow_inf_nan=False)]
+Length = Annotated[float, Field(gt=0, le=1000)]
+Offset = Annotated[float, Field(ge=-150, le=150)]
 Count = Annotated[int, Field(ge=1, le=200)]
+Weight = Annotated[float, Field(ge=octave.WEIGHTS[0], le=octave.WEIGHTS[1])]
 
 
-def _shown(**limits: Any) -> Any:
-    """Limits that validators of the recipe hold, in words that name the law, for its schema."""
-    return Field(json_schema_extra=limits)
-
-
-class _Strict(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
-
-
-class DotGrid(_Strict):
+class DotGrid(Table):
     """A grid of round dots, centred or set off (paper, Pattern Selection: 169 white dots).
 
     The pitches keep all 13 x 13 dots inside the camera's 30.2 x 22.2 mm view; spread over 35 mm
@@ -90,40 +83,36 @@ class DotGrid(_Strict):
         )
 
 
-class PatternRecipe(_Strict):
+class PatternRecipe(Table):
     """A square sticker. Only what its law uses may be given (`laws` has the table)."""
 
-    law: Annotated[str, _shown(enum=list(LAWS))]
+    law: Annotated[str, Field(json_schema_extra={"enum": list(LAWS)})]
     """How the patches are coloured: algorithm1 (the paper's), iid, binary, octave, chessboard,
     dot-matrix or transparent."""
     seed: Annotated[int, Field(ge=0, lt=2**63)]
     """Of the draw: the same seed makes the same pattern."""
-    size_mm: Annotated[float, _shown(minimum=1, maximum=300)] = 35.0
+    size_mm: Annotated[float, Field(ge=1, le=300)] = 35.0
     """Side of the sticker that is asked for; whole patches may make less than a patch less."""
     patch_mm: Annotated[
-        float | None,
-        Field(validate_default=True),
-        _shown(exclusiveMinimum=0, maximum=300, examples=[0.15]),
+        Annotated[float, Field(gt=0, le=300)] | None,
+        Field(validate_default=True, examples=[0.15]),
     ] = None
     """Side of a patch, d of the paper."""
     r: Annotated[
-        float | None,
-        Field(validate_default=True),
-        _shown(minimum=0, exclusiveMaximum=1, examples=[0.1]),
+        Annotated[float, Field(ge=0, lt=1)] | None,
+        Field(validate_default=True, examples=[0.1]),
     ] = None
     """Randomness regulation factor of the paper: least squared difference, values in 0..1."""
     channels: Literal[1, 3] = 3
     """3 draws red, green and blue independently; 1 draws a grey."""
     scales_mm: Annotated[
-        tuple[float, ...] | None,
-        Field(validate_default=True),
-        _shown(minItems=1, maxItems=octave.MAX_SCALES, examples=[[0.15, 0.3, 0.6, 1.2]]),
+        Annotated[tuple[float, ...], Field(min_length=1, max_length=octave.MAX_SCALES)] | None,
+        Field(validate_default=True, examples=[[0.15, 0.3, 0.6, 1.2]]),
     ] = None
     """Sides of the blocks that law `octave` adds, whole multiples of patch_mm, rising."""
     weights: Annotated[
-        tuple[float, ...] | None,
-        Field(validate_default=True),
-        _shown(examples=[[1.0, 1.0, 1.0, 1.0]]),
+        tuple[Weight, ...] | None,
+        Field(validate_default=True, examples=[[1.0, 1.0, 1.0, 1.0]]),
     ] = None
     """Weight of each scale, 0.01 to 100; equal when left out."""
     dots: Annotated[DotGrid | None, Field(validate_default=True)] = None
@@ -135,21 +124,12 @@ class PatternRecipe(_Strict):
     def _law(cls, law: str) -> str:
         return check_law(law)
 
-    @field_validator("size_mm")
-    @classmethod
-    def _size(cls, size_mm: float) -> float:
-        if not 1 <= size_mm <= 300:  # NaN fails too
-            raise ValueError("the side must be 1 to 300 mm")
-        return size_mm
-
     @field_validator("patch_mm")
     @classmethod
     def _patch(cls, patch_mm: float | None, info: ValidationInfo) -> float | None:
         _check_key("patch_mm", patch_mm is not None, info)
         if patch_mm is None:
             return None
-        if not (math.isfinite(patch_mm) and patch_mm > 0):
-            raise ValueError("the patch size d must be above 0 mm, as in 0.15")
         size_mm = info.data.get("size_mm", patch_mm)
         if patch_mm > size_mm:
             raise ValueError(f"the patch size d must be at most the side, {size_mm:g} mm")
@@ -164,10 +144,6 @@ class PatternRecipe(_Strict):
     @classmethod
     def _r(cls, r: float | None, info: ValidationInfo) -> float | None:
         _check_key("r", r is not None, info)
-        if r is None:
-            return None
-        if not 0 <= r < 1:
-            raise ValueError("the randomness factor must be 0 <= r < 1, as in 0.1")
         return r
 
     @field_validator("channels")
@@ -186,8 +162,6 @@ class PatternRecipe(_Strict):
         patch_mm, size_mm = info.data.get("patch_mm"), info.data.get("size_mm")
         if scales_mm is None or patch_mm is None or size_mm is None:
             return scales_mm
-        if not 1 <= len(scales_mm) <= octave.MAX_SCALES:
-            raise ValueError(f"{len(scales_mm)} scales; give 1 to {octave.MAX_SCALES}")
         for scale_mm in scales_mm:
             if not patch_mm <= scale_mm * (1 + 1e-9) <= size_mm * (1 + 1e-9):  # NaN fails too
                 raise ValueError(
@@ -215,10 +189,6 @@ class PatternRecipe(_Strict):
             return weights
         if len(weights) != len(scales_mm):
             raise ValueError(f"one weight a scale: {len(weights)} for {len(scales_mm)} scales")
-        low, high = octave.WEIGHTS
-        for weight in weights:
-            if not low <= weight <= high:
-                raise ValueError(f"a weight must be {low:g} to {high:g}: {weight:g} fails")
         return weights
 
     @field_validator("dots")

@@ -19,8 +19,7 @@ from ..optics import StageFrame
 from ..shapes import SensorDimensions
 from ..shapes.indenter import parse as parse_indenter
 from ..units import digits
-from .motion import move_duration_s
-from .pace import LOCKSTEP, RigPace, homing_s
+from .motion import LOCKSTEP, RigPace, homing_s, move_duration_s
 from .plan import Protocol, Step, expand
 
 PNG_BYTES_PER_PX = 2.2  # measured on rendered frames of a dense pattern: 1.9-2.3

@@ -13,37 +13,30 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from .. import catalog
 from ..aliases import Point
+from ..configuration import Place, Table
 from ..errors import InputError, did_you_mean
 from ..levels import LEVELS
 from ..shapes import Indenter
 from ..shapes.indenter import parse as parse_indenter
 
 Kind = Literal["change", "travel", "approach", "press", "shear", "retract"]
-# Every number has a lowest and a highest value: what is further out is a slip of the pen.
-Place = Annotated[float, Field(ge=-10_000, le=10_000, allow_inf_nan=False)]  # mm
-Length = Annotated[float, Field(ge=0.001, le=1000, allow_inf_nan=False)]  # mm
-Feed = Annotated[
-    float, Field(ge=0.001, le=100_000, allow_inf_nan=False)
-]  # mm/min; `budget` asks for more
-Rate = Annotated[float, Field(ge=0.0001, le=1000, allow_inf_nan=False)]  # frames a second
-Share = Annotated[float, Field(ge=0.001, le=100, allow_inf_nan=False)]
-Modulus = Annotated[float, Field(ge=0.0001, le=10_000, allow_inf_nan=False)]  # MPa
-Seconds = Annotated[float, Field(ge=0.001, le=1e6, allow_inf_nan=False)]
+Length = Annotated[float, Field(ge=0.001, le=1000)]  # mm
+Feed = Annotated[float, Field(ge=0.001, le=100_000)]  # mm/min; `budget` asks for more
+Rate = Annotated[float, Field(ge=0.0001, le=1000)]  # frames a second
+Share = Annotated[float, Field(ge=0.001, le=100)]
+Modulus = Annotated[float, Field(ge=0.0001, le=10_000)]  # MPa
+Seconds = Annotated[float, Field(ge=0.001, le=1e6)]
 
 
 MAX_STEPS = 200_000
 """Of a protocol; the force calibration of the paper has 2435."""
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Shear(_Strict):
+class Shear(Table):
     """Sideways motion at each depth: to one side, through to the other, back to the centre."""
 
     amplitude_mm: Length | None = Field(default=None, examples=[3.0])
@@ -81,14 +74,12 @@ class Shear(_Strict):
         return self.amplitude_mm or (self.amplitude_of_depth or 0.0) * depth_mm
 
 
-class Capture(_Strict):
+class Capture(Table):
     """What is filmed on the way, and whether a stop settles; at least one of both."""
 
     rate_hz: Rate | None = Field(default=None, examples=[1.0])
     """Frames per second of planned motion, evenly over each press and drag; none without it."""
-    settle_s: Annotated[float, Field(ge=0, le=600, allow_inf_nan=False)] | None = Field(
-        default=None, examples=[1.0]
-    )
+    settle_s: Annotated[float, Field(ge=0, le=600)] | None = Field(default=None, examples=[1.0])
     """Between the end of a motion and the frame that is taken there, which is called settled.
     Without it stops do not wait, and nothing but the frame before a press is settled."""
 
@@ -101,7 +92,7 @@ class Capture(_Strict):
         return self
 
 
-class MotionPlan(_Strict):
+class MotionPlan(Table):
     """Feeds and heights of the stage, in the sensor frame."""
 
     clearance_mm: Length = 5.0
@@ -127,7 +118,7 @@ class MotionPlan(_Strict):
         return self
 
 
-class Specimen(_Strict):
+class Specimen(Table):
     """The sensor under test: which design and pattern, and what its gel is believed to be."""
 
     serial: str | None = Field(default=None, min_length=1, max_length=64, examples=["A-07"])
@@ -167,7 +158,7 @@ class Specimen(_Strict):
         return value
 
 
-class Protocol(_Strict):
+class Protocol(Table):
     """One scripted indentation experiment."""
 
     name: str = Field(examples=["mine"], pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")

@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from ..errors import InputError, RunFailed
 from ..optics import CameraModel, FlatField, Rectified, camera_from_dict
 from . import notes
-from .files import FORMAT, flat_file, lattice_file
+from .files import FORMAT, flat_file, lattice_file, pattern_file, run_file, summary_file
 from .images import decode, encode_png
 from .journal import misfits
-from .json_files import pattern_file, run_file, summary_file
 from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, at_times, unpack
 from .truth import RunTruth, load
 

@@ -24,7 +24,7 @@ from ..analysis.tracking_error import (
     shown,
 )
 from ..errors import InputError
-from . import contact_figures, figures, tracking_figures
+from . import figures, run_figures
 from .templating import environment, render, save
 
 if TYPE_CHECKING:
@@ -63,20 +63,18 @@ def write(
     frames = run.frames()
     verdict = tracking.verdict
     drawn = {
-        "by_time": tracking_figures.error_by_time(
+        "by_time": run_figures.error_by_time(
             tracking.methods, verdict, PAPER_BEST_MM, run.simulated
         ),
-        "by_indenter": tracking_figures.error_by_indenter(
-            tracking.by_indenter, verdict, PAPER_BEST_MM
-        ),
+        "by_indenter": run_figures.error_by_indenter(tracking.by_indenter, verdict, PAPER_BEST_MM),
         **_by_step(tracking),
     }
     if frames["fz_n"].notna().any():
-        drawn["force"] = tracking_figures.force_by_frame(frames)
+        drawn["force"] = run_figures.force_by_frame(frames)
     if measured is not None and measured.force is not None:
-        drawn["force"] = contact_figures.force_traces(measured.force)
+        drawn["force"] = run_figures.force_traces(measured.force)
     if measured is not None and measured.deepest:
-        drawn["shape"] = contact_figures.deepest_presses(measured.deepest)
+        drawn["shape"] = run_figures.deepest_presses(measured.deepest)
     page = render(
         pages,
         "run.html",
@@ -143,12 +141,12 @@ def _by_step(tracking: TrackingResult) -> dict[str, Any]:
     table, drawn = tracking.frames, {}
     if error is not None:
         label = f"mean error, mm\n({words})"
-        drawn["by_step"] = tracking_figures.by_step(table, names, error, label)
+        drawn["by_step"] = run_figures.by_step(table, names, error, label)
     with_truth = table["coverage"].notna().any()
     sure, of = ("coverage", "moving pattern") if with_truth else ("confident_share", "image")
     if len(table):
         label = f"share of the {of}\nthat is known for sure"
-        drawn["sure_by_step"] = tracking_figures.by_step(table, names, sure, label, log=False)
+        drawn["sure_by_step"] = run_figures.by_step(table, names, sure, label, log=False)
     return drawn
 
 
@@ -198,7 +196,7 @@ def _strips(
             image = run.image(str(row.file))
             arrows = tracking.arrows.get(str(row.frame_id))
             if arrows is not None:
-                image = tracking_figures.flow_picture(image, arrows, ARROW_STEP_PX, ARROW_GAIN)
+                image = run_figures.flow_picture(image, arrows, ARROW_STEP_PX, ARROW_GAIN)
             pictures.append(
                 {
                     "src": _png(_smaller(image)),

@@ -16,6 +16,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from .. import catalog, reading
+from ..configuration import Table
 from ..errors import InputError, did_you_mean
 from .camera.config import CameraConfig, CameraFile
 from .force.config import ForceConfig, GuardConfig
@@ -23,14 +24,16 @@ from .simulator import SimulatedCameraConfig as SimulatedCamera
 from .simulator import SimulatorConfig
 from .stage.config import StageSettings
 from .stage.firmware import FIRMWARE
-from .toml_model import Strict
 from .tool.config import RegistrationFile, ToolConfig, TouchConfig, named_tools
 
 Tools = Annotated[dict[str, ToolConfig], AfterValidator(named_tools)]
 
 
 class StageConfig(StageSettings):
-    """`[stage]` of a rig file: settings whose firmware there is."""
+    """The 3-axis stage; machine coordinates are 0 at an axis' positive end and negative below.
+
+    As `StageSettings`, of a firmware that there is.
+    """
 
     firmware: Annotated[str, Field(json_schema_extra={"enum": list(FIRMWARE)})] = "grbl"
     """What the controller speaks."""
@@ -43,7 +46,7 @@ class StageConfig(StageSettings):
         return value
 
 
-class VirtualConfig(Strict):
+class VirtualConfig(Table):
     """The simulated bench."""
 
     simulated: ClassVar[bool] = True
@@ -77,7 +80,7 @@ class VirtualConfig(Strict):
         return data
 
 
-class GrblConfig(Strict):
+class GrblConfig(Table):
     """A real GRBL stage with what is attached to it."""
 
     simulated: ClassVar[bool] = False

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..aliases import Image
+from ..aliases import Image, Vector
 
 if TYPE_CHECKING:
     from ..optics import StageFrame
@@ -188,3 +188,26 @@ class ForceSensor(Protocol):
 
     def identity(self) -> dict[str, Any]: ...
     def close(self) -> None: ...
+
+
+LIFT_FEED_MM_MIN = 120.0
+"""Out of the gel: slow enough for one that sticks."""
+
+
+def go(stage: Stage, target_mm: Vector, feed_mm_min: float) -> None:
+    """One straight move (sensor frame) to its end. Raises InputError, StageError."""
+    stage.start_move(target_mm, feed_mm_min)
+    stage.wait()
+
+
+def rise(stage: Stage, height_mm: float, feed_mm_min: float) -> None:
+    """Straight up to that height, or stay where the tip is higher. Raises as `go`."""
+    x, y, z = stage.position_mm()
+    go(stage, (x, y, max(z, height_mm)), feed_mm_min)
+
+
+class BenchFinding(NamedTuple):
+    """One thing that was looked at."""
+
+    passed: bool
+    text: str

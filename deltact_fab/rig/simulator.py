@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from ..configuration import Table
 
 # Of any one parameter of a lens; `optics.Fisheye` has the limits of each.
 Whole = Annotated[int, Field(ge=-100_000, le=100_000)]
@@ -13,11 +15,7 @@ Off = Annotated[float, Field(ge=-20, le=20)]  # mm
 Askew = Annotated[float, Field(ge=-5, le=5)]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class SimulatedCameraConfig(_Strict):
+class SimulatedCameraConfig(Table):
     """The simulated camera's sensor and lens faults."""
 
     blur_px: float = Field(default=0.6, ge=0.01, le=50)
@@ -30,7 +28,7 @@ class SimulatedCameraConfig(_Strict):
     """Standard deviation of the noise of reading a pixel."""
 
 
-class PrinterConfig(_Strict):
+class PrinterConfig(Table):
     """The printer that made the sticker."""
 
     dpi: int = Field(default=1200, ge=72, le=9600)
@@ -43,14 +41,14 @@ class PrinterConfig(_Strict):
     """How far ink runs."""
 
 
-class NoiseConfig(_Strict):
+class NoiseConfig(Table):
     """What the simulated force box adds to a reading."""
 
     noise_n: float = Field(default=0.01, ge=0, le=100)
     """Standard deviation of a force reading."""
 
 
-class FiniteGelConfig(_Strict):
+class FiniteGelConfig(Table):
     """Resolution of the simulated gel at the level 'hyperelastic'."""
 
     cell_mm: float | None = Field(default=None, ge=0.1, le=12.0)
@@ -67,7 +65,7 @@ class FiniteGelConfig(_Strict):
     """Way of a drag between two solutions."""
 
 
-class GelConfig(_Strict):
+class GelConfig(Table):
     """Resolution of the simulated gel: at the linear levels, and apart from them at finite strain.
 
     One solve per increment of motion; between them displacements and forces are interpolated.
@@ -82,14 +80,14 @@ class GelConfig(_Strict):
     hyperelastic: FiniteGelConfig = FiniteGelConfig()
 
 
-class RealtimeConfig(_Strict):
+class RealtimeConfig(Table):
     """What only `run --realtime` has."""
 
     camera_rate_hz: float = Field(default=5.0, ge=0.1, le=240)
     """At most; an image of 1280 x 720 px takes some 50 ms of a processor to draw."""
 
 
-class MountConfig(_Strict):
+class MountConfig(Table):
     """How the bench truly stands beside what its rig file says, for a touch-off to find.
 
     Only `run --realtime` has it: in lockstep the rig file is right.
@@ -103,7 +101,7 @@ class MountConfig(_Strict):
     """By indenter: how much longer than the one that the origin was measured with."""
 
 
-class SimulatorConfig(_Strict):
+class SimulatorConfig(Table):
     """All that only a virtual rig has."""
 
     camera: SimulatedCameraConfig = SimulatedCameraConfig()

@@ -63,7 +63,7 @@ def _table(
         inside = given.get(name, {})
         absent = optional and name not in given
         yield ""
-        yield from _wrapped(key.get("x-meaning", key.get("description", "")), "## ")
+        yield from _wrapped(key.get("description", ""), "## ")
         mark = off or ("#" if absent else "")
         yield f"{mark}[{at}{name}]"
         below = inherited.get(name) or {}
@@ -87,7 +87,7 @@ def _note(name: str, key: dict[str, Any]) -> Iterator[str]:
     kind = type_of(key)
     facts = [kind if kind != "number" else "", unit_of(name), limits_of(key)]
     said = "; ".join(fact for fact in facts if fact)
-    meaning = key.get("x-meaning", key.get("description", ""))
+    meaning = key.get("description", "")
     yield from _wrapped(f"{meaning} [{said}]" if said else meaning, "# ")
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from .kinds import Kind
-from .meanings import meanings, metadata, models
 from .units import unit_of
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -13,46 +12,41 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 def document(kind: Kind) -> dict[str, Any]:
     """The JSON Schema of a kind. A key that a model lets be None is one that may be left out."""
-    schema = _without_null(described(kind))
+    schema = described(kind)
+    for node in (schema, *schema.get("$defs", {}).values()):
+        for name, key in node["properties"].items():
+            if (unit := unit_of(name)) and "description" in key:
+                key["description"] += f" [{unit}]"
+    schema = _without_null(schema)
     return {"$schema": DIALECT, **schema, "title": f"deltact-fab: {kind.about}"}
 
 
 def described(kind: Kind) -> dict[str, Any]:
-    """What pydantic makes of the model, with meanings and with the limits that records check."""
+    """What pydantic makes of the model, each meaning one line that ends in a full stop."""
     from pydantic import TypeAdapter
 
-    model = kind.model()
-    schema: dict[str, Any] = TypeAdapter(model).json_schema()
-    classes = models(model)
-    _describe(schema, model)
-    for name, part in schema.get("$defs", {}).items():
-        _describe(part, classes[name])
+    schema: dict[str, Any] = TypeAdapter(kind.model()).json_schema()
+    for node in (schema, *schema.get("$defs", {}).values()):
+        if "description" in node:
+            node["description"] = _one_line(node["description"].partition("\n\n")[0])
+        for key in node["properties"].values():
+            key.pop("title", None)
+            assumed = key.pop("unverified", False)
+            if "description" in key:
+                said = _one_line(key["description"]).rstrip(".") + "."
+                key["description"] = f"{said} Assumed, not measured." if assumed else said
     if kind.name == "design":  # `load_design` takes it away before the model sees the file
         base = {"type": "string", "examples": ["deltact"], "description": _BASE}
         schema["properties"] = {"base": base, **schema["properties"]}
     return schema
 
 
+def _one_line(text: str) -> str:
+    plain = " ".join(text.split())
+    return plain[:1].upper() + plain[1:]
+
+
 _BASE = "The design, a name or a path, from which this one takes what it does not give itself."
-
-
-def _describe(node: dict[str, Any], model: type) -> None:
-    said, extra = meanings(model), metadata(model)
-    if "description" in node:
-        node["description"] = node["description"].partition("\n\n")[0].replace("\n", " ")
-    for name, key in node["properties"].items():
-        key.pop("title", None)
-        limits = extra.get(name, {})
-        if "low" in limits:
-            key |= {"minimum": limits["low"], "maximum": limits["high"]}
-        if limits.get("choices"):
-            key["enum"] = list(limits["choices"])
-        if name not in said:
-            continue
-        unit = unit_of(name)
-        assumed = " Assumed, not measured." if limits.get("unverified") else ""
-        key["description"] = said[name].rstrip(".") + (f" [{unit}]." if unit else ".") + assumed
-        key["x-meaning"] = said[name].rstrip(".") + "." + assumed
 
 
 def resolved(node: dict[str, Any], root: dict[str, Any]) -> tuple[dict[str, Any], bool]:
@@ -78,7 +72,7 @@ def _without_null(node: Any) -> Any:
         return node
     choices = node.get("anyOf", [])
     real = [choice for choice in choices if choice.get("type") != "null"]
-    node = {name: value for name, value in node.items() if name not in ("anyOf", "x-meaning")}
+    node = {name: value for name, value in node.items() if name != "anyOf"}
     if node.get("default", 0) is None:
         del node["default"]
     if isinstance(node.get("default"), dict):  # the keys inside say theirs

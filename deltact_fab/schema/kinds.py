@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any
 
 from ..errors import InputError, did_you_mean
@@ -19,51 +20,39 @@ class Kind:
     model: Callable[[], Any]
 
 
-def _protocol() -> Any:
-    from ..protocols.plan import Protocol
-
-    return Protocol
-
-
-def _virtual() -> Any:
-    from ..rig.config import VirtualConfig
-
-    return VirtualConfig
-
-
-def _grbl() -> Any:
-    from ..rig.config import GrblConfig
-
-    return GrblConfig
-
-
-def _pattern() -> Any:
-    from ..patterns.recipe import PatternRecipe
-
-    return PatternRecipe
-
-
-def _design() -> Any:
-    from ..cad.dimensions import Design
-
-    return Design
-
-
-def _indenters() -> Any:
-    from ..cad.design import IndenterList
-
-    return IndenterList
+def _of(module: str, name: str) -> Callable[[], Any]:
+    """The class of a module of this package, imported when it is asked for."""
+    return lambda: getattr(import_module(f"deltact_fab.{module}"), name)
 
 
 KINDS = {
     kind.name: kind
     for kind in (
-        Kind("protocol", "protocols", "an indentation experiment", _protocol),
-        Kind("virtual-rig", "protocols/rigs", 'a simulated bench, kind = "virtual"', _virtual),
-        Kind("grbl-rig", "protocols/rigs", 'a real bench, kind = "grbl"', _grbl),
-        Kind("pattern", "patterns", "a pattern sticker", _pattern),
-        Kind("design", "cad", "the dimensions of a sensor and its tools", _design),
-        Kind("indenters", "cad", "the indenters that a lab makes", _indenters),
+        Kind(
+            "protocol", "protocols", "an indentation experiment", _of("protocols.plan", "Protocol")
+        ),
+        Kind(
+            "virtual-rig",
+            "protocols/rigs",
+            'a simulated bench, kind = "virtual"',
+            _of("rig.config", "VirtualConfig"),
+        ),
+        Kind(
+            "grbl-rig",
+            "protocols/rigs",
+            'a real bench, kind = "grbl"',
+            _of("rig.config", "GrblConfig"),
+        ),
+        Kind("pattern", "patterns", "a pattern sticker", _of("patterns.recipe", "PatternRecipe")),
+        Kind(
+            "design",
+            "cad",
+            "the dimensions of a sensor and its tools",
+            _of("cad.dimensions", "Design"),
+        ),
+        Kind(
+            "indenters", "cad", "the indenters that a lab makes", _of("cad.design", "IndenterList")
+        ),
     )
 }
 

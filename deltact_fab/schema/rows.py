@@ -72,7 +72,7 @@ def _rows(node: dict[str, Any], root: dict[str, Any], at: str) -> Iterator[KeyRo
         key, _ = resolved(raw, root)
         path = f"{at}{name}"
         inner, mark = _inner(key, root)
-        meaning = key.get("x-meaning", key.get("description", ""))
+        meaning = key.get("description", "")
         default = None if inner or "default" not in key else literal(key["default"])
         kind = {"": "table", "[]": "list of tables", ".*": "tables by name"}[mark]
         yield KeyRow(

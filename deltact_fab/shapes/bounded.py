@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import field, fields
+from dataclasses import Field, field, fields
 from typing import Any
 
 
@@ -27,15 +27,25 @@ def number(
     """
     return field(
         default=default,
-        metadata={"meaning": meaning, "low": low, "high": high, "unverified": unverified},
+        metadata={  # by the names that pydantic takes from a field, for files and schema
+            "description": meaning,
+            "ge": low,
+            "le": high,
+            "json_schema_extra": {"unverified": unverified},
+        },
     )
+
+
+def is_unverified(f: Field[Any]) -> bool:
+    """Whether the default of a record's field was assumed and not measured."""
+    return bool(f.metadata.get("json_schema_extra", {}).get("unverified"))
 
 
 def check_limits(record: object) -> None:
     """Raise ShapeError unless every number of the record lies within its limits (NaN fails)."""
     for f in fields(record):  # type: ignore[arg-type]
-        if "low" not in f.metadata:
+        if "ge" not in f.metadata:
             continue
-        value, low, high = getattr(record, f.name), f.metadata["low"], f.metadata["high"]
+        value, low, high = getattr(record, f.name), f.metadata["ge"], f.metadata["le"]
         if not (math.isfinite(value) and low <= value <= high):
             raise ShapeError(f"{low:g} <= {f.name} <= {high:g}: {value:g} fails")

@@ -14,23 +14,21 @@ from .. import catalog
 from ..errors import InputError
 from ..report.result import Headline, ReportFigure, ReportTable, StudyResult
 from .request import StudyRequest
-from .sensor_claims import (
-    MEASURES,
-    PaperClaim,
-    bounds,
-    claims,
-    contradiction,
-    nearest_measure,
-    reduction,
-)
 from .sensors import (
     CLAIMED_REDUCTION,
     DELTACT,
     GECKO,
     IN_TABLE,
+    MEASURES,
     PREDECESSOR,
     PREDECESSOR_DRAWN,
+    PaperClaim,
     SensorRow,
+    bounds,
+    claims,
+    contradiction,
+    nearest_measure,
+    reduction,
 )
 
 if TYPE_CHECKING:
@@ -197,7 +195,7 @@ def _tables(
 ) -> tuple[ReportTable, ...]:
     import pandas as pd
 
-    from ..report import comparison_figures
+    from ..report import paper_charts
 
     return (
         ReportTable("claims", "The paper's claims.", pd.DataFrame(list(said.values()))),
@@ -205,7 +203,7 @@ def _tables(
             "sensors",
             "Sensors. As the paper prints them, with pixel size and volume recomputed, and own "
             "designs. The sources are in the CSV and in the table below.",
-            table.replace({"said_in": comparison_figures.WORDS}),
+            table.replace({"said_in": paper_charts.WORDS}),
             tuple(str(name) for name in table if name not in ("source", "cite")),
             {
                 "said_in": "from",
@@ -238,19 +236,19 @@ def _tables(
 
 
 def _figures(table: pd.DataFrame) -> tuple[ReportFigure, ...]:
-    from ..report import comparison_figures
+    from ..report import paper_charts
 
     return (
         ReportFigure(
             "volumes",
             "Outer volume. The paper's predecessor stands twice, for the paper gives it two sizes.",
-            lambda: comparison_figures.volumes(table),
+            lambda: paper_charts.volumes(table),
         ),
         ReportFigure(
             "area-against-volume",
             "Sensing area against outer volume; up and to the left is better. Lines: mm² of face "
             "a cm³ of sensor.",
-            lambda: comparison_figures.area_against_volume(table),
+            lambda: paper_charts.area_against_volume(table),
         ),
     )
 

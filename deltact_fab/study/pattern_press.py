@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis.tracking_error.follow import Follower
-from ..analysis.tracking_error.scene import TrackingPlan
+from ..analysis.tracking_error.follow import Follower, TrackingPlan
 from ..errors import SensorError
 from ..jobs import tell
 from ..patterns.recipe import PatternRecipe

@@ -15,9 +15,9 @@ import numpy as np
 
 from .. import record
 from ..analysis.frames import recorded
-from ..analysis.tracking_error.press import PressJob as PressJob
-from ..analysis.tracking_error.press import analyse_press
-from ..analysis.tracking_error.scene import ONLY_DOTS, scene_of
+from ..analysis.tracking_error.follow import ONLY_DOTS, scene_of
+from ..analysis.tracking_error.run import PressJob as PressJob
+from ..analysis.tracking_error.run import analyse_press
 from ..errors import InputError
 from ..patterns.series.job import recipes
 from ..record import Run

@@ -8,16 +8,13 @@ from ..protocols import plan
 from ..report.result import StudyResult
 from .grid import Grid, GridJob
 from .request import StudyRequest
-from .search.candidates import Candidate, candidates
+from .search.candidates import Candidate, candidates, shortened, size_of, thinned
 from .search.confirm import confirm
-from .search.findings import Findings
-from .search.imager import PatternImager
-from .search.options import bench_of, rig_of
+from .search.findings import DEFAULT, FARNEBACK, Findings
+from .search.imager import PatternImager, bench_of, rig_of
 from .search.probe import FIELD_PX, probe
 from .search.result import result
-from .search.scale import shortened, size_of, thinned
 from .search.search import combined, finalists, order, spread, table
-from .search.verdict import DEFAULT, FARNEBACK
 from .seeds import seed_of
 
 RIG = "virtual"

@@ -11,12 +11,11 @@ from typing import Any
 
 from ..report.result import LeftOut, StudyResult
 from ..units import MM_PER_INCH
-from . import modulus
+from . import gel_remarks
 from .grid import Grid
 from .pattern_errors import PatternErrors, PrintedPattern, cells_of
 from .pattern_scene import METHODS, Selection
-from .pattern_tables import charts, data_of, tables
-from .pattern_verdict import headlines, verdict
+from .pattern_tables import charts, data_of, headlines, tables, verdict
 from .request import StudyRequest
 
 NAME, TITLE = "pattern-selection", "Which pattern is tracked best"
@@ -79,7 +78,7 @@ def _simulated(asked: StudyRequest) -> StudyResult:
             f"um, misregistration {printer.misregistration_um:g} um",
             "camera": "; ".join(f"{k} {v:g}" for k, v in scene.config.virtual.camera),
         },
-        notes=(modulus.remark(NAME, specimen.modulus_mpa), *_gel_notes(grid)),
+        notes=(gel_remarks.remark(NAME, specimen.modulus_mpa), *_gel_notes(grid)),
         left_out=_left_out(scene),
     )
 

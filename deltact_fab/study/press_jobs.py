@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from .. import catalog, record
-from ..experiment.presses import run_presses
+from ..experiment.session import run_presses
 from ..jobs import tell
 from ..patterns.recipe import PatternRecipe
 from ..protocols.plan import Protocol

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Option:
-    """An option of one study only: `--name VALUE` of its command, `StudyRequest.more["name"]` in it.
+    """An option of one study only: `--name VALUE` of its command, `more["name"]` of its request.
 
     name: with hyphens; in `more` with underscores. default: its type is the option's (True and
     False: a switch; a tuple: repeatable, a tuple of words arrives). None: no

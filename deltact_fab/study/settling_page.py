@@ -4,21 +4,105 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..analysis.relaxation import Series, time_to
 from ..protocols.plan import Protocol
+from ..report import figures
 from ..report.result import Headline, LeftOut, ReportFigure, ReportTable, StudyResult
-from . import intervals, modulus
-from . import settling_figures as draw
+from . import gel_remarks, intervals
 from .settling_stops import FORCES_N, SHARES, Stop, waits
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
     from .request import StudyRequest
+
+
+MIN_PCT = 0.05
+MIN_N = 1e-4
+TOTALS = (0.05, 0.1, 0.2, 0.4)
+
+
+def curve(stops: Sequence[Stop], series: Series, marks: bool) -> Figure:
+    """Error against waiting time, a panel for presses and one for drags.
+
+    marks: the stops' own values are points (solved knots), else a line (samples).
+    """
+    figure, axes = figures.blank(9.6, 3.8, 2)
+    for axis, kind, words in zip(axes, ("press", "shear"), ("after a press", "after a drag"),
+                                 strict=True):  # fmt: skip
+        for colour, stop in zip(cycle(figures.COLOURS), _one_a_depth(stops, kind), strict=False):
+            later = stop.wait_s > 0
+            wait, steady = stop.wait_s[later], stop.steady / 100
+            own = {"marker": "o", "ms": 3, "ls": ""} if marks else {"lw": 0.6, "alpha": 0.5}
+            axis.plot(wait, stop.excess_n()[later] / steady, color=colour,
+                      label=f"{stop.depth_mm:g} mm", **own)  # fmt: skip
+            axis.plot(wait, stop.excess_by_series_n()[later] / steady, color=colour, lw=1.4)
+        for share in SHARES:
+            axis.axhline(100 * share, color=figures.PAPER_COLOUR, lw=0.6, ls=":")
+        axis.set_xscale("log")
+        axis.set_yscale("log")
+        axis.set_xlabel("wait, s")
+        axis.set_title(words, loc="left", fontweight="bold")
+    axes[0].set_ylabel("force over its steady value, %")
+    low, high = axes[0].get_ylim()
+    axes[0].set_ylim(max(low, MIN_PCT), high)
+    figures.legend_below(figure, axes[0])
+    return figure
+
+
+def _one_a_depth(stops: Sequence[Stop], kind: str) -> list[Stop]:
+    first: dict[float, Stop] = {}
+    for stop in stops:
+        if stop.kind == kind:
+            first.setdefault(stop.depth_mm, stop)
+    return list(first.values())
+
+
+def sensitivity(ramp_s: float, share: float) -> Figure:
+    """Wait for a share, against the time of relaxation, for gels that relax by so much."""
+    figure, (axis,) = figures.blank(4.8, 3.4)
+    taus = np.geomspace(0.05, 100.0, 61)
+    for colour, total in zip(figures.COLOURS, TOTALS, strict=False):
+        found = []
+        for tau in taus:
+            wait = np.linspace(0.0, 12 * tau, 400)
+            found.append(time_to(wait, Series((total,), (tau,)).after_ramp(ramp_s, wait), share))
+        axis.plot(taus, np.maximum(found, 1e-3), color=colour, label=f"{100 * total:g} % fades")
+    axis.set_xscale("log")
+    axis.set_yscale("log")
+    axis.set_ylim(0.02, None)
+    axis.set_xlabel("time of relaxation, s")
+    axis.set_ylabel(f"wait for {100 * share:g} %, s")
+    figures.legend_below(figure, axis)
+    return figure
+
+
+def judged(tables: dict[str, list[dict[str, float]]]) -> Figure:
+    """What a protocol's stops scatter by, against how long they rest."""
+    figure, axes = figures.blank(9.6, 3.4, 2)
+    for axis, column, words in zip(
+        axes, ("normal_scatter_n", "shear_scatter_n"), ("normal force", "shear"), strict=True
+    ):
+        for colour, (name, rows) in zip(cycle(figures.COLOURS), tables.items(), strict=False):
+            tried = sorted(rows, key=lambda row: row["settle_s"])
+            rest, scatter = (np.array([row[key] for row in tried]) for key in ("settle_s", column))
+            if scatter.max() > MIN_N:
+                axis.plot(rest, scatter, color=colour, lw=1.4, label=name)
+        axis.set_xscale("log")
+        axis.set_yscale("log")
+        axis.set_xlabel("settle_s, s")
+        axis.set_title(words, loc="left", fontweight="bold")
+    axes[0].set_ylabel("scatter among the stops, N")
+    axes[0].set_ylim(MIN_N, None)
+    figures.legend_below(figure, axes[0])
+    return figure
+
 
 ASSUMED = "assumed: no relaxation of Solaris was found measured"
 BOUND = 0.02  # of the headlines, of the steady force
@@ -62,20 +146,20 @@ def result(
                 else "as measured (thin) and by the fitted series (thick)."
             )
             + " Dotted: 5, 2, 1, 0.5 %.",
-            partial(draw.curve, stops, series, not asked.runs),
+            partial(curve, stops, series, not asked.runs),
         ),
         ReportFigure(
             "wait-against-gel",
             f"How long to wait for {100 * BOUND:g} % in a gel of one time of relaxation, after a "
             f"ramp of {ramp_s:.2g} s, in closed form: read off your own.",
-            partial(draw.sensitivity, ramp_s, BOUND),
+            partial(sensitivity, ramp_s, BOUND),
             column=True,
         ),
         ReportFigure(
             "protocols",
             "What the stops of the shipped protocols scatter by, the factor common to all of them "
             "taken out, against how long they rest.",
-            partial(draw.judged, protocols),
+            partial(judged, protocols),
         ),
     )
     return StudyResult(
@@ -85,15 +169,15 @@ def result(
         },
         simulated_, asked.seed, asked.scale, heads,
         (
-            ReportTable("waits", "Seconds of rest until the force is within a bound of its steady value. "
-                  "Empty: the rest was too short to tell.", table, words=WAIT_WORDS),
-            ReportTable("protocols", "The shipped protocols with their settle_s, largest ball, on a gel "
-                  "of this series. A common factor goes into a calibration's coefficients; scatter "
-                  "is left as error.", judged_, words=PROTOCOL_WORDS),
+            ReportTable("waits", "Seconds of rest until the force is within a bound of its steady "
+                  "value. Empty: the rest was too short to tell.", table, words=WAIT_WORDS),
+            ReportTable("protocols", "The shipped protocols with their settle_s, largest ball, on "
+                  "a gel of this series. A common factor goes into a calibration's "
+                  "coefficients; scatter is left as error.", judged_, words=PROTOCOL_WORDS),
         ),
         figures, settings,
         (*notes, "Nothing is drawn at random: the seed does not matter.",
-         modulus.remark("settling", protocol.specimen.modulus_mpa)),
+         gel_remarks.remark("settling", protocol.specimen.modulus_mpa)),
         (LeftOut("softening by the first press (Mullins)", "the gel has no such memory; press a "
                  "new gel as deep before you measure"),
          LeftOut("drift of the force sensor", "looks like a slow branch; see the force after the "

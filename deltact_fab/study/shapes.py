@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import InputError
 from ..report.result import LeftOut, StudyResult
-from . import modulus
+from . import gel_remarks
 from .request import StudyRequest
 
 if TYPE_CHECKING:
@@ -33,8 +33,8 @@ def run(asked: StudyRequest) -> StudyResult:
 
 def _simulated(asked: StudyRequest) -> StudyResult:
     from .shape import summary
-    from .shape.headlines import headlines
     from .shape.simulated import settings, simulate
+    from .shape.summary import headlines
 
     if named := next((name for name in ("depth", "force") if asked.more.get(name)), None):
         raise InputError(f"--{named}: only with --from; a simulated sensor is calibrated here")
@@ -70,7 +70,7 @@ def _simulated(asked: StudyRequest) -> StudyResult:
         settings=scene,
         notes=(
             made.depth_line, summary.DENSITY, summary.TWIST,
-            modulus.remark(STUDY, next(iter(of.protocols.values())).specimen.modulus_mpa),
+            gel_remarks.remark(STUDY, next(iter(of.protocols.values())).specimen.modulus_mpa),
         ),
         left_out=tuple(_scene(line) for line in sorted(shown)),
         missing=made.missing,
@@ -98,7 +98,7 @@ def _recorded(asked: StudyRequest) -> StudyResult:
     from ..analysis.frames import recorded
     from ..jobs import each
     from .shape import summary
-    from .shape.headlines import headlines
+    from .shape.summary import headlines
 
     if asked.scale is not None or asked.rig is not None:
         named = "--scale" if asked.scale is not None else "--rig"

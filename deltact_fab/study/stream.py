@@ -22,7 +22,7 @@ from ..aliases import Field
 from ..analysis.tracking_error.dots import Marks
 from ..analysis.tracking_error.truth import TrueFrame, off_dots, seen_by
 from ..errors import SolverError
-from ..experiment.meta import pattern_of
+from ..experiment.session import pattern_of
 from ..gel.path.knots import CONTACT_EPS_MM, Increments, divide
 from ..optics import FlatField, Pinhole, Rectified, SeenFace
 from ..patterns.recipe import PatternRecipe
@@ -55,8 +55,8 @@ class Look:
 class FaceFrame:
     """One moment of the face, before any pattern is on it.
 
-    at_px: (h + 2, w + 2, 2), what each pixel sees, for `FrameRenderer.expose`. displacement_mm: (ny, nx,
-    3) on the lattice, None at rest.
+    at_px: (h + 2, w + 2, 2), what each pixel sees, for `FrameRenderer.expose`. displacement_mm:
+    (ny, nx, 3) on the lattice, None at rest.
     """
 
     number: int

@@ -24,9 +24,8 @@ from ..aliases import Vector
 from ..protocols.motion import minus, plus
 from ..units import MM_PER_INCH, NS_PER_S, to_ns
 from . import grbl_report
-from .axes import replaced
 from .board import SimulatedBoard
-from .carriage import PLANNER_BLOCKS
+from .carriage import PLANNER_BLOCKS, replaced
 from .clock import NsClock
 from .gcode import GcodeError, Modal, parse
 from .grbl_settings import FACTORY, SETTINGS, change, listed

@@ -14,8 +14,7 @@ from typing import Self
 
 from ..rig.config import ForceConfig
 from .clock import VirtualClock
-from .netft import NetFTBox, Wrenches
-from .netft_faults import BoxFaults
+from .netft import BoxFaults, NetFTBox, Wrenches
 
 WAKE_S = 0.05  # how long a command or the end of the server may wait at most
 

@@ -16,8 +16,7 @@ from ..jobs import JobOutcome, run, tell
 from ..protocols.plan import Protocol
 from ..rig.simulator import GelConfig
 from ..shapes import SkinDimensions
-from .press import PlannedPress
-from .presses import Presses, path_of
+from .presses import PlannedPress, Presses, path_of
 
 
 @dataclass

@@ -1,12 +1,12 @@
-"""The presses of a protocol on a skin: which mesh, which store, which mirror image."""
+"""One press of a protocol as the stage drives it, and the solver of its path."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from ..aliases import Field
+from ..aliases import Field, Point
 from ..elasticity.material import GelMaterial
 from ..errors import InputError
 from ..gel.level import Reach
@@ -20,10 +20,38 @@ from ..rig.simulator import GelConfig
 from ..shapes import SkinDimensions
 from ..shapes.indenter import parse as parse_indenter
 from .paths import PressPath, paths, poses
-from .press import SAME_MM, PlannedPress
 
 if TYPE_CHECKING:
     from ..gel.level import Choice, Level
+
+
+SAME_MM = 2e-3  # a point of the stage is the plan's within a motor step and its rounding
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedPress:
+    """solver: of the path's knots. name: `indenter/position`. waypoints: ends of the planned lines.
+
+    One that is not planned has neither name nor waypoints.
+    """
+
+    solver: PathSolver
+    name: str = ""
+    waypoints: tuple[Point, ...] = ()
+
+    def snapped(self, point: Point) -> Point:
+        """The planned point that this one is but for a motor step, else the point itself."""
+        for planned in self.waypoints:
+            if all(abs(p - q) <= SAME_MM for p, q in zip(planned, point, strict=True)):
+                return planned
+        return point
+
+    def rest_after(self, key: int) -> float | None:
+        """Seconds that the tip rests after a planned knot before the next; None: no knot for it."""
+        poses = self.solver.poses
+        if 0 < key < len(poses) and poses[key].part == 0:
+            return poses[key].seconds
+        return None
 
 
 class Presses:

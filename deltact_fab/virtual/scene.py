@@ -22,7 +22,7 @@ from ..units import NS_PER_S
 from .board import SimulatedBoard
 from .clock import NsClock
 from .motion import Segment
-from .press import PlannedPress
+from .presses import PlannedPress
 
 SQUARE = 1e-6  # of the spacing: rounding of a lattice
 

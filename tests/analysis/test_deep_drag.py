@@ -51,7 +51,7 @@ shear_increment_mm = 1.0
 
 def dragged(protocol: str, rig: str, out: Path, *methods: str) -> dict[str, dict[str, Any]]:
     """Figures by method of a protocol that is run and analysed."""
-    experiment.run(protocol, rig, out, seed=0)
+    experiment.run(experiment.RunRequest(protocol, rig, out, seed=0))
     with ThreadPoolExecutor(1) as executor:
         result = analyse(out, methods, executor)
     assert result.verdict.take == "fused"

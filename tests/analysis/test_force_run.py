@@ -88,7 +88,7 @@ def test_a_calibration_is_made_kept_and_carried_over(
 ) -> None:
     protocol, run, out = tmp_path / "presses.toml", tmp_path / "run", tmp_path / "out"
     protocol.write_text(PROTOCOL)
-    experiment.run(str(protocol), str(mini[1]), run, seed=3)
+    experiment.run(experiment.RunRequest(str(protocol), str(mini[1]), run, seed=3))
     done = called("analyze", "force", run, "--out", out, "--model", "sums", "--json")
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)

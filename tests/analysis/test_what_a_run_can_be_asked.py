@@ -31,7 +31,7 @@ def pressed(pattern: str, mini: tuple[Path, Path], folder: Path) -> Path:
     protocol = folder / f"{pattern}.toml"
     channels = ["image"] if pattern == "octave" else ["image", "dots"]
     protocol.write_text(PROTOCOL.format(pattern=pattern, channels=channels))
-    experiment.run(str(protocol), str(mini[1]), folder / "run", seed=3)
+    experiment.run(experiment.RunRequest(str(protocol), str(mini[1]), folder / "run", seed=3))
     return folder / "run"
 
 

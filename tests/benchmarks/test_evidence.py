@@ -69,7 +69,7 @@ def of(row: evidence.EvidenceRow) -> set[str]:
 def test_a_row_depends_on_its_own_level_and_an_edit_elsewhere_leaves_it() -> None:
     rows = {r.name: r for r in evidence.rows()}
     finite = of(rows["curve: sphere:15 pressed 2 mm, no friction: hyperelastic, quarter: 2 mm"])
-    assert {"gel/finite/newton.py", "numerics/engines/gel_reference.py"} <= finite
+    assert {"gel/finite/newton.py", "numerics/engines/gel_press.py"} <= finite
     assert not finite & {
         "gel/press.py",
         "gel/level_selection.py",

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deltact_fab.cad import registry
+from deltact_fab.cad import registry, solid_gate
 from deltact_fab.cad.build import build_part
 from deltact_fab.cad.design import load_design
+from deltact_fab.cad.kernel import require
 from deltact_fab.cad.mesh import is_closed, mesh_solid
 
 DESIGN = load_design()
@@ -57,3 +58,18 @@ def test_an_open_mesh_is_seen():
 def test_the_tolerance_holds_on_the_largest_sphere(tolerance_mm):
     solid, _ = build_part(registry.find("sphere:22"), DESIGN)
     assert mesh_solid(solid, tolerance_mm, "indenter").deviation_mm <= tolerance_mm
+
+
+def test_a_ball_far_smaller_than_the_tolerance_stays_within_it():
+    ball = require().Solid.makeSphere(0.25, angleDegrees1=-90)
+    made = mesh_solid(ball, 1.0, "ball")
+    assert np.linalg.norm(made.corners_mm, axis=-1) == pytest.approx(0.25, abs=1e-6)
+    assert made.deviation_mm <= 1.0
+
+
+def test_the_box_that_the_gate_reads_is_not_the_meshs():
+    solid, found = build_part(registry.find("skin"), DESIGN)
+    mesh_solid(solid, 0.1, "skin")
+    assert np.array(solid_gate.bounding_box(solid)) == pytest.approx(
+        np.array(found.box_mm), abs=1e-5
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 
@@ -179,6 +180,61 @@ def test_the_gate_stops_what_the_kernel_returns_in_silence(cq):
     for says, shape in wrong.items():
         with pytest.raises(RunFailed, match=f"^box: .*{says}"):
             solid_gate.gate("box", shape, right)
+
+
+NONSENSE = {
+    "a hole off the part": lambda w: _box(w).faces(">Z").workplane().center(20, 0).hole(2),
+    "a wall thicker than the part": lambda w: _box(w).shell(-25),
+    "a side that is NaN": lambda w: _box(w, math.nan),
+    "a fillet at its limit": lambda w: _box(w).edges().fillet(5.0),
+    "a fillet of 1e-7": lambda w: _box(w).edges().fillet(1e-7),
+}
+
+
+def _box(workplane, side_mm=10.0):
+    return workplane.box(side_mm, side_mm, side_mm)
+
+
+@pytest.mark.parametrize("make", NONSENSE.values(), ids=NONSENSE)
+def test_guard_and_gate_refuse_what_the_kernel_makes_of_nonsense(cq, make):
+    """A builder's way: the kernel raises, or returns something that only the gate can tell."""
+    wanted = solid_gate.Expected((999.0, 999.0), ((-5.0,) * 3, (5.0,) * 3), {"side_mm": 10.0})
+    with pytest.raises(RunFailed, match=r"^trial"), guarded("trial", {"side_mm": 10.0}):
+        solid_gate.gate("trial", make(cq.Workplane()).val(), wanted)
+
+
+BOUGHT_BY_SIZE = ("light.strip_width_mm",)
+
+
+def _scaled(factor):
+    """The shipped design with every length times factor, but what is bought by size."""
+    changes = [
+        f"{section.name}.{f.name}={factor * getattr(record, f.name)!r}"
+        for section in dataclasses.fields(DEFAULT)
+        for record in [getattr(DEFAULT, section.name)]
+        for f in dataclasses.fields(record)
+        if f.name.endswith("_mm") and isinstance(getattr(record, f.name), float)
+        and f"{section.name}.{f.name}" not in BOUGHT_BY_SIZE
+    ]  # fmt: skip
+    design = load_design("deltact", changes)
+    feasibility.check(design)
+    return design
+
+
+@pytest.mark.parametrize("factor", [0.7, 0.9, 3.0])
+def test_a_scaled_design_that_cannot_be_built_is_refused_before_the_kernel_runs(factor):
+    with pytest.raises(InputError, match="fails"):
+        _scaled(factor)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [1.0, 1.2])
+def test_every_part_of_a_scaled_design_has_its_volume(factor, cq):
+    design = _scaled(factor)
+    for part in registry.of_design():
+        low, high = expected(part, design).volume_mm3
+        found = build_part(part, design)[1].volume_mm3
+        assert low * (1 - 1e-6) <= found <= high * (1 + 1e-6)
 
 
 def _underside_mm(solid, x_mm, y_mm):

@@ -93,16 +93,19 @@ def test_set_changes_numbers_words_and_lists():
         ("skn.width_mm=44", "skn: unknown key; did you mean 'skin'"),
         ("skin.width_mm=wide", "skin.width_mm: Input should be a valid number"),
         ("skin.width_mm=nan", "skin"),
-        ("skin.width_mm=0", "5 <= width_mm <= 200: 0 fails"),
+        ("skin.width_mm=0", "skin.width_mm: Input should be greater than or equal to 5 (got 0)"),
         ("skin.edge_fillet_mm=6", "edge_fillet_mm < protrusion_mm"),
         ("screw.thread=M4", "thread: expected one of M1.6, M2, M2.5, M3: 'M4' fails"),
         ("mount.kind=hook", "mount.kind"),
         ("mount.screw=M7", "one of M2, M2.5, M3"),
         ('camera.measured=["pixel_um"]', "measured: of board_width_mm"),
-        ("light.supply_v=12", "4.5 <= supply_v <= 5.5: 12 fails"),
-        ("light.resistor_ohm=1", "20 <= resistor_ohm"),
-        ("screw.tip_clearance_mm=0", "0.5 <= tip_clearance_mm"),
-        ("mold.base_mm=0.5", "1.5 <= base_mm"),
+        ("light.supply_v=12", "light.supply_v: Input should be less than or equal to 5.5 (got 12)"),
+        ("light.resistor_ohm=1", "light.resistor_ohm: Input should be greater than or equal to 20"),
+        (
+            "screw.tip_clearance_mm=0",
+            "tip_clearance_mm: Input should be greater than or equal to 0.5",
+        ),
+        ("mold.base_mm=0.5", "mold.base_mm: Input should be greater than or equal to 1.5"),
         ("light.led_count=2.5", "light.led_count"),
     ],
 )
@@ -200,9 +203,9 @@ def test_every_dimension_has_a_meaning_and_a_default_within_its_limits():
     for section in dataclasses.fields(design):
         record = getattr(design, section.name)
         for f in dataclasses.fields(record):
-            assert f.metadata["meaning"], f.name
-            if "low" in f.metadata:
-                assert f.metadata["low"] <= getattr(record, f.name) <= f.metadata["high"]
+            assert f.metadata["description"], f.name
+            if "ge" in f.metadata:
+                assert f.metadata["ge"] <= getattr(record, f.name) <= f.metadata["le"]
 
 
 def test_screws_that_no_shop_stocks_are_told():

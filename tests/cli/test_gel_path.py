@@ -79,7 +79,7 @@ def test_what_is_solved_ahead_is_found_again_and_by_run(tmp_path: Path) -> None:
     assert again.exit_code == 0
     assert again.stdout.count("store") == 2
     assert " 0 knots solved" in again.stdout
-    summary = experiment.run(protocol, rig, tmp_path / "run")
+    summary = experiment.run(experiment.RunRequest(protocol, rig, tmp_path / "run"))
     assert any(note.startswith("0 contact problems solved, 4 found") for note in summary["notes"])
 
 

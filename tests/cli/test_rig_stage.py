@@ -190,10 +190,7 @@ def test_ctrl_c_stops_a_jog(tmp_path: Path) -> None:
         it.does("home", "--yes", "--tip-is-clear")
         before = len(it.segments())
         words = ["rig", "jog", str(it.file), "-10", "0", "0", "--feed", "60"]
-        code = (
-            "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-            "from deltact_fab.cli.main import entry; entry()"
-        )
+        code = "from deltact_fab.cli.main import entry; entry()"
         host = subprocess.Popen(
             [sys.executable, "-c", code, *words], stderr=subprocess.PIPE, text=True
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deltact_fab.elasticity.bricks import BrickBox, stiffness
+from deltact_fab.elasticity.edge_compliance import BrickBox, stiffness
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel.finite import block_mesh
 from deltact_fab.gel.finite.assembly import BulkAssembly

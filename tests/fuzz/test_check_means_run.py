@@ -59,11 +59,13 @@ def outcome(number: int, folder: Path) -> tuple[bool, bool, str]:
     protocol, rig = folder / f"{number}.toml", folder / "rig.toml"
     protocol.write_bytes(toml(drawn(number)))
     try:
-        passes = all(row.ok for row in experiment.checks(str(protocol), str(rig), out=folder))
+        passes = all(
+            row.ok for row in experiment.RunRequest(str(protocol), str(rig), out=folder).checks()
+        )
     except DeltactFabError:
         passes = False
     try:
-        experiment.run(str(protocol), str(rig), folder / f"run-{number}")
+        experiment.run(experiment.RunRequest(str(protocol), str(rig), folder / f"run-{number}"))
     except Stopped:
         return passes, True, ""
     except DeltactFabError as why:
@@ -77,7 +79,7 @@ def agree(numbers: range, folder: Path, monkeypatch: pytest.MonkeyPatch) -> int:
     monkeypatch.chdir(folder)
     stop_at_first_motion(monkeypatch.setattr)
     # Forces only warn on a virtual rig, and are not what is asked here.
-    monkeypatch.setattr(experiment.request.Asked, "warnings", lambda self, progress: [])
+    monkeypatch.setattr(experiment.RunRequest, "warnings", lambda self: [])
     monkeypatch.setattr("deltact_fab.preflight.predict", lambda *a, **k: None)
     begun = 0
     for number in numbers:
@@ -115,5 +117,5 @@ def test_what_run_refuses_is_a_row(
     (tmp_path / "p.toml").write_bytes(toml({**base, **change}))
     (tmp_path / "rig.toml").write_bytes(toml(VIRTUAL))
     monkeypatch.chdir(tmp_path)
-    failed = [r.name for r in experiment.checks("p.toml", "rig.toml") if not r.ok]
+    failed = [r.name for r in experiment.RunRequest("p.toml", "rig.toml").checks() if not r.ok]
     assert failed == [row]

@@ -27,7 +27,7 @@ def cases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cases:
     protocol, rig = tmp_path / "tiny.toml", tmp_path / "rig.toml"
     protocol.write_bytes(toml(TINY))
     rig.write_bytes(toml(VIRTUAL))
-    experiment.run(str(protocol), str(rig), tmp_path / "run", seed=3)
+    experiment.run(experiment.RunRequest(str(protocol), str(rig), tmp_path / "run", seed=3))
     tracking_error.analyse(tmp_path / "run", ["dis-fast"]).save(tmp_path / "run" / "analysis")
     headline = Headline("error", 0.3, "mm", 0.2, 0.4, "5 seeds")
     study = StudyResult(

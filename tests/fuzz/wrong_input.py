@@ -125,7 +125,7 @@ def keys(kind: Any, at: Path_ = ()) -> Iterator[tuple[Path_, list[Any]]]:
         elif dataclasses.is_dataclass(option) and isinstance(option, type):
             hints = typing.get_type_hints(option)
             for one in dataclasses.fields(option):
-                ends = [one.metadata[end] for end in ("low", "high") if end in one.metadata]
+                ends = [one.metadata[end] for end in ("ge", "le") if end in one.metadata]
                 fields[one.name] = hints[one.name], ends
         for name, (inner, ends) in fields.items():
             yield (*at, name), ends

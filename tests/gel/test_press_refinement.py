@@ -215,7 +215,7 @@ def test_a_start_from_a_coarser_mesh_changes_the_work_and_not_the_answer() -> No
 
 @pytest.mark.slow
 def test_what_the_contacts_give_takes_of_the_force_is_its_energys_slope() -> None:
-    from deltact_fab.gel.finite.penalty_correction import lacking_n
+    from deltact_fab.gel.finite.gel import lacking_n
     from deltact_fab.gel.open import contact_of
 
     skin, ball, gel = SkinDimensions(), parse("sphere:8"), GelMaterial(friction=0.0)

@@ -13,7 +13,7 @@ from deltact_fab.measure.lens.problem import BoardView
 from deltact_fab.measure.lens.trust import view_mm
 from deltact_fab.optics import Fisheye
 from deltact_fab.shapes import SensorDimensions
-from deltact_fab.virtual.boards import ON_FACE, BoardPose
+from deltact_fab.virtual.photographs import ON_FACE, BoardPose
 
 DESIGN = SensorDimensions()
 SKIN = Checkerboard(23, 23, 1.5, skin=True)

@@ -16,7 +16,7 @@ from deltact_fab.imaging import ImageSensor
 from deltact_fab.measure.lens import Checkerboard
 from deltact_fab.measure.lens.corners import find
 from deltact_fab.optics import Fisheye
-from deltact_fab.virtual.boards import ON_FACE, BoardPose, Studio
+from deltact_fab.virtual.photographs import ON_FACE, BoardPose, Studio
 
 PLATE = Checkerboard(9, 7, 3.0)
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from deltact_fab.errors import InputError
 from deltact_fab.measure.lens import Calibration, Checkerboard, calibrate, of_corners
 from deltact_fab.measure.lens.problem import BoardView
-from deltact_fab.virtual.boards import BoardPose
+from deltact_fab.virtual.photographs import BoardPose
 
 SIZE_PX = (1280, 720)
 PLATE = Checkerboard(9, 7, 3.0)

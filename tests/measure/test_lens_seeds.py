@@ -11,7 +11,7 @@ from deltact_fab.measure.lens import Calibration, Checkerboard, of_corners
 from deltact_fab.measure.lens.corners import find
 from deltact_fab.measure.lens.problem import BoardView
 from deltact_fab.optics import Fisheye
-from deltact_fab.virtual.boards import ON_FACE, Studio
+from deltact_fab.virtual.photographs import ON_FACE, Studio
 
 PLATE = Checkerboard(9, 7, 3.0)
 SEEDS = range(10)

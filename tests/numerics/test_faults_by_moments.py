@@ -14,7 +14,7 @@ from deltact_fab.numerics.engines import bench
 from deltact_fab.numerics.faults.cell import Matrix
 from deltact_fab.numerics.faults.disk import Disk, small_disk
 from deltact_fab.numerics.faults.kinds import FAULTS, MOMENTS, PRESS, TRAVEL, WRITING, FaultKind
-from deltact_fab.numerics.judge import judge
+from deltact_fab.numerics.stability import judge
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs POSIX limits and locks")
 

@@ -12,7 +12,7 @@ from deltact_fab.imaging import ImageSensor
 from deltact_fab.measure.flow import FlowTracker
 from deltact_fab.numerics.engines import flow, flow_frames, flow_hard
 from deltact_fab.numerics.engines.flow_frames import CAMERA, STAR, FlowSequence, Vectors
-from deltact_fab.numerics.judge import judge
+from deltact_fab.numerics.stability import judge
 
 
 def pixels() -> tuple[flow_frames.Field, flow_frames.Field]:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from deltact_fab.numerics.engine import Flagged
-from deltact_fab.numerics.engines import gel_reference, gel_run, gel_scene
-from deltact_fab.numerics.engines.gel_finite import PressSetup
+from deltact_fab.numerics.engines import gel_press, gel_run, gel_scene
+from deltact_fab.numerics.engines.gel_press import PressSetup
 from deltact_fab.numerics.engines.gel_scene import FiniteSolution, GelCase
 
 
@@ -17,24 +17,24 @@ def test_extrapolation_removes_an_error_of_second_order() -> None:
     field = np.random.default_rng(0).standard_normal((5, 4, 2))
     off = np.random.default_rng(1).standard_normal((5, 4, 2))
     cells = (0.75, 0.5)
-    found = gel_reference.extrapolated(
+    found = gel_press.extrapolated(
         [40 + 3 * h**2 for h in cells], [field + off * h**2 for h in cells], cells[0] / cells[1]
     )
     assert found.normal_n == pytest.approx(40, rel=1e-12)
     assert np.abs(found.in_plane_mm - field).max() < 1e-12
     assert found.force_error == pytest.approx(100 * (1 - 40 / 40.75), rel=1e-9)
-    assert found.in_plane_error == pytest.approx(0.25 * gel_reference.rms_mm(off), rel=1e-9)
+    assert found.in_plane_error == pytest.approx(0.25 * gel_press.rms_mm(off), rel=1e-9)
 
 
 def test_a_quarter_is_the_whole() -> None:
     one, four = (
         gel_run.solve(PressSetup("hyperelastic", 2.0, 0.0, 2.5, p)) for p in ("quarter", "whole")
     )
-    truth = gel_reference.PunchReference(four.normal_n, four.in_plane_mm, 0.0, 0.0)
-    force, in_plane = gel_reference.errors(one, truth)
+    truth = gel_press.PressReference(four.normal_n, four.in_plane_mm, 0.0, 0.0)
+    force, in_plane = gel_press.errors(one, truth)
     assert abs(force) < 1e-6
     assert in_plane < 1e-9
-    assert gel_reference.rms_mm(four.in_plane_mm) > 0.005
+    assert gel_press.rms_mm(four.in_plane_mm) > 0.005
 
 
 def test_linear_levels_answer_on_the_same_lattice() -> None:
@@ -84,11 +84,11 @@ def test_shear_beyond_the_cone_is_seen() -> None:
     "what",
     [
         pytest.param(what, marks=pytest.mark.slow if what[2] else pytest.mark.evidence)
-        for what in gel_reference.OWN_ERROR
+        for what in gel_press.OWN_ERROR
     ],
 )
 def test_a_reference_is_as_good_as_it_says(what: tuple[float, float, bool]) -> None:
-    truth = gel_reference.reference(*what)
-    force, in_plane = gel_reference.OWN_ERROR[what]
+    truth = gel_press.reference(*what)
+    force, in_plane = gel_press.OWN_ERROR[what]
     assert truth.force_error <= force * 1.1
     assert truth.in_plane_error <= in_plane * 1.1

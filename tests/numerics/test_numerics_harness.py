@@ -20,7 +20,7 @@ from deltact_fab.numerics.work_precision import CurveRow
 TOY = """
 import os, time
 from deltact_fab.errors import RunFailed
-from deltact_fab.numerics.engine import Case, Engine, Flagged, Setting, Work
+from deltact_fab.numerics.engine import Case, CurveSetting, Engine, Flagged, Work
 
 def build(n, scratch):
     calls = []
@@ -36,7 +36,7 @@ def build(n, scratch):
     return Work(run, lambda result: 1.0 / n if result[1:] == ("1", 1) else float("nan"))
 
 def curves(quick):
-    return [Setting("toy", "s", f"n = {n}", "mm", "the truth", 1e-9,
+    return [CurveSetting("toy", "s", f"n = {n}", "mm", "the truth", 1e-9,
                     lambda scratch, n=n: build(n, scratch)) for n in (1, 2)]
 
 def refuse(words, kind=RunFailed):
@@ -138,8 +138,11 @@ def test_pareto_front() -> None:
 
     rows = [row("a", 1, 4), row("a", 2, 2), row("a", 3, 3), row("a", 4, 1), row("a", 0.5, None),
             row("b", 9, 9)]  # fmt: skip
-    marks = [r.pareto for r in work_precision.with_pareto(rows)]
+    marks = [r.pareto for r in work_precision.compared(rows)]
     assert marks == [True, True, False, True, False, True]
+    ratios = [r.times_as_fast for r in work_precision.compared(rows)]
+    assert ratios == [1, 0.5, pytest.approx(1 / 3), 0.25, 2, 1]
+    assert {r.baseline for r in work_precision.compared(rows)} == {"s, n"}
 
 
 def test_a_wrong_row_fails_the_command_and_stays_in_every_file(toy: str, tmp_path: Path) -> None:
@@ -191,8 +194,8 @@ def test_everything_end_to_end(
     monkeypatch.setenv("DELTACT_FAB_CACHE", str(tmp_path))
     found = harness.run(quick=quick)
     assert [f"{r.engine}: {r.case}: {r.note or r.figure}" for r in found.wrong] == []
-    assert {r.engine for r in found.curves} == {r.engine for r in found.stability}
-    assert {r.engine for r in found.curves} == set(engines.REGISTRY)
+    assert {r.engine for r in found.stability} == set(engines.REGISTRY)
+    assert {r.engine for r in found.curves} == set(engines.REGISTRY) - {"bench"}
 
 
 @pytest.mark.slow

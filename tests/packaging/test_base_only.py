@@ -87,7 +87,6 @@ LACKS = {
     "demo": "report",
     "record export RUN --format mcap -o run.mcap": "export",
     "record export RUN --format parquet --out run": "export",
-    "numerics cad --quick": "cad",
 }
 
 

@@ -36,15 +36,15 @@ def test_whole_patches(size_mm, patch_mm, n):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"r": 1.0}, "p.toml: r: the randomness factor must be 0 <= r < 1, as in 0.1 (got 1.0)"),
+        ({"r": 1.0}, "p.toml: r: Input should be less than 1 (got 1.0)"),
         ({"r": -0.1}, "p.toml: r: "),
         ({"r": float("nan")}, "p.toml: r: "),
         ({"r": None}, "p.toml: r: law 'algorithm1' needs it"),
-        ({"patch_mm": 0.0}, "p.toml: patch_mm: the patch size d must be above 0 mm"),
+        ({"patch_mm": 0.0}, "p.toml: patch_mm: Input should be greater than 0 (got 0.0)"),
         ({"patch_mm": float("inf")}, "p.toml: patch_mm: "),
         ({"patch_mm": 36.0}, "p.toml: patch_mm: the patch size d must be at most the side, 35 mm"),
         ({"patch_mm": 0.001}, "p.toml: patch_mm: makes 3.5e+04 patches a side; at most 2000"),
-        ({"size_mm": float("nan")}, "p.toml: size_mm: the side must be 1 to 300 mm"),
+        ({"size_mm": float("nan")}, "p.toml: size_mm: Input should be a finite number (got nan)"),
         ({"seed": -1}, "p.toml: seed: "),
         ({"seed": 1.5}, "p.toml: seed: "),
         ({"sede": 1}, "p.toml: sede: unknown key; did you mean 'seed'?"),

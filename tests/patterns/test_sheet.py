@@ -11,13 +11,14 @@ import tracemalloc
 import numpy as np
 import pytest
 from PIL import Image
+from png_rows import unfiltered
 
 from deltact_fab.errors import InputError
 from deltact_fab.patterns import draw_patches, load_recipe, raster, recipe_from, recipe_from_options
 from deltact_fab.patterns.sheet import job as sheet
 from deltact_fab.patterns.sheet.layout import Sheet
 from deltact_fab.patterns.sheet.marks import CellGrid, width_mm, wrapped
-from deltact_fab.patterns.sheet.pixels import NONE, SUB, packed, unfiltered
+from deltact_fab.patterns.sheet.pixels import NONE, SUB, packed
 from deltact_fab.pdf import width_em
 
 PLAIN = recipe_from_options(None, 0.2, 0.3, size_mm=6.0)

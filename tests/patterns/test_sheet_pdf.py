@@ -7,13 +7,13 @@ import re
 import shutil
 import subprocess
 import zlib
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 import pytest
+from png_rows import unfiltered
 
-from deltact_fab.numerics.engines.sheet import edge_error_mm, read_back
 from deltact_fab.patterns import draw_patches, load_recipe, raster, recipe_from, recipe_from_options
 from deltact_fab.patterns.code import decode
 from deltact_fab.patterns.sheet import job as sheet
@@ -66,6 +66,42 @@ def placed_images(data):
             assert len(raw) == height * (width * colours + 1)
             out.append((k, [float(v) for v in matrix.split()], width, height, head))
     return out
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedPicture:
+    """Size (x, y) in mm by the page's matrix, and the pixels (h, w, 3)."""
+
+    size_mm: tuple[float, float]
+    pixels: np.ndarray
+
+
+def read_back(path):
+    """The first colour picture of a PDF; nothing of the writer's own report is used."""
+    every = objects(path.read_bytes())
+    pictures = [stream(b) for b in every.values() if b"/DeviceRGB" in b]
+    head, raw = pictures[0]
+    matrix = next(i[1] for i in placed_images(path.read_bytes()) if "/DeviceRGB" in i[4])
+    pixels = unfiltered(raw, int(re.search(r"/Width (\d+)", head)[1]), 3)
+    return PlacedPicture((matrix[0] * 25.4 / 72, matrix[3] * 25.4 / 72), pixels)
+
+
+def edge_error_mm(recipe, found):
+    """Worst patch edge of a file against k d about the picture's centre; inf when one is missing.
+
+    Needs a pattern whose every row and column differs somewhere from the one before.
+    """
+    worst_mm = 0.0
+    true_mm = (np.arange(1, recipe.n) - recipe.n / 2) * (recipe.printed_mm / recipe.n)
+    for axis in (0, 1):
+        other = tuple(k for k in range(3) if k != axis)
+        steps = np.diff(found.pixels.astype(np.int16), axis=axis).any(axis=other)
+        changes = np.flatnonzero(steps)
+        if len(changes) != recipe.n - 1:
+            return np.inf
+        edges_mm = ((changes + 1) / found.pixels.shape[axis] - 0.5) * found.size_mm[1 - axis]
+        worst_mm = max(worst_mm, float(np.abs(edges_mm - true_mm).max(initial=0.0)))
+    return worst_mm
 
 
 def media_mm(data):
@@ -291,3 +327,21 @@ def test_the_files_side_is_the_one_that_is_reported(tmp_path, scale):
         assert errors_um == pytest.approx([9.5, -4.0, -0.2], abs=0.05)
         assert "    side 35 mm, in the file 35.00947 mm (+9.5 um)" in made.lines()
         assert made.as_dict()["stickers"][1]["file_side_mm"][1] == pytest.approx(34.94597, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("d_mm", "r", "size_mm", "dpi"),
+    [
+        (25.4 / 1200, 0.1, 10.0, 1200),  # a patch of one printer dot
+        (35.0, 0.1, 35.0, 1200),
+        (1.0, 0.1, 35.0, 100),
+        (0.2, 0.1, 10.0, 9600),
+        (0.075, 0.9999, 10.0, 1200),
+    ],
+)
+def test_the_pixels_in_the_file_are_the_recipes_at_its_ends(tmp_path, d_mm, r, size_mm, dpi):
+    recipe = recipe_from_options(None, d_mm, r, size_mm=size_mm)
+    made = sheet.write([recipe], tmp_path / "s.pdf", dpi=dpi)
+    whole = made.stickers[0].embedding == "patches"
+    want = draw_patches(recipe) if whole else raster(recipe, dpi)
+    assert np.array_equal(read_back(made.out).pixels, want)

@@ -12,7 +12,8 @@ from click.testing import CliRunner
 from deltact_fab import experiment
 from deltact_fab.cli.main import main
 from deltact_fab.errors import InputError
-from deltact_fab.protocols import budget, limits, plan
+from deltact_fab.preflight.needs import budget
+from deltact_fab.protocols import limits, plan
 from deltact_fab.protocols.limits import LimitCheck
 from deltact_fab.protocols.plan import Protocol
 from deltact_fab.rig import config
@@ -32,7 +33,7 @@ def rows(protocol: Protocol, out: Path, **more: object) -> dict[str, LimitCheck]
     box = config.load("virtual")[0].stage.box
     estimate = limits.estimate(protocol, 1280 * 720, box)
     arguments: dict[str, object] = {"held_hz": 50.0, **more}
-    found = budget.check(protocol, plan.expand(protocol), estimate, out, **arguments)  # type: ignore[arg-type]
+    found = budget(protocol, plan.expand(protocol), estimate, out, **arguments)  # type: ignore[arg-type]
     return {row.name: row for row in found}
 
 
@@ -59,7 +60,7 @@ def test_days_are_warned_of_and_months_refused(tmp_path: Path) -> None:
     )
     for days, ok, warns in ((0.9, True, False), (2, True, True), (31, False, False)):
         taken = replace(estimate, seconds=days * 86400)
-        found = budget.check(hour, steps, taken, tmp_path, None)[1]
+        found = budget(hour, steps, taken, tmp_path, None)[1]
         assert (found.ok, found.warns) == (ok, warns), days
         assert found.figure == pytest.approx(24 * days)
 
@@ -69,10 +70,10 @@ def test_the_disk_that_is_judged_is_that_of_the_run(tmp_path: Path) -> None:
     assert str(tmp_path) in found.where
     box = config.load("virtual")[0].stage.box
     huge = replace(limits.estimate(SMOKE, 1, box), disk_mb=3.5e9)
-    found = budget.check(SMOKE, plan.expand(SMOKE), huge, tmp_path, None)[2]
+    found = budget(SMOKE, plan.expand(SMOKE), huge, tmp_path, None)[2]
     assert not found.ok
     assert found.figure > found.bound
-    there = budget.check(SMOKE, plan.expand(SMOKE), huge, tmp_path, None, kept_mb=3.5e9)[2]
+    there = budget(SMOKE, plan.expand(SMOKE), huge, tmp_path, None, kept_mb=3.5e9)[2]
     assert there.figure == 0.0  # what a run that goes on has already is not needed again
 
 
@@ -114,9 +115,9 @@ def test_check_has_the_rows_and_run_refuses(tmp_path: Path) -> None:
     slow.write_text(text.replace("press_feed_mm_min = 30.0", "press_feed_mm_min = 0.5"))
     done = CliRunner().invoke(main, ["protocol", "check", str(slow), "--air", "--json"])
     assert done.exit_code == 1
-    found = {row["name"]: row["ok"] for row in json.loads(done.output)}
+    found = {row["name"]: row["ok"] for row in json.loads(done.stdout)}
     assert not found["least feed"]
     assert {"time", "disk", "camera rate"} <= found.keys()
     with pytest.raises(InputError, match="least feed"):
-        experiment.run(str(slow), "virtual", tmp_path / "run")
+        experiment.run(experiment.RunRequest(str(slow), "virtual", tmp_path / "run"))
     assert not (tmp_path / "run").exists()

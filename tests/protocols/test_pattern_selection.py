@@ -70,7 +70,7 @@ def test_no_two_frames_of_a_press_are_more_than_a_fifth_of_a_millimetre_apart(
 
 
 def test_every_check_passes_on_the_virtual_rig() -> None:
-    rows = experiment.checks(NAME, "virtual")
+    rows = experiment.RunRequest(NAME, "virtual").checks()
     assert [r.line() for r in rows if not r.ok] == []
     reach = {r.what: r.figure for r in rows if r.name.startswith("footprint")}
     assert reach == pytest.approx({"reach in x (mm)": 17.5, "reach in y (mm)": 16.5})
@@ -107,7 +107,7 @@ def test_a_linear_run_is_refused_before_anything_moves(level: str, tmp_path: Pat
     with pytest.raises(
         InputError, match=rf"10 mm is over 3 mm.*level '{level}'.*needs the level 'hyperelastic'"
     ) as e:
-        experiment.run(str(protocol), "virtual", out)
+        experiment.run(experiment.RunRequest(str(protocol), "virtual", out))
     assert "\n" not in str(e.value)
     assert "linear.toml" in str(e.value)
     assert not out.exists()

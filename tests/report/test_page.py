@@ -16,7 +16,7 @@ import pytest
 from deltact_fab import record
 from deltact_fab.analysis.measured import measured
 from deltact_fab.analysis.tracking_error import TrackingResult, analyse, judge
-from deltact_fab.report import figures, tracking_figures
+from deltact_fab.report import figures, run_figures
 from deltact_fab.report.page import write
 
 
@@ -121,7 +121,7 @@ def test_the_figure_draws_the_front_of_those_to_be_believed(result: TrackingResu
     lying = {**good, "name": "dis-ultrafast", "confident_wrong_share": 0.2}
     drawn = {}
     for rows in ([good, slow, lying], [lying]):
-        figure = tracking_figures.error_by_time(rows, judge(rows, True), 0.08, True)
+        figure = run_figures.error_by_time(rows, judge(rows, True), 0.08, True)
         assert figure is not None
         (axis,) = figure.axes
         drawn[len(rows)] = [line for line in axis.lines if "front" in str(line.get_label())]
@@ -131,7 +131,7 @@ def test_the_figure_draws_the_front_of_those_to_be_believed(result: TrackingResu
     assert front.get_ydata()[:2] == pytest.approx([0.02, 0.01])
     unknown = [{**good, "mean_off_dots_mm": None, "mean_at_dots_mm": None,
                 "mean_confident_mm": None, "coverage": None}]  # fmt: skip
-    assert tracking_figures.error_by_time(unknown, judge(unknown, False), 0.08, False) is None
+    assert run_figures.error_by_time(unknown, judge(unknown, False), 0.08, False) is None
 
 
 def test_the_table_holds_the_computed_figures(page: str, result: TrackingResult) -> None:
@@ -142,7 +142,7 @@ def test_the_table_holds_the_computed_figures(page: str, result: TrackingResult)
 def test_figures_are_the_same_bytes_each_time(result: TrackingResult) -> None:
     drawn = []
     for _ in range(2):
-        figure = tracking_figures.error_by_indenter(result.by_indenter, result.verdict, 0.08)
+        figure = run_figures.error_by_indenter(result.by_indenter, result.verdict, 0.08)
         assert figure is not None
         drawn.append(figures.to_svg(figure))
     assert drawn[0] == drawn[1]
@@ -159,7 +159,9 @@ def test_a_run_in_which_nothing_moved_enough_still_has_a_report(
     text = mini[0].read_text().replace('"sphere:10", "4dots"', '"sphere:10"')
     text = text.replace('[shear]\namplitude_mm = 1.5\naxes = ["x"]\n', "").replace(', "shear"', "")
     (tmp_path / "touch.toml").write_text(text.replace("[1.0]", "[0.3]"))
-    experiment.run(str(tmp_path / "touch.toml"), str(mini[1]), tmp_path / "r", seed=3)
+    experiment.run(
+        experiment.RunRequest(str(tmp_path / "touch.toml"), str(mini[1]), tmp_path / "r", seed=3)
+    )
     touched = analyse(tmp_path / "r", ["dis-fast"])
     assert touched.methods[0]["mean_off_dots_mm"] is None
     page = write(tmp_path / "r", tmp_path / "r.html", touched).read_text()

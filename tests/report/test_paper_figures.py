@@ -10,7 +10,7 @@ import pytest
 from made_up_study import bars, picture, study
 from matplotlib.text import Text
 
-from deltact_fab.report import figures, paper_figures
+from deltact_fab.report import figures
 from deltact_fab.report.result import ReportFigure
 
 
@@ -23,28 +23,28 @@ def width_pt(svg: bytes) -> float:
 @pytest.mark.slow
 def test_every_figure_is_written_twice_and_the_same_again(tmp_path: Path) -> None:
     two = replace(study(), figures=study().figures[:2])
-    files = paper_figures.save(two, tmp_path / "a")
+    files = figures.save(two, tmp_path / "a")
     assert [path.name for path in files] == [
         "bars.svg",
         "bars.pdf",
         "picture.svg",
         "picture.pdf",
     ]
-    again = paper_figures.save(two, tmp_path / "b")
+    again = figures.save(two, tmp_path / "b")
     assert [p.read_bytes() for p in files] == [p.read_bytes() for p in again]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("column", "width_in"), [(True, 3.5), (False, 7.16)])
 def test_width_letters_and_fonts(tmp_path: Path, column: bool, width_in: float) -> None:
-    figure = paper_figures.draw(ReportFigure("bars", "", bars, column))
+    figure = figures.draw(ReportFigure("bars", "", bars, column))
     assert figure.get_size_inches()[0] == pytest.approx(width_in)
     assert figure.get_size_inches()[1] <= 0.7 * width_in
-    assert not paper_figures.runs_over(figure)
+    assert not figures.runs_over(figure)
     sizes = {t.get_fontsize() for t in figure.findobj(Text) if t.get_text()}
-    assert min(sizes) >= paper_figures.SMALLEST_PT
+    assert min(sizes) >= figures.SMALLEST_PT
     assert max(sizes) == figures.PAPER_PT
-    svg, pdf = (paper_figures.as_bytes(figure, kind) for kind in paper_figures.FORMATS)
+    svg, pdf = (figures.as_bytes(figure, kind) for kind in figures.FORMATS)
     assert width_pt(svg) == pytest.approx(72 * width_in, abs=0.1)
     assert b"<text" in svg
     assert b"mean error, mm" in svg
@@ -54,7 +54,7 @@ def test_width_letters_and_fonts(tmp_path: Path, column: bool, width_in: float) 
 
 
 def test_a_title_wider_than_its_axes_is_broken_and_no_word_is_lost() -> None:
-    figure = paper_figures.draw(ReportFigure("bars", "", bars, True))
+    figure = figures.draw(ReportFigure("bars", "", bars, True))
     title = figure.axes[0].get_title(loc="left")
     assert "\n" in title
     assert title.replace("\n", " ") == bars().axes[0].get_title(loc="left")
@@ -67,14 +67,14 @@ def test_what_runs_over_makes_the_figure_larger() -> None:
         axis.set_ylabel("a label that nothing makes room for\n" * 8)
         return figure
 
-    figure = paper_figures.draw(ReportFigure("over", "", over, True))
-    assert paper_figures.runs_over(figure)
-    assert width_pt(paper_figures.as_bytes(figure, "svg")) > 72 * 3.5 + 5
+    figure = figures.draw(ReportFigure("over", "", over, True))
+    assert figures.runs_over(figure)
+    assert width_pt(figures.as_bytes(figure, "svg")) > 72 * 3.5 + 5
 
 
 def test_a_picture_is_a_raster_in_the_vector() -> None:
-    figure = paper_figures.draw(ReportFigure("picture", "", picture, True))
-    assert b"<image" in paper_figures.as_bytes(figure, "svg")
+    figure = figures.draw(ReportFigure("picture", "", picture, True))
+    assert b"<image" in figures.as_bytes(figure, "svg")
 
 
 def test_the_page_is_drawn_at_its_own_size_afterwards() -> None:

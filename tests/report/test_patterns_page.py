@@ -12,7 +12,7 @@ import pytest
 
 from deltact_fab.errors import InputError
 from deltact_fab.patterns.series import job as series
-from deltact_fab.report import figures, pattern_figures, patterns_page
+from deltact_fab.report import figures, patterns_page
 
 
 class Seen(HTMLParser):
@@ -136,7 +136,7 @@ def test_the_same_folder_gives_the_same_page(report: series.SeriesReport, page: 
 
 def test_the_charts_draw_the_figures(report: series.SeriesReport) -> None:
     rows = report.figures["patterns"]
-    chart = pattern_figures.coarse_contrast_by_patch(rows)
+    chart = patterns_page.coarse_contrast_by_patch(rows)
     for axis, level in zip(chart.axes, (3, 4), strict=True):
         drawn = {line.get_label(): line.get_xydata().tolist() for line in axis.get_lines()}
         expected: dict[str, list[list[float]]] = {}

@@ -11,7 +11,7 @@ from matplotlib.collections import QuadMesh
 from matplotlib.quiver import Quiver
 
 from deltact_fab.analysis.shape import ShapeMaps
-from deltact_fab.report import force_map_figures, maps, shape_figures
+from deltact_fab.report import maps, shape_figures
 from deltact_fab.report.figures import to_svg
 
 X, Y = np.linspace(-10, 10, 81), np.linspace(-8, 8, 65)
@@ -91,7 +91,7 @@ def test_found_and_true_forces_have_one_scale_and_the_contact_in_white() -> None
     nodes = np.linspace(-18, 18, 30)
     true = np.zeros((30, 30, 3))
     true[..., 2] = -2 * np.exp(-(nodes**2 + nodes[:, None] ** 2) / 6)
-    figure = force_map_figures.distribution(
+    figure = shape_figures.distribution(
         with_field(**WITH_TRUTH, true_traction_mpa=true, face_x_mm=nodes, face_y_mm=nodes), "run"
     )
     titles = {axis.get_title(): axis for axis in figure.axes}
@@ -110,7 +110,7 @@ def test_found_and_true_forces_have_one_scale_and_the_contact_in_white() -> None
 
 
 def test_arrows_are_sparse_and_leave_out_what_is_not_known() -> None:
-    figure = force_map_figures.distribution(with_field(), "")
+    figure = shape_figures.distribution(with_field(), "")
     flow = next(axis for axis in figure.axes if axis.get_title().startswith("flow"))
     (arrows,) = (part for part in flow.collections if isinstance(part, Quiver))
     steps = np.diff(np.unique(arrows.X))
@@ -121,9 +121,9 @@ def test_arrows_are_sparse_and_leave_out_what_is_not_known() -> None:
 
 
 def test_no_field_no_figure() -> None:
-    assert not force_map_figures.has_field(picture())
+    assert not shape_figures.has_field(picture())
     with pytest.raises(ValueError, match="no traction"):
-        force_map_figures.distribution(picture(), "")
+        shape_figures.distribution(picture(), "")
 
 
 def test_a_picture_comes_back_from_what_is_kept_of_it() -> None:

@@ -17,7 +17,7 @@ import pytest
 from made_up_study import study
 
 from deltact_fab.errors import InputError, RunFailed
-from deltact_fab.report import study_page, tables
+from deltact_fab.report import study_page
 from deltact_fab.report.result import Headline, LeftOut, ReportFigure, ReportTable, StudyResult
 from deltact_fab.report.study_folder import read_result
 
@@ -134,7 +134,7 @@ def test_missing_jobs_are_named_up_to_a_point(page: str) -> None:
 def test_columns_without_a_value_are_left_out_and_rows_of_long_tables(page: str) -> None:
     head, *rows = table_of(section(page, "Every point"))
     assert head == ["point", "normal, N"]
-    assert len(rows) == tables.FIRST_ROWS
+    assert len(rows) == study_page.FIRST_ROWS
     assert "The first 20 of 2070 rows are shown" in page
     text = page.partition('id="tsv-points"')[2].partition("</textarea>")[0].partition(">")[2]
     lines = text.strip().split("\n")
@@ -303,12 +303,12 @@ def test_ready_finds_a_folder_that_cannot_be(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_cells_are_for_people(value: object, shown: str) -> None:
-    assert tables.cell(value) == shown
+    assert study_page.cell(value) == shown
 
 
 def test_copied_text_has_all_digits_and_one_line_a_row() -> None:
     frame = pd.DataFrame({"a_mm": [1 / 3, np.nan], "b": ["x\ty", "two\nlines"]})
-    assert tables.tsv(frame) == "a_mm\tb\n0.3333333333333333\tx y\n\ttwo lines\n"
+    assert study_page.tsv(frame) == "a_mm\tb\n0.3333333333333333\tx y\n\ttwo lines\n"
 
 
 def test_headline_goals() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from deltact_fab.report.tidy import tidied
+from deltact_fab.report.templating import tidied
 
 
 def table(*rows: str, attributes: str = "") -> str:

@@ -6,10 +6,15 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+import pytest
+
 from deltact_fab.rig.clock import WallClock
+from deltact_fab.rig.stage.exchange import Talk
 from deltact_fab.virtual.controller import GrblController
 from deltact_fab.virtual.pty import PtyCable
 
+# A board that does not restart on opening says nothing then, and 2.5 s are left for a boot loader.
+BANNER_S = 0.2
 # Homed within a second or so.
 QUICK = {24: 1200, 25: 1200, 26: 5, 27: 0.2, 120: 2000, 121: 2000, 122: 2000}
 
@@ -57,5 +62,6 @@ def await_(what: Callable[[], float | None], within_s: float = 30.0) -> float:
 def board(settings: dict[int, float] | None = None) -> Iterator[Board]:
     """A board that does not restart on opening, plugged in for as long as the context lasts."""
     it = Board(settings)
-    with it.terminal:
+    with pytest.MonkeyPatch.context() as patch, it.terminal:
+        patch.setattr(Talk.banner, "__defaults__", (BANNER_S,))
         yield it

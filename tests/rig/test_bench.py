@@ -100,10 +100,10 @@ def test_without_a_force_sensor_or_a_device_asked_for_nothing_is_opened(tmp_path
         for text in (Path(rig).read_text(), declared):
             Path(rig).write_text(text)
             with pytest.raises(InputError, match=r"bench\.toml: force: .* needs a force sensor"):
-                experiment.run(protocol, rig, tmp_path / "r")
+                experiment.run(experiment.RunRequest(protocol, rig, tmp_path / "r"))
         protocol, rig = files(tmp_path, board, '["image", "force"]')
         with pytest.raises(InputError, match=r"'image' asked for, .* has no \[camera\]"):
-            experiment.run(protocol, rig, tmp_path / "r", air=True)
+            experiment.run(experiment.RunRequest(protocol, rig, tmp_path / "r", air=True))
     assert board.saw["links"] == []
     assert not (tmp_path / "r").exists()
 
@@ -117,7 +117,11 @@ def test_the_port_is_closed_after_an_operator_s_stop_too(tmp_path: Path) -> None
     with powered() as board:
         protocol, rig = files(tmp_path, board)
         with pytest.raises(RunFailed, match="stopped by the operator"):
-            experiment.run(protocol, rig, tmp_path / "r", progress=press_ctrl_c, air=True)
+            experiment.run(
+                experiment.RunRequest(
+                    protocol, rig, tmp_path / "r", progress=press_ctrl_c, air=True
+                )
+            )
         board.off()  # while this process, which had the port, lives on
     assert board.saw["links"] == ["opened", "closed"]
 
@@ -128,12 +132,14 @@ def test_a_run_that_a_reboot_broke_off_goes_on_at_another_port(tmp_path: Path) -
     with powered(reboot_at_jog=10) as board:
         protocol, rig = files(tmp_path, board)
         with pytest.raises(RunFailed, match="restarted"):
-            experiment.run(protocol, rig, tmp_path / "r", air=True)
+            experiment.run(experiment.RunRequest(protocol, rig, tmp_path / "r", air=True))
         board.off()
     assert board.saw["links"] == ["opened", "closed"]
     with powered() as again:
         rig = str(rig_file(tmp_path, again.port))
-        summary = experiment.run(protocol, rig, tmp_path / "r", resume=True, air=True)
+        summary = experiment.run(
+            experiment.RunRequest(protocol, rig, tmp_path / "r", air=True), resume=True
+        )
     run = record.open(tmp_path / "r")
     steps = plan.expand(plan.load(protocol)[0], air=True)
     assert run.finished
@@ -157,6 +163,7 @@ def test_a_dry_run_asks_the_devices_and_moves_nothing(tmp_path: Path) -> None:
     assert board.saw["links"] == ["opened", "closed"]
 
 
+@pytest.mark.slow
 def test_an_operator_s_word_is_kept_with_the_run(tmp_path: Path) -> None:
     with powered() as board:
         protocol, rig = files(tmp_path, board)

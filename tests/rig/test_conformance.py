@@ -111,6 +111,7 @@ def assert_plain(identity: dict[str, Any]) -> None:
     assert json.loads(json.dumps(identity, allow_nan=False))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", cases(RIGS))
 def test_a_rig_names_its_devices_and_closes_twice(kind: str, build: Any) -> None:
     rig = build(kind)

@@ -53,7 +53,7 @@ def refused(
     protocol.write_text(PROTOCOL.format(indenters=indenters, channels=channels))
     bench.write_text(rig)
     with pytest.raises(InputError) as why:
-        experiment.run(str(protocol), str(bench), folder / "r", **words)  # type: ignore[arg-type]
+        experiment.run(experiment.RunRequest(str(protocol), str(bench), folder / "r", **words))  # type: ignore[arg-type]
     assert not (folder / "r").exists()
     assert "\n" not in str(why.value)
     return str(why.value)

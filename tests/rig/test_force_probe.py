@@ -40,6 +40,7 @@ def test_a_good_box_passes_with_what_it_is() -> None:
         assert part in text
 
 
+@pytest.mark.slow
 def test_what_is_wrong_says_what_would_be_right() -> None:
     with served(0.0) as box:
         lines = found(box, GuardConfig(force_n=60.0), range_n=(50.0, 50.0, 70.0))

@@ -21,10 +21,8 @@ from deltact_fab.rig.stage.grbl import GrblStage
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs pseudo terminals")
 
 DOWN, UP = b"Z-19.0000", b"Z-2.0000"  # in the jogs that go there
-# A shell starts what it puts in the background, this test perhaps, with Ctrl-C ignored.
 HOST = """
-import signal, sys
-signal.signal(signal.SIGINT, signal.default_int_handler)
+import sys
 from deltact_fab.optics import StageFrame
 from deltact_fab.rig.clock import WallClock
 from deltact_fab.rig.stage.grbl import GrblStage
@@ -112,12 +110,11 @@ def test_the_first_signal_stops_and_lets_the_lift_go_on() -> None:
 # A run in lockstep whose operator interrupts it in its first press, and again in the lift.
 RUN = """
 import os, signal
-signal.signal(signal.SIGINT, signal.default_int_handler)
 from deltact_fab.cli.main import entry
 from deltact_fab.rig.stage.grbl import GrblStage
 from deltact_fab.virtual import wire
 
-start_move, send = GrblStage.start_move, wire.Link.send
+start_move, send = GrblStage.start_move, wire.SerialLink.send
 pressed = False
 
 def interrupted(self, target_mm, feed_mm_min):
@@ -133,7 +130,7 @@ def watched(self, data):
     if data == bytes([0x18]):
         print(self.controller.state, flush=True)
 
-GrblStage.start_move, wire.Link.send = interrupted, watched
+GrblStage.start_move, wire.SerialLink.send = interrupted, watched
 entry()
 """
 

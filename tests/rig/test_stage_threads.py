@@ -76,8 +76,9 @@ def test_a_move_that_another_thread_ends(how: str) -> None:
         assert stage.wait().machine_mm == (-1.0, -1.0, -1.0)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("how", ["stop", "cancel", "abort"])
+@pytest.mark.parametrize(
+    "how", ["stop", *(pytest.param(how, marks=pytest.mark.slow) for how in ("cancel", "abort"))]
+)
 def test_homing_that_another_thread_ends(how: str) -> None:
     with homed({25: 300.0}) as (it, stage):
         stage.start_move((-30.0, -30.0, -30.0), 1200.0)

@@ -79,8 +79,7 @@ def test_a_guard_that_trips_stops_lifts_and_says_why(tmp_path: Path) -> None:
     assert run.frames()["frame_id"].is_unique
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("what", ["silent", "error"])
+@pytest.mark.parametrize("what", ["silent", pytest.param("error", marks=pytest.mark.slow)])
 def test_a_force_sensor_that_is_lost_stops_the_run(tmp_path: Path, what: str) -> None:
     with wall_bench(tmp_path) as bench:
 

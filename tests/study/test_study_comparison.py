@@ -13,9 +13,9 @@ import pytest
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.envelope import size_mm
 from deltact_fab.errors import InputError
-from deltact_fab.report import paper_figures
+from deltact_fab.report import figures
 from deltact_fab.report.result import StudyResult
-from deltact_fab.study import comparison, sensor_claims, sensors
+from deltact_fab.study import comparison, sensors
 from deltact_fab.study.request import StudyRequest
 
 MINE = """
@@ -75,18 +75,18 @@ def test_a_printed_size_that_fits_nothing_is_told() -> None:
     ],
 )
 def test_reductions(theirs: sensors.Size, measure: str, percent: float) -> None:
-    assert 100 * sensor_claims.reduction(theirs, measure) == pytest.approx(percent, abs=1e-3)
+    assert 100 * sensors.reduction(theirs, measure) == pytest.approx(percent, abs=1e-3)
 
 
 def test_bounds_are_those_of_the_worst_rounding() -> None:
-    low, high = sensor_claims.bounds((51, 65, 52))
+    low, high = sensors.bounds((51, 65, 52))
     assert low == pytest.approx(1 - 39.5 * 60.5 * 30.5 / (50.5 * 64.5 * 51.5))
     assert high == pytest.approx(1 - 38.5 * 59.5 * 29.5 / (51.5 * 65.5 * 52.5))
-    assert low < sensor_claims.reduction((51, 65, 52)) < high
+    assert low < sensors.reduction((51, 65, 52)) < high
 
 
 def test_a_third_fits_no_measure_and_the_footprint_best() -> None:
-    measure, share = sensor_claims.nearest_measure()
+    measure, share = sensors.nearest_measure()
     assert measure == "footprint, first x second side"
     assert share == pytest.approx(0.2941, abs=1e-4)
 
@@ -104,7 +104,7 @@ def test_the_verdict_says_that_table_and_figure_contradict_each_other(result: St
 
 
 def test_claims_are_held_against_ranks_in_the_table() -> None:
-    said = sensor_claims.claims()
+    said = sensors.claims()
     assert {name: one.holds for name, one in said.items()} == {
         "third": "no",
         "smaller": "yes, by the figure; no, by the table",
@@ -123,8 +123,8 @@ def test_claims_are_held_against_ranks_in_the_table() -> None:
 
 
 def test_equal_ones_share_a_place() -> None:
-    assert sensor_claims.rank([1.0, 2.0, 2.0, 3.0], 2.0) == 2
-    assert sensor_claims.rank([0.1 + 0.2], 0.3) == 1
+    assert sensors.rank([1.0, 2.0, 2.0, 3.0], 2.0) == 2
+    assert sensors.rank([0.1 + 0.2], 0.3) == 1
 
 
 def test_own_designs_are_rows_of_their_dimensions(result: StudyResult) -> None:
@@ -200,7 +200,7 @@ def test_headlines_and_data_are_plain_and_of_the_paper(result: StudyResult) -> N
 
 
 def test_figures_name_every_sensor_and_nothing_is_clipped(result: StudyResult) -> None:
-    bars, scatter = (paper_figures.draw(one) for one in result.figures)
+    bars, scatter = (figures.draw(one) for one in result.figures)
     names = [label.get_text() for label in bars.axes[0].get_yticklabels()]
     table = result.tables[1].frame
     assert sorted(names) == sorted(table["sensor"])
@@ -208,5 +208,5 @@ def test_figures_name_every_sensor_and_nothing_is_clipped(result: StudyResult) -
     labels = ", ".join(text.get_text() for text in scatter.axes[0].texts)
     for name in table.loc[table["area_mm2"].notna(), "sensor"]:
         assert name.removeprefix("own: ") in labels
-    assert not paper_figures.runs_over(bars)
-    assert not paper_figures.runs_over(scatter)
+    assert not figures.runs_over(bars)
+    assert not figures.runs_over(scatter)

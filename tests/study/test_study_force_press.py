@@ -12,7 +12,7 @@ import pytest
 
 from deltact_fab import cache, experiment, record
 from deltact_fab.cad.design import load_design
-from deltact_fab.experiment.presses import run_presses
+from deltact_fab.experiment.session import run_presses
 from deltact_fab.patterns.recipe import load_recipe
 from deltact_fab.protocols import plan
 from deltact_fab.rig import config
@@ -91,7 +91,7 @@ def test_a_recorded_run_of_the_protocol_says_the_same(
     asked: StudyRequest, simulated: dict[str, Any], tmp_path: Path
 ) -> None:
     folder = tmp_path / "recorded"
-    experiment.run(asked.more["protocol"], str(asked.rig), folder, seed=5)
+    experiment.run(experiment.RunRequest(asked.more["protocol"], str(asked.rig), folder, seed=5))
     recorded = run(StudyRequest(runs=(folder,), seed=5)).data
     assert recorded["models"] == simulated["models"]
     assert recorded["modulus"] == simulated["modulus"]

@@ -18,8 +18,7 @@ import tiny_study
 from deltact_fab import cache
 from deltact_fab.errors import InputError, RunFailed, SolverError
 from deltact_fab.study import grid as engine
-from deltact_fab.study.grid import Grid, GridJob
-from deltact_fab.study.pace import JobPace, spelled
+from deltact_fab.study.grid import Grid, GridJob, JobPace, spelled
 from deltact_fab.study.request import StudyRequest
 from deltact_fab.study.seeds import seed_of
 
@@ -75,8 +74,8 @@ def test_another_code_is_another_job(tmp_path: Path, monkeypatch: pytest.MonkeyP
     script = tmp_path / "own.py"
     ask = [
         sys.executable, "-c",
-        "import own; from deltact_fab.study.grid import Job, solve\n"
-        "grid = solve([Job('a', own.work)]); print(grid.kept, grid['a']['n'])",
+        "import own; from deltact_fab.study.grid import GridJob, solve\n"
+        "grid = solve([GridJob('a', own.work)]); print(grid.kept, grid['a']['n'])",
     ]  # fmt: skip
     environment = {**os.environ, "PYTHONPATH": f"{tmp_path}:{':'.join(sys.path)}"}
     found = []

@@ -23,8 +23,7 @@ from deltact_fab.study import pattern_selection
 from deltact_fab.study.grid import KIND
 from deltact_fab.study.pattern_errors import PatternErrors, PressErrors, PrintedPattern
 from deltact_fab.study.pattern_scene import Selection
-from deltact_fab.study.pattern_tables import rounds
-from deltact_fab.study.pattern_verdict import verdict
+from deltact_fab.study.pattern_tables import rounds, verdict
 from deltact_fab.study.request import StudyRequest
 
 TWO = ("d0p1-r0p5", "d0p2-r0p1")

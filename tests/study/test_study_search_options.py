@@ -9,10 +9,15 @@ import pytest
 from deltact_fab.errors import InputError
 from deltact_fab.patterns.raster import checked_mm_per_px
 from deltact_fab.protocols import plan
-from deltact_fab.study.search.candidates import MAX_PX, MIN_DOTS, candidates
-from deltact_fab.study.search.imager import PatternImager
-from deltact_fab.study.search.options import bench_of
-from deltact_fab.study.search.scale import shortened, size_of, thinned
+from deltact_fab.study.search.candidates import (
+    MAX_PX,
+    MIN_DOTS,
+    candidates,
+    shortened,
+    size_of,
+    thinned,
+)
+from deltact_fab.study.search.imager import PatternImager, bench_of
 
 
 def test_the_rig_file_is_the_default_and_options_win() -> None:

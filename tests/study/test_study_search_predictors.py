@@ -10,8 +10,19 @@ import pytest
 
 from deltact_fab.imaging import ImageSensor, Printer
 from deltact_fab.study.search.imager import PatternImager
-from deltact_fab.study.search.probe import bias_figures, bridged, moving_px, probe, strides
-from deltact_fab.study.search.scenes import OUTWARD, SHIFTS_PX, at_rest, dragged, shifted, view_of
+from deltact_fab.study.search.probe import (
+    OUTWARD,
+    SHIFTS_PX,
+    at_rest,
+    bias_figures,
+    bridged,
+    dragged,
+    moving_px,
+    probe,
+    shifted,
+    strides,
+    view_of,
+)
 
 FIELD_PX = 60_000
 BENCH = PatternImager(Printer(), ImageSensor(), 0.0378)

@@ -7,8 +7,8 @@ import pytest
 from scipy import stats
 
 from deltact_fab.study.intervals import mean
-from deltact_fab.study.search.ranking import best_pair, rank_correlation, spearman
-from deltact_fab.study.search.verdict import ConfirmedPattern, chosen_by_others, gain
+from deltact_fab.study.search.findings import ConfirmedPattern, chosen_by_others, gain
+from deltact_fab.study.search.search import best_pair, rank_correlation, spearman
 
 
 def correlated(n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:

@@ -8,10 +8,9 @@ import pytest
 from deltact_fab.analysis.relaxation import Series
 from deltact_fab.errors import InputError
 from deltact_fab.protocols import plan
-from deltact_fab.study import modulus
+from deltact_fab.study import gel_remarks
 from deltact_fab.study.registry import STUDIES
-from deltact_fab.study.settling import series_of, shipped
-from deltact_fab.study.settling_gel import follow
+from deltact_fab.study.settling import follow, series_of, shipped
 from deltact_fab.study.settling_stops import judged, simulated, slow_force, waits
 
 GEL = Series((0.1,), (2.0,))
@@ -89,7 +88,7 @@ def test_stops_of_a_gel_that_follows_the_closed_form_wait_as_long_as_it_says(ela
 
 
 def test_half_and_twice_the_modulus_move_newtons_and_no_share(elastic: dict) -> None:
-    soft = {**elastic, "force_n": elastic["force_n"] / modulus.MODULUS_FACTOR}
+    soft = {**elastic, "force_n": elastic["force_n"] / gel_remarks.MODULUS_FACTOR}
     one, other = (
         [waits(stop) for stop in simulated(viscous(way_, 40.0), way_, GEL)]
         for way_ in (elastic, soft)
@@ -140,8 +139,8 @@ def test_a_series_is_typed_as_shares_and_times() -> None:
 
 
 def test_every_study_says_what_the_modulus_changes() -> None:
-    assert set(modulus.CHANGES) == set(STUDIES)
-    assert "factor of 2" in modulus.remark("shapes", 0.56)
+    assert set(gel_remarks.CHANGES) == set(STUDIES)
+    assert "factor of 2" in gel_remarks.remark("shapes", 0.56)
 
 
 def test_the_protocol_rests_long_and_has_the_feeds_of_the_calibration() -> None:

@@ -49,7 +49,7 @@ def test_a_recorded_run_gives_back_the_gel_that_it_was_recorded_on(found, tmp_pa
             for line in lines]  # fmt: skip
     protocol = tmp_path / "short.toml"
     protocol.write_text("\n".join(text) + "\n")
-    experiment.run(str(protocol), "virtual-coarse", tmp_path / "run", seed=1)
+    experiment.run(experiment.RunRequest(str(protocol), "virtual-coarse", tmp_path / "run", seed=1))
     own = registry.run("settling", StudyRequest(runs=(tmp_path / "run",), more={"prony": ()}))
     assert own.simulated
     told, true = own.data["prony"], SERIES

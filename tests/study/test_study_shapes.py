@@ -14,8 +14,8 @@ from deltact_fab.errors import InputError
 from deltact_fab.study import shapes
 from deltact_fab.study.request import StudyRequest
 from deltact_fab.study.shape import summary
-from deltact_fab.study.shape.headlines import headlines
 from deltact_fab.study.shape.simulated import FORCE, OBJECTS, TWIST, scene
+from deltact_fab.study.shape.summary import headlines
 
 
 def press(name: str, error_mm: float | None = None, **more: Any) -> PressShape:

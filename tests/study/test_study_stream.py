@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from deltact_fab import record
-from deltact_fab.analysis.tracking_error.press import PressJob, analyse_press
-from deltact_fab.analysis.tracking_error.scene import TrackingPlan
+from deltact_fab.analysis.tracking_error.follow import TrackingPlan
+from deltact_fab.analysis.tracking_error.run import PressJob, analyse_press
 from deltact_fab.analysis.tracking_error.truth import TrueFrame, off_dots, seen_by
 from deltact_fab.cad.design import load_design
 from deltact_fab.patterns.recipe import PatternRecipe

@@ -7,8 +7,8 @@ import pytest
 
 from deltact_fab.protocols import plan
 from deltact_fab.protocols.plan import Protocol
-from deltact_fab.study.pattern_scene import SCALE
-from deltact_fab.study.thinning import (
+from deltact_fab.study.pattern_scene import (
+    SCALE,
     frames_an_indenter,
     longest_step_mm,
     part_of,

@@ -74,8 +74,6 @@ press_increment_mm = 0.2
 """
 RAISED_MM = 0.35
 HOST = """
-import signal
-signal.signal(signal.SIGINT, signal.default_int_handler)
 from deltact_fab.cli.main import entry
 entry()
 """
@@ -104,7 +102,7 @@ def test_stamps_poses_and_truth(
         return notes(self)
 
     monkeypatch.setattr(RealtimeRig, "notes", before_it_ends)
-    summary = experiment.run(*files, tmp_path / "r", seed=5, realtime=True)
+    summary = experiment.run(experiment.RunRequest(*files, tmp_path / "r", seed=5, realtime=True))
     run = record.open(tmp_path / "r")
     assert run.finished
     assert run.simulated
@@ -132,7 +130,7 @@ def test_stamps_poses_and_truth(
     assert truth.displacement_mm(deep)[..., 2].min() == pytest.approx(-0.6, abs=0.05)
     assert not np.abs(truth.displacement_mm(frames["frame_id"].iloc[0])).any()
     with pytest.raises(InputError, match="realtime"):
-        experiment.run(*files, tmp_path / "r", seed=5, resume=True)
+        experiment.run(experiment.RunRequest(*files, tmp_path / "r", seed=5), resume=True)
 
 
 def started(files: tuple[str, str], out: Path) -> subprocess.Popen[str]:
@@ -189,7 +187,7 @@ def whole_after_resume(files: tuple[str, str], out: Path) -> None:
     before = set(record.open(out).frames()["frame_id"]) & {
         i for i in record.open(out).frames()["frame_id"] if "/p1/" in i
     }
-    summary = experiment.run(*files, out, resume=True, realtime=True)
+    summary = experiment.run(experiment.RunRequest(*files, out, realtime=True), resume=True)
     run = record.open(out)
     ids = run.frames()["frame_id"].tolist()
     assert run.finished
@@ -250,4 +248,8 @@ def test_a_bench_that_is_gone_is_an_error_of_one_line(
 
 def test_a_real_rig_has_no_realtime(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--realtime is for a virtual rig"):
-        experiment.run("first-moves", "grbl-bench", tmp_path / "r", air=True, realtime=True)
+        experiment.run(
+            experiment.RunRequest(
+                "first-moves", "grbl-bench", tmp_path / "r", air=True, realtime=True
+            )
+        )

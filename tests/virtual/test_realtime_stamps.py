@@ -77,7 +77,9 @@ def test_pose_and_force_are_within_2_ms_of_the_frame(
         return notes(self)
 
     monkeypatch.setattr(RealtimeRig, "notes", before_it_ends)
-    experiment.run(str(protocol), str(rig), tmp_path / "r", air=True, realtime=True)
+    experiment.run(
+        experiment.RunRequest(str(protocol), str(rig), tmp_path / "r", air=True, realtime=True)
+    )
     frames = record.open(tmp_path / "r").frames()
     told = frames[["x_mm", "y_mm", "z_mm"]].to_numpy()
     off_mm = np.linalg.norm(told - (np.array(found) - ORIGIN_MM), axis=1)
@@ -109,7 +111,9 @@ def test_force_is_that_of_its_stamp(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         return notes(self)
 
     monkeypatch.setattr(RealtimeRig, "notes", before_it_ends)
-    summary = experiment.run(str(path), str(rig), tmp_path / "r", realtime=True)
+    summary = experiment.run(
+        experiment.RunRequest(str(path), str(rig), tmp_path / "r", realtime=True)
+    )
     face_mm = ORIGIN_MM[2] + summary["devices"]["tool"]["indenters"]["sphere:6"]["z_mm"]
     bench = config.load(str(rig))[0]
     assert bench.kind == "virtual"

@@ -17,7 +17,7 @@ from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 from deltact_fab.virtual.clock import VirtualClock
 from deltact_fab.virtual.controller import GrblController
-from deltact_fab.virtual.press import PlannedPress
+from deltact_fab.virtual.presses import PlannedPress
 from deltact_fab.virtual.scene import GelScene, LatticeCrop
 
 FRAME = StageFrame((-60.0, -60.0, -40.0))

@@ -56,7 +56,7 @@ cell_mm = 2.0
 def run(folder: Path, level: str, channels: str = ALL) -> record.Run:
     protocol = folder / "p.toml"
     protocol.write_text(PROTOCOL.format(level=level, channels=channels))
-    experiment.run(str(protocol), rig(folder), folder / "run", seed=1)
+    experiment.run(experiment.RunRequest(str(protocol), rig(folder), folder / "run", seed=1))
     return record.open(folder / "run")
 
 

@@ -7,8 +7,19 @@ saw, for a random split hides that (decision 0026).
 
 from .calibrate import calibrate, carry_over, compare, curves_of
 from .dataset import ForceData, PressPoints, gather, joined, points_of
-from .judge import FORCES, LEFT_OUT, SHOWN, component, figures, fit, judge, rmse, score
-from .learning import enough, learning_curve
+from .judge import (
+    FORCES,
+    LEFT_OUT,
+    SHOWN,
+    component,
+    enough,
+    figures,
+    fit,
+    judge,
+    learning_curve,
+    rmse,
+    score,
+)
 from .result import PAPER, PAPER_TABLE, ForceResult, errors_kept, write_calibration
 from .transfer import TransferredCalibration, transfer
 

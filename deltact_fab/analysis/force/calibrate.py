@@ -24,8 +24,16 @@ from ..frames import settled, settles
 from ..view import head_of, view_of
 from .dataset import ForceData, gather, opened, presses
 from .field import field_error
-from .judge import TEST_SHARE, EvaluatedModel, figures, fit, judge, score
-from .learning import LearningPoint, learning_curve
+from .judge import (
+    TEST_SHARE,
+    EvaluatedModel,
+    LearningPoint,
+    figures,
+    fit,
+    judge,
+    learning_curve,
+    score,
+)
 from .result import PAPER, ForceResult, errors_kept
 from .transfer import TransferredCalibration, transfer
 

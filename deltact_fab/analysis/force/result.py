@@ -14,8 +14,17 @@ from ...measure.force.calibration import ForceCalibration
 from ..frames import make_folder
 from .dataset import ForceData
 from .field import FieldError
-from .judge import FORCES, SHOWN, EvaluatedModel, component, figures, score
-from .learning import LearningPoint, as_rows, enough
+from .judge import (
+    FORCES,
+    SHOWN,
+    EvaluatedModel,
+    LearningPoint,
+    as_rows,
+    component,
+    enough,
+    figures,
+    score,
+)
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -3,8 +3,7 @@
 Reading order: `series`, `rests`, `fit`.
 """
 
-from .fit import RelaxationFit, fit
+from .fit import RelaxationFit, Series, fit, time_to
 from .rests import Rest, rests
-from .series import Series, time_to
 
 __all__ = ["RelaxationFit", "Rest", "Series", "fit", "rests", "time_to"]

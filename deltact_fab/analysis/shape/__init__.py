@@ -3,8 +3,7 @@
 from .ball import DepthCalibration, calibrate_depth
 from .picture import ShapeMaps
 from .press import PressShape, press_shape
-from .result import FIGURES, GOALS, ShapeResult
-from .run import UNCALIBRATED, analyse
+from .run import FIGURES, GOALS, UNCALIBRATED, ShapeResult, analyse
 
 __all__ = [
     "FIGURES",

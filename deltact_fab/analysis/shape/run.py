@@ -2,19 +2,125 @@
 
 from __future__ import annotations
 
+import json
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from ... import record
 from ...aliases import Progress
+from ...files import write_whole
 from ...jobs import each
 from ...measure.sensor_id import require_same
 from ...measure.shape import DepthModel
-from ..frames import recorded
+from ..frames import make_folder, recorded
 from ..view import sensor_of
+from .picture import ShapeMaps
 from .press import PressShape, press_shape
-from .result import ShapeResult
+
+GOALS = {"depth_error_contact_mm": 0.25, "depth_error_face_mm": 0.03, "place_error_mm": 0.5}
+"""At most, as means over the frames that press."""
+FIGURES = (
+    "depth_error_contact_mm", "depth_error_face_mm", "depth_bias_contact_mm",
+    "zero_error_contact_mm", "depth_correlation", "relative_correlation", "contact_iou",
+    "centroid_error_mm", "place_error_mm", "area_mm2", "true_area_mm2", "cover", "contact_cover",
+    "density_cover",
+)  # fmt: skip
+_WORDS = {
+    "depth_error_contact_mm": "depth over the contact",
+    "depth_error_face_mm": "over the face",
+    "place_error_mm": "place of a ball",
+}
+
+
+@dataclass(frozen=True)
+class ShapeResult:
+    """rows: figures of each settled frame, by name; those that are not known are left out.
+
+    calibration: file of the depth's, None: the inverse's own. contact_by: how the true contact was
+    told. pictures: one a press.
+    """
+
+    rows: list[dict[str, Any]]
+    pictures: list[ShapeMaps]
+    calibration: str | None
+    contact_by: str | None
+    simulated: bool
+    seed: int
+
+    def means(self, indenter: str | None = None) -> dict[str, Any]:
+        """Means of FIGURES over the frames that press (of one indenter), with their number."""
+        rows = [
+            row
+            for row in self.rows
+            if row["tip_depth_mm"] > 0 and indenter in (None, row["indenter"])
+        ]
+        known = {name: [row[name] for row in rows if row.get(name) is not None] for name in FIGURES}
+        return {
+            "frames": len(rows),
+            **{name: float(np.mean(v)) if v else None for name, v in known.items()},
+        }
+
+    @property
+    def indenters(self) -> list[str]:
+        """In the order of the run."""
+        return list(dict.fromkeys(row["indenter"] for row in self.rows))
+
+    @property
+    def line(self) -> str:
+        """The verdict: what the depth and the place are worth."""
+        means = self.means()
+        how = "uncalibrated" if self.calibration is None else f"by {Path(self.calibration).name}"
+        if means["depth_error_contact_mm"] is None:
+            return (
+                f"Shape of {means['frames']} frames, depth {how}; without truth its error is not "
+                "known."
+            )
+        parts = [
+            f"{words} {means[name]:.3f} mm"
+            + ("" if means[name] <= GOALS[name] else f" (over {GOALS[name]:g})")
+            for name, words in _WORDS.items()
+            if means[name] is not None
+        ]
+        # A face that nothing presses has no depth either, so its figure flatters.
+        return (
+            f"Mean error of {means['frames']} frames, depth {how}: {', '.join(parts)}; "
+            f"to say 'depth is zero' errs by {means['zero_error_contact_mm']:.3f} mm over the "
+            "contact."
+        )
+
+    @property
+    def note(self) -> str:
+        """Where the figures come from."""
+        told = f"; true contact by {self.contact_by}" if self.contact_by else ""
+        if self.contact_by == "geometry":
+            told += ", too small where the gel's cells are coarse: 'traction' in channels tells it"
+        return (f"simulated, seed {self.seed}" if self.simulated else "measured") + told
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        return {
+            "verdict": self.line,
+            "goals": GOALS,
+            "simulated": self.simulated,
+            "seed": self.seed,
+            "calibration": self.calibration,
+            "contact_by": self.contact_by,
+            "mean": self.means(),
+            "by_indenter": {name: self.means(name) for name in self.indenters},
+            "frames": self.rows,
+        }
+
+    def save(self, folder: Path) -> list[Path]:
+        """Write shape.json. Raises RunFailed where it cannot be written."""
+        make_folder(folder)
+        text = json.dumps(self.as_dict(), indent=1, allow_nan=False) + "\n"
+        write_whole(folder / "shape.json", text.encode())
+        return [folder / "shape.json"]
+
 
 UNCALIBRATED = DepthModel(gain=1.0, deepest_mm=20.0)
 

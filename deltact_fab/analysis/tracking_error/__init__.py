@@ -8,12 +8,10 @@ motion in pixels times mm/px at rest. In-plane surface motion is another figure:
 the projected flow is taken for it stands in its own column.
 """
 
-from .press import ARROW_STEP_PX
-from .result import PAPER_BEST_MM, TrackingResult
-from .run import analyse
-from .scene import DEFAULT_METHODS, TrackingPlan
+from .follow import DEFAULT_METHODS, TrackingPlan
+from .result import PAPER_BEST_MM, RULE, TrackingResult, TrackingVerdict, judge, percent
+from .run import ARROW_STEP_PX, analyse
 from .tally import MOVING_MM, WRONG_MM, shown
-from .verdict import RULE, TrackingVerdict, judge, percent
 
 __all__ = [
     "ARROW_STEP_PX",

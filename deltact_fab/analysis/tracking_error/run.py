@@ -4,18 +4,101 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ... import record
 from ...aliases import Progress
+from ...errors import RunFailed
 from ...jobs import each
 from ..frames import recorded
-from .dots import DotTally
-from .press import COLUMNS, PressJob, PressResult, analyse_press
+from .dots import DotTally, Marks
+from .follow import Follower, TrackingPlan, scene_of
 from .result import TrackingResult
-from .scene import TrackingPlan, scene_of
 from .tally import ErrorTally
+from .truth import TrueFrame, off_dots, seen_by
+
+ARROW_STEP_PX = 26
+COLUMNS = [
+    "frame_id", "seq", "press", "indenter", "step_id", "method", "mean_at_dots_mm",
+    "mean_off_dots_mm", "p95_off_dots_mm", "mean_confident_mm", "coverage",
+    "confident_wrong_share", "n_moving_px", "peak_true_mm", "confident_share", "matched_share",
+    "predicted_share", "lost_share", "trusted", "ms",
+]  # fmt: skip
+"""Of the table of frames; empty where a thing was left out."""
+
+
+@dataclass(frozen=True)
+class PressJob:
+    """What one process does."""
+
+    folder: str
+    press: str
+    scene: TrackingPlan
+
+
+@dataclass
+class PressResult:
+    """Sums by method, rows of the table of frames, arrows by frame id, and what was left out."""
+
+    tallies: dict[str, ErrorTally]
+    dots: DotTally = field(default_factory=DotTally)
+    left_out: list[str] = field(default_factory=list)
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    arrows: dict[str, NDArray[np.float32]] = field(default_factory=dict)
+
+
+def analyse_press(job: PressJob) -> PressResult:
+    """All frames of one press: the first one is the reference of flow and dots.
+
+    Raises RunFailed for an image of another size, SensorError for a first one without a pattern;
+    one in which only the dots are missing is analysed without them.
+    """
+    import cv2
+
+    cv2.setNumThreads(1)  # one thread, so that milliseconds compare
+    run = record.open(job.folder)
+    camera, truth, scene = run.camera, run.truth(), job.scene
+    follower = Follower(scene, Marks.of(camera, run.pattern))
+    off, in_view = off_dots(camera, run.dots_mm(), run.dot_diameter_mm()), seen_by(camera)
+    result = PressResult(follower.tallies)
+    for at, row in enumerate(run.frames(job.press).itertuples()):
+        frame_id = str(row.frame_id)
+        image = run.image(str(row.file))
+        if image.shape[:2] != off.shape:
+            raise RunFailed(f"{row.file}: size {image.shape[1]} x {image.shape[0]} differs")
+        frame = dots_px = None
+        if truth and scene.dense and at:
+            frame = TrueFrame.read(truth, frame_id, off, in_view, camera.mm_per_px)
+        elif truth:
+            dots_px = partial(truth.points_px, frame_id, run.dots_mm())
+        said = follower.take(image, frame, dots_px)
+        if follower.flow_px is not None:
+            half = ARROW_STEP_PX // 2
+            arrows = follower.flow_px[half::ARROW_STEP_PX, half::ARROW_STEP_PX]
+            result.arrows[frame_id] = arrows.copy()
+        # The reference compared with itself is no measurement, and said nothing.
+        for name, figures in said.items():
+            result.rows.append(
+                {
+                    "frame_id": row.frame_id,
+                    "seq": row.seq,
+                    "press": row.press,
+                    "indenter": row.indenter,
+                    "step_id": row.step_id,
+                    "method": name,
+                    **figures,
+                }
+            )
+    result.left_out += [f"error at the dots of {job.press}: {why}" for why in follower.left_out]
+    if follower.dots:
+        result.dots = follower.dots.tally
+    return result
 
 
 def analyse(

@@ -212,10 +212,10 @@ def _others(value: Any, limits: Mapping[str, Any], small: float) -> Iterator[tup
     """Another value of a bounded number; of the name of a thread, other threads."""
     if isinstance(value, str) and re.fullmatch(r"M\d(\.\d)?", value):
         yield from ((name, 1.0) for name in ("M2", "M3", "M4") if name != value)
-    if isinstance(value, bool) or not isinstance(value, int | float) or "low" not in limits:
+    if isinstance(value, bool) or not isinstance(value, int | float) or "ge" not in limits:
         return
     step = 1.0 if isinstance(value, int) else small
-    if not limits["low"] <= value + step <= limits["high"]:
+    if not limits["ge"] <= value + step <= limits["le"]:
         step = -step
     yield type(value)(value + step), step
 

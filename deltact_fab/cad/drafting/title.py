@@ -15,7 +15,7 @@ LONGEST = 60
 
 def words(meaning: str) -> Any:
     """A line of the title block, empty until somebody gives it."""
-    return field(default="", metadata={"meaning": meaning})
+    return field(default="", metadata={"description": meaning})
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...aliases import Point2
 from ...shapes import Indenter
 from ..bench_sections import SCREW, ToolDimensions
 from ..drafting.dimensioning import Axis, Cut, Item, Leader, shown

@@ -64,6 +64,6 @@ def tracking(run: Path, methods: tuple[str, ...], out: Path | None, as_json: boo
 
 def _figures(result: TrackingResult) -> dict[str, Any]:
     from ...analysis.tracking_error import PAPER_BEST_MM
-    from ...report.tracking_figures import error_by_indenter
+    from ...report.run_figures import error_by_indenter
 
     return {"tracking": error_by_indenter(result.by_indenter, result.verdict, PAPER_BEST_MM)}

@@ -16,10 +16,33 @@ from ...shapes import Indenter, SkinDimensions
 from ..level import Choice, IncrementDiagnostics, Level
 from .field import FaceLattice, tractions_mpa, whole_wrench
 from .mesh import block_mesh
-from .penalty_correction import lacking_n
 from .press import FinitePress
 from .state import PENETRATION_LIMIT, FiniteState, sum_of, with_diagnostics
 from .transfer import Guide
+
+STEP_MM = 1e-5  # for the difference of contact forces by the depth
+
+
+def lacking_n(press: FinitePress, state: FiniteState) -> float:
+    """dC/dd (N) of the mesh: more normal force with a hard contact. Friction is left out of it."""
+    if state.contact_points == 0:
+        return 0.0
+    u, tip = state.displacement_mm, np.array(state.tip_mm)
+    free = press.pattern.free
+    down = np.array([0.0, 0.0, STEP_MM])
+    low, high = (press.surface.evaluate(u, tip + k * down, tangent=False) for k in (-1, 1))
+    by_depth = ((high.force_n - low.force_n) / (2 * STEP_MM))[free]
+    bulk = press.bulk.evaluate(u, True, state.cell_pressure_mpa)
+    assert bulk.data is not None
+    for curved in (True, False):
+        contact = press.surface.evaluate(u, tip, curved=curved)
+        assert contact.data is not None
+        press.solver.factorise(press.pattern.matrix(bulk.data + contact.data))
+        if not press.solver.negative:
+            break
+    _, slope = press.surface.give(u, tip)
+    return float(slope[:, 2].sum() - press.solver.solve(slope[free]) @ by_depth)
+
 
 # Up to about here neo-Hooke follows rubber in tension within a third (Treloar, Trans. Faraday Soc.
 # 40, 1944); soft silicones tear at 3 to 5.

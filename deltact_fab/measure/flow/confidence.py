@@ -139,7 +139,7 @@ class ConfidenceEstimator:
         return _secondary(image) if self.name == "colour" else []
 
     def look(self, secondary_match: list[Array], match: Refined) -> tuple[Array, Array]:
-        """Nodes whose own flow stands, and those of them that the second witness bears out.
+        """Nodes whose own flow stands, and those of them that the secondary match bears out.
 
         Both (hh, ww) bool; secondary_match: of the current image, of which the match is.
         """

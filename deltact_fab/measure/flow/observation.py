@@ -80,7 +80,7 @@ class TrackedFrame:
     match: Refined | None = None
 
 
-class Follower(Protocol):
+class SequenceTracker(Protocol):
     """A way to follow a sequence from its first image on."""
 
     def ahead(self, plane: Plane) -> Array | None:
@@ -94,15 +94,16 @@ class Sequence(NamedTuple):
     """What the first image of a sequence makes: its judge, its way to follow, and its shape."""
 
     judge: ConfidenceEstimator
-    way: Follower
+    way: SequenceTracker
     shape: tuple[int, ...]
 
 
 class PreparedImage(NamedTuple):
     """An image of a sequence, made ready to be followed.
 
-    frame: 0 for the first. plane, witness: what is tracked of it and what `ConfidenceEstimator.look` asks of it.
-    ahead_px: the way's look ahead, by coarse node. start_s: process time when it came.
+    frame: 0 for the first. plane, secondary_match: what is tracked of it and what
+    `ConfidenceEstimator.look` asks of it. ahead_px: the way's look ahead, by coarse node.
+    start_s: process time when it came.
     """
 
     sequence: Sequence

@@ -9,14 +9,47 @@ import numpy as np
 
 from ...aliases import Array
 from ...errors import InputError, SensorError, did_you_mean
-from .anchored import AnchoredTracker
+from ..compose import landing_px, sample, shrunk
 from .confidence import ConfidenceEstimator, ConfidenceRule, FrameConfidence
-from .fused import Plane, to_full
+from .fill import filled
+from .fused import COARSE, Plane, RefinementReference, predict, to_full
 from .fused import RefinementReference as FirstImage
 from .image import Sampled
 from .method import FlowMethod
 from .observation import FlowDiagnostics, FlowObservation, PreparedImage, Sequence, TrackedFrame
 from .renewed import Renewal, RenewalRule, RenewedTracker
+
+
+class AnchoredTracker:
+    """Follows one sequence.
+
+    reference: of the first image. judge: of the same.
+    """
+
+    def __init__(self, reference: RefinementReference, judge: ConfidenceEstimator) -> None:
+        self._reference = reference
+        self._judge = judge
+        self._before = reference.plane
+        self._flow: Array = np.zeros((*reference.plane.small.shape, 2), np.float32)
+
+    def ahead(self, plane: Plane) -> Array:
+        """The flow in px from the image before to this one, as far as one look shows: coarse."""
+        before, self._before = self._before, plane
+        return shrunk(predict(before, plane), COARSE)
+
+    def step(self, ready: PreparedImage) -> TrackedFrame:
+        """Follow one more image."""
+        assert ready.ahead_px is not None, "made by `ahead`"
+        so_far = shrunk(self._flow, COARSE)
+        at = landing_px(so_far * np.float32(0.5 / COARSE))
+        start = so_far + sample(ready.ahead_px, at)
+        match = self._reference.refine(ready.plane, start)
+        kept, agreeing = self._judge.look(ready.secondary_match, match)
+        # Neighbours are asked only where they agree: a match that is kept and wrong would draw
+        # others after it.
+        self._flow = filled(match.flow_px, agreeing, kept)
+        return TrackedFrame(self._flow, kept, agreeing, match=match)
+
 
 ANCHORED = "fused"  # the one method that the anchored reference refines by
 Reference = Literal["anchored", "composed", "summed", "static"]

@@ -20,12 +20,26 @@ from scipy import linalg, ndimage
 
 from ...aliases import Array
 from ...elasticity.cells import FaceCells
-from ...optics import axes_mm
+from ...optics import CameraModel, axes_mm
 from ..face import FaceFlow
 from ..hole_filling import whole
 from ..view import SensorView
 from .bounded_least_squares import least_squares_signed
-from .image_jacobian import sight
+
+STEP_MM = 1e-3
+
+
+def sight(camera: CameraModel, x_mm: Array, y_mm: Array) -> Array:
+    """Shift of the picture, mm of the resting face, for displacements of 1 mm: (ny, nx, 2, 3).
+
+    At points x_mm (nx,), y_mm (ny,) of the face, at rest. Of a pinhole it is
+    u_xy - (x, y) u_z / (n eye distance): off the axis, depth is seen as motion.
+    """
+    at = np.stack((*np.meshgrid(x_mm, y_mm), np.zeros((len(y_mm), len(x_mm)))), axis=-1)
+    ways = STEP_MM * np.eye(3)
+    moved = [camera.project_px(at + way) - camera.project_px(at - way) for way in ways]
+    return np.stack(moved, axis=-1) * (camera.mm_per_px / (2 * STEP_MM))
+
 
 CELL_MM = 1.0
 BEYOND_MM = 2.0  # a contact may reach out of the view

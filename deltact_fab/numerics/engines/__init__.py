@@ -13,8 +13,7 @@ REGISTRY = {
     "flow": "deltact_fab.numerics.engines.flow",
     "layer": "deltact_fab.numerics.engines.layer",
     "gel": "deltact_fab.numerics.engines.gel",
-    "cad": "deltact_fab.numerics.engines.cad",
-    "sheet": "deltact_fab.numerics.engines.sheet",
+    "lens": "deltact_fab.numerics.engines.lens",
     "measure": "deltact_fab.numerics.engines.measure",
     "bench": "deltact_fab.numerics.engines.bench",
 }

@@ -1,4 +1,4 @@
-"""The real bench's host under faults: each at each moment of a run, killed, and how far it coasts.
+"""The real bench's host under faults: each at each moment of a run, and killed at any.
 
 The table is what issue and documents ask for; the cases are its cells. A cell that ends in success
 is `right` with 0; one that ends in its error is `refused`, if all else is as it must be: the travel
@@ -16,19 +16,17 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import RunFailed, SensorError
-from ..engine import Case, CurveSetting, Engine, EngineTable, Work
-from ..faults.bench import FaultBench
-from ..faults.cell import FaultOutcome, Matrix, travelled
+from ...errors import RunFailed
+from ..engine import Case, CurveSetting, Engine, EngineTable
+from ..faults.cell import FaultOutcome, Matrix
 from ..faults.disk import Disk, small_disk
 from ..faults.killed import kill_after
-from ..faults.kinds import DRAG, FAULTS, FORCE_N, MOMENTS, PRESS, TRAVEL, FaultKind
+from ..faults.kinds import DRAG, FAULTS, MOMENTS, PRESS, TRAVEL, FaultKind
 
 KILLS = 20
 NAMED = "in its named error"
 CELLS = "bench-cells.jsonl"
 QUICK = (("doubled ok", DRAG), ("false alarm", TRAVEL), ("force over the limit", PRESS))
-FEEDS_MM_MIN = (30.0, 120.0, 600.0)
 
 
 class Wrong(Exception):
@@ -117,46 +115,9 @@ def cases(quick: bool) -> Sequence[Case]:
     return out
 
 
-def _trip(feed_mm_min: float, scratch: Path) -> Work:
-    """A press that the guard ends; error: how much further than its braking distance it went."""
-
-    def run() -> FaultBench:
-        bench = FaultBench()
-        stage, force, guard = bench.armed()
-        x, y, _ = bench.tip_mm()
-        planned_s = stage.start_move((x, y, -5.0), feed_mm_min)
-        bench.extra_n = (bench.clock.now_ns() + planned_s * 0.6e9, FORCE_N)
-        try:
-            while not guard.tripped:
-                stage.listen(0.004)
-                guard.watch(force.read())
-        except SensorError:  # a braking carriage is not what this asks
-            pass
-        bench.clock.sleep_s(5.0)
-        force.close()
-        stage.close()
-        return bench
-
-    def error(bench: FaultBench) -> float:
-        fault = next(f for f in FAULTS if f.name == "force over the limit")
-        at_s = bench.box_faults.first_bad_ns / 1e9
-        cell = travelled(
-            bench, fault, FaultOutcome(fault.name, PRESS, ""), at_s, bench.clock.now_ns()
-        )
-        assert cell.travel_mm is not None
-        speed_mm_s = feed_mm_min / 60
-        return cell.travel_mm - speed_mm_s**2 / (2 * 50.0)
-
-    return Work(run, error)
-
-
 def curves(quick: bool) -> Sequence[CurveSetting]:
-    """How far beyond its braking distance a press goes that the force guard ends."""
-    return [
-        CurveSetting("a press that the force guard ends", "in lockstep", f"{feed:g} mm/min",
-                "mm beyond the braking distance", "v^2 / 2a", 0.0013, partial(_trip, feed))
-        for feed in (FEEDS_MM_MIN[:2] if quick else FEEDS_MM_MIN)
-    ]  # fmt: skip
+    """None: nothing is solved here."""
+    return ()
 
 
 def tables(scratch: Path) -> Sequence[EngineTable]:

@@ -1,7 +1,7 @@
-"""The flow: error against exact truth, on frames that the virtual camera draws (simulated).
+"""The flow: error against exact truth and CPU time, on frames that the virtual camera draws.
 
-`flow_frames` draws, `flow_curves` times, `study.star` judges detail and noise, `flow_hard` spoils
-images; here is what is expected of methods and tracker.
+All frames are simulated: `flow_frames` draws them, `flow_hard` spoils them; here is what is timed
+and what is expected of methods and tracker.
 """
 
 from __future__ import annotations
@@ -15,15 +15,100 @@ import cv2
 import numpy as np
 
 from ...aliases import Image
-from ...measure.flow import FLOW_METHODS, FlowMethod, FlowTracker, to_gray
-from ...study.star import StarFigures
-from ..engine import Case, Engine, EngineTable
+from ...measure.flow import (
+    FLOW_METHODS,
+    PAPER,
+    REFERENCES,
+    FlowMethod,
+    FlowTracker,
+    named_tracker,
+    to_gray,
+)
+from ...measure.flow.fused import Plane
+from ...virtual.picture import TOLERANCE_PX
+from ..engine import Case, CurveSetting, Engine, Work
 from . import flow_hard
-from .flow_curves import curves, found
-from .flow_frames import MM_PER_PX, STAR, STARS, scene
+from .flow_frames import MM_PER_PX, STAR, FlowSequence, Vectors, scene
 
+MOTIONS = {
+    "press": "sphere:10, 1.2 mm deep and 1.5 mm of shear",
+    "slide": "an analytic motion of 3.3 mm",
+}
+FAR = "121 px in ten frames, det F from .3 to 2"
 NOISE_PX, LOSS_PX = 0.018, 34.0  # of the fused steps on the star
 SILENT = 0.005  # share of an unrelated image that may be confident
+
+
+def tracked(image: Image) -> Image:
+    """What the tracker sees of an image: green, blurred."""
+    return Plane.of(image).gray
+
+
+def between(method: str, rest: Image, moved: Image, half: bool = False) -> Vectors:
+    """Flow (h, w, 2) px of a grey pair from a cold start, at full or at half resolution."""
+    flow = FlowMethod(method)
+    if not half:
+        return np.asarray(flow.between(rest, moved))
+    h, w = rest.shape
+    small = [cv2.resize(g, (w // 2, h // 2), interpolation=cv2.INTER_AREA) for g in (rest, moved)]
+    wide = cv2.resize(flow.between(*small), (w, h), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(wide * np.array([w / (w // 2), h / (h // 2)], np.float32))
+
+
+def found(method: str, pair: FlowSequence, half: bool = False) -> Vectors:
+    """The flow of a pair as the tracker sees it."""
+    return between(method, tracked(pair.images[0]), tracked(pair.last), half)
+
+
+def _pair(method: str, name: str, half: bool, scratch: Path) -> Work:
+    pair = scene(scratch, name)
+    rest, moved = tracked(pair.images[0]), tracked(pair.last)
+    return Work(lambda: between(method, rest, moved, half), pair.mean_error_mm)
+
+
+def _followed(make: Callable[[], Any], scratch: Path) -> Work:
+    frames = scene(scratch, "far")
+
+    def run() -> Vectors:
+        tracker = make()
+        for image in frames.images:
+            seen = tracker.update(image)
+        return np.asarray(seen.flow_px)
+
+    def error_mm(flow_px: Vectors) -> float:
+        whole = flow_px.shape == frames.truth_px.shape
+        return (frames if whole else frames.nodes()).mean_error_mm(flow_px)
+
+    return Work(run, error_mm)
+
+
+def curves(quick: bool) -> Sequence[CurveSetting]:
+    """Methods on a pair, and trackers by their reference through ten frames."""
+    millimetres = partial(
+        CurveSetting, unit="mm, mean over moving pixels", reference="the field that was drawn",
+        reference_error=TOLERANCE_PX * MM_PER_PX,
+    )  # fmt: skip
+    pairs = [
+        millimetres(case=MOTIONS[motion], series=series, name=method,
+                    build=partial(_pair, method, motion, half))
+        for motion in (("press",) if quick else MOTIONS)
+        for series, half in (("full resolution", False), ("half resolution", True))
+        for method in (("fused", "dis-medium") if quick else FLOW_METHODS)
+    ]  # fmt: skip
+    if quick:
+        return pairs
+    makes: dict[tuple[str, str], Callable[[], Any]] = {
+        (reference, method): partial(named_tracker, f"{method}/{reference}")
+        for reference in REFERENCES
+        for method in (("fused",) if reference == "anchored" else ("fused", "dis-medium"))
+    }
+    makes["the paper's", PAPER] = partial(named_tracker, PAPER)
+    makes["anchored, no confidence map", "fused"] = partial(FlowTracker, confidence=False)
+    makes["anchored, every second pixel", "fused"] = partial(FlowTracker, full=False)
+    return pairs + [
+        millimetres(case=FAR, series=series, name=name, build=partial(_followed, make))
+        for (series, name), make in makes.items()
+    ]
 
 
 def _accuracy(method: str, motion: str, half: bool, scratch: Path) -> float:
@@ -77,12 +162,8 @@ def _threads(method: str, scratch: Path) -> float:
     return float(moved.mean(dtype=np.float64) * MM_PER_PX)
 
 
-def _star(method: str, name: str, scratch: Path) -> StarFigures:
-    return STAR.figures(found(method, scene(scratch, name)))
-
-
-def _star_figure(method: str, name: str, figure: int, scratch: Path) -> float:
-    return _star(method, name, scratch)[figure]
+def _star_figure(figure: int, scratch: Path) -> float:
+    return STAR.figures(found("fused", scene(scratch, "star: speckle")))[figure]
 
 
 def _far(frames: int, name: str, scratch: Path) -> tuple[float, str]:
@@ -137,30 +218,12 @@ def cases(quick: bool) -> Sequence[Case]:
             )
             out.append(Case(what, "right", partial(_far, frames, name), bound, "share of them"))
     out += [
-        Case("fused: star, noise", "right", partial(_star_figure, "fused", "star: speckle", 0),
-             NOISE_PX, "px"),
-        Case("fused: star, 10 % loss", "right", partial(_star_figure, "fused", "star: speckle", 1),
-             LOSS_PX, "px"),
+        Case("fused: star, noise", "right", partial(_star_figure, 0), NOISE_PX, "px"),
+        Case("fused: star, 10 % loss", "right", partial(_star_figure, 1), LOSS_PX, "px"),
         *(Case(f"{method}: two threads against one", "right", partial(_threads, method), 0.002,
                "mm") for method in FLOW_METHODS),
     ]  # fmt: skip
     return out
-
-
-def tables(scratch: Path) -> Sequence[EngineTable]:
-    """The star by method and image source, and the spoilt images."""
-    rows = []
-    for method in FLOW_METHODS:
-        stars = [_star(method, name, scratch) for name in STARS]
-        rows.append((method, *(f"{s.noise_px:.4f} / {s.loss_px:.0f}" for s in stars)))
-    return [
-        EngineTable("Star: noise and detail",
-              "px: standard deviation where the period is above 119 px / period at which 10 % of "
-              "the amplitude is lost (291: all of them); green, blurred.",
-              ("method", *STARS.values()), tuple(rows)),
-        flow_hard.table(scratch),
-        flow_hard.rules(scratch),
-    ]  # fmt: skip
 
 
 ENGINE = Engine(
@@ -170,5 +233,4 @@ ENGINE = Engine(
     "steps, Dense Inverse Search, Farneback.",
     curves,
     cases,
-    tables,
 )

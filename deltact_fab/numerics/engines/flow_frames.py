@@ -208,23 +208,13 @@ def _slid(shift_mm: tuple[float, float], width_mm: float, layer: Any) -> Field:
     return np.stack([shift_mm[0] * b, shift_mm[1] * b, -b], axis=-1)
 
 
-STARS = {
-    "star: speckle": "speckle and noise of the DIC Challenge",
-    "star: coarse, three chips": "d 0.15 r 0.1, three chips",
-    "star: coarse": "d 0.15 r 0.1, Bayer mosaic",
-    "star: fine, three chips": "d 0.075 r 0.6, three chips",
-    "star: fine": "d 0.075 r 0.6, Bayer mosaic",
-}
 SCENES: dict[str, Callable[[], FlowSequence]] = {
     "press": partial(_on_the_gel, _pressed),
     "press, three chips": partial(_on_the_gel, _pressed, mosaic=False),
     "slide": partial(_on_the_gel, partial(_slid, (2.7, 1.35), 5.0)),
-    "leap": partial(_on_the_gel, partial(_slid, (7.2, 3.6), 8.0)),
     "star: speckle": speckle_star,
     "star: coarse": partial(in_plane, COARSE, STAR.motion),
     "star: coarse, three chips": partial(in_plane, COARSE, STAR.motion, mosaic=False),
-    "star: fine": partial(in_plane, FINE, STAR.motion),
-    "star: fine, three chips": partial(in_plane, FINE, STAR.motion, mosaic=False),
     "far": partial(in_plane, COARSE, far, 10),
     "far, fine": partial(in_plane, FINE, far, 10),
     "near": partial(in_plane, COARSE, near, 4),

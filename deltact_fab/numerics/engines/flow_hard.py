@@ -6,7 +6,7 @@ after three whole ones, on two patterns with seeds other than those that set the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 
 from ...aliases import Image
-from ...measure.flow import ConfidenceRule, FlowTracker
-from ..engine import EngineTable, Flagged
+from ...measure.flow import FlowTracker
+from ..engine import Flagged
 from .flow_frames import FlowSequence, scene
 
 WRONG_PX = 1.0
@@ -104,7 +104,6 @@ UNRELATED: dict[str, Callable[[Image], Image]] = {
     "saturated": lambda image: np.full_like(image, 255),
     "negative": np.invert,
     "mirrored": lambda image: np.ascontiguousarray(image[:, ::-1]),
-    "flipped": lambda image: np.ascontiguousarray(image[::-1]),
     "upside down": lambda image: np.ascontiguousarray(image[::-1, ::-1]),
 }
 SPOILT: dict[str, Callable[[Image], Image]] = {
@@ -127,8 +126,6 @@ WRONG = 0.005
 LONG_WRONG = {"far": 0.0015}
 # Share of the view that may be without confidence in what should still be read.
 BLIND = {"whole": 0.15, "blur of 9 px": 0.5, "light x 0.6": 0.2, "light x 1.4": 0.2}
-# Candidates for the rule's bound on the predicted deviation, px.
-DEVIATIONS_PX = (0.12, 0.15, 0.17, 0.2, 0.25, 0.3)
 
 
 def spoilt(what: str, image: Image) -> Image:
@@ -140,9 +137,7 @@ def spoilt(what: str, image: Image) -> Image:
 
 
 @cache
-def seen(
-    what: str, names: tuple[str, ...], scratch: Path, rule: ConfidenceRule | None = None
-) -> dict[str, TrackedPixels]:
+def seen(what: str, names: tuple[str, ...], scratch: Path) -> dict[str, TrackedPixels]:
     """What the default tracker says of one image in scenes by name, by place in the sequence."""
     out = {}
     for name in names:
@@ -158,7 +153,7 @@ def seen(
             frames[-1] = spoilt(what, given.last)
         places = {"first": [frames[0], frames[-1]], "after a sequence": frames}
         for place in places if len(frames) > 2 else ("first",):
-            out[f"{name}: {place}"] = judged(FlowTracker(believe=rule), places[place], given)
+            out[f"{name}: {place}"] = judged(FlowTracker(), places[place], given)
     return out
 
 
@@ -199,57 +194,7 @@ def least_blind(what: str, names: tuple[str, ...], scratch: Path) -> tuple[float
     return 1 - s.confident, place
 
 
-def long_motion(
-    name: str, frames: int, scratch: Path, rule: ConfidenceRule | None = None
-) -> TrackedPixels:
+def long_motion(name: str, frames: int, scratch: Path) -> TrackedPixels:
     """What the default tracker says of 121 px in that many frames."""
     given = scene(scratch, name).every(10 // frames)
-    return judged(FlowTracker(believe=rule), list(given.images), given)
-
-
-def rules(scratch: Path) -> EngineTable:
-    """What the bound on the predicted deviation decides: cover against confident pixels off."""
-    rows = []
-    candidates = [ConfidenceRule(deviation_max_px=bound) for bound in DEVIATIONS_PX]
-    for what in (*SPOILT, HALF_OTHER):
-        found = [seen(what, NEAR, scratch, rule).values() for rule in candidates]
-        rows.append((what, *map(_cell, found)))
-    for frames in (5, 1):
-        every = [[long_motion(name, frames, scratch, rule) for name in LONG] for rule in candidates]
-        rows.append((f"121 px in {frames} frames", *map(_cell, every)))
-    return EngineTable(
-        "The bound on the predicted deviation",
-        f"Least cover, % / most of the confident off by 1 px, %; by deviation_max_px of the rule, "
-        f"now {ConfidenceRule().deviation_max_px:g}; frames that are not trusted in brackets.",
-        ("image", *(f"{bound:g} px" for bound in DEVIATIONS_PX)),
-        tuple(rows),
-    )
-
-
-def _cell(found: Collection[TrackedPixels]) -> str:
-    refused = sum(not s.trusted for s in found)
-    return (
-        f"{100 * min(s.confident for s in found):.0f} / {100 * max(s.wrong for s in found):.2g}"
-        + (f" ({refused} of {len(found)})" if refused else "")
-    )
-
-
-def table(scratch: Path) -> EngineTable:
-    """Every image, the worst of its four: what decides whether a tracker can be believed."""
-    rows = []
-    for what in (*SPOILT, HALF_OTHER, ONE_CORNER, *UNRELATED, OTHER_SEED):
-        found = seen(what, NEAR, scratch).values()
-        cover = [100 * s.confident for s in found]
-        rows.append((
-            what, "no" if what in (ONE_CORNER, OTHER_SEED, *UNRELATED) else "yes",
-            sum(s.trusted for s in found), min(cover), max(cover),
-            100 * max(s.wrong for s in found),
-        ))  # fmt: skip
-    return EngineTable(
-        "Spoilt and unrelated images",
-        "On two patterns (d 0.15 r 0.1, d 0.075 r 0.6), as the first frame after the reference and "
-        "after three more, 12 px of motion. An unrelated image must not be trusted and has no "
-        "confident pixels.",
-        ("image", "related", "trusted, of 4", "confident, % from", "to", "of these off by 1 px, %"),
-        tuple(rows),
-    )
+    return judged(FlowTracker(), list(given.images), given)

@@ -10,14 +10,13 @@ from ...gel.open import contact_of
 from ...gel.press import press
 from ...shapes import SkinDimensions
 from ...shapes.indenter import parse
-from . import gel_finite
-from .gel_finite import INDENTER, LATTICE_MM, GelAnswer, PressSetup
+from .gel_press import INDENTER, LATTICE_MM, GelAnswer, PressSetup, solve_finite
 
 
 def solve(run: PressSetup) -> GelAnswer:
     """The press from nothing: mesh, factors and path. Raises what the gel raises."""
     if run.level == "hyperelastic":
-        return gel_finite.solve(run)
+        return solve_finite(run)
     return solve_auto(run) if run.level == "auto" else solve_linear(run)
 
 

@@ -16,8 +16,7 @@ from ...rig.camera.stream import ArrivedImage, StreamCamera
 from ...rig.force.netft import NetFTSensor
 from ...rig.interface import CameraFrame
 from ...virtual.clock import VirtualClock
-from ...virtual.netft import LockstepLink, NetFTBox
-from ...virtual.netft_faults import BoxFaults, Datagram
+from ...virtual.netft import BoxFaults, Datagram, LockstepLink, NetFTBox
 from ...virtual.seeds import stream_number
 
 Place = Callable[[], tuple[float, float, float]]

@@ -33,7 +33,7 @@ def export(run: Run, form: str, out: Path, progress: Progress | None = None) -> 
             from .foxglove import write
 
             return write(run, made, report)
-        from .folder import write as write_tables
+        from .tables import write as write_tables
 
         return write_tables(run, made, form, report)
 

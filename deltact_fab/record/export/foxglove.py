@@ -20,8 +20,7 @@ from ...aliases import Progress
 from ..images import encode_png
 from ..run import Run
 from ..timeline import TimeLine
-from .source import described, presses
-from .tables import LINE, events, of_press
+from .tables import LINE, described, events, of_press, presses
 
 CHUNK_BYTES = 4 * 1024 * 1024  # a frame of 1280 x 720 and what was felt with it
 SENSOR = "sensor"  # frame of reference: the sensor frame, z = 0 at the resting face

@@ -1,18 +1,43 @@
-"""The tables of a run as they are exported: their columns, types, units and meanings."""
+"""A run as a folder of tables, CSV or Parquet, and what every export takes of a run."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...aliases import Progress
+from ..files import json_bytes
 from ..run import Run
 from ..timeline import TimeLine
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+def presses(run: Run) -> list[str]:
+    """All presses that have rows, in the plan's order; changes of the indenter among them."""
+    with run.reader() as db:
+        rows = db.execute(
+            "SELECT press FROM (SELECT press, wall_s FROM steps UNION ALL SELECT press, wall_s "
+            "FROM frames) GROUP BY press ORDER BY min(wall_s)"
+        )
+        return [press for (press,) in rows]
+
+
+def described(run: Run) -> dict[str, Any]:
+    """What every export says of the run it is of."""
+    keys = ("name", "rig_name", "simulated", "air", "seed", "format", "versions")
+    return {key: run.meta.get(key) for key in keys} | {
+        "protocol": (run.meta.get("protocol") or {}).get("name"),
+        "finished": run.finished,
+    }
+
 
 LINE = "time_ns"  # the column of every table that puts it on the time line
 
@@ -150,3 +175,78 @@ def _shaped(name: str, table: pd.DataFrame) -> pd.DataFrame:
         column.name: _KINDS.get(column.kind, column.kind) for column in TABLES[name]
     }
     return table.reindex(columns=list(kinds)).astype(kinds)
+
+
+class _Csv:
+    """One table as CSV: what is not known is empty; numbers have all their digits."""
+
+    def __init__(self, path: Path) -> None:
+        self._out = path.open("w", encoding="utf-8", newline="")
+        self._headed = False
+
+    def write(self, table: pd.DataFrame) -> None:
+        table.to_csv(self._out, index=False, header=not self._headed)
+        self._headed = True
+
+    def close(self) -> None:
+        self._out.close()
+
+
+class _Parquet:
+    """One table as Parquet, a row group a press; units stand with the columns."""
+
+    def __init__(self, path: Path, columns: list[TableColumn], about: dict[str, Any]) -> None:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        fields = []
+        for column in columns:
+            notes = {"unit": column.unit, "description": column.text}
+            kind = pa.timestamp("ns", tz="UTC") if column.name == LINE else column.kind
+            kind = pa.bool_() if kind == "bool" else kind
+            fields.append(pa.field(column.name, kind, metadata=notes))
+        text = {key: json.dumps(value) for key, value in about.items()}
+        self._schema = pa.schema(fields, metadata={"deltact-fab": json.dumps(about), **text})
+        self._writer = pq.ParquetWriter(path, self._schema, compression="zstd")
+
+    def write(self, table: pd.DataFrame) -> None:
+        import pyarrow as pa
+
+        made = pa.Table.from_pandas(table, self._schema, preserve_index=False)
+        self._writer.write_table(made.replace_schema_metadata(self._schema.metadata))
+
+    def close(self) -> None:
+        self._writer.close()
+
+
+def write(run: Run, folder: Path, form: str, progress: Progress) -> dict[str, int]:
+    """Write all tables into a new folder; return how many rows each has. Raises RunFailed."""
+    folder.mkdir()
+    about, line, names = described(run), TimeLine.of(run), presses(run)
+    rows = dict.fromkeys(TABLES, 0)
+    with ExitStack() as opened:
+        writers: dict[str, _Csv | _Parquet] = {}
+        for name, columns in TABLES.items():
+            path = folder / f"{name}.{form}"
+            writers[name] = _Csv(path) if form == "csv" else _Parquet(path, columns, about)
+            opened.callback(writers[name].close)
+        for press, name, table in chunks(run, line, names):
+            writers[name].write(table)
+            rows[name] += len(table)
+            if name == "steps":
+                progress(names.index(press) + 1, len(names), press)
+    (folder / "README.md").write_text(_readme(about, rows, form), encoding="utf-8")
+    (folder / "run.json").write_bytes(json_bytes({**run.meta, "summary": run.summary()}))
+    return rows
+
+
+def _readme(about: dict[str, Any], rows: dict[str, int], form: str) -> str:
+    lines = [f"# {about['name']}: a run exported as {form}", ""]
+    lines += [f"- {key}: {json.dumps(value)}" for key, value in about.items()]
+    lines += ["", "run.json has all that is known of protocol, rig, sensor and camera. Images stay"]
+    lines += ["in the run's folder, under the paths of `file`. What is not known is empty.", ""]
+    for name, columns in TABLES.items():
+        lines += [f"## {name}.{form}: {rows[name]} rows", "", "| column | unit | meaning |"]
+        lines += ["|---|---|---|"]
+        lines += [f"| {c.name} | {c.unit} | {c.text} |" for c in columns] + [""]
+    return "\n".join(lines)

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from ..toml_model import Strict
+from ...configuration import Table
 
 Pixels = Annotated[int, Field(ge=8, le=20_000)]
 Control = Annotated[int, Field(ge=-1_000_000, le=1_000_000)]
@@ -15,14 +15,14 @@ DEVICE_FOLDER = "/dev/"
 LOCKS = ("exposure", "gain", "white_balance_k", "autofocus")
 
 
-class CameraFile(Strict):
+class CameraFile(Table):
     """What is known of a camera, as it was calibrated."""
 
     model: Word
     """A camera file, as `deltact-fab calibrate` writes it; its path counts from the rig file."""
 
 
-class CameraConfig(Strict):
+class CameraConfig(Table):
     """The camera that looks at the gel: how its images come, and how it was calibrated.
 
     Paths count from the folder of the rig file. Only a V4L2 device's settings can be locked here;

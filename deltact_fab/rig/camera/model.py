@@ -21,7 +21,7 @@ from ...optics import (
     load_camera,
     raw_mm_per_px,
 )
-from ...optics.sampling import MIN_PX
+from ...optics.rectified import MIN_PX
 from ...reading import is_file
 from ...shapes import SensorDimensions
 from .config import CameraConfig

@@ -10,8 +10,7 @@ import numpy as np
 
 from ...errors import InputError, SensorError
 from ..clock import WallClock
-from ..finding import BenchFinding
-from ..interface import Camera, CameraFrame
+from ..interface import BenchFinding, Camera, CameraFrame
 from .config import CameraConfig
 from .model import calibrated, raw_size_px
 from .open import open_camera

@@ -65,9 +65,9 @@ class StreamCamera:
     """Implements rig.interface.Camera over a feed: each capture is the next image after the last.
 
     A consumer that takes every image gets every image; one that is slow loses the oldest, and they
-    are counted in `CameraFrame.dropped` with those that the device lost: by its own numbers where it
-    counts, else by gaps between stamps at the nominal rate. Images that equal the one before them
-    byte by byte are left out and counted, for no sensor without a fault is free of noise.
+    are counted in `CameraFrame.dropped` with those that the device lost: by its own numbers where
+    it counts, else by gaps between stamps at the nominal rate. Images that equal the one before
+    them byte by byte are left out and counted, for no sensor without a fault is free of noise.
     """
 
     def __init__(

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from ..toml_model import Force, Place, Strict, Torque
+from ...configuration import Place, Table
+
+Force = Annotated[float, Field(gt=0, le=100_000)]  # N
+Torque = Annotated[float, Field(gt=0, le=10_000_000)]  # N mm
 
 
-class NetFTConfig(Strict):
+class NetFTConfig(Table):
     """An ATI Net F/T box on the network."""
 
     host: str = Field(min_length=1, max_length=253)
@@ -22,7 +25,7 @@ class NetFTConfig(Strict):
     """Of the transducer, as FT11564; with it, any other one is refused."""
 
 
-class SerialScaleConfig(Strict):
+class SerialScaleConfig(Table):
     """A scale or load cell that writes lines of numbers to a serial port."""
 
     port: str = Field(min_length=1, max_length=4096)
@@ -54,7 +57,7 @@ class SerialScaleConfig(Strict):
         return self
 
 
-class ForceConfig(Strict):
+class ForceConfig(Table):
     """A six-axis force sensor (ranges as on its calibration sheet).
 
     ATI Nano17, `max` in the calibration files that come with it: SI-50-0.5 (FT11564) 50, 50, 70 N
@@ -81,7 +84,7 @@ class ForceConfig(Strict):
         return self
 
 
-class GuardConfig(Strict):
+class GuardConfig(Table):
     """Beyond any of these the guard stops the stage, whatever it is doing.
 
     What is not set follows from the sensor's range, see `guard.GuardLimits`.

@@ -8,8 +8,7 @@ import numpy as np
 
 from ...errors import DeltactFabError
 from ..clock import WallClock
-from ..finding import BenchFinding
-from ..interface import ForceSensor
+from ..interface import BenchFinding, ForceSensor
 from .config import ForceConfig, GuardConfig
 from .guard import GuardLimits
 from .netft import SILENT_S

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 
 from ...errors import DeltactFabError, SensorError
-from ...protocols.pace import ARRIVAL_S
+from ...protocols.motion import ARRIVAL_S
 from ...protocols.plan import Step
 from ...units import to_ns
 from .schedule import LOOK_NS, Schedule, in_step

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from ...errors import DeltactFabError
 from ...protocols.plan import Step
 from ...units import to_ns
-from ..interface import Stage
-from ..stage.moves import LIFT_FEED_MM_MIN, rise
+from ..interface import LIFT_FEED_MM_MIN, Stage, rise
 from .schedule import Schedule
 from .streams import FrameRequest
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 
 from ...errors import DeltactFabError
-from ...protocols.pace import LOOK_S
+from ...protocols.motion import LOOK_S
 from ...protocols.plan import Step
 from ...record import Chunk, RunWriter
 from ...units import to_ns

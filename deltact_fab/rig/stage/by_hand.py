@@ -12,9 +12,8 @@ from contextlib import contextmanager
 from ...aliases import Vector
 from ...errors import InputError, Stopped
 from ...protocols.motion import plus
-from ..interface import Stage
+from ..interface import Stage, go
 from ..run.interrupt import interruptible
-from .moves import go
 
 CLEARANCE_MM = 5.0
 MAX_MM = 10.0

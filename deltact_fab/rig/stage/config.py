@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from ..toml_model import Acceleration, Feed, Force, Place, Strict, Tilt, Travel
+from ...configuration import Place, Table
+from ..force.config import Force
+from ..tool.config import Tilt
 
 if TYPE_CHECKING:
     from ...optics import StageFrame
     from ...protocols.limits import StageBox
 
 
-class StageSettings(Strict):
+Travel = Annotated[float, Field(ge=1, le=10_000)]  # mm
+Feed = Annotated[float, Field(ge=1, le=100_000)]  # mm/min
+Acceleration = Annotated[float, Field(ge=0.1, le=100_000)]  # mm/s2
+
+
+class StageSettings(Table):
     """The 3-axis stage; machine coordinates are 0 at an axis' positive end and negative below.
 
     Z homes up, away from the gel; X and Y at 0 too, but for `homing_direction_mask`.

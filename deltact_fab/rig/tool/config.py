@@ -6,21 +6,22 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from ...configuration import Place, Table
 from ...errors import InputError
-from ..toml_model import Place, Strict, Tilt
 
+Tilt = Annotated[float, Field(ge=-5, le=5)]  # degrees
 Half = Annotated[float, Field(ge=1, le=200)]
 Millimetres = Annotated[float, Field(ge=-100, le=100)]
 
 
-class ToolConfig(Strict):
+class ToolConfig(Table):
     """What is known of one indenter before it is mounted."""
 
     length_mm: Millimetres
     """How much longer it is than the one that `[stage] origin_machine_mm` was measured with."""
 
 
-class JigConfig(Strict):
+class JigConfig(Table):
     """A block with upright sides around the middle of the face; a ball finds its place."""
 
     half_mm: tuple[Half, Half]
@@ -29,7 +30,7 @@ class JigConfig(Strict):
     """Height of its top above the resting face; below it, as the base's own frame is: negative."""
 
 
-class TouchConfig(Strict):
+class TouchConfig(Table):
     """How the face is found after each change of indenter, and when a run goes on.
 
     Heights count from where the face is expected: `[stage] origin_machine_mm`, and the length of
@@ -68,7 +69,7 @@ class TouchConfig(Strict):
         return self
 
 
-class RegisteredTouch(Strict):
+class RegisteredTouch(Table):
     """One touch of a registration."""
 
     at_mm: tuple[Millimetres, Millimetres]
@@ -76,7 +77,7 @@ class RegisteredTouch(Strict):
     spread_mm: float = Field(ge=0, le=10)
 
 
-class RegistrationFile(Strict):
+class RegistrationFile(Table):
     """What `rig register` wrote: where the face lies, and how that was found."""
 
     date: str = Field(max_length=64)

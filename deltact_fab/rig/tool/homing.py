@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import StageError
-from ..interface import Clock, ForceSensor, Stage
+from ..interface import LIFT_FEED_MM_MIN, Clock, ForceSensor, Stage
 from ..run.guard_thread import watched
-from ..stage.moves import LIFT_FEED_MM_MIN
 from .operator import Operator, confirm
 
 if TYPE_CHECKING:

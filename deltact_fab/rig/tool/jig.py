@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING
 from ...aliases import Vector
 from ...errors import RunFailed, SensorError
 from ...optics import StageFrame
-from ..interface import Stage
-from ..stage.moves import go
+from ..interface import Stage, go
 from .config import JigConfig, TouchConfig
 from .feeler import ForceProbe
 from .touch import LOWERING, MOST, STEP_MM

@@ -15,10 +15,9 @@ from ...shapes import Indenter, SensorDimensions
 from ...shapes.indenter import parse as parse_indenter
 from ..clock import WallClock
 from ..config import GrblConfig
-from ..interface import Clock, ForceSensor, Stage
+from ..interface import LIFT_FEED_MM_MIN, Clock, ForceSensor, Stage
 from ..run.interrupt import interruptible
 from ..stage.firmware import open_stage
-from ..stage.moves import LIFT_FEED_MM_MIN
 from .config import JigConfig, TouchConfig
 from .feeler import ForceProbe
 from .homing import LIFT_MM, home_safely

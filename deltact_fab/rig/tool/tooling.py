@@ -17,9 +17,8 @@ from ... import reading
 from ...errors import InputError, RunFailed
 from ...files import write_whole
 from ...shapes.indenter import parse as parse_indenter
-from ..interface import Clock, ForceSensor, Stage
+from ..interface import Clock, ForceSensor, Stage, go
 from ..job import RigSetup
-from ..stage.moves import go
 from .config import ToolConfig, TouchConfig
 from .homing import clear_the_face
 from .operator import Operator, TerminalOperator, confirm

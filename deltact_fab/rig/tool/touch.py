@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any
 from ...aliases import Vector
 from ...errors import DeltactFabError, SensorError, StageError
 from ...shapes import Indenter
-from ..interface import Clock, ForceSensor, Stage
-from ..stage.moves import go, rise
+from ..interface import Clock, ForceSensor, Stage, go, rise
 from .config import TouchConfig
 from .contact import ContactFit, fit, powers_of
 from .feeler import ForceProbe

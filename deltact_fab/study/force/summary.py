@@ -16,12 +16,11 @@ from ...analysis.force import (
     component,
     enough,
 )
-from ...analysis.force.judge import EvaluatedModel
-from ...analysis.force.learning import as_rows
+from ...analysis.force.judge import EvaluatedModel, as_rows
 from ...report.force_figures import drawn
 from ...report.result import Headline, ReportTable, StudyResult
+from ..gel_remarks import MODULUS_FACTOR, remark
 from ..intervals import Interval, rmse
-from ..modulus import MODULUS_FACTOR, remark
 from .reasons import by_group, error, parts, why_missed, why_not_the_papers
 
 if TYPE_CHECKING:

@@ -11,8 +11,7 @@ import cv2
 import numpy as np
 
 from ... import jobs
-from ...analysis.tracking_error.follow import Follower
-from ...analysis.tracking_error.scene import TrackingPlan
+from ...analysis.tracking_error.follow import Follower, TrackingPlan
 from ...catalog import validate
 from ...errors import SensorError
 from ...patterns.recipe import recipe_from

@@ -7,18 +7,143 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ...catalog import as_toml
+from ...errors import RunFailed
 from ...protocols.plan import Protocol
-from ..intervals import Interval
-from .candidates import Candidate
+from ..intervals import Interval, estimate, mean
+from .candidates import Candidate, Size
 from .imager import PatternImager
-from .ranking import Pair
-from .scale import Size
-from .search import order
-from .verdict import DEFAULT, FARNEBACK, ConfirmedPattern, best_of, confirmed, gain
+from .search import Pair, order
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+DEFAULT, FARNEBACK = "fused", "paper"
+"""Trackers: ours, and the paper's own, as `measure.flow.named_tracker` calls them."""
+GOAL = 1 / 3
+"""Of the paper's pattern's mean error, at most."""
+
+
+@dataclass(frozen=True)
+class ConfirmedPattern:
+    """A pattern on the finite-strain gel: means over seeds and presses.
+
+    errors_mm: by seed; by_press_mm: of each press, over the seeds; in their order.
+    """
+
+    pattern: str
+    method: str
+    errors_mm: tuple[float, ...]
+    by_press_mm: tuple[float, ...]
+    error: Interval
+    confident_mm: float | None
+    p95_mm: float | None
+    coverage: float
+
+    def as_row(self) -> dict[str, Any]:
+        """Plain data."""
+        return {
+            "pattern": self.pattern,
+            "tracker": self.method,
+            "mean_error_mm": self.error.value,
+            "low_mm": self.error.low,
+            "high_mm": self.error.high,
+            "over": self.error.over,
+            "confident_error_mm": self.confident_mm,
+            "p95_error_mm": self.p95_mm,
+            "coverage": self.coverage,
+        }
+
+
+def confirmed(
+    results: Sequence[Sequence[Mapping[str, Any]]], names: Sequence[str], method: str
+) -> tuple[list[ConfirmedPattern], dict[str, str]]:
+    """Patterns that a method tracked with every seed, best first; why not, of the others.
+
+    results: by seed, what `confirm` returned of each press. A press counts as much as another.
+    """
+    found, refused = [], {}
+    for name in names:
+        each = [[press["figures"].get(name, {}) for press in presses] for presses in results]
+        flat = [figures for presses in each for figures in presses]
+        if why := next((f["why"] for f in flat if "why" in f), ""):
+            refused[name] = why
+        elif flat and all(method in f for f in flat):
+            found.append(_one(name, method, [[f[method] for f in presses] for presses in each]))
+    return sorted(found, key=lambda c: c.error.value), refused
+
+
+def _one(name: str, method: str, figures: list[list[dict[str, Any]]]) -> ConfirmedPattern:
+    """figures: by seed, of each press."""
+    by_press = np.array([[f["mean_off_dots_mm"] for f in presses] for presses in figures])
+    flat = [f for presses in figures for f in presses]
+    errors = tuple(float(v) for v in by_press.mean(axis=1))
+    return ConfirmedPattern(
+        name,
+        method,
+        errors,
+        tuple(float(v) for v in by_press.mean(axis=0)),
+        mean(errors, range(len(errors)), "seed"),
+        _mean(f["mean_confident_mm"] for f in flat),
+        _mean(f["p95_off_dots_mm"] for f in flat),
+        float(np.mean([f["coverage"] or 0.0 for f in flat])),
+    )
+
+
+def _mean(values: Any) -> float | None:
+    known = [v for v in values if v is not None]
+    return float(np.mean(known)) if known else None
+
+
+def best_of(found: Sequence[ConfirmedPattern], finalists: Sequence[str]) -> ConfirmedPattern:
+    """The finalist with the least mean error. Raises RunFailed where none was confirmed."""
+    for one in found:
+        if one.pattern in finalists:
+            return one
+    raise RunFailed("pattern-search: no finalist could be tracked on the gel")
+
+
+def gain(
+    found: Sequence[ConfirmedPattern], finalists: Sequence[str], paper: str
+) -> Interval | None:
+    """Error of the finalist to print over the paper's pattern's, by the seeds, with its interval.
+
+    For each seed the finalist is the best of the *other* seeds, so that having chosen it among
+    several flatters nothing. None where the paper's pattern was not tracked.
+    """
+    by_name = {one.pattern: np.array(one.errors_mm) for one in found}
+    if paper not in by_name:
+        return None
+    candidates = np.array([by_name[name] for name in finalists if name in by_name])
+    rows = np.column_stack((chosen_by_others(candidates), by_name[paper]))
+    return estimate(rows, range(len(rows)), _ratio, "seed", "positive")
+
+
+def ratio(a: ConfirmedPattern, b: ConfirmedPattern) -> Interval:
+    """Mean error of one pattern over that of another, seed by seed, with its interval."""
+    rows = np.column_stack((a.errors_mm, b.errors_mm))
+    return estimate(rows, range(len(rows)), _ratio, "seed", "positive")
+
+
+def chosen_by_others(errors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """For each seed the error of the pattern that the other seeds call best.
+
+    errors: (patterns, seeds). With one seed, the best one.
+    """
+    n = errors.shape[1]
+    if n == 1:
+        return np.asarray(errors.min(axis=0))
+    rest = errors.sum(axis=1, keepdims=True) - errors
+    return np.asarray(errors[rest.argmin(axis=0), np.arange(n)])
+
+
+def _ratio(rows: NDArray[np.float64]) -> float:
+    return float(rows[:, 0].mean() / rows[:, 1].mean())
+
 
 UM = 1000.0
 RECIPE_SEED = 7

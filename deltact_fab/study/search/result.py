@@ -8,10 +8,9 @@ from ...protocols.plan import expand
 from ...report.result import Headline, LeftOut, StudyResult
 from ..intervals import Interval
 from .candidates import MAX_PX, MIN_DOTS, MIN_PX
-from .findings import RECIPE_SEED, UM, Findings, recipe_text
+from .findings import GOAL, RECIPE_SEED, UM, Findings, ratio, recipe_text
 from .presentation import drawn, tables
 from .search import MIN_BRIDGED_MM, MIN_COVERAGE
-from .verdict import GOAL, ratio
 
 if TYPE_CHECKING:
     import pandas as pd

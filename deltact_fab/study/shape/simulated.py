@@ -33,7 +33,7 @@ from ...virtual.presses import Presses
 from ...virtual.rig import VirtualKind
 from .. import press_jobs
 from ..force import press as force_press
-from ..gel_summary import interpolation
+from ..gel_remarks import interpolation
 from ..grid import GridJob
 from ..request import StudyRequest
 from . import press

@@ -13,6 +13,7 @@ import signal
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -26,14 +27,26 @@ from ...rig.config import VirtualConfig
 from ...rig.job import RigSetup
 from ..backend import Below
 from ..bench_face import BenchFace
+from ..clock import VirtualClock
 from ..gel_summary import gel_left_out, gel_notes
 from ..netft_server import NetFTServer
 from ..pty import PtyCable
 from ..rig import VirtualKind
 from ..scene import Observation
-from .camera import LiveCamera
-from .clock import LiveClock
-from .scene import LiveScene
+from .scene import LiveCamera, LiveScene
+
+
+class LiveClock(VirtualClock):
+    """Stands still between two calls of `catch_up`; its origin is that of `time.monotonic`."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.catch_up()
+
+    def catch_up(self) -> None:
+        """Let the time pass that has passed."""
+        self.advance_to_ns(time.monotonic_ns())
+
 
 NEAR_MM = 0.3  # as far as a touch-off may be off and the press still be the planned one
 SWITCH_S = 0.0005  # a thread that draws lets the others have their turn sooner

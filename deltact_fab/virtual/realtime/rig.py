@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import pickle
+import subprocess
+import sys
+import threading
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from ...aliases import Progress
+from ...errors import RunFailed
 from ...rig.bench import GrblRig
 from ...rig.camera.config import CameraConfig
 from ...rig.config import GrblConfig, VirtualConfig
@@ -16,11 +21,73 @@ from ...rig.interface import Camera, ForceSensor
 from ...rig.job import Devices, RigSetup
 from ..presolve import PressRow, solve_ahead
 from ..rig import VirtualKind
-from .host_link import RemoteBench
 from .process import Order, Ports
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+
+END_S = 10.0
+# Not `-m`, by which its classes would be those of `__main__`.
+MAIN = "from deltact_fab.virtual.realtime.process import main; main()"
+
+
+class RemoteBench:
+    """The process below the wires, and what its host sends it outside them.
+
+    Raises RunFailed when it cannot be started or has ended, and what it raises itself.
+    """
+
+    def __init__(self, order: Order) -> None:
+        self._lock = threading.Lock()
+        # A session of its own: Ctrl-C is the host's to answer.
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", MAIN],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+        )
+        try:
+            self.ports: Ports = self._ask(order)
+        except BaseException:
+            self.close()
+            raise
+
+    def ask(self, what: str, **told: object) -> Any:
+        """One request; see `process.LiveBench`."""
+        return self._ask((what, told))
+
+    def close(self) -> None:
+        """End the process; again does nothing."""
+        process = self._process
+        assert process.stdin is not None
+        assert process.stdout is not None
+        with suppress(BrokenPipeError):
+            process.stdin.close()
+        try:
+            process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        process.stdout.close()
+
+    def _ask(self, what: object) -> Any:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        try:
+            with self._lock:  # a press begins in one thread and ends in another
+                pickle.dump(what, self._process.stdin)
+                self._process.stdin.flush()
+                answer = pickle.load(self._process.stdout)
+        except (OSError, EOFError, ValueError, pickle.UnpicklingError) as why:
+            raise RunFailed(
+                f"the simulated bench has ended (process {self._process.pid}, status "
+                f"{self._process.poll()}): its devices are gone"
+            ) from why
+        if isinstance(answer, BaseException):
+            raise answer
+        return answer
+
 
 HOST = "127.0.0.1"
 # The box and the camera share this computer's processors with all that runs on it: what would be a

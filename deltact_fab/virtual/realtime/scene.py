@@ -8,17 +8,27 @@ touch-off, the force is that of `bench_face`, and the face is drawn at rest.
 
 from __future__ import annotations
 
+import errno
 import math
-from collections.abc import Callable, Sequence
+import os
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...aliases import Point
-from ...optics import StageFrame
+from ...errors import DeltactFabError
+from ...optics import Fisheye, StageFrame
+from ...rig.camera.command import HEADER
+from ..devices import Seen, write_truth
 from ..motion import Segment
-from ..scene import GelScene, Knot, MotionSegment, Observation
+from ..picture import FrameRenderer
+from ..scene import GelScene, Knot, LatticeCrop, MotionSegment, Observation
 
 HERTZ = 1.5  # force goes with this power of the depth
 OFF_PLAN, BARE = -1, -2  # keys of knots that no one solved; of a bare face nothing is drawn
@@ -145,3 +155,119 @@ class LiveScene(GelScene):
             return super()._planned(machine_mm)
         near = min(self._press.waypoints, key=lambda p: math.dist(p, point), default=point)
         return near if math.dist(near, point) <= self.near_mm else point
+
+
+LOOK_S = 0.02
+STALE_NS = 3_000_000_000  # to draw, on a computer with better things to do; beyond it is no news
+SAME_NS = 1000  # two stamps that are one but for their way through a float
+
+
+class LiveCamera:
+    """Draws images at the rate it is given, or as fast as it can, while they are being read.
+
+    look: the surface and the time (ns, monotonic) at which it is so. What an image shows is that
+    moment, however long it took to draw.
+    """
+
+    def __init__(
+        self,
+        picture: FrameRenderer,
+        look: Callable[[], tuple[int, Observation]],
+        fifo: Path,
+        rate_hz: float,
+        seed: int,
+    ) -> None:
+        self._picture, self._look = picture, look
+        self._fifo = fifo
+        self._period_s = 1 / rate_hz
+        self._seed = seed
+        self._number = 0
+        self._lock = threading.Lock()
+        self._drawn: dict[int, Seen] = {}
+        self.seconds = 0.0
+        """Spent drawing."""
+        self._since_s = math.inf
+        os.mkfifo(fifo)
+        self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
+        self._thread.start()
+
+    @property
+    def drawn(self) -> int:
+        """Images so far."""
+        return self._number
+
+    @property
+    def seen_s(self) -> float:
+        """Since when someone reads, in seconds."""
+        return max(time.monotonic() - self._since_s, 0.0)
+
+    def begin(self) -> None:
+        """A press begins: images of the one before are no longer asked for."""
+        with self._lock:
+            self._drawn.clear()
+
+    def keep(
+        self,
+        folder: Path,
+        press: str,
+        frames: Mapping[str, float],
+        scene: LiveScene,
+        crop: LatticeCrop,
+        lens: Fisheye | None,
+    ) -> None:
+        """Write the truth of these frames, ids and times (s). Raises RunFailed, KeyError."""
+        with self._lock:
+            stamps = np.fromiter(self._drawn, np.int64)
+            seen = list(self._drawn.values())
+        found = []
+        for frame_id, t_s in frames.items():
+            off_ns = np.abs(stamps - round(t_s * 1e9))
+            k = int(np.argmin(off_ns)) if len(off_ns) else -1
+            if k < 0 or off_ns[k] > SAME_NS:
+                raise KeyError(f"{frame_id}: no image of that time was drawn")
+            found.append(seen[k])
+        write_truth(folder, press, list(frames), found, scene, crop.lattice, lens)
+
+    def _run(self) -> None:
+        while True:
+            pipe = self._opened()
+            with suppress(BrokenPipeError):
+                self._stream(pipe)
+            os.close(pipe)
+
+    def _opened(self) -> int:
+        """Wait for a reader."""
+        while True:
+            try:
+                pipe = os.open(self._fifo, os.O_WRONLY | os.O_NONBLOCK)
+            except OSError as why:
+                if why.errno != errno.ENXIO:
+                    raise
+                time.sleep(LOOK_S)
+                continue
+            os.set_blocking(pipe, True)
+            return pipe
+
+    def _stream(self, pipe: int) -> None:
+        self._since_s = due_s = time.monotonic()
+        while True:
+            time.sleep(max(due_s - time.monotonic(), 0.0))
+            due_s = max(due_s + self._period_s, time.monotonic())
+            rng = np.random.default_rng(np.random.SeedSequence([self._seed, 4, self._number]))
+            try:
+                t_ns, seen = self._look()
+                started = time.thread_time()
+                image = self._picture.render(seen.displacement_mm(), rng)
+            except DeltactFabError:
+                continue  # no view of it can be drawn: it is an image less
+            self.seconds += time.thread_time() - started
+            if time.monotonic_ns() - t_ns > STALE_NS:
+                self._number += 1  # lost, and by its number the host knows it
+                continue
+            with self._lock:
+                self._drawn[t_ns] = (seen.a.index, seen.b.index, seen.fraction)
+            parts = [memoryview(HEADER.pack(t_ns, self._number, 0)), image.reshape(-1).data]
+            self._number += 1
+            for part in parts:
+                while part:
+                    part = part[os.write(pipe, part) :]

@@ -1,16 +1,21 @@
-"""Sensors by size: bars of volume, and sensing area against volume."""
+"""The paper's charts, redrawn: sensors by size, and its pattern selection as stacked columns."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from . import figures
 from .figures import COLOURS, PAPER_COLOUR, blank, legend_below, log_ticks, name_marks
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
 
 # Where a row's figures are from: the table's sensors, the figure's, our own.
 GROUPS = {"table": COLOURS[0], "figure": COLOURS[1], "cad": COLOURS[2]}
@@ -84,3 +89,58 @@ def _marks(rows: pd.DataFrame) -> list[tuple[float, float, str, str]]:
             words = ", ".join([first, *(name.removeprefix("own: ") for name in rest)])
             found.append((float(x), float(y), words, colour))
     return found
+
+
+@dataclass(frozen=True)
+class PatternColumn:
+    """parts_mm: what each indenter adds to the pattern's mean, None where it was not measured.
+
+    paper_mm: the paper's own value; paper_about: it is said of several patterns.
+    """
+
+    label: str
+    parts_mm: tuple[float | None, ...]
+    low_mm: float | None
+    high_mm: float | None
+    paper_mm: float | None = None
+    paper_about: bool = False
+
+
+def stacked(
+    panels: Sequence[tuple[str, Sequence[PatternColumn]]], indenters: Sequence[str]
+) -> Figure:
+    """Panels one below the other, as the paper has its two rounds: (title, columns)."""
+    figure, axes = figures.blank(7.4, 2.6 * len(panels) + 0.6, 1, rows=len(panels), share_y=False)
+    for axis, (title, columns) in zip(axes, panels, strict=True):
+        places = range(len(columns))
+        below = [0.0] * len(columns)
+        for k, indenter in enumerate(indenters):
+            heights = [column.parts_mm[k] or 0.0 for column in columns]
+            axis.bar(places, heights, 0.62, bottom=below, label=indenter,
+                     color=figures.COLOURS[k % len(figures.COLOURS)])  # fmt: skip
+            below = [b + h for b, h in zip(below, heights, strict=True)]
+        for x, column, top in zip(places, columns, below, strict=True):
+            if column.low_mm is not None and column.high_mm is not None:
+                axis.plot(
+                    [x, x], [max(column.low_mm, 0.0), column.high_mm], color=figures.INK, lw=0.9
+                )
+            elif any(part is None for part in column.parts_mm):
+                axis.annotate("no dots", (x, top), ha="center", va="bottom", fontsize=7.5)
+        _paper(axis, columns)
+        axis.set_xticks(list(places), [column.label for column in columns])
+        axis.set_title(title, loc="left", fontsize=9)
+        axis.set_ylabel("mean error, mm")
+        axis.grid(visible=False, axis="x")
+    figures.legend_below(figure, axes[0])
+    return figure
+
+
+def _paper(axis: Axes, columns: Sequence[PatternColumn]) -> None:
+    """The paper's values as lines across their columns; dashed where it says "around"."""
+    label: str | None = "the paper"
+    for x, column in enumerate(columns):
+        if column.paper_mm is not None:
+            line = "--" if column.paper_about else "-"
+            ends = [x - 0.42, x + 0.42], [column.paper_mm] * 2
+            axis.plot(*ends, line, label=label, lw=1.6, color=figures.PAPER_COLOUR)
+            label = None
