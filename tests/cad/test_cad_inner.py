@@ -9,11 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deltact_fab.cad import feasibility, registry
+from deltact_fab.cad import feasibility, planes, registry
 from deltact_fab.cad.build import build_part, expected
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.kernel import require
-from deltact_fab.cad.parts import planes
 from deltact_fab.errors import InputError
 
 INNER = ("light-holder", "camera", "camera-screw", "camera-holder", "cover", "screw")

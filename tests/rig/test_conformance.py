@@ -125,6 +125,7 @@ def test_a_rig_names_its_devices_and_closes_twice(kind: str, build: Any) -> None
     rig.close()
 
 
+@pytest.mark.usefixtures("no_boot_loader")
 @pytest.mark.parametrize("kind", cases(STAGES))
 def test_a_stage(kind: str, build: Any) -> None:
     devices = build(kind).devices()

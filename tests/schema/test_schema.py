@@ -121,7 +121,13 @@ def numbers(node: dict[str, Any], root: dict[str, Any], at: tuple[str, ...]) -> 
             yield Number((*at, name), key)
 
 
-@ALL
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(kind, id=kind.name, marks=[pytest.mark.slow] * (kind.name == "design"))
+        for kind in KINDS.values()
+    ],
+)
 def test_a_number_beyond_its_limits_is_refused_by_the_model(kind: Kind) -> None:
     """The limits of the schema are those of the model: else an editor and `check` disagree."""
     start = catalog.read(catalog.find(kind.catalogue, EXAMPLES[kind.name]))
