@@ -81,7 +81,7 @@ def test_a_move_that_another_thread_ends(how: str) -> None:
 )
 def test_homing_that_another_thread_ends(how: str) -> None:
     with homed({25: 300.0}) as (it, stage):
-        stage.start_move((-30.0, -30.0, -30.0), 1200.0)
+        stage.start_move((-15.0, -15.0, -15.0), 1200.0)
         stage.wait()
         driver = Other(stage.home)
         it.hears(b"$H", 30)
