@@ -12,9 +12,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
-    ("deltact_fab", "lines"): 0,
-    ("deltact_fab", "files"): 0,
-    ("tests", "lines"): 0,
+    ("deltact_fab", "lines"): 83944,
+    ("deltact_fab", "files"): 622,
+    ("tests", "lines"): 45370,
 }
 
 

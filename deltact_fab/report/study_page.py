@@ -152,7 +152,7 @@ def html(
 ) -> str:
     """The page. kept: what its result.json says, of versions and time."""
     pages = environment(num=number, unit=_unit)
-    prepared = {table.name: prepared(table) for table in result.tables}
+    tables = {table.name: prepared(table) for table in result.tables}
     left_out = [_with_cost(one, layer_costs) for one in result.left_out]
     headlines = result.headlines
     return render(
@@ -162,9 +162,9 @@ def html(
         made=f"{kept.made.replace('T', ' ').removesuffix('Z')} UTC",
         doubt=bool(result.missing) or any(one.met is False for one in headlines),
         headlines=headlines,
-        headline_table=prepared.pop(HEADLINES, None),
+        headline_table=tables.pop(HEADLINES, None),
         figures=[_drawn(one) for one in result.figures],
-        tables=list(prepared.values()),
+        tables=list(tables.values()),
         left_out=left_out,
         measured_here=any(a.cost != b.cost for a, b in zip(left_out, result.left_out, strict=True)),
         settings={**result.settings, "seed": str(result.seed), **kept.versions},
