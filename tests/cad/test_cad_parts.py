@@ -223,7 +223,7 @@ def _scaled(factor):
 
 @pytest.mark.parametrize("factor", [0.7, 0.9, 3.0])
 def test_a_scaled_design_that_cannot_be_built_is_refused_before_the_kernel_runs(factor):
-    with pytest.raises(InputError, match="fails|Input should be"):
+    with pytest.raises(InputError, match=r"fails|Input should be"):
         _scaled(factor)
 
 
