@@ -17,7 +17,6 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +39,7 @@ HERE = Path(__file__).resolve().parent
 ROWS, TABLES = "evidence.jsonl", "EVIDENCE.md"
 LIMIT_S = 3600.0
 RANDOM_PRESSES = 30
+PACKAGES = ("numpy", "scipy", "numba", "opencv-contrib-python-headless", "pypardiso", "mkl")
 
 
 @dataclass(frozen=True)
@@ -168,20 +168,10 @@ def fill(
         store.append(path, {
             "key": key, "result": result, "seconds": round(seconds, 1), "threads": threads,
             "load": [round(v, 1) for v in os.getloadavg()] if hasattr(os, "getloadavg") else None,
-            "machine": machine(), "versions": _versions(),
+            "machine": machine(), "versions": experiment.versions(PACKAGES),
         })  # fmt: skip
         ran += 1
     return ran
-
-
-def _versions() -> dict[str, str]:
-    found = {k: experiment.versions()[k] for k in ("deltact-fab", "python", "numpy", "scipy")}
-    for name in ("numba", "opencv-contrib-python-headless", "pypardiso", "mkl"):
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "not installed"
-    return found
 
 
 def main() -> None:

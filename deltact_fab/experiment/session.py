@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
@@ -195,12 +195,15 @@ def pattern_of(recipe: PatternRecipe) -> dict[str, Any]:
     }
 
 
-def versions() -> dict[str, str]:
-    """Versions that can change a number."""
+PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "cadquery")
+
+
+def versions(packages: Iterable[str] = PACKAGES) -> dict[str, str]:
+    """Versions that can change a number: ours, Python's and those of packages."""
     from importlib.metadata import PackageNotFoundError, version
 
     found = {"deltact-fab": __version__, "python": platform.python_version()}
-    for name in ("numpy", "scipy", "opencv-contrib-python-headless", "cadquery"):
+    for name in packages:
         try:
             found[name] = version(name)
         except PackageNotFoundError:

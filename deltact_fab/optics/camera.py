@@ -75,8 +75,29 @@ def axes_mm(camera: CameraModel, margin_px: int = 0) -> tuple[Array, Array]:
     return xs, ys
 
 
+class ScaledView:
+    """An image in which the resting face has mm_per_px everywhere; a column is one x."""
+
+    mm_per_px: float
+    width_px: int
+    height_px: int
+
+    @property
+    def centre_px(self) -> tuple[float, float]:
+        """Where the sensor's axis meets the image."""
+        return ((self.width_px - 1) / 2, (self.height_px - 1) / 2)
+
+    def rest_mm(self, px: Array) -> Array:
+        """Image points (..., 2) in px to the resting face (..., 2) in mm."""
+        return (px - np.asarray(self.centre_px)) * self.mm_per_px
+
+    def rest_px(self, xy_mm: Array) -> Array:
+        """Points of the resting face (..., 2) in mm to image points (..., 2) in px."""
+        return xy_mm / self.mm_per_px + np.asarray(self.centre_px)
+
+
 @dataclass(frozen=True)
-class Pinhole:
+class Pinhole(ScaledView):
     """A pinhole at z = -eye_distance_mm, scaled so that the resting face has mm_per_px.
 
     Pixel (0, 0) is the centre of the first pixel; the axis meets the image's centre.
@@ -95,11 +116,6 @@ class Pinhole:
         o = sensor.optics
         return cls(o.mm_per_px, o.image_width_px, o.image_height_px, sensor.eye_distance_mm)
 
-    @property
-    def centre_px(self) -> tuple[float, float]:
-        """Where the axis meets the image."""
-        return ((self.width_px - 1) / 2, (self.height_px - 1) / 2)
-
     def project_px(self, xyz_mm: Array, medium: Medium = "gel") -> Array:
         """Sensor points (..., 3) in mm to image points (..., 2) in px.
 
@@ -114,14 +130,6 @@ class Pinhole:
         gain = (self.eye_distance_mm / self.mm_per_px) / scale
         cx, cy = self.centre_px
         return np.stack((xyz_mm[..., 0] * gain + cx, xyz_mm[..., 1] * gain + cy), axis=-1)
-
-    def rest_mm(self, px: Array) -> Array:
-        """Image points (..., 2) in px to the resting face (..., 2) in mm."""
-        return (px - np.asarray(self.centre_px)) * self.mm_per_px
-
-    def rest_px(self, xy_mm: Array) -> Array:
-        """Points of the resting face (..., 2) in mm to image points (..., 2) in px."""
-        return xy_mm / self.mm_per_px + np.asarray(self.centre_px)
 
     def ray(self, px: Array, medium: Medium = "gel") -> tuple[Array, Array]:
         """The rays of image points (..., 2): origins on the resting face and directions (..., 3).

@@ -23,7 +23,7 @@ from ..aliases import Array
 from ..errors import InputError, SolverError
 from ..shapes.bounded import check_limits, number
 from ..shapes.sensor import SensorDimensions
-from .camera import Medium
+from .camera import Medium, ScaledView
 from .fisheye import Fisheye, on_face
 
 NODES = 4096
@@ -163,7 +163,7 @@ def _finer(nodes: Array, values: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Rectified:
+class Rectified(ScaledView):
     """A fisheye's image resampled so that the resting face has mm_per_px everywhere.
 
     At rest a column is one x and a row one y, as a pinhole's; the image's centre is the sensor's
@@ -186,11 +186,6 @@ class Rectified:
         o = sensor.optics
         return cls(lens or Fisheye.of(sensor), o.mm_per_px, o.image_width_px, o.image_height_px)
 
-    @property
-    def centre_px(self) -> tuple[float, float]:
-        """Where the sensor's origin is."""
-        return ((self.width_px - 1) / 2, (self.height_px - 1) / 2)
-
     def project_px(self, xyz_mm: Array, medium: Medium = "gel") -> Array:
         """Sensor points (..., 3) in mm to image points (..., 2) in px, by a table in the gel.
 
@@ -199,14 +194,6 @@ class Rectified:
         if medium == "gel":
             return self.rest_px(self._table(xyz_mm))
         return self.rest_px(self.lens.crossing_mm(xyz_mm, medium))
-
-    def rest_mm(self, px: Array) -> Array:
-        """Image points (..., 2) in px to the resting face (..., 2) in mm."""
-        return (px - np.asarray(self.centre_px)) * self.mm_per_px
-
-    def rest_px(self, xy_mm: Array) -> Array:
-        """Points of the resting face (..., 2) in mm to image points (..., 2) in px."""
-        return xy_mm / self.mm_per_px + np.asarray(self.centre_px)
 
     def ray(self, px: Array, medium: Medium = "gel") -> tuple[Array, Array]:
         """The rays of image points (..., 2): origins on the resting face and directions (..., 3).
