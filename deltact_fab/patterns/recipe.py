@@ -25,7 +25,7 @@ Count = Annotated[int, Field(ge=1, le=200)]
 Weight = Annotated[float, Field(ge=octave.WEIGHTS[0], le=octave.WEIGHTS[1])]
 
 
-class DotGrid(Table):
+class DotGrid(Table, strict=True):
     """A grid of round dots, centred or set off (paper, Pattern Selection: 169 white dots).
 
     The pitches keep all 13 x 13 dots inside the camera's 30.2 x 22.2 mm view; spread over 35 mm
@@ -83,7 +83,7 @@ class DotGrid(Table):
         )
 
 
-class PatternRecipe(Table):
+class PatternRecipe(Table, strict=True):
     """A square sticker. Only what its law uses may be given (`laws` has the table)."""
 
     law: Annotated[str, Field(json_schema_extra={"enum": list(LAWS)})]
