@@ -31,9 +31,9 @@ class CurveSetting:
     case: what is computed; one panel a case. series, name: how it is set; a series is joined by a
     line. unit: of the error. reference: what the error is against; reference_error: its own error
     in the same unit. build: called in a fresh process with a scratch folder that all settings of
-    one command share. threads: given to every library. kind: whether the reference is a closed
-    form, a truth that was put in or another method's, or our own solver at a finer setting. The
-    first setting of a case is the baseline of its times.
+    one command share. threads: given to every library. kind: independent where the reference is a
+    closed form, another method's or a truth whose model the estimator does not share; a self-test
+    where they share it or it is our own solver, finer. A case's first setting is its baseline.
     """
 
     case: str

@@ -30,10 +30,7 @@ Tools = Annotated[dict[str, ToolConfig], AfterValidator(named_tools)]
 
 
 class StageConfig(StageSettings):
-    """The 3-axis stage; machine coordinates are 0 at an axis' positive end and negative below.
-
-    As `StageSettings`, of a firmware that there is.
-    """
+    """The 3-axis stage; machine coordinates are 0 at an axis' positive end and negative below."""
 
     firmware: Annotated[str, Field(json_schema_extra={"enum": list(FIRMWARE)})] = "grbl"
     """What the controller speaks."""

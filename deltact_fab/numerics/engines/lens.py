@@ -1,7 +1,7 @@
 """The lens: how far a calibrated one is from the one that saw the boards, by the number of views.
 
-Corners are known exactly but for noise of 0.05 px; a lens is judged where it sees points 3 mm below
-the face, which lie on rays that no board of the face fixes alone.
+Corners are known exactly but for noise of 0.05 px and follow the law that is fitted: a self-test. A
+lens is judged where it sees points 3 mm below the face, on rays that no board of it fixes alone.
 """
 
 from __future__ import annotations
@@ -91,6 +91,7 @@ def curves(quick: bool) -> Sequence[CurveSetting]:
             unit=f"px, {DEPTH_MM:g} mm below the face",
             reference="the lens that saw the corners",
             reference_error=0.0,
+            kind="self-test",
             build=partial(_work, n),
         )
         for n in ((0, 2) if quick else (0, 2, 4, 8))

@@ -175,7 +175,7 @@ def _wrenches(name: str, n: int, scratch: Path) -> Work:
 
 
 def curves(quick: bool) -> Sequence[CurveSetting]:
-    """Points from every pixel to every 16th."""
+    """Points from every pixel to every 16th; wrenches that the model itself made, by presses."""
     exact, strides = "closed form", (4, 8) if quick else EVERY
     out = []
     for sigma_mm in (SMOOTH_MM,) if quick else (SMOOTH_MM, FINE_MM):
@@ -196,7 +196,7 @@ def curves(quick: bool) -> Sequence[CurveSetting]:
             out.append(CurveSetting(
                 f"wrench of {LEFT_OUT} presses left out, {NOISE:.0%} of noise in training", name,
                 f"{n} presses", "% of the wrench, rms", "the wrenches that were put in", 0.0,
-                partial(_wrenches, name, n)))  # fmt: skip
+                partial(_wrenches, name, n), kind="self-test"))  # fmt: skip
     return out
 
 
