@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
-    ("deltact_fab", "lines"): 83940,
+    ("deltact_fab", "lines"): 83942,
     ("deltact_fab", "files"): 622,
     ("tests", "lines"): 45370,
 }
