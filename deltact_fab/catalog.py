@@ -10,7 +10,6 @@ one line that names file and key.
 from __future__ import annotations
 
 import json
-import typing
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -152,11 +151,16 @@ def validate(kind: type[T], data: object, source: str) -> T:
         raise InputError(" | ".join(_line(source, kind, e) for e in why.errors())) from why
 
 
+OUT_OF_LIMITS = {
+    "greater_than", "greater_than_equal", "less_than", "less_than_equal", "finite_number"
+}  # fmt: skip
+
+
 def _line(source: str, kind: type, fault: Any) -> str:
     key = ".".join(str(part) for part in fault["loc"])
     where = f"{source}: {key}" if key else source
     if fault["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-        known = _fields_at(kind, fault["loc"][:-1])
+        known = list(_schema_at(kind, fault["loc"][:-1]).get("properties", ()))
         hint = did_you_mean(str(fault["loc"][-1]), known) if known else "remove it"
         return f"{where}: unknown key; {hint}"
     if fault["type"] in ("missing", "missing_argument"):
@@ -164,21 +168,36 @@ def _line(source: str, kind: type, fault: Any) -> str:
     message = fault["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, ")
     got = fault.get("input")
     shown = "" if isinstance(got, dict) else f" (got {got!r})"
-    return f"{where}: {message}{shown}"
+    limits = _limits(kind, fault["loc"]) if fault["type"] in OUT_OF_LIMITS else ""
+    return f"{where}: {message}{shown}{limits}"
 
 
-def _fields_at(kind: Any, loc: tuple[Any, ...]) -> list[str]:
-    """Field names of the (nested) model at a location, for the spelling hint."""
-    for part in loc:
-        hints = typing.get_type_hints(kind) if isinstance(kind, type) else {}
-        if isinstance(part, int):  # an entry of a list: its type is the first argument
-            kind = (typing.get_args(kind) or (None,))[0]
-        elif part in hints:
-            # An optional table is a union with None.
-            options = [a for a in typing.get_args(hints[part]) if a is not type(None)]
-            union = hints[part] if not isinstance(hints[part], type) else None
-            kind = options[0] if union is not None and len(options) == 1 else hints[part]
-        else:
-            return []
-    fields = getattr(kind, "model_fields", None) or getattr(kind, "__dataclass_fields__", None)
-    return list(fields or [])
+def _schema_at(kind: type, loc: tuple[Any, ...]) -> dict[str, Any]:
+    """The JSON schema of the table or value at a location; empty where there is none."""
+    from pydantic import PydanticInvalidForJsonSchema, TypeAdapter
+
+    try:
+        node = TypeAdapter(kind).json_schema()
+    except PydanticInvalidForJsonSchema:
+        return {}
+    tables = node.get("$defs", {})
+    for part in (*loc, None):
+        # An optional value is one or null.
+        node = next((one for one in node.get("anyOf", ()) if one.get("type") != "null"), node)
+        node = tables.get(node.get("$ref", "").rpartition("/")[2], node)
+        if isinstance(part, int):
+            node = (node.get("prefixItems", [])[part:] or [node.get("items", {})])[0]
+        elif part is not None:
+            node = node.get("properties", {}).get(part, {})
+    return node
+
+
+def _limits(kind: type, loc: tuple[Any, ...]) -> str:
+    """What a number at a location must lie between, where it has a lower and an upper limit."""
+    node = _schema_at(kind, loc)
+    name = next((part for part in reversed(loc) if isinstance(part, str)), "value")
+    for low, above in (("minimum", "<="), ("exclusiveMinimum", "<")):
+        for high, below in (("maximum", "<="), ("exclusiveMaximum", "<")):
+            if low in node and high in node:
+                return f"; {node[low]:g} {above} {name} {below} {node[high]:g}"
+    return ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from typing import Any
 
@@ -20,40 +21,28 @@ class Kind:
     model: Callable[[], Any]
 
 
-def _of(module: str, name: str) -> Callable[[], Any]:
-    """The class of a module of this package, imported when it is asked for."""
-    return lambda: getattr(import_module(f"deltact_fab.{module}"), name)
+def _model(where: str) -> Any:
+    """A class of this package, as "module:name", imported when it is asked for."""
+    module, _, name = where.partition(":")
+    return getattr(import_module(f"deltact_fab.{module}"), name)
 
 
+_ROWS = (
+    ("protocol", "protocols", "an indentation experiment", "protocols.plan:Protocol"),
+    (
+        "virtual-rig",
+        "protocols/rigs",
+        'a simulated bench, kind = "virtual"',
+        "rig.config:VirtualConfig",
+    ),
+    ("grbl-rig", "protocols/rigs", 'a real bench, kind = "grbl"', "rig.config:GrblConfig"),
+    ("pattern", "patterns", "a pattern sticker", "patterns.recipe:PatternRecipe"),
+    ("design", "cad", "the dimensions of a sensor and its tools", "cad.dimensions:Design"),
+    ("indenters", "cad", "the indenters that a lab makes", "cad.design:IndenterList"),
+)
 KINDS = {
-    kind.name: kind
-    for kind in (
-        Kind(
-            "protocol", "protocols", "an indentation experiment", _of("protocols.plan", "Protocol")
-        ),
-        Kind(
-            "virtual-rig",
-            "protocols/rigs",
-            'a simulated bench, kind = "virtual"',
-            _of("rig.config", "VirtualConfig"),
-        ),
-        Kind(
-            "grbl-rig",
-            "protocols/rigs",
-            'a real bench, kind = "grbl"',
-            _of("rig.config", "GrblConfig"),
-        ),
-        Kind("pattern", "patterns", "a pattern sticker", _of("patterns.recipe", "PatternRecipe")),
-        Kind(
-            "design",
-            "cad",
-            "the dimensions of a sensor and its tools",
-            _of("cad.dimensions", "Design"),
-        ),
-        Kind(
-            "indenters", "cad", "the indenters that a lab makes", _of("cad.design", "IndenterList")
-        ),
-    )
+    name: Kind(name, catalogue, about, partial(_model, where))
+    for name, catalogue, about, where in _ROWS
 }
 
 

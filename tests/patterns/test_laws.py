@@ -278,7 +278,7 @@ def test_any_law_carries_dots_but_clear_film(law):
         ("octave", {"scales_mm": [0.2, 0.1]}, "scales_mm: the scales must rise"),
         ("octave", {"scales_mm": [0.1, 0.1]}, "scales_mm: the scales must rise"),
         ("octave", {"weights": [1, 1]}, "weights: one weight a scale: 2 for 3 scales"),
-        ("octave", {"weights": [1, 1, 0]}, "weights.2: Input should be greater than"),
+        ("octave", {"weights": [1, 1, 0]}, "weights.2: Input should be greater than or equal to"),
         ("octave", {"scales_mm": ["a"]}, "scales_mm.0: "),
         ("iid", {"dots": {"offset_x_mm": 2.0, "columns": 1, "rows": 1}},
          "dots: the grid takes 0.6 x 0.6 mm about (2, 0) mm and must fit on the printed 4 mm"),
