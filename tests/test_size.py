@@ -12,9 +12,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
-    ("deltact_fab", "lines"): 83950,
-    ("deltact_fab", "files"): 622,
-    ("tests", "lines"): 45377,
+    ("deltact_fab", "lines"): 83921,
+    ("deltact_fab", "files"): 620,
+    ("tests", "lines"): 45376,
 }
 
 

@@ -13,8 +13,7 @@ from deltact_fab import cache, digest
 from deltact_fab.cad import check
 from deltact_fab.cad.check.built import BuiltDesign
 from deltact_fab.cad.check.memo import KIND, Known, value_at, watched
-from deltact_fab.cad.check.run import CHECKS, of_built
-from deltact_fab.cad.check.table import CheckKind
+from deltact_fab.cad.check.run import CHECKS, CheckKind, of_built
 from deltact_fab.cad.design import IndenterList, ListedIndenter, load_design
 from deltact_fab.cad.dimensions import Design
 

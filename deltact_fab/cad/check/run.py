@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from ...aliases import Progress
@@ -30,8 +31,26 @@ from . import (
     visibility,
 )
 from .built import BuiltDesign
-from .row import Row
-from .table import CheckKind
+from .row import Row, from_plain, to_plain
+
+
+@dataclass(frozen=True)
+class CheckKind:
+    """One kind of check; `part` and `limit` stand in the row that says it was not run."""
+
+    name: str
+    part: str
+    limit: str
+    rows: Callable[[BuiltDesign], Iterator[Row]]
+
+    def found(self, built: BuiltDesign) -> list[Row]:
+        """Its rows, or those found earlier for a design that gives the same ones."""
+        return from_plain(built.result(self.name, lambda: to_plain(self.rows(built))))
+
+    def not_run(self, why: str) -> Row:
+        """The failing row of a check that could not be made."""
+        return Row(self.name, self.part, f"not run: {why}", self.limit, False)
+
 
 CHECKS = (
     CheckKind(drawings.NAME, "every part", drawings.LIMIT, drawings.rows),

@@ -19,12 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ... import __version__
+from ... import __version__, catalog
 from ...aliases import Progress
 from ..code import encode
 from ..quality.measure import MM_PER_PX, measure
 from ..recipe import DEFAULT_SEED, PatternRecipe, recipe_from
-from ..recipe_file import toml
 from ..sheet import job as sheet
 from . import contact, index
 from .folder import replaced
@@ -265,7 +264,9 @@ def _write_recipes(folder: Path, entries: Sequence[SeriesEntry]) -> None:
         if entry.paper_says:
             about.append(f"Tracking error there, on a real sensor: {entry.paper_says}.")
         path = folder / f"{entry.name}.toml"
-        path.write_bytes(toml(entry.recipe, about).encode())
+        # Every key that has a value, so that a later default cannot change the pattern.
+        data = entry.recipe.model_dump(mode="json", exclude_none=True)
+        path.write_bytes(catalog.as_toml(data, about).encode())
 
 
 def _csv(rows: Sequence[dict[str, Any]]) -> bytes:
