@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 CEILINGS = {
     ("deltact_fab", "lines"): 83921,
     ("deltact_fab", "files"): 620,
-    ("tests", "lines"): 45376,
+    ("tests", "lines"): 45379,
 }
 
 
