@@ -1,13 +1,16 @@
-"""`deltact-fab` as a user calls it, in this process: a launch of its own is mostly imports."""
+"""`deltact-fab` as a user calls it: in this process, for a launch of its own is mostly imports."""
 
 from __future__ import annotations
 
 import contextlib
 import io
+import subprocess
 import sys
 import traceback
+from collections.abc import Iterator
 from pathlib import Path
 from subprocess import CompletedProcess
+from typing import Any
 
 import pytest
 
@@ -34,3 +37,16 @@ def called(*words: str | Path, cwd: Path | None = None) -> CompletedProcess[str]
             code = 1
     assert isinstance(code, int)
     return CompletedProcess(argv, code, out.getvalue(), err.getvalue())
+
+
+@contextlib.contextmanager
+def started(*words: str, **how: Any) -> Iterator[subprocess.Popen[str]]:
+    """Python with these words in a process of its own, ended with its pipes when the block is.
+
+    A pipe that a failed test leaves open is an error of whatever test runs when it is collected.
+    """
+    with subprocess.Popen([sys.executable, *words], text=True, **how) as process:
+        try:
+            yield process
+        finally:
+            process.kill()

@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from called import started
 from click.testing import CliRunner
 
 from deltact_fab import record
@@ -46,14 +47,12 @@ def test_lines_for_people_where_there_is_no_terminal(mini_run: Path) -> None:
 @pytest.mark.slow
 def test_ctrl_c_ends_it_with_130_and_whole_lines(mini_run: Path) -> None:
     # Without a pipe's buffer of results in front of us: it is measuring when it is interrupted.
-    going = subprocess.Popen(
-        [*COMMAND, str(mini_run), "--jsonl", "--hz", "2"],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    assert going.stdout is not None
-    first = going.stdout.readline()
-    going.send_signal(signal.SIGINT)
-    rest, said = going.communicate(timeout=60)
+    words = [*COMMAND[1:], str(mini_run), "--jsonl", "--hz", "2"]
+    with started(*words, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as going:
+        assert going.stdout is not None
+        first = going.stdout.readline()
+        going.send_signal(signal.SIGINT)
+        rest, said = going.communicate(timeout=60)
     assert going.returncode == 130
     assert said == ""
     rows = [json.loads(line) for line in (first + rest).splitlines()]
@@ -63,13 +62,12 @@ def test_ctrl_c_ends_it_with_130_and_whole_lines(mini_run: Path) -> None:
 @pytest.mark.slow
 def test_a_reader_that_has_enough_ends_it_without_a_word(mini_run: Path) -> None:
     reads, writes = os.pipe()
-    going = subprocess.Popen(
-        [*COMMAND, str(mini_run), "--jsonl"], stdout=writes, stderr=subprocess.PIPE, text=True
-    )
-    os.close(writes)
-    with os.fdopen(reads) as pipe:
-        json.loads(pipe.readline())
-    _, said = going.communicate(timeout=60)
+    words = [*COMMAND[1:], str(mini_run), "--jsonl"]
+    with started(*words, stdout=writes, stderr=subprocess.PIPE) as going:
+        os.close(writes)
+        with os.fdopen(reads) as pipe:
+            json.loads(pipe.readline())
+        _, said = going.communicate(timeout=60)
     assert (going.returncode, said) == (0, "")
 
 

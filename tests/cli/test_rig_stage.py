@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from called import started
 from click.testing import CliRunner
 
 from deltact_fab.cli.rig import rig
@@ -191,18 +191,12 @@ def test_ctrl_c_stops_a_jog(tmp_path: Path) -> None:
         before = len(it.segments())
         words = ["rig", "jog", str(it.file), "-10", "0", "0", "--feed", "60"]
         code = "from deltact_fab.cli.main import entry; entry()"
-        host = subprocess.Popen(
-            [sys.executable, "-c", code, *words], stderr=subprocess.PIPE, text=True
-        )
-        try:
+        with started("-c", code, *words, stderr=subprocess.PIPE) as host:
             deadline = time.monotonic() + 30
             while len(it.segments()) == before and time.monotonic() < deadline:
                 time.sleep(0.02)
             host.send_signal(signal.SIGINT)
             _, err = host.communicate(timeout=30)
-        finally:
-            host.kill()
-            host.wait()
         assert host.returncode == 130
         assert err.startswith("deltact-fab: stopped by the operator at x ")
         assert len(err.splitlines()) == 1

@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+from called import started
 from click.testing import CliRunner
 from served import Board, powered, rig_file
 
@@ -183,19 +184,13 @@ def test_sigterm_lifts_keeps_what_was_given_and_says_how_to_go_on(
         slow = Path(protocol).read_text().replace("settle_s = 0.02", "settle_s = 4.0")
         Path(protocol).write_text(slow)
         words = ["run", protocol, "--rig", rig, "--air", "--out", "r"]
-        host = subprocess.Popen(
-            [sys.executable, "-c", RUN, *words],
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path,
-        )  # fmt: skip
-        try:
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+        with started("-c", RUN, *words, cwd=tmp_path, **pipes) as host:
             deadline = time.monotonic() + 90
             while time.monotonic() < deadline and not _frames(tmp_path / "r"):
                 time.sleep(0.1)
             host.send_signal(signal.SIGTERM)
             out, err = host.communicate(timeout=60)
-        finally:
-            host.kill()
-            host.wait()
     assert host.returncode == 130
     assert out == ""
     line = next(told for told in err.splitlines() if not told.startswith("run: "))

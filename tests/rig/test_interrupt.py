@@ -9,9 +9,11 @@ import sys
 import threading
 import time
 from pathlib import Path
+from subprocess import PIPE
 
 import pytest
 from board import board
+from called import started
 
 from deltact_fab.errors import StageError
 from deltact_fab.optics import StageFrame
@@ -54,11 +56,7 @@ def test_the_second_signal_resets_in_the_lift_and_ends_with_one_line(
     first: signal.Signals, second: signal.Signals
 ) -> None:
     with board() as it:
-        host = subprocess.Popen(
-            [sys.executable, "-c", HOST, it.port],
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        )  # fmt: skip
-        try:
+        with started("-c", HOST, it.port, stdout=PIPE, stderr=PIPE) as host:
             it.hears(DOWN)
             time.sleep(0.3)
             host.send_signal(first)
@@ -70,9 +68,6 @@ def test_the_second_signal_resets_in_the_lift_and_ends_with_one_line(
             host.send_signal(second)
             came_s = it.hears(b"\x18")
             out, err = host.communicate(timeout=30)
-        finally:
-            host.kill()
-            host.wait()
         assert it.state() == "Alarm"
         stopped_mm = it.at_mm()
         time.sleep(0.2)
@@ -90,18 +85,11 @@ def test_the_second_signal_resets_in_the_lift_and_ends_with_one_line(
 def test_the_first_signal_stops_and_lets_the_lift_go_on() -> None:
     with board() as it:
         fast = HOST.replace("20.0)", "1000.0)")
-        host = subprocess.Popen(
-            [sys.executable, "-c", fast, it.port],
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        )  # fmt: skip
-        try:
+        with started("-c", fast, it.port, stdout=PIPE, stderr=PIPE) as host:
             it.hears(DOWN)
             time.sleep(0.3)
             host.send_signal(signal.SIGTERM)
             out, err = host.communicate(timeout=30)
-        finally:
-            host.kill()
-            host.wait()
         assert (host.returncode, out, err) == (1, "lifted\n", "")
         assert not any(b"\x18" in data for _, data in it.heard)
         assert it.at_mm()[2] == -2.0

@@ -6,14 +6,15 @@ import os
 import signal
 import sqlite3
 import subprocess
-import sys
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from called import started
 
 from deltact_fab import experiment, record
 from deltact_fab.errors import InputError
@@ -133,15 +134,10 @@ def test_stamps_poses_and_truth(
         experiment.run(experiment.RunRequest(*files, tmp_path / "r", seed=5), resume=True)
 
 
-def started(files: tuple[str, str], out: Path) -> subprocess.Popen[str]:
+def run_of(files: tuple[str, str], out: Path) -> AbstractContextManager[subprocess.Popen[str]]:
     """A run in a process of its own."""
-    return subprocess.Popen(
-        [
-            sys.executable, "-c", HOST,
-            "run", files[0], "--rig", files[1], "--out", str(out), "--realtime",
-        ],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+    words = ["run", files[0], "--rig", files[1], "--out", str(out), "--realtime"]
+    return started("-c", HOST, *words, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
 
 def in_second_press(out: Path, host: subprocess.Popen[str]) -> None:
@@ -201,11 +197,11 @@ def test_ctrl_c_in_mid_press_stops_and_lifts_and_resume_finishes(
     files: tuple[str, str], tmp_path: Path
 ) -> None:
     out = tmp_path / "r"
-    host = started(files, out)
-    in_second_press(out, host)
-    bench = bench_of(host)
-    host.send_signal(signal.SIGINT)
-    _, err = host.communicate(timeout=120)
+    with run_of(files, out) as host:
+        in_second_press(out, host)
+        bench = bench_of(host)
+        host.send_signal(signal.SIGINT)
+        _, err = host.communicate(timeout=120)
     assert host.returncode == 130, err
     assert "stopped by the operator" in err.splitlines()[-1]
     assert "the tip was lifted" in err.splitlines()[-1]
@@ -217,11 +213,11 @@ def test_a_host_that_is_killed_takes_the_bench_with_it_and_can_be_resumed(
     files: tuple[str, str], tmp_path: Path
 ) -> None:
     out = tmp_path / "r"
-    host = started(files, out)
-    in_second_press(out, host)
-    bench = bench_of(host)
-    host.kill()
-    host.communicate(timeout=60)
+    with run_of(files, out) as host:
+        in_second_press(out, host)
+        bench = bench_of(host)
+        host.kill()
+        host.communicate(timeout=60)
     for _ in range(600):
         if gone(bench):
             break
@@ -234,10 +230,10 @@ def test_a_bench_that_is_gone_is_an_error_of_one_line(
     files: tuple[str, str], tmp_path: Path
 ) -> None:
     out = tmp_path / "r"
-    host = started(files, out)
-    in_second_press(out, host)
-    os.kill(bench_of(host), signal.SIGKILL)
-    _, err = host.communicate(timeout=120)
+    with run_of(files, out) as host:
+        in_second_press(out, host)
+        os.kill(bench_of(host), signal.SIGKILL)
+        _, err = host.communicate(timeout=120)
     assert host.returncode == 1, err
     last = err.splitlines()[-1]
     assert last.startswith("deltact-fab: ")
