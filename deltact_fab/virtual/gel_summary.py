@@ -64,13 +64,10 @@ def _bound(presses: Presses) -> str:
     between = presses.between
     if between.samples == 0:
         return ""
-    parts = [f"{presses.modulus_mpa * between.force_n:.2g} N"]
-    if presses.fields:
-        parts.insert(0, f"{between.displacement_mm:.2g} mm in plane")
-    failed = f"; {between.failed} did not converge" if between.failed else ""
     return (
-        f": half-way between knots off by at most {' and '.join(parts)} ({between.samples} "
-        f"intervals solved half-way{failed})"
+        f": half-way between knots off by at most {between.displacement_mm:.2g} mm in plane and "
+        f"{presses.modulus_mpa * between.force_n:.2g} N ({between.samples} intervals solved "
+        f"half-way, {between.failed} did not converge)"
     )
 
 
