@@ -49,7 +49,7 @@ def gel_notes(presses: Presses, choices: Sequence[Choice], skin: SkinDimensions)
         lines.append("friction is solved, for it changes the force of these presses")
     # From the plan, for the presses that a resumed run kept are not solved again.
     limit_mm = SMALL_STRAIN * skin.thickness_mm * (1 + 1e-9)
-    if presses.level in LINEAR and max(p.box_mm[2] for p in presses.paths) > limit_mm:
+    if presses.level in LINEAR and max(p.deepest_mm for p in presses.paths) > limit_mm:
         lines.append("WARNING: pressed beyond 10 % of the thickness, past small strain")
     if presses.relaxing_s:
         lines.append(

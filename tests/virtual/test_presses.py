@@ -65,7 +65,7 @@ def test_the_way_of_a_press_is_the_plan_s_in_contact() -> None:
     ]  # fmt: skip
     assert first.lines[0].start_mm == (0.0, 0.0, 0.5)
     assert first.lines[0].seconds == pytest.approx(1.1 / 0.5)
-    assert second.box_mm == ((1.0, 3.0), (-1.0, -1.0), 0.6)
+    assert second.deepest_mm == 0.6
 
 
 def test_knots_are_no_further_apart_than_the_increments_and_one_is_at_first_touch() -> None:
