@@ -38,7 +38,8 @@ def probe(
     try:
         yield from _page(config)
         with closing(open_force(config, WallClock(), silent_s)) as sensor:
-            yield from _heard(sensor, config, seconds)
+            heard = list(_heard(sensor, config, seconds))
+        yield from heard
         limits = GuardLimits.of(guard, config)
     except DeltactFabError as why:
         yield BenchFinding(False, str(why))
