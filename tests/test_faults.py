@@ -322,7 +322,7 @@ def test_a_folder_that_is_no_run(short: Short, tmp_path: Path, text: str) -> Non
         (
             "depths_mm = [0.4]",
             "depths_mm = [11.5]",
-            "depths_mm: 11.5 mm is over 3 mm, 25 % of the gel",
+            "depths_mm: depth 11.5 mm is over 3 mm, 25% of the thickness",
         ),
         ("amplitude_mm = 0.5", "amplitude_mm = 15.0", "footprint + shear inside the skin"),
     ],

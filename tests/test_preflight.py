@@ -17,9 +17,10 @@ from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError, SolverError
 from deltact_fab.gel.finite import FinitePress
 from deltact_fab.gel.linear.contact import LayerContact
-from deltact_fab.preflight import ForceLimits, judge, limits_of, predict, require
+from deltact_fab.preflight import ForceLimits, checks, limits_of, predict
 from deltact_fab.preflight.press import PressCurve, grown_n, press_curve
 from deltact_fab.protocols import plan
+from deltact_fab.protocols.limits import LimitCheck, require
 from deltact_fab.protocols.plan import Protocol
 from deltact_fab.rig import config
 from deltact_fab.shapes.indenter import parse
@@ -56,8 +57,8 @@ def _peaks(protocol: Protocol) -> list[preflight.Peak]:
     return found
 
 
-def _lines(protocol: Protocol, limits: ForceLimits) -> list[str]:
-    return judge(protocol.name, THICKNESS, _peaks(protocol), limits)
+def _over(protocol: Protocol, limits: ForceLimits) -> list[LimitCheck]:
+    return [row for row in checks(_peaks(protocol), limits) if row.warns or not row.ok]
 
 
 def _with(protocol: Protocol, **changes: object) -> Protocol:
@@ -65,8 +66,7 @@ def _with(protocol: Protocol, **changes: object) -> Protocol:
 
 
 def test_smoke_is_within_a_nano17_and_says_nothing(smoke: Protocol) -> None:
-    assert _lines(smoke, REAL) == []
-    assert require([], REAL) == []
+    assert _over(smoke, REAL) == []
 
 
 def test_every_indenter_position_and_depth_has_a_peak(smoke: Protocol) -> None:
@@ -83,22 +83,25 @@ def test_every_indenter_position_and_depth_has_a_peak(smoke: Protocol) -> None:
 @pytest.mark.parametrize(
     ("limits", "words"),
     [
-        (replace(REAL, stage_n=(60, 60, 10)), ["normal force", "10 N", "[stage] max_force_n"]),
-        (replace(REAL, stage_n=(5, 60, 60)), ["tangential force", "5 N", "[stage] max_force_n"]),
-        (replace(REAL, sensor_n=(25, 25, 12)), ["normal force", "12 N", "[force] range_n"]),
-        (replace(REAL, sensor_n=(25, 6, 35)), ["tangential force", "6 N", "[force] range_n"]),
-        (replace(REAL, sensor_nmm=(250, 20, 250)), ["moment about y", "20 N mm", "range_nmm"]),
+        (replace(REAL, stage_n=(60, 60, 10)), ["normal force", "> 10 at", "[stage] max_force_n"]),
+        (replace(REAL, stage_n=(5, 60, 60)), ["tangential force", "> 5 at", "max_force_n (N)"]),
+        (replace(REAL, sensor_n=(25, 25, 12)), ["normal force", "> 12 at", "[force] range_n"]),
+        (replace(REAL, sensor_n=(25, 6, 35)), ["tangential force", "> 6 at", "[force] range_n"]),
+        (
+            replace(REAL, sensor_nmm=(250, 20, 250)),
+            ["moment about y", "> 20 at", "range_nmm (N"],
+        ),
     ],
 )
 def test_a_real_rig_refuses_each_limit_in_one_line(
     smoke: Protocol, limits: ForceLimits, words: list[str]
 ) -> None:
-    lines = _lines(smoke, limits)
-    assert len(lines) == 1
-    for word in ["smoke: 4dots at (0, 0) mm, 1.2 mm deep", "my-bench.toml", "expected", *words]:
-        assert word in lines[0]
-    with pytest.raises(InputError, match="4dots") as caught:
-        require(lines, limits)
+    rows = _over(smoke, limits)
+    assert len(rows) == 1
+    with pytest.raises(InputError) as caught:
+        require(rows, limits.source)
+    for word in ["4dots at (0, 0) mm, 1.2 mm deep", "my-bench.toml: ", "twice", *words]:
+        assert word in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
@@ -113,27 +116,17 @@ def test_a_real_rig_refuses_each_limit_in_one_line(
 def test_an_undeclared_limit_is_an_error_on_a_real_rig(
     smoke: Protocol, limits: ForceLimits, key: str
 ) -> None:
-    lines = _lines(smoke, limits)
-    assert lines == [
-        f"smoke: {key} is not declared in my-bench.toml, so its force cannot be checked"
-    ]
+    (row,) = _over(smoke, limits)
+    wanted = f"my-bench.toml: {key} is not declared, so its force cannot be checked"
+    assert row.reason() == wanted
     with pytest.raises(InputError, match="not declared"):
-        require(lines, limits)
+        require([row], limits.source)
 
 
 def test_without_a_force_sensor_only_the_stage_has_to_be_declared(smoke: Protocol) -> None:
     bare = ForceLimits(simulated=False, source="my-bench.toml", stage_n=(60.0, 60.0, 60.0))
-    assert _lines(smoke, bare) == []
-    assert _lines(smoke, replace(bare, stage_n=None)) != []
-
-
-def test_the_virtual_rig_warns_and_goes_on(
-    smoke: Protocol, caplog: pytest.LogCaptureFixture
-) -> None:
-    weak = replace(REAL, simulated=True, stage_n=(60.0, 60.0, 10.0))
-    lines = require(_lines(smoke, weak), weak)
-    assert len(lines) == 1
-    assert lines[0] in caplog.text
+    assert _over(smoke, bare) == []
+    assert _over(smoke, replace(bare, stage_n=None)) != []
 
 
 @pytest.mark.parametrize("simulated", [False, True])
@@ -151,8 +144,8 @@ def test_checks_have_a_row_a_limit_and_fail_on_a_real_rig_only(
     assert over.where == "4dots at (0, 0) mm, 1.2 mm deep"
     assert over.line().startswith("WARN" if simulated else "FAIL")
     missing = preflight.checks(peaks, replace(weak, stage_n=None))[0]
-    assert (missing.ok, missing.where) == (simulated, "my-bench.toml")
-    assert "undeclared: [stage] max_force_n" in missing.what
+    assert (missing.ok, missing.warns) == (simulated, simulated)
+    assert missing.where.startswith("my-bench.toml: [stage] max_force_n is not declared")
 
 
 def test_protocol_check_names_peak_forces_and_warns_of_a_weak_stage(
@@ -170,7 +163,7 @@ def test_protocol_check_names_peak_forces_and_warns_of_a_weak_stage(
 
 
 def test_a_run_on_a_weak_virtual_rig_keeps_the_warning(
-    mini: tuple[Path, Path], tmp_path: Path
+    mini: tuple[Path, Path], tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     rig = tmp_path / "weak.toml"
     text = mini[1].read_text().replace("[60.0, 60.0, 60.0]", "[60.0, 60.0, 2.0]")
@@ -187,6 +180,7 @@ def test_a_run_on_a_weak_virtual_rig_keeps_the_warning(
     assert len(warned) == 2
     assert "[force] range_n is not declared" in warned[0]
     assert "[stage] max_force_n" in warned[1]
+    assert all(line.removeprefix("WARNING: ") in caplog.text for line in warned)
 
 
 def test_what_a_rig_file_writes_down_counts_and_a_default_does_not(
@@ -286,10 +280,9 @@ def test_where_the_engine_refuses_the_bound_and_its_reason_stand(
     )
     peak = _peaks(blunt)[0]
     assert (peak.level, peak.reason) == ("bound", "press: cannot be solved")
-    lines = judge("sharp", THICKNESS, [peak], REAL)
-    assert "expected at most" in lines[0]
-    assert "star bound: press: cannot be solved" in lines[-1]
-    assert "271 N" in lines[-1]
+    rows = [row for row in checks([peak], REAL) if not row.ok]
+    assert rows
+    assert all("(bound: press: cannot be solved)" in row.where for row in rows)
 
 
 def test_a_depth_outside_of_the_gel_is_refused() -> None:

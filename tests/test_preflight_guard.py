@@ -7,11 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from deltact_fab import catalog, experiment, preflight
+from deltact_fab import catalog, experiment
 from deltact_fab.cad.design import load_design
 from deltact_fab.errors import InputError
-from deltact_fab.preflight import ForceLimits, Peak, judge, limits_of, may_trip, predict, require
+from deltact_fab.preflight import ForceLimits, Peak, checks, limits_of, predict
 from deltact_fab.protocols import plan
+from deltact_fab.protocols.limits import LimitCheck, require
 from deltact_fab.rig import config
 from deltact_fab.rig.force.guard import GuardLimits
 
@@ -40,38 +41,35 @@ def limits(guard: GuardLimits, simulated: bool = False) -> ForceLimits:
     )
 
 
+def over(peaks: list[Peak], limits: ForceLimits) -> list[LimitCheck]:
+    return [row for row in checks(peaks, limits) if row.warns or not row.ok]
+
+
 def test_what_the_guard_would_trip_is_refused_and_what_it_may_is_told(peaks: list[Peak]) -> None:
     normal_n = max(p.normal_n for p in peaks)
-    free = limits(GuardLimits((20.0, 20.0, 28.0), (200.0,) * 3))
-    assert judge("smoke", SENSOR.skin.thickness_mm, peaks, free) == []
-    assert may_trip("smoke", peaks, free) == []
+    assert over(peaks, limits(GuardLimits((20.0, 20.0, 28.0), (200.0,) * 3))) == []
 
     near = limits(GuardLimits((20.0, 20.0, 1.5 * normal_n), (200.0,) * 3))
-    assert judge("smoke", SENSOR.skin.thickness_mm, peaks, near) == []
-    (told,) = may_trip("smoke", peaks, near)
-    assert "of [guard] force_n in my-bench.toml" in told
-    (row,) = (r for r in preflight.checks(peaks, near) if r.name == "guard" and r.warns)
-    assert row.ok
+    (row,) = over(peaks, near)
+    assert (row.name, row.ok, row.figure > row.bound) == ("guard", True, True)
+    assert "normal force with twice the modulus, [guard] force_n (N)" in row.reason()
 
-    over = limits(GuardLimits((20.0, 20.0, 0.9 * normal_n), (200.0,) * 3))
-    (line,) = judge("smoke", SENSOR.skin.thickness_mm, peaks, over)
-    assert "of [guard] force_n in my-bench.toml: the guard would stop the run" in line
-    assert may_trip("smoke", peaks, over) == []
-    with pytest.raises(InputError, match="the guard would stop the run"):
-        require([line], over)
-    (row,) = (r for r in preflight.checks(peaks, over) if not r.ok)
+    tight = limits(GuardLimits((20.0, 20.0, 0.9 * normal_n), (200.0,) * 3))
+    (row,) = over(peaks, tight)
     assert row.line().startswith("FAIL  guard: normal force as expected, [guard] force_n (N)")
-    (row,) = (r for r in preflight.checks(peaks, replace(over, simulated=True)) if r.warns)
+    with pytest.raises(InputError, match=r"bench.toml: guard: normal force as expected, \[guard\]"):
+        require([row], "bench.toml")
+    (row,) = over(peaks, replace(tight, simulated=True))
     assert row.ok
 
 
 def test_every_limit_of_the_guard_is_compared(peaks: list[Peak]) -> None:
     for guard, words in (
         (GuardLimits((20.0, 0.1, 28.0)), "tangential force"),
-        (GuardLimits((20.0, 20.0, 28.0), resultant_n=1.0), "of [guard] resultant_n"),
+        (GuardLimits((20.0, 20.0, 28.0), resultant_n=1.0), "[guard] resultant_n"),
         (GuardLimits((20.0, 20.0, 28.0), (1e-3,) * 3), "0.8 of [force] range_nmm"),
     ):
-        lines = judge("smoke", SENSOR.skin.thickness_mm, peaks, limits(guard))
+        lines = [row.reason() for row in over(peaks, limits(guard)) if not row.ok]
         assert lines
         assert any(words in line for line in lines)
         assert not any("\n" in line for line in lines)
@@ -94,8 +92,8 @@ def test_a_real_rig_and_realtime_have_a_guard_and_lockstep_has_none(tmp_path: Pa
     found = limits_of(config.load(str(rig))[0], "bench.toml", smoke)
     assert found.guard is not None
     assert found.guard_keys[0] == "[guard] force_n"
-    _, findings = experiment.RunRequest("smoke", str(rig)).forces() or ([], [])
-    assert any("of [guard] force_n" in line for line in findings)
+    _, rows = experiment.RunRequest("smoke", str(rig)).forces() or ([], [])
+    assert any("[guard] force_n" in row.what for row in rows if not row.ok)
     rig.write_text(text + "[guard]\nforce_n = 30.0\n")
     with pytest.raises(InputError, match=r"bench.toml: guard: the limit 30 of Fx"):
         experiment.RunRequest("smoke", str(rig)).forces()

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import logging
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
-from deltact_fab import preflight
 from deltact_fab.cad.design import load_design
 from deltact_fab.cad.stiffness import press
 from deltact_fab.cli.protocol import protocol as command
 from deltact_fab.errors import InputError
-from deltact_fab.preflight import ForceLimits, Peak, judge_plate, plate_checks
+from deltact_fab.preflight import Peak, plate_checks
+from deltact_fab.protocols.limits import require
 
 DESIGN = load_design()
 NAMES = ["plate stress", "plate clear of the light holder", "plate yields"]
@@ -47,17 +45,12 @@ def test_figures_are_those_of_the_plate_with_the_modulus_that_counts():
     assert f"up to {found.deflection_mm:.3f} mm as expected, which a simulated press" in yields.what
 
 
-def test_what_would_break_the_plate_does_not_start_on_a_real_rig(caplog):
-    breaks, remarks = judge_plate("deep", [peak(271.0, 10.0)], DESIGN)
-    assert len(breaks) == 1
-    assert "plate.stress_limit_mpa" in breaks[0]
-    assert [line.partition(":")[0] for line in remarks] == ["deep", "deep"]
-    real = ForceLimits(simulated=False, source="bench.toml", stage_n=(60.0, 60.0, 60.0))
+def test_what_would_break_the_plate_does_not_start_on_a_real_rig():
+    deep = [peak(271.0, 10.0)]
     with pytest.raises(InputError, match="plate stress: with twice the modulus"):
-        preflight.require(breaks, real)
-    with caplog.at_level(logging.WARNING):
-        assert preflight.require(breaks, replace(real, simulated=True)) == breaks
-    assert judge_plate("mild", [peak(10.0, 1.6)], DESIGN) == ([], [])
+        require(plate_checks(deep, DESIGN, False), "bench.toml")
+    require(plate_checks(deep, DESIGN, True), "bench.toml")
+    assert not any(row.warns for row in plate_checks([peak(10.0, 1.6)], DESIGN, False))
 
 
 def test_protocol_check_has_the_plates_rows(mini: tuple[Path, Path], tmp_path: Path):

@@ -40,6 +40,8 @@ def path(
     fails does not stop the others; exit code 1 when one failed. `run` finds what was solved with
     the [virtual.gel] settings of its rig file.
     """
+    from dataclasses import asdict
+
     from ..cad.design import load_design
     from ..errors import InputError
     from ..protocols import plan
@@ -69,7 +71,7 @@ def path(
                 "level": level,
                 "wall_seconds": time.monotonic() - started,
                 "failed": len(failed),
-                "presses": [row.as_dict() for row in rows],
+                "presses": [asdict(row) for row in rows],
             }
         )
     else:

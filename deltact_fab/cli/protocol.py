@@ -72,6 +72,8 @@ def check(name: str, rig_name: str, air: bool, unattended: bool, out: Path, as_j
 
     For a real rig, peak forces that are not known yet are solved once, which takes minutes.
     """
+    from dataclasses import asdict
+
     from ..experiment import RunRequest
     from .output import echo_json, progress
 
@@ -79,7 +81,7 @@ def check(name: str, rig_name: str, air: bool, unattended: bool, out: Path, as_j
         asked = RunRequest(name, rig_name, out, progress=report, air=air, unattended=unattended)
         rows = asked.checks()
     if as_json:
-        echo_json([r.as_dict() for r in rows])
+        echo_json([asdict(r) for r in rows])
     else:
         for row in rows:
             click.echo(row.line() + ("" if row.ok and not row.warns else f"  at {row.where}"))
@@ -108,13 +110,16 @@ def show(name: str, rig_name: str, forces: bool, as_json: bool) -> None:
         request = RunRequest(name, rig_name, progress=report)
         specimen, steps, estimate = request.protocol.specimen, request.steps, request.estimate()
         predicted = request.forces(solve=forces)
+    peaks, findings = None, None
+    if predicted is not None:
+        peaks = predicted[0]
+        findings = [row.reason() for row in predicted[1] if row.warns or not row.ok]
     if as_json:
-        peaks, findings = predicted or (None, None)
         echo_json(
             {
                 "specimen": specimen.model_dump(mode="json"),
                 "steps": [asdict(s) for s in steps],
-                "estimate": estimate.as_dict(),
+                "estimate": asdict(estimate),
                 "peaks": None if peaks is None else [p.as_dict() for p in peaks],
                 "force_findings": findings,
             }
@@ -133,11 +138,11 @@ def show(name: str, rig_name: str, forces: bool, as_json: bool) -> None:
         f"between two), {minutes} min {seconds} s of motion and settling, "
         f"about {estimate.disk_mb:.0f} MB"
     )
-    if predicted is None:
+    if peaks is None or findings is None:
         click.echo(UNSOLVED)
         click.echo(PAPER_REMARK)
         return
-    _echo_peaks(*predicted)
+    _echo_peaks(peaks, findings)
 
 
 def _echo_peaks(peaks: Sequence[Peak], findings: Sequence[str]) -> None:

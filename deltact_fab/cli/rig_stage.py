@@ -46,6 +46,8 @@ def probe(rig: str, as_json: bool) -> None:
     Nothing moves; a stage that was left moving is brought to rest. An Arduino restarts when its
     port is opened, and loses its position.
     """
+    from dataclasses import asdict
+
     from ..errors import StageError
     from .output import echo_json
 
@@ -61,7 +63,7 @@ def probe(rig: str, as_json: bool) -> None:
         state = _state(stage, config)
         identity = stage.identity()
     if as_json:
-        rows = [row.as_dict() for row in stage.judged]
+        rows = [asdict(row) for row in stage.judged]
         echo_json({"ok": not refused, "settings": rows, "state": state, "stage": identity})
     else:
         click.echo(f"{identity['port']}: {identity['banner'] or 'no banner: it did not restart'}")
@@ -276,17 +278,14 @@ def _felt(
     stage: GrblStage, config: GrblConfig
 ) -> Iterator[tuple[ForceSensor | None, ForceGuard | None]]:
     """The force sensor of the rig file and the guard on it; None where it names no way to one."""
-    from ..rig.bench import reachable
-    from ..rig.force.guard import BEHIND_S, ForceGuard, GuardLimits
-    from ..rig.force.open import open_force
+    from ..rig.force.open import open_guarded
 
-    if config.force is None or not reachable(config):
+    if config.force is None or not config.force.reachable:
         yield None, None
         return
-    limits = GuardLimits.of(config.guard, config.force)
-    force = open_force(config.force, stage.clock)
+    force, guard = open_guarded(config.force, config.guard, stage, stage.clock)
     try:
-        yield force, ForceGuard(stage, limits, stage.clock, BEHIND_S)
+        yield force, guard
     finally:
         force.close()
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from .. import preflight, record
 from ..aliases import Progress
@@ -19,6 +21,11 @@ from ..rig import config as rig_config
 from ..rig.config import RigConfig
 from ..rig.job import RigKind, RigSetup
 from ..rig.tool import requirements
+
+if TYPE_CHECKING:
+    from ..optics import CameraModel
+
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass
@@ -61,29 +68,49 @@ class RunRequest:
         self.rig, self.rig_path = rig_config.load(self.rig_name)
         self.design = load_design(self.protocol.specimen.design)
         self.steps = plan.expand(self.protocol, self.air)
-        self.kind = kind_of(self.rig, self.rig_path, self.realtime, self.progress)
+        self.kind = kind_of(self.rig, self.rig_path, self.realtime)
 
     @cached_property
     def recipe(self) -> PatternRecipe:
         """The specimen's pattern. Raises InputError."""
-        return load_recipe(self.protocol.specimen.pattern)
+        try:
+            return load_recipe(self.protocol.specimen.pattern)
+        except InputError as why:
+            raise InputError(f"{self.source}: specimen.pattern: {why}") from why
+
+    @cached_property
+    def view(self) -> CameraModel | None:
+        """Of the images that are tracked; None without a camera. Raises InputError."""
+        return self.kind.camera(self.protocol, self.design)
 
     def setup(self, folder: Path) -> RigSetup:
         """What a rig is built from to record into a folder."""
         return RigSetup(
-            self.protocol, self.design, self.recipe, self.seed, folder, self.air,
+            self.protocol, self.design, self.recipe, self.view, self.seed, folder, self.air,
             unattended=self.unattended, tip_is_clear=self.tip_is_clear,
         )  # fmt: skip
 
     def estimate(self) -> limits.RunEstimate:
         """Frames, time and disk of the whole run."""
         pace = (SIMULATED if self.realtime else LOCKSTEP) if self.rig.simulated else WALL_CLOCK
-        image_px = preflight.image_px(self.protocol, self.design, self.rig, self.kind)
+        image_px = preflight.image_px(self.view, self.rig)
         return limits.estimate(self.protocol, image_px, self.rig.stage.box, self.steps, pace)
 
-    def require(self) -> None:
-        """Raise InputError for all that a run is refused for but its forces, see `warnings`."""
+    def require(self) -> list[str]:
+        """Raise InputError for all that a run is refused for.
+
+        Returns a line for each predicted force that is over a limit of the rig or of the plate
+        where that breaks nothing, or that may trip the guard.
+        """
         limits.require(self._rows(), str(self.source))
+        found = None if self.air else self.forces()
+        if found is None:
+            return []
+        limits.require(found[1], str(self.rig_path))
+        lines = [f"{self.protocol.name}: {row.reason()}" for row in found[1] if row.warns]
+        for line in lines:
+            _LOG.warning("warning: %s", line)
+        return [f"WARNING: {line}" for line in lines]
 
     def checks(self) -> list[limits.LimitCheck]:
         """Every check: a run begins where all are ok.
@@ -100,46 +127,32 @@ class RunRequest:
             )
         # What leaves the gel or the stage is said already, and has no force.
         if all(row.ok for row in rows) and not self.air:
-            declared = self._force_limits()
-            peaks = self._peaks(declared, solve=not self.rig.simulated)
-            if peaks is not None:
-                rows += preflight.checks(peaks, declared)
-                rows += preflight.plate_checks(peaks, self.design, declared.simulated)
+            found = self.forces(solve=not self.rig.simulated)
+            rows += [] if found is None else found[1]
         return rows
 
-    def forces(self, solve: bool = True) -> tuple[list[preflight.Peak], list[str]] | None:
-        """Predicted peaks, and what the rig says to them, one line each.
+    def forces(
+        self, solve: bool = True
+    ) -> tuple[list[preflight.Peak], list[limits.LimitCheck]] | None:
+        """Predicted peaks, and a row for each limit of the rig and of the plate behind the gel.
 
         None where that would take more than seconds and solve is False. Raises InputError.
         """
-        declared = self._force_limits()
-        peaks = self._peaks(declared, solve)
+        declared = preflight.limits_of(self.rig, str(self.rig_path), self.protocol, self.realtime)
+        peaks = preflight.predict(
+            self.protocol, self.design, declared.origin_mm, self.progress, solve
+        )
         if peaks is None:
             return None
-        breaks, remarks = self._judge(peaks, declared)
-        return peaks, breaks + remarks
-
-    def warnings(self) -> list[str]:
-        """Predicted forces beyond the rig's limits or the plate's, or that may trip the guard.
-
-        A line each. Raises InputError on a real rig for what would break something.
-        """
-        if self.air:
-            return []
-        declared = self._force_limits()
-        peaks = self._peaks(declared)
-        assert peaks is not None
-        breaks, remarks = self._judge(peaks, declared)
-        found = preflight.require(breaks, declared)
-        found += preflight.may_trip(self.protocol.name, peaks, declared) + remarks
-        return [f"WARNING: {line}" for line in found]
+        plate = preflight.plate_checks(peaks, self.design, declared.simulated)
+        return peaks, preflight.checks(peaks, declared) + plate
 
     def _rows(self) -> list[limits.LimitCheck]:
         """Every check but that of the forces; check and run ask it alone."""
         protocol, design, rig, kind = self.protocol, self.design, self.rig, self.kind
         wall_clock = self.realtime or not rig.simulated
         rows = limits.check(protocol, design, rig.stage.box, self.steps)
-        rows += preflight.needs(protocol, design, self.steps, rig, kind, self.out, wall_clock)
+        rows += preflight.needs(protocol, self.steps, rig, self.view, self.out, wall_clock)
         refused = kind.refusals(protocol, design, str(self.source))
         rows.append(limits.refusals(kind.part, refused))
         rows.append(limits.refusals("pattern", self._pattern()))
@@ -154,7 +167,7 @@ class RunRequest:
         try:
             recipe = self.recipe
         except InputError as why:
-            return [f"{self.source}: specimen.pattern: {why}"]
+            return [str(why)]
         if "dots" in self.protocol.channels and recipe.dots is None:
             name = self.protocol.specimen.pattern
             return [
@@ -171,33 +184,12 @@ class RunRequest:
             return [str(why)]
         return []
 
-    def _force_limits(self) -> preflight.ForceLimits:
-        return preflight.limits_of(self.rig, str(self.rig_path), self.protocol, self.realtime)
 
-    def _peaks(
-        self, declared: preflight.ForceLimits, solve: bool = True
-    ) -> list[preflight.Peak] | None:
-        return preflight.predict(
-            self.protocol, self.design, declared.origin_mm, self.progress, solve
-        )
-
-    def _judge(
-        self, peaks: list[preflight.Peak], declared: preflight.ForceLimits
-    ) -> tuple[list[str], list[str]]:
-        """Lines of what would break rig or plate, and of what is only worth knowing."""
-        name = self.protocol.name
-        lines = preflight.judge(name, self.design.skin.thickness_mm, peaks, declared)
-        breaks, remarks = preflight.judge_plate(name, peaks, self.design)
-        return lines + breaks, remarks
-
-
-def kind_of(
-    rig: RigConfig, source: Path, realtime: bool = False, progress: Progress | None = None
-) -> RigKind:
+def kind_of(rig: RigConfig, source: Path, realtime: bool = False) -> RigKind:
     """What a kind of rig says and builds. Only the one that is asked for is imported.
 
     source: of the rig file, from which the paths in it count. realtime: a virtual rig on the wall
-    clock and real wires. progress: hears of what is solved before that. Raises InputError.
+    clock and real wires. Raises InputError.
     """
     if rig.kind == "grbl":
         from ..rig.bench import GrblKind
@@ -208,7 +200,7 @@ def kind_of(
     if realtime:
         from ..virtual.realtime.rig import RealtimeKind
 
-        return RealtimeKind(rig, source, progress)
+        return RealtimeKind(rig, source)
     from ..virtual.rig import VirtualKind
 
     return VirtualKind(rig, source)

@@ -20,14 +20,15 @@ from ..protocols import plan
 from ..record import RunWriter
 from ..record import open as open_run
 from ..rig.config import RigConfig, VirtualConfig
-from ..rig.job import RigKind, RigSetup
-from ..rig.run import query
+from ..rig.job import Devices, RigSetup
 from ..rig.run.live import Live
 from ..rig.run.runner import Runner
 from .request import RunRequest
 
 if TYPE_CHECKING:
     from ..virtual.rig import VirtualRig
+
+AIR = "an air run: the clearance plane stood for every height below it; nothing was touched"
 
 
 def run(
@@ -47,11 +48,10 @@ def run(
     started = time.monotonic()
     if note is not None:
         note = record.usable_note(note)
-    request.require()
     out, rig, steps, protocol = request.out, request.rig, request.steps, request.protocol
     job = request.setup(out)
     text = request.source.read_bytes()
-    meta = meta_of(job, rig, request.rig_name, request.kind)
+    meta = meta_of(job, rig, request.rig_name)
     if request.realtime:
         meta["realtime"] = True
     pattern = pattern_of(job.recipe)
@@ -66,7 +66,7 @@ def run(
             return {**found.summary(), "already_finished": True}
     else:
         _require_new(out, text)
-    warnings = request.warnings()
+    warnings = request.require()
     if resuming:
         writer = RunWriter.resume(out, steps, request.progress)
     else:
@@ -74,7 +74,7 @@ def run(
     try:
         if note is not None:
             record.add_note(out, note)
-        with closing(request.kind.build(job)) as bench:
+        with closing(request.kind.build(job, request.progress)) as bench:
             devices = bench.devices()
             start_s = devices.clock.now_s()
             runner = Runner(devices, writer, request.progress, live)
@@ -98,7 +98,7 @@ def run(
                 "wall_seconds": time.monotonic() - started,
                 "left_out": bench.left_out(),
                 "notes": [
-                    *_air_note(request.air), *bench.notes(), *warnings,
+                    *([AIR] if request.air else []), *bench.notes(), *warnings,
                     *_resumed(writer.session, kept),
                 ],
                 "devices": bench.identity(),
@@ -116,15 +116,47 @@ def dry_run(request: RunRequest) -> dict[str, Any]:
     Returns steps, frames, seconds and disk_mb of the estimate, devices (a line each, empty on a
     rig in lockstep) and notes. Raises InputError or RunFailed, as the run would.
     """
-    request.require()
-    notes = [*_air_note(request.air), *request.warnings()]
+    notes = [*([AIR] if request.air else []), *request.require()]
     lines: list[str] = []
     if request.realtime or not request.rig.simulated:
         with TemporaryDirectory() as folder:
             job = request.setup(Path(folder) / "dry-run")
-            with closing(request.kind.build(job)) as bench:
-                lines = query.devices(bench.devices())
-    return {**request.estimate().as_dict(), "devices": lines, "notes": notes}
+            with closing(request.kind.build(job, request.progress)) as bench:
+                lines = _answers(bench.devices())
+    return {**asdict(request.estimate()), "devices": lines, "notes": notes}
+
+
+def _answers(found: Devices) -> list[str]:
+    """A line a device: that it answers, and how. Raises InputError, StageError, SensorError.
+
+    The stage is connected, its settings are judged; the camera gives an image, the force sensor
+    a reading.
+    """
+    found.stage.connect()
+    lines = [f"stage: {_identity(found.stage.identity(), 'banner', 'port')}"]
+    if found.camera is not None:
+        found.camera.begin("dry-run")
+        frame = found.camera.capture()
+        h, w = frame.image.shape[:2]
+        age_ms = (found.clock.now_s() - frame.t_s) * 1e3
+        name = _identity(found.camera.identity(), "name", "kind")
+        lines.append(f"camera: {name}: {w} x {h} px, {age_ms:.0f} ms old")
+    if found.force is not None:
+        found.force.start()
+        try:
+            samples = found.force.read()
+        finally:
+            found.force.stop()
+        x, y, z = samples.force_n[-1]
+        name = _identity(found.force.identity(), "kind", "serial")
+        lines.append(f"force sensor: {name}: {x:+.2f}, {y:+.2f}, {z:+.2f} N, not tared")
+        if samples.saturated.any():
+            lines.append("force sensor: SATURATED: the guard would stop the run at once")
+    return lines
+
+
+def _identity(identity: dict[str, object], *keys: str) -> str:
+    return " ".join(str(identity[key]) for key in keys if identity.get(key)) or "answers"
 
 
 def run_presses(
@@ -152,7 +184,7 @@ def run_presses(
         if step.press in presses or (step.kind == "change" and step.indenter in mounted)
     ]
     kind = VirtualKind(rig, source)
-    meta = meta_of(job, rig, source.stem, kind)
+    meta = meta_of(job, rig, source.stem)
     text = catalog.as_toml(meta["protocol"]).encode()
     flat = kind.flat(job.protocol)
     writer = RunWriter.create(job.folder, meta, text, pattern_of(job.recipe), steps, flat)
@@ -166,18 +198,17 @@ def run_presses(
     return bench
 
 
-def meta_of(job: RigSetup, rig: RigConfig, rig_name: str, kind: RigKind) -> dict[str, Any]:
+def meta_of(job: RigSetup, rig: RigConfig, rig_name: str) -> dict[str, Any]:
     """What `run.json` keeps: protocol, rig, sensor, camera, seed, versions."""
     dumped = job.protocol.model_dump(mode="json")
     dumped["channels"] = sorted(dumped["channels"])
-    camera = kind.camera(job.protocol, job.sensor)
     return {
         "name": job.folder.name,
         "protocol": dumped,
         "rig_name": rig_name,
         "rig": rig.recorded(),
         "sensor": asdict(job.sensor),
-        "camera": camera.as_dict() if camera is not None else None,
+        "camera": job.view.as_dict() if job.view is not None else None,
         "simulated": rig.simulated,
         "air": job.air,
         "seed": job.seed,
@@ -209,12 +240,6 @@ def versions(packages: Iterable[str] = PACKAGES) -> dict[str, str]:
         except PackageNotFoundError:
             found[name] = "not installed"
     return found
-
-
-def _air_note(air: bool) -> list[str]:
-    if not air:
-        return []
-    return ["an air run: the clearance plane stood for every height below it; nothing was touched"]
 
 
 def _require_new(out: Path, protocol: bytes) -> None:

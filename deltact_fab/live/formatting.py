@@ -66,8 +66,7 @@ def line(m: MeasuredImage) -> str:
     if told["extrapolated"]:
         parts.append("BEYOND ITS CALIBRATION")
     if told["contacts"] is not None:
-        n = len(told["contacts"])
-        parts.append(f"{n} contact{'' if n == 1 else 's'}")
+        parts.append(f"contacts: {len(told['contacts'])}")
         parts += [f"{c['area_mm2']:.1f} mm2 at ({c['place_mm'][0]:+.1f}, "
                   f"{c['place_mm'][1]:+.1f}) mm" for c in told["contacts"][:1]]  # fmt: skip
     if m.dropped:

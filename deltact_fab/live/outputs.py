@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import IO, Protocol
+from typing import IO
 
 from . import picture
 from .formatting import as_dict, line
@@ -19,17 +20,18 @@ WINDOW_S = 30.0
 """Of time that the page draws of a live source; of others all that it has."""
 
 
-class Output(Protocol):
+class Output(ABC):
     """Takes results one after another."""
 
+    @abstractmethod
     def show(self, measured: MeasuredImage) -> None:
         """One more. Raises BrokenPipeError when nobody reads any longer."""
 
-    def end(self, why: str) -> None:
+    def end(self, why: str) -> None:  # noqa: B027 - most have nothing to say
         """There will be no more."""
 
 
-class StatusLine:
+class StatusLine(Output):
     """One line that changes on a terminal; elsewhere one every few seconds, and the last one."""
 
     def __init__(self, to: IO[str], simulated: str | None) -> None:
@@ -53,9 +55,9 @@ class StatusLine:
         if (last := self._last) is not None:
             if last is not self._written:
                 self._write(last)
-            n, before = last.given.frame + 1, "\n" if self._live else ""
+            before = "\n" if self._live else ""
             origin = f" ({self._simulated})" if self._simulated else ""
-            self._to.write(f"{before}{why} after {n} image{'' if n == 1 else 's'}{origin}\n")
+            self._to.write(f"{before}{why} after {last.given.frame + 1} images{origin}\n")
             self._to.flush()
 
     def _write(self, measured: MeasuredImage) -> None:
@@ -66,7 +68,7 @@ class StatusLine:
         self._written = measured
 
 
-class JsonLines:
+class JsonLines(Output):
     """One JSON object a result, written at once."""
 
     def __init__(self, to: IO[str], simulated: str | None) -> None:
@@ -81,11 +83,8 @@ class JsonLines:
         self._to.write(json.dumps(told, allow_nan=False) + "\n")
         self._to.flush()
 
-    def end(self, why: str) -> None:
-        """As Output: nothing that a program would take for a result."""
 
-
-class Summary:
+class Summary(Output):
     """One JSON document when there are no more: how many images, and the last result."""
 
     def __init__(self, to: Callable[[object], None], simulated: str | None) -> None:
@@ -110,7 +109,7 @@ class Summary:
         )
 
 
-class PageOutput:
+class PageOutput(Output):
     """The page, which stays open when the results end, until it is closed."""
 
     def __init__(self, session: Session, page: LivePage) -> None:
@@ -134,7 +133,7 @@ class PageOutput:
         self._page.end(why)
 
 
-class HealthOutput:
+class HealthOutput(Output):
     """Tells the state of health that each new reference shows, where a calibration can say it."""
 
     def __init__(self, tell: Callable[[str], None]) -> None:
@@ -145,9 +144,6 @@ class HealthOutput:
         found = measured.result.health
         if measured.result.frame == 0 and found is not None:
             self._tell(f"state of health: {found.line}")
-
-    def end(self, why: str) -> None:
-        """As Output."""
 
 
 def about(source: Source, with_force: bool) -> dict[str, object]:

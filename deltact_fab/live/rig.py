@@ -12,16 +12,15 @@ from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from .. import experiment
 from ..cad.design import load_design
 from ..errors import InputError
-from ..patterns.recipe import load_recipe
-from ..protocols import limits, plan
+from ..experiment import RunRequest
+from ..protocols import limits
 from ..protocols.plan import Step
 from ..rig import config
 from ..rig.camera.model import flat_field, tracked_view
 from ..rig.interface import CameraFrame
-from ..rig.job import Devices, RigSetup
+from ..rig.job import Devices
 from .camera import camera_source
 from .source import KnownSensor, Source
 
@@ -47,9 +46,8 @@ def rig_source(rig_name: str, protocol: str, design: str | None, seed: int) -> S
     sensor = load_design(design or "deltact")
     view = tracked_view(bench.camera, sensor, path)
     flat = flat_field(bench.camera.model, path)
-    known = KnownSensor(
-        view, flat if view is None or flat is None else flat.seen_by(view), sensor.skin
-    )
+    seen = None if view is None or flat is None else flat.seen_by(view)
+    known = KnownSensor(view, seen, sensor.skin)
     return camera_source(bench.camera, path.parent, known)
 
 
@@ -64,27 +62,23 @@ class RigSource:
     def __init__(self, rig_name: str, protocol_name: str, seed: int = 0) -> None:
         """Raises InputError for a protocol without images or that does not fit."""
         self.name = f"{rig_name}:{protocol_name}"
-        protocol, source = plan.load(protocol_name)
-        bench, path = config.load(rig_name)
-        kind = experiment.kind_of(bench, path)
+        self._request = request = RunRequest(protocol_name, rig_name, seed=seed)
+        protocol, source = request.protocol, str(request.source)
         if "image" not in protocol.channels:
             raise InputError(f"{source}: channels: without 'image' there is nothing to measure")
         # What the measurement does not need is not solved either.
-        protocol = protocol.model_copy(update={"channels": protocol.channels & {"image", "shear"}})
-        sensor = load_design(protocol.specimen.design)
-        for why in kind.refusals(protocol, sensor, str(source)):
-            raise InputError(why)
-        self._steps = plan.expand(protocol)
-        limits.require(limits.check(protocol, sensor, bench.stage.box, self._steps), str(source))
-        self._kind = kind
-        self._protocol, self._sensor, self._seed = protocol, sensor, seed
-        self._recipe = load_recipe(protocol.specimen.pattern)
-        view, flat = kind.camera(protocol, sensor), kind.flat(protocol)
+        wanted = protocol.channels & {"image", "shear"}
+        request.protocol = protocol = protocol.model_copy(update={"channels": wanted})
+        sensor, kind = request.design, request.kind
+        rows = limits.check(protocol, sensor, request.rig.stage.box, request.steps)
+        rows.append(limits.refusals(kind.part, kind.refusals(protocol, sensor, source)))
+        limits.require(rows, source)
+        view, flat = request.view, kind.flat(protocol)
         self.known = KnownSensor(
             view,
-            flat if view is None or flat is None else flat.seen_by(view),
+            None if view is None or flat is None else flat.seen_by(view),
             sensor.skin,
-            recipe=self._recipe.model_dump(mode="json"),
+            recipe=request.recipe.model_dump(mode="json"),
             design=protocol.specimen.design,
             serial=protocol.specimen.serial,
             simulated=f"simulated, seed {seed}",
@@ -92,10 +86,11 @@ class RigSource:
 
     def frames(self) -> Iterator[CameraFrame]:
         """As Source; times of the rig's clock."""
+        request = self._request
         with TemporaryDirectory() as folder:
-            job = RigSetup(self._protocol, self._sensor, self._recipe, self._seed, Path(folder))
-            with closing(self._kind.build(job)) as rig:
-                yield from _carried_out(self._steps, rig.devices())
+            job = request.setup(Path(folder))
+            with closing(request.kind.build(job)) as rig:
+                yield from _carried_out(request.steps, rig.devices())
 
     def close(self) -> None:
         """The devices are closed when `frames` ends."""

@@ -6,23 +6,18 @@ behind the gel bears), `needs` (time, disk, frames a second).
 """
 
 from .needs import image_px, needs
-from .peaks import MODULUS_FACTOR, PAPER_REMARK, Peak, predict
-from .plate import judge_plate, plate_checks
-from .rule import ForceLimits, checks, judge, limits_of, may_trip, require
+from .peaks import PAPER_REMARK, Peak, predict
+from .plate import plate_checks
+from .rule import ForceLimits, checks, limits_of
 
 __all__ = [
-    "MODULUS_FACTOR",
     "PAPER_REMARK",
     "ForceLimits",
     "Peak",
     "checks",
     "image_px",
-    "judge",
-    "judge_plate",
     "limits_of",
-    "may_trip",
     "needs",
     "plate_checks",
     "predict",
-    "require",
 ]

@@ -5,15 +5,17 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from .. import record
-from ..optics import Rectified
 from ..protocols import limits
 from ..protocols.limits import LimitCheck, RunEstimate
 from ..protocols.plan import Protocol, Step
+from ..rig.camera.model import raw_size_px
 from ..rig.config import RigConfig
-from ..rig.job import RigKind
-from ..shapes import SensorDimensions
+
+if TYPE_CHECKING:
+    from ..optics import CameraModel
 
 USUAL_PX = (1280, 720)  # of a camera that does not say how large its images are
 # The planner of GRBL 1.1 (MINIMUM_FEED_RATE of its config.h) takes anything slower for this, so
@@ -25,20 +27,19 @@ LONG_S = 86400.0
 
 def needs(
     protocol: Protocol,
-    sensor: SensorDimensions,
     steps: list[Step],
     rig: RigConfig,
-    kind: RigKind,
+    view: CameraModel | None,
     out: Path,
     wall_clock: bool,
 ) -> list[LimitCheck]:
     """Rows of the least feed, the time, the disk and the camera's rate, see `budget`.
 
-    out: of the run, or any folder on its disk; what a run that goes on has there already is not
-    needed again. wall_clock: whether frames that come too fast are lost. Raises InputError for a
-    calibration that is of no use.
+    view: of the images that are tracked. out: of the run, or any folder on its disk; what a run
+    that goes on has there already is not needed again. wall_clock: whether frames that come too
+    fast are lost.
     """
-    px = image_px(protocol, sensor, rig, kind)
+    px = image_px(view, rig)
     held_hz = record.rate_held_hz(record.image_format({"rig": rig.recorded()}), px)
     camera_hz = getattr(rig.camera, "rate_hz", None)
     return budget(
@@ -52,14 +53,13 @@ def needs(
     )
 
 
-def image_px(protocol: Protocol, sensor: SensorDimensions, rig: RigConfig, kind: RigKind) -> int:
-    """Pixels of a frame as it is stored. Raises InputError for a calibration that is of no use."""
-    camera = kind.camera(protocol, sensor)
-    if camera is not None:
-        stored = camera.lens if isinstance(camera, Rectified) else camera
-        return stored.width_px * stored.height_px
-    declared = getattr(rig.camera, "width_px", None), getattr(rig.camera, "height_px", None)
-    width_px, height_px = (a or b for a, b in zip(declared, USUAL_PX, strict=True))
+def image_px(view: CameraModel | None, rig: RigConfig) -> int:
+    """Pixels of a frame as it is stored. view: of the images that are tracked."""
+    if view is not None:
+        width_px, height_px = raw_size_px(view)
+    else:
+        declared = getattr(rig.camera, "width_px", None), getattr(rig.camera, "height_px", None)
+        width_px, height_px = (a or b for a, b in zip(declared, USUAL_PX, strict=True))
     return width_px * height_px
 
 

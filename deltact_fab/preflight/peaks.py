@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -16,11 +17,11 @@ from .press import Level, PressCurve, press_curve
 MODULUS_FACTOR = 2.0
 """The gel's modulus is known to a factor of 2 (Gent's relation from Shore 15A against a
 datasheet); forces are in proportion to it, and the high side counts."""
+HIGH = "with twice the modulus"
 PAPER_REMARK = (
     "the paper's own depth of 10 mm means about 271 N (expected, at 0.56 MPa and friction 0.5) "
     "with a sphere of 15 mm"
 )
-PAPER_REMARK_FROM = 0.25  # of the thickness: from this depth on the remark is made
 
 # Drags of up to 10 mm along x with friction .5, finite strain, 2 mm cells. Tangential peak over
 # friction x normal force of the press: at 5 mm sphere:10 1.5 and ellipsoid 1.5 (both up to 7 mm of
@@ -112,6 +113,15 @@ def predict(
             for depth in protocol.depths_mm:
                 peaks.append(_peak(protocol, indenter, number, at, depth, curve, origin_mm))
     return peaks
+
+
+def worst(figures: Sequence[float], peaks: Sequence[Peak]) -> tuple[float, str]:
+    """The largest of the peaks' figures, and the press that it comes with."""
+    k = max(range(len(peaks)), key=lambda k: figures[k])
+    peak = peaks[k]
+    x, y = peak.at_mm
+    why = f" ({peak.level}: {peak.reason})" if peak.reason else ""
+    return figures[k], f"{peak.indenter} at ({x:g}, {y:g}) mm, {peak.depth_mm:g} mm deep{why}"
 
 
 def _inmost(at_mm: tuple[float, float], grid_mm: float) -> tuple[float, float]:

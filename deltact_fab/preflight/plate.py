@@ -11,9 +11,9 @@ from collections.abc import Sequence
 
 from ..cad.dimensions import Design
 from ..cad.parts.light_holder import below_plate
-from ..cad.stiffness import PlatePress, press
+from ..cad.stiffness import press
 from ..protocols.limits import LimitCheck
-from .peaks import MODULUS_FACTOR, Peak
+from .peaks import HIGH, MODULUS_FACTOR, Peak, worst
 
 
 def plate_checks(peaks: Sequence[Peak], design: Design, simulated: bool) -> list[LimitCheck]:
@@ -21,60 +21,33 @@ def plate_checks(peaks: Sequence[Peak], design: Design, simulated: bool) -> list
 
     Too much stress fails, on the simulated rig it warns; the other two only warn.
     """
-    done = _presses(peaks, design)
+    found = [press(design, peak.normal_n, peak.at_mm) for peak in peaks]
     limit_mpa = design.plate.stress_limit_mpa
-    stress = [MODULUS_FACTOR * found.stress_mpa for found in done]
-    light = [MODULUS_FACTOR * found.over_light_mm for found in done]
-    share = [f.deflection_mm / p.depth_mm for f, p in zip(done, peaks, strict=True)]
-    high = "with twice the modulus"
-    yields_mm = max(found.deflection_mm for found in done)
-    over = max(stress) > limit_mpa
+    stress_mpa, where = worst([MODULUS_FACTOR * f.stress_mpa for f in found], peaks)
+    over = stress_mpa > limit_mpa
+    yields_mm = max(f.deflection_mm for f in found)
     return [
         LimitCheck(
-            "plate stress", simulated or not over, f"{high}, plate.stress_limit_mpa (MPa)",
-            round(max(stress), 2), limit_mpa, _where(stress, peaks), over and simulated,
+            "plate stress", simulated or not over, f"{HIGH}, plate.stress_limit_mpa (MPa)",
+            round(stress_mpa, 2), limit_mpa, where, over and simulated,
         ),
         _warning(
-            "plate clear of the light holder", f"{high}, least play of light.axial_fit_mm (mm)",
-            light, below_plate(design).range_mm[0], peaks,
+            "plate clear of the light holder", f"{HIGH}, least play of light.axial_fit_mm (mm)",
+            [MODULUS_FACTOR * f.over_light_mm for f in found],
+            below_plate(design).range_mm[0], peaks,
         ),
         _warning(
             "plate yields",
             f"up to {yields_mm:.3f} mm as expected, which a simulated press leaves out; "
             "share of the depth, plate.deflection_share",
-            share, design.plate.deflection_share, peaks,
+            [f.deflection_mm / p.depth_mm for f, p in zip(found, peaks, strict=True)],
+            design.plate.deflection_share, peaks,
         ),
     ]  # fmt: skip
-
-
-def judge_plate(name: str, peaks: Sequence[Peak], design: Design) -> tuple[list[str], list[str]]:
-    """Lines of what would break the plate, and of what is only worth knowing.
-
-    name: of the protocol.
-    """
-    stress, *others = plate_checks(peaks, design, simulated=True)
-    breaks = [f"{name}: {_told(stress)}"] if stress.warns else []
-    return breaks, [f"{name}: {_told(row)}" for row in others if row.warns]
-
-
-def _told(row: LimitCheck) -> str:
-    return f"{row.name}: {row.what} {row.figure:g} > {row.bound:g}, {row.where}"
-
-
-def _presses(peaks: Sequence[Peak], design: Design) -> list[PlatePress]:
-    return [press(design, peak.normal_n, peak.at_mm) for peak in peaks]
-
-
-def _where(figures: Sequence[float], peaks: Sequence[Peak]) -> str:
-    worst = peaks[max(range(len(peaks)), key=lambda k: figures[k])]
-    x, y = worst.at_mm
-    return f"{worst.indenter} at ({x:g}, {y:g}) mm, {worst.depth_mm:g} mm deep"
 
 
 def _warning(
     name: str, what: str, figures: Sequence[float], bound: float, peaks: Sequence[Peak]
 ) -> LimitCheck:
-    figure = max(figures)
-    return LimitCheck(
-        name, True, what, float(f"{figure:.3g}"), bound, _where(figures, peaks), figure > bound
-    )
+    figure, where = worst(figures, peaks)
+    return LimitCheck(name, True, what, float(f"{figure:.3g}"), bound, where, figure > bound)

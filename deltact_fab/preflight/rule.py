@@ -5,20 +5,17 @@ On a real rig both are errors before anything moves; the simulated one cannot br
 
 from __future__ import annotations
 
-import logging
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from ..aliases import Vector
 from ..errors import InputError
-from ..protocols.limits import LimitCheck
+from ..protocols.limits import LimitCheck, refusals
 from ..protocols.plan import Protocol
 from ..rig.config import RigConfig
 from ..rig.force.guard import SHARE, GuardLimits
-from .peaks import MODULUS_FACTOR, PAPER_REMARK, PAPER_REMARK_FROM, Peak
-
-_LOG = logging.getLogger(__name__)
+from .peaks import HIGH, MODULUS_FACTOR, Peak, worst
 
 
 @dataclass(frozen=True)
@@ -96,145 +93,74 @@ def _guard_keys(rig: RigConfig) -> tuple[str, str]:
     return force, torque
 
 
-def judge(name: str, thickness_mm: float, peaks: Sequence[Peak], limits: ForceLimits) -> list[str]:
-    """One line for each limit that is passed (the worst press) and each that is missing.
-
-    name: of the protocol. thickness_mm: of the gel.
-    """
-    lines = [
-        f"{name}: {key} is not declared in {limits.source}, so its force cannot be checked"
-        for key in limits.undeclared()
-    ]
-    reasons: dict[str, None] = {}
-    rows = [(*row, True) for row in _rows(limits, [p.high for p in peaks])]
-    rows += [(*row, False) for row in _guard_rows(limits, peaks)]
-    for what, limit, key, loads, high in rows:
-        over = [(load, k) for k, load in enumerate(loads) if load > limit]
-        if over:
-            load, k = max(over)
-            lines.append(
-                _over(name, peaks[k], what, load, f"{limit:g} {_unit(what)}", key, limits, high)
-                + (f" (and {len(over) - 1} more presses)" if len(over) > 1 else "")
-            )
-            if peaks[k].reason:
-                reasons[f"; {peaks[k].indenter} {peaks[k].level}: {peaks[k].reason}"] = None
-    if lines:
-        lines[-1] += "".join(reasons)
-    if any(p.depth_mm > PAPER_REMARK_FROM * thickness_mm for p in peaks) and lines:
-        lines[-1] += f"; {PAPER_REMARK}"
-    return lines
-
-
-def may_trip(name: str, peaks: Sequence[Peak], limits: ForceLimits) -> list[str]:
-    """One line for each limit of the guard that is passed only by a gel of twice the modulus."""
-    expected = {row[0]: row[3] for row in _guard_rows(limits, peaks)}
-    return [
-        f"{name}: a gel of twice the modulus would trip the guard: {what} up to {max(loads):.0f} "
-        f"{_unit(what)}, over {limit:g} {_unit(what)} of {key} in {limits.source}"
-        for what, limit, key, loads in _guard_rows(limits, [p.high for p in peaks])
-        if max(loads) > limit >= max(expected[what])
-    ]
-
-
 def checks(peaks: Sequence[Peak], limits: ForceLimits) -> list[LimitCheck]:
-    """A row for each declared limit, with the worst press, and one for those that are missing."""
-    missing = limits.undeclared()
-    rows = [_check("force limits", "undeclared: " + ", ".join(missing), len(missing), 0, limits)]
-    for what, limit, key, loads in _rows(limits, [p.high for p in peaks]):
-        load, where = _worst(loads, peaks)
-        text = f"{what} with twice the modulus, {key} ({_unit(what)})"
-        rows.append(_check("peak force", text, round(load, 1), limit, limits, where))
-    for what, limit, key, loads in _guard_rows(limits, peaks):
-        load, where = _worst(loads, peaks)
-        text = f"{what} as expected, {key} ({_unit(what)})"
-        row = _check("guard", text, round(load, 1), limit, limits, where)
-        # What twice the modulus would trip is worth a look; the guard loses a run, and no gel.
-        rows.append(replace(row, warns=row.warns or (row.ok and MODULUS_FACTOR * load > limit)))
-    return rows if missing else rows[1:]
+    """A row for each limit with its worst press, and one for the limits that are not declared.
+
+    What can break counts with the gel's modulus twice as high. The guard loses a run and no gel: it
+    counts as expected, and warns of what twice the modulus would trip. On the simulated rig
+    everything only warns.
+    """
+    rows = []
+    if missing := limits.undeclared():
+        lines = [
+            f"{limits.source}: {key} is not declared, so its force cannot be checked"
+            for key in missing
+        ]
+        row = refusals("force limits", lines)
+        rows.append(replace(row, ok=limits.simulated, warns=limits.simulated))
+    for what, limit, key, loads in _declared(limits, [p.high for p in peaks]):
+        load, where = worst(loads, peaks)
+        over = load > limit
+        text, ok = f"{what} {HIGH}, {key}", limits.simulated or not over
+        rows.append(LimitCheck("peak force", ok, text, round(load, 1), limit, where, over and ok))
+    for what, limit, key, loads in _guarded(limits, peaks):
+        load, where = worst(loads, peaks)
+        over, text = load > limit, f"{what} as expected, {key}"
+        ok = limits.simulated or not over
+        warns = over and ok
+        if not over and MODULUS_FACTOR * load > limit:
+            load, text, warns = MODULUS_FACTOR * load, f"{what} {HIGH}, {key}", True
+        rows.append(LimitCheck("guard", ok, text, round(load, 1), limit, where, warns))
+    return rows
 
 
-def _worst(loads: Sequence[float], peaks: Sequence[Peak]) -> tuple[float, str]:
-    """The largest load and the press that it comes with."""
-    load, worst = max(zip(loads, peaks, strict=True), key=lambda pair: pair[0])
-    x, y = worst.at_mm
-    return load, f"{worst.indenter} at ({x:g}, {y:g}) mm, {worst.depth_mm:g} mm deep"
+Loads = tuple[str, float, str, list[float]]
+"""What, its limit, the limit's key with the unit, and the load of each peak."""
 
 
-def _unit(what: str) -> str:
-    return "N mm" if what.startswith("moment") else "N"
-
-
-def _check(
-    name: str, what: str, figure: float, bound: float, limits: ForceLimits, where: str = ""
-) -> LimitCheck:
-    over = figure > bound
-    return LimitCheck(
-        name, limits.simulated or not over, what, figure, bound, where or limits.source,
-        over and limits.simulated,
-    )  # fmt: skip
-
-
-def require(lines: Iterable[str], limits: ForceLimits) -> list[str]:
-    """Raise InputError with all lines on a real rig; on the simulated one log and return them."""
-    found = list(lines)
-    if found and not limits.simulated:
-        raise InputError(" | ".join(found))
-    for line in found:
-        _LOG.warning("warning: %s", line)
-    return found
-
-
-def _rows(
-    limits: ForceLimits, high: Sequence[Peak]
-) -> Iterable[tuple[str, float, str, list[float]]]:
-    """(what, limit, its key, load of each peak)."""
-    normal, side = [p.normal_n for p in high], [p.tangential_n for p in high]
-    declared = ((limits.stage_n, "[stage] max_force_n"), (limits.sensor_n, "[force] range_n"))
-    for limit, key in declared:
+def _declared(limits: ForceLimits, high: Sequence[Peak]) -> Iterator[Loads]:
+    """Against what stage and sensor bear."""
+    for limit, key in (
+        (limits.stage_n, "[stage] max_force_n (N)"),
+        (limits.sensor_n, "[force] range_n (N)"),
+    ):
         if limit is not None:
-            yield "normal force", limit[2], key, normal
-            # A drag along any axis of the protocol may meet either axis of a turned stage.
-            yield "tangential force", min(limit[:2]), key, side
-    moments = [p.moment_nmm for p in high if p.moment_nmm is not None]
-    if limits.sensor_nmm is not None and len(moments) == len(high):
-        for axis, letter in enumerate("xyz"):
-            loads = [m[axis] for m in moments]
-            yield f"moment about {letter}", limits.sensor_nmm[axis], "[force] range_nmm", loads
+            yield from _forces(high, limit, key)
+    if limits.sensor_nmm is not None:
+        yield from _moments(high, limits.sensor_nmm, "[force] range_nmm (N mm)")
 
 
-def _guard_rows(
-    limits: ForceLimits, peaks: Sequence[Peak]
-) -> Iterable[tuple[str, float, str, list[float]]]:
-    """The same for what the guard would stop at."""
+def _guarded(limits: ForceLimits, peaks: Sequence[Peak]) -> Iterator[Loads]:
+    """Against what the guard would stop at."""
     guard = limits.guard
     if guard is None:
         return
     force, torque = limits.guard_keys
-    yield "normal force", guard.force_n[2], force, [p.normal_n for p in peaks]
-    yield "tangential force", min(guard.force_n[:2]), force, [p.tangential_n for p in peaks]
+    yield from _forces(peaks, guard.force_n, f"{force} (N)")
     if math.isfinite(guard.resultant_n):
         loads = [math.hypot(p.normal_n, p.tangential_n) for p in peaks]
-        yield "whole force", guard.resultant_n, "[guard] resultant_n", loads
+        yield "whole force", guard.resultant_n, "[guard] resultant_n (N)", loads
+    yield from _moments(peaks, guard.torque_nmm, f"{torque} (N mm)")
+
+
+def _forces(peaks: Sequence[Peak], limit_n: Vector, key: str) -> Iterator[Loads]:
+    yield "normal force", limit_n[2], key, [p.normal_n for p in peaks]
+    # A drag along any axis of the protocol may meet either axis of a turned stage.
+    yield "tangential force", min(limit_n[:2]), key, [p.tangential_n for p in peaks]
+
+
+def _moments(peaks: Sequence[Peak], limit_nmm: Vector, key: str) -> Iterator[Loads]:
     moments = [p.moment_nmm for p in peaks if p.moment_nmm is not None]
     if len(moments) == len(peaks):
         for axis, letter in enumerate("xyz"):
-            loads = [m[axis] for m in moments]
-            yield f"moment about {letter}", guard.torque_nmm[axis], torque, loads
-
-
-def _over(
-    name: str, peak: Peak, what: str, load: float, limit: str, key: str, limits: ForceLimits,
-    high: bool,
-) -> str:  # fmt: skip
-    """high: the load is with twice the modulus; else as expected, which the guard would stop."""
-    x, y = peak.at_mm
-    unit = limit.partition(" ")[2]
-    most = "at most " if peak.reason else ""
-    told = f"up to {load:.0f} {unit} (expected {most}{load / MODULUS_FACTOR:.0f})"
-    if not high:
-        told = f"{most}{load:.0f} {unit} expected"
-    return (
-        f"{name}: {peak.indenter} at ({x:g}, {y:g}) mm, {peak.depth_mm:g} mm deep: {what} {told}, "
-        f"over {limit} of {key} in {limits.source}"
-        + ("" if high else ": the guard would stop the run")
-    )
+            yield f"moment about {letter}", limit_nmm[axis], key, [m[axis] for m in moments]

@@ -10,8 +10,7 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 from ..aliases import Point
 from ..errors import InputError
@@ -67,9 +66,12 @@ class LimitCheck:
         margin = f"{digits(self.figure)} ({limit} {digits(self.bound)})"
         return f"{verdict}  {self.name}: {self.what} {margin}"
 
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return asdict(self)
+    def reason(self) -> str:
+        """Why it fails or warns; what is told in words names its file itself."""
+        if self.what == REFUSALS:
+            return self.where
+        sign = "<" if self.least else ">"
+        return f"{self.name}: {self.what} {self.figure:g} {sign} {self.bound:g} at {self.where}"
 
 
 @dataclass(frozen=True)
@@ -87,10 +89,6 @@ class RunEstimate:
     between_frames_mm: float
     seconds: float
     disk_mb: float
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return asdict(self)
 
 
 def check(
@@ -112,13 +110,8 @@ def require(rows: Iterable[LimitCheck], source: str) -> None:
     """Raise InputError with every failed row on one line."""
     failed = [r for r in rows if not r.ok]
     if failed:
-        # What is told in words names its file itself.
-        told = [r.where for r in failed if r.what == REFUSALS]
-        figures = [
-            f"{r.name}: {r.what} {r.figure:g} {'<' if r.least else '>'} {r.bound:g} at {r.where}"
-            for r in failed
-            if r.what != REFUSALS
-        ]
+        told = [r.reason() for r in failed if r.what == REFUSALS]
+        figures = [r.reason() for r in failed if r.what != REFUSALS]
         if figures:
             told.append(f"{source}: {' | '.join(figures)}")
         raise InputError(" | ".join(told))

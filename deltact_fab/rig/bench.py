@@ -10,13 +10,13 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..aliases import Progress
 from ..errors import InputError
 from ..optics import CameraModel, FlatField
 from ..protocols.plan import Protocol
 from ..shapes import SensorDimensions
 from .clock import WallClock
 from .config import GrblConfig
-from .force.netft import SILENT_S
 from .interface import Camera, ForceSensor
 from .job import Devices, RigSetup
 from .stage.firmware import open_stage
@@ -50,7 +50,7 @@ class GrblKind:
                 f"{source}: channels: 'image' asked for, and {self._source} has no [camera]; add "
                 'one, as source = 0, or remove "image"'
             )
-        if "force" in asked and not reachable(config):
+        if "force" in asked and not (config.force and config.force.reachable):
             lines.append(
                 f"{source}: channels: 'force' asked for, and {self._source} has no way to a force "
                 "sensor; add [force.netft] or [force.serial] with its ranges, or remove "
@@ -74,15 +74,9 @@ class GrblKind:
 
         return flat_field(self._config.camera.model, self._source)
 
-    def build(self, job: RigSetup) -> GrblRig:
+    def build(self, job: RigSetup, progress: Progress | None = None) -> GrblRig:
         """The devices, the stage's port not yet open."""
-        return GrblRig(self._config, self._source, job, self.camera(job.protocol, job.sensor))
-
-
-def reachable(config: GrblConfig) -> bool:
-    """Whether the rig file says how a force sensor is read."""
-    force = config.force
-    return force is not None and (force.netft is not None or force.serial is not None)
+        return GrblRig(self._config, self._source.parent, job)
 
 
 class GrblRig:
@@ -91,60 +85,50 @@ class GrblRig:
     def __init__(
         self,
         config: GrblConfig,
-        source: Path,
+        folder: Path,
         job: RigSetup,
-        view: CameraModel | None = None,
         patience: float = 1.0,
     ) -> None:
-        """source: of the rig file. view: of the images that are tracked.
-
-        patience: times the silence, and the age of its samples, that a force sensor is allowed.
+        """folder: of the rig file. patience: times the silence, and the age of its samples, that a
+        force sensor is allowed.
         """
-        self._config, self._job, self._view = config, job, view
-        self._patience = patience
+        self._job = job
         self._open = ExitStack()
         try:
-            self._build(source)
+            self._build(config, folder, patience)
         except BaseException:
             self.close()
             raise
 
-    def _build(self, source: Path) -> None:
-        config, job = self._config, self._job
-        channels = job.protocol.channels
+    def _build(self, config: GrblConfig, folder: Path, patience: float) -> None:
+        job = self._job
         self.clock = WallClock()
         self.stage = open_stage(config.stage, self.clock)
         self._open.callback(self.stage.close)
         self.force: ForceSensor | None = None
         self.guard: ForceGuard | None = None
-        if reachable(config) or not job.air:
-            self._feel()
-        self.tooling = Tooling(
-            job, self.stage, self.clock, self.force, self.guard, config.touch, config.tools
-        )
-        self.camera: Camera | None = None
-        if "image" in channels:
-            from .camera.open import open_camera
+        if config.force is not None and config.force.reachable:
+            from .force.open import open_guarded
 
-            assert config.camera is not None, "refused without one"
-            self.camera = open_camera(config.camera, source.parent, self.clock)
-            self._open.callback(self.camera.close)
-
-    def _feel(self) -> None:
-        """The force sensor and the guard on it."""
-        from .force.guard import BEHIND_S, ForceGuard, GuardLimits
-        from .force.open import open_force
-
-        force = self._config.force
-        if force is None or not reachable(self._config):
+            self.force, self.guard = open_guarded(
+                config.force, config.guard, self.stage, self.clock, patience
+            )
+            self._open.callback(self.force.close)
+        elif not job.air:
             raise InputError(
                 "force: nothing guards a press without a force sensor; add [force.netft] or "
                 "[force.serial] to the rig file, or give --air"
             )
-        limits = GuardLimits.of(self._config.guard, force)
-        self.force = open_force(force, self.clock, self._patience * SILENT_S)
-        self._open.callback(self.force.close)
-        self.guard = ForceGuard(self.stage, limits, self.clock, self._patience * BEHIND_S)
+        self.tooling = Tooling(
+            job, self.stage, self.clock, self.force, self.guard, config.touch, config.tools
+        )
+        self.camera: Camera | None = None
+        if "image" in job.protocol.channels:
+            from .camera.open import open_camera
+
+            assert config.camera is not None, "refused without one"
+            self.camera = open_camera(config.camera, folder, self.clock)
+            self._open.callback(self.camera.close)
 
     def devices(self) -> Devices:
         """What the runner drives."""
@@ -176,7 +160,7 @@ class GrblRig:
         if self.camera is not None:
             from .camera.model import view_notes
 
-            lines += view_notes(self._view, self._job.recipe.patch_mm)
+            lines += view_notes(self._job.view, self._job.recipe.patch_mm)
         if self._job.air and len(self._job.protocol.indenters) > 1:
             lines.append("no indenter was changed: nothing was touched")
         return lines

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ..errors import DeltactFabError
 from .clock import WallClock
@@ -32,20 +32,17 @@ def check(config: GrblConfig, folder: Path, seconds: float = SECONDS) -> Iterato
     device can cause: that is a row.
     """
     yield from _stage(config)
-    if config.force is not None and (config.force.netft or config.force.serial):
+    if config.force is not None and config.force.reachable:
         from .force.probe import probe as listen
 
-        yield from _rows("force", listen(config.force, config.guard, seconds))
+        for passed, text in listen(config.force, config.guard, seconds):
+            yield DeviceRow("force", "pass" if passed else "FAIL", text)
     if config.camera is not None:
         from .camera.probe import probe as look
 
-        yield from _rows("camera", look(config.camera, folder, seconds))
+        for passed, text in look(config.camera, folder, seconds):
+            yield DeviceRow("camera", "pass" if passed else "FAIL", text)
     yield from _presses(config)
-
-
-def _rows(device: str, findings: Any) -> Iterator[DeviceRow]:
-    for passed, text in findings:
-        yield DeviceRow(device, "pass" if passed else "FAIL", text)
 
 
 def _stage(config: GrblConfig) -> Iterator[DeviceRow]:
@@ -76,34 +73,25 @@ def _stage(config: GrblConfig) -> Iterator[DeviceRow]:
 
 def _presses(config: GrblConfig) -> Iterator[DeviceRow]:
     """What a press needs of the rig file; without it a run goes in air only."""
-    force = config.force
-    reachable = force is not None and (force.netft or force.serial)
-    if not reachable:
-        yield DeviceRow(
-            "presses",
-            "FAIL",
+    force, missing = config.force, []
+    if force is None or not force.reachable:
+        missing.append(
             "no way to a force sensor, so only --air runs: add [force] with its ranges and "
-            "[force.netft] or [force.serial]",
+            "[force.netft] or [force.serial]"
         )
-    elif force is not None and "range_n" not in force.model_fields_set:
-        yield DeviceRow(
-            "presses",
-            "FAIL",
-            "[force] range_n is not declared: write it from the calibration sheet",
-        )
+    elif "range_n" not in force.model_fields_set:
+        missing.append("[force] range_n is not declared: write it from the calibration sheet")
     if config.stage.max_force_n is None:
-        yield DeviceRow(
-            "presses",
-            "FAIL",
-            "[stage] max_force_n is not declared: measure what the axes push without losing steps",
+        missing.append(
+            "[stage] max_force_n is not declared: measure what the axes push without losing steps"
         )
     if config.touch is None:
-        yield DeviceRow(
-            "presses",
-            "FAIL",
-            'no [touch], so it is not known where the face is: add one with by = "force" or "hand"',
+        missing.append(
+            'no [touch], so it is not known where the face is: add one with by = "force" or "hand"'
         )
-    else:
+    for text in missing:
+        yield DeviceRow("presses", "FAIL", text)
+    if config.touch is not None:
         yield DeviceRow("presses", "pass", f"the face is found by {config.touch.by}")
     if config.camera is None:
         yield DeviceRow(

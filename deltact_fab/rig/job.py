@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from ..aliases import Progress
 from .interface import Camera, Clock, ForceSensor, Stage
 
 if TYPE_CHECKING:
@@ -42,6 +43,8 @@ class RigSetup:
     protocol: plan.Protocol
     sensor: SensorDimensions
     recipe: PatternRecipe
+    view: CameraModel | None
+    """Of the images that are tracked, see `RigKind.camera`."""
     seed: int
     folder: Path
     air: bool = False
@@ -87,5 +90,8 @@ class RigKind(Protocol):
     def flat(self, protocol: plan.Protocol) -> FlatField | None:
         """How the light falls off in that camera's images, where it is known. Raises InputError."""
 
-    def build(self, job: RigSetup) -> Rig:
-        """Every device of the run, or none: what was opened is closed when another fails."""
+    def build(self, job: RigSetup, progress: Progress | None = None) -> Rig:
+        """Every device of the run, or none: what was opened is closed when another fails.
+
+        progress: told of what has to be solved first.
+        """

@@ -74,14 +74,16 @@ def carried_out(told: dict[str, Any]) -> Iterator[tuple[Run, VirtualRig]]:
     protocol = catalog.validate(Protocol, told["protocol"], "protocol")
     source = Path(told["beside"]["rig"]) if told["beside"] else Path("rig.toml")
     with TemporaryDirectory(prefix="deltact-fab-") as scratch:
+        rig = catalog.validate(VirtualConfig, told["rig"], "rig")
+        sensor = catalog.validate(SensorDimensions, told["sensor"], "sensor")
         job = RigJob(
             protocol,
-            catalog.validate(SensorDimensions, told["sensor"], "sensor"),
+            sensor,
             catalog.validate(PatternRecipe, told["recipe"], "recipe"),
+            VirtualKind(rig, source).camera(protocol, sensor),
             told["seed"],
             Path(scratch) / protocol.name,
         )
-        rig = catalog.validate(VirtualConfig, told["rig"], "rig")
         cv2.setNumThreads(1)  # a processor has a job of its own
         bench = run_presses(job, rig, source, told["presses"], _tell)
         yield record.open(job.folder), bench

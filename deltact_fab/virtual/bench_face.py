@@ -22,11 +22,8 @@ from ..optics import StageFrame
 from ..shapes import Indenter, SkinDimensions, Tip
 from ..shapes.indenter import parse as parse_indenter
 from ..shapes.tips import EllipsoidTip, SphereTip
-from ..units import NS_PER_S
-from .board import SimulatedBoard
 
 HARD_N_PER_MM = 400.0
-CLEAR_MM = 1.0  # an axis so high has no tip at the face, tilted by degrees as it may be
 FLAT_MM = 0.05  # what of an underside is within so much of its lowest point touches at once
 # Dimitriadis et al. (2002): an incompressible layer that is bonded, powers of sqrt(R d)/h.
 _BONDED = (1.0, 1.133, 1.283, 0.769, 0.0975)
@@ -34,16 +31,15 @@ _BONDED = (1.0, 1.133, 1.283, 0.769, 0.0975)
 
 @dataclass(frozen=True)
 class _Touching:
-    """One tip: where it is under the indenter's axis, what it is, its stiffness if it is flat."""
+    """One tip: where it is under the indenter's axis, its stiffness if it is flat."""
 
-    tip: Tip
     at_mm: tuple[float, float]
     ball_mm: float  # its radius; 0: flat
     n_per_mm: float
 
 
 class BenchFace:
-    """A misplaced gel under the carriage of a controller, and the indenter that is mounted.
+    """A misplaced gel under a carriage, and the indenter that is mounted.
 
     frame: where the face truly lies for a tool of the length that the stage's origin was measured
     with. skin: its size and thickness. hard_mm: half sides of what surrounds the gel at the same
@@ -53,14 +49,12 @@ class BenchFace:
 
     def __init__(
         self,
-        controller: SimulatedBoard,
         frame: StageFrame,
         skin: SkinDimensions,
         material: GelMaterial | None = None,
         hard_mm: tuple[float, float] | None = None,
         block_mm: Vector | None = None,
     ) -> None:
-        self._controller = controller
         self._frame = frame
         self._skin = skin
         self._material = material or GelMaterial()
@@ -76,24 +70,6 @@ class BenchFace:
         self._longer_mm = longer_mm
         found = parse_indenter(indenter) if isinstance(indenter, str) else indenter
         self._touching = [self._touching_by(tip) for tip in found.tips]
-
-    def wrenches(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Forces (N) and torques (N mm) on the sensor (n, 6) at times (n,), none later than now."""
-        if len(t_ns) == 0:
-            return np.empty((0, 6))
-        first, *others = self._controller.path_since(int(t_ns[0]) / NS_PER_S)
-        if all(corner == first for corner in others):
-            return np.repeat(self.wrench(first)[None], len(t_ns), axis=0)
-        clear_mm = CLEAR_MM + max(0.0, self._block_mm[2] if self._block_mm else 0.0)
-        if min(self._height_mm(corner) for corner in (first, *others)) > clear_mm:
-            return np.zeros((len(t_ns), 6))
-        at = [self._controller.position_mm(int(t) / NS_PER_S) for t in t_ns]
-        return np.stack([self.wrench(carriage_mm) for carriage_mm in at])
-
-    def _height_mm(self, carriage_mm: Vector) -> float:
-        """Of the indenter's axis above the face."""
-        x, y, z = carriage_mm
-        return self._frame.to_sensor_mm((x, y, z - self._longer_mm))[2]
 
     def wrench(self, carriage_mm: Vector) -> NDArray[np.float64]:
         """Force (N) and torque (N mm), (6,), with the carriage there, machine mm."""
@@ -140,12 +116,12 @@ class BenchFace:
 
     def _touching_by(self, tip: Tip) -> _Touching:
         if isinstance(tip, SphereTip | EllipsoidTip):
-            return _Touching(tip, tip.lowest_mm, tip.radius_mm, 0.0)
+            return _Touching(tip.lowest_mm, tip.radius_mm, 0.0)
         material, h = self._material, self._skin.thickness_mm
         radius = math.sqrt(_flat_mm2(tip) / math.pi)
         kappa = flat_punch_factor(radius / h, material.poisson)
         stiffness = 4 * material.shear_modulus_mpa * radius * kappa / (1 - material.poisson)
-        return _Touching(tip, (tip.x_mm, tip.y_mm), 0.0, stiffness)
+        return _Touching((tip.x_mm, tip.y_mm), 0.0, stiffness)
 
 
 def _flat_mm2(tip: Tip) -> float:

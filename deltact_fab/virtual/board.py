@@ -80,8 +80,3 @@ class SimulatedBoard(ABC):
         if t_ns > self._t:
             raise ValueError(f"{t_s} s has not come yet: it is {self._t / NS_PER_S} s")
         return self._carriage.path.position_mm(t_ns)
-
-    def path_since(self, t0_s: float) -> list[Vector]:
-        """The way of the carriage since t0, machine mm: from there, every corner, to here."""
-        self._advance()
-        return self._carriage.path.since(to_ns(t0_s), self._t)

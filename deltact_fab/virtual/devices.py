@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,30 +24,59 @@ from .seeds import stream_number
 Seen = tuple[int, int, float]  # between which knots, and how far from the first
 
 
+@dataclass(frozen=True)
+class TruthWriter:
+    """Writes the truth of a run. lattice: where the scene's knots have their displacements.
+
+    lens: what the picture is drawn through; None: a pinhole.
+    """
+
+    folder: Path
+    scene: GelScene
+    lattice: SurfaceLattice
+    lens: Fisheye | None = None
+
+    def write(self, press: str, frame_ids: Sequence[str], seen: Sequence[Seen]) -> None:
+        """The knots of the scene's press, and where each of these frames stands between which.
+
+        Raises RunFailed.
+        """
+        path = truth_file(self.folder, press)
+        try:
+            path.parent.mkdir(exist_ok=True)
+        except OSError as why:
+            raise RunFailed(f"{path.parent}: cannot be made: {why.strerror}") from why
+        about: dict[Path, SurfaceLattice | Fisheye] = {lattice_file(self.folder): self.lattice}
+        if self.lens is not None:
+            about[lens_file(self.folder)] = self.lens
+        for where, what in about.items():
+            write_whole(where, (json.dumps(what.as_dict()) + "\n").encode())
+        knots = self.scene.knots
+        fields = [k.displacement_mm for k in knots if k.displacement_mm is not None]
+        tractions = [k.traction_mpa for k in knots if k.traction_mpa is not None]
+        asked: dict[str, Any] = {}
+        if tractions:
+            x_mm, y_mm = self.scene.axes_mm
+            asked = {"traction_mpa": np.stack(tractions), "x_mm": x_mm, "y_mm": y_mm}
+        packed = io.BytesIO()
+        np.savez(
+            packed,
+            displacement_mm=np.stack(fields),
+            frame_id=np.asarray(frame_ids, dtype=np.str_),
+            knots=np.asarray([(a, b) for a, b, _ in seen], dtype=np.int64).reshape(-1, 2),
+            fraction=np.asarray([f for _, _, f in seen], dtype=float),
+            **asked,
+        )
+        write_whole(path, packed.getvalue())
+
+
 class VirtualCamera:
     """Implements rig.interface.Camera; at the end of a press it stores the truth of its frames."""
 
-    def __init__(
-        self,
-        picture: FrameRenderer,
-        scene: GelScene,
-        clock: Clock,
-        seed: int,
-        lattice: SurfaceLattice,
-        folder: Path,
-        lens: Fisheye | None = None,
-    ) -> None:
-        """lattice: where the scene's knots have their displacements. folder: of the run.
-
-        lens: what the picture is drawn through, for the truth.
-        """
-        self._picture = picture
-        self._scene = scene
-        self._clock = clock
-        self._seed = seed
-        self._lattice = lattice
-        self._folder = folder
-        self._lens = lens
+    def __init__(self, picture: FrameRenderer, clock: Clock, seed: int, truth: TruthWriter) -> None:
+        """truth: its scene is what is drawn."""
+        self._picture, self._clock, self._seed = picture, clock, seed
+        self._truth, self._scene = truth, truth.scene
         self._stream: str | None = None
         self._seen: list[Seen] = []
         self._rng = np.random.default_rng(0)
@@ -71,62 +101,13 @@ class VirtualCamera:
         """Store the press's knots and where each of its frames stands between which of them."""
         assert self._stream is not None, "begin() comes before end()"
         assert len(frames) == len(self._seen), "one id a frame"
-        write_truth(
-            self._folder,
-            self._stream,
-            list(frames),
-            self._seen,
-            self._scene,
-            self._lattice,
-            self._lens,
-        )
+        self._truth.write(self._stream, list(frames), self._seen)
         self._stream = None
 
     def identity(self) -> dict[str, Any]:
         """What the record keeps."""
-        projection = "pinhole" if self._lens is None else "fisheye"
+        projection = "pinhole" if self._truth.lens is None else "fisheye"
         return {"kind": "virtual", "projection": projection}
 
     def close(self) -> None:
         """Nothing is held open."""
-
-
-def write_truth(
-    folder: Path,
-    press: str,
-    frame_ids: Sequence[str],
-    seen: Sequence[Seen],
-    scene: GelScene,
-    lattice: SurfaceLattice,
-    lens: Fisheye | None,
-) -> None:
-    """The knots of the scene's press and where each of these frames stands between which of them.
-
-    folder: of the run. Raises RunFailed.
-    """
-    path = truth_file(folder, press)
-    try:
-        path.parent.mkdir(exist_ok=True)
-    except OSError as why:
-        raise RunFailed(f"{path.parent}: cannot be made: {why.strerror}") from why
-    about: dict[Path, SurfaceLattice | Fisheye] = {lattice_file(folder): lattice}
-    if lens is not None:
-        about[lens_file(folder)] = lens
-    for where, what in about.items():
-        write_whole(where, (json.dumps(what.as_dict()) + "\n").encode())
-    knots = [k.displacement_mm for k in scene.knots if k.displacement_mm is not None]
-    tractions = [k.traction_mpa for k in scene.knots if k.traction_mpa is not None]
-    asked: dict[str, Any] = {}
-    if tractions:
-        x_mm, y_mm = scene.axes_mm
-        asked = {"traction_mpa": np.stack(tractions), "x_mm": x_mm, "y_mm": y_mm}
-    packed = io.BytesIO()
-    np.savez(
-        packed,
-        displacement_mm=np.stack(knots),
-        frame_id=np.asarray(frame_ids, dtype=np.str_),
-        knots=np.asarray([(a, b) for a, b, _ in seen], dtype=np.int64).reshape(-1, 2),
-        fraction=np.asarray([f for _, _, f in seen], dtype=float),
-        **asked,
-    )
-    write_whole(path, packed.getvalue())

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from ..elasticity.material import GelMaterial
 from ..errors import InputError
 from ..gel.finite.material import MAX_POISSON
-from ..gel.linear.validity import DEPTH_LIMIT
+from ..gel.level import Reach
+from ..gel.level_selection import linear_refusal
 from ..protocols.plan import Protocol
 from ..rig.simulator import GelConfig
 from ..shapes import SensorDimensions
@@ -49,21 +51,12 @@ def require_gel_level(protocol: Protocol, sensor: SensorDimensions, source: str)
                 "'hyperelastic' stops there; .499 serves, and only the level 'layer' takes .5"
             )
         return
-    if specimen.prony:
-        raise InputError(
-            f"{source}: specimen.prony: the linear level {level!r} knows no time; "
-            "this protocol needs the level 'hyperelastic'"
-        )
-    limit_mm = DEPTH_LIMIT * thickness_mm
-    if deepest > limit_mm:
-        raise InputError(
-            f"{source}: depths_mm: {deepest:g} mm is over {limit_mm:g} mm, 25 % of the gel: the "
-            f"linear level {level!r} stops there; this protocol needs the level 'hyperelastic'"
-        )
+    material = GelMaterial(1.0, specimen.poisson, specimen.friction, specimen.prony)
+    key = "specimen.prony" if specimen.prony else "depths_mm"
     for indenter in map(parse_indenter, protocol.indenters):
-        if deepest >= indenter.equator_mm:
+        reach = Reach(deepest_mm=deepest)
+        if why := linear_refusal(level, sensor.skin, material, indenter, reach):
             raise InputError(
-                f"{source}: depths_mm: {deepest:g} mm presses {indenter.name} to where its sides "
-                f"turn vertical, at {indenter.equator_mm:g} mm: the level {level!r} reaches below "
-                "that; this protocol needs the level 'hyperelastic'"
+                f"{source}: {key}: {why}: the linear level {level!r} stops there; this protocol "
+                "needs the level 'hyperelastic'"
             )

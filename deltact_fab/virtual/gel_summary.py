@@ -49,7 +49,7 @@ def gel_notes(presses: Presses, choices: Sequence[Choice], skin: SkinDimensions)
         lines.append("friction is solved, for it changes the force of these presses")
     # From the plan, for the presses that a resumed run kept are not solved again.
     limit_mm = SMALL_STRAIN * skin.thickness_mm * (1 + 1e-9)
-    if presses.level in LINEAR and max(p.box_mm[2] for p in presses.paths) > limit_mm:
+    if presses.level in LINEAR and max(p.deepest_mm for p in presses.paths) > limit_mm:
         lines.append("WARNING: pressed beyond 10 % of the thickness, past small strain")
     if presses.relaxing_s:
         lines.append(
@@ -64,13 +64,10 @@ def _bound(presses: Presses) -> str:
     between = presses.between
     if between.samples == 0:
         return ""
-    parts = [f"{presses.modulus_mpa * between.force_n:.2g} N"]
-    if presses.fields:
-        parts.insert(0, f"{between.displacement_mm:.2g} mm in plane")
-    failed = f"; {between.failed} did not converge" if between.failed else ""
     return (
-        f": half-way between knots off by at most {' and '.join(parts)} ({between.samples} "
-        f"intervals solved half-way{failed})"
+        f": half-way between knots off by at most {between.displacement_mm:.2g} mm in plane and "
+        f"{presses.modulus_mpa * between.force_n:.2g} N ({between.samples} intervals solved "
+        f"half-way, {between.failed} did not converge)"
     )
 
 

@@ -77,7 +77,7 @@ def _require_drawn(true: Fisheye, view: Rectified, source: str) -> None:
 
 
 def lens_notes(config: VirtualConfig, view: Rectified, patch_mm: float | None) -> list[str]:
-    """What a reader of a run through the lens must know. Times a rectification, .4 s."""
+    """What a reader of a run through the lens must know."""
     lines = view_notes(view, patch_mm)
     if config.camera is None:
         lines.insert(

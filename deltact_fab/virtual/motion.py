@@ -164,26 +164,3 @@ class Path:
         """Position at a time; where it started, before its origin."""
         k = bisect_right(self._starts, t_ns) - 1
         return self._segments[k].position_mm(t_ns) if k >= 0 else self._origin_mm
-
-    def since(self, t0_ns: int, now_ns: int) -> list[Vector]:
-        """Waypoints from t0 to now: position at t0, the corners between, position now.
-
-        A line that a hold cut and resumed is one line; consecutive equal points are given once.
-        """
-        points = [self.position_mm(t0_ns)]
-        first = max(bisect_right(self._starts, t0_ns) - 1, 0)
-        for k in range(first, len(self._segments)):
-            segment = self._segments[k]
-            if segment.start_ns > now_ns:
-                break
-            goes_on = (
-                k + 1 < len(self._segments)
-                and self._segments[k + 1].block == segment.block
-                and self._segments[k + 1].start_ns <= now_ns
-            )
-            if t0_ns < segment.end_ns <= now_ns and not goes_on and segment.end_mm != points[-1]:
-                points.append(segment.end_mm)
-        here = self.position_mm(now_ns)
-        if here != points[-1] or len(points) == 1:
-            points.append(here)
-        return points

@@ -7,10 +7,8 @@ import socket
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import AbstractContextManager
 from http.server import BaseHTTPRequestHandler, HTTPServer
-from types import TracebackType
-from typing import Self
 
 from ..rig.config import ForceConfig
 from .clock import VirtualClock
@@ -19,31 +17,12 @@ from .netft import BoxFaults, NetFTBox, Wrenches
 WAKE_S = 0.05  # how long a command or the end of the server may wait at most
 
 
-@dataclass
-class BoxPage:
-    """What the box's page shows beside its scaling and rate; may be changed at any time.
-
-    Fields of a Net F/T box: `cfgcalsn` is the transducer's serial number, `mfgdigsn` the box's.
-    """
-
-    serial: str = "FT00001"
-    box_serial: str = "SIM1"
-    product: str = "Simulated Net F/T"
-    force_unit: str = "N"
-    torque_unit: str = "Nmm"
-    path: str = "/netftapi2.xml"
-    enabled: bool = True
-    force_scale: float = 1.0
-    """Of the force unit in newtons, so that the counts of a unit fit the counts of a newton."""
-    torque_scale: float = 1.0
-
-
-class NetFTServer:
+class NetFTServer(AbstractContextManager["NetFTServer"]):
     """A box over any wrench function, served until `close`. Ports are chosen by the system.
 
     wrenches: forces (N) and torques (N mm) on the sensor (n, 6) at times (n,) ns of the monotonic
     clock; called from the server's thread. sent: told of every record with the time (ns) just
-    before it was sent. Raises OSError where no socket can be had.
+    before it was sent. serial: of the transducer. Raises OSError where no socket can be had.
     """
 
     def __init__(
@@ -53,6 +32,7 @@ class NetFTServer:
         *,
         seed: int = 0,
         noise_n: float = 0.0,
+        serial: str = "FT00001",
         host: str = "127.0.0.1",
         sent: Callable[[bytes, int], None] | None = None,
     ) -> None:
@@ -60,7 +40,9 @@ class NetFTServer:
         self._clock.advance_to_ns(time.monotonic_ns())
         self._box = NetFTBox(config or ForceConfig(), self._clock, seed, wrenches, noise_n)
         self._sent = sent
-        self.page = BoxPage()
+        self.path = "/netftapi2.xml"
+        self.page = _page(self._box, serial)
+        """What the page shows; may be changed at any time."""
         self.host = host
         self._done = threading.Event()
         self._udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -109,15 +91,7 @@ class NetFTServer:
         self._udp.close()
         self._stray.close()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def _stream(self) -> None:
@@ -142,37 +116,33 @@ class NetFTServer:
 
     def _answer(self, request: BaseHTTPRequestHandler) -> None:
         """One request for the page."""
-        if request.path.partition("?")[0] != self.page.path:
+        if request.path.partition("?")[0] != self.path:
             request.send_error(404)
             return
-        body = self._xml().encode("ascii")
+        lines = "\n".join(f"<{name}>{value}</{name}>" for name, value in self.page.items())
+        body = f'<?xml version="1.0"?><netft>\n{lines}\n</netft>\n'.encode("ascii")
         request.send_response(200)
         request.send_header("Content-Type", "text/xml")
         request.send_header("Content-Length", str(len(body)))
         request.end_headers()
         request.wfile.write(body)
 
-    def _xml(self) -> str:
-        page, settings = self.page, self._box.settings()
-        force, torque = page.force_scale, page.torque_scale
-        ratings = [
-            *(self._box.limits[:3] / force).tolist(),
-            *(self._box.limits[3:] / torque).tolist(),
-        ]
-        fields = {
-            "prodname": page.product,
-            "runstat": "0x00000000",
-            "cfgcalsn": page.serial,
-            "scfgfu": page.force_unit,
-            "scfgtu": page.torque_unit,
-            "cfgcpf": f"{settings.counts_per_n * force:.0f}",
-            "cfgcpt": f"{settings.counts_per_nmm * torque:.0f}",
-            "cfgmr": ";".join(f"{value:g}" for value in ratings),
-            "comrdte": "Enabled" if page.enabled else "Disabled",
-            "comrdtrate": f"{settings.rate_hz:.0f}",
-            "comrdtbsiz": "1",
-            "mfgdigsn": page.box_serial,
-            "mfgdigver": "2.2.59",
-        }
-        lines = "\n".join(f"<{name}>{value}</{name}>" for name, value in fields.items())
-        return f'<?xml version="1.0"?><netft>\n{lines}\n</netft>\n'
+
+def _page(box: NetFTBox, serial: str) -> dict[str, str]:
+    """The elements of a box's page: `cfgcalsn` is the transducer's number, `mfgdigsn` the box's."""
+    settings = box.settings()
+    return {
+        "prodname": "Simulated Net F/T",
+        "runstat": "0x00000000",
+        "cfgcalsn": serial,
+        "scfgfu": "N",
+        "scfgtu": "Nmm",
+        "cfgcpf": f"{settings.counts_per_n:.0f}",
+        "cfgcpt": f"{settings.counts_per_nmm:.0f}",
+        "cfgmr": ";".join(f"{value:g}" for value in box.limits.tolist()),
+        "comrdte": "Enabled",
+        "comrdtrate": f"{settings.rate_hz:.0f}",
+        "comrdtbsiz": "1",
+        "mfgdigsn": "SIM1",
+        "mfgdigver": "2.2.59",
+    }

@@ -43,10 +43,9 @@ class PressPath:
         return tuple(dict.fromkeys(p for line in self.lines for p in (line.start_mm, line.end_mm)))
 
     @property
-    def box_mm(self) -> tuple[tuple[float, float], tuple[float, float], float]:
-        """Tip positions in contact, (low, high) in x and in y, and the deepest depth."""
-        x, y, z = zip(*(line.end_mm for line in self.lines), strict=True)
-        return (min(x), max(x)), (min(y), max(y)), -min(z)
+    def deepest_mm(self) -> float:
+        """The largest depth."""
+        return -min(line.end_mm[2] for line in self.lines)
 
 
 def paths(protocol: Protocol) -> list[PressPath]:

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import dataclass, field
 
 from ..errors import DeltactFabError
 from ..jobs import JobOutcome, run, tell
@@ -38,10 +37,6 @@ class PressRow:
     between_n: float = 0.0
     flags: dict[str, int] = field(default_factory=dict)
     failure: str = ""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return asdict(self)
 
 
 Told = Callable[[PressRow], None]
@@ -79,35 +74,17 @@ def solve_ahead(
         rows.append(row)
         if not row.like:
             told(row)
-    _solve(protocol, skin, config, list(todo.values()), jobs, told)
-    for row, solved in waiting:
-        if solved.failure:
-            row.failure = f"as {solved.press}, its mirror image: {solved.failure}"
-        else:
-            served = {"press": row.press, "like": solved.press, "found": True, "seconds": 0.0}
-            vars(row).update(vars(solved), **served)
-        told(row)
-    return rows
-
-
-def _solve(
-    protocol: Protocol,
-    skin: SkinDimensions,
-    config: GelConfig,
-    rows: list[PressRow],
-    jobs: int,
-    told: Told,
-) -> None:
+    solving = list(todo.values())
     ended: set[int] = set()
 
     def hear(index: int, knot: list[float]) -> None:
-        row = rows[index]
+        row = solving[index]
         if index not in ended:  # what was said may come after the end
             row.done, row.seconds = int(knot[0]), row.seconds + knot[1]
             told(row)
 
     def heard(end: JobOutcome[PressRow]) -> None:
-        row = rows[end.index]
+        row = solving[end.index]
         ended.add(end.index)
         if end.value is not None:
             vars(row).update(vars(end.value))
@@ -117,8 +94,16 @@ def _solve(
             raise end.error
         told(row)
 
-    todo = [(protocol, skin, config, row.press) for row in rows]
-    run(_one, todo, heard, told=hear, workers=jobs)
+    given = [(protocol, skin, config, row.press) for row in solving]
+    run(_one, given, heard, told=hear, workers=jobs)
+    for row, solved in waiting:
+        if solved.failure:
+            row.failure = f"as {solved.press}, its mirror image: {solved.failure}"
+        else:
+            served = {"press": row.press, "like": solved.press, "found": True, "seconds": 0.0}
+            vars(row).update(vars(solved), **served)
+        told(row)
+    return rows
 
 
 def _one(job: tuple[Protocol, SkinDimensions, GelConfig, str]) -> PressRow:

@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Any
 from ..aliases import Field, Point
 from ..elasticity.material import GelMaterial
 from ..errors import InputError
-from ..gel.level import Reach
-from ..gel.level_selection import pick
 from ..gel.path.knots import Increments, InterpolationError, KnotPose, ObservedChannels
 from ..gel.path.open import choose, open_path
 from ..gel.path.solver import PathSolver
@@ -30,10 +28,7 @@ SAME_MM = 2e-3  # a point of the stage is the plan's within a motor step and its
 
 @dataclass(frozen=True, eq=False)
 class PlannedPress:
-    """solver: of the path's knots. name: `indenter/position`. waypoints: ends of the planned lines.
-
-    One that is not planned has neither name nor waypoints.
-    """
+    """solver: of the path's knots. name: `indenter/position`. waypoints: ends of its lines."""
 
     solver: PathSolver
     name: str = ""
@@ -97,9 +92,6 @@ class Presses:
             "spacing_mm": config.spacing_mm if self.level in LINEAR else finite.cell_mm,
             "most_unknowns": finite.most_unknowns,
         }
-        self._deepest_mm = max(protocol.depths_mm)
-        shear = protocol.shear
-        self._amplitude_mm = shear.at_depth_mm(self._deepest_mm) if shear else 0.0
         self._waiting: dict[str, PlannedPress] = {}
 
     def axes_mm(self) -> tuple[Field, Field]:
@@ -109,20 +101,12 @@ class Presses:
         return press.solver.axes_mm
 
     def open(self, indenter: str, at_mm: tuple[float, float]) -> PlannedPress:
-        """The press of an indenter at a place; one that is not planned is solved and not kept."""
+        """The planned press of an indenter at a place. Raises InputError where there is none."""
         for path in self.paths:
             there = all(abs(a - b) <= SAME_MM for a, b in zip(path.at_mm, at_mm, strict=True))
             if path.indenter == indenter and there:
                 return self.of(path)
-        a = self._amplitude_mm
-        half = self._skin.opening_half_mm
-        (x0, x1), (y0, y1) = (
-            (max(v - a, -h), min(v + a, h)) for v, h in zip(at_mm, half, strict=True)
-        )
-        shape = parse_indenter(indenter)
-        reach = Reach((x0, x1), (y0, y1), self._deepest_mm)
-        choice = pick(self._skin, self.material, shape, reach, **self._wishes)
-        return self._opened(PlannedPress(self._solver(indenter, (), choice, self._shown)))
+        raise InputError(f"no press of {indenter} is planned at ({at_mm[0]:g}, {at_mm[1]:g}) mm")
 
     def of(self, path: PressPath) -> PlannedPress:
         """A planned press."""
@@ -145,7 +129,7 @@ class Presses:
 
     def choice(self, path: PressPath) -> Choice:
         """Mesh and friction of a planned press. Raises InputError where the level has none."""
-        return self._choose(path.indenter, poses(path, self.increments, self.relaxing_s))
+        return self._choose(path, poses(path, self.increments, self.relaxing_s))
 
     def _press(self, path: PressPath) -> PlannedPress:
         planned = poses(path, self.increments, self.relaxing_s)
@@ -153,18 +137,13 @@ class Presses:
         # of an indenter speaks for its others.
         first = next(p for p in self.paths if p.indenter == path.indenter)
         shown = self._shown if path == first else replace(self._shown, between=False)
-        solver = self._solver(path.indenter, planned, self._choose(path.indenter, planned), shown)
+        shape, choice = parse_indenter(path.indenter), self._choose(path, planned)
+        solver = open_path(self._skin, self.material, shape, planned, shown, choice)
         return PlannedPress(solver, path.press, path.waypoints)
 
-    def _choose(self, indenter: str, planned: Sequence[KnotPose]) -> Choice:
-        shape = parse_indenter(indenter)
+    def _choose(self, path: PressPath, planned: Sequence[KnotPose]) -> Choice:
+        shape = parse_indenter(path.indenter)
         return choose(self._skin, self.material, shape, planned, **self._wishes)
-
-    def _solver(
-        self, indenter: str, planned: Sequence[KnotPose], choice: Choice, shown: ObservedChannels
-    ) -> PathSolver:
-        shape = parse_indenter(indenter)
-        return open_path(self._skin, self.material, shape, planned, shown, choice)
 
 
 def path_of(presses: Presses, name: str) -> PressPath:

@@ -14,10 +14,8 @@ import threading
 import time
 import tty
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from ..units import NS_PER_S
 from .board import SimulatedBoard
@@ -28,7 +26,7 @@ CLOSED_MS = 2  # between two looks whether a host has opened the port
 PIECE = 4096
 
 
-class PtyCable:
+class PtyCable(AbstractContextManager["PtyCable"]):
     """The cable between a host and one controller, served by a thread of its own.
 
     Whoever else uses the controller holds `lock`.
@@ -70,12 +68,7 @@ class PtyCable:
         self._thread = threading.Thread(target=self._serve, name="pseudo terminal", daemon=True)
         self._thread.start()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, why: BaseException | None, at: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def plug(self) -> None:

@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..aliases import Progress
 from ..optics import FlatField, Pinhole, Rectified
 from ..protocols.plan import Protocol
 from ..rig.camera.model import flat_field
@@ -19,11 +20,10 @@ from ..shapes import SensorDimensions
 from .backend import Below
 from .clock import VirtualClock
 from .feasibility import unanswered
-from .gel_summary import gel_left_out, gel_notes
 from .netft import LockstepLink, NetFTBox
 from .scene import GelScene
 from .seeds import stream_number
-from .wire import connect
+from .wire import SerialLink
 
 if TYPE_CHECKING:
     from .devices import VirtualCamera
@@ -61,9 +61,9 @@ class VirtualKind:
             return None
         return flat_field(self._config.camera.model, self._source)
 
-    def build(self, job: RigSetup) -> VirtualRig:
+    def build(self, job: RigSetup, progress: Progress | None = None) -> VirtualRig:
         """Everything below the wire that the protocol asks for, and the drivers above it."""
-        return VirtualRig(self._config, job, self.camera(job.protocol, job.sensor))
+        return VirtualRig(self._config, job)
 
 
 class VirtualForce(NetFTSensor):
@@ -86,13 +86,9 @@ class VirtualForce(NetFTSensor):
 class VirtualRig:
     """Clock, controller behind its wire, gel, camera and force box of one run."""
 
-    def __init__(
-        self, config: VirtualConfig, job: RigSetup, view: Pinhole | Rectified | None
-    ) -> None:
-        """view: of the images that are tracked."""
+    def __init__(self, config: VirtualConfig, job: RigSetup) -> None:
         self._job = job
         self._config = config
-        self._view = view
         self._open = ExitStack()
         try:
             self._build()
@@ -104,24 +100,20 @@ class VirtualRig:
         """Each device that is built is closed with the rig, the last one first."""
         job, stage = self._job, self._config.stage
         self.clock = VirtualClock()
-        below = Below(self._config, job, self.clock)
-        self.controller, self.presses, self.scene = below.controller, below.presses, below.scene
-        paths = self.presses.paths if self.presses.observed else ()
-        self._choices = [self.presses.choice(path) for path in paths]
+        self._below = below = Below(self._config, job, self.clock)
+        self.presses, self.scene = below.presses, below.scene
         # A name of its own, so that several runs can share one process.
         name = f"{job.folder.name}-{next(_NUMBER)}"
-        self._link = connect(self.controller, self.clock, name, baud=stage.baud)
+        self._link = SerialLink(below.controller, self.clock, name, baud=stage.baud)
         self.stage = open_stage(stage, self.clock, self._link.url)
         self._open.callback(self.stage.close)
         self.camera: VirtualCamera | None = None
         if below.crop is not None:
-            from .devices import VirtualCamera
+            from .devices import TruthWriter, VirtualCamera
 
-            assert self._view is not None, "images are asked for"
-            picture, lens = below.picture(self._view)
-            self.camera = VirtualCamera(
-                picture, self.scene, self.clock, job.seed, below.crop.lattice, job.folder, lens
-            )
+            picture, lens = below.picture()
+            truth = TruthWriter(job.folder, self.scene, below.crop.lattice, lens)
+            self.camera = VirtualCamera(picture, self.clock, job.seed, truth)
             self._open.callback(self.camera.close)
         self.force: VirtualForce | None = None
         if "force" in job.protocol.channels:
@@ -163,17 +155,10 @@ class VirtualRig:
             lines.append("lens, its maps and rectification: no channel asks for images")
         if self.force is None:
             lines.append("force sensor: the channel 'force' is not asked for")
-        lines += gel_left_out(self.presses, self._choices)
+        lines += self._below.left_out()
         lines.append("solid models: a run needs the numbers of the shapes only")
         return lines
 
     def notes(self) -> list[str]:
         """What a reader of the results must know."""
-        lines = []
-        if self.camera is not None and isinstance(self._view, Rectified):
-            from .lens import lens_notes
-
-            lines = lens_notes(self._config, self._view, self._job.recipe.patch_mm)
-        if not self._job.air and self.presses.observed:
-            lines += gel_notes(self.presses, self._choices, self._job.sensor.skin)
-        return lines
+        return self._below.notes()

@@ -1,6 +1,6 @@
 """The lockstep wire: a pyserial port whose other end is a simulated controller.
 
-`connect` puts a controller behind the URL `simgrbl://NAME`, which `serial.serial_for_url` then
+`SerialLink` puts a controller behind the URL `simgrbl://NAME`, which `serial.serial_for_url` then
 opens like any port, so the real host runs unchanged. Virtual time moves only while the host sleeps
 or exchanges bytes: a byte takes 10 bits at the baud rate, what the controller says travels while
 the host does other things, and a read with nothing to come lasts its time-out or until the
@@ -35,19 +35,30 @@ class _Chunk:
     taken: int = 0
 
 
+_LINKS: WeakValueDictionary[str, SerialLink] = WeakValueDictionary()
+
+
 class SerialLink:
-    """The cable between a host and one controller. Keep it alive as long as the URL is used."""
+    """The cable between a host and one controller; it lives while somebody holds it.
+
+    resets_on_open: opening the port restarts the controller, as an Arduino does. trace: a list that
+    gets every exchange as (virtual ns, who, bytes). A name in use goes to the newest controller.
+    """
 
     def __init__(
         self,
         controller: SimulatedBoard,
         clock: VirtualClock,
-        name: str,
+        name: str = "stage",
         *,
         baud: int = 115200,
         resets_on_open: bool = True,
         trace: list[Exchange] | None = None,
     ) -> None:
+        package = __package__ or "deltact_fab.virtual"
+        if package not in serial.protocol_handler_packages:
+            serial.protocol_handler_packages.append(package)
+        _LINKS[name] = self
         self.controller = controller
         self.name = name
         self._clock = clock
@@ -179,33 +190,6 @@ class SerialLink:
     def _require_cable(self) -> None:
         if self._out_ns[0] <= self._clock.now_ns() < self._out_ns[1]:
             raise serial.SerialException(f"{self.url}: device disconnected")
-
-
-_LINKS: WeakValueDictionary[str, SerialLink] = WeakValueDictionary()
-
-
-def connect(
-    controller: SimulatedBoard,
-    clock: VirtualClock,
-    name: str = "stage",
-    *,
-    baud: int = 115200,
-    resets_on_open: bool = True,
-    trace: list[Exchange] | None = None,
-) -> SerialLink:
-    """Put a controller behind `simgrbl://NAME` and return the cable; it lives while you hold it.
-
-    resets_on_open: opening the port restarts the controller, as an Arduino does. trace: a list that
-    gets every exchange as (virtual ns, who, bytes). A name in use goes to the newest controller.
-    """
-    package = __package__ or "deltact_fab.virtual"
-    if package not in serial.protocol_handler_packages:
-        serial.protocol_handler_packages.append(package)
-    link = SerialLink(
-        controller, clock, name, baud=baud, resets_on_open=resets_on_open, trace=trace
-    )
-    _LINKS[name] = link
-    return link
 
 
 def find(url: str) -> SerialLink:

@@ -149,11 +149,11 @@ from deltact_fab.rig.config import load
 from deltact_fab.rig.stage.firmware import open_stage
 from deltact_fab.virtual.clock import VirtualClock
 from deltact_fab.virtual.firmware import board_of
-from deltact_fab.virtual.wire import connect
+from deltact_fab.virtual.wire import SerialLink
 
 config, clock = load("marlin.toml")[0].stage, VirtualClock()
 board = board_of(config, clock)
-link = connect(board, clock)
+link = SerialLink(board, clock)
 stage = open_stage(config, clock, link.url)
 with pytest.raises(StageError):
     stage.start_move((0.0, 0.0, 10.0), 600.0)

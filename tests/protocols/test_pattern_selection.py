@@ -139,17 +139,17 @@ def test_only_what_a_level_cannot_do_is_refused(
 @pytest.mark.parametrize(
     ("name", "depth_mm", "needs"),
     [
-        ("4dots", 2.0, "presses 4dots to where its sides turn vertical, at 2 mm"),
-        ("sphere:3", 1.6, "presses sphere:3 to where"),
-        ("hexprism", 0.3, "at 0.3 mm"),
-        ("star", 1.2, "at 0.3 mm"),
-        ("edges", 1.7, "at 1.625"),
+        ("4dots", 2.0, "presses 4dots to 2 mm, its rim"),
+        ("sphere:3", 1.6, "presses sphere:3 to 1.5 mm"),
+        ("hexprism", 0.3, "to 0.3 mm"),
+        ("star", 1.2, "to 0.3 mm"),
+        ("edges", 1.7, "to 1.625"),
         ("4dots", 1.999, ""),
         ("hexprism", 0.299, ""),
         ("edges", 1.6, ""),
         ("ellipsoid", 2.9, ""),
         ("sphere:10", 3.0, ""),
-        ("sphere:10", 3.001, "25 % of the gel"),
+        ("sphere:10", 3.001, "25% of the thickness"),
     ],
 )
 def test_the_layer_is_asked_only_what_a_height_field_can_answer(

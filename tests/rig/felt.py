@@ -5,6 +5,9 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from deltact_fab.optics import StageFrame
 from deltact_fab.rig.config import ForceConfig
 from deltact_fab.rig.force.config import GuardConfig
@@ -12,13 +15,14 @@ from deltact_fab.rig.force.guard import ForceGuard, GuardLimits
 from deltact_fab.rig.force.netft import NetFTSensor
 from deltact_fab.rig.stage.grbl import GrblStage
 from deltact_fab.rig.tool.config import TouchConfig
+from deltact_fab.rig.tool.feeler import ForceProbe
 from deltact_fab.rig.tool.touch import ForceTouch
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.virtual.bench_face import BenchFace
 from deltact_fab.virtual.clock import VirtualClock
 from deltact_fab.virtual.controller import GrblController
 from deltact_fab.virtual.netft import LockstepLink, NetFTBox
-from deltact_fab.virtual.wire import SerialLink, connect
+from deltact_fab.virtual.wire import SerialLink
 
 EXPECTED = StageFrame((-60.0, -60.0, -40.0))
 _NUMBER = itertools.count(1)
@@ -40,7 +44,7 @@ class Bench:
     def touch(self, config: TouchConfig | None = None) -> ForceTouch:
         """A touch-off on it."""
         config = config or TouchConfig()
-        return ForceTouch(self.stage, self.force, self.clock, self.guard, config)
+        return ForceTouch(ForceProbe(self.stage, self.force, self.clock, self.guard), config)
 
     def lowest_mm(self) -> float:
         """Lowest height of the carriage so far, machine mm."""
@@ -66,15 +70,19 @@ def bench(
     x, y, z = (o + d for o, d in zip(EXPECTED.origin_machine_mm, off_mm, strict=True))
     true = StageFrame((x, y, z), turn_deg, tilt_deg)
     face = BenchFace(
-        grbl,
         true,
         SkinDimensions(),
         hard_mm=(22.0, 22.0) if block_mm is None else None,
         block_mm=block_mm,
     )
     face.mount(indenter, longer_mm)
-    box = NetFTBox(ForceConfig(), clock, seed, face.wrenches, noise_n)
-    link = connect(grbl, clock, f"felt-{next(_NUMBER)}")
+
+    def wrenches(t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+        at = [face.wrench(grbl.position_mm(t / 1e9)) for t in t_ns.tolist()]
+        return np.reshape(at, (-1, 6))
+
+    box = NetFTBox(ForceConfig(), clock, seed, wrenches, noise_n)
+    link = SerialLink(grbl, clock, f"felt-{next(_NUMBER)}")
     stage = GrblStage(link.url, clock, EXPECTED)
     force = NetFTSensor(LockstepLink(box), clock)
     limits = GuardLimits.of(GuardConfig(force_n=guard_n), ForceConfig())

@@ -61,7 +61,7 @@ for case in json.loads(sys.argv[1]):
     if sysfs is None:
         told.append(look(n, options))
     else:
-        findings = probe(CameraConfig(source=77, **options), Path(), 0.3)
+        findings = list(probe(CameraConfig(source=77, **options), Path(), 0.3))
         told.append({"found": [c.name for c in cameras(Path(sysfs))],
                      "probe": [list(f) for f in findings]})
     for name in driven:

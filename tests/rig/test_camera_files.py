@@ -197,7 +197,7 @@ def test_what_is_wrong_with_a_camera_is_said_and_how_to_put_it_right(folder: Pat
         )
         command = (sys.executable, "-c", code)
         config = CameraConfig(command=command, width_px=W, height_px=H, **options)
-        found = probe(config, folder, seconds=0.5)
+        found = list(probe(config, folder, seconds=0.5))
         return {ok: " | ".join(f.text for f in found if f.passed is ok) for ok in (True, False)}
 
     (folder / "camera.toml").write_text(as_toml(Pinhole(0.1, W, H, 12.85)))
@@ -209,7 +209,7 @@ def test_what_is_wrong_with_a_camera_is_said_and_how_to_put_it_right(folder: Pat
     assert "over-exposed" in lines("k[:99] + b'\\xff' * (len(k) - 99)")[False]
     assert "the image is dark" in lines("k[:99] + bytes(len(k) - 99)")[False]
     assert "the same image over and over" in lines("bytes(len(k))")[False]
-    absent = probe(CameraConfig(source=63, model="none.toml"), folder)
+    absent = list(probe(CameraConfig(source=63, model="none.toml"), folder))
     assert [f.passed for f in absent] == [False, False]
 
 

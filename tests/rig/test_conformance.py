@@ -69,8 +69,9 @@ def build(mini: tuple[Path, Path], tmp_path: Path) -> Iterator[Any]:
             settings, _ = config.load(str(path))
             recipe = load_recipe(protocol.specimen.pattern)
             air = kind != "virtual"
-            job = RigSetup(protocol, SensorDimensions(), recipe, 3, tmp_path / "run", air=air)
-            rig = kind_of(settings, path, realtime=kind == "realtime").build(job)
+            of, sensor = kind_of(settings, path, realtime=kind == "realtime"), SensorDimensions()
+            view = of.camera(protocol, sensor)
+            rig = of.build(RigSetup(protocol, sensor, recipe, view, 3, tmp_path / "run", air=air))
             open_.callback(rig.close)
             return rig
 

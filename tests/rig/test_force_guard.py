@@ -17,7 +17,7 @@ from deltact_fab.rig.stage.grbl import GrblStage
 from deltact_fab.virtual.clock import VirtualClock
 from deltact_fab.virtual.controller import GrblController
 from deltact_fab.virtual.grbl_settings import settings_for
-from deltact_fab.virtual.wire import connect
+from deltact_fab.virtual.wire import SerialLink
 
 LIMITS = GuardLimits((4.0, 4.0, 8.0), (50.0, 50.0, 50.0), 9.0)
 
@@ -29,7 +29,7 @@ class Bench:
         self.clock = VirtualClock()
         sizes = (100.0,) * 3, (1000.0,) * 3, (100.0,) * 3
         self.controller = GrblController(settings_for(*sizes), self.clock)
-        self.link = connect(self.controller, self.clock, f"guard-{id(self)}")
+        self.link = SerialLink(self.controller, self.clock, f"guard-{id(self)}")
         frame = StageFrame((-50.0, -50.0, -20.0))
         self.stage = GrblStage(self.link.url, self.clock, frame)
         self.guard = ForceGuard(self.stage, LIMITS, self.clock, 0.1)

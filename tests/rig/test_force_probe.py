@@ -50,7 +50,7 @@ def test_what_is_wrong_says_what_would_be_right() -> None:
         assert "guard: the limit 60 of Fx is over the sensor's range of 50" in wrong
         box.faults.error = True
         assert "a fault of the box, status word 0x80000000" in "\n".join(found(box))
-        box.page.enabled = False
+        box.page["comrdte"] = "Disabled"
         assert list(found(box).values()) == [False]
 
 
@@ -58,7 +58,7 @@ def test_what_is_wrong_says_what_would_be_right() -> None:
 def test_a_scale_is_listened_to_as_well() -> None:
     with scale() as it:
         config = ForceConfig(serial=SerialScaleConfig(port=it.port))
-        lines = probe(config, None, 0.3)
+        lines = list(probe(config, None, 0.3))
         assert any("samples a second" in line.text for line in lines)
         it.line = lambda k: None
         assert any("no line of 1 numbers within" in f.text for f in probe(config, None, 0.3))

@@ -174,17 +174,17 @@ def test_a_box_out_of_reach_disabled_or_another_one_is_named(
         with pytest.raises(InputError, match=r"serial number 'FT00001'.*serial = 'FT11564'"):
             fetch(way(box, serial="FT11564"))
         assert fetch(way(box, serial="FT00001")).range_n == (25.0, 25.0, 35.0)
-        box.page.enabled = False
+        box.page["comrdte"] = "Disabled"
         with pytest.raises(SensorError, match="comrdte: RDT is disabled; enable it"):
             fetch(way(box))
-        box.page.enabled = True
-        box.page.force_unit = "furlong"
+        box.page["comrdte"] = "Enabled"
+        box.page["scfgfu"] = "furlong"
         with pytest.raises(SensorError, match="scfgfu: unit 'furlong' is not known"):
             fetch(way(box))
-        box.page.force_unit = "N"
+        box.page["scfgfu"] = "N"
         monkeypatch.setenv("http_proxy", "http://127.0.0.1:9")
         assert fetch(way(box)).force_unit == "N"
-        box.page.path = "/elsewhere.xml"
+        box.path = "/elsewhere.xml"
         with pytest.raises(SensorError, match=r"cannot be read \(HTTP Error 404"):
             fetch(way(box))
         nobody = way(box)
@@ -204,8 +204,8 @@ def test_other_units_of_the_box_come_out_as_newtons(
     hand = Hand()
     hand.wrench = np.array([2.0, 0.0, -3.0, 40.0, 0.0, 0.0])
     with NetFTServer(hand) as box:
-        box.page.force_unit, box.page.force_scale = force
-        box.page.torque_unit, box.page.torque_scale = torque
+        for key, counts, (unit, scale) in (("f", 1e6, force), ("t", 1e5, torque)):
+            box.page |= {f"scfg{key}u": unit, f"cfgcp{key}": f"{counts * scale:.0f}"}
         sensor = opened(box)
         sensor.start()
         samples = sensor.read()

@@ -44,7 +44,7 @@ def connected(
     grbl = Built(settings, clock)
     grbl.options, grbl.unsaid = options, unsaid
     trace: list[wire.Exchange] = []
-    link = wire.connect(grbl, clock, "judged", trace=trace)
+    link = wire.SerialLink(grbl, clock, "judged", trace=trace)
     stage = GrblStage.of(config.StageConfig(**{**STAGE, **file}), clock, link.url)  # type: ignore[arg-type]
     try:
         stage.connect()

@@ -67,7 +67,7 @@ def typing(*lines: str) -> Iterator[None]:
 
 def job(folder: Path, **more: Any) -> RigSetup:
     design = load_design("deltact")
-    return RigSetup(PROTOCOL, design, load_recipe("dense-with-dots"), 1, folder, **more)
+    return RigSetup(PROTOCOL, design, load_recipe("dense-with-dots"), None, 1, folder, **more)
 
 
 def tooling(it: Bench, folder: Path, operator: Operator | None = None, **more: Any) -> Tooling:
@@ -302,7 +302,7 @@ def test_a_jig_says_where_the_face_is_sideways() -> None:
 
     def find(half_x: float) -> JigPlacement:
         jig = JigConfig(half_mm=(half_x, 22.0), top_mm=-2.0)
-        return JigTouch(it.stage, feeler, TOUCH, jig, parse("sphere:10")).find()
+        return JigTouch(feeler, TOUCH, jig, parse("sphere:10")).find()
 
     frame = find(24.0).frame(EXPECTED)
     assert frame.origin_machine_mm == pytest.approx((-59.3, -60.4, -40.0), abs=0.02)

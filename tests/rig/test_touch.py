@@ -129,7 +129,7 @@ def test_the_guard_trips_in_a_touch() -> None:
 @pytest.mark.slow
 def test_a_sensor_whose_axes_are_others_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     it = bench("sphere:10")
-    wrenches = it.face.wrenches
+    wrenches = it.box._wrenches
     monkeypatch.setattr(it.box, "_wrenches", lambda t_ns: -wrenches(t_ns))
     assert "does not press along -z" in fails(it)
 

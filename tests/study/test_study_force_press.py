@@ -12,6 +12,7 @@ import pytest
 
 from deltact_fab import cache, experiment, record
 from deltact_fab.cad.design import load_design
+from deltact_fab.experiment import kind_of
 from deltact_fab.experiment.session import run_presses
 from deltact_fab.patterns.recipe import load_recipe
 from deltact_fab.protocols import plan
@@ -47,7 +48,9 @@ def test_a_press_alone_is_the_whole_runs(
     assert isinstance(rig, config.VirtualConfig)
     sensor, recipe = load_design(protocol.specimen.design), load_recipe(protocol.specimen.pattern)
     press = "4dots/p1"  # the second one
-    run_presses(RigSetup(protocol, sensor, recipe, 3, tmp_path / "alone"), rig, source, [press])
+    view = kind_of(rig, source).camera(protocol, sensor)
+    job = RigSetup(protocol, sensor, recipe, view, 3, tmp_path / "alone")
+    run_presses(job, rig, source, [press])
     whole, alone = record.open(mini_run), record.open(tmp_path / "alone")
     columns = ["frame_id", "sha256", "fx_n", "fy_n", "fz_n", "tx_nmm", "settled"]
     expected = whole.frames(press)[columns].reset_index(drop=True)

@@ -44,7 +44,7 @@ class Bench:
         self.grbl = GrblController(
             settings, self.clock, boot_s=boot_s, banner=banner, blank_eeprom=blank_eeprom
         )
-        self.link = wire.connect(
+        self.link = wire.SerialLink(
             self.grbl, self.clock, name, resets_on_open=resets_on_open, trace=self.trace
         )
         self.stage = GrblStage(

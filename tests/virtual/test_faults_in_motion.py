@@ -27,7 +27,7 @@ class Bench:
         self.clock = VirtualClock()
         self.trace: list[wire.Exchange] = []
         self.grbl = NoisyController(None, self.clock)
-        self.link = wire.connect(
+        self.link = wire.SerialLink(
             self.grbl, self.clock, "faults", resets_on_open=resets_on_open, trace=self.trace
         )
         self.clock.sleep_s(2)

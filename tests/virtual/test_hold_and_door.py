@@ -24,7 +24,7 @@ class Bench:
         self.clock = VirtualClock()
         self.trace: list[wire.Exchange] = []
         self.grbl = GrblController(settings, self.clock)
-        self.link = wire.connect(
+        self.link = wire.SerialLink(
             self.grbl, self.clock, "doors", resets_on_open=False, trace=self.trace
         )
         self.clock.sleep_s(2)

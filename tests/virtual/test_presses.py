@@ -65,7 +65,7 @@ def test_the_way_of_a_press_is_the_plan_s_in_contact() -> None:
     ]  # fmt: skip
     assert first.lines[0].start_mm == (0.0, 0.0, 0.5)
     assert first.lines[0].seconds == pytest.approx(1.1 / 0.5)
-    assert second.box_mm == ((1.0, 3.0), (-1.0, -1.0), 0.6)
+    assert second.deepest_mm == 0.6
 
 
 def test_knots_are_no_further_apart_than_the_increments_and_one_is_at_first_touch() -> None:
@@ -238,13 +238,10 @@ def test_off_the_plan_a_found_press_is_solved_from_its_start() -> None:
     assert knot.force_n == pytest.approx(state.force_n, rel=1e-9)
 
 
-def test_a_press_at_no_planned_place_is_solved_and_not_kept() -> None:
+def test_a_press_is_found_where_it_is_planned_and_nowhere_else() -> None:
     presses = Presses(declared(), SKIN, COARSE)
-    press = presses.open("sphere:12", (5.0, 5.0)).solver
-    assert press.poses == ()
-    _, knot = press.next(0, (5.0, 5.0, -0.3), 1.0)
-    assert knot.force_n[2] < 0
-    assert not (cache.user_folder() / KIND).exists()
+    with pytest.raises(InputError, match=r"no press of sphere:12 is planned at \(5, 5\) mm"):
+        presses.open("sphere:12", (5.0, 5.0))
     assert presses.open("sphere:12", (2.0005, -1.0)).solver.poses  # a motor step off
 
 

@@ -68,7 +68,7 @@ class FaultBench:
         self.clock = VirtualClock()
         self.trace: list[wire.Exchange] = []
         self.board = NoisyController(None, self.clock, start_mm=(-6.0, -6.0, -6.0))
-        self.link = wire.connect(
+        self.link = wire.SerialLink(
             self.board, self.clock, f"bench-{next(_NUMBER)}",
             resets_on_open=False, trace=self.trace,
         )  # fmt: skip

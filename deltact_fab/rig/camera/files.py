@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Generator, Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,20 +18,6 @@ from .network import quietly_opened
 IMAGE_NAMES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 ASSUMED_HZ = 30.0
 """Of images that come without times."""
-
-
-class Images(Protocol):
-    """Images of one size after another."""
-
-    name: str
-    kind: str
-    rate_hz: float
-
-    def read(self) -> Generator[Image, None, None]:
-        """Each image (h, w, 3) BGR uint8 in order. Raises RunFailed."""
-
-    def close(self) -> None:
-        """Close the file, once no image is read any longer; again does nothing."""
 
 
 class Folder:
@@ -50,7 +36,7 @@ class Folder:
             raise InputError(f"{folder}: no image in this folder ({', '.join(IMAGE_NAMES)})")
 
     def read(self) -> Generator[Image, None, None]:
-        """As Images."""
+        """Each image (h, w, 3) BGR uint8 in order. Raises RunFailed."""
         for file in self._files:
             try:
                 data = np.frombuffer(file.read_bytes(), np.uint8)
@@ -63,13 +49,6 @@ class Folder:
 
     def close(self) -> None:
         """Nothing is held open."""
-
-
-def images_of(path: Path) -> Images:
-    """Of a folder or a video. Raises InputError, one line."""
-    if not path.exists():
-        raise InputError(f"{path}: no such file or folder")
-    return Folder(path) if path.is_dir() else Video(path)
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:
@@ -90,7 +69,7 @@ class Video:
         self.rate_hz = self._capture.get(cv2.CAP_PROP_FPS) or ASSUMED_HZ
 
     def read(self) -> Generator[Image, None, None]:
-        """As Images."""
+        """Each image (h, w, 3) BGR uint8 in order. Raises RunFailed."""
         k = 0
         while True:
             done, image = self._capture.read()
@@ -104,6 +83,17 @@ class Video:
     def close(self) -> None:
         """Close the file."""
         self._capture.release()
+
+
+Images = Folder | Video
+"""Images of one size, one after another."""
+
+
+def images_of(path: Path) -> Images:
+    """Of a folder or a video. Raises InputError, one line."""
+    if not path.exists():
+        raise InputError(f"{path}: no such file or folder")
+    return Folder(path) if path.is_dir() else Video(path)
 
 
 class FileCamera:

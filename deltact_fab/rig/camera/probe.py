@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,24 +28,21 @@ _SLOW_SENDER = "what sends them is slow, or this computer is busy"
 HOLDS = {"exposure": "auto_exposure", "gain": None, "white_balance_k": "auto_white_balance"}
 
 
-def probe(config: CameraConfig, folder: Path, seconds: float = LOOK_S) -> list[BenchFinding]:
+def probe(config: CameraConfig, folder: Path, seconds: float = LOOK_S) -> Iterator[BenchFinding]:
     """Open the camera of a rig file, look through it for so long, and judge what comes.
 
     folder: of the rig file. Raises nothing that a camera can cause: it is a finding.
     """
-    findings = [_model(config, folder)]
+    yield _model(config, folder)
     try:
-        camera = open_camera(config, folder, WallClock())
-    except InputError as why:
-        return [*findings, BenchFinding(False, str(why))]
-    try:
-        seen = _seen(camera, seconds)
-        told = camera.identity()
-    except SensorError as why:
-        return [*findings, BenchFinding(False, str(why))]
-    finally:
-        camera.close()
-    return [*findings, *_images(seen, told, config), *_locks(config, told)]
+        with closing(open_camera(config, folder, WallClock())) as camera:
+            seen = _seen(camera, seconds)
+            told = camera.identity()
+    except (InputError, SensorError) as why:
+        yield BenchFinding(False, str(why))
+        return
+    yield from _images(seen, told, config)
+    yield from _locks(config, told)
 
 
 class _Seen(NamedTuple):
@@ -88,44 +87,34 @@ def _model(config: CameraConfig, folder: Path) -> BenchFinding:
     return BenchFinding(True, f"calibrated: {path}")
 
 
-def _images(seen: _Seen, told: dict[str, Any], config: CameraConfig) -> list[BenchFinding]:
+def _images(seen: _Seen, told: dict[str, Any], config: CameraConfig) -> Iterator[BenchFinding]:
     image = seen.last.image
     h, w = image.shape[:2]
     stamped = told["stamped_by"]
     after = f", {config.latency_ms:g} ms after its exposure" if stamped == "arrival" else ""
-    findings = [BenchFinding(True, f"images of {w} x {h} px, stamped by {stamped}{after}")]
+    yield BenchFinding(True, f"images of {w} x {h} px, stamped by {stamped}{after}")
     nominal = told["rate_hz"]
     slow = nominal is not None and seen.hz < SLOW * nominal
     asked = "" if nominal is None else f" of {nominal:g}"
     why = f"; {_SLOW_DEVICE if config.is_device else _SLOW_SENDER}" if slow else ""
-    findings.append(BenchFinding(not slow, f"{seen.hz:.1f} images a second{asked}{why}"))
+    yield BenchFinding(not slow, f"{seen.hz:.1f} images a second{asked}{why}")
     lost = seen.dropped or seen.repeated
-    findings.append(BenchFinding(not lost, f"{seen.dropped} lost, {seen.repeated} repeated"))
+    yield BenchFinding(not lost, f"{seen.dropped} lost, {seen.repeated} repeated")
     bright = float(np.mean(image == 255))
     if bright > BRIGHT:
         text = f"{bright:.0%} of the image is over-exposed; less light or a shorter exposure"
-        findings.append(BenchFinding(False, text))
+        yield BenchFinding(False, text)
     elif image.mean() < DARK:
-        findings.append(
-            BenchFinding(False, "the image is dark; is the light on, the lens uncovered?")
-        )
-    return findings
+        yield BenchFinding(False, "the image is dark; is the light on, the lens uncovered?")
 
 
-def _locks(config: CameraConfig, told: dict[str, Any]) -> list[BenchFinding]:
+def _locks(config: CameraConfig, told: dict[str, Any]) -> Iterator[BenchFinding]:
     """Of a V4L2 device: what it would change by itself."""
-    controls = told.get("controls")
-    if controls is None:
-        return []
-    findings = []
-    for key, automatic in HOLDS.items():
+    controls: dict[str, Any] = told.get("controls", {})
+    for key, automatic in HOLDS.items() if controls else ():
         has = controls[key]
         if getattr(config, key) is not None:
-            findings.append(BenchFinding(True, f"{key} locked at {has:g}"))
+            yield BenchFinding(True, f"{key} locked at {has:g}")
         elif has is not None and (automatic is None or controls[automatic] is not None):
-            findings.append(
-                BenchFinding(
-                    False, f"camera.{key}: not locked; `{key} = {has:.0f}` keeps what it has"
-                )
-            )
-    return findings
+            text = f"camera.{key}: not locked; `{key} = {has:.0f}` keeps what it has"
+            yield BenchFinding(False, text)

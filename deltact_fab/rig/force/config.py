@@ -77,6 +77,11 @@ class ForceConfig(Table):
     """How a real rig reaches it; or serial."""
     serial: SerialScaleConfig | None = None
 
+    @property
+    def reachable(self) -> bool:
+        """Whether it is said how the sensor is read."""
+        return self.netft is not None or self.serial is not None
+
     @model_validator(mode="after")
     def _one_way(self) -> Self:
         if self.netft is not None and self.serial is not None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from contextlib import closing
 
 import numpy as np
 
@@ -28,58 +30,54 @@ def probe(
     guard: GuardConfig | None = None,
     seconds: float = LISTEN_S,
     silent_s: float = SILENT_S,
-) -> list[BenchFinding]:
+) -> Iterator[BenchFinding]:
     """Open the sensor, tare it with nothing touching, listen for so long, and judge what it says.
 
     silent_s: see `open_force`. Raises nothing that a sensor can cause: it is a finding.
     """
     try:
-        findings = _page(config)
-        sensor = open_force(config, WallClock(), silent_s)
+        yield from _page(config)
+        with closing(open_force(config, WallClock(), silent_s)) as sensor:
+            heard = list(_heard(sensor, config, seconds))
+        yield from heard
+        limits = GuardLimits.of(guard, config)
     except DeltactFabError as why:
-        return [BenchFinding(False, str(why))]
-    try:
-        findings += _heard(sensor, config, seconds)
-    except DeltactFabError as why:
-        return [*findings, BenchFinding(False, str(why))]
-    finally:
-        sensor.close()
-    return [*findings, _guard(config, guard)]
+        yield BenchFinding(False, str(why))
+        return
+    force = ", ".join(f"{value:g}" for value in limits.force_n)
+    torque = ", ".join(f"{value:g}" for value in limits.torque_nmm)
+    yield BenchFinding(True, f"the guard stops the stage at {force} N and {torque} N mm")
 
 
-def _page(config: ForceConfig) -> list[BenchFinding]:
+def _page(config: ForceConfig) -> Iterator[BenchFinding]:
     """What the box says of itself, against the rig file. Raises SensorError, InputError."""
     if config.netft is None:
-        return []
+        return
     from .page import fetch
 
     page = fetch(config.netft)
     s = page.settings
     about = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in s.about)
-    findings = [
-        BenchFinding(True, f"{config.netft.host}: transducer {s.serial}, {about}"),
-        BenchFinding(
-            True,
-            f"{s.counts_per_n:g} counts a newton, {s.counts_per_nmm:g} a newton millimetre (the "
-            f"box is set to {page.force_unit} and {page.torque_unit})",
-        ),
-    ]
+    yield BenchFinding(True, f"{config.netft.host}: transducer {s.serial}, {about}")
+    yield BenchFinding(
+        True,
+        f"{s.counts_per_n:g} counts a newton, {s.counts_per_nmm:g} a newton millimetre (the "
+        f"box is set to {page.force_unit} and {page.torque_unit})",
+    )
     for key, told in (("range_n", page.range_n), ("range_nmm", page.range_nmm)):
         written = getattr(config, key)
         if told is None:
-            findings.append(
-                BenchFinding(True, f"force.{key}: {written}, which the box does not tell")
-            )
+            yield BenchFinding(True, f"force.{key}: {written}, which the box does not tell")
+            continue
+        right = [round(value, 3) for value in told]
+        if np.allclose(written, told, rtol=NEAR):
+            yield BenchFinding(True, f"force.{key} = {right}, as the transducer's")
         else:
-            same = np.allclose(written, told, rtol=NEAR)
-            right = [round(value, 3) for value in told]
-            text = f"force.{key} = {right}, as the transducer's"
             wrong = f"force.{key}: {list(written)}; the transducer's is {right}: write that"
-            findings.append(BenchFinding(same, text if same else wrong))
-    return findings
+            yield BenchFinding(False, wrong)
 
 
-def _heard(sensor: ForceSensor, config: ForceConfig, seconds: float) -> list[BenchFinding]:
+def _heard(sensor: ForceSensor, config: ForceConfig, seconds: float) -> Iterator[BenchFinding]:
     """Rate, losses, tare and noise. Raises SensorError."""
     sensor.begin("probe")
     until_s = time.monotonic() + seconds
@@ -93,33 +91,18 @@ def _heard(sensor: ForceSensor, config: ForceConfig, seconds: float) -> list[Ben
     slow = config.netft is not None and hz < SLOW * told_hz
     of = f" of {told_hz:g}" if config.netft is not None else ""
     lost, late = sum(part.lost for part in parts), sum(part.late for part in parts)
-    findings = [
-        BenchFinding(not slow, f"{hz:.0f}{of} samples a second"),
-        BenchFinding(not lost and not late, f"{lost} samples lost, {late} late"),
-    ]
+    yield BenchFinding(not slow, f"{hz:.0f}{of} samples a second")
+    yield BenchFinding(not lost and not late, f"{lost} samples lost, {late} late")
     if any(part.saturated.any() for part in parts):
-        findings.append(BenchFinding(False, "saturated with nothing touching: is the tip free?"))
+        yield BenchFinding(False, "saturated with nothing touching: is the tip free?")
     ranges = np.array([*config.range_n, *config.range_nmm])
     mean, noise = np.abs(values.mean(axis=0)), values.std(axis=0)
     text = f"{mean[:3].max():.3f} N and {mean[3:].max():.2f} N mm are left after the tare"
-    findings.append(BenchFinding(bool((mean <= NOISY * ranges).all()), text))
-    quiet = bool((noise <= NOISY * ranges).all())
-    dead = config.netft is not None and not noise.any()
-    text = f"noise at rest {noise[:3].max():.4f} N, {noise[3:].max():.3f} N mm (one deviation)"
-    if dead:
+    yield BenchFinding(bool((mean <= NOISY * ranges).all()), text)
+    if config.netft is not None and not noise.any():
         text = "the readings do not change at all: is the transducer plugged in?"
-    elif not quiet:
-        text += ": does something touch or shake it?"
-    findings.append(BenchFinding(quiet and not dead, text))
-    return findings
-
-
-def _guard(config: ForceConfig, guard: GuardConfig | None) -> BenchFinding:
-    """Where the guard stops the stage."""
-    try:
-        limits = GuardLimits.of(guard, config)
-    except DeltactFabError as why:
-        return BenchFinding(False, str(why))
-    force = ", ".join(f"{value:g}" for value in limits.force_n)
-    torque = ", ".join(f"{value:g}" for value in limits.torque_nmm)
-    return BenchFinding(True, f"the guard stops the stage at {force} N and {torque} N mm")
+        yield BenchFinding(False, text)
+        return
+    quiet = bool((noise <= NOISY * ranges).all())
+    text = f"noise at rest {noise[:3].max():.4f} N, {noise[3:].max():.3f} N mm (one deviation)"
+    yield BenchFinding(quiet, text if quiet else f"{text}: does something touch or shake it?")

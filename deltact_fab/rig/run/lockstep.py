@@ -35,9 +35,6 @@ class Lockstep(Schedule):
             self._felt = True
             self._d.force.start()
 
-    def check(self) -> None:
-        """There is no other thread."""
-
     def enter(self, step: Step) -> None:
         """The force sensor rests while the tip leaves the gel."""
         self._step = step
@@ -47,9 +44,6 @@ class Lockstep(Schedule):
             self._felt = True
             self._d.force.start()
         self.pose.looked_ns = self.now_ns()
-
-    def set_out(self, step: Step) -> None:
-        """Nothing: the stage is asked when its time comes."""
 
     def film(self, wanted: FrameRequest) -> None:
         """Take the frame, and pose and force with it."""
@@ -94,10 +88,6 @@ class Lockstep(Schedule):
         with suppress(DeltactFabError):
             self._feel_no_more()
         yield
-
-    def close(self) -> list[str]:
-        """Nothing goes on by itself."""
-        return []
 
     def _begin_devices(self, step: Step) -> None:
         if self._d.camera is not None:

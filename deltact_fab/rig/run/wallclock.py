@@ -75,12 +75,8 @@ class ThreadedSchedule(Schedule):
             self._until(wanted.t_ns)
             self.frames.step()
 
-    def arrive(self, step: Step, end_ns: int) -> None:
-        """Wait for the planned end, then for the stage to say so."""
-        self.reach(end_ns)
-
     def reach(self, end_ns: int) -> None:
-        """The same: the guard is armed in every move."""
+        """Wait for the planned end, then for the stage to say so; the guard is armed."""
         self._until(end_ns)
         self._d.stage.wait()
         self.check()

@@ -6,8 +6,7 @@ Each rule is a row, those that hold included. A row that fails says what to type
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 from ...aliases import Vector
 from .grbl_messages import OPTIONS
@@ -42,10 +41,6 @@ class SettingRow:
     def line(self) -> str:
         """One line for a person."""
         return f"{self.verdict}  {self.text}"
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return asdict(self)
 
 
 def judge(settings: Mapping[int, float], info: list[str], needs: Needs) -> list[SettingRow]:

@@ -34,10 +34,9 @@ class ForceProbe:
     def __init__(
         self, stage: Stage, force: ForceSensor, clock: Clock, guard: ForceGuard | None
     ) -> None:
-        self._stage = stage
+        self.stage, self.guard = stage, guard
         self._force = force
         self._clock = clock
-        self._guard = guard
         self._zero_n = np.zeros(3)
         self._t_ns: NDArray[np.int64] = np.empty(0, np.int64)
         self._tail_n: Field = np.empty((0, 3))
@@ -64,17 +63,17 @@ class ForceProbe:
     def move(self, target_mm: Vector, feed_mm_min: float, over_n: float) -> bool:
         """One straight move; True when a force over that ended it, at rest either way."""
         try:
-            end_s = self._clock.now_s() + self._stage.start_move(target_mm, feed_mm_min)
+            end_s = self._clock.now_s() + self.stage.start_move(target_mm, feed_mm_min)
             while (left_s := end_s - self._clock.now_s()) > 0:
                 if self._felt_n() > over_n:
-                    self._stage.cancel()
-                    self._stage.stop()
+                    self.stage.cancel()
+                    self.stage.stop()
                     return True
                 self._clock.sleep_s(min(LOOK_S, left_s))
-            self._stage.wait()
+            self.stage.wait()
             return self._felt_n() > over_n
         except BaseException:
-            self._stage.cancel()
+            self.stage.cancel()
             raise
 
     def at_rest(self) -> Field:
@@ -103,10 +102,10 @@ class ForceProbe:
 
     def _read(self) -> ForceSamples:
         samples = self._force.read()
-        if self._guard is not None:
-            self._guard.watch(samples)
-            if self._guard.tripped:
-                raise SensorError(f"touch-off: {self._guard.tripped}")
+        if self.guard is not None:
+            self.guard.watch(samples)
+            if self.guard.tripped:
+                raise SensorError(f"touch-off: {self.guard.tripped}")
         if samples.saturated.any():
             raise SensorError("touch-off: the force sensor is saturated")
         t_ns = np.concatenate((self._t_ns, samples.t_ns))

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from ...aliases import Vector
 from ...errors import RunFailed, SensorError
 from ...optics import StageFrame
-from ..interface import Stage, go
+from ..interface import go
 from .config import JigConfig, TouchConfig
 from .feeler import ForceProbe
 from .touch import LOWERING, MOST, STEP_MM
@@ -54,10 +54,9 @@ class JigTouch:
     """Touches the sides of a block with a ball, in the stage's frame, whose z = 0 is the face."""
 
     def __init__(
-        self, stage: Stage, feeler: ForceProbe, config: TouchConfig, jig: JigConfig, ball: Indenter
+        self, feeler: ForceProbe, config: TouchConfig, jig: JigConfig, ball: Indenter
     ) -> None:
-        self._stage = stage
-        self._feeler = feeler
+        self._feeler, self._stage = feeler, feeler.stage
         self._config = config
         self._jig = jig
         self._radius_mm = ball.footprint_half_mm[0]

@@ -54,9 +54,8 @@ class Registration:
         """For a person."""
         x, y, z = self.frame.origin_machine_mm
         tx, ty = self.frame.tilt_deg
-        place = ""
-        if self.placed is not None:
-            p = self.placed
+        p, place = self.placed, ""
+        if p is not None:
             place = (
                 f"; the jig was off by ({p.x_mm:+.3f}, {p.y_mm:+.3f}) mm and {p.turn_deg:+.3f} deg"
             )
@@ -73,11 +72,8 @@ class Registration:
             f"spread_mm = {touch.spread_mm:.4f}\n"
             for touch, machine in self.touches
         )
-        jig = (
-            ""
-            if self.placed is None
-            else (f"jig_off_mm = {_list((self.placed.x_mm, self.placed.y_mm))}\n")
-        )
+        p = self.placed
+        jig = "" if p is None else f"jig_off_mm = {_list((p.x_mm, p.y_mm))}\n"
         return (
             "# Where the face lies; `[stage] registration` of the rig file names this file.\n"
             f'date = "{date}"\nrig = "{rig}"\nindenter = "{self.indenter}"\nby = "{self.by}"\n'

@@ -20,7 +20,7 @@ def unmet(
     """
     force, touch = config.force, config.touch
     lines = []
-    if force is None or (force.netft is None and force.serial is None):
+    if force is None or not force.reachable:
         lines.append(
             "force: a press on a real rig needs a force sensor, for the guard and to find the "
             "face: add [force.netft] or [force.serial], or give --air, and nothing goes below the "

@@ -51,10 +51,9 @@ def homed(
     Raises InputError for a rig without a force sensor, and whatever the devices raise; Stopped
     when the operator interrupts.
     """
-    from ..force.guard import BEHIND_S, ForceGuard, GuardLimits
-    from ..force.open import open_force
+    from ..force.open import open_guarded
 
-    if config.force is None or (config.force.netft is None and config.force.serial is None):
+    if config.force is None or not config.force.reachable:
         raise InputError(
             f"{source}: force: no way to a force sensor, and nothing else keeps the tip from "
             "breaking what it meets: add [force.netft] or [force.serial]"
@@ -63,10 +62,8 @@ def homed(
     stage = open_stage(config.stage, clock)
     with ExitStack() as opened:
         opened.callback(stage.close)
-        force = open_force(config.force, clock)
+        force, guard = open_guarded(config.force, config.guard, stage, clock)
         opened.callback(force.close)
-        limits = GuardLimits.of(config.guard, config.force)
-        guard = ForceGuard(stage, limits, clock, BEHIND_S)
         with interruptible(stage.abort):
             try:
                 stage.connect()
@@ -137,15 +134,17 @@ def register_face(
     frame = raised(stage.frame, asked.longer_mm)
     stage.set_frame(frame)
 
+    def feeler() -> ForceProbe:
+        return ForceProbe(stage, bench.force, bench.clock, bench.guard)
+
     def find(place: Place) -> FaceTouch:
-        return find_face(stage, bench.force, bench.clock, bench.guard, touch, operator, ball, place)
+        return find_face(feeler(), touch, operator, ball, place)
 
     found = register(find, frame, asked.longer_mm, ball, asked.places)
     if asked.jig is None:
         return found
     stage.set_frame(raised(found.frame, asked.longer_mm))
-    feeler = ForceProbe(stage, bench.force, bench.clock, bench.guard)
-    placed = JigTouch(stage, feeler, touch, asked.jig, ball).find()
+    placed = JigTouch(feeler(), touch, asked.jig, ball).find()
     return replace(found, frame=placed.frame(found.frame), placed=placed)
 
 

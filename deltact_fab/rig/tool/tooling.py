@@ -20,6 +20,7 @@ from ...shapes.indenter import parse as parse_indenter
 from ..interface import Clock, ForceSensor, Stage, go
 from ..job import RigSetup
 from .config import ToolConfig, TouchConfig
+from .feeler import ForceProbe
 from .homing import clear_the_face
 from .operator import Operator, TerminalOperator, confirm
 from .touch import TRAVEL_FEED_MM_MIN, FaceTouch
@@ -118,10 +119,8 @@ class Tooling:
             raise InputError("[touch] is missing in the rig file: nothing says where the face is")
         if self._force is None:
             raise InputError("[force] is missing in the rig file: nothing feels the face")
-        return find_face(
-            self._stage, self._force, self._clock, self._guard, config, self._operator,
-            parse_indenter(name), config.at_mm,
-        )  # fmt: skip
+        feeler = ForceProbe(self._stage, self._force, self._clock, self._guard)
+        return find_face(feeler, config, self._operator, parse_indenter(name), config.at_mm)
 
     def _require_the_same(self, name: str, machine_z_mm: float) -> float | None:
         """How far the face has moved since the run's first touch with it; None: this is it."""

@@ -10,18 +10,15 @@ from __future__ import annotations
 
 from contextlib import nullcontext, suppress
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...aliases import Vector
 from ...errors import DeltactFabError, SensorError, StageError
 from ...shapes import Indenter
-from ..interface import Clock, ForceSensor, Stage, go, rise
+from ..interface import go, rise
 from .config import TouchConfig
 from .contact import ContactFit, fit, powers_of
 from .feeler import ForceProbe
-
-if TYPE_CHECKING:
-    from ..force.guard import ForceGuard
 
 STRIDE_MM = 0.5
 STEP_MM = 0.01
@@ -66,18 +63,8 @@ class FaceTouch:
 class ForceTouch:
     """Finds the face below a point of it, with the tip of one indenter."""
 
-    def __init__(
-        self,
-        stage: Stage,
-        force: ForceSensor,
-        clock: Clock,
-        guard: ForceGuard | None,
-        config: TouchConfig,
-    ) -> None:
-        self._stage = stage
-        self._force = force
-        self._clock = clock
-        self._guard = guard
+    def __init__(self, feeler: ForceProbe, config: TouchConfig) -> None:
+        self._feeler, self._stage = feeler, feeler.stage
         self._config = config
 
     def find(self, indenter: Indenter, at_mm: tuple[float, float]) -> FaceTouch:
@@ -89,10 +76,10 @@ class ForceTouch:
         """
         x, y, start_mm = self._stage.position_mm()
         high_mm = max(start_mm, self._config.clear_mm)
-        feeler = ForceProbe(self._stage, self._force, self._clock, self._guard)
+        feeler = self._feeler
         try:
-            noise_n = self._tare(feeler, (x, y), at_mm, high_mm)
-            found = self._touches(feeler, indenter, at_mm)
+            noise_n = self._tare((x, y), at_mm, high_mm)
+            found = self._touches(indenter, at_mm)
         except StageError:
             raise
         except BaseException as why:
@@ -118,17 +105,11 @@ class ForceTouch:
             round(feeler.most_n, 3),
         )  # fmt: skip
 
-    def _tare(
-        self,
-        feeler: ForceProbe,
-        here: tuple[float, float],
-        at_mm: tuple[float, float],
-        high_mm: float,
-    ) -> float:
+    def _tare(self, here: tuple[float, float], at_mm: tuple[float, float], high_mm: float) -> float:
         """Above the point, tare; returns the noise."""
         self._go((*here, high_mm))
         self._go((*at_mm, high_mm))
-        noise_n = feeler.tare()
+        noise_n = self._feeler.tare()
         if noise_n * NOISES > self._config.force_n:
             raise SensorError(
                 f"the sensor's noise is {noise_n:.3f} N (one deviation): a contact of "
@@ -137,35 +118,31 @@ class ForceTouch:
             )
         return noise_n
 
-    def _touches(
-        self, feeler: ForceProbe, indenter: Indenter, at_mm: tuple[float, float]
-    ) -> list[ContactFit]:
+    def _touches(self, indenter: Indenter, at_mm: tuple[float, float]) -> list[ContactFit]:
         config = self._config
-        if self._descend(feeler, at_mm, config.clear_mm, config.feed_mm_min * LOWERING):
+        if self._descend(at_mm, config.clear_mm, config.feed_mm_min * LOWERING):
             self._too_early()
-        if self._descend(feeler, at_mm, config.search_mm, config.feed_mm_min):
+        if self._descend(at_mm, config.search_mm, config.feed_mm_min):
             self._too_early()
-        if not self._descend(feeler, at_mm, -config.search_mm, config.feed_mm_min):
+        if not self._descend(at_mm, -config.search_mm, config.feed_mm_min):
             raise SensorError(
                 f"nothing was met down to {config.search_mm:g} mm below the height expected "
-                f"(touch.search_mm), {feeler.most_n:.3f} N at most; is the indenter shorter than "
-                "[tools] says, or the sensor not there?"
+                f"(touch.search_mm), {self._feeler.most_n:.3f} N at most; is the indenter shorter "
+                "than [tools] says, or the sensor not there?"
             )
-        self._require_a_press(feeler)
+        self._require_a_press()
         found = []
         for _ in range(config.repeats):
-            self._back_off(feeler)
-            found.append(self._step_down(feeler, powers_of(indenter)))
+            self._back_off()
+            found.append(self._step_down(powers_of(indenter)))
         return found
 
-    def _descend(
-        self, feeler: ForceProbe, at_mm: tuple[float, float], to_mm: float, feed_mm_min: float
-    ) -> bool:
+    def _descend(self, at_mm: tuple[float, float], to_mm: float, feed_mm_min: float) -> bool:
         """Down by strides; True as soon as a contact is felt."""
         z = self._stage.position_mm()[2]
         while z > to_mm + 1e-3:
             z = max(z - STRIDE_MM, to_mm)
-            if feeler.move((*at_mm, z), feed_mm_min, self._config.force_n):
+            if self._feeler.move((*at_mm, z), feed_mm_min, self._config.force_n):
                 return True
         return False
 
@@ -177,8 +154,8 @@ class ForceTouch:
             "in the way?"
         )
 
-    def _require_a_press(self, feeler: ForceProbe) -> None:
-        force = feeler.at_rest()
+    def _require_a_press(self) -> None:
+        force = self._feeler.at_rest()
         if -force[2] < 0.5 * float((force**2).sum()) ** 0.5:
             raise SensorError(
                 "what was met does not press along -z, force ({:.2f}, {:.2f}, {:.2f}) N: the "
@@ -187,21 +164,21 @@ class ForceTouch:
                 )
             )
 
-    def _back_off(self, feeler: ForceProbe) -> None:
+    def _back_off(self) -> None:
         """Up until nothing is felt, and a little more."""
         for _ in range(OFF_TIMES):
             x, y, z = self._stage.position_mm()
             self._go((x, y, z + OFF_MM))
-            if abs(feeler.at_rest()[2]) < 0.1 * self._config.force_n:
+            if abs(self._feeler.at_rest()[2]) < 0.1 * self._config.force_n:
                 self._go((x, y, z + OFF_MM + BEYOND_MM))
                 return
-        force = feeler.at_rest()[2]
+        force = self._feeler.at_rest()[2]
         raise SensorError(
             f"the force is still {-force:.3f} N {OFF_TIMES * OFF_MM:g} mm above the contact: the "
             "sensor drifts, or the gel sticks to the indenter"
         )
 
-    def _step_down(self, feeler: ForceProbe, powers: tuple[float, ...]) -> ContactFit:
+    def _step_down(self, powers: tuple[float, ...]) -> ContactFit:
         """Down by steps through the face; its height."""
         config = self._config
         heights: list[float] = []
@@ -210,7 +187,7 @@ class ForceTouch:
         while True:
             x, y, z = self._stage.position_mm()
             heights.append(z)
-            forces.append(-float(feeler.at_rest()[2]))
+            forces.append(-float(self._feeler.at_rest()[2]))
             deeper += forces[-1] > 0.2 * config.force_n
             if forces[-1] > config.force_n and (deeper >= ENOUGH or self._much(forces)):
                 return fit(heights, forces, powers)
@@ -219,7 +196,7 @@ class ForceTouch:
                     f"{forces[-1]:.3f} N at the lowest height (touch.search_mm = "
                     f"{config.search_mm:g}), where {config.force_n:g} N was felt before"
                 )
-            feeler.move((x, y, z - STEP_MM), config.feed_mm_min, MOST * config.force_n)
+            self._feeler.move((x, y, z - STEP_MM), config.feed_mm_min, MOST * config.force_n)
 
     def _much(self, forces: list[float]) -> bool:
         """Another step as stiff as the last would be too much."""
@@ -232,7 +209,8 @@ class ForceTouch:
         """Stop and go straight up; says what came of it."""
         try:
             self._stage.stop()
-            with self._guard.easing() if self._guard is not None else nullcontext():
+            guard = self._feeler.guard
+            with guard.easing() if guard is not None else nullcontext():
                 rise(self._stage, high_mm, TRAVEL_FEED_MM_MIN)
         except DeltactFabError as why:
             return f"the tip could NOT be lifted: {why}"

@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from typing import TYPE_CHECKING
 
 from ...aliases import Vector
 from ...errors import DeltactFabError, InputError, RunFailed
 from ...shapes import Indenter
-from ..interface import Clock, ForceSensor, Stage, go, rise
+from ..interface import go, rise
 from .config import TouchConfig
 from .feeler import ForceProbe
 from .operator import Operator
 from .touch import LOWERING, MOST, FaceTouch, ForceTouch
-
-if TYPE_CHECKING:
-    from ..force.guard import ForceGuard
-
 
 STEPS_MM = (1.0, 0.1, 0.01)
 HELP = (
@@ -32,11 +27,8 @@ class HandTouch:
     feeler: ends a jog at MOST times the force of a contact; the guard is armed in it.
     """
 
-    def __init__(
-        self, stage: Stage, feeler: ForceProbe, operator: Operator, config: TouchConfig
-    ) -> None:
-        self._stage = stage
-        self._feeler = feeler
+    def __init__(self, feeler: ForceProbe, operator: Operator, config: TouchConfig) -> None:
+        self._feeler, self._stage = feeler, feeler.stage
         self._operator = operator
         self._config = config
 
@@ -119,10 +111,7 @@ class HandTouch:
 
 
 def find_face(
-    stage: Stage,
-    force: ForceSensor,
-    clock: Clock,
-    guard: ForceGuard | None,
+    feeler: ForceProbe,
     config: TouchConfig,
     operator: Operator | None,
     indenter: Indenter,
@@ -133,8 +122,7 @@ def find_face(
     Raises InputError, RunFailed, SensorError, StageError.
     """
     if config.by == "force":
-        return ForceTouch(stage, force, clock, guard, config).find(indenter, at_mm)
+        return ForceTouch(feeler, config).find(indenter, at_mm)
     if operator is None:
         raise InputError("touch.by = 'hand' needs somebody there: not with --unattended")
-    feeler = ForceProbe(stage, force, clock, guard)
-    return HandTouch(stage, feeler, operator, config).find(indenter, at_mm)
+    return HandTouch(feeler, operator, config).find(indenter, at_mm)

@@ -1,8 +1,8 @@
 """What runs in a separate process: everything below the wire, and the mounting of indenters.
 
-`main` reads an Order from its standard input, answers with Ports or an error, then answers one
-request after the other until its input ends. Whatever else the host wants to know it reads from the
-wires.
+`main` reads a rig's settings and a job from its standard input, answers with a GrblConfig or an
+error, then answers one request after the other until its input ends. Whatever else the host wants
+to know it reads from the wires.
 """
 
 from __future__ import annotations
@@ -16,22 +16,23 @@ import threading
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from ...elasticity import GelMaterial
 from ...errors import DeltactFabError
-from ...optics import Rectified, StageFrame
-from ...rig.config import VirtualConfig
+from ...optics import StageFrame
+from ...rig.camera.config import CameraConfig
+from ...rig.config import GrblConfig, VirtualConfig
+from ...rig.force.config import NetFTConfig
 from ...rig.job import RigSetup
 from ..backend import Below
 from ..bench_face import BenchFace
 from ..clock import VirtualClock
-from ..gel_summary import gel_left_out, gel_notes
+from ..devices import TruthWriter
 from ..netft_server import NetFTServer
 from ..pty import PtyCable
-from ..rig import VirtualKind
 from ..scene import Observation
 from .scene import LiveCamera, LiveScene
 
@@ -48,36 +49,18 @@ class LiveClock(VirtualClock):
         self.advance_to_ns(time.monotonic_ns())
 
 
+HOST = "127.0.0.1"
+# The camera shares this computer's processors with all that runs on it: what would be a fault of a
+# real one is not one yet.
+PATIENT = 10.0  # times the period of the images
 NEAR_MM = 0.3  # as far as a touch-off may be off and the press still be the planned one
 SWITCH_S = 0.0005  # a thread that draws lets the others have their turn sooner
-
-
-@dataclass(frozen=True)
-class Order:
-    """The bench that is wanted. source: of the rig file."""
-
-    config: VirtualConfig
-    source: Path
-    job: RigSetup
-
-
-@dataclass(frozen=True)
-class Ports:
-    """Where its devices are; None: not asked for. pid: of the process."""
-
-    stage: str
-    rdt_port: int
-    http_port: int
-    images: str | None
-    size_px: tuple[int, int] | None
-    pid: int
 
 
 class LiveBench:
     """The devices, and the hands that mount an indenter under them."""
 
-    def __init__(self, order: Order, open_: ExitStack) -> None:
-        config, job = order.config, order.job
+    def __init__(self, config: VirtualConfig, job: RigSetup, open_: ExitStack) -> None:
         self._config, self._job = config, job
         self._lock = threading.RLock()
         self.clock = LiveClock()
@@ -89,13 +72,11 @@ class LiveBench:
         self.scene.felt = self._face.wrench
         self.camera: LiveCamera | None = None
         folder = Path(open_.enter_context(tempfile.TemporaryDirectory(prefix="deltact-fab-")))
-        size_px = None
         if below.crop is not None:
-            self._view = VirtualKind(config, order.source).camera(job.protocol, job.sensor)
-            assert self._view is not None, "images are asked for"
-            picture, self._lens = below.picture(self._view)
+            picture, lens = below.picture()
+            self._truth = TruthWriter(job.folder, self.scene, below.crop.lattice, lens)
             rate_hz = config.virtual.realtime.camera_rate_hz
-            size_px = picture.geometry.size_px
+            self._size_px = picture.geometry.size_px
             self.camera = LiveCamera(picture, self._look, folder / "images", rate_hz, job.seed)
         self._force = open_.enter_context(
             NetFTServer(
@@ -103,15 +84,37 @@ class LiveBench:
                 config.force,
                 seed=job.seed,
                 noise_n=config.virtual.force.noise_n,
+                serial="simulated",
             )
         )
-        self._force.page.serial = "simulated"
         terminal = open_.enter_context(
             PtyCable(below.controller, self.clock, lock=self._lock, passing=self.clock.catch_up)
         )
-        images = None if self.camera is None else str(folder / "images")
-        self.ports = Ports(
-            terminal.port, self._force.rdt_port, self._force.http_port, images, size_px, os.getpid()
+        self.rig = self._rig_file(terminal.port, folder / "images")
+
+    def _rig_file(self, port: str, images: Path) -> GrblConfig:
+        """The rig file that a lab would write for these devices."""
+        config = self._config
+        netft = NetFTConfig(
+            host=HOST, rdt_port=self._force.rdt_port, http_port=self._force.http_port
+        )
+        camera = None
+        if self.camera is not None:
+            camera = CameraConfig(
+                command=("cat", str(images)),
+                stamped=True,
+                width_px=self._size_px[0],
+                height_px=self._size_px[1],
+                rate_hz=config.virtual.realtime.camera_rate_hz / PATIENT,
+            )
+        return GrblConfig(
+            kind="grbl",
+            stage=config.stage.model_copy(update={"port": port}),
+            force=config.force.model_copy(update={"netft": netft}),
+            camera=camera,
+            guard=config.guard,
+            touch=config.touch,
+            tools=config.tools,
         )
 
     def answer(self, what: str, told: Mapping[str, Any]) -> Any:
@@ -125,7 +128,7 @@ class LiveBench:
         true = replace(frame, origin_machine_mm=(x, y, z), tilt_deg=mount.tilt_deg)
         specimen = self._job.protocol.specimen
         material = GelMaterial(specimen.modulus_mpa, specimen.poisson)
-        return BenchFace(self._below.controller, true, self._job.sensor.skin, material), true
+        return BenchFace(true, self._job.sensor.skin, material), true
 
     def _do_mount(self, indenter: str) -> None:
         longer_mm = self._config.virtual.mount.longer_mm.get(indenter, 0.0)
@@ -151,31 +154,19 @@ class LiveBench:
             self.camera.begin()
 
     def _do_end(self, press: str, frames: Mapping[str, float]) -> None:
-        if self.camera is not None and self._below.crop is not None:
-            kept = (self.scene, self._below.crop, self._lens)
-            self.camera.keep(self._job.folder, press, frames, *kept)
+        if self.camera is not None:
+            self.camera.keep(self._truth, press, frames)
 
     def _do_about(self) -> dict[str, Any]:
         """What the summary keeps."""
         drawn = self.camera.drawn if self.camera is not None else 0
-        presses = self._below.presses
-        paths = presses.paths if presses.observed else ()
-        choices = [presses.choice(path) for path in paths]
-        notes: list[str] = []
-        if self.camera is not None and isinstance(self._view, Rectified):
-            from ..lens import lens_notes
-
-            notes += lens_notes(self._config, self._view, self._job.recipe.patch_mm)
-        if not self._job.air and presses.observed:
-            notes += gel_notes(presses, choices, self._job.sensor.skin)
         return {
-            "left_out": gel_left_out(presses, choices),
-            "notes": notes,
+            "left_out": self._below.left_out(),
+            "notes": self._below.notes(),
             "seen_s": self.camera.seen_s if self.camera is not None else 0.0,
             "guessed": self.scene.guessed,
             "drawn": drawn,
             "draw_s": self.camera.seconds / max(drawn, 1) if self.camera is not None else 0.0,
-            "cpu_s": sum(os.times()[:2]),
         }
 
     def _do_carriage(self, t_s: list[float]) -> list[tuple[float, float, float]]:
@@ -199,11 +190,12 @@ def serve(asked: BinaryIO, answers: BinaryIO) -> None:
     """Build the requested bench, then answer until `asked` ends."""
     with ExitStack() as open_:
         try:
-            bench = LiveBench(pickle.load(asked), open_)
+            config, job = pickle.load(asked)
+            bench = LiveBench(config, job, open_)
         except DeltactFabError as why:
             _say(answers, why)
             return
-        _say(answers, bench.ports)
+        _say(answers, bench.rig)
         while True:
             try:
                 what, told = pickle.load(asked)

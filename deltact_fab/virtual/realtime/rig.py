@@ -9,23 +9,17 @@ import threading
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from ...aliases import Progress
 from ...errors import RunFailed
 from ...rig.bench import GrblRig
-from ...rig.camera.config import CameraConfig
 from ...rig.config import GrblConfig, VirtualConfig
-from ...rig.force.config import NetFTConfig
 from ...rig.interface import Camera, ForceSensor
 from ...rig.job import Devices, RigSetup
 from ..presolve import PressRow, solve_ahead
 from ..rig import VirtualKind
-from .process import Order, Ports
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
 
 END_S = 10.0
 # Not `-m`, by which its classes would be those of `__main__`.
@@ -35,10 +29,11 @@ MAIN = "from deltact_fab.virtual.realtime.process import main; main()"
 class RemoteBench:
     """The process below the wires, and what its host sends it outside them.
 
-    Raises RunFailed when it cannot be started or has ended, and what it raises itself.
+    rig: what a lab's rig file would say of its devices. Raises RunFailed when it cannot be started
+    or has ended, and what it raises itself.
     """
 
-    def __init__(self, order: Order) -> None:
+    def __init__(self, config: VirtualConfig, job: RigSetup) -> None:
         self._lock = threading.Lock()
         # A session of its own: Ctrl-C is the host's to answer.
         self._process = subprocess.Popen(
@@ -48,7 +43,7 @@ class RemoteBench:
             start_new_session=True,
         )
         try:
-            self.ports: Ports = self._ask(order)
+            self.rig: GrblConfig = self._ask((config, job))
         except BaseException:
             self.close()
             raise
@@ -89,59 +84,42 @@ class RemoteBench:
         return answer
 
 
-HOST = "127.0.0.1"
-# The box and the camera share this computer's processors with all that runs on it: what would be a
-# fault of a real one is not one yet.
-PATIENT = 10.0  # times the period of the images
-PATIENT_FORCE = 40.0  # times the silence, and the age, of force samples
+PATIENT_FORCE = 40.0
+"""Times the silence, and the age, that force samples are allowed: the box shares this computer's
+processors with all that runs on it."""
 
 
 class RealtimeKind(VirtualKind):
     """Implements rig.interface.RigKind: as `virtual`, carried out by the real bench."""
 
-    def __init__(
-        self, config: VirtualConfig, source: Path, progress: Progress | None = None
-    ) -> None:
-        """progress: of the presses that are solved beforehand."""
-        super().__init__(config, source)
-        self._progress = progress or (lambda done, total, what: None)
-
-    def build(self, job: RigSetup) -> RealtimeRig:  # type: ignore[override]
+    def build(self, job: RigSetup, progress: Progress | None = None) -> RealtimeRig:  # type: ignore[override]
         """Solve what is not in the store, start the process, and open its devices."""
         protocol, skin = job.protocol, job.sensor.skin
-        if not job.air and not protocol.channels.isdisjoint(("image", "force")):
-            solve_ahead(protocol, skin, self._config.virtual.gel, told=self._tell)
-        return RealtimeRig(Order(self._config, self._source, job))
 
-    def _tell(self, row: PressRow) -> None:
-        if not row.found:
-            self._progress(row.done, row.knots, f"solving {row.press}")
+        def tell(row: PressRow) -> None:
+            if progress is not None and not row.found:
+                progress(row.done, row.knots, f"solving {row.press}")
+
+        if not job.air and not protocol.channels.isdisjoint(("image", "force")):
+            solve_ahead(protocol, skin, self._config.virtual.gel, told=tell)
+        with ExitStack() as opened:
+            hands = RemoteBench(self._config, job)
+            opened.callback(hands.close)
+            # The process mounts what it is told to: no confirmation is needed.
+            alone = replace(job, unattended=True)
+            bench = GrblRig(hands.rig, Path(), alone, patience=PATIENT_FORCE)
+            opened.callback(bench.close)
+            return RealtimeRig(hands, bench, opened.pop_all())
 
 
 class RealtimeRig:
     """Implements rig.interface.Rig: a bench on real wires, and the hands below them."""
 
-    def __init__(self, order: Order) -> None:
-        self._config, self._job = order.config, order.job
-        self._open = ExitStack()
+    def __init__(self, hands: RemoteBench, bench: GrblRig, opened: ExitStack) -> None:
+        """hands: mount the indenters, and know where the carriage is. opened: closes both."""
+        self.hands, self._bench, self._open = hands, bench, opened
         self._told: dict[str, Any] = {}
-        try:
-            self._hands = RemoteBench(order)
-            self._open.callback(self._hands.close)
-            config = bench_config(order.config, self._hands.ports)
-            # The process mounts what it is told to: no confirmation is needed.
-            job = replace(order.job, unattended=True)
-            self._bench = GrblRig(config, order.source, job, patience=PATIENT_FORCE)
-            self._open.callback(self._bench.close)
-        except BaseException:
-            self._open.close()
-            raise
         self._begun = ""
-
-    @property
-    def hands(self) -> RemoteBench:
-        """What mounts the indenters, and knows where the carriage is."""
-        return self._hands
 
     def devices(self) -> Devices:
         """Those of the bench; the simulated gel is told of a press and an indenter first."""
@@ -149,7 +127,7 @@ class RealtimeRig:
         change = found.change_indenter
 
         def mounted(indenter: str) -> str | None:
-            self._hands.ask("mount", indenter=indenter)
+            self.hands.ask("mount", indenter=indenter)
             return change(indenter)
 
         found.change_indenter = mounted
@@ -163,10 +141,10 @@ class RealtimeRig:
         """Once a press, by the first device that begins it."""
         if press != self._begun:
             self._begun = press
-            self._hands.ask("begin", press=press)
+            self.hands.ask("begin", press=press)
 
     def _end(self, press: str, frames: Mapping[str, float]) -> None:
-        self._hands.ask("end", press=press, frames=dict(frames))
+        self.hands.ask("end", press=press, frames=dict(frames))
         self._begun = ""
 
     def identity(self) -> dict[str, Any]:
@@ -201,32 +179,8 @@ class RealtimeRig:
 
     def _about(self) -> dict[str, Any]:
         if not self._told:
-            self._told = self._hands.ask("about")
+            self._told = self.hands.ask("about")
         return self._told
-
-
-def bench_config(config: VirtualConfig, ports: Ports) -> GrblConfig:
-    """The rig file that a lab would write for these devices."""
-    netft = NetFTConfig(host=HOST, rdt_port=ports.rdt_port, http_port=ports.http_port)
-    camera = None
-    if ports.images is not None and ports.size_px is not None:
-        width_px, height_px = ports.size_px
-        camera = CameraConfig(
-            command=("cat", ports.images),
-            stamped=True,
-            width_px=width_px,
-            height_px=height_px,
-            rate_hz=config.virtual.realtime.camera_rate_hz / PATIENT,
-        )
-    return GrblConfig(
-        kind="grbl",
-        stage=config.stage.model_copy(update={"port": ports.stage}),
-        force=config.force.model_copy(update={"netft": netft}),
-        camera=camera,
-        guard=config.guard,
-        touch=config.touch,
-        tools=config.tools,
-    )
 
 
 class _ToldForce:

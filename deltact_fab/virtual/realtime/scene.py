@@ -23,12 +23,12 @@ from numpy.typing import NDArray
 
 from ...aliases import Point
 from ...errors import DeltactFabError
-from ...optics import Fisheye, StageFrame
+from ...optics import StageFrame
 from ...rig.camera.command import HEADER
-from ..devices import Seen, write_truth
+from ..devices import Seen, TruthWriter
 from ..motion import Segment
 from ..picture import FrameRenderer
-from ..scene import GelScene, Knot, LatticeCrop, MotionSegment, Observation
+from ..scene import GelScene, Knot, MotionSegment, Observation
 
 HERTZ = 1.5  # force goes with this power of the depth
 OFF_PLAN, BARE = -1, -2  # keys of knots that no one solved; of a bare face nothing is drawn
@@ -206,15 +206,7 @@ class LiveCamera:
         with self._lock:
             self._drawn.clear()
 
-    def keep(
-        self,
-        folder: Path,
-        press: str,
-        frames: Mapping[str, float],
-        scene: LiveScene,
-        crop: LatticeCrop,
-        lens: Fisheye | None,
-    ) -> None:
+    def keep(self, truth: TruthWriter, press: str, frames: Mapping[str, float]) -> None:
         """Write the truth of these frames, ids and times (s). Raises RunFailed, KeyError."""
         with self._lock:
             stamps = np.fromiter(self._drawn, np.int64)
@@ -226,7 +218,7 @@ class LiveCamera:
             if k < 0 or off_ns[k] > SAME_NS:
                 raise KeyError(f"{frame_id}: no image of that time was drawn")
             found.append(seen[k])
-        write_truth(folder, press, list(frames), found, scene, crop.lattice, lens)
+        truth.write(press, list(frames), found)
 
     def _run(self) -> None:
         while True:
