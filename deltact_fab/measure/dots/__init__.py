@@ -5,12 +5,10 @@ displacement by blob detection, as the truth that optical flow is compared with.
 dark dots, the markers of other sensors, is followed in the same way.
 
 Read in this order: `rule` (limits), `detect` (centroids in one image), `skin` and `colours` (what
-tells one dot from another), `identity` (which blob is which dot), `tracker`,
-`found` (the dots of a skin that nothing is known of).
+tells one dot from another), `identity` (which blob is which dot), `tracker`.
 """
 
-from .found import FoundDots, find_dots
 from .rule import DotRule, Polarity
 from .tracker import DotObservation, DotTracker
 
-__all__ = ["DotObservation", "DotRule", "DotTracker", "FoundDots", "Polarity", "find_dots"]
+__all__ = ["DotObservation", "DotRule", "DotTracker", "Polarity"]

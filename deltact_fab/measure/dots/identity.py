@@ -40,12 +40,11 @@ class Identities:
         self._blob = np.full(n, -1)
         self._whole = np.ones(n, bool)  # not covered in part, nor merged with another
         self._ncc = np.full(n, np.nan)
-        self._refused = 0
 
-    def follow(self, blobs: Blobs, image: Array | None = None) -> tuple[Array, Array, int]:
-        """(n, 2) places, NaN where lost; (n,) likeness of the colours; how many were refused."""
+    def follow(self, blobs: Blobs, image: Array | None = None) -> tuple[Array, Array]:
+        """(n, 2) places, NaN where lost; (n,) likeness of the colours."""
         before = self._position
-        self._position, self._refused = np.full_like(before, np.nan), 0
+        self._position = np.full_like(before, np.nan)
         self._ncc = np.full(len(before), np.nan)
         if len(blobs):
             self._by_steps(blobs, image)
@@ -54,8 +53,7 @@ class Identities:
         self._remember(before)
         # A dot seen in part keeps its blob, lest another take it; its centroid is not reported
         part = self._found & ~self._whole
-        seen = np.where(part[:, None], np.nan, self._position)
-        return seen, self._ncc.copy(), self._refused + int(part.sum())
+        return np.where(part[:, None], np.nan, self._position), self._ncc.copy()
 
     @property
     def _found(self) -> Array:
@@ -166,9 +164,7 @@ class Identities:
         change = np.abs(np.log(ratio)) / np.log(self._rule.area_factor)
         self._whole[have] = change <= 1
         self._position[have[change > 3]] = np.nan
-        after = int(self._found.sum())
-        self._refused += before + len(who) - after
-        return after > before
+        return int(self._found.sum()) > before
 
     def _remember(self, before: Array) -> None:
         """Places and motions for the next frame; lost dots go along with their neighbours."""

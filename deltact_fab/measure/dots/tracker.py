@@ -11,10 +11,11 @@ from ...aliases import Array
 from ...errors import InputError, SensorError
 from .colours import Rings
 from .detect import Blobs, Detector
-from .found import find_dots
 from .identity import Identities
 from .rule import DotRule, Polarity
 from .skin import Skin, mutual
+
+OFFSET_PX = 8.0
 
 
 @dataclass(frozen=True)
@@ -24,8 +25,7 @@ class DotObservation:
     position_px: (n, 2) float64, NaN where lost. displacement_px: (n, 2), position - first position.
     found: (n,) bool. identity_ncc: (n,) correlation of the ring of colours with the first image,
     NaN where lost or where the pattern has no colours. n_blobs: blobs of the size of a dot.
-    n_rejected: dots matched by position and refused by area, order or identity. cpu_ms: process
-    time of the update.
+    cpu_ms: process time of the update.
     """
 
     position_px: Array
@@ -33,14 +33,13 @@ class DotObservation:
     found: Array
     identity_ncc: Array
     n_blobs: int
-    n_rejected: int
     cpu_ms: float
 
 
 class DotTracker:
     """Follow dots from their first image on: white ones on colours, or dark ones on light.
 
-    rest_px: (n, 2) expected positions (x, y) in the first image, right to within `offset_px` after
+    rest_px: (n, 2) expected positions (x, y) in the first image, right to within OFFSET_PX after
     a common shift of as much; diameter_px: the dots' diameter. n >= 4 dots, not on a line.
     Without colours around the dots the neighbours tell which is which: dots that are all gone for
     more than `rule.keep_frames` frames stay lost until `reset`, and a regular grid that moves by
@@ -54,7 +53,6 @@ class DotTracker:
         diameter_px: float,
         *,
         polarity: Polarity = "white",
-        offset_px: float = 8.0,
         rule: DotRule | None = None,
     ) -> None:
         rest = np.asarray(rest_px, dtype=np.float64)
@@ -81,20 +79,9 @@ class DotTracker:
                 f"dots: two rest positions are {self.pitch_px:.1f} px apart; "
                 f"dots of {diameter_px:.1f} px need at least 1.3 diameters"
             )
-        self.offset_px = min(float(offset_px), self.rule.gate_pitch * self.pitch_px)
+        self.offset_px = min(OFFSET_PX, self.rule.gate_pitch * self.pitch_px)
         self._detector = Detector(self.diameter_px, self.pitch_px, polarity, self.rule)
         self.reset()
-
-    @classmethod
-    def found_in(
-        cls, image: Array, *, polarity: Polarity | None = None, rule: DotRule | None = None
-    ) -> DotTracker:
-        """A tracker of the dots that an image of a foreign skin shows; `update` with it comes next.
-
-        polarity: None takes the one of which more dots are there. Raises as `find_dots` does.
-        """
-        dots = find_dots(image, polarity)
-        return cls(dots.position_px, dots.diameter_px, polarity=dots.polarity, rule=rule)
 
     def reset(self) -> None:
         """Forget everything: the next image is the first."""
@@ -126,11 +113,11 @@ class DotTracker:
         if self._identities is None:
             blobs, position = self._register(image.shape, small, signal)
             likeness = 1.0 if self._rings is not None else np.nan
-            ncc, refused = np.where(np.isfinite(position[:, 0]), likeness, np.nan), 0
+            ncc = np.where(np.isfinite(position[:, 0]), likeness, np.nan)
         else:
             blobs = self._detector.blobs(signal, self._level)
             colours = None if self._rings is None else self._rings.smooth(small)
-            position, ncc, refused = self._identities.follow(blobs, colours)
+            position, ncc = self._identities.follow(blobs, colours)
         found = np.isfinite(position[:, 0])
         ncc[~found] = np.nan
         return DotObservation(
@@ -139,7 +126,6 @@ class DotTracker:
             found,
             ncc,
             len(blobs),
-            refused,
             (time.process_time() - start_s) * 1e3,
         )
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from ...errors import InputError, did_you_mean
-from .method import FLOW_METHODS
+from .method import FLOW_METHODS, FUSED
 from .renewed import Renewal
-from .tracker import ANCHORED, FlowTracker, Reference
+from .tracker import FlowTracker, Reference
 
 PAPER = "paper"
 # How the flow is kept from the first image on: its reference and when that is renewed.
@@ -19,7 +19,7 @@ REFERENCES: dict[str, tuple[Reference, Renewal]] = {
 }
 
 
-def named_tracker(name: str, *, confidence: bool = True, full: bool = True) -> FlowTracker:
+def named_tracker(name: str, *, full: bool = True) -> FlowTracker:
     """The tracker of a name: `method`, `method/reference` or `paper`.
 
     `fused` alone is anchored, any other method alone is composed. `paper` is what the paper says:
@@ -27,17 +27,15 @@ def named_tracker(name: str, *, confidence: bool = True, full: bool = True) -> F
     with the valid names.
     """
     if name == PAPER:
-        return FlowTracker(
-            "farneback-paper", "summed", "photometric", confidence=confidence, full=full
-        )
+        return FlowTracker("farneback-paper", "summed", "photometric", full=full)
     method, _, kept = name.partition("/")
     if method not in FLOW_METHODS:
         known = (PAPER, *FLOW_METHODS)
         raise InputError(f"flow method {method!r}: unknown; {did_you_mean(method, known)}")
-    kept = kept or ("anchored" if method == ANCHORED else "composed")
-    known = tuple(k for k in REFERENCES if k != "anchored" or method == ANCHORED)
+    kept = kept or ("anchored" if method == FUSED else "composed")
+    known = tuple(k for k in REFERENCES if k != "anchored" or method == FUSED)
     if kept not in known:
         raise InputError(
             f"flow reference {kept!r} of {method!r}: not available; {did_you_mean(kept, known)}"
         )
-    return FlowTracker(method, *REFERENCES[kept], confidence=confidence, full=full)
+    return FlowTracker(method, *REFERENCES[kept], full=full)
