@@ -1,7 +1,7 @@
 """The measurement as a robot calls it: images in; flow, shape, force and contact out."""
 
 from .calibrated import Calibration
-from .measurement import Measurement
+from .measurement import Measurement, everything
 from .pipeline import Pipeline, Policy
 from .plan import OUTPUTS
 from .result import Output, Result, Shape
@@ -15,4 +15,5 @@ __all__ = [
     "Policy",
     "Result",
     "Shape",
+    "everything",
 ]

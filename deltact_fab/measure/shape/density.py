@@ -24,6 +24,10 @@ SIGMA_PX = 3.0
 """Of the full image, whatever the distance of the flow's points."""
 DOMAIN = (0.5, 2.0)
 """Determinants between which splat and Jacobian agree."""
+RADIUS_MM = 0.6
+"""Of the guided filter."""
+EPS = 2.5e-4
+"""Variance of the density below which the filter smooths: of .016, thrice what flow noise makes."""
 
 
 @dataclass(frozen=True)
@@ -129,3 +133,15 @@ def _reliable(flow: FaceFlow, det: Array, sigma: float) -> Array:
     sound = flow.known & (det >= DOMAIN[0]) & (det <= DOMAIN[1])
     side = 2 * int(np.ceil(2 * sigma)) + 1
     return np.asarray(cv2.erode(sound.view(np.uint8), np.ones((side, side), np.uint8)) > 0)
+
+
+def relative_depth(density: Density, flow: FaceFlow) -> Array:
+    """The paper's: minus the density of a flow's points, from rest, (h, w) float32, without unit.
+
+    The guided filter (He and Sun 2015) with the density as its own guide keeps edges. Seen off the
+    axis a press moves the pattern outwards as a whole, which spreads it on the near side and
+    crowds it on the far one: there it is no map of the depth (`depth` is).
+    """
+    radius = max(1, round(RADIUS_MM / flow.cell_mm))
+    own = np.ascontiguousarray(density.relative_depth, np.float32)
+    return np.asarray(cv2.ximgproc.guidedFilter(own, own, radius, EPS))
