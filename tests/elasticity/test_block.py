@@ -18,6 +18,7 @@ from deltact_fab.gel.finite.assembly import BulkAssembly
 from deltact_fab.gel.finite.linear import make_solver
 from deltact_fab.gel.finite.material import NeoHooke
 from deltact_fab.gel.finite.pattern import Pattern
+from deltact_fab.gel.level import follow
 from deltact_fab.gel.linear.contact import LayerContact
 from deltact_fab.gel.linear.state import ContactState
 from deltact_fab.shapes import SkinDimensions
@@ -243,13 +244,13 @@ def test_contact_beyond_the_edge_carries_nothing_there(block: FreeBlock) -> None
 
 def test_shear_and_friction_work_as_on_the_layer(block: FreeBlock) -> None:
     contact = LayerContact(block, SPHERE)
-    *_, down = contact.path(contact.rest((8.0, 0.0, 0.0)), (8.0, 0.0, 1.0), 0.25)
-    *_, dragged = contact.path(down, (9.0, 0.0, 1.0), 0.25)
+    *_, down = follow(contact, contact.rest((8.0, 0.0, 0.0)), (8.0, 0.0, 1.0), 0.25)
+    *_, dragged = follow(contact, down, (9.0, 0.0, 1.0), 0.25)
     load = -dragged.force_n[2]
     assert 0.3 * load < dragged.force_n[0] <= 0.5 * load * (1 + 1e-6)
     size = np.hypot(*np.moveaxis(dragged.shear_mpa, -1, 0))
     assert (size <= 0.5 * dragged.pressure_mpa + 1e-9).all()
-    *_, up = contact.path(dragged, (9.0, 0.0, -0.1))
+    *_, up = follow(contact, dragged, (9.0, 0.0, -0.1), 0.1)
     assert np.abs(up.displacement_mm).max() == 0
 
 

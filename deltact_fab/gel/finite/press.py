@@ -14,6 +14,7 @@ from ...elasticity.material import GelMaterial
 from ...errors import InputError, SolverError
 from ...shapes import Indenter
 from ..footprint import edge_radius_mm
+from ..level import IncrementDiagnostics
 from . import newton
 from .assembly import BulkAssembly
 from .descent import descend
@@ -23,7 +24,7 @@ from .mesh import HexMesh
 from .pattern import Pattern
 from .predict import start_of
 from .problem import Equilibrium, bulk_at
-from .state import FiniteState, PressDiagnostics, sum_of, with_diagnostics
+from .state import FiniteState
 from .surface import FrictionGrip, Surface
 from .tip_rounding import blunted
 from .transfer import Guide
@@ -169,7 +170,7 @@ class FinitePress:
         started = time.perf_counter()
         start, move = np.array(previous.tip_mm), np.array(tip_mm) - np.array(previous.tip_mm)
         done, part, cuts = 0.0, 1.0, 0
-        state, work = previous, PressDiagnostics()
+        state, parts = previous, []
         change = None if guide is None else guide.change(previous.tip_mm, tip_mm)
         while done < 1.0:
             goal = min(1.0, done + part)
@@ -191,16 +192,12 @@ class FinitePress:
                     ) from why
                 continue
             change = None
-            work = sum_of(work, state.diagnostics)
+            parts.append(state.diagnostics)
             done = goal
         refuse_lost(self.surface, self.indenter, self._cell_mm, previous, state)
-        last = state.diagnostics
-        diagnostics = PressDiagnostics(
-            work.iterations, work.factorisations, work.damped, work.lagged, cuts,
-            last.residual, last.penetration_mm, last.least_j, last.most_stretch,
-            time.perf_counter() - started,
-        )  # fmt: skip
-        return with_diagnostics(state, diagnostics)
+        work = IncrementDiagnostics.over(parts)
+        seconds_s = time.perf_counter() - started
+        return replace(state, diagnostics=replace(work, cuts=cuts, seconds=seconds_s))
 
     def _memory(self, state: FiniteState, seconds: float | None, part: float) -> Memory | None:
         """What a relaxing gel brings into the next part of an increment."""
@@ -291,7 +288,7 @@ class FinitePress:
         where = self.mesh.nodes_mm + u
         touched = contact.pressure_mpa > 0
         present = self.surface.weights_mm2 * self.surface.area_ratio(u)
-        diagnostics = PressDiagnostics(
+        diagnostics = IncrementDiagnostics(
             iterations=found.iterations,
             factorisations=found.factorisations,
             damped=found.damped,

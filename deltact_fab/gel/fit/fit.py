@@ -9,7 +9,7 @@ the covariance s^2 (J'J)^-1, widened where the residuals follow each other.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -77,10 +77,10 @@ class GelFit:
     def as_dict(self) -> dict[str, Any]:
         """The keys of `gel fit --json`."""
         return {
-            "modulus_mpa": self.modulus_mpa.as_dict(),
-            "friction": self.friction.as_dict() if self.friction else None,
+            "modulus_mpa": asdict(self.modulus_mpa),
+            "friction": asdict(self.friction) if self.friction else None,
             "friction_used": self.friction_used,
-            "offset_mm": self.offset_mm.as_dict() if self.offset_mm else None,
+            "offset_mm": asdict(self.offset_mm) if self.offset_mm else None,
             "rms_n": self.rms_n,
             "rms_rel": self.rms_rel,
             "trend_rel": self.trend_rel,

@@ -54,17 +54,6 @@ def evaluated(law: PowerLaw, at_mm: Field) -> Field:
     return np.where(touched, np.exp(law.curve(inner) + law.power * before), 0.0)
 
 
-def left_out(depth_mm: Field, normal_n: Field) -> float:
-    """Largest relative error at a point, but the end points, interpolated from the others."""
-    worst = 0.0
-    for k in range(1, len(depth_mm) - 1):
-        kept = np.arange(len(depth_mm)) != k
-        law = interpolant(depth_mm[kept], normal_n[kept])
-        value = evaluated(law, depth_mm[k : k + 1])
-        worst = max(worst, abs(float(value[0]) / float(normal_n[k]) - 1))
-    return worst
-
-
 STEP_MM = 0.5
 DEEPEST = 0.95  # of the thickness
 LAYER_DEPTH = 0.25  # of the thickness: deepest use of the layer
@@ -74,17 +63,11 @@ LAYER_DEPTH = 0.25  # of the thickness: deepest use of the layer
 class ForceCurve:
     """Forces on the sensor along one press.
 
-    depth_mm (n,) rising from 0, force_n (n, 3) at `modulus_mpa`. solved_from_mm: below this depth
-    the layer was used. interpolation_rel: largest change of the normal force at a solved depth when
-    that depth is left out, an upper bound of the error between solved depths.
+    depth_mm (n,) rising from 0, force_n (n, 3).
     """
 
     depth_mm: Field
     force_n: Field
-    modulus_mpa: float
-    spacing_mm: float
-    solved_from_mm: float
-    interpolation_rel: float
 
     def normal_n(self, depth_mm: Field) -> Field:
         """-Fz (n,) at depths (n,); 0 out of contact. InputError beyond the last solved depth."""
@@ -93,11 +76,6 @@ class ForceCurve:
         if d.size and float(d.max()) > last * (1 + 1e-9):
             raise InputError(f"force curve: depth {float(d.max()):g} mm is past its end, {last:g}")
         return evaluated(self._power_law, np.clip(d, 0, last))
-
-    def scaled(self, modulus_mpa: float) -> ForceCurve:
-        """The same curve for another modulus: forces in proportion."""
-        ratio = modulus_mpa / self.modulus_mpa
-        return replace(self, force_n=self.force_n * ratio, modulus_mpa=modulus_mpa)
 
     @cached_property
     def _power_law(self) -> PowerLaw:
@@ -122,20 +100,17 @@ def force_curve(
     deepest_mm: float,
     *,
     spacing_mm: float | None = None,
-    step_mm: float | None = None,
     progress: Progress | None = None,
 ) -> ForceCurve:
     """The press at at_mm to deepest_mm.
 
-    spacing_mm: cells below the indenter; None: `cells_mm`. step_mm: between solved
-    depths; None: STEP_MM, less in a thin gel. Solved depths are multiples of it, so the last one
-    may lie up to a step deeper. A series in `material.prony` is left out: a slow press.
+    spacing_mm: cells below the indenter; None: `cells_mm`. Solved depths are multiples of STEP_MM,
+    or of less in a thin gel, so the last one may lie up to a step deeper. A series in
+    `material.prony` is left out: a slow press.
     Raises InputError for values out of range, and what the solver raises.
     """
     thickness = skin.thickness_mm
-    step = min(STEP_MM, thickness / 24) if step_mm is None else step_mm
-    if not (math.isfinite(step) and 0 < step <= thickness / 4):
-        raise InputError(f"force curve: 0 < step_mm <= {thickness / 4:g}: {step} fails")
+    step = min(STEP_MM, thickness / 24)
     if not (math.isfinite(deepest_mm) and 0 < deepest_mm <= DEEPEST * thickness):
         raise InputError(
             f"force curve: a depth above 0 and up to {DEEPEST * thickness:g} mm, {DEEPEST:.0%} of "
@@ -164,9 +139,7 @@ def force_curve(
         small = (normal * grows)[:, None] * (forces[0] / -forces[0, 2])
     depth = np.concatenate([[0.0], shallow, depths])
     force = np.concatenate([np.zeros((1, 3)), small, forces])
-    left = left_out(depth[1:], -force[1:, 2])
-    curve = ForceCurve(depth, force, 1.0, h, depths[0], left)
-    return curve.scaled(material.modulus_mpa)
+    return ForceCurve(depth, force * material.modulus_mpa)
 
 
 def force_path(

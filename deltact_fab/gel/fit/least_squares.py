@@ -35,10 +35,6 @@ class Estimate:
         more = rel * abs(self.value)
         return Estimate(self.value, self.low - more, self.high + more)
 
-    def as_dict(self) -> dict[str, float]:
-        """Plain data."""
-        return {"value": self.value, "low": self.low, "high": self.high}
-
 
 @dataclass(frozen=True, eq=False)
 class FitSolution:

@@ -20,7 +20,6 @@ under the indenter; unloading lets go of both.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -116,35 +115,10 @@ class LayerContact:
         """The state without contact: nothing displaced, nothing remembered."""
         return untouched(self.layer.shape, tip_mm)
 
-    def path(
-        self, previous: ContactState, tip_mm: Point, max_step_mm: float = 0.1
-    ) -> Iterator[ContactState]:
-        """Solve along the straight way from `previous` to `tip_mm` in equal increments.
-
-        The way above the face is skipped, so the first increment starts at first touch; a move
-        that ends without contact gives the one state of rest.
-        """
-        if not (math.isfinite(max_step_mm) and max_step_mm > 0):
-            raise InputError(f"contact: max_step_mm > 0 and finite: {max_step_mm} fails")
-        tip = _point(tip_mm)
-        if tip[2] <= 0:
-            yield self.solve(previous, tip)
-            return
-        refuse_out_of_range(self.layer, self.indenter, tip)  # before any of the way is solved
-        start, end = np.array(previous.tip_mm), np.array(tip)
-        if start[2] < 0:
-            start = start + (end - start) * (-start[2] / (end[2] - start[2]))
-        n = max(1, math.ceil(float(np.linalg.norm(end - start)) / max_step_mm - 1e-9))
-        state = previous
-        for i in range(1, n + 1):
-            at = start + (end - start) * (i / n) if i < n else end
-            state = self.solve(state, (float(at[0]), float(at[1]), float(at[2])))
-            yield state
-
     def solve(self, previous: ContactState, tip_mm: Point) -> ContactState:
         """One increment: the state with the tip at (x, y, depth), coming straight from `previous`.
 
-        Friction depends on the path, so a long move wants several increments (`path`).
+        Friction depends on the path, so a long move wants several increments (`level.follow`).
         Raises InputError when the tip is not on the face or deeper than this level reaches,
         SolverError when the contact is not resolved by the grid, runs off the face or the
         indenter, folds the face, or does not converge.
@@ -293,7 +267,6 @@ class LayerContact:
             contact_nodes=nodes,
             residual=found.residual,
             iterations=self._applications,
-            converged=True,
             beyond_small_strain=tip[2] > SMALL_STRAIN * layer.thickness_mm * (1 + 1e-9),
             least_det=det,
         )

@@ -22,7 +22,7 @@ class ContactState:
     traction where it acts, on the displaced face.
     contact_area_mm2: area of the nodes under pressure. contact_nodes: their number.
     residual: worst violation of the contact conditions, as a length over the depth.
-    iterations: operator applications over both problems. converged: always True from `solve`.
+    iterations: operator applications over both problems.
     beyond_small_strain: depth over 10 % of the thickness.
     least_det: smallest det(I + grad u_xy) on the face, below 1 where it is squeezed.
     """
@@ -39,7 +39,6 @@ class ContactState:
     contact_nodes: int
     residual: float
     iterations: int
-    converged: bool
     beyond_small_strain: bool
     least_det: float
 
@@ -56,6 +55,6 @@ def untouched(shape: tuple[int, int], tip_mm: Point) -> ContactState:
     return ContactState(
         tip_mm, np.zeros(shape), np.zeros((*shape, 2)), np.zeros((*shape, 3)),
         np.zeros((*shape, 2)), np.zeros((*shape, 2)), nothing, nothing,
-        contact_area_mm2=0.0, contact_nodes=0, residual=0.0, iterations=0, converged=True,
+        contact_area_mm2=0.0, contact_nodes=0, residual=0.0, iterations=0,
         beyond_small_strain=False, least_det=1.0,
     )  # fmt: skip
