@@ -83,10 +83,6 @@ class BondedLayer:
     material: elastic constants. thickness_mm: from the rigid base to the resting face.
     period_mm: (x, y) period. shape: (ny, nx) nodes, both even.
     face_half_mm: half sides (x, y) of the face that may be touched; None: the whole grid.
-    cells: False takes tractions and displacements at the nodes: best where both are smooth. True
-        takes tractions as uniform over the cell around a node and displacements as their mean over
-        it (Galerkin with piecewise constants): best where a traction jumps or is singular, as at
-        the edge of a flat punch; a curved gap would have to be averaged over the cell too.
     x_mm (nx,), y_mm (ny,): node coordinates in the sensor frame.
 
     Raises InputError for sizes that are not positive or shapes that are not even.
@@ -99,7 +95,6 @@ class BondedLayer:
         period_mm: tuple[float, float],
         shape: tuple[int, int],
         face_half_mm: tuple[float, float] | None = None,
-        cells: bool = False,
     ) -> None:
         ny, nx = shape
         if not (math.isfinite(thickness_mm) and thickness_mm > 0):
@@ -116,13 +111,8 @@ class BondedLayer:
         self.cell_mm2 = self.spacing_mm[0] * self.spacing_mm[1]
         self.x_mm: Field = (np.arange(nx, dtype=np.float64) - (nx - 1) / 2) * self.spacing_mm[0]
         self.y_mm: Field = (np.arange(ny, dtype=np.float64) - (ny - 1) / 2) * self.spacing_mm[1]
-        self.face_half_mm = face_half_mm or (
-            float(self.x_mm[-1]),
-            float(self.y_mm[-1]),
-        )
+        self.face_half_mm = face_half_mm or (float(self.x_mm[-1]), float(self.y_mm[-1]))
         self._symbols = self._build_symbols()
-        if cells:
-            self._symbols *= self._cell_transfer()
         self._kernels: Field | None = None
         self._windows: OrderedDict[tuple[int, int], WindowOperator] = OrderedDict()
 
@@ -202,13 +192,6 @@ class BondedLayer:
             self._windows[key] = WindowOperator(self._kernel_stack(), my, mx)
         self._windows.move_to_end(key)
         return self._windows[key]
-
-    def _cell_transfer(self) -> Field:
-        """What spreading a load over its cell and averaging over the cell do to a wave."""
-        ny, nx = self.shape
-        along_x = np.sinc(scipy.fft.rfftfreq(nx))[None, :]
-        along_y = np.sinc(scipy.fft.fftfreq(ny))[:, None]
-        return (along_x * along_y) ** 2
 
     def _build_symbols(self) -> Field:
         """Real symbols (6, ny, nx/2 + 1): xx, yy, xy, zz and the odd xz, yz without their -i."""

@@ -23,7 +23,7 @@ from .material import NeoHooke
 from .mesh import HexMesh
 from .pattern import Pattern
 from .predict import start_of
-from .problem import Equilibrium, bulk_at
+from .problem import Equilibrium
 from .state import FiniteState
 from .surface import FrictionGrip, Surface
 from .tip_rounding import blunted
@@ -279,7 +279,7 @@ class FinitePress:
         found: newton.NewtonSolution, memory: Memory | None, lagged: int,
     ) -> FiniteState:  # fmt: skip
         tip = np.array(tip_mm)
-        bulk = bulk_at(self.bulk, u, memory)
+        bulk = self.bulk.evaluate(u, False, memory=memory)
         assert bulk.force_n is not None
         assert bulk.jbar is not None
         pressure = self.law.volumetric(bulk.jbar)[1]
