@@ -59,13 +59,13 @@ class RegressionFit:
 
 
 def least_squares(
-    columns: Array, y: Array, names: Sequence[str], level: float = 0.95, collinear: str = "drop"
+    columns: Array, y: Array, names: Sequence[str], level: float = 0.95
 ) -> RegressionFit:
     """Fit y (n,) by columns (n, k), named; no constant is added.
 
-    collinear: "drop" leaves a column out that is 0 throughout or that the columns before it give,
-    and notes it; "refuse" raises. Raises InputError, with the column, for that, for values that
-    are not finite and for no more rows than columns that count.
+    A column that is 0 throughout, or that the columns before it give, is left out and noted.
+    Raises InputError for values that are not finite, with the column, and for no more rows than
+    columns that count.
     """
     columns, y = np.asarray(columns, float), np.asarray(y, float)
     n, k = columns.shape
@@ -75,8 +75,6 @@ def least_squares(
     length = np.linalg.norm(columns, axis=0)
     scaled = columns / np.where(length > 0, length, 1)
     kept, why = _independent(scaled, names)
-    if why and collinear == "refuse":
-        raise InputError(f"regression: {'; '.join(why)}; leave it out")
     free = n - len(kept)
     if free < 1:
         raise InputError(
