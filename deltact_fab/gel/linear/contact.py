@@ -35,7 +35,7 @@ from .complementarity import (
     normal_violation,
 )
 from .patch import Patch, footprint, patch_below
-from .state import ContactState, untouched
+from .state import ContactState
 from .validity import least_det, refuse_bad_contact, refuse_out_of_range
 
 
@@ -113,7 +113,13 @@ class LayerContact:
 
     def rest(self, tip_mm: Point = (0.0, 0.0, 0.0)) -> ContactState:
         """The state without contact: nothing displaced, nothing remembered."""
-        return untouched(self.layer.shape, tip_mm)
+        scalar, plane = np.zeros(self.layer.shape), np.zeros((*self.layer.shape, 2))
+        nothing, still = (0.0, 0.0, 0.0), np.zeros((*self.layer.shape, 3))
+        return ContactState(
+            tip_mm, scalar, plane, still, plane.copy(), plane.copy(), nothing, nothing,
+            contact_area_mm2=0.0, contact_nodes=0, residual=0.0, iterations=0,
+            beyond_small_strain=False, least_det=1.0,
+        )  # fmt: skip
 
     def solve(self, previous: ContactState, tip_mm: Point) -> ContactState:
         """One increment: the state with the tip at (x, y, depth), coming straight from `previous`.

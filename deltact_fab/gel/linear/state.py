@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from ...aliases import Field, Point
 
 
@@ -47,14 +45,3 @@ class ContactState:
         fields = (self.displacement_mm, self.drag_mm)
         for array in (self.pressure_mpa, self.shear_mpa, self.drag_mpa, *fields):
             array.setflags(write=False)
-
-
-def untouched(shape: tuple[int, int], tip_mm: Point) -> ContactState:
-    """Without contact on a grid (ny, nx): nothing displaced, nothing remembered."""
-    nothing = (0.0, 0.0, 0.0)
-    return ContactState(
-        tip_mm, np.zeros(shape), np.zeros((*shape, 2)), np.zeros((*shape, 3)),
-        np.zeros((*shape, 2)), np.zeros((*shape, 2)), nothing, nothing,
-        contact_area_mm2=0.0, contact_nodes=0, residual=0.0, iterations=0,
-        beyond_small_strain=False, least_det=1.0,
-    )  # fmt: skip

@@ -12,8 +12,7 @@ from .confidence import FlowState
 from .image import MIN_SIDE_PX, Sampled, to_gray
 from .method import FLOW_METHODS, FlowMethod
 from .observation import FlowDiagnostics, FlowObservation, PreparedImage
-from .registry import PAPER, REFERENCES, named_tracker
-from .tracker import FlowTracker
+from .tracker import PAPER, REFERENCES, FlowTracker, named_tracker
 
 __all__ = [
     "FLOW_METHODS",

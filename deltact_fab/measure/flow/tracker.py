@@ -19,7 +19,7 @@ from .confidence import (
 from .fill import filled
 from .fused import COARSE, Plane, RefinementReference, predict, to_full
 from .image import Sampled
-from .method import FUSED, FlowMethod
+from .method import FLOW_METHODS, FUSED, FlowMethod
 from .observation import FlowDiagnostics, FlowObservation, PreparedImage, Sequence, TrackedFrame
 from .renewed import Renewal, RenewedTracker
 
@@ -219,6 +219,40 @@ class FlowTracker:
                 cpu_ms=(time.process_time() - ready.start_s) * 1e3,
             ),
         )
+
+
+PAPER = "paper"
+# How the flow is kept from the first image on: its reference and when that is renewed.
+REFERENCES: dict[str, tuple[Reference, Renewal]] = {
+    "anchored": ("anchored", "adaptive"),
+    "composed": ("composed", "adaptive"),
+    "summed": ("summed", "adaptive"),
+    "static": ("static", "adaptive"),
+    "composed-every": ("composed", "every-frame"),
+    "summed-every": ("summed", "every-frame"),
+}
+
+
+def named_tracker(name: str, *, full: bool = True) -> FlowTracker:
+    """The tracker of a name: `method`, `method/reference` or `paper`.
+
+    `fused` alone is anchored, any other method alone is composed. `paper` is what the paper says:
+    Farneback's flow, summed, the reference renewed by a photometric threshold. Raises InputError
+    with the valid names.
+    """
+    if name == PAPER:
+        return FlowTracker("farneback-paper", "summed", "photometric", full=full)
+    method, _, kept = name.partition("/")
+    if method not in FLOW_METHODS:
+        known = (PAPER, *FLOW_METHODS)
+        raise InputError(f"flow method {method!r}: unknown; {did_you_mean(method, known)}")
+    kept = kept or ("anchored" if method == FUSED else "composed")
+    known = tuple(k for k in REFERENCES if k != "anchored" or method == FUSED)
+    if kept not in known:
+        raise InputError(
+            f"flow reference {kept!r} of {method!r}: not available; {did_you_mean(kept, known)}"
+        )
+    return FlowTracker(method, *REFERENCES[kept], full=full)
 
 
 def _pixels(nodes: Array, shape: tuple[int, int]) -> Array:

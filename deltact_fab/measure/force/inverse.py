@@ -6,7 +6,6 @@ linear elasticity leaves out: so a force needs a factor, which may depend a litt
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
 
@@ -15,7 +14,7 @@ import numpy as np
 from ...aliases import Array
 from ..face import FaceFlow
 from ..view import SensorView
-from .model import ForceModel
+from .model import ForceModel, LocalFeatures
 from .press import FaceInverse, inverse_for
 from .wrench import TractionField
 
@@ -23,7 +22,7 @@ _SUMS = ("Fx/E mm2", "Fy/E mm2", "Fz/E mm2", "Tx/E mm3", "Ty/E mm3", "Tz/E mm3")
 _PLACED = ("Fx r2/E mm4", "Fy r2/E mm4", "Fz r2/E mm4")
 
 
-class Inverse:
+class Inverse(LocalFeatures):
     """Sums and moments of the inverse's traction: a factor a force, two a tilting torque.
 
     Where the resting face is not where the traction is, shear has an arm; so a torque about x takes
@@ -31,8 +30,6 @@ class Inverse:
     """
 
     name = "inverse"
-    every = 8
-    held: Mapping[str, float] = {}
     names = _SUMS + _PLACED
     explains = {  # noqa: RUF012
         "fx": ("Fx/E mm2",),

@@ -65,8 +65,9 @@ class Plan:
         model, features = self._features("force")
         face = self._whole(features.every)
         numbers = self._add(f"{features.name} features", (face,), features.of)
-        of = getattr(features, "cover", lambda flow: flow.cover)
-        return self._add("force", (face, numbers), lambda flow, x: model.wrench(x, of(flow)))
+        return self._add(
+            "force", (face, numbers), lambda flow, x: model.wrench(x, features.cover(flow))
+        )
 
     def _traction(self) -> str:
         model, features = self._features("traction")
