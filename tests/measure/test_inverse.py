@@ -40,7 +40,7 @@ def features() -> Inverse:
 @pytest.fixture(scope="module")
 def block() -> FreeBlock:
     """The forward: another grid, four times as fine, by transforms."""
-    return FreeBlock.for_skin(SKIN, GelMaterial(1.0, VIEW.poisson), 0.25)
+    return FreeBlock(SKIN, GelMaterial(1.0, VIEW.poisson), 0.25)
 
 
 def _spot(block: FreeBlock, x0: float, y0: float, radius: float, t: tuple, even: bool = False):

@@ -66,6 +66,7 @@ def refuse_lost(
         )
 
 
+TOLERANCE = 1e-8  # of `IncrementDiagnostics.residual`
 MAX_CUTS = 6  # halvings of one increment
 SHARP, MANY = 2.0, 5  # cells: least radius that 2 x 2 points a face can feel, and else how many
 LONGEST = 1.0  # cells that a node may move in one iteration, over twice the tip's own move
@@ -76,8 +77,8 @@ class FinitePress:
     """Contact of one indenter with one mesh. Holds no history: `solve` maps state to state.
 
     friction: Coulomb coefficient; None takes the material's; 0 builds no friction at all.
-    tolerance: of Diagnostics.residual. points: along a face's side at which the indenter is met;
-    None: 2, or MANY where a radius is below SHARP cells, for a face that wraps it is stretched.
+    points: along a face's side at which the indenter is met; None: 2, or MANY where a radius is
+    below SHARP cells, for a face that wraps it is stretched.
     """
 
     def __init__(
@@ -86,22 +87,18 @@ class FinitePress:
         material: GelMaterial,
         indenter: Indenter,
         friction: float | None = None,
-        tolerance: float = 1e-8,
         solver: Name = "auto",
-        use_compiled: bool | None = None,
         points: int | None = None,
     ) -> None:
         friction = material.friction if friction is None else friction
         if not (math.isfinite(friction) and friction >= 0):
             raise InputError(f"press: friction >= 0 and finite: {friction} fails")
-        if not 1e-12 <= tolerance <= 1e-3:
-            raise InputError(f"press: tolerance must be 1e-12 to 1e-3: {tolerance} fails")
         self.mesh, self.indenter, self.friction = mesh, indenter, friction
+        self.tolerance = TOLERANCE
         self.law = NeoHooke.of(material)
         self.viscosity = Viscosity.of(material, self.law)
-        self.tolerance = tolerance
         self.pattern = Pattern(mesh, ~mesh.held)
-        self.bulk = BulkAssembly(mesh, self.law, self.pattern, use_compiled)
+        self.bulk = BulkAssembly(mesh, self.law, self.pattern)
         face_mm = _smallest_face_mm(mesh)
         sharp = min(edge_radius_mm(tip) for tip in indenter.tips) < SHARP * face_mm
         points = points or (MANY if sharp else 2)

@@ -84,7 +84,7 @@ class PreparedReference:
     @cached_property
     def _fused(self) -> RefinementReference | None:
         # When it is first matched: most frames that could be a reference never are one.
-        return RefinementReference.of(self._ref) if self._method.name == FUSED else None
+        return RefinementReference(Plane.of(self._ref)) if self._method.name == FUSED else None
 
     def to(self, cur_gray: Array, initial: Array | None = None) -> Array:
         """The flow to a current image: as `FlowMethod.between`."""
