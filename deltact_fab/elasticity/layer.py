@@ -153,8 +153,7 @@ class BondedLayer:
         """
         if tractions_mpa.shape != (*self.shape, 3):
             raise ValueError(f"tractions: shape {(*self.shape, 3)} expected: {tractions_mpa.shape}")
-        first = np.ascontiguousarray(np.moveaxis(tractions_mpa, -1, 0))
-        return np.moveaxis(self._apply_first(first, slice(None)), 0, -1)
+        return self.apply_patch(np.moveaxis(tractions_mpa, -1, 0), 0, 0)
 
     def apply_patch(self, tractions_mpa: Field, row: int, column: int) -> Field:
         """Displacement (ny, nx, 3) in mm of tractions (3, my, mx) that are zero outside a patch.
@@ -162,23 +161,19 @@ class BondedLayer:
         row, column: grid index of the patch's first node. The same operator as `apply`; the
         transform skips the rows that hold nothing.
         """
-        _, my, mx = tractions_mpa.shape
-        wide = np.zeros((3, my, self.shape[1]))
+        (_, my, mx), (ny, nx) = tractions_mpa.shape, self.shape
+        wide = np.zeros((3, my, nx))
         wide[:, :, column : column + mx] = tractions_mpa
-        return np.moveaxis(self._apply_first(wide, slice(row, row + my)), 0, -1)
-
-    def _apply_first(self, wide: Field, rows: slice) -> Field:
-        """Displacement (3, ny, nx) of tractions given on some rows only, (3, rows, nx)."""
-        ny, nx = self.shape
         half = np.zeros((3, ny, nx // 2 + 1), dtype=np.complex128)
-        half[:, rows] = scipy.fft.rfft(wide, axis=2, workers=1)
+        half[:, row : row + my] = scipy.fft.rfft(wide, axis=2, workers=1)
         tx, ty, tz = scipy.fft.fft(half, axis=1, workers=1, overwrite_x=True)
         xx, yy, xy, zz, xz, yz = self._symbols
         u = np.empty_like(half)
         u[0] = xx * tx + xy * ty - 1j * xz * tz
         u[1] = xy * tx + yy * ty - 1j * yz * tz
         u[2] = zz * tz + 1j * (xz * tx + yz * ty)
-        return scipy.fft.irfft2(u, s=(ny, nx), axes=(1, 2), workers=1, overwrite_x=True)
+        moved = scipy.fft.irfft2(u, s=(ny, nx), axes=(1, 2), workers=1, overwrite_x=True)
+        return np.moveaxis(moved, 0, -1)
 
     def window(self, my: int, mx: int, row: int = 0, column: int = 0) -> WindowOperator:
         """The operator between tractions and displacements of one my x mx patch, cached.

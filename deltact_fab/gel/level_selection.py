@@ -180,7 +180,8 @@ def linear_refusal(
         return f"depth {depth:g} mm is over {limit:g} mm, {DEPTH_LIMIT:.0%} of the thickness"
     if depth >= indenter.equator_mm:
         return f"depth {depth:g} mm presses {indenter.name} to {indenter.equator_mm:g} mm, its rim"
-    return LINEAR[level].refusal(material)
+    refusal = LINEAR[level].refusal
+    return refusal(material) if refusal else None
 
 
 def model_error(

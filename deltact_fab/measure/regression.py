@@ -98,12 +98,14 @@ def least_squares(
         why.append("y is 0 throughout: the coefficients say nothing")
     r2, adjusted = _r2(rss, float(y @ y), free, n)
     about_mean = y - y.mean()
-    centred, adjusted_centred = _r2(rss, _if_varies(about_mean, y), free, n - 1)
+    tss = float(about_mean @ about_mean)
+    varies = tss > 1e-24 * float(y @ y)  # or the sum about the mean is but rounding
+    centred, adjusted_centred = _r2(rss, tss if varies else 0.0, free, n - 1)
     return RegressionFit(
         tuple(names), tuple(map(float, b)),
         tuple((float(low), float(high)) for low, high in zip(b - half, b + half, strict=True)),
         level, tuple(name for i, name in enumerate(names) if i not in kept), tuple(why),
-        n, free, _rms(left), r2, adjusted, centred, adjusted_centred,
+        n, free, float(np.sqrt(np.mean(np.square(left)))), r2, adjusted, centred, adjusted_centred,
         _condition(columns[:, kept]), _condition(scaled[:, kept]),
     )  # fmt: skip
 
@@ -162,16 +164,6 @@ def _r2(rss: float, tss: float, free: int, total_free: int) -> tuple[float | Non
     return 1 - rss / tss, 1 - (rss / free) / (tss / total_free)
 
 
-def _if_varies(about_mean: Array, y: Array) -> float:
-    """The sum of squares about the mean, 0 where it is but rounding."""
-    tss = float(about_mean @ about_mean)
-    return tss if tss > 1e-24 * float(y @ y) else 0.0
-
-
 def _condition(columns: Array) -> float:
     """Largest over smallest singular value; 1 without columns."""
     return float(np.linalg.cond(columns)) if columns.shape[1] else 1.0
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))

@@ -70,12 +70,8 @@ class ForceCurve:
     force_n: Field
 
     def normal_n(self, depth_mm: Field) -> Field:
-        """-Fz (n,) at depths (n,); 0 out of contact. InputError beyond the last solved depth."""
-        d = np.asarray(depth_mm, dtype=np.float64)
-        last = float(self.depth_mm[-1])
-        if d.size and float(d.max()) > last * (1 + 1e-9):
-            raise InputError(f"force curve: depth {float(d.max()):g} mm is past its end, {last:g}")
-        return evaluated(self._power_law, np.clip(d, 0, last))
+        """-Fz (n,) at depths (n,) up to the last solved one; 0 out of contact."""
+        return evaluated(self._power_law, np.clip(depth_mm, 0, self.depth_mm[-1]))
 
     @cached_property
     def _power_law(self) -> PowerLaw:
@@ -120,7 +116,12 @@ def force_curve(
     h = spacing_mm
     if h is None:
         h = cells_mm(skin, indenter, unit.poisson, np.array([(*at_mm, deepest_mm)]))
-    first, light = _start(skin, unit, indenter, at_mm, h, step)
+    # Number of steps to the first solved depth, and the layer's numbers above it.
+    reach = math.floor(LAYER_DEPTH * thickness / step + 1e-9)
+    first = max(1, min(reach, round(seen_from_mm(indenter, h) / step)))
+    light = layer_forces(skin, unit, indenter, at_mm, first * step)
+    if light is None:
+        first = 1  # where the layer does not reach, finite strain is asked from there on
     # A second solved depth gives the slope at the first, which shallow data lean on.
     last = max(first + 1, math.ceil(deepest_mm / step - 1e-9))
     limit = math.floor(DEEPEST * thickness / step + 1e-9)
@@ -148,7 +149,7 @@ def force_path(
     indenter: Indenter,
     tips_mm: Field,
     *,
-    spacing_mm: float | None = None,
+    spacing_mm: float,
     step_mm: float = STEP_MM,
     progress: Progress | None = None,
 ) -> Field:
@@ -157,16 +158,11 @@ def force_path(
     Friction remembers the way, so all of it is solved, in increments of at most step_mm. Raises
     what the solver raises.
     """
-    tips = np.asarray(tips_mm, dtype=np.float64)
-    h = spacing_mm
-    if h is None:
-        h = cells_mm(skin, indenter, material.poisson, tips)
     unit = GelMaterial(1.0, material.poisson, material.friction)
-    poses, met = _way([(x, y, -d) for x, y, d in tips.tolist()], step_mm)
-    choice = choose(skin, unit, indenter, poses, level="hyperelastic", spacing_mm=h)
-    return _forces(skin, unit, indenter, poses, choice, step_mm, progress)[met] * (
-        material.modulus_mpa
-    )
+    poses, met = _way([(x, y, -d) for x, y, d in tips_mm.tolist()], step_mm)
+    choice = choose(skin, unit, indenter, poses, level="hyperelastic", spacing_mm=spacing_mm)
+    forces = _forces(skin, unit, indenter, poses, choice, step_mm, progress)
+    return forces[met] * material.modulus_mpa
 
 
 def _way(tips: Sequence[Point], step_mm: float) -> tuple[list[KnotPose], list[int]]:
@@ -195,19 +191,3 @@ def _forces(
     what = f"{indenter.name}, friction {unit.friction:g}"
     knots = solver.solve_all(progress and (lambda done, of, _: progress(done, of, what)))
     return np.array([knot.force_n for knot in knots])
-
-
-def _start(
-    skin: SkinDimensions,
-    unit: GelMaterial,
-    indenter: Indenter,
-    at_mm: Point2,
-    h: float,
-    step: float,
-) -> tuple[int, tuple[Field, Field, float] | None]:
-    """Number of steps to the first solved depth, and the layer's numbers above it."""
-    reach = math.floor(LAYER_DEPTH * skin.thickness_mm / step + 1e-9)
-    first = max(1, min(reach, round(seen_from_mm(indenter, h) / step)))
-    light = layer_forces(skin, unit, indenter, at_mm, first * step)
-    # Where the layer does not reach, finite strain is asked from the first step on.
-    return (first if light else 1), light

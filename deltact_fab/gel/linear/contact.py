@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...aliases import Field, Point
-from ...elasticity.face import FaceOperator, PatchOperator
+from ...elasticity.face import FaceOperator
 from ...errors import InputError, SolverError
 from ...shapes import Indenter
 from .complementarity import (
@@ -178,6 +178,18 @@ class LayerContact:
         # What pressure and friction tell each other: drag in plane (2) and lift by shear (1).
         trial = np.concatenate([dragged_before, op.normal_of_shear(q)[None]])
         mixer, compliance = Mixer(), ShearComplianceBound(op)
+
+        def rub(
+            shear: Field, free_slip: Field, bound: Field, goal_mm: float
+        ) -> tuple[Field, Field, float]:
+            """Shear and slip (2, my, mx) and the worst violation (mm), counted."""
+            q, slip, worst, used = friction_contact(
+                op, shear, free_slip, bound, goal_mm, compliance, self.max_iterations
+            )
+            self.tangential_solves += 1
+            self._applications += used
+            return q, slip, worst
+
         inner = 1e-3 * depth
         for i in range(1, self.max_alternations + 1):
             gap = patch.height_mm(trial[:2]) - depth + trial[2]
@@ -186,12 +198,10 @@ class LayerContact:
             )
             self._applications += used
             spread, bound = op.shear_of_pressure(p), self.friction * p
-            q, slip, worst = self._rub(op, q, spread - target, bound, inner, compliance)
+            q, slip, worst = rub(q, spread - target, bound, inner)
             found = np.zeros_like(trial)
             if dragged:
-                alone, slip_alone, worst_alone = self._rub(
-                    op, alone, spread - held, bound, inner, compliance
-                )
+                alone, slip_alone, worst_alone = rub(alone, spread - held, bound, inner)
                 worst = max(worst, worst_alone)
                 found[:2] = (target + slip) - (held + slip_alone)
             found[2] = op.normal_of_shear(q)
@@ -211,23 +221,6 @@ class LayerContact:
             f"{self.tolerance:.0e} is asked; shorter increments, less depth or less friction "
             "help (steep flanks under high friction lock, and have no solution at this level)"
         )
-
-    def _rub(
-        self,
-        op: PatchOperator,
-        shear: Field,
-        free_slip: Field,
-        bound: Field,
-        goal_mm: float,
-        compliance: ShearComplianceBound,
-    ) -> tuple[Field, Field, float]:
-        """Shear and slip (2, my, mx) and the worst violation (mm), counted."""
-        q, slip, worst, used = friction_contact(
-            op, shear, free_slip, bound, goal_mm, compliance, self.max_iterations
-        )
-        self.tangential_solves += 1
-        self._applications += used
-        return q, slip, worst
 
     # -- the result ------------------------------------------------------------------------------
 
