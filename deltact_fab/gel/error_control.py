@@ -126,13 +126,14 @@ class MeshConvergence:
         nothing, SolverError where no mesh is solved.
         """
         self._runs, self._by_step, self._steps_seen = [], (0.0, 0.0), False
+        limited = False
         try:
             self._climb(choice, free)
         except TimeLimit:
             if not self._runs:
                 raise
-            return RefinedPress(self._runs[-1], self.estimate(), True)
-        return RefinedPress(self._runs[-1], self.estimate(), False)
+            limited = True
+        return RefinedPress(self._runs[-1], self.estimate(), limited)
 
     def _climb(self, choice: Choice, free: bool) -> None:
         if choice.level != "hyperelastic":

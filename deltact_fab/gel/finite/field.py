@@ -26,12 +26,11 @@ if TYPE_CHECKING:
 class FaceLattice:
     """Lattice nodes x_mm (nx,), y_mm (ny,) on the touched face of a block.
 
-    Mirrors of the mesh are unfolded. Raises ValueError for a mesh that is no block.
+    Mirrors of the mesh are unfolded.
     """
 
     def __init__(self, mesh: HexMesh, x_mm: Field, y_mm: Field) -> None:
-        if mesh.axes_mm is None:
-            raise ValueError("lattice: a block mesh is needed")
+        assert mesh.axes_mm is not None, "of a block"
         self.mesh, self.x_mm, self.y_mm = mesh, x_mm, y_mm
         knots = [mesh.axes_mm[0], mesh.axes_mm[1]]
         self._shape = (len(knots[1]), len(knots[0]))

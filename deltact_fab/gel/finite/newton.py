@@ -37,6 +37,7 @@ NEAR = 1e-2  # residual below which negative eigenvalues may be the solution's o
 WEAK, MAX_WEAK = 0.7, 3  # a step that leaves more, and how many of them are a fold
 COUPLED = 1e-3  # of the residual: tolerance of GMRES, and most of its iterations
 MAX_COUPLED = 60
+MAX_ITERATIONS = 60
 
 
 @dataclass
@@ -121,7 +122,6 @@ def solve(
     pattern: Pattern,
     tolerance: float,
     longest_mm: float = np.inf,
-    most_iterations: int = 60,
 ) -> NewtonSolution:
     """Equilibrium from start_mm on.
 
@@ -138,7 +138,7 @@ def solve(
     direction = _Direction(problem, solver, pattern, done)
     while not done.residual <= tolerance:
         time_limit.check()
-        if done.iterations >= most_iterations:
+        if done.iterations >= MAX_ITERATIONS:
             raise SolverError(
                 f"newton: residual {done.residual:.1e} after {done.iterations} iterations, "
                 f"{tolerance:.0e} is needed"

@@ -82,7 +82,7 @@ class Plan:
         camera, face = self._setup.view.camera, self._whole(SHAPE_EVERY)
         density = self._add("density", (face,), lambda flow: by_jacobian(flow, camera.mm_per_px))
         relative = self._add("relative depth", (density, face), relative_depth)
-        needs = (face, density, relative)
+        needs: tuple[str, ...] = (face, density, relative)
         if self._setup.depth is not None:
             needs = (*needs, self._depth("shape"))
         return self._add("shape", needs, _shape)

@@ -52,26 +52,26 @@ class Density:
         return np.asarray(1 - self.value)
 
 
-def by_jacobian(flow: FaceFlow, mm_per_px: float, sigma_px: float = SIGMA_PX) -> Density:
+def by_jacobian(flow: FaceFlow, mm_per_px: float) -> Density:
     """1 / det(I + grad u) of the smoothed flow. mm_per_px: of the camera.
 
     Where the map folds the determinant is held at an eighth of DOMAIN: finite, and not reliable.
     """
-    flow, sigma = whole(flow), _cells(flow, mm_per_px, sigma_px)
+    flow, sigma = whole(flow), _cells(flow, mm_per_px)
     det = _determinant(flow, sigma)
     return Density(1 / np.maximum(det, DOMAIN[0] / 8), _reliable(flow, det, sigma))
 
 
-def by_splat(flow: FaceFlow, mm_per_px: float, sigma_px: float = SIGMA_PX) -> Density:
+def by_splat(flow: FaceFlow, mm_per_px: float) -> Density:
     """A Gaussian at every landed point; the sum is read where each point landed.
 
     mm_per_px: as in `by_jacobian`. Beyond the view the points go on as they do at its edge. Raises
     ValueError for points so far apart that their Gaussians make no even sum.
     """
-    flow, sigma = whole(flow), _cells(flow, mm_per_px, sigma_px)
+    flow, sigma = whole(flow), _cells(flow, mm_per_px)
     if sigma < 1.4:
         raise ValueError(
-            f"splat: points at most {sigma_px / 1.5:g} px apart, not {flow.cell_mm} mm"
+            f"splat: points at most {SIGMA_PX / 1.5:g} px apart, not {flow.cell_mm} mm"
         )
     margin = int(np.ceil(4 * sigma)) + 1
     h, w = (side + 2 * margin for side in flow.known.shape)
@@ -96,13 +96,13 @@ def by_splat(flow: FaceFlow, mm_per_px: float, sigma_px: float = SIGMA_PX) -> De
     return Density(value, _reliable(flow, _determinant(flow, sigma), sigma))
 
 
-def _cells(flow: FaceFlow, mm_per_px: float, sigma_px: float) -> float:
-    """Sigma in cells that makes, with the mean over a cell that each point already is, sigma_px.
+def _cells(flow: FaceFlow, mm_per_px: float) -> float:
+    """Sigma in cells that makes, with the mean over a cell that each point already is, SIGMA_PX.
 
     At least a fifth of a cell, where neighbours are as good as all: cells may be larger than sigma.
     """
     every = flow.cell_mm / mm_per_px
-    return float(np.sqrt(max(sigma_px**2 - (every**2 - 1) / 12, (every / 5) ** 2))) / every
+    return float(np.sqrt(max(SIGMA_PX**2 - (every**2 - 1) / 12, (every / 5) ** 2))) / every
 
 
 def _determinant(flow: FaceFlow, sigma: float) -> Array:
