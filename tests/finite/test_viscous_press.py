@@ -84,7 +84,8 @@ def test_a_hold_relaxes_from_stiff_to_soft_along_the_series(sudden):
 @pytest.mark.slow
 def test_a_hold_in_parts_converges_with_second_order(sudden):
     press, start = sudden
-    press = pressing(tolerance=1e-10)
+    press = pressing()
+    press.tolerance = 1e-10
     forces = []
     for parts in (1, 2, 4, 8):
         state = start

@@ -9,14 +9,13 @@ it with cv2.setNumThreads, and records it where bytes must repeat.
 """
 
 from .confidence import FlowState
-from .image import MIN_SIDE_PX, Sampled, to_gray
+from .image import Sampled, to_gray
 from .method import FLOW_METHODS, FlowMethod
 from .observation import FlowDiagnostics, FlowObservation, PreparedImage
 from .tracker import PAPER, REFERENCES, FlowTracker, named_tracker
 
 __all__ = [
     "FLOW_METHODS",
-    "MIN_SIDE_PX",
     "PAPER",
     "REFERENCES",
     "FlowDiagnostics",

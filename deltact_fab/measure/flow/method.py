@@ -79,17 +79,17 @@ class PreparedReference:
     """A reference image and all that a method computes of it alone; from `FlowMethod.prepare`."""
 
     def __init__(self, method: FlowMethod, ref_gray: Array) -> None:
-        self._method, self._ref = method, ref_gray
+        self._method, self.gray = method, ref_gray
 
     @cached_property
     def _fused(self) -> RefinementReference | None:
         # When it is first matched: most frames that could be a reference never are one.
-        return RefinementReference(Plane.of(self._ref)) if self._method.name == FUSED else None
+        return RefinementReference(Plane.of(self.gray)) if self._method.name == FUSED else None
 
     def to(self, cur_gray: Array, initial: Array | None = None) -> Array:
         """The flow to a current image: as `FlowMethod.between`."""
         _check("current", cur_gray)
-        shape = self._ref.shape
+        shape = self.gray.shape
         if cur_gray.shape != shape:
             raise InputError(
                 f"flow: the images are {shape} and {cur_gray.shape}; one size is needed"
@@ -101,7 +101,7 @@ class PreparedReference:
             return to_full(self._fused.refine(Plane.of(cur_gray), nodes).flow_px, shape)
         # The others write into the array they start from, and need it contiguous.
         start = None if initial is None else np.array(initial, dtype=np.float32, order="C")
-        return self._method._calc(self._ref, cur_gray, start)
+        return self._method._calc(self.gray, cur_gray, start)
 
 
 def _check(what: str, image: Array) -> None:

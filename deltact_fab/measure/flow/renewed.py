@@ -29,7 +29,6 @@ PHOTOMETRIC_MAX = 12.0
 @dataclass(frozen=True)
 class _Keyframe:
     frame: int
-    gray: Array
     prepared: PreparedReference
     flow_px: Array
     stayed: Array
@@ -130,7 +129,7 @@ class RenewedTracker:
                 self._renew_to(self._good)
 
     def _keyframe(self, frame: int, gray: Array, flow: Array, stayed: Array) -> _Keyframe:
-        return _Keyframe(frame, gray, self._method.prepare(gray), flow, stayed)
+        return _Keyframe(frame, self._method.prepare(gray), flow, stayed)
 
     def _renew_to(self, frame: _Keyframe) -> None:
         self._ref = self._good = frame
@@ -141,8 +140,8 @@ class RenewedTracker:
     def _match(self, against: _Keyframe, gray: Array, start: Array | None) -> _Match:
         flow = against.prepared.to(gray, start)
         if self._renew == "photometric":
-            return _Match(against, flow, photometric_error(against.gray, gray, flow))
-        return _Match(against, flow, _bad_share(block_ncc(against.gray, gray, flow)))
+            return _Match(against, flow, photometric_error(against.prepared.gray, gray, flow))
+        return _Match(against, flow, _bad_share(block_ncc(against.prepared.gray, gray, flow)))
 
     def _sum(self, match: _Match) -> tuple[Array, Array]:
         ref = match.against

@@ -2,18 +2,15 @@
 
 from .calibrated import Calibration
 from .measurement import Measurement, everything
-from .pipeline import Pipeline, Policy
+from .pipeline import Pipeline
 from .plan import OUTPUTS
-from .result import Output, Result, Shape
+from .result import Result
 
 __all__ = [
     "OUTPUTS",
     "Calibration",
     "Measurement",
-    "Output",
     "Pipeline",
-    "Policy",
     "Result",
-    "Shape",
     "everything",
 ]
