@@ -301,7 +301,8 @@ class FinitePress:
         return FiniteState(
             tip_mm=tip_mm,
             displacement_mm=u,
-            slip_mm=self.surface.released_slip(contact),
+            # The elastic slip that carries the shear on to the next increment.
+            slip_mm=-contact.shear_mpa / self.surface.grip_stiffness[..., None],
             pressure_mpa=contact.pressure_mpa,
             shear_mpa=contact.shear_mpa,
             force_n=_point(pull.sum(axis=0)),

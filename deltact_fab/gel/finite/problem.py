@@ -52,7 +52,7 @@ class Equilibrium:
         the tangent's geometric part; None: U'(J). `curved` False leaves out terms of the tangent
         that may be negative."""
         u = self._bulk.pattern.whole(free_mm)
-        bulk = self._bulk.evaluate(u, tangent, pressure_mpa, self._memory)
+        bulk = self._bulk.evaluate(u, tangent, pressure_mpa, memory=self._memory)
         if bulk.force_n is None:
             return None
         assert bulk.jbar is not None

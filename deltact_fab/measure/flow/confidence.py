@@ -15,7 +15,6 @@ import numpy as np
 
 from ...aliases import Array
 from ..compose import landing_px, sample, shrunk
-from . import kernel_cv2
 from .fused import Plane, Refined, kernel
 from .image import Sampled
 
@@ -97,10 +96,6 @@ class ConfidenceEstimator:
             power = self._around(_product(self._secondary, self._secondary))
             self._power = power - _product(self._mean, self._mean)
 
-    def inside(self, flow_px: Array) -> Array:
-        """Which nodes land inside the image, (hh, ww) bool."""
-        return kernel_cv2.within(flow_px, self._shape, 0.0)
-
     def secondary_match(self, image: Array | Sampled) -> list[Array]:
         """What `look` asks of the current image (h, w[, 3]), nothing of a grey one."""
         return _secondary(image) if self.name == "colour" else []
@@ -141,7 +136,7 @@ class ConfidenceEstimator:
         return np.asarray(match.deviation_px**2 + left < DEVIATION_MAX_PX**2)
 
     def verdict(self, inside: Array, agreeing: Array) -> FrameConfidence:
-        """What is trusted; inside: as above, of the whole flow."""
+        """What is trusted; inside (hh, ww) bool: nodes that land in the image."""
         confident = agreeing & (self._near(agreeing) >= SUPPORT_SHARE * self._textured_near)
         n = int(np.count_nonzero(confident))
         n_seen = int(np.count_nonzero(self.textured & inside))

@@ -19,6 +19,7 @@ from .confidence import (
 from .fill import filled
 from .fused import COARSE, Plane, RefinementReference, predict, to_full
 from .image import Sampled
+from .kernel_cv2 import within
 from .method import FLOW_METHODS, FUSED, FlowMethod
 from .observation import FlowDiagnostics, FlowObservation, PreparedImage, Sequence, TrackedFrame
 from .renewed import Renewal, RenewedTracker
@@ -147,7 +148,7 @@ class FlowTracker:
     def judge(self, ready: PreparedImage, seen: TrackedFrame) -> FlowObservation:
         """What the next image does not wait for."""
         judge = ready.sequence.judge
-        inside, verdict = judge.inside(seen.flow_px), None
+        inside, verdict = within(seen.flow_px, ready.plane.shape, 0.0), None
         if self.confidence and ready.frame:
             agreeing = seen.agreeing
             if seen.match is not None:
