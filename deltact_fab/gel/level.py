@@ -97,8 +97,8 @@ class IncrementDiagnostics:
     penetration_mm: deepest, also between contact points. least_j: smallest volume ratio, or
     det(I + grad u_xy) of a linear level's face. most_stretch: None for a linear level. flags: what
     a reader must not miss, `NAME: sentence`.
-    Of finite strain alone: damped: factorisations with damping, as where the gel folds. lagged:
-    parts whose friction is bounded by the pressures at their start. seconds: wall time.
+    Of finite strain alone: factorisations; damped: those with damping, as where the gel folds.
+    lagged: parts whose friction is bounded by the pressures at their start. seconds: wall time.
     """
 
     iterations: int = 0
