@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from deltact_fab.elasticity.material import GelMaterial
-from deltact_fab.gel.level import Reach
+from deltact_fab.gel.level import Reach, follow
 from deltact_fab.gel.level_selection import pick
 from deltact_fab.gel.open import contact_of
 from deltact_fab.gel.press import press
@@ -51,7 +51,7 @@ def press_row(i: int) -> dict[str, Any]:
 
     def solved(spacing: float, step: float) -> tuple[Any, Any]:
         contact = contact_of(skin, material, indenter, choice.times(spacing, step))
-        *_, last = contact.path(contact.rest((x, y, 0.0)), tip)
+        *_, last = follow(contact, contact.rest((x, y, 0.0)), tip, contact.choice.step_mm)
         return np.array(last.force_n), last.displacement_mm[..., :2]
 
     known = np.array(result["force_n"]), found.displacement_mm[..., :2]

@@ -16,6 +16,7 @@ from deltact_fab.elasticity.layer import BondedLayer
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError, SolverError
 from deltact_fab.gel.finite import FinitePress
+from deltact_fab.gel.level import follow
 from deltact_fab.gel.linear.contact import LayerContact
 from deltact_fab.preflight import ForceLimits, checks, limits_of, predict
 from deltact_fab.preflight.press import PressCurve, grown_n, press_curve
@@ -217,8 +218,8 @@ def test_shear_and_moments_are_never_less_than_the_linear_drag(smoke: Protocol) 
     for peak in _peaks(smoke):
         layer = BondedLayer.for_skin(SENSOR.skin, GelMaterial(), spacing_mm=0.25)
         contact = LayerContact(layer, parse(peak.indenter))
-        *_, pressed = contact.path(contact.rest(), (0.0, 0.0, 1.2), 0.6)
-        for state in contact.path(pressed, (3.0, 0.0, 1.2), 0.75):
+        *_, pressed = follow(contact, contact.rest(), (0.0, 0.0, 1.2), 0.6)
+        for state in follow(contact, pressed, (3.0, 0.0, 1.2), 0.75):
             assert abs(state.force_n[0]) <= peak.tangential_n
             assert -state.force_n[2] <= peak.normal_n <= -1.2 * state.force_n[2]
             assert peak.moment_nmm is not None

@@ -15,8 +15,7 @@ import numpy as np
 from ..aliases import Array, Progress
 from ..errors import InputError
 from ..measure.force.calibration import ForceCalibration, load_force
-from ..measure.pipeline import Result
-from ..measure.pipeline.full import everything
+from ..measure.pipeline import Result, everything
 from ..measure.sensor_id import Kind, read_calibration, require_same
 from ..record import Run
 from .view import sensor_of, view_of

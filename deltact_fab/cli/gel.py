@@ -100,7 +100,7 @@ def press(
         for flag in result["flags"]:
             click.echo(f"warning: {flag}", err=True)
         if plot_path is not None:
-            from ..gel.press_figure import save_figure
+            from ..gel.figures import save_press
 
             sheared = "".join(
                 f", sheared {v:g} mm in {n}" for n, v in (("x", shear_x_mm), ("y", shear_y_mm)) if v
@@ -109,7 +109,7 @@ def press(
                 f"{shape.name} {depth_mm:g} mm deep{sheared}; {thickness_mm:g} mm gel, "
                 f"{modulus_mpa:g} MPa, friction {friction:g}; {result['model']}"
             )
-            save_figure(pressed, plot_path, title)
+            save_press(pressed, plot_path, title)
         return
     if not as_json:
         click.echo(f"deltact-fab: {result['reason']}", err=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,22 +12,14 @@ from . import gel_options
 from .options import JSON, PATH
 
 
-def _friction(ctx: click.Context, param: click.Parameter, value: str | None) -> float | str | None:
+def _or_fit(ctx: click.Context, param: click.Parameter, value: str | None) -> float | str | None:
     if value is None or value == "fit":
         return value
     try:
         return float(value)
     except ValueError as why:
-        raise click.BadParameter(f"{value!r}: a number or fit is needed") from why
-
-
-def _offset(ctx: click.Context, param: click.Parameter, value: str) -> float | None:
-    if value == "fit":
-        return None
-    try:
-        return float(value)
-    except ValueError as why:
-        raise click.BadParameter(f"{value!r}: a number of mm or fit is needed") from why
+        what = "number of mm" if param.name == "offset_mm" else "number"
+        raise click.BadParameter(f"{value!r}: a {what} or fit is needed") from why
 
 
 @click.command(epilog="Example: deltact-fab gel fit measured.csv --indenter sphere:15 --offset fit")
@@ -35,10 +28,10 @@ def _offset(ctx: click.Context, param: click.Parameter, value: str) -> float | N
               help="What pressed, as in `gel press`: sphere:15.")  # fmt: skip
 @gel_options.AT
 @gel_options.of_block
-@click.option("--friction", callback=_friction, metavar="MU|fit",
+@click.option("--friction", callback=_or_fit, metavar="MU|fit",
               show_default="fit where the file has a drag, else 0.5",
               help="Coefficient of friction, or fit.")  # fmt: skip
-@click.option("--offset", "offset_mm", default="0", show_default=True, callback=_offset,
+@click.option("--offset", "offset_mm", default="0", show_default=True, callback=_or_fit,
               metavar="MM|fit", help="depth_mm at first touch, or fit.")  # fmt: skip
 @click.option("--spacing", "spacing_mm", type=float, metavar="MM", show_default="chosen",
               help="Size of the mesh below the indenter.")  # fmt: skip
@@ -53,7 +46,7 @@ def fit(
     length_mm: float,
     poisson: float,
     friction: float | str | None,
-    offset_mm: float | None,
+    offset_mm: float | str,
     spacing_mm: float | None,
     plot_path: Path | None,
     as_json: bool,
@@ -75,7 +68,9 @@ def fit(
     known = friction if isinstance(friction, float) else None
     validate(GelMaterial, {"poisson": poisson, "friction": known or 0.0}, "options")
     shape = parse(indenter)
-    data = read_csv(csv).shifted(offset_mm or 0.0)
+    data = read_csv(csv)
+    if isinstance(offset_mm, float):
+        data = replace(data, depth_mm=data.depth_mm - offset_mm)
     with progress("gel fit") as report:
         found = fit_press(
             data,
@@ -85,7 +80,7 @@ def fit(
             poisson,
             known,
             fit_friction=True if friction == "fit" else None,
-            fit_offset=offset_mm is None,
+            fit_offset=offset_mm == "fit",
             spacing_mm=spacing_mm,
             progress=report,
         )
@@ -95,9 +90,9 @@ def fit(
     else:
         _show(result)
     if plot_path is not None:
-        from ..gel.fit.figure import save_figure
+        from ..gel.figures import save_fit
 
-        save_figure(found, plot_path, f"{data.name}, {shape.name}, {thickness_mm:g} mm gel")
+        save_fit(found, plot_path, f"{data.name}, {shape.name}, {thickness_mm:g} mm gel")
 
 
 def _show(result: dict[str, Any]) -> None:

@@ -19,7 +19,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 def _place(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:
     """Checked here, for what is solved before the figure is drawn may take an hour."""
     if value is not None:
-        from ..gel.figure_file import require_place
+        from ..gel.figures import require_place
 
         require_place(value)
     return value

@@ -18,7 +18,7 @@ import numpy as np
 from ..aliases import Field
 from ..errors import InputError
 from ..shapes import SkinDimensions
-from .edge_compliance import PADDING, FreeSides, free_sides, halves
+from .edge_compliance import PADDING, free_sides, halves
 from .layer import BondedLayer, WindowOperator, even_fast_length
 from .material import GelMaterial
 
@@ -28,16 +28,19 @@ class FreeBlock:
 
     A drop-in for `BondedLayer` wherever a contact is solved. spacing_mm: (x, y), the largest below
     the one asked for that divides the face evenly into a number of nodes the transform likes.
-    x_mm (nx,), y_mm (ny,): node coordinates in the sensor frame.
+    cell_mm: of the finite elements for its sides, None for a default. x_mm (nx,), y_mm (ny,): node
+    coordinates in the sensor frame.
+    Raises InputError for sizes that cannot be used and a Poisson's ratio over .4999.
     """
 
     def __init__(
         self,
         skin: SkinDimensions,
         material: GelMaterial,
-        spacing_mm: float,
-        sides: FreeSides,
+        spacing_mm: float = 0.25,
+        cell_mm: float | None = None,
     ) -> None:
+        sides = free_sides(skin, material.poisson, cell_mm)
         if not (math.isfinite(spacing_mm) and 0.02 <= spacing_mm <= skin.length_mm / 16):
             raise InputError(
                 f"block: spacing_mm must be 0.02 to {skin.length_mm / 16:g} mm: {spacing_mm} fails"
@@ -67,20 +70,6 @@ class FreeBlock:
             sides.quarters * (self.cell_mm2 / material.modulus_mpa),
         )
         self._windows: OrderedDict[tuple[int, int, int, int], BlockWindow] = OrderedDict()
-
-    @classmethod
-    def for_skin(
-        cls,
-        skin: SkinDimensions,
-        material: GelMaterial,
-        spacing_mm: float = 0.25,
-        cell_mm: float | None = None,
-    ) -> FreeBlock:
-        """The block of a skin; cell_mm: of the finite elements for its sides, None for a default.
-
-        Raises InputError for sizes that cannot be used and a Poisson's ratio over .4999.
-        """
-        return cls(skin, material, spacing_mm, free_sides(skin, material.poisson, cell_mm))
 
     def apply(self, tractions_mpa: Field) -> Field:
         """Surface displacement (ny, nx, 3) in mm of tractions (ny, nx, 3) in MPa, all (x, y, z)."""

@@ -83,10 +83,6 @@ class BondedLayer:
     material: elastic constants. thickness_mm: from the rigid base to the resting face.
     period_mm: (x, y) period. shape: (ny, nx) nodes, both even.
     face_half_mm: half sides (x, y) of the face that may be touched; None: the whole grid.
-    cells: False takes tractions and displacements at the nodes: best where both are smooth. True
-        takes tractions as uniform over the cell around a node and displacements as their mean over
-        it (Galerkin with piecewise constants): best where a traction jumps or is singular, as at
-        the edge of a flat punch; a curved gap would have to be averaged over the cell too.
     x_mm (nx,), y_mm (ny,): node coordinates in the sensor frame.
 
     Raises InputError for sizes that are not positive or shapes that are not even.
@@ -99,7 +95,6 @@ class BondedLayer:
         period_mm: tuple[float, float],
         shape: tuple[int, int],
         face_half_mm: tuple[float, float] | None = None,
-        cells: bool = False,
     ) -> None:
         ny, nx = shape
         if not (math.isfinite(thickness_mm) and thickness_mm > 0):
@@ -116,13 +111,8 @@ class BondedLayer:
         self.cell_mm2 = self.spacing_mm[0] * self.spacing_mm[1]
         self.x_mm: Field = (np.arange(nx, dtype=np.float64) - (nx - 1) / 2) * self.spacing_mm[0]
         self.y_mm: Field = (np.arange(ny, dtype=np.float64) - (ny - 1) / 2) * self.spacing_mm[1]
-        self.face_half_mm = face_half_mm or (
-            float(self.x_mm[-1]),
-            float(self.y_mm[-1]),
-        )
+        self.face_half_mm = face_half_mm or (float(self.x_mm[-1]), float(self.y_mm[-1]))
         self._symbols = self._build_symbols()
-        if cells:
-            self._symbols *= self._cell_transfer()
         self._kernels: Field | None = None
         self._windows: OrderedDict[tuple[int, int], WindowOperator] = OrderedDict()
 
@@ -163,8 +153,7 @@ class BondedLayer:
         """
         if tractions_mpa.shape != (*self.shape, 3):
             raise ValueError(f"tractions: shape {(*self.shape, 3)} expected: {tractions_mpa.shape}")
-        first = np.ascontiguousarray(np.moveaxis(tractions_mpa, -1, 0))
-        return np.moveaxis(self._apply_first(first, slice(None)), 0, -1)
+        return self.apply_patch(np.moveaxis(tractions_mpa, -1, 0), 0, 0)
 
     def apply_patch(self, tractions_mpa: Field, row: int, column: int) -> Field:
         """Displacement (ny, nx, 3) in mm of tractions (3, my, mx) that are zero outside a patch.
@@ -172,23 +161,19 @@ class BondedLayer:
         row, column: grid index of the patch's first node. The same operator as `apply`; the
         transform skips the rows that hold nothing.
         """
-        _, my, mx = tractions_mpa.shape
-        wide = np.zeros((3, my, self.shape[1]))
+        (_, my, mx), (ny, nx) = tractions_mpa.shape, self.shape
+        wide = np.zeros((3, my, nx))
         wide[:, :, column : column + mx] = tractions_mpa
-        return np.moveaxis(self._apply_first(wide, slice(row, row + my)), 0, -1)
-
-    def _apply_first(self, wide: Field, rows: slice) -> Field:
-        """Displacement (3, ny, nx) of tractions given on some rows only, (3, rows, nx)."""
-        ny, nx = self.shape
         half = np.zeros((3, ny, nx // 2 + 1), dtype=np.complex128)
-        half[:, rows] = scipy.fft.rfft(wide, axis=2, workers=1)
+        half[:, row : row + my] = scipy.fft.rfft(wide, axis=2, workers=1)
         tx, ty, tz = scipy.fft.fft(half, axis=1, workers=1, overwrite_x=True)
         xx, yy, xy, zz, xz, yz = self._symbols
         u = np.empty_like(half)
         u[0] = xx * tx + xy * ty - 1j * xz * tz
         u[1] = xy * tx + yy * ty - 1j * yz * tz
         u[2] = zz * tz + 1j * (xz * tx + yz * ty)
-        return scipy.fft.irfft2(u, s=(ny, nx), axes=(1, 2), workers=1, overwrite_x=True)
+        moved = scipy.fft.irfft2(u, s=(ny, nx), axes=(1, 2), workers=1, overwrite_x=True)
+        return np.moveaxis(moved, 0, -1)
 
     def window(self, my: int, mx: int, row: int = 0, column: int = 0) -> WindowOperator:
         """The operator between tractions and displacements of one my x mx patch, cached.
@@ -202,13 +187,6 @@ class BondedLayer:
             self._windows[key] = WindowOperator(self._kernel_stack(), my, mx)
         self._windows.move_to_end(key)
         return self._windows[key]
-
-    def _cell_transfer(self) -> Field:
-        """What spreading a load over its cell and averaging over the cell do to a wave."""
-        ny, nx = self.shape
-        along_x = np.sinc(scipy.fft.rfftfreq(nx))[None, :]
-        along_y = np.sinc(scipy.fft.fftfreq(ny))[:, None]
-        return (along_x * along_y) ** 2
 
     def _build_symbols(self) -> Field:
         """Real symbols (6, ny, nx/2 + 1): xx, yy, xy, zz and the odd xz, yz without their -i."""

@@ -3,10 +3,3 @@
 Level one is the linear bonded layer: `BondedLayer` (tractions to displacement) and `LayerContact`
 (one indenter, state to state). `reference` holds the solutions they are measured against.
 """
-
-from ..elasticity.layer import BondedLayer
-from ..elasticity.material import GelMaterial
-from .linear.contact import LayerContact
-from .linear.state import ContactState
-
-__all__ = ["BondedLayer", "ContactState", "GelMaterial", "LayerContact"]

@@ -15,12 +15,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from ..aliases import Field, Progress
 from ..errors import SolverError, TimeLimit
+from ..levels.linear import Errors
 from .finite.tip_rounding import BLUNT
 from .level import Choice
 from .level_selection import HIDDEN, IN_PLANE_MM, MAX_DOFS, TOLERANCE
@@ -83,13 +83,6 @@ class SolvedPath:
         return self.choice.spacing_mm
 
 
-class PathErrors(NamedTuple):
-    """A part of the estimate, in plane rms over the face."""
-
-    force_rel: float
-    in_plane_mm: float
-
-
 @dataclass(frozen=True, eq=False)
 class RefinedPress:
     """The finest run and its estimate; limited: a limit of time ended it before it was done."""
@@ -119,7 +112,7 @@ class MeshConvergence:
         self.tolerance = tolerance
         self.in_plane_mm = IN_PLANE_MM * tolerance / TOLERANCE
         self._runs: list[SolvedPath] = []
-        self._by_step, self._steps_seen = PathErrors(0.0, 0.0), False
+        self._by_step, self._steps_seen = (0.0, 0.0), False
 
     def holds(self, estimate: dict[str, float]) -> bool:
         """Whether an estimate is within the tolerance."""
@@ -132,14 +125,15 @@ class MeshConvergence:
         A limit of time (`time_limit`) ends it with what there is; raises TimeLimit where that is
         nothing, SolverError where no mesh is solved.
         """
-        self._runs, self._by_step, self._steps_seen = [], PathErrors(0.0, 0.0), False
+        self._runs, self._by_step, self._steps_seen = [], (0.0, 0.0), False
+        limited = False
         try:
             self._climb(choice, free)
         except TimeLimit:
             if not self._runs:
                 raise
-            return RefinedPress(self._runs[-1], self.estimate(), True)
-        return RefinedPress(self._runs[-1], self.estimate(), False)
+            limited = True
+        return RefinedPress(self._runs[-1], self.estimate(), limited)
 
     def _climb(self, choice: Choice, free: bool) -> None:
         if choice.level != "hyperelastic":
@@ -195,25 +189,25 @@ class MeshConvergence:
     def estimate(self) -> dict[str, float]:
         """Of the finest run, by those before it."""
         choice = self._runs[-1].choice
-        parts = [self._mesh_part(), self._by_step]
+        force, in_plane = zip(self._mesh_part(), self._by_step, strict=True)
         return {
-            "force_rel": choice.model_force_rel + sum(e.force_rel for e in parts),
-            "displacement_mm": choice.model_in_plane_mm + sum(e.in_plane_mm for e in parts),
+            "force_rel": choice.model_force_rel + sum(force),
+            "displacement_mm": choice.model_in_plane_mm + sum(in_plane),
         }
 
-    def _mesh_part(self) -> PathErrors:
+    def _mesh_part(self) -> Errors:
         fine = self._runs[-1]
         edge = self._edge_part(fine)
         before = [r for r in self._runs if r.cell_mm >= APART * fine.cell_mm]
         if not before:
-            return PathErrors(ALONE * edge, _rms_mm(_field_mm(fine)))
+            return (ALONE * edge, _rms_mm(_field_mm(fine)))
         coarse = before[-1]
         force, in_plane = _change(fine, coarse)
         if fine.choice.level != "hyperelastic":
-            return PathErrors(LINEAR_FORCE * _size(force, fine), LINEAR_IN_PLANE * in_plane)
+            return (LINEAR_FORCE * _size(force, fine), LINEAR_IN_PLANE * in_plane)
         left = 1 / ((coarse.cell_mm / fine.cell_mm) ** 2 - 1)  # cells are of second order
         off = left * force - fine.last.lacking_rel * np.array(fine.last.force_n)
-        return PathErrors(max(edge, _size(off, fine)), MESH_IN_PLANE * left * in_plane)
+        return (max(edge, _size(off, fine)), MESH_IN_PLANE * left * in_plane)
 
     def _edge_part(self, run: SolvedPath) -> float:
         """Of the force, what cells of this size cost under such a contact at least."""
@@ -224,16 +218,16 @@ class MeshConvergence:
         # The ramp of the contact pushes before it is touched: a light press is too stiff by it.
         return known + max(0.0, -run.last.lacking_rel)
 
-    def _steps_part(self, run: SolvedPath) -> PathErrors:
+    def _steps_part(self, run: SolvedPath) -> Errors:
         """What its steps put a run off by: friction's part of the force comes late in each."""
         choice = run.choice
         fewer = self._run(choice.times(1.0, FEWER), run)
         if fewer.cuts == run.cuts:
             force, in_plane = _change(run, fewer)
-            return PathErrors(STEP_FORCE * _size(force, run), STEP_IN_PLANE * in_plane)
+            return (STEP_FORCE * _size(force, run), STEP_IN_PLANE * in_plane)
         # Longer steps were cut to shorter ones, and show nothing.
         force, in_plane = _change(self._run(choice.times(1.0, 1 / FEWER)), run)
-        return PathErrors(FEWER * STEP_FORCE * _size(force, run), FEWER * STEP_IN_PLANE * in_plane)
+        return (FEWER * STEP_FORCE * _size(force, run), FEWER * STEP_IN_PLANE * in_plane)
 
     def _wanted(self) -> float:
         """Factor of the cells at which the estimate reaches AIM."""

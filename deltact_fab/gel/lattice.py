@@ -3,8 +3,8 @@
 Displacements are sampled at the nodes (`hermite`). Tractions, which jump, are not: what a level has
 on parts of the face, each with one value, goes to the nodes by areas (`means`). A node holds the
 mean around it, weighted with its hat: 1 at the node, 0 from the next ones on. Hats are nowhere
-negative, add up to 1 and reproduce x and y, so `over_face` gives the parts' own force, and on the
-resting face their moment.
+negative, add up to 1 and reproduce x and y, so the trapezoids' sum over the face gives the parts'
+own force, and on the resting face their moment.
 """
 
 from __future__ import annotations
@@ -12,15 +12,6 @@ from __future__ import annotations
 import numpy as np
 
 from ..aliases import Field
-
-
-def over_face(x_mm: Field, y_mm: Field, field: Field) -> Field:
-    """Integral over the face of a lattice field (ny, nx, ...), in its unit times mm2; shape (...).
-
-    A traction in MPa gives newtons. The quadrature is the trapezoids', which is exact for what
-    `means` makes of a level's tractions.
-    """
-    return np.einsum("y,x,yx...->...", _areas(y_mm), _areas(x_mm), field)
 
 
 def means(edges_mm: Field, at_mm: Field) -> Field:

@@ -1,4 +1,4 @@
-"""One gel, several levels of mechanics behind one interface; `open.open_contact` makes one.
+"""One gel, several levels of mechanics behind one interface; `open.contact_of` makes one.
 
 layer: linear, bonded, no sides. block: linear with free sides. hyperelastic: finite strain, free
 sides (`finite`). `levels` finds the linear ones. All press an `Indenter`, keep their history in the
@@ -10,11 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
 
 from ..aliases import Field, Point
+from ..errors import InputError
 
 Level = str
 """A name of `levels.LEVELS`."""
@@ -88,50 +90,74 @@ class Choice:
 
 @dataclass(frozen=True)
 class IncrementDiagnostics:
-    """Work and quality of the increment that led to a state.
+    """Work and quality of the increment that led to a state; counts are sums over its parts.
 
     iterations: Newton's, or operator applications of a linear level. cuts: halvings of the
     increment. residual: of forces over the contact's, or of the contact conditions over the depth.
-    least_j: smallest volume ratio, or det(I + grad u_xy) of a linear level's face.
-    most_stretch: None for a linear level. flags: what a reader must not miss, `NAME: sentence`.
+    penetration_mm: deepest, also between contact points. least_j: smallest volume ratio, or
+    det(I + grad u_xy) of a linear level's face. most_stretch: None for a linear level. flags: what
+    a reader must not miss, `NAME: sentence`.
+    Of finite strain alone: factorisations; damped: those with damping, as where the gel folds.
+    lagged: parts whose friction is bounded by the pressures at their start. seconds: wall time.
     """
 
     iterations: int = 0
+    factorisations: int = 0
+    damped: int = 0
+    lagged: int = 0
     cuts: int = 0
     residual: float = 0.0
     penetration_mm: float = 0.0
     least_j: float = 1.0
     most_stretch: float | None = None
+    seconds: float = 0.0
     flags: tuple[str, ...] = ()
 
+    @classmethod
+    def over(cls, parts: Sequence[IncrementDiagnostics]) -> IncrementDiagnostics:
+        """Of parts as one: the last one's, with the work of all."""
+        counts = ("iterations", "factorisations", "damped", "lagged", "cuts", "seconds")
+        return replace(parts[-1], **{n: sum(getattr(p, n) for p in parts) for n in counts})
 
-class State(Protocol):
+
+@dataclass(frozen=True, eq=False)
+class State:
     """A solved position; also the history that the next one needs. Fields are on the lattice.
 
+    inner: as the level has it; contact: the one that solved it. jumped: since first touch, friction
+    was that of the pressures before a jump; the slip that is left of it belongs to the history of
+    all that follows.
     force_n, torque_nmm: on the sensor, about the centre of the resting face.
     displacement_mm (ny, nx, 3): at the nodes, z out of the sensor.
-    pressure_mpa (ny, nx) >= 0, traction_mpa (ny, nx, 3): on the gel, per resting area. A node holds
-    no sample but the mean around it, weighted with its hat (1 at the node, 0 at its neighbours), so
-    `lattice.over_face` gives force_n to rounding; and with every traction at its node's displaced
-    place, torque_nmm within 1 % of the force times the contact's radius.
+    traction_mpa (ny, nx, 3): on the gel, per resting area. A node holds no sample but the mean
+    around it, weighted with its hat (1 at the node, 0 at its neighbours), so the trapezoids' sum
+    over the face gives force_n to rounding; and with every traction at its node's displaced place,
+    torque_nmm within 1 % of the force times the contact's radius.
     """
 
+    inner: Any
+    force_n: Point
+    torque_nmm: Point
+    contact_area_mm2: float
+    diagnostics: IncrementDiagnostics
+    contact: Any
+    jumped: bool = False
+
     @property
-    def tip_mm(self) -> Point: ...
-    @property
-    def force_n(self) -> Point: ...
-    @property
-    def torque_nmm(self) -> Point: ...
-    @property
-    def contact_area_mm2(self) -> float: ...
-    @property
-    def displacement_mm(self) -> Field: ...
-    @property
-    def pressure_mpa(self) -> Field: ...
-    @property
-    def traction_mpa(self) -> Field: ...
-    @property
-    def diagnostics(self) -> IncrementDiagnostics: ...
+    def tip_mm(self) -> Point:
+        """(x, y, depth) of the indenter's lowest point."""
+        at: Point = self.inner.tip_mm
+        return at
+
+    @cached_property
+    def displacement_mm(self) -> Field:
+        """(ny, nx, 3) of the material points at rest."""
+        return np.asarray(self.contact.displacement_mm(self.inner))
+
+    @cached_property
+    def traction_mpa(self) -> Field:
+        """(ny, nx, 3)."""
+        return np.asarray(self.contact.traction_mpa(self.inner))
 
 
 class GelContact(Protocol):
@@ -166,14 +192,27 @@ class GelContact(Protocol):
     def lacking_rel(self, state: Any) -> float:
         """Of the normal force, what a hard contact would give more."""
 
-    def path(
-        self,
-        previous: Any,
-        tip_mm: Point,
-        max_step_mm: float | None = None,
-        seconds: float = 0.0,
-    ) -> Iterator[State]:
-        """The straight way in equal increments of at most max_step_mm (None: `choice.step_mm`).
+    def displacement_mm(self, inner: Any) -> Field: ...
 
-        The way above the face is skipped.
-        """
+    def traction_mpa(self, inner: Any) -> Field: ...
+
+
+def follow(contact: Any, previous: Any, tip_mm: Point, max_step_mm: float) -> Iterator[Any]:
+    """The states of a contact along the straight way to tip_mm, in equal increments.
+
+    None is longer than max_step_mm. The way above the face is skipped, so the first increment
+    starts at first touch; a move that ends without contact gives the one state of rest. Raises
+    InputError for a step that is no length, and what the contact's `solve` raises.
+    """
+    if not (math.isfinite(max_step_mm) and max_step_mm > 0):
+        raise InputError(f"contact: max_step_mm > 0 and finite: {max_step_mm} fails")
+    start, end = np.array(previous.tip_mm), np.array(tip_mm, dtype=np.float64)
+    if start[2] < 0 < end[2]:
+        start = start + (end - start) * (-start[2] / (end[2] - start[2]))
+    away = float(np.linalg.norm(end - start)) if end[2] > 0 else 0.0
+    n = max(1, math.ceil(away / max_step_mm - 1e-9)) if math.isfinite(away) else 1
+    state = previous
+    for i in range(1, n + 1):
+        at = start + (end - start) * (i / n) if i < n else end
+        state = contact.solve(state, (float(at[0]), float(at[1]), float(at[2])))
+        yield state

@@ -10,7 +10,7 @@ import math
 
 from ..elasticity.material import GelMaterial
 from ..errors import InputError
-from ..levels import FINITE, LINEAR
+from ..levels import FINITE, LEVELS, LINEAR
 from ..levels.linear import PressScales
 from ..shapes import Indenter, SkinDimensions
 from .finite.mesh import GROWTH, unknowns
@@ -76,6 +76,8 @@ def pick(
         raise InputError(
             f"gel: tolerance must be {MIN_TOLERANCE} to {MAX_TOLERANCE}: {tolerance} fails"
         )
+    if level != "auto" and level not in LEVELS:
+        raise InputError(f"gel: level {level!r}: valid: auto, {', '.join(LEVELS)}")
     depth, thickness = reach.deepest_mm, skin.thickness_mm
     if depth >= thickness:
         raise InputError(
@@ -178,7 +180,8 @@ def linear_refusal(
         return f"depth {depth:g} mm is over {limit:g} mm, {DEPTH_LIMIT:.0%} of the thickness"
     if depth >= indenter.equator_mm:
         return f"depth {depth:g} mm presses {indenter.name} to {indenter.equator_mm:g} mm, its rim"
-    return LINEAR[level].refusal(material)
+    refusal = LINEAR[level].refusal
+    return refusal(material) if refusal else None
 
 
 def model_error(

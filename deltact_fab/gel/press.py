@@ -24,6 +24,11 @@ from .path.solver import PathSolver
 
 LIMIT_S = 120.0
 OBSERVED = ObservedChannels(fields="last", lacking=True)
+KEYS = (
+    "force_n", "depth_mm", "contact_area_mm2", "max_stretch", "model", "converged",
+    "error_estimate", "within_tolerance", "seconds", "picked", "peak_in_plane_mm", "flags",
+)  # fmt: skip
+"""Of a result; a refusal has `reason` besides, and None where there is no figure."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,20 +201,7 @@ def _refused(
     depth_mm: float, picked: Choice | None, model: str, reason: str, seconds: float
 ) -> Pressed:
     level = picked.level if picked else (model if model != "auto" else None)
+    told = {"depth_mm": depth_mm, "model": level, "converged": False, "within_tolerance": False}
+    result = dict.fromkeys(KEYS) | told | {"seconds": seconds, "flags": [], "reason": reason}
     none = np.empty((0, 3))
-    result: dict[str, Any] = {
-        "force_n": None,
-        "depth_mm": depth_mm,
-        "contact_area_mm2": None,
-        "max_stretch": None,
-        "model": level,
-        "converged": False,
-        "error_estimate": None,
-        "within_tolerance": False,
-        "seconds": seconds,
-        "picked": None,
-        "peak_in_plane_mm": None,
-        "flags": [],
-        "reason": reason,
-    }
     return Pressed(result, none, none, np.empty(0), np.empty(0), np.empty((0, 0, 3)))

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 def _face(skin: SkinDimensions, material: GelMaterial, spacing_mm: float) -> FaceOperator:
     from ..elasticity.block import FreeBlock
 
-    return FreeBlock.for_skin(skin, material, spacing_mm=spacing_mm)
+    return FreeBlock(skin, material, spacing_mm=spacing_mm)
 
 
 def _refusal(material: GelMaterial) -> str | None:

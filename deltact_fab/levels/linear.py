@@ -45,24 +45,19 @@ Errors = tuple[float, float]
 """Of force, relative, and in plane, mm rms over the face."""
 
 
-def takes_any(material: GelMaterial) -> str | None:
-    """No gel is refused."""
-    return None
-
-
 @dataclass(frozen=True)
 class LinearLevel:
     """about: what it leaves out, one line for whoever reads a run.
 
     face: skin, material and spacing (mm) to the operator of its face. errors: what it leaves out.
-    refusal: why it cannot have a material, None where it can. rank: `auto` tries the lowest first;
-    None: only when it is asked for.
+    refusal: why it cannot have a material, None where it can; no such function: it takes any.
+    rank: `auto` tries the lowest first; None: only when it is asked for.
     """
 
     about: str
     face: Callable[[SkinDimensions, GelMaterial, float], FaceOperator]
     errors: Callable[[PressScales], Errors]
-    refusal: Callable[[GelMaterial], str | None] = takes_any
+    refusal: Callable[[GelMaterial], str | None] | None = None
     rank: int | None = None
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..measure.pipeline import Measurement
-from ..measure.pipeline.full import everything
+from ..measure.pipeline import Measurement, everything
 from ..measure.sensor_id import SensorId, read_calibration, require_same
 from .source import KnownSensor
 

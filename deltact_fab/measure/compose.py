@@ -71,30 +71,26 @@ def compose(first: Array, second: Array) -> Array:
     return np.add(first, sample(second, landing_px(first)))
 
 
-def block_ncc(
-    reference: Array,
-    current: Array,
-    flow: Array,
-    *,
-    block_px: int = 32,
-    stride_px: int = 2,
-    min_std: float = 4.0,
-) -> Array:
+BLOCK_PX, STRIDE_PX = 32, 2
+MIN_STD = 4.0
+
+
+def block_ncc(reference: Array, current: Array, flow: Array) -> Array:
     """Normalised cross-correlation of the reference and the inverse-warped current image by block.
 
     reference, current: (h, w) uint8; flow: (h, w, 2) from the reference to the current image.
-    Every stride_px-th pixel each way is compared (both images at the same points, so the stride
-    costs samples, not truth). Returns (h // block_px, w // block_px) float32 in -1..1; NaN where
-    the reference has less texture than min_std grey levels, or where less than half of the block
+    Every STRIDE_PX-th pixel each way is compared (both images at the same points, so the stride
+    costs samples, not truth). Returns (h // BLOCK_PX, w // BLOCK_PX) float32 in -1..1; NaN where
+    the reference has less texture than MIN_STD grey levels, or where less than half of the block
     still lies in the current image. The criterion is the paper's photometric one (Dense Optical
     Flow and Adaptive Reference), made free of gain and offset.
     """
     h, w = reference.shape
-    rows, cols = h // block_px, w // block_px
-    top, left = (h - rows * block_px) // 2, (w - cols * block_px) // 2
+    rows, cols = h // BLOCK_PX, w // BLOCK_PX
+    top, left = (h - rows * BLOCK_PX) // 2, (w - cols * BLOCK_PX) // 2
     cut = (
-        slice(top, top + rows * block_px, stride_px),
-        slice(left, left + cols * block_px, stride_px),
+        slice(top, top + rows * BLOCK_PX, STRIDE_PX),
+        slice(left, left + cols * BLOCK_PX, STRIDE_PX),
     )
     points = pixel_grid(h, w)[cut] + flow[cut]
     mask = inside(points, h, w).astype(np.float32)
@@ -113,5 +109,5 @@ def block_ncc(
     cov = mean(ref * cur) / n - m_ref * m_cur
     # A covered (flat) current block has no variance: it counts as no match, not as no evidence.
     ncc = cov / np.sqrt(np.maximum(var_ref, 1e-3) * np.maximum(var_cur, 1e-3))
-    known = (share >= 0.5) & (var_ref >= min_std**2)
+    known = (share >= 0.5) & (var_ref >= MIN_STD**2)
     return np.where(known, np.clip(ncc, -1.0, 1.0), np.nan).astype(np.float32)

@@ -59,13 +59,13 @@ class RegressionFit:
 
 
 def least_squares(
-    columns: Array, y: Array, names: Sequence[str], level: float = 0.95, collinear: str = "drop"
+    columns: Array, y: Array, names: Sequence[str], level: float = 0.95
 ) -> RegressionFit:
     """Fit y (n,) by columns (n, k), named; no constant is added.
 
-    collinear: "drop" leaves a column out that is 0 throughout or that the columns before it give,
-    and notes it; "refuse" raises. Raises InputError, with the column, for that, for values that
-    are not finite and for no more rows than columns that count.
+    A column that is 0 throughout, or that the columns before it give, is left out and noted.
+    Raises InputError for values that are not finite, with the column, and for no more rows than
+    columns that count.
     """
     columns, y = np.asarray(columns, float), np.asarray(y, float)
     n, k = columns.shape
@@ -75,8 +75,6 @@ def least_squares(
     length = np.linalg.norm(columns, axis=0)
     scaled = columns / np.where(length > 0, length, 1)
     kept, why = _independent(scaled, names)
-    if why and collinear == "refuse":
-        raise InputError(f"regression: {'; '.join(why)}; leave it out")
     free = n - len(kept)
     if free < 1:
         raise InputError(
@@ -100,12 +98,14 @@ def least_squares(
         why.append("y is 0 throughout: the coefficients say nothing")
     r2, adjusted = _r2(rss, float(y @ y), free, n)
     about_mean = y - y.mean()
-    centred, adjusted_centred = _r2(rss, _if_varies(about_mean, y), free, n - 1)
+    tss = float(about_mean @ about_mean)
+    varies = tss > 1e-24 * float(y @ y)  # or the sum about the mean is but rounding
+    centred, adjusted_centred = _r2(rss, tss if varies else 0.0, free, n - 1)
     return RegressionFit(
         tuple(names), tuple(map(float, b)),
         tuple((float(low), float(high)) for low, high in zip(b - half, b + half, strict=True)),
         level, tuple(name for i, name in enumerate(names) if i not in kept), tuple(why),
-        n, free, _rms(left), r2, adjusted, centred, adjusted_centred,
+        n, free, float(np.sqrt(np.mean(np.square(left)))), r2, adjusted, centred, adjusted_centred,
         _condition(columns[:, kept]), _condition(scaled[:, kept]),
     )  # fmt: skip
 
@@ -164,16 +164,6 @@ def _r2(rss: float, tss: float, free: int, total_free: int) -> tuple[float | Non
     return 1 - rss / tss, 1 - (rss / free) / (tss / total_free)
 
 
-def _if_varies(about_mean: Array, y: Array) -> float:
-    """The sum of squares about the mean, 0 where it is but rounding."""
-    tss = float(about_mean @ about_mean)
-    return tss if tss > 1e-24 * float(y @ y) else 0.0
-
-
 def _condition(columns: Array) -> float:
     """Largest over smallest singular value; 1 without columns."""
     return float(np.linalg.cond(columns)) if columns.shape[1] else 1.0
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))

@@ -8,7 +8,6 @@ and a point is projected by solving for the one ray that meets it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
@@ -35,7 +34,8 @@ def across(tan_squared: Any, index: float) -> Any:
 def reached_mm(half_angle_rad: float, air_gap_mm: float, acrylic_mm: float, gel_mm: float) -> float:
     """Radius on the gel's face that a ray leaving the lens at half_angle_rad reaches."""
     t = math.tan(half_angle_rad)
-    return t * _per_tangent_mm(t, _layers(air_gap_mm, acrylic_mm, gel_mm))
+    layers = ((air_gap_mm, 1.0), (acrylic_mm, N_ACRYLIC), (gel_mm, N_SILICONE))
+    return t * float(sum(d * across(t**2, n) for d, n in layers))
 
 
 def half_angle_rad(radius_mm: float, air_gap_mm: float, acrylic_mm: float, gel_mm: float) -> float:
@@ -53,14 +53,6 @@ def half_angle_rad(radius_mm: float, air_gap_mm: float, acrylic_mm: float, gel_m
         else:
             high = middle
     return high
-
-
-def _layers(air_gap_mm: float, acrylic_mm: float, gel_mm: float) -> tuple[tuple[float, float], ...]:
-    return ((air_gap_mm, 1.0), (acrylic_mm, N_ACRYLIC), (gel_mm, N_SILICONE))
-
-
-def _per_tangent_mm(tangent: float, layers: Iterable[tuple[float, float]]) -> float:
-    return float(sum(d * across(tangent**2, n) for d, n in layers))
 
 
 Depth = NDArray[Any] | float

@@ -66,7 +66,18 @@ class PrismTip(LowestInTheMiddle):
 
     @cached_property
     def _side(self) -> _Side:
-        return _side(self)
+        """The line from the sharp notch that touches the point's arc."""
+        cos, sin = math.cos(self._half_angle), math.sin(self._half_angle)
+        c, q, corner_x = self.corner_mm, self.notch_mm, self.outer_mm - self.corner_mm
+        dx, dy = self.inner_mm * cos - corner_x, self.inner_mm * sin
+        d2 = dx**2 + dy**2
+        less("corner_mm", c, "from the point's arc centre to the notch", math.sqrt(d2))
+        t = math.sqrt(d2 - c**2)
+        normal = (c * dx + t * dy) / d2, (c * dy - t * dx) / d2
+        along = (t * dx - c * dy) / d2, (t * dy + c * dx) / d2
+        notch_r = (c + q + normal[0] * corner_x) / (normal[0] * cos + normal[1] * sin)
+        length = (notch_r * cos - corner_x) * along[0] + notch_r * sin * along[1]
+        return _Side(along, normal, corner_x, notch_r, length)
 
     @property
     def radius_mm(self) -> float:
@@ -179,22 +190,6 @@ class _Side:
     corner_x_mm: float
     notch_r_mm: float
     length_mm: float
-
-
-def _side(tip: PrismTip) -> _Side:
-    """The line from the sharp notch that touches the point's arc."""
-    half, c, q = math.pi / tip.points, tip.corner_mm, tip.notch_mm
-    corner_x = tip.outer_mm - c
-    dx, dy = tip.inner_mm * math.cos(half) - corner_x, tip.inner_mm * math.sin(half)
-    d2 = dx**2 + dy**2
-    less("corner_mm", c, "from the point's arc centre to the notch", math.sqrt(d2))
-    t = math.sqrt(d2 - c**2)
-    normal = (c * dx + t * dy) / d2, (c * dy - t * dx) / d2
-    along = (t * dx - c * dy) / d2, (t * dy + c * dx) / d2
-    cosine = normal[0] * math.cos(half) + normal[1] * math.sin(half)
-    notch_r = (c + q + normal[0] * corner_x) / cosine
-    length = (notch_r * math.cos(half) - corner_x) * along[0] + notch_r * math.sin(half) * along[1]
-    return _Side(along, normal, corner_x, notch_r, length)
 
 
 def _cross(a: Point2, b: Point2) -> float:

@@ -11,7 +11,6 @@ import pytest
 from benchmarks import gel_energy, gel_straight
 from deltact_fab.errors import SolverError
 from deltact_fab.gel.finite import FinitePress, FiniteState
-from deltact_fab.gel.finite.state import with_diagnostics
 from deltact_fab.numerics.engine import Flagged
 from deltact_fab.numerics.engines import gel_scene
 from deltact_fab.numerics.engines.gel_scene import FiniteSolution, GelCase
@@ -62,9 +61,9 @@ def test_only_a_mesh_that_is_no_mirror_makes_a_side_force(monkeypatch: pytest.Mo
             if not deep:
                 raise SolverError("press: too deep for a test")
             state = solve(press, previous, tip, *more)
-            return with_diagnostics(state, replace(state.diagnostics, penetration_mm=deep))
+            return replace(state, diagnostics=replace(state.diagnostics, penetration_mm=deep))
         state = solve(press, previous, tip, *more)
-        return with_diagnostics(state, replace(state.diagnostics, penetration_mm=0.01))
+        return replace(state, diagnostics=replace(state.diagnostics, penetration_mm=0.01))
 
     monkeypatch.setattr(FinitePress, "solve", to_1_mm)
     with pytest.raises(Flagged, match=r"the largest to 1 mm.*press: too deep for a test"):

@@ -18,7 +18,7 @@ from click.shell_completion import BashComplete
 from benchmarks.reference import commands
 from deltact_fab.cli import options, output
 from deltact_fab.cli.main import COMMANDS, SECTIONS, main
-from deltact_fab.measure.flow.registry import FLOW_METHODS, REFERENCES
+from deltact_fab.measure.flow import FLOW_METHODS, REFERENCES
 from deltact_fab.measure.force import FEATURES
 from deltact_fab.measure.pipeline.plan import OUTPUTS
 from deltact_fab.numerics.engines import REGISTRY

@@ -18,6 +18,7 @@ from deltact_fab.gel.finite.assembly import BulkAssembly
 from deltact_fab.gel.finite.linear import make_solver
 from deltact_fab.gel.finite.material import NeoHooke
 from deltact_fab.gel.finite.pattern import Pattern
+from deltact_fab.gel.level import follow
 from deltact_fab.gel.linear.contact import LayerContact
 from deltact_fab.gel.linear.state import ContactState
 from deltact_fab.shapes import SkinDimensions
@@ -30,7 +31,7 @@ SPHERE = parse("sphere:10")
 
 @pytest.fixture(scope="module")
 def block() -> FreeBlock:
-    return FreeBlock.for_skin(SKIN, GEL, spacing_mm=0.5, cell_mm=1.5)
+    return FreeBlock(SKIN, GEL, spacing_mm=0.5, cell_mm=1.5)
 
 
 def pressed(
@@ -104,7 +105,7 @@ def test_mirror_images(block: FreeBlock) -> None:
 
 
 def test_modulus_only_scales(block: FreeBlock) -> None:
-    stiff = FreeBlock.for_skin(SKIN, GelMaterial(modulus_mpa=560.0), 0.5, 1.5)
+    stiff = FreeBlock(SKIN, GelMaterial(modulus_mpa=560.0), 0.5, 1.5)
     t = np.random.default_rng(2).standard_normal((*block.shape, 3))
     assert 1000 * stiff.apply(t) == pytest.approx(block.apply(t), rel=1e-9, abs=1e-10)
 
@@ -161,7 +162,7 @@ def test_smooth_load_against_plain_finite_elements(component: int, even: tuple[b
     reference = found[-len(x) * len(y) :].reshape(len(y), len(x), 3)
 
     # A spacing whose nodes stand midway between nodes of the mesh: compare their means.
-    gel = FreeBlock.for_skin(skin, GEL, 0.25, 0.75)
+    gel = FreeBlock(skin, GEL, 0.25, 0.75)
     assert gel.spacing_mm == pytest.approx((0.25, 17 / 72), rel=1e-12)
     xx, yy = np.meshgrid(gel.x_mm, gel.y_mm)
     signed = np.ones(gel.shape)
@@ -190,7 +191,7 @@ def test_wide_gel_is_the_layer(nu: float, within: float) -> None:
     """Sides 40 mm away; nearly incompressible gel feels them from farther than a soft one."""
     wide, gel = SkinDimensions(width_mm=80, length_mm=80), GelMaterial(poisson=nu)
     layer = BondedLayer.for_skin(wide, gel, 0.5)
-    block = FreeBlock.for_skin(wide, gel, 0.5, 4.0)
+    block = FreeBlock(wide, gel, 0.5, 4.0)
     assert normal_n(block, 0.1, 0.1) == pytest.approx(normal_n(layer, 0.1, 0.1), rel=within)
 
 
@@ -208,7 +209,7 @@ def test_sides_take_force_off(block: FreeBlock) -> None:
 def test_force_converges_with_the_cells() -> None:
     forces = {
         cell: [
-            normal_n(FreeBlock(SKIN, GEL, 0.5, free_sides(SKIN, 0.49, cell)), x, y)
+            normal_n(FreeBlock(SKIN, GEL, 0.5, cell), x, y)
             for x, y in ((0.0, 0.0), (10.0, 0.0), (14.0, 13.0))
         ]
         for cell in (3.0, 2.0, 1.5)
@@ -243,13 +244,13 @@ def test_contact_beyond_the_edge_carries_nothing_there(block: FreeBlock) -> None
 
 def test_shear_and_friction_work_as_on_the_layer(block: FreeBlock) -> None:
     contact = LayerContact(block, SPHERE)
-    *_, down = contact.path(contact.rest((8.0, 0.0, 0.0)), (8.0, 0.0, 1.0), 0.25)
-    *_, dragged = contact.path(down, (9.0, 0.0, 1.0), 0.25)
+    *_, down = follow(contact, contact.rest((8.0, 0.0, 0.0)), (8.0, 0.0, 1.0), 0.25)
+    *_, dragged = follow(contact, down, (9.0, 0.0, 1.0), 0.25)
     load = -dragged.force_n[2]
     assert 0.3 * load < dragged.force_n[0] <= 0.5 * load * (1 + 1e-6)
     size = np.hypot(*np.moveaxis(dragged.shear_mpa, -1, 0))
     assert (size <= 0.5 * dragged.pressure_mpa + 1e-9).all()
-    *_, up = contact.path(dragged, (9.0, 0.0, -0.1))
+    *_, up = follow(contact, dragged, (9.0, 0.0, -0.1), 0.1)
     assert np.abs(up.displacement_mm).max() == 0
 
 
@@ -257,7 +258,7 @@ def test_shear_and_friction_work_as_on_the_layer(block: FreeBlock) -> None:
 def test_light_presses_against_finite_strain() -> None:
     """Cells of .5 mm in the finite mesh; cells of .35 mm give .5 % less force."""
     press = FinitePress(block_mesh(SKIN, 0.5, (-2.0, 2.0, -2.0, 2.0)), GEL, SPHERE, friction=0)
-    gel = FreeBlock.for_skin(SKIN, GEL, 0.125, 1.5)
+    gel = FreeBlock(SKIN, GEL, 0.125, 1.5)
     *_, state = press.path(press.rest(), (0.0, 0.0, 0.5), 0.5)
     assert -state.force_n[2] == pytest.approx(normal_n(gel, 0, 0, depth=0.5), rel=0.02)
 
@@ -267,10 +268,10 @@ def test_light_presses_against_finite_strain() -> None:
 
 def test_refusals() -> None:
     with pytest.raises(InputError, match=r"poisson <= 0\.4999 is needed: 0\.5 fails"):
-        FreeBlock.for_skin(SKIN, GelMaterial(poisson=0.5))
+        FreeBlock(SKIN, GelMaterial(poisson=0.5))
     with pytest.raises(InputError, match=r"cell_mm must be 0\.45 to 8\.5 mm"):
-        FreeBlock.for_skin(SKIN, GEL, cell_mm=0.1)
+        FreeBlock(SKIN, GEL, cell_mm=0.1)
     with pytest.raises(InputError, match="spacing_mm must be"):
-        FreeBlock.for_skin(SKIN, GEL, spacing_mm=0.0, cell_mm=3.0)
+        FreeBlock(SKIN, GEL, spacing_mm=0.0, cell_mm=3.0)
     with pytest.raises(ValueError, match="tractions: shape"):
-        FreeBlock.for_skin(SKIN, GEL, 0.5, 3.0).apply(np.zeros((3, 3, 3)))
+        FreeBlock(SKIN, GEL, 0.5, 3.0).apply(np.zeros((3, 3, 3)))

@@ -28,7 +28,7 @@ def test_the_cells_fill_the_face_and_mirror_each_other(cells: FaceCells) -> None
 
 
 def test_a_load_moves_the_cells_as_the_block_says(cells: FaceCells) -> None:
-    block = FreeBlock.for_skin(SKIN, GelMaterial(1.0, 0.49), 0.25)
+    block = FreeBlock(SKIN, GelMaterial(1.0, 0.49), 0.25)
     rows, columns = _windows(cells)
     shape = (len(cells.y_mm), len(cells.x_mm), 3)
     load = np.zeros(shape)

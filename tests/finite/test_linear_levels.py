@@ -10,9 +10,9 @@ from axisymmetric import Cylinder, graded
 
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.gel import reference
-from deltact_fab.gel.level import Reach
-from deltact_fab.gel.level_selection import model_error
-from deltact_fab.gel.open import open_contact
+from deltact_fab.gel.level import Reach, follow
+from deltact_fab.gel.level_selection import model_error, pick
+from deltact_fab.gel.open import contact_of
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 
@@ -40,8 +40,9 @@ def force_n(level: str, skin: SkinDimensions, nu: float, name: str, depth: float
     """What a user gets of a press without friction."""
     reach = Reach(deepest_mm=depth)
     material = GelMaterial(poisson=nu)
-    gel = open_contact(skin, material, parse(name), level=level, reach=reach, friction=0.0)  # type: ignore[arg-type]
-    *_, state = gel.path(gel.rest(), (0.0, 0.0, depth))
+    scene = skin, material, parse(name)
+    gel = contact_of(*scene, pick(*scene, reach, level=level, friction=0.0))
+    *_, state = follow(gel, gel.rest(), (0.0, 0.0, depth), gel.choice.step_mm)
     return -state.force_n[2]
 
 
@@ -74,10 +75,9 @@ def held(level: str, nu: float, thickness: float, radius: float, depth: float) -
     step = contact / 30 if nu > 0.49 else None
     true = body(FACE_MM, thickness, nu, contact).press(radius, [depth], step)[0]
     reach, indenter = Reach(deepest_mm=depth), parse(f"sphere:{2 * radius:g}")
-    gel = open_contact(
-        skin, GelMaterial(poisson=nu), indenter, level=level, reach=reach, friction=0.0
-    )  # type: ignore[call-overload]
-    *_, state = gel.path(gel.rest(), (0.0, 0.0, depth))
+    scene = skin, GelMaterial(poisson=nu), indenter
+    gel = contact_of(*scene, pick(*scene, reach, level=level, friction=0.0))
+    *_, state = follow(gel, gel.rest(), (0.0, 0.0, depth), gel.choice.step_mm)
     x, y = np.meshgrid(gel.x_mm, gel.y_mm)
     r = np.hypot(x, y)
     on = r <= FACE_MM

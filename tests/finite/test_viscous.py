@@ -198,7 +198,7 @@ def bulk_with_history(way):
 @pytest.mark.parametrize("way", WAYS)
 def test_forces_and_tangent_are_derivatives_with_a_past(way):
     bulk, _, memory, u, rng = bulk_with_history(way)
-    past = {"scale": memory.scale, "memory_mpa": memory.stress_mpa}
+    past = {"memory": memory}
     free = bulk.pattern.free
     v, step = rng.standard_normal(free.shape) * free, 1e-5
     now = bulk.evaluate(u, **past)
@@ -223,7 +223,7 @@ def test_nodal_forces_carry_elastic_stress_and_overstress(way):
     grad = bulk.gradients_per_mm.reshape(m, 8, 8, 3)
     nodal = np.einsum("maqj,mqij,mq->mai", grad, extra, bulk.weights_mm3)
     right = bulk.evaluate(u, False).force_n + bulk.scatter(nodal)
-    got = bulk.evaluate(u, False, scale=memory.scale, memory_mpa=memory.stress_mpa).force_n
+    got = bulk.evaluate(u, False, memory=memory).force_n
     assert got == pytest.approx(right, abs=1e-12)
 
 

@@ -12,6 +12,7 @@ from deltact_fab.elasticity.layer import BondedLayer
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError, SolverError
 from deltact_fab.gel import reference
+from deltact_fab.gel.level import follow
 from deltact_fab.gel.linear.complementarity import normal_contact
 from deltact_fab.gel.linear.contact import LayerContact
 from deltact_fab.gel.linear.state import ContactState
@@ -35,7 +36,7 @@ def along(
 ) -> ContactState:
     state = start or contact.rest()
     for tip in tips:
-        *_, state = contact.path(state, tip, step_mm)
+        *_, state = follow(contact, state, tip, step_mm)
     return state
 
 

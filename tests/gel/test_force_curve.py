@@ -20,9 +20,9 @@ SMOOTH = GelMaterial(0.56, 0.49, 0.0)
 COARSE = 2.5
 
 
-def curve(modulus: float = 0.56, deepest: float = 4.0, **more: float) -> ForceCurve:
+def curve(modulus: float = 0.56, deepest: float = 4.0) -> ForceCurve:
     material = GelMaterial(modulus, 0.49, 0.0)
-    return force_curve(SKIN, material, SPHERE, (0.0, 0.0), deepest, spacing_mm=COARSE, **more)
+    return force_curve(SKIN, material, SPHERE, (0.0, 0.0), deepest, spacing_mm=COARSE)
 
 
 @pytest.mark.slow
@@ -44,7 +44,6 @@ def test_one_curve_serves_every_modulus(monkeypatch: pytest.MonkeyPatch) -> None
     other = curve(1.12)
     np.testing.assert_allclose(other.force_n, 2 * one.force_n, rtol=1e-12)
     assert curve(0.56).force_n.tobytes() == one.force_n.tobytes()
-    np.testing.assert_allclose(one.scaled(1.12).force_n, other.force_n, rtol=1e-12)
 
 
 def test_a_deeper_curve_has_the_same_numbers_on_the_way() -> None:
@@ -55,16 +54,15 @@ def test_a_deeper_curve_has_the_same_numbers_on_the_way() -> None:
 
 
 @pytest.mark.slow
-def test_solved_depths_are_met_and_between_them_the_bound_holds() -> None:
+def test_solved_depths_are_met_and_between_them_little_is_lost() -> None:
     c = curve()
     np.testing.assert_allclose(c.normal_n(c.depth_mm), -c.force_n[:, 2], rtol=1e-9)
-    assert 0 < c.interpolation_rel < 0.01
     press = FinitePress(
         block_mesh(SKIN, COARSE, (-7.5, 7.5, -7.5, 7.5)), GelMaterial(0.56, 0.49, 0.0), SPHERE
     )
     state = list(press.path(press.rest(), (0.0, 0.0, 3.25), 0.5))[-1]
     there = c.normal_n(np.array([3.25]))[0]
-    assert there == pytest.approx(-state.force_n[2], rel=c.interpolation_rel)
+    assert there == pytest.approx(-state.force_n[2], rel=0.0042)
 
 
 def test_smooth_and_rising_from_zero() -> None:
@@ -89,10 +87,6 @@ def test_refusals() -> None:
         curve(deepest=11.6)
     with pytest.raises(InputError, match="above 0"):
         curve(deepest=0.0)
-    with pytest.raises(InputError, match="step_mm"):
-        curve(step_mm=-1.0)
-    with pytest.raises(InputError, match=r"depth 4\.5 mm is past its end, 4"):
-        curve().normal_n(np.array([4.5]))
 
 
 @pytest.mark.slow

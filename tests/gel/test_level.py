@@ -8,14 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from deltact_fab.aliases import Field
 from deltact_fab.elasticity.material import GelMaterial
 from deltact_fab.errors import InputError, SolverError
-from deltact_fab.gel.lattice import hermite, means, over_face
-from deltact_fab.gel.level import GelContact, Level, Reach, State
+from deltact_fab.gel.lattice import hermite, means
+from deltact_fab.gel.level import GelContact, Level, Reach, State, follow
 from deltact_fab.gel.level_selection import pick
 from deltact_fab.gel.linear.gel import LinearGel
 from deltact_fab.gel.linear.state import ContactState
-from deltact_fab.gel.open import contact_of, open_contact
+from deltact_fab.gel.open import contact_of
 from deltact_fab.shapes import SkinDimensions
 from deltact_fab.shapes.indenter import parse
 
@@ -23,16 +24,20 @@ SKIN, GEL = SkinDimensions(), GelMaterial()
 
 
 def opened(level: Level, tips: list[tuple[float, float, float]], **more: Any) -> GelContact:
-    return open_contact(
-        SKIN, GEL, parse(more.pop("indenter", "sphere:15")), level=level,
-        reach=Reach.around(tips), lattice_mm=0.5, **more,
-    )  # fmt: skip
+    scene = SKIN, GEL, parse(more.pop("indenter", "sphere:15"))
+    lattice_mm = more.pop("lattice_mm", 0.5)
+    return contact_of(*scene, pick(*scene, Reach.around(tips), level=level, **more), lattice_mm)
+
+
+def over_face(x_mm: Field, y_mm: Field, field: Field) -> Field:
+    """Integral over the face of a lattice field (ny, nx, ...), by trapezoids."""
+    return np.trapezoid(np.trapezoid(field, x_mm, axis=1), y_mm, axis=0)
 
 
 def end(contact: GelContact, *tips: tuple[float, float, float]) -> State:
     state = contact.rest((*tips[0][:2], 0.0))
     for tip in tips:
-        *_, state = contact.path(state, tip)
+        *_, state = follow(contact, state, tip, contact.choice.step_mm)
     return state
 
 
@@ -49,7 +54,7 @@ def test_every_level_gives_a_light_touch_the_same_force_on_the_same_lattice(leve
     assert contact.y_mm[[0, -1]] == pytest.approx([-17, 17])
     shape = (len(contact.y_mm), len(contact.x_mm))
     assert state.displacement_mm.shape == (*shape, 3)
-    assert state.pressure_mpa.shape == shape
+    assert state.traction_mpa.shape == (*shape, 3)
     # The integral equation's 1.152 N for a layer without sides, finite strain's 1.140 N.
     assert -state.force_n[2] == pytest.approx(1.14, rel=0.03)
     assert (state.diagnostics.most_stretch is None) == (level != "hyperelastic")
@@ -68,10 +73,7 @@ def test_the_lattice_of_tractions_adds_up_to_the_wrench(level: Level, lattice_mm
     """Off the middle, off the nodes and dragged; lattices finer and coarser than grid and mesh."""
     tips = [(6.3, -4.1, 1.0), (6.8, -3.9, 1.0)]
     spacing = 2.0 if level == "hyperelastic" else 0.4
-    contact = open_contact(
-        SKIN, GEL, parse("sphere:15"), level=level, reach=Reach.around(tips),
-        lattice_mm=lattice_mm, spacing_mm=spacing,
-    )  # fmt: skip
+    contact = opened(level, tips, lattice_mm=lattice_mm, spacing_mm=spacing)
     state = end(contact, *tips)
     traction, force = state.traction_mpa, np.array(state.force_n)
     size = float(np.linalg.norm(force))
@@ -83,9 +85,7 @@ def test_the_lattice_of_tractions_adds_up_to_the_wrench(level: Level, lattice_mm
     torque = over_face(contact.x_mm, contact.y_mm, np.cross(arm, traction))
     radius = np.sqrt(state.contact_area_mm2 / np.pi)
     assert np.linalg.norm(torque - state.torque_nmm) < 0.01 * size * radius
-    assert state.pressure_mpa.min() >= 0
-    if level != "hyperelastic":
-        assert state.pressure_mpa == pytest.approx(-traction[..., 2])
+    assert traction[..., 2].max() <= 0
     # A part's size and a lattice cell beyond the contact at most.
     away = np.hypot(x - tips[-1][0], y - tips[-1][1])[np.abs(traction).max(axis=-1) > 0]
     assert away.max() < radius + np.sqrt(2) * (lattice_mm + spacing) + 0.2
@@ -138,7 +138,7 @@ def test_a_mirrored_mesh_gives_the_wrench_of_the_whole(
     assert a.torque_nmm == pytest.approx(b.torque_nmm, abs=1e-5)
     assert a.contact_area_mm2 == pytest.approx(b.contact_area_mm2, rel=1e-6)
     assert a.displacement_mm == pytest.approx(b.displacement_mm, abs=1e-6)
-    assert a.pressure_mpa == pytest.approx(b.pressure_mpa, abs=1e-6)
+    assert a.traction_mpa == pytest.approx(b.traction_mpa, abs=1e-6)
 
 
 def test_the_lattice_of_a_mirrored_mesh_is_symmetric(
@@ -177,7 +177,7 @@ def test_lattice_interpolation_is_exact_for_parabolas_and_of_third_order() -> No
 
 def test_the_way_above_the_face_is_skipped() -> None:
     contact = opened("hyperelastic", [(0.0, 0.0, 1.0)], spacing_mm=3.0)
-    states = list(contact.path(contact.rest((0.0, 0.0, -5.0)), (0.0, 0.0, 1.0), 0.5))
+    states = list(follow(contact, contact.rest((0.0, 0.0, -5.0)), (0.0, 0.0, 1.0), 0.5))
     assert [s.tip_mm[2] for s in states] == pytest.approx([0.5, 1.0])
 
 
@@ -213,7 +213,7 @@ def test_what_a_jump_left_in_the_history_stays_flagged_until_the_contact_is_left
     def friction(state: State) -> str:
         return "; ".join(f for f in state.diagnostics.flags if f.startswith("friction: "))
 
-    states = list(contact.path(contact.rest(), tip, 0.5))
+    states = list(follow(contact, contact.rest(), tip, 0.5))
     told = [friction(s) for s in states]
     first = next(i for i, text in enumerate(told) if text)
     assert 0 < first < len(states) - 1
@@ -232,11 +232,11 @@ def test_a_long_increment_with_friction_is_parted_and_tells_the_work_of_all_part
     tip = (0.0, 0.0, 10.0)
     contact = opened("hyperelastic", [tip], spacing_mm=2.0)
     one = contact.solve(contact.rest(), tip)
-    seven = list(contact.path(contact.rest(), tip, 1.5))
+    seven = list(follow(contact, contact.rest(), tip, 1.5))
     assert one.force_n == seven[-1].force_n
     assert one.diagnostics.iterations == sum(s.diagnostics.iterations for s in seven)
     assert one.diagnostics.cuts == sum(s.diagnostics.cuts for s in seven)
-    *_, fine = contact.path(contact.rest(), tip, 0.5)
+    *_, fine = follow(contact, contact.rest(), tip, 0.5)
     assert one.force_n[2] == pytest.approx(fine.force_n[2], rel=0.05)
     # The engine under it takes an increment as long as it is asked for.
     press = contact.press  # type: ignore[attr-defined]
@@ -264,10 +264,7 @@ def test_a_long_increment_from_above_is_parted_from_first_touch_on() -> None:
 def test_an_increment_on_which_pressure_and_friction_do_not_agree_is_halved(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    contact = open_contact(
-        SKIN, GEL, parse("sphere:15"), level="layer", reach=Reach((0.0, 1.0), (0.0, 0.0), 1.0),
-        spacing_mm=0.5,
-    )  # fmt: skip
+    contact = opened("layer", [(0.0, 0.0, 1.0), (1.0, 0.0, 1.0)], spacing_mm=0.5)
     assert isinstance(contact, LinearGel)
     pressed = contact.solve(contact.rest(), (0.0, 0.0, 1.0))
     halves = contact.solve(contact.solve(pressed, (0.5, 0.0, 1.0)), (1.0, 0.0, 1.0))

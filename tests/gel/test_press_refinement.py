@@ -19,7 +19,7 @@ from deltact_fab.gel.error_control import (
     SolvedPath,
     afforded,
 )
-from deltact_fab.gel.level import Choice, IncrementDiagnostics, Reach
+from deltact_fab.gel.level import Choice, IncrementDiagnostics, Reach, follow
 from deltact_fab.gel.level_selection import pick
 from deltact_fab.gel.path.knots import KnotPose
 from deltact_fab.gel.path.solver import PathSolver
@@ -221,7 +221,7 @@ def test_what_the_contacts_give_takes_of_the_force_is_its_energys_slope() -> Non
     skin, ball, gel = SkinDimensions(), parse("sphere:8"), GelMaterial(friction=0.0)
     choice = pick(skin, gel, ball, Reach(deepest_mm=2.0), level="hyperelastic", spacing_mm=1.5)
     contact: Any = contact_of(skin, gel, ball, choice)
-    *_, first = contact.path(contact.rest(), (0.0, 0.0, 1.99))
+    *_, first = follow(contact, contact.rest(), (0.0, 0.0, 1.99), contact.choice.step_mm)
     middle = contact.solve(first, (0.0, 0.0, 2.0))
     last = contact.solve(middle, (0.0, 0.0, 2.01))
 

@@ -12,13 +12,12 @@ from deltact_fab.measure.flow import (
     FLOW_METHODS,
     FlowState,
     FlowTracker,
-    RenewalRule,
     fill,
     named_tracker,
+    renewed,
     to_gray,
 )
 from deltact_fab.measure.flow.fill import filled
-from deltact_fab.measure.flow.renewed import photometric_error
 
 MM_PER_PX = 0.0378
 
@@ -198,7 +197,7 @@ def test_every_name_is_a_tracker():
     paper = named_tracker("paper")
     assert paper.method.name == "farneback-paper"
     assert (paper.reference, paper.renew) == ("summed", "photometric")
-    assert dict(paper.method.preset.options)["iterations"] == 10
+    assert paper.method.options["iterations"] == 10
     with pytest.raises(InputError, match="flow method 'fuse': unknown; did you mean 'fused'"):
         named_tracker("fuse")
     with pytest.raises(InputError, match=r"'statik' of 'fused'.*did you mean 'static'"):
@@ -209,15 +208,15 @@ def test_every_name_is_a_tracker():
         FlowTracker("dis-fast", "anchored")
 
 
-def test_the_paper_renews_when_the_image_warped_back_differs(make_scene, make_bump):
+def test_the_paper_renews_when_the_image_warped_back_differs(make_scene, make_bump, monkeypatch):
     scene = make_scene(320, 256, margin=90)
     bump = make_bump((150, 130), 70, shear_px=(60, -20))
     images = [scene.picture(bump.scaled(k / 4), k) for k in range(5)]
     assert follow(images, named_tracker("paper"))[-1].diagnostics.n_reference_switches == 0
-    eager = RenewalRule(photometric_max=0.5)
-    seen = follow(images, FlowTracker("farneback-paper", "summed", "photometric", eager))
+    monkeypatch.setattr(renewed, "PHOTOMETRIC_MAX", 0.5)
+    seen = follow(images, named_tracker("paper"))
     assert [o.diagnostics.reference_frame for o in seen[1:]] == [0, 1, 2, 3]
     gray = to_gray(images[0])
     zero = np.zeros((256, 320, 2), np.float32)
-    assert photometric_error(gray, gray, zero) == 0
-    assert photometric_error(gray, np.uint8(gray // 2), zero) > 20
+    assert renewed.photometric_error(gray, gray, zero) == 0
+    assert renewed.photometric_error(gray, np.uint8(gray // 2), zero) > 20

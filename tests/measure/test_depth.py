@@ -51,7 +51,7 @@ def finder() -> DepthFinder:
 @pytest.fixture(scope="module")
 def pressed() -> np.ndarray:
     """The face (h, w, 3) under a round pressure at (4, -3) mm, by the free block."""
-    block = FreeBlock.for_skin(SENSOR.skin, GelMaterial(1.0, VIEW.poisson, 0.5, ()), 0.5)
+    block = FreeBlock(SENSOR.skin, GelMaterial(1.0, VIEW.poisson, 0.5, ()), 0.5)
     x, y = np.meshgrid(block.x_mm, block.y_mm)
     pressure = np.sqrt(np.maximum(1 - ((x - 4) ** 2 + (y + 3) ** 2) / 2.5**2, 0))
     u = block.apply(np.stack((0 * x, 0 * x, -0.5 * pressure), axis=-1))

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from deltact_fab.errors import InputError, SensorError
 from deltact_fab.measure.compose import block_ncc, compose, landing_px, sample
-from deltact_fab.measure.flow import FLOW_METHODS, FlowMethod, FlowTracker, RenewalRule, to_gray
+from deltact_fab.measure.flow import FLOW_METHODS, FlowMethod, FlowTracker, renewed, to_gray
 
 MM_PER_PX = 0.0378
 W, H = 798, 586
@@ -278,14 +278,17 @@ def test_a_path_that_left_the_image_stays_invisible_when_followed_by_composition
 
 
 @pytest.mark.parametrize("reference", ["composed", "summed"])
-def test_a_wrong_match_stays_marked_in_what_is_composed_from_it(reference, make_scene, make_bump):
+def test_a_wrong_match_stays_marked_in_what_is_composed_from_it(
+    reference, make_scene, make_bump, monkeypatch
+):
     # 15 px at once from a cold start is more than DIS fast can do on this small, fine pattern.
     scene = make_scene(320, 256, margin=90)
     shifts = [make_bump((0, 0), 100, shift_px=(15.0 + 4 * k, 0.0)) for k in range(5)]
     images = [scene.picture(), *(scene.picture(s, k + 1) for k, s in enumerate(shifts))]
     # With such a rule even a frame with a third of bad blocks is a reference for the next.
-    rule = RenewalRule(renew_share=0.5, trust_share=0.5)
-    last = run(images, "dis-fast", reference, "every-frame", rule=rule)[-1]
+    monkeypatch.setattr(renewed, "RENEW_SHARE", 0.5)
+    monkeypatch.setattr(renewed, "TRUST_SHARE", 0.5)
+    last = run(images, "dis-fast", reference, "every-frame")[-1]
     wrong = np.hypot(*np.moveaxis(last.flow_px - [31.0, 0.0], -1, 0)) > 2
     view = last.visible.copy()
     view[:, 280:] = False
@@ -358,14 +361,6 @@ def test_names_are_checked():
         FlowTracker(reference="compose")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="flow renew 'never': unknown"):
         FlowTracker(renew="never")  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="0 < ncc_min < 1"):
-        RenewalRule(ncc_min=1.3)
-    with pytest.raises(InputError, match="photometric_max > 0"):
-        RenewalRule(photometric_max=0)
-    with pytest.raises(InputError, match="renew_share <= trust_share"):
-        RenewalRule(renew_share=0.5)
-    with pytest.raises(InputError, match="multiple of stride_px"):
-        RenewalRule(stride_px=3)
 
 
 def test_images_are_checked(small):

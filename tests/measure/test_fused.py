@@ -99,7 +99,7 @@ def test_shifts_and_affine_motions_are_found_within_a_twentieth_of_a_pixel(motio
     first, second = scene.picture(), scene.picture(motion, 1)
     if grey:
         first, second = to_gray(first), to_gray(second)
-    found = RefinementReference.of(first, by).refine(Plane.of(second))
+    found = RefinementReference(Plane.of(first), by).refine(Plane.of(second))
     error = off_px(found.flow_px, motion.flow_px(H, W))
     print(f"rms {np.sqrt(np.mean(error**2)):.4f} max {error.max():.3f} px")
     assert np.sqrt(np.mean(error**2)) < 0.05
@@ -110,7 +110,7 @@ def test_shifts_and_affine_motions_are_found_within_a_twentieth_of_a_pixel(motio
 @pytest.mark.parametrize(("period_px", "least"), [(34, 0.85), (60, 0.95)])
 def test_a_wave_of_half_a_pixel_is_resolved(period_px, least, scene):
     wave = Wave(period_px)
-    reference = RefinementReference.of(to_gray(scene.picture()))
+    reference = RefinementReference(Plane.of(to_gray(scene.picture())))
     found = reference.refine(Plane.of(to_gray(scene.picture(wave, 1)))).flow_px
     v, truth = (f[EDGE:-EDGE, EDGE:-EDGE, 1] for f in (found, to_half(wave.flow_px(H, W))))
     share = float((v * truth).sum() / (truth * truth).sum())
@@ -125,7 +125,7 @@ def test_another_light_does_no_harm(gain, offset, make_scene):
     first, second = to_gray(scene.picture()), to_gray(scene.picture(motion, 1))
     lit = np.clip(np.rint(gain * second.astype(float) + offset), 0, 255).astype(np.uint8)
     assert np.mean(lit == 255) < 0.01  # what is saturated is lost to everyone
-    reference = RefinementReference.of(first)
+    reference = RefinementReference(Plane.of(first))
     plain, other = (reference.refine(Plane.of(image)) for image in (second, lit))
     truth = motion.flow_px(H, W)
     plain_px, other_px = (off_px(f.flow_px, truth).mean() for f in (plain, other))
@@ -145,7 +145,7 @@ def test_another_light_does_no_harm_where_the_view_ends(shift_px, gain, offset, 
     assert np.mean(lit == 0) < 0.01
     truth = to_half(motion.flow_px(H, W))
     start = np.ascontiguousarray(truth, np.float32)
-    found = RefinementReference.of(first, by).refine(Plane.of(lit), start).flow_px
+    found = RefinementReference(Plane.of(first), by).refine(Plane.of(lit), start).flow_px
     stays = np.s_[: H // 2 - 4, : W // 2 - 4]
     error = np.hypot(*np.moveaxis(found - truth, -1, 0))[stays]
     print(f"max {error.max():.3f} px")
@@ -154,7 +154,7 @@ def test_another_light_does_no_harm_where_the_view_ends(shift_px, gain, offset, 
 
 def test_its_own_result_as_the_start_changes_little_however_often(scene):
     motion = Affine((1.2, 0.7), ((0.03, 0.0), (0.0, -0.02)))
-    reference = RefinementReference.of(scene.picture())
+    reference = RefinementReference(Plane.of(scene.picture()))
     current = Plane.of(scene.picture(motion, 1))
     first = flow = reference.refine(current).flow_px
     for _ in range(30):
@@ -172,7 +172,7 @@ def test_the_deviation_is_the_error_that_noise_makes(noise, grey, make_scene):
     first, second = scene.picture(), scene.picture(Affine((0.5, 0.5)), 1)
     if grey:
         first, second = to_gray(first), to_gray(second)
-    found = RefinementReference.of(first).refine(Plane.of(second))
+    found = RefinementReference(Plane.of(first)).refine(Plane.of(second))
     error = off_px(found.flow_px, Affine((0.5, 0.5)).flow_px(H, W))
     told = found.deviation_px[EDGE:-EDGE, EDGE:-EDGE]
     ratio = np.sqrt(np.mean(error**2) / np.mean(told**2))
@@ -182,15 +182,15 @@ def test_the_deviation_is_the_error_that_noise_makes(noise, grey, make_scene):
 
 def test_correlation_is_that_of_the_windows(scene, make_scene):
     image = to_gray(scene.picture())
-    same = RefinementReference.of(image).evaluate(
+    same = RefinementReference(Plane.of(image)).evaluate(
         Plane.of(image), np.zeros((H // 2, W // 2, 2), np.float32)
     )
     assert same.correlation[1:-1, 1:-1].min() > 0.999
-    negative = RefinementReference.of(image).evaluate(Plane.of(255 - image), same.flow_px)
+    negative = RefinementReference(Plane.of(image)).evaluate(Plane.of(255 - image), same.flow_px)
     assert negative.correlation[1:-1, 1:-1].max() < -0.999
     # By hand, at one node: the weights are those of the window, cell by cell.
     other = to_gray(make_scene(W, H, patch_mm=0.1, seed=9).picture())
-    found = RefinementReference.of(image).evaluate(Plane.of(other), same.flow_px)
+    found = RefinementReference(Plane.of(image)).evaluate(Plane.of(other), same.flow_px)
     i, j = 60, 70
     cut = np.s_[2 * i - 10 : 2 * i + 12, 2 * j - 10 : 2 * j + 12]
     weight = np.repeat(kernel_cv2.WINDOW.astype(float), 2)
@@ -203,7 +203,7 @@ def test_correlation_is_that_of_the_windows(scene, make_scene):
 
 def test_what_is_covered_flat_or_unrelated_does_not_correlate(scene, make_scene):
     image = scene.picture()
-    reference = RefinementReference.of(image)
+    reference = RefinementReference(Plane.of(image))
     half = image.copy()
     half[:, W // 2 :] = make_scene(W, H, patch_mm=0.1, seed=9).picture()[:, W // 2 :]
     seen = reference.refine(Plane.of(half))
@@ -212,7 +212,7 @@ def test_what_is_covered_flat_or_unrelated_does_not_correlate(scene, make_scene)
     for flat in (np.zeros_like(image), np.full_like(image, 90)):
         dark = reference.refine(Plane.of(flat))
         assert np.abs(dark.correlation).max() < 0.3
-        nothing = RefinementReference.of(flat).refine(Plane.of(image))
+        nothing = RefinementReference(Plane.of(flat)).refine(Plane.of(image))
         assert np.abs(nothing.correlation).max() < 0.3
         assert nothing.deviation_px.min() > 0.15
 
@@ -225,7 +225,7 @@ def test_compiled_and_plain_loops_give_the_same_figures(scene, make_bump):
         pytest.skip("numba is absent")
     bump = make_bump((150, 130), 60, shear_px=(30, -12), press_px=9)  # some leave the image
     first, current = scene.picture(), Plane.of(scene.picture(bump, 1))
-    plain, compiled = (RefinementReference.of(first, by).refine(current) for by in kernels())
+    plain, compiled = (RefinementReference(Plane.of(first), by).refine(current) for by in kernels())
     assert np.abs(plain.flow_px - compiled.flow_px).max() < 2e-3
     assert np.abs(plain.correlation - compiled.correlation).max() < 1e-3
     assert np.abs(plain.deviation_px / compiled.deviation_px - 1).max() < 1e-2
@@ -256,7 +256,7 @@ def test_a_prepared_reference_gives_what_the_pair_gives(name, scene):
 
 def test_the_same_images_give_the_same_bytes(scene):
     first, second = scene.picture(), scene.picture(Affine((3.2, 1.1)), 1)
-    a, b = (RefinementReference.of(first).refine(Plane.of(second)) for _ in range(2))
+    a, b = (RefinementReference(Plane.of(first)).refine(Plane.of(second)) for _ in range(2))
     assert [x.tobytes() for x in a] == [x.tobytes() for x in b]
 
 
@@ -266,10 +266,9 @@ def test_a_plane_serves_as_current_now_and_as_reference_later(scene):
     kept = plane.gray.copy()
     buffer[:] = 0  # a camera may reuse its buffer
     assert np.array_equal(plane.gray, kept)
-    assert Plane.of(plane) is plane
     other = Plane.of(scene.picture(Affine((2, 1)), 1))
-    there = RefinementReference.of(plane).refine(other).flow_px
-    back = RefinementReference.of(other).refine(plane).flow_px
+    there = RefinementReference(plane).refine(other).flow_px
+    back = RefinementReference(other).refine(plane).flow_px
     assert np.abs(there + back)[EDGE:-EDGE, EDGE:-EDGE].mean() < 0.05
 
 
@@ -301,7 +300,9 @@ def test_any_size_of_64_px_or_more_will_do(size, by, make_scene):
     h, w = size
     motion = Affine((1.4, -0.8))
     scene = make_scene(w, h, patch_mm=0.1)
-    found = RefinementReference.of(scene.picture(), by).refine(Plane.of(scene.picture(motion, 1)))
+    found = RefinementReference(Plane.of(scene.picture()), by).refine(
+        Plane.of(scene.picture(motion, 1))
+    )
     nodes = (-(-h // 2), -(-w // 2))
     assert found.flow_px.shape == (*nodes, 2)
     assert found.correlation.shape == found.deviation_px.shape == nodes
@@ -315,7 +316,7 @@ def test_any_size_of_64_px_or_more_will_do(size, by, make_scene):
 @pytest.mark.parametrize("by", kernels(), ids=lambda k: k.NAME)
 def test_what_leaves_the_image_does_no_harm_to_what_stays(by, scene):
     motion = Affine((45.0, -30.0))
-    reference = RefinementReference.of(scene.picture(), by)
+    reference = RefinementReference(Plane.of(scene.picture()), by)
     current = Plane.of(scene.picture(motion, 1))
     start = to_half(motion.flow_px(H, W)) + np.float32(0.8)
     found = reference.refine(current, start)
@@ -329,7 +330,7 @@ def test_what_leaves_the_image_does_no_harm_to_what_stays(by, scene):
 
 def test_what_does_not_fit_is_refused(scene):
     image = scene.picture()
-    reference, plane = RefinementReference.of(image), Plane.of(image)
+    reference, plane = RefinementReference(Plane.of(image)), Plane.of(image)
     with pytest.raises(InputError, match="64 px or more"):
         Plane.of(image[:40])
     with pytest.raises(InputError, match="float64"):

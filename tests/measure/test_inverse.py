@@ -40,7 +40,7 @@ def features() -> Inverse:
 @pytest.fixture(scope="module")
 def block() -> FreeBlock:
     """The forward: another grid, four times as fine, by transforms."""
-    return FreeBlock.for_skin(SKIN, GelMaterial(1.0, VIEW.poisson), 0.25)
+    return FreeBlock(SKIN, GelMaterial(1.0, VIEW.poisson), 0.25)
 
 
 def _spot(block: FreeBlock, x0: float, y0: float, radius: float, t: tuple, even: bool = False):
@@ -77,7 +77,7 @@ def test_a_press_of_another_forward_comes_back(features, block, x0, y0, radius) 
     assert np.abs(six[:3] - force).max() < 0.04 * -force[2]
     assert np.hypot(*(press.centre_mm() - (x0, y0))) < 0.35
     assert press.cover > 0.99
-    assert press.traction[..., 2].max() <= 0
+    assert press.traction_mpa[..., 2].max() <= 0
     # Torque about the centre, of the same force at its place.
     about = np.cross([x0, y0, 0.0], force)
     assert np.abs(six[3:] - about).max() < 0.35 * -force[2]
@@ -152,7 +152,7 @@ def test_a_mirror_image_gives_the_mirrored_wrench(features, block) -> None:
 @pytest.mark.parametrize("wide_mm", [1.0, 2.0, 5.0])
 def test_noise_is_no_press(features, block, wide_mm) -> None:
     flow = _seen(block, np.zeros((*block.shape, 3)))
-    assert not features.inverse.of(flow).traction.any()
+    assert not features.inverse.of(flow).traction_mpa.any()
     rng = np.random.default_rng(5)
     for _ in range(20):
         noise = gaussian_filter(
@@ -160,7 +160,7 @@ def test_noise_is_no_press(features, block, wide_mm) -> None:
         )
         noise *= features.inverse.noise_mm / noise.std()
         press = features.inverse.of(replace(flow, shift_mm=noise.astype(np.float32)))
-        assert not press.traction.any()
+        assert not press.traction_mpa.any()
         assert press.cover == 1
 
 

@@ -2,9 +2,8 @@
 
 A flat punch is nodes inside a circle: a staircase for an edge where the pressure is singular. The
 force belongs to a circle of another radius, so it is compared at the radius of equal area (nodes
-times cell). What is left falls as the spacing; by cells instead of nodes it is a third to a sixth
-of it, and two grids of nodes remove it (Richardson). The punch is set at several places between
-the nodes and the mean is taken.
+times cell). What is left falls as the spacing, and two grids of nodes remove it (Richardson). The
+punch is set at several places between the nodes and the mean is taken.
 """
 
 from __future__ import annotations
@@ -28,10 +27,10 @@ PLACES = 8
 class Punch:
     """A flat punch of radius PUNCH_RATIO on a layer of unit thickness, n x n nodes a period."""
 
-    def __init__(self, nu: float, n: int, cells: bool = False) -> None:
+    def __init__(self, nu: float, n: int) -> None:
         self.material = GelMaterial(poisson=nu)
         period = (PUNCH_PERIOD, PUNCH_PERIOD)
-        self.layer = BondedLayer(self.material, 1.0, period, (n, n), cells=cells)
+        self.layer = BondedLayer(self.material, 1.0, period, (n, n))
         self._m = 2 * math.ceil(PUNCH_RATIO / self.layer.spacing_mm[0] + 1)
         self._window = self.layer.window(self._m, self._m)
         first = (n - self._m) // 2
@@ -63,9 +62,9 @@ class Punch:
 
 
 @cache
-def punch_error_percent(nu: float, n: int, equal_area: bool = True, cells: bool = False) -> float:
-    """Mean signed error of n x n nodes, or cells, in %."""
-    return Punch(nu, n, cells).error_percent(equal_area)
+def punch_error_percent(nu: float, n: int, equal_area: bool = True) -> float:
+    """Mean signed error of n x n nodes in %."""
+    return Punch(nu, n).error_percent(equal_area)
 
 
 def extrapolated_percent(nu: float, n: int) -> float:
@@ -87,4 +86,3 @@ def test_flat_punch_is_of_first_order_and_two_grids_remove_it(nu: float) -> None
     assert 0.9 < punch_order(nu, 256) < 1.15
     assert 0.85 < punch_order(nu, 512) < 1.15
     assert abs(punch_error_percent(nu, 256)) < 1.0
-    assert abs(punch_error_percent(nu, 256, cells=True)) < 0.5

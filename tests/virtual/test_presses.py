@@ -146,15 +146,15 @@ def test_forces_are_in_proportion_to_the_modulus() -> None:
     """What lets all moduli share a trajectory: the solver itself, with another one."""
     from deltact_fab.elasticity.material import GelMaterial
     from deltact_fab.gel.level import Reach
-    from deltact_fab.gel.open import open_contact
+    from deltact_fab.gel.level_selection import pick
+    from deltact_fab.gel.open import contact_of
     from deltact_fab.shapes.indenter import parse
 
     press = solved(specimen(gel_model="hyperelastic"), finite(2.5))
     e = 0.37
-    contact = open_contact(
-        SKIN, GelMaterial(e), parse("sphere:12"), level="hyperelastic",
-        reach=Reach((-1.0, 1.0), (0.0, 0.0), 0.6), lattice_mm=1.0, spacing_mm=2.5,
-    )  # fmt: skip
+    scene, reach = (SKIN, GelMaterial(e), parse("sphere:12")), Reach((-1.0, 1.0), (0.0, 0.0), 0.6)
+    choice = pick(*scene, reach, level="hyperelastic", spacing_mm=2.5)
+    contact = contact_of(*scene, choice, lattice_mm=1.0)
     state = contact.rest()
     for pose, knot in zip(press.poses, press.knots, strict=True):
         state = contact.solve(state, (*pose.tip_mm[:2], -pose.tip_mm[2]))

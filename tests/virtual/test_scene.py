@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from deltact_fab.elasticity.material import GelMaterial
-from deltact_fab.gel.level import GelContact, Reach, State
-from deltact_fab.gel.open import open_contact
+from deltact_fab.gel.level import GelContact, Reach, State, follow
+from deltact_fab.gel.level_selection import pick
+from deltact_fab.gel.open import contact_of
 from deltact_fab.gel.path.knots import Increments, KnotPose, ObservedChannels
 from deltact_fab.gel.path.solver import PathSolver
 from deltact_fab.optics import StageFrame
@@ -26,10 +27,8 @@ REACH = Reach((-3.0, 3.0), (-3.0, 3.0), 1.2)
 
 
 def layer(modulus_mpa: float) -> GelContact:
-    return open_contact(
-        SkinDimensions(), GelMaterial(modulus_mpa), parse("sphere:10"),
-        level="layer", reach=REACH, lattice_mm=0.5, spacing_mm=0.5,
-    )  # fmt: skip
+    scene = SkinDimensions(), GelMaterial(modulus_mpa), parse("sphere:10")
+    return contact_of(*scene, pick(*scene, REACH, level="layer", spacing_mm=0.5), 0.5)
 
 
 UNIT = layer(1.0)  # what a press is solved with
@@ -86,7 +85,7 @@ def last(
     contact: GelContact, state: State, tip: tuple[float, float, float], step_mm: float
 ) -> State:
     """The state at the end of the solver's own path."""
-    return list(contact.path(state, tip, step_mm))[-1]
+    return list(follow(contact, state, tip, step_mm))[-1]
 
 
 def test_at_the_end_of_a_press_the_scene_is_the_solver_s_own_path() -> None:
@@ -259,11 +258,9 @@ def test_a_face_below_the_floor_is_kept_on_it_and_flagged() -> None:
 def test_a_creeping_gel_goes_on_while_the_tip_rests() -> None:
     """A rest of the plan is one knot more: the force falls from the end of the line to its end."""
     gel = GelMaterial(1.0, prony=((1.0, 2.0),))
-    contact = open_contact(
-        SkinDimensions(), gel, parse("sphere:15"),
-        level="hyperelastic", reach=Reach((0.0, 0.5), (0.0, 0.0), 1.0), lattice_mm=1.0,
-        spacing_mm=3.0,
-    )  # fmt: skip
+    scene, reach = (SkinDimensions(), gel, parse("sphere:15")), Reach((0.0, 0.5), (0.0, 0.0), 1.0)
+    choice = pick(*scene, reach, level="hyperelastic", spacing_mm=3.0)
+    contact = contact_of(*scene, choice, lattice_mm=1.0)
     down = (0.0, 0.0, -1.0)
     planned = [
         KnotPose((0.0, 0.0, -0.5), 0.05, 0.5),
@@ -295,11 +292,9 @@ def test_a_rest_of_several_knots_is_followed_and_is_over_when_the_next_line_star
     down = (0.0, 0.0, -1.0)
     parts = (0.25, 0.25, 0.5, 1.0)
     planned = [KnotPose(down, 0.05, 1.0), *(KnotPose(down, s, 0.0) for s in parts)]
-    contact = open_contact(
-        SkinDimensions(), gel, parse("sphere:15"),
-        level="hyperelastic", reach=Reach((0.0, 0.5), (0.0, 0.0), 1.0), lattice_mm=1.0,
-        spacing_mm=3.0,
-    )  # fmt: skip
+    scene, reach = (SkinDimensions(), gel, parse("sphere:15")), Reach((0.0, 0.5), (0.0, 0.0), 1.0)
+    choice = pick(*scene, reach, level="hyperelastic", spacing_mm=3.0)
+    contact = contact_of(*scene, choice, lattice_mm=1.0)
     press = PlannedPress(PathSolver(lambda: contact, planned), "", ((0.0, 0.0, 0.0), down))
     bench = Bench(drawn=False)
     bench.scene = GelScene(

@@ -173,7 +173,6 @@ def _found(
 ) -> _Found:
     press = finder.inverse.of(flow)
     depth = finder.of(flow, press)
-    raw = TractionField(press.traction, press.x_mm, press.y_mm, press.cover)
     density = by_jacobian(flow, finder.view.camera.mm_per_px)
     field = wrench = None
     if features is not None and force is not None:
@@ -182,7 +181,7 @@ def _found(
             field = features.traction(flow, force.model)
     return _Found(
         density, relative_depth(density, flow), depth,
-        contacts(depth, flow, finder.view.camera, raw), field, wrench,
+        contacts(depth, flow, finder.view.camera, press), field, wrench,
     )  # fmt: skip
 
 

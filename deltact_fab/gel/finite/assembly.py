@@ -11,6 +11,7 @@ from ...errors import InputError
 from .material import NeoHooke
 from .mesh import HexMesh
 from .pattern import CELL_DOFS, UPPER, Pattern
+from .viscous import Memory
 
 try:
     from . import compiled
@@ -75,18 +76,17 @@ class BulkAssembly:
         displacement_mm: Field,
         tangent: bool = True,
         pressure_mpa: Field | None = None,
-        scale: float = 1.0,
-        memory_mpa: Field | None = None,
+        memory: Memory | None = None,
     ) -> Bulk:
         """Energy, forces and, if asked for, the tangent's entries at displacements (n, 3).
 
         pressure_mpa (m,): tension-positive cell pressure with which the tangent's geometric part is
-        formed; None: U'(jbar). scale, memory_mpa (m, 8 points, 6: xx yy zz xy xz yz): the local
-        energy is scale mu[...] + h:(C - I)/2, see `viscous`.
+        formed; None: U'(jbar). memory: the local energy is scale mu[...] + h:(C - I)/2, see
+        `viscous`.
         """
-        if self._compiled:
-            return self._in_machine_code(displacement_mm, tangent, pressure_mpa, scale, memory_mpa)
-        return self._evaluate(displacement_mm, tangent, pressure_mpa, scale, memory_mpa)
+        scale, memory_mpa = (1.0, None) if memory is None else (memory.scale, memory.stress_mpa)
+        way = self._in_machine_code if self._compiled else self._in_numpy
+        return way(displacement_mm, tangent, pressure_mpa, scale, memory_mpa)
 
     def _in_machine_code(
         self, displacement_mm: Field, tangent: bool, pressure_mpa: Field | None,
@@ -115,7 +115,7 @@ class BulkAssembly:
         f = np.swapaxes(grad.reshape(len(u), 3, POINTS, 3), 1, 2)
         return f + np.eye(3)
 
-    def _evaluate(
+    def _in_numpy(
         self, displacement_mm: Field, tangent: bool, pressure_mpa: Field | None, scale: float,
         memory_mpa: Field | None,
     ) -> Bulk:  # fmt: skip
@@ -171,7 +171,7 @@ class BulkAssembly:
         return np.stack(columns, axis=1)
 
     def _cell_matrices(self, inverse: Field, outer: Field, crossed: Field) -> Field:
-        """The part of `NeoHooke.tangent` (m, 24, 24) that J and the inverse make."""
+        """The part of the tangent (m, 24, 24) that J and the inverse make."""
         m = len(outer)
         grad = np.swapaxes(self.gradients_per_mm.reshape(m, 8, POINTS, 3), 1, 2)
         g = np.matmul(grad, inverse).reshape(m, POINTS, CELL_DOFS)

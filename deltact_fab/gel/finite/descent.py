@@ -15,8 +15,9 @@ from ...aliases import Field
 from ...errors import SolverError
 from .. import time_limit
 from .linear import Solver
-from .newton import NewtonSolution, Problem, size_of
+from .newton import NewtonSolution, size_of
 from .pattern import Pattern
+from .problem import Equilibrium
 
 FIRST, MOST = 0.05, 1e6  # damping: begun with, given up beyond
 MORE, LESS = 4.0, 0.5  # times the damping after a bad step, after a good one
@@ -28,7 +29,7 @@ MAX_ITERATIONS = 150
 
 
 def descend(
-    problem: Problem,
+    problem: Equilibrium,
     start_mm: Field,
     solver: Solver,
     pattern: Pattern,

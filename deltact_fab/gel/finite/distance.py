@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...aliases import Field
-from ...shapes import EllipsoidTip, Indenter, PrismTip, RidgeTip, SphereTip, Tip, TurnedTip
+from ...shapes import EllipsoidTip, Indenter, PrismTip, RidgeTip, SphereTip, Tip
 
 _TINY = 1e-12
 _STEP_MM = 1e-4  # for differences of a prism's outline
@@ -66,41 +66,31 @@ def _plate(p: Field, z_mm: float) -> Gap:
     return Gap(z_mm - p[:, 2], np.tile([0.0, 0.0, -1.0], (n, 1)), np.zeros((n, 3, 3)))
 
 
+# A profile's start and [(end, centre or None)...], from its innermost point outwards.
+_Chain = tuple[tuple[float, float], list[tuple[tuple[float, float], tuple[float, float] | None]]]
+
+
 def _tip(tip: Tip, p: Field) -> Gap:
     """Distance from one tip and its shank; p (n, 3) relative to where the tip stands."""
     if isinstance(tip, EllipsoidTip):
         return _ellipsoid(tip, p)
+    chain: _Chain
+    half_mm = 0.0
     if isinstance(tip, PrismTip):
-        return _swept(_prism_outline(tip, p), _prism_profile(tip), p[:, 2])
+        e = tip.edge_mm
+        chain = (-tip.outer_mm, 0.0), [((-e, 0.0), None), ((0.0, e), (-e, e))]
+        return _swept(_prism_outline(tip, p), chain, p[:, 2])
     if isinstance(tip, RidgeTip):
-        return _swept(_segment_outline(p, tip.length_mm / 2), _ridge_profile(tip), p[:, 2])
-    profile = _sphere_profile(tip) if isinstance(tip, SphereTip) else _turned_profile(tip)
-    return _swept(_segment_outline(p, 0.0), profile, p[:, 2])
-
-
-# -- profiles: (start, [(end, centre or None)...]) from the innermost point outwards ------------
-
-_Chain = tuple[tuple[float, float], list[tuple[tuple[float, float], tuple[float, float] | None]]]
-
-
-def _sphere_profile(tip: SphereTip) -> _Chain:
-    r = tip.radius_mm
-    return (0.0, 0.0), [((r, r), (0.0, r))]
-
-
-def _ridge_profile(tip: RidgeTip) -> _Chain:
-    nose = (tip.nose_half_mm, tip.nose_height_mm)
-    flank = (tip.half_width_mm, tip.equator_mm)
-    return (0.0, 0.0), [(nose, (0.0, tip.radius_mm)), (flank, None)]
-
-
-def _prism_profile(tip: PrismTip) -> _Chain:
-    e = tip.edge_mm
-    return (-tip.outer_mm, 0.0), [((-e, 0.0), None), ((0.0, e), (-e, e))]
-
-
-def _turned_profile(tip: TurnedTip) -> _Chain:
-    return tip.start_mm, [(p.end_mm, p.centre_mm) for p in tip.pieces]
+        half_mm = tip.length_mm / 2
+        nose = (tip.nose_half_mm, tip.nose_height_mm)
+        flank = (tip.half_width_mm, tip.equator_mm)
+        chain = (0.0, 0.0), [(nose, (0.0, tip.radius_mm)), (flank, None)]
+    elif isinstance(tip, SphereTip):
+        r = tip.radius_mm
+        chain = (0.0, 0.0), [((r, r), (0.0, r))]
+    else:
+        chain = tip.start_mm, [(piece.end_mm, piece.centre_mm) for piece in tip.pieces]
+    return _swept(_segment_outline(p, half_mm), chain, p[:, 2])
 
 
 def _profile_distance(chain: _Chain, d: Field, z: Field) -> _Profile:

@@ -26,12 +26,11 @@ if TYPE_CHECKING:
 class FaceLattice:
     """Lattice nodes x_mm (nx,), y_mm (ny,) on the touched face of a block.
 
-    Mirrors of the mesh are unfolded. Raises ValueError for a mesh that is no block.
+    Mirrors of the mesh are unfolded.
     """
 
     def __init__(self, mesh: HexMesh, x_mm: Field, y_mm: Field) -> None:
-        if mesh.axes_mm is None:
-            raise ValueError("lattice: a block mesh is needed")
+        assert mesh.axes_mm is not None, "of a block"
         self.mesh, self.x_mm, self.y_mm = mesh, x_mm, y_mm
         knots = [mesh.axes_mm[0], mesh.axes_mm[1]]
         self._shape = (len(knots[1]), len(knots[0]))
@@ -56,19 +55,17 @@ class FaceLattice:
         return np.ascontiguousarray(np.moveaxis(wy @ u @ wx.T, 0, -1))
 
     def of_points(self, values: Field) -> Field:
-        """Scalars (ny, nx) or vectors (ny, nx, 3) of those at the contact points, (f, q, ...)."""
+        """Vectors (ny, nx, 3) of those at the contact points, (f, q, 3)."""
         n = math.isqrt(values.shape[1])
         ny, nx = (size - 1 for size in self._shape)
         parts = values.reshape(ny, nx, n, n, -1).swapaxes(1, 2).reshape(ny * n, nx * n, -1)
         for axis, mirror in enumerate(self.mesh.mirrors):
             if mirror:
                 image = np.flip(parts, axis=1 - axis).copy()
-                if values.ndim == 3:
-                    image[..., axis] *= -1
+                image[..., axis] *= -1
                 parts = np.concatenate([image, parts], axis=1 - axis)
         wx, wy = self._to_means(n)
-        found = np.moveaxis(wy @ np.moveaxis(parts, -1, 0) @ wx.T, 0, -1)
-        return np.ascontiguousarray(found if values.ndim == 3 else found[..., 0])
+        return np.ascontiguousarray(np.moveaxis(wy @ np.moveaxis(parts, -1, 0) @ wx.T, 0, -1))
 
     def _to_means(self, n: int) -> list[Field]:
         """Along x and y, of n parts a cell."""

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,11 +12,11 @@ from ...aliases import Field, Point
 from ...elasticity.material import GelMaterial
 from ...errors import InputError
 from ...shapes import Indenter, SkinDimensions
-from ..level import Choice, IncrementDiagnostics, Level
+from ..level import Choice, IncrementDiagnostics, Level, State
 from .field import FaceLattice, tractions_mpa, whole_wrench
 from .mesh import block_mesh
 from .press import FinitePress
-from .state import PENETRATION_LIMIT, FiniteState, sum_of, with_diagnostics
+from .state import PENETRATION_LIMIT, FiniteState
 from .transfer import Guide
 
 STEP_MM = 1e-5  # for the difference of contact forces by the depth
@@ -50,48 +49,6 @@ STRETCH_LIMIT = 3.0
 LONGEST_RUB = 1 / 8  # of the thickness: longest increment with friction, a first-order law
 
 
-@dataclass(frozen=True, eq=False)
-class HyperelasticState:
-    """A state at finite strain; see `level.State`. inner: of the mesh, which may be a part.
-
-    jumped: since first touch, friction was that of the pressures before a jump; the slip that is
-    left of it belongs to the history of all that follows.
-    """
-
-    inner: FiniteState
-    jumped: bool
-    force_n: Point
-    torque_nmm: Point
-    diagnostics: IncrementDiagnostics
-    _press: FinitePress
-    _lattice: FaceLattice
-
-    @property
-    def tip_mm(self) -> Point:
-        """(x, y, depth) of the indenter's lowest point."""
-        return self.inner.tip_mm
-
-    @property
-    def contact_area_mm2(self) -> float:
-        """Of the deformed face under pressure."""
-        return self.inner.contact_area_mm2 * self._press.mesh.copies
-
-    @cached_property
-    def displacement_mm(self) -> Field:
-        """(ny, nx, 3) on the lattice of material points at rest."""
-        return self._lattice.displacement_mm(self.inner.displacement_mm)
-
-    @cached_property
-    def pressure_mpa(self) -> Field:
-        """(ny, nx) on the lattice, means of what is constant over the parts of faces."""
-        return self._lattice.of_points(self.inner.pressure_mpa)
-
-    @cached_property
-    def traction_mpa(self) -> Field:
-        """(ny, nx, 3) on the lattice, means of what is constant over the parts of faces."""
-        return self._lattice.of_points(tractions_mpa(self._press, self.inner))
-
-
 class FiniteGel:
     """`level.GelContact` of the finite-strain block."""
 
@@ -113,17 +70,17 @@ class FiniteGel:
         self.press = FinitePress(mesh, material, indenter, friction=choice.friction)
         self._lattice = FaceLattice(mesh, x_mm, y_mm)
 
-    def rest(self, tip_mm: Point = (0.0, 0.0, 0.0)) -> HyperelasticState:
+    def rest(self, tip_mm: Point = (0.0, 0.0, 0.0)) -> State:
         """Without contact."""
         return self._state(self.press.rest(tip_mm), jumped=False)
 
     def solve(
         self,
-        previous: HyperelasticState,
+        previous: State,
         tip_mm: Point,
         seconds: float = 0.0,
         guide: Guide | None = None,
-    ) -> HyperelasticState:
+    ) -> State:
         """One increment, halved where it does not converge.
 
         With friction a long one is solved in equal parts, for friction is of first order in them:
@@ -138,38 +95,30 @@ class FiniteGel:
         if _rubbed_mm(inner.tip_mm, tip_mm) <= longest_mm:
             found = self.press.solve(inner, tip_mm, seconds, guide)
         else:
-            found = _as_one(list(self._parts(inner, tip_mm, longest_mm, seconds, guide)))
+            parts = list(self._parts(inner, tip_mm, longest_mm, seconds, guide))
+            work = IncrementDiagnostics.over([part.diagnostics for part in parts])
+            found = replace(parts[-1], diagnostics=work)
         return self._state(found, previous.jumped)
 
-    def path(
-        self,
-        previous: HyperelasticState,
-        tip_mm: Point,
-        max_step_mm: float | None = None,
-        seconds: float = 0.0,
-    ) -> Iterator[HyperelasticState]:
-        """The straight way in equal increments from first touch on."""
-        self._refuse(tip_mm)
-        step = self.choice.step_mm if max_step_mm is None else max_step_mm
-        if tip_mm[2] <= 0:
-            yield self.solve(previous, tip_mm, seconds)
-            return
-        jumped = previous.jumped
-        for inner in self._parts(previous.inner, tip_mm, step, seconds):
-            state = self._state(inner, jumped)
-            jumped = state.jumped
-            yield state
-
-    def guide(self, states: Sequence[HyperelasticState]) -> Guide | None:
+    def guide(self, states: Sequence[State]) -> Guide | None:
         """What a coarser mesh moved, for this one to start from."""
         if not states:
             return None
-        return Guide(states[0]._press.mesh, [s.inner for s in states], self.press.mesh)
+        coarse = states[0].contact.press.mesh
+        return Guide(coarse, [s.inner for s in states], self.press.mesh)
 
-    def lacking_rel(self, state: HyperelasticState) -> float:
+    def lacking_rel(self, state: State) -> float:
         """What a hard contact would add to the normal force, relative; see `penalty_correction`."""
         force = -state.inner.force_n[2]
         return lacking_n(self.press, state.inner) / force if force > 0 else 0.0
+
+    def displacement_mm(self, inner: FiniteState) -> Field:
+        """(ny, nx, 3) on the lattice of material points at rest."""
+        return self._lattice.displacement_mm(inner.displacement_mm)
+
+    def traction_mpa(self, inner: FiniteState) -> Field:
+        """(ny, nx, 3) on the lattice, means of what is constant over the parts of faces."""
+        return self._lattice.of_points(tractions_mpa(self.press, inner))
 
     def _parts(
         self,
@@ -207,7 +156,7 @@ class FiniteGel:
                     "is asked; the reach has to hold every tip"
                 )
 
-    def _state(self, inner: FiniteState, jumped: bool) -> HyperelasticState:
+    def _state(self, inner: FiniteState, jumped: bool) -> State:
         """jumped: of the state before."""
         d = inner.diagnostics
         jumped = inner.contact_points > 0 and (jumped or d.lagged > 0)
@@ -225,7 +174,7 @@ class FiniteGel:
                 f"{PENETRATION_LIMIT:.0%} of the depth {depth:g} mm; a spacing below "
                 f"{self.choice.spacing_mm:g} mm is needed"
             )
-        if d.most_stretch > STRETCH_LIMIT:
+        if d.most_stretch is not None and d.most_stretch > STRETCH_LIMIT:
             flags.append(
                 f"stretch: {d.most_stretch:.2f}, past {STRETCH_LIMIT:g}: neo-Hooke is off by a "
                 "third there and soft silicones may tear"
@@ -241,18 +190,15 @@ class FiniteGel:
                 "before the jump; its slip is part of the history"
             )
         force, torque = whole_wrench(self.press.mesh, inner)
-        return HyperelasticState(
+        return State(
             inner,
-            jumped,
             (float(force[0]), float(force[1]), float(force[2])),
             (float(torque[0]), float(torque[1]), float(torque[2])),
-            IncrementDiagnostics(
-                d.iterations, d.cuts, d.residual, d.penetration_mm, d.least_j, d.most_stretch,
-                tuple(flags),
-            ),
-            self.press,
-            self._lattice,
-        )  # fmt: skip
+            inner.contact_area_mm2 * self.press.mesh.copies,
+            replace(d, flags=tuple(flags)),
+            self,
+            jumped,
+        )
 
 
 def _share_below(start: Point, end: Point) -> float:
@@ -263,23 +209,3 @@ def _share_below(start: Point, end: Point) -> float:
 def _rubbed_mm(start: Point, end: Point) -> float:
     """Length of a way below the face; 0 where it ends above."""
     return _share_below(start, end) * math.dist(start, end) if end[2] > 0 else 0.0
-
-
-def _as_one(parts: list[FiniteState]) -> FiniteState:
-    """The last of a way's parts, with the work of all."""
-    work, cuts = parts[0].diagnostics, parts[0].diagnostics.cuts
-    for part in parts[1:]:
-        work, cuts = sum_of(work, part.diagnostics), cuts + part.diagnostics.cuts
-    last = parts[-1]
-    return with_diagnostics(
-        last,
-        replace(
-            last.diagnostics,
-            iterations=work.iterations,
-            factorisations=work.factorisations,
-            damped=work.damped,
-            lagged=work.lagged,
-            cuts=cuts,
-            seconds=sum(p.diagnostics.seconds for p in parts),
-        ),
-    )

@@ -7,7 +7,7 @@ gradients need the least memory and are the fallback where the factors would not
 from __future__ import annotations
 
 import weakref
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 import scipy.sparse as sp
@@ -25,40 +25,6 @@ CG_TOLERANCE = 1e-9
 # raised to 1e-8 of the norm, 1 x 1 and 2 x 2 pivots, the two-level factorisation (1.5 times as
 # fast on one core).
 _PARDISO = {1: 1, 2: 2, 8: 0, 10: 8, 21: 1, 24: 1}
-
-
-class Solver(Protocol):
-    """Solves K x = b for one sparsity pattern and changing entries.
-
-    negative: number of negative eigenvalues of the last factor; None where that is not known.
-    factorisations: made so far.
-    """
-
-    name: str
-    negative: int | None
-    factorisations: int
-
-    def factorise(self, upper: sp.csr_matrix) -> None:
-        """Take new entries; `upper` is the upper triangle with its diagonal, of a fixed pattern."""
-
-    def solve(self, right: Field) -> Field:
-        """x (n,) for b (n,), by the last factor."""
-
-
-def make_solver(rows: int, name: Name = "auto") -> Solver:
-    """The best solver that is there: pardiso, else SuperLU up to LARGEST_FOR_SUPERLU, else CG."""
-    if name == "auto":
-        try:
-            return Pardiso()
-        except MissingLibrary:
-            return SuperLU() if rows <= LARGEST_FOR_SUPERLU else Gradients()
-    if name == "pardiso":
-        return Pardiso()
-    if name == "superlu":
-        return SuperLU()
-    if name == "cg":
-        return Gradients()
-    raise InputError(f"linear solver {name!r}: valid: auto, pardiso, superlu, cg")
 
 
 class Pardiso:
@@ -173,6 +139,25 @@ class Gradients:
         if info:
             raise SolverError(f"linear solver: CG stopped after {self._iterations} iterations")
         return self._root * x
+
+
+Solver = Pardiso | SuperLU | Gradients
+"""Solves K x = b for one sparsity pattern and changing entries; `factorise` takes the upper
+triangle with its diagonal. negative: number of negative eigenvalues of the last factor; None where
+that is not known. factorisations: made so far."""
+SOLVERS: dict[str, type[Solver]] = {"pardiso": Pardiso, "superlu": SuperLU, "cg": Gradients}
+
+
+def make_solver(rows: int, name: Name = "auto") -> Solver:
+    """The best solver that is there: pardiso, else SuperLU up to LARGEST_FOR_SUPERLU, else CG."""
+    if name == "auto":
+        try:
+            return Pardiso()
+        except MissingLibrary:
+            return SuperLU() if rows <= LARGEST_FOR_SUPERLU else Gradients()
+    if name not in SOLVERS:
+        raise InputError(f"linear solver {name!r}: valid: auto, {', '.join(SOLVERS)}")
+    return SOLVERS[name]()
 
 
 def _full(upper: sp.csr_matrix) -> sp.csr_matrix:

@@ -51,12 +51,6 @@ class NeoHooke:
         return cls(e / (2 * (1 + nu)), e * nu / ((1 + nu) * (1 - 2 * nu)))
 
     @property
-    def modulus_mpa(self) -> float:
-        """Young's modulus, mu (3 lambda + 2 mu) / (lambda + mu)."""
-        m, k = self.mu_mpa, self.lambda_mpa
-        return m * (3 * k + 2 * m) / (k + m)
-
-    @property
     def local_mpa(self) -> float:
         """b of the energy above."""
         return min(LOCAL * self.mu_mpa, self.lambda_mpa / 8)
@@ -69,31 +63,4 @@ class NeoHooke:
             k / 2 * log**2 - b / 4 * log**4,
             slope / jbar,
             (k - 3 * b * log**2 - slope) / jbar**2,
-        )
-
-    def energy(self, f: Field) -> Field:
-        """Energy (n,) in MPa of deformation gradients (n, 3, 3), as if each were a whole cell."""
-        j = np.linalg.det(f)
-        local = self.mu_mpa * ((np.einsum("nij,nij->n", f, f) - 3) / 2 - np.log(j))
-        return local + self.lambda_mpa / 2 * np.log(j) ** 2
-
-    def stress(self, f: Field) -> Field:
-        """First Piola stress (n, 3, 3) in MPa: mu (F - F^-T) + lambda ln J F^-T."""
-        j = np.linalg.det(f)
-        cofactor = np.swapaxes(np.linalg.inv(f), 1, 2)
-        pressure = self.lambda_mpa * np.log(j)
-        return self.mu_mpa * (f - cofactor) + pressure[:, None, None] * cofactor
-
-    def tangent(self, f: Field) -> Field:
-        """dP_ij / dF_kl (n, 3, 3, 3, 3) in MPa."""
-        j = np.linalg.det(f)
-        c = np.swapaxes(np.linalg.inv(f), 1, 2)
-        pressure = self.lambda_mpa * np.log(j)
-        same = np.einsum("ik,jl->ijkl", np.eye(3), np.eye(3))
-        crossed = np.einsum("nil,nkj->nijkl", c, c)
-        outer = np.einsum("nij,nkl->nijkl", c, c)
-        return (
-            self.mu_mpa * same[None]
-            + (self.mu_mpa - pressure)[:, None, None, None, None] * crossed
-            + self.lambda_mpa * outer
         )

@@ -18,7 +18,7 @@ residual, or the tangent has negative eigenvalues. That is left to `descent`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse.linalg as spla
@@ -28,6 +28,7 @@ from ...errors import SolverError
 from .. import time_limit
 from .linear import Solver
 from .pattern import Pattern
+from .problem import Equilibrium, Evaluation
 
 KEEP = 0.2  # a factor is kept while it reduces the residual at least to this
 HALVES = 3  # lengths that are tried of one direction
@@ -36,42 +37,7 @@ NEAR = 1e-2  # residual below which negative eigenvalues may be the solution's o
 WEAK, MAX_WEAK = 0.7, 3  # a step that leaves more, and how many of them are a fold
 COUPLED = 1e-3  # of the residual: tolerance of GMRES, and most of its iterations
 MAX_COUPLED = 60
-
-
-class Evaluation(NamedTuple):
-    """residual_n (size,): unbalanced forces, p = U'(J). scale_n: what they are small to.
-    data: CSR entries of the tangent's symmetric part or None. pressure_mpa (m,): U'(J).
-    energy_nmm: the potential, where friction has one."""
-
-    residual_n: Field
-    scale_n: float
-    data: Field | None
-    pressure_mpa: Field
-    energy_nmm: float
-
-
-class Problem(Protocol):
-    """The system to be solved: see `problem.Equilibrium`."""
-
-    def evaluate(
-        self, free_mm: Field, pressure_mpa: Field | None, tangent: bool, curved: bool
-    ) -> Evaluation | None:
-        """At displacements (size,); None where a cell is turned inside out. pressure_mpa (m,): of
-        the tangent's geometric part; None: U'(J). `curved` False leaves out terms of the tangent
-        that may be negative."""
-
-    def pressure_rate(self, step_mm: Field) -> Field:
-        """U'' dJ.step (m,) at the displacements of the last evaluation."""
-
-    def unbalance_n(self, free_mm: Field, pressure_mpa: Field) -> float | None:
-        """Norm of the residual with given cell pressures; None if inside out."""
-
-    @property
-    def couples(self) -> bool:
-        """Whether the last tangent has a part that is not symmetric."""
-
-    def coupled(self, step_mm: Field) -> Field:
-        """That part times a step (size,)."""
+MAX_ITERATIONS = 60
 
 
 @dataclass
@@ -104,7 +70,7 @@ class _Direction:
     """Factors of the tangent at one point after the other."""
 
     def __init__(
-        self, problem: Problem, solver: Solver, pattern: Pattern, done: NewtonSolution
+        self, problem: Equilibrium, solver: Solver, pattern: Pattern, done: NewtonSolution
     ) -> None:
         self._problem, self._solver, self._pattern, self._done = problem, solver, pattern, done
         self.curved = True
@@ -149,14 +115,13 @@ class _Direction:
 
 
 def solve(
-    problem: Problem,
+    problem: Equilibrium,
     start_mm: Field,
     pressure_mpa: Field,
     solver: Solver,
     pattern: Pattern,
     tolerance: float,
     longest_mm: float = np.inf,
-    most_iterations: int = 60,
 ) -> NewtonSolution:
     """Equilibrium from start_mm on.
 
@@ -173,7 +138,7 @@ def solve(
     direction = _Direction(problem, solver, pattern, done)
     while not done.residual <= tolerance:
         time_limit.check()
-        if done.iterations >= most_iterations:
+        if done.iterations >= MAX_ITERATIONS:
             raise SolverError(
                 f"newton: residual {done.residual:.1e} after {done.iterations} iterations, "
                 f"{tolerance:.0e} is needed"
@@ -198,7 +163,7 @@ def size_of(e: Evaluation) -> float:
 
 
 def _step(
-    problem: Problem, x: Field, now: Evaluation, direction: _Direction, longest_mm: float,
+    problem: Equilibrium, x: Field, now: Evaluation, direction: _Direction, longest_mm: float,
     done: NewtonSolution,
 ) -> _Step:  # fmt: skip
     """A step that is no longer than longest_mm and lowers the residual.

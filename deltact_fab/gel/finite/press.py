@@ -14,6 +14,7 @@ from ...elasticity.material import GelMaterial
 from ...errors import InputError, SolverError
 from ...shapes import Indenter
 from ..footprint import edge_radius_mm
+from ..level import IncrementDiagnostics
 from . import newton
 from .assembly import BulkAssembly
 from .descent import descend
@@ -22,8 +23,8 @@ from .material import NeoHooke
 from .mesh import HexMesh
 from .pattern import Pattern
 from .predict import start_of
-from .problem import Equilibrium, bulk_at
-from .state import FiniteState, PressDiagnostics, sum_of, with_diagnostics
+from .problem import Equilibrium
+from .state import FiniteState
 from .surface import FrictionGrip, Surface
 from .tip_rounding import blunted
 from .transfer import Guide
@@ -65,6 +66,7 @@ def refuse_lost(
         )
 
 
+TOLERANCE = 1e-8  # of `IncrementDiagnostics.residual`
 MAX_CUTS = 6  # halvings of one increment
 SHARP, MANY = 2.0, 5  # cells: least radius that 2 x 2 points a face can feel, and else how many
 LONGEST = 1.0  # cells that a node may move in one iteration, over twice the tip's own move
@@ -75,8 +77,8 @@ class FinitePress:
     """Contact of one indenter with one mesh. Holds no history: `solve` maps state to state.
 
     friction: Coulomb coefficient; None takes the material's; 0 builds no friction at all.
-    tolerance: of Diagnostics.residual. points: along a face's side at which the indenter is met;
-    None: 2, or MANY where a radius is below SHARP cells, for a face that wraps it is stretched.
+    points: along a face's side at which the indenter is met; None: 2, or MANY where a radius is
+    below SHARP cells, for a face that wraps it is stretched.
     """
 
     def __init__(
@@ -85,22 +87,18 @@ class FinitePress:
         material: GelMaterial,
         indenter: Indenter,
         friction: float | None = None,
-        tolerance: float = 1e-8,
         solver: Name = "auto",
-        use_compiled: bool | None = None,
         points: int | None = None,
     ) -> None:
         friction = material.friction if friction is None else friction
         if not (math.isfinite(friction) and friction >= 0):
             raise InputError(f"press: friction >= 0 and finite: {friction} fails")
-        if not 1e-12 <= tolerance <= 1e-3:
-            raise InputError(f"press: tolerance must be 1e-12 to 1e-3: {tolerance} fails")
         self.mesh, self.indenter, self.friction = mesh, indenter, friction
+        self.tolerance = TOLERANCE
         self.law = NeoHooke.of(material)
         self.viscosity = Viscosity.of(material, self.law)
-        self.tolerance = tolerance
         self.pattern = Pattern(mesh, ~mesh.held)
-        self.bulk = BulkAssembly(mesh, self.law, self.pattern, use_compiled)
+        self.bulk = BulkAssembly(mesh, self.law, self.pattern)
         face_mm = _smallest_face_mm(mesh)
         sharp = min(edge_radius_mm(tip) for tip in indenter.tips) < SHARP * face_mm
         points = points or (MANY if sharp else 2)
@@ -169,7 +167,7 @@ class FinitePress:
         started = time.perf_counter()
         start, move = np.array(previous.tip_mm), np.array(tip_mm) - np.array(previous.tip_mm)
         done, part, cuts = 0.0, 1.0, 0
-        state, work = previous, PressDiagnostics()
+        state, parts = previous, []
         change = None if guide is None else guide.change(previous.tip_mm, tip_mm)
         while done < 1.0:
             goal = min(1.0, done + part)
@@ -191,16 +189,12 @@ class FinitePress:
                     ) from why
                 continue
             change = None
-            work = sum_of(work, state.diagnostics)
+            parts.append(state.diagnostics)
             done = goal
         refuse_lost(self.surface, self.indenter, self._cell_mm, previous, state)
-        last = state.diagnostics
-        diagnostics = PressDiagnostics(
-            work.iterations, work.factorisations, work.damped, work.lagged, cuts,
-            last.residual, last.penetration_mm, last.least_j, last.most_stretch,
-            time.perf_counter() - started,
-        )  # fmt: skip
-        return with_diagnostics(state, diagnostics)
+        work = IncrementDiagnostics.over(parts)
+        seconds_s = time.perf_counter() - started
+        return replace(state, diagnostics=replace(work, cuts=cuts, seconds=seconds_s))
 
     def _memory(self, state: FiniteState, seconds: float | None, part: float) -> Memory | None:
         """What a relaxing gel brings into the next part of an increment."""
@@ -282,7 +276,7 @@ class FinitePress:
         found: newton.NewtonSolution, memory: Memory | None, lagged: int,
     ) -> FiniteState:  # fmt: skip
         tip = np.array(tip_mm)
-        bulk = bulk_at(self.bulk, u, memory)
+        bulk = self.bulk.evaluate(u, False, memory=memory)
         assert bulk.force_n is not None
         assert bulk.jbar is not None
         pressure = self.law.volumetric(bulk.jbar)[1]
@@ -291,7 +285,7 @@ class FinitePress:
         where = self.mesh.nodes_mm + u
         touched = contact.pressure_mpa > 0
         present = self.surface.weights_mm2 * self.surface.area_ratio(u)
-        diagnostics = PressDiagnostics(
+        diagnostics = IncrementDiagnostics(
             iterations=found.iterations,
             factorisations=found.factorisations,
             damped=found.damped,
@@ -307,7 +301,8 @@ class FinitePress:
         return FiniteState(
             tip_mm=tip_mm,
             displacement_mm=u,
-            slip_mm=self.surface.released_slip(contact),
+            # The elastic slip that carries the shear on to the next increment.
+            slip_mm=-contact.shear_mpa / self.surface.grip_stiffness[..., None],
             pressure_mpa=contact.pressure_mpa,
             shear_mpa=contact.shear_mpa,
             force_n=_point(pull.sum(axis=0)),

@@ -2,30 +2,30 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ...aliases import Field
-from .assembly import Bulk, BulkAssembly
-from .newton import Evaluation
+from .assembly import BulkAssembly
 from .surface import Coupling, FrictionGrip, Surface
 from .viscous import Memory
 
 
-def bulk_at(
-    bulk: BulkAssembly,
-    displacement_mm: Field,
-    memory: Memory | None,
-    tangent: bool = False,
-    pressure_mpa: Field | None = None,
-) -> Bulk:
-    """The bulk at displacements (n, 3), with what it remembers."""
-    if memory is None:
-        return bulk.evaluate(displacement_mm, tangent, pressure_mpa)
-    return bulk.evaluate(displacement_mm, tangent, pressure_mpa, memory.scale, memory.stress_mpa)
+class Evaluation(NamedTuple):
+    """residual_n (size,): unbalanced forces, p = U'(J). scale_n: what they are small to.
+    data: CSR entries of the tangent's symmetric part or None. pressure_mpa (m,): U'(J).
+    energy_nmm: the potential, where friction has one."""
+
+    residual_n: Field
+    scale_n: float
+    data: Field | None
+    pressure_mpa: Field
+    energy_nmm: float
 
 
 class Equilibrium:
-    """One increment with the tip at (x, y, depth); see `newton.Problem` for its methods.
+    """One increment with the tip at (x, y, depth): the system to be solved.
 
     floor_n: least force that a residual is compared with.
     """
@@ -48,9 +48,11 @@ class Equilibrium:
     def evaluate(
         self, free_mm: Field, pressure_mpa: Field | None, tangent: bool, curved: bool
     ) -> Evaluation | None:
-        """Residual, its scale and, if asked for, the tangent."""
+        """At displacements (size,); None where a cell is turned inside out. pressure_mpa (m,): of
+        the tangent's geometric part; None: U'(J). `curved` False leaves out terms of the tangent
+        that may be negative."""
         u = self._bulk.pattern.whole(free_mm)
-        bulk = bulk_at(self._bulk, u, self._memory, tangent, pressure_mpa)
+        bulk = self._bulk.evaluate(u, tangent, pressure_mpa, memory=self._memory)
         if bulk.force_n is None:
             return None
         assert bulk.jbar is not None
@@ -67,7 +69,7 @@ class Equilibrium:
         return Evaluation(residual, scale, data, first, bulk.energy_nmm + contact.energy_nmm)
 
     def pressure_rate(self, step_mm: Field) -> Field:
-        """U'' dJ.step of the cells at the last evaluation."""
+        """U'' dJ.step (m,) at the displacements of the last evaluation."""
         assert self._seen is not None
         rate, second = self._seen
         return second * self._volume_change(rate, step_mm) / self._bulk.volumes_mm3
@@ -75,7 +77,7 @@ class Equilibrium:
     def unbalance_n(self, free_mm: Field, pressure_mpa: Field) -> float | None:
         """Norm of the residual with given cell pressures; None if inside out."""
         u = self._bulk.pattern.whole(free_mm)
-        bulk = bulk_at(self._bulk, u, self._memory)
+        bulk = self._bulk.evaluate(u, False, memory=self._memory)
         if bulk.force_n is None:
             return None
         assert bulk.jbar is not None
@@ -89,11 +91,11 @@ class Equilibrium:
 
     @property
     def couples(self) -> bool:
-        """Whether shear follows pressure anywhere."""
+        """Whether the last tangent has a part that is not symmetric: shear follows pressure."""
         return self._coupling is not None and bool(self._coupling.gain_n_mm.any())
 
     def coupled(self, step_mm: Field) -> Field:
-        """Change of the residual by the shear that follows pressure."""
+        """That part times a step (size,)."""
         assert self._coupling is not None
         pattern = self._bulk.pattern
         return self._surface.coupled(self._coupling, pattern.whole(step_mm))[pattern.free]

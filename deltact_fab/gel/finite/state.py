@@ -1,34 +1,15 @@
-"""A solved position of the indenter, and the work it took."""
+"""A solved position of the indenter on a mesh."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from ...aliases import Field, Point
+from ..level import IncrementDiagnostics
 
 PENETRATION_LIMIT = 0.05  # of the depth; beyond, a state is not `trusted`
 
-
-@dataclass(frozen=True)
-class PressDiagnostics:
-    """Work and quality of the increment that led to a state; counts are sums over its parts.
-
-    residual: norm of the unbalanced nodal forces over that of the contact's. cuts: halvings of the
-    increment. penetration_mm: deepest, also between contact points. damped: factorisations with
-    damping, as where the gel folds. lagged: parts whose friction is bounded by the pressures at
-    their start. seconds: wall time.
-    """
-
-    iterations: int = 0
-    factorisations: int = 0
-    damped: int = 0
-    lagged: int = 0
-    cuts: int = 0
-    residual: float = 0.0
-    penetration_mm: float = 0.0
-    least_j: float = 1.0
-    most_stretch: float = 1.0
-    seconds: float = 0.0
+UNSTRETCHED = IncrementDiagnostics(most_stretch=1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +38,7 @@ class FiniteState:
     contact_area_mm2: float
     contact_points: int
     cell_pressure_mpa: Field
-    diagnostics: PressDiagnostics = field(default_factory=PressDiagnostics)
+    diagnostics: IncrementDiagnostics = UNSTRETCHED
     rate: tuple[Field, Field, Field] | None = None
     overstress_mpa: Field | None = None
 
@@ -68,19 +49,3 @@ class FiniteState:
         d = self.diagnostics
         inside_mm = PENETRATION_LIMIT * max(self.tip_mm[2], 0.0)
         return d.penetration_mm <= inside_mm and not d.lagged
-
-
-def with_diagnostics(state: FiniteState, diagnostics: PressDiagnostics) -> FiniteState:
-    """The same state with other diagnostics."""
-    values = {k: getattr(state, k) for k in state.__dataclass_fields__}
-    return FiniteState(**{**values, "diagnostics": diagnostics})
-
-
-def sum_of(a: PressDiagnostics, b: PressDiagnostics) -> PressDiagnostics:
-    """Counts of work added; the rest is left at its default."""
-    return PressDiagnostics(
-        a.iterations + b.iterations,
-        a.factorisations + b.factorisations,
-        a.damped + b.damped,
-        a.lagged + b.lagged,
-    )

@@ -202,10 +202,6 @@ class Surface:
         curvature[some] = found.curvature_per_mm
         return Gap(distance, normal, curvature)
 
-    def released_slip(self, seen: ContactEvaluation) -> Field:
-        """Elastic slip (f, q, 3) that carries the shear of an evaluation on to the next step."""
-        return -seen.shear_mpa / self.grip_stiffness[..., None]
-
     def area_ratio(self, displacement_mm: Field) -> Field:
         """Present over resting area at the points, (f, q)."""
         x = (self.mesh.nodes_mm + displacement_mm)[self.faces]

@@ -9,7 +9,7 @@ the covariance s^2 (J'J)^-1, widened where the residuals follow each other.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -77,10 +77,10 @@ class GelFit:
     def as_dict(self) -> dict[str, Any]:
         """The keys of `gel fit --json`."""
         return {
-            "modulus_mpa": self.modulus_mpa.as_dict(),
-            "friction": self.friction.as_dict() if self.friction else None,
+            "modulus_mpa": asdict(self.modulus_mpa),
+            "friction": asdict(self.friction) if self.friction else None,
             "friction_used": self.friction_used,
-            "offset_mm": self.offset_mm.as_dict() if self.offset_mm else None,
+            "offset_mm": asdict(self.offset_mm) if self.offset_mm else None,
             "rms_n": self.rms_n,
             "rms_rel": self.rms_rel,
             "trend_rel": self.trend_rel,
@@ -113,7 +113,6 @@ def fit_press(
     Raises InputError where the file's depths do not fit the gel or are all one, RunFailed where no
     modulus follows or its interval holds 0, and what the engine raises.
     """
-    _require_spread(data)
     notes: list[str] = []
     known = ASSUMED_FRICTION if friction is None else friction
     looks = (data.has_tangential and friction is None) if fit_friction is None else fit_friction
@@ -161,7 +160,13 @@ def fit_press(
     scale = float(np.sqrt(np.mean(fine.measured_n[used] ** 2)))
     rms = float(np.sqrt(np.mean(residual[used] ** 2)))
     trend, told = _trend(data, fine, solution, residual, scale)
-    modulus = _modulus(solution, error)
+    modulus = solution.estimate("modulus").widened(error or 0.0)
+    if not modulus.low > 0:
+        raise RunFailed(
+            f"gel fit: {modulus.value:.3g} MPa with an interval of {modulus.low:.3g} to "
+            f"{modulus.high:.3g}, which holds 0: these data give no modulus; less noise, more rows "
+            "or a deeper press is needed"
+        )
     notes += told + _remarks(data, solution, modulus, bounds)
     return GelFit(
         modulus_mpa=modulus,
@@ -187,7 +192,13 @@ def _reach(
     data: MeasuredIndentation, skin: SkinDimensions, fit_offset: bool
 ) -> tuple[Bounds | None, float]:
     """Bounds of the depth_mm of first touch, if it is fitted, and the deepest press they need."""
-    most = float(data.depth_mm.max())
+    least, most = float(data.depth_mm.min()), float(data.depth_mm.max())
+    # At one depth a force gives no more than one number, whatever it means.
+    if not most - least >= MIN_SPREAD * most:
+        raise InputError(
+            f"{data.name}: column depth_mm: all rows are {least:.3g} to {most:.3g} mm deep; depths "
+            f"spread over at least {MIN_SPREAD:.0%} of the deepest are needed"
+        )
     limit = DEEPEST * skin.thickness_mm
     bounds: Bounds | None = None
     deepest = most
@@ -206,28 +217,6 @@ def _reach(
             f"{limit:g} mm, {DEEPEST:.0%} of the gel's thickness, is needed"
         )
     return bounds, min(deepest, limit)
-
-
-def _require_spread(data: MeasuredIndentation) -> None:
-    """At one depth a force gives no more than one number, whatever it means."""
-    low, high = float(data.depth_mm.min()), float(data.depth_mm.max())
-    if not high - low >= MIN_SPREAD * high:
-        raise InputError(
-            f"{data.name}: column depth_mm: all rows are {low:.3g} to {high:.3g} mm deep; depths "
-            f"spread over at least {MIN_SPREAD:.0%} of the deepest are needed"
-        )
-
-
-def _modulus(solution: FitSolution, mesh_error: float | None) -> Estimate:
-    """With its interval, the mesh's error added to the residuals' part."""
-    found = solution.estimate("modulus").widened(mesh_error or 0.0)
-    if not found.low > 0:
-        raise RunFailed(
-            f"gel fit: {found.value:.3g} MPa with an interval of {found.low:.3g} to "
-            f"{found.high:.3g}, which holds 0: these data give no modulus; less noise, more rows "
-            "or a deeper press is needed"
-        )
-    return found
 
 
 def _undetermined(solution: FitSolution) -> str | None:

@@ -20,12 +20,11 @@ import numpy as np
 
 from ...aliases import Field, Point, Point2, Progress
 from ...elasticity.material import GelMaterial
-from ...errors import InputError
+from ...errors import InputError, SolverError
 from ...shapes import Indenter, SkinDimensions
 from ..level import Choice
 from ..path.knots import Increments, KnotPose, ObservedChannels, divide
 from ..path.open import choose, open_path
-from .shallow import layer_forces, seen_from_mm
 
 
 class PowerLaw(NamedTuple):
@@ -54,50 +53,27 @@ def evaluated(law: PowerLaw, at_mm: Field) -> Field:
     return np.where(touched, np.exp(law.curve(inner) + law.power * before), 0.0)
 
 
-def left_out(depth_mm: Field, normal_n: Field) -> float:
-    """Largest relative error at a point, but the end points, interpolated from the others."""
-    worst = 0.0
-    for k in range(1, len(depth_mm) - 1):
-        kept = np.arange(len(depth_mm)) != k
-        law = interpolant(depth_mm[kept], normal_n[kept])
-        value = evaluated(law, depth_mm[k : k + 1])
-        worst = max(worst, abs(float(value[0]) / float(normal_n[k]) - 1))
-    return worst
-
-
 STEP_MM = 0.5
 DEEPEST = 0.95  # of the thickness
 LAYER_DEPTH = 0.25  # of the thickness: deepest use of the layer
+CELLS = 3.0  # contact radius over cell size, from which a mesh is trusted
+PARTS = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 3 / 4)  # of the first solved depth
+SPACING_MM = 0.2  # of the layer's grid
 
 
 @dataclass(frozen=True, eq=False)
 class ForceCurve:
     """Forces on the sensor along one press.
 
-    depth_mm (n,) rising from 0, force_n (n, 3) at `modulus_mpa`. solved_from_mm: below this depth
-    the layer was used. interpolation_rel: largest change of the normal force at a solved depth when
-    that depth is left out, an upper bound of the error between solved depths.
+    depth_mm (n,) rising from 0, force_n (n, 3).
     """
 
     depth_mm: Field
     force_n: Field
-    modulus_mpa: float
-    spacing_mm: float
-    solved_from_mm: float
-    interpolation_rel: float
 
     def normal_n(self, depth_mm: Field) -> Field:
-        """-Fz (n,) at depths (n,); 0 out of contact. InputError beyond the last solved depth."""
-        d = np.asarray(depth_mm, dtype=np.float64)
-        last = float(self.depth_mm[-1])
-        if d.size and float(d.max()) > last * (1 + 1e-9):
-            raise InputError(f"force curve: depth {float(d.max()):g} mm is past its end, {last:g}")
-        return evaluated(self._power_law, np.clip(d, 0, last))
-
-    def scaled(self, modulus_mpa: float) -> ForceCurve:
-        """The same curve for another modulus: forces in proportion."""
-        ratio = modulus_mpa / self.modulus_mpa
-        return replace(self, force_n=self.force_n * ratio, modulus_mpa=modulus_mpa)
+        """-Fz (n,) at depths (n,) up to the last solved one; 0 out of contact."""
+        return evaluated(self._power_law, np.clip(depth_mm, 0, self.depth_mm[-1]))
 
     @cached_property
     def _power_law(self) -> PowerLaw:
@@ -122,20 +98,17 @@ def force_curve(
     deepest_mm: float,
     *,
     spacing_mm: float | None = None,
-    step_mm: float | None = None,
     progress: Progress | None = None,
 ) -> ForceCurve:
     """The press at at_mm to deepest_mm.
 
-    spacing_mm: cells below the indenter; None: `cells_mm`. step_mm: between solved
-    depths; None: STEP_MM, less in a thin gel. Solved depths are multiples of it, so the last one
-    may lie up to a step deeper. A series in `material.prony` is left out: a slow press.
+    spacing_mm: cells below the indenter; None: `cells_mm`. Solved depths are multiples of STEP_MM,
+    or of less in a thin gel, so the last one may lie up to a step deeper. A series in
+    `material.prony` is left out: a slow press.
     Raises InputError for values out of range, and what the solver raises.
     """
     thickness = skin.thickness_mm
-    step = min(STEP_MM, thickness / 24) if step_mm is None else step_mm
-    if not (math.isfinite(step) and 0 < step <= thickness / 4):
-        raise InputError(f"force curve: 0 < step_mm <= {thickness / 4:g}: {step} fails")
+    step = min(STEP_MM, thickness / 24)
     if not (math.isfinite(deepest_mm) and 0 < deepest_mm <= DEEPEST * thickness):
         raise InputError(
             f"force curve: a depth above 0 and up to {DEEPEST * thickness:g} mm, {DEEPEST:.0%} of "
@@ -145,7 +118,12 @@ def force_curve(
     h = spacing_mm
     if h is None:
         h = cells_mm(skin, indenter, unit.poisson, np.array([(*at_mm, deepest_mm)]))
-    first, light = _start(skin, unit, indenter, at_mm, h, step)
+    # Number of steps to the first solved depth, and the layer's numbers above it.
+    reach = math.floor(LAYER_DEPTH * thickness / step + 1e-9)
+    first = max(1, min(reach, round(_seen_from_mm(indenter, h) / step)))
+    light = _layer_forces(skin, unit, indenter, at_mm, first * step)
+    if light is None:
+        first = 1  # where the layer does not reach, finite strain is asked from there on
     # A second solved depth gives the slope at the first, which shallow data lean on.
     last = max(first + 1, math.ceil(deepest_mm / step - 1e-9))
     limit = math.floor(DEEPEST * thickness / step + 1e-9)
@@ -164,9 +142,7 @@ def force_curve(
         small = (normal * grows)[:, None] * (forces[0] / -forces[0, 2])
     depth = np.concatenate([[0.0], shallow, depths])
     force = np.concatenate([np.zeros((1, 3)), small, forces])
-    left = left_out(depth[1:], -force[1:, 2])
-    curve = ForceCurve(depth, force, 1.0, h, depths[0], left)
-    return curve.scaled(material.modulus_mpa)
+    return ForceCurve(depth, force * material.modulus_mpa)
 
 
 def force_path(
@@ -175,7 +151,7 @@ def force_path(
     indenter: Indenter,
     tips_mm: Field,
     *,
-    spacing_mm: float | None = None,
+    spacing_mm: float,
     step_mm: float = STEP_MM,
     progress: Progress | None = None,
 ) -> Field:
@@ -184,16 +160,11 @@ def force_path(
     Friction remembers the way, so all of it is solved, in increments of at most step_mm. Raises
     what the solver raises.
     """
-    tips = np.asarray(tips_mm, dtype=np.float64)
-    h = spacing_mm
-    if h is None:
-        h = cells_mm(skin, indenter, material.poisson, tips)
     unit = GelMaterial(1.0, material.poisson, material.friction)
-    poses, met = _way([(x, y, -d) for x, y, d in tips.tolist()], step_mm)
-    choice = choose(skin, unit, indenter, poses, level="hyperelastic", spacing_mm=h)
-    return _forces(skin, unit, indenter, poses, choice, step_mm, progress)[met] * (
-        material.modulus_mpa
-    )
+    poses, met = _way([(x, y, -d) for x, y, d in tips_mm.tolist()], step_mm)
+    choice = choose(skin, unit, indenter, poses, level="hyperelastic", spacing_mm=spacing_mm)
+    forces = _forces(skin, unit, indenter, poses, choice, step_mm, progress)
+    return forces[met] * material.modulus_mpa
 
 
 def _way(tips: Sequence[Point], step_mm: float) -> tuple[list[KnotPose], list[int]]:
@@ -224,17 +195,55 @@ def _forces(
     return np.array([knot.force_n for knot in knots])
 
 
-def _start(
+def _widest_mm(indenter: Indenter, depth_mm: float) -> float:
+    """Radius of the largest circle in the indenter's section at half the depth.
+
+    That is the contact's radius where the gel meets a sphere as in Hertz, a^2 = R d.
+    """
+    from scipy.ndimage import distance_transform_edt
+
+    half_x, half_y = indenter.footprint_half_mm
+    cell = max(half_x, half_y) / 100
+    x = np.arange(-half_x - 2 * cell, half_x + 3 * cell, cell)
+    y = np.arange(-half_y - 2 * cell, half_y + 3 * cell, cell)
+    height = indenter.height_mm(*np.meshgrid(x, y))
+    inside = np.isfinite(height) & (height <= depth_mm / 2)
+    return float(distance_transform_edt(inside).max()) * cell
+
+
+def _seen_from_mm(indenter: Indenter, h: float) -> float:
+    """Depth from which the contact is CELLS cells wide, or 60 % of the tips' width."""
+    goal = min(CELLS * h, 0.6 * _widest_mm(indenter, math.inf))
+    low, high = 0.0, 2 * indenter.equator_mm
+    for _ in range(12):
+        middle = (low + high) / 2
+        low, high = (low, middle) if _widest_mm(indenter, middle) >= goal else (middle, high)
+    return high
+
+
+def _layer_forces(
     skin: SkinDimensions,
     unit: GelMaterial,
     indenter: Indenter,
     at_mm: Point2,
-    h: float,
-    step: float,
-) -> tuple[int, tuple[Field, Field, float] | None]:
-    """Number of steps to the first solved depth, and the layer's numbers above it."""
-    reach = math.floor(LAYER_DEPTH * skin.thickness_mm / step + 1e-9)
-    first = max(1, min(reach, round(seen_from_mm(indenter, h) / step)))
-    light = layer_forces(skin, unit, indenter, at_mm, first * step)
-    # Where the layer does not reach, finite strain is asked from the first step on.
-    return (first if light else 1), light
+    first_mm: float,
+) -> tuple[Field, Field, float] | None:
+    """Depths above the first solved one, the bonded layer's normal forces there, and that at it.
+
+    None where the layer refuses that depth.
+    """
+    depths = [part * first_mm for part in (*PARTS, 1.0)]
+    poses = [KnotPose((*at_mm, -d), 0.0, 1.0) for d in depths]
+    # Too light a touch hides in its grid: deeper ones may do.
+    for skipped in range(len(PARTS) - 1):
+        try:
+            choice = choose(
+                skin, unit, indenter, poses[skipped:],
+                level="layer", friction=0.0, spacing_mm=SPACING_MM,
+            )  # fmt: skip
+            solver = open_path(skin, unit, indenter, poses[skipped:], ObservedChannels(), choice)
+            normal = np.array([-knot.force_n[2] for knot in solver.solve_all()])
+        except (InputError, SolverError):
+            continue
+        return np.array(depths[skipped:-1]), normal[:-1], float(normal[-1])
+    return None

@@ -35,10 +35,6 @@ class Estimate:
         more = rel * abs(self.value)
         return Estimate(self.value, self.low - more, self.high + more)
 
-    def as_dict(self) -> dict[str, float]:
-        """Plain data."""
-        return {"value": self.value, "low": self.low, "high": self.high}
-
 
 @dataclass(frozen=True, eq=False)
 class FitSolution:
@@ -81,25 +77,23 @@ def best_touch(model: PressModel, friction: float, bounds: Bounds) -> float:
     return float(tried[int(np.argmin(left))])
 
 
-def solve(
-    model: PressModel, friction: float | None, touch_bounds: Bounds | None, known_touch: float = 0.0
-) -> FitSolution:
+def solve(model: PressModel, friction: float | None, touch_bounds: Bounds | None) -> FitSolution:
     """Fit the modulus and whatever is not given: friction None, first touch within its bounds.
 
     Raises RunFailed where the forces give no modulus above 0.
     """
     if friction is not None:
-        return _minimise(model, (friction,), friction, touch_bounds, known_touch)
-    found = _minimise(model, COEFFICIENTS, None, touch_bounds, known_touch)
+        return _minimise(model, (friction,), friction, touch_bounds)
+    found = _minimise(model, COEFFICIENTS, None, touch_bounds)
     coefficients: tuple[float, ...] = COEFFICIENTS
     if not COEFFICIENTS[0] * 1.01 < found.friction < COEFFICIENTS[-1] * 0.99:
         coefficients = WIDER
-        found = _minimise(model, coefficients, None, touch_bounds, known_touch)
+        found = _minimise(model, coefficients, None, touch_bounds)
     # Solved once more where it came out, so that little is left to interpolation.
     near = float(f"{found.friction:.1g}")
     if near not in coefficients and coefficients[0] < near < coefficients[-1]:
         coefficients = tuple(sorted((*coefficients, near)))
-        found = _minimise(model, coefficients, None, touch_bounds, known_touch)
+        found = _minimise(model, coefficients, None, touch_bounds)
     return found
 
 
@@ -108,14 +102,11 @@ def _minimise(
     coefficients: tuple[float, ...],
     friction: float | None,
     touch_bounds: Bounds | None,
-    known_touch: float,
 ) -> FitSolution:
     from scipy.optimize import least_squares
 
     start_friction = coefficients[len(coefficients) // 2]
-    touch = known_touch
-    if touch_bounds is not None:
-        touch = best_touch(model, start_friction, touch_bounds)
+    touch = 0.0 if touch_bounds is None else best_touch(model, start_friction, touch_bounds)
     unit = model.unit_n(coefficients, start_friction, touch)
     modulus = float(unit @ model.measured_n) / max(float(unit @ unit), 1e-300)
     if not modulus > 0:
@@ -134,7 +125,7 @@ def _minimise(
 
     def forces(x: Field) -> Field:
         mu = friction if friction is not None else float(x[1])
-        at = float(x[-1]) if touch_bounds is not None else known_touch
+        at = float(x[-1]) if touch_bounds is not None else 0.0
         return modulus * float(x[0]) * model.unit_n(coefficients, mu, at)
 
     def run(used: Mask, begin: Field, loss: str, spread: float) -> Field:
@@ -175,7 +166,7 @@ def _minimise(
         dof=dof,
         follow=follow,
         friction=friction if friction is not None else float(x[1]),
-        touch_mm=float(x[-1]) if touch_bounds is not None else known_touch,
+        touch_mm=float(x[-1]) if touch_bounds is not None else 0.0,
         coefficients=coefficients,
         model_n=forces(x),
         used=used,

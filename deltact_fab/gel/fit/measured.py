@@ -44,10 +44,6 @@ class MeasuredIndentation:
         """Whether a row was measured along x or y after a move in plane."""
         return bool(np.isfinite(self.tangential_n[self.sheared]).any())
 
-    def shifted(self, touch_mm: float) -> MeasuredIndentation:
-        """The same rows with depth counted from touch_mm."""
-        return replace(self, depth_mm=self.depth_mm - touch_mm)
-
 
 def read_csv(path: Path | str) -> MeasuredIndentation:
     """Read NEEDED and OPTIONAL columns; others are left alone, `#` starts a comment line.
@@ -103,10 +99,8 @@ def before_drag(data: MeasuredIndentation) -> MeasuredIndentation:
             f"{data.name}: {int(keep.sum())} rows before the first shear; at least {MIN_ROWS} "
             "are needed to find the first touch"
         )
-    return MeasuredIndentation(
-        data.name, data.depth_mm[keep], data.normal_n[keep], data.shear_mm[keep],
-        data.tangential_n[keep],
-    )  # fmt: skip
+    parts = ("depth_mm", "normal_n", "shear_mm", "tangential_n")
+    return replace(data, **{name: getattr(data, name)[keep] for name in parts})
 
 
 def _lines(text: str) -> Iterator[tuple[int, list[str]]]:

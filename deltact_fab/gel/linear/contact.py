@@ -20,13 +20,12 @@ under the indenter; unloading lets go of both.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from ...aliases import Field, Point
-from ...elasticity.face import FaceOperator, PatchOperator
+from ...elasticity.face import FaceOperator
 from ...errors import InputError, SolverError
 from ...shapes import Indenter
 from .complementarity import (
@@ -36,7 +35,7 @@ from .complementarity import (
     normal_violation,
 )
 from .patch import Patch, footprint, patch_below
-from .state import ContactState, untouched
+from .state import ContactState
 from .validity import least_det, refuse_bad_contact, refuse_out_of_range
 
 
@@ -114,37 +113,18 @@ class LayerContact:
 
     def rest(self, tip_mm: Point = (0.0, 0.0, 0.0)) -> ContactState:
         """The state without contact: nothing displaced, nothing remembered."""
-        return untouched(self.layer.shape, tip_mm)
-
-    def path(
-        self, previous: ContactState, tip_mm: Point, max_step_mm: float = 0.1
-    ) -> Iterator[ContactState]:
-        """Solve along the straight way from `previous` to `tip_mm` in equal increments.
-
-        The way above the face is skipped, so the first increment starts at first touch; a move
-        that ends without contact gives the one state of rest.
-        """
-        if not (math.isfinite(max_step_mm) and max_step_mm > 0):
-            raise InputError(f"contact: max_step_mm > 0 and finite: {max_step_mm} fails")
-        tip = _point(tip_mm)
-        if tip[2] <= 0:
-            yield self.solve(previous, tip)
-            return
-        refuse_out_of_range(self.layer, self.indenter, tip)  # before any of the way is solved
-        start, end = np.array(previous.tip_mm), np.array(tip)
-        if start[2] < 0:
-            start = start + (end - start) * (-start[2] / (end[2] - start[2]))
-        n = max(1, math.ceil(float(np.linalg.norm(end - start)) / max_step_mm - 1e-9))
-        state = previous
-        for i in range(1, n + 1):
-            at = start + (end - start) * (i / n) if i < n else end
-            state = self.solve(state, (float(at[0]), float(at[1]), float(at[2])))
-            yield state
+        scalar, plane = np.zeros(self.layer.shape), np.zeros((*self.layer.shape, 2))
+        nothing, still = (0.0, 0.0, 0.0), np.zeros((*self.layer.shape, 3))
+        return ContactState(
+            tip_mm, scalar, plane, still, plane.copy(), plane.copy(), nothing, nothing,
+            contact_area_mm2=0.0, contact_nodes=0, residual=0.0, iterations=0,
+            beyond_small_strain=False, least_det=1.0,
+        )  # fmt: skip
 
     def solve(self, previous: ContactState, tip_mm: Point) -> ContactState:
         """One increment: the state with the tip at (x, y, depth), coming straight from `previous`.
 
-        Friction depends on the path, so a long move wants several increments (`path`).
+        Friction depends on the path, so a long move wants several increments (`level.follow`).
         Raises InputError when the tip is not on the face or deeper than this level reaches,
         SolverError when the contact is not resolved by the grid, runs off the face or the
         indenter, folds the face, or does not converge.
@@ -198,6 +178,18 @@ class LayerContact:
         # What pressure and friction tell each other: drag in plane (2) and lift by shear (1).
         trial = np.concatenate([dragged_before, op.normal_of_shear(q)[None]])
         mixer, compliance = Mixer(), ShearComplianceBound(op)
+
+        def rub(
+            shear: Field, free_slip: Field, bound: Field, goal_mm: float
+        ) -> tuple[Field, Field, float]:
+            """Shear and slip (2, my, mx) and the worst violation (mm), counted."""
+            q, slip, worst, used = friction_contact(
+                op, shear, free_slip, bound, goal_mm, compliance, self.max_iterations
+            )
+            self.tangential_solves += 1
+            self._applications += used
+            return q, slip, worst
+
         inner = 1e-3 * depth
         for i in range(1, self.max_alternations + 1):
             gap = patch.height_mm(trial[:2]) - depth + trial[2]
@@ -206,12 +198,10 @@ class LayerContact:
             )
             self._applications += used
             spread, bound = op.shear_of_pressure(p), self.friction * p
-            q, slip, worst = self._rub(op, q, spread - target, bound, inner, compliance)
+            q, slip, worst = rub(q, spread - target, bound, inner)
             found = np.zeros_like(trial)
             if dragged:
-                alone, slip_alone, worst_alone = self._rub(
-                    op, alone, spread - held, bound, inner, compliance
-                )
+                alone, slip_alone, worst_alone = rub(alone, spread - held, bound, inner)
                 worst = max(worst, worst_alone)
                 found[:2] = (target + slip) - (held + slip_alone)
             found[2] = op.normal_of_shear(q)
@@ -231,23 +221,6 @@ class LayerContact:
             f"{self.tolerance:.0e} is asked; shorter increments, less depth or less friction "
             "help (steep flanks under high friction lock, and have no solution at this level)"
         )
-
-    def _rub(
-        self,
-        op: PatchOperator,
-        shear: Field,
-        free_slip: Field,
-        bound: Field,
-        goal_mm: float,
-        compliance: ShearComplianceBound,
-    ) -> tuple[Field, Field, float]:
-        """Shear and slip (2, my, mx) and the worst violation (mm), counted."""
-        q, slip, worst, used = friction_contact(
-            op, shear, free_slip, bound, goal_mm, compliance, self.max_iterations
-        )
-        self.tangential_solves += 1
-        self._applications += used
-        return q, slip, worst
 
     # -- the result ------------------------------------------------------------------------------
 
@@ -293,7 +266,6 @@ class LayerContact:
             contact_nodes=nodes,
             residual=found.residual,
             iterations=self._applications,
-            converged=True,
             beyond_small_strain=tip[2] > SMALL_STRAIN * layer.thickness_mm * (1 + 1e-9),
             least_det=det,
         )

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -14,57 +12,11 @@ from ...errors import SolverError
 from ...levels import LINEAR
 from ...shapes import Indenter, SkinDimensions
 from ..lattice import hermite, means
-from ..level import Choice, IncrementDiagnostics, Level
+from ..level import Choice, IncrementDiagnostics, Level, State
 from .contact import LayerContact
 from .state import ContactState
 
 MAX_CUTS = 2  # halvings of an increment
-
-
-@dataclass(frozen=True, eq=False)
-class LinearState:
-    """A state of a linear level; see `level.State`. inner: as the level has it."""
-
-    inner: ContactState
-    diagnostics: IncrementDiagnostics
-    _sampled: tuple[Field, Field]
-    _means: tuple[Field, Field]
-
-    @property
-    def tip_mm(self) -> Point:
-        """(x, y, depth) of the indenter's lowest point."""
-        return self.inner.tip_mm
-
-    @property
-    def force_n(self) -> Point:
-        """On the sensor."""
-        return self.inner.force_n
-
-    @property
-    def torque_nmm(self) -> Point:
-        """On the sensor, about the centre of the resting face."""
-        return self.inner.torque_nmm
-
-    @property
-    def contact_area_mm2(self) -> float:
-        """Of the nodes under pressure."""
-        return self.inner.contact_area_mm2
-
-    @cached_property
-    def displacement_mm(self) -> Field:
-        """(ny, nx, 3) on the lattice."""
-        return _laid(self._sampled, self.inner.displacement_mm)
-
-    @cached_property
-    def pressure_mpa(self) -> Field:
-        """(ny, nx) on the lattice, never negative."""
-        return _laid(self._means, self.inner.pressure_mpa[..., None])[..., 0]
-
-    @cached_property
-    def traction_mpa(self) -> Field:
-        """(ny, nx, 3) on the lattice; linear, so pressure acts along -z."""
-        shear = _laid(self._means, self.inner.shear_mpa)
-        return np.concatenate([shear, -self.pressure_mpa[..., None]], axis=-1)
 
 
 class LinearGel:
@@ -83,9 +35,7 @@ class LinearGel:
         self.choice, self.x_mm, self.y_mm = choice, x_mm, y_mm
         face = LINEAR[choice.level].face(skin, material, choice.spacing_mm)
         self.dofs = 3 * face.shape[0] * face.shape[1]
-        self.contact = LayerContact(
-            face, indenter, friction=choice.friction, observe_shear=choice.friction > 0
-        )
+        self.contact = LayerContact(face, indenter, choice.friction)
         self._sampled = hermite(face.x_mm, x_mm), hermite(face.y_mm, y_mm)
         # A traction at a node of the grid is that of the cell around it.
         edges = (
@@ -94,13 +44,13 @@ class LinearGel:
         )
         self._means = means(next(edges), x_mm), means(next(edges), y_mm)
 
-    def rest(self, tip_mm: Point = (0.0, 0.0, 0.0)) -> LinearState:
+    def rest(self, tip_mm: Point = (0.0, 0.0, 0.0)) -> State:
         """Without contact."""
         return self._state(self.contact.rest(tip_mm))
 
     def solve(
-        self, previous: LinearState, tip_mm: Point, seconds: float = 0.0, guide: None = None
-    ) -> LinearState:
+        self, previous: State, tip_mm: Point, seconds: float = 0.0, guide: None = None
+    ) -> State:
         """One increment, halved where pressure and friction do not agree.
 
         `seconds` makes no difference at a linear level.
@@ -116,26 +66,24 @@ class LinearGel:
         x, y, z = ((a + b) / 2 for a, b in zip(inner.tip_mm, tip_mm, strict=True))
         return self._cut(self._cut(inner, (x, y, z), left - 1), tip_mm, left - 1)
 
-    def guide(self, states: Sequence[LinearState]) -> None:
+    def guide(self, states: Sequence[State]) -> None:
         """None: a linear problem needs no start."""
 
-    def lacking_rel(self, state: LinearState) -> float:
+    def lacking_rel(self, state: State) -> float:
         """0: the contact is hard."""
         return 0.0
 
-    def path(
-        self,
-        previous: LinearState,
-        tip_mm: Point,
-        max_step_mm: float | None = None,
-        seconds: float = 0.0,
-    ) -> Iterator[LinearState]:
-        """The straight way in equal increments."""
-        step = self.choice.step_mm if max_step_mm is None else max_step_mm
-        for state in self.contact.path(previous.inner, tip_mm, step):
-            yield self._state(state)
+    def displacement_mm(self, inner: ContactState) -> Field:
+        """(ny, nx, 3) on the lattice."""
+        return _laid(self._sampled, inner.displacement_mm)
 
-    def _state(self, inner: ContactState) -> LinearState:
+    def traction_mpa(self, inner: ContactState) -> Field:
+        """(ny, nx, 3) on the lattice; linear, so pressure acts along -z."""
+        shear = _laid(self._means, inner.shear_mpa)
+        pressure = _laid(self._means, inner.pressure_mpa[..., None])
+        return np.concatenate([shear, -pressure], axis=-1)
+
+    def _state(self, inner: ContactState) -> State:
         flags: tuple[str, ...] = ()
         if inner.beyond_small_strain:
             flags = (
@@ -149,7 +97,9 @@ class LinearGel:
             least_j=inner.least_det,
             flags=flags,
         )
-        return LinearState(inner, diagnostics, self._sampled, self._means)
+        return State(
+            inner, inner.force_n, inner.torque_nmm, inner.contact_area_mm2, diagnostics, self
+        )
 
 
 def _laid(to_lattice: tuple[Field, Field], field: Field) -> Field:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from ...aliases import Field, Point
 
 
@@ -22,7 +20,7 @@ class ContactState:
     traction where it acts, on the displaced face.
     contact_area_mm2: area of the nodes under pressure. contact_nodes: their number.
     residual: worst violation of the contact conditions, as a length over the depth.
-    iterations: operator applications over both problems. converged: always True from `solve`.
+    iterations: operator applications over both problems.
     beyond_small_strain: depth over 10 % of the thickness.
     least_det: smallest det(I + grad u_xy) on the face, below 1 where it is squeezed.
     """
@@ -39,7 +37,6 @@ class ContactState:
     contact_nodes: int
     residual: float
     iterations: int
-    converged: bool
     beyond_small_strain: bool
     least_det: float
 
@@ -48,14 +45,3 @@ class ContactState:
         fields = (self.displacement_mm, self.drag_mm)
         for array in (self.pressure_mpa, self.shear_mpa, self.drag_mpa, *fields):
             array.setflags(write=False)
-
-
-def untouched(shape: tuple[int, int], tip_mm: Point) -> ContactState:
-    """Without contact on a grid (ny, nx): nothing displaced, nothing remembered."""
-    nothing = (0.0, 0.0, 0.0)
-    return ContactState(
-        tip_mm, np.zeros(shape), np.zeros((*shape, 2)), np.zeros((*shape, 3)),
-        np.zeros((*shape, 2)), np.zeros((*shape, 2)), nothing, nothing,
-        contact_area_mm2=0.0, contact_nodes=0, residual=0.0, iterations=0, converged=True,
-        beyond_small_strain=False, least_det=1.0,
-    )  # fmt: skip

@@ -12,12 +12,17 @@ whole pixels keep a centroid, and the work falls with the square.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import cv2
 import numpy as np
 
 from ...aliases import Array
-from .rule import DotRule, Polarity
+
+Polarity = Literal["white", "dark"]
+
+WORK_PX = 7.0  # a dot's diameter in the reduced image in which dots are looked for
+BLUR = 0.17  # sigma of the blur of the whiteness, in diameters
 
 
 @dataclass(frozen=True)
@@ -34,11 +39,9 @@ class Blobs:
 class Detector:
     """Finds dots of one polarity, of about `diameter_px` and at least `pitch_px` apart."""
 
-    def __init__(
-        self, diameter_px: float, pitch_px: float, polarity: Polarity, rule: DotRule
-    ) -> None:
-        self.shrink = max(1, int(diameter_px / rule.work_d_px))
-        self._sigma = rule.blur_d * diameter_px / self.shrink
+    def __init__(self, diameter_px: float, pitch_px: float, polarity: Polarity) -> None:
+        self.shrink = max(1, int(diameter_px / WORK_PX))
+        self._sigma = BLUR * diameter_px / self.shrink
         self._light_step = max(2, round(pitch_px / 4 / self.shrink))
         self._area = np.pi / 4 * (diameter_px / self.shrink) ** 2
         self._polarity = polarity

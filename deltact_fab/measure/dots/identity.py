@@ -11,8 +11,22 @@ import numpy as np
 from ...aliases import Array
 from .colours import Rings
 from .detect import Blobs
-from .rule import DotRule
 from .skin import Skin, mutual
+
+AREA_FACTOR = 1.7
+"""By which a dot's area may differ from what the neighbours' motion predicts; beyond, it is partly
+covered or merged."""
+GATE = 0.45  # pitches from its prediction within which a dot is looked for
+KEEP_FRAMES = 2
+"""How long a lost dot is looked for where its neighbours have carried it; then where the affine
+motion around it puts it, within REGAIN pitches."""
+REGAIN = 0.3
+ODD_SHARE = 0.02
+"""Of the dots, by which a guess of the skin's motion may explain less than the last one did before
+others are tried."""
+STEP_TOLERANCE = 0.3  # of two neighbours' steps within one frame, in their distance
+MIN_NCC = 0.5  # identity of the ring of colours
+FOUND_NCC = 0.65  # the same for a dot found again anywhere in the image
 
 
 class Identities:
@@ -24,10 +38,10 @@ class Identities:
     """
 
     def __init__(
-        self, skin: Skin, rule: DotRule, first_px: Array, area_px: Array, rings: Rings | None = None
+        self, skin: Skin, first_px: Array, area_px: Array, rings: Rings | None = None
     ) -> None:
-        self._skin, self._rule, self._rings = skin, rule, rings
-        self._gate_px = rule.gate_pitch * skin.pitch_px
+        self._skin, self._rings = skin, rings
+        self._gate_px = GATE * skin.pitch_px
         self.first_px, self._first_area = first_px, area_px
         self._known = np.isfinite(first_px[:, 0])
         n = len(first_px)
@@ -40,12 +54,11 @@ class Identities:
         self._blob = np.full(n, -1)
         self._whole = np.ones(n, bool)  # not covered in part, nor merged with another
         self._ncc = np.full(n, np.nan)
-        self._refused = 0
 
-    def follow(self, blobs: Blobs, image: Array | None = None) -> tuple[Array, Array, int]:
-        """(n, 2) places, NaN where lost; (n,) likeness of the colours; how many were refused."""
+    def follow(self, blobs: Blobs, image: Array | None = None) -> tuple[Array, Array]:
+        """(n, 2) places, NaN where lost; (n,) likeness of the colours."""
         before = self._position
-        self._position, self._refused = np.full_like(before, np.nan), 0
+        self._position = np.full_like(before, np.nan)
         self._ncc = np.full(len(before), np.nan)
         if len(blobs):
             self._by_steps(blobs, image)
@@ -54,8 +67,7 @@ class Identities:
         self._remember(before)
         # A dot seen in part keeps its blob, lest another take it; its centroid is not reported
         part = self._found & ~self._whole
-        seen = np.where(part[:, None], np.nan, self._position)
-        return seen, self._ncc.copy(), self._refused + int(part.sum())
+        return np.where(part[:, None], np.nan, self._position), self._ncc.copy()
 
     @property
     def _found(self) -> Array:
@@ -64,7 +76,7 @@ class Identities:
 
     def _by_steps(self, blobs: Blobs, image: Array | None) -> None:
         """Dots seen lately, by the first guess of the skin's motion that loses and bends none."""
-        lately = self._known & (self._missed <= self._rule.keep_frames)
+        lately = self._known & (self._missed <= KEEP_FRAMES)
         if not lately.any():
             return
         seen = int((self._missed == 0).sum())
@@ -77,13 +89,11 @@ class Identities:
             self.first_px,
         ):
             expected = np.where(lately[:, None], guess, np.nan)
-            for match in self._skin.grown(
-                expected, blobs.centre_px, self._gate_px, self._rule.step_tolerance
-            ):
+            for match in self._skin.grown(expected, blobs.centre_px, self._gate_px, STEP_TOLERANCE):
                 worth = self._worth(expected, match, blobs)
                 if worth > most + (2 if np.isfinite(most) else 0):
                     best, most = match, worth
-            if most >= self._last_worth - max(2.0, self._rule.odd_share * seen):
+            if most >= self._last_worth - max(2.0, ODD_SHARE * seen):
                 break
         self._last_worth = most
         self._take(np.flatnonzero(best >= 0), best[best >= 0], blobs, image)
@@ -103,7 +113,7 @@ class Identities:
         """
         from scipy.spatial import cKDTree
 
-        share = self._rule.regain_pitch if self._rings is None else self._rule.gate_pitch
+        share = REGAIN if self._rings is None else GATE
         for _ in range(6):
             lost = self._known & ~self._found
             free = self._free(blobs)
@@ -132,9 +142,7 @@ class Identities:
             return
         matrix = np.median(self._skin.affine(self.first_px, self._position), axis=0)
         affine = np.repeat(matrix[None], len(free), axis=0)
-        who, which = self._rings.best(
-            image, lost, blobs.centre_px[free], affine, self._rule.ncc_found
-        )
+        who, which = self._rings.best(image, lost, blobs.centre_px[free], affine, FOUND_NCC)
         self._take(lost[who], free[which], blobs, image)
 
     def _at(self, blobs: Blobs, match: Array) -> Array:
@@ -158,17 +166,15 @@ class Identities:
         if self._rings is not None and image is not None:
             have = np.flatnonzero(self._found)
             self._ncc[have] = self._rings.alike(image, have, self._position[have], matrix[have])
-            self._position[~(self._ncc >= self._rule.ncc_min)] = np.nan
+            self._position[~(self._ncc >= MIN_NCC)] = np.nan
         self._ncc[~self._found] = np.nan
         have = np.flatnonzero(self._found)
         swelling = np.clip(np.abs(np.linalg.det(matrix[have])), 0.1, 10.0)
         ratio = blobs.area_px[self._blob[have]] / (self._first_area[have] * swelling)
-        change = np.abs(np.log(ratio)) / np.log(self._rule.area_factor)
+        change = np.abs(np.log(ratio)) / np.log(AREA_FACTOR)
         self._whole[have] = change <= 1
         self._position[have[change > 3]] = np.nan
-        after = int(self._found.sum())
-        self._refused += before + len(who) - after
-        return after > before
+        return int(self._found.sum()) > before
 
     def _remember(self, before: Array) -> None:
         """Places and motions for the next frame; lost dots go along with their neighbours."""

@@ -10,11 +10,17 @@ import numpy as np
 from ...aliases import Array
 from ...errors import InputError, SensorError
 from .colours import Rings
-from .detect import Blobs, Detector
-from .found import find_dots
-from .identity import Identities
-from .rule import DotRule, Polarity
+from .detect import Blobs, Detector, Polarity
+from .identity import AREA_FACTOR, GATE, Identities
 from .skin import Skin, mutual
+
+OFFSET_PX = 8.0
+LEVEL = 0.5  # where between the background and the dots the contour is cut
+MIN_FOUND_SHARE = 0.5  # of the expected dots, in the first image
+RING = (0.75, 1.5)  # inner and outer radius of the ring of colours, in diameters
+MIN_TEXTURE = 2.0
+"""Standard deviation (grey levels) of the ring below which a pattern has no colours to identify
+dots by, and the neighbours alone tell."""
 
 
 @dataclass(frozen=True)
@@ -24,8 +30,7 @@ class DotObservation:
     position_px: (n, 2) float64, NaN where lost. displacement_px: (n, 2), position - first position.
     found: (n,) bool. identity_ncc: (n,) correlation of the ring of colours with the first image,
     NaN where lost or where the pattern has no colours. n_blobs: blobs of the size of a dot.
-    n_rejected: dots matched by position and refused by area, order or identity. cpu_ms: process
-    time of the update.
+    cpu_ms: process time of the update.
     """
 
     position_px: Array
@@ -33,18 +38,17 @@ class DotObservation:
     found: Array
     identity_ncc: Array
     n_blobs: int
-    n_rejected: int
     cpu_ms: float
 
 
 class DotTracker:
     """Follow dots from their first image on: white ones on colours, or dark ones on light.
 
-    rest_px: (n, 2) expected positions (x, y) in the first image, right to within `offset_px` after
+    rest_px: (n, 2) expected positions (x, y) in the first image, right to within OFFSET_PX after
     a common shift of as much; diameter_px: the dots' diameter. n >= 4 dots, not on a line.
     Without colours around the dots the neighbours tell which is which: dots that are all gone for
-    more than `rule.keep_frames` frames stay lost until `reset`, and a regular grid that moves by
-    half a pitch between two frames as a whole cannot be told from itself.
+    more than `identity.KEEP_FRAMES` frames stay lost until `reset`, and a regular grid that moves
+    by half a pitch between two frames as a whole cannot be told from itself.
     Raises InputError for anything else.
     """
 
@@ -54,8 +58,6 @@ class DotTracker:
         diameter_px: float,
         *,
         polarity: Polarity = "white",
-        offset_px: float = 8.0,
-        rule: DotRule | None = None,
     ) -> None:
         rest = np.asarray(rest_px, dtype=np.float64)
         if rest.ndim != 2 or rest.shape[1] != 2 or len(rest) < 4 or not np.isfinite(rest).all():
@@ -70,7 +72,6 @@ class DotTracker:
             raise InputError(f"dots: polarity is {polarity!r}; 'white' or 'dark' is needed")
         if np.linalg.matrix_rank(rest - rest.mean(0), tol=diameter_px) < 2:
             raise InputError("dots: all rest positions lie on one line")
-        self.rule = rule or DotRule()
         self.rest_px = rest
         self.diameter_px = float(diameter_px)
         self.polarity = polarity
@@ -81,20 +82,9 @@ class DotTracker:
                 f"dots: two rest positions are {self.pitch_px:.1f} px apart; "
                 f"dots of {diameter_px:.1f} px need at least 1.3 diameters"
             )
-        self.offset_px = min(float(offset_px), self.rule.gate_pitch * self.pitch_px)
-        self._detector = Detector(self.diameter_px, self.pitch_px, polarity, self.rule)
+        self.offset_px = min(OFFSET_PX, GATE * self.pitch_px)
+        self._detector = Detector(self.diameter_px, self.pitch_px, polarity)
         self.reset()
-
-    @classmethod
-    def found_in(
-        cls, image: Array, *, polarity: Polarity | None = None, rule: DotRule | None = None
-    ) -> DotTracker:
-        """A tracker of the dots that an image of a foreign skin shows; `update` with it comes next.
-
-        polarity: None takes the one of which more dots are there. Raises as `find_dots` does.
-        """
-        dots = find_dots(image, polarity)
-        return cls(dots.position_px, dots.diameter_px, polarity=dots.polarity, rule=rule)
 
     def reset(self) -> None:
         """Forget everything: the next image is the first."""
@@ -126,11 +116,11 @@ class DotTracker:
         if self._identities is None:
             blobs, position = self._register(image.shape, small, signal)
             likeness = 1.0 if self._rings is not None else np.nan
-            ncc, refused = np.where(np.isfinite(position[:, 0]), likeness, np.nan), 0
+            ncc = np.where(np.isfinite(position[:, 0]), likeness, np.nan)
         else:
             blobs = self._detector.blobs(signal, self._level)
             colours = None if self._rings is None else self._rings.smooth(small)
-            position, ncc, refused = self._identities.follow(blobs, colours)
+            position, ncc = self._identities.follow(blobs, colours)
         found = np.isfinite(position[:, 0])
         ncc[~found] = np.nan
         return DotObservation(
@@ -139,7 +129,6 @@ class DotTracker:
             found,
             ncc,
             len(blobs),
-            refused,
             (time.process_time() - start_s) * 1e3,
         )
 
@@ -155,10 +144,10 @@ class DotTracker:
             for x, y in np.round(self._detector.to_small(rest[seen])).astype(int)
         ]
         ground = float(np.median(signal))
-        level = ground + self.rule.level * (float(np.median(peaks)) - ground)
+        level = ground + LEVEL * (float(np.median(peaks)) - ground)
         blobs = self._detector.blobs(signal, level)
         nominal = np.pi / 4 * self.diameter_px**2
-        limit = self.rule.area_factor
+        limit = AREA_FACTOR
         fits = (blobs.area_px < limit * nominal) & (blobs.area_px > nominal / limit)
         position, area = np.full_like(rest, np.nan), np.full(len(rest), nominal)
         shift = np.zeros(2)
@@ -172,7 +161,7 @@ class DotTracker:
             area[who] = blobs.area_px[which]
             if len(who):
                 shift = np.median(position[who] - rest[who], axis=0)
-        need = int(np.ceil(max(4, self.rule.min_found_share * len(rest))))
+        need = int(np.ceil(max(4, MIN_FOUND_SHARE * len(rest))))
         if len(who) < need:
             raise SensorError(
                 f"dots: {len(who)} of {len(rest)} {self.polarity} dots found in the first image; "
@@ -181,11 +170,11 @@ class DotTracker:
             )
         self._shape, self._level = shape, level
         shrink = self._detector.shrink
-        inner, outer = (r * self.diameter_px / shrink for r in self.rule.ring_d)
+        inner, outer = (r * self.diameter_px / shrink for r in RING)
         # The ring must end before the next dot does start, also when the pitch is small.
         outer = min(outer, (self.pitch_px - 0.6 * self.diameter_px) / shrink)
         rings = Rings(inner, outer, shrink)
-        coloured = rings.remember(rings.smooth(small), position, self.rule.min_texture)
+        coloured = rings.remember(rings.smooth(small), position, MIN_TEXTURE)
         self._rings = rings if coloured else None
-        self._identities = Identities(self._skin, self.rule, position.copy(), area, self._rings)
+        self._identities = Identities(self._skin, position.copy(), area, self._rings)
         return blobs, position

@@ -8,31 +8,22 @@ Results of DIS depend on cv2's number of threads (it splits the image by thread)
 it with cv2.setNumThreads, and records it where bytes must repeat.
 """
 
-from .confidence import ConfidenceRule, FlowState
-from .image import MIN_SIDE_PX, Sampled, to_gray
-from .method import DEFAULT_METHOD, FLOW_METHODS, FlowMethod, FlowPreset
+from .confidence import FlowState
+from .image import Sampled, to_gray
+from .method import FLOW_METHODS, FlowMethod
 from .observation import FlowDiagnostics, FlowObservation, PreparedImage
-from .registry import PAPER, REFERENCES, named_tracker
-from .renewed import Renewal, RenewalRule
-from .tracker import FlowTracker, Reference
+from .tracker import PAPER, REFERENCES, FlowTracker, named_tracker
 
 __all__ = [
-    "DEFAULT_METHOD",
     "FLOW_METHODS",
-    "MIN_SIDE_PX",
     "PAPER",
     "REFERENCES",
-    "ConfidenceRule",
     "FlowDiagnostics",
     "FlowMethod",
     "FlowObservation",
-    "FlowPreset",
     "FlowState",
     "FlowTracker",
     "PreparedImage",
-    "Reference",
-    "Renewal",
-    "RenewalRule",
     "Sampled",
     "named_tracker",
     "to_gray",

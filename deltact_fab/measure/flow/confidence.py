@@ -7,7 +7,6 @@ over.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -15,9 +14,7 @@ import cv2
 import numpy as np
 
 from ...aliases import Array
-from ...errors import InputError
 from ..compose import landing_px, sample, shrunk
-from . import kernel_cv2
 from .fused import Plane, Refined, kernel
 from .image import Sampled
 
@@ -26,58 +23,19 @@ _COARSE_PX = 4  # windows are counted in cells of two nodes each way
 _MIN_VARIANCE = 1.0  # grey levels^2: less than a camera's noise
 
 
-@dataclass(frozen=True)
-class ConfidenceRule:
-    """What a node must show.
-
-    Kept, so that its own flow stands: the tracked channel correlates above `keep_correlation`, it
-    lands inside the image, and the flow around it does not squeeze areas below `keep_det`. This
-    asks little: a dense flow fits itself to noise, too.
-
-    Confident: kept, and a secondary match. Of a colour image the fit sees green alone, so red and
-    blue must correlate above `chroma_min` over `window_px`. A grey image has no secondary match:
-    its one correlation must be above `grey_min`. In both, the fit's own predicted deviation is
-    below `deviation_max_px`; of a flow that the fused steps found, together with what they have yet
-    to do around (root of the mean square over `fit_px`). It lands `border_px` or more from the
-    image's edge, where the fit's window is cut off, and of the textured nodes in `support_px`
-    around at least `support_share` agree.
-
-    A frame is trusted when `textured_share` or more of the first image has a standard deviation of
-    `texture_min` grey levels, and `trusted_share` or more of that is confident now.
-    """
-
-    keep_correlation: float = 0.35
-    keep_det: float = 0.12
-    chroma_min: float = 0.3
-    grey_min: float = 0.7
-    deviation_max_px: float = 0.29
-    fit_px: int = 28
-    border_px: float = 3.0
-    window_px: int = 20
-    support_px: int = 68
-    support_share: float = 0.5
-    texture_min: float = 4.0
-    textured_share: float = 0.5
-    trusted_share: float = 0.25
-
-    def __post_init__(self) -> None:
-        shares = (
-            "keep_correlation", "keep_det", "chroma_min", "grey_min",
-            "support_share", "textured_share", "trusted_share",
-        )  # fmt: skip
-        for name in shares:
-            if not 0 < getattr(self, name) < 1:
-                raise InputError(f"confidence: {name} = {getattr(self, name)}; between 0 and 1")
-        for name in (
-            "deviation_max_px",
-            "border_px",
-            "window_px",
-            "support_px",
-            "fit_px",
-            "texture_min",
-        ):
-            if not getattr(self, name) > 0:
-                raise InputError(f"confidence: {name} = {getattr(self, name)}; above 0")
+KEEP_CORRELATION = 0.35
+KEEP_DET = 0.12
+CHROMA_MIN = 0.3
+GREY_MIN = 0.7
+DEVIATION_MAX_PX = 0.29
+FIT_PX = 28
+BORDER_PX = 3.0
+WINDOW_PX = 20
+SUPPORT_PX = 68
+SUPPORT_SHARE = 0.5
+TEXTURE_MIN = 4.0
+TEXTURED_SHARE = 0.5
+TRUSTED_SHARE = 0.25
 
 
 class FlowState(IntEnum):
@@ -100,28 +58,36 @@ class FrameConfidence(NamedTuple):
 
 
 class ConfidenceEstimator:
-    """The first image's side of the rule, prepared once.
+    """What a node must show; the first image's side of it, prepared once.
+
+    Kept, so that its own flow stands: the tracked channel correlates above KEEP_CORRELATION, it
+    lands inside the image, and the flow around it does not squeeze areas below KEEP_DET. This
+    asks little: a dense flow fits itself to noise, too.
+
+    Confident: kept, and a secondary match. Of a colour image the fit sees green alone, so red and
+    blue must correlate above CHROMA_MIN over WINDOW_PX. A grey image has no secondary match:
+    its one correlation must be above GREY_MIN. In both, the fit's own predicted deviation is
+    below DEVIATION_MAX_PX; of a flow that the fused steps found, together with what they have yet
+    to do around (root of the mean square over FIT_PX). It lands BORDER_PX or more from the
+    image's edge, where the fit's window is cut off, and of the textured nodes in SUPPORT_PX
+    around at least SUPPORT_SHARE agree.
+
+    A frame is trusted when TEXTURED_SHARE or more of the first image has a standard deviation of
+    TEXTURE_MIN grey levels, and TRUSTED_SHARE or more of that is confident now.
 
     image: (h, w, 3) BGR or (h, w) grey, uint8; plane: of the same. secondary_match: False does
     without that of a colour image, as if it were grey.
     """
 
-    def __init__(
-        self,
-        image: Array | Sampled,
-        plane: Plane,
-        rule: ConfidenceRule,
-        secondary_match: bool = True,
-    ) -> None:
-        self.rule = rule
+    def __init__(self, image: Array | Sampled, plane: Plane, secondary_match: bool = True) -> None:
         self.name = "colour" if image.ndim == 3 and secondary_match else "grey"
         self._shape = plane.shape
-        self._window = (max(1, round(rule.window_px / _COARSE_PX)),) * 2
-        self._fit = (max(1, round(rule.fit_px / _COARSE_PX)),) * 2
-        self._support = (max(1, round(rule.support_px / _COARSE_PX)),) * 2
+        self._window = (max(1, round(WINDOW_PX / _COARSE_PX)),) * 2
+        self._fit = (max(1, round(FIT_PX / _COARSE_PX)),) * 2
+        self._support = (max(1, round(SUPPORT_PX / _COARSE_PX)),) * 2
         tracked = plane.small.astype(np.float32)
         tracked = tracked - cv2.blur(tracked, (9, 9), borderType=_EDGE)
-        self.textured: Array = self._wide(self._around(tracked * tracked)) >= rule.texture_min**2
+        self.textured: Array = self._wide(self._around(tracked * tracked)) >= TEXTURE_MIN**2
         self.textured_share = float(self.textured.mean())
         self._textured_near = self._near(self.textured)
         if self.name == "colour":
@@ -129,10 +95,6 @@ class ConfidenceEstimator:
             self._mean = [self._around(channel) for channel in self._secondary]
             power = self._around(_product(self._secondary, self._secondary))
             self._power = power - _product(self._mean, self._mean)
-
-    def inside(self, flow_px: Array) -> Array:
-        """Which nodes land inside the image, (hh, ww) bool."""
-        return kernel_cv2.within(flow_px, self._shape, 0.0)
 
     def secondary_match(self, image: Array | Sampled) -> list[Array]:
         """What `look` asks of the current image (h, w[, 3]), nothing of a grey one."""
@@ -143,21 +105,22 @@ class ConfidenceEstimator:
 
         Both (hh, ww) bool; secondary_match: of the current image, of which the match is.
         """
-        rule, by = self.rule, kernel()
-        least = rule.keep_correlation, rule.keep_det, rule.deviation_max_px, rule.border_px
+        least = KEEP_CORRELATION, KEEP_DET, DEVIATION_MAX_PX, BORDER_PX
         flow, correlation, deviation, _ = match
-        kept, agreeing = by.stands(flow, correlation, deviation, self.textured, least, self._shape)
+        kept, agreeing = kernel().stands(
+            flow, correlation, deviation, self.textured, least, self._shape
+        )
         if self.name == "colour":
-            agreeing &= self._wide(self._chroma(secondary_match, _landing(flow)) > rule.chroma_min)
+            agreeing &= self._wide(self._chroma(secondary_match, _landing(flow)) > CHROMA_MIN)
         else:
-            agreeing &= correlation > rule.grey_min
+            agreeing &= correlation > GREY_MIN
         return kept, agreeing
 
     def state(self, inside: Array, kept: Array) -> Array:
         """What stands behind each node's flow, (hh, ww) uint8 of FlowState."""
         state = np.full(kept.shape, FlowState.MATCHED, np.uint8)
         if not kept.all():
-            guided = (self._near(kept) >= self.rule.support_share) & inside
+            guided = (self._near(kept) >= SUPPORT_SHARE) & inside
             state[~kept] = np.where(guided[~kept], FlowState.PREDICTED, FlowState.LOST)
         return state
 
@@ -170,19 +133,18 @@ class ConfidenceEstimator:
         ahead = shrunk(np.where(kept, match.ahead_px2, np.float32(0)), 2)
         n, total = (cv2.blur(a, self._fit, borderType=_EDGE) for a in (weight, ahead))
         left = self._wide(total / np.maximum(n, np.float32(1e-3)))
-        return np.asarray(match.deviation_px**2 + left < self.rule.deviation_max_px**2)
+        return np.asarray(match.deviation_px**2 + left < DEVIATION_MAX_PX**2)
 
     def verdict(self, inside: Array, agreeing: Array) -> FrameConfidence:
-        """What is trusted; inside: as above, of the whole flow."""
-        rule = self.rule
-        confident = agreeing & (self._near(agreeing) >= rule.support_share * self._textured_near)
+        """What is trusted; inside (hh, ww) bool: nodes that land in the image."""
+        confident = agreeing & (self._near(agreeing) >= SUPPORT_SHARE * self._textured_near)
         n = int(np.count_nonzero(confident))
         n_seen = int(np.count_nonzero(self.textured & inside))
         share = n / max(1, int(np.count_nonzero(self.textured)))
         return FrameConfidence(
             confident,
             1 - n / n_seen if n_seen else 1.0,
-            self.textured_share >= rule.textured_share and share >= rule.trusted_share,
+            self.textured_share >= TEXTURED_SHARE and share >= TRUSTED_SHARE,
         )
 
     def _chroma(self, secondary_match: list[Array], landing: Array) -> Array:

@@ -83,13 +83,11 @@ class Plane:
         self._targets: dict[tuple[str, int], Array] = {}
 
     @classmethod
-    def of(cls, image: Array | Sampled | Plane) -> Plane:
+    def of(cls, image: Array | Sampled) -> Plane:
         """(h, w) grey or (h, w, 3) BGR uint8 to its plane, which shares no memory with it.
 
         Raises InputError for another type or shape, and for sides below 64 px.
         """
-        if isinstance(image, Plane):
-            return image
         require_image(image.green if isinstance(image, Sampled) else image)
         if min(image.shape[:2]) < MIN_SIDE_PX:
             raise InputError(
@@ -156,11 +154,6 @@ class RefinementReference:
         self.plane = plane
         self._by = kernel() if by is None else by
         self._levels = [_prepared(plane, k, self._by) for k in range(_LEVELS)]
-
-    @classmethod
-    def of(cls, image: Array | Plane, by: ModuleType | None = None) -> RefinementReference:
-        """As `Plane.of`, which raises."""
-        return cls(Plane.of(image), by)
 
     def refine(
         self, current: Plane, start_px: Array | None = None, steps: Sequence[int] = STEPS

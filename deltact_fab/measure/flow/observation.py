@@ -21,9 +21,9 @@ class FlowDiagnostics:
     n_reference_switches: since the first image. n_flows: flows computed for this frame.
     textured_share: share of the first image in which there is anything to see. bad_share: share of
     what is textured and in view that is not confident. trusted: texture and confidence
-    suffice (`ConfidenceRule`). confident_share: share of the visible pixels that are confident.
-    rule: "colour", "grey" or "not judged". cpu_ms: process time of the update, over all threads;
-    where its parts run side by side, that of the other parts is in it.
+    suffice (`ConfidenceEstimator`). confident_share: share of the visible pixels that are
+    confident. rule: "colour", "grey" or "not judged". cpu_ms: process time of the update, over all
+    threads; where its parts run side by side, that of the other parts is in it.
     """
 
     frame: int
@@ -49,7 +49,7 @@ class FlowObservation:
     flow_px: (h, w, 2) float32, from the first image, at its pixels (Lagrangian).
     visible: (h, w) bool, the flow ends inside this image; of a flow composed over several
     references also that it did so in each of them.
-    confident: (h, w) bool, see `ConfidenceRule`; nowhere, if the tracker was asked not to judge.
+    confident: (h, w) bool, see `ConfidenceEstimator`; nowhere, if the tracker was not to judge.
     state: (h, w) uint8 of `FlowState`.
     """
 

@@ -10,14 +10,19 @@ import numpy as np
 from ...aliases import Array
 from ...errors import InputError, SensorError, did_you_mean
 from ..compose import landing_px, sample, shrunk
-from .confidence import ConfidenceEstimator, ConfidenceRule, FrameConfidence
+from .confidence import (
+    TEXTURE_MIN,
+    TEXTURED_SHARE,
+    ConfidenceEstimator,
+    FrameConfidence,
+)
 from .fill import filled
 from .fused import COARSE, Plane, RefinementReference, predict, to_full
-from .fused import RefinementReference as FirstImage
 from .image import Sampled
-from .method import FlowMethod
+from .kernel_cv2 import within
+from .method import FLOW_METHODS, FUSED, FlowMethod
 from .observation import FlowDiagnostics, FlowObservation, PreparedImage, Sequence, TrackedFrame
-from .renewed import Renewal, RenewalRule, RenewedTracker
+from .renewed import Renewal, RenewedTracker
 
 
 class AnchoredTracker:
@@ -51,16 +56,15 @@ class AnchoredTracker:
         return TrackedFrame(self._flow, kept, agreeing, match=match)
 
 
-ANCHORED = "fused"  # the one method that the anchored reference refines by
 Reference = Literal["anchored", "composed", "summed", "static"]
 
 
 class FlowTracker:
     """Total flow through a sequence of images.
 
-    reference: "anchored" (see `anchored`, by `fused` only), or "composed", "summed" and "static"
-    (see `renewed`) by any method; by default anchored for `fused` and composed for the others.
-    renew: for those, "adaptive", "every-frame" or "photometric" (see `RenewalRule`).
+    reference: "anchored" (`AnchoredTracker`, by `fused` only), or "composed", "summed" and "static"
+    (`RenewedTracker`) by any method; by default anchored for `fused` and composed for the others.
+    renew: for those, "adaptive", "every-frame" or "photometric" (see there).
     confidence: False leaves the confidence map out; then nothing is confident or trusted.
     full: False gives all arrays on the half grid (see `FlowObservation`).
     Raises InputError for unknown names.
@@ -68,17 +72,15 @@ class FlowTracker:
 
     def __init__(
         self,
-        method: FlowMethod | str = ANCHORED,
+        method: FlowMethod | str = FUSED,
         reference: Reference | None = None,
         renew: Renewal = "adaptive",
-        rule: RenewalRule | None = None,
         *,
-        believe: ConfidenceRule | None = None,
         confidence: bool = True,
         full: bool = True,
     ) -> None:
         self.method = FlowMethod(method) if isinstance(method, str) else method
-        fused = self.method.name == ANCHORED
+        fused = self.method.name == FUSED
         self.reference = reference or ("anchored" if fused else "composed")
         for what, word, known in (
             ("reference", self.reference, get_args(Reference)),
@@ -88,12 +90,10 @@ class FlowTracker:
                 raise InputError(f"flow {what} {word!r}: unknown; {did_you_mean(str(word), known)}")
         if self.reference == "anchored" and not fused:
             raise InputError(
-                f"flow reference 'anchored': only with the method {ANCHORED!r}, "
+                f"flow reference 'anchored': only with the method {FUSED!r}, "
                 f"not {self.method.name!r}"
             )
         self.renew = renew
-        self.rule = rule or RenewalRule()
-        self.believe = believe or ConfidenceRule()
         self.confidence = confidence
         self.full = full
         self.reset()
@@ -148,34 +148,32 @@ class FlowTracker:
     def judge(self, ready: PreparedImage, seen: TrackedFrame) -> FlowObservation:
         """What the next image does not wait for."""
         judge = ready.sequence.judge
-        inside, verdict = judge.inside(seen.flow_px), None
+        inside, verdict = within(seen.flow_px, ready.plane.shape, 0.0), None
         if self.confidence and ready.frame:
             agreeing = seen.agreeing
             if seen.match is not None:
                 agreeing = agreeing & judge.settled(seen.match, seen.kept)
             verdict = judge.verdict(inside, agreeing)
         elif self.confidence:
-            trusted = judge.textured_share >= self.believe.textured_share
+            trusted = judge.textured_share >= TEXTURED_SHARE
             verdict = FrameConfidence(judge.textured, 0.0, trusted)
         return self._observation(ready, seen, inside, verdict)
 
     def _begin(self, image: Array | Sampled, plane: Plane) -> Sequence:
-        judge = ConfidenceEstimator(image, plane, self.believe, secondary_match=self.confidence)
+        judge = ConfidenceEstimator(image, plane, secondary_match=self.confidence)
         if not judge.textured.any():
             raise SensorError(
                 "flow: the first image has no texture anywhere (a standard deviation of "
-                f"{self.believe.texture_min:g} grey levels): covered, dark, out of focus, "
+                f"{TEXTURE_MIN:g} grey levels): covered, dark, out of focus, "
                 "or no pattern"
             )
-        first = FirstImage(plane)
+        first = RefinementReference(plane)
         way: AnchoredTracker | RenewedTracker
         if self.reference == "anchored":
             way = AnchoredTracker(first, judge)
         else:
             assert not isinstance(image, Sampled), "for the anchored reference only"
-            way = RenewedTracker(
-                self.method, self.reference, self.renew, self.rule, image, first, judge
-            )
+            way = RenewedTracker(self.method, self.reference, self.renew, image, first, judge)
         return Sequence(judge, way, image.shape)
 
     def _observation(
@@ -222,6 +220,40 @@ class FlowTracker:
                 cpu_ms=(time.process_time() - ready.start_s) * 1e3,
             ),
         )
+
+
+PAPER = "paper"
+# How the flow is kept from the first image on: its reference and when that is renewed.
+REFERENCES: dict[str, tuple[Reference, Renewal]] = {
+    "anchored": ("anchored", "adaptive"),
+    "composed": ("composed", "adaptive"),
+    "summed": ("summed", "adaptive"),
+    "static": ("static", "adaptive"),
+    "composed-every": ("composed", "every-frame"),
+    "summed-every": ("summed", "every-frame"),
+}
+
+
+def named_tracker(name: str, *, full: bool = True) -> FlowTracker:
+    """The tracker of a name: `method`, `method/reference` or `paper`.
+
+    `fused` alone is anchored, any other method alone is composed. `paper` is what the paper says:
+    Farneback's flow, summed, the reference renewed by a photometric threshold. Raises InputError
+    with the valid names.
+    """
+    if name == PAPER:
+        return FlowTracker("farneback-paper", "summed", "photometric", full=full)
+    method, _, kept = name.partition("/")
+    if method not in FLOW_METHODS:
+        known = (PAPER, *FLOW_METHODS)
+        raise InputError(f"flow method {method!r}: unknown; {did_you_mean(method, known)}")
+    kept = kept or ("anchored" if method == FUSED else "composed")
+    known = tuple(k for k in REFERENCES if k != "anchored" or method == FUSED)
+    if kept not in known:
+        raise InputError(
+            f"flow reference {kept!r} of {method!r}: not available; {did_you_mean(kept, known)}"
+        )
+    return FlowTracker(method, *REFERENCES[kept], full=full)
 
 
 def _pixels(nodes: Array, shape: tuple[int, int]) -> Array:

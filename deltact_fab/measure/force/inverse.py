@@ -6,7 +6,7 @@ linear elasticity leaves out: so a force needs a factor, which may depend a litt
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -14,15 +14,15 @@ import numpy as np
 from ...aliases import Array
 from ..face import FaceFlow
 from ..view import SensorView
-from .model import ForceModel
-from .press import FaceInverse, TractionPress, inverse_for
+from .model import ForceModel, LocalFeatures
+from .press import FaceInverse, inverse_for
 from .wrench import TractionField
 
 _SUMS = ("Fx/E mm2", "Fy/E mm2", "Fz/E mm2", "Tx/E mm3", "Ty/E mm3", "Tz/E mm3")
 _PLACED = ("Fx r2/E mm4", "Fy r2/E mm4", "Fz r2/E mm4")
 
 
-class Inverse:
+class Inverse(LocalFeatures):
     """Sums and moments of the inverse's traction: a factor a force, two a tilting torque.
 
     Where the resting face is not where the traction is, shear has an arm; so a torque about x takes
@@ -30,8 +30,6 @@ class Inverse:
     """
 
     name = "inverse"
-    every = 8
-    held: Mapping[str, float] = {}
     names = _SUMS + _PLACED
     explains = {  # noqa: RUF012
         "fx": ("Fx/E mm2",),
@@ -53,9 +51,8 @@ class Inverse:
     def of(self, flow: FaceFlow) -> Array:
         """(9,): force and torque for a modulus of 1 MPa, and force times the place's r^2."""
         press = self.inverse.of(flow)
-        field = self._field(press)
-        force, centre = field.force_n, press.centre_mm()
-        return np.concatenate((force, field.torque_nmm, force * (centre @ centre)))
+        force, centre = press.force_n, press.centre_mm()
+        return np.concatenate((force, press.torque_nmm, force * (centre @ centre)))
 
     def cover(self, flow: FaceFlow) -> float:
         """Share of what presses on the face whose motion is known."""
@@ -67,10 +64,9 @@ class Inverse:
         Pressure is scaled as a whole. Shear takes the factor of its own total, and what the model
         says beyond that goes with the pressure, as friction would.
         """
-        press = self.inverse.of(flow)
-        raw = self._field(press)
+        raw = self.inverse.of(flow)
         total = model.predict(self.of(flow)[None])[0, :3]
-        if not press.pressed:
+        if not raw.pressed:
             return raw
         share = raw.traction_mpa[..., 2] / raw.force_n[2]
         own = model.coefficients[:2, :2].diagonal()
@@ -78,10 +74,7 @@ class Inverse:
         field[..., 2] = share * total[2]
         field[..., :2] = raw.traction_mpa[..., :2] * own
         field[..., :2] += share[..., None] * (total[:2] - own * raw.force_n[:2])
-        return TractionField(field, raw.x_mm, raw.y_mm, press.cover)
-
-    def _field(self, press: TractionPress) -> TractionField:
-        return TractionField(press.traction, press.x_mm, press.y_mm, press.cover)
+        return replace(raw, traction_mpa=field)
 
 
 class InversePlaced(Inverse):

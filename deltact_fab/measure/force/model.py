@@ -6,9 +6,11 @@ costs nothing on features that were kept.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -21,41 +23,35 @@ from .wrench import COMPONENTS, TractionField, Wrench
 REACH = 2.0  # times the largest leverage in training, beyond which a frame is extrapolated
 
 
-class Features(Protocol):
-    """A few numbers of a frame that the force on the sensor is linear in."""
+class Features(ABC):
+    """A few numbers of a frame that the force on the sensor is linear in.
 
-    @property
-    def name(self) -> str:
-        """As registered."""
+    name: as registered. every: pixels between the points of the FaceFlow that it wants. names: a
+    label for each of the k numbers, unit included. explains: the labels that each of COMPONENTS is
+    fitted by: what a mirror allows, say. held: labels whose coefficients few presses could not
+    tell, and how firmly they are held at 0. Each adds a row to the fit that says so: this times the
+    size of the component's first feature stands in its column, and 0 for the force.
+    """
 
-    @property
-    def every(self) -> int:
-        """Pixels between the points of the FaceFlow that it wants."""
+    name: str
+    every = 8
+    names: tuple[str, ...]
+    explains: Mapping[str, tuple[str, ...]]
+    held: Mapping[str, float] = MappingProxyType({})
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """A label for each of the k numbers, unit included."""
-
-    @property
-    def explains(self) -> Mapping[str, tuple[str, ...]]:
-        """The labels that each of COMPONENTS is fitted by: what a mirror allows, say."""
-
-    @property
-    def held(self) -> Mapping[str, float]:
-        """Labels whose coefficients few presses could not tell, and how firmly they are held at 0.
-
-        Each adds a row to the fit that says so: this times the size of the component's first
-        feature stands in its column, and 0 for the force.
-        """
-
+    @abstractmethod
     def of(self, flow: FaceFlow) -> Array:
         """The numbers (k,) float64: finite, 0 of a face at rest or of which nothing is known."""
 
+    def cover(self, flow: FaceFlow) -> float:
+        """Share of what the numbers rest on whose motion is known."""
+        return flow.cover
 
-@runtime_checkable
-class LocalFeatures(Features, Protocol):
+
+class LocalFeatures(Features):
     """Features that also say where on the face the force is."""
 
+    @abstractmethod
     def traction(self, flow: FaceFlow, model: ForceModel) -> TractionField:
         """The force's distribution by a model that was fitted to these features."""
 

@@ -8,8 +8,6 @@ the field integrates to it. What the paper does not have is torque: here first m
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from ...aliases import Array
@@ -18,7 +16,7 @@ from ..hodge import decompose
 from ..hole_filling import whole
 from ..shape.density import by_jacobian
 from ..view import SensorView
-from .model import ForceModel
+from .model import ForceModel, LocalFeatures
 from .sums import TURNING, integrals, turning
 from .wrench import TractionField
 
@@ -29,7 +27,7 @@ _XD = ("xD mm3", "xD^2 mm3", "xD^3 mm3")
 _YD = ("yD mm3", "yD^2 mm3", "yD^3 mm3")
 
 
-class Paper:
+class Paper(LocalFeatures):
     """The model as it is printed.
 
     Its even powers take no part in a mirror: the face and its mirror image, pressed and sheared
@@ -37,8 +35,6 @@ class Paper:
     """
 
     name = "paper"
-    every = 8
-    held: Mapping[str, float] = {}
     names = (*_D, *_A, *_B, *_XD, *_YD, *TURNING)
     explains = {  # noqa: RUF012
         "fx": _A + _B,

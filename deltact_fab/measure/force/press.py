@@ -12,7 +12,6 @@ Tractions are for a Young's modulus of 1 MPa, so in effect strains; a calibratio
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -25,6 +24,7 @@ from ..face import FaceFlow
 from ..hole_filling import whole
 from ..view import SensorView
 from .bounded_least_squares import least_squares_signed
+from .wrench import TractionField
 
 STEP_MM = 1e-3
 
@@ -54,32 +54,6 @@ LITTLE = {"pressure": 3e-4, "shear": 7e-3}
 LEAST = 0.05  # of the first look's peak, for cells that it saw nothing in
 FOREIGN = 0.55  # of the shift's size, left over beside noise: that was no press
 FLOOR = 5.0  # a peak of the first look this many times what noise makes of it is a contact
-
-
-@dataclass(frozen=True)
-class TractionPress:
-    """One frame's traction, for a modulus of 1 MPa, on cells of the resting face.
-
-    traction (ny, nx, 3), x_mm (nx,), y_mm (ny,): on the sensor, 0 beside the contact, t_z <= 0.
-    cover: share of the pressure whose cells' motion is known; what lies out of the view is not.
-    Without a contact, that of the view. 0 with no traction where no press could move a face so.
-    """
-
-    traction: Array
-    x_mm: Array
-    y_mm: Array
-    cover: float
-
-    @property
-    def pressed(self) -> bool:
-        """Whether anything touches the face."""
-        return bool(self.traction[..., 2].any())
-
-    def centre_mm(self) -> Array:
-        """Centre of the pressure on the resting face, (2,); its middle where nothing presses."""
-        pressure = self.traction[..., 2]
-        total = pressure.sum() or 1.0
-        return np.array([(pressure @ self.x_mm).sum(), (self.y_mm @ pressure).sum()]) / total
 
 
 class FaceInverse:
@@ -122,56 +96,61 @@ class FaceInverse:
         self._told = np.ascontiguousarray(rows_of.T, np.float32)
         self._gram = (rows_of.T @ rows_of).astype(np.float32)
         self._first, self._floor = self._first_look(rows_of)
-        self._last: tuple[FaceFlow, TractionPress] | None = None
+        self._last: tuple[FaceFlow, TractionField] | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns of cells that may be loaded."""
         return len(self.y_mm), len(self.x_mm)
 
-    def of(self, flow: FaceFlow) -> TractionPress:
-        """The traction behind a frame's flow, found once and kept for the calls that follow."""
+    def of(self, flow: FaceFlow) -> TractionField:
+        """The traction behind a frame's flow, found once and kept for the calls that follow.
+
+        For a modulus of 1 MPa, on cells of the face: 0 beside the contact, t_z <= 0. cover: share
+        of the pressure whose cells' motion is known; what lies out of the view is not. Without a
+        contact, that of the view. 0 with no traction where no press could move a face so.
+        """
         last = self._last
         if last is None or last[0] is not flow:
             self._last = last = (flow, self._solved(flow))
         return last[1]
 
-    def _solved(self, flow: FaceFlow) -> TractionPress:
+    def _solved(self, flow: FaceFlow) -> TractionField:
         shift, known = self._cells(flow)
         traction = np.zeros((*self.shape, 3))
         cover = float(known.mean())
         look = (self._first @ shift.ravel().astype(np.float32)).reshape(self.shape)
         certain = look > self._floor
         if not certain.any():
-            return TractionPress(traction, self.x_mm, self.y_mm, cover)
+            return TractionField(traction, self.x_mm, self.y_mm, cover)
         mask = _around(look > ENOUGH * look[certain].max())
         if np.count_nonzero(mask) > MAX_CELLS:
             mask &= look >= np.sort(look[mask])[-MAX_CELLS]
         at = np.flatnonzero(mask)
         found, foreign = self._restricted(shift, known, look, at)
         if foreign or not found[:, 2].any():
-            return TractionPress(traction, self.x_mm, self.y_mm, 0.0)
+            return TractionField(traction, self.x_mm, self.y_mm, 0.0)
         traction.reshape(-1, 3)[at] = found
         whole_view = np.zeros(self.shape)
         whole_view[self._inner] = known
         pressure = traction[..., 2]
         cover = float((whole_view * pressure).sum() / pressure.sum())
-        return TractionPress(traction, self.x_mm, self.y_mm, cover)
+        return TractionField(traction, self.x_mm, self.y_mm, cover)
 
-    def displacement_mm(self, press: TractionPress, parts: Sequence[int] = (0, 1, 2)) -> Array:
+    def displacement_mm(self, press: TractionField, parts: Sequence[int] = (0, 1, 2)) -> Array:
         """How the view's cells moved, those components, (len(seen_y_mm), len(seen_x_mm), n)."""
-        at = np.flatnonzero(press.traction.any(axis=-1))
+        at = np.flatnonzero(press.traction_mpa.any(axis=-1))
         columns = (3 * at[:, None] + np.arange(3)).ravel()
-        t = press.traction.reshape(-1)[columns].astype(np.float32)
+        t = press.traction_mpa.reshape(-1)[columns].astype(np.float32)
         moved = np.stack([t @ self._moves[part, columns] for part in parts], axis=-1)
         return moved.reshape(len(self.seen_y_mm), len(self.seen_x_mm), len(parts))
 
-    def place_mm(self, press: TractionPress) -> Array:
+    def place_mm(self, press: TractionField) -> Array:
         """Where what presses is, (2,): the centre of the pressure, moved with the gel it holds.
 
         nan where nothing presses, or only out of the view.
         """
-        pressure = press.traction[..., 2][self._inner]
+        pressure = press.traction_mpa[..., 2][self._inner]
         total = pressure.sum()
         if not total:
             return np.full(2, np.nan)

@@ -6,8 +6,6 @@ points.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from ...aliases import Array
@@ -15,11 +13,12 @@ from ..face import FaceFlow
 from ..hodge import Hodge, decompose
 from ..hole_filling import whole
 from ..view import SensorView
+from .model import Features
 
 TURNING = ("x ry mm4", "y rx mm4", "x hy mm4", "y hx mm4")
 
 
-class Sums:
+class Sums(Features):
     """The sum of |d| for the normal force, the sum of V for shear, first moments for torque.
 
     The paper takes the norm of the sum of V, the size of the shear force; its two components say
@@ -27,8 +26,6 @@ class Sums:
     """
 
     name = "sums"
-    every = 8
-    held: Mapping[str, float] = {}
     names = ("|d| mm3", "x|d| mm4", "y|d| mm4", "Vx mm3", "Vy mm3", *TURNING)
     explains = {  # noqa: RUF012
         "fx": ("Vx mm3",),

@@ -46,6 +46,17 @@ class TractionField:
         return float((self.x_mm[1] - self.x_mm[0]) * (self.y_mm[1] - self.y_mm[0]))
 
     @property
+    def pressed(self) -> bool:
+        """Whether anything touches the face."""
+        return bool(self.traction_mpa[..., 2].any())
+
+    def centre_mm(self) -> Array:
+        """Centre of the pressure on the resting face, (2,); its middle where nothing presses."""
+        pressure = self.traction_mpa[..., 2]
+        total = pressure.sum() or 1.0
+        return np.array([(pressure @ self.x_mm).sum(), (self.y_mm @ pressure).sum()]) / total
+
+    @property
     def force_n(self) -> Array:
         """Its integral, (3,)."""
         return np.asarray(self.traction_mpa.sum(axis=(0, 1), dtype=float) * self.cell_mm2)

@@ -1,18 +1,16 @@
 """The measurement as a robot calls it: images in; flow, shape, force and contact out."""
 
 from .calibrated import Calibration
-from .measurement import Measurement
-from .pipeline import Pipeline, Policy
+from .measurement import Measurement, everything
+from .pipeline import Pipeline
 from .plan import OUTPUTS
-from .result import Output, Result, Shape
+from .result import Result
 
 __all__ = [
     "OUTPUTS",
     "Calibration",
     "Measurement",
-    "Output",
     "Pipeline",
-    "Policy",
     "Result",
-    "Shape",
+    "everything",
 ]

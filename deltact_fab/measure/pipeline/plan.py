@@ -3,25 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
 from typing import Any, get_args
 
 from ...errors import InputError, did_you_mean
 from ..face import FaceFlow
-from ..force import Features, ForceModel, LocalFeatures, TractionField, features_of
+from ..force import Features, ForceModel, LocalFeatures, features_of
 from ..force.inverse import Inverse
-from ..force.press import TractionPress, inverse_for
+from ..force.press import inverse_for
 from ..hole_filling import whole
-from ..shape import (
-    ContactRegion,
-    Density,
-    Depth,
-    DepthFinder,
-    by_jacobian,
-    contacts,
-    relative_depth,
-)
+from ..shape import Density, Depth, DepthFinder, by_jacobian, contacts, relative_depth
 from .calibrated import Calibrated
 from .result import Output, Shape
 
@@ -31,25 +21,17 @@ millimetre and say no more on finer ones; the relative depth is smoothed over mo
 OUTPUTS: tuple[Output, ...] = get_args(Output)
 
 
-@dataclass(frozen=True)
-class PipelineStep:
-    """name: what it makes. needs: what it is called with, in this order."""
-
-    name: str
-    needs: tuple[str, ...]
-    run: Callable[..., Any]
-
-
 class Plan:
     """The stages after the tracker; "observation" is the tracker's observation.
 
+    stages: by what each makes, what it is called with, in this order, and the call.
     every: px between the points of the flow that is given out.
 
     Raises InputError for an output that is unknown or whose calibration is missing.
     """
 
     def __init__(self, include: Sequence[str], setup: Calibrated, every: int) -> None:
-        self.stages: dict[str, PipelineStep] = {}
+        self.stages: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {}
         self._setup, self._every = setup, every
         self._made: Features | None = None
         self.sources: dict[str, str] = {}
@@ -61,17 +43,17 @@ class Plan:
     def run(self, seen: Any) -> Mapping[str, Any]:
         """What each stage makes of the tracker's observation, by name."""
         made: dict[str, Any] = {"observation": seen}
-        for name, stage in self.stages.items():
-            made[name] = stage.run(*(made[need] for need in stage.needs))
+        for name, (needs, run) in self.stages.items():
+            made[name] = run(*(made[need] for need in needs))
         return made
 
     def _add(self, name: str, needs: tuple[str, ...], run: Callable[..., Any]) -> str:
-        self.stages.setdefault(name, PipelineStep(name, needs, run))
+        self.stages.setdefault(name, (needs, run))
         return name
 
     def _makers(self) -> dict[Output, Callable[[], str]]:
         return {
-            "flow": self._flow,
+            "flow": lambda: self._face(self._every),
             "observation": lambda: "observation",
             "shape": self._shape,
             "contacts": self._contacts,
@@ -79,15 +61,13 @@ class Plan:
             "traction": self._traction,
         }
 
-    def _flow(self) -> str:
-        return self._face(self._every)
-
     def _force(self) -> str:
         model, features = self._features("force")
         face = self._whole(features.every)
         numbers = self._add(f"{features.name} features", (face,), features.of)
-        of = getattr(features, "cover", lambda flow: flow.cover)
-        return self._add("force", (face, numbers), lambda flow, x: model.wrench(x, of(flow)))
+        return self._add(
+            "force", (face, numbers), lambda flow, x: model.wrench(x, features.cover(flow))
+        )
 
     def _traction(self) -> str:
         model, features = self._features("traction")
@@ -102,20 +82,17 @@ class Plan:
         camera, face = self._setup.view.camera, self._whole(SHAPE_EVERY)
         density = self._add("density", (face,), lambda flow: by_jacobian(flow, camera.mm_per_px))
         relative = self._add("relative depth", (density, face), relative_depth)
-        needs = (face, density, relative)
-        if self._setup.depth is None:
-            return self._add("shape", needs, partial(_shape, depth=None))
-        return self._add("shape", (*needs, self._depth("shape")), _shape)
+        needs: tuple[str, ...] = (face, density, relative)
+        if self._setup.depth is not None:
+            needs = (*needs, self._depth("shape"))
+        return self._add("shape", needs, _shape)
 
     def _contacts(self) -> str:
         camera = self._setup.view.camera
         needs = (self._depth("contacts"), self._whole(SHAPE_EVERY), self._press())
-
-        def run(depth: Depth, flow: FaceFlow, press: TractionPress) -> list[ContactRegion]:
-            field = TractionField(press.traction, press.x_mm, press.y_mm, press.cover)
-            return contacts(depth, flow, camera, field)
-
-        return self._add("contacts", needs, run)
+        return self._add(
+            "contacts", needs, lambda depth, flow, press: contacts(depth, flow, camera, press)
+        )
 
     def _depth(self, output: str) -> str:
         if self._setup.depth is None:
@@ -155,5 +132,5 @@ class Plan:
         return self._add(f"whole face at {every} px", (self._face(every),), whole)
 
 
-def _shape(flow: FaceFlow, density: Density, relative: Any, depth: Depth | None) -> Shape:
+def _shape(flow: FaceFlow, density: Density, relative: Any, depth: Depth | None = None) -> Shape:
     return Shape(density, relative, flow.x_mm, flow.y_mm, depth)

@@ -1,9 +1,8 @@
 """Shape of the contact from the flow: density, relative depth, depth in mm, separate contacts."""
 
 from .contacts import ContactRegion, contact_labels, contacts
-from .density import SIGMA_PX, Density, by_jacobian, by_splat
+from .density import SIGMA_PX, Density, by_jacobian, by_splat, relative_depth
 from .depth import Depth, DepthFinder, DepthModel
-from .relative import relative_depth
 
 __all__ = [
     "SIGMA_PX",

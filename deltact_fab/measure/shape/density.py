@@ -24,6 +24,10 @@ SIGMA_PX = 3.0
 """Of the full image, whatever the distance of the flow's points."""
 DOMAIN = (0.5, 2.0)
 """Determinants between which splat and Jacobian agree."""
+RADIUS_MM = 0.6
+"""Of the guided filter."""
+EPS = 2.5e-4
+"""Variance of the density below which the filter smooths: of .016, thrice what flow noise makes."""
 
 
 @dataclass(frozen=True)
@@ -48,26 +52,26 @@ class Density:
         return np.asarray(1 - self.value)
 
 
-def by_jacobian(flow: FaceFlow, mm_per_px: float, sigma_px: float = SIGMA_PX) -> Density:
+def by_jacobian(flow: FaceFlow, mm_per_px: float) -> Density:
     """1 / det(I + grad u) of the smoothed flow. mm_per_px: of the camera.
 
     Where the map folds the determinant is held at an eighth of DOMAIN: finite, and not reliable.
     """
-    flow, sigma = whole(flow), _cells(flow, mm_per_px, sigma_px)
+    flow, sigma = whole(flow), _cells(flow, mm_per_px)
     det = _determinant(flow, sigma)
     return Density(1 / np.maximum(det, DOMAIN[0] / 8), _reliable(flow, det, sigma))
 
 
-def by_splat(flow: FaceFlow, mm_per_px: float, sigma_px: float = SIGMA_PX) -> Density:
+def by_splat(flow: FaceFlow, mm_per_px: float) -> Density:
     """A Gaussian at every landed point; the sum is read where each point landed.
 
     mm_per_px: as in `by_jacobian`. Beyond the view the points go on as they do at its edge. Raises
     ValueError for points so far apart that their Gaussians make no even sum.
     """
-    flow, sigma = whole(flow), _cells(flow, mm_per_px, sigma_px)
+    flow, sigma = whole(flow), _cells(flow, mm_per_px)
     if sigma < 1.4:
         raise ValueError(
-            f"splat: points at most {sigma_px / 1.5:g} px apart, not {flow.cell_mm} mm"
+            f"splat: points at most {SIGMA_PX / 1.5:g} px apart, not {flow.cell_mm} mm"
         )
     margin = int(np.ceil(4 * sigma)) + 1
     h, w = (side + 2 * margin for side in flow.known.shape)
@@ -92,13 +96,13 @@ def by_splat(flow: FaceFlow, mm_per_px: float, sigma_px: float = SIGMA_PX) -> De
     return Density(value, _reliable(flow, _determinant(flow, sigma), sigma))
 
 
-def _cells(flow: FaceFlow, mm_per_px: float, sigma_px: float) -> float:
-    """Sigma in cells that makes, with the mean over a cell that each point already is, sigma_px.
+def _cells(flow: FaceFlow, mm_per_px: float) -> float:
+    """Sigma in cells that makes, with the mean over a cell that each point already is, SIGMA_PX.
 
     At least a fifth of a cell, where neighbours are as good as all: cells may be larger than sigma.
     """
     every = flow.cell_mm / mm_per_px
-    return float(np.sqrt(max(sigma_px**2 - (every**2 - 1) / 12, (every / 5) ** 2))) / every
+    return float(np.sqrt(max(SIGMA_PX**2 - (every**2 - 1) / 12, (every / 5) ** 2))) / every
 
 
 def _determinant(flow: FaceFlow, sigma: float) -> Array:
@@ -129,3 +133,15 @@ def _reliable(flow: FaceFlow, det: Array, sigma: float) -> Array:
     sound = flow.known & (det >= DOMAIN[0]) & (det <= DOMAIN[1])
     side = 2 * int(np.ceil(2 * sigma)) + 1
     return np.asarray(cv2.erode(sound.view(np.uint8), np.ones((side, side), np.uint8)) > 0)
+
+
+def relative_depth(density: Density, flow: FaceFlow) -> Array:
+    """The paper's: minus the density of a flow's points, from rest, (h, w) float32, without unit.
+
+    The guided filter (He and Sun 2015) with the density as its own guide keeps edges. Seen off the
+    axis a press moves the pattern outwards as a whole, which spreads it on the near side and
+    crowds it on the far one: there it is no map of the depth (`depth` is).
+    """
+    radius = max(1, round(RADIUS_MM / flow.cell_mm))
+    own = np.ascontiguousarray(density.relative_depth, np.float32)
+    return np.asarray(cv2.ximgproc.guidedFilter(own, own, radius, EPS))

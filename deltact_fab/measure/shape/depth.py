@@ -18,7 +18,8 @@ from ... import catalog
 from ...aliases import Array
 from ...elasticity.block import interpolation
 from ..face import FaceFlow
-from ..force.press import TractionPress, inverse_for
+from ..force import TractionField
+from ..force.press import inverse_for
 from ..hole_filling import whole
 from ..rigid import rigid
 from ..sensor_id import Head, read_calibration
@@ -79,7 +80,7 @@ class DepthFinder:
         self.inverse = inverse_for(view)
         self._onto: tuple[Array, Array, Array, Array] | None = None
 
-    def of(self, flow: FaceFlow, press: TractionPress | None = None) -> Depth:
+    def of(self, flow: FaceFlow, press: TractionField | None = None) -> Depth:
         """press: what the inverse found of this flow, where it was asked already."""
         flow = whole(flow)
         press = press or self.inverse.of(flow)
@@ -87,7 +88,7 @@ class DepthFinder:
         beyond = float(depth.max()) > BEYOND * self.model.deepest_mm
         return Depth(depth, flow.known, flow.x_mm, flow.y_mm, press.cover, beyond)
 
-    def found_mm(self, flow: FaceFlow, press: TractionPress) -> Array:
+    def found_mm(self, flow: FaceFlow, press: TractionField) -> Array:
         """Depth (h, w) float32 that linear elasticity gives for a press, at the flow's points."""
         if not press.pressed or is_rigid(flow):
             return np.zeros(flow.known.shape, np.float32)

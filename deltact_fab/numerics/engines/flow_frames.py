@@ -192,12 +192,13 @@ def _on_the_gel(make: Callable[[Any], Field], mosaic: bool = True) -> FlowSequen
 
 
 def _pressed(layer: Any) -> Field:
+    from ...gel.level import follow
     from ...gel.linear.contact import LayerContact
     from ...shapes.indenter import parse
 
     contact = LayerContact(layer, parse("sphere:10"))
-    *_, pressed = contact.path(contact.rest(), (0.0, 0.0, 1.2), 0.3)
-    *_, sheared = contact.path(pressed, (1.5, 0.0, 1.2), 0.3)
+    *_, pressed = follow(contact, contact.rest(), (0.0, 0.0, 1.2), 0.3)
+    *_, sheared = follow(contact, pressed, (1.5, 0.0, 1.2), 0.3)
     return sheared.displacement_mm
 
 

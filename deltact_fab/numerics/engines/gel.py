@@ -16,8 +16,9 @@ from pathlib import Path
 
 from ...aliases import Point
 from ...elasticity.material import GelMaterial
-from ...gel.level import Reach
-from ...gel.open import open_contact
+from ...gel.level import Reach, follow
+from ...gel.level_selection import pick
+from ...gel.open import contact_of
 from ...shapes import SkinDimensions
 from ...shapes.indenter import parse
 from ..engine import Case, CurveSetting, Engine, Work
@@ -70,11 +71,10 @@ def _build(run: PressSetup, unit: str, quick: bool, scratch: Path) -> Work:
 
 def opened(depth_mm: float, reach_mm: float) -> None:
     """Through the interface of all levels, which knows the thickness."""
-    contact = open_contact(
-        SkinDimensions(), GelMaterial(), parse(SPHERE), level="hyperelastic",
-        reach=Reach(deepest_mm=reach_mm),
-    )  # fmt: skip
-    list(contact.path(contact.rest(), down(depth_mm)))
+    scene = SkinDimensions(), GelMaterial(), parse(SPHERE)
+    choice = pick(*scene, Reach(deepest_mm=reach_mm), level="hyperelastic")
+    contact = contact_of(*scene, choice)
+    list(follow(contact, contact.rest(), down(depth_mm), contact.choice.step_mm))
 
 
 def quick_cases() -> Sequence[Case]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ...elasticity.material import GelMaterial
 from ...errors import RunFailed
-from ...gel.level import Reach
+from ...gel.level import Reach, follow
 from ...gel.level_selection import pick
 from ...gel.open import contact_of
 from ...gel.press import press
@@ -40,5 +40,5 @@ def solve_linear(run: PressSetup) -> GelAnswer:
     choice = pick(skin, material, indenter, Reach(deepest_mm=run.depth_mm), level=run.level,
                   spacing_mm=run.spacing_mm)  # fmt: skip
     contact = contact_of(skin, material, indenter, choice, LATTICE_MM)
-    *_, last = contact.path(contact.rest(), (0.0, 0.0, run.depth_mm))
+    *_, last = follow(contact, contact.rest(), (0.0, 0.0, run.depth_mm), contact.choice.step_mm)
     return GelAnswer(-last.force_n[2], last.displacement_mm[..., :2], {"dofs": contact.dofs})

@@ -18,6 +18,7 @@ from ...aliases import Point
 from ...elasticity.layer import BondedLayer
 from ...elasticity.material import GelMaterial
 from ...gel import reference
+from ...gel.level import follow
 from ...gel.linear.contact import LayerContact
 from ...gel.linear.state import ContactState
 from ...shapes import SkinDimensions
@@ -119,7 +120,7 @@ def _state(
     contact = LayerContact(layer, parse(f"sphere:{diameter_mm:g}"))
     states = [contact.rest((tip_mm[0], tip_mm[1], 0.0))]
     for target in (tip_mm,) if before_mm is None else (before_mm, tip_mm):
-        states += contact.path(states[-1], target, step_mm)
+        states += follow(contact, states[-1], target, step_mm)
     return contact, states[-2] if len(states) > 1 else states[-1], states[-1]
 
 
@@ -195,7 +196,7 @@ def _depth_zero(scratch: Path) -> float:
 
 def _unloaded(scratch: Path) -> float:
     contact, _, state = _state((0.3, 0.0, 1.0), before_mm=(0.0, 0.0, 1.0))
-    *_, free = contact.path(state, (0.3, 0.0, 0.0))
+    *_, free = follow(contact, state, (0.3, 0.0, 0.0), 0.1)
     return float(np.abs(free.displacement_mm).max() + np.abs(free.force_n).max())
 
 
@@ -204,7 +205,7 @@ def _one_increment(scratch: Path) -> float:
     contact, _, pressed = _state((0.0, 0.0, DEPTH_MM), step_mm=0.1)
     forces = []
     for step_mm in (1.0, 1 / 24):
-        *_, sheared = contact.path(pressed, (1.0, 0.0, DEPTH_MM), step_mm)
+        *_, sheared = follow(contact, pressed, (1.0, 0.0, DEPTH_MM), step_mm)
         forces.append(sheared.force_n[0])
     return forces[0] / forces[1] - 1
 

@@ -12,66 +12,54 @@ from ..rigid import Indenter
 from ..tips import EllipsoidTip, RidgeTip, SphereTip
 
 
-def four_dots(tip_radius_mm: float = 2.0, pitch_mm: float = 5.0) -> Indenter:
+def four_dots(scale: float) -> Indenter:
     """The paper's first indenter: four spherical dots on the corners of a square.
 
     The paper calls it 2-dot in the text and draws four dots in Fig. 4c; both can be had.
     """
-    h = pitch_mm / 2
-    tips = tuple(SphereTip(x, y, tip_radius_mm) for y in (-h, h) for x in (-h, h))
+    h = 5.0 * scale / 2
+    tips = tuple(SphereTip(x, y, 2.0 * scale) for y in (-h, h) for x in (-h, h))
     return Indenter("4dots", tips)
 
 
-def two_dots(tip_radius_mm: float = 2.0, pitch_mm: float = 5.0) -> Indenter:
+def two_dots(scale: float) -> Indenter:
     """Two spherical dots side by side along x, as the paper's text has it."""
-    h = pitch_mm / 2
-    return Indenter("2dots", tuple(SphereTip(x, 0.0, tip_radius_mm) for x in (-h, h)))
+    h = 5.0 * scale / 2
+    return Indenter("2dots", tuple(SphereTip(x, 0.0, 2.0 * scale) for x in (-h, h)))
 
 
-def edges(
-    pitch_mm: float = 5.5,
-    half_width_mm: float = 1.75,
-    length_mm: float = 5.5,
-    nose_mm: float = 0.3,
-    flank_deg: float = 45.0,
-) -> Indenter:
-    """Two parallel edges along y: right-angled wedges with a nose of radius nose_mm.
+def edges(scale: float) -> Indenter:
+    """Two parallel edges along y: right-angled wedges with a nose of radius .3 mm.
 
-    length_mm: straight part of an edge; its round ends add half_width_mm each. Steeper flanks lock
-    under a friction of .5 when the edges are dragged over the linear layer.
+    Their straight part is as long as their pitch; round ends add half a width each. Steeper flanks
+    lock under a friction of .5 when the edges are dragged over the linear layer.
     """
-    h = pitch_mm / 2
-    tips = (RidgeTip(x, 0.0, nose_mm, half_width_mm, length_mm, flank_deg) for x in (-h, h))
+    h = 5.5 * scale / 2
+    tips = (RidgeTip(x, 0.0, 0.3, 1.75 * scale, 5.5 * scale, flank_deg=45.0) for x in (-h, h))
     return Indenter("edges", tuple(tips))
 
 
-def ellipsoid(a_mm: float = 4.5, b_mm: float = 3.0) -> Indenter:
-    """Half an ellipsoid, a long (x) and b wide and high (y, z); both are semi-axes."""
-    return Indenter("ellipsoid", (EllipsoidTip(0.0, 0.0, a_mm, b_mm),))
+def ellipsoid(scale: float) -> Indenter:
+    """Half an ellipsoid, longest along x; as wide (y) as twice its height (z)."""
+    return Indenter("ellipsoid", (EllipsoidTip(0.0, 0.0, 4.5 * scale, 3.0 * scale),))
 
 
-def hexprism(outer_mm: float = 4.5, corner_mm: float = 0.5, edge_mm: float = 0.3) -> Indenter:
-    """A flat hexagonal face, corners on +-x; outer_mm from the middle to a rounded corner."""
-    return Indenter("hexprism", (PrismTip.polygon(6, outer_mm, corner_mm, edge_mm),))
+def hexprism(scale: float) -> Indenter:
+    """A flat hexagonal face, corners on +-x."""
+    return Indenter("hexprism", (PrismTip.polygon(6, 4.5 * scale, corner_mm=0.5, edge_mm=0.3),))
 
 
-def star(
-    outer_mm: float = 4.5,
-    inner_mm: float = 2.25,
-    corner_mm: float = 0.5,
-    notch_mm: float = 0.5,
-    edge_mm: float = 0.3,
-) -> Indenter:
+def star(scale: float) -> Indenter:
     """A flat five-pointed star, one point on +x; see PrismTip for its dimensions."""
-    tip = PrismTip(0.0, 0.0, 5, outer_mm, inner_mm, corner_mm, notch_mm, edge_mm)
-    return Indenter("star", (tip,))
+    radii = {"corner_mm": 0.5, "notch_mm": 0.5, "edge_mm": 0.3}
+    return Indenter("star", (PrismTip(0.0, 0.0, 5, 4.5 * scale, 2.25 * scale, **radii),))
 
 
 SHAPES = {
-    "4dots": lambda s: four_dots(2.0 * s, 5.0 * s),
-    "2dots": lambda s: two_dots(2.0 * s, 5.0 * s),
-    "edges": lambda s: edges(5.5 * s, 1.75 * s, 5.5 * s),
-    "ellipsoid": lambda s: ellipsoid(4.5 * s, 3.0 * s),
-    "hexprism": lambda s: hexprism(4.5 * s),
-    "star": lambda s: star(4.5 * s, 2.25 * s),
+    "4dots": four_dots,
+    "2dots": two_dots,
+    "edges": edges,
+    "ellipsoid": ellipsoid,
+    "hexprism": hexprism,
+    "star": star,
 }
