@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
 from deltact_fab.errors import InputError, SensorError
-from deltact_fab.measure.dots import DotTracker, identity
+from deltact_fab.measure.dots import DotTracker, find_dots, identity
 from deltact_fab.measure.dots import tracker as tracking
 
 MM_PER_PX = 0.0378
@@ -123,16 +124,21 @@ def test_dark_dots_are_placed_to_5_um(make_bump):
         assert np.isnan(seen.identity_ncc).all()
 
 
-def test_an_irregular_layout_is_followed(make_bump):
+def test_an_irregular_layout_of_unknown_size_is_found_and_followed(make_bump):
     rest = grid((1.9, 1.7), 12, 11)
     rest += np.random.default_rng(3).uniform(-9, 9, rest.shape)
-    tracker = DotTracker(rest, 0.5 / MM_PER_PX, polarity="dark")
+    tracker = DotTracker.found_in(picture(rest, 0.5))
+    assert tracker.polarity == "dark"
+    assert len(tracker.rest_px) == len(rest)
+    assert tracker.diameter_px == pytest.approx(0.5 / MM_PER_PX, rel=0.15)
+    which = [int(np.argmin(np.hypot(*(rest - at).T))) for at in tracker.rest_px]
+    assert sorted(which) == list(range(len(rest)))
     bump = make_bump((400, 290), 160, shear_px=(90, 40), press_px=20)
     assert tracker.update(picture(rest, 0.5)).found.all()
     for k in range(1, 7):
         moved = bump.scaled(k / 6).displacement_px(rest)
         seen = tracker.update(picture(rest + moved, 0.5, k))
-        assert errors_mm(seen, moved).max() <= 0.1
+        assert errors_mm(seen, moved[which]).max() <= 0.1
         assert seen.found.mean() >= 0.97
 
 
@@ -183,5 +189,37 @@ def test_the_other_polarity_is_refused():
     rest = grid((2.2, 1.6), 13, 13)
     with pytest.raises(SensorError, match="0 of 169 white dots found in the first image"):
         DotTracker(rest, 0.6 / MM_PER_PX).update(picture(rest, 0.6))
+    with pytest.raises(SensorError, match="9 or more white dots of one size"):
+        DotTracker.found_in(picture(rest, 0.6), polarity="white")
     with pytest.raises(InputError, match="'white' or 'dark' is needed"):
         DotTracker(rest, 16.0, polarity="black")  # type: ignore[arg-type]
+
+
+def test_an_image_without_dots_is_refused(make_scene):
+    noise = np.random.default_rng(1).integers(0, 256, (H, W, 3), np.uint8)
+    dense = make_scene(W, H, patch_mm=0.1).picture()
+    for image in (noise, dense, *(np.full((H, W, 3), value, np.uint8) for value in (0, 128, 255))):
+        with pytest.raises(SensorError, match="9 or more white or dark dots of one size"):
+            find_dots(image)
+    with pytest.raises(InputError, match="BGR uint8"):
+        find_dots(dense[..., 0])
+
+
+@pytest.mark.parametrize("turn_deg", [0, 20, 45])
+@pytest.mark.parametrize("square_px", [14, 26, 53])
+@pytest.mark.parametrize("polarity", [None, "white", "dark"])
+def test_a_chessboard_is_not_dots(turn_deg, square_px, polarity):
+    c, s = np.cos(np.deg2rad(turn_deg)), np.sin(np.deg2rad(turn_deg))
+    u, v = c * COLUMNS + s * ROWS, c * ROWS - s * COLUMNS
+    board = ((u // square_px + v // square_px) % 2 * 200 + 20).astype(np.uint8)
+    board = cv2.GaussianBlur(board, (0, 0), 1.5)
+    with pytest.raises(SensorError, match="dots: the image"):
+        find_dots(np.repeat(board[..., None], 3, axis=2), polarity)
+
+
+def test_white_dots_among_colours_are_found_too(make_scene):
+    scene = make_scene(W, H, dots=True)
+    dots = find_dots(scene.picture())
+    assert (dots.polarity, len(dots.position_px)) == ("white", 169)
+    assert dots.diameter_px == pytest.approx(0.6 / MM_PER_PX, rel=0.15)
+    assert dots.pitch_px == pytest.approx(1.6 / MM_PER_PX, rel=0.02)

@@ -5,10 +5,12 @@ displacement by blob detection, as the truth that optical flow is compared with.
 dark dots, the markers of other sensors, is followed in the same way.
 
 Read in this order: `detect` (centroids in one image), `skin` and `colours` (what tells one dot
-from another), `identity` (which blob is which dot), `tracker`.
+from another), `identity` (which blob is which dot), `tracker`, `found` (the dots of a skin that
+nothing is known of).
 """
 
 from .detect import Polarity
+from .found import FoundDots, find_dots
 from .tracker import DotObservation, DotTracker
 
-__all__ = ["DotObservation", "DotTracker", "Polarity"]
+__all__ = ["DotObservation", "DotTracker", "FoundDots", "Polarity", "find_dots"]

@@ -11,6 +11,7 @@ from ...aliases import Array
 from ...errors import InputError, SensorError
 from .colours import Rings
 from .detect import Blobs, Detector, Polarity
+from .found import find_dots
 from .identity import AREA_FACTOR, GATE, Identities
 from .skin import Skin, mutual
 
@@ -85,6 +86,15 @@ class DotTracker:
         self.offset_px = min(OFFSET_PX, GATE * self.pitch_px)
         self._detector = Detector(self.diameter_px, self.pitch_px, polarity)
         self.reset()
+
+    @classmethod
+    def found_in(cls, image: Array, *, polarity: Polarity | None = None) -> DotTracker:
+        """A tracker of the dots that an image of a foreign skin shows; `update` with it comes next.
+
+        polarity: None takes the one of which more dots are there. Raises as `find_dots` does.
+        """
+        dots = find_dots(image, polarity)
+        return cls(dots.position_px, dots.diameter_px, polarity=dots.polarity)
 
     def reset(self) -> None:
         """Forget everything: the next image is the first."""
