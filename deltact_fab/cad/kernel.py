@@ -8,10 +8,13 @@ import signal
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeAlias
 
 from .. import extras
 from ..errors import DeltactFabError, MissingLibrary, RunFailed
+
+Shape: TypeAlias = Any  # cadquery's own; naming them by their class would import it
+Workplane: TypeAlias = Any
 
 SYSTEM_PACKAGES = "libgl1 libegl1 libx11-6"
 

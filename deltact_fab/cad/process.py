@@ -53,20 +53,19 @@ class ResinPrinterDimensions(Record):
         """What a drawing says of every length without limits of its own."""
         return f"±{self.plane_mm:.2g} in the layers, ±{self.height_mm:.2g} across"
 
-    def inner(self, name: str, nominal_mm: float) -> Length:
+    def inner(self, nominal_mm: float) -> Length:
         """A printed hole, slot or pocket, in the layers."""
-        return Length(name, nominal_mm + self.hole_bias_mm, self.plane_mm, PLANE)
+        return Length(nominal_mm + self.hole_bias_mm, self.plane_mm, PLANE)
 
-    def outer(self, name: str, nominal_mm: float) -> Length:
+    def outer(self, nominal_mm: float) -> Length:
         """A printed peg, block or rim, in the layers."""
-        return Length(name, nominal_mm + self.outside_bias_mm, self.plane_mm, PLANE)
+        return Length(nominal_mm + self.outside_bias_mm, self.plane_mm, PLANE)
 
-    def tall(self, name: str, nominal_mm: float) -> Length:
+    def tall(self, nominal_mm: float) -> Length:
         """A printed length across the layers; what turns at printing counts as this."""
-        spread_mm = max(self.height_mm, self.plane_mm)
-        return Length(name, nominal_mm, spread_mm, HEIGHT)
+        return Length(nominal_mm, max(self.height_mm, self.plane_mm), HEIGHT)
 
-    def pitch(self, name: str, other_mm: float | None = None) -> Length:
+    def pitch(self, other_mm: float | None = None) -> Length:
         """What two patterns of holes may disagree at one hole, as a diameter.
 
         Each pattern's pitch is off by the spread in x and in y; centred on each other, either end
@@ -74,7 +73,7 @@ class ResinPrinterDimensions(Record):
         diagonal. other_mm: the spread of the other pattern where it is not printed.
         """
         apart = self.plane_mm + (self.plane_mm if other_mm is None else other_mm)
-        return Length(name, 0.0, 2**0.5 * apart, PLANE)
+        return Length(0.0, 2**0.5 * apart, PLANE)
 
 
 PLANE = ("resin_printer.plane_mm", "resin_printer.hole_bias_mm", "resin_printer.outside_bias_mm")
@@ -119,10 +118,10 @@ class LaserDimensions(Record):
             return f"The DXF is the laser's path, {self.kerf_mm / 2:g} outside the finished plate."
         return "The DXF is the finished plate: offset the cut by half the kerf."
 
-    def cut(self, name: str, nominal_mm: float) -> Length:
+    def cut(self, nominal_mm: float) -> Length:
         """An outside length of a plate as it is cut."""
-        return Length(name, nominal_mm, self.tolerance_mm, CUT)
+        return Length(nominal_mm, self.tolerance_mm, CUT)
 
-    def sheet(self, name: str, nominal_mm: float) -> Length:
+    def sheet(self, nominal_mm: float) -> Length:
         """The thickness of a sheet."""
-        return Length(name, nominal_mm, self.sheet_tolerance * nominal_mm, SHEET)
+        return Length(nominal_mm, self.sheet_tolerance * nominal_mm, SHEET)

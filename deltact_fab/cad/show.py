@@ -13,7 +13,7 @@ from . import feasibility
 from .design import IndenterDimensions
 from .dimensions import Design
 from .part import Part
-from .rule import Rule
+from .rule import Quantity, Rule
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Description:
 def describe(part: Part, design: Design) -> Description:
     """Everything that decides the part, also where a rule is broken: that is when one looks."""
     if part.indenter is not None:
-        dimensions, derived, rules = _of_indenter(part.name, part.indenter)
+        dimensions, derived, rules = _of_indenter(part.indenter)
     else:
         dimensions = list(_sections(part, design))
         derived = list(_derived(part, design))
@@ -111,7 +111,7 @@ def describe(part: Part, design: Design) -> Description:
 
 
 def _line(rule: Rule) -> RuleLine:
-    margin = rule.right[1] - rule.left[1]
+    margin = rule.right.value - rule.left.value
     return RuleLine(rule.text, rule.holds, margin if math.isfinite(margin) else None, rule.rests_on)
 
 
@@ -175,7 +175,7 @@ def equation(docstring: str) -> str:
 
 
 def _of_indenter(
-    name: str, dims: IndenterDimensions
+    dims: IndenterDimensions,
 ) -> tuple[list[Dimension], list[Derived], list[Rule]]:
     indenter = dims.indenter
     lengths = (
@@ -185,7 +185,7 @@ def _of_indenter(
         ("reach_mm", indenter.reach_mm, "free length of the tips below the plate"),
     )
     given = [Dimension(*length) for length in lengths]
-    rules = [Rule(name, ("0", 0.0), "<", (key, value)) for key, value, _ in lengths]
+    rules = [Quantity("0", 0.0).below(key, value) for key, value, _ in lengths]
     derived: list[Derived] = []
     for i, tip in enumerate(indenter.tips, 1):
         label = f"tip{i}" if len(indenter.tips) > 1 else "tip"
@@ -198,8 +198,8 @@ def _of_indenter(
         for key, text in properties(type(tip)):
             if key not in {f.name for f in fields(tip)} and not is_dataclass(getattr(tip, key)):
                 derived.append(Derived(f"{label}.{key}", getattr(tip, key), text))
-        equator, reach = (f"{label}.equator_mm", tip.equator_mm), ("reach_mm", indenter.reach_mm)
-        rules.append(Rule(name, equator, "<", reach))
+        equator = Quantity(f"{label}.equator_mm", tip.equator_mm)
+        rules.append(equator.below("reach_mm", indenter.reach_mm))
     for key, text in properties(type(indenter)):
         if key != "slug":
             derived.append(Derived(key, getattr(indenter, key), text))

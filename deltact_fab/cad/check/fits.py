@@ -25,7 +25,7 @@ def rows(design: Design) -> Iterator[Row]:
             low, high = fit.range_mm
             limit = f">= {fit.least_mm:g} mm"
             if not fit.holds:
-                limit += f": {', '.join(fit.keys)}"
+                limit += f": {fit.keys}"
             found = f"{fit.name}: {round(low, 3) + 0.0:.3f} to {high:.3f} mm"
             keys = open_keys(unverified, *fit.rests_on)
             yield Row(NAME, fit.parts, found, limit, fit.holds, keys)

@@ -31,7 +31,7 @@ from . import (
     visibility,
 )
 from .built import BuiltDesign
-from .row import Row, from_plain, to_plain
+from .row import Row
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class CheckKind:
 
     def found(self, built: BuiltDesign) -> list[Row]:
         """Its rows, or those found earlier for a design that gives the same ones."""
-        return from_plain(built.result(self.name, lambda: to_plain(self.rows(built))))
+        return built.rows(self.name, lambda: self.rows(built))
 
     def not_run(self, why: str) -> Row:
         """The failing row of a check that could not be made."""

@@ -18,16 +18,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...shapes import EllipsoidTip, PrismTip, RidgeTip, SphereTip, Tip, TurnedTip
 from ..design import IndenterDimensions
-from ..kernel import require
+from ..kernel import Shape, require
 from ..planes import segment_mm2
 from ..solid_gate import Expected, less
-
-if TYPE_CHECKING:
-    from cadquery import Shape
 
 _APART_MM = 1e-6
 

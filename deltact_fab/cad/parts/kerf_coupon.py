@@ -11,18 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
+from ..dimensions import Design
 from ..drafting.items import Callouts, x_of, y_of, z_of
-from ..kernel import require
+from ..kernel import Shape, require
 from ..part import CLEAR, LASER_CUT, Part
-from ..rule import Rule
+from ..rule import Quantity, Rule
 from ..solid_gate import Expected
-
-if TYPE_CHECKING:
-    from cadquery import Shape
-
-    from ..dimensions import Design
 
 PIECES = 10
 
@@ -47,7 +42,7 @@ def build(design: Design) -> Shape:
 def rules(d: Design) -> Iterator[Rule]:
     """A strip that can be told from its side."""
     coupon = d.kerf_coupon
-    yield Rule("kerf-coupon", ("width_mm", coupon.width_mm), "<", ("length_mm", coupon.length_mm))
+    yield Quantity("width_mm", coupon.width_mm).below("length_mm", coupon.length_mm)
 
 
 def callouts(d: Design) -> Callouts:

@@ -13,18 +13,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from ...aliases import Point2
-from ..kernel import require
+from ..dimensions import Design
+from ..kernel import Shape, require
 from ..part import AMBER, BOUGHT, Flat, Part
-from ..rule import Rule
+from ..rule import Quantity, Rule
 from ..solid_gate import Expected
-
-if TYPE_CHECKING:
-    from cadquery import Shape
-
-    from ..dimensions import Design
 
 CUT, LED, MARK, RING = "CUT", "LED", "MARK", "RING"
 PAD_MM = 1.5  # length of a pad; its width and place are shares of the strip's width
@@ -67,10 +62,10 @@ def build(design: Design) -> Shape:
 
 def rules(d: Design) -> Iterator[Rule]:
     """LEDs beside one another, on their strip."""
-    part, light = "led-strip", d.light
-    width = ("led_width_mm", light.led_width_mm)
-    yield Rule(part, width, "<", ("pitch = 1000 / leds_per_m", light.pitch_mm))
-    yield Rule(part, width, "<=", ("strip_width_mm", light.strip_width_mm))
+    light = d.light
+    width = Quantity("led_width_mm", light.led_width_mm)
+    yield width.below("pitch = 1000 / leds_per_m", light.pitch_mm)
+    yield width.at_most("strip_width_mm", light.strip_width_mm)
 
 
 def flat(d: Design) -> tuple[Flat, ...]:

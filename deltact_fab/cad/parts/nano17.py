@@ -10,16 +10,12 @@ Frame: as the adapter's, z = 0 on it. Its numbers stand in `[adapter]`, with wha
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
-from ..kernel import require
+from ..dimensions import Design
+from ..kernel import Shape
 from ..part import BOUGHT, STEEL, Part, Shift
 from ..solid_gate import Expected
-
-if TYPE_CHECKING:
-    from cadquery import Shape
-
-    from ..dimensions import Design
+from .solids import cylinders
 
 
 def expect(design: Design) -> Expected:
@@ -32,9 +28,7 @@ def expect(design: Design) -> Expected:
 
 def build(design: Design) -> Shape:
     """The cylinder as one solid."""
-    sensor = design.adapter
-    disc = require().Workplane().circle(sensor.sensor_mm / 2)
-    return disc.extrude(sensor.sensor_height_mm).val()
+    return cylinders([(0, 0)], design.adapter.sensor_mm, 0, design.adapter.sensor_height_mm).val()
 
 
 def places(design: Design) -> list[Shift]:

@@ -13,16 +13,11 @@ The vertical edges stay sharp: the mold's cavity is the plain block above the fr
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
-from ..kernel import require
+from ..dimensions import Design
+from ..kernel import Shape, require
 from ..part import CLEAR, Part
 from ..solid_gate import Expected
-
-if TYPE_CHECKING:
-    from cadquery import Shape
-
-    from ..dimensions import Design
 
 
 def expect(design: Design) -> Expected:

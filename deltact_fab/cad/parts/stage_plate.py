@@ -17,19 +17,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
 from ...aliases import Point2
+from ..dimensions import Design
 from ..drafting.dimensioning import Centres, Item, Leader, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
-from ..kernel import require
+from ..kernel import Shape, require
 from ..part import STEEL, Part
 from ..solid_gate import Expected
-
-if TYPE_CHECKING:
-    from cadquery import Shape
-
-    from ..dimensions import Design
+from .solids import cylinders
 
 KEYS = ("stage_plate.grid_mm", "stage_plate.slot_mm")
 
@@ -81,11 +77,10 @@ def build(design: Design) -> Shape:
     plate = design.stage_plate
     low, high = design.z_back_mm - plate.thickness_mm, plate.thickness_mm
     body = cq.Workplane(origin=(0, 0, low)).rect(*sides_mm(design)).extrude(high)
-    drills = cq.Workplane(origin=(0, 0, low - 1)).pushPoints(tab_centres_mm(design))
-    drills = drills.circle(plate.thread_hole_mm / 2)
+    drills = cylinders(tab_centres_mm(design), plate.thread_hole_mm, low - 1, high + 2)
     slots = cq.Workplane(origin=(0, 0, low - 1)).pushPoints(slot_centres_mm(design))
     slots = slots.slot2D(plate.slot_length_mm, plate.slot_mm)
-    return body.cut(drills.extrude(high + 2)).cut(slots.extrude(high + 2)).val()
+    return body.cut(drills).cut(slots.extrude(high + 2)).val()
 
 
 def callouts(d: Design) -> Callouts:
