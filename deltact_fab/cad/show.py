@@ -6,7 +6,7 @@ import inspect
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
 from . import feasibility
@@ -60,10 +60,6 @@ class Description:
     dimensions: tuple[Dimension, ...]
     derived: tuple[Derived, ...]
     rules: tuple[RuleLine, ...]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data for JSON."""
-        return asdict(self)
 
     def tables(self) -> list[tuple[str, tuple[str, ...], list[tuple[Any, ...]]]]:
         """What `cad show` prints: (title, columns, rows) of each table that is not empty."""
@@ -191,10 +187,8 @@ def _of_indenter(
         label = f"tip{i}" if len(indenter.tips) > 1 else "tip"
         told = f"{type(tip).__name__.removesuffix('Tip').lower()}: "
         for f in fields(tip):
-            meaning = _attribute(tip, f.name)
-            given.append(
-                Dimension(f"{label}.{f.name}", _flat(getattr(tip, f.name)), told + meaning)
-            )
+            value = _flat(getattr(tip, f.name))
+            given.append(Dimension(f"{label}.{f.name}", value, told + _TOLD[f.name]))
         for key, text in properties(type(tip)):
             if key not in {f.name for f in fields(tip)} and not is_dataclass(getattr(tip, key)):
                 derived.append(Derived(f"{label}.{key}", getattr(tip, key), text))
@@ -216,34 +210,22 @@ def _flat(value: Any) -> Any:
     return value
 
 
-# Numbers of a tip that its docstring tells within a sentence.
+# What each field of a tip is.
 _TOLD = {
+    "x_mm": "where it stands in the indenter's frame",
+    "y_mm": "where it stands in the indenter's frame",
     "corner_mm": "rounding of its points",
     "notch_mm": "rounding of its notches",
     "edge_mm": "rounding of its face",
+    "points": "number of points",
+    "outer_mm": "from the middle to the end of a rounded point",
+    "inner_mm": "from the middle to where two sides would meet if the notch were not rounded",
     "a_mm": "semi-axis along x",
     "b_mm": "semi-axis along y and z",
+    "radius_mm": "a ball of this radius fits inside the tip and touches it at its lowest point",
     "half_width_mm": "half the width, where the sides turn vertical",
     "length_mm": "straight part along y",
+    "flank_deg": "angle of the flanks with the vertical",
+    "start_mm": "innermost point (d, z) of the profile",
     "pieces": "the profile from there: (end, centre of an arc)",
 }
-
-
-def _attribute(record: object, name: str) -> str:
-    """What the class's docstring, or else its module's, says after `name:` or `name, other:`."""
-    texts = [inspect.getdoc(type(record)), *_module_doc(record)]
-    if name in _TOLD:
-        return _TOLD[name]
-    for text in texts:
-        found = re.search(rf"\b{name}(?:, \w+)*: (.+?)(?:[.;]\s|\.$|\Z)", text or "", re.S)
-        if found:
-            return " ".join(found[1].split())
-    return ""
-
-
-def _module_doc(record: object) -> list[str]:
-    # What every tip states stands at the head of `tips`, also for tips of other modules.
-    from ..shapes import tips
-
-    module = inspect.getmodule(type(record))
-    return [m.__doc__ or "" for m in (module, tips) if m is not None]

@@ -13,7 +13,7 @@ above its edges does away with), and shear, 2 % of the default plate's deflectio
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -55,7 +55,7 @@ class PlateShape:
 
 @dataclass(frozen=True)
 class Bending:
-    """Of 1 N, uniform on a disc.
+    """Of a force, uniform on a disc.
 
     deflection_mm: the largest. over_ring_mm: the largest over a ring about the middle. stress_mpa:
     the largest bending stress within the disc; where a notch's sharp corner or a clamped edge
@@ -64,19 +64,6 @@ class Bending:
 
     deflection_mm: float
     over_ring_mm: float
-    stress_mpa: float
-
-
-@dataclass(frozen=True)
-class PlatePress:
-    """What a press does to a design's plate.
-
-    deflection_mm: the largest. over_light_mm: the largest over the light holder. stress_mpa:
-    bending under the press.
-    """
-
-    deflection_mm: float
-    over_light_mm: float
     stress_mpa: float
 
 
@@ -93,14 +80,15 @@ def plate_of(design: Design) -> PlateShape:
     )
 
 
-def press(design: Design, force_n: float, at_mm: Point2 = (0.0, 0.0)) -> PlatePress:
-    """A press of force_n at a place of the face, spread by the gel on `plate.spread_mm`."""
+def press(design: Design, force_n: float, at_mm: Point2 = (0.0, 0.0)) -> Bending:
+    """A press of force_n at a place of the face, spread by the gel on `plate.spread_mm`.
+
+    The ring is the light holder.
+    """
     x, y = map(abs, at_mm)
     ring = (design.light_bore_mm, design.light_radius_mm)
     unit = bend(plate_of(design), design.plate.spread_mm, (x, y), ring)
-    return PlatePress(
-        force_n * unit.deflection_mm, force_n * unit.over_ring_mm, force_n * unit.stress_mpa
-    )
+    return Bending(*(force_n * value for value in astuple(unit)))
 
 
 @dataclass(frozen=True)

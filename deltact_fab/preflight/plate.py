@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from ..cad.dimensions import Design
 from ..cad.parts.light_holder import below_plate
-from ..cad.stiffness import PlatePress, press
+from ..cad.stiffness import Bending, press
 from ..protocols.limits import LimitCheck
 from .peaks import MODULUS_FACTOR, Peak
 
@@ -24,7 +24,7 @@ def plate_checks(peaks: Sequence[Peak], design: Design, simulated: bool) -> list
     done = _presses(peaks, design)
     limit_mpa = design.plate.stress_limit_mpa
     stress = [MODULUS_FACTOR * found.stress_mpa for found in done]
-    light = [MODULUS_FACTOR * found.over_light_mm for found in done]
+    light = [MODULUS_FACTOR * found.over_ring_mm for found in done]
     share = [f.deflection_mm / p.depth_mm for f, p in zip(done, peaks, strict=True)]
     high = "with twice the modulus"
     yields_mm = max(found.deflection_mm for found in done)
@@ -61,7 +61,7 @@ def _told(row: LimitCheck) -> str:
     return f"{row.name}: {row.what} {row.figure:g} > {row.bound:g}, {row.where}"
 
 
-def _presses(peaks: Sequence[Peak], design: Design) -> list[PlatePress]:
+def _presses(peaks: Sequence[Peak], design: Design) -> list[Bending]:
     return [press(design, peak.normal_n, peak.at_mm) for peak in peaks]
 
 

@@ -12,11 +12,11 @@ from ..design import IndenterList
 from ..dimensions import Design
 from ..mesh import Mesh, mesh_solid
 from ..part import Part
+from ..rays import Walls
 from ..registry import listed
 from ..solid_gate import Box, bounding_box
 from .cylinders import Cylinder, along_z
 from .memo import Known
-from .rays import Walls
 from .row import Row, from_plain, to_plain
 
 # Rays and closure need no finer mesh: what they find is measured again on exact surfaces.

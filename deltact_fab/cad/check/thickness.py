@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ..dimensions import Design
 from ..part import Part
+from ..rays import Thickness
 from .built import BuiltDesign
-from .rays import Thickness
 from .row import Row, at
 
 NAME = "wall thickness"
