@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from ..aliases import Point2
 from ..shapes import Indenter
-from .record import Record, number, standard_row
+from .record import Record, measured, number, standard_row
 from .standards import CAP_SCREWS, CLEARANCE_MM
 
 
@@ -109,9 +109,7 @@ class AdapterDimensions(Record):
     bolt_bore_mm: float = number(BOLT.bore_mm, "room for their heads", 2, 15)
     bolt_bore_depth_mm: float = number(3.0, "of that room, from the flange's side", 1, 30)
     pilot_mm: float = number(2.5, "holes in which the flange's screws (M3) cut a thread", 1, 6)
-    measured: tuple[str, ...] = field(
-        default=(), metadata={"description": "keys measured on the lab's own sensor"}
-    )
+    measured: tuple[str, ...] = measured("keys measured on the lab's own sensor")
 
     @property
     def bolt_centres_mm(self) -> list[Point2]:
@@ -131,9 +129,7 @@ class StagePlateDimensions(Record):
     edge_mm: float = number(7.0, "around slots and testing shell", 2, 100)
     thickness_mm: float = number(6.0, "of the plate", 3, 30)
     thread_hole_mm: float = number(3.3, "tapping drill of the tabs' screws (M4)", 1, 10)
-    measured: tuple[str, ...] = field(
-        default=(), metadata={"description": "keys measured on the lab's own table"}
-    )
+    measured: tuple[str, ...] = measured("keys measured on the lab's own table")
 
     @property
     def slot_length_mm(self) -> float:

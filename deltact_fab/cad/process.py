@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from .fit import Length
-from .record import Record, number
+from .record import Record, measured, number
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,7 @@ class ResinPrinterDimensions(Record):
     bed_x_mm: float = number(145.0, "platform, one side", 20, 2000, unverified=True)
     bed_y_mm: float = number(145.0, "platform, other side", 20, 2000, unverified=True)
     bed_z_mm: float = number(175.0, "height of the build room", 20, 2000, unverified=True)
-    measured: tuple[str, ...] = field(
-        default=(), metadata={"description": "keys measured on the lab's own printer"}
-    )
+    measured: tuple[str, ...] = measured("keys measured on the lab's own printer")
 
     @property
     def limits_mm(self) -> tuple[float, float]:
@@ -97,9 +95,7 @@ class LaserDimensions(Record):
     sheet_tolerance: float = number(
         0.1, "thickness of the sheet, share, +-; measure yours", 0.001, 0.3, unverified=True
     )
-    measured: tuple[str, ...] = field(
-        default=(), metadata={"description": "keys measured on the lab's own laser and sheet"}
-    )
+    measured: tuple[str, ...] = measured("keys measured on the lab's own laser and sheet")
 
     @property
     def limits_mm(self) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from typing import Literal
 
 from ..aliases import Point2
 from .planes import segment_mm2
-from .record import Record, number, standard_row
+from .record import Record, measured, number, standard_row
 from .standards import (
     CAP_SCREWS,
     CHEESE_SCREWS,
@@ -36,9 +36,7 @@ class PlateDimensions(Record):
     youngs_modulus_mpa: float = number(3000.0, "of cast PMMA", 100, 1e5, unverified=True)
     poisson: float = number(0.37, "of cast PMMA", 0.0, 0.49)
     stress_limit_mpa: float = number(35.0, "half of what breaks PMMA", 1, 1000, unverified=True)
-    measured: tuple[str, ...] = field(
-        default=(), metadata={"description": "keys measured on the lab's own plate"}
-    )
+    measured: tuple[str, ...] = measured("keys measured on the lab's own plate")
 
 
 @dataclass(frozen=True)
@@ -68,9 +66,7 @@ class CameraDimensions(Record):
     connector_length_mm: float = number(6.0, "connector along y", 1, 50, unverified=True)
     connector_height_mm: float = number(2.65, "connector along z", 0.2, 20, unverified=True)
     tolerance_mm: float = number(0.05, "spread of board and lens, +-", 0.0, 1, unverified=True)
-    measured: tuple[str, ...] = field(
-        default=(), metadata={"description": "keys measured on the lab's own module"}
-    )
+    measured: tuple[str, ...] = measured("keys measured on the lab's own module")
 
     @property
     def board_top_mm(self) -> float:
@@ -198,9 +194,7 @@ class LightDimensions(Record):
         20.0, "continuous current of a chip, by its data sheet", 0.1, 1000, unverified=True
     )
     wire_mm: float = number(500.0, "each of the two wires, from ring to supply", 50, 10_000)
-    measured: tuple[str, ...] = field(
-        default=(), metadata={"description": "keys measured, or read off a data sheet"}
-    )
+    measured: tuple[str, ...] = measured("keys measured, or read off a data sheet")
 
     @property
     def pitch_mm(self) -> float:
@@ -291,9 +285,7 @@ class MountDimensions(Record):
         40.0, "franka: bending stress that the arm may take", 1, 500, unverified=True
     )
 
-    measured: tuple[str, ...] = field(
-        default=(), metadata={"description": "keys measured on the lab's own finger"}
-    )
+    measured: tuple[str, ...] = measured("keys measured on the lab's own finger")
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -33,6 +33,16 @@ class Expected:
     box_mm: Box
     parameters: Mapping[str, float]
 
+    @classmethod
+    def exact(cls, volume_mm3: float, box_mm: Box, parameters: Mapping[str, float]) -> Expected:
+        """Of a volume in closed form."""
+        return cls((volume_mm3, volume_mm3), box_mm, parameters)
+
+
+def around(half_x_mm: float, half_y_mm: float, low_mm: float, high_mm: float) -> Box:
+    """The box about the z axis, from low to high."""
+    return (-half_x_mm, -half_y_mm, low_mm), (half_x_mm, half_y_mm, high_mm)
+
 
 @dataclass(frozen=True)
 class SolidProperties:

@@ -21,7 +21,7 @@ from ..fit import Length, PlayFit
 from ..kernel import Shape
 from ..part import CLEAR, LASER_CUT, Part
 from ..rule import Quantity, Rule
-from ..solid_gate import Expected
+from ..solid_gate import Expected, around
 from .solids import prism, without_corners
 
 
@@ -38,9 +38,9 @@ def expect(design: Design) -> Expected:
     (w, h), (nx, ny) = design.acrylic_half_mm, design.acrylic_notch_mm
     thickness_mm = design.optics.acrylic_mm
     volume_mm3 = 4 * (w * h - nx * ny) * thickness_mm
-    return Expected(
-        (volume_mm3, volume_mm3),
-        ((-w, -h, design.z_joint_mm), (w, h, design.z_ledge_mm)),
+    return Expected.exact(
+        volume_mm3,
+        around(w, h, design.z_joint_mm, design.z_ledge_mm),
         {
             "acrylic_mm": thickness_mm,
             "half_x_mm": w,

@@ -57,13 +57,13 @@ def expect(design: Design) -> Expected:
     volume_mm3 += math.pi / 4 * cam.lens_diameter_mm**2 * cam.lens_height_mm
     volume_mm3 += cam.connector_width_mm * cam.connector_length_mm * cam.connector_height_mm
     half = cam.board_width_mm / 2
-    return Expected(
-        (volume_mm3, volume_mm3),
+    return Expected.exact(
+        volume_mm3,
         (
             (-half, cam.board_bottom_mm, design.z_board_back_mm - cam.connector_height_mm),
             (half, cam.board_top_mm, design.z_lens_mm),
         ),
-        {f.name: getattr(cam, f.name) for f in fields(cam) if f.name in SHOWN},
+        {key: getattr(cam, key) for key in SHOWN},
     )
 
 
@@ -94,20 +94,10 @@ def build(design: Design) -> Shape:
 
 
 SHOWN = (
-    "board_width_mm",
-    "board_length_mm",
-    "board_mm",
-    "hole_mm",
-    "hole_pitch_x_mm",
-    "hole_pitch_y_mm",
-    "hole_edge_mm",
-    "lens_offset_mm",
-    "lens_diameter_mm",
-    "lens_height_mm",
-    "connector_width_mm",
-    "connector_length_mm",
-    "connector_height_mm",
-)
+    "board_width_mm", "board_length_mm", "board_mm", "hole_mm", "hole_pitch_x_mm",
+    "hole_pitch_y_mm", "hole_edge_mm", "lens_offset_mm", "lens_diameter_mm", "lens_height_mm",
+    "connector_width_mm", "connector_length_mm", "connector_height_mm",
+)  # fmt: skip
 
 
 def rules(d: Design) -> Iterator[Rule]:

@@ -42,8 +42,8 @@ def expect(design: Design) -> Expected:
     area_mm2 -= math.pi / 2 * holder.row.pilot_mm**2
     volume_mm3 = area_mm2 * holder.clearance_mm
     numbers = {key: value for key, value in asdict(holder).items() if key.endswith("_mm")}
-    return Expected(
-        (volume_mm3, volume_mm3),
+    return Expected.exact(
+        volume_mm3,
         ((-half_x, -arm, design.z_floor_mm), (half_x, max(arm, top), design.z_board_back_mm)),
         {
             **numbers,

@@ -21,7 +21,7 @@ from ..kernel import Shape, require
 from ..part import BOUGHT, STEEL, Part, Shift
 from ..planes import band_mm2
 from ..rule import Quantity, Rule
-from ..solid_gate import Expected
+from ..solid_gate import Expected, around
 from .camera import on_board
 from .solids import cylinders
 
@@ -34,9 +34,9 @@ def expect(design: Design) -> Expected:
     volume_mm3 -= band_mm2(row.slot_mm / 2, head) * row.slot_depth_mm
     volume_mm3 += math.pi / 4 * row.thread_mm**2 * length_mm
     under_mm = design.z_board_front_mm
-    return Expected(
-        (volume_mm3, volume_mm3),
-        ((-head, -head, under_mm - length_mm), (head, head, under_mm + row.head_height_mm)),
+    return Expected.exact(
+        volume_mm3,
+        around(head, head, under_mm - length_mm, under_mm + row.head_height_mm),
         {"screw_length_mm": length_mm, "thread_mm": row.thread_mm, "head_mm": row.head_mm},
     )
 

@@ -23,7 +23,7 @@ from ..drafting.items import Callouts, holes, x_of, y_of, z_of
 from ..kernel import Shape, require
 from ..part import AMBER, PRINT, RESIN, Part
 from ..rule import Quantity, Rule
-from ..solid_gate import Expected
+from ..solid_gate import Expected, around
 from .solids import cylinders
 
 
@@ -36,11 +36,7 @@ def expect(design: Design) -> Expected:
     """Closed forms of the coupon mold."""
     x, y, z = design.coupon_outer_mm
     volume_mm3 = x * y * z - design.coupon.wells * well_volume_mm3(design)
-    return Expected(
-        (volume_mm3, volume_mm3),
-        ((-x / 2, -y / 2, 0.0), (x / 2, y / 2, z)),
-        asdict(design.coupon),
-    )
+    return Expected.exact(volume_mm3, around(x / 2, y / 2, 0.0, z), asdict(design.coupon))
 
 
 def build(design: Design) -> Shape:

@@ -32,7 +32,7 @@ from ..part import BLACK, PRINT, RESIN, Part
 from ..planes import cone_segment_mm3, segment_mm2
 from ..print_orientation import PrintPose
 from ..rule import Quantity, Rule
-from ..solid_gate import Expected
+from ..solid_gate import Expected, around
 from .solids import cylinders, prism, without_corners
 
 
@@ -46,9 +46,9 @@ def expect(design: Design) -> Expected:
     volume_mm3 += 8 * _leg_mm3(design)
     top = max(design.z_boss_mm, design.z_floor_mm + design.peg_length_mm)
     half = (outer_x / 2, outer_y / 2)
-    return Expected(
-        (volume_mm3, volume_mm3),
-        ((-half[0], -half[1], design.z_back_mm), (half[0], half[1], top)),
+    return Expected.exact(
+        volume_mm3,
+        around(half[0], half[1], design.z_back_mm, top),
         {
             **asdict(design.cover),
             "post_mm": design.post_mm,

@@ -25,7 +25,7 @@ from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..kernel import Shape, require
 from ..part import AMBER, PRINT, RESIN, Part
 from ..rule import Quantity, Rule
-from ..solid_gate import Expected
+from ..solid_gate import Expected, around
 
 
 def expect(design: Design) -> Expected:
@@ -35,9 +35,7 @@ def expect(design: Design) -> Expected:
     volume_mm3 = plan_mm2 * coupon.base_mm + coupon.block_mm**2 * coupon.block_height_mm
     volume_mm3 += math.pi / 4 * coupon.peg_mm**2 * coupon.peg_height_mm
     top = coupon.base_mm + coupon.block_height_mm + coupon.peg_height_mm
-    return Expected(
-        (volume_mm3, volume_mm3), ((-x / 2, -y / 2, 0.0), (x / 2, y / 2, top)), asdict(coupon)
-    )
+    return Expected.exact(volume_mm3, around(x / 2, y / 2, 0.0, top), asdict(coupon))
 
 
 def build(design: Design) -> Shape:

@@ -17,7 +17,7 @@ from ..drafting.items import Callouts, x_of, y_of, z_of
 from ..kernel import Shape, require
 from ..part import CLEAR, LASER_CUT, Part
 from ..rule import Quantity, Rule
-from ..solid_gate import Expected
+from ..solid_gate import Expected, around
 
 PIECES = 10
 
@@ -28,7 +28,7 @@ def expect(design: Design) -> Expected:
     x, y = coupon.length_mm / 2, coupon.width_mm / 2
     volume_mm3 = coupon.length_mm * coupon.width_mm * thick
     about = {**asdict(coupon), "acrylic_mm": thick}
-    return Expected((volume_mm3, volume_mm3), ((-x, -y, 0.0), (x, y, thick)), about)
+    return Expected.exact(volume_mm3, around(x, y, 0.0, thick), about)
 
 
 def build(design: Design) -> Shape:

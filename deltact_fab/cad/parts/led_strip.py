@@ -39,7 +39,7 @@ def expect(design: Design) -> Expected:
         "led_width_mm": light.led_width_mm,
     }
     box = ((-x, -y, 0.0), (x, y, thick + light.led_height_mm))
-    return Expected((volume_mm3, volume_mm3), box, about)
+    return Expected.exact(volume_mm3, box, about)
 
 
 def led_at_mm(design: Design) -> list[float]:

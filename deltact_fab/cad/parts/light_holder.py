@@ -32,7 +32,7 @@ from ..part import PRINT, RESIN, WHITE, Part
 from ..planes import band_mm2, common_circles_mm2
 from ..print_orientation import PrintPose
 from ..rule import Quantity, Rule
-from ..solid_gate import Expected
+from ..solid_gate import Expected, around
 from .camera import UPPER_HOLES
 from .solids import cylinders
 
@@ -62,12 +62,9 @@ def expect(design: Design) -> Expected:
         away = math.hypot(x, y)
         met_mm2 = common_circles_mm2(relief, radius, away) - common_circles_mm2(relief, bore, away)
         volume_mm3 -= met_mm2 * light.floor_mm
-    return Expected(
-        (volume_mm3, volume_mm3),
-        (
-            (-radius, -radius, design.z_board_front_mm),
-            (radius, radius, design.z_light_mm),
-        ),
+    return Expected.exact(
+        volume_mm3,
+        around(radius, radius, design.z_board_front_mm, design.z_light_mm),
         {
             **{key: asdict(light)[key] for key in SHOWN},
             "light_radius_mm": radius,

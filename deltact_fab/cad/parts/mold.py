@@ -32,7 +32,7 @@ from ..fit import PlayFit
 from ..kernel import Shape, require
 from ..part import AMBER, PRINT, RESIN, Part
 from ..rule import Quantity, Rule
-from ..solid_gate import Expected
+from ..solid_gate import Expected, around
 from .skin_frame import window_area_mm2
 
 # The mold's drawing and the guide say the same.
@@ -72,10 +72,8 @@ def expect(design: Design) -> Expected:
     cut_mm2 = seat[0] * seat[1] + 2 * mold.pry_width_mm * mold.pry_mm
     cut_mm3 = cavity_volume_mm3(design) + cut_mm2 * mold.seat_mm
     volume_mm3 = x * y * z - mold.columns * mold.rows * cut_mm3
-    return Expected(
-        (volume_mm3, volume_mm3),
-        ((-x / 2, -y / 2, 0.0), (x / 2, y / 2, z)),
-        {**asdict(design.skin), **asdict(mold)},
+    return Expected.exact(
+        volume_mm3, around(x / 2, y / 2, 0.0, z), {**asdict(design.skin), **asdict(mold)}
     )
 
 

@@ -104,23 +104,10 @@ def expect(design: Design) -> Expected:
     for low, high in cuboids[1:]:
         x0, y0, z0 = min(x0, low[0]), min(y0, low[1]), min(z0, low[2])
         x1, y1, z1 = max(x1, high[0]), max(y1, high[1]), max(z1, high[2])
-    return Expected(
-        (volume_mm3, volume_mm3),
+    return Expected.exact(
+        volume_mm3,
         ((x0, y0, z0), (x1, y1, z1)),
-        {
-            "length_mm": mount.length_mm,
-            "width_mm": mount.width_mm,
-            "height_mm": mount.height_mm,
-            "hole_pitch_mm": mount.hole_pitch_mm,
-            "flange_mm": mount.flange_mm,
-            "flange_width_mm": mount.flange_width_mm,
-            "flange_height_mm": mount.flange_height_mm,
-            "flange_pitch_mm": mount.flange_pitch_mm,
-            "flange_hole_mm": mount.flange_hole_mm,
-            "counterbore_mm": mount.counterbore_mm,
-            "counterbore_depth_mm": mount.counterbore_depth_mm,
-            "arm_mm": mount.arm_mm,
-        },
+        {key: getattr(mount, key) for key in SHAPED},
     )
 
 
@@ -297,6 +284,7 @@ FLANGE = (
     "flange_mm", "flange_width_mm", "flange_height_mm", "flange_pitch_mm", "flange_hole_mm",
     "counterbore_mm", "counterbore_depth_mm",
 )  # fmt: skip
+SHAPED = ("length_mm", "width_mm", "height_mm", "hole_pitch_mm", *FLANGE, "arm_mm")
 
 
 def rests_on(d: Design) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ import math
 from ..dimensions import Design
 from ..kernel import Shape
 from ..part import BOUGHT, STEEL, Part, Shift
-from ..solid_gate import Expected
+from ..solid_gate import Expected, around
 from .solids import cylinders
 
 
@@ -23,7 +23,7 @@ def expect(design: Design) -> Expected:
     r, high = design.adapter.sensor_mm / 2, design.adapter.sensor_height_mm
     volume_mm3 = math.pi * r**2 * high
     about = {"diameter_mm": 2 * r, "height_mm": high}
-    return Expected((volume_mm3, volume_mm3), ((-r, -r, 0.0), (r, r, high)), about)
+    return Expected.exact(volume_mm3, around(r, r, 0.0, high), about)
 
 
 def build(design: Design) -> Shape:

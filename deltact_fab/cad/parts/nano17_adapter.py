@@ -23,7 +23,7 @@ from ..kernel import Shape
 from ..part import BLACK, PRINT, RESIN, Part, Shift
 from ..print_orientation import PrintPose
 from ..rule import Quantity, Rule
-from ..solid_gate import Expected
+from ..solid_gate import Expected, around
 from .solids import cylinders
 from .tool_holder import SCREWS
 
@@ -41,7 +41,7 @@ def expect(design: Design) -> Expected:
     bolt = plate.bolt_hole_mm**2 * (high - sunk) + plate.bolt_bore_mm**2 * sunk
     volume_mm3 -= BOLTS * math.pi / 4 * bolt
     about = {k: v for k, v in asdict(plate).items() if k != "measured"}
-    return Expected((volume_mm3, volume_mm3), ((-r, -r, 0.0), (r, r, high)), about)
+    return Expected.exact(volume_mm3, around(r, r, 0.0, high), about)
 
 
 def build(design: Design) -> Shape:

@@ -21,7 +21,7 @@ from ..dimensions import Design
 from ..kernel import Shape, require
 from ..part import BOUGHT, STEEL, Part, Shift
 from ..rule import Quantity, Rule
-from ..solid_gate import Expected
+from ..solid_gate import Expected, around
 from .solids import cylinders
 
 
@@ -32,12 +32,9 @@ def expect(design: Design) -> Expected:
     volume_mm3 -= math.sqrt(3) / 2 * row.socket_mm**2 * row.head_height_mm / 2
     volume_mm3 += math.pi / 4 * row.thread_mm**2 * length_mm
     head = row.head_mm / 2
-    return Expected(
-        (volume_mm3, volume_mm3),
-        (
-            (-head, -head, design.z_head_mm - row.head_height_mm),
-            (head, head, design.z_head_mm + length_mm),
-        ),
+    return Expected.exact(
+        volume_mm3,
+        around(head, head, design.z_head_mm - row.head_height_mm, design.z_head_mm + length_mm),
         {"length_mm": length_mm, "thread_mm": row.thread_mm, "head_mm": row.head_mm},
     )
 

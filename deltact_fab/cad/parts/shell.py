@@ -32,7 +32,7 @@ from ..kernel import Shape, Workplane
 from ..part import BLACK, PRINT, RESIN, Part
 from ..print_orientation import PrintPose
 from ..rule import Quantity, Rule
-from ..solid_gate import Box, Expected
+from ..solid_gate import Box, Expected, around
 from . import mount
 from .acrylic import notched
 from .mount import boss_room
@@ -44,8 +44,8 @@ def expect(design: Design) -> Expected:
     alone, added = bare(design), mount.expect(design)
     volume_mm3 = alone.volume_mm3[0] + added.volume_mm3[0]
     (low, high), (low_m, high_m) = alone.box_mm, added.box_mm
-    return Expected(
-        (volume_mm3, volume_mm3),
+    return Expected.exact(
+        volume_mm3,
         (
             (min(low[0], low_m[0]), low[1], min(low[2], low_m[2])),
             (max(high[0], high_m[0]), high_m[1], max(high[2], high_m[2])),
@@ -73,9 +73,9 @@ def bare(design: Design) -> Expected:
     volume_mm3 += 4 * (px * ledge_y + py * ledge_x) * carried_mm
     volume_mm3 -= shell.cable_width_mm * shell.cable_height_mm * wall
     half = (outer_x / 2, outer_y / 2)
-    return Expected(
-        (volume_mm3, volume_mm3),
-        ((-half[0], -half[1], design.z_floor_mm), (half[0], half[1], design.z_joint_mm)),
+    return Expected.exact(
+        volume_mm3,
+        around(half[0], half[1], design.z_floor_mm, design.z_joint_mm),
         {
             "outer_x_mm": outer_x,
             "outer_y_mm": outer_y,

@@ -17,7 +17,7 @@ from dataclasses import asdict
 from ..dimensions import Design
 from ..kernel import Shape, require
 from ..part import CLEAR, Part
-from ..solid_gate import Expected
+from ..solid_gate import Expected, around
 
 
 def expect(design: Design) -> Expected:
@@ -25,9 +25,9 @@ def expect(design: Design) -> Expected:
     skin = design.skin
     half = (skin.width_mm / 2, skin.length_mm / 2)
     volume_mm3 = design.skin_volume_mm3
-    return Expected(
-        (volume_mm3, volume_mm3),
-        ((-half[0], -half[1], -skin.thickness_mm), (half[0], half[1], 0.0)),
+    return Expected.exact(
+        volume_mm3,
+        around(half[0], half[1], -skin.thickness_mm, 0.0),
         {**asdict(skin), "post_mm": design.post_mm},
     )
 

@@ -33,7 +33,7 @@ from ..kernel import Shape, Workplane, require
 from ..part import BLACK, PRINT, RESIN, Part, nothing
 from ..print_orientation import PrintPose
 from ..rule import Quantity, Rule
-from ..solid_gate import Expected
+from ..solid_gate import Expected, around
 from ..standards import screw_tolerance_mm
 from .solids import cylinders, prism, without_corners
 
@@ -62,9 +62,9 @@ def expect(design: Design) -> Expected:
     volume_mm3 = outer_x * outer_y * design.frame_height_mm - 4 * hole_mm3
     volume_mm3 -= window_area_mm2(design) * behind_mm + pocket_area_mm2(design) * acrylic_mm
     half = (outer_x / 2, outer_y / 2)
-    return Expected(
-        (volume_mm3, volume_mm3),
-        ((-half[0], -half[1], design.z_joint_mm), (half[0], half[1], design.z_front_mm)),
+    return Expected.exact(
+        volume_mm3,
+        around(half[0], half[1], design.z_joint_mm, design.z_front_mm),
         {
             "width_mm": skin.width_mm,
             "length_mm": skin.length_mm,

@@ -24,7 +24,7 @@ from ..drafting.dimensioning import Centres, Item, Leader, shown
 from ..drafting.items import SQUARE_EDGES, Callouts, holes, x_of, y_of, z_of
 from ..kernel import Shape, require
 from ..part import STEEL, Part
-from ..solid_gate import Expected
+from ..solid_gate import Expected, around
 from .solids import cylinders
 
 KEYS = ("stage_plate.grid_mm", "stage_plate.slot_mm")
@@ -68,7 +68,7 @@ def expect(design: Design) -> Expected:
     open_mm2 = 4 * slot_mm2 + math.pi * plate.thread_hole_mm**2
     volume_mm3 = (4 * x * y - open_mm2) * plate.thickness_mm
     about = {k: v for k, v in asdict(plate).items() if k != "measured"}
-    return Expected((volume_mm3, volume_mm3), ((-x, -y, z - plate.thickness_mm), (x, y, z)), about)
+    return Expected.exact(volume_mm3, around(x, y, z - plate.thickness_mm, z), about)
 
 
 def build(design: Design) -> Shape:

@@ -22,7 +22,7 @@ from ..kernel import Shape, Workplane
 from ..part import BLACK, PRINT, RESIN, Part
 from ..print_orientation import PrintPose
 from ..rule import Quantity, Rule
-from ..solid_gate import Expected
+from ..solid_gate import Expected, around
 from . import shell
 from .mount import boss_room
 from .solids import cuboid, cylinders
@@ -40,9 +40,9 @@ def expect(design: Design) -> Expected:
     tab_mm3 -= fit * (table.width_mm * design.cover.floor_mm + 2 * beside_mm * boss_mm)
     volume_mm3 = bare.volume_mm3[0] + 2 * tab_mm3
     reach = outer_x / 2 + table.tab_mm
-    return Expected(
-        (volume_mm3, volume_mm3),
-        ((-reach, -outer_y / 2, design.z_back_mm), (reach, outer_y / 2, design.z_joint_mm)),
+    return Expected.exact(
+        volume_mm3,
+        around(reach, outer_y / 2, design.z_back_mm, design.z_joint_mm),
         {
             **bare.parameters,
             "table.tab_mm": table.tab_mm,
