@@ -188,6 +188,8 @@ def quality(
     as_json: bool,
 ) -> None:
     """Figures of merit of each RECIPE, as designed and as printed and photographed (simulated)."""
+    from dataclasses import asdict
+
     from ..imaging import Printer
     from ..patterns import load_recipe
     from ..patterns.quality import measure
@@ -203,7 +205,7 @@ def quality(
             rows.append((name, measure(asked, Printer(dpi=dpi), None, mm_per_px, seed)))
         tell(len(chosen), len(chosen), "done")
     if as_json:
-        echo_json([{"recipe": name, "simulated": True, **q.as_dict()} for name, q in rows])
+        echo_json([{"recipe": name, "simulated": True, **asdict(q)} for name, q in rows])
         return
     columns = ("recipe", "", "gradient", "SSSIG", "contrast level 0", "level 3", "level 4",
                "checkerboard", "anisotropy", "streaks", "peak", "peak_mm")  # fmt: skip
