@@ -13,7 +13,8 @@ from . import feasibility
 from .design import IndenterDimensions
 from .dimensions import Design
 from .part import Part
-from .rule import Quantity, Rule
+from .parts import indenter
+from .rule import Rule
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,8 @@ class Description:
 def describe(part: Part, design: Design) -> Description:
     """Everything that decides the part, also where a rule is broken: that is when one looks."""
     if part.indenter is not None:
-        dimensions, derived, rules = _of_indenter(part.indenter)
+        dimensions, derived = _of_indenter(part.indenter)
+        rules = list(indenter.rules(part.indenter))
     else:
         dimensions = list(_sections(part, design))
         derived = list(_derived(part, design))
@@ -170,21 +172,18 @@ def equation(docstring: str) -> str:
     return re.sub(r" = -?[\d.]+(?=,|\.?$)", "", line).rstrip(".")
 
 
-def _of_indenter(
-    dims: IndenterDimensions,
-) -> tuple[list[Dimension], list[Derived], list[Rule]]:
-    indenter = dims.indenter
+def _of_indenter(dims: IndenterDimensions) -> tuple[list[Dimension], list[Derived]]:
+    shape = dims.indenter
     lengths = (
         ("plate_mm", dims.body.plate_mm, "back plate"),
-        ("stem_diameter_mm", indenter.stem_diameter_mm, "stem, for the stage's tool holder"),
-        ("stem_length_mm", indenter.stem_length_mm, "stem above the plate"),
-        ("reach_mm", indenter.reach_mm, "free length of the tips below the plate"),
+        ("stem_diameter_mm", shape.stem_diameter_mm, "stem, for the stage's tool holder"),
+        ("stem_length_mm", shape.stem_length_mm, "stem above the plate"),
+        ("reach_mm", shape.reach_mm, "free length of the tips below the plate"),
     )
     given = [Dimension(*length) for length in lengths]
-    rules = [Quantity("0", 0.0).below(key, value) for key, value, _ in lengths]
     derived: list[Derived] = []
-    for i, tip in enumerate(indenter.tips, 1):
-        label = f"tip{i}" if len(indenter.tips) > 1 else "tip"
+    for i, tip in enumerate(shape.tips, 1):
+        label = f"tip{i}" if len(shape.tips) > 1 else "tip"
         told = f"{type(tip).__name__.removesuffix('Tip').lower()}: "
         for f in fields(tip):
             value = _flat(getattr(tip, f.name))
@@ -192,15 +191,13 @@ def _of_indenter(
         for key, text in properties(type(tip)):
             if key not in {f.name for f in fields(tip)} and not is_dataclass(getattr(tip, key)):
                 derived.append(Derived(f"{label}.{key}", getattr(tip, key), text))
-        equator = Quantity(f"{label}.equator_mm", tip.equator_mm)
-        rules.append(equator.below("reach_mm", indenter.reach_mm))
-    for key, text in properties(type(indenter)):
+    for key, text in properties(type(shape)):
         if key != "slug":
-            derived.append(Derived(key, getattr(indenter, key), text))
-    whole = dims.plate_z_mm + dims.body.plate_mm + indenter.stem_length_mm
+            derived.append(Derived(key, getattr(shape, key), text))
+    whole = dims.plate_z_mm + dims.body.plate_mm + shape.stem_length_mm
     derived.append(Derived("plate_z_mm", dims.plate_z_mm, "Underside of the plate = reach"))
     derived.append(Derived("height_mm", whole, "Whole height = reach + plate + stem"))
-    return given, derived, rules
+    return given, derived
 
 
 def _flat(value: Any) -> Any:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError, RunFailed
+from ..errors import RunFailed
 from .kernel import show
 
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -51,12 +51,6 @@ class SolidProperties:
     volume_mm3: float
     area_mm2: float
     box_mm: Box
-
-
-def less(part: str, left: tuple[str, float], right: tuple[str, float]) -> None:
-    """Raise InputError stating `left < right` with its numbers unless it holds (NaN fails)."""
-    if not left[1] < right[1]:
-        raise InputError(f"{part}: {left[0]} < {right[0]}: {left[1]:g} < {right[1]:g} fails")
 
 
 def gate(part: str, shape: Any, expected: Expected) -> tuple[Any, SolidProperties]:
