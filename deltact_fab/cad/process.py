@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from .fit import Length
-from .record import Record, measured, number
+from .record import Record, assumed, measured
 
 
 @dataclass(frozen=True)
@@ -20,20 +20,16 @@ class ResinPrinterDimensions(Record):
     compensates. The spread holds for each length on its own, of whatever size.
     """
 
-    plane_mm: float = number(
-        0.10, "spread of a length in the layers, +-", 0.005, 1, unverified=True
-    )
-    height_mm: float = number(
-        0.15, "spread of a length across the layers, +-", 0.005, 1, unverified=True
-    )
-    hole_bias_mm: float = number(0.0, "hole or slot over its nominal", -1, 1, unverified=True)
-    outside_bias_mm: float = number(0.0, "peg or block over its nominal", -1, 1, unverified=True)
-    least_wall_mm: float = number(0.6, "thinnest wall that prints", 0.05, 5, unverified=True)
-    least_gap_mm: float = number(0.2, "narrowest gap that stays open", 0.02, 2, unverified=True)
-    least_hole_mm: float = number(0.5, "smallest hole that stays open", 0.05, 5, unverified=True)
-    bed_x_mm: float = number(145.0, "platform, one side", 20, 2000, unverified=True)
-    bed_y_mm: float = number(145.0, "platform, other side", 20, 2000, unverified=True)
-    bed_z_mm: float = number(175.0, "height of the build room", 20, 2000, unverified=True)
+    plane_mm: float = assumed(0.10, "spread of a length in the layers, +-", 0.005, 1)
+    height_mm: float = assumed(0.15, "spread of a length across the layers, +-", 0.005, 1)
+    hole_bias_mm: float = assumed(0.0, "hole or slot over its nominal", -1, 1)
+    outside_bias_mm: float = assumed(0.0, "peg or block over its nominal", -1, 1)
+    least_wall_mm: float = assumed(0.6, "thinnest wall that prints", 0.05, 5)
+    least_gap_mm: float = assumed(0.2, "narrowest gap that stays open", 0.02, 2)
+    least_hole_mm: float = assumed(0.5, "smallest hole that stays open", 0.05, 5)
+    bed_x_mm: float = assumed(145.0, "platform, one side", 20, 2000)
+    bed_y_mm: float = assumed(145.0, "platform, other side", 20, 2000)
+    bed_z_mm: float = assumed(175.0, "height of the build room", 20, 2000)
     measured: tuple[str, ...] = measured("keys measured on the lab's own printer")
 
     @property
@@ -84,16 +80,14 @@ SHEET = ("laser.sheet_tolerance",)
 class LaserDimensions(Record):
     """The laser that cuts the acrylic plate, and the sheet that it is cut from."""
 
-    kerf_mm: float = number(0.2, "width of the cut", 0.0, 1, unverified=True)
-    tolerance_mm: float = number(
-        0.1, "spread of a cut length, kerf compensated, +-", 0.005, 1, unverified=True
-    )
+    kerf_mm: float = assumed(0.2, "width of the cut", 0.0, 1)
+    tolerance_mm: float = assumed(0.1, "spread of a cut length, kerf compensated, +-", 0.005, 1)
     compensate: bool = field(
         default=False,
         metadata={"description": "the DXF is the laser's path: half a kerf outside the part"},
     )
-    sheet_tolerance: float = number(
-        0.1, "thickness of the sheet, share, +-; measure yours", 0.001, 0.3, unverified=True
+    sheet_tolerance: float = assumed(
+        0.1, "thickness of the sheet, share, +-; measure yours", 0.001, 0.3
     )
     measured: tuple[str, ...] = measured("keys measured on the lab's own laser and sheet")
 

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from ..aliases import Point2
 from ..shapes.bounded import ShapeError, check_limits, is_unverified, number
 
-__all__ = ["Point2", "Record", "check_measured", "measured", "number", "standard_row"]
+__all__ = ["Point2", "Record", "assumed", "check_measured", "measured", "number", "standard_row"]
 
 StandardRow = TypeVar("StandardRow")
 
@@ -27,6 +27,11 @@ class Record:
         check_limits(self)
         if hasattr(self, "measured"):
             check_measured(self)
+
+
+def assumed(default: float, meaning: str, low: float, high: float) -> Any:
+    """A number that nobody has measured: it counts as unverified."""
+    return number(default, meaning, low, high, unverified=True)
 
 
 def measured(what: str) -> Any:
