@@ -45,11 +45,6 @@ def nothing(design: Design) -> tuple[()]:
     return ()
 
 
-def no_note(design: Design) -> str:
-    """Nothing to add."""
-    return ""
-
-
 def in_its_place(design: Design) -> list[Shift]:
     """One piece, made where it belongs."""
     return [(0.0, 0.0, 0.0)]
@@ -83,8 +78,9 @@ class Part:
     what is not printed. in_view: it stands between lens and face and could cut into the view.
 
     callouts: what its drawing says, None for a part without one. note: what the bill of materials
-    adds. lies: how a printed one lies on the platform. how: what else there is to know of making
-    it, and all there is of what is not printed; look_for: what to look at afterwards.
+    adds, with a design's values in braces (`{d.table.screw} screws`), or what makes it. lies: how a
+    printed one lies on the platform. how: what else there is to know of making it, and all there is
+    of what is not printed; look_for: what to look at afterwards.
 
     flat: what its DXF holds in place of a plate's outline, of a part that is no plate.
     """
@@ -108,7 +104,7 @@ class Part:
     wall_keys: tuple[str, ...] = ()
     in_view: bool = False
     callouts: Callable[[Any], Callouts] | None = None
-    note: Callable[[Design], str] = no_note
+    note: str | Callable[[Design], str] = ""
     lies: PrintPose = FLAT
     how: str = ""
     look_for: str = ""
@@ -118,6 +114,10 @@ class Part:
     def source(self, design: Design) -> Any:
         """What `build`, `expect` and `callouts` take."""
         return design if self.indenter is None else self.indenter
+
+    def noted(self, design: Design) -> str:
+        """The note on a design."""
+        return self.note.format(d=design) if isinstance(self.note, str) else self.note(design)
 
     @property
     def per_sensor(self) -> bool:

@@ -23,9 +23,6 @@ def test_a_supported_square_is_that_of_the_textbook():
     # Concentrated load: Table 23, w = .01160 P a^2 / D. A small disc yields nearly as far.
     found = bend(SQUARE, 0.02, terms=24).deflection_mm * SQUARE.rigidity_nmm / 20**2
     assert found == pytest.approx(0.01160, rel=5e-3)
-    # Clamped: Table 37, .00560.
-    clamped = bend(replace(SQUARE, clamped=True), 0.02, terms=24).deflection_mm
-    assert clamped * SQUARE.rigidity_nmm / 20**2 == pytest.approx(0.00560, rel=1e-2)
 
 
 def test_two_free_edges_of_a_narrow_strip_are_a_beam():
@@ -50,7 +47,6 @@ def test_notches_and_free_edges_let_it_yield_more():
     base = bend(plate, 22.0).deflection_mm
     assert bend(whole, 22.0).deflection_mm < base
     assert bend(two, 22.0).deflection_mm > 2 * base
-    assert bend(replace(plate, clamped=True), 22.0).deflection_mm < base / 2
 
 
 def test_a_press_goes_with_force_place_and_modulus():

@@ -100,7 +100,7 @@ def _coaxial(
 def engagement(built: BuiltDesign) -> Iterator[Row]:
     """The length that grips, the room beyond the tip, and that the heads bear."""
     four = grips(built, "screw", "skin-frame")
-    yield _grip_row("engagement", "screw, skin-frame", four, ENGAGEMENT_D)
+    yield _grip_row("screw, skin-frame", four, ENGAGEMENT_D)
     least = min(four, key=lambda grip: grip.tip_mm)
     yield Row(
         "tip clearance",
@@ -111,15 +111,15 @@ def engagement(built: BuiltDesign) -> Iterator[Row]:
     )
     yield _heads(built)
     two = grips(built, "camera-screw", "camera-holder")
-    row = _grip_row("engagement", "camera-screw, camera-holder", two, CAMERA_ENGAGEMENT_D)
+    row = _grip_row("camera-screw, camera-holder", two, CAMERA_ENGAGEMENT_D)
     yield replace(row, rests_on=BOARD_KEYS)
 
 
-def _grip_row(name: str, part: str, found: list[ScrewGrip], times: float) -> Row:
+def _grip_row(part: str, found: list[ScrewGrip], times: float) -> Row:
     least = min(found, key=lambda grip: grip.engagement_mm / grip.shank_mm)
     limit_mm = times * least.shank_mm
     return Row(
-        name,
+        "engagement",
         part,
         f"{least.engagement_mm:.2f} mm ({least.engagement_mm / least.shank_mm:.1f} d)",
         f">= {times:g} d = {limit_mm:.2f} mm",

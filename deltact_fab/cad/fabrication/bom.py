@@ -85,7 +85,7 @@ def _part(part: Part, design: Design, sensors: int) -> BomRow:
     """A part of the registry: what a sensor takes for each, tools, bench and indenters once."""
     count = part.quantity * (sensors if part.per_sensor else 1)
     return (
-        part.group, part.name, part.material, part.process, count, PIECES, part.note(design)
+        part.group, part.name, part.material, part.process, count, PIECES, part.noted(design)
     )  # fmt: skip
 
 

@@ -18,8 +18,9 @@ found: lens diameter and height are assumed (`Design.unverified`).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import fields, replace
+from functools import wraps
 
 from ..dimensions import Design
 from ..kernel import Shape, require
@@ -102,16 +103,21 @@ SHOWN = (
 
 def rules(d: Design) -> Iterator[Rule]:
     """The board among posts and walls, its own holes and lens, and what the lens sees."""
-    for rule in _board(d):
-        yield on_board(rule)
+    yield from _board(d)
     yield from view.rules(d)
 
 
-def on_board(rule: Rule) -> Rule:
-    """A rule that rests on the board, whose outline and holes nobody has measured."""
-    return replace(rule, rests_on=(*rule.rests_on, *BOARD_KEYS))
+def on_board(rules: Callable[[Design], Iterator[Rule]]) -> Callable[[Design], Iterator[Rule]]:
+    """Rules that rest on the board, whose outline and holes nobody has measured."""
+
+    @wraps(rules)
+    def resting(d: Design) -> Iterator[Rule]:
+        return (replace(rule, rests_on=(*rule.rests_on, *BOARD_KEYS)) for rule in rules(d))
+
+    return resting
 
 
+@on_board
 def _board(d: Design) -> Iterator[Rule]:
     """Board, lens and screws among posts and walls."""
     cam = d.camera
@@ -154,11 +160,6 @@ def _board(d: Design) -> Iterator[Rule]:
         )
 
 
-def note(d: Design) -> str:
-    """What to ask the shop for."""
-    return f"Waveshare IMX219-200 or alike; {d.camera.crop_width_px} x {d.camera.crop_height_px}"
-
-
 PARTS = (
     Part(
         "camera",
@@ -172,7 +173,7 @@ PARTS = (
         sections=("camera", "optics"),
         derived=("z_lens_mm", "z_board_front_mm", "z_board_back_mm", "eye_distance_mm"),
         rules=rules,
-        note=note,
+        note="Waveshare IMX219-200 or alike; {d.camera.crop_width_px} x {d.camera.crop_height_px}",
         how="bought",
         look_for="measure lens and board: see what nobody has verified",
     ),

@@ -75,14 +75,9 @@ def build(design: Design) -> Shape:
     return body.val()
 
 
+@on_board
 def rules(d: Design) -> Iterator[Rule]:
-    """Window, tongue, arms and screws; they rest on the board."""
-    for rule in _plate(d):
-        yield on_board(rule)
-
-
-def _plate(d: Design) -> Iterator[Rule]:
-    """Camera holder: window, tongue, arms and screws."""
+    """Window, tongue, arms and screws."""
     holder, cam = d.holder, d.camera
     yield Quantity(
         "half the window + window_rest_mm", d.holder_window_half_mm + holder.window_rest_mm

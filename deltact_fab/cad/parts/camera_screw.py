@@ -62,13 +62,9 @@ def places(d: Design) -> list[Shift]:
     return [(x, y, 0.0) for x, y in d.camera_screw_centres_mm]
 
 
+@on_board
 def rules(d: Design) -> Iterator[Rule]:
     """The heads stand on the board's front, beside the posts and the cover's bosses."""
-    for rule in _heads(d):
-        yield on_board(rule)
-
-
-def _heads(d: Design) -> Iterator[Rule]:
     fit, upper = d.holder.fit_mm, d.camera.hole_rows_mm[0]
     head = d.holder.row.head_mm / 2
     beside = max(
@@ -86,11 +82,6 @@ def _heads(d: Design) -> Iterator[Rule]:
     )
 
 
-def note(d: Design) -> str:
-    """The size to buy."""
-    return f"{d.holder.screw} x {d.holder.screw_length_mm:g}, slotted"
-
-
 PARTS = (
     Part(
         "camera-screw",
@@ -106,7 +97,7 @@ PARTS = (
         derived=("camera_screw_centres_mm", "z_board_front_mm"),
         rules=rules,
         bound_by=("camera-holder",),
-        note=note,
+        note="{d.holder.screw} x {d.holder.screw_length_mm:g}, slotted",
         how="bought",
         look_for="the head is no higher than the light holder's floor",
     ),

@@ -77,11 +77,6 @@ def callouts(d: Design) -> Callouts:
     return Callouts(tuple(items), notes, Cut(first))
 
 
-def note(d: Design) -> str:
-    """What it is for."""
-    return "to test whether the resin inhibits the cure"
-
-
 PARTS = (
     Part(
         "coupon-mold",
@@ -96,7 +91,7 @@ PARTS = (
         rules=rules,
         wall_keys=("shell.wall_mm",),
         callouts=callouts,
-        note=note,
+        note="to test whether the resin inhibits the cure",
         how="same job and same wash as the mold",
         look_for="as the mold",
     ),

@@ -103,11 +103,6 @@ def callouts(d: Design) -> Callouts:
     return Callouts(tuple(items), notes, Cut(middle))
 
 
-def note(d: Design) -> str:
-    """What it is for."""
-    return "to measure the printer: cad fit"
-
-
 PARTS = (
     Part(
         "fit-coupon",
@@ -121,7 +116,7 @@ PARTS = (
         rules=rules,
         wall_keys=("shell.wall_mm",),
         callouts=callouts,
-        note=note,
+        note="to measure the printer: cad fit",
         how="twice, far from each other",
         look_for="measure holes with pin gauges or drill shanks, the rest with a caliper",
     ),

@@ -60,11 +60,6 @@ def callouts(d: Design) -> Callouts:
     return Callouts(items, notes)
 
 
-def note(d: Design) -> str:
-    """What it is for."""
-    return "to measure the laser: cad fit"
-
-
 PARTS = (
     Part(
         "kerf-coupon",
@@ -78,7 +73,7 @@ PARTS = (
         sections=("kerf_coupon", "optics", "laser"),
         rules=rules,
         callouts=callouts,
-        note=note,
+        note="to measure the laser: cad fit",
         how="cut by the DXF, all from one corner of the sheet",
         look_for="no burr that a caliper would count",
     ),

@@ -127,15 +127,6 @@ def _line(a: Point2, b: Point2) -> Flat:
     return Flat(MARK, ((*a, 0.0), (*b, 0.0)), closed=False)
 
 
-def note(d: Design) -> str:
-    """How it is cut."""
-    light = d.light
-    return (
-        f"{light.led_count} single-LED cuts of {light.pitch_mm:.1f} x {light.strip_width_mm:g} mm, "
-        f"{light.strip_mm:.1f} mm in all; a {light.supply_v:g} V strip that is cut at every LED"
-    )
-
-
 PARTS = (
     Part(
         "led-strip",
@@ -148,7 +139,9 @@ PARTS = (
         sections=("light",),
         derived=("strip_radius_mm", "channel_inner_mm"),
         rules=rules,
-        note=note,
+        note="{d.light.led_count} single-LED cuts of {d.light.pitch_mm:.1f} x "
+        "{d.light.strip_width_mm:g} mm, {d.light.strip_mm:.1f} mm in all; a {d.light.supply_v:g} V "
+        "strip that is cut at every LED",
         how="cut at every mark and soldered, by its DXF and the wiring drawing",
         look_for="plus to plus; no solder above the LEDs",
         flat=flat,

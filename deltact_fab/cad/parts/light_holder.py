@@ -228,17 +228,16 @@ def callouts(d: Design) -> Callouts:
     """The ring; section through channel, floor and wire slot."""
     light = d.light
     back, front = d.z_board_front_mm, d.z_light_mm
-    radii = {
-        "outer": d.light_radius_mm,
-        "channel": d.strip_radius_mm,
-        "diffuser": d.channel_inner_mm,
-        "bore": d.light_bore_mm,
-    }
+    r, channel, diffuser, bore = (
+        d.light_radius_mm,
+        d.strip_radius_mm,
+        d.channel_inner_mm,
+        d.light_bore_mm,
+    )
     slot = light.slot_mm / 2
     floor = back + light.floor_mm
     upper, screws = d.camera.hole_rows_mm[0], d.camera_screw_centres_mm
     relief, lips, (px, py) = d.head_relief_mm, d.peg_relief_mm, d.peg_at_mm
-    r = radii["outer"]
     fitted, tall = d.resin_printer.limits_mm, d.resin_printer.tall_limits_mm
     # The ring ends inside the relief: the arrow goes to the side of the relief that it keeps.
     (x, y), inward = screws[1], 1 - relief / math.hypot(*screws[1])
@@ -248,22 +247,11 @@ def callouts(d: Design) -> Callouts:
     items: list[Item] = [
         Centres("top", ((0, 0, front),), r),
         y_of("left", -r, r, "bottom", 0, back, before="Ø", limits=fitted),
-        y_of(
-            "left", -radii["channel"], radii["channel"], "top", 0, front, before="Ø", limits=fitted
-        ),
-        y_of(
-            "left",
-            -radii["diffuser"],
-            radii["diffuser"],
-            "top",
-            0,
-            front,
-            before="Ø",
-            limits=fitted,
-        ),
-        y_of("left", -radii["bore"], radii["bore"], "bottom", 0, back, before="Ø"),
+        y_of("left", -channel, channel, "top", 0, front, before="Ø", limits=fitted),
+        y_of("left", -diffuser, diffuser, "top", 0, front, before="Ø", limits=fitted),
+        y_of("left", -bore, bore, "bottom", 0, back, before="Ø"),
         z_of("left", back, front, "left", 0, r, limits=tall),
-        z_of("left", back, floor, "left", 0, radii["channel"]),
+        z_of("left", back, floor, "left", 0, channel),
         x_of("top", -slot, slot, "bottom", -r, front),
         x_of("top", screws[0][0], screws[1][0], "top", upper, back),
         y_of("top", 0, upper, "left", screws[0][0], back),

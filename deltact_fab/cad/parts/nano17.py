@@ -36,11 +36,6 @@ def places(design: Design) -> list[Shift]:
     return [(0.0, 0.0, design.tool.height_mm + design.adapter.thickness_mm)]
 
 
-def note(d: Design) -> str:
-    """Its size, which nobody has measured here."""
-    return f"{d.adapter.sensor_mm:g} mm wide, {d.adapter.sensor_height_mm:g} mm high as published"
-
-
 PARTS = (
     Part(
         "nano17",
@@ -53,7 +48,7 @@ PARTS = (
         colour=STEEL,
         places=places,
         sections=("adapter",),
-        note=note,
+        note="{d.adapter.sensor_mm:g} mm wide, {d.adapter.sensor_height_mm:g} mm high as published",
         how="bought",
         look_for="measure its diameter, height and bolt circle before the adapter is printed",
     ),

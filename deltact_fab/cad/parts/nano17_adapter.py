@@ -118,11 +118,6 @@ def places(design: Design) -> list[Shift]:
     return [(0.0, 0.0, design.tool.height_mm)]
 
 
-def note(d: Design) -> str:
-    """What goes with it."""
-    return "three M2 (ISO 4762) into the force sensor; its bolt circle is assumed: measure yours"
-
-
 PARTS = (
     Part(
         "nano17-adapter",
@@ -140,7 +135,7 @@ PARTS = (
         bound_by=("tool-holder",),
         wall_keys=("shell.wall_mm",),
         callouts=callouts,
-        note=note,
+        note="three M2 (ISO 4762) into the force sensor; its bolt circle is assumed: measure yours",
         lies=PrintPose("+z", "force sensor's side"),
         look_for="flat on both sides; the force sensor's screws go in by hand",
     ),

@@ -181,11 +181,6 @@ def callouts(d: Design) -> Callouts:
     return Callouts(tuple(items), notes, Cut(0.0), flipped=True)
 
 
-def base_note(d: Design) -> str:
-    """What the transparent base is for."""
-    return "for the chessboard; cast with a clear skin, no film, no coats"
-
-
 FRAME = Part(
     "skin-frame",
     f"{RESIN}, black",
@@ -227,7 +222,7 @@ PARTS = (
         fits=nothing,
         bound_by=("skin-frame",),
         in_view=False,
-        note=base_note,
+        note="for the chessboard; cast with a clear skin, no film, no coats",
         look_for="as the skin frame",
     ),
 )

@@ -111,11 +111,6 @@ def fits(d: Design) -> Iterator[PlayFit]:
     yield PlayFit("cover between the tabs", parts, (between,), (cover,), keys)
 
 
-def note(d: Design) -> str:
-    """What it is for."""
-    return f"in place of the shell; {d.table.screw} screws into the table"
-
-
 def callouts(d: Design) -> Callouts:
     """The shell with its two table tabs."""
     table = d.table
@@ -163,7 +158,7 @@ PARTS = (
         bound_by=("shell",),
         wall_keys=("shell.wall_mm",),
         callouts=callouts,
-        note=note,
+        note="in place of the shell; {d.table.screw} screws into the table",
         lies=PrintPose(face="back", tilt_deg=20, supports="outside only"),
         look_for="as the shell; tabs flat on the table",
     ),

@@ -161,11 +161,6 @@ def callouts(d: Design) -> Callouts:
     return Callouts(tuple(items), notes, Cut(0.0))
 
 
-def note(d: Design) -> str:
-    """What goes with it."""
-    return f"set screw M3 x 6 (ISO 4026), four M3 x 10 (ISO 4762), pin {d.tool.pin_mm:g} x 8"
-
-
 PARTS = (
     Part(
         "tool-holder",
@@ -181,7 +176,7 @@ PARTS = (
         fits=fits,
         wall_keys=("shell.wall_mm",),
         callouts=callouts,
-        note=note,
+        note="set screw M3 x 6 (ISO 4026), four M3 x 10 (ISO 4762), pin {d.tool.pin_mm:g} x 8",
         lies=PrintPose("+z", "flange"),
         look_for="a stem slides in with its flat at +x and in no other way",
     ),
