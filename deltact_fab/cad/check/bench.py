@@ -45,7 +45,7 @@ def stack(built: BuiltDesign) -> Iterator[Row]:
         yield Row(CLEAR, "bench", "no indenter is listed", "one indenter at least", False)
         return
     # All stems are alike: the widest back plate has the least room.
-    widest = max(tips, key=lambda part: max(_plate_half_mm(built, part)))
+    widest = max(tips, key=lambda part: max(plate_half_mm(built.source(part))))
     named = {part.name: part for part in built.parts}
     under = pieces([named[name] for name in ON_TABLE], built)
     sensor = pieces(
@@ -86,10 +86,6 @@ def stack(built: BuiltDesign) -> Iterator[Row]:
         gap >= GAP_MM,
         SIZE,
     )
-
-
-def _plate_half_mm(built: BuiltDesign, indenter: Part) -> tuple[float, float]:
-    return plate_half_mm(built.source(indenter))
 
 
 def _hung(part: Part, indenter: Part, built: BuiltDesign) -> Shift:

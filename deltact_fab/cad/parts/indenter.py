@@ -60,7 +60,7 @@ def plate_half_mm(dims: IndenterDimensions) -> tuple[float, float]:
     return max(x_mm, stem_mm), max(y_mm, stem_mm)
 
 
-def _round_plate_mm(dims: IndenterDimensions) -> float:
+def round_plate_mm(dims: IndenterDimensions) -> float:
     """Radius of the plate of a single round tip on the axis, else 0: the plate is rectangular."""
     first, *others = dims.indenter.tips
     round_ = isinstance(first, SphereTip | TurnedTip) and first.x_mm == first.y_mm == 0
@@ -90,7 +90,7 @@ def expect(dims: IndenterDimensions) -> Expected:
     enforce(replace(rule, part=f"indenter-{indenter.slug}") for rule in rules(dims))
     plate_z = dims.plate_z_mm
     x, y = plate_half_mm(dims)
-    if radius := _round_plate_mm(dims):
+    if radius := round_plate_mm(dims):
         plate_mm2 = math.pi * radius**2
     else:
         corner = corner_mm(dims)
@@ -137,7 +137,7 @@ def build(dims: IndenterDimensions) -> Shape:
     plate_z, plate_mm = dims.plate_z_mm, dims.body.plate_mm
     x, y = plate_half_mm(dims)
     base = cq.Workplane().workplane(offset=plate_z)
-    if radius := _round_plate_mm(dims):
+    if radius := round_plate_mm(dims):
         plate = base.circle(radius).extrude(plate_mm)
     else:
         plate = base.rect(2 * x, 2 * y).extrude(plate_mm).edges("|Z").fillet(corner_mm(dims))

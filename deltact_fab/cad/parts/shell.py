@@ -199,7 +199,9 @@ def body_items(d: Design) -> list[Item]:
     floor, joint, boss = d.z_floor_mm, d.z_joint_mm, d.z_boss_mm
     cable = shell.cable_width_mm / 2
     oy_ledge = d.ledge_half_mm[1]
-    fitted = d.resin_printer.limits_mm
+    fitted, tall = d.resin_printer.limits_mm, d.resin_printer.tall_limits_mm
+    behind = joint - shell.ledge_drop_mm
+    drop = [z_of("B", behind, joint, "left", 0, oy_ledge, limits=tall)] if behind < joint else []
     items: list[Item] = [
         x_of("top", -sx, sx, "bottom", -sy, limits=fitted),
         y_of("top", -sy, sy, "left", -sx, limits=fitted),
@@ -211,7 +213,7 @@ def body_items(d: Design) -> list[Item]:
         z_of("front", floor, floor + shell.cable_height_mm, "right", cable, -oy),
         *(Axis("front", (s * sx, -sy, floor), (s * sx, -sy, joint)) for s in (-1, 1)),
         z_of("left", joint - shell.ledge_height_mm, joint, "right", 0, -oy_ledge),
-        *_drop(d),
+        *drop,
         y_of("left", -cy, cy, "bottom", 0, floor),
         y_of("left", -oy_ledge, oy_ledge, "top", 0, joint, limits=fitted),
         x_of("top", -cx, cx, "top", 0, limits=fitted),
@@ -234,17 +236,6 @@ def body_items(d: Design) -> list[Item]:
             ),
         ]
     return items
-
-
-def _drop(d: Design) -> list[Item]:
-    """How far the ledge lies behind the joint."""
-    drop, joint = d.shell.ledge_drop_mm, d.z_joint_mm
-    y = d.ledge_half_mm[1]
-    return (
-        [z_of("B", joint - drop, joint, "left", 0, y, limits=d.resin_printer.tall_limits_mm)]
-        if drop > 0
-        else []
-    )
 
 
 def details(d: Design) -> tuple[Detail, ...]:

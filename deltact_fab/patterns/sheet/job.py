@@ -99,10 +99,7 @@ class SheetReport:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data, as `pattern sheet --json` prints it."""
-        data = asdict(self)
-        data["out"] = str(self.out)
-        data["stickers"] = [asdict(s) for s in self.stickers]
-        return data
+        return {**asdict(self), "out": str(self.out)}
 
     def lines(self) -> list[str]:
         """The same for a person."""
@@ -195,7 +192,10 @@ def write(
     for k, asked in enumerate(recipes):
         tell(k, total, f"sticker {k + 1}")
         recipe = stickers.whole_dots(asked, sheet) if whole_dots else asked
-        _check_seen(recipe, view_mm)
+        try:
+            check_seen(recipe, view_mm)
+        except InputError as why:
+            raise InputError(f"{stickers.name(recipe)}: {why}") from why
         codes.append(encode(recipe))
         printed.append(recipe)
         same = recipes.index(asked)
@@ -266,14 +266,6 @@ def _checked_out(out: Path) -> str:
             f"{out}: a sheet is a PDF, PNG or TIFF: end the name in .pdf, .png or .tif"
         )
     return kind
-
-
-def _check_seen(recipe: PatternRecipe, view_mm: tuple[float, float]) -> None:
-    """`raster.check_seen`, and which of the stickers it is."""
-    try:
-        check_seen(recipe, view_mm)
-    except InputError as why:
-        raise InputError(f"{stickers.name(recipe)}: {why}") from why
 
 
 def _paper(name: str) -> str:
