@@ -63,14 +63,9 @@ def gate(part: str, shape: Any, expected: Expected) -> tuple[Any, SolidPropertie
     def fail(found: str) -> RunFailed:
         return RunFailed(f"{part}: {found}; parameters {show(expected.parameters)}")
 
-    solids = shape.Solids()
-    if len(solids) != 1:
-        raise fail(f"the CAD kernel returned {len(solids)} solids, expected one")
-    solid = solids[0]
-    if not solid.isValid():
-        raise fail("the CAD kernel returned an invalid solid")
-    if len(solid.Shells()) != 1:
-        raise fail(f"the solid has {len(solid.Shells())} shells, expected one")
+    if flaw := flaw_of(shape):
+        raise fail(flaw)
+    (solid,) = shape.Solids()
     found = SolidProperties(float(solid.Volume()), float(solid.Area()), bounding_box(solid))
     low, high = expected.volume_mm3
     if not low * (1 - VOLUME_TOLERANCE) <= found.volume_mm3 <= high * (1 + VOLUME_TOLERANCE):
@@ -79,6 +74,19 @@ def gate(part: str, shape: Any, expected: Expected) -> tuple[Any, SolidPropertie
     if not np.allclose(found.box_mm, expected.box_mm, rtol=0, atol=BOX_TOLERANCE_MM):
         raise fail(f"bounding box {found.box_mm}, expected {expected.box_mm}")
     return solid, found
+
+
+def flaw_of(shape: Any) -> str:
+    """What keeps a shape from being one valid solid with one closed shell; empty when it is one."""
+    solids = shape.Solids()
+    if len(solids) != 1:
+        return f"{len(solids)} solids, expected one"
+    if not solids[0].isValid():
+        return "the kernel calls it invalid"
+    shells = solids[0].Shells()
+    if len(shells) != 1:
+        return f"{len(shells)} shells, expected one"
+    return "" if shells[0].wrapped.Closed() else "its shell is open"
 
 
 def bounding_box(solid: Any) -> Box:
