@@ -85,8 +85,7 @@ def test_a_row_says_when_it_rests_on_what_nobody_measured():
     assert row.found.startswith("0.199 mm under 49 N: 4.0 %")
     keys = '["spread_mm", "youngs_modulus_mpa", "stress_limit_mpa"]'
     known = load_design(changes=[f"plate.measured={keys}"])
-    *_, row = verified(bending.rows(BuiltDesign(known, (), {})), known)
-    assert row.verdict == "pass"
+    assert [*verified(bending.rows(BuiltDesign(known, (), {})), known)][-1].verdict == "pass"
 
 
 @pytest.mark.slow
